@@ -13,12 +13,13 @@ from functools import partial
 from itertools import pairwise
 from typing import Any, NoReturn
 
-from iclnuim import __version__
+from iclnuim.console import Console
 from iclnuim.errors import IclnuimError, InputError
 from iclnuim.formats.files import check_file, check_picture
+from iclnuim.version import __version__
 
 from .isolation import run_isolated
-from .options import Console, option_name
+from .options import option_name
 from .outputs import check_outputs
 
 #: command -> description. `configure` in commands/NAME.py (`-` becomes `_`) declares its options, or `configure_NAME` in the module listed in _SHARED.
@@ -88,7 +89,10 @@ def _run(argv: list[str]) -> int:
         print(f"iclnuim {__version__}")
         return 0
     if argv[0] not in COMMANDS:
-        print(f"iclnuim: expected a command ({', '.join(COMMANDS)}), found {argv[0]!r}", file=sys.stderr)
+        print(
+            f"iclnuim: expected a command ({', '.join(COMMANDS)}), found {argv[0]!r}",
+            file=sys.stderr,
+        )
         return 2
     command = argv[0]
     try:
@@ -99,8 +103,12 @@ def _run(argv: list[str]) -> int:
             check_picture(args.plot)  # before work that may take long
         if getattr(args, "csv", None):
             check_file(args.csv)
-        work = partial(args.run, args, Console(getattr(args, "quiet", False), getattr(args, "json", False)))
-        opened = getattr(args, getattr(args, "opens", ""), None)  # the file that the command opens in Blender
+        work = partial(
+            args.run, args, Console(getattr(args, "quiet", False), getattr(args, "json", False))
+        )
+        opened = getattr(
+            args, getattr(args, "opens", ""), None
+        )  # the file that the command opens in Blender
         return run_isolated(work, str(opened)) if opened else work() or 0
     except IclnuimError as error:
         print(f"iclnuim {command}: {error.worded(option_name)}", file=sys.stderr)
@@ -136,7 +144,9 @@ class _Parser(argparse.ArgumentParser):
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}; try {self._joined(message) or f'{self.prog} --help'}\n")
+        self.exit(
+            2, f"{self.prog}: {message}; try {self._joined(message) or f'{self.prog} --help'}\n"
+        )
 
     def _joined(self, message: str) -> str:
         """`--frames=-3:` if the option's value was taken for another option because it starts with a minus."""
@@ -146,9 +156,15 @@ class _Parser(argparse.ArgumentParser):
         given = (
             (option, value)
             for option, value in pairwise(self.words)
-            if value[:1] == "-" and len(option) > 1 and any(name.startswith(option) for name in names)
+            if value[:1] == "-"
+            and len(option) > 1
+            and any(name.startswith(option) for name in names)
         )
-        values = (f"{option}={value}" for option, value in given if value not in self._option_string_actions)
+        values = (
+            f"{option}={value}"
+            for option, value in given
+            if value not in self._option_string_actions
+        )
         return next((text for text in values if "=--" not in text), "")
 
 
@@ -159,14 +175,18 @@ def _refuse_empty(argv: list[str]) -> None:
         if not argument or (given and not value and option.startswith("--")):
             where = option or before
             raise InputError(
-                f"a value after {where}", found="an empty one", hint="setting the shell variable, if it is one"
+                f"a value after {where}",
+                found="an empty one",
+                hint="setting the shell variable, if it is one",
             )
 
 
 def parsed(command: str, argv: list[str]) -> argparse.Namespace:
     """The parsed options of the command; their attribute `run(args, console)` executes it."""
     shared = _SHARED.get(command)
-    module = importlib.import_module(f".commands.{shared or command.replace('-', '_')}", __package__)
+    module = importlib.import_module(
+        f".commands.{shared or command.replace('-', '_')}", __package__
+    )
     parser = _Parser(prog=f"iclnuim {command}", description=COMMANDS[command])
     parser.set_defaults(run=getattr(module, "run", None))
     getattr(module, f"configure_{command}" if shared else "configure")(parser)

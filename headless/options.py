@@ -1,15 +1,12 @@
-"""Options and output shared by all commands: results go to standard output, notes and progress to standard error."""
+"""Options shared by all commands."""
 
 import argparse
-import json
-import sys
-import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from datetime import timedelta
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
+from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.geometry.scene_axes import SceneReading, parse_unit
 from iclnuim.settings import Setting, Settings, declared, find, plain
@@ -19,52 +16,11 @@ S = TypeVar("S", bound=Settings)
 SCENE_KINDS = ".blend .glb .gltf .obj .ply .usd .fbx"
 
 
-class Console:
-    """Output of a command. `quiet` suppresses notes and progress; `json` prints results as one JSON object on standard output."""
-
-    def __init__(self, quiet: bool = False, json: bool = False) -> None:
-        self.quiet, self.as_json = quiet, json
-
-    def result(self, values: dict, text: str) -> None:
-        """Print the result of a command: `values` with --json, `text` without."""
-        print(json.dumps(values, indent=2, allow_nan=False) if self.as_json else text, flush=True)
-
-    def note(self, text: str) -> None:
-        """Print additional information to standard error."""
-        if not self.quiet:
-            print(text, file=sys.stderr, flush=True)
-
-    def progress(self, total: int, label: str, unit: str = "frames") -> "Progress":
-        return Progress(total, label, unit, enabled=not self.quiet)
-
-
-class Progress:
-    """Progress display: count done, rate and time left. On a terminal one line is redrawn; in a log a line is printed every ten seconds."""
-
-    def __init__(self, total: int, label: str, unit: str, enabled: bool) -> None:
-        self.total, self.label, self.unit, self.enabled = total, label, unit, enabled
-        self.done, self.started, self.last = 0, time.monotonic(), 0.0
-        self.terminal = sys.stderr.isatty()
-
-    def begin(self) -> None:
-        """Start the clock. Preparation before this call is not counted, as it would falsify the time left."""
-        if not self.done:
-            self.started = time.monotonic()
-
-    def advance(self, count: int = 1) -> None:
-        self.done += count
-        now = time.monotonic()
-        if self.enabled and (now - self.last > (0.1 if self.terminal else 10.0) or self.done >= self.total):
-            self.last = now
-            rate = self.done / max(now - self.started, 1e-9)
-            left = str(timedelta(seconds=max(0, round((self.total - self.done) / rate)))).removeprefix("0:")
-            text = f"{self.label}: {self.done}/{self.total} {self.unit}, {rate:.3g}/s, {left} left"
-            end = "\n" if not self.terminal or self.done >= self.total else ""
-            print(("\r\x1b[K" if self.terminal else "") + text, end=end, file=sys.stderr, flush=True)
-
-
 def add_settings(
-    parser: argparse.ArgumentParser, group: type[Settings], only: Iterable[str] | None = None, **defaults: Any
+    parser: argparse.ArgumentParser,
+    group: type[Settings],
+    only: Iterable[str] | None = None,
+    **defaults: Any,
 ) -> None:
     """Add an option for every declared setting of a group, or for those named in `only`. The value of an option that is not given is None.
 
@@ -85,7 +41,9 @@ def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: Any) -> N
         return
     text += "" if default is None else f"; default: {plain(default)}".replace("%", "%%")
     if s.kind is bool:
-        parser.add_argument(s.option, action=argparse.BooleanOptionalAction, default=None, help=text)
+        parser.add_argument(
+            s.option, action=argparse.BooleanOptionalAction, default=None, help=text
+        )
         return
     kind: Callable[[str], Any] = s.parse or (str if s.choices is not None else _reader(s))
     meta = "N" if s.kind in (int, float) and not s.parse else _key(s).upper()
@@ -93,7 +51,9 @@ def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: Any) -> N
         meta = "{" + ",".join([*s.choices, *([s.others] if s.others else [])]) + "}"
     if any(choice.startswith("-") for choice in s.choices or ()):
         text += f"; write = before a value that starts with a minus, such as {s.option}=-z"
-    more: dict[str, Any] = {} if s.length is None else {"nargs": s.length} if s.length else {"action": "append"}
+    more: dict[str, Any] = (
+        {} if s.length is None else {"nargs": s.length} if s.length else {"action": "append"}
+    )
     parser.add_argument(s.option, type=kind, metavar=meta, help=text, **more)
 
 
@@ -106,7 +66,9 @@ def _reader(s: Setting) -> Callable[[str], Any]:
     def read(text: str) -> Any:
         return s.kind(text)
 
-    read.__name__ = {int: "whole number", float: "number"}.get(s.kind, "text")  # argparse: invalid NAME value
+    read.__name__ = {int: "whole number", float: "number"}.get(
+        s.kind, "text"
+    )  # argparse: invalid NAME value
     return read
 
 
@@ -115,10 +77,14 @@ def given_settings(
 ) -> dict[str, Any]:
     """The settings that were given as options: name -> value."""
     keys = {n: _key(s) for n, s in declared(group).items() if only is None or n in only}
-    return {n: getattr(args, key) for n, key in keys.items() if getattr(args, key, None) is not None}
+    return {
+        n: getattr(args, key) for n, key in keys.items() if getattr(args, key, None) is not None
+    }
 
 
-def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None = None, **derived: Any) -> S:
+def settings_from(
+    args: argparse.Namespace, base: S, only: Iterable[str] | None = None, **derived: Any
+) -> S:
     """`base` with the settings that were given as options, and the `derived` ones. Raises InputError, which names the option, for an
     invalid value.
     """
@@ -128,7 +94,9 @@ def settings_from(args: argparse.Namespace, base: S, only: Iterable[str] | None 
         return replace(base, **{**derived, **given})
     except InputError as error:
         setting = options.get(error.setting or "", error.setting)
-        raise InputError(error.expected, setting=setting, found=error.found, hint=error.hint) from None
+        raise InputError(
+            error.expected, setting=setting, found=error.found, hint=error.hint
+        ) from None
 
 
 def renamed(parser: argparse.ArgumentParser, old: str, new: str, **how: Any) -> None:
@@ -144,16 +112,28 @@ def renamed(parser: argparse.ArgumentParser, old: str, new: str, **how: Any) -> 
 class _Renamed(argparse.Action):
     """Stores the value (True if the option takes none), and prints the new name of the option."""
 
-    def __init__(self, option_strings: Sequence[str], dest: str, new: str, append: bool = False, **how: Any) -> None:
+    def __init__(
+        self, option_strings: Sequence[str], dest: str, new: str, append: bool = False, **how: Any
+    ) -> None:
         super().__init__(option_strings, dest, **how)
         self.new, self.append = new, append
 
     def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: Any = None
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: Any = None,
     ) -> None:
-        Console().note(f"note: {option_string} is now called {self.new}; the next release removes the old name")
+        Console().note(
+            f"note: {option_string} is now called {self.new}; the next release removes the old name"
+        )
         value = True if self.nargs == 0 else values
-        setattr(namespace, self.dest, [*(getattr(namespace, self.dest) or ()), value] if self.append else value)
+        setattr(
+            namespace,
+            self.dest,
+            [*(getattr(namespace, self.dest) or ()), value] if self.append else value,
+        )
 
 
 def option_name(setting: str) -> str:
@@ -161,16 +141,24 @@ def option_name(setting: str) -> str:
     if setting.startswith("--"):
         return setting
     declaration = find(setting)
-    return declaration.option if declaration and declaration.option else "--" + setting.replace("_", "-")
+    return (
+        declaration.option
+        if declaration and declaration.option
+        else "--" + setting.replace("_", "-")
+    )
 
 
-def common(parser: argparse.ArgumentParser, example: str, json: bool = True) -> argparse.ArgumentParser:
+def common(
+    parser: argparse.ArgumentParser, example: str, json: bool = True
+) -> argparse.ArgumentParser:
     """Add --quiet, --json if the command reports figures, and an example to --help."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = f"example:\n  {example}"
     parser.add_argument("--quiet", action="store_true", help="print no notes and no progress")
     if json:
-        parser.add_argument("--json", action="store_true", help="print figures as JSON on standard output")
+        parser.add_argument(
+            "--json", action="store_true", help="print figures as JSON on standard output"
+        )
     return parser
 
 

@@ -30,7 +30,9 @@ def check_outputs(args: argparse.Namespace) -> None:
         if path.is_file():
             for given in _inputs(args):
                 if _is_read(path, given):
-                    raise _refused(name, path, f"the input {given}" if given.is_file() else _of_sequence(given))
+                    raise _refused(
+                        name, path, f"the input {given}" if given.is_file() else _of_sequence(given)
+                    )
             if folder := _sequence_with(path):
                 raise _refused(name, path, _of_sequence(folder))
 
@@ -43,7 +45,9 @@ def refuse_existing(path: str | os.PathLike[str], hint: str) -> None:
 
 def _refused(name: str, path: Path, what: str) -> InputError:
     hint = f"another name for {{{name}}}"
-    return InputError("an output that is none of the inputs and in no sequence", path=path, found=what, hint=hint)
+    return InputError(
+        "an output that is none of the inputs and in no sequence", path=path, found=what, hint=hint
+    )
 
 
 def _of_sequence(folder: Path) -> str:
@@ -90,11 +94,15 @@ def _has(folder: Path, path: Path) -> bool:
     from iclnuim.dataset.frames import find_pairs, find_truth
 
     try:
-        images = {real_path(image) for pair in find_pairs(folder) for image in (pair.rgb, pair.depth)}
+        images = {
+            real_path(image) for pair in find_pairs(folder) for image in (pair.rgb, pair.depth)
+        }
         truth = find_truth(folder)
     except InputError:
         images, truth = set(), None
-    places = {image.parent for image in images} | {folder / name for name in _FOLDERS if (folder / name).is_dir()}
+    places = {image.parent for image in images} | {
+        folder / name for name in _FOLDERS if (folder / name).is_dir()
+    }
     if not places:
         return False
     image = path.suffix.lower() in _IMAGES and path.parent in places - {folder}

@@ -3,25 +3,23 @@
 import argparse
 import sys
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from iclnuim.console import Console
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units
 from iclnuim.dataset.layout import DISTORTED, SequenceCamera
 from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions
-from iclnuim.errors import InputError, WorkError
+from iclnuim.errors import InputError
 from iclnuim.formats.files import content_of_json, is_file
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.odometry.registry import PACKAGES, odometer
 
-from .options import Console, add_settings, settings_from
+from .options import add_settings, settings_from
 
 if TYPE_CHECKING:
     from iclnuim.dataset.frames import ImagePair
-    from iclnuim.odometry.run import Sequence
 
 _EXAMPLES = {"depth": '{"sigma_d": 0.1}', "rgb": '{"exposure": 0.5}'}
 
@@ -34,7 +32,9 @@ def add_sensor_options(
     add_settings(parser, SequenceOptions, (*noise, *names), **dict.fromkeys(noise, default))
     parser.set_defaults(**dict.fromkeys(noise, default))
     for kind, example in _EXAMPLES.items():
-        parser.add_argument(f"--{kind}-settings", metavar="JSON", help=f"settings of the model, such as {example}")
+        parser.add_argument(
+            f"--{kind}-settings", metavar="JSON", help=f"settings of the model, such as {example}"
+        )
 
 
 def sequence_options(args: argparse.Namespace) -> SequenceOptions:
@@ -42,17 +42,28 @@ def sequence_options(args: argparse.Namespace) -> SequenceOptions:
     options = settings_from(args, SequenceOptions())
     check_format_units(args, options)
     if ":" in options.depth_noise + options.rgb_noise and "" not in sys.path:
-        sys.path.insert(0, "")  # a user's module is in the working folder, which is not on the command's search path
-    return options.changed(depth_settings=_json(args.depth_settings), rgb_settings=_json(args.rgb_settings))
+        sys.path.insert(
+            0, ""
+        )  # a user's module is in the working folder, which is not on the command's search path
+    return options.changed(
+        depth_settings=_json(args.depth_settings), rgb_settings=_json(args.rgb_settings)
+    )
 
 
 def check_format_units(args: argparse.Namespace, options: SequenceOptions) -> None:
     """Raises InputError if --depth-units are given, and every format has other units that are fixed."""
     fixed = {name: sequence_format(name).fixed_units for name in options.formats}
-    if args.depth_units is not None and None not in fixed.values() and args.depth_units not in fixed.values():
+    if (
+        args.depth_units is not None
+        and None not in fixed.values()
+        and args.depth_units not in fixed.values()
+    ):
         expected = ", ".join(f"{units:g} for the format {name}" for name, units in fixed.items())
         raise InputError(
-            expected, setting="--depth-units", found=f"{args.depth_units:g}", hint="the command without it"
+            expected,
+            setting="--depth-units",
+            found=f"{args.depth_units:g}",
+            hint="the command without it",
         )
 
 
@@ -71,8 +82,17 @@ def _json(text: str | None) -> dict[str, Any] | None:
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("--camera", metavar="WxH,FX,FY,CX,CY", help="default: camera.json of the folder, or the benchmark's camera")
-    add("--units", type=float, metavar="N", help="depth units per metre; default: those of camera.json, or 5000")
+    add(
+        "--camera",
+        metavar="WxH,FX,FY,CX,CY",
+        help="default: camera.json of the folder, or the benchmark's camera",
+    )
+    add(
+        "--units",
+        type=float,
+        metavar="N",
+        help="depth units per metre; default: those of camera.json, or 5000",
+    )
 
 
 def camera_from(args: argparse.Namespace, folder: Path) -> SequenceCamera | None:
@@ -84,7 +104,9 @@ def camera_from(args: argparse.Namespace, folder: Path) -> SequenceCamera | None
     return replace(_camera_of(folder), depth_units_per_metre=units_from(args))
 
 
-def given_or_noted_camera(args: argparse.Namespace, console: Console, folder: Path) -> SequenceCamera:
+def given_or_noted_camera(
+    args: argparse.Namespace, console: Console, folder: Path
+) -> SequenceCamera:
     """The camera given by the options, else that of `folder`; see note_camera."""
     camera = camera_from(args, folder) or _camera_of(folder)
     note_camera(folder, camera, console)
@@ -103,23 +125,15 @@ def units_from(args: argparse.Namespace) -> float:
     return check_units(UNITS_PER_METRE if args.units is None else args.units)
 
 
-def open_sequence(args: argparse.Namespace, console: Console, folder: Path, depth_offset: float = 0.0) -> "Sequence":
-    """Open the sequence with the camera given by the options, or with that of the folder. Notes report what is assumed and left out."""
-    from iclnuim.odometry.run import Sequence
-
-    sequence = Sequence(folder, depth_offset, camera_from(args, folder))
-    note_camera(folder, sequence.camera, console)
-    note_unused_images(folder, sequence.pairs, console)
-    return sequence
-
-
 def note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console) -> None:
     """Print a note if images of the sequence are in no pair."""
     from iclnuim.dataset.frames import unused_images
 
     unused = {f"{kind}/": paths for kind, paths in unused_images(pairs).items() if paths}
     if unused:
-        counts = ", ".join(f"{len(paths)} in {kind} (first: {paths[0].name})" for kind, paths in unused.items())
+        counts = ", ".join(
+            f"{len(paths)} in {kind} (first: {paths[0].name})" for kind, paths in unused.items()
+        )
         console.note(f"{folder}: images without a partner, or in no list, are not used: {counts}")
 
 
@@ -135,13 +149,6 @@ def note_camera(folder: Path, camera: SequenceCamera, console: Console) -> None:
         )
 
 
-def require(what: str, *modules: str) -> None:
-    """Raises WorkError, with the command that installs it, if one of the modules is missing."""
-    for module in modules:
-        if find_spec(module) is None:
-            raise WorkError(f"{what} needs {module}; try: pip install {PACKAGES[module]}")
-
-
 def current_word(word: str, renamed: dict[str, str], console: Console) -> str:
     """`word`, with its prefix replaced if that was renamed (`renamed`: old -> new). A note reports the replacement."""
     for old, new in renamed.items():
@@ -149,17 +156,3 @@ def current_word(word: str, renamed: dict[str, str], console: Console) -> str:
             console.note(f"note: {old} is now called {new}; the next release removes the old name")
             return new + word.removeprefix(old)
     return word
-
-
-def installed(names: list[str], preset: str, console: Console) -> list[str]:
-    """The odometers whose packages are installed; a note reports each one that is left out. Raises WorkError if none is left."""
-    found = []
-    for name in names:
-        try:
-            odometer(name, preset)
-            found.append(name)
-        except WorkError as error:
-            if name == names[-1] and not found:
-                raise
-            console.note(f"left out: {error}")
-    return found

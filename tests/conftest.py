@@ -109,7 +109,10 @@ def file_size_limit():
     @contextlib.contextmanager
     def limited(size):
         old = resource.getrlimit(resource.RLIMIT_FSIZE)
-        compiles, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # compiled modules would be cut off, and stay
+        compiles, sys.dont_write_bytecode = (
+            sys.dont_write_bytecode,
+            True,
+        )  # compiled modules would be cut off, and stay
         handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, old[1]))
         try:

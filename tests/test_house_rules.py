@@ -18,6 +18,7 @@ TREES = {
     "iclnuim.blend.builder": "blend/builder",
     "iclnuim.tools": "tools",
     "iclnuim.headless": "headless",
+    "iclnuim.benchmark": "benchmark",
     "iclnuim": "addon/iclnuim",
 }
 CORE = "errors settings geometry formats"
@@ -26,41 +27,57 @@ MAY_IMPORT = {
     "errors": "",
     "settings": "errors",
     "checkout": "errors",
+    "version": "",
+    "console": "",
     "worker_events": "errors formats",
-    "__main__": "checkout headless headless.cli",
+    "__main__": "errors checkout headless headless.cli benchmark",
     "shipped": "errors",
     "geometry": "errors settings",
     "formats": "errors geometry",
     "sensor": "errors settings geometry",
     "evaluation": "errors settings geometry",
     "job": f"{CORE} shipped sensor",
-    "dataset": f"{CORE} api job shipped sensor evaluation",
+    "dataset": f"{CORE} version job shipped sensor evaluation",
     "postprocess": f"{CORE} sensor evaluation dataset",
     "render": f"{CORE} job dataset worker_events",
     "lightmap": "errors geometry",
-    "blender": f"{CORE} api job worker_events shipped sensor evaluation dataset lightmap",
-    "report": f"{CORE} api evaluation dataset",
-    "raycast": f"{CORE} api dataset",
-    "odometry": f"{CORE} api evaluation dataset report",
-    "fusion": f"{CORE} api evaluation dataset report odometry raycast blender shipped",
-    "ui": f"{CORE} api job worker_events shipped sensor evaluation dataset blender postprocess",
+    "blender": f"{CORE} version job worker_events shipped sensor evaluation dataset lightmap",
+    "report": f"{CORE} evaluation dataset",
+    "raycast": f"{CORE} dataset",
+    "ui": f"{CORE} job worker_events shipped sensor evaluation dataset blender postprocess",
 }
-LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"}) + " api"
+LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"})
+BENCHMARK = [
+    f"benchmark.{room}"
+    for room in ("odometry", "fusion", "perturbations", "systems", "experiments")
+]
 MAY_IMPORT |= {
-    "api": LIBRARY + " ui",
-    "headless": f"{LIBRARY} __main__",
+    "benchmark": "",
+    "benchmark.odometry": LIBRARY,
+    "benchmark.fusion": f"{LIBRARY} benchmark.odometry",
+    "benchmark.perturbations": f"{LIBRARY} benchmark.odometry",
+    "benchmark.systems": f"{LIBRARY} benchmark.odometry",
+    "benchmark.experiments": f"{LIBRARY} benchmark " + " ".join(BENCHMARK),
+    "api": " ".join([LIBRARY, "ui", *BENCHMARK]),
+    "headless": LIBRARY,
     "headless.farm": f"{LIBRARY} headless",
-    "headless.benchmark": f"{LIBRARY} headless headless.systems",
-    "headless.systems": f"{LIBRARY} headless",
-    "headless.stress": f"{LIBRARY} headless headless.systems",
-    "headless.commands": f"{LIBRARY} headless headless.farm headless.benchmark headless.stress headless.systems",
+    "headless.method_options": " ".join([LIBRARY, "headless", *BENCHMARK]),
+    "headless.commands": " ".join(
+        [LIBRARY, "headless headless.farm headless.method_options", *BENCHMARK]
+    ),
     "headless.cli": f"{LIBRARY} headless headless.commands",
-    "tools": f"{LIBRARY} headless headless.farm headless.benchmark headless.stress builder",
+    "tools": " ".join(
+        [LIBRARY, "headless headless.farm headless.method_options builder", *BENCHMARK]
+    ),
     "builder": f"{LIBRARY} headless",
 }
 #: What only a checkout has: loaded by name where it is there.
 FROM_A_CHECKOUT = {"tools", "builder"}
-MAY_LOAD_A_CHECKOUT = {"headless.commands.bench", "headless.commands.scene", "blend.builder.command"}
+MAY_LOAD_A_CHECKOUT = {
+    "headless.commands.bench",
+    "headless.commands.scene",
+    "blend.builder.command",
+}
 #: What the numpy-only rooms may import from outside.
 PURE = {"geometry": {"numpy"}, "lightmap": {"numpy"}, "sensor": {"numpy"}, "evaluation": {"numpy"}}
 
@@ -96,8 +113,8 @@ def room_of(name: str) -> str:
     parts = name.split(".")[1:]
     if parts[0] == "blend":
         return "builder"
-    if parts[0] == "headless" and len(parts) > 1 and f"headless.{parts[1]}" in MAY_IMPORT:
-        return f"headless.{parts[1]}"
+    if ".".join(parts[:2]) in MAY_IMPORT:
+        return ".".join(parts[:2])
     return parts[0]
 
 
@@ -122,14 +139,20 @@ def import_names(name: str) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom):
             base = resolved(node.module or "", package, node.level)
             full = {alias.name: f"{base}.{alias.name}" for alias in node.names}
-            yield from (f if f in modules() else base for f in full.values() if f in modules() or base in modules())
+            yield from (
+                f if f in modules() else base
+                for f in full.values()
+                if f in modules() or base in modules()
+            )
         elif isinstance(node, ast.Call) and node.args:
             yield from called(node, package)
 
 
 def called(node: ast.Call, package: str) -> Iterator[str]:
     """What importlib.import_module, __import__ and checkout.load import, as far as the text of their first argument tells."""
-    function = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+    function = (
+        node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+    )
     if function not in ("import_module", "__import__", "load"):
         return
     first, whole = node.args[0], isinstance(node.args[0], ast.Constant)
@@ -140,7 +163,9 @@ def called(node: ast.Call, package: str) -> Iterator[str]:
     start = resolved(start, package, len(text.value) - len(start))
     if start == package and not whole:
         return  # a package's choice among its own modules
-    yield from (other for other in modules() if other == start or (not whole and other.startswith(start)))
+    yield from (
+        other for other in modules() if other == start or (not whole and other.startswith(start))
+    )
 
 
 def test_imports_are_found_however_they_are_written(monkeypatch, tmp_path):
@@ -157,7 +182,14 @@ def test_imports_are_found_however_they_are_written(monkeypatch, tmp_path):
     monkeypatch.setitem(modules(), "iclnuim.headless.farm.written", path)
     monkeypatch.setitem(modules(), "iclnuim.headless.geometry.se3", path)
     found = imported("iclnuim.headless.farm.written")
-    expected = {"headless.geometry.se3", "headless.cli", "ui.panels", "tools.detail", "job", "headless.commands.runs"}
+    expected = {
+        "headless.geometry.se3",
+        "headless.cli",
+        "ui.panels",
+        "tools.detail",
+        "job",
+        "headless.commands.runs",
+    }
     assert expected <= set(map(short, found))
 
 
@@ -165,14 +197,20 @@ def test_imports_point_one_way():
     wrong = []
     for name in modules():
         room = room_of(name)
-        allowed = {room, *MAY_IMPORT[room].split()} | (FROM_A_CHECKOUT if short(name) in MAY_LOAD_A_CHECKOUT else set())
-        wrong += [f"{short(name)} imports {short(m)}" for m in imported(name) if room_of(m) not in allowed]
+        allowed = {room, *MAY_IMPORT[room].split()} | (
+            FROM_A_CHECKOUT if short(name) in MAY_LOAD_A_CHECKOUT else set()
+        )
+        wrong += [
+            f"{short(name)} imports {short(m)}" for m in imported(name) if room_of(m) not in allowed
+        ]
     assert wrong == []
 
 
 def test_modules_import_each_other_in_no_circle():
     """iclnuim itself is left out: it names what the library offers, and imports it when it is used."""
-    graph = {short(n): set(map(short, imported(n) - {"iclnuim", n})) for n in modules() if n != "iclnuim"}
+    graph = {
+        short(n): set(map(short, imported(n) - {"iclnuim", n})) for n in modules() if n != "iclnuim"
+    }
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
@@ -191,7 +229,12 @@ def outside_imports(path: Path) -> Iterator[str]:
 def test_pure_rooms_import_numpy_only(room):
     allowed = PURE[room] | set(sys.stdlib_module_names)
     paths = (REPOSITORY / "addon/iclnuim" / room).rglob("*.py")
-    assert [f"{path.name}: {name}" for path in paths for name in outside_imports(path) if name not in allowed] == []
+    assert [
+        f"{path.name}: {name}"
+        for path in paths
+        for name in outside_imports(path)
+        if name not in allowed
+    ] == []
 
 
 def test_no_global_random_state():
@@ -225,7 +268,12 @@ def state_in_globals(path: Path) -> Iterator[str]:
         "discard",
     }
     top = [n for n in tree(path).body if isinstance(n, ast.Assign | ast.AnnAssign)]
-    names = {n.id for node in top for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    names = {
+        n.id
+        for node in top
+        for n in ast.walk(node)
+        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+    }
     for function in nodes(path):
         if not isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
             continue
@@ -236,9 +284,15 @@ def state_in_globals(path: Path) -> Iterator[str]:
             changed = None
             if isinstance(node, ast.Global):
                 yield f"{node.lineno}: global {', '.join(node.names)}"
-            elif isinstance(node, ast.Subscript | ast.Attribute) and isinstance(node.ctx, ast.Store | ast.Del):
+            elif isinstance(node, ast.Subscript | ast.Attribute) and isinstance(
+                node.ctx, ast.Store | ast.Del
+            ):
                 changed = node.value
-            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in changing:
+            elif (
+                isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Attribute)
+                and node.func.attr in changing
+            ):
                 changed = node.func.value
             if isinstance(changed, ast.Name) and changed.id in names - own:
                 yield f"{node.lineno}: changes {changed.id}"
@@ -251,7 +305,9 @@ def test_no_module_keeps_state_in_a_global():
 
 def messages(path: Path) -> Iterator[ast.Constant]:
     """Texts of more than one word that are no docstrings."""
-    first = [n.body[0] for n in nodes(path) if isinstance(n, ast.Module | ast.FunctionDef | ast.ClassDef)]
+    first = [
+        n.body[0] for n in nodes(path) if isinstance(n, ast.Module | ast.FunctionDef | ast.ClassDef)
+    ]
     docstrings = {id(n.value) for n in first if isinstance(n, ast.Expr)}
     for node in nodes(path):
         if (
@@ -266,7 +322,11 @@ def messages(path: Path) -> Iterator[ast.Constant]:
 def test_the_library_does_not_speak_of_command_line_options():
     wrong = {}
     for path in (REPOSITORY / "addon/iclnuim").rglob("*.py"):
-        found = [f"{m.lineno}: {m.value}" for m in messages(path) if re.search(r"(?<![-\w])--[a-z]", m.value)]
+        found = [
+            f"{m.lineno}: {m.value}"
+            for m in messages(path)
+            if re.search(r"(?<![-\w])--[a-z]", m.value)
+        ]
         if found:
             wrong[str(path.relative_to(REPOSITORY))] = found
     assert wrong == {}
@@ -275,14 +335,19 @@ def test_the_library_does_not_speak_of_command_line_options():
 def test_import_is_quick_and_light():
     heavy = ("bpy", "scipy", "matplotlib", "cv2", "open3d", "igl", "numpy", "numba")
     program = f"import sys, iclnuim; print([m for m in {heavy} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "[]"
 
 
 def test_only_the_console_and_the_command_line_print():
     wrong = []
     for name, path in modules().items():
-        if name.startswith(("iclnuim.tools", "iclnuim.blend")) or path.name in ("cli.py", "options.py"):
+        if name.startswith(("iclnuim.tools", "iclnuim.blend")) or path.name in (
+            "cli.py",
+            "options.py",
+        ):
             continue
         calls = [n for n in nodes(path) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
         wrong += [f"{name}:{call.lineno}" for call in calls if call.func.id == "print"]
@@ -317,5 +382,7 @@ def test_what_mypy_is_told_to_ignore_has_a_code_and_is_little():
         for line in path.read_text().splitlines()
         if re.search(r"#\s*type: ignore", line)
     ]
-    assert [line for line in ignores if not re.search(r"type: ignore\[[a-z-]+(, ?[a-z-]+)*\]", line)] == []
+    assert [
+        line for line in ignores if not re.search(r"type: ignore\[[a-z-]+(, ?[a-z-]+)*\]", line)
+    ] == []
     assert len(ignores) <= 40

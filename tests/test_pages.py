@@ -8,14 +8,23 @@ from iclnuim.errors import IclnuimError
 from iclnuim.headless import cli
 
 #: Pages of which every command line is parsed. Lines that show a choice or a gap (A|B, ...) are prose.
-COMMAND_PAGES = ("README.md", "addon/README.md", "trajectories/README.md", "blend/README.md", "headless/README.md")
+COMMAND_PAGES = (
+    "README.md",
+    "addon/README.md",
+    "trajectories/README.md",
+    "blend/README.md",
+    "headless/README.md",
+)
 
 
 def pages(repository):
     return [
         page
         for page in sorted(repository.rglob("*.md"))
-        if not any(part.startswith(".") or part == "node_modules" for part in page.relative_to(repository).parts)
+        if not any(
+            part.startswith(".") or part == "node_modules"
+            for part in page.relative_to(repository).parts
+        )
     ]
 
 
@@ -40,7 +49,10 @@ def test_every_relative_link_leads_to_a_file_and_a_heading(repository):
 
 def shown_commands(repository):
     """(page, words, whether it stands in a sentence) of each `iclnuim ...` in a code block or a code span."""
-    for name in (*COMMAND_PAGES, *(f"docs/{p.name}" for p in sorted((repository / "docs").glob("*.md")))):
+    for name in (
+        *COMMAND_PAGES,
+        *(f"docs/{p.name}" for p in sorted((repository / "docs").glob("*.md"))),
+    ):
         text = (repository / name).read_text()
         blocks = re.findall(r"```sh\n(.*?)```", text, re.S)
         spans = re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", text, flags=re.S))
@@ -62,7 +74,10 @@ def test_every_command_line_on_the_pages_is_understood_with_the_options_of_today
     for folder in ("my_sequence", "DIR"):  # `evaluate FOLDER est.txt` is told by the folder
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "groundtruth.txt").write_text("0 0 0 0 0 0 0 1\n")
-    incomplete = ("arguments are required", "expected one argument")  # a command in a sentence may name options alone
+    incomplete = (
+        "arguments are required",
+        "expected one argument",
+    )  # a command in a sentence may name options alone
     wrong = []
     for page, words, in_sentence in shown_commands(repository):
         if words[0] not in cli.COMMANDS:

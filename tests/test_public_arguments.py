@@ -18,7 +18,9 @@ CORNERS = np.eye(3)
 FACE = np.array([[0, 1, 2]])
 
 
-@pytest.mark.parametrize("given", [{"seed": -1}, {"frame": -1}, {"seed": 1.5}, {"seed": "a"}, {"frame": None}])
+@pytest.mark.parametrize(
+    "given", [{"seed": -1}, {"frame": -1}, {"seed": 1.5}, {"seed": "a"}, {"frame": None}]
+)
 def test_noise_has_a_seed_and_a_frame_of_at_least_0(given):
     with pytest.raises(InputError, match="a seed and a frame of at least 0"):
         noisy_depth(np.full((12, 16), 2.0), **given)
@@ -40,7 +42,9 @@ def test_a_quaternion_has_four_numbers(quaternion):
         (CORNERS, FACE - 1, "indices of the 3 vertices in triangles, found -1 to 1"),
     ],
 )
-def test_a_mesh_has_three_coordinates_three_corners_and_indices_of_its_vertices(tmp_path, points, triangles, words):
+def test_a_mesh_has_three_coordinates_three_corners_and_indices_of_its_vertices(
+    tmp_path, points, triangles, words
+):
     with pytest.raises(InputError, match=words):
         write_ply(tmp_path / "a.ply", points, triangles)
     assert not list(tmp_path.iterdir())

@@ -25,12 +25,16 @@ def test_every_public_class_and_function_is_documented(name):
     if not (inspect.isclass(public) or inspect.isfunction(public)):
         return
     generated = f"{public.__name__}("  # what dataclass writes where there is no docstring
-    assert public.__doc__ and not (dataclasses.is_dataclass(public) and public.__doc__.startswith(generated))
+    assert public.__doc__ and not (
+        dataclasses.is_dataclass(public) and public.__doc__.startswith(generated)
+    )
 
 
 def test_editors_see_the_same_names():
     tree = ast.parse(inspect.getsource(iclnuim))
-    block = next(n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING")
+    block = next(
+        n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"
+    )
     seen = {
         alias.asname or alias.name: (node.module, alias.name)
         for node in block.body
@@ -42,7 +46,9 @@ def test_editors_see_the_same_names():
 
 def test_the_command_limits_the_threads_of_matrices_before_numpy_is_loaded():
     """OpenBLAS reads the variable once, when numpy loads it; a value of the user is kept."""
-    program = "import os, sys; from iclnuim import checkout; checkout.load('iclnuim.headless', 'a test');"
+    program = (
+        "import os, sys; from iclnuim import checkout; checkout.load('iclnuim.headless', 'a test');"
+    )
     program += "print(os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules)"
     for given, expected in ((None, "1"), ("2", "2")):
         environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
@@ -55,14 +61,16 @@ def test_the_command_limits_the_threads_of_matrices_before_numpy_is_loaded():
 
 def test_importing_the_package_and_listing_its_names_loads_nothing_heavy():
     program = f"import sys, iclnuim; dir(iclnuim); print([m for m in {HEAVY} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize(
     ("blocked", "name", "said"),
     [
-        ("iclnuim.odometry", "odometer", "not part of the Blender extension"),
+        ("iclnuim.benchmark.odometry", "odometer", "not part of the Blender extension"),
         ("numba", "fuse_sequence", "needs the package numba; try: pip install"),
     ],
 )
@@ -79,7 +87,9 @@ def test_a_name_whose_module_is_missing_is_an_import_error_in_one_line(blocked, 
         "except ImportError as error:\n"
         "    print(error)\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     assert said in done.stdout and len(done.stdout.splitlines()) == 1
 
 

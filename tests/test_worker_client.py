@@ -73,13 +73,17 @@ def test_a_program_that_is_not_there_is_one_line(tmp_path):
 
 
 @pytest.mark.parametrize("own", [None, "glibc.malloc.check=0"])
-def test_a_worker_uses_large_pages_unless_the_user_has_set_the_allocator(tmp_path, monkeypatch, own):
+def test_a_worker_uses_large_pages_unless_the_user_has_set_the_allocator(
+    tmp_path, monkeypatch, own
+):
     name = "GLIBC_TUNABLES"
     monkeypatch.setenv(name, own) if own else monkeypatch.delenv(name, raising=False)
     (tmp_path / "worker.py").write_text(
         f'import json, os; print(json.dumps({{"event": "note", "text": os.environ["{name}"]}}))'
     )
-    client = WorkerClient([sys.executable, str(tmp_path / "worker.py")], {}, tmp_path / "out", tmp_path / "worker.log")
+    client = WorkerClient(
+        [sys.executable, str(tmp_path / "worker.py")], {}, tmp_path / "out", tmp_path / "worker.log"
+    )
     (note,) = (event for event in until(client, Exited) if isinstance(event, Note))
     client.close()
     assert note.text == own if own else "hugetlb=1" in note.text

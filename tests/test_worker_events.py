@@ -11,12 +11,21 @@ WIRE = [
     (events.Started(frames=882, pid=7), '{"event": "start", "frames": 882, "pid": 7}'),
     (events.Ready(), '{"event": "ready"}'),
     (events.Missing("frames", 4), '{"event": "missing", "of": "frames", "missing": 4}'),
-    (events.FrameDone(0, 0.5, 0.0, True), '{"event": "frame", "frame": 0, "cycles": 0.5, "close": 0.0, "found": true}'),
+    (
+        events.FrameDone(0, 0.5, 0.0, True),
+        '{"event": "frame", "frame": 0, "cycles": 0.5, "close": 0.0, "found": true}',
+    ),
     (events.FrameDone(2, black="why"), '{"event": "frame", "frame": 2, "black": "why"}'),
-    (events.FrameDone(1, 0.5, 0.25), '{"event": "frame", "frame": 1, "cycles": 0.5, "close": 0.25}'),
+    (
+        events.FrameDone(1, 0.5, 0.25),
+        '{"event": "frame", "frame": 1, "cycles": 0.5, "close": 0.25}',
+    ),
     (events.Written(2), '{"event": "written", "frame": 2}'),
     (events.Baked("/x"), '{"event": "baked", "folder": "/x"}'),
-    (events.ChunkDone(0, 1.5, 0.0), '{"event": "chunk", "rendered": 0, "seconds": 1.5, "rss_mb": 0.0}'),
+    (
+        events.ChunkDone(0, 1.5, 0.0),
+        '{"event": "chunk", "rendered": 0, "seconds": 1.5, "rss_mb": 0.0}',
+    ),
     (events.Stopped(2, 1.5), '{"event": "stopped", "rendered": 2, "seconds": 1.5}'),
     (events.Alive(), '{"event": "alive"}'),
     (events.Failed("bad", 2), '{"event": "error", "text": "bad", "code": 2}'),
@@ -24,7 +33,10 @@ WIRE = [
         events.Failed("bad", 2, "bad {light}"),
         '{"event": "error", "text": "bad", "code": 2, "template": "bad {light}"}',
     ),
-    (events.Failed("bad", 3, bug=True), '{"event": "error", "text": "bad", "code": 3, "bug": true}'),
+    (
+        events.Failed("bad", 3, bug=True),
+        '{"event": "error", "text": "bad", "code": 3, "bug": true}',
+    ),
     (events.Done(), '{"event": "done"}'),
     (events.Exited(-9), '{"event": "exit", "code": -9}'),
 ]

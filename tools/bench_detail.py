@@ -9,9 +9,10 @@ from pathlib import Path
 
 from iclnuim import shipped
 from iclnuim.blender import output
+from iclnuim.console import Console
 from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.headless.options import Actions, Console, action, numbers, renamed
+from iclnuim.headless.options import Actions, action, numbers, renamed
 
 
 def configure(actions: Actions) -> None:
@@ -39,7 +40,9 @@ def configure(actions: Actions) -> None:
     help = "for visibility, use every Nth pose; default: 30"
     detail.add_argument("--every", type=int, default=30, metavar="N", help=help)
     detail.add_argument("--camera", default="320x240", metavar="WxH", help="default: 320x240")
-    detail.add_argument("--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)")
+    detail.add_argument(
+        "--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)"
+    )
     renamed(detail, "--chart", "--plot", type=Path)
 
 
@@ -55,7 +58,9 @@ def _detail(args: argparse.Namespace, console: Console) -> int:
     if len(args.levels) < 3 or not all(0.15 <= d <= 4 for d in (*args.levels, *args.lit)):
         raise InputError("at least three levels, all within 0.15..4", found=args.levels)
     if args.views < 2 or args.every < 1:
-        raise InputError("--views of at least 2, --every of at least 1", found=f"{args.views}, {args.every}")
+        raise InputError(
+            "--views of at least 2, --every of at least 1", found=f"{args.views}, {args.every}"
+        )
     try:
         with output.blender_output_in(Path(os.devnull)):  # even the import of bpy may print
             import bpy  # noqa: F401
@@ -65,7 +70,9 @@ def _detail(args: argparse.Namespace, console: Console) -> int:
     return _measure(rooms, args, PinholeCamera.parse(args.camera), console)
 
 
-def _measure(rooms: list[str], args: argparse.Namespace, camera: PinholeCamera, console: Console) -> int:
+def _measure(
+    rooms: list[str], args: argparse.Namespace, camera: PinholeCamera, console: Console
+) -> int:
     from iclnuim.report import charts as plots
 
     from . import detail, detail_chart, detail_maps, detail_unseen
@@ -78,7 +85,9 @@ def _measure(rooms: list[str], args: argparse.Namespace, camera: PinholeCamera, 
             room, args.levels, args.lit, args.views, camera, args.map_size, args.map_samples, console.note, progress.advance
         )  # fmt: skip
         sizes = [int(n) for n in args.maps]
-        maps[room] = detail_maps.measure_sizes(room, sizes, args.views, camera, 32, console.note, progress.advance)
+        maps[room] = detail_maps.measure_sizes(
+            room, sizes, args.views, camera, 32, console.note, progress.advance
+        )
         light = maps[room][-1].folder if maps[room] else None
         unseen.append(detail_unseen.measure(room, args.every, camera, light, lambda: None))
         progress.advance()

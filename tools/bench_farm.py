@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 from iclnuim import job as jobs
+from iclnuim.console import Console
 from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.headless.options import Actions, Console, action, renamed
+from iclnuim.headless.options import Actions, action, renamed
 from iclnuim.job import RenderJob
 
 
@@ -32,34 +33,59 @@ def _configure_farm(actions: Actions) -> None:
     farm = action(actions, "farm", help, "iclnuim bench farm kt2 --plot farm.png", _farm)
     farm.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
     farm.add_argument("--light", choices=("baked", "path"), help="default: both")
-    farm.add_argument("--frames", type=int, metavar="N", help="frames per split; default: 160 baked, 64 path-traced")
-    farm.add_argument("--samples", type=int, default=4, metavar="N", help="samples of path tracing; default: 4")
+    farm.add_argument(
+        "--frames",
+        type=int,
+        metavar="N",
+        help="frames per split; default: 160 baked, 64 path-traced",
+    )
+    farm.add_argument(
+        "--samples", type=int, default=4, metavar="N", help="samples of path tracing; default: 4"
+    )
     help = "number of repetitions, of which the fastest is reported; default: 1"
     farm.add_argument("--repeat", type=int, default=1, metavar="N", help=help)
     farm.add_argument("--camera", metavar="WxH", help="default: 640x480")
-    farm.add_argument("--nodes", type=int, default=1000, metavar="N", help="machines of the model; default: 1000")
     farm.add_argument(
-        "--sequences", type=int, default=10_000, metavar="N", help="sequences of the model; default: 10000"
+        "--nodes", type=int, default=1000, metavar="N", help="machines of the model; default: 1000"
     )
-    farm.add_argument("--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)")
+    farm.add_argument(
+        "--sequences",
+        type=int,
+        default=10_000,
+        metavar="N",
+        help="sequences of the model; default: 10000",
+    )
+    farm.add_argument(
+        "--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)"
+    )
     renamed(farm, "--chart", "--plot", type=Path)
 
 
 def _configure_chaos(actions: Actions) -> None:
     help = "damage after repeated kills, stops and a full disk during `make`, and after the same kills of plain Blender"
-    chaos = action(actions, "chaos", help, "iclnuim bench chaos kt2 --kills 30 --plot chaos.png", _chaos)
-    chaos.add_argument("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
+    chaos = action(
+        actions, "chaos", help, "iclnuim bench chaos kt2 --kills 30 --plot chaos.png", _chaos
+    )
+    chaos.add_argument(
+        "sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2"
+    )
     chaos.add_argument("--kills", type=int, default=30, metavar="N", help="default: 30")
     chaos.add_argument("--camera", default="640x480", metavar="WxH", help="default: 640x480")
     chaos.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="random seed of the moments and the victims; default: 0"
+        "--seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="random seed of the moments and the victims; default: 0",
     )
     help = "output of an undisturbed `make` with the same settings; default: made by this command"
     chaos.add_argument("--undisturbed", type=Path, metavar="DIR", help=help)
     where = "folder for the output, which is kept; default: a temporary folder"
     chaos.add_argument("--work", type=Path, metavar="DIR", help=where)
     chaos.add_argument("--no-plain", action="store_true", help="leave plain Blender out")
-    chaos.add_argument("--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)")
+    chaos.add_argument(
+        "--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)"
+    )
     renamed(chaos, "--chart", "--plot", type=Path)
 
 
@@ -80,7 +106,10 @@ def _farm(args: argparse.Namespace, console: Console) -> int:
         results += measured
     if args.plot:
         plots.save(farm_chart.figure(results, models, args.nodes), args.plot)
-    values = {"splits": list(map(asdict, results)), "models": [farm_model.figures(m, args.nodes) for m in models]}
+    values = {
+        "splits": list(map(asdict, results)),
+        "models": [farm_model.figures(m, args.nodes) for m in models],
+    }
     texts = [farm_chart.table(results), *(farm_model.summary(m, args.nodes) for m in models)]
     console.result(values, "\n".join(texts))
     return 0
@@ -88,7 +117,9 @@ def _farm(args: argparse.Namespace, console: Console) -> int:
 
 def _job(args: argparse.Namespace, light: str) -> RenderJob:
     if args.repeat < 1 or args.samples < 1:
-        raise InputError("--repeat and --samples of at least 1", found=min(args.repeat, args.samples))
+        raise InputError(
+            "--repeat and --samples of at least 1", found=min(args.repeat, args.samples)
+        )
     camera = PinholeCamera.parse(args.camera) if args.camera else None
     job = jobs.shipped_job(args.sequence).changed(light=light, camera=camera)
     return job.changed(samples=args.samples, denoise=False) if light == "path" else job
@@ -98,7 +129,9 @@ def _chaos(args: argparse.Namespace, console: Console) -> int:
     try:
         from . import farm_chaos, farm_chart
     except ImportError:
-        raise WorkError("bench chaos needs psutil, to find the workers; try: pip install psutil") from None
+        raise WorkError(
+            "bench chaos needs psutil, to find the workers; try: pip install psutil"
+        ) from None
     from iclnuim.report import charts as plots
 
     if args.kills < 1:
@@ -114,7 +147,9 @@ def _chaos(args: argparse.Namespace, console: Console) -> int:
             damages["plain Blender"] = _plain(args, base, console)
     if args.plot:
         plots.save(farm_chart.damage_figure(damages), args.plot)
-    console.result({name: asdict(d) for name, d in damages.items()}, farm_chart.damage_table(damages))
+    console.result(
+        {name: asdict(d) for name, d in damages.items()}, farm_chart.damage_table(damages)
+    )
     return 0 if ours.none else 3
 
 
@@ -150,5 +185,8 @@ def _plain(args: argparse.Namespace, base: Path, console: Console) -> Any:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise WorkError(f"no scene for plain Blender: {done.stderr.strip()[-300:]}")
-    last, rng = len(load_trajectory(jobs.shipped_job(args.sequence))) - 1, np.random.default_rng(args.seed)
+    last, rng = (
+        len(load_trajectory(jobs.shipped_job(args.sequence))) - 1,
+        np.random.default_rng(args.seed),
+    )
     return PlainBlender(blend, base / "plain", 0, last, rng).run(args.kills, console.note)

@@ -64,9 +64,13 @@ class Level:
 
 def views_of(room: str, count: int) -> Trajectory:
     """A trajectory of `count` poses, spread over the room's four shipped trajectories, with stamps 0.1 s apart."""
-    every = [read_trajectory(shipped.trajectory_file(f"{room}/{kt}")).trajectory for kt in shipped.TRAJECTORY_NAMES]
+    every = [
+        read_trajectory(shipped.trajectory_file(f"{room}/{kt}")).trajectory
+        for kt in shipped.TRAJECTORY_NAMES
+    ]
     R, t = (
-        np.concatenate([getattr(one.T_world_camera, name) for one in every]) for name in ("rotation", "translation")
+        np.concatenate([getattr(one.T_world_camera, name) for one in every])
+        for name in ("rotation", "translation")
     )
     picked = np.linspace(0, len(t) - 1, count + 2).round().astype(int)[1:-1]
     return Trajectory(np.arange(count) / 10.0, SE3(R[picked], t[picked]))
@@ -75,8 +79,16 @@ def views_of(room: str, count: int) -> Trajectory:
 class Room:
     """A shipped room at any level of detail, seen from the same poses. Files are written to `folder`."""
 
-    def __init__(self, name: str, views: Trajectory, camera: PinholeCamera, folder: Path, note: Note) -> None:
-        self.name, self.views, self.camera, self.folder, self.note = name, views, camera, folder, note
+    def __init__(
+        self, name: str, views: Trajectory, camera: PinholeCamera, folder: Path, note: Note
+    ) -> None:
+        self.name, self.views, self.camera, self.folder, self.note = (
+            name,
+            views,
+            camera,
+            folder,
+            note,
+        )
         self._path = folder / "views.txt"
         write_trajectory(self._path, views, "tum")
 
@@ -146,7 +158,16 @@ def measure_levels(
             finest_rgb = rgb if finest_rgb is None else finest_rgb
             light = scene.lit(detail, map_size, map_samples) if detail in lit else None
             found.append(
-                Level(detail, triangles, build_s, *depth_error(depth_z_m, finest_z_m), frame_s, psnr_db, off, light)
+                Level(
+                    detail,
+                    triangles,
+                    build_s,
+                    *depth_error(depth_z_m, finest_z_m),
+                    frame_s,
+                    psnr_db,
+                    off,
+                    light,
+                )
             )
             note(str(found[-1]))
             on_step()

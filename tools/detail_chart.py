@@ -69,7 +69,13 @@ def _sizes(axes: Axes, row: Sequence[MapSize], style: dict) -> None:
         label=style["label"] + largest,
     )
     for m in compared:
-        axes.annotate(f"{m.bake_s:.0f} s", (m.size, m.psnr_db), xytext=(8, -4), textcoords="offset points", fontsize=8)
+        axes.annotate(
+            f"{m.bake_s:.0f} s",
+            (m.size, m.psnr_db),
+            xytext=(8, -4),
+            textcoords="offset points",
+            fontsize=8,
+        )
 
 
 def _x(levels: Sequence[Level]) -> list[float]:
@@ -78,7 +84,13 @@ def _x(levels: Sequence[Level]) -> list[float]:
 
 def _depth(axes: Axes, levels: Sequence[Level], style: dict, label_at: tuple[int, int]) -> None:
     shown = [level for level in levels if level.mean_m > 0]
-    axes.plot(_x(shown), [1e3 * level.mean_m for level in shown], marker="o", markerfacecolor="white", **style)
+    axes.plot(
+        _x(shown),
+        [1e3 * level.mean_m for level in shown],
+        marker="o",
+        markerfacecolor="white",
+        **style,
+    )
     for level in shown:
         axes.annotate(
             f"{level.detail:g}",
@@ -91,7 +103,14 @@ def _depth(axes: Axes, levels: Sequence[Level], style: dict, label_at: tuple[int
     default = [level for level in shown if level.detail == 1.0]
     axes.plot(_x(default), [1e3 * level.mean_m for level in default], "o", color=style["color"])
     at = levels[knee_of(levels)]
-    axes.plot(_x([at]), [1e3 * at.mean_m], "o", markersize=14, markerfacecolor="none", markeredgecolor=style["color"])
+    axes.plot(
+        _x([at]),
+        [1e3 * at.mean_m],
+        "o",
+        markersize=14,
+        markerfacecolor="none",
+        markeredgecolor=style["color"],
+    )
 
 
 def _label(panels: Sequence[Axes]) -> None:
@@ -101,7 +120,10 @@ def _label(panels: Sequence[Axes]) -> None:
             "yscale": "log",
             "title": "numbers: detail; filled: default; ring: knee",
         },
-        {"ylabel": "PSNR against the finest level (dB)", "title": "colour, lit by a lamp at the camera"},
+        {
+            "ylabel": "PSNR against the finest level (dB)",
+            "title": "colour, lit by a lamp at the camera",
+        },
         {"ylabel": "seconds", "yscale": "log", "title": "times"},
         {
             "ylabel": "PSNR against the largest map (dB)",
@@ -110,7 +132,10 @@ def _label(panels: Sequence[Axes]) -> None:
         },
     )
     for axes, texts in zip(panels, titles, strict=False):
-        axes.set(xlabel="size of the light map (texels)" if "xscale" in texts else "thousand triangles", **texts)
+        axes.set(
+            xlabel="size of the light map (texels)" if "xscale" in texts else "thousand triangles",
+            **texts,
+        )
         axes.grid(alpha=0.3)
         axes.legend(frameon=False, fontsize=8)
     if len(panels) == len(titles):
@@ -133,7 +158,11 @@ def table(levels: Sequence[Level]) -> str:
     """One row per level, in Markdown; the knee is marked."""
     marked = knee_of(levels)
     return "\n".join(
-        [_line(_HEADER), _line(["---"] * len(_HEADER)), *(_row(v, k == marked) for k, v in enumerate(levels))]
+        [
+            _line(_HEADER),
+            _line(["---"] * len(_HEADER)),
+            *(_row(v, k == marked) for k, v in enumerate(levels)),
+        ]
     )
 
 
@@ -175,7 +204,9 @@ def maps_table(row: Sequence[MapSize]) -> str:
 
 def unseen_line(share: Unseen) -> str:
     """A sentence about the parts that are never seen."""
-    texels = "" if share.texels is None else f", {share.texels:.1%} of the used texels of the light map"
+    texels = (
+        "" if share.texels is None else f", {share.texels:.1%} of the used texels of the light map"
+    )
     return f"{share.room}: no shipped trajectory sees {share.triangles:.1%} of the triangles, {share.surface:.1%} of the surface{texels} ({share.poses} poses)"
 
 

@@ -16,12 +16,16 @@ from iclnuim.job import RenderJob
 _POWER_W = 120.0
 
 
-def by_lamp(room: str, views: Trajectory, pinhole: PinholeCamera, folder: Path) -> tuple[np.ndarray, float]:
+def by_lamp(
+    room: str, views: Trajectory, pinhole: PinholeCamera, folder: Path
+) -> tuple[np.ndarray, float]:
     """(n, h, w, 3) scene-linear colour of the scene in the session, and the median seconds per frame, without the first.
 
     The lamp stays in the scene. The scene's own lamps and sky are disabled; emissive materials are not.
     """
-    job = RenderJob(room, room, room, pinhole, light="path", samples=1, denoise=False, lambertian=True)
+    job = RenderJob(
+        room, room, room, pinhole, light="path", samples=1, denoise=False, lambertian=True
+    )
     settings.apply(job)
     scene = bpy.context.scene
     scene.cycles.max_bounces, scene.cycles.use_light_tree = 0, False
@@ -31,7 +35,9 @@ def by_lamp(room: str, views: Trajectory, pinhole: PinholeCamera, folder: Path) 
         if thing.type == "LIGHT":
             thing.hide_render = True
     camera.keyframe(views.T_world_camera, pinhole)
-    lamp = bpy.data.objects.new("lamp at the camera", bpy.data.lights.new("lamp at the camera", "POINT"))
+    lamp = bpy.data.objects.new(
+        "lamp at the camera", bpy.data.lights.new("lamp at the camera", "POINT")
+    )
     lamp.data.energy, lamp.data.shadow_soft_size = _POWER_W, 0.0
     scene.collection.objects.link(lamp)
     lamp.parent = scene.camera

@@ -57,7 +57,16 @@ def measure_sizes(
             rgb, frame_s = frames_of(job, Path(folder) / str(size))
             psnr_db, off = (None, None) if largest is None else difference(rgb, largest)
             largest = rgb if largest is None else largest
-            found.append(MapSize(size, float(light_map.read_recipe(light)["seconds"]), frame_s, psnr_db, off, light))
+            found.append(
+                MapSize(
+                    size,
+                    float(light_map.read_recipe(light)["seconds"]),
+                    frame_s,
+                    psnr_db,
+                    off,
+                    light,
+                )
+            )
             note(f"{room}: {found[-1]}")
             on_step()
     return found[::-1]

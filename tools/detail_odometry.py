@@ -16,14 +16,16 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from iclnuim import __version__, shipped
+from iclnuim import shipped
+from iclnuim.benchmark.odometry.registry import NAMES, odometer
 from iclnuim.blender import output
+from iclnuim.console import Console
 from iclnuim.dataset.frames import read_truth
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import is_file, make_folder, read_json, write_json
-from iclnuim.headless.options import Actions, Console, action, count, numbers
-from iclnuim.headless.sequence_options import installed, require
-from iclnuim.odometry.registry import NAMES, odometer
+from iclnuim.headless.method_options import installed, require
+from iclnuim.headless.options import Actions, action, count, numbers
+from iclnuim.version import __version__
 
 #: The level that is shipped.
 DEFAULT = 1.0
@@ -52,18 +54,43 @@ def configure(actions: Actions) -> None:
     example = "iclnuim bench detail-odometry kt2 --levels 0.5,1,1.4 --seeds 0,1,2"
     parser = action(actions, "detail-odometry", help, example, _run)
     add = parser.add_argument
-    add("sequences", nargs="*", default=["kt2", "office/kt0"], metavar="SEQUENCE", help="default: kt2 office/kt0")
+    add(
+        "sequences",
+        nargs="*",
+        default=["kt2", "office/kt0"],
+        metavar="SEQUENCE",
+        help="default: kt2 office/kt0",
+    )
     help = "levels of detail; default: 0.35,0.5,0.7,1,1.4"
     add("--levels", type=numbers, default=(0.35, 0.5, 0.7, 1.0, 1.4), metavar="D,D", help=help)
-    add("--seeds", type=numbers, default=(0, 1, 2), metavar="N,N", help="seeds of the room at level 1; default: 0,1,2")
+    add(
+        "--seeds",
+        type=numbers,
+        default=(0, 1, 2),
+        metavar="N,N",
+        help="seeds of the room at level 1; default: 0,1,2",
+    )
     add("--start", type=int, default=80, metavar="N", help="the first frame; default: 80")
-    add("--first", type=count, default=240, metavar="N", help="number of frames from there; default: 240")
+    add(
+        "--first",
+        type=count,
+        default=240,
+        metavar="N",
+        help="number of frames from there; default: 240",
+    )
     add("--map-size", type=int, default=1024, metavar="N", help="light map size; default: 1024")
     add("--map-samples", type=int, default=8, metavar="N", help="light map samples; default: 8")
     help = "an odometer; may be given several times; default: every one that is installed"
     add("--method", action="append", metavar="NAME", help=help)
     add("--camera", metavar="WxH", help="default: 640x480")
-    add("-o", "--out", type=Path, default=Path("out/detail"), metavar="DIR", help="default: out/detail; resumed")
+    add(
+        "-o",
+        "--out",
+        type=Path,
+        default=Path("out/detail"),
+        metavar="DIR",
+        help="default: out/detail; resumed",
+    )
     add("--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)")
 
 
@@ -83,7 +110,10 @@ def _run(args: argparse.Namespace, console: Console) -> None:
     methods = args.method or installed(list(NAMES), "best", console)
     variants = [(s, d, 0) for s in sequences for d in sorted(args.levels)]
     variants += [
-        (s, DEFAULT, int(seed)) for s in sequences for seed in args.seeds if (s, DEFAULT, int(seed)) not in variants
+        (s, DEFAULT, int(seed))
+        for s in sequences
+        for seed in args.seeds
+        if (s, DEFAULT, int(seed)) not in variants
     ]
     progress, builds = console.progress(len(variants), "bench detail-odometry", "rooms"), []
     for sequence, detail, seed in variants:
@@ -95,11 +125,17 @@ def _run(args: argparse.Namespace, console: Console) -> None:
 
         charts.save(_figure(builds), args.plot)
     sufficient = {s: sufficient_level([b for b in builds if b.sequence == s]) for s in sequences}
-    values = {"builds": [asdict(b) for b in builds], "sufficient": sufficient, "changes": changes(builds)}
+    values = {
+        "builds": [asdict(b) for b in builds],
+        "sufficient": sufficient,
+        "changes": changes(builds),
+    }
     console.result(values, _text(builds, sufficient))
 
 
-def _measured(sequence: str, detail: float, seed: int, methods: Sequence[str], args: argparse.Namespace) -> Build:
+def _measured(
+    sequence: str, detail: float, seed: int, methods: Sequence[str], args: argparse.Namespace
+) -> Build:
     """Build, light and render the room, and run all methods, unless this has been done."""
     room, kt = sequence.split("/")
     folder = args.out.resolve() / room / f"{detail:g}_{seed}" / kt
@@ -113,12 +149,40 @@ def _measured(sequence: str, detail: float, seed: int, methods: Sequence[str], a
     make_folder(folder)
     scene = folder.parent / f"{room}.blend"
     if not scene.is_file():
-        _iclnuim("scene", "build", room, "--detail", f"{detail:g}", "--seed", str(seed), "--out", str(scene))
+        _iclnuim(
+            "scene",
+            "build",
+            room,
+            "--detail",
+            f"{detail:g}",
+            "--seed",
+            str(seed),
+            "--out",
+            str(scene),
+        )
     camera = ("--camera", args.camera) if args.camera else ()
     frames = ("--frames", f"{args.start}:{args.start + args.first}")
-    light = ("--light", "baked", "--map-size", str(args.map_size), "--map-samples", str(args.map_samples))
+    light = (
+        "--light",
+        "baked",
+        "--map-size",
+        str(args.map_size),
+        "--map-samples",
+        str(args.map_samples),
+    )
     path = str(shipped.trajectory_file(sequence))
-    _iclnuim("make", "--scene", str(scene), "--trajectory", path, *frames, *light, *camera, "--out", str(folder))
+    _iclnuim(
+        "make",
+        "--scene",
+        str(scene),
+        "--trajectory",
+        path,
+        *frames,
+        *light,
+        *camera,
+        "--out",
+        str(folder),
+    )
     triangles, surface_m = _surface(folder / KINDS[0], scene, args.first)
     ate_m = {kind: _errors(folder / kind, methods, args.first) for kind in KINDS}
     build = Build(sequence, detail, seed, triangles, ate_m, surface_m)
@@ -128,14 +192,16 @@ def _measured(sequence: str, detail: float, seed: int, methods: Sequence[str], a
 
 def _iclnuim(*words: str) -> None:
     """Run a command of iclnuim in a process of its own. Raises WorkError with its last line if it fails."""
-    done = subprocess.run([sys.executable, "-m", "iclnuim", *words, "--quiet"], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "iclnuim", *words, "--quiet"], capture_output=True, text=True
+    )
     if done.returncode:
         raise WorkError((done.stderr.strip().splitlines() or [f"iclnuim {words[0]} failed"])[-1])
 
 
 def _segment(folder: Path, frames: int) -> Any:
-    from iclnuim.headless.stress.segment import Segment
-    from iclnuim.odometry.run import Sequence as Images
+    from iclnuim.benchmark.odometry.run import Sequence as Images
+    from iclnuim.benchmark.perturbations.segment import Segment
 
     truth = read_truth(folder)
     assert truth is not None  # make wrote it
@@ -144,22 +210,26 @@ def _segment(folder: Path, frames: int) -> Any:
 
 def _errors(folder: Path, methods: Sequence[str], frames: int) -> dict[str, float | None]:
     """ATE in metres of each method; None if it lost more than half of the frames."""
-    from iclnuim.headless.stress import curves
-    from iclnuim.odometry.track import Tracker
+    from iclnuim.benchmark.experiments import curves
+    from iclnuim.benchmark.odometry.track import Tracker
 
     segment = _segment(folder, frames)
-    variants = [curves.Variant(name, None, Tracker(odometer(name), segment.camera)) for name in methods]
+    variants = [
+        curves.Variant(name, None, Tracker(odometer(name), segment.camera)) for name in methods
+    ]
     points = curves.interleaved("detail", variants, segment.frames, segment.truth, lambda: None)
     return {p.method: None if p.failed else p.ate_m for p in points}
 
 
 def _surface(folder: Path, scene: Path, frames: int) -> tuple[int, float]:
     """Triangles of the model, and the mean distance in metres of the surface that is fused along the true poses."""
-    from iclnuim.fusion.surface_error import TrueSurface, read_model
-    from iclnuim.headless.stress import fusion_curve
+    from iclnuim.benchmark.experiments import fusion_curve
+    from iclnuim.benchmark.fusion.surface_error import TrueSurface, read_model
 
     points, triangles = read_model(str(scene))
-    (fused,) = fusion_curve.measure((_VOXEL_M,), _segment(folder, frames), TrueSurface(points, triangles), lambda: None)
+    (fused,) = fusion_curve.measure(
+        (_VOXEL_M,), _segment(folder, frames), TrueSurface(points, triangles), lambda: None
+    )
     return len(triangles), fused.mean_m
 
 
@@ -214,7 +284,9 @@ def _is_small(row: dict[str, Any], k: int) -> bool:
     if change is None:
         return False
     ate_m = row["ate_m"][k + 1]
-    return change <= SHARE or (spread is not None and ate_m is not None and ate_m < SMALL_M and change <= spread)
+    return change <= SHARE or (
+        spread is not None and ate_m is not None and ate_m < SMALL_M and change <= spread
+    )
 
 
 def _text(builds: Sequence[Build], sufficient: dict[str, float | None]) -> str:
@@ -222,18 +294,23 @@ def _text(builds: Sequence[Build], sufficient: dict[str, float | None]) -> str:
     for row in changes(builds):
         figures = "".join(f"{'-' if m is None else f'{1e3 * m:.3g}':>9}" for m in row["ate_m"])
         spread = "-" if row["spread"] is None else f"{row['spread']:.0%}"
-        lines.append(f"{row['sequence']:<16}{row['kind']:<7}{row['method']:<26}{figures}   seeds {spread}")
+        lines.append(
+            f"{row['sequence']:<16}{row['kind']:<7}{row['method']:<26}{figures}   seeds {spread}"
+        )
     for b in builds:
         lines.append(
             f"{b.sequence} {b.detail:g}, seed {b.seed}: {b.triangles:,} triangles, surface {1e3 * b.surface_m:.3f} mm"
         )
-    lines += [f"{name}: sufficient from level {'none' if d is None else f'{d:g}'}" for name, d in sufficient.items()]
+    lines += [
+        f"{name}: sufficient from level {'none' if d is None else f'{d:g}'}"
+        for name, d in sufficient.items()
+    ]
     return "\n".join(lines)
 
 
 def _figure(builds: Sequence[Build]) -> Any:
     """A panel for each sequence and kind: ATE by detail; bars at level 1 are the range between seeds."""
-    from iclnuim.headless.stress.curve_chart import look
+    from iclnuim.benchmark.experiments.curve_chart import look
     from matplotlib.figure import Figure
 
     rows = changes(builds)
@@ -244,13 +321,23 @@ def _figure(builds: Sequence[Build]) -> Any:
     shown = {}
     for axes, (sequence, kind) in zip(grid.T.flat, panels, strict=False):
         for row in (r for r in rows if (r["sequence"], r["kind"]) == (sequence, kind)):
-            points = [(d, 1e3 * m) for d, m in zip(row["levels"], row["ate_m"], strict=True) if m is not None]
+            points = [
+                (d, 1e3 * m)
+                for d, m in zip(row["levels"], row["ate_m"], strict=True)
+                if m is not None
+            ]
             if not points:
                 continue
             style = look(row["method"], methods)
             (shown[row["method"]],) = axes.plot(*zip(*points, strict=True), **style)
             if known := [1e3 * m for m in row["seeds_m"] if m is not None]:
-                axes.plot([DEFAULT] * 2, [min(known), max(known)], color=style["color"], linewidth=4, alpha=0.35)
+                axes.plot(
+                    [DEFAULT] * 2,
+                    [min(known), max(known)],
+                    color=style["color"],
+                    linewidth=4,
+                    alpha=0.35,
+                )
         axes.set(xscale="log", yscale="log", title=f"{sequence} {kind}")
         axes.set_xticks(rows[0]["levels"], labels=[f"{d:g}" for d in rows[0]["levels"]])
         axes.xaxis.set_minor_formatter("")

@@ -36,7 +36,9 @@ class Unseen:
     texels: float | None
 
 
-def measure(room: str, every: int, camera: PinholeCamera, light: Path | None, on_pose: Callable[[], object]) -> Unseen:
+def measure(
+    room: str, every: int, camera: PinholeCamera, light: Path | None, on_pose: Callable[[], object]
+) -> Unseen:
     """Shares that are not seen from every Nth pose of the room's four trajectories. light: folder of its baked light. A triangle seen in part counts as seen."""
     with output.blender_output_in(Path(os.devnull)):
         scene.open_scene(room)
@@ -45,7 +47,9 @@ def measure(room: str, every: int, camera: PinholeCamera, light: Path | None, on
     pieces, origin = whole.cut(PIECE_M)
     visibility, poses = Visibility(pieces), 0
     for kt in shipped.TRAJECTORY_NAMES:
-        T = read_trajectory(shipped.trajectory_file(f"{room}/{kt}")).trajectory.T_world_camera[::every]
+        T = read_trajectory(shipped.trajectory_file(f"{room}/{kt}")).trajectory.T_world_camera[
+            ::every
+        ]
         visibility.along(camera, T, on_pose)
         poses += len(T.translation)
     seen = visibility.seen
@@ -53,7 +57,13 @@ def measure(room: str, every: int, camera: PinholeCamera, light: Path | None, on
     triangles[origin[seen.any(1)]] = True
     area = np.where(np.abs(pieces.corners_m).max((1, 2)) < _OUTSIDE_M, pieces.area_m2(), 0.0)
     texels = None if uv is None or has is None else _texels(whole, uv, has, seen)
-    return Unseen(room, poses, float(1 - triangles.mean()), float(area[~seen.any(1)].sum() / area.sum()), texels)
+    return Unseen(
+        room,
+        poses,
+        float(1 - triangles.mean()),
+        float(area[~seen.any(1)].sum() / area.sum()),
+        texels,
+    )
 
 
 def _map_uv(folder: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -63,7 +73,9 @@ def _map_uv(folder: Path) -> tuple[np.ndarray, np.ndarray]:
         parts = surfaces.parts(depsgraph)
         try:
             loops = surfaces.joined(parts).triangles
-            shown = np.concatenate([np.full(len(p.mesh.loop_triangles), p.source.visible_camera) for p in parts])
+            shown = np.concatenate(
+                [np.full(len(p.mesh.loop_triangles), p.source.visible_camera) for p in parts]
+            )
         finally:
             for part in parts:
                 bpy.data.meshes.remove(part.mesh)

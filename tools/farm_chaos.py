@@ -60,7 +60,9 @@ def kinds(kills: int) -> list[str]:
 class Chaos:
     """Runs `make SEQUENCE OPTIONS` into `out`, disturbed at random moments drawn from `rng`. Raises WorkError if the command does not behave as guaranteed."""
 
-    def __init__(self, sequence: str, options: tuple[str, ...], out: Path, rng: np.random.Generator) -> None:
+    def __init__(
+        self, sequence: str, options: tuple[str, ...], out: Path, rng: np.random.Generator
+    ) -> None:
         self.out, self._rng = Path(out), rng
         self._command = [sys.executable, "-m", "iclnuim", "make", sequence, *options]
         self._command += ["--worker-timeout", str(STUCK_AFTER_S), "--out", str(self.out)]
@@ -69,7 +71,9 @@ class Chaos:
 
     def start(self, **options: Any) -> subprocess.Popen:
         """Start the command."""
-        return subprocess.Popen(self._command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **options)
+        return subprocess.Popen(
+            self._command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **options
+        )
 
     def run(self, disturbances: list[str], note: Callable[[str], None]) -> None:
         """Start the command once for each disturbance, then run it to its end."""
@@ -77,7 +81,9 @@ class Chaos:
             self.disturb(kind)
             self.happened[kind] += 1
             count = sum(self.happened.values())
-            note(f"{count} of {len(disturbances)}: {kind}; {len(finished(self.out))} frames finished")
+            note(
+                f"{count} of {len(disturbances)}: {kind}; {len(finished(self.out))} frames finished"
+            )
         self.complete()
 
     def complete(self) -> None:
@@ -85,7 +91,9 @@ class Chaos:
         parent = self.start()
         errors = parent.communicate()[1]
         if parent.returncode:
-            raise WorkError(f"an undisturbed command ended with code {parent.returncode}: {errors.strip()[-500:]}")
+            raise WorkError(
+                f"an undisturbed command ended with code {parent.returncode}: {errors.strip()[-500:]}"
+            )
 
     def disturb(self, kind: str) -> None:
         """Start the command, and disturb it at a random moment after three more frames."""
@@ -137,7 +145,9 @@ class Chaos:
         while sum(pid not in orphans for _, pid in finished(self.out)[before:]) < FRAMES_BETWEEN:
             if parent.poll() is not None:
                 errors = parent.communicate()[1].strip()[-300:]
-                raise WorkError(f"the command ended (code {parent.returncode}) before it could be disturbed: {errors}")
+                raise WorkError(
+                    f"the command ended (code {parent.returncode}) before it could be disturbed: {errors}"
+                )
             if time.monotonic() > until:
                 raise WorkError(f"fewer than {FRAMES_BETWEEN} new frames in {seconds:.0f} s")
             time.sleep(0.02)
@@ -149,7 +159,9 @@ class Chaos:
         names = sorted(n for n in ours.keys() | whole.keys() if ours.get(n) != whole.get(n))
         lost = {n.split("/")[-1] for n in names if n not in ours}
         broken = {n.split("/")[-1] for n in names if n in ours}
-        twice = sum(times > 1 for times in Counter(number for number, _ in finished(self.out)).values())
+        twice = sum(
+            times > 1 for times in Counter(number for number, _ in finished(self.out)).values()
+        )
         kills = sum(self.happened[kind] for kind in ("worker", "parent", "both"))
         outlived = len(still_there(self._orphans, 30))
         counts = kills, len(broken), len(lost), twice, outlived

@@ -51,19 +51,31 @@ def _draw_rates(axes: Axes, results: Sequence[Throughput]) -> None:
     for k, name in enumerate(names):
         own = [r for r in results if r.name == name]
         best = max(r.frames_an_hour for r in own)
-        places = [splits.index((r.workers, r.threads)) + (k - (len(names) - 1) / 2) * width for r in own]
+        places = [
+            splits.index((r.workers, r.threads)) + (k - (len(names) - 1) / 2) * width for r in own
+        ]
         label = f"{name}: 100 % = {best:.0f} per hour"
-        bars = axes.bar(places, [100 * r.frames_an_hour / best for r in own], width, color=COLOURS[k], label=label)
+        bars = axes.bar(
+            places,
+            [100 * r.frames_an_hour / best for r in own],
+            width,
+            color=COLOURS[k],
+            label=label,
+        )
         axes.bar_label(bars, [f"{100 * r.busy_share:.0f} %\nbusy" for r in own], fontsize=7)
     axes.set_xticks(range(len(splits)), [f"{workers} x {threads}" for workers, threads in splits])
-    axes.set(xlabel="workers x threads", ylabel="frames per hour, % of the best split", ylim=(0, 140))
+    axes.set(
+        xlabel="workers x threads", ylabel="frames per hour, % of the best split", ylim=(0, 140)
+    )
     axes.legend(frameon=False, loc="upper left", fontsize=8)
 
 
 def _draw_start(axes: Axes, model: Model, colour: str) -> None:
     seconds = np.geomspace(1, 3600, 100)
     label = f"{model.name}: start-up {model.startup_s:.1f} s"
-    axes.plot(seconds, 100 * model.startup_s / (model.startup_s + seconds), color=colour, label=label)
+    axes.plot(
+        seconds, 100 * model.startup_s / (model.startup_s + seconds), color=colour, label=label
+    )
     axes.axvline(model.chunk_s, color="grey", linestyle=":", linewidth=1)
     axes.set(xscale="log", ylim=(0, 100), ylabel="% of time lost to start-up")
     axes.set_xlabel(f"seconds of frames in a chunk (dotted: {model.chunk_s:.0f}, as in the model)")
@@ -72,7 +84,12 @@ def _draw_start(axes: Axes, model: Model, colour: str) -> None:
 def _draw_scaling(axes: Axes, model: Model, colour: str, nodes: int) -> None:
     counts = np.unique(np.geomspace(1, 1e5, 80).astype(int))
     hours = [model.seconds(int(n)) / 3600 for n in counts]
-    axes.plot(counts, hours, color=colour, label=f"{model.name}: {model.seconds(nodes) / 3600:.2g} h on {nodes}")
+    axes.plot(
+        counts,
+        hours,
+        color=colour,
+        label=f"{model.name}: {model.seconds(nodes) / 3600:.2g} h on {nodes}",
+    )
     limit = model.stops_scaling()[0]
     if limit <= counts[-1]:
         axes.plot(limit, model.seconds(limit) / 3600, "o", color=colour)
@@ -90,7 +107,15 @@ def table(results: Sequence[Throughput]) -> str:
 def _split_row(r: Throughput, best: float) -> Iterable[str]:
     rate, share = f"{r.frames_an_hour:.0f}", f"{r.frames_an_hour / best:.2f}"
     lost = f"{100 * r.startup_s / (r.startup_s + 300):.1f} %"
-    return r.name, f"{r.workers} x {r.threads}", rate, share, f"{100 * r.busy_share:.0f} %", f"{r.startup_s:.1f}", lost
+    return (
+        r.name,
+        f"{r.workers} x {r.threads}",
+        rate,
+        share,
+        f"{100 * r.busy_share:.0f} %",
+        f"{r.startup_s:.1f}",
+        lost,
+    )
 
 
 def damage_figure(damages: Mapping[str, Damage]) -> Figure:
@@ -100,12 +125,16 @@ def damage_figure(damages: Mapping[str, Damage]) -> Figure:
     axes = drawn.subplots()
     for k, kind in enumerate(("broken", "lost")):
         values = [getattr(d, kind) for d in damages.values()]
-        bars = axes.barh(np.arange(len(damages)) + 0.38 * (k - 0.5), values, 0.36, color=COLOURS[k], label=kind)
+        bars = axes.barh(
+            np.arange(len(damages)) + 0.38 * (k - 0.5), values, 0.36, color=COLOURS[k], label=kind
+        )
         axes.bar_label(bars, padding=3)
     axes.set_yticks(range(len(damages)), damages)
     axes.invert_yaxis()
     first = next(iter(damages.values()))
-    axes.set(xlabel=f"frames of {first.frames} after {first.kills} kill -9, each followed by the same command")
+    axes.set(
+        xlabel=f"frames of {first.frames} after {first.kills} kill -9, each followed by the same command"
+    )
     axes.margins(x=0.1)
     axes.legend(frameon=False, loc="center right")
     return drawn
@@ -113,7 +142,9 @@ def damage_figure(damages: Mapping[str, Damage]) -> Figure:
 
 def damage_table(damages: Mapping[str, Damage]) -> str:
     """The damage as a table in Markdown."""
-    rows = [(n, d.frames, d.kills, d.broken, d.lost, d.twice, d.outlived) for n, d in damages.items()]
+    rows = [
+        (n, d.frames, d.kills, d.broken, d.lost, d.twice, d.outlived) for n, d in damages.items()
+    ]
     return _table(_DAMAGE, rows)
 
 

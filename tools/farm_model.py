@@ -61,7 +61,9 @@ class Model:
         by_chunks = ceil(self.chunks / self.workers_a_node)
         by_store = int(self.chunks * self.chunk_seconds / (self._stored_s * self.workers_a_node))
         if by_store < by_chunks:
-            return max(1, by_store), f"the file system at {self.bytes_a_second / 1e9:g} GB/s is the limit"
+            return max(
+                1, by_store
+            ), f"the file system at {self.bytes_a_second / 1e9:g} GB/s is the limit"
         return by_chunks, "every worker has one chunk"
 
 
@@ -80,7 +82,13 @@ def figures(model: Model, nodes: int) -> dict:
     """The model, and its results for a number of nodes."""
     limit, why = model.stops_scaling()
     hours, efficiency = round(model.seconds(nodes) / 3600, 3), round(model.efficiency(nodes), 3)
-    results = {"nodes": nodes, "hours": hours, "efficiency": efficiency, "scales_to_nodes": limit, "then": why}
+    results = {
+        "nodes": nodes,
+        "hours": hours,
+        "efficiency": efficiency,
+        "scales_to_nodes": limit,
+        "then": why,
+    }
     return {**asdict(model), "frames_a_chunk": model.frames_a_chunk, **results}
 
 

@@ -9,12 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from iclnuim.console import Console
 from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError
 from iclnuim.headless.farm.chunks import own_cores
 from iclnuim.headless.farm.rendering import LocalRun, open_run
 from iclnuim.headless.farm.run_plan import RunPlan
-from iclnuim.headless.options import Console
 from iclnuim.job import RenderJob
 
 
@@ -77,7 +77,11 @@ class _Clock:
         now = time.perf_counter(), sum(_cpu_seconds(w.client.pid) for w in workers), self._count
         if self._first is None and sum(w.rendered > 0 for w in workers) >= self._workers:
             self._first = now
-        if self._first is not None and len(workers) == self._workers and all(w.left for w in workers):
+        if (
+            self._first is not None
+            and len(workers) == self._workers
+            and all(w.left for w in workers)
+        ):
             self._last = now  # only while all are busy, as the end of the run would lower the rate
 
     def result(self, job: RenderJob, workers: int, threads: int, frames: int) -> Throughput:
@@ -115,7 +119,9 @@ def _cpu_seconds(pid: int) -> float:
         return 0.0
 
 
-def measure_splits(job: RenderJob, frames: int, repeat: int, note: Callable[[str], None]) -> list[Throughput]:
+def measure_splits(
+    job: RenderJob, frames: int, repeat: int, note: Callable[[str], None]
+) -> list[Throughput]:
     """Measure every split of this machine's cores; the fastest of `repeat` rounds counts, as other programs may load the machine."""
     kept: dict[tuple[int, int], Throughput] = {}
     for _ in range(repeat):

@@ -25,20 +25,24 @@ from pathlib import Path
 from statistics import geometric_mean
 from typing import Any
 
-from iclnuim.headless.stress.plan import SCALES
-from iclnuim.odometry.registry import NAMES
+from iclnuim.benchmark.odometry.registry import NAMES
+from iclnuim.benchmark.perturbations.plan import SCALES
 
 TOP = Path(__file__).resolve().parents[1]
 _KT2 = "out/living_room/kt2"
 _SIXTEEN = [
-    f"out/{room}/kt{k}/{kind}" for room in ("living_room", "office") for k in range(4) for kind in ("clean", "noisy")
+    f"out/{room}/kt{k}/{kind}"
+    for room in ("living_room", "office")
+    for k in range(4)
+    for kind in ("clean", "noisy")
 ]
 _SYSTEMS = ("orbslam3 --runs 3 --vocabulary ORBvoc.txt", "rtabmap", "fovis", "dvo")
 _NOISY = [place for place in _SIXTEEN if place.endswith("/noisy")]
 _BIASED = ("icp", "rgbd", "icp_rgbd")
 _DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60 --plot docs/pictures/detail.png"
 _STRESS_METHODS = "".join(
-    f" --methods {name}" for name in ("fovis", "rgbd", "dvo", "icp", "icp_rgbd", "opencv", "plane", "intensity")
+    f" --methods {name}"
+    for name in ("fovis", "rgbd", "dvo", "icp", "icp_rgbd", "opencv", "plane", "intensity")
 )
 _STRESS = (
     f"stress {_KT2}/clean out/office/kt1/clean --starts 1 --system fovis --system dvo --system orbslam3"
@@ -88,7 +92,9 @@ class Measured:
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """A table in Markdown."""
-    return "".join(f"| {' | '.join(map(str, row))} |\n" for row in (header, ["---"] * len(header), *rows))
+    return "".join(
+        f"| {' | '.join(map(str, row))} |\n" for row in (header, ["---"] * len(header), *rows)
+    )
 
 
 def _light(found: Sequence[Any]) -> str:
@@ -105,7 +111,11 @@ def _light(found: Sequence[Any]) -> str:
     for way in found[0]["ways"]:
         psnr_db = way["error"]["psnr_db"]
         name = (way["way"]["family"], way["way"]["label"], f"{way['seconds']:.3g}")
-        errors = (f"{sum(psnr_db) / len(psnr_db):.1f}", f"{min(psnr_db):.1f}", f"{way['error']['median']:.4f}")
+        errors = (
+            f"{sum(psnr_db) / len(psnr_db):.1f}",
+            f"{min(psnr_db):.1f}",
+            f"{way['error']['median']:.4f}",
+        )
         rows.append((*name, *errors, f"{255 * way['flicker']:.2f}"))
     return table(header, rows)
 
@@ -146,7 +156,11 @@ def _levels(room: str) -> Callable[[Sequence[Any]], str]:
             if v["psnr_db"] is None:  # the finest level, with which the others are compared
                 rows.append((*name, "", "", "", "", *times))
                 continue
-            depth = (f"{1e3 * v['mean_m']:.2g} mm", f"{1e3 * v['p99_m']:.2g} mm", f"{v['off_share']:.2%}")
+            depth = (
+                f"{1e3 * v['mean_m']:.2g} mm",
+                f"{1e3 * v['p99_m']:.2g} mm",
+                f"{v['off_share']:.2%}",
+            )
             rows.append((*name, *depth, f"{v['psnr_db']:.1f} dB", *times))
         return table(header, rows)
 
@@ -158,9 +172,15 @@ def _maps(found: Sequence[Any]) -> str:
     rows = []
     for room, sizes in found[0]["maps"].items():
         for m in sizes:
-            error = ("", "") if m["psnr_db"] is None else (f"{m['psnr_db']:.1f} dB", f"{m['median_of_255']:.2f} of 255")
+            error = (
+                ("", "")
+                if m["psnr_db"] is None
+                else (f"{m['psnr_db']:.1f} dB", f"{m['median_of_255']:.2f} of 255")
+            )
             rows.append((room, m["size"], f"{m['bake_s']:.0f} s", *error, f"{m['frame_s']:.3f} s"))
-    return table(("room", "map", "bake", "PSNR against the largest", "median", "frame, 320 x 240"), rows)
+    return table(
+        ("room", "map", "bake", "PSNR against the largest", "median", "frame, 320 x 240"), rows
+    )
 
 
 def _unseen(found: Sequence[Any]) -> str:
@@ -168,13 +188,22 @@ def _unseen(found: Sequence[Any]) -> str:
     for u in found[0]["unseen"]:
         texels = "" if u["texels"] is None else f"{u['texels']:.1%}"
         rows.append((u["room"], u["poses"], f"{u['triangles']:.1%}", f"{u['surface']:.1%}", texels))
-    return table(("room", "poses", "triangles never seen", "surface never seen", "texels in use never seen"), rows)
+    return table(
+        ("room", "poses", "triangles never seen", "surface never seen", "texels in use never seen"),
+        rows,
+    )
 
 
 def _systems(found: Sequence[Any]) -> str:
     """ATE in mm, one row per sequence; with the share of frames that have a pose, if some have none."""
-    runs_of = {one["sequence"]: {run["odometer"]: run for run in one["runs"]} for one in found[-1]["races"]}
-    names = [n for n in dict.fromkeys(n for runs in runs_of.values() for n in runs) if not n.endswith(" live")]
+    runs_of = {
+        one["sequence"]: {run["odometer"]: run for run in one["runs"]} for one in found[-1]["races"]
+    }
+    names = [
+        n
+        for n in dict.fromkeys(n for runs in runs_of.values() for n in runs)
+        if not n.endswith(" live")
+    ]
 
     def cell(run: dict | None) -> str:
         if run is None:
@@ -196,7 +225,9 @@ def _benchmark(name: str) -> Callable[[Sequence[Any]], str]:
         one = found[-1]["tables"][name]
         columns, rows = one["columns"], one["rows"]
         if columns[1] == "error mm":
-            columns, *rows = (row[:1] + row[2:] for row in (columns, *(row for row in rows if row[1] == "RMSE")))
+            columns, *rows = (
+                row[:1] + row[2:] for row in (columns, *(row for row in rows if row[1] == "RMSE"))
+            )
         return table(columns, rows)
 
     return text
@@ -209,7 +240,9 @@ def _speed(found: Sequence[Any]) -> str:
 
 def _odometers(found: Sequence[Any], cell: Callable[[dict], str]) -> str:
     sequences = found[0]["races"]
-    names = list(dict.fromkeys(run["odometer"] for sequence in sequences for run in sequence["runs"]))
+    names = list(
+        dict.fromkeys(run["odometer"] for sequence in sequences for run in sequence["runs"])
+    )
     cells = [{run["odometer"]: cell(run) for run in sequence["runs"]} for sequence in sequences]
     rows = [(f"`{name}`", *(column.get(name, "-") for column in cells)) for name in names]
     return table(("", *(sequence["sequence"] for sequence in sequences)), rows)
@@ -224,19 +257,48 @@ def _splits(found: Sequence[Any]) -> str:
     lights: dict[str, dict[str, tuple[str, str]]] = {}
     for s in found[0]["splits"]:
         split = f"{s['workers']} x {s['threads']}"
-        lights.setdefault(split, {})[s["light"]] = f"{s['frames_an_hour']:,.0f}", f"{s['busy_share']:.0%}"
-    rows = [(split, *by.get("baked", ("", "")), *by.get("path", ("", ""))) for split, by in lights.items()]
-    header = ("workers x threads", "baked, frames an hour", "cores busy", "path traced, frames an hour", "cores busy")
+        lights.setdefault(split, {})[s["light"]] = (
+            f"{s['frames_an_hour']:,.0f}",
+            f"{s['busy_share']:.0%}",
+        )
+    rows = [
+        (split, *by.get("baked", ("", "")), *by.get("path", ("", "")))
+        for split, by in lights.items()
+    ]
+    header = (
+        "workers x threads",
+        "baked, frames an hour",
+        "cores busy",
+        "path traced, frames an hour",
+        "cores busy",
+    )
     return table(header, rows)
 
 
 def _chaos(found: Sequence[Any]) -> str:
-    header = ("", "frames", "kill -9", "full disk", "stopped worker", "frames broken", "frames lost", "finished twice")
+    header = (
+        "",
+        "frames",
+        "kill -9",
+        "full disk",
+        "stopped worker",
+        "frames broken",
+        "frames lost",
+        "finished twice",
+    )
     rows = []
     for name, damage in found[0].items():
         events = (damage["events"].get(kind, "") for kind in ("full", "stop"))
         rows.append(
-            (name, damage["frames"], damage["kills"], *events, damage["broken"], damage["lost"], damage["twice"])
+            (
+                name,
+                damage["frames"],
+                damage["kills"],
+                *events,
+                damage["broken"],
+                damage["lost"],
+                damage["twice"],
+            )
         )
     return table(header, rows)
 
@@ -252,7 +314,10 @@ def _pairs(found: Sequence[Any]) -> str:
         )
         for p in found[0]["pairs"]
     ]
-    return table(("depth + RGB", "frames/s", "over files alone", "processor ms a frame", "over files alone"), rows)
+    return table(
+        ("depth + RGB", "frames/s", "over files alone", "processor ms a frame", "over files alone"),
+        rows,
+    )
 
 
 def _models(found: Sequence[Any]) -> str:
@@ -260,7 +325,9 @@ def _models(found: Sequence[Any]) -> str:
     for kind, times_ms in found[0]["model_ms"].items():
         for name, ms in times_ms.items():
             overlap = overlaps.get(kind, {}).get(name)
-            rows.append((f"{kind} `{name}`", f"{ms:.1f}", "" if overlap is None else f"{overlap:.3f}"))
+            rows.append(
+                (f"{kind} `{name}`", f"{ms:.1f}", "" if overlap is None else f"{overlap:.3f}")
+            )
     return table(("model", "ms a frame, one core", "overlap with the official noise"), rows)
 
 
@@ -268,23 +335,40 @@ def _surface(found: Sequence[Any]) -> str:
     """One row per surface, from the output of `fuse` and `evaluate surface` alternately."""
     rows = []
     for name, made, error in zip(_SURFACES, found[::2], found[1::2], strict=True):
-        distances = [f"{1e3 * error['distance_m'][key]:.3g}" for key in ("mean", "median", "std", "min", "max")]
+        distances = [
+            f"{1e3 * error['distance_m'][key]:.3g}"
+            for key in ("mean", "median", "std", "min", "max")
+        ]
         rows.append((name, *distances, f"{made['memory_mb']:.0f} MB", made["parts_that_left"]))
-    header = ("kt2, ours", "mean", "median", "std", "min", "max", "memory", "parts that left the window")
+    header = (
+        "kt2, ours",
+        "mean",
+        "median",
+        "std",
+        "min",
+        "max",
+        "memory",
+        "parts that left the window",
+    )
     return table(header, rows)
 
 
 def _references(found: Sequence[Any]) -> str:
     """ATE in mm of the odometers with their default reference and with the model."""
     own, model = ({run["odometer"]: _mm(run) for run in one["runs"]} for one in found)
-    return table(("", "default reference", "model"), [(f"`{name}`", own[name], model[name]) for name in own])
+    return table(
+        ("", "default reference", "model"), [(f"`{name}`", own[name], model[name]) for name in own]
+    )
 
 
 def _offsets(found: Sequence[Any]) -> str:
     """ATE in mm, one row for each of _BIASED, one column for each of _NOISY."""
     values = [_mm(one["runs"][0]) for one in found]
     rows = [(f"`{name}`", *values[k :: len(_BIASED)]) for k, name in enumerate(_BIASED)]
-    names = [place.removeprefix("out/").removeprefix("living_room/").removesuffix("/noisy") for place in _NOISY]
+    names = [
+        place.removeprefix("out/").removeprefix("living_room/").removesuffix("/noisy")
+        for place in _NOISY
+    ]
     return table(("noisy", *(name.replace("/", " ") for name in names)), rows)
 
 
@@ -314,10 +398,16 @@ def _stress_fails(found: Sequence[Any]) -> str:
     """The lowest severity at which at least half of the segments fail."""
     groups = _by_method(found)
     measured = {p for cells in groups.values() for p, severity in cells if severity}
-    names = [name for name in tomllib.loads(SCALES["perturbations"].read_text())["perturbations"] if name in measured]
+    names = [
+        name
+        for name in tomllib.loads(SCALES["perturbations"].read_text())["perturbations"]
+        if name in measured
+    ]
 
     def first(cells: dict[tuple[str, int], Any], name: str) -> object:
-        failed = (k for (p, k), cell in sorted(cells.items()) if p == name and cell["succeeded"] <= 0.5)
+        failed = (
+            k for (p, k), cell in sorted(cells.items()) if p == name and cell["succeeded"] <= 0.5
+        )
         return next(failed, "-")
 
     rows = [(f"`{name}`", *(first(cells, name) for cells in groups.values())) for name in names]
@@ -338,7 +428,12 @@ def _stress_totals(found: Sequence[Any]) -> str:
         )
     ]
     rows.append(("unperturbed: ATE, mm", *(f"{1e3 * cell['ate_m']:.2g}" for cell in clean)))
-    rows.append(("unperturbed: NEES", *("" if cell["nees"] is None else f"{cell['nees']:.2f}" for cell in clean)))
+    rows.append(
+        (
+            "unperturbed: NEES",
+            *("" if cell["nees"] is None else f"{cell['nees']:.2f}" for cell in clean),
+        )
+    )
     return table(("", *map(_short, groups)), rows)
 
 
@@ -359,7 +454,9 @@ def _curve(default: float) -> Callable[[Sequence[Any]], str]:
 
     def text(found: Sequence[Any]) -> str:
         points = found[0]["points"]
-        steps = {(p["method"], p["sequence"], p["value"]): p for p in points if p["value"] is not None}
+        steps = {
+            (p["method"], p["sequence"], p["value"]): p for p in points if p["value"] is not None
+        }
         names, values = (dict.fromkeys(key[k] for key in steps) for k in (0, 2))
         sequences = dict.fromkeys(key[1] for key in steps)
 
@@ -368,13 +465,21 @@ def _curve(default: float) -> Callable[[Sequence[Any]], str]:
             found = [(one, base) for one, base in pairs if one is not None]
             if not found:
                 return "-"
-            if lost := sum(one["ate_m"] is None or 2 * one["tracked"] < one["processed"] for one, _ in found):
+            if lost := sum(
+                one["ate_m"] is None or 2 * one["tracked"] < one["processed"] for one, _ in found
+            ):
                 return f"fails on {lost}"
-            error, time = (geometric_mean([one[key] / base[key] for one, base in found]) for key in ("ate_m", "ms"))
+            error, time = (
+                geometric_mean([one[key] / base[key] for one, base in found])
+                for key in ("ate_m", "ms")
+            )
             share = sum(one["processed"] / one["frames"] for one, _ in found) / len(found)
             return f"{error:.2f}, {time:.2f}" + ("" if share > 0.995 else f" ({share:.0%})")
 
-        return table(("", *map(_short, names)), [(f"{value:g}", *(cell(n, value) for n in names)) for value in values])
+        return table(
+            ("", *map(_short, names)),
+            [(f"{value:g}", *(cell(n, value) for n in names)) for value in values],
+        )
 
     return text
 
@@ -397,7 +502,14 @@ def _detail_odometry(found: Sequence[Any]) -> str:
     for row in changes:
         errors = ("-" if m is None else f"{1e3 * m:.3g}" for m in row["ate_m"])
         spread = "" if row["spread"] is None else f"{row['spread']:.0%}"
-        rows.append((f"{row['sequence'].replace('_', ' ')} {row['kind']}", f"`{row['method']}`", *errors, spread))
+        rows.append(
+            (
+                f"{row['sequence'].replace('_', ' ')} {row['kind']}",
+                f"`{row['method']}`",
+                *errors,
+                spread,
+            )
+        )
     levels = [f"{d:g}" for d in changes[0]["levels"]]
     return table(("", "", *levels, "between seeds"), rows)
 
@@ -405,18 +517,34 @@ def _detail_odometry(found: Sequence[Any]) -> str:
 def _detail_surface(found: Sequence[Any]) -> str:
     builds = [b for b in found[0]["builds"] if b["seed"] == 0]
     rows = [
-        (b["sequence"].replace("_", " "), f"{b['detail']:g}", f"{b['triangles']:,}", f"{1e3 * b['surface_m']:.3f} mm")
+        (
+            b["sequence"].replace("_", " "),
+            f"{b['detail']:g}",
+            f"{b['triangles']:,}",
+            f"{1e3 * b['surface_m']:.3f} mm",
+        )
         for b in builds
     ]
     return table(("", "detail", "triangles", "mean distance of the fused surface"), rows)
 
 
-_BENCHMARK = (*(f"table_{n}" for n in range(2, 8)), "table_2_office", "table_7_office", "findings", "correlation")
+_BENCHMARK = (
+    *(f"table_{n}" for n in range(2, 8)),
+    "table_2_office",
+    "table_7_office",
+    "findings",
+    "correlation",
+)
 
 MEASURED = (
-    Measured("docs/light.md", "light", ("bench render kt2 --plot docs/pictures/light.png",), _light),
     Measured(
-        "docs/light.md", "textures", ("bench textures kt2 office/kt0 --plot docs/pictures/textures.png",), _textures
+        "docs/light.md", "light", ("bench render kt2 --plot docs/pictures/light.png",), _light
+    ),
+    Measured(
+        "docs/light.md",
+        "textures",
+        ("bench textures kt2 office/kt0 --plot docs/pictures/textures.png",),
+        _textures,
     ),
     Measured("docs/detail.md", "detail-living-room", (_DETAIL,), _levels("living_room")),
     Measured("docs/detail.md", "detail-office", (_DETAIL,), _levels("office")),
@@ -441,7 +569,10 @@ MEASURED = (
     ),
     Measured("docs/farm.md", "farm-splits", (_FARM,), _splits),
     Measured(
-        "docs/farm.md", "farm-chaos", ("bench chaos kt2 --camera 160x120 --plot docs/pictures/chaos.png",), _chaos
+        "docs/farm.md",
+        "farm-chaos",
+        ("bench chaos kt2 --camera 160x120 --plot docs/pictures/chaos.png",),
+        _chaos,
     ),
     Measured("docs/sensor.md", "noise-pairs", (_NOISE,), _pairs),
     Measured("docs/sensor.md", "noise-models", (_NOISE,), _models),
@@ -449,28 +580,50 @@ MEASURED = (
     Measured(
         "docs/surface.md",
         "surface-model",
-        tuple(f"odometry --all {_KT2}/clean --reference {to} -o out/measured-{to}" for to in ("default", "model")),
+        tuple(
+            f"odometry --all {_KT2}/clean --reference {to} -o out/measured-{to}"
+            for to in ("default", "model")
+        ),
         _references,
     ),
     Measured(
         "docs/odometry.md",
         "odometry-bias",
-        tuple(f"odometry {name} {place} --depth-offset 0.00155" for place in _NOISY for name in _BIASED),
+        tuple(
+            f"odometry {name} {place} --depth-offset 0.00155"
+            for place in _NOISY
+            for name in _BIASED
+        ),
         _offsets,
     ),
-    Measured("docs/stress.md", "stress-fails", (_STRESS,), _stress_fails, Path("out/stress/stress.csv")),
+    Measured(
+        "docs/stress.md", "stress-fails", (_STRESS,), _stress_fails, Path("out/stress/stress.csv")
+    ),
     Measured("docs/stress.md", "stress-totals", (_STRESS,), _stress_totals),
     *(
-        Measured("docs/curves.md", f"curve-{curve}", (_curve_command(curve, sequences, frames),), _curve(default))
+        Measured(
+            "docs/curves.md",
+            f"curve-{curve}",
+            (_curve_command(curve, sequences, frames),),
+            _curve(default),
+        )
         for curve, (sequences, frames, default) in _CURVES.items()
     ),
     Measured(
-        "docs/curves.md", "curve-voxel", (_curve_command("voxel", f"{_KT2}/clean {_KT2}/noisy", 240, ""),), _voxels
+        "docs/curves.md",
+        "curve-voxel",
+        (_curve_command("voxel", f"{_KT2}/clean {_KT2}/noisy", 240, ""),),
+        _voxels,
     ),
     Measured("docs/detail.md", "detail-odometry", (_DETAIL_ODOMETRY,), _detail_odometry),
     Measured("docs/detail.md", "detail-surface", (_DETAIL_ODOMETRY,), _detail_surface),
     *(
-        Measured("docs/benchmark.md", f"benchmark-{name.replace('_', '-')}", ("benchmark",), _benchmark(name))
+        Measured(
+            "docs/benchmark.md",
+            f"benchmark-{name.replace('_', '-')}",
+            ("benchmark",),
+            _benchmark(name),
+        )
         for name in _BENCHMARK
     ),
 )
@@ -493,7 +646,14 @@ def output_of(command: str, keep: Path | None, programs: Sequence[str] = ()) -> 
     if kept and kept.is_file():
         return json.loads(kept.read_text())
     print(f"iclnuim {command} --json", file=sys.stderr, flush=True)
-    words = [sys.executable, "-m", "iclnuim", *shlex.split(command), *_program_options(command, programs), "--json"]
+    words = [
+        sys.executable,
+        "-m",
+        "iclnuim",
+        *shlex.split(command),
+        *_program_options(command, programs),
+        "--json",
+    ]
     done = subprocess.run(words, cwd=TOP, stdout=subprocess.PIPE, text=True)
     if done.returncode:
         sys.exit(f"measured: iclnuim {command.split()[0]} ended with exit code {done.returncode}")
@@ -516,9 +676,15 @@ def _program_options(command: str, programs: Sequence[str]) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--list", action="store_true", help="show pages, marks and commands; measure nothing")
-    parser.add_argument("--only", metavar="TEXT", default="", help="only tables whose page or mark begins with TEXT")
-    help = "store the output of the commands in FOLDER; a command with stored output is not run again"
+    parser.add_argument(
+        "--list", action="store_true", help="show pages, marks and commands; measure nothing"
+    )
+    parser.add_argument(
+        "--only", metavar="TEXT", default="", help="only tables whose page or mark begins with TEXT"
+    )
+    help = (
+        "store the output of the commands in FOLDER; a command with stored output is not run again"
+    )
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help=help)
     help = "the program of a system of `iclnuim run` that is not found on PATH; may be given several times"
     parser.add_argument("--program", metavar="SYSTEM=PATH", action="append", default=[], help=help)
@@ -529,7 +695,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     outputs: dict[str, Any] = {}
     for measured in chosen:
         if args.list:
-            print(f"{measured.page} {measured.mark}", *(f"    iclnuim {c}" for c in measured.commands), sep="\n")
+            print(
+                f"{measured.page} {measured.mark}",
+                *(f"    iclnuim {c}" for c in measured.commands),
+                sep="\n",
+            )
             continue
         for command in measured.commands:
             if command not in outputs:

@@ -39,7 +39,9 @@ class OfficialViews:
         depth = cv2.imread(str(samples / self.depth.format(number)), cv2.IMREAD_UNCHANGED)
         if bgr is None or depth is None:
             raise InputError(
-                f"the official frame {number} (colour and depth)", path=samples / self.sequence, found="not both"
+                f"the official frame {number} (colour and depth)",
+                path=samples / self.sequence,
+                found="not both",
             )
         return bgr, depth / self.depth_scale
 

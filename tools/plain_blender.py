@@ -34,9 +34,15 @@ def render_animation(blend: Path, out: Path, first: int, last: int) -> None:
 class PlainBlender:
     """Renders frames `first` to `last` of a .blend into `out`, killed at random moments drawn from `rng`."""
 
-    def __init__(self, blend: Path, out: Path, first: int, last: int, rng: np.random.Generator) -> None:
+    def __init__(
+        self, blend: Path, out: Path, first: int, last: int, rng: np.random.Generator
+    ) -> None:
         self._arguments = [str(blend), str(out), str(first), str(last)]
-        self.out, self._files, self._rng = out, [out / f"{n:06}.exr" for n in range(first, last + 1)], rng
+        self.out, self._files, self._rng = (
+            out,
+            [out / f"{n:06}.exr" for n in range(first, last + 1)],
+            rng,
+        )
 
     def run(self, kills: int, note: Callable[[str], None]) -> Damage:
         """Kill the process `kills` times, each after at least three more frames, and start it again; at last it runs to its end."""

@@ -32,7 +32,9 @@ def measure(bgr: np.ndarray, depth_z_m: np.ndarray) -> Likeness:
     """Measure a frame: bgr (h, w, 3) uint8, planar depth (h, w) in metres, 0 = missing."""
     grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
     dy, dx = np.gradient(grey.astype(float))
-    corners_20, corners_10 = (len(cv2.FastFeatureDetector.create(threshold=t).detect(grey)) for t in (20, 10))
+    corners_20, corners_10 = (
+        len(cv2.FastFeatureDetector.create(threshold=t).detect(grey)) for t in (20, 10)
+    )
     quantiles = np.percentile(depth_z_m[depth_z_m > 0], DEPTH_SHARES)
     return Likeness(
         corners_20,

@@ -25,7 +25,10 @@ MIN_DB = 55.0
 
 def psnr_db(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> float:
     """PSNR of two maps {"R", "G", "B": (rows, columns)} over the texels that are lit in the first, of sRGB values 0..1."""
-    a, b = (np.stack([channels[name].astype(np.float64) for name in "RGB"], -1) for channels in (first, second))
+    a, b = (
+        np.stack([channels[name].astype(np.float64) for name in "RGB"], -1)
+        for channels in (first, second)
+    )
     lit = a.max(-1) > 0
     shown = [srgb_from_light(values[lit]) for values in (a, b)]
     return float(-10 * np.log10(np.mean((shown[0] - shown[1]) ** 2)))
@@ -35,7 +38,9 @@ def ship(room: str) -> str:
     """Bake the map of `room` with the default settings, or read it from the cache, and write blend/light/ROOM; returns a line about it."""
     job, target = shipped_job(f"{room}/kt0"), shipped.folder("blend") / "light" / room
     shutil.rmtree(target, ignore_errors=True)
-    made, _ = worker.bake_light(job, lambda event: print(event.text, flush=True) if isinstance(event, Note) else None)
+    made, _ = worker.bake_light(
+        job, lambda event: print(event.text, flush=True) if isinstance(event, Note) else None
+    )
     target.mkdir(parents=True)
     light = read_exr(made / light_map.MAP)
     for level in LEVELS:
@@ -44,11 +49,22 @@ def ship(room: str) -> str:
         if quality_db >= MIN_DB:
             break
     shutil.copyfile(made / light_map.LAYOUT, target / light_map.LAYOUT)
-    fits = {"scene_sha256": scene.scene_sha256(room), "size": job.map_size, "samples": job.map_samples}
-    recipe = {**light_map.read_recipe(made), "fits": fits, "codec": f"DWAB {level}", "psnr_db": round(quality_db, 2)}
+    fits = {
+        "scene_sha256": scene.scene_sha256(room),
+        "size": job.map_size,
+        "samples": job.map_samples,
+    }
+    recipe = {
+        **light_map.read_recipe(made),
+        "fits": fits,
+        "codec": f"DWAB {level}",
+        "psnr_db": round(quality_db, 2),
+    }
     write_json(target / light_map.RECIPE, recipe)
     size = sum(file.stat().st_size for file in target.iterdir())
-    return json.dumps({"room": room, "bytes": size, "level": level, "psnr_db": round(quality_db, 2)})
+    return json.dumps(
+        {"room": room, "bytes": size, "level": level, "psnr_db": round(quality_db, 2)}
+    )
 
 
 def write(path: Path, channels: dict[str, np.ndarray], level: float) -> None:

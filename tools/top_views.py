@@ -25,11 +25,18 @@ _LIGHT = np.array([-0.3, 0.4, 0.87])
 def main(rooms: Sequence[str]) -> None:
     for room in rooms:
         scene.open_scene(room)
-        picture, extent = top_view(RayCaster.of_model(found := model.scene_model()), found.corners_m, found.instance)
+        picture, extent = top_view(
+            RayCaster.of_model(found := model.scene_model()), found.corners_m, found.instance
+        )
         for name in shipped.sequence_names():
             if name.startswith(f"{room}/"):
                 path = shipped.trajectory_file(name)
-                draw(picture, extent, read_trajectory(path).trajectory.T_world_camera, path.with_suffix(".png"))
+                draw(
+                    picture,
+                    extent,
+                    read_trajectory(path).trajectory.T_world_camera,
+                    path.with_suffix(".png"),
+                )
 
 
 def top_view(
@@ -39,8 +46,12 @@ def top_view(
     floor_m = np.percentile(corners_m[..., 2], 1)
     inside = corners_m[np.abs(corners_m[..., 2] - floor_m) < _ABOVE_FLOOR_M]
     low, high = np.percentile(inside[:, :2], [0.1, 99.9], axis=0)
-    x, y = (np.arange(a - _MARGIN_M, b + _MARGIN_M, _STEP_M) for a, b in zip(low, high, strict=True))
-    origins = np.stack([*np.meshgrid(x, y[::-1]), np.full((len(y), len(x)), floor_m + _ABOVE_FLOOR_M)], -1)
+    x, y = (
+        np.arange(a - _MARGIN_M, b + _MARGIN_M, _STEP_M) for a, b in zip(low, high, strict=True)
+    )
+    origins = np.stack(
+        [*np.meshgrid(x, y[::-1]), np.full((len(y), len(x)), floor_m + _ABOVE_FLOOR_M)], -1
+    )
     hits = caster.cast(origins, np.broadcast_to((0.0, 0.0, -1.0), origins.shape))
     met = hits.triangle >= 0
     normal = hits.normal * np.sign(hits.normal[..., 2:])
@@ -58,7 +69,9 @@ def _edges(height_m: np.ndarray, instance: np.ndarray) -> np.ndarray:
     return found
 
 
-def draw(picture: np.ndarray, extent: tuple[float, float, float, float], T_world_camera: SE3, path: Path) -> None:
+def draw(
+    picture: np.ndarray, extent: tuple[float, float, float, float], T_world_camera: SE3, path: Path
+) -> None:
     width_m, height_m = extent[1] - extent[0], extent[3] - extent[2]
     figure = Figure(figsize=(width_m / _INCH_M, height_m / _INCH_M))
     axes = figure.add_axes((0, 0, 1, 1))
@@ -67,8 +80,17 @@ def draw(picture: np.ndarray, extent: tuple[float, float, float, float], T_world
     colours = colormaps["viridis"](np.linspace(0, 1, len(places)))
     axes.scatter(places[:, 0], places[:, 1], s=2, c=colours, zorder=3)
     for place, look, colour in zip(places[::30], looks[::30], colours[::30], strict=True):
-        style = {"arrowstyle": "-|>", "color": colour, "lw": 1.0, "mutation_scale": 6, "shrinkA": 0, "shrinkB": 0}
-        axes.annotate("", place + 0.32 * look / np.linalg.norm(look), place, arrowprops=style, zorder=4)
+        style = {
+            "arrowstyle": "-|>",
+            "color": colour,
+            "lw": 1.0,
+            "mutation_scale": 6,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        }
+        axes.annotate(
+            "", place + 0.32 * look / np.linalg.norm(look), place, arrowprops=style, zorder=4
+        )
     axes.plot(*places[0], "o", c=colours[0], ms=6)
     axes.plot(*places[-1], "s", c=colours[-1], ms=5, mec="k", mew=0.5)
     axes.axis("off")

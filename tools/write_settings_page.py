@@ -24,13 +24,13 @@ MODULES = (
     "iclnuim.evaluation.align",
     "iclnuim.evaluation.relative_error",
     "iclnuim.evaluation.image_error",
-    "iclnuim.odometry.registry",
-    "iclnuim.fusion.settings",
+    "iclnuim.benchmark.odometry.registry",
+    "iclnuim.benchmark.fusion.settings",
     "iclnuim.geometry.handheld_plan",
     "iclnuim.geometry.handheld",
     "iclnuim.headless.farm.run_plan",
-    "iclnuim.headless.systems.system",
-    "iclnuim.headless.stress.plan",
+    "iclnuim.benchmark.systems.system",
+    "iclnuim.benchmark.perturbations.plan",
 )
 HEAD = """# Settings
 
@@ -50,7 +50,13 @@ def groups() -> list[type[Settings]]:
         importlib.import_module(name)
     order = {name: k for k, name in enumerate(MODULES)}
     found = [g for g in _below(Settings) if g.__module__.startswith("iclnuim.")]
-    found.sort(key=lambda g: (order.get(g.__module__, len(order)), g.__module__, inspect.getsourcelines(g)[1]))
+    found.sort(
+        key=lambda g: (
+            order.get(g.__module__, len(order)),
+            g.__module__,
+            inspect.getsourcelines(g)[1],
+        )
+    )
     shown: list[Setting] = []
     kept = []
     for group in found:
@@ -82,7 +88,10 @@ def _section(group: type[Settings]) -> str:
 
 def table(group: type) -> str:
     """The settings of a dataclass as a Markdown table, for docs/settings.md."""
-    rows = ["| setting | option | default | unit | range | what | source |", "|---|---|---|---|---|---|---|"]
+    rows = [
+        "| setting | option | default | unit | range | what | source |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for s in declared(group).values():
         reach = (
             ", ".join(f"`{choice}`" for choice in s.choices)
@@ -91,7 +100,9 @@ def table(group: type) -> str:
         )
         default = "" if s.default in (None, MISSING) else f"`{plain(s.default)}`"
         option = f"`{s.option}`" if s.option else ""
-        rows.append(f"| `{s.name}` | {option} | {default} | {s.unit} | {reach} | {s.help} | {s.source} |")
+        rows.append(
+            f"| `{s.name}` | {option} | {default} | {s.unit} | {reach} | {s.help} | {s.source} |"
+        )
     return "\n".join(rows)
 
 

@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.2.0"
+from .version import __version__
 
 __all__ = [
     "__version__", "IclnuimError", "InputError", "WorkError",
@@ -38,6 +38,22 @@ __all__ = [
 ]  # fmt: skip
 
 if TYPE_CHECKING:
+    from .benchmark.fusion.mesh import Mesh, fuse_sequence
+    from .benchmark.fusion.mesh import Surface as FusedSurface
+    from .benchmark.fusion.quality import SeenBy, SurfaceQuality, surface_quality
+    from .benchmark.fusion.recording import record_surface
+    from .benchmark.fusion.settings import FuseSettings, QualitySettings, VolumeSettings
+    from .benchmark.fusion.surface_error import SurfaceError, TrueSurface, read_mesh, read_model
+    from .benchmark.odometry.protocol import Frame, Odometer
+    from .benchmark.odometry.protocol import Result as OdometryResult
+    from .benchmark.odometry.protocol import Status as OdometryStatus
+    from .benchmark.odometry.recording import record_runs
+    from .benchmark.odometry.registry import odometer
+    from .benchmark.odometry.run import Run as OdometryRun
+    from .benchmark.odometry.run import Sequence as RgbdSequence
+    from .benchmark.odometry.run import run_together as run_odometers
+    from .benchmark.odometry.run import table as odometry_table
+    from .benchmark.odometry.track import Tracked, Tracker, track
     from .dataset.frames import FrameSource, image_frames, run_frames
     from .dataset.inspection import Inspection, inspect_sequence
     from .dataset.rendered_views import ViewError, ViewErrors, view_errors
@@ -50,27 +66,11 @@ if TYPE_CHECKING:
     from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
     from .formats.ply import write_ply
     from .formats.trajectories import LoadedTrajectory, read_trajectory, write_trajectory
-    from .fusion.mesh import Mesh, fuse_sequence
-    from .fusion.mesh import Surface as FusedSurface
-    from .fusion.quality import SeenBy, SurfaceQuality, surface_quality
-    from .fusion.recording import record_surface
-    from .fusion.settings import FuseSettings, QualitySettings, VolumeSettings
-    from .fusion.surface_error import SurfaceError, TrueSurface, read_mesh, read_model
     from .geometry.camera import PinholeCamera
     from .geometry.se3 import SE3
     from .geometry.trajectory import Trajectory, TrajectoryStatistics, resample
     from .geometry.trajectory import statistics as trajectory_statistics
     from .job import RenderJob, read_recipe, shipped_job
-    from .odometry.protocol import Frame, Odometer
-    from .odometry.protocol import Result as OdometryResult
-    from .odometry.protocol import Status as OdometryStatus
-    from .odometry.recording import record_runs
-    from .odometry.registry import odometer
-    from .odometry.run import Run as OdometryRun
-    from .odometry.run import Sequence as RgbdSequence
-    from .odometry.run import run_together as run_odometers
-    from .odometry.run import table as odometry_table
-    from .odometry.track import Tracked, Tracker, track
     from .postprocess import (
         absolute_trajectory_error,
         frames_from,
@@ -111,7 +111,7 @@ else:
 _PLACES = {
     alias.asname or alias.name: (node.module, alias.name)
     for node in ast.walk(ast.parse(Path(__file__).read_text("utf-8")))
-    if isinstance(node, ast.ImportFrom) and node.level
+    if isinstance(node, ast.ImportFrom) and node.level and node.module != "version"
     for alias in node.names
     if alias.asname or alias.name in __all__
 }

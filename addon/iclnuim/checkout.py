@@ -1,4 +1,4 @@
-"""Imports packages from other folders of a repository checkout: headless/ if it is not installed, tools/ and blend/builder/ always."""
+"""Imports packages from other folders of a checkout: headless/ and benchmark/ if they are not installed, tools/ and blend/builder/ always."""
 
 import importlib
 import importlib.util
@@ -10,7 +10,12 @@ from .errors import WorkError
 
 ROOT = Path(__file__).resolve().parents[2]
 #: package name -> its folder below ROOT
-_FOLDERS = {"iclnuim.headless": "headless", "iclnuim.tools": "tools", "iclnuim.blend.builder": "blend/builder"}
+_FOLDERS = {
+    "iclnuim.headless": "headless",
+    "iclnuim.benchmark": "benchmark",
+    "iclnuim.tools": "tools",
+    "iclnuim.blend.builder": "blend/builder",
+}
 
 
 def load(name: str, what: str) -> ModuleType:
@@ -25,7 +30,9 @@ def load(name: str, what: str) -> ModuleType:
             raise
     folder = ROOT / _FOLDERS[name]
     if not (folder / "__init__.py").is_file():
-        raise WorkError(f"{what} needs a checkout of the repository; try: git clone, then ./setup.sh")
+        raise WorkError(
+            f"{what} needs a checkout of the repository; try: git clone, then ./setup.sh"
+        )
     if with_parent != "iclnuim" and with_parent not in sys.modules:
         sys.modules[with_parent] = ModuleType(with_parent)
         sys.modules[with_parent].__path__ = [str(folder.parent)]

@@ -51,16 +51,28 @@ class InputError(IclnuimError):
         found: object = None,
         hint: str | None = None,
     ) -> None:
-        self.path, self.line, self.setting, self.expected, self.found = path, line, setting, expected, found
+        self.path, self.line, self.setting, self.expected, self.found = (
+            path,
+            line,
+            setting,
+            expected,
+            found,
+        )
         super().__init__(expected, hint=hint)
 
     def worded(self, name_of: Callable[[str], str] = str) -> str:
         """The message; `name_of` returns the name of each setting."""
-        place = "" if self.path is None else f"{os.fspath(self.path)}{'' if self.line is None else f':{self.line}'}: "
+        place = (
+            ""
+            if self.path is None
+            else f"{os.fspath(self.path)}{'' if self.line is None else f':{self.line}'}: "
+        )
         what = "" if self.setting is None else f"{name_of(self.setting)}: "
         text = f"{place}{what}expected {named(self.expected, name_of)}"
         if self.found is not None:  # as one printable line of at most 200 characters
-            found = "".join(c if c.isprintable() else "?" for c in " ".join(str(self.found).split()))
+            found = "".join(
+                c if c.isprintable() else "?" for c in " ".join(str(self.found).split())
+            )
             text += f", found {found if len(found) <= 200 else found[:197] + '...'}"
         return text + (f"; try {named(self.hint, name_of)}" if self.hint else "")
 

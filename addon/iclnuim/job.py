@@ -17,7 +17,10 @@ from .settings import Settings, declared, same_as, setting
 
 SCHEMA_VERSION = 1
 #: Values of settings that a job does not set. Baked light needs few samples: only reflections and glass are sampled.
-LIGHT_DEFAULTS = {"path": {"samples": 64, "denoise": True}, "baked": {"samples": 1, "denoise": False}}
+LIGHT_DEFAULTS = {
+    "path": {"samples": 64, "denoise": True},
+    "baked": {"samples": 1, "denoise": False},
+}
 #: Core-seconds that a bake of 2048 x 2048 (measured: 2047 x 2047) texels with 32 samples takes in the living room (docs/light.md).
 _BAKE_CORE_S = 605.0
 #: Files in the folder of a light map: the map, the layout of the surfaces in it, and what it was baked from.
@@ -49,10 +52,16 @@ class RenderJob(Settings):
         },
         source="baked: paper, section III",
     )
-    samples: int | None = setting(None, "rays per pixel; default: 1 baked, 64 path traced", low=1, high=65536)
-    denoise: bool | None = setting(None, "OpenImageDenoise; default: on for path tracing if this Blender has it")
+    samples: int | None = setting(
+        None, "rays per pixel; default: 1 baked, 64 path traced", low=1, high=65536
+    )
+    denoise: bool | None = setting(
+        None, "OpenImageDenoise; default: on for path tracing if this Blender has it"
+    )
     antialias: bool = setting(
-        False, "filter RGB over 1.5 pixels; Z is still that of the pixel centre", source="off in the paper, section II"
+        False,
+        "filter RGB over 1.5 pixels; Z is still that of the pixel centre",
+        source="off in the paper, section II",
     )
     mipmaps: bool = setting(
         True,
@@ -61,13 +70,16 @@ class RenderJob(Settings):
     )
     lambertian: bool = setting(False, "render without reflections")
     map_size: int = setting(2048, "side of the light map", unit="texels", low=16, high=16384)
-    map_samples: int = setting(32, "samples per texel of the light map and per light source", low=2, high=65536)
+    map_samples: int = setting(
+        32, "samples per texel of the light map and per light source", low=2, high=65536
+    )
     seed: int = setting(0, "seed of Cycles' samples and of the noise", low=0, high=2**31 - 1)
     exposure_s: float = same_as(Exposure, "exposure_s")
     readout_s: float = same_as(Exposure, "readout_s")
     reading: SceneReading = field(default_factory=SceneReading)
     ground_truth: bool = setting(
-        False, "also write instances, classes and normals of every pixel, and objects.json (docs/ground_truth.md)"
+        False,
+        "also write instances, classes and normals of every pixel, and objects.json (docs/ground_truth.md)",
     )
     glass: str = setting(
         "surface",
@@ -103,7 +115,10 @@ class RenderJob(Settings):
     def to_dict(self) -> dict[str, Any]:
         """The inverse of from_dict."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        late = {"reading": values.pop("reading").to_dict(), "ground_truth": values.pop("ground_truth")}
+        late = {
+            "reading": values.pop("reading").to_dict(),
+            "ground_truth": values.pop("ground_truth"),
+        }
         late["glass"] = "" if (glass := values.pop("glass")) == "surface" else glass
         made = {"schema_version": SCHEMA_VERSION, **values, "camera": self.camera.to_dict()}
         return {**made, **{key: value for key, value in late.items() if value}}
@@ -117,8 +132,12 @@ class RenderJob(Settings):
         if isinstance(content, Mapping) and "schema_version" in content:
             content = dict(content)
             if (version := content.pop("schema_version")) != SCHEMA_VERSION:
-                raise InputError(f"schema_version {SCHEMA_VERSION}", found=version, hint="a newer iclnuim")
-        return super().from_dict({"mipmaps": False, **content} if isinstance(content, Mapping) else content)
+                raise InputError(
+                    f"schema_version {SCHEMA_VERSION}", found=version, hint="a newer iclnuim"
+                )
+        return super().from_dict(
+            {"mipmaps": False, **content} if isinstance(content, Mapping) else content
+        )
 
     def changed(self, **settings: Any) -> "RenderJob":
         """The same job with other settings; None means unchanged. If `light` changes, samples and denoise get the defaults of the new value."""
@@ -165,7 +184,9 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
     """
     path = Path(path)
     content = read_json(path)
-    content = content["job"] if isinstance(content.get("job"), dict) else {"mipmaps": True, **content}
+    content = (
+        content["job"] if isinstance(content.get("job"), dict) else {"mipmaps": True, **content}
+    )
     content.setdefault("sequence", path.stem)
     try:
         job = RenderJob.from_dict(content)
@@ -177,7 +198,9 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
         job,
         scene=_inside(path, job.scene, shipped.SCENE_NAMES),
         trajectory=_inside(path, job.trajectory, shipped.sequence_names()),
-        reading=replace(job.reading, textures=job.reading.textures and _inside(path, job.reading.textures, ())),
+        reading=replace(
+            job.reading, textures=job.reading.textures and _inside(path, job.reading.textures, ())
+        ),
     )
 
 

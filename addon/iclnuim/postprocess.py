@@ -50,12 +50,21 @@ def noisy_depth(
         raise InputError("depth (h, w) in metres", found=depth_z_m.shape)
     camera = camera or PinholeCamera.parse(f"{depth_z_m.shape[1]}x{depth_z_m.shape[0]}")
     if depth_z_m.shape != (camera.height, camera.width):
-        raise InputError(f"depth of the camera's size {camera.width}x{camera.height}", found=depth_z_m.shape[::-1])
-    return depth_model(model, settings).apply(depth_z_m, camera, frame_generator(seed, frame, DEPTH))
+        raise InputError(
+            f"depth of the camera's size {camera.width}x{camera.height}",
+            found=depth_z_m.shape[::-1],
+        )
+    return depth_model(model, settings).apply(
+        depth_z_m, camera, frame_generator(seed, frame, DEPTH)
+    )
 
 
 def noisy_rgb(
-    rgb: np.ndarray, model: str = "paper", seed: int = 0, frame: int = 0, settings: Settings | None = None
+    rgb: np.ndarray,
+    model: str = "paper",
+    seed: int = 0,
+    frame: int = 0,
+    settings: Settings | None = None,
 ) -> np.ndarray:
     """Convert scene-linear RGB (h, w, 3), 1 = white, to sRGB (h, w, 3) uint8 with the noise of a sensor model.
 
@@ -94,7 +103,9 @@ def make_sequence(
     """
     folder = Path(frames)
     source = run_frames(folder) if (folder / "exr").is_dir() else image_frames(folder)
-    settings = SequenceSettings(depth_model(depth_noise, depth_settings), rgb_model(rgb_noise, rgb_settings), seed)
+    settings = SequenceSettings(
+        depth_model(depth_noise, depth_settings), rgb_model(rgb_noise, rgb_settings), seed
+    )
     return write_sequence(source, Path(out), settings, formats)
 
 
@@ -124,13 +135,21 @@ def frames_from(
         return rgb, depth_z_m
 
     size = camera.height, camera.width
-    origin = {"frames": name, "trajectory_sha256": sha256(trajectory_text(trajectory, "tum").encode())}
-    stamps_s, poses = dict(enumerate(trajectory.stamps_s.tolist())), lambda numbers: trajectory[np.array(numbers)]
+    origin = {
+        "frames": name,
+        "trajectory_sha256": sha256(trajectory_text(trajectory, "tum").encode()),
+    }
+    stamps_s, poses = (
+        dict(enumerate(trajectory.stamps_s.tolist())),
+        lambda numbers: trajectory[np.array(numbers)],
+    )
     return FrameSource(camera, tuple(stamps_s), stamps_s, checked, poses, origin, volatile=True)
 
 
 def absolute_trajectory_error(
-    truth: TrajectoryOrFile, estimate: TrajectoryOrFile, settings: AbsoluteErrorSettings | None = None
+    truth: TrajectoryOrFile,
+    estimate: TrajectoryOrFile,
+    settings: AbsoluteErrorSettings | None = None,
 ) -> AbsoluteError:
     """ATE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a Trajectory or a file in any known format.
 
@@ -141,7 +160,9 @@ def absolute_trajectory_error(
 
 
 def relative_pose_error(
-    truth: TrajectoryOrFile, estimate: TrajectoryOrFile, settings: RelativeErrorSettings | None = None
+    truth: TrajectoryOrFile,
+    estimate: TrajectoryOrFile,
+    settings: RelativeErrorSettings | None = None,
 ) -> RelativeError:
     """RPE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a Trajectory or a file in any known format.
 

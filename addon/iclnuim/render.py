@@ -75,7 +75,11 @@ def render_pose(scene: str, T_world_camera: SE3, **settings: Any) -> RenderedFra
     write a trajectory file and call render_frames. Raises InputError and WorkError like render_frames.
     """
     if T_world_camera.shape:
-        raise InputError("a single pose", found=f"poses of shape {T_world_camera.shape}", hint="one of them, T[i]")
+        raise InputError(
+            "a single pose",
+            found=f"poses of shape {T_world_camera.shape}",
+            hint="one of them, T[i]",
+        )
     with tempfile.TemporaryDirectory(prefix="iclnuim-") as folder:
         file = Path(folder) / "pose.txt"
         pose = SE3(T_world_camera.rotation[None], T_world_camera.translation[None])

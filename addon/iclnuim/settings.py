@@ -74,7 +74,9 @@ class Setting:
         if value is None and self.optional:
             return None
         if self.length is not None:
-            if not isinstance(value, list | tuple) or len(value) != (self.length or max(1, len(value))):
+            if not isinstance(value, list | tuple) or len(value) != (
+                self.length or max(1, len(value))
+            ):
                 what = f"{self.length} numbers" if self.length else "a list of one or more"
                 raise InputError(what, setting=self.name, found=value)
             return tuple(self._one(v) for v in value)
@@ -89,7 +91,9 @@ class Setting:
         if self.kind is bool or self.kind is str:
             fits = isinstance(value, self.kind)
         else:
-            number = isinstance(value, Integral if self.kind is int else Real) and not isinstance(value, bool)
+            number = isinstance(value, Integral if self.kind is int else Real) and not isinstance(
+                value, bool
+            )
             fits = number and abs(value) <= sys.float_info.max and self.low <= value <= self.high
         if not fits:
             unit = f" ({self.unit})" if self.unit else ""
@@ -98,7 +102,9 @@ class Setting:
         return self.kind(value)
 
 
-def setting(default: Any, help: str, *, choices: Callable[[], Choices] | Choices | None = None, **about: Any) -> Any:
+def setting(
+    default: Any, help: str, *, choices: Callable[[], Choices] | Choices | None = None, **about: Any
+) -> Any:
     """A dataclass field that is a declared setting. `help` is a phrase without the default; `source` is the paper and its section.
 
     choices: value -> meaning, or a function that returns it (a registry). option: the option of the command line if it is not `--` and the
@@ -107,7 +113,9 @@ def setting(default: Any, help: str, *, choices: Callable[[], Choices] | Choices
     number. shown: the unit that the panel shows, and the factor to it. unit, low, high: as in Setting.
     """
     listed = choices if callable(choices) or choices is None else lambda: choices
-    return dataclasses.field(default=default, metadata={"setting": {"help": help, "list_choices": listed, **about}})
+    return dataclasses.field(
+        default=default, metadata={"setting": {"help": help, "list_choices": listed, **about}}
+    )
 
 
 #: A setting without an option of the command line. `setting(MISSING, ...)` declares a setting that must be given.
@@ -142,9 +150,14 @@ def _declaration(field: Any, hint: Any) -> Setting:
     if typing.get_origin(kind) is tuple:
         elements = typing.get_args(kind)
         kind, length = elements[0], 0 if elements[-1] is Ellipsis else len(elements)
-    words: dict[str, Any] = {"option": "--" + field.name.replace("_", "-"), "shown": (about.get("unit", ""), 1.0)}
+    words: dict[str, Any] = {
+        "option": "--" + field.name.replace("_", "-"),
+        "shown": (about.get("unit", ""), 1.0),
+    }
     words["label"] = field.name.replace("_", " ").capitalize()
-    return Setting(field.name, kind, field.default, optional=optional, length=length, **{**words, **about})
+    return Setting(
+        field.name, kind, field.default, optional=optional, length=length, **{**words, **about}
+    )
 
 
 @dataclass(frozen=True)
@@ -160,7 +173,9 @@ class Settings:
             except InputError as error:
                 if declaration.option:
                     raise
-                expected = f"{name} of {self.group.removeprefix('settings of ')} as {error.expected}"
+                expected = (
+                    f"{name} of {self.group.removeprefix('settings of ')} as {error.expected}"
+                )
                 raise InputError(expected, found=error.found) from None
 
     @classmethod
@@ -179,11 +194,16 @@ class Settings:
     def to_dict(self) -> dict[str, Any]:
         """Every setting by name, ready for JSON; the inverse of from_dict."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in values.items()
+        }
 
     def changed(self, **settings: Any) -> Self:
         """A copy with other values; None means unchanged."""
-        return dataclasses.replace(self, **{name: value for name, value in settings.items() if value is not None})
+        return dataclasses.replace(
+            self, **{name: value for name, value in settings.items() if value is not None}
+        )
 
 
 def _inner(kind: Any, value: Any, place: str) -> Any:

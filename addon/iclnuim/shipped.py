@@ -25,7 +25,9 @@ class SceneEntry:
 
 
 SCENES = {
-    "living_room": SceneEntry("living_room", "Living room", "4.94 x 5.02 x 2.50 m, after the paper's (section III)"),
+    "living_room": SceneEntry(
+        "living_room", "Living room", "4.94 x 5.02 x 2.50 m, after the paper's (section III)"
+    ),
     "office": SceneEntry("office", "Office", "5.0 x 7.4 x 2.40 m, after the paper's (section III)"),
 }
 
@@ -49,7 +51,11 @@ def folder(name: str) -> Path:
     for place in (_PACKAGE / name, _PACKAGE.parents[1] / name):
         if place.is_dir():
             return place
-    raise InputError(f"a folder {name}/ in the package or the checkout", path=_PACKAGE, hint="installing iclnuim again")
+    raise InputError(
+        f"a folder {name}/ in the package or the checkout",
+        path=_PACKAGE,
+        hint="installing iclnuim again",
+    )
 
 
 def cache_folder() -> Path:
@@ -100,7 +106,18 @@ def source_commit() -> str | None:
     if not (_PACKAGE.parents[1] / ".git").exists():
         return None
     try:
-        git = ["git", "-C", str(_PACKAGE), "describe", "--always", "--dirty=+", "--abbrev=40", "--exclude=*"]
-        return subprocess.run(git, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+        git = [
+            "git",
+            "-C",
+            str(_PACKAGE),
+            "describe",
+            "--always",
+            "--dirty=+",
+            "--abbrev=40",
+            "--exclude=*",
+        ]
+        return subprocess.run(
+            git, capture_output=True, text=True, timeout=10, check=True
+        ).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return None

@@ -41,7 +41,10 @@ class Event:
     def to_dict(self) -> dict[str, Any]:
         """The event as a mapping, ready for JSON."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {"event": self.name, **{k: v for k, v in values.items() if v is not None and v is not False}}
+        return {
+            "event": self.name,
+            **{k: v for k, v in values.items() if v is not None and v is not False},
+        }
 
 
 class Note(Event, name="note"):
@@ -261,13 +264,19 @@ class WorkerClient(subprocess.Popen[bytes]):
             text = self.log.read_text("utf-8", "replace")
         except OSError:
             return ""
-        kept = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("OIIO DEBUG")]
+        kept = [
+            line.strip()
+            for line in text.splitlines()
+            if line.strip() and not line.startswith("OIIO DEBUG")
+        ]
         return " | ".join(kept[-lines:])[:400]
 
     def _listen(self) -> None:
         assert self.stdout is not None
         for line in self.stdout:
-            with suppress(ValueError, InputError):  # a line that Blender printed before its output was redirected
+            with suppress(
+                ValueError, InputError
+            ):  # a line that Blender printed before its output was redirected
                 content = json.loads(line)
                 event = from_dict(content) if isinstance(content, dict) else None
                 if event is not None:

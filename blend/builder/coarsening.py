@@ -40,7 +40,9 @@ def _merged(mesh: Mesh, within_m: float) -> Mesh:
     group = _groups(mesh, within_m)
     if within_m <= 0 or len(np.unique(group)) == len(mesh.verts):
         return mesh
-    faces, uv, kept = _drop_repeated_corners(np.where(mesh.faces < 0, -1, group[mesh.faces]), mesh.uv)
+    faces, uv, kept = _drop_repeated_corners(
+        np.where(mesh.faces < 0, -1, group[mesh.faces]), mesh.uv
+    )
     if not len(kept):
         return mesh
     verts = _placed(mesh, group, kept, within_m)

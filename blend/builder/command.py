@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 from iclnuim.blender import output
+from iclnuim.console import Console
 from iclnuim.dataset.frames import read_frame
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import atomic_write
 from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.headless.options import Console, action, subcommands
+from iclnuim.headless.options import action, subcommands
 from iclnuim.job import RenderJob
 from iclnuim.render import render_frames
 from iclnuim.sensor.transfer import srgb8
@@ -35,10 +36,16 @@ SAMPLES = Path(os.environ.get("ICLNUIM_SAMPLES", REPOSITORY.parent / "shared/dat
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser)
     build = action(
-        actions, "build", "build a scene by code and save it as a .blend", "iclnuim scene build living_room", _build
+        actions,
+        "build",
+        "build a scene by code and save it as a .blend",
+        "iclnuim scene build living_room",
+        _build,
     )
     build.add_argument("name", metavar="NAME", choices=list(SCENES), help=", ".join(SCENES))
-    build.add_argument("--seed", type=int, default=0, help="seed of cloth, wood, plaster; default: 0")
+    build.add_argument(
+        "--seed", type=int, default=0, help="seed of cloth, wood, plaster; default: 0"
+    )
     build.add_argument(
         "--detail",
         type=float,
@@ -55,7 +62,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         _compare,
     )
     compare.add_argument(
-        "name", metavar="NAME", nargs="?", default="living_room", choices=list(SCENES), help="default: living_room"
+        "name",
+        metavar="NAME",
+        nargs="?",
+        default="living_room",
+        choices=list(SCENES),
+        help="default: living_room",
     )
     compare.add_argument(
         "--samples-dir",
@@ -89,13 +101,19 @@ def _build(args: argparse.Namespace, console: Console) -> int:
         raise InputError("--detail of 0.15..3", found=f"{args.detail:g}")
     out = args.out or REPOSITORY / "blend" / f"{args.name}.blend"
     if not out.parent.is_dir():
-        raise InputError("a folder to write into", path=out.parent, found="no such folder", hint="--out FILE")
+        raise InputError(
+            "a folder to write into", path=out.parent, found="no such folder", hint="--out FILE"
+        )
     with output.blender_output_in(Path(os.devnull)):  # the import of bpy may print
         _scene_room().open_empty()
         build_scene(args.name, seed=args.seed, detail=args.detail)
         from . import stage
 
-        figures = {"file": str(out), "triangles": stage.triangle_count(), "geometry_sha256": stage.geometry_hash()}
+        figures = {
+            "file": str(out),
+            "triangles": stage.triangle_count(),
+            "geometry_sha256": stage.geometry_hash(),
+        }
         atomic_write(out, _save)
     figures["bytes"] = out.stat().st_size
     console.result(figures, "\n".join(f"{k:16} {v}" for k, v in figures.items()))
@@ -113,7 +131,9 @@ def _scene_room() -> Any:
 def _save(path: Path) -> None:
     import bpy
 
-    with redirect_stdout(io.StringIO()):  # the operator reports "Saved copy as ..." through Python's own stdout
+    with redirect_stdout(
+        io.StringIO()
+    ):  # the operator reports "Saved copy as ..." through Python's own stdout
         bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True)
 
 
@@ -131,8 +151,13 @@ def _compare(args: argparse.Namespace, console: Console) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     figures, progress = {}, console.progress(len(views.frames), "compare")
     for number, rgb, depth_z_m in _rendered(views, args.samples_dir, args.samples, console):
-        bgr, (their_bgr, their_depth) = srgb8(rgb)[..., ::-1].copy(), views.official(args.samples_dir, number)
-        figures[str(number)] = likeness.measure(bgr, depth_z_m).ratios_to(likeness.measure(their_bgr, their_depth))
+        bgr, (their_bgr, their_depth) = (
+            srgb8(rgb)[..., ::-1].copy(),
+            views.official(args.samples_dir, number),
+        )
+        figures[str(number)] = likeness.measure(bgr, depth_z_m).ratios_to(
+            likeness.measure(their_bgr, their_depth)
+        )
         picture = cv2.imencode(".png", likeness.side_by_side(bgr, their_bgr))[1].tobytes()
         name = f"{views.sequence}_{number}.png"
         atomic_write(args.out / name, functools.partial(_write, picture))
@@ -166,7 +191,9 @@ def _rendered(
 
 
 def _ratio_table(sequence: str, figures: dict) -> str:
-    lines = ["ours / official   corners>20  corners>10  gradient  grey   depth quantiles 10 25 50 75 90 %"]
+    lines = [
+        "ours / official   corners>20  corners>10  gradient  grey   depth quantiles 10 25 50 75 90 %"
+    ]
     for number, r in figures.items():
         depths = " ".join(f"{q:.3f}" for q in r["depth_quantiles_m"])
         lines.append(
@@ -182,4 +209,6 @@ def _benchmark(name: str) -> Any:
     try:
         return importlib.import_module(f"iclnuim.tools.{name}")
     except ImportError:
-        raise WorkError("scene compare needs OpenCV; try: pip install opencv-contrib-python-headless") from None
+        raise WorkError(
+            "scene compare needs OpenCV; try: pip install opencv-contrib-python-headless"
+        ) from None

@@ -8,7 +8,9 @@ from .mesh import Mesh, facing, grid, join
 from .shapes import lathe, ripples, sheet, smooth_profile, steps, tube
 
 
-def blade(path: np.ndarray, width: float, cup: float, detail: float, roll_deg: float = 0.0, rows: int = 15) -> Mesh:
+def blade(
+    path: np.ndarray, width: float, cup: float, detail: float, roll_deg: float = 0.0, rows: int = 15
+) -> Mesh:
     """A broad leaf along a midrib path (k,3): pointed, its halves lifted by `cup`, edges a little wavy; texture v
     runs along the rib.
     """
@@ -27,7 +29,9 @@ def blade(path: np.ndarray, width: float, cup: float, detail: float, roll_deg: f
     s = np.linspace(-1, 1, steps(8, detail, 4) + 1)
     wave = 0.05 * np.sin(9 * t[:, None] * np.pi + 2 * np.sign(s)[None]) * np.abs(s)[None] ** 2
     lift = cup * np.abs(s)[None] ** 1.4 + wave
-    points = rib[:, None] + half[:, None, None] * (s[None, :, None] * side[:, None] + lift[..., None] * up[:, None])
+    points = rib[:, None] + half[:, None, None] * (
+        s[None, :, None] * side[:, None] + lift[..., None] * up[:, None]
+    )
     uv = np.stack(np.broadcast_arrays((s[None] + 1) / 2, t[:, None]), -1)
     return sheet(points, 0.0016, uv)
 
@@ -61,7 +65,9 @@ def pot(rng: np.random.Generator, radius: float, height: float, detail: float) -
         (radius * 0.84, 0.012),
         (0.0, 0.012),
     ]
-    angle, ring = np.meshgrid(np.linspace(0, 2 * np.pi, n + 1), np.linspace(0.0, radius * 0.915, 6), indexing="xy")
+    angle, ring = np.meshgrid(
+        np.linspace(0, 2 * np.pi, n + 1), np.linspace(0.0, radius * 0.915, 6), indexing="xy"
+    )
     soil = np.stack([ring * np.cos(angle), ring * np.sin(angle), 0 * ring], -1)
     bumps = ripples(soil.reshape(-1, 3), rng, 0.06).reshape(ring.shape)
     soil[..., 2] = height - 0.035 + 0.004 * bumps
@@ -85,7 +91,11 @@ def shrub(rng: np.random.Generator, size: tuple[float, float, float], detail: fl
         fold = np.cross(wide, long) * 0.004
         p = [[c, c + wide * 0.001, c + wide * 0.002]]
         p += [
-            [c + long * length * f - wide * w, c + long * length * f - fold, c + long * length * f + wide * w]
+            [
+                c + long * length * f - wide * w,
+                c + long * length * f - fold,
+                c + long * length * f + wide * w,
+            ]
             for f, w in ((0.4, 0.012), (1.0, 0.001))
         ]
         parts.append(grid(np.array(p)))

@@ -9,17 +9,26 @@ from mathutils import Vector
 Place = tuple[float, float, float]
 
 
-def _add(name: str, data: bpy.types.Light, location: Place, towards: Place | None = None) -> bpy.types.Object:
+def _add(
+    name: str, data: bpy.types.Light, location: Place, towards: Place | None = None
+) -> bpy.types.Object:
     obj = bpy.data.objects.new(name, data)
     obj.location = location
     if towards is not None:
-        obj.rotation_euler = (Vector(towards) - Vector(location)).to_track_quat("-Z", "Y").to_euler()
+        obj.rotation_euler = (
+            (Vector(towards) - Vector(location)).to_track_quat("-Z", "Y").to_euler()
+        )
     bpy.context.scene.collection.objects.link(obj)
     return obj
 
 
 def sun(
-    name: str, azimuth_deg: float, elevation_deg: float, strength: float, colour: Place, angle_deg: float = 0.9
+    name: str,
+    azimuth_deg: float,
+    elevation_deg: float,
+    strength: float,
+    colour: Place,
+    angle_deg: float = 0.9,
 ) -> bpy.types.Object:
     """A sun standing in direction azimuth (counter-clockwise from +x) and elevation; strength is irradiance in W/m2."""
     a, e = np.radians([azimuth_deg, elevation_deg])
@@ -30,7 +39,14 @@ def sun(
 
 
 def spot(
-    name: str, location: Place, towards: Place, power: float, colour: Place, cone_deg: float, soft: float, radius: float
+    name: str,
+    location: Place,
+    towards: Place,
+    power: float,
+    colour: Place,
+    cone_deg: float,
+    soft: float,
+    radius: float,
 ) -> bpy.types.Object:
     data = bpy.data.lights.new(name, "SPOT")
     data.energy, data.color, data.shadow_soft_size = power, colour, radius
@@ -38,7 +54,9 @@ def spot(
     return _unseen(_add(name, data, location, towards))
 
 
-def lamp(name: str, location: Place, power: float, colour: Place, radius: float) -> bpy.types.Object:
+def lamp(
+    name: str, location: Place, power: float, colour: Place, radius: float
+) -> bpy.types.Object:
     data = bpy.data.lights.new(name, "POINT")
     data.energy, data.color, data.shadow_soft_size = power, colour, radius
     return _unseen(_add(name, data, location))
@@ -50,7 +68,9 @@ def _unseen(light: bpy.types.Object) -> bpy.types.Object:
     return light
 
 
-def portal(name: str, location: Place, towards: Place, width: float, height: float) -> bpy.types.Object:
+def portal(
+    name: str, location: Place, towards: Place, width: float, height: float
+) -> bpy.types.Object:
     """A portal: an opening through which the sky is sampled. It emits no light."""
     data = bpy.data.lights.new(name, "AREA")
     data.shape, data.size, data.size_y = "RECTANGLE", width, height
@@ -59,7 +79,13 @@ def portal(name: str, location: Place, towards: Place, width: float, height: flo
 
 
 def daylight(
-    name: str, location: Place, towards: Place, width: float, height: float, power: float, colour: Place
+    name: str,
+    location: Place,
+    towards: Place,
+    width: float,
+    height: float,
+    power: float,
+    colour: Place,
 ) -> bpy.types.Object:
     """A soft rectangle outside a window for the light of sky and street that the painted surroundings do not emit;
     invisible to the camera.
@@ -81,7 +107,8 @@ def sky(image: bpy.types.Image, strength: float) -> None:
     tree = world.node_tree
     tree.nodes.clear()
     texture, background, out = (
-        tree.nodes.new(k) for k in ("ShaderNodeTexEnvironment", "ShaderNodeBackground", "ShaderNodeOutputWorld")
+        tree.nodes.new(k)
+        for k in ("ShaderNodeTexEnvironment", "ShaderNodeBackground", "ShaderNodeOutputWorld")
     )
     texture.image = image
     background.inputs["Strength"].default_value = strength

@@ -11,7 +11,20 @@ import numpy as np
 from . import living_room_light, paintings
 from .greenery import blade, pot, shrub, stalk
 from .hard import chair, coffee_table, foot_lamp, sideboard, television
-from .living_room_measures import DOOR, LAMPS, SKIRT_THICK, SKIRT_TOP, SPOTS, WINDOW, X0, X1, Y0, Y1, Z0, Z1
+from .living_room_measures import (
+    DOOR,
+    LAMPS,
+    SKIRT_THICK,
+    SKIRT_TOP,
+    SPOTS,
+    WINDOW,
+    X0,
+    X1,
+    Y0,
+    Y1,
+    Z0,
+    Z1,
+)
 from .living_room_palette import palette
 from .mesh import Mesh, grid, join
 from .opening import open_with
@@ -25,7 +38,9 @@ from .wallpieces import casing, door, picture, plane, rail, skirting, spot, wind
 def build(seed: int = 0, detail: float = 1.0) -> None:
     """Build the room in the current, empty Blender scene. The same seed and detail give the same bytes of geometry."""
     stage = Stage(seed, palette(seed, detail), detail)
-    for part, fill in enumerate((_shell, _wall_pieces, _seating, _table, _media, _lamps, _plant, _textiles, _balcony)):
+    for part, fill in enumerate(
+        (_shell, _wall_pieces, _seating, _table, _media, _lamps, _plant, _textiles, _balcony)
+    ):
         fill(stage, np.random.default_rng(np.random.SeedSequence([seed, 11, part])), detail)
     living_room_light.light(seed, detail)
     open_with((-1.55, 1.55, 1.55), 78, 214)
@@ -33,18 +48,34 @@ def build(seed: int = 0, detail: float = 1.0) -> None:
 
 def _shell(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     w, d, h = X1 - X0, Y1 - Y0, Z1 - Z0
-    stage.add("floor", "floor", plane((X0, Y0 - 0.20, Z0), (w, 0, 0), (0, d + 0.20, 0), 2.1), "floor")
+    stage.add(
+        "floor", "floor", plane((X0, Y0 - 0.20, Z0), (w, 0, 0), (0, d + 0.20, 0), 2.1), "floor"
+    )
     stage.add("ceiling", "ceiling", plane((X0, Y0, Z1), (0, d, 0), (w, 0, 0), 2.5), "ceiling")
     low, tall = Z0 + SKIRT_TOP - 0.004, h - SKIRT_TOP + 0.004
     x0, x1, top = DOOR
     hole = (x0 + 0.1 - X0, x1 - 0.1 - X0, -1.0, top - 0.1 - low)
-    stage.add("wall_sofa", "wall", plane((X0, Y1, low), (w, 0, 0), (0, 0, tall), 2.5, (0.13, 0.4), hole), "wall")
-    stage.add("wall_left", "wall", plane((X0, Y0, low), (0, d, 0), (0, 0, tall), 2.5, (0.55, 0.1)), "wall")
-    stage.add("wall_right", "wall", plane((X1, Y1, low), (0, -d, 0), (0, 0, tall), 2.5, (0.31, 0.7)), "wall")
+    stage.add(
+        "wall_sofa",
+        "wall",
+        plane((X0, Y1, low), (w, 0, 0), (0, 0, tall), 2.5, (0.13, 0.4), hole),
+        "wall",
+    )
+    stage.add(
+        "wall_left", "wall", plane((X0, Y0, low), (0, d, 0), (0, 0, tall), 2.5, (0.55, 0.1)), "wall"
+    )
+    stage.add(
+        "wall_right",
+        "wall",
+        plane((X1, Y1, low), (0, -d, 0), (0, 0, tall), 2.5, (0.31, 0.7)),
+        "wall",
+    )
     a, b, c, e = WINDOW
     hole = (X1 - b, X1 - a, -1.0, e - low)
     inner = plane((X1, Y0, low), (-w, 0, 0), (0, 0, tall), 2.5, (0.77, 0.25), hole)
-    stage.add("wall_window", "wall", join([inner, *_reveal(a, b, Z0, e, 0.20)]), "wall", "white paint")
+    stage.add(
+        "wall_window", "wall", join([inner, *_reveal(a, b, Z0, e, 0.20)]), "wall", "white paint"
+    )
 
 
 def _reveal(a: float, b: float, c: float, e: float, deep: float) -> list[Mesh]:
@@ -70,17 +101,40 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     stage.add("skirting", "moulding", join(runs).moved(z=Z0), "white paint")
     x0, x1, top = DOOR
     stage.add(
-        "door_casing", "door", casing(x1 - x0, top - Z0, 0.115, 0.018).moved((x0 + x1) / 2, Y1, Z0), "white paint"
+        "door_casing",
+        "door",
+        casing(x1 - x0, top - Z0, 0.115, 0.018).moved((x0 + x1) / 2, Y1, Z0),
+        "white paint",
     )
-    leaf = door(x1 - x0 - 0.19, top - Z0 - 0.095, detail).moved((x0 + x1) / 2, Y1 - 0.0015, Z0 + 0.003)
+    leaf = door(x1 - x0 - 0.19, top - Z0 - 0.095, detail).moved(
+        (x0 + x1) / 2, Y1 - 0.0015, Z0 + 0.003
+    )
     stage.add("door", "door", leaf, "white paint", "steel")
     art = picture(1.36, 1.02, 0.055)
-    stage.add("picture_landscape", "picture", art.moved(-0.225, Y1 - 0.002, 1.695), "frame wood", "mat", "landscape")
+    stage.add(
+        "picture_landscape",
+        "picture",
+        art.moved(-0.225, Y1 - 0.002, 1.695),
+        "frame wood",
+        "mat",
+        "landscape",
+    )
     art = picture(1.36, 1.02, 0.055).turned("z", -90)
-    stage.add("picture_coast", "picture", art.moved(X1 - 0.002, -0.785, 1.695), "frame wood", "mat", "coast")
+    stage.add(
+        "picture_coast",
+        "picture",
+        art.moved(X1 - 0.002, -0.785, 1.695),
+        "frame wood",
+        "mat",
+        "coast",
+    )
     for k, (x, y) in enumerate(SPOTS, 1):
-        fitting = stage.add(f"ceiling_spot_{k}", "lamp", spot(detail).moved(x, y, Z1), "trim", "lens")
-        fitting.visible_diffuse = False  # the spot lamp gives the light; the emission is only visible
+        fitting = stage.add(
+            f"ceiling_spot_{k}", "lamp", spot(detail).moved(x, y, Z1), "trim", "lens"
+        )
+        fitting.visible_diffuse = (
+            False  # the spot lamp gives the light; the emission is only visible
+        )
     frame, panes = window(*WINDOW, detail)
     stage.add("window_frame", "window", frame.moved(0, Y0 - 0.025, 0), "white paint", "steel")
     stage.add("window_pane", "window", panes.moved(0, Y0 - 0.025, 0), "glass")
@@ -93,20 +147,38 @@ def _seating(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     seat = 0.640
     red = pillow(rng, 0.44, 0.21, detail).turned("x", -17).turned("z", 21).moved(-0.615, 1.41, seat)
     stage.add("pillow_crimson", "pillow", red, "crimson")
-    blue = pillow(rng, 0.43, 0.20, detail).turned("x", -19).turned("z", -5).moved(-0.265, 1.492, seat)
+    blue = (
+        pillow(rng, 0.43, 0.20, detail).turned("x", -19).turned("z", -5).moved(-0.265, 1.492, seat)
+    )
     stage.add("pillow_blue", "pillow", blue, "blue")
-    side = pillow(rng, 0.43, 0.20, detail).turned("x", -24).turned("z", -14).moved(1.76, -0.035, seat)
+    side = (
+        pillow(rng, 0.43, 0.20, detail).turned("x", -24).turned("z", -14).moved(1.76, -0.035, seat)
+    )
     stage.add("pillow_ochre", "pillow", side, "ochre")
-    back = pillow(rng, 0.45, 0.20, detail).turned("x", -17).turned("z", -84).moved(2.02, -1.33, seat)
+    back = (
+        pillow(rng, 0.45, 0.20, detail).turned("x", -17).turned("z", -84).moved(2.02, -1.33, seat)
+    )
     stage.add("pillow_side_blue", "pillow", back, "blue")
     for name, x, y, turn in (("chair_left", -1.93, -2.02, 128), ("chair_table", 0.05, -1.46, 196)):
-        stage.add(name, "chair", chair(detail).turned("z", turn).moved(x, y, Z0 + 0.0005), "oak", "grey seat")
+        stage.add(
+            name,
+            "chair",
+            chair(detail).turned("z", turn).moved(x, y, Z0 + 0.0005),
+            "oak",
+            "grey seat",
+        )
 
 
 def _table(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     top, x, y = 0.647, 0.045, -0.475
     on_rug = Z0 + 0.0112
-    stage.add("table", "table", coffee_table(1.01, 0.67, top - on_rug, detail).moved(x, y, on_rug), "oak", "nut")
+    stage.add(
+        "table",
+        "table",
+        coffee_table(1.01, 0.67, top - on_rug, detail).moved(x, y, on_rug),
+        "oak",
+        "nut",
+    )
     stage.add("plate", "plate", plate(detail).moved(0.20, -0.36, top + 0.0002), "porcelain")
     fruits = [
         fruit(rng, 0.039, detail).moved(0.20 + dx, -0.36 + dy, top + 0.0145 + dz)
@@ -120,7 +192,9 @@ def _table(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         book((0.25, 0.19, 0.024)).turned("z", -7).moved(z=0.0304),
         book((0.21, 0.15, 0.020)).turned("z", 16).moved(z=0.0548),
     ]
-    for k, (volume, cover) in enumerate(zip(volumes, ("book blue", "book cream", "book red"), strict=True), 1):
+    for k, (volume, cover) in enumerate(
+        zip(volumes, ("book blue", "book cream", "book red"), strict=True), 1
+    ):
         stage.add(f"book_{k}", "books", volume.moved(-0.24, -0.36, top + 0.0003), cover, "paper")
     paper = magazine(rng, (0.21, 0.28), detail).turned("z", 20).moved(-0.02, -0.645, top + 0.0004)
     stage.add("magazine", "books", paper, "coast")
@@ -195,20 +269,76 @@ def _plant(stage: Stage, rng: np.random.Generator, detail: float) -> None:
             ],
             0.008,
         ),
-        ([(-2.07, 0.62, soil), (-2.06, 0.60, 0.48), (-2.045, 0.555, 0.575), (-2.04, 0.53, 0.590)], 0.006),
-        ([(-2.13, 0.64, soil), (-2.19, 0.62, 0.55), (-2.25, 0.64, 0.72), (-2.30, 0.70, 0.80)], 0.007),
+        (
+            [
+                (-2.07, 0.62, soil),
+                (-2.06, 0.60, 0.48),
+                (-2.045, 0.555, 0.575),
+                (-2.04, 0.53, 0.590),
+            ],
+            0.006,
+        ),
+        (
+            [(-2.13, 0.64, soil), (-2.19, 0.62, 0.55), (-2.25, 0.64, 0.72), (-2.30, 0.70, 0.80)],
+            0.007,
+        ),
     ]
     leaves = [
-        ([(-1.80, 0.682, 1.008), (-1.72, 0.675, 1.022), (-1.63, 0.665, 1.008), (-1.535, 0.655, 0.975)], 0.170, 0.10, 0),
-        ([(-2.162, 0.855, 0.975), (-2.175, 0.90, 1.002), (-2.185, 0.96, 0.998), (-2.19, 1.03, 0.975)], 0.150, 0.22, 0),
         (
-            [(-2.185, 0.40, 0.805), (-2.235, 0.335, 0.775), (-2.275, 0.28, 0.720), (-2.30, 0.235, 0.655)],
+            [
+                (-1.80, 0.682, 1.008),
+                (-1.72, 0.675, 1.022),
+                (-1.63, 0.665, 1.008),
+                (-1.535, 0.655, 0.975),
+            ],
+            0.170,
+            0.10,
+            0,
+        ),
+        (
+            [
+                (-2.162, 0.855, 0.975),
+                (-2.175, 0.90, 1.002),
+                (-2.185, 0.96, 0.998),
+                (-2.19, 1.03, 0.975),
+            ],
+            0.150,
+            0.22,
+            0,
+        ),
+        (
+            [
+                (-2.185, 0.40, 0.805),
+                (-2.235, 0.335, 0.775),
+                (-2.275, 0.28, 0.720),
+                (-2.30, 0.235, 0.655),
+            ],
             0.165,
             0.12,
             12,
         ),
-        ([(-2.04, 0.53, 0.590), (-2.038, 0.51, 0.597), (-2.035, 0.48, 0.593), (-2.03, 0.445, 0.578)], 0.075, 0.2, 0),
-        ([(-2.30, 0.70, 0.80), (-2.325, 0.745, 0.815), (-2.345, 0.80, 0.80), (-2.355, 0.85, 0.76)], 0.09, 0.15, 0),
+        (
+            [
+                (-2.04, 0.53, 0.590),
+                (-2.038, 0.51, 0.597),
+                (-2.035, 0.48, 0.593),
+                (-2.03, 0.445, 0.578),
+            ],
+            0.075,
+            0.2,
+            0,
+        ),
+        (
+            [
+                (-2.30, 0.70, 0.80),
+                (-2.325, 0.745, 0.815),
+                (-2.345, 0.80, 0.80),
+                (-2.355, 0.85, 0.76),
+            ],
+            0.09,
+            0.15,
+            0,
+        ),
     ]
     parts = [stalk(np.array(path), thick, detail).painted(1) for path, thick in stems]
     parts += [blade(np.array(path), width, cup, detail, roll) for path, width, cup, roll in leaves]
@@ -224,12 +354,21 @@ def _textiles(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     right = curtain(rng, 0.46, height, 9, detail).moved(-0.10, y, Z0 + 0.012)
     stage.add("curtain_left", "curtain", left, "curtain")
     stage.add("curtain_right", "curtain", right, "curtain")
-    stage.add("curtain_rail", "curtain", rail(X0 + 0.06, 0.42, detail).moved(0, y, Z0 + height + 0.030), "dark metal")
+    stage.add(
+        "curtain_rail",
+        "curtain",
+        rail(X0 + 0.06, 0.42, detail).moved(0, y, Z0 + height + 0.030),
+        "dark metal",
+    )
 
 
 def _balcony(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     x0, x1, y0, y1 = -3.1, 1.3, -4.55, Y0 - 0.20
-    slab = rounded_box((x1 - x0, y1 - y0, 0.16), 0.01).moved((x0 + x1) / 2, (y0 + y1) / 2, Z0 - 0.10).box_mapped(1.6)
+    slab = (
+        rounded_box((x1 - x0, y1 - y0, 0.16), 0.01)
+        .moved((x0 + x1) / 2, (y0 + y1) / 2, Z0 - 0.10)
+        .box_mapped(1.6)
+    )
     stage.add("balcony_floor", "floor", slab, "paving")
     kerb = rounded_box((x1 - x0, 0.10, 0.22), 0.01).moved((x0 + x1) / 2, y0 + 0.05, Z0 + 0.0905)
     stage.add("balcony_kerb", "wall", kerb, "white paint")
@@ -238,7 +377,9 @@ def _balcony(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         bar((x, y0 + 0.05, low), (x, y0 + 0.05, high), 0.007, steps(8, detail, 5))
         for x in np.linspace(x0 + 0.05, x1 - 0.05, steps(38, detail, 8))
     ]
-    hand = rounded_box((x1 - x0, 0.055, 0.035), 0.010).moved((x0 + x1) / 2, y0 + 0.05, high + 0.0165)
+    hand = rounded_box((x1 - x0, 0.055, 0.035), 0.010).moved(
+        (x0 + x1) / 2, y0 + 0.05, high + 0.0165
+    )
     stage.add("balcony_railing", "railing", join([*posts, hand]), "dark metal")
     for k, (x, y) in enumerate(((-1.95, -4.20), (-0.55, -4.22)), 1):
         box = [rounded_box((0.62, 0.26, 0.26), 0.012).moved(x, y, Z0 - 0.0195 + 0.13)]

@@ -14,11 +14,19 @@ def light(seed: int, detail: float) -> None:
     warm, day = (1.0, 0.76, 0.48), (1.0, 0.93, 0.82)
     lights.sun("sun", azimuth_deg=247, elevation_deg=34, strength=8.0, colour=day)
     for k, (x, y) in enumerate(SPOTS, 1):
-        lights.spot(f"spot_{k}", (x, y, Z1 - 0.012), (x, y, 0), 27.0, (1.0, 0.84, 0.62), 96.0, 0.8, 0.03)
+        lights.spot(
+            f"spot_{k}", (x, y, Z1 - 0.012), (x, y, 0), 27.0, (1.0, 0.84, 0.62), 96.0, 0.8, 0.03
+        )
     for name, (x, y) in LAMPS.items():
         lights.lamp(f"lamp_light_{name}", (x, y, 1.595), 5.0, warm, 0.03)
     a, b, c, e = WINDOW
-    lights.portal("window_portal", ((a + b) / 2, Y0 - 0.10, (c + e) / 2), ((a + b) / 2, 0, (c + e) / 2), b - a, e - c)
+    lights.portal(
+        "window_portal",
+        ((a + b) / 2, Y0 - 0.10, (c + e) / 2),
+        ((a + b) / 2, 0, (c + e) / 2),
+        b - a,
+        e - c,
+    )
     outside, inside = ((a + b) / 2, Y0 - 0.35, (c + e) / 2 + 0.2), ((a + b) / 2 + 0.4, 0, 1.2)
     lights.daylight("daylight", outside, inside, b - a, e - c, 165.0, (0.80, 0.90, 1.0))
     size = max(32, int(512 * min(detail, 1.0)))

@@ -49,15 +49,29 @@ def palette(seed: int, detail: float) -> dict[str, bpy.types.Material]:
 
 def _shell(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Material]:
     return {
-        "wall": matte("wall", paint("plaster", textures.plaster, size["wall"], (0.768, 0.768, 0.740), 0.88)),
-        "ceiling": matte("ceiling", paint("ceiling", textures.plaster, size["small"], (0.845, 0.835, 0.820), 0.06)),
+        "wall": matte(
+            "wall", paint("plaster", textures.plaster, size["wall"], (0.768, 0.768, 0.740), 0.88)
+        ),
+        "ceiling": matte(
+            "ceiling",
+            paint("ceiling", textures.plaster, size["small"], (0.845, 0.835, 0.820), 0.06),
+        ),
         "floor": glossy(
             "floor",
-            paint("boards", textures.boards, size["large"], 22, (0.36, 0.185, 0.115), (0.60, 0.365, 0.25)),
+            paint(
+                "boards",
+                textures.boards,
+                size["large"],
+                22,
+                (0.36, 0.185, 0.115),
+                (0.60, 0.365, 0.25),
+            ),
             1.38,
         ),
         "white paint": glossy("white paint", (0.74, 0.74, 0.73)),
-        "paving": matte("paving", paint("paving", textures.stone, size["small"], (0.70, 0.66, 0.60), 4)),
+        "paving": matte(
+            "paving", paint("paving", textures.stone, size["small"], (0.70, 0.66, 0.60), 4)
+        ),
     }
 
 
@@ -65,16 +79,29 @@ def _cloths(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Materia
     n = size["cloth"]
     linen = paint("linen", textures.cloth, n, 90, (0.90, 0.875, 0.82), 0.10, 0.025)
     return {
-        "sofa": matte("sofa", paint("upholstery", textures.cloth, size["small"], 28, (0.78, 0.80, 0.825), 0.16, 0.015)),
-        "crimson": matte("crimson", paint("crimson", textures.cloth, n, 64, (0.41, 0.155, 0.25), 0.32)),
+        "sofa": matte(
+            "sofa",
+            paint(
+                "upholstery", textures.cloth, size["small"], 28, (0.78, 0.80, 0.825), 0.16, 0.015
+            ),
+        ),
+        "crimson": matte(
+            "crimson", paint("crimson", textures.cloth, n, 64, (0.41, 0.155, 0.25), 0.32)
+        ),
         "blue": matte("blue", paint("blue", textures.cloth, n, 64, (0.28, 0.37, 0.48), 0.28)),
         "ochre": matte("ochre", paint("ochre", textures.cloth, n, 56, (0.80, 0.58, 0.26), 0.32)),
-        "grey seat": matte("grey seat", paint("grey", textures.cloth, n, 60, (0.46, 0.48, 0.50), 0.30)),
-        "knit": matte("knit", paint("knit", textures.boucle, size["small"], 18, (0.62, 0.66, 0.64), 0.45)),
+        "grey seat": matte(
+            "grey seat", paint("grey", textures.cloth, n, 60, (0.46, 0.48, 0.50), 0.30)
+        ),
+        "knit": matte(
+            "knit", paint("knit", textures.boucle, size["small"], 18, (0.62, 0.66, 0.64), 0.45)
+        ),
         "rug": matte("rug", paint("rug", textures.rug, size["mid"])),
         "fringe": matte("fringe", (0.62, 0.55, 0.43)),
         "curtain": thin_cloth("curtain", linen, 0.42),
-        "shade": thin_cloth("shade", paint("shade", textures.cloth, n, 90, (0.90, 0.83, 0.72), 0.10, 0.02), 0.25),
+        "shade": thin_cloth(
+            "shade", paint("shade", textures.cloth, n, 90, (0.90, 0.83, 0.72), 0.10, 0.02), 0.25
+        ),
     }
 
 
@@ -95,7 +122,9 @@ def _pictures(paint: Painter, size: dict[str, int]) -> dict[str, bpy.types.Mater
         "mat": glossy("mat", (0.80, 0.80, 0.78)),
         "landscape": glossy("landscape", paint("landscape", paintings.landscape, (w * 2 // 3, w))),
         "coast": glossy("coast", paint("coast", paintings.coast, (w * 2 // 3, w))),
-        "view": glow("view", paint("view", paintings.view, (size["small"], size["large"]), paint.seed), 1.6),
+        "view": glow(
+            "view", paint("view", paintings.view, (size["small"], size["large"]), paint.seed), 1.6
+        ),
     }
 
 

@@ -132,7 +132,10 @@ def thin_cloth(name: str, colour: Colour, translucency: float) -> bpy.types.Mate
     """Shades and curtains, which transmit part of the light."""
     material, tree = _new(name)
     below = _shader(tree, "ShaderNodeBsdfDiffuse", colour, 0.0)
-    return _finish(material, _mix(tree, below, _shader(tree, "ShaderNodeBsdfTranslucent", colour), share=translucency))
+    return _finish(
+        material,
+        _mix(tree, below, _shader(tree, "ShaderNodeBsdfTranslucent", colour), share=translucency),
+    )
 
 
 def glow(name: str, colour: Colour, strength: float) -> bpy.types.Material:

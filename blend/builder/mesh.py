@@ -56,9 +56,13 @@ class Mesh:
     def without(self, drop: Callable[[np.ndarray], np.ndarray]) -> Mesh:
         """Remove faces for which drop(face normals (F,3)) is true: hidden bottoms and backs."""
         keep = ~drop(face_normals(self))
-        return _compact(replace(self, faces=self.faces[keep], uv=self.uv[keep], material=self.material[keep]))
+        return _compact(
+            replace(self, faces=self.faces[keep], uv=self.uv[keep], material=self.material[keep])
+        )
 
-    def box_mapped(self, tile_m: float, offset: tuple[float, float] = (0.0, 0.0), turn: bool = False) -> Mesh:
+    def box_mapped(
+        self, tile_m: float, offset: tuple[float, float] = (0.0, 0.0), turn: bool = False
+    ) -> Mesh:
         """Texture coordinates by projection along each face's dominant axis; one texture tile covers tile_m metres."""
         axis = np.abs(face_normals(self)).argmax(1)
         planes = np.array([[1, 2], [0, 2], [0, 1]])[axis]
@@ -117,7 +121,9 @@ def _places(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return order[new], index
 
 
-def _drop_repeated_corners(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _drop_repeated_corners(
+    faces: np.ndarray, uv: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     faces, uv = faces.copy(), uv.copy()
     for k in range(4):
         quad = faces[:, 3] >= 0
@@ -162,4 +168,11 @@ def grid(points: np.ndarray, uv: np.ndarray | None = None) -> Mesh:
     index = np.arange(m * n).reshape(m, n)
     corners = [index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]]
     faces = np.stack([c.reshape(-1) for c in corners], 1)
-    return welded(Mesh(points.reshape(-1, 3).astype(float), faces, uv.reshape(-1, 2)[faces], np.zeros(len(faces), int)))
+    return welded(
+        Mesh(
+            points.reshape(-1, 3).astype(float),
+            faces,
+            uv.reshape(-1, 2)[faces],
+            np.zeros(len(faces), int),
+        )
+    )

@@ -35,7 +35,18 @@ from .wallpieces import casing, door, plane, skirting
 def build(seed: int = 0, detail: float = 1.0) -> None:
     """Build the room in the current, empty Blender scene. The same seed and detail give the same bytes of geometry."""
     stage = Stage(seed, palette(seed, detail), detail)
-    parts = (_shell, _ceiling, _wall_pieces, _desks, _storage, _floor_things, dress_a, dress_b, dress_c, dress_d)
+    parts = (
+        _shell,
+        _ceiling,
+        _wall_pieces,
+        _desks,
+        _storage,
+        _floor_things,
+        dress_a,
+        dress_b,
+        dress_c,
+        dress_d,
+    )
     for part, fill in enumerate(parts):
         fill(stage, np.random.default_rng(np.random.SeedSequence([seed, 12, part])), detail)
     office_light.light()
@@ -44,13 +55,24 @@ def build(seed: int = 0, detail: float = 1.0) -> None:
 
 def _shell(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     w, d, h = X1 - X0, Y1 - Y0, Z1 - Z0
-    stage.add("floor", "floor", plane((X0, Y0, Z0), (w, 0, 0), (0, d, 0), 2.0, (0.25, 0.35)), "floor")
-    stage.add("wall_cabinets", "wall", plane((X1, Y0, Z0), (-w, 0, 0), (0, 0, h), 1.5, (0.3, 0.1)), "wall")
-    stage.add("wall_bare", "wall", plane((X0, Y0, Z0), (0, d, 0), (0, 0, h), 1.5, (0.6, 0.7)), "wall")
+    stage.add(
+        "floor", "floor", plane((X0, Y0, Z0), (w, 0, 0), (0, d, 0), 2.0, (0.25, 0.35)), "floor"
+    )
+    stage.add(
+        "wall_cabinets", "wall", plane((X1, Y0, Z0), (-w, 0, 0), (0, 0, h), 1.5, (0.3, 0.1)), "wall"
+    )
+    stage.add(
+        "wall_bare", "wall", plane((X0, Y0, Z0), (0, d, 0), (0, 0, h), 1.5, (0.6, 0.7)), "wall"
+    )
     stage.add("wall_right", "wall", plane((X1, Y1, Z0), (0, -d, 0), (0, 0, h), 1.5), "wall")
     a, b, top = DOOR
     hole = (a + 0.05 - X0, b - 0.05 - X0, -1.0, top - 0.05)
-    stage.add("wall_door", "wall", plane((X0, Y1, Z0), (w, 0, 0), (0, 0, h), 1.5, (0.1, 0.2), hole), "wall")
+    stage.add(
+        "wall_door",
+        "wall",
+        plane((X0, Y1, Z0), (w, 0, 0), (0, 0, h), 1.5, (0.1, 0.2), hole),
+        "wall",
+    )
 
 
 def _ceiling(stage: Stage, rng: np.random.Generator, detail: float) -> None:
@@ -58,8 +80,12 @@ def _ceiling(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     stage.add("ceiling", "ceiling", panels, "ceiling")
     stage.add("ceiling_rails", "ceiling", rails, "rail", "ceiling")
     for k, (x, y) in enumerate(LUMINAIRES, 1):
-        fitting = stage.add(f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), "rail", "tube light")
-        fitting.visible_diffuse = False  # the rectangle beneath it gives the light; the emission is only visible
+        fitting = stage.add(
+            f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), "rail", "tube light"
+        )
+        fitting.visible_diffuse = (
+            False  # the rectangle beneath it gives the light; the emission is only visible
+        )
     for k, (x, y) in enumerate(VENTS, 1):
         stage.add(f"vent_{k}", "vent", vent(detail).moved(x, y, Z1), "vent", "steel paint")
 
@@ -74,7 +100,9 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         "skirting",
     )
     a, b, top = DOOR
-    stage.add("door_casing", "door", casing(b - a, top, 0.07, 0.018).moved((a + b) / 2, Y1, Z0), "door")
+    stage.add(
+        "door_casing", "door", casing(b - a, top, 0.07, 0.018).moved((a + b) / 2, Y1, Z0), "door"
+    )
     stage.add(
         "door",
         "door",
@@ -83,14 +111,37 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         "steel",
     )
     for k, y in enumerate((-0.725, -0.675), 1):
-        stage.add(f"handle_{k}", "handle", pull_handle(0.20).turned("z", 90).moved(X0 + 0.0005, y, Z0 + 0.947), "steel")
+        stage.add(
+            f"handle_{k}",
+            "handle",
+            pull_handle(0.20).turned("z", 90).moved(X0 + 0.0005, y, Z0 + 0.947),
+            "steel",
+        )
     art = slim_picture(1.05, 0.42, 0.035).turned("z", 90)
-    stage.add("picture_rocks", "picture", art.moved(X0 + 0.002, 0.955, Z0 + 1.495), "black", "mat", "rocks")
+    stage.add(
+        "picture_rocks",
+        "picture",
+        art.moved(X0 + 0.002, 0.955, Z0 + 1.495),
+        "black",
+        "mat",
+        "rocks",
+    )
     art = slim_picture(0.53, 0.53, 0.02).turned("z", 90)
-    stage.add("picture_window", "picture", art.moved(X0 + 0.002, -2.905, Z0 + 1.455), "black", "mat", "still life")
+    stage.add(
+        "picture_window",
+        "picture",
+        art.moved(X0 + 0.002, -2.905, Z0 + 1.455),
+        "black",
+        "mat",
+        "still life",
+    )
     art = slim_picture(0.75, 0.52, 0.05).turned("z", -90)
-    stage.add("picture_coast", "picture", art.moved(X1 - 0.002, 1.45, Z0 + 1.60), "black", "mat", "coast")
-    stage.add("clock", "clock", clock(detail).moved(0.86, Y1 - 0.001, Z0 + 2.02), "black", "dial", "black")
+    stage.add(
+        "picture_coast", "picture", art.moved(X1 - 0.002, 1.45, Z0 + 1.60), "black", "mat", "coast"
+    )
+    stage.add(
+        "clock", "clock", clock(detail).moved(0.86, Y1 - 0.001, Z0 + 2.02), "black", "dial", "black"
+    )
     _board(stage, rng)
     for k, (x, y, turn) in enumerate(((X0, 2.55, 90), (X1, -0.55, -90), (X1, 2.6, -90)), 1):
         stage.add(
@@ -108,12 +159,22 @@ def _board(stage: Stage, rng: np.random.Generator) -> None:
 
     board = notice_board(1.25, 0.85).turned("z", -90).moved(X1 - 0.001, -1.78, Z0 + 1.50)
     stage.add("notice_board", "board", board, "beech", "cork")
-    spots = ((-0.42, 0.16), (-0.15, 0.18), (0.14, 0.13), (0.42, 0.17), (-0.40, -0.19), (-0.02, -0.20), (0.30, -0.20))
+    spots = (
+        (-0.42, 0.16),
+        (-0.15, 0.18),
+        (0.14, 0.13),
+        (0.42, 0.17),
+        (-0.40, -0.19),
+        (-0.02, -0.20),
+        (0.30, -0.20),
+    )
     sheets = []
     for x, z in spots:
         leaf = page(rng, 0.0005, 0.02).turned("z", rng.normal(0, 5)).turned("x", 90)
         sheets.append(leaf.moved(x, -0.0107, z))
-    pins = [block((0.009, 0.010, 0.009), (x, -0.0165, z + 0.125), 0.002).painted(1) for x, z in spots]
+    pins = [
+        block((0.009, 0.010, 0.009), (x, -0.0165, z + 0.125), 0.002).painted(1) for x, z in spots
+    ]
     notes = join([*sheets, *pins]).turned("z", -90).moved(X1 - 0.001, -1.78, Z0 + 1.50)
     stage.add("notices", "paper", notes, "pages", "red plastic")
 
@@ -125,7 +186,9 @@ def _desks(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         ("desk_c", 2.05, 1.35, -90, 1.60), ("desk_d", -2.07, 2.50, 90, 1.60),
     ):  # fmt: skip
         stage.add(name, "desk", desk(width, 0.80).turned("z", turn).moved(x, y, Z0), *skins)
-    for k, (x, y, turn) in enumerate(((-2.10, -2.30, 0), (2.10, -2.30, 0), (2.05, 1.85, -90), (-2.07, 3.0, 90)), 1):
+    for k, (x, y, turn) in enumerate(
+        ((-2.10, -2.30, 0), (2.10, -2.30, 0), (2.05, 1.85, -90), (-2.07, 3.0, 90)), 1
+    ):
         stage.add(
             f"drawers_{k}",
             "cabinet",
@@ -135,15 +198,34 @@ def _desks(stage: Stage, rng: np.random.Generator, detail: float) -> None:
             "black",
         )
     for k, (x, y, turn) in enumerate(
-        ((-0.90, 3.00, 150), (1.60, -2.95, -14), (1.86, -0.74, 186), (1.66, 1.20, -84), (-1.62, 2.42, 102)), 1
+        (
+            (-0.90, 3.00, 150),
+            (1.60, -2.95, -14),
+            (1.86, -0.74, 186),
+            (1.66, 1.20, -84),
+            (-1.62, 2.42, 102),
+        ),
+        1,
     ):
         chair = swivel_chair(rng, detail).mapped(lambda v: v * [1, -1, 1]).flipped()
-        stage.add(f"chair_{k}", "chair", chair.turned("z", turn).moved(x, y, Z0 + 0.0005), "cloth", "black", "steel")
+        stage.add(
+            f"chair_{k}",
+            "chair",
+            chair.turned("z", turn).moved(x, y, Z0 + 0.0005),
+            "cloth",
+            "black",
+            "steel",
+        )
 
 
 def _storage(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     for k, (x, y, turn, labels) in enumerate(
-        ((0.239, -3.36, 180, (0, 1, 2)), (-0.239, -3.36, 180, (3, 4, 5)), (0.84, 3.36, 0, (1, 3, 5))), 1
+        (
+            (0.239, -3.36, 180, (0, 1, 2)),
+            (-0.239, -3.36, 180, (3, 4, 5)),
+            (0.84, 3.36, 0, (1, 3, 5)),
+        ),
+        1,
     ):
         stage.add(
             f"cabinet_{k}",
@@ -155,8 +237,15 @@ def _storage(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         )
     on = Z0 + 1.3207
     stage.add("trays_red", "tray", tray(2).turned("z", 90).moved(0.24, -3.47, on), "red plastic")
-    stage.add("papers_cabinet", "paper", paper_pile(rng, 2, 0.006, 4).turned("z", 80).moved(-0.22, -3.42, on), "pages")
-    stage.add("binders_cabinet", "books", binder_row(rng, 4).moved(0.68, 3.24, on), "spines", "paper")
+    stage.add(
+        "papers_cabinet",
+        "paper",
+        paper_pile(rng, 2, 0.006, 4).turned("z", 80).moved(-0.22, -3.42, on),
+        "pages",
+    )
+    stage.add(
+        "binders_cabinet", "books", binder_row(rng, 4).moved(0.68, 3.24, on), "spines", "paper"
+    )
     for k, x in enumerate((-1.475, -0.475), 1):
         case, levels = bookcase(0.94, 1.88, 5)
         y = Y1 - 0.19
@@ -170,7 +259,9 @@ def _storage(stage: Stage, rng: np.random.Generator, detail: float) -> None:
                 stage.add(
                     f"binders_{k}_{row}",
                     "books",
-                    binder_row(rng, int(rng.integers(7, 11))).moved(place["x"] - 0.44, place["y"] - 0.01, place["z"]),
+                    binder_row(rng, int(rng.integers(7, 11))).moved(
+                        place["x"] - 0.44, place["y"] - 0.01, place["z"]
+                    ),
                     "spines",
                     "paper",
                 )
@@ -196,4 +287,6 @@ def _floor_things(stage: Stage, rng: np.random.Generator, detail: float) -> None
         )
     box = block((0.40, 0.30, 0.26), (0, 0, 0.1305), 0.003)
     lid = block((0.41, 0.31, 0.05), (0, 0, 0.2605), 0.003)
-    stage.add("archive_box", "box", join([box, lid]).turned("z", 12).moved(1.95, 3.40, Z0), "buff card")
+    stage.add(
+        "archive_box", "box", join([box, lid]).turned("z", 12).moved(1.95, 3.40, Z0), "buff card"
+    )

@@ -7,7 +7,17 @@ import numpy as np
 from .mesh import Mesh, join
 from .office_computers import cable, keyboard, monitor, mouse, tower
 from .office_measures import DESK_TOP, X0, X1, Z0
-from .office_stationery import desk_lamp, folder, mug, page, paper_pile, pen_jar, phone, stapler, tray
+from .office_stationery import (
+    desk_lamp,
+    folder,
+    mug,
+    page,
+    paper_pile,
+    pen_jar,
+    phone,
+    stapler,
+    tray,
+)
 from .stage import Stage
 
 TOP = Z0 + DESK_TOP + 0.0003
@@ -25,7 +35,12 @@ def _computer(
 ) -> None:
     """Monitor at (x, y), rotated; before the rotation its user sits at -y. Keyboard at `board` (x, y, rotation) with a mouse."""
     stage.add(
-        f"monitor_{key}", "monitor", monitor(detail).turned("z", turn).moved(at[0], at[1], TOP), "cream", screen, "slot"
+        f"monitor_{key}",
+        "monitor",
+        monitor(detail).turned("z", turn).moved(at[0], at[1], TOP),
+        "cream",
+        screen,
+        "slot",
     )
     x, y, angle = board
     stage.add(
@@ -39,7 +54,12 @@ def _computer(
     )
     a = np.radians(angle)
     beside = np.array([x, y]) + 0.31 * np.array([np.cos(a), np.sin(a)])
-    stage.add(f"mouse_{key}", "mouse", mouse(detail).turned("z", angle + 12).moved(beside[0], beside[1], TOP), "cream")
+    stage.add(
+        f"mouse_{key}",
+        "mouse",
+        mouse(detail).turned("z", angle + 12).moved(beside[0], beside[1], TOP),
+        "cream",
+    )
 
 
 def _tower(stage: Stage, key: str, detail: float, x: float, y: float, turn: float) -> None:
@@ -98,7 +118,13 @@ def dress_a(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 def dress_b(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     """The pair of desks: B2's monitor with a dark screen to the room, red folder, green jar; B1 with phone and a lit screen."""
     _computer(stage, "b2", detail, rng, (1.27, -1.51), 168, (1.36, -1.13, 176))
-    stage.add("folder_red", "folder", folder(rng, 0.018).turned("z", 100).moved(1.66, -1.42, TOP), "red card", "pages")
+    stage.add(
+        "folder_red",
+        "folder",
+        folder(rng, 0.018).turned("z", 100).moved(1.66, -1.42, TOP),
+        "red card",
+        "pages",
+    )
     stage.add(
         "folder_red_2",
         "folder",
@@ -116,12 +142,25 @@ def dress_b(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         "red plastic",
     )
     stage.add(
-        "phone_b", "phone", phone(detail).turned("z", 200).moved(2.08, -1.22, TOP), "phone", "white plastic", "black"
+        "phone_b",
+        "phone",
+        phone(detail).turned("z", 200).moved(2.08, -1.22, TOP),
+        "phone",
+        "white plastic",
+        "black",
     )
     _papers(stage, rng, "b2", ((1.75, -1.15, -14, 3), (2.02, -1.53, 8, 5), (1.55, -1.10, 24, 0)))
     _computer(stage, "b1", detail, rng, (1.78, -2.06), 6, (1.74, -2.43, 3), "lit screen")
-    stage.add("mug_b", "mug", mug(detail).turned("z", 40).moved(2.28, -2.40, TOP), "glaze", "coffee")
-    stage.add("stapler_b", "stapler", stapler(detail).turned("z", 70).moved(1.24, -2.36, TOP), "black", "steel")
+    stage.add(
+        "mug_b", "mug", mug(detail).turned("z", 40).moved(2.28, -2.40, TOP), "glaze", "coffee"
+    )
+    stage.add(
+        "stapler_b",
+        "stapler",
+        stapler(detail).turned("z", 70).moved(1.24, -2.36, TOP),
+        "black",
+        "steel",
+    )
     stage.add("trays_b", "tray", tray(3).moved(2.27, -2.02, TOP), "grey case")
     _papers(stage, rng, "b1", ((1.42, -2.44, 15, 2), (2.05, -2.44, -8, 4), (2.27, -2.02, 0, 1)))
     _tower(stage, "b1", detail, 1.15, -2.28, 0)
@@ -142,11 +181,30 @@ def dress_b(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 def dress_c(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     """Desk C along the right wall: monitor, lamp, papers, mug."""
     _computer(stage, "c", detail, rng, (2.16, 1.28), -84, (1.80, 1.26, -92), "lit screen")
-    stage.add("lamp_c", "lamp", desk_lamp(detail).turned("z", 60).moved(2.28, 0.74, TOP), "chrome", "bulb")
-    stage.add("phone_c", "phone", phone(detail).turned("z", -70).moved(2.02, 1.90, TOP), "cream", "grey keys", "black")
-    stage.add("mug_c", "mug", mug(detail).turned("z", 130).moved(1.86, 0.72, TOP), "blue plastic", "coffee")
     stage.add(
-        "folder_green", "folder", folder(rng, 0.02).turned("z", -80).moved(2.26, 1.94, TOP), "green card", "pages"
+        "lamp_c", "lamp", desk_lamp(detail).turned("z", 60).moved(2.28, 0.74, TOP), "chrome", "bulb"
+    )
+    stage.add(
+        "phone_c",
+        "phone",
+        phone(detail).turned("z", -70).moved(2.02, 1.90, TOP),
+        "cream",
+        "grey keys",
+        "black",
+    )
+    stage.add(
+        "mug_c",
+        "mug",
+        mug(detail).turned("z", 130).moved(1.86, 0.72, TOP),
+        "blue plastic",
+        "coffee",
+    )
+    stage.add(
+        "folder_green",
+        "folder",
+        folder(rng, 0.02).turned("z", -80).moved(2.26, 1.94, TOP),
+        "green card",
+        "pages",
     )
     _papers(stage, rng, "c", ((1.84, 0.92, -100, 2), (1.85, 1.66, -80, 3), (2.10, 0.86, -96, 0)))
     _tower(stage, "c", detail, 2.22, 0.80, -90)
@@ -168,11 +226,28 @@ def dress_d(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     from .office_storage import binder_row
 
     _computer(stage, "d", detail, rng, (-2.18, 2.62), 78, (-1.84, 2.56, 86))
-    stage.add("phone_d", "phone", phone(detail).turned("z", 75).moved(-2.0, 2.02, TOP), "cream", "grey keys", "black")
     stage.add(
-        "binders_d", "books", binder_row(rng, 5).turned("z", 90).moved(-2.17, 3.02 - 0.12, TOP), "spines", "paper"
+        "phone_d",
+        "phone",
+        phone(detail).turned("z", 75).moved(-2.0, 2.02, TOP),
+        "cream",
+        "grey keys",
+        "black",
     )
-    stage.add("folder_buff", "folder", folder(rng, 0.016).turned("z", 70).moved(-1.90, 1.83, TOP), "buff card", "pages")
+    stage.add(
+        "binders_d",
+        "books",
+        binder_row(rng, 5).turned("z", 90).moved(-2.17, 3.02 - 0.12, TOP),
+        "spines",
+        "paper",
+    )
+    stage.add(
+        "folder_buff",
+        "folder",
+        folder(rng, 0.016).turned("z", 70).moved(-1.90, 1.83, TOP),
+        "buff card",
+        "pages",
+    )
     stage.add(
         "pen_jar_d",
         "jar",
@@ -182,7 +257,13 @@ def dress_d(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         "yellow",
         "white plastic",
     )
-    stage.add("lamp_d", "lamp", desk_lamp(detail).turned("z", 165).moved(-2.33, 2.20, TOP), "chrome", "bulb")
+    stage.add(
+        "lamp_d",
+        "lamp",
+        desk_lamp(detail).turned("z", 165).moved(-2.33, 2.20, TOP),
+        "chrome",
+        "bulb",
+    )
     stage.add("trays_d", "tray", tray(2).turned("z", 90).moved(-2.26, 1.90, TOP), "black")
     _papers(stage, rng, "d", ((-1.88, 2.14, 60, 1), (-1.88, 3.08, 96, 4), (-2.26, 1.90, 90, 1)))
     _tower(stage, "d", detail, -2.2, 1.95, 90)

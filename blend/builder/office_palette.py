@@ -33,7 +33,9 @@ def palette(seed: int, detail: float) -> dict[str, bpy.types.Material]:
     """Materials by short name; Blender names carry the prefix `office.`."""
     paint = _Painter(seed, detail)
     made = {**_shell(paint), **_furniture(paint), **_prints(paint), **_plain()}
-    made["tube light"] = glow("tube light", paint("louvers", tex.louvers, paint.size(256), (1.0, 0.997, 0.965)), 1.05)
+    made["tube light"] = glow(
+        "tube light", paint("louvers", tex.louvers, paint.size(256), (1.0, 0.997, 0.965)), 1.05
+    )
     for name, material in made.items():
         material.name = "office." + name
     return made
@@ -45,7 +47,9 @@ def _shell(paint: _Painter) -> dict[str, bpy.types.Material]:
     return {
         "wall": matte("wall", paint("paint", tex.paint, size(1536), (0.790, 0.785, 0.745))),
         "floor": matte("floor", paint("carpet", tex.carpet, size(2048), (0.31, 0.305, 0.298))),
-        "ceiling": matte("ceiling", paint("mineral", tex.mineral, size(1536), (0.69, 0.695, 0.685))),
+        "ceiling": matte(
+            "ceiling", paint("mineral", tex.mineral, size(1536), (0.69, 0.695, 0.685))
+        ),
         # measured in 12 official frames: a bar reflects 0.27 of the wall's light, plus 0.015 (correlation 0.96)
         "rail": polished("rail", (0.20, 0.20, 0.19), 0.27),
         "vent": matte("vent", (0.64, 0.64, 0.60)),
@@ -62,11 +66,18 @@ def _furniture(paint: _Painter) -> dict[str, bpy.types.Material]:
         "laminate": glossy("laminate", red, 1.3),
         "beech": glossy("beech", beech),
         "ochre": glossy("ochre", ochre),
-        "grey case": glossy("grey case", paint("grey", tex.worn_paint, size(512), (0.62, 0.62, 0.60))),
-        "cloth": matte("cloth", paint("cloth", textures.cloth, size(512), 60, (0.20, 0.24, 0.34), 0.35)),
+        "grey case": glossy(
+            "grey case", paint("grey", tex.worn_paint, size(512), (0.62, 0.62, 0.60))
+        ),
+        "cloth": matte(
+            "cloth", paint("cloth", textures.cloth, size(512), 60, (0.20, 0.24, 0.34), 0.35)
+        ),
         "cork": matte("cork", paint("cork", tex.cork, size(512))),
         "cream": glossy("cream", paint("cream", tex.worn_paint, size(512), (0.76, 0.74, 0.66))),
-        "door": glossy("door", paint("door", textures.timber, size(768), (0.50, 0.36, 0.24), (0.60, 0.45, 0.31))),
+        "door": glossy(
+            "door",
+            paint("door", textures.timber, size(768), (0.50, 0.36, 0.24), (0.60, 0.45, 0.31)),
+        ),
     }
 
 
@@ -74,7 +85,8 @@ def _prints(paint: _Painter) -> dict[str, bpy.types.Material]:
     n = paint.size(768)
     shapes = {"rocks": tex.rocks, "coast": paintings.coast, "still life": tex.still_life}
     made = {
-        k: glossy(k, paint(k, f, (n, n * 3 // 4) if k == "still life" else (n * 2 // 3, n))) for k, f in shapes.items()
+        k: glossy(k, paint(k, f, (n, n * 3 // 4) if k == "still life" else (n * 2 // 3, n)))
+        for k, f in shapes.items()
     }
     backs = paint("spines", tex.spines, (n, paint.size(1024)), BOOK_CELLS, BINDER_CELLS)
     return {
@@ -84,7 +96,9 @@ def _prints(paint: _Painter) -> dict[str, bpy.types.Material]:
         "labels": matte("labels", paint("labels", tex.labels, paint.size(56))),
         "dial": glossy("dial", paint("dial", tex.dial, paint.size(512))),
         "lit screen": glow(
-            "lit screen", paint("spreadsheet", tex.spreadsheet, (paint.size(480), paint.size(640))), 0.55
+            "lit screen",
+            paint("spreadsheet", tex.spreadsheet, (paint.size(480), paint.size(640))),
+            0.55,
         ),
     }
 

@@ -24,7 +24,9 @@ def page(rng: np.random.Generator, thick: float = 0.0006, curl: float = 0.006) -
     return sheet(points, thick, uv).moved(z=0.0003)
 
 
-def paper_pile(rng: np.random.Generator, count: int, wad: float = 0.006, askew: float = 7.0) -> Mesh:
+def paper_pile(
+    rng: np.random.Generator, count: int, wad: float = 0.006, askew: float = 7.0
+) -> Mesh:
     """Wads of paper on one another, each a little askew."""
     return join(
         [
@@ -46,7 +48,9 @@ def tray(levels: int) -> Mesh:
         parts.append(block((0.236, 0.003, 0.066), (0, 0.1635, z + 0.036), 0.001))
         parts.append(block((0.236, 0.003, 0.018), (0, -0.1635, z + 0.012), 0.001))
         parts += [
-            block((0.012, 0.012, 0.07), (i * 0.114, j * 0.15, z + 0.036), 0.002) for i in (-1, 1) for j in (-1, 1)
+            block((0.012, 0.012, 0.07), (i * 0.114, j * 0.15, z + 0.036), 0.002)
+            for i in (-1, 1)
+            for j in (-1, 1)
         ]
     return join(parts)
 
@@ -55,7 +59,17 @@ def _side(sign: int) -> Mesh:
     """A side wall whose upper edge falls towards the front."""
     wall = block((0.003, 0.33, 0.066), (sign * 0.1185, 0, 0.036), 0.001)
     return wall.mapped(
-        lambda v: v - np.stack([0 * v[:, 0], 0 * v[:, 0], (v[:, 2] > 0.04) * 0.03 * np.clip(-v[:, 1] / 0.165, 0, 1)], 1)
+        lambda v: (
+            v
+            - np.stack(
+                [
+                    0 * v[:, 0],
+                    0 * v[:, 0],
+                    (v[:, 2] > 0.04) * 0.03 * np.clip(-v[:, 1] / 0.165, 0, 1),
+                ],
+                1,
+            )
+        )
     )
 
 
@@ -65,7 +79,14 @@ def phone(detail: float) -> Mesh:
     body = body.mapped(
         lambda v: (
             v * [1, 1, 1]
-            + np.stack([0 * v[:, 0], 0 * v[:, 0], 0.0005 + v[:, 2] * (-0.35 + 2.2 * (v[:, 1] + 0.11) / 0.4)], 1)
+            + np.stack(
+                [
+                    0 * v[:, 0],
+                    0 * v[:, 0],
+                    0.0005 + v[:, 2] * (-0.35 + 2.2 * (v[:, 1] + 0.11) / 0.4),
+                ],
+                1,
+            )
         )
     )
 
@@ -73,11 +94,17 @@ def phone(detail: float) -> Mesh:
         return 0.0005 + 0.05 * (0.65 + 2.2 * (y + 0.11) / 0.4)
 
     keys = [
-        block((0.017, 0.012, 0.008), (0.01 + 0.025 * i, -0.07 + 0.022 * j, top(-0.07 + 0.022 * j)), 0.002).painted(1)
+        block(
+            (0.017, 0.012, 0.008),
+            (0.01 + 0.025 * i, -0.07 + 0.022 * j, top(-0.07 + 0.022 * j)),
+            0.002,
+        ).painted(1)
         for i in range(3)
         for j in range(4)
     ]
-    window = block((0.07, 0.022, 0.004), (0.035, 0.045, top(0.045)), 0.001).turned("x", 0).painted(2)
+    window = (
+        block((0.07, 0.022, 0.004), (0.035, 0.045, top(0.045)), 0.001).turned("x", 0).painted(2)
+    )
     arc = smooth_profile(
         [
             (-0.065, -0.10, 0.068),
@@ -88,11 +115,14 @@ def phone(detail: float) -> Mesh:
         ],
         9,
     )
-    handset = tube(arc, [0.018, 0.019, 0.014, 0.013, 0.0125, 0.013, 0.015, 0.020, 0.019], steps(12, detail, 6))
+    handset = tube(
+        arc, [0.018, 0.019, 0.014, 0.013, 0.0125, 0.013, 0.015, 0.020, 0.019], steps(12, detail, 6)
+    )
     cups = [
-        lathe([(0, -0.012), (0.024, -0.012), (0.027, 0.0), (0.022, 0.014), (0, 0.016)], steps(16, detail, 8)).moved(
-            -0.065, y, z
-        )
+        lathe(
+            [(0, -0.012), (0.024, -0.012), (0.027, 0.0), (0.022, 0.014), (0, 0.016)],
+            steps(16, detail, 8),
+        ).moved(-0.065, y, z)
         for y, z in ((-0.088, 0.070), (0.088, 0.106))
     ]
     t = np.linspace(0, 1, steps(26 * 8, detail, 60))
@@ -130,17 +160,36 @@ def desk_lamp(detail: float) -> Mesh:
         for s in (-1, 1)
     ]
     knobs = [
-        lathe([(0, -0.016), (0.009, -0.015), (0.011, 0), (0.009, 0.015), (0, 0.016)], 12).turned("x", 90).moved(*p)
+        lathe([(0, -0.016), (0.009, -0.015), (0.011, 0), (0.009, 0.015), (0, 0.016)], 12)
+        .turned("x", 90)
+        .moved(*p)
         for p in joints
     ]
     spring = bar((0.012, 0, 0.075), (0.058, 0, 0.165), 0.005, 8)
-    outer = [(0.072, 0.0), (0.066, 0.03), (0.045, 0.062), (0.024, 0.082), (0.020, 0.112), (0, 0.116)]
+    outer = [
+        (0.072, 0.0),
+        (0.066, 0.03),
+        (0.045, 0.062),
+        (0.024, 0.082),
+        (0.020, 0.112),
+        (0, 0.116),
+    ]
     shade = lathe(
         outer
-        + [(0.0, 0.110), (0.017, 0.106), (0.021, 0.078), (0.042, 0.058), (0.063, 0.028), (0.0705, 0.0), (0.072, 0.0)],
+        + [
+            (0.0, 0.110),
+            (0.017, 0.106),
+            (0.021, 0.078),
+            (0.042, 0.058),
+            (0.063, 0.028),
+            (0.0705, 0.0),
+            (0.072, 0.0),
+        ],
         n,
     )
-    bulb = lathe([(0, 0.012), (0.02, 0.02), (0.026, 0.035), (0.016, 0.06), (0, 0.062)], 14).painted(1)
+    bulb = lathe([(0, 0.012), (0.02, 0.02), (0.026, 0.035), (0.016, 0.06), (0, 0.062)], 14).painted(
+        1
+    )
     head = join([shade, bulb]).moved(z=-0.06).turned("y", 24).moved(-0.062, 0, 0.37)
     return join([foot, *arms, *knobs, spring, head])
 
@@ -163,12 +212,18 @@ def pen_jar(rng: np.random.Generator, detail: float) -> Mesh:
     pens = []
     for k in range(6):
         a = 2 * np.pi * (k + rng.random()) / 6
-        foot, head = 0.022 * np.array([np.cos(a), np.sin(a)]), 0.036 * np.array([np.cos(a + 2.6), np.sin(a + 2.6)])
+        foot, head = (
+            0.022 * np.array([np.cos(a), np.sin(a)]),
+            0.036 * np.array([np.cos(a + 2.6), np.sin(a + 2.6)]),
+        )
         tip = foot + (head - foot) * 1.35
         pens.append(
-            bar((*foot, 0.009), (*tip, rng.uniform(0.13, 0.165)), [0.0036, 0.0036, 0.0036, 0.0030], 6).painted(
-                1 + k % 3
-            )
+            bar(
+                (*foot, 0.009),
+                (*tip, rng.uniform(0.13, 0.165)),
+                [0.0036, 0.0036, 0.0036, 0.0030],
+                6,
+            ).painted(1 + k % 3)
         )
     return join([jar, *pens])
 
@@ -192,7 +247,14 @@ def mug(detail: float) -> Mesh:
     rest = lathe([(0, 0.03), (0.0372, 0.03)], n).painted(1)
     ear = tube(
         smooth_profile(
-            [(0.039, 0, 0.078), (0.062, 0, 0.077), (0.070, 0, 0.05), (0.058, 0, 0.025), (0.039, 0, 0.020)], 14
+            [
+                (0.039, 0, 0.078),
+                (0.062, 0, 0.077),
+                (0.070, 0, 0.05),
+                (0.058, 0, 0.025),
+                (0.039, 0, 0.020),
+            ],
+            14,
         ),
         0.0048,
         8,
@@ -203,11 +265,18 @@ def mug(detail: float) -> Mesh:
 def folder(rng: np.random.Generator, thick: float = 0.012) -> Mesh:
     """A cardboard folder with papers looking out; slots 0 cardboard, 1 pages."""
     papers = (
-        page(rng, thick * 0.7, 0.0).turned("z", rng.normal(0, 2)).moved(0.012, rng.normal(0, 0.006), 0.0015).painted(1)
+        page(rng, thick * 0.7, 0.0)
+        .turned("z", rng.normal(0, 2))
+        .moved(0.012, rng.normal(0, 0.006), 0.0015)
+        .painted(1)
     )
-    covers = [block((0.235, 0.315, 0.0012), (0, 0, z), 0.0003) for z in (0.0008, 0.0022 + thick * 0.75)]
+    covers = [
+        block((0.235, 0.315, 0.0012), (0, 0, z), 0.0003) for z in (0.0008, 0.0022 + thick * 0.75)
+    ]
     lid = covers[1].mapped(
-        lambda v: v + np.stack([0 * v[:, 0], 0 * v[:, 0], 0.012 * np.clip(v[:, 0] / 0.117, 0, 1) ** 2], 1)
+        lambda v: (
+            v + np.stack([0 * v[:, 0], 0 * v[:, 0], 0.012 * np.clip(v[:, 0] / 0.117, 0, 1) ** 2], 1)
+        )
     )
     return join([covers[0], lid, papers])
 
@@ -246,7 +315,9 @@ def waste_basket(rng: np.random.Generator, detail: float) -> Mesh:
         a = 2 * np.pi * k / 5
         ball = rounded_box((0.09, 0.08, 0.075), 0.025, 1, (3, 3, 3))
         dented = replace(
-            ball, verts=ball.verts + 0.005 * np.stack([ripples(ball.verts, rng, 0.07) for _ in range(3)], 1)
+            ball,
+            verts=ball.verts
+            + 0.005 * np.stack([ripples(ball.verts, rng, 0.07) for _ in range(3)], 1),
         )
         parts.append(
             dented.turned("x", 70 * k)

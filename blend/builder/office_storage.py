@@ -16,11 +16,16 @@ BOOK_CELLS, BINDER_CELLS = 24, 8
 def filing_cabinet(labels: tuple[int, int, int], detail: float) -> Mesh:
     """Three drawers, 0.47 x 0.66 x 1.32 m; slots 0 paint, 1 steel, 2 labels (an image of six, `labels` says which)."""
     w, d, h = 0.468, 0.62, 1.32
-    parts = [block((w, d, h), (0, 0.02, h / 2), 0.004, 1.1), block((w - 0.03, 0.02, 0.05), (0, -0.285, 0.025), 0.001)]
+    parts = [
+        block((w, d, h), (0, 0.02, h / 2), 0.004, 1.1),
+        block((w - 0.03, 0.02, 0.05), (0, -0.285, 0.025), 0.001),
+    ]
     for k, cell in enumerate(labels):
         z, pull = 0.265 + 0.425 * (2 - k), (0.010, 0.0, 0.004)[k]
         front = -0.3015 - pull
-        parts.append(block((w - 0.032, 0.022 + pull, 0.412), (0, front + (0.011 + pull / 2), z), 0.004, 1.1))
+        parts.append(
+            block((w - 0.032, 0.022 + pull, 0.412), (0, front + (0.011 + pull / 2), z), 0.004, 1.1)
+        )
         path = [
             [-0.085, 0, 0],
             [-0.083, -0.022, 0],
@@ -32,9 +37,15 @@ def filing_cabinet(labels: tuple[int, int, int], detail: float) -> Mesh:
         parts.append(tube(path, 0.0075, 8).moved(0, front - 0.001, z - 0.06).painted(1))
         holder = block((0.078, 0.004, 0.048), (0.125, front - 0.002, z + 0.12), 0.0015)
         u = cell / 6
-        label = printed((0.125, front - 0.0046, z + 0.12), (0.07, 0, 0), (0, 0, 0.040), (u, 0, u + 1 / 6, 1)).painted(2)
+        label = printed(
+            (0.125, front - 0.0046, z + 0.12), (0.07, 0, 0), (0, 0, 0.040), (u, 0, u + 1 / 6, 1)
+        ).painted(2)
         parts += [holder.painted(1), label]
-    lock = lathe([(0, 0), (0.009, 0), (0.009, 0.004), (0, 0.004)], 12).turned("x", 90).moved(0.19, -0.2925, h - 0.022)
+    lock = (
+        lathe([(0, 0), (0.009, 0), (0.009, 0.004), (0, 0.004)], 12)
+        .turned("x", 90)
+        .moved(0.19, -0.2925, h - 0.022)
+    )
     del detail
     return join([*parts, lock.painted(1)])
 
@@ -42,15 +53,25 @@ def filing_cabinet(labels: tuple[int, int, int], detail: float) -> Mesh:
 def bookcase(width: float, height: float, shelves: int) -> tuple[Mesh, list[float]]:
     """An open bookcase 0.32 m deep. Returns it and the heights of its shelves."""
     t, depth = 0.022, 0.30
-    side = [board((t, depth, height), (s * (width / 2 - t / 2), 0, height / 2), 0.002, turn=True) for s in (-1, 1)]
+    side = [
+        board((t, depth, height), (s * (width / 2 - t / 2), 0, height / 2), 0.002, turn=True)
+        for s in (-1, 1)
+    ]
     levels = np.linspace(0.07, height - t / 2, shelves + 1)
-    planks = [board((width - 2 * t - 0.0006, depth - 0.012, t), (0, 0.002, z), 0.002) for z in levels[:-1]]
+    planks = [
+        board((width - 2 * t - 0.0006, depth - 0.012, t), (0, 0.002, z), 0.002) for z in levels[:-1]
+    ]
     planks.append(board((width + 0.01, depth + 0.01, t), (0, 0, height + t / 2 + 0.0003), 0.003))
     back = block(
-        (width - 2 * t - 0.0006, 0.006, height - 0.0025), (0, depth / 2 - 0.004, (height + 0.0025) / 2), 0.0005, 0.7
+        (width - 2 * t - 0.0006, 0.006, height - 0.0025),
+        (0, depth / 2 - 0.004, (height + 0.0025) / 2),
+        0.0005,
+        0.7,
     )
     foot = board((width - 2 * t - 0.0006, 0.018, 0.058), (0, -depth / 2 + 0.03, 0.0295), 0.002)
-    return join([*side, *planks, back, foot]), [float(z) + t / 2 for z in levels[:-1]] + [height + t + 0.0003]
+    return join([*side, *planks, back, foot]), [float(z) + t / 2 for z in levels[:-1]] + [
+        height + t + 0.0003
+    ]
 
 
 def book_row(rng: np.random.Generator, width: float, tallest: float, fill: float = 0.9) -> Mesh:
@@ -60,11 +81,17 @@ def book_row(rng: np.random.Generator, width: float, tallest: float, fill: float
         thick = float(np.clip(rng.lognormal(-3.5, 0.45), 0.014, 0.062))
         size = (thick, rng.uniform(0.13, 0.22), min(tallest - 0.02, rng.uniform(0.19, 0.30)))
         parts.append(
-            _standing(size, int(rng.integers(BOOK_CELLS))).moved(x + thick / 2, rng.uniform(0, 0.012) + size[1] / 2)
+            _standing(size, int(rng.integers(BOOK_CELLS))).moved(
+                x + thick / 2, rng.uniform(0, 0.012) + size[1] / 2
+            )
         )
         x += thick + 0.0008
     thick, tall = 0.022, min(tallest - 0.03, 0.23)
-    lean = _standing((thick, 0.15, tall), int(rng.integers(BOOK_CELLS))).moved(-thick / 2, 0.085).turned("y", -14)
+    lean = (
+        _standing((thick, 0.15, tall), int(rng.integers(BOOK_CELLS)))
+        .moved(-thick / 2, 0.085)
+        .turned("y", -14)
+    )
     return join([*parts, lean.moved(x + 0.085, 0, 0.0002 + thick * np.sin(np.radians(14)))])
 
 
@@ -74,7 +101,11 @@ def binder_row(rng: np.random.Generator, count: int) -> Mesh:
     for _ in range(count):
         thick = float(rng.choice([0.052, 0.078]))
         cell = BOOK_CELLS + int(rng.integers(BINDER_CELLS))
-        parts.append(_standing((thick, 0.262, 0.315), cell).moved(x + thick / 2, 0.131 + rng.uniform(0, 0.01)))
+        parts.append(
+            _standing((thick, 0.262, 0.315), cell).moved(
+                x + thick / 2, 0.131 + rng.uniform(0, 0.01)
+            )
+        )
         x += thick + 0.001
     return join(parts)
 
@@ -85,7 +116,11 @@ def _standing(size: tuple[float, float, float], cell: int) -> Mesh:
     r = min(0.3 * w, 0.006)
     outer = np.array([(-w, d), (-w, -d + r), (-w + r, -d), (w - r, -d), (w, -d + r), (w, d)])
     inner = np.array(
-        [(-w + 0.0025, d), *[(s * (w - 0.0025), -d + r + 0.001) for s in (-1, -0.5, 0.5, 1)], (w - 0.0025, d)]
+        [
+            (-w + 0.0025, d),
+            *[(s * (w - 0.0025), -d + r + 0.001) for s in (-1, -0.5, 0.5, 1)],
+            (w - 0.0025, d),
+        ]
     )
     rows = [
         np.concatenate([o, np.full((6, 1), z)], 1)
@@ -96,5 +131,7 @@ def _standing(size: tuple[float, float, float], cell: int) -> Mesh:
     uv = np.stack([np.stack([u, np.full(6, v)], 1) for v in (0.01, 0.01, 0.99, 0.99, 0.01)])
     uv[[0, 3, 4], :, 0] = plain
     cover = welded(grid(np.array(rows), uv))
-    pages = block((2 * w - 0.0052, 2 * d - r - 0.006, h - 0.007), (0, (r - 0.002) / 2, h / 2), 0.0004).painted(1)
+    pages = block(
+        (2 * w - 0.0052, 2 * d - r - 0.006, h - 0.007), (0, (r - 0.002) / 2, h / 2), 0.0004
+    ).painted(1)
     return join([outward(cover), pages]).moved(z=0.0002)

@@ -34,7 +34,9 @@ def carpet(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
     worn = cloud(rng, shape, 1.5, 1, 30)
     soil *= np.clip(0.85 + 0.7 * cloud(rng, shape, 1.2, 1, 6), 0.15, 2)
     value = (1 + pile + 0.018 * each + 0.03 * worn - 0.28 * soil) * (0.82 + 0.18 * joint)
-    return to_bytes(np.array(tone) * value[..., None] * (1 - soil[..., None] * np.array([0.0, 0.03, 0.06])))
+    return to_bytes(
+        np.array(tone) * value[..., None] * (1 - soil[..., None] * np.array([0.0, 0.03, 0.06]))
+    )
 
 
 def mineral(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
@@ -69,19 +71,31 @@ def worn_paint(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
     shape = (size, size)
     scratch = smoothstep(2.6, 3.2, cloud(rng, shape, 0.7, 20, 300, (1.0, 14.0)))
     chip = smoothstep(3.1, 3.4, cloud(rng, shape, 0.9, 30, 260))
-    value = 1 + 0.022 * cloud(rng, shape, 1.5, 1, 40) + 0.012 * cloud(rng, shape, 0.3, 50) + 0.10 * scratch - 0.2 * chip
+    value = (
+        1
+        + 0.022 * cloud(rng, shape, 1.5, 1, 40)
+        + 0.012 * cloud(rng, shape, 0.3, 50)
+        + 0.10 * scratch
+        - 0.2 * chip
+    )
     return to_bytes(np.array(tone) * value[..., None])
 
 
-def laminate(rng: np.random.Generator, size: int, dark: Colour, light: Colour, rings: float) -> np.ndarray:
+def laminate(
+    rng: np.random.Generator, size: int, dark: Colour, light: Colour, rings: float
+) -> np.ndarray:
     """1 x 1 m of a desk's top: timber with long streaks along the grain, and short fine ones."""
     shape = (size, size)
-    streaks = 0.11 * cloud(rng, shape, 0.3, 20, 250, (1, 30)) + 0.24 * cloud(rng, shape, 0.1, 90, 400, (1, 8))
+    streaks = 0.11 * cloud(rng, shape, 0.3, 20, 250, (1, 30)) + 0.24 * cloud(
+        rng, shape, 0.1, 90, 400, (1, 8)
+    )
     return to_bytes(timber(rng, size, dark, light, rings) / 255 * (1 + streaks[..., None]))
 
 
 def cork(rng: np.random.Generator, size: int) -> np.ndarray:
-    value = 1 + 0.10 * cloud(rng, (size, size), 0.5, 20, 400) + 0.05 * cloud(rng, (size, size), 0.2, 80)
+    value = (
+        1 + 0.10 * cloud(rng, (size, size), 0.5, 20, 400) + 0.05 * cloud(rng, (size, size), 0.2, 80)
+    )
     return to_bytes(np.array((0.66, 0.50, 0.34)) * value[..., None])
 
 
@@ -116,20 +130,25 @@ def pages(rng: np.random.Generator, size: int) -> np.ndarray:
 def _write(rng: np.random.Generator, leaf: np.ndarray, list_like: bool, chart: bool) -> None:
     n = len(leaf)
     tone = np.array((0.52, 0.52, 0.55))
-    leaf[int(0.90 * n) : int(0.925 * n), int(0.1 * n) : int(0.1 * n + 0.4 * n * rng.uniform(0.5, 1))] = tone
+    leaf[
+        int(0.90 * n) : int(0.925 * n), int(0.1 * n) : int(0.1 * n + 0.4 * n * rng.uniform(0.5, 1))
+    ] = tone
     for y in np.arange(0.08, 0.86, 0.026):
         if chart and 0.2 < y < 0.5 or rng.random() < 0.08:
             continue
         x, end = 0.1 + 0.05 * list_like, rng.uniform(0.55, 0.9) if rng.random() < 0.25 else 0.9
         while x < (0.5 if list_like and rng.random() < 0.5 else end):
             word = rng.uniform(0.02, 0.09)
-            leaf[int(y * n) : int((y + 0.010) * n), int(x * n) : int(min(x + word, end) * n)] = tone + rng.uniform(
-                0, 0.25
+            leaf[int(y * n) : int((y + 0.010) * n), int(x * n) : int(min(x + word, end) * n)] = (
+                tone + rng.uniform(0, 0.25)
             )
             x += word + 0.014
     if chart:
         for i, tall in enumerate(rng.uniform(0.05, 0.26, 8)):
-            leaf[int(0.22 * n) : int((0.22 + tall) * n), int((0.15 + 0.085 * i) * n) : int((0.21 + 0.085 * i) * n)] = (
+            leaf[
+                int(0.22 * n) : int((0.22 + tall) * n),
+                int((0.15 + 0.085 * i) * n) : int((0.21 + 0.085 * i) * n),
+            ] = (
                 0.25,
                 0.35,
                 0.6,
@@ -178,7 +197,11 @@ def _file(rng: np.random.Generator, back: np.ndarray) -> None:
     back[:] = back * 0.25 + rng.choice([0.08, 0.12, 0.40])
     back[int(0.45 * h) : int(0.86 * h), int(0.16 * w) : int(0.84 * w)] = (0.90, 0.89, 0.85)
     for y in np.arange(0.52, 0.82, 0.05):
-        back[int(y * h) : int((y + 0.012) * h), int(0.26 * w) : int(rng.uniform(0.5, 0.76) * w)] = (0.2, 0.2, 0.25)
+        back[int(y * h) : int((y + 0.012) * h), int(0.26 * w) : int(rng.uniform(0.5, 0.76) * w)] = (
+            0.2,
+            0.2,
+            0.25,
+        )
     yy, xx = np.mgrid[0:h, 0:w]
     back[np.hypot((yy / h - 0.18) * 4.2, xx / w - 0.5) < 0.22] = (0.55, 0.55, 0.56)
     back[np.hypot((yy / h - 0.18) * 4.2, xx / w - 0.5) < 0.15] = (0.03, 0.03, 0.03)
@@ -200,7 +223,9 @@ def spreadsheet(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
             x0, y0, fill = c * sheet.shape[1] // columns, r * sheet.shape[0] // rows, rng.random()
             sheet[:, x0] = 0.88
             if fill < 0.75:
-                sheet[y0 + 3 : y0 + 8, x0 + 4 : x0 + 4 + int(0.8 * fill * sheet.shape[1] / columns)] = 0.60
+                sheet[
+                    y0 + 3 : y0 + 8, x0 + 4 : x0 + 4 + int(0.8 * fill * sheet.shape[1] / columns)
+                ] = 0.60
     return to_bytes(out)
 
 
@@ -218,13 +243,19 @@ def still_life(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     """A lit window with bars behind two pots of foliage: the small poster over desk A."""
     h, w = size
     y, x = np.mgrid[0:h, 0:w] / np.array([h, w]).reshape(2, 1, 1)
-    out = blend((0.80, 0.50, 0.22), (0.93, 0.82, 0.52), np.clip(y + 0.15 * cloud(rng, size, 1.5, 1, 20), 0, 1))
+    out = blend(
+        (0.80, 0.50, 0.22),
+        (0.93, 0.82, 0.52),
+        np.clip(y + 0.15 * cloud(rng, size, 1.5, 1, 20), 0, 1),
+    )
     bars = (np.abs((x * 3) % 1 - 0.5) > 0.47) | (np.abs((y * 4) % 1 - 0.5) > 0.47)
     out = blend(out, (0.10, 0.07, 0.06), bars * 1.0)
     out = blend(out, (0.42, 0.20, 0.10), (y < 0.16) * 1.0)
     for cx, wide, tall in ((0.30, 0.13, 0.30), (0.70, 0.15, 0.24)):
         out = blend(
-            out, (0.36, 0.12, 0.07), ((np.abs(x - cx) < wide * (0.6 + 0.6 * y)) & (y > 0.10) & (y < tall)) * 1.0
+            out,
+            (0.36, 0.12, 0.07),
+            ((np.abs(x - cx) < wide * (0.6 + 0.6 * y)) & (y > 0.10) & (y < tall)) * 1.0,
         )
         leaf = cloud(rng, size, 0.8, 6, 60) + 1.6 - 9 * np.hypot((x - cx) * 1.3, y - tall - 0.22)
         green = np.array((0.12, 0.22, 0.08)) * (1 + 0.4 * cloud(rng, size, 0.6, 10, 120))[..., None]
@@ -244,10 +275,16 @@ def rocks(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     crest = crest + 0.05 * cloud(rng, (1, 2 * w), 1.3, 3, 120)[0][:w][None]
     block = cloud(rng, size, 1.15, 6, 160, (1.6, 1.0))
     light = block - np.roll(block, (w // 160, -w // 160), (0, 1))
-    stone = np.array((0.62, 0.56, 0.46)) * np.clip(1 + 0.16 * block + 0.55 * light, 0.15, 1.7)[..., None]
+    stone = (
+        np.array((0.62, 0.56, 0.46))
+        * np.clip(1 + 0.16 * block + 0.55 * light, 0.15, 1.7)[..., None]
+    )
     leaf = cloud(rng, size, 0.85, 24, 170)
     bush = smoothstep(0.35, 0.75, cloud(rng, size, 1.5, 4, 40) + 0.35 * leaf)
     green = np.array((0.20, 0.27, 0.12)) * np.clip(1 + 0.55 * leaf, 0.15, 2.2)[..., None]
     out = blend(out, blend(stone, green, bush), smoothstep(-0.004, 0.004, crest + 0.02 * leaf - y))
-    water = np.array((0.20, 0.20, 0.19)) * (1 + 0.22 * cloud(rng, size, 0.8, 10, 120, (3.0, 0.6)))[..., None]
+    water = (
+        np.array((0.20, 0.20, 0.19))
+        * (1 + 0.22 * cloud(rng, size, 0.8, 10, 120, (3.0, 0.6)))[..., None]
+    )
     return to_bytes(blend(out, water, (y < 0.16 + 0.02 * block) * 1.0))

@@ -38,11 +38,16 @@ def ceiling() -> tuple[Mesh, Mesh]:
     edge = [_strip((x, 0, Z1), (0.022, Y1 - Y0), RAIL) for x in (X0 + 0.011, X1 - 0.011)] + [
         _strip((0, y, Z1), (X1 - X0 - 0.044, 0.022), RAIL) for y in (Y0 + 0.011, Y1 - 0.011)
     ]
-    return join(cells), join([part for rail in (*long, *cross, *edge) for part in _with_flanks(rail)])
+    return join(cells), join(
+        [part for rail in (*long, *cross, *edge) for part in _with_flanks(rail)]
+    )
 
 
 def _with_flanks(strip: Mesh) -> list[Mesh]:
-    return [strip.without(lambda n: n[:, 2] > -0.9), strip.without(lambda n: n[:, 2] <= -0.9).painted(1)]
+    return [
+        strip.without(lambda n: n[:, 2] > -0.9),
+        strip.without(lambda n: n[:, 2] <= -0.9).painted(1),
+    ]
 
 
 def _strip(centre: tuple[float, float, float], size: tuple[float, float], low: float) -> Mesh:
@@ -61,7 +66,8 @@ def luminaire() -> Mesh:
     middle = _strip((0, 0, 0), (DIVIDER, inner), LOW)
     near, far = DIVIDER / 2, w / 2 - FRAME
     lights = [
-        printed((x, 0, 0), (0, inner, 0), (far - near, 0, 0)).painted(1) for x in (-(near + far) / 2, (near + far) / 2)
+        printed((x, 0, 0), (0, inner, 0), (far - near, 0, 0)).painted(1)
+        for x in (-(near + far) / 2, (near + far) / 2)
     ]
     return join([rim, middle, *lights])
 
@@ -87,12 +93,19 @@ def vent(detail: float) -> Mesh:
 def slim_picture(width: float, height: float, mat: float) -> Mesh:
     """A picture in a thin frame in the x-z plane facing -y, its back at y = 0; slots 0 frame, 1 mat, 2 print."""
     rim = frame(
-        width, height, [(0, 0.001), (0, 0.021), (0.002, 0.023), (0.010, 0.023), (0.012, 0.021), (0.012, 0.013)], 0.4
+        width,
+        height,
+        [(0, 0.001), (0, 0.021), (0.002, 0.023), (0.010, 0.023), (0.012, 0.021), (0.012, 0.013)],
+        0.4,
     )
     w, h = width - 0.023, height - 0.023
-    board = plane((-w / 2, -0.014, -h / 2), (w, 0, 0), (0, 0, h), 1.0, hole=(mat, w - mat, mat, h - mat)).painted(1)
+    board = plane(
+        (-w / 2, -0.014, -h / 2), (w, 0, 0), (0, 0, h), 1.0, hole=(mat, w - mat, mat, h - mat)
+    ).painted(1)
     edge = frame(w - 2 * mat, h - 2 * mat, [(0, 0.014), (0.002, 0.012)]).painted(1)
-    art = printed((0, -0.012, 0), (w - 2 * mat - 0.004, 0, 0), (0, 0, h - 2 * mat - 0.004)).painted(2)
+    art = printed((0, -0.012, 0), (w - 2 * mat - 0.004, 0, 0), (0, 0, h - 2 * mat - 0.004)).painted(
+        2
+    )
     return join([rim, board, edge, art])
 
 
@@ -100,7 +113,15 @@ def clock(detail: float) -> Mesh:
     """A wall clock facing -y at ten past ten, 0.30 m across; slots 0 rim, 1 dial (image), 2 hands."""
     n = steps(48, detail, 16)
     rim = lathe(
-        [(0.150, 0.001), (0.150, 0.03), (0.146, 0.036), (0.139, 0.036), (0.136, 0.030), (0.136, 0.022)], n
+        [
+            (0.150, 0.001),
+            (0.150, 0.03),
+            (0.146, 0.036),
+            (0.139, 0.036),
+            (0.136, 0.030),
+            (0.136, 0.022),
+        ],
+        n,
     ).turned("x", 90)
     disc = facing(lathe([(0.0, 0.020), (0.137, 0.020)], n), 1)
     uv = disc.verts[np.where(disc.faces < 0, disc.faces[:, :1], disc.faces)][..., :2] / 0.274 + 0.5
@@ -110,14 +131,21 @@ def clock(detail: float) -> Mesh:
         block((0.007, 0.002, 0.125), (0, -0.0265, 0.05), 0.0006).turned("y", 60),
         block((0.003, 0.001, 0.13), (0, -0.0285, 0.045), 0.0003).turned("y", 200),
     ]
-    pin = lathe([(0, 0), (0.007, 0), (0.006, 0.008), (0, 0.009)], 12).turned("x", 90).moved(0, -0.0215)
+    pin = (
+        lathe([(0, 0), (0.007, 0), (0.006, 0.008), (0, 0.009)], 12)
+        .turned("x", 90)
+        .moved(0, -0.0215)
+    )
     return join([rim, dial, *[p.painted(2) for p in (*hands, pin)]])
 
 
 def notice_board(width: float, height: float) -> Mesh:
     """A cork board in a wooden frame facing -y; slots 0 frame, 1 cork."""
     rim = frame(
-        width, height, [(0, 0.001), (0, 0.018), (0.003, 0.020), (0.022, 0.020), (0.025, 0.018), (0.025, 0.009)], 0.5
+        width,
+        height,
+        [(0, 0.001), (0, 0.018), (0.003, 0.020), (0.022, 0.020), (0.025, 0.018), (0.025, 0.009)],
+        0.5,
     )
     w, h = width - 0.049, height - 0.049
     return join([rim, plane((-w / 2, -0.010, -h / 2), (w, 0, 0), (0, 0, h), 0.5).painted(1)])
@@ -140,7 +168,10 @@ def socket_plate() -> Mesh:
         dish = facing(lathe([(0.0, -0.002), (0.020, -0.002), (0.022, 0.0)], 16), 1).turned("x", 90)
         parts += [
             dish.moved(x, -0.0127, 0),
-            *[block((0.005, 0.003, 0.005), (x + s * 0.0095, -0.0112, 0), 0.0005).painted(1) for s in (-1, 1)],
+            *[
+                block((0.005, 0.003, 0.005), (x + s * 0.0095, -0.0112, 0), 0.0005).painted(1)
+                for s in (-1, 1)
+            ],
         ]
     return join(parts)
 
@@ -148,7 +179,17 @@ def socket_plate() -> Mesh:
 def coat_stand(detail: float) -> Mesh:
     """A polished pole with four tiers of arms that end in balls, 1.76 m; slot 0 chrome."""
     n = steps(16, detail, 8)
-    ball = lathe([(0, -0.019), (0.012, -0.0155), (0.0185, -0.004), (0.0185, 0.004), (0.012, 0.0155), (0, 0.019)], n)
+    ball = lathe(
+        [
+            (0, -0.019),
+            (0.012, -0.0155),
+            (0.0185, -0.004),
+            (0.0185, 0.004),
+            (0.012, 0.0155),
+            (0, 0.019),
+        ],
+        n,
+    )
     foot = lathe(
         [
             (0, 0.0005),
@@ -163,8 +204,17 @@ def coat_stand(detail: float) -> Mesh:
         steps(36, detail, 12),
     )
     parts = [foot, bar((0, 0, 0.055), (0, 0, 1.73), 0.015, n), ball.moved(z=1.741)]
-    for z, turn, reach in ((1.66, 78, 0.165), (1.60, 168, 0.12), (1.53, 78, 0.115), (1.47, 168, 0.11)):
+    for z, turn, reach in (
+        (1.66, 78, 0.165),
+        (1.60, 168, 0.12),
+        (1.53, 78, 0.115),
+        (1.47, 168, 0.11),
+    ):
         for side in (0, 180):
-            arm = tube([[0.012, 0, z - 0.012], [reach * 0.6, 0, z], [reach, 0, z + 0.012]], 0.0062, 8)
-            parts.append(join([arm, ball.moved(reach + 0.008, 0, z + 0.016)]).turned("z", turn + side))
+            arm = tube(
+                [[0.012, 0, z - 0.012], [reach * 0.6, 0, z], [reach, 0, z + 0.012]], 0.0062, 8
+            )
+            parts.append(
+                join([arm, ball.moved(reach + 0.008, 0, z + 0.016)]).turned("z", turn + side)
+            )
     return join(parts)

@@ -13,7 +13,11 @@ def open_with(place_m: tuple[float, float, float], down_deg: float, turn_deg: fl
     scene = bpy.context.scene
     scene.render.engine, scene.render.filepath = "CYCLES", "//"
     scene.view_settings.view_transform = "Standard"
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 640, 480, 100
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = (
+        640,
+        480,
+        100,
+    )
     scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = 1.0, 481.2 / 480.0
     scene.unit_settings.system = "METRIC"
     camera = bpy.data.cameras.new("camera")

@@ -23,7 +23,9 @@ def cloud(
 
 
 @functools.lru_cache(maxsize=4)
-def _gain(shape: tuple[int, int], slope: float, low: float, high: float, stretch: tuple[float, float]) -> np.ndarray:
+def _gain(
+    shape: tuple[int, int], slope: float, low: float, high: float, stretch: tuple[float, float]
+) -> np.ndarray:
     """The amplitude of each frequency of `cloud`; cached, because boards and threads use the same ones."""
     fy = np.fft.fftfreq(shape[0], 1 / shape[0])[:, None] * stretch[0]
     fx = np.fft.rfftfreq(shape[1], 1 / shape[1])[None, :] * stretch[1]
@@ -48,7 +50,9 @@ def weave(rng: np.random.Generator, size: int, threads: int, irregular: float = 
     y = y + irregular * 1.2 * cloud(rng, (size, size), 1.2, 1, threads)
     warp_up = (np.floor(x) + np.floor(y)) % 2 == 0
     across_warp, along_warp = np.sin(np.pi * (x % 1)), np.sin(np.pi * (y % 1))
-    crown = np.where(warp_up, across_warp * (0.55 + 0.45 * along_warp), along_warp * (0.55 + 0.45 * across_warp))
+    crown = np.where(
+        warp_up, across_warp * (0.55 + 0.45 * along_warp), along_warp * (0.55 + 0.45 * across_warp)
+    )
     thread_tone = 1 + irregular * cloud(rng, (size, size), 0.6, 2, threads)
     return np.clip(crown**0.7 * thread_tone, 0, 1.2)
 

@@ -15,7 +15,9 @@ def steps(count: int, detail: float, least: int = 3) -> int:
     return max(least, round(count * detail))
 
 
-def _rounded_axis(half: float, radius: float, arcs: int, divisions: int) -> tuple[np.ndarray, float]:
+def _rounded_axis(
+    half: float, radius: float, arcs: int, divisions: int
+) -> tuple[np.ndarray, float]:
     """Coordinates across one side of a rounded box: equal angles in the bevel, a holding line, then the flat."""
     flat = half - radius
     bevel = flat + radius * np.tan(np.linspace(0, np.pi / 4, arcs + 1))
@@ -25,7 +27,11 @@ def _rounded_axis(half: float, radius: float, arcs: int, divisions: int) -> tupl
 
 
 def rounded_box(
-    size: Sequence[float], radius: float, arcs: int = 1, divisions: Sequence[int] = (1, 1, 1), tile_m: float = 1.0
+    size: Sequence[float],
+    radius: float,
+    arcs: int = 1,
+    divisions: Sequence[int] = (1, 1, 1),
+    tile_m: float = 1.0,
 ) -> Mesh:
     """A box of `size` (3,) about the origin with rounded edges; the flats are cut into `divisions` so that they can
     be bent.
@@ -59,7 +65,14 @@ def lathe(profile: ArrayLike, segments: int, arc_deg: float = 360.0) -> Mesh:
     prof = np.asarray(profile, float)
     angle = np.radians(np.linspace(0, arc_deg, segments + 1))
     length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(prof, axis=0), axis=1))])
-    p = np.stack([prof[:, :1] * np.cos(angle), prof[:, :1] * np.sin(angle), np.repeat(prof[:, 1:], len(angle), 1)], -1)
+    p = np.stack(
+        [
+            prof[:, :1] * np.cos(angle),
+            prof[:, :1] * np.sin(angle),
+            np.repeat(prof[:, 1:], len(angle), 1),
+        ],
+        -1,
+    )
     uv = np.stack(np.meshgrid(np.linspace(0, 1, len(angle)), length / max(length[-1], 1e-9)), -1)
     return grid(p, uv)
 
@@ -71,7 +84,9 @@ def smooth_profile(points: ArrayLike, count: int) -> np.ndarray:
     t = np.linspace(0, len(p) - 3 - 1e-9, count)
     k, s = t.astype(int), (t % 1)[:, None]
     a, b, c, d = p[k], p[k + 1], p[k + 2], p[k + 3]
-    return 0.5 * (2 * b + (c - a) * s + (2 * a - 5 * b + 4 * c - d) * s**2 + (3 * b - a - 3 * c + d) * s**3)
+    return 0.5 * (
+        2 * b + (c - a) * s + (2 * a - 5 * b + 4 * c - d) * s**2 + (3 * b - a - 3 * c + d) * s**3
+    )
 
 
 def _frames_along(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -107,10 +122,14 @@ def tube(path: ArrayLike, radius: ArrayLike, sides: int = 8, closed_ends: bool =
 
 def bar(start: ArrayLike, end: ArrayLike, radius: ArrayLike, sides: int = 8) -> Mesh:
     """A straight tube."""
-    return tube(np.linspace(np.asarray(start), np.asarray(end), max(2, np.size(radius))), radius, sides)
+    return tube(
+        np.linspace(np.asarray(start), np.asarray(end), max(2, np.size(radius))), radius, sides
+    )
 
 
-def frame(width: float, height: float, profile: Sequence[Sequence[float]], tile_m: float = 0.5) -> Mesh:
+def frame(
+    width: float, height: float, profile: Sequence[Sequence[float]], tile_m: float = 0.5
+) -> Mesh:
     """A mitred frame in the x-z plane facing -y: profile rows (inset from the outer edge, height towards the viewer),
     from the outer back inwards.
     """
@@ -140,11 +159,15 @@ def sheet(points: np.ndarray, thickness: float, uv: np.ndarray | None = None) ->
     rim_low = np.concatenate([low[0, :-1], low[:-1, -1], low[-1, :0:-1], low[:0:-1, 0], low[:1, 0]])
     rim = grid(np.stack([rim_low, rim_top]))
     if uv is not None:
-        rim = Mesh(rim.verts, rim.faces, np.full_like(rim.uv, float(uv.reshape(-1, 2)[0, 0])), rim.material)
+        rim = Mesh(
+            rim.verts, rim.faces, np.full_like(rim.uv, float(uv.reshape(-1, 2)[0, 0])), rim.material
+        )
     return outward(welded(join([front, back, rim])))
 
 
-def ripples(points: np.ndarray, rng: np.random.Generator, wavelength: float, waves: int = 12) -> np.ndarray:
+def ripples(
+    points: np.ndarray, rng: np.random.Generator, wavelength: float, waves: int = 12
+) -> np.ndarray:
     """Smooth noise (N,) of unit size at points (N,3): a sum of random plane waves around one wavelength (metres)."""
     direction = rng.normal(size=(waves, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

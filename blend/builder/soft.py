@@ -18,7 +18,9 @@ GAP = 0.012  # between the cushions, and between these and the arms: two pixels 
 
 def _placed_box(low: tuple, high: tuple, radius: float, arcs: int, divisions: tuple) -> Mesh:
     first, last = np.array(low), np.array(high)
-    return rounded_box(last - first, radius, arcs, divisions, FABRIC_TILE).moved(*((first + last) / 2))
+    return rounded_box(last - first, radius, arcs, divisions, FABRIC_TILE).moved(
+        *((first + last) / 2)
+    )
 
 
 def _crumpled(mesh: Mesh, rng: np.random.Generator, height: float, wavelength: float) -> Mesh:
@@ -36,7 +38,9 @@ def _seat(x0: float, x1: float, rng: np.random.Generator, detail: float) -> Mesh
         s, t = (v[:, 0] - cx) / hx, (v[:, 1] - 0.35) / 0.35
         top = np.clip((v[:, 2] - 0.40) / 0.1, 0, 1)
         dome = np.clip((1 - s**4) * (1 - t**4), 0, 1)
-        v[:, 2] += top * (0.008 * dome - 0.007 * np.exp(-((s / 0.45) ** 2 + ((t - 0.1) / 0.5) ** 2)))
+        v[:, 2] += top * (
+            0.008 * dome - 0.007 * np.exp(-((s / 0.45) ** 2 + ((t - 0.1) / 0.5) ** 2))
+        )
         v[:, 1] -= 0.006 * (1 - s**2) * np.clip(-t, 0, 1) ** 4
         return v
 
@@ -45,7 +49,9 @@ def _seat(x0: float, x1: float, rng: np.random.Generator, detail: float) -> Mesh
 
 def _back(rng: np.random.Generator, detail: float) -> Mesh:
     n = steps(18, detail)
-    back = _placed_box((-LENGTH / 2, 0.703, BELLY), (LENGTH / 2, DEPTH, BACK_TOP), 0.05, 2, (n, 2, 8))
+    back = _placed_box(
+        (-LENGTH / 2, 0.703, BELLY), (LENGTH / 2, DEPTH, BACK_TOP), 0.05, 2, (n, 2, 8)
+    )
 
     def lean(v: np.ndarray) -> np.ndarray:
         front = np.clip((DEPTH - v[:, 1]) / (DEPTH - 0.703), 0, 1)
@@ -66,33 +72,57 @@ def sofa(rng: np.random.Generator, detail: float) -> Mesh:
     def soften(v: np.ndarray) -> np.ndarray:
         v[:, 2] -= 0.016 * np.clip(1 - v[:, 1] / 0.09, 0, 1) ** 2 * (v[:, 2] > 0.5)
         v[:, 0] += (
-            0.006 * np.sin(np.pi * np.clip(v[:, 1] / 0.7, 0, 1)) * np.sign(v[:, 0] + half - ARM / 2) * (v[:, 2] > 0.3)
+            0.006
+            * np.sin(np.pi * np.clip(v[:, 1] / 0.7, 0, 1))
+            * np.sign(v[:, 0] + half - ARM / 2)
+            * (v[:, 2] > 0.3)
         )
         return v
 
     arm = _crumpled(arm.mapped(soften), rng, 0.0010, 0.2)
-    base = _placed_box((-inner + 0.004, 0.010, BELLY + 0.004), (inner - 0.004, 0.698, 0.342), 0.010, 1, (n, 1, 1))
-    seats = [_seat(-inner + GAP / 2, -GAP / 2, rng, detail), _seat(GAP / 2, inner - GAP / 2, rng, detail)]
+    base = _placed_box(
+        (-inner + 0.004, 0.010, BELLY + 0.004), (inner - 0.004, 0.698, 0.342), 0.010, 1, (n, 1, 1)
+    )
+    seats = [
+        _seat(-inner + GAP / 2, -GAP / 2, rng, detail),
+        _seat(GAP / 2, inner - GAP / 2, rng, detail),
+    ]
     gaps = [
         block((2 * inner, 0.60, GAP), (0, 0.325, 0.347), 0.001),
         *(block((GAP, 0.60, 0.13), (x, 0.325, 0.425), 0.001) for x in (-inner, 0, inner)),
     ]
-    foot = lathe([(0, 0.0), (0.018, 0.0), (0.020, 0.004), (0.026, BELLY + 0.004)], steps(12, detail, 6)).painted(1)
+    foot = lathe(
+        [(0, 0.0), (0.018, 0.0), (0.020, 0.004), (0.026, BELLY + 0.004)], steps(12, detail, 6)
+    ).painted(1)
     feet = [
         foot.moved(x, y)
         for x in (-half + 0.075, -inner + 0.02, inner - 0.02, half - 0.075)
         for y in (0.055, DEPTH - 0.06)
     ]
     feet += [foot.moved(0, 0.055), foot.moved(0, DEPTH - 0.06)]
-    return join([arm, arm.mirrored(0), base, _back(rng, detail), *seats, *(gap.painted(1) for gap in gaps), *feet])
+    return join(
+        [
+            arm,
+            arm.mirrored(0),
+            base,
+            _back(rng, detail),
+            *seats,
+            *(gap.painted(1) for gap in gaps),
+            *feet,
+        ]
+    )
 
 
-def pillow(rng: np.random.Generator, size: float, thick: float, detail: float, crease: float = 1.0) -> Mesh:
+def pillow(
+    rng: np.random.Generator, size: float, thick: float, detail: float, crease: float = 1.0
+) -> Mesh:
     """A scatter cushion standing on its lower edge (z = 0), centred in x, facing -y: dog ears, puckered seams, a dent
     from a hand.
     """
     n = steps(22, detail, 6) + 1
-    s, t = np.meshgrid(np.sin(np.linspace(-1, 1, n) * np.pi / 2), np.sin(np.linspace(-1, 1, n) * np.pi / 2))
+    s, t = np.meshgrid(
+        np.sin(np.linspace(-1, 1, n) * np.pi / 2), np.sin(np.linspace(-1, 1, n) * np.pi / 2)
+    )
     pinch, corner = 0.05, 0.045 * s**8 * t**8
     x, z = s * (1 - pinch * (1 - t**2) - corner), t * (1 - pinch * (1 - s**2) - corner)
     body = np.clip((1 - s**2) * (1 - t**2), 0, 1)
@@ -129,17 +159,24 @@ def _outline(x: np.ndarray, z: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]
         (-1, slice(None, None, -1)),
         (slice(None, None, -1), 0),
     )
-    return [(x[i][:-1] if k < 3 else x[i], z[i][:-1] if k < 3 else z[i]) for k, i in enumerate(sides)]
+    return [
+        (x[i][:-1] if k < 3 else x[i], z[i][:-1] if k < 3 else z[i]) for k, i in enumerate(sides)
+    ]
 
 
-def curtain(rng: np.random.Generator, width: float, height: float, pleats: int, detail: float) -> Mesh:
+def curtain(
+    rng: np.random.Generator, width: float, height: float, pleats: int, detail: float
+) -> Mesh:
     """A hanging pleated curtain, x from 0 to width, z from 0 to height, folds in y. One surface, so that light
     passes.
     """
     columns, rows = pleats * steps(10, detail, 5) + 1, steps(22, detail, 6)
     s, t = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows) ** 0.85)
     flat = np.stack([s * width * 2.2, 0 * s, t * height * 0.35], -1).reshape(-1, 3)
-    drift, vary = ripples(flat, rng, 0.55).reshape(s.shape), ripples(flat, rng, 0.30).reshape(s.shape)
+    drift, vary = (
+        ripples(flat, rng, 0.55).reshape(s.shape),
+        ripples(flat, rng, 0.30).reshape(s.shape),
+    )
     loose = 1 - t
     phase = 2 * np.pi * (pleats * s + 0.16 * drift * loose)
     fold = np.sin(phase) + 0.25 * np.sin(2 * phase + 0.6)
@@ -156,7 +193,9 @@ def curtain(rng: np.random.Generator, width: float, height: float, pleats: int, 
 def rug(rng: np.random.Generator, width: float, length: float, detail: float) -> Mesh:
     """A rug lying on z = 0, 9 mm thick with slightly wavy edges; no underside. Slots: 0 rug, 1 fringe."""
     nx, ny = steps(36, detail), steps(36, detail)
-    x, y = np.meshgrid(np.linspace(-width / 2, width / 2, nx + 1), np.linspace(-length / 2, length / 2, ny + 1))
+    x, y = np.meshgrid(
+        np.linspace(-width / 2, width / 2, nx + 1), np.linspace(-length / 2, length / 2, ny + 1)
+    )
     wave = ripples(np.stack([x, y, 0 * x], -1).reshape(-1, 3), rng, 0.5).reshape(x.shape)
     z = 0.009 + 0.0009 * wave
     p = np.stack([x + 0.004 * wave, y + 0.003 * np.roll(wave, 5, 1), z], -1)
@@ -168,11 +207,17 @@ def rug(rng: np.random.Generator, width: float, length: float, detail: float) ->
     strands = []
     for sign in (-1, 1):
         for x0 in np.linspace(-width / 2 + 0.012, width / 2 - 0.012, 70):
-            tip = np.array([x0 + rng.normal(0, 0.006), sign * (length / 2 + rng.uniform(0.045, 0.06)), 0.0035])
-            mid = np.array([(x0 + tip[0]) / 2 + rng.normal(0, 0.003), sign * (length / 2 + 0.024), 0.0045])
+            tip = np.array(
+                [x0 + rng.normal(0, 0.006), sign * (length / 2 + rng.uniform(0.045, 0.06)), 0.0035]
+            )
+            mid = np.array(
+                [(x0 + tip[0]) / 2 + rng.normal(0, 0.003), sign * (length / 2 + 0.024), 0.0045]
+            )
             strands.append(
                 tube(
-                    np.array([[x0, sign * (length / 2 - 0.004), 0.006], mid, tip]), [0.0035, 0.003, 0.0035], 5
+                    np.array([[x0, sign * (length / 2 - 0.004), 0.006], mid, tip]),
+                    [0.0035, 0.003, 0.0035],
+                    5,
                 ).painted(1)
             )
     shown = np.linspace(0, len(strands) - 1, 2 * steps(70, min(detail, 1.0), 8)).round().astype(int)
@@ -210,7 +255,13 @@ def throw(rng: np.random.Generator, detail: float) -> Mesh:
     y = s * wide * (1 - 0.06 * hang) + 0.05 * pz * (px < 0) + 0.006 * fold
     z = pz + 0.004 * (fold + 1) * (hang < 0.05) + 0.012 * fold * hang * (px < 0)
     points = np.stack([x, y, z + ARM_TOP], -1)
-    uv = np.stack([(s + 0.5) * wide / 0.2, np.broadcast_to(np.linspace(0, 1.05, line.shape[0]) / 0.2, px.shape)], -1)
+    uv = np.stack(
+        [
+            (s + 0.5) * wide / 0.2,
+            np.broadcast_to(np.linspace(0, 1.05, line.shape[0]) / 0.2, px.shape),
+        ],
+        -1,
+    )
     return sheet(points, 0.007, uv)
 
 

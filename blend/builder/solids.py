@@ -50,7 +50,11 @@ def plate(outline: np.ndarray, low: float, high: float, chamfer: float = 0.0) ->
 
 
 def block(
-    size: Place, centre: Place = (0, 0, 0), chamfer: float = 0.002, tile_m: float = 1.0, turn: bool = False
+    size: Place,
+    centre: Place = (0, 0, 0),
+    chamfer: float = 0.002,
+    tile_m: float = 1.0,
+    turn: bool = False,
 ) -> Mesh:
     """A box with chamfered edges, 44 triangles; texture by projection, its grain along x, or along the other axis with turn."""
     mesh = _chamfered(tuple(map(float, size)), float(chamfer))
@@ -74,10 +78,22 @@ def _chamfered(size: tuple[float, ...], chamfer: float) -> Mesh:
     for axis in range(3):
         b, d = (axis + 1) % 3, (axis + 2) % 3
         for side in (0, 1):
-            faces.append([index[(*_corner(axis, side, b, i, d, j), axis)] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))])
+            faces.append(
+                [
+                    index[(*_corner(axis, side, b, i, d, j), axis)]
+                    for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))
+                ]
+            )
         for i, j in np.ndindex(2, 2):
             ends = [_corner(axis, e, b, i, d, j) for e in (0, 1)]
-            faces.append([index[(*ends[0], b)], index[(*ends[1], b)], index[(*ends[1], d)], index[(*ends[0], d)]])
+            faces.append(
+                [
+                    index[(*ends[0], b)],
+                    index[(*ends[1], b)],
+                    index[(*ends[1], d)],
+                    index[(*ends[0], d)],
+                ]
+            )
     faces += [[index[(*s, 0)], index[(*s, 1)], index[(*s, 2)], -1] for s in np.ndindex(2, 2, 2)]
     return _away_from_origin(np.array(verts), np.array(faces))
 
@@ -98,7 +114,9 @@ def _away_from_origin(verts: np.ndarray, faces: np.ndarray) -> Mesh:
     return Mesh(verts, faces, np.zeros((len(faces), 4, 2)), np.zeros(len(faces), int))
 
 
-def printed(centre: Place, across: Place, up: Place, window: Sequence[float] = (0, 0, 1, 1)) -> Mesh:
+def printed(
+    centre: Place, across: Place, up: Place, window: Sequence[float] = (0, 0, 1, 1)
+) -> Mesh:
     """A rectangle about `centre` spanned by the full vectors across and up, showing the window (u0, v0, u1, v1) of an image."""
     middle, right, high = (np.asarray(v, float) for v in (centre, across, up))
     s, t = np.meshgrid([-0.5, 0.5], [-0.5, 0.5])

@@ -16,7 +16,9 @@ SHARP_DEG = 38.0  # edges with a larger angle between their faces are sharp
 class Stage:
     """Adds objects to the current scene; instance ids count up from 1 in this order. Below full detail, small features are removed."""
 
-    def __init__(self, seed: int, materials: dict[str, bpy.types.Material], detail: float = 1.0) -> None:
+    def __init__(
+        self, seed: int, materials: dict[str, bpy.types.Material], detail: float = 1.0
+    ) -> None:
         self.seed, self.materials, self.feature_m = seed, materials, feature_m(detail)
         self.count = 0
 
@@ -50,7 +52,9 @@ def to_blender(name: str, mesh: Mesh) -> bpy.types.Mesh:
     data.polygons.foreach_set("material_index", mesh.material.astype(np.int32))
     data.update(calc_edges=True)
     layer = data.uv_layers.new(name="UVMap")
-    layer.data.foreach_set("uv", mesh.uv.reshape(-1, 2)[corners >= 0].astype(np.float32).reshape(-1))
+    layer.data.foreach_set(
+        "uv", mesh.uv.reshape(-1, 2)[corners >= 0].astype(np.float32).reshape(-1)
+    )
     data.polygons.foreach_set("use_smooth", np.ones(len(mesh.faces), bool))
     _mark_sharp(data, mesh, sizes)
     return data

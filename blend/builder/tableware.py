@@ -12,19 +12,31 @@ from .shapes import lathe, rounded_box, smooth_profile, steps, tube
 def vase(detail: float) -> Mesh:
     """A slender glazed vase, 27 cm, with an inner wall."""
     outer = smooth_profile(
-        [(0.045, 0.003), (0.062, 0.03), (0.082, 0.10), (0.066, 0.18), (0.034, 0.235), (0.046, 0.272)],
+        [
+            (0.045, 0.003),
+            (0.062, 0.03),
+            (0.082, 0.10),
+            (0.066, 0.18),
+            (0.034, 0.235),
+            (0.046, 0.272),
+        ],
         steps(20, detail, 8),
     )
     inner = smooth_profile(
-        [(0.042, 0.273), (0.029, 0.235), (0.058, 0.18), (0.072, 0.10), (0.0, 0.03)], steps(12, detail, 6)
+        [(0.042, 0.273), (0.029, 0.235), (0.058, 0.18), (0.072, 0.10), (0.0, 0.03)],
+        steps(12, detail, 6),
     )
-    return lathe(np.concatenate([[(0.0, 0.0005), (0.042, 0.0005)], outer, inner]), steps(36, detail, 12))
+    return lathe(
+        np.concatenate([[(0.0, 0.0005), (0.042, 0.0005)], outer, inner]), steps(36, detail, 12)
+    )
 
 
 def twigs(rng: np.random.Generator, detail: float) -> Mesh:
     """Dry branches with buds for the vase; slots 0 bark, 1 buds."""
     parts = []
-    bud = lathe([(0, -0.006), (0.004, -0.003), (0.0055, 0.002), (0.003, 0.008), (0, 0.010)], 6).painted(1)
+    bud = lathe(
+        [(0, -0.006), (0.004, -0.003), (0.0055, 0.002), (0.003, 0.008), (0, 0.010)], 6
+    ).painted(1)
     for k in range(7):
         a = 2 * np.pi * (k + 0.5 * rng.random()) / 7
         lean = rng.uniform(0.06, 0.15)
@@ -73,7 +85,11 @@ def fruit(rng: np.random.Generator, radius: float, detail: float) -> Mesh:
     z = z - 0.12 * radius * np.exp(-((r / (0.22 * radius)) ** 2)) * (z > 0)
     r[0] = r[-1] = 0.0
     ball = lathe(np.stack([r, z], 1), steps(24, detail, 8))
-    return ball.turned("x", rng.uniform(-25, 25)).turned("z", rng.uniform(0, 360)).moved(z=0.95 * radius)
+    return (
+        ball.turned("x", rng.uniform(-25, 25))
+        .turned("z", rng.uniform(0, 360))
+        .moved(z=0.95 * radius)
+    )
 
 
 def book(size: tuple[float, float, float]) -> Mesh:
@@ -81,7 +97,9 @@ def book(size: tuple[float, float, float]) -> Mesh:
     w, d, t = size
     covers = [rounded_box((w, d, 0.003), 0.0012).moved(0, 0, z) for z in (0.0015, t - 0.0015)]
     spine = rounded_box((0.004, d, t), 0.0015).moved(-w / 2 - 0.0005, 0, t / 2)
-    pages = rounded_box((w - 0.008, d - 0.008, t - 0.0062), 0.0008).moved(-0.001, 0, t / 2).painted(1)
+    pages = (
+        rounded_box((w - 0.008, d - 0.008, t - 0.0062), 0.0008).moved(-0.001, 0, t / 2).painted(1)
+    )
     return join([*covers, spine, pages])
 
 
@@ -96,4 +114,6 @@ def magazine(rng: np.random.Generator, size: tuple[float, float], detail: float)
         v[:, 2] += 0.09 * bend * out**2
         return v
 
-    return Mesh((m := body.mapped(curl)).verts, m.faces, m.uv / np.array(size) + 0.5, m.material).moved(z=0.0032)
+    return Mesh(
+        (m := body.mapped(curl)).verts, m.faces, m.uv / np.array(size) + 0.5, m.material
+    ).moved(z=0.0032)

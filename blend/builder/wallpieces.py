@@ -67,7 +67,9 @@ def skirting(
     parts = [grid(np.array(rows)).flipped()]
     for place, is_cut, side in ((a, cut[0], 1), (b, cut[1], -1)):
         if capped and not is_cut:
-            cap = grid(np.array([[[*place, z], [*(place + into * out), z]] for out, z in profile[:-1]]))
+            cap = grid(
+                np.array([[[*place, z], [*(place + into * out), z]] for out, z in profile[:-1]])
+            )
             parts.append(cap if side < 0 else cap.flipped())
     return join(parts).box_mapped(1.0)
 
@@ -82,7 +84,12 @@ def door(width: float, height: float, detail: float) -> Mesh:
     for z0, z1 in ((0.20, middle - 0.065), (middle + 0.065, height - rail)):
         w, h = width - 2 * rail, z1 - z0
         ring = frame(w, h, [(0, 0), (groove, -sunk)])
-        panel = plane((-w / 2 + groove, sunk, -h / 2 + groove), (w - 2 * groove, 0, 0), (0, 0, h - 2 * groove), 1.0)
+        panel = plane(
+            (-w / 2 + groove, sunk, -h / 2 + groove),
+            (w - 2 * groove, 0, 0),
+            (0, 0, h - 2 * groove),
+            1.0,
+        )
         parts += [ring.moved(z=(z0 + z1) / 2), panel.moved(z=(z0 + z1) / 2)]
     for a, b, c, d in (
         (-x, -x + rail, 0, height),
@@ -94,7 +101,11 @@ def door(width: float, height: float, detail: float) -> Mesh:
         parts.append(plane((a, 0, c), (b - a, 0, 0), (0, 0, d - c), 1.0))
     del z
     rose = lathe([(0.026, 0), (0.026, 0.006), (0.022, 0.009), (0.0, 0.009)], 20).turned("x", 90)
-    lever = tube([[0, -0.006, 0], [0, -0.045, 0], [0.012, -0.055, 0], [0.03, -0.057, 0], [0.12, -0.055, 0]], 0.009, 10)
+    lever = tube(
+        [[0, -0.006, 0], [0, -0.045, 0], [0.012, -0.055, 0], [0.03, -0.057, 0], [0.12, -0.055, 0]],
+        0.009,
+        10,
+    )
     handle = join([rose, lever]).painted(1).moved(-x + 0.075, -0.0005, 0.98)
     return join([*parts, handle])
 
@@ -103,7 +114,9 @@ def casing(width: float, height: float, board: float, thick: float) -> Mesh:
     """Boards round a doorway: outer width and height, in the x-z plane from z = 0, back at y = 0. A box behind the wall closes the doorway:
     outside would be seen through the gap round the leaf.
     """
-    upright = rounded_box((board, thick, height - board), 0.004).moved(0, -thick / 2, (height - board) / 2)
+    upright = rounded_box((board, thick, height - board), 0.004).moved(
+        0, -thick / 2, (height - board) / 2
+    )
     top = rounded_box((width, thick, board), 0.004).moved(0, -thick / 2, height - board / 2)
     left = upright.moved(-width / 2 + board / 2)
     parts = [left, upright.moved(width / 2 - board / 2), top]
@@ -138,7 +151,11 @@ def picture(width: float, height: float, mat: float) -> Mesh:
     w, h = width / 2 - 0.0665, height / 2 - 0.0665
     bevel = 0.004
     board = plane(
-        (-w, -0.015, -h), (2 * w, 0, 0), (0, 0, 2 * h), 1.0, hole=(mat, 2 * w - mat, mat, 2 * h - mat)
+        (-w, -0.015, -h),
+        (2 * w, 0, 0),
+        (0, 0, 2 * h),
+        1.0,
+        hole=(mat, 2 * w - mat, mat, 2 * h - mat),
     ).painted(1)
     chamfer = frame(2 * (w - mat), 2 * (h - mat), [(0, 0.015), (bevel, 0.012)]).painted(1)
     pw, ph = w - mat - bevel, h - mat - bevel
@@ -150,7 +167,14 @@ def spot(detail: float) -> Mesh:
     """A ceiling spot hanging 4 mm out of z = 0; slots: 0 metal ring, 1 lens."""
     n = steps(32, detail, 12)
     ring = lathe(
-        [(0.080, -0.0005), (0.080, -0.002), (0.077, -0.004), (0.068, -0.0045), (0.060, -0.003), (0.058, -0.001)][::-1],
+        [
+            (0.080, -0.0005),
+            (0.080, -0.002),
+            (0.077, -0.004),
+            (0.068, -0.0045),
+            (0.060, -0.003),
+            (0.058, -0.001),
+        ][::-1],
         n,
     )
     lens = lathe([(0.0, -0.0022), (0.035, -0.002), (0.0585, -0.001)], n).painted(1)
@@ -188,7 +212,12 @@ def window(x0: float, x1: float, z0: float, z1: float, detail: float) -> tuple[M
         panes.append(plane((x + w, 0.008, cz - h), (-2 * w, 0, 0), (0, 0, 2 * h), 1.0))
     plate = rounded_box((0.026, 0.006, 0.12), 0.003).moved(cx + 0.032, 0.0435, 1.05)
     lever = tube(
-        [[cx + 0.032, 0.045, 1.06], [cx + 0.032, 0.085, 1.06], [cx + 0.032, 0.092, 1.05], [cx + 0.032, 0.092, 0.94]],
+        [
+            [cx + 0.032, 0.045, 1.06],
+            [cx + 0.032, 0.085, 1.06],
+            [cx + 0.032, 0.092, 1.05],
+            [cx + 0.032, 0.092, 0.94],
+        ],
         0.008,
         steps(10, detail, 6),
     )

@@ -16,20 +16,22 @@ from typing import TYPE_CHECKING
 
 from iclnuim import checkout
 from iclnuim import job as jobs
+from iclnuim.benchmark.odometry.registry import NAMES, odometer
+from iclnuim.benchmark.systems.experiment import merged
+from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import read_json
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
-from iclnuim.odometry.registry import NAMES, odometer
 
-from ..options import Console, action, count, renamed, subcommands
-from ..sequence_options import add_camera_options, current_word, installed, open_sequence, require
-from ..systems.experiment import merged
+from ..method_options import installed, open_sequence, require
+from ..options import action, count, renamed, subcommands
+from ..sequence_options import add_camera_options, current_word
 from . import bench_curve
 from .odometry import RENAMED_METHODS
 
 if TYPE_CHECKING:
-    from iclnuim.odometry.run import Sequence
+    from iclnuim.benchmark.odometry.run import Sequence
     from matplotlib.figure import Figure
 
 #: Frames that each odometer tracks before the measurement, so that compiling and loading are not timed.
@@ -53,16 +55,43 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="sizes of light maps in texels; default: 512,1024,2048",
     )
     add("--only", metavar="TEXT", help="only methods whose name contains TEXT, such as `baked`")
-    add("--light", choices=("baked", "path"), default="baked", help="for --breakdown; default: baked")
+    add(
+        "--light",
+        choices=("baked", "path"),
+        default="baked",
+        help="for --breakdown; default: baked",
+    )
     add("--samples", type=int, metavar="N", help="samples per pixel, for --breakdown")
 
     help = "frames with and without filtered textures, next to frames of many rays a pixel"
-    textures = action(actions, "textures", help, "iclnuim bench textures kt2 office/kt0 --plot textures.png", _textures)
+    textures = action(
+        actions,
+        "textures",
+        help,
+        "iclnuim bench textures kt2 office/kt0 --plot textures.png",
+        _textures,
+    )
     add = textures.add_argument
     add("sequences", nargs="+", metavar="SEQUENCE")
-    add("--frames", default="::160", metavar="A:B:S", help="each with the frame that follows it; default: every 160th")
-    add("--camera", type=PinholeCamera.parse, default=PinholeCamera(), metavar="WxH", help="default: 640x480")
-    add("--plot", type=Path, metavar="FILE", help="draw parts of frames side by side (.png, .pdf, .svg)")
+    add(
+        "--frames",
+        default="::160",
+        metavar="A:B:S",
+        help="each with the frame that follows it; default: every 160th",
+    )
+    add(
+        "--camera",
+        type=PinholeCamera.parse,
+        default=PinholeCamera(),
+        metavar="WxH",
+        help="default: 640x480",
+    )
+    add(
+        "--plot",
+        type=Path,
+        metavar="FILE",
+        help="draw parts of frames side by side (.png, .pdf, .svg)",
+    )
 
     help = "speed and error of our odometers and third-party ones in one run"
     example = "iclnuim bench odometry out/living_room/kt2/clean out/living_room/kt2/noisy --plot odometry.png"
@@ -98,7 +127,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     bench_curve.configure(actions)
 
     help = "time of trajectory evaluation next to that of evo_ape, each a whole process"
-    evaluate = action(actions, "evaluate", help, "iclnuim bench evaluate groundtruth.txt estimate.txt", _evaluate)
+    evaluate = action(
+        actions, "evaluate", help, "iclnuim bench evaluate groundtruth.txt estimate.txt", _evaluate
+    )
     add = evaluate.add_argument
     add("reference", metavar="GT", help="ground truth, a TUM file")
     add("estimate", metavar="EST", help="estimated trajectory, a TUM file")
@@ -133,7 +164,7 @@ def _render(args: argparse.Namespace, console: Console) -> None:
     if not args.breakdown:
         _compare_light(args, console)
         return
-    from ..benchmark import breakdown
+    from iclnuim.tools import frame_breakdown as breakdown
 
     job = jobs.shipped_job(args.sequence).changed(light=args.light, samples=args.samples)
     figures = asdict(breakdown.measure(job.changed(denoise=False), args.frames or "::30"))
@@ -143,15 +174,16 @@ def _render(args: argparse.Namespace, console: Console) -> None:
 def _compare_light(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.blender import worker
     from iclnuim.report import charts
-
-    from ..benchmark import light_comparison
+    from iclnuim.tools import light_comparison
 
     job = jobs.shipped_job(args.sequence).changed(map_size=max(args.maps))
     views = list(frame_slice(args.frames or "::160", len(worker.load_trajectory(job)) - 1))
     if len(views) < 3:
         raise InputError("at least 3 frames to compare", found=len(views))
     console.note(f"references: {light_comparison.REFERENCE_SAMPLES} samples, {len(views)} views")
-    comparison = light_comparison.Comparison(job, views, PinholeCamera.parse("320x240"), console.note)
+    comparison = light_comparison.Comparison(
+        job, views, PinholeCamera.parse("320x240"), console.note
+    )
     methods = [w for w in light_comparison.ways(job, args.maps) if (args.only or "") in w.family]
     progress, results = console.progress(len(methods), "bench render", "methods"), []
     for method in methods:
@@ -172,8 +204,7 @@ def _textures(args: argparse.Namespace, console: Console) -> None:
     except ImportError as error:
         raise blender_missing("bench textures", error) from None
     from iclnuim.report import charts
-
-    from ..benchmark import texture_comparison
+    from iclnuim.tools import texture_comparison
 
     results, parts = [], []
     progress = console.progress(len(args.sequences), "bench textures", "sequences")
@@ -188,15 +219,20 @@ def _textures(args: argparse.Namespace, console: Console) -> None:
         charts.save(texture_comparison.figure(parts), args.plot)
     recipe = worker.recipe(job)
     machine = {"cores": os.cpu_count(), **recipe["machine"], "blender": recipe["blender"]}
-    console.result({"machine": machine, "rows": [asdict(r) for r in results]}, texture_comparison.table(results))
+    console.result(
+        {"machine": machine, "rows": [asdict(r) for r in results]},
+        texture_comparison.table(results),
+    )
 
 
 def _noise(args: argparse.Namespace, console: Console) -> None:
-    from ..benchmark import noise
+    from iclnuim.tools import noise_comparison as noise
 
     if args.rounds < 1 or args.workers < 1:
         raise InputError("rounds and workers of at least 1", found=min(args.rounds, args.workers))
-    overlaps = noise.overlaps(args.official / "clean", args.official / "noisy") if args.official else None
+    overlaps = (
+        noise.overlaps(args.official / "clean", args.official / "noisy") if args.official else None
+    )
     times_ms = noise.model_times_ms(args.raw, args.frames)
     progress = console.progress(args.rounds * len(noise.PAIRS), "bench noise", "rounds")
     pairs = noise.pair_times(args.raw, args.frames, args.rounds, args.workers, progress.advance)
@@ -204,24 +240,37 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
         from iclnuim.report import charts
 
         charts.save(noise.figure(pairs, times_ms, overlaps), args.plot)
-    values = {"pairs": [asdict(p) for p in pairs], "model_ms": times_ms, "overlap_with_official": overlaps}
+    values = {
+        "pairs": [asdict(p) for p in pairs],
+        "model_ms": times_ms,
+        "overlap_with_official": overlaps,
+    }
     console.result(values, noise.table(pairs, times_ms, overlaps))
 
 
 def _odometry(args: argparse.Namespace, console: Console) -> None:
-    from iclnuim.odometry.run import table
+    from iclnuim.benchmark.odometry.run import table
 
     only = current_word(args.only or "", RENAMED_METHODS, console)
-    which = [name for name in NAMES if only in (name if ":" in name else f"ours:{name}")]  # as in `iclnuim run`
+    which = [
+        name for name in NAMES if only in (name if ":" in name else f"ours:{name}")
+    ]  # as in `iclnuim run`
     if not which:
         raise InputError(f"part of a name of {', '.join(NAMES)}", found=args.only)
-    results = [result for folder in args.folders if folder.suffix == ".json" for result in _read_results(folder)]
+    results = [
+        result
+        for folder in args.folders
+        if folder.suffix == ".json"
+        for result in _read_results(folder)
+    ]
     folders = [folder for folder in args.folders if folder.suffix != ".json"]
     if folders:
         require("bench odometry", "numba", "cv2")
         which = installed(which, args.preset, console)
     sequences = [open_sequence(args, console, folder) for folder in folders]
-    results += [_compare_odometers(s, which, args.preset, args.first, console.progress) for s in sequences]
+    results += [
+        _compare_odometers(s, which, args.preset, args.first, console.progress) for s in sequences
+    ]
     results = merged(results)
     if args.plot:
         from iclnuim.report import charts
@@ -229,7 +278,9 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
         charts.save(_odometry_figure(results), args.plot)
     texts = []
     for r in results:
-        title = r["sequence"] + (f", our odometers with preset {r['preset']}" if r["preset"] else "")
+        title = r["sequence"] + (
+            f", our odometers with preset {r['preset']}" if r["preset"] else ""
+        )
         texts.append(f"{title}\n{table(r['runs'])}\nPareto front: {', '.join(_front(r['runs']))}")
     console.result({"races": results}, "\n\n".join(texts))
 
@@ -238,14 +289,20 @@ def _compare_odometers(
     sequence: "Sequence", names: list[str], preset: str, frames: int | None, progress: Callable
 ) -> dict:
     """Run the odometers; returns `sequence`, `preset` and `runs` (Run.to_dict() of each). Raises InputError without ground truth."""
+    from iclnuim.benchmark.odometry.run import run_together
     from iclnuim.dataset.frames import sequence_name
-    from iclnuim.odometry.run import run_together
 
     run_together([odometer(name, preset) for name in names], sequence, frames=_WARM_UP)
-    runs = run_together([odometer(name, preset) for name in names], sequence, progress=progress, frames=frames)
+    runs = run_together(
+        [odometer(name, preset) for name in names], sequence, progress=progress, frames=frames
+    )
     if runs[0].truth is None:
         raise InputError("a ground truth in the folder", path=sequence.folder)
-    return {"sequence": sequence_name(sequence.folder), "preset": preset, "runs": [run.to_dict() for run in runs]}
+    return {
+        "sequence": sequence_name(sequence.folder),
+        "preset": preset,
+        "runs": [run.to_dict() for run in runs],
+    }
 
 
 def _read_results(path: Path) -> list[dict]:
@@ -263,7 +320,9 @@ def _front(runs: list[dict]) -> list[str]:
     from iclnuim.report import pareto
 
     runs = [d for d in runs if _has_point(d)]
-    return [runs[k]["odometer"] for k in pareto.front([(d["ms_median"], d["ate_rmse_m"]) for d in runs])]
+    return [
+        runs[k]["odometer"] for k in pareto.front([(d["ms_median"], d["ate_rmse_m"]) for d in runs])
+    ]
 
 
 def _has_point(d: dict) -> bool:
@@ -290,18 +349,38 @@ def _odometry_figure(results: list[dict]) -> "Figure":
         for d in result["runs"]:
             if not _has_point(d):
                 continue
-            ate_mm, marker = d["ate_rmse_m"] * 1e3, "s" if d["odometer"].startswith("baseline:") else "o"
+            ate_mm, marker = (
+                d["ate_rmse_m"] * 1e3,
+                "s" if d["odometer"].startswith("baseline:") else "o",
+            )
             colour, hollow = looks[d["odometer"]]
-            if "runs" in d:  # from `iclnuim run`: quartiles of the error, and the time of the whole process
+            if (
+                "runs" in d
+            ):  # from `iclnuim run`: quartiles of the error, and the time of the whole process
                 marker = "^"
-                axes.plot([d["ms_median"]] * 2, 1e3 * np.array(d["ate_quartiles_m"]), color=colour, linewidth=1)
+                axes.plot(
+                    [d["ms_median"]] * 2,
+                    1e3 * np.array(d["ate_quartiles_m"]),
+                    color=colour,
+                    linewidth=1,
+                )
             else:
                 axes.plot([d["ms_median"], d["ms_95"]], [ate_mm, ate_mm], color=colour, linewidth=1)
-            style = {"color": colour, "linestyle": "", "markerfacecolor": "white" if hollow else colour}
+            style = {
+                "color": colour,
+                "linestyle": "",
+                "markerfacecolor": "white" if hollow else colour,
+            }
             (shown[d["odometer"]],) = axes.plot(d["ms_median"], ate_mm, marker, **style)
             if d["odometer"] in not_beaten:
                 best.append((d["ms_median"], ate_mm))
-        axes.plot([ms for ms, _ in sorted(best)], [mm for _, mm in sorted(best)], "--", color="grey", linewidth=0.8)
+        axes.plot(
+            [ms for ms, _ in sorted(best)],
+            [mm for _, mm in sorted(best)],
+            "--",
+            color="grey",
+            linewidth=0.8,
+        )
         axes.set(xscale="log", yscale="log", title=result["sequence"])
         axes.set_xticks([5, 10, 20, 50, 100, 200], labels=["5", "10", "20", "50", "100", "200"])
         axes.xaxis.set_minor_formatter("")
@@ -309,7 +388,11 @@ def _odometry_figure(results: list[dict]) -> "Figure":
         axes.grid(alpha=0.3)
     for axes in panels.flat[len(results) :]:
         axes.set_visible(False)
-    systems = " (triangles: whole process)" if any("runs" in d for one in results for d in one["runs"]) else ""
+    systems = (
+        " (triangles: whole process)"
+        if any("runs" in d for one in results for d in one["runs"])
+        else ""
+    )
     drawing.supxlabel(f"ms per frame: median, line to 95 %{systems}", fontsize="medium")
     drawing.supylabel("ATE RMSE [mm]", fontsize="medium")
     drawing.legend(shown.values(), shown.keys(), loc="outside right upper", fontsize=8)
@@ -319,10 +402,30 @@ def _odometry_figure(results: list[dict]) -> "Figure":
 def _evaluate(args: argparse.Namespace, console: Console) -> None:
     """Measure the time of `iclnuim evaluate ate` and of evo_ape on the same two TUM files."""
     reference, estimate = args.reference, args.estimate
-    commands = {"iclnuim evaluate ate": [sys.executable, "-m", "iclnuim", "evaluate", "ate", reference, estimate]}
-    evo_ape = shutil.which("evo_ape", path=str(Path(sys.executable).parent)) or shutil.which("evo_ape")
+    commands = {
+        "iclnuim evaluate ate": [
+            sys.executable,
+            "-m",
+            "iclnuim",
+            "evaluate",
+            "ate",
+            reference,
+            estimate,
+        ]
+    }
+    evo_ape = shutil.which("evo_ape", path=str(Path(sys.executable).parent)) or shutil.which(
+        "evo_ape"
+    )
     if evo_ape:
-        commands["evo_ape"] = [evo_ape, "tum", reference, estimate, "--align", "--t_max_diff", "0.02"]
+        commands["evo_ape"] = [
+            evo_ape,
+            "tum",
+            reference,
+            estimate,
+            "--align",
+            "--t_max_diff",
+            "0.02",
+        ]
     else:
         console.note("evo_ape is not installed, so its row is left out; try: pip install evo")
     seconds: dict[str, list[float]] = {name: [] for name in commands}
@@ -334,7 +437,9 @@ def _evaluate(args: argparse.Namespace, console: Console) -> None:
             if done.returncode:
                 last = (done.stderr or done.stdout).strip().splitlines()[-1:]
                 raise WorkError(f"{Path(command[0]).name} failed: {last}")
-    figures = {name: {"median_s": median(times), "min_s": min(times)} for name, times in seconds.items()}
+    figures = {
+        name: {"median_s": median(times), "min_s": min(times)} for name, times in seconds.items()
+    }
     ours, rows = figures["iclnuim evaluate ate"], [f"{'':22}   median    minimum   ratio"]
     for name, row in figures.items():
         ratio = row["median_s"] / ours["median_s"]

@@ -5,22 +5,23 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
+from iclnuim.benchmark.experiments.cells import PRESETS, Cell, all_cells, chosen, lambertian_cells
+from iclnuim.benchmark.experiments.correlation import correlation_table
+from iclnuim.benchmark.experiments.findings import findings_table
+from iclnuim.benchmark.experiments.html_report import write_report
+from iclnuim.benchmark.experiments.lookup import presets_of
+from iclnuim.benchmark.experiments.paper_tables import all_tables
+from iclnuim.benchmark.experiments.runner import Benchmark, measured
+from iclnuim.benchmark.experiments.sources import Sources, external_cells
+from iclnuim.benchmark.experiments.text_tables import FORMATS, Table
+from iclnuim.console import Console
 from iclnuim.dataset.frame_pool import cores
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import atomic_write_text, make_folder
 
-from ..benchmark.cells import PRESETS, Cell, all_cells, chosen, lambertian_cells
-from ..benchmark.correlation import correlation_table
-from ..benchmark.findings import findings_table
-from ..benchmark.html_report import write_report
-from ..benchmark.lookup import presets_of
-from ..benchmark.paper_tables import all_tables
-from ..benchmark.runner import Benchmark, measured
-from ..benchmark.sources import Sources, external_cells
-from ..benchmark.text_tables import FORMATS, Table
 from ..farm.lock import OutputLock
-from ..options import Console, common, count
-from ..sequence_options import require
+from ..method_options import require
+from ..options import common, count
 
 _BYTES_A_WORKER = 2 << 30
 
@@ -29,7 +30,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     help = "folder of sequences, as `iclnuim make all` writes them; default: out"
     add("--data", type=Path, default=Path("out"), metavar="DIR", help=help)
-    add("--out", "-o", type=Path, default=Path("out/benchmark"), metavar="DIR", help="default: out/benchmark")
+    add(
+        "--out",
+        "-o",
+        type=Path,
+        default=Path("out/benchmark"),
+        metavar="DIR",
+        help="default: out/benchmark",
+    )
     help = "folder of the same sequences rendered without reflections (`iclnuim make all --lambertian -o DIR`), for finding 11"
     add("--lambertian", type=Path, metavar="DIR", help=help)
     help = "only some cells, by words of room, trajectory, noise, odometer, preset, reference; kt0,kt2/icp: ICP on kt0 and on kt2"
@@ -51,12 +59,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     help = "what frames are aligned against: default, frame, keyframe, entropy, model; default: see docs/benchmark.md"
     add("--references", type=_words, default=[], metavar="R,R", help=help)
-    help = "measure trajectories only: Tables III to VI; surfaces that are measured already are kept"
+    help = (
+        "measure trajectories only: Tables III to VI; surfaces that are measured already are kept"
+    )
     add("--no-surfaces", action="store_true", help=help)
     help = "results of `iclnuim run` on the same sequences, shown as further rows; default: out/systems"
     add("--systems", type=Path, default=Path("out/systems"), metavar="DIR", help=help)
-    add("--workers", type=count, metavar="N", help="number of processes; default: one per core and 2 GB of memory")
-    add("--videos", action="store_true", help="add a short film of each sequence to the report; needs --data")
+    add(
+        "--workers",
+        type=count,
+        metavar="N",
+        help="number of processes; default: one per core and 2 GB of memory",
+    )
+    add(
+        "--videos",
+        action="store_true",
+        help="add a short film of each sequence to the report; needs --data",
+    )
     help = "measure nothing: write tables and report of the cells in DIR; default: those in --out"
     add("--report-only", nargs="?", const="", metavar="DIR", help=help)
     common(parser, "iclnuim benchmark --only living_room/kt0,kt2/icp,dvo")
@@ -84,13 +103,18 @@ def run(args: argparse.Namespace, console: Console) -> int:
     tables = tables_of(results)
     write_tables(args.out / "tables", tables)
     console.note(f"{args.out / 'tables'} written, {len(tables)} tables in {', '.join(FORMATS)}")
-    films = _films(Sources(args.data, args.out, args.lambertian), results, args.first, console) if args.videos else {}
+    films = (
+        _films(Sources(args.data, args.out, args.lambertian), results, args.first, console)
+        if args.videos
+        else {}
+    )
     console.note(f"{write_report(args.out, results, tables, films)} written")
     shown = [table for table in tables if table.name != "cells" and _has_ours(table)]
     console.result(_values(results, tables), "\n\n".join(table.text() for table in shown))
     if problems:
         raise WorkError(
-            f"{len(problems)} cells could not be measured, for the reasons above", hint="running the same command again"
+            f"{len(problems)} cells could not be measured, for the reasons above",
+            hint="running the same command again",
         )
     return 0
 
@@ -98,22 +122,34 @@ def run(args: argparse.Namespace, console: Console) -> int:
 def _measure(args: argparse.Namespace, console: Console) -> list[str]:
     """Measure the missing cells; returns a sentence for each cell that could not be measured. Raises InputError if no cell can be."""
     if unknown := [name for name in args.presets if name not in PRESETS]:
-        raise InputError(f"presets of {', '.join(PRESETS)}", setting="presets", found=", ".join(unknown))
+        raise InputError(
+            f"presets of {', '.join(PRESETS)}", setting="presets", found=", ".join(unknown)
+        )
     sources = Sources(args.data, args.out, args.lambertian)
     cells = all_cells(args.presets, range(args.seeds), args.references)
     cells += lambertian_cells(args.presets) if args.lambertian else []
     selected = chosen(cells, args.only)
-    faults = {(cell.room, cell.trajectory, cell.noise): sources.fault(cell, args.first) for cell in selected}
+    faults = {
+        (cell.room, cell.trajectory, cell.noise): sources.fault(cell, args.first)
+        for cell in selected
+    }
     for fault in sorted({fault for fault in faults.values() if fault}):
         console.note(f"left out: {fault}")
     cells = [cell for cell in selected if not faults[cell.room, cell.trajectory, cell.noise]]
     if not cells:
         raise InputError(
-            "sequences to measure on", path=args.data, found="none", hint="iclnuim make all, or another {data}"
+            "sequences to measure on",
+            path=args.data,
+            found="none",
+            hint="iclnuim make all, or another {data}",
         )
-    systems = external_cells(args.systems, cells, sources, args.first) if args.systems.is_dir() else {}
+    systems = (
+        external_cells(args.systems, cells, sources, args.first) if args.systems.is_dir() else {}
+    )
     workers = args.workers or _workers()
-    benchmark = Benchmark(sources, [*cells, *systems], systems, args.first, workers, console, not args.no_surfaces)
+    benchmark = Benchmark(
+        sources, [*cells, *systems], systems, args.first, workers, console, not args.no_surfaces
+    )
     with OutputLock(args.out / "work"):
         benchmark.open()
         return benchmark.run()
@@ -127,13 +163,17 @@ def _workers() -> int:
     return max(1, min(cores(), memory // _BYTES_A_WORKER))
 
 
-def _films(sources: Sources, results: list[dict], first: int | None, console: Console) -> dict[str, bytes]:
+def _films(
+    sources: Sources, results: list[dict], first: int | None, console: Console
+) -> dict[str, bytes]:
     """The films OUT/films/SEQUENCE.webm of the measured sequences that exist, by sequence; missing films are made."""
     from iclnuim.blender.output import blender_output_in
     from iclnuim.report.preview import write_web_film
 
     cells = {r["cell"].sequence: r["cell"] for r in results if not r["cell"].seed}
-    there = {name: sources.folder(cell) for name, cell in cells.items() if sources.folder(cell).is_dir()}
+    there = {
+        name: sources.folder(cell) for name, cell in cells.items() if sources.folder(cell).is_dir()
+    }
     progress, films = console.progress(len(there), "films", "films"), {}
     for name, folder in there.items():
         path = sources.out / "films" / f"{name}.webm"
@@ -169,7 +209,10 @@ def write_tables(folder: Path, tables: list[Table]) -> None:
 
 def _values(results: list[dict], tables: list[Table]) -> dict:
     """The result for --json."""
-    rows = {t.name: {"title": t.title, "columns": t.columns, "rows": t.rows, "notes": t.notes} for t in tables}
+    rows = {
+        t.name: {"title": t.title, "columns": t.columns, "rows": t.rows, "notes": t.notes}
+        for t in tables
+    }
     return {"cells": [_plain(result) for result in results], "tables": rows}
 
 

@@ -5,6 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+from iclnuim.console import Console
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import InputError, within
 from iclnuim.formats.exr import read_exr
@@ -22,14 +23,16 @@ from iclnuim.raycast.checks import (
 )
 
 from ..isolation import opened_scene
-from ..options import Console, common, count, renamed
+from ..options import common, count, renamed
 
 #: Guaranteed limits for depth and ground truth.
 _MIN_SHARE, _MAX_MEDIAN_M = 0.999, 1e-5
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of a run, as `iclnuim render` writes it")
+    parser.add_argument(
+        "folder", type=Path, metavar="DIR", help="folder of a run, as `iclnuim render` writes it"
+    )
     frames = "frames to check, spread over the run; default: 20"
     parser.add_argument("--max-frames", type=count, default=20, metavar="N", help=frames)
     renamed(parser, "--most", "--max-frames", type=count)
@@ -41,7 +44,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
     numbers = frames.frame_numbers()
     if not numbers:
         raise InputError("a run with at least one frame", path=args.folder)
-    spread = np.linspace(0, len(numbers) - 1, min(args.max_frames, len(numbers))).round().astype(int)
+    spread = (
+        np.linspace(0, len(numbers) - 1, min(args.max_frames, len(numbers))).round().astype(int)
+    )
     picked = sorted({numbers[i] for i in spread})
     poses = read_trajectory(args.folder / "groundtruth.txt", "tum").trajectory.T_world_camera
     casters = _casters(frames.job, frames.recipe, picked, console)
@@ -57,9 +62,14 @@ def run(args: argparse.Namespace, console: Console) -> int:
     truth = truth_summary(truths) if truths else None
     failed = _failed(result, truth)
     figures = {**asdict(result), **(asdict(truth) if truth else {})}
-    figures = {name: None if np.isnan(value) else value for name, value in figures.items()}  # JSON has no NaN
+    figures = {
+        name: None if np.isnan(value) else value for name, value in figures.items()
+    }  # JSON has no NaN
     values = {"frames": picked, **figures, "failed": failed}
-    console.result(values, "\n".join([_text(len(picked), result, truth), *(f"failed: {text}" for text in failed)]))
+    console.result(
+        values,
+        "\n".join([_text(len(picked), result, truth), *(f"failed: {text}" for text in failed)]),
+    )
     return 3 if failed else 0
 
 
@@ -77,7 +87,9 @@ def _failed(e: DepthErrors, truth: TruthErrors | None) -> list[str]:
         if not share >= _MIN_SHARE
     ]
     if not e.median_m < _MAX_MEDIAN_M:
-        failed.append(f"|Z error| median: {e.median_m * 1e3:.6f} mm, the limit is {_MAX_MEDIAN_M * 1e3:g} mm")
+        failed.append(
+            f"|Z error| median: {e.median_m * 1e3:.6f} mm, the limit is {_MAX_MEDIAN_M * 1e3:g} mm"
+        )
     return failed
 
 
@@ -89,7 +101,9 @@ def _casters(
         from iclnuim.blender import preflight, scene
 
         if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
-            console.note(f"note: the scene {job.scene} has changed since these frames were rendered")
+            console.note(
+                f"note: the scene {job.scene} has changed since these frames were rendered"
+            )
         opened = scene.bpy.context.scene
         if strands := preflight.strand_names(opened):
             console.note(
@@ -114,7 +128,11 @@ def _caster(job: RenderJob, console: Console) -> tuple[RayCaster, TruthCaster | 
     console.note(f"{len(found.triangles)} triangles of {len(found.names)} objects")
     caster = RayCaster(found.vertices, found.triangles, found.held_out)
     if behind is not found:
-        caster = GlassCaster(caster, RayCaster(behind.vertices, behind.triangles, behind.held_out), job.glass == "none")
+        caster = GlassCaster(
+            caster,
+            RayCaster(behind.vertices, behind.triangles, behind.held_out),
+            job.glass == "none",
+        )
     return caster, truth_caster
 
 

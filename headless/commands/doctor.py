@@ -10,11 +10,13 @@ import subprocess
 import sys
 from dataclasses import asdict, dataclass, replace
 
-from iclnuim import __version__, shipped
+from iclnuim import shipped
+from iclnuim.console import Console
 from iclnuim.errors import InputError, how_to_get_bpy
+from iclnuim.version import __version__
 
 from ..farm.chunks import own_cores
-from ..options import Console, common
+from ..options import common
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,13 @@ PACKAGES = (
     ("OpenEXR", "OpenEXR", True, "frames; inside Blender, its OpenImageIO is used", "OpenEXR"),
     ("scipy", "scipy", False, "surfaces and odometers", "scipy"),
     ("numba", "numba", False, "odometry, fusion and surface error", "numba"),
-    ("opencv-contrib-python-headless", "cv2", False, "odometry and fast PNG", "opencv-contrib-python-headless==4.11.*"),
+    (
+        "opencv-contrib-python-headless",
+        "cv2",
+        False,
+        "odometry and fast PNG",
+        "opencv-contrib-python-headless==4.11.*",
+    ),
     ("deflate", "deflate", False, "writing PNG in half the time", "deflate"),
     ("libigl", "igl", False, "distances to surfaces", "libigl"),
     ("embreex", "embreex", False, "check-depth, clearances, visibility of surfaces", "embreex"),
@@ -56,9 +64,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
     lines = []
     for f in findings:
         mark = "ok      " if f.good else "MISSING " if f.needed else "optional"
-        lines.append(f"{mark}  {f.name:<32}{f.found}{f'   -> {f.mend}' if f.mend and not f.good else ''}")
+        lines.append(
+            f"{mark}  {f.name:<32}{f.found}{f'   -> {f.mend}' if f.mend and not f.good else ''}"
+        )
     lines += ["", _conclusion({f.name: f.good for f in findings}, broken)]
-    console.result({"findings": [asdict(f) for f in findings], "works": not broken}, "\n".join(lines))
+    console.result(
+        {"findings": [asdict(f) for f in findings], "works": not broken}, "\n".join(lines)
+    )
     return 3 if broken else 0
 
 
@@ -87,10 +99,22 @@ def examine() -> list[Finding]:
         Finding("Python", python, has_python, "Python 3.11 (bpy 4.5 LTS) or 3.13 (bpy 5.2 LTS)"),
         replace(bpy, needed=neither),
         replace(binary, needed=neither),
-        Finding("denoiser", denoiser, has_denoiser, "install the bpy package or a Blender from blender.org" * bpy.good),
+        Finding(
+            "denoiser",
+            denoiser,
+            has_denoiser,
+            "install the bpy package or a Blender from blender.org" * bpy.good,
+        ),
         *(_package(*package) for package in PACKAGES),
-        Finding("OpenCV's odometers", rgbd, has_rgbd, "pip install 'opencv-contrib-python-headless==4.11.*'"),
-        Finding("shipped sequences", sequences or str(len(names)), len(names) > 0, "reinstall iclnuim"),
+        Finding(
+            "OpenCV's odometers",
+            rgbd,
+            has_rgbd,
+            "pip install 'opencv-contrib-python-headless==4.11.*'",
+        ),
+        Finding(
+            "shipped sequences", sequences or str(len(names)), len(names) > 0, "reinstall iclnuim"
+        ),
         Finding("Slurm", sbatch or "no sbatch on the PATH", bool(sbatch), login_node),
         Finding("cores", str(len(own_cores())), True),
     ]
@@ -130,15 +154,24 @@ def _blender_binary() -> Finding:
     done = _output_of(path, "--version")
     version = re.search(r"Blender (\d+)\.(\d+)\S*", done.stdout)
     good = version is not None and (int(version[1]), int(version[2])) >= (4, 2)
-    return Finding("blender binary", f"{version[0] if version else 'no version'} at {path}", good, fix)
+    return Finding(
+        "blender binary", f"{version[0] if version else 'no version'} at {path}", good, fix
+    )
 
 
 def _package(name: str, module: str, needed: bool, what: str, install: str) -> Finding:
     if importlib.util.find_spec(module) is None:
-        return Finding(name, f"not installed; for {what}", False, f"pip install '{install}'", needed)
+        return Finding(
+            name, f"not installed; for {what}", False, f"pip install '{install}'", needed
+        )
     names = importlib.metadata.packages_distributions().get(module, [name])
     other = "" if name in names else f" of {names[0]}"
-    return Finding(name, importlib.metadata.version(name if name in names else names[0]) + other, True, needed=needed)
+    return Finding(
+        name,
+        importlib.metadata.version(name if name in names else names[0]) + other,
+        True,
+        needed=needed,
+    )
 
 
 def _output_of(*command: str) -> subprocess.CompletedProcess:

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import iclnuim
 from iclnuim import shipped
+from iclnuim.console import Console
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import atomic_write
 
-from ..options import Console, action, subcommands
+from ..options import action, subcommands
 
 _DATE = (2020, 1, 1, 0, 0, 0)
 #: Parts that the panel does not use: they need packages that Blender does not have.
@@ -19,9 +20,18 @@ _LEFT_OUT = {"odometry", "fusion", "raycast", "report", "checkout.py", "__main__
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    help, example = "write the zip of the extension: code, scenes, trajectories", "iclnuim extension build --out dist/"
+    help, example = (
+        "write the zip of the extension: code, scenes, trajectories",
+        "iclnuim extension build --out dist/",
+    )
     add = action(subcommands(parser), "build", help, example, _build).add_argument
-    add("--out", type=Path, default=Path("dist"), metavar="DIR", help="folder of the zip; default: dist")
+    add(
+        "--out",
+        type=Path,
+        default=Path("dist"),
+        metavar="DIR",
+        help="folder of the zip; default: dist",
+    )
 
 
 def _build(args: argparse.Namespace, console: Console) -> None:
@@ -37,7 +47,9 @@ def build(out: Path) -> Path:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise WorkError(f"{out}: the folder cannot be created: {error.strerror or error}; try another --out") from None
+        raise WorkError(
+            f"{out}: the folder cannot be created: {error.strerror or error}; try another --out"
+        ) from None
     target = out / f"{manifest['id']}-{manifest['version']}.zip"
 
     def write(path: Path) -> None:
@@ -55,7 +67,11 @@ def contents(package: Path) -> Iterator[tuple[str, Path]]:
     """The name in the zip and the file, for everything that is shipped."""
     for path in sorted(package.rglob("*")):
         name = path.relative_to(package)
-        if path.is_file() and path.suffix in (".py", ".toml") and not {"__pycache__", *_LEFT_OUT} & set(name.parts):
+        if (
+            path.is_file()
+            and path.suffix in (".py", ".toml")
+            and not {"__pycache__", *_LEFT_OUT} & set(name.parts)
+        ):
             yield str(name), path
     for path in sorted(shipped.folder("blend").glob("*.blend")):
         yield f"blend/{path.name}", path

@@ -3,20 +3,33 @@
 import argparse
 from pathlib import Path
 
+from iclnuim.benchmark.experiments.cells import PRESETS
+from iclnuim.console import Console
 from iclnuim.formats.files import check_picture
 
-from ..benchmark.cells import PRESETS
-from ..options import Console, common
+from ..method_options import require
+from ..options import common
 from ..outputs import refuse_existing
-from ..sequence_options import require
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     help = "1: the living room in clay; 2, 3: frames; 4: noise; 5, 7: surfaces; 6, 9: heat maps; 8: trajectories"
     add("number", type=int, choices=range(1, 10), metavar="N", help=help)
-    add("-o", "--out", type=Path, metavar="FILE", help="picture (.png, .pdf, .svg); default: figure_N.png")
-    add("--data", type=Path, default=Path("out"), metavar="DIR", help="sequences, for 2 to 4; default: out")
+    add(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="picture (.png, .pdf, .svg); default: figure_N.png",
+    )
+    add(
+        "--data",
+        type=Path,
+        default=Path("out"),
+        metavar="DIR",
+        help="sequences, for 2 to 4; default: out",
+    )
     help = "folder of `iclnuim benchmark`, for 5 to 9; default: out/benchmark"
     add("--benchmark", type=Path, default=Path("out/benchmark"), metavar="DIR", help=help)
     add("--preset", choices=PRESETS, default="best", help="preset of the cells; default: best")
@@ -29,11 +42,10 @@ def run(args: argparse.Namespace, console: Console) -> None:
         refuse_existing(target, "-o FILE")
     check_picture(target)
     require("figure", "numba", "cv2", "embreex")
+    from iclnuim.benchmark.experiments.figures import Material, draw
+    from iclnuim.benchmark.experiments.runner import measured
+    from iclnuim.benchmark.experiments.sources import Sources
     from iclnuim.report.charts import save
-
-    from ..benchmark.figures import Material, draw
-    from ..benchmark.runner import measured
-    from ..benchmark.sources import Sources
 
     material = Material(Sources(args.data, args.benchmark), measured(args.benchmark), args.preset)
     save(draw(args.number, material), target)

@@ -5,16 +5,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer
+from iclnuim.benchmark.odometry.track import REFERENCES
+from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import check_file
-from iclnuim.odometry.registry import ODOMETERS, odometer
-from iclnuim.odometry.track import REFERENCES
 
-from ..options import Console, add_rerun, checked_rerun, common, count
-from ..sequence_options import add_camera_options, current_word, open_sequence, require
+from ..method_options import open_sequence, require
+from ..options import add_rerun, checked_rerun, common, count
+from ..sequence_options import add_camera_options, current_word
 
 if TYPE_CHECKING:
-    from iclnuim.odometry.run import Run
+    from iclnuim.benchmark.odometry.run import Run
 
 RENAMED_METHODS = {"peer:": "baseline:"}
 _RENAMED_REFERENCES = {"kept": "keyframe", "own": "default"}
@@ -26,16 +28,29 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("method", nargs="?", metavar="METHOD", help=methods)
     add("folder", type=Path, metavar="DIR", help="a sequence in any supported format")
     add(
-        "-o", "--out", type=Path, metavar="EST", help="write a TUM trajectory; with --all a folder, METHOD.txt for each"
+        "-o",
+        "--out",
+        type=Path,
+        metavar="EST",
+        help="write a TUM trajectory; with --all a folder, METHOD.txt for each",
     )
     add("--preset", default="best", help="best (default) or paper")
     help = f"what a frame is aligned against: default (that of the method), {', '.join(REFERENCES)} or model"
     add("--reference", default="default", metavar="KIND", help=help)
-    add("--lost", default="hold", metavar="POLICY", help="hold (default), constant-velocity or restart")
+    add(
+        "--lost",
+        default="hold",
+        metavar="POLICY",
+        help="hold (default), constant-velocity or restart",
+    )
     help = "offset of the sensor's inverse depth in 1/m, which is subtracted; default: 0"
     add("--depth-offset", type=float, default=0.0, metavar="B", help=help)
     add("--first", type=count, metavar="N", help="only the first N frames")
-    add("--all", action="store_true", help=f"run {', '.join(ODOMETERS)} on the same frames and print a table")
+    add(
+        "--all",
+        action="store_true",
+        help=f"run {', '.join(ODOMETERS)} on the same frames and print a table",
+    )
     help = "draw trajectory, residual and uncertainty (.png, .pdf, .svg); with --all all methods in one figure"
     add("--plot", type=Path, metavar="FILE", help=help)
     add("--show", action="store_true", help="show the same figure in a window")
@@ -47,12 +62,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> None:
     """Exit code 0 even if frames were lost: notes name them, and the trajectory leaves them out."""
     if not args.method and not args.all and not args.folder.exists():
-        raise InputError("a METHOD and a folder with a sequence, or --all and a folder", found=args.folder)
+        raise InputError(
+            "a METHOD and a folder with a sequence, or --all and a folder", found=args.folder
+        )
     if bool(args.method) == args.all:
         raise InputError("a METHOD, or --all without one", found=args.method or "neither")
     require("odometry", "numba", "cv2")
-    from iclnuim.fusion.reference import make_reference
-    from iclnuim.odometry.run import run_together, table
+    from iclnuim.benchmark.fusion.reference import make_reference
+    from iclnuim.benchmark.odometry.run import run_together, table
 
     recording = checked_rerun(args)
     if args.out:
@@ -70,7 +87,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     figures = [done.to_dict() for done in runs]
     try:  # files first: standard output may be closed
         if recording:
-            from iclnuim.odometry.recording import record_runs
+            from iclnuim.benchmark.odometry.recording import record_runs
 
             record_runs(recording, args.folder, runs, sequence.camera.pinhole)
             console.note(f"{recording} written")
@@ -85,7 +102,8 @@ def _note_separate_truth(run: "Run", console: Console) -> None:
     if run.truth is None or not run.frames:
         return
     (first, last), (begin, end) = (
-        (stamps_s[0], stamps_s[-1]) for stamps_s in (run.truth.stamps_s, [one.stamp_s for one in run.frames])
+        (stamps_s[0], stamps_s[-1])
+        for stamps_s in (run.truth.stamps_s, [one.stamp_s for one in run.frames])
     )
     if first > end or last < begin:
         spans = f"poses at {first:.3f}..{last:.3f} s, images at {begin:.3f}..{end:.3f} s"
@@ -109,7 +127,7 @@ def _write_and_draw(runs: "list[Run]", args: argparse.Namespace, console: Consol
         done.write(path)
         console.note(f"{path} written")
     if args.plot or args.show:
-        from iclnuim.odometry import drawing
+        from iclnuim.benchmark.odometry import drawing
         from iclnuim.report import charts
 
         if args.plot:

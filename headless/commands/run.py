@@ -7,33 +7,61 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from iclnuim.benchmark.systems.experiment import Experiment, write_results
+from iclnuim.benchmark.systems.staging import StagedSequence
+from iclnuim.benchmark.systems.system import built_in, read_system
+from iclnuim.console import Console
 from iclnuim.errors import InputError
 
-from ..options import Console, common, count
+from ..options import common, count
 from ..sequence_options import add_camera_options, camera_from, note_camera
-from ..systems.experiment import Experiment, write_results
-from ..systems.staging import StagedSequence
-from ..systems.system import built_in, read_system
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("system", metavar="SYSTEM", help=f"{', '.join(built_in())}, or your own file SYSTEM.toml: docs/systems.md")
+    add(
+        "system",
+        metavar="SYSTEM",
+        help=f"{', '.join(built_in())}, or your own file SYSTEM.toml: docs/systems.md",
+    )
     help = "sequences in any format; errors need their ground truth"
     add("folders", type=Path, nargs="+", metavar="DIR", help=help)
     help = "number of runs on each sequence; medians and quartiles are reported; default: 1"
     add("--runs", type=count, default=1, metavar="N", help=help)
-    help = "seconds after which a run and all its processes are killed; default: 60 plus one per frame"
+    help = (
+        "seconds after which a run and all its processes are killed; default: 60 plus one per frame"
+    )
     add("--time-limit", type=seconds, metavar="S", help=help)
-    add("-o", "--out", type=Path, default=Path("out/systems"), metavar="OUT", help="default: out/systems")
+    add(
+        "-o",
+        "--out",
+        type=Path,
+        default=Path("out/systems"),
+        metavar="OUT",
+        help="default: out/systems",
+    )
     help = "an option of the system; may be given several times"
     add("--set", action="append", default=[], metavar="NAME=VALUE", help=help)
-    add("--vocabulary", metavar="FILE", help="the same as --set vocabulary=FILE; .xz and .gz are unpacked")
-    add("--program", metavar="PATH", help="program of the system, or the Python that runs it; default: found on PATH")
+    add(
+        "--vocabulary",
+        metavar="FILE",
+        help="the same as --set vocabulary=FILE; .xz and .gz are unpacked",
+    )
+    add(
+        "--program",
+        metavar="PATH",
+        help="program of the system, or the Python that runs it; default: found on PATH",
+    )
     add("--first", type=count, metavar="N", help="only the first N frames")
-    add("--stage-only", action="store_true", help="only write the view and the settings file, and print the command")
+    add(
+        "--stage-only",
+        action="store_true",
+        help="only write the view and the settings file, and print the command",
+    )
     add_camera_options(parser)
-    common(parser, "iclnuim run orbslam3 out/living_room/kt2/clean --runs 3 --vocabulary ORBvoc.txt")
+    common(
+        parser, "iclnuim run orbslam3 out/living_room/kt2/clean --runs 3 --vocabulary ORBvoc.txt"
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
@@ -47,7 +75,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if len({e.folder for e in experiments}) < len(experiments):
         raise InputError("sequences of different names", found=", ".join(map(str, args.folders)))
     if args.stage_only:
-        commands = [system.filled(system.settings.command, {**e.prepare(), "out": "OUT"}) for e in experiments]
+        commands = [
+            system.filled(system.settings.command, {**e.prepare(), "out": "OUT"})
+            for e in experiments
+        ]
         console.result({"commands": commands}, "\n".join(" ".join(command) for command in commands))
         return 0
     comparisons, found = [], False
@@ -59,7 +90,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
             found = found or any(row["coverage"] for row in rows)
             comparisons.append({"sequence": e.sequence.name, "preset": None, "runs": rows})
             write_results(args.out, comparisons[-1:])
-    console.note(f"{args.out / 'results.json'} written; `iclnuim bench odometry` shows it next to other results")
+    console.note(
+        f"{args.out / 'results.json'} written; `iclnuim bench odometry` shows it next to other results"
+    )
     console.result({"races": comparisons}, "\n\n".join(map(table, comparisons)))
     return 0 if found else 3
 
@@ -73,7 +106,9 @@ def table(comparison: dict) -> str:
         quartiles = " .. ".join(map(_mm, r["ate_quartiles_m"])) if r["ate_quartiles_m"] else "-"
         runs = f"{r['good_runs']}/{r['runs']}"
         figures = f"{runs:>6}{r['coverage']:>9.1%}{ate:>10}{quartiles:>22}{rpe:>12}"
-        lines.append(f"{r['odometer']:<26}{figures}{r['wall_s']:>10.1f}{r['cpu_s']:>9.1f}{r['peak_bytes'] / 1e6:>7.0f}")
+        lines.append(
+            f"{r['odometer']:<26}{figures}{r['wall_s']:>10.1f}{r['cpu_s']:>9.1f}{r['peak_bytes'] / 1e6:>7.0f}"
+        )
         lines += [f"    {note}" for note in r["notes"]]
     return "\n".join(lines)
 
@@ -105,7 +140,11 @@ def seconds(text: str) -> float:
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
     """Treat SIGTERM and SIGHUP like Ctrl-C: the processes of the system are killed, and no incomplete run is left."""
-    numbers = (signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ()
+    numbers = (
+        (signal.SIGTERM, signal.SIGHUP)
+        if threading.current_thread() is threading.main_thread()
+        else ()
+    )
     before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
     try:
         yield

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from iclnuim import shipped
+from iclnuim.console import Console
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.run_folder import load_trajectory, trajectory_file
 from iclnuim.errors import InputError
@@ -24,7 +25,6 @@ from ..farm.all_sequences import make_all
 from ..farm.chunks import numbers_from, own_cores
 from ..farm.rendering import open_run, report, stop_on_signals
 from ..farm.run_plan import FarmSettings, RunPlan, SlurmSettings, find_run, read_plan, read_settings
-from ..options import Console
 from ..outputs import refuse_existing
 from ..sequence_options import add_sensor_options, log_settings, sequence_options
 
@@ -66,9 +66,16 @@ def configure_task(parser: argparse.ArgumentParser) -> None:
     for stage, help in _STAGES.items():
         numbers = " --numbers 0-24,30" if stage == "frames" else ""
         one = options.action(
-            actions, stage, help, f"iclnuim task {stage} kt2 --out out/kt2{numbers}", _task, json=False
+            actions,
+            stage,
+            help,
+            f"iclnuim task {stage} kt2 --out out/kt2{numbers}",
+            _task,
+            json=False,
         )
-        add_run_options(one, "make", "folder that all tasks of the run share, for clean/, noisy/ and raw/")
+        add_run_options(
+            one, "make", "folder that all tasks of the run share, for clean/, noisy/ and raw/"
+        )
         which = "numbers of the frames, both ends included; default: those of --frames"
         one.add_argument("--numbers", metavar="A-B,C", help=which)
         farm = "print progress in lines that this render farm reads"
@@ -83,14 +90,26 @@ def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> 
     every = ", or all for all eight" if command == "make" else ""
     known = f"kt2, living_room/kt2, office/kt0, or a recipe file (.json){every}"
     add("sequence", nargs="?", metavar="SEQUENCE", help=known)
-    add("--scene", metavar="NAME|FILE", help=f"use another scene: {names}, or a file: {options.SCENE_KINDS}")
+    add(
+        "--scene",
+        metavar="NAME|FILE",
+        help=f"use another scene: {names}, or a file: {options.SCENE_KINDS}",
+    )
     help = "use another trajectory, in any format that `iclnuim trajectory info` reads"
     add("--trajectory", metavar="FILE", help=help)
     options.add_scene_options(parser)
-    add("--frames", metavar="A:B:S", help="only these frames, as a Python slice (B excluded); default: all")
+    add(
+        "--frames",
+        metavar="A:B:S",
+        help="only these frames, as a Python slice (B excluded); default: all",
+    )
     help = "only the first 60 frames (two seconds): enough for all further commands"
     add("--quick", action="store_true", help=help)
-    add("--camera", metavar="WxH[,FX,FY,CX,CY]", help="resolution and K; default: 640x480 and the paper's K")
+    add(
+        "--camera",
+        metavar="WxH[,FX,FY,CX,CY]",
+        help="resolution and K; default: 640x480 and the paper's K",
+    )
     options.add_settings(parser, RenderJob, light="baked, or auto for a file")
     add("-o", "--out", type=Path, metavar="DIR", help=out)
     if command == "make":
@@ -108,9 +127,18 @@ def _add_farm_options(parser: argparse.ArgumentParser, example: str, run: Callab
     options.add_settings(parser, FarmSettings)
     options.renamed(parser, "--stuck-after", "--worker-timeout", type=float)
     add = parser.add_argument
-    add("--slurm", type=Path, metavar="FILE", help="settings for Slurm in TOML; options take precedence")
+    add(
+        "--slurm",
+        type=Path,
+        metavar="FILE",
+        help="settings for Slurm in TOML; options take precedence",
+    )
     options.add_settings(parser, SlurmSettings)
-    add("--print-only", action="store_true", help="show the job scripts and the estimate; submit nothing")
+    add(
+        "--print-only",
+        action="store_true",
+        help="show the job scripts and the estimate; submit nothing",
+    )
     options.common(parser, example)
     parser.set_defaults(run=run)
 
@@ -127,13 +155,17 @@ def plan_from(args: argparse.Namespace) -> RunPlan:
         return RunPlan(job, args.out or out / "raw", numbers)
     logs = log_settings(args)
     views = _held_out(getattr(args, "held_out", None) or "", job)
-    return RunPlan(job, out / "raw", numbers, sequence_options(args), args.keep_raw, logs=logs, held_out=views)
+    return RunPlan(
+        job, out / "raw", numbers, sequence_options(args), args.keep_raw, logs=logs, held_out=views
+    )
 
 
 def _held_out(name: str, job: RenderJob) -> str:
     """The number of views, the full name of a shipped trajectory, or the absolute path of a file. Raises InputError."""
     if name.isdecimal() and int(name) < 1:
-        raise InputError("a number of views of at least 1, or a trajectory", setting="held_out", found=name)
+        raise InputError(
+            "a number of views of at least 1, or a trajectory", setting="held_out", found=name
+        )
     if not name or name.isdecimal():
         return name
     own = name if "/" in name else f"{job.scene}/{name}"
@@ -144,7 +176,10 @@ def every_plan(args: argparse.Namespace) -> list[RunPlan]:
     """The plans of `make all`, each with a folder ROOM/KT below --out. Raises InputError."""
     if args.scene or args.trajectory:
         raise InputError("all without {scene} and {trajectory}, as it makes the built-in sequences")
-    every = [{"sequence": name, "out": (args.out or Path("out")) / name} for name in shipped.paper_sequences()]
+    every = [
+        {"sequence": name, "out": (args.out or Path("out")) / name}
+        for name in shipped.paper_sequences()
+    ]
     each = [argparse.Namespace(**{**vars(args), **one}) for one in every]
     return [with_farm_options(plan_from(one), one) for one in each]
 
@@ -152,18 +187,30 @@ def every_plan(args: argparse.Namespace) -> list[RunPlan]:
 def _job(args: argparse.Namespace) -> RenderJob:
     """The render job given by the options. Raises InputError for an unknown sequence, scene or camera."""
     if args.sequence is None and not (args.scene and args.trajectory):
-        raise InputError("a SEQUENCE, or {scene} and {trajectory}", hint=", ".join(shipped.sequence_names()))
+        raise InputError(
+            "a SEQUENCE, or {scene} and {trajectory}", hint=", ".join(shipped.sequence_names())
+        )
     given: dict[str, Any] = options.given_settings(args, RenderJob)
     for name in ("scene", "trajectory"):
         file = given[name] = getattr(args, name)
         if file is not None and file not in (*shipped.SCENE_NAMES, *shipped.sequence_names()):
-            given[name] = str(Path(file).expanduser().resolve())  # so that the recipe identifies the file
+            given[name] = str(
+                Path(file).expanduser().resolve()
+            )  # so that the recipe identifies the file
     if args.sequence is None:
         name = f"{Path(args.scene).stem}/{Path(args.trajectory).stem}"
         job = RenderJob(sequence=name, scene=args.scene, trajectory=args.trajectory)
     else:
-        job = read_recipe(args.sequence) if args.sequence.endswith(".json") else shipped_job(args.sequence)
-    if args.scene and not (args.sequence or "").endswith(".json") and not {"map_size", "map_samples"} & given.keys():
+        job = (
+            read_recipe(args.sequence)
+            if args.sequence.endswith(".json")
+            else shipped_job(args.sequence)
+        )
+    if (
+        args.scene
+        and not (args.sequence or "").endswith(".json")
+        and not {"map_size", "map_samples"} & given.keys()
+    ):
         given.setdefault("light", "auto")
     if args.camera:
         given["camera"] = PinholeCamera.parse(args.camera)
@@ -173,16 +220,22 @@ def _job(args: argparse.Namespace) -> RenderJob:
 def with_farm_options(plan: RunPlan, args: argparse.Namespace) -> RunPlan:
     """The plan with the engine and the settings given by the options. Raises InputError."""
     slurm = read_settings(args.slurm) if args.slurm else plan.slurm
-    return replace(plan, farm=options.settings_from(args, plan.farm), slurm=options.settings_from(args, slurm))
+    return replace(
+        plan, farm=options.settings_from(args, plan.farm), slurm=options.settings_from(args, slurm)
+    )
 
 
 def _begin(args: argparse.Namespace, console: Console) -> int:
     if args.command == "make" and args.sequence == "all":
         plans = every_plan(args)
         _check_print_only(plans[0], args.print_only)
-        return make_all(plans, lambda plan, whole: _execute(plan, whole, args.print_only, None), console)
+        return make_all(
+            plans, lambda plan, whole: _execute(plan, whole, args.print_only, None), console
+        )
     plan = with_farm_options(plan_from(args), args)
-    return _execute(plan, console, args.print_only, _new_blend(getattr(args, "blend", None), plan, console))
+    return _execute(
+        plan, console, args.print_only, _new_blend(getattr(args, "blend", None), plan, console)
+    )
 
 
 def _new_blend(blend: Path | None, plan: RunPlan, console: Console) -> Path | None:
@@ -193,7 +246,9 @@ def _new_blend(blend: Path | None, plan: RunPlan, console: Console) -> Path | No
         refuse_existing(blend, "another name for {blend}")
     if plan.farm.engine != "local":
         return blend  # which is refused
-    console.note(f"{blend} exists already and is not changed; give another name to save the scene again")
+    console.note(
+        f"{blend} exists already and is not changed; give another name to save the scene again"
+    )
     return None
 
 
@@ -212,7 +267,9 @@ def _execute(plan: RunPlan, console: Console, print_only: bool, blend: Path | No
     if not plan.held_out:
         return _run(plan, console, print_only, blend)
     held_out.prepare(plan, console)
-    return _run(plan, console, print_only, blend) or _run(held_out.views_plan(plan), console, print_only, None)
+    return _run(plan, console, print_only, blend) or _run(
+        held_out.views_plan(plan), console, print_only, None
+    )
 
 
 def _check_print_only(plan: RunPlan, print_only: bool) -> None:
@@ -234,7 +291,11 @@ def _run(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) 
         return slurm.run(plan, print_only, console)
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_on_signals())
-        stage = stack.enter_context(tasks.SequenceStage(plan, len(own_cores()))) if plan.sequences else None
+        stage = (
+            stack.enter_context(tasks.SequenceStage(plan, len(own_cores())))
+            if plan.sequences
+            else None
+        )
         run = stack.enter_context(open_run(plan, console, stopped))
         if not plan.has_record():
             plan.write_record()
@@ -270,7 +331,9 @@ def _task(args: argparse.Namespace, console: Console) -> int:
         plan = replace(plan, numbers=numbers)
     progress = console.progress(len(plan.numbers), plan.job.sequence)
     on_frame = (
-        _flamenco(args.action, console, plan) if args.progress == "flamenco" else lambda number: progress.advance()
+        _flamenco(args.action, console, plan)
+        if args.progress == "flamenco"
+        else lambda number: progress.advance()
     )
     if args.action == "dataset":
         return tasks.run(args.action, plan, console, on_frame)

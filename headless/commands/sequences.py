@@ -12,9 +12,17 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+from iclnuim.console import Console
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.depth_units import metres_from_depth16
-from iclnuim.dataset.frames import FrameSource, find_pairs, frames_with_poses, image_frames, original_frames, run_frames
+from iclnuim.dataset.frames import (
+    FrameSource,
+    find_pairs,
+    frames_with_poses,
+    image_frames,
+    original_frames,
+    run_frames,
+)
 from iclnuim.dataset.ground_truth import KINDS
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import camera_file
@@ -23,11 +31,24 @@ from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, within
-from iclnuim.formats.files import check_file, data_lines, is_stream, read_bytes, read_text, real_path, sha256
+from iclnuim.formats.files import (
+    check_file,
+    data_lines,
+    is_stream,
+    read_bytes,
+    read_text,
+    real_path,
+    sha256,
+)
 from iclnuim.formats.png import read_depth16, read_rgb8
-from iclnuim.sensor.calibration import DepthCalibration, RgbCalibration, calibrate_depth, calibrate_rgb
+from iclnuim.sensor.calibration import (
+    DepthCalibration,
+    RgbCalibration,
+    calibrate_depth,
+    calibrate_rgb,
+)
 
-from ..options import Console, add_rerun, add_settings, checked_rerun, common, count, renamed, settings_from
+from ..options import add_rerun, add_settings, checked_rerun, common, count, renamed, settings_from
 from ..outputs import refuse_existing
 from ..sequence_options import (
     add_camera_options,
@@ -62,11 +83,20 @@ _LABELS = {
 
 
 def configure_dataset(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` writes it")
+    parser.add_argument(
+        "raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` writes it"
+    )
     parser.add_argument("out", type=Path, metavar="OUT", help="output folder of the sequence")
-    parser.add_argument("--frames", default="::", metavar="A:B:S", help="as a Python slice (B excluded); default: all")
+    parser.add_argument(
+        "--frames",
+        default="::",
+        metavar="A:B:S",
+        help="as a Python slice (B excluded); default: all",
+    )
     _add_output_options(parser)
-    example = "iclnuim dataset out/living_room/kt2/raw noisy --depth-noise released --rgb-noise released"
+    example = (
+        "iclnuim dataset out/living_room/kt2/raw noisy --depth-noise released --rgb-noise released"
+    )
     common(parser, example).set_defaults(run=_dataset)
 
 
@@ -87,7 +117,9 @@ def _dataset(args: argparse.Namespace, console: Console) -> None:
     _write(run_frames(args.raw, args.frames), sequence_options(args), args, console)
 
 
-def _write(source: FrameSource, options: SequenceOptions, args: argparse.Namespace, console: Console) -> None:
+def _write(
+    source: FrameSource, options: SequenceOptions, args: argparse.Namespace, console: Console
+) -> None:
     """Write the sequence args.out, reporting progress."""
     logs = log_settings(args)
     writer = SequenceWriter(source, {args.out: options.sequence_settings()}, options.formats)
@@ -96,10 +128,22 @@ def _write(source: FrameSource, options: SequenceOptions, args: argparse.Namespa
     console.note(f"{args.out}: {len(writer.missing)} of {len(source.numbers)} frames to write")
     progress = console.progress(len(writer.missing), "dataset")
     written = writer.write(args.workers, lambda number: progress.advance())[0]
-    folders = [str(path) for path in (*written.folders, *logs.write(written.folders[0], args.out, console.note))]
-    values = {"folders": folders, "made": written.made, "found": written.found, "invalid_depth": written.invalid_depth}
+    folders = [
+        str(path)
+        for path in (*written.folders, *logs.write(written.folders[0], args.out, console.note))
+    ]
+    values = {
+        "folders": folders,
+        "made": written.made,
+        "found": written.found,
+        "invalid_depth": written.invalid_depth,
+    }
     text = f"{', '.join(folders)}: {written.made} frames written, {written.found} already finished"
-    lost = {kind: count for kind, count in written.invalid_depth.items() if count and kind != "background"}
+    lost = {
+        kind: count
+        for kind, count in written.invalid_depth.items()
+        if count and kind != "background"
+    }
     if lost:
         kinds = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in lost.items())
         text += f"\ndepth values set to 0 (no measurement): {kinds}"
@@ -107,8 +151,12 @@ def _write(source: FrameSource, options: SequenceOptions, args: argparse.Namespa
 
 
 def configure_convert(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("source", type=Path, metavar="DIR", help="a sequence in any supported format")
-    parser.add_argument("out", type=Path, metavar="OUT", help="output folder of the converted sequence")
+    parser.add_argument(
+        "source", type=Path, metavar="DIR", help="a sequence in any supported format"
+    )
+    parser.add_argument(
+        "out", type=Path, metavar="OUT", help="output folder of the converted sequence"
+    )
     text = "as a Python slice over the pairs; default: all"
     parser.add_argument("--frames", default="::", metavar="A:B:S", help=text)
     add_camera_options(parser)
@@ -119,7 +167,9 @@ def configure_convert(parser: argparse.ArgumentParser) -> None:
 
 
 def _convert(args: argparse.Namespace, console: Console) -> None:
-    source = original_frames(args.source, args.frames, given_or_noted_camera(args, console, args.source))
+    source = original_frames(
+        args.source, args.frames, given_or_noted_camera(args, console, args.source)
+    )
     note_unused_images(args.source, find_pairs(args.source), console)
     options = settings_from(args, SequenceOptions(depth_units=source.depth_units_per_metre))
     check_format_units(args, options)
@@ -132,7 +182,9 @@ def _convert(args: argparse.Namespace, console: Console) -> None:
             console.note(f"{needing[0]}: {count} have no pose and are left out: {first}")
         source = posed if posed.numbers else source
     if left := [f"{kind}/" for kind in KINDS if (args.source / kind).is_dir()]:
-        console.note(f"{', '.join(left)} of {args.source} not converted: only colour, depth and poses are converted")
+        console.note(
+            f"{', '.join(left)} of {args.source} not converted: only colour, depth and poses are converted"
+        )
     _write(source, options, args, console)
 
 
@@ -167,21 +219,33 @@ def _calibrate(args: argparse.Namespace, console: Console) -> None:
     own = camera_file(folder) if args.units is None else None
     units = own.depth_units_per_metre if own else units_from(args)
     rgb = _calibrate_rgb(folder / EXPOSURES) if (folder / EXPOSURES).is_file() else None
-    walls = [d for d in (folder / "depth", *sorted(folder.glob("wall*"))) if d.is_dir() and any(d.glob("*.png"))]
+    walls = [
+        d
+        for d in (folder / "depth", *sorted(folder.glob("wall*")))
+        if d.is_dir() and any(d.glob("*.png"))
+    ]
     depth = _calibrate_depth(walls, units) if walls else None
     if rgb is None and depth is None:
-        raise InputError(f"{EXPOSURES}, depth/*.png or wall*/*.png", path=folder, found="none of them")
+        raise InputError(
+            f"{EXPOSURES}, depth/*.png or wall*/*.png", path=folder, found="none of them"
+        )
     if rgb is not None:
         values["rgb"] = asdict(rgb)
         settings = json.dumps({"sigma_c": rgb.sigma_c, "sigma_s": rgb.sigma_s})
         spreads = ", ".join(f"{name} {spread:.2%}" for name, spread in rgb.spreads.items())
         gamma = f" {rgb.gamma:.3f}" if rgb.response == "gamma" else ""
-        lines.append(f"response: {rgb.response}{gamma} (spread of the radiance between exposures: {spreads})")
+        lines.append(
+            f"response: {rgb.response}{gamma} (spread of the radiance between exposures: {spreads})"
+        )
         lines.append(f"--rgb-noise paper --rgb-settings '{settings}'")
     if depth is not None:
         values["depth"] = asdict(depth)
         settings = json.dumps({"sigma_d": depth.sigma_d, "sigma_s_px": depth.sigma_s_px})
-        assumed = "; sigma_s_px is assumed, as all walls have the same slope" if depth.fixed_sigma_s else ""
+        assumed = (
+            "; sigma_s_px is assumed, as all walls have the same slope"
+            if depth.fixed_sigma_s
+            else ""
+        )
         lines.append(f"depth from {depth.frames} frames{assumed}")
         lines.append(f"--depth-noise paper --depth-settings '{settings}'")
     console.result(values, "\n".join(lines))
@@ -194,7 +258,9 @@ def _calibrate_rgb(file: Path) -> RgbCalibration:
         try:
             exposure, path = float(fields[0]), file.parent / fields[1]
         except (ValueError, IndexError):
-            raise InputError("lines `exposure image.png`", path=file, line=number, found=line) from None
+            raise InputError(
+                "lines `exposure image.png`", path=file, line=number, found=line
+            ) from None
         images.setdefault(exposure, []).append(read_rgb8(path))
     shapes = {image.shape for stack in images.values() for image in stack}
     if len(shapes) != 1:
@@ -214,25 +280,38 @@ def _calibrate_depth(walls: list[Path], units_per_metre: float) -> DepthCalibrat
 
 
 def configure_inspect(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path, metavar="DIR", help="a sequence in any supported format")
+    parser.add_argument(
+        "folder", type=Path, metavar="DIR", help="a sequence in any supported format"
+    )
     text = "write preview.png (colour, depth, error) and preview.mp4 into FOLDER"
     parser.add_argument("--preview", type=Path, metavar="FOLDER", help=text)
     add_rerun(parser, "its images, camera and poses")
-    common(parser, "iclnuim inspect out/living_room/kt2/noisy --preview pictures").set_defaults(run=_inspect)
+    common(parser, "iclnuim inspect out/living_room/kt2/noisy --preview pictures").set_defaults(
+        run=_inspect
+    )
 
 
 def _inspect(args: argparse.Namespace, console: Console) -> int:
     """Exit code 2 if errors were found, 0 if there are at most warnings."""
     recording = checked_rerun(args)
     found = inspect_sequence(args.folder)
-    values = {"folder": str(found.folder), "figures": found.figures, "wrong": found.wrong, "odd": found.odd}
+    values = {
+        "folder": str(found.folder),
+        "figures": found.figures,
+        "wrong": found.wrong,
+        "odd": found.odd,
+    }
     lines = []
     for name, value in found.figures.items():
         label, unit = _LABELS.get(name, (name.replace("_", " "), ""))
         if isinstance(value, dict):
-            value = ", ".join(f"{key} {f'{v:.6g}' if isinstance(v, float) else v}" for key, v in value.items())
+            value = ", ".join(
+                f"{key} {f'{v:.6g}' if isinstance(v, float) else v}" for key, v in value.items()
+            )
         lines.append(f"{label}: {value}{unit}")
-    lines += [f"ERROR: {sentence}" for sentence in found.wrong] + [f"warning: {sentence}" for sentence in found.odd]
+    lines += [f"ERROR: {sentence}" for sentence in found.wrong] + [
+        f"warning: {sentence}" for sentence in found.odd
+    ]
     console.result(values, "\n".join(lines + ([] if found.wrong else ["no errors found"])))
     if args.preview is not None:
         from iclnuim.report.preview import draw_preview
@@ -242,27 +321,44 @@ def _inspect(args: argparse.Namespace, console: Console) -> int:
     if recording:
         from iclnuim.report.recording import record_sequence
 
-        record_sequence(recording, args.folder, lambda count: console.progress(count, "recording").advance)
+        record_sequence(
+            recording, args.folder, lambda count: console.progress(count, "recording").advance
+        )
         console.note(f"{recording} written")
     return 2 if found.wrong else 0
 
 
 def configure_pack(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="a finished sequence")
-    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="a .tar.gz; default: DIR.tar.gz")
-    parser.add_argument("--licence", choices=tuple(LICENCES), default="CC-BY-4.0", help="default: %(default)s")
+    parser.add_argument(
+        "-o", "--out", type=Path, metavar="FILE", help="a .tar.gz; default: DIR.tar.gz"
+    )
+    parser.add_argument(
+        "--licence", choices=tuple(LICENCES), default="CC-BY-4.0", help="default: %(default)s"
+    )
     parser.add_argument("--author", default="", help="name of the author in the archive")
-    parser.add_argument("--no-preview", action="store_true", help="leave out preview.png and preview.mp4")
-    common(parser, "iclnuim pack out/living_room/kt2/noisy -o kt2_noisy.tar.gz").set_defaults(run=_pack)
+    parser.add_argument(
+        "--no-preview", action="store_true", help="leave out preview.png and preview.mp4"
+    )
+    common(parser, "iclnuim pack out/living_room/kt2/noisy -o kt2_noisy.tar.gz").set_defaults(
+        run=_pack
+    )
 
 
 def _check_archive(args: argparse.Namespace, out: Path) -> None:
     """Raises InputError for another kind of archive, one inside the folder, and, if the user did not name it, for a file of another origin."""
     if not out.name.endswith(_ARCHIVES) and not is_stream(out):
-        raise InputError(f"an archive named *{' or *'.join(_ARCHIVES)}", path=out, found=out.suffix or "no ending")
+        raise InputError(
+            f"an archive named *{' or *'.join(_ARCHIVES)}",
+            path=out,
+            found=out.suffix or "no ending",
+        )
     if real_path(out).is_relative_to(real_path(args.folder)):
         raise InputError(
-            "an archive outside the folder that is packed", path=out, found="a file in it", hint="another {out}"
+            "an archive outside the folder that is packed",
+            path=out,
+            found="a file in it",
+            hint="another {out}",
         )
     if not args.out and out.exists() and not is_archive(out):
         refuse_existing(out, "-o FILE")
@@ -282,7 +378,11 @@ def _pack(args: argparse.Namespace, console: Console) -> None:
             drawn = draw_preview(args.folder, Path(scratch), console.progress)
             extra = {path.name: read_bytes(path) for path in drawn}
     progress = console.progress(len(packed_names(args.folder)) + 2 + len(extra), "pack", "files")
-    count = pack(args.folder, out, args.licence, args.author, extra, lambda name: progress.advance())
+    count = pack(
+        args.folder, out, args.licence, args.author, extra, lambda name: progress.advance()
+    )
     digest = sha256(read_bytes(out))
     values = {"archive": str(out), "files": count, "bytes": out.stat().st_size, "sha256": digest}
-    console.result(values, f"{out}: {count} files, {out.stat().st_size / 1e6:.1f} MB, SHA-256 {digest}")
+    console.result(
+        values, f"{out}: {count} files, {out.stat().st_size / 1e6:.1f} MB, SHA-256 {digest}"
+    )

@@ -4,6 +4,7 @@ import argparse
 from contextlib import suppress
 from pathlib import Path
 
+from iclnuim.console import Console
 from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import load_trajectory, read_run
 from iclnuim.dataset.sequence import complete_frames, read_entries
@@ -13,11 +14,13 @@ from iclnuim.geometry.trajectory import frame_slice
 from ..farm import held_out, slurm
 from ..farm.lock import OutputLock
 from ..farm.run_plan import RunPlan, find_run, read_plan
-from ..options import Console, common
+from ..options import common
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path, metavar="DIR", help="output folder of `iclnuim render` or `make`")
+    parser.add_argument(
+        "folder", type=Path, metavar="DIR", help="output folder of `iclnuim render` or `make`"
+    )
     frames = "frames to count, as a Python slice; default: those of the recorded command"
     parser.add_argument("--frames", metavar="A:B:S", help=frames)
     common(parser, "iclnuim status out/living_room/kt2")
@@ -54,14 +57,22 @@ def state(folder: Path, frames: str | None) -> dict:
     if places:
         run = read_run(places[0])
         raw, job = run.path, run.job
-        numbers = plan.numbers if frames is None and plan else frame_slice(frames or "::", len(load_trajectory(job)))
+        numbers = (
+            plan.numbers
+            if frames is None and plan
+            else frame_slice(frames or "::", len(load_trajectory(job)))
+        )
         if raw.name == "raw":  # frames listed in the journals of both sequences in the folder above
             names = ("clean", "noisy") if plan is None or plan.noisy else ("clean",)
             journals = [raw.parent / name / "frames.jsonl" for name in names]
-            made = set.intersection(*(set(read_entries(journal)) for journal in journals)).intersection(numbers)
+            made = set.intersection(
+                *(set(read_entries(journal)) for journal in journals)
+            ).intersection(numbers)
             if plan is not None and plan.sequences is not None:
                 with suppress(InputError):  # a noise model of the user that is not there
-                    made &= complete_frames(frames_of_run(run, numbers), plan.variants(), plan.formats, hashes=False)
+                    made &= complete_frames(
+                        frames_of_run(run, numbers), plan.variants(), plan.formats, hashes=False
+                    )
         missing = run.missing([n for n in numbers if n not in made])
     elif plan is not None and frames is None:  # it waits in a queue and has no recipe yet
         raw, job, numbers, missing = plan.raw, plan.job, plan.numbers, list(plan.numbers)

@@ -5,14 +5,15 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+from iclnuim.benchmark.odometry.registry import NAMES
+from iclnuim.benchmark.systems.system import System, read_system
+from iclnuim.console import Console
 from iclnuim.dataset.frame_pool import cores
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import make_folder
-from iclnuim.odometry.registry import NAMES
 
-from ..options import Console, common, count
-from ..sequence_options import installed, require
-from ..systems.system import System, read_system
+from ..method_options import installed, require
+from ..options import common, count
 
 _SEVERITIES = (1, 2, 3, 4, 5)
 _DEFAULT = (Path("out/living_room/kt2/clean"), Path("out/office/kt1/clean"))
@@ -20,15 +21,34 @@ _DEFAULT = (Path("out/living_room/kt2/clean"), Path("out/office/kt1/clean"))
 
 def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    help = "clean sequences with ground truth; default: out/living_room/kt2/clean out/office/kt1/clean"
+    help = (
+        "clean sequences with ground truth; default: out/living_room/kt2/clean out/office/kt1/clean"
+    )
     add("folders", type=Path, nargs="*", metavar="DIR", help=help)
-    add("--list", action="store_true", help="only list the perturbations, one per line, with their five severities")
+    add(
+        "--list",
+        action="store_true",
+        help="only list the perturbations, one per line, with their five severities",
+    )
     help = "perturbations (default), or corruptions, which are those of SLAM-under-Perturbation"
     add("--scale", default="perturbations", metavar="NAME", help=help)
-    add("-o", "--out", type=Path, default=Path("out/stress"), metavar="OUT", help="default: out/stress")
+    add(
+        "-o",
+        "--out",
+        type=Path,
+        default=Path("out/stress"),
+        metavar="OUT",
+        help="default: out/stress",
+    )
     help = "only perturbations whose name contains TEXT, such as `holes`; may be given several times; default: all"
     add("--only", action="append", default=[], metavar="TEXT", help=help)
-    add("--severities", type=_severities, default=_SEVERITIES, metavar="K,K", help="such as 1,2,5; default: all five")
+    add(
+        "--severities",
+        type=_severities,
+        default=_SEVERITIES,
+        metavar="K,K",
+        help="such as 1,2,5; default: all five",
+    )
     help = (
         "an odometer, or all whose name contains TEXT, such as `baseline`; may be given several times; "
         "default: all that are installed, with --system none"
@@ -41,31 +61,47 @@ def configure(parser: argparse.ArgumentParser) -> None:
     help = "runs on each segment of a system that is not deterministic; default: 5"
     add("--runs", type=count, default=5, metavar="N", help=help)
     add("--preset", default="best", help="preset of our odometers: best (default) or paper")
-    add("--frames", type=_segment, metavar="N", help="number of frames of a segment, at least 3; default: 120")
-    add("--starts", type=count, metavar="N", help="only the first N segments of each sequence; default: all three")
+    add(
+        "--frames",
+        type=_segment,
+        metavar="N",
+        help="number of frames of a segment, at least 3; default: 120",
+    )
+    add(
+        "--starts",
+        type=count,
+        metavar="N",
+        help="only the first N segments of each sequence; default: all three",
+    )
     add("--workers", type=count, metavar="N", help="number of processes; default: one per core")
-    add("--report-only", action="store_true", help="table and pages of the existing cells; measure nothing")
+    add(
+        "--report-only",
+        action="store_true",
+        help="table and pages of the existing cells; measure nothing",
+    )
     help = "also report the cells of FILE, a stress.csv, that are not in OUT: measured elsewhere, or docs/stress.csv"
     add("--cells", type=Path, metavar="FILE", help=help)
-    help = (
-        "print, for third-party odometers only, by how much errors grow at severities 1 and 2, and how many fail at 5"
-    )
+    help = "print, for third-party odometers only, by how much errors grow at severities 1 and 2, and how many fail at 5"
     add("--calibration", action="store_true", help=help)
-    add("--plot", type=Path, metavar="FILE", help="draw heat maps of all methods (.png, .pdf, .svg)")
+    add(
+        "--plot", type=Path, metavar="FILE", help="draw heat maps of all methods (.png, .pdf, .svg)"
+    )
     common(parser, "iclnuim stress out/living_room/kt2/clean --only holes --only noise --starts 1")
 
 
 def _severities(text: str) -> tuple[int, ...]:
     found = tuple(sorted({int(part) for part in text.split(",")}))
     if not set(found) <= set(_SEVERITIES):
-        raise argparse.ArgumentTypeError(f"expected numbers from {_SEVERITIES[0]} to {_SEVERITIES[-1]}, found {text!r}")
+        raise argparse.ArgumentTypeError(
+            f"expected numbers from {_SEVERITIES[0]} to {_SEVERITIES[-1]}, found {text!r}"
+        )
     return found
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
     """Exit code 0 even if methods failed: their cells report the failures."""
     require("stress", "numba", "cv2")
-    from ..stress.plan import SCALES, read_plan
+    from iclnuim.benchmark.perturbations.plan import SCALES, read_plan
 
     if args.scale not in SCALES:
         raise InputError(f"a scale ({', '.join(SCALES)})", setting="--scale", found=args.scale)
@@ -76,18 +112,26 @@ def run(args: argparse.Namespace, console: Console) -> None:
         return
     # set before Open3D is loaded, as its results depend on the number of threads
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from ..stress import pages
-    from ..stress.cells_file import chosen, read_cells, write_cells
-    from ..stress.matrix import Base, Matrix
-    from ..stress.summary import Summary
+    from iclnuim.benchmark.experiments import pages
+    from iclnuim.benchmark.experiments.cells_file import chosen, read_cells, write_cells
+    from iclnuim.benchmark.experiments.matrix import Base, Matrix
+    from iclnuim.benchmark.experiments.summary import Summary
 
-    perturbations = tuple(n for n in plan.perturbations if not args.only or any(t in n for t in args.only))
+    perturbations = tuple(
+        n for n in plan.perturbations if not args.only or any(t in n for t in args.only)
+    )
     if not perturbations:
-        raise InputError(f"part of a name of {', '.join(plan.perturbations)}", setting="--only", found=args.only[0])
+        raise InputError(
+            f"part of a name of {', '.join(plan.perturbations)}",
+            setting="--only",
+            found=args.only[0],
+        )
     given = read_cells(args.cells) if args.cells else {}
     folders = args.folders or [folder for folder in _DEFAULT if folder.is_dir()]
     if not folders and not (given and args.report_only):
-        raise InputError("a sequence", found="none", hint=f"{_DEFAULT[0]}, which `iclnuim make kt2` makes")
+        raise InputError(
+            "a sequence", found="none", hint=f"{_DEFAULT[0]}, which `iclnuim make kt2` makes"
+        )
     bases = {base.name: base for base in map(Base.of, folders)}
     plan = replace(plan, frames=args.frames or plan.frames)
     matrix = Matrix(
@@ -109,7 +153,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
     names = tuple(dict.fromkeys([*matrix.names, *others]))
     cells = {**chosen(given, names, perturbations, args.severities, args.starts), **matrix.cells()}
     if not cells:
-        raise WorkError(f"{args.out}: no measured cells", hint="the same command without --report-only")
+        raise WorkError(
+            f"{args.out}: no measured cells", hint="the same command without --report-only"
+        )
     summary = Summary.of(plan, names, perturbations, cells)
     make_folder(args.out, hint="another {out}")
     pages.write(summary, args.out)
@@ -126,9 +172,15 @@ def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
     """Names of the requested odometers; those whose packages are missing are left out, with a note."""
     texts = args.methods or [""]
     exact = {text for text in texts if text in NAMES}  # icp is also part of icp_rgbd
-    selected = [name for name in NAMES if name in exact or any(text in name for text in texts if text not in exact)]
+    selected = [
+        name
+        for name in NAMES
+        if name in exact or any(text in name for text in texts if text not in exact)
+    ]
     if not selected:
-        raise InputError(f"part of a name of {', '.join(NAMES)}", setting="--methods", found=args.methods[0])
+        raise InputError(
+            f"part of a name of {', '.join(NAMES)}", setting="--methods", found=args.methods[0]
+        )
     return tuple(installed(selected, args.preset, console))
 
 

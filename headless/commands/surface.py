@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim import shipped
+from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.formats.files import check_file
 from iclnuim.formats.scene_model import SceneModel, obj_parts, write_obj, write_ply
@@ -14,7 +15,7 @@ from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.se3 import SE3
 
 from ..isolation import opened_scene
-from ..options import SCENE_KINDS, Console, add_scene_options, common, settings_from
+from ..options import SCENE_KINDS, add_scene_options, common, settings_from
 from ..outputs import refuse_existing
 
 #: Number of pieces that --seen-by may cut a scene into: about 4 GB.
@@ -23,7 +24,9 @@ WRITERS = {".ply": write_ply, ".obj": write_obj}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", metavar="SCENE", help=f"living_room, office, or a file: {SCENE_KINDS}")
+    parser.add_argument(
+        "scene", metavar="SCENE", help=f"living_room, office, or a file: {SCENE_KINDS}"
+    )
     add = parser.add_argument
     add(
         "-o",
@@ -34,7 +37,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     seen_by = "only what this trajectory saw: kt2, office/kt0 or a file; may be given several times"
     add("--seen-by", action="append", metavar="TRAJECTORY", help=seen_by)
-    add("--every", type=int, default=10, metavar="N", help="for --seen-by: use every Nth pose; default: 10")
+    add(
+        "--every",
+        type=int,
+        default=10,
+        metavar="N",
+        help="for --seen-by: use every Nth pose; default: 10",
+    )
     cell = "for --seen-by: longest edge of the pieces whose visibility is tested, in metres; default: 0.05"
     add("--cell", type=float, default=0.05, metavar="M", help=cell)
     help = "camera of --seen-by; default: 640x480 and the paper's K"
@@ -42,14 +51,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
     without = "leave out an object, or a class such as backdrop; may be given several times"
     add("--without", action="append", default=[], metavar="NAME", help=without)
     add_scene_options(parser)
-    common(parser, "iclnuim surface living_room -o living_room_kt2.ply --seen-by kt2 --without backdrop")
+    common(
+        parser,
+        "iclnuim surface living_room -o living_room_kt2.ply --seen-by kt2 --without backdrop",
+    )
     parser.set_defaults(opens="scene")
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
     out = args.out or Path(f"{Path(args.scene).stem}.ply")
     if out.suffix.lower() not in WRITERS:
-        raise InputError("a file name ending in .ply or .obj", path=out, found=out.suffix or "no ending")
+        raise InputError(
+            "a file name ending in .ply or .obj", path=out, found=out.suffix or "no ending"
+        )
     if args.out is None:
         refuse_existing(out, "-o MODEL")
     check_file(out)
@@ -57,12 +71,16 @@ def run(args: argparse.Namespace, console: Console) -> None:
         for part in obj_parts(out):
             refuse_existing(part, "another name for {out}")
     if args.every < 1 or not args.cell > 0:
-        raise InputError("--every of at least 1 and --cell above 0", found=f"{args.every}, {args.cell:g}")
+        raise InputError(
+            "--every of at least 1 and --cell above 0", found=f"{args.every}, {args.cell:g}"
+        )
     poses = [poses_of(name, args.scene)[:: args.every] for name in args.seen_by or ()]
     camera = PinholeCamera.parse(args.camera) if args.camera else PinholeCamera()
     model = _model(args)
     if not len(model):
-        raise InputError("at least one object of the scene", found="all objects left out by --without")
+        raise InputError(
+            "at least one object of the scene", found="all objects left out by --without"
+        )
     whole_m2 = float(model.area_m2().sum())
     if poses:
         model = _seen(model, camera, poses, args.cell, console)
@@ -76,7 +94,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
         "triangles": len(model),
         "objects": len(np.unique(model.instance)),
         "area_m2": round(area_m2, 3),
-        **({"share_of_surface": round(area_m2 / whole_m2, 4) if whole_m2 else 0.0} if poses else {}),
+        **(
+            {"share_of_surface": round(area_m2 / whole_m2, 4) if whole_m2 else 0.0} if poses else {}
+        ),
         "min_m": points_m.min(0).round(3).tolist(),
         "max_m": points_m.max(0).round(3).tolist(),
     }
@@ -96,7 +116,9 @@ def _model(args: argparse.Namespace) -> SceneModel:
 
         found = model.scene_model()
         rows = ground_truth.objects_table()["objects"]
-    known = {word: {r["id"] for r in rows if word in (r["name"], r["class"])} for word in args.without}
+    known = {
+        word: {r["id"] for r in rows if word in (r["name"], r["class"])} for word in args.without
+    }
     for word, ids in known.items():
         if not ids:
             listed = ", ".join(sorted({r["class"] for r in rows}))
@@ -105,12 +127,18 @@ def _model(args: argparse.Namespace) -> SceneModel:
     return found.chosen(~np.isin(found.instance, left_out))
 
 
-def _seen(model: SceneModel, camera: PinholeCamera, poses: list[SE3], cell_m: float, console: Console) -> SceneModel:
+def _seen(
+    model: SceneModel, camera: PinholeCamera, poses: list[SE3], cell_m: float, console: Console
+) -> SceneModel:
     from iclnuim.raycast.caster import Visibility
 
     smallest_m = float(np.sqrt(2 * model.area_m2().sum() / _MAX_PIECES))
     if cell_m < smallest_m:
-        raise InputError(f"at least {smallest_m:.3g} m in a scene of this size", setting="--cell", found=f"{cell_m:g}")
+        raise InputError(
+            f"at least {smallest_m:.3g} m in a scene of this size",
+            setting="--cell",
+            found=f"{cell_m:g}",
+        )
     pieces, _ = model.cut(cell_m)
     visibility = Visibility(pieces)
     progress = console.progress(sum(len(T.translation) for T in poses), "surface", "poses")

@@ -3,13 +3,14 @@
 import argparse
 from pathlib import Path
 
+from iclnuim.benchmark.experiments.cells import PRESETS
+from iclnuim.benchmark.experiments.paper_tables import preset_tables, table_1, trajectory_rows
+from iclnuim.benchmark.experiments.runner import measured
+from iclnuim.benchmark.experiments.text_tables import FORMATS
+from iclnuim.console import Console
 from iclnuim.errors import InputError
 
-from ..benchmark.cells import PRESETS
-from ..benchmark.paper_tables import preset_tables, table_1, trajectory_rows
-from ..benchmark.runner import measured
-from ..benchmark.text_tables import FORMATS
-from ..options import Console, common
+from ..options import common
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -25,12 +26,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> None:
     if args.number == 1:
-        console.result({row["sequence"]: row for row in trajectory_rows()}, FORMATS[args.format][1](table_1()))
+        console.result(
+            {row["sequence"]: row for row in trajectory_rows()}, FORMATS[args.format][1](table_1())
+        )
         return
     results = measured(args.out)
     if not results:
         hint = "iclnuim benchmark, or another folder with --out"
         raise InputError("a benchmark with measured cells", path=args.out, found="none", hint=hint)
-    names = [f"table_{args.number}"] + ([] if args.preset == "best" else [f"table_{args.number}_{args.preset}"])
+    names = [f"table_{args.number}"] + (
+        [] if args.preset == "best" else [f"table_{args.number}_{args.preset}"]
+    )
     table = next(table for table in preset_tables(results, args.preset) if table.name == names[-1])
     console.result({"columns": table.columns, "rows": table.rows}, FORMATS[args.format][1](table))

@@ -11,9 +11,17 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim import shipped
+from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats import trajectories as files
-from iclnuim.formats.files import atomic_write_text, check_file, data_lines, make_folder, read_json, read_text
+from iclnuim.formats.files import (
+    atomic_write_text,
+    check_file,
+    data_lines,
+    make_folder,
+    read_json,
+    read_text,
+)
 from iclnuim.formats.trajectories import TUM_HEADER
 from iclnuim.geometry import handheld
 from iclnuim.geometry import trajectory as trajectories
@@ -25,7 +33,15 @@ from iclnuim.raycast.caster import RayCaster, viewpoints
 from iclnuim.raycast.distance import TriangleDistance
 
 from ..isolation import opened_scene
-from ..options import SCENE_KINDS, Actions, Console, action, add_scene_options, add_settings, renamed, settings_from
+from ..options import (
+    SCENE_KINDS,
+    Actions,
+    action,
+    add_scene_options,
+    add_settings,
+    renamed,
+    settings_from,
+)
 from ..outputs import refuse_existing
 
 #: The planner searches this far beyond the viewpoints for a way around obstacles.
@@ -41,7 +57,9 @@ _FILE = "a trajectory file or a folder of POV-Ray camera files"
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(metavar="ACTION", required=True, dest="action")
     text = "frames, length, duration, speeds, rotation rates, gaps, and how each file was read"
-    info = action(actions, "info", text, "iclnuim trajectory info trajectories/living_room/kt2.txt", run_info)
+    info = action(
+        actions, "info", text, "iclnuim trajectory info trajectories/living_room/kt2.txt", run_info
+    )
     info.add_argument("files", nargs="+", metavar="FILE", help=_FILE)
     _add_reading(info)
     _configure_changes(actions)
@@ -56,13 +74,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _add_reading(plot)
     _configure_make(actions)
     text = "write the animation of a scene's camera as a TUM trajectory"
-    camera = action(actions, "camera", text, "iclnuim trajectory camera room.blend -o film.txt", run_camera)
+    camera = action(
+        actions, "camera", text, "iclnuim trajectory camera room.blend -o film.txt", run_camera
+    )
     camera.set_defaults(opens="scene")
     camera.add_argument("scene", metavar="SCENE", help=f"a file: {SCENE_KINDS}")
     camera.add_argument(
-        "-o", "--out", type=Path, metavar="OUT", help="default: the scene's name with .txt, in the working folder"
+        "-o",
+        "--out",
+        type=Path,
+        metavar="OUT",
+        help="default: the scene's name with .txt, in the working folder",
     )
-    camera.add_argument("--camera-object", metavar="NAME", help="use this camera instead of the active one")
+    camera.add_argument(
+        "--camera-object", metavar="NAME", help="use this camera instead of the active one"
+    )
     renamed(camera, "--camera", "--camera-object")
     camera.add_argument("--force", action="store_true", help="overwrite OUT")
     add_scene_options(camera)
@@ -74,7 +100,9 @@ def _configure_changes(actions: Actions) -> None:
         "convert a trajectory file to another format",
         "iclnuim trajectory convert traj0.gt.freiburg kt0.txt",
     )
-    convert = action(actions, "convert", text, example, partial(_run_change, _restamped), json=False)
+    convert = action(
+        actions, "convert", text, example, partial(_run_change, _restamped), json=False
+    )
     convert.add_argument("source", metavar="IN", help=_FILE)
     words = ", ".join(known.word for known in files.FORMATS.values() if known.word)
     help = (
@@ -93,11 +121,17 @@ def _configure_changes(actions: Actions) -> None:
     pose = "camera to world, 'x,y,z,qx,qy,qz,qw', or a trajectory file whose first pose is used"
     adopt.add_argument("--start", required=True, metavar="POSE", help=pose)
     adopt.add_argument(
-        "--scale", type=float, default=1.0, metavar="S", help="scale of the translations of SOURCE (default 1)"
+        "--scale",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="scale of the translations of SOURCE (default 1)",
     )
     text = "the same motion at another frame rate, by interpolation on SE(3)"
     example = "iclnuim trajectory resample kt2.txt --rate 120 -o kt2_120hz.txt"
-    resample = action(actions, "resample", text, example, partial(_run_change, _resampled), json=False)
+    resample = action(
+        actions, "resample", text, example, partial(_run_change, _resampled), json=False
+    )
     resample.add_argument("source", metavar="SOURCE", help="a trajectory file")
     resample.add_argument("--rate", required=True, type=float, metavar="HZ", help="15 to 240")
     names = ", ".join(name for name, known in files.FORMATS.items() if known.line)
@@ -108,7 +142,13 @@ def _configure_changes(actions: Actions) -> None:
         _add_reading(parser)
         help = f"format of OUT, instead of the one that its name implies: {names}"
         add("--to", dest="out_format", metavar="FORMAT", help=help)
-        add("--out-unit", type=parse_unit, default=1.0, metavar="UNIT", help="unit of the output (default m)")
+        add(
+            "--out-unit",
+            type=parse_unit,
+            default=1.0,
+            metavar="UNIT",
+            help="unit of the output (default m)",
+        )
         help = "z of the start pose in gt.freiburg and gt.sim (default -2.25; office -2.5)"
         add("--start-z", type=float, default=-2.25, metavar="Z", help=help)
         add("--force", action="store_true", help="overwrite OUT")
@@ -117,16 +157,27 @@ def _configure_changes(actions: Actions) -> None:
 def _configure_make(actions: Actions) -> None:
     """Add `make`: trajectories from their recipes, or one through a user-provided scene that keeps clear of its surfaces."""
     text = "make hand-held trajectories from their recipes: same recipe, same bytes"
-    parser = action(actions, "make", text, "iclnuim trajectory make office/kt3 --out paths", run_make)
-    parser.add_argument(
-        "recipes", nargs="*", metavar="NAME|RECIPE", help="kt2, office/kt0, a recipe file; default: all"
+    parser = action(
+        actions, "make", text, "iclnuim trajectory make office/kt3 --out paths", run_make
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write below DIR instead of next to the recipe")
+    parser.add_argument(
+        "recipes",
+        nargs="*",
+        metavar="NAME|RECIPE",
+        help="kt2, office/kt0, a recipe file; default: all",
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="write below DIR instead of next to the recipe"
+    )
     help = "write nothing; exit with 3 if a file differs from the trajectory that its recipe makes"
     parser.add_argument("--check", action="store_true", help=help)
     # a viewpoint may begin with a minus, which argparse would read as an option
     parser._negative_number_matcher = re.compile(r"^-[\d.]")
-    parser.add_argument("--scene", metavar="NAME|FILE", help="make a trajectory through this scene instead of recipes")
+    parser.add_argument(
+        "--scene",
+        metavar="NAME|FILE",
+        help="make a trajectory through this scene instead of recipes",
+    )
     places = (
         "positions in metres, z up, each optionally with a point to look at; or a file with one per line; "
         "or auto:N, which chooses N positions"
@@ -139,7 +190,9 @@ def _configure_make(actions: Actions) -> None:
 
 def _add_reading(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    names = f"format of the input; default: recognised by name and content: {', '.join(files.FORMATS)}"
+    names = (
+        f"format of the input; default: recognised by name and content: {', '.join(files.FORMATS)}"
+    )
     add("--from", dest="source_format", metavar="FORMAT", help=names)
     unit = "unit of the input: m (default), cm, mm, in, ft or a number of metres"
     add("--unit", type=parse_unit, default=1.0, metavar="UNIT", help=unit)
@@ -157,12 +210,18 @@ def run_info(args: argparse.Namespace, console: Console) -> None:
     for file in args.files:
         loaded = _loaded(args, file)
         statistics = trajectories.statistics(loaded.trajectory)
-        found.append({"file": os.fspath(file), "taken": asdict(loaded.read_as), **asdict(statistics)})
+        found.append(
+            {"file": os.fspath(file), "taken": asdict(loaded.read_as), **asdict(statistics)}
+        )
     console.result({"trajectories": found}, "\n\n".join(_info_text(one) for one in found))
 
 
 def _info_text(one: dict) -> str:
-    gaps = f"{one['gaps']}, the longest step is {one['longest_gap_s']:.3f} s" if one["gaps"] else "none"
+    gaps = (
+        f"{one['gaps']}, the longest step is {one['longest_gap_s']:.3f} s"
+        if one["gaps"]
+        else "none"
+    )
     return f"""{one["file"]}
   read as   {one["taken"]["sentence"]}
   frames    {one["frames"]} at {one["rate_hz"]:.6g} Hz
@@ -179,14 +238,18 @@ def run_plot(args: argparse.Namespace, console: Console) -> None:
         console.note(f"{file}: {one.read_as.sentence}")
     from iclnuim.report import charts as plots  # Matplotlib takes half a second to import
 
-    plots.save(plots.trajectories_figure([(os.path.basename(file), one) for file, one in loaded]), args.out)
+    plots.save(
+        plots.trajectories_figure([(os.path.basename(file), one) for file, one in loaded]), args.out
+    )
     console.note(
         f"{args.out}: {len(loaded)} trajector{'y' if len(loaded) == 1 else 'ies'} drawn; gt.freiburg and gt.sim are rotated z up"
     )
 
 
 def _run_change(
-    change: Callable[[argparse.Namespace, Trajectory, Console], Trajectory], args: argparse.Namespace, console: Console
+    change: Callable[[argparse.Namespace, Trajectory, Console], Trajectory],
+    args: argparse.Namespace,
+    console: Console,
 ) -> None:
     """Read a trajectory, change it, and write it. OUT is checked first, before anything is read."""
     to = args.out_format or (files.format_for_name(args.out) if args.out else "tum")
@@ -221,7 +284,9 @@ def _restamped(args: argparse.Namespace, source: Trajectory, console: Console) -
 def _adopted(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
     T_world_start, frame = _start_pose(args)
     adopted = trajectories.adopt(source, T_world_start, args.scale)
-    console.note(f"adopted: the first pose is the start pose in {frame}, translations scaled by {args.scale:g}")
+    console.note(
+        f"adopted: the first pose is the start pose in {frame}, translations scaled by {args.scale:g}"
+    )
     return adopted
 
 
@@ -236,7 +301,9 @@ def _resampled(args: argparse.Namespace, source: Trajectory, console: Console) -
 def _note_gaps(trajectory: Trajectory, consequence: str, console: Console) -> None:
     found = trajectories.statistics(trajectory) if len(trajectory) > 1 else None
     if found and found.gaps:
-        count = f"{found.gaps} gap{'s' * (found.gaps > 1)}, the longest of {found.longest_gap_s:.3f} s"
+        count = (
+            f"{found.gaps} gap{'s' * (found.gaps > 1)}, the longest of {found.longest_gap_s:.3f} s"
+        )
         console.note(f"note: the trajectory has {count}; {consequence}")
 
 
@@ -279,8 +346,15 @@ def run_camera(args: argparse.Namespace, console: Console) -> None:
         if note := cameras.timeline_note(bpy.context.scene):
             console.note(f"note: {note}")
     files.write_trajectory(out, animated, "tum")
-    figures = asdict(trajectories.statistics(animated)) if len(animated) > 1 else {"frames": len(animated)}
-    option = lens and f"{lens.width}x{lens.height},{lens.fx:.6g},{lens.fy:.6g},{lens.cx:.6g},{lens.cy:.6g}"
+    figures = (
+        asdict(trajectories.statistics(animated))
+        if len(animated) > 1
+        else {"frames": len(animated)}
+    )
+    option = (
+        lens
+        and f"{lens.width}x{lens.height},{lens.fx:.6g},{lens.fy:.6g},{lens.cx:.6g},{lens.cy:.6g}"
+    )
     text = f"{out}: {len(animated)} poses of the camera {camera.name}"
     text += f"; its lens: --camera {option}" if option else ""
     console.result({"file": str(out), "camera": camera.name, "pinhole": option, **figures}, text)
@@ -309,7 +383,9 @@ def run_make(args: argparse.Namespace, console: Console) -> None:
             raise WorkError(f"{target}: differs from the trajectory that its recipe makes")
         figures = asdict(trajectories.statistics(motion.trajectory))
         made.append({"name": name, "file": str(target), "scale": motion.scale, **figures})
-    rows = [f"{'':16}{'frames':>8}{'length':>9}{'mean':>8}{'max':>7} m/s{'mean':>8}{'max':>7} deg/s   scale"]
+    rows = [
+        f"{'':16}{'frames':>8}{'length':>9}{'mean':>8}{'max':>7} m/s{'mean':>8}{'max':>7} deg/s   scale"
+    ]
     rows += [
         f"{f['name']:16}{f['frames']:8d}{f['length_m']:9.3f}{f['mean_speed']:8.3f}{f['max_speed']:7.3f}    "
         f"{f['mean_rotation_rate']:8.1f}{f['max_rotation_rate']:7.1f}         {f['scale']:.4f}"
@@ -320,15 +396,22 @@ def run_make(args: argparse.Namespace, console: Console) -> None:
 
 def _refuse_other(target: Path) -> None:
     """Raises InputError if a file exists that is no trajectory as this command writes it."""
-    if target.exists() and not (target.is_file() and target.read_bytes().startswith(TUM_HEADER.encode())):
+    if target.exists() and not (
+        target.is_file() and target.read_bytes().startswith(TUM_HEADER.encode())
+    ):
         raise InputError(
-            "no file, or a trajectory that was made before", path=target, found="another file", hint="another {out}"
+            "no file, or a trajectory that was made before",
+            path=target,
+            found="another file",
+            hint="another {out}",
         )
 
 
 def tum_text(made: Trajectory) -> str:
     """A TUM file with 1e-6 m and 1e-7 in the quaternion: so few digits that rounding differences between processors do not appear."""
-    rows = np.column_stack([made.stamps_s, made.positions_m, made.T_world_camera.quat_xyzw + 0.0]).tolist()
+    rows = np.column_stack(
+        [made.stamps_s, made.positions_m, made.T_world_camera.quat_xyzw + 0.0]
+    ).tolist()
     line = "%.6f %.6f %.6f %.6f %.7f %.7f %.7f %.7f\n"
     text = "".join([line % tuple(row) for row in rows])
     return TUM_HEADER + text.replace("-0.000000 ", "0.000000 ").replace("-0.0000000", "0.0000000")
@@ -349,10 +432,14 @@ def _places(name: str, out: Path | None) -> tuple[Path, Path]:
 def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
     """Plan a trajectory through a scene; write it as NAME.txt (TUM) and its recipe as NAME.json."""
     if not args.scene or not args.viewpoints or args.recipes:
-        raise InputError("--scene and --viewpoints together, and no recipe", hint="--viewpoints auto:6")
+        raise InputError(
+            "--scene and --viewpoints together, and no recipe", hint="--viewpoints auto:6"
+        )
     settings = settings_from(args, PlanSettings())
     file = args.scene if args.scene in shipped.SCENE_NAMES else str(Path(args.scene).resolve())
-    with opened_scene("a trajectory through a scene", file, settings_from(args, SceneReading())) as notes:
+    with opened_scene(
+        "a trajectory through a scene", file, settings_from(args, SceneReading())
+    ) as notes:
         from iclnuim.blender import surfaces
 
         found = surfaces.triangles()
@@ -367,8 +454,13 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
         if not is_plausible(shape.extent, "z"):
             size = " x ".join(f"{x:.3g}" for x in shape.extent)
             hint = "another {unit_m}, or explicit viewpoints"
-            raise InputError("a scene of the size of a room or building", found=f"{size} m", hint=hint)
-        low, high = np.maximum(shape.low - 0.5, found.vertices.min(0)), shape.low + shape.extent + 0.5
+            raise InputError(
+                "a scene of the size of a room or building", found=f"{size} m", hint=hint
+            )
+        low, high = (
+            np.maximum(shape.low - 0.5, found.vertices.min(0)),
+            shape.low + shape.extent + 0.5,
+        )
         space = FreeSpace.between(low, np.minimum(high, found.vertices.max(0)), clearance)
         waypoints = viewpoints(
             space,
@@ -379,7 +471,9 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
         )
         for waypoint in waypoints:
             points = (waypoint.position_m, waypoint.look_at_m or ())
-            console.note("viewpoint " + ":".join(",".join(f"{x:.2f}" for x in point) for point in points))
+            console.note(
+                "viewpoint " + ":".join(",".join(f"{x:.2f}" for x in point) for point in points)
+            )
     else:
         waypoints = _waypoints(texts)
         places = np.array([w.position_m for w in waypoints])
@@ -393,7 +487,12 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
     }
     for file, text in texts_by_file.items():
         if file.exists() and file.read_bytes() != text.encode():
-            raise InputError("a new file name", path=file, found="a file with other content", hint="another {out}")
+            raise InputError(
+                "a new file name",
+                path=file,
+                found="a file with other content",
+                hint="another {out}",
+            )
     make_folder(name.parent, hint="another {out}")
     for file, text in texts_by_file.items():
         atomic_write_text(file, text)
@@ -403,7 +502,15 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
         f"{figures['mean_speed']:.3f} m/s, {figures['mean_rotation_rate']:.1f} deg/s, "
         f"at least {made.clearance_m:.3f} m from every surface; its recipe is {name}.json"
     )
-    console.result({"file": f"{name}.txt", "recipe": f"{name}.json", "clearance_m": made.clearance_m, **figures}, text)
+    console.result(
+        {
+            "file": f"{name}.txt",
+            "recipe": f"{name}.json",
+            "clearance_m": made.clearance_m,
+            **figures,
+        },
+        text,
+    )
 
 
 def _check_near(places: np.ndarray, vertices: np.ndarray) -> None:
@@ -413,7 +520,9 @@ def _check_near(places: np.ndarray, vertices: np.ndarray) -> None:
     for place in places:
         if (beyond_m := float(np.linalg.norm(place - place.clip(low, high)))) > limit_m:
             found = f"{','.join(f'{x:g}' for x in place)}, {beyond_m:.3g} m outside it"
-            raise InputError(f"viewpoints in the scene or at most {limit_m:.3g} m outside it", found=found)
+            raise InputError(
+                f"viewpoints in the scene or at most {limit_m:.3g} m outside it", found=found
+            )
 
 
 def _waypoints(texts: list[str]) -> list[Waypoint]:

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Sequence
 
+from iclnuim.console import Console, Progress
 from iclnuim.dataset.sequence import read_entries
 from iclnuim.errors import IclnuimError, WorkError
 
-from ..options import Console, Progress, option_name
+from ..options import option_name
 from .run_plan import RunPlan
 
 
@@ -27,7 +28,9 @@ class _Whole(Console):
         return self._progress
 
 
-def make_all(plans: Sequence[RunPlan], execute: Callable[[RunPlan, Console], int], console: Console) -> int:
+def make_all(
+    plans: Sequence[RunPlan], execute: Callable[[RunPlan, Console], int], console: Console
+) -> int:
     """Execute the plans one after another; returns the exit code. After an error the next plan is executed, after a stop it is not. Raises
     WorkError if some failed.
     """

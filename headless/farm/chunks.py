@@ -45,7 +45,9 @@ def split(workers: int | None = None, cores: list[int] | None = None) -> list[li
     pairs = max(1, len(cores) // 2)
     workers = pairs if workers is None else workers
     if not 1 <= workers <= 2 * pairs:
-        raise InputError(f"1 to {2 * pairs} workers on {len(cores)} cores", setting="workers", found=workers)
+        raise InputError(
+            f"1 to {2 * pairs} workers on {len(cores)} cores", setting="workers", found=workers
+        )
     sets = min(workers, pairs)
     shares = [cores[len(cores) * k // sets : len(cores) * (k + 1) // sets] for k in range(sets)]
     return [shares[k % sets] for k in range(workers)]

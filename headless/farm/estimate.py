@@ -38,7 +38,11 @@ def default(job: RenderJob) -> Figures:
     """Default figures, from the living room, scaled by samples and pixels."""
     vga = job.camera.width * job.camera.height / (640 * 480)
     samples = job.samples or 0
-    seconds = 0.35 + 0.2 * samples if job.light != "path" else 0.3 + 3.0 * samples + 2.0 * bool(job.denoise)
+    seconds = (
+        0.35 + 0.2 * samples
+        if job.light != "path"
+        else 0.3 + 3.0 * samples + 2.0 * bool(job.denoise)
+    )
     return Figures(max(0.05, seconds * (1 if job.exposure.instant else 8) * vga))
 
 
@@ -48,7 +52,9 @@ def measured(frames_core_s: Sequence[float], starts_s: Sequence[float], cores: i
         return Figures(0.0)
     middle = median(frames_core_s)
     beyond_core_s = max(0.0, sum(frames_core_s) - middle * len(frames_core_s))
-    return Figures(middle, fmean(starts_s) + beyond_core_s / cores / len(starts_s), len(frames_core_s))
+    return Figures(
+        middle, fmean(starts_s) + beyond_core_s / cores / len(starts_s), len(frames_core_s)
+    )
 
 
 def known(job: RenderJob) -> Figures:
@@ -67,13 +73,27 @@ def keep(job: RenderJob, figures: Figures) -> None:
 
 
 def _file(job: RenderJob) -> Path:
-    return shipped.cache_folder() / "figures" / f"{sha256(json.dumps(_key(job)).encode())[:16]}.json"
+    return (
+        shipped.cache_folder() / "figures" / f"{sha256(json.dumps(_key(job)).encode())[:16]}.json"
+    )
 
 
 def _key(job: RenderJob) -> dict:
     """The settings that decide the time of a frame."""
-    names = ("scene", "light", "samples", "denoise", "antialias", "lambertian", "exposure_s", "readout_s")
-    return {**{name: getattr(job, name) for name in names}, "size": [job.camera.width, job.camera.height]}
+    names = (
+        "scene",
+        "light",
+        "samples",
+        "denoise",
+        "antialias",
+        "lambertian",
+        "exposure_s",
+        "readout_s",
+    )
+    return {
+        **{name: getattr(job, name) for name in names},
+        "size": [job.camera.width, job.camera.height],
+    }
 
 
 @dataclass(frozen=True)
@@ -108,22 +128,34 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
     frames, largest, cpus = sum(chunks), max(chunks, default=0), plan.slurm.cpus
     pixels = plan.job.camera.width * plan.job.camera.height
     pairs = len(plan.numbers) if plan.sequences is not None else 0
-    bake_s = bake_core_s(plan.job) if plan.job.light != "path" and chunks and not shipped_light(plan.job) else 0.0
+    bake_s = (
+        bake_core_s(plan.job)
+        if plan.job.light != "path" and chunks and not shipped_light(plan.job)
+        else 0.0
+    )
     exr_bytes = BYTES_PER_PIXEL + (TRUTH_BYTES_PER_PIXEL if plan.job.ground_truth else 0)
     pairs_s = PAIR_CORE_S * pixels / (640 * 480) * pairs
     start_s = known.start_s * cpus * (len(chunks) + bool(chunks))
     task_s = known.start_s + known.frame_core_s * largest / cpus
     rounds = ceil(len(chunks) / plan.slurm.at_once)
     light_s, dataset_s = known.start_s + bake_s / cpus, 10 + pairs_s / cpus
-    wall_s = (light_s + rounds * task_s if chunks else 0) + (dataset_s if plan.sequences is not None else 0)
-    source = f"measured on {known.frames} frames" if known.frames else "defaults, as nothing is measured yet"
+    wall_s = (light_s + rounds * task_s if chunks else 0) + (
+        dataset_s if plan.sequences is not None else 0
+    )
+    source = (
+        f"measured on {known.frames} frames"
+        if known.frames
+        else "defaults, as nothing is measured yet"
+    )
     return Estimate(
         frames=frames,
         tasks=len(chunks),
         frames_a_task=largest,
         core_hours=(frames * known.frame_core_s + bake_s + pairs_s + start_s) / 3600,
         bake_core_hours=bake_s / 3600,
-        gigabytes=pixels * (exr_bytes * frames + PAIR_BYTES * pairs) / 1e9,  # with all raw frames and the sequences
+        gigabytes=pixels
+        * (exr_bytes * frames + PAIR_BYTES * pairs)
+        / 1e9,  # with all raw frames and the sequences
         wall_minutes=wall_s / 60,
         task_minutes=task_s / 60,
         light_minutes=light_s / 60,

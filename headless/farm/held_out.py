@@ -5,7 +5,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from iclnuim import __version__, shipped
+from iclnuim import shipped
+from iclnuim.console import Console
 from iclnuim.dataset.run_folder import load_trajectory, read_run, refuse_other
 from iclnuim.errors import InputError
 from iclnuim.formats.files import make_folder, read_bytes, read_json, sha256, write_json
@@ -13,9 +14,9 @@ from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.held_out import check_held_out, choose_held_out
+from iclnuim.version import __version__
 
 from ..isolation import opened_scene, run_isolated
-from ..options import Console
 from .chunks import numbers_text
 from .run_plan import RunPlan
 
@@ -28,11 +29,19 @@ def prepare(plan: RunPlan, console: Console) -> None:
     parts that no training view saw, if other views exist, or if the scene moves; WorkError without Blender or embreex.
     """
     if plan.farm.engine != "local":
-        raise InputError("{engine} local with {held_out}: when the frames are done, the same command renders the views")
+        raise InputError(
+            "{engine} local with {held_out}: when the frames are done, the same command renders the views"
+        )
     record, requested = plan.out / FOLDER / RECORD, _identity(plan)
     if record.is_file():
         existing = read_json(record)
-        refuse_other("set of views", record, {key: existing.get(key) for key in requested}, requested, "another {out}")
+        refuse_other(
+            "set of views",
+            record,
+            {key: existing.get(key) for key in requested},
+            requested,
+            "another {out}",
+        )
         return
     run_isolated(partial(_make, plan, requested, console), plan.job.scene)
 
@@ -43,7 +52,9 @@ def views_plan(plan: RunPlan) -> RunPlan:
     settled = read_run(plan.raw).job
     light = {name: getattr(settled, name) for name in ("light", "samples", "denoise")}
     poses, sequence = str((folder / POSES).resolve()), f"{plan.job.sequence}/{FOLDER}"
-    job = replace(plan.job, sequence=sequence, trajectory=poses, exposure_s=0.0, readout_s=0.0, **light)
+    job = replace(
+        plan.job, sequence=sequence, trajectory=poses, exposure_s=0.0, readout_s=0.0, **light
+    )
     numbers = tuple(range(len(load_trajectory(job))))
     return replace(plan, job=job, raw=folder / "raw", numbers=numbers, held_out="", noisy=False)
 
@@ -52,7 +63,9 @@ def _identity(plan: RunPlan) -> dict:
     """All settings that decide the views."""
     poses = load_trajectory(plan.job).T_world_camera.matrix
     return {
-        "held_out": plan.held_out if plan.held_out.isdecimal() else sha256(read_bytes(_file(plan.held_out))),
+        "held_out": plan.held_out
+        if plan.held_out.isdecimal()
+        else sha256(read_bytes(_file(plan.held_out))),
         "seed": plan.job.seed,
         "scene": Path(plan.job.scene).name,
         "camera": plan.job.camera.to_dict(),
@@ -75,16 +88,24 @@ def _make(plan: RunPlan, identity: dict, console: Console) -> None:
             found = ", ".join(moving[:3])
             raise InputError("a scene without motion, for {held_out}", path=job.scene, found=found)
         surface = surfaces.triangles()
-    caster, training = RayCaster(surface.vertices, surface.triangles), load_trajectory(job).T_world_camera[numbers]
+    caster, training = (
+        RayCaster(surface.vertices, surface.triangles),
+        load_trajectory(job).T_world_camera[numbers],
+    )
     if plan.held_out.isdecimal():
         count = int(plan.held_out)
         on_view = console.progress(count, "held-out views", "views").advance
-        views = Trajectory.at_rate(choose_held_out(caster, job.camera, training, count, job.seed, on_view))
+        views = Trajectory.at_rate(
+            choose_held_out(caster, job.camera, training, count, job.seed, on_view)
+        )
     else:
         views = read_trajectory(_file(plan.held_out)).trajectory
     on_view = console.progress(len(views), "held-out views, checked", "views").advance
     figures = check_held_out(caster, job.camera, views.T_world_camera, training, on_view)
     make_folder(plan.out / FOLDER)
     write_trajectory(plan.out / FOLDER / POSES, views, "tum")
-    rows = [{"view": k, **{n: round(v, 6) for n, v in vars(view).items()}} for k, view in enumerate(figures)]
+    rows = [
+        {"view": k, **{n: round(v, 6) for n, v in vars(view).items()}}
+        for k, view in enumerate(figures)
+    ]
     write_json(plan.out / FOLDER / RECORD, {**identity, "version": __version__, "views": rows})

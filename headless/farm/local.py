@@ -32,7 +32,9 @@ class WorkerError(IclnuimError):
 
 def not_started(client: WorkerClient, code: int) -> WorkError:
     """The error for a worker that ended with exit code `code` before it was ready."""
-    return WorkError(f"a worker failed to start (code {code}): {client.log_end()}; its log: {client.log}")
+    return WorkError(
+        f"a worker failed to start (code {code}): {client.log_end()}; its log: {client.log}"
+    )
 
 
 @dataclass
@@ -150,10 +152,15 @@ class LocalFarm:
                 self._failed_starts = 0
                 self._count(worker, event.frame)
             case ChunkDone():
-                for number in list(worker.left):  # finished earlier, by a worker that ended before it could report this
+                for number in list(
+                    worker.left
+                ):  # finished earlier, by a worker that ended before it could report this
                     self._count(worker, number)
                 worker.busy = False
-                if worker.rendered >= self._settings.max_frames or (event.rss_mb or 0.0) > self._settings.max_mb:
+                if (
+                    worker.rendered >= self._settings.max_frames
+                    or (event.rss_mb or 0.0) > self._settings.max_mb
+                ):
                     worker.client.stop()  # the next worker gets its cores when it has ended
             case Failed(bug=False):
                 raise WorkerError(event)
@@ -172,7 +179,9 @@ class LocalFarm:
         for worker in self.workers:
             timeout_s = settings.worker_timeout_s if worker.ready else settings.start_timeout_s
             since_frame_s = time.monotonic() - worker.last_frame_s if worker.ready else 0.0
-            if worker.busy and (worker.client.silent_s > timeout_s or since_frame_s > settings.frame_timeout_s):
+            if worker.busy and (
+                worker.client.silent_s > timeout_s or since_frame_s > settings.frame_timeout_s
+            ):
                 worker.client.kill()
 
     def _replace(self, worker: Worker, code: int) -> None:

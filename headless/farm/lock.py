@@ -24,7 +24,12 @@ class OutputLock:
 
     def __init__(self, folder: Path) -> None:
         self.path, pid = Path(folder) / "lock", os.getpid()
-        self._mine = {"host": platform.node(), "pid": pid, "born": _born(pid), "token": uuid.uuid4().hex}
+        self._mine = {
+            "host": platform.node(),
+            "pid": pid,
+            "born": _born(pid),
+            "token": uuid.uuid4().hex,
+        }
         self._end = threading.Event()
 
     def __enter__(self) -> "OutputLock":
@@ -56,7 +61,10 @@ class OutputLock:
         return holder if holder and self._lives(holder) else None
 
     def _take(self) -> bool:
-        draft, content = self.path.with_name(f".{self.path.name}-{self._mine['token']}"), json.dumps(self._mine) + "\n"
+        draft, content = (
+            self.path.with_name(f".{self.path.name}-{self._mine['token']}"),
+            json.dumps(self._mine) + "\n",
+        )
         try:
             draft.write_text(content, "utf-8")
             try:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+from iclnuim.console import Console
 from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
 from iclnuim.errors import InputError, WorkError
 from iclnuim.job import RenderJob
@@ -30,7 +31,6 @@ from iclnuim.worker_events import (
 )
 
 from ..isolation import crash_words
-from ..options import Console
 from .chunks import chunks_of, granted_cores, local_size, own_cores, split
 from .local import Inbox, LocalFarm, Outcome, Worker, WorkerError, not_started
 from .lock import OutputLock
@@ -58,7 +58,11 @@ class Workers:
     def start(self, cores: list[int], inbox: Inbox) -> WorkerClient:
         """Start a worker on these cores. Raises WorkError."""
         name = f"{platform.node()}-{os.getpid()}" if self.shared else f"{os.getpid()}"
-        log = self.out / ".farm" / f"{'task' if self.shared else 'worker'}-{name}-{next(self._count):02}.log"
+        log = (
+            self.out
+            / ".farm"
+            / f"{'task' if self.shared else 'worker'}-{name}-{next(self._count):02}.log"
+        )
         log.parent.mkdir(parents=True, exist_ok=True)
         journal = f"finished-{name}.jsonl" if self.shared else "finished.jsonl"
         granted = granted_cores() if self.shared else own_cores()
@@ -90,7 +94,9 @@ class LocalRun:
     run, job: as decided by the worker, for example without baked light if the scene moves. shared: see Workers.
     """
 
-    def __init__(self, plan: RunPlan, console: Console, should_stop: Callable[[], bool], shared: bool = False) -> None:
+    def __init__(
+        self, plan: RunPlan, console: Console, should_stop: Callable[[], bool], shared: bool = False
+    ) -> None:
         self.plan, self.console, self.should_stop = plan, console, should_stop
         self.farm: LocalFarm | None = None
         self._workers = Workers(plan.job, plan.raw, console, shared, plan.numbers)
@@ -142,7 +148,9 @@ class LocalRun:
         stop, job = should_stop or self.should_stop, self.job
         cores, missing = cores or split(self.plan.farm.workers), self.run.missing(numbers)
         if numbers:
-            self.console.note(f"{job.sequence}: {len(missing)} of {len(numbers)} frames to render, in {self.plan.raw}")
+            self.console.note(
+                f"{job.sequence}: {len(missing)} of {len(numbers)} frames to render, in {self.plan.raw}"
+            )
         baked = False
         if missing:
             self.run.check_space(len(missing))
@@ -186,14 +194,18 @@ class LocalRun:
             if isinstance(event, Failed) and not event.bug:
                 raise WorkerError(event)
             if isinstance(event, Exited) and event.code < 0:
-                raise WorkError(f"{crash_words(self._workers.job.scene, -event.code)}; its log: {client.log}")
+                raise WorkError(
+                    f"{crash_words(self._workers.job.scene, -event.code)}; its log: {client.log}"
+                )
             if isinstance(event, Exited):
                 raise not_started(client, event.code)
         raise KeyboardInterrupt
 
 
 @contextmanager
-def open_run(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -> Iterator[LocalRun]:
+def open_run(
+    plan: RunPlan, console: Console, should_stop: Callable[[], bool]
+) -> Iterator[LocalRun]:
     """Make or resume the run of `plan`, locked for this command. Raises InputError, or WorkError that names another process using the folder."""
     split(plan.farm.workers)
     load_trajectory(plan.job)
@@ -205,7 +217,9 @@ def open_run(plan: RunPlan, console: Console, should_stop: Callable[[], bool]) -
         with OutputLock(out / ".farm"), LocalRun(plan, console, should_stop) as run:
             yield run
     except NotADirectoryError:
-        raise InputError("a folder", path=out, found="a file in its path", hint="another {out}") from None
+        raise InputError(
+            "a folder", path=out, found="a file in its path", hint="another {out}"
+        ) from None
     except OSError as error:
         raise WorkError(f"{out}: {error.strerror or error}", hint="another {out}") from None
     finally:
@@ -229,7 +243,9 @@ def report(outcome: Outcome, console: Console) -> int:
     if outcome.failed:
         listed = "; ".join(f"frame {n}: {log}" for n, log in sorted(outcome.failed.items())[:10])
         count = len(outcome.failed)
-        raise WorkError(f"{count} frames failed and were given up, all others are done; logs of the failed: {listed}")
+        raise WorkError(
+            f"{count} frames failed and were given up, all others are done; logs of the failed: {listed}"
+        )
     return 0
 
 

@@ -48,10 +48,14 @@ class FarmSettings(Settings):
     group: ClassVar[str] = "the farm"
 
     engine: str = setting(
-        "local", "where it runs", choices={"local": "this machine", "slurm": "an existing Slurm cluster"}
+        "local",
+        "where it runs",
+        choices={"local": "this machine", "slurm": "an existing Slurm cluster"},
     )
     workers: int | None = setting(
-        None, "number of rendering processes, at most one per core; default: one per two cores", low=1
+        None,
+        "number of rendering processes, at most one per core; default: one per two cores",
+        low=1,
     )
     worker_timeout_s: float = setting(
         120.0,
@@ -60,7 +64,9 @@ class FarmSettings(Settings):
         low=5.0,
         option="--worker-timeout",
     )
-    start_timeout_s: float = setting(1800.0, "the same, until the scene is prepared", unit="s", low=1.0, option="")
+    start_timeout_s: float = setting(
+        1800.0, "the same, until the scene is prepared", unit="s", low=1.0, option=""
+    )
     frame_timeout_s: float = setting(
         3600.0,
         "the same, without a finished frame, as heartbeats continue if rendering hangs",
@@ -68,9 +74,15 @@ class FarmSettings(Settings):
         low=1.0,
         option="",
     )
-    attempts: int = setting(3, "a frame is given up after it has ended this number of workers", low=1, option="")
-    max_frames: int = setting(2000, "a worker is replaced after this number of frames", low=1, option="")
-    max_mb: float = setting(6000.0, "a worker is replaced when it takes more memory", unit="MB", low=1.0, option="")
+    attempts: int = setting(
+        3, "a frame is given up after it has ended this number of workers", low=1, option=""
+    )
+    max_frames: int = setting(
+        2000, "a worker is replaced after this number of frames", low=1, option=""
+    )
+    max_mb: float = setting(
+        6000.0, "a worker is replaced when it takes more memory", unit="MB", low=1.0, option=""
+    )
 
 
 @dataclass(frozen=True)
@@ -83,15 +95,22 @@ class SlurmSettings(Settings):
     account: str | None = setting(None, "Slurm account that is charged")
     qos: str | None = setting(None, "Slurm quality of service", option="")
     constraint: str | None = setting(None, "required features of the nodes", option="")
-    time: str | None = setting(None, "time limit of a task, such as 30, 2:00:00 or 1-12; default: from the estimate")
+    time: str | None = setting(
+        None, "time limit of a task, such as 30, 2:00:00 or 1-12; default: from the estimate"
+    )
     memory: str = setting("4G", "memory of a task, such as 4G or 900M")
     cpus: int = setting(4, "cores of a task, two for each worker process", low=1)
     chunk_minutes: float = setting(6.0, "work of a frame task", unit="min", low=1e-6)
-    at_once: int = setting(256, "maximum number of tasks that run at the same time", low=1, option="")
-    scratch: str | None = setting(
-        None, "folder on the node for Blender's raw frames, such as '$TMPDIR'; variables are expanded on the node"
+    at_once: int = setting(
+        256, "maximum number of tasks that run at the same time", low=1, option=""
     )
-    python: str | None = setting(None, "command that runs Python on the nodes, such as a container", option="")
+    scratch: str | None = setting(
+        None,
+        "folder on the node for Blender's raw frames, such as '$TMPDIR'; variables are expanded on the node",
+    )
+    python: str | None = setting(
+        None, "command that runs Python on the nodes, such as a container", option=""
+    )
     setup: tuple[str, ...] = ()
     extra: dict[str, str] = field(default_factory=dict)
 
@@ -101,7 +120,9 @@ class SlurmSettings(Settings):
             raise InputError("a size such as 4G or 900M", setting="memory", found=self.memory)
         if self.time is not None:
             minutes(self.time)
-        if not isinstance(self.setup, list | tuple) or not all(isinstance(line, str) for line in self.setup):
+        if not isinstance(self.setup, list | tuple) or not all(
+            isinstance(line, str) for line in self.setup
+        ):
             raise InputError("a list of shell lines", setting="setup", found=self.setup)
         object.__setattr__(self, "setup", tuple(self.setup))
         if not isinstance(self.extra, dict):
@@ -217,16 +238,34 @@ class RunPlan:
             return _from_version_1(content, raw)
         if content.get("schema_version") != SCHEMA_VERSION:
             found = content.get("schema_version")
-            raise InputError(f"schema_version {SCHEMA_VERSION}", found=found, hint="a newer iclnuim")
+            raise InputError(
+                f"schema_version {SCHEMA_VERSION}", found=found, hint="a newer iclnuim"
+            )
         refuse_unknown(content, _KEYS, "the record of a run")
         _find_modules_of(content)
-        job, numbers, sequences = RenderJob.from_dict(content["job"]), numbers_from(str(content["frames"])), None
+        job, numbers, sequences = (
+            RenderJob.from_dict(content["job"]),
+            numbers_from(str(content["frames"])),
+            None,
+        )
         if content["sequences"] is not None:
             sequences = SequenceOptions.from_dict(content["sequences"])
-        farm, slurm = FarmSettings.from_dict(content["farm"]), SlurmSettings.from_dict(content["slurm"])
+        farm, slurm = (
+            FarmSettings.from_dict(content["farm"]),
+            SlurmSettings.from_dict(content["slurm"]),
+        )
         shared = farm, slurm, LogSettings.from_dict(content.get("logs", {}))
         views = content.get("held_out", ""), content.get("noisy", True)
-        return cls(job, raw, numbers, sequences, content["keep_raw"], *shared, content["working_folder"], *views)
+        return cls(
+            job,
+            raw,
+            numbers,
+            sequences,
+            content["keep_raw"],
+            *shared,
+            content["working_folder"],
+            *views,
+        )
 
     def has_record(self) -> bool:
         """Whether the run folder has a record, of this command or of an earlier one."""
@@ -243,7 +282,9 @@ def find_run(folder: Path) -> Path:
     for raw in (folder, folder / "raw"):
         if (raw / RECORD).is_file():
             return raw
-    raise InputError("the output folder of `iclnuim render` or `make`", path=folder, found=f"no {RECORD}")
+    raise InputError(
+        "the output folder of `iclnuim render` or `make`", path=folder, found=f"no {RECORD}"
+    )
 
 
 def read_plan(raw: Path) -> RunPlan:
@@ -269,14 +310,25 @@ def _from_version_1(record: Mapping[str, Any], raw: Path) -> RunPlan:
     _find_modules_of(record)
     options, job = record["options"], read_run(raw).job
     frames = options["frames"] or ("::30" if options["quick"] else "::")
-    given = {name.removeprefix("slurm_"): value for name, value in options.items() if name.startswith("slurm_")}
+    given = {
+        name.removeprefix("slurm_"): value
+        for name, value in options.items()
+        if name.startswith("slurm_")
+    }
     slurm = read_settings(Path(options["slurm"])) if options["slurm"] else SlurmSettings()
-    farm = {"engine": options["engine"], "workers": options["workers"], "worker_timeout_s": options["stuck_after"]}
+    farm = {
+        "engine": options["engine"],
+        "workers": options["workers"],
+        "worker_timeout_s": options["stuck_after"],
+    }
     sequences = None
     if record["command"] == "make":
         noise = {name: options[name] for name in ("depth_noise", "rgb_noise")}
         settings = {name: json.loads(options[name]) for name in ("depth_settings", "rgb_settings")}
         sequences = SequenceOptions(**noise, **settings, seed=options["seed"] or 0)
-    numbers, keep_raw = tuple(frame_slice(frames, len(load_trajectory(job)))), options.get("keep_raw", True)
+    numbers, keep_raw = (
+        tuple(frame_slice(frames, len(load_trajectory(job)))),
+        options.get("keep_raw", True),
+    )
     shared = FarmSettings().changed(**farm), slurm.changed(**given), LogSettings()
     return RunPlan(job, raw, numbers, sequences, keep_raw, *shared, record["working_folder"])

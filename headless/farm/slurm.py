@@ -11,12 +11,12 @@ from math import ceil
 from pathlib import Path
 from typing import Any
 
+from iclnuim.console import Console
 from iclnuim.dataset.run_folder import read_run, refuse_other
 from iclnuim.dataset.sequence import read_recipe
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import write_json
 
-from ..options import Console
 from .chunks import Chunk, chunks_of, size_for_seconds
 from .estimate import Estimate, estimate
 from .estimate import known as known_figures
@@ -69,7 +69,9 @@ def run(plan: RunPlan, print_only: bool, console: Console) -> int:
         return _show(plan, console)
     if not all(shutil.which(name) for name in ("sbatch", "srun", "squeue", "scontrol")):
         needed = "sbatch, srun, squeue, scontrol on the PATH"
-        raise WorkError(f"Slurm is not available here ({needed})", hint="a login node, or {print_only}")
+        raise WorkError(
+            f"Slurm is not available here ({needed})", hint="a login node, or {print_only}"
+        )
     batch = prepare(plan)
     if not batch.stages:
         queued = f"nothing to submit: all missing work is in the queue ({counted(batch.waiting)})"
@@ -92,8 +94,13 @@ def _show(plan: RunPlan, console: Console) -> int:
         console.note(f"an empty queue is assumed: {error}")
         batch = prepare(plan, query=False)
     executor, texts = _executor(plan), []
-    for stage, chunks in batch.stages:  # dependencies are shown by stage, as job numbers are unknown
-        after = {"light": None, "frames": "afterok:LIGHT", "dataset": "afterany:LIGHT:FRAMES"}[stage]
+    for (
+        stage,
+        chunks,
+    ) in batch.stages:  # dependencies are shown by stage, as job numbers are unknown
+        after = {"light": None, "frames": "afterok:LIGHT", "dataset": "afterany:LIGHT:FRAMES"}[
+            stage
+        ]
         executor.parameters = {}
         executor.update_parameters(**_parameters(plan.slurm, stage, batch.estimate, after))
         if len(chunks) > 1:
@@ -112,12 +119,16 @@ def prepare(plan: RunPlan, query: bool = True) -> Batch:
     waiting = in_queue(jobs)
     if waiting and plan.has_record():
         _refuse_other_plan(plan)
-    taken = {n for job in jobs for task, frames in job.tasks.items() if task in waiting for n in frames}
+    taken = {
+        n for job in jobs for task, frames in job.tasks.items() if task in waiting for n in frames
+    }
     missing = [n for n in plan.missing() if n not in taken]
     known = known_figures(plan.job)
     size = size_for_seconds(60 * plan.slurm.chunk_minutes, known.frame_core_s / plan.slurm.cpus)
     chunks = chunks_of(missing, size)
-    answer = re.search(r"^MaxArraySize\s*=\s*(\d+)", _query("scontrol", "show", "config") if query else "", re.M)
+    answer = re.search(
+        r"^MaxArraySize\s*=\s*(\d+)", _query("scontrol", "show", "config") if query else "", re.M
+    )
     max_size = max(1, int(answer[1])) if answer else MAX_ARRAY_SIZE  # MaxArraySize counts from 0
     dataset_waits = any(job.stage == "dataset" and job.job in waiting for job in jobs)
     stages: list[tuple[str, Chunks]] = [("light", ())] if chunks else []
@@ -140,8 +151,13 @@ def submit(plan: RunPlan, batch: Batch) -> list[Submitted]:
     try:
         for stage, chunks in batch.stages:
             executor.parameters = {}
-            executor.update_parameters(**_parameters(plan.slurm, stage, batch.estimate, _dependency(stage, new, batch)))
-            given = [Task(plan.to_dict(), str(plan.raw.resolve()), stage, frames) for frames in chunks or [()]]
+            executor.update_parameters(
+                **_parameters(plan.slurm, stage, batch.estimate, _dependency(stage, new, batch))
+            )
+            given = [
+                Task(plan.to_dict(), str(plan.raw.resolve()), stage, frames)
+                for frames in chunks or [()]
+            ]
             job = executor.submit_array(given)[0]
             new.append(Submitted(job.job_id.split("_")[0], stage, chunks))
             record(plan.raw, still + new)
@@ -166,7 +182,9 @@ def _executor(plan: RunPlan) -> Any:
     try:
         from submitit.slurm.slurm import SlurmExecutor
     except ImportError:
-        raise WorkError("submitting to Slurm needs submitit", hint="pip install 'iclnuim[slurm]'") from None
+        raise WorkError(
+            "submitting to Slurm needs submitit", hint="pip install 'iclnuim[slurm]'"
+        ) from None
 
     class Executor(SlurmExecutor):
         @classmethod
@@ -180,15 +198,23 @@ def _executor(plan: RunPlan) -> Any:
     return Executor(folder, max_num_timeout=MAX_TIMEOUTS, python=plan.slurm.python)
 
 
-def _parameters(settings: SlurmSettings, stage: str, expected: Estimate, dependency: str | None) -> dict:
+def _parameters(
+    settings: SlurmSettings, stage: str, expected: Estimate, dependency: str | None
+) -> dict:
     """sbatch options under submitit's names. The time limit of a task is four times its estimate, at least half an hour."""
-    task = {"light": expected.light_minutes, "frames": expected.task_minutes, "dataset": expected.dataset_minutes}
+    task = {
+        "light": expected.light_minutes,
+        "frames": expected.task_minutes,
+        "dataset": expected.dataset_minutes,
+    }
     time_min = minutes(settings.time) if settings.time else max(30, ceil(4 * task[stage]))
     setup = [*settings.setup]
     if settings.scratch is not None:  # variables are expanded on the node
         quoted = re.sub(r'(["`\\])', r"\\\1", settings.scratch)
         setup += [f'export ICLNUIM_SCRATCH="{quoted}"', 'mkdir -p "$ICLNUIM_SCRATCH"']
-    given = {name: getattr(settings, name) for name in ("partition", "account", "qos", "constraint")}
+    given = {
+        name: getattr(settings, name) for name in ("partition", "account", "qos", "constraint")
+    }
     return {
         "job_name": NAMES[stage],
         "time": time_min,
@@ -196,7 +222,9 @@ def _parameters(settings: SlurmSettings, stage: str, expected: Estimate, depende
         "cpus_per_task": settings.cpus,
         "signal_delay_s": min(NOTICE_S, 15 * time_min),
         "array_parallelism": settings.at_once,
-        "srun_args": [f"--cpus-per-task={settings.cpus}"],  # since 22.05 srun does not take it from sbatch
+        "srun_args": [
+            f"--cpus-per-task={settings.cpus}"
+        ],  # since 22.05 srun does not take it from sbatch
         "wckey": None,
         "setup": setup or None,
         # a task that was preempted, or whose node failed, is requeued; one whose light task failed is cancelled
@@ -212,7 +240,9 @@ def _dependency(stage: str, new: list[Submitted], batch: Batch) -> str | None:
         return None
     if stage == "frames":
         return f"afterok:{new[0].job}"
-    earlier = list(dict.fromkeys([*(task.split("_")[0] for task in batch.waiting), *(job.job for job in new)]))
+    earlier = list(
+        dict.fromkeys([*(task.split("_")[0] for task in batch.waiting), *(job.job for job in new)])
+    )
     return f"afterany:{':'.join(earlier)}" if earlier else None
 
 
@@ -221,9 +251,14 @@ def _refuse_other_job(plan: RunPlan) -> None:
     if not (plan.raw / "sequence.json").is_file():
         return
     begun, requested = read_run(plan.raw).recipe["job"], plan.job.to_dict()
-    free = requested["light"] == "auto" or (begun.get("light"), requested["light"]) == ("path", "baked")
+    free = requested["light"] == "auto" or (begun.get("light"), requested["light"]) == (
+        "path",
+        "baked",
+    )
     decided = {"light", "samples"} if free else set()
-    names = set(requested) - {"sequence", "scene", "trajectory", "denoise", "schema_version"} - decided
+    names = (
+        set(requested) - {"sequence", "scene", "trajectory", "denoise", "schema_version"} - decided
+    )
     existing, new = ({name: job.get(name) for name in names} for job in (begun, requested))
     refuse_other("run", plan.raw, existing, new, "another {out}")
 
@@ -231,16 +266,21 @@ def _refuse_other_job(plan: RunPlan) -> None:
 def _refuse_other_plan(plan: RunPlan) -> None:
     """Raise InputError if the tasks in the queue were submitted for another job or other sequences."""
     submitted, requested = (
-        {**p["job"], **(p["sequences"] or {})} for p in (read_plan(plan.raw).to_dict(), plan.to_dict())
+        {**p["job"], **(p["sequences"] or {})}
+        for p in (read_plan(plan.raw).to_dict(), plan.to_dict())
     )
-    refuse_other("run in the queue", plan.raw, submitted, requested, "another {out}, or `scancel` first")
+    refuse_other(
+        "run in the queue", plan.raw, submitted, requested, "another {out}, or `scancel` first"
+    )
 
 
 def in_queue(jobs: list[Submitted]) -> dict[str, str]:
     """Tasks of `jobs` that wait or run -> their state. Raises WorkError if Slurm does not answer."""
     if not jobs:
         return {}
-    lines = _query("squeue", "-h", "-r", "-o", "%i %T", "--name", ",".join(NAMES.values())).splitlines()
+    lines = _query(
+        "squeue", "-h", "-r", "-o", "%i %T", "--name", ",".join(NAMES.values())
+    ).splitlines()
     states = dict(line.split()[:2] for line in lines if len(line.split()) > 1)
     ours = {task for job in jobs for task in job.tasks}
     return {task: state for task, state in states.items() if task in ours}
@@ -248,36 +288,49 @@ def in_queue(jobs: list[Submitted]) -> dict[str, str]:
 
 def counted(states: dict[str, str]) -> str:
     """Number of tasks by state, such as `3 running, 10 pending`."""
-    return ", ".join(f"{n} {state.lower()}" for state, n in sorted(Counter(states.values()).items(), reverse=True))
+    return ", ".join(
+        f"{n} {state.lower()}"
+        for state, n in sorted(Counter(states.values()).items(), reverse=True)
+    )
 
 
 def recorded(raw: Path) -> list[Submitted]:
     """Jobs submitted so far for a run folder; none if nothing is recorded."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         content = json.loads((raw / _SUBMITTED).read_text("utf-8"))
-        return [Submitted(j["job"], j["stage"], tuple(map(tuple, j["chunks"]))) for j in content["jobs"]]
+        return [
+            Submitted(j["job"], j["stage"], tuple(map(tuple, j["chunks"]))) for j in content["jobs"]
+        ]
     return []
 
 
 def record(raw: Path, jobs: list[Submitted]) -> None:
     """Record the jobs submitted so far."""
-    content = [{"job": j.job, "stage": j.stage, "chunks": [list(c) for c in j.chunks]} for j in jobs]
+    content = [
+        {"job": j.job, "stage": j.stage, "chunks": [list(c) for c in j.chunks]} for j in jobs
+    ]
     (raw / _SUBMITTED).parent.mkdir(parents=True, exist_ok=True)
     write_json(raw / _SUBMITTED, {"jobs": content})
 
 
 def last_error(raw: Path) -> str | None:
     """The error of the task that failed last, from the logs in the run folder."""
-    logs = sorted((raw / ".farm/slurm").glob("*_log.err"), key=lambda path: path.stat().st_mtime, reverse=True)
+    logs = sorted(
+        (raw / ".farm/slurm").glob("*_log.err"), key=lambda path: path.stat().st_mtime, reverse=True
+    )
     for log in logs:
-        if found := re.findall(r"^(?:[\w.]*\.)?\w*Error: (.+)$", log.read_text("utf-8", "replace"), re.M):
+        if found := re.findall(
+            r"^(?:[\w.]*\.)?\w*Error: (.+)$", log.read_text("utf-8", "replace"), re.M
+        ):
             return f"{log.name}: {found[-1]}"
     return None
 
 
 def _query(*command: str) -> str:
     try:
-        return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
+        return subprocess.run(
+            command, capture_output=True, text=True, timeout=60, check=True
+        ).stdout
     except (OSError, subprocess.TimeoutExpired) as error:
         reason = str(error)
     except subprocess.CalledProcessError as error:

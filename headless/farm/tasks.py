@@ -13,6 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from iclnuim.console import Console
 from iclnuim.dataset.frame_pool import FramePool
 from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import RunFolder, read_run
@@ -21,7 +22,6 @@ from iclnuim.errors import WorkError
 from iclnuim.formats.files import locked
 from iclnuim.worker_events import Event, FrameDone, Ready
 
-from ..options import Console
 from . import estimate
 from .chunks import chunks_of, granted_cores, local_size, split
 from .local import LocalFarm, Outcome, Worker
@@ -40,7 +40,9 @@ class SequenceStage:
     its calls. The first error ends the stage; `close` and `complete` raise it.
     """
 
-    def __init__(self, plan: RunPlan, workers: int, on_frame: Callable[[int], None] = lambda number: None) -> None:
+    def __init__(
+        self, plan: RunPlan, workers: int, on_frame: Callable[[int], None] = lambda number: None
+    ) -> None:
         self._plan, self._on_frame = plan, on_frame
         self._pool = FramePool(_ImageMaker(plan).make, workers, self._made)
         self._locks = ExitStack()
@@ -58,7 +60,9 @@ class SequenceStage:
         """
         plan = self._plan
         self._raw = raw
-        self._writer = SequenceWriter(frames_of_run(raw, plan.numbers), plan.variants(), plan.formats)
+        self._writer = SequenceWriter(
+            frames_of_run(raw, plan.numbers), plan.variants(), plan.formats
+        )
         for out in plan.variants():
             self._locks.enter_context(locked(out))
         self._lacking = set(self._writer.missing)
@@ -119,7 +123,9 @@ class _ImageMaker:
     @cached_property
     def _images(self) -> SequenceImages:
         plan = self._plan
-        return SequenceImages(frames_of_run(read_run(plan.raw), plan.numbers), plan.variants(), plan.formats)
+        return SequenceImages(
+            frames_of_run(read_run(plan.raw), plan.numbers), plan.variants(), plan.formats
+        )
 
 
 def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lambda: False) -> None:
@@ -129,7 +135,10 @@ def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lam
 
 
 def frames(
-    plan: RunPlan, console: Console, on_frame: Callable[[int], None], should_stop: Callable[[], bool] = lambda: False
+    plan: RunPlan,
+    console: Console,
+    on_frame: Callable[[int], None],
+    should_stop: Callable[[], bool] = lambda: False,
 ) -> Outcome:
     """The second task: render the missing frames of the plan. Raises InputError, WorkError; the outcome lists frames that were given up."""
     if not (plan.raw / "sequence.json").is_file():
@@ -206,7 +215,9 @@ class Task:
         console, plan = Console(), RunPlan.from_dict(self.record, Path(self.raw))
         if self.frames:
             plan = replace(plan, numbers=self.frames)
-        progress = console.progress(len(plan.numbers), f"{plan.job.sequence}, frame {plan.numbers[0]} and on")
+        progress = console.progress(
+            len(plan.numbers), f"{plan.job.sequence}, frame {plan.numbers[0]} and on"
+        )
         return run(self.stage, plan, console, lambda number: progress.advance())
 
     def checkpoint(self) -> object:
@@ -230,5 +241,7 @@ class _Times:
         if isinstance(event, Ready):
             self.starts_s.append(time.monotonic() - worker.started_s)
         if isinstance(event, FrameDone) and event.cycles is not None:
-            seconds = max(event.cycles, event.close or 0.0)  # a frame is closed while Cycles renders the next one
+            seconds = max(
+                event.cycles, event.close or 0.0
+            )  # a frame is closed while Cycles renders the next one
             self.frames_core_s.append(self.workers.threads(worker.cores) * seconds)

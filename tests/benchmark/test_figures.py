@@ -3,14 +3,14 @@
 import cv2
 import numpy as np
 import pytest
+from iclnuim.benchmark.experiments.figures import FIGURES, Material, draw
+from iclnuim.benchmark.experiments.runner import measured
+from iclnuim.benchmark.experiments.sources import Sources
+from iclnuim.benchmark.fusion.pictures import clay
 from iclnuim.errors import InputError
-from iclnuim.fusion.pictures import clay
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.headless import cli
-from iclnuim.headless.benchmark.figures import FIGURES, Material, draw
-from iclnuim.headless.benchmark.runner import measured
-from iclnuim.headless.benchmark.sources import Sources
 from iclnuim.raycast.caster import RayCaster
 from made_up import only, results, written
 
@@ -23,12 +23,19 @@ def material(tmp_path_factory):
     written(out, found)
     for r in found:
         for name in ("heat", "surface"):
-            cv2.imwrite(str(out / "cells" / r["cell"].name / f"{name}.jpg"), np.full((6, 8, 3), 90, np.uint8))
+            cv2.imwrite(
+                str(out / "cells" / r["cell"].name / f"{name}.jpg"),
+                np.full((6, 8, 3), 90, np.uint8),
+            )
     return Material(Sources(out / "nothing", out), measured(out))
 
 
-@pytest.mark.parametrize(("number", "panels", "drawn"), [(5, 2, 1), (6, 5, 3), (7, 2, 1), (9, 4, 2)])
-def test_a_figure_of_surfaces_shows_what_is_measured_and_names_what_is_not(material, number, panels, drawn):
+@pytest.mark.parametrize(
+    ("number", "panels", "drawn"), [(5, 2, 1), (6, 5, 3), (7, 2, 1), (9, 4, 2)]
+)
+def test_a_figure_of_surfaces_shows_what_is_measured_and_names_what_is_not(
+    material, number, panels, drawn
+):
     figure = draw(number, material)
     axes = [a for a in figure.axes if a.get_visible() and a.get_title()]
     assert len(axes) == panels and sum(bool(a.images) for a in axes) == drawn
@@ -54,7 +61,16 @@ def test_without_data_a_figure_says_what_to_run(tmp_path, number):
 
 def test_clay_is_darker_where_surfaces_stand_around_a_place():
     """A floor two metres before the camera, and a wall that stands on its right half."""
-    corners = [(-3, -3, 2), (3, -3, 2), (3, 3, 2), (-3, 3, 2), (1, -3, 2), (1, 3, 2), (1, 3, 1), (1, -3, 1)]
+    corners = [
+        (-3, -3, 2),
+        (3, -3, 2),
+        (3, 3, 2),
+        (-3, 3, 2),
+        (1, -3, 2),
+        (1, 3, 2),
+        (1, 3, 1),
+        (1, -3, 1),
+    ]
     triangles = [(0, 1, 2), (0, 2, 3), (4, 5, 6), (4, 6, 7)]
     caster = RayCaster(np.array(corners, float), np.array(triangles))
     image = clay(caster, PinholeCamera(80, 60, 40, 40, 39.5, 29.5), SE3.identity(), rays=64)

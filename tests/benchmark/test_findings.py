@@ -2,9 +2,14 @@
 
 import numpy as np
 import pytest
-from iclnuim.headless.benchmark.cells import PHOTOMETRIC, all_cells, lambertian_cells
-from iclnuim.headless.benchmark.correlation import correlation, correlation_table, interval, spearman
-from iclnuim.headless.benchmark.findings import (
+from iclnuim.benchmark.experiments.cells import PHOTOMETRIC, all_cells, lambertian_cells
+from iclnuim.benchmark.experiments.correlation import (
+    correlation,
+    correlation_table,
+    interval,
+    spearman,
+)
+from iclnuim.benchmark.experiments.findings import (
     FAILS,
     HOLDS,
     MISSING,
@@ -14,7 +19,7 @@ from iclnuim.headless.benchmark.findings import (
     findings_table,
     verdict,
 )
-from iclnuim.headless.benchmark.lookup import Ours, Printed
+from iclnuim.benchmark.experiments.lookup import Ours, Printed
 from made_up import only, result, results, with_errors
 from scipy import stats
 
@@ -52,16 +57,24 @@ def test_a_verdict_follows_the_figures(number):
 @pytest.mark.parametrize(("share", "found"), [(0.4, HOLDS), (0.6, FAILS), (None, MISSING)])
 def test_only_frames_without_reflections_show_whether_these_are_the_reason(share, found):
     """Ten times worse than geometric methods; without reflections a share of that. None: one of the eight cells is missing."""
-    office = [result(cell, 0.1 if cell.odometer in PHOTOMETRIC else 0.01, 0.01) for cell in all_cells()]
+    office = [
+        result(cell, 0.1 if cell.odometer in PHOTOMETRIC else 0.01, 0.01) for cell in all_cells()
+    ]
     without = [result(cell, 0.1 * (share or 0.4)) for cell in lambertian_cells()]
-    rows = {row[0]: row for row in findings_table(office + (without if share else without[1:])).rows}
+    rows = {
+        row[0]: row for row in findings_table(office + (without if share else without[1:])).rows
+    }
     assert rows["11"][5] == found
-    assert ("without reflections" in rows["11"][4]) == (share is not None) and "100" in rows["11"][4]
+    assert ("without reflections" in rows["11"][4]) == (share is not None) and "100" in rows["11"][
+        4
+    ]
 
 
 def test_every_finding_has_a_rule_and_without_figures_none_a_verdict():
     table = findings_table([])
-    assert [row[0] for row in table.rows] == [str(n) for n in range(1, 19)] and set(RULES) == set(range(1, 19))
+    assert [row[0] for row in table.rows] == [str(n) for n in range(1, 19)] and set(RULES) == set(
+        range(1, 19)
+    )
     assert {row[5] for row in table.rows} == {MISSING}
 
 
@@ -69,12 +82,18 @@ def test_one_missing_cell_leaves_open_what_needs_it():
     whole = results(1)
     rows = {row[0]: row[5] for row in findings_table(whole).rows}
     assert MISSING not in {rows[str(n)] for n in range(1, 19) if n != 11}
-    lacking = [r for r in whole if not (r["cell"].odometer == "fovis" and r["cell"].trajectory == "kt2")]
+    lacking = [
+        r for r in whole if not (r["cell"].odometer == "fovis" and r["cell"].trajectory == "kt2")
+    ]
     assert {row[0]: row[5] for row in findings_table(lacking).rows}["7"] == MISSING
 
 
 def test_seeds_that_disagree_decide_nothing():
-    assert verdict([True, True]) == HOLDS and verdict([False]) == FAILS and verdict([True, False]) == UNDECIDED
+    assert (
+        verdict([True, True]) == HOLDS
+        and verdict([False]) == FAILS
+        and verdict([True, False]) == UNDECIDED
+    )
     assert verdict([True, None]) == MISSING
     grown = [r for seed in (0, 1) for r in results(0, (seed,)) if r["cell"].noise == "noisy"]
     clean = only(results(0), noise="clean")
@@ -93,7 +112,13 @@ def test_the_rank_correlation_and_its_interval_are_scipys():
         return stats.spearmanr(a, b).statistic
 
     theirs = stats.bootstrap(
-        (x, y), rho, paired=True, vectorized=False, n_resamples=300, method="percentile", rng=np.random.default_rng(0)
+        (x, y),
+        rho,
+        paired=True,
+        vectorized=False,
+        n_resamples=300,
+        method="percentile",
+        rng=np.random.default_rng(0),
     )
     low, high = interval(x, y)
     assert low == pytest.approx(theirs.confidence_interval.low, abs=0.05)

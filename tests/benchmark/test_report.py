@@ -40,7 +40,9 @@ class Tags(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.loads += [
-            value for name, value in attrs if name in ("src", "srcset") or (name == "href" and tag == "link")
+            value
+            for name, value in attrs
+            if name in ("src", "srcset") or (name == "href" and tag == "link")
         ]
         if tag not in self.ALONE:
             self.open.append(tag)
@@ -52,9 +54,15 @@ class Tags(HTMLParser):
 def test_it_is_one_well_formed_file_that_loads_nothing(report):
     text, tags = report.read_text(), Tags()
     tags.feed(text)
-    assert tags.open == [] and tags.loads == [] and "http" not in re.sub(r"http://www\.w3\.org/\S+", "", text)
+    assert (
+        tags.open == []
+        and tags.loads == []
+        and "http" not in re.sub(r"http://www\.w3\.org/\S+", "", text)
+    )
     assert "{{" not in text and len(text) < 60e6
-    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)[1])
+    data = json.loads(
+        re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)[1]
+    )
     assert len(data["cells"]) == 18 and data["cells"][0]["heat"].startswith("data:image/jpeg")
     assert {"DVO", "FOVIS", "RGB-D", "ICP", "ICP+RGB-D"} == set(data["colours"])
 
@@ -65,7 +73,7 @@ def test_what_failed_is_said_and_does_not_become_markup(report):
 
 @pytest.mark.slow
 def test_pictures_beyond_the_limit_are_left_out(report, monkeypatch):
-    from iclnuim.headless.benchmark import html_report
+    from iclnuim.benchmark.experiments import html_report
 
     monkeypatch.setattr(html_report, "_PICTURES", 10)
     assert cli.main(["benchmark", "--report-only", "--out", str(report.parent), "--quiet"]) == 0
@@ -86,7 +94,10 @@ def test_in_a_browser_it_sorts_filters_and_opens(report, tmp_path):
         assert page.value(f"{ROWS}.length") == 18
         names = page.value("[...document.querySelectorAll('#all th')].map(th => th.textContent)")
         column = names.index("ATE mm")
-        for order, sort in (("ascending", sorted), ("descending", lambda values: sorted(values, reverse=True))):
+        for order, sort in (
+            ("ascending", sorted),
+            ("descending", lambda values: sorted(values, reverse=True)),
+        ):
             page.value(f"document.querySelectorAll('#all th button')[{column}].click()")
             ate = page.value(f"{ROWS}.map(row => +row.children[{column}].textContent)")
             assert ate == sort(ate) and len(set(ate)) > 1
@@ -113,7 +124,9 @@ def test_the_keyboard_reaches_and_works_everything(report, tmp_path):
             seen.append(page.value(f"{focused}.tagName + ' ' + {focused}.textContent.slice(0, 40)"))
             if page.value(f"{focused}.getAttribute('aria-expanded')") == "false":
                 break
-        assert any(tag.startswith("INPUT") for tag in seen) and any(tag.startswith("SELECT") for tag in seen)
+        assert any(tag.startswith("INPUT") for tag in seen) and any(
+            tag.startswith("SELECT") for tag in seen
+        )
         assert any(tag.startswith("SUMMARY Table III") for tag in seen) and "BUTTON ATE mm" in seen
         assert page.value(f"getComputedStyle({focused}).outlineStyle") == "solid"
         page.press("Enter")

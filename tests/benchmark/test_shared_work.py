@@ -14,11 +14,11 @@ from iclnuim.headless import cli
 
 pytest.importorskip("embreex")
 pytest.importorskip("igl")
-from iclnuim.fusion.quality import SeenBy, surface_quality  # noqa: E402
-from iclnuim.fusion.settings import QualitySettings  # noqa: E402
-from iclnuim.fusion.surface_error import TrueSurface  # noqa: E402
-from iclnuim.headless.benchmark import seen_cache  # noqa: E402
-from iclnuim.headless.benchmark.sources import Sources  # noqa: E402
+from iclnuim.benchmark.experiments import seen_cache  # noqa: E402
+from iclnuim.benchmark.experiments.sources import Sources  # noqa: E402
+from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality  # noqa: E402
+from iclnuim.benchmark.fusion.settings import QualitySettings  # noqa: E402
+from iclnuim.benchmark.fusion.surface_error import TrueSurface  # noqa: E402
 
 #: Two walls, one before the other.
 WALLS = np.array([[x, y, z] for z in (2.0, 3.0) for x, y in ((-z, -1), (z, -1), (z, 1), (-z, 1))])
@@ -32,7 +32,9 @@ def views():
     return SeenBy(PinholeCamera.parse("160x120"), SE3.exp(steps))
 
 
-def test_what_was_seen_is_computed_once_for_all_cells_and_again_if_its_file_is_damaged(tmp_path, monkeypatch, views):
+def test_what_was_seen_is_computed_once_for_all_cells_and_again_if_its_file_is_damaged(
+    tmp_path, monkeypatch, views
+):
     surface, asked = TrueSurface(WALLS, SIDES), []
 
     def counted(*args, compute=seen_cache.what_was_seen):
@@ -43,9 +45,13 @@ def test_what_was_seen_is_computed_once_for_all_cells_and_again_if_its_file_is_d
 
     def figures(seen_by=views, model="room_1.npz"):
         seen = seen_cache.cached_seen(tmp_path / "seen", model, surface, seen_by, FEW)
-        return surface_quality(surface, WALLS + (0, 0, 0.004), SIDES, seen_by=seen, settings=FEW).to_dict()
+        return surface_quality(
+            surface, WALLS + (0, 0, 0.004), SIDES, seen_by=seen, settings=FEW
+        ).to_dict()
 
-    plain = surface_quality(surface, WALLS + (0, 0, 0.004), SIDES, seen_by=views, settings=FEW).to_dict()
+    plain = surface_quality(
+        surface, WALLS + (0, 0, 0.004), SIDES, seen_by=views, settings=FEW
+    ).to_dict()
     with ThreadPoolExecutor(2) as pool:
         assert list(pool.map(lambda _: figures(), range(3))) == [plain] * 3
     assert len(asked) == 1
@@ -74,7 +80,19 @@ def test_a_full_disk_is_one_line_with_the_file_and_what_to_try(tmp_path, monkeyp
         monkeypatch.setattr(Path, name, full(getattr(Path, name)))
     for name, value in (("fault", ""), ("frames", 1), ("model_name", None), ("identity", {})):
         monkeypatch.setattr(Sources, name, lambda *args, value=value: value)
-    assert cli.main(["benchmark", "--data", str(tmp_path / "data"), "--out", str(tmp_path / "out"), "--quiet"]) == 3
+    assert (
+        cli.main(
+            [
+                "benchmark",
+                "--data",
+                str(tmp_path / "data"),
+                "--out",
+                str(tmp_path / "out"),
+                "--quiet",
+            ]
+        )
+        == 3
+    )
     error = capsys.readouterr().err
     assert str(tmp_path / "out/work/lock") in error and error.count("\n") == 1
     assert "No space left on device; try freeing space there" in error

@@ -6,12 +6,12 @@ import json
 from dataclasses import replace
 
 import pytest
+from iclnuim.benchmark.experiments.cells import TITLES, Cell, all_cells, chosen
+from iclnuim.benchmark.experiments.lookup import paper
+from iclnuim.benchmark.experiments.paper_tables import all_tables, preset_tables
+from iclnuim.benchmark.experiments.text_tables import Table
 from iclnuim.errors import InputError
 from iclnuim.headless import cli
-from iclnuim.headless.benchmark.cells import TITLES, Cell, all_cells, chosen
-from iclnuim.headless.benchmark.lookup import paper
-from iclnuim.headless.benchmark.paper_tables import all_tables, preset_tables
-from iclnuim.headless.benchmark.text_tables import Table
 from made_up import external, only, result, results, written
 
 ICP = Cell("living_room", "kt2", "clean", "icp", "best", "model")
@@ -27,18 +27,29 @@ def test_the_printed_figures_are_the_papers(number):
     table, printed = named(preset_tables([], "best"), f"table_{number}"), paper()["tables"][number]
     columns = [k for k, name in enumerate(table.columns) if name == "printed"]
     shown = sorted(float(row[k]) for row in table.rows for k in columns if row[k])
-    expected = [1e3 * v for odometer in printed.values() for kt in odometer.values() for v in kt.values()]
+    expected = [
+        1e3 * v for odometer in printed.values() for kt in odometer.values() for v in kt.values()
+    ]
     assert shown == pytest.approx(sorted(expected), abs=0.051)
 
 
 def test_ours_stand_in_their_row_and_column_and_the_least_is_marked():
-    some = [result(ICP, 0.0015, 0.003), result(replace(ICP, odometer="dvo", reference="default"), 0.02, 0.001)]
+    some = [
+        result(ICP, 0.0015, 0.003),
+        result(replace(ICP, odometer="dvo", reference="default"), 0.02, 0.001),
+    ]
     table = named(preset_tables(some, "best"), "table_3")
     row, column = 6 * list(TITLES).index("icp"), table.columns.index("kt2")
-    assert table.rows[row][column] == "1.50" and (row, column) in table.bold and (0, column) not in table.bold
+    assert (
+        table.rows[row][column] == "1.50"
+        and (row, column) in table.bold
+        and (0, column) not in table.bold
+    )
     surfaces = named(preset_tables(some, "best"), "table_2")
     assert surfaces.rows[0][surfaces.columns.index("kt2")] == "3.00"
-    assert not any(named(preset_tables(some, "best"), "table_5").rows[row][column] for row in range(30))
+    assert not any(
+        named(preset_tables(some, "best"), "table_5").rows[row][column] for row in range(30)
+    )
 
 
 def test_a_table_of_fewer_frames_than_a_sequence_has_names_them_and_its_star_is_explained():
@@ -72,10 +83,15 @@ def test_systems_of_others_are_further_rows_with_their_median():
 def test_a_table_is_the_same_in_every_format():
     rows = (("a_b", "1.5"), ('c, "d"', "22"), ("50 % & more " + "x " * 30, ""))
     table = Table("t", "Of a_b", ("what", "mm"), rows, frozenset({(0, 1)}), ("a note",))
-    assert list(csv.reader(io.StringIO(table.csv()))) == [list(row) for row in (table.columns, *rows)]
+    assert list(csv.reader(io.StringIO(table.csv()))) == [
+        list(row) for row in (table.columns, *rows)
+    ]
     lines = table.markdown().splitlines()
     assert (
-        lines[2] == "| what | mm |" and lines[3] == "| :-- | --: |" and "**1.5**" in lines[4] and lines[-1] == "a note"
+        lines[2] == "| what | mm |"
+        and lines[3] == "| :-- | --: |"
+        and "**1.5**" in lines[4]
+        and lines[-1] == "a note"
     )
     assert r"a\_b & \textbf{1.5} \\" in table.latex() and r"50 \% \& more" in table.latex()
     text = table.text().splitlines()
@@ -87,7 +103,9 @@ def test_cells_are_named_once_and_chosen_by_their_words():
     assert len({cell.name for cell in cells}) == len(cells)
     assert len(all_cells()) == 2 * 4 * 2 * 8
     few = chosen(all_cells(), "living_room/kt0,kt2/icp/model")
-    assert {cell.trajectory for cell in few} == {"kt0", "kt2"} and {cell.odometer for cell in few} == {"icp"}
+    assert {cell.trajectory for cell in few} == {"kt0", "kt2"} and {
+        cell.odometer for cell in few
+    } == {"icp"}
     assert len(few) == 4
     with pytest.raises(InputError, match="kt9"):
         chosen(all_cells(), "kt9")
@@ -109,7 +127,12 @@ def test_the_command_makes_its_tables_again_to_the_byte(tmp_path, capsys):
 
 def test_what_is_missing_is_one_line(tmp_path, capsys):
     assert cli.main(["benchmark", "--report-only", str(tmp_path)]) == 2
-    assert cli.main(["benchmark", "--data", str(tmp_path), "--out", str(tmp_path / "o"), "--only", "kt2"]) == 2
+    assert (
+        cli.main(
+            ["benchmark", "--data", str(tmp_path), "--out", str(tmp_path / "o"), "--only", "kt2"]
+        )
+        == 2
+    )
     error = capsys.readouterr().err
     assert "make living_room/kt2" in error and "sequences to measure on" in error
     assert cli.main(["table", "3", "--out", str(tmp_path)]) == 2

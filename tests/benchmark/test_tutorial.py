@@ -25,7 +25,11 @@ def made(repository, tmp_path_factory):
     folder = tmp_path_factory.mktemp("tutorial")
     page = (repository / "docs/benchmark.md").read_text()
     block = re.search(r"## From an empty machine.*?```sh\n(.*?)```", page, re.S)[1]
-    commands = [shlex.split(line, comments=True)[1:] for line in block.splitlines() if line.startswith("iclnuim")]
+    commands = [
+        shlex.split(line, comments=True)[1:]
+        for line in block.splitlines()
+        if line.startswith("iclnuim")
+    ]
     assert [words[0] for words in commands] == ["make", "make", "benchmark", "table"]
     before = os.getcwd()
     os.chdir(folder)
@@ -68,27 +72,46 @@ def test_the_error_is_evos(made):
     estimate.align(truth)
     ape = metrics.APE(metrics.PoseRelation.translation_part)
     ape.process_data((truth, estimate))
-    shown = next(row for row in rows(made, "table_6") if row[0] == "ICP")[rows(made, "table_6")[0].index("kt0")]
-    assert float(shown) == pytest.approx(1e3 * ape.get_statistic(metrics.StatisticsType.rmse), abs=0.0051)
+    shown = next(row for row in rows(made, "table_6") if row[0] == "ICP")[
+        rows(made, "table_6")[0].index("kt0")
+    ]
+    assert float(shown) == pytest.approx(
+        1e3 * ape.get_statistic(metrics.StatisticsType.rmse), abs=0.0051
+    )
 
 
 def test_the_same_command_measures_nothing_again_and_another_is_refused(made, capfd):
-    started, base = time.monotonic(), ["benchmark", "--data", str(made / "out"), "--out", str(made / "out/benchmark")]
+    started, base = (
+        time.monotonic(),
+        ["benchmark", "--data", str(made / "out"), "--out", str(made / "out/benchmark")],
+    )
     words = [*base, "--only", "kt0/icp/model", "--first"]
     assert cli.main([*words, "60"]) == 0
-    assert "4 of them already measured" in capfd.readouterr().err and time.monotonic() - started < 60
+    assert (
+        "4 of them already measured" in capfd.readouterr().err and time.monotonic() - started < 60
+    )
     assert cli.main([*words, "50"]) == 2
     assert "first 60 there, 50 requested" in capfd.readouterr().err
 
 
 def test_killed_at_any_moment_it_ends_in_the_same_tables(made, tmp_path):
     whole, killed, rng = tmp_path / "whole", tmp_path / "killed", np.random.default_rng(0)
-    words = ["benchmark", "--data", str(made / "out"), "--first", "12", "--only", "kt0/icp/model/living_room"]
+    words = [
+        "benchmark",
+        "--data",
+        str(made / "out"),
+        "--first",
+        "12",
+        "--only",
+        "kt0/icp/model/living_room",
+    ]
     started = time.monotonic()
     assert run([*words, "--out", str(whole)]) == 0
     took_s = time.monotonic() - started
     for _ in range(20):
-        work = subprocess.Popen([sys.executable, "-m", "iclnuim", *words, "--out", str(killed)], env=environment())
+        work = subprocess.Popen(
+            [sys.executable, "-m", "iclnuim", *words, "--out", str(killed)], env=environment()
+        )
         time.sleep(rng.uniform(0.1, 0.9) * took_s)
         work.send_signal(signal.SIGKILL)
         work.wait()
@@ -99,4 +122,6 @@ def test_killed_at_any_moment_it_ends_in_the_same_tables(made, tmp_path):
         *whole.glob("cells/**/trajectory.txt"),
     ]:
         assert path.read_bytes() == (killed / path.relative_to(whole)).read_bytes(), path
-    assert not [path for path in killed.rglob("*") if path.name.endswith(".part") or ".tmp" in path.name]
+    assert not [
+        path for path in killed.rglob("*") if path.name.endswith(".part") or ".tmp" in path.name
+    ]

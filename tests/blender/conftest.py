@@ -39,9 +39,16 @@ def forward_path(tmp_path_factory) -> Path:
     from iclnuim.geometry import so3
     from iclnuim.geometry.se3 import SE3
 
-    looking_along_y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # cv camera: x right, y down, z forward
-    tilts = so3.exp(np.stack([np.full(12, -0.1), np.linspace(0, 0.2, 12), np.linspace(-0.05, 0.05, 12)], -1))
-    T = SE3(looking_along_y @ tilts, np.stack([0.01 * np.arange(12), np.full(12, -1.5), np.full(12, 1.3)], -1))
+    looking_along_y = np.array(
+        [[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]
+    )  # cv camera: x right, y down, z forward
+    tilts = so3.exp(
+        np.stack([np.full(12, -0.1), np.linspace(0, 0.2, 12), np.linspace(-0.05, 0.05, 12)], -1)
+    )
+    T = SE3(
+        looking_along_y @ tilts,
+        np.stack([0.01 * np.arange(12), np.full(12, -1.5), np.full(12, 1.3)], -1),
+    )
     path = tmp_path_factory.mktemp("path") / "forward.txt"
     rows = np.concatenate([np.arange(12)[:, None] / 30, T.translation, T.quat_xyzw], -1)
     np.savetxt(path, rows, fmt="%.9f")
@@ -74,7 +81,16 @@ def render(cornered_room, forward_path):
         base=("--light", "path", "--samples", "2", "--no-denoise"),
     ):
         size = () if "--camera" in options else ("--camera", "64x48")
-        fixed = ["--scene", str(scene), "--trajectory", str(trajectory), "--out", str(out), *size, *base]
+        fixed = [
+            "--scene",
+            str(scene),
+            "--trajectory",
+            str(trajectory),
+            "--out",
+            str(out),
+            *size,
+            *base,
+        ]
         return [sys.executable, str(REPOSITORY / "headless/render.py"), *fixed, *options]
 
     run.command = command
@@ -93,12 +109,25 @@ def render_here(cornered_room, forward_path):
     from iclnuim.worker_events import Note
 
     def run(
-        out: Path, frames="::", *, job=None, scene=cornered_room, trajectory=forward_path, camera="64x48", **settings
+        out: Path,
+        frames="::",
+        *,
+        job=None,
+        scene=cornered_room,
+        trajectory=forward_path,
+        camera="64x48",
+        **settings,
     ):
         if job is None:
-            small = {"light": "path", "samples": 2, "denoise": False} if settings.get("light") != "baked" else {}
+            small = (
+                {"light": "path", "samples": 2, "denoise": False}
+                if settings.get("light") != "baked"
+                else {}
+            )
             lens = PinholeCamera.parse(camera)
-            job = RenderJob("test", str(scene), str(trajectory), camera=lens, **{**small, **settings})
+            job = RenderJob(
+                "test", str(scene), str(trajectory), camera=lens, **{**small, **settings}
+            )
         notes = []
         out.parent.mkdir(parents=True, exist_ok=True)
         listen = lambda event: notes.append(event.text) if isinstance(event, Note) else None  # noqa: E731

@@ -43,9 +43,19 @@ class Maker:
                 sound.setparams((1, 2, 8000, 0, "NONE", ""))
                 sound.writeframes(bytes(1600))
         else:
-            contents = {"obj": TRIANGLE + "f 1 2 3\n", "ply": PLY, "csv": "a,b\n1,2\n", "txt": "text"}
-            contents |= {"usda": f'#usda 1.0\n(defaultPrim = "M")\n{USD_MESH} }}\n', "mtl": "newmtl m\nKd 1 0 0\n"}
-            contents |= {"ies": "IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 2 1 1 2 0 0 0\n1 1 100\n0 90\n0\n100 0\n"}
+            contents = {
+                "obj": TRIANGLE + "f 1 2 3\n",
+                "ply": PLY,
+                "csv": "a,b\n1,2\n",
+                "txt": "text",
+            }
+            contents |= {
+                "usda": f'#usda 1.0\n(defaultPrim = "M")\n{USD_MESH} }}\n',
+                "mtl": "newmtl m\nKd 1 0 0\n",
+            }
+            contents |= {
+                "ies": "IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 2 1 1 2 0 0 0\n1 1 100\n0 90\n0\n100 0\n"
+            }
             contents |= {
                 "stl": "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n"
             }
@@ -65,9 +75,14 @@ class Maker:
 def gltf(maker, image=None, buffer=None, glb=False, suffix=None):
     data = struct.pack("<9f6f3H", 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1, 0, 1, 2)
     write(maker.inside / "own.bin", data)
-    views = [{"buffer": 0, "byteOffset": o, "byteLength": n} for o, n in ((0, 36), (36, 24), (60, 6))]
+    views = [
+        {"buffer": 0, "byteOffset": o, "byteLength": n} for o, n in ((0, 36), (36, 24), (60, 6))
+    ]
     kinds = ((5126, "VEC3"), (5126, "VEC2"), (5123, "SCALAR"))
-    accessors = [{"bufferView": k, "componentType": c, "count": 3, "type": t} for k, (c, t) in enumerate(kinds)]
+    accessors = [
+        {"bufferView": k, "componentType": c, "count": 3, "type": t}
+        for k, (c, t) in enumerate(kinds)
+    ]
     accessors[0] |= {"min": [0, 0, 0], "max": [1, 1, 0]}
     if buffer:
         (maker.outside / f"{maker.way}.bin").write_bytes(data)
@@ -118,7 +133,10 @@ def usdz(maker):
 
     inner = f"#usda 1.0\n(subLayers = [@{maker.secret('usda')}@])\n{USD_MESH} }}\n"
     with zipfile.ZipFile(maker.inside / "scene.usdz", "w") as package:
-        for name, text in (("root.usda", "#usda 1.0\n(subLayers = [@./inner.usda@])\n"), ("inner.usda", inner)):
+        for name, text in (
+            ("root.usda", "#usda 1.0\n(subLayers = [@./inner.usda@])\n"),
+            ("inner.usda", inner),
+        ):
             info = zipfile.ZipInfo(name)
             at = package.fp.tell() + 30 + len(name)
             info.extra = b"\x86\x19" + struct.pack("<H", (-(at + 4)) % 64) + bytes((-(at + 4)) % 64)
@@ -209,7 +227,9 @@ def _loaded(collection, user):
 
     def add(bpy, box, maker, kind):
         secret = (
-            maker.secret(kind) if kind != "ttf" else Path(shutil.copy(font(bpy), maker.outside / f"{maker.way}.ttf"))
+            maker.secret(kind)
+            if kind != "ttf"
+            else Path(shutil.copy(font(bpy), maker.outside / f"{maker.way}.ttf"))
         )
         scene = made.fresh(bpy)
         box = made.box(bpy, "box", (0, 0, 0), (1, 1, 1), made.material(bpy, "m"))
@@ -294,7 +314,9 @@ def _ies(bpy, box, name):
     lamp = made.lamp(bpy).data
     lamp.use_nodes = True
     lamp.node_tree.nodes.clear()
-    ies, shine, out = (lamp.node_tree.nodes.new(f"ShaderNode{n}") for n in ("TexIES", "Emission", "OutputLight"))
+    ies, shine, out = (
+        lamp.node_tree.nodes.new(f"ShaderNode{n}") for n in ("TexIES", "Emission", "OutputLight")
+    )
     ies.mode, ies.filepath = "EXTERNAL", name
     lamp.node_tree.links.new(ies.outputs[0], shine.inputs["Strength"])
     lamp.node_tree.links.new(shine.outputs[0], out.inputs[0])
@@ -323,7 +345,9 @@ def _point_cache(bpy, box, maker):
 
 def _fluid(bpy, box, maker):
     folder = maker.outside / f"{maker.way}"
-    write(folder / "config" / "config_0009.uni", "secret")  # the first one, if no cache, ends Blender
+    write(
+        folder / "config" / "config_0009.uni", "secret"
+    )  # the first one, if no cache, ends Blender
     modifier = box.modifiers.new("fluid", "FLUID")
     modifier.fluid_type = "DOMAIN"
     modifier.domain_settings.cache_directory = f"//../../outside/{folder.name}"
@@ -340,7 +364,9 @@ def _external_data(bpy, box, maker):
     box.modifiers.new("multires", "MULTIRES")
     with bpy.context.temp_override(object=box, active_object=box):
         bpy.ops.object.multires_subdivide(modifier="multires")
-        bpy.ops.object.multires_external_save(modifier="multires", filepath=str(maker.outside / f"{maker.way}.btx"))
+        bpy.ops.object.multires_external_save(
+            modifier="multires", filepath=str(maker.outside / f"{maker.way}.btx")
+        )
 
 
 def symlink(name):
@@ -372,11 +398,17 @@ def _inner_obj(inside, secret):
 
 
 def _inner_usd(inside, secret):
-    return write(inside / "inner.usda", f"#usda 1.0\n(subLayers = [@../../outside/{secret.name}@])\n{USD_MESH} }}\n")
+    return write(
+        inside / "inner.usda",
+        f"#usda 1.0\n(subLayers = [@../../outside/{secret.name}@])\n{USD_MESH} }}\n",
+    )
 
 
 def _playlist(inside, secret):
-    return write(inside / "film.m3u8", f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{secret}\n#EXT-X-ENDLIST\n")
+    return write(
+        inside / "film.m3u8",
+        f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{secret}\n#EXT-X-ENDLIST\n",
+    )
 
 
 #: Name of the way -> the function that writes its scene and returns the file.

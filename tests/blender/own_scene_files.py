@@ -76,11 +76,35 @@ def small_room(bpy, folder: Path):
     image = picture(bpy, folder / "tex/floor.png")
     floor = material(bpy, "floor", image=image, Roughness=0.4)
     wall = material(bpy, "wall", (0.8, 0.75, 0.7), Roughness=0.9)
-    add(bpy, "floor", [(-2.5, -2, 0), (2.5, -2, 0), (2.5, 2, 0), (-2.5, 2, 0)], [(0, 1, 2, 3)], floor)
-    add(bpy, "wall", [(-2.5, 2, 0), (2.5, 2, 0), (2.5, 2, 2.5), (-2.5, 2, 2.5)], [(0, 1, 2, 3)], wall)
-    add(bpy, "side", [(-2.5, -2, 0), (-2.5, 2, 0), (-2.5, 2, 2.5), (-2.5, -2, 2.5)], [(0, 1, 2, 3)], wall)
+    add(
+        bpy,
+        "floor",
+        [(-2.5, -2, 0), (2.5, -2, 0), (2.5, 2, 0), (-2.5, 2, 0)],
+        [(0, 1, 2, 3)],
+        floor,
+    )
+    add(
+        bpy,
+        "wall",
+        [(-2.5, 2, 0), (2.5, 2, 0), (2.5, 2, 2.5), (-2.5, 2, 2.5)],
+        [(0, 1, 2, 3)],
+        wall,
+    )
+    add(
+        bpy,
+        "side",
+        [(-2.5, -2, 0), (-2.5, 2, 0), (-2.5, 2, 2.5), (-2.5, -2, 2.5)],
+        [(0, 1, 2, 3)],
+        wall,
+    )
     box(bpy, "crate", (0.2, 0.6, 0), (1.0, 1.3, 0.7), material(bpy, "red", (0.7, 0.2, 0.2)))
-    turned = box(bpy, "chest", (-0.4, -0.3, 0), (0.4, 0.3, 0.5), material(bpy, "metal", (0.8, 0.7, 0.3), Metallic=1.0))
+    turned = box(
+        bpy,
+        "chest",
+        (-0.4, -0.3, 0),
+        (0.4, 0.3, 0.5),
+        material(bpy, "metal", (0.8, 0.7, 0.3), Metallic=1.0),
+    )
     turned.location, turned.rotation_euler = (-1.2, 0.9, 0), (0, 0, 0.6)
     lamp(bpy)
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
@@ -96,14 +120,20 @@ def small_room(bpy, folder: Path):
 
 
 EXPORTS = {
-    "glb": lambda bpy, path: bpy.ops.export_scene.gltf(filepath=path, export_lights=True, export_cameras=True),
+    "glb": lambda bpy, path: bpy.ops.export_scene.gltf(
+        filepath=path, export_lights=True, export_cameras=True
+    ),
     "gltf": lambda bpy, path: bpy.ops.export_scene.gltf(
         filepath=path, export_format="GLTF_SEPARATE", export_lights=True
     ),
-    "obj": lambda bpy, path: bpy.ops.wm.obj_export(filepath=path, path_mode="RELATIVE", export_animation=False),
+    "obj": lambda bpy, path: bpy.ops.wm.obj_export(
+        filepath=path, path_mode="RELATIVE", export_animation=False
+    ),
     "ply": lambda bpy, path: bpy.ops.wm.ply_export(filepath=path),
     "usdc": lambda bpy, path: bpy.ops.wm.usd_export(filepath=path),
-    "fbx": lambda bpy, path: bpy.ops.export_scene.fbx(filepath=path, path_mode="RELATIVE", bake_anim=False),
+    "fbx": lambda bpy, path: bpy.ops.export_scene.fbx(
+        filepath=path, path_mode="RELATIVE", bake_anim=False
+    ),
 }
 
 

@@ -36,7 +36,9 @@ class Scene:
 GALLERY: dict[str, Scene] = {}
 
 
-def scene(light: str = "baked", note: str = "", refused: bool = False, map_samples: int = 8) -> Callable:
+def scene(
+    light: str = "baked", note: str = "", refused: bool = False, map_samples: int = 8
+) -> Callable:
     """Put a function into the gallery under its name."""
 
     def add(fill: Callable) -> Callable:
@@ -57,7 +59,9 @@ def make(name: str, folder: Path) -> Path:
     return path
 
 
-def material(name: str, colour: tuple[float, float, float] = (0.7, 0.7, 0.7), **inputs: object) -> bpy.types.Material:
+def material(
+    name: str, colour: tuple[float, float, float] = (0.7, 0.7, 0.7), **inputs: object
+) -> bpy.types.Material:
     """A Principled surface without gloss; `inputs` by their names with `_` for spaces."""
     made = bpy.data.materials.new(name)
     made.use_nodes = True
@@ -68,7 +72,9 @@ def material(name: str, colour: tuple[float, float, float] = (0.7, 0.7, 0.7), **
     return made
 
 
-def mesh(name: str, vertices: list, faces: list, surface: bpy.types.Material | None = None) -> bpy.types.Object:
+def mesh(
+    name: str, vertices: list, faces: list, surface: bpy.types.Material | None = None
+) -> bpy.types.Object:
     """One object of a mesh in world coordinates."""
     data = bpy.data.meshes.new(name)
     data.from_pydata(vertices, [], faces)
@@ -80,10 +86,16 @@ def mesh(name: str, vertices: list, faces: list, surface: bpy.types.Material | N
 
 
 def box(
-    name: str, low: tuple, high: tuple, surface: bpy.types.Material | None = None, inward: bool = False
+    name: str,
+    low: tuple,
+    high: tuple,
+    surface: bpy.types.Material | None = None,
+    inward: bool = False,
 ) -> bpy.types.Object:
     """A closed box; `inward`: its normals point to its inside."""
-    corners = [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    corners = [
+        (x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])
+    ]
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return mesh(name, corners, [face[::-1] for face in faces] if inward else faces, surface)
 
@@ -250,7 +262,11 @@ def collection_instances(folder: Path) -> None:
     moved(piece, library)
     for k, place in enumerate(((0.8, 0.5, 0), (-0.6, 1.2, 0))):
         carrier = bpy.data.objects.new(f"stand {k}", None)
-        carrier.instance_type, carrier.instance_collection, carrier.location = "COLLECTION", library, place
+        carrier.instance_type, carrier.instance_collection, carrier.location = (
+            "COLLECTION",
+            library,
+            place,
+        )
         bpy.context.scene.collection.objects.link(carrier)
 
 
@@ -258,7 +274,12 @@ def collection_instances(folder: Path) -> None:
 def particle_hair(folder: Path) -> None:
     """Hair of a particle system."""
     room()
-    rug = mesh("rug", [(-1, -1, 0.01), (1, -1, 0.01), (1, 1, 0.01), (-1, 1, 0.01)], [(0, 1, 2, 3)], material("rug"))
+    rug = mesh(
+        "rug",
+        [(-1, -1, 0.01), (1, -1, 0.01), (1, 1, 0.01), (-1, 1, 0.01)],
+        [(0, 1, 2, 3)],
+        material("rug"),
+    )
     rug.modifiers.new("hair", "PARTICLE_SYSTEM")
     settings = rug.particle_systems[0].settings
     settings.type, settings.count, settings.hair_length = "HAIR", 200, 0.3
@@ -349,7 +370,9 @@ def fog_by_nodes(folder: Path) -> None:
     made_by_nodes(bpy.data.objects["box"], "GeometryNodeMeshToVolume", fog)
 
 
-def made_by_nodes(thing: bpy.types.Object, kind: str, surface: bpy.types.Material | None = None) -> None:
+def made_by_nodes(
+    thing: bpy.types.Object, kind: str, surface: bpy.types.Material | None = None
+) -> None:
     """A node in place of a thing's own mesh, and a material on what it makes."""
     tree, _, start, end = nodes_that_shift(thing)
     node, paint = tree.nodes.new(kind), tree.nodes.new("GeometryNodeSetMaterial")
@@ -395,14 +418,19 @@ def tiny_light(folder: Path) -> None:
     """An LED of a centimetre is no light for a room."""
     room(lit=False)
     box(
-        "led", (0.0, 1.98, 0.5), (0.01, 1.99, 0.51), material("led", Emission_Color=(0, 1, 0, 1), Emission_Strength=1.0)
+        "led",
+        (0.0, 1.98, 0.5),
+        (0.01, 1.99, 0.51),
+        material("led", Emission_Color=(0, 1, 0, 1), Emission_Strength=1.0),
     )
 
 
 @scene(note="passes straight through", map_samples=64)
 def sun_through_a_window(folder: Path) -> None:
     """A room lit by the sun through a pane of window glass."""
-    window_room(material("pane", (1, 1, 1), Transmission_Weight=1.0, Roughness=0.0, Specular_IOR_Level=0.5))
+    window_room(
+        material("pane", (1, 1, 1), Transmission_Weight=1.0, Roughness=0.0, Specular_IOR_Level=0.5)
+    )
 
 
 @scene(note="passes straight through", map_samples=64)
@@ -433,7 +461,12 @@ def sun_through_a_thick_pane(folder: Path) -> None:
     sun_through_a_window(folder)
     bpy.data.objects.remove(bpy.data.objects["pane"])
     pane = bpy.data.materials["pane"]
-    pane.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.6, 0.9, 0.6, 1.0)
+    pane.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (
+        0.6,
+        0.9,
+        0.6,
+        1.0,
+    )
     box("pane", (1.99, -1, 0.8), (2.01, 1, 2.0), pane)
 
 
@@ -441,7 +474,9 @@ def sun_through_a_thick_pane(folder: Path) -> None:
 def vitrine(folder: Path) -> None:
     """A thing under glass."""
     room()
-    pane = material("pane", (1, 1, 1), Transmission_Weight=1.0, Roughness=0.0, Specular_IOR_Level=0.5)
+    pane = material(
+        "pane", (1, 1, 1), Transmission_Weight=1.0, Roughness=0.0, Specular_IOR_Level=0.5
+    )
     box("vitrine", (-1.2, -0.4, 0.01), (-0.2, 0.6, 1.0), pane)
     box("exhibit", (-0.9, -0.1, 0.02), (-0.5, 0.3, 0.6), material("blue", (0.2, 0.3, 0.7)))
 
@@ -498,7 +533,16 @@ def overlapping_faces(folder: Path) -> None:
     """Faces of one object that overlap in one plane, as a cross; a box let into another, flush with its sides."""
     room()
     blue = material("blue", (0.2, 0.3, 0.7))
-    bars = [(-1.5, 0.2), (0, 0.2), (0, 0.5), (-1.5, 0.5), (-0.9, -0.3), (-0.6, -0.3), (-0.6, 0.9), (-0.9, 0.9)]
+    bars = [
+        (-1.5, 0.2),
+        (0, 0.2),
+        (0, 0.5),
+        (-1.5, 0.5),
+        (-0.9, -0.3),
+        (-0.6, -0.3),
+        (-0.6, 0.9),
+        (-0.9, 0.9),
+    ]
     mesh("cross", [(x, y, 0.4) for x, y in bars], [(0, 1, 2, 3), (4, 5, 6, 7)], blue)
     box("flush", (0.3, 0.5, 0.2), (1.3, 0.9, 0.7), blue)
 
@@ -546,14 +590,25 @@ def unlit_room(folder: Path) -> None:
 @scene(light="path", note="diffuse")
 def all_metal(folder: Path) -> None:
     """Nothing but metal."""
-    box("room", (-2, -2, 0), (2, 2, 2.5), material("metal", Metallic=1.0, Roughness=0.4), inward=True)
+    box(
+        "room",
+        (-2, -2, 0),
+        (2, 2, 2.5),
+        material("metal", Metallic=1.0, Roughness=0.4),
+        inward=True,
+    )
     lamp()
 
 
 @scene(light="path", note="no light reaches")
 def all_glass(folder: Path) -> None:
     """Nothing but glass."""
-    box("vitrine", (-0.5, 0.2, 0.3), (0.5, 1.0, 1.2), material("glass", Transmission_Weight=1.0, Roughness=0.0))
+    box(
+        "vitrine",
+        (-0.5, 0.2, 0.3),
+        (0.5, 1.0, 1.2),
+        material("glass", Transmission_Weight=1.0, Roughness=0.0),
+    )
     lamp()
 
 
@@ -616,9 +671,14 @@ def transparent_leaves(folder: Path) -> None:
     image.pack()
     texture = leaf.node_tree.nodes.new("ShaderNodeTexImage")
     texture.image, texture.interpolation = image, "Closest"
-    leaf.node_tree.links.new(texture.outputs["Alpha"], leaf.node_tree.nodes["Principled BSDF"].inputs["Alpha"])
+    leaf.node_tree.links.new(
+        texture.outputs["Alpha"], leaf.node_tree.nodes["Principled BSDF"].inputs["Alpha"]
+    )
     plane = mesh(
-        "leaves", [(-1.4, 0.5, 0.2), (-0.4, 0.5, 0.2), (-0.4, 0.5, 1.2), (-1.4, 0.5, 1.2)], [(0, 1, 2, 3)], leaf
+        "leaves",
+        [(-1.4, 0.5, 0.2), (-0.4, 0.5, 0.2), (-0.4, 0.5, 1.2), (-1.4, 0.5, 1.2)],
+        [(0, 1, 2, 3)],
+        leaf,
     )
     plane.data.uv_layers.new(name="uv")
 
@@ -636,12 +696,22 @@ def levels_for_rendering(folder: Path) -> None:
     room(furnished=False)
     blue = material("blue", (0.2, 0.3, 0.7))
     curve = bpy.data.curves.new("curve", "CURVE")
-    curve.dimensions, curve.bevel_depth, curve.resolution_u, curve.render_resolution_u = "3D", 0.15, 1, 12
+    curve.dimensions, curve.bevel_depth, curve.resolution_u, curve.render_resolution_u = (
+        "3D",
+        0.15,
+        1,
+        12,
+    )
     spline = curve.splines.new("BEZIER")
     spline.bezier_points.add(1)
-    for point, place in zip(spline.bezier_points, ((-1.2, 0.2, 0.3), (-0.2, 0.8, 1.2)), strict=True):
+    for point, place in zip(
+        spline.bezier_points, ((-1.2, 0.2, 0.3), (-0.2, 0.8, 1.2)), strict=True
+    ):
         point.co, point.handle_left_type, point.handle_right_type = place, "FREE", "FREE"
-        point.handle_left, point.handle_right = (place[0] - 0.6, *place[1:]), (place[0] + 0.6, *place[1:])
+        point.handle_left, point.handle_right = (
+            (place[0] - 0.6, *place[1:]),
+            (place[0] + 0.6, *place[1:]),
+        )
     ball = bpy.data.metaballs.new("ball")
     ball.resolution, ball.render_resolution = 0.5, 0.1
     ball.elements.new().co = (0.6, 0.6, 1.4)
@@ -665,7 +735,11 @@ def instanced(piece: bpy.types.Object, place: tuple) -> None:
     library = bpy.data.collections.new("library")
     moved(piece, library)
     carrier = bpy.data.objects.new("stand", None)
-    carrier.instance_type, carrier.instance_collection, carrier.location = "COLLECTION", library, place
+    carrier.instance_type, carrier.instance_collection, carrier.location = (
+        "COLLECTION",
+        library,
+        place,
+    )
     bpy.context.scene.collection.objects.link(carrier)
 
 
@@ -674,7 +748,10 @@ def nodes_that_shift(thing: bpy.types.Object) -> tuple:
     tree = bpy.data.node_groups.new("shift", "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
-    nodes = [tree.nodes.new(kind) for kind in ("GeometryNodeTransform", "NodeGroupInput", "NodeGroupOutput")]
+    nodes = [
+        tree.nodes.new(kind)
+        for kind in ("GeometryNodeTransform", "NodeGroupInput", "NodeGroupOutput")
+    ]
     tree.links.new(nodes[1].outputs[0], nodes[0].inputs[0])
     tree.links.new(nodes[0].outputs[0], nodes[2].inputs[0])
     thing.modifiers.new("shift", "NODES").node_group = tree
@@ -773,7 +850,10 @@ def view_layers(folder: Path) -> None:
     """Collections that are held out, or seen in reflections and by light alone; a second view layer, without the box, is looked at."""
     room()
     for name, x in (("holdout", -1.2), ("indirect_only", -0.2)):
-        moved(box(name, (x, 0.6, 0.3), (x + 0.5, 1.2, 0.9), material(name, (0.2, 0.3, 0.7))), collection(name))
+        moved(
+            box(name, (x, 0.6, 0.3), (x + 0.5, 1.2, 0.9), material(name, (0.2, 0.3, 0.7))),
+            collection(name),
+        )
         setattr(bpy.context.view_layer.layer_collection.children[name], name, True)
     moved(bpy.data.objects["box"], collection("boxes"))
     second = bpy.context.scene.view_layers.new("second")
@@ -786,7 +866,11 @@ def displaced_in_a_library(folder: Path) -> None:
     """What a library holds is displaced as the file's own is."""
     xs, ys = np.linspace(-0.9, 0.9, 40), np.linspace(-0.9, 0.9, 40)
     vertices = [(x, y, 0.6) for y in ys for x in xs]
-    faces = [(r * 40 + c, r * 40 + c + 1, (r + 1) * 40 + c + 1, (r + 1) * 40 + c) for r in range(39) for c in range(39)]
+    faces = [
+        (r * 40 + c, r * 40 + c + 1, (r + 1) * 40 + c + 1, (r + 1) * 40 + c)
+        for r in range(39)
+        for c in range(39)
+    ]
     waves = material("waves")
     waves.displacement_method = "DISPLACEMENT"
     tree = waves.node_tree
@@ -799,7 +883,10 @@ def displaced_in_a_library(folder: Path) -> None:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     room()
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "displaced_in_a_library.blend"))
-    with bpy.data.libraries.load(str(folder / "library.blend"), link=True, relative=True) as (_, linked):
+    with bpy.data.libraries.load(str(folder / "library.blend"), link=True, relative=True) as (
+        _,
+        linked,
+    ):
         linked.objects = ["sheet"]
     bpy.context.scene.collection.objects.link(bpy.data.objects["sheet"])
 
@@ -809,13 +896,18 @@ def displaced_twice_in_a_library(folder: Path) -> Path:
     """A linked collection, seen as two instances, one of them mirrored; a texture by Generated coordinates moves its vertices."""
     library = collection("library")
     moved(displaced_piece(), library)
-    moved(box("wedge", (0.35, -0.1, 0), (0.5, 0.3, 0.7), material("blue", (0.2, 0.3, 0.7))), library)
+    moved(
+        box("wedge", (0.35, -0.1, 0), (0.5, 0.3, 0.7), material("blue", (0.2, 0.3, 0.7))), library
+    )
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "library.blend"))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     room(furnished=False)
     path = folder / "displaced_twice_in_a_library.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    with bpy.data.libraries.load(str(folder / "library.blend"), link=True, relative=True) as (_, linked):
+    with bpy.data.libraries.load(str(folder / "library.blend"), link=True, relative=True) as (
+        _,
+        linked,
+    ):
         linked.collections = ["library"]
     standing(bpy.data.collections["library"], (0.8, 0.6, 0))
     standing(bpy.data.collections["library"], (-0.7, 0.9, 0.2), (-1, 1, 1.3), 0.6)
@@ -837,7 +929,9 @@ def displaced_piece(name: str = "piece") -> bpy.types.Object:
     return piece
 
 
-def standing(what: bpy.types.Collection, place: tuple, scale: tuple = (1, 1, 1), turn: float = 0.0) -> bpy.types.Object:
+def standing(
+    what: bpy.types.Collection, place: tuple, scale: tuple = (1, 1, 1), turn: float = 0.0
+) -> bpy.types.Object:
     """An instance of a collection."""
     carrier = bpy.data.objects.new("stand", None)
     carrier.instance_type, carrier.instance_collection = "COLLECTION", what
@@ -853,7 +947,13 @@ def instances_in_instances(folder: Path) -> None:
     inner, outer = bpy.data.collections.new("inner"), bpy.data.collections.new("outer")
     moved(box("post", (-0.1, -0.1, 0), (0.25, 0.1, 0.4), material("green", (0.2, 0.6, 0.2))), inner)
     moved(
-        mesh("sail", [(0, 0, 0.4), (0.3, 0, 0.4), (0, 0.2, 0.8)], [(0, 1, 2)], material("sand", (0.7, 0.6, 0.1))), inner
+        mesh(
+            "sail",
+            [(0, 0, 0.4), (0.3, 0, 0.4), (0, 0.2, 0.8)],
+            [(0, 1, 2)],
+            material("sand", (0.7, 0.6, 0.1)),
+        ),
+        inner,
     )
     for k in range(3):
         moved(standing(inner, (0.45 * k, 0, 0), (1, -1 if k == 1 else 1, 1), 0.5 * k), outer)
@@ -863,10 +963,17 @@ def instances_in_instances(folder: Path) -> None:
     standing(outer, (-0.3, 0.2, 0)).parent = mirror
     standing(outer, (-0.9, 1.2, 1.2), (1, 1, -1))
     for kind, place in (("FACES", (-1.2, 1.2, 0.6)), ("VERTS", (1.0, 1.5, 1.3))):
-        carrier = mesh(kind, [(0, 0, 0), (0.6, 0, 0), (0.6, 0.3, 0.4), (0, 0.3, 0.4)], [(0, 1, 2, 3)], material("red"))
+        carrier = mesh(
+            kind,
+            [(0, 0, 0), (0.6, 0, 0), (0.6, 0.3, 0.4), (0, 0.3, 0.4)],
+            [(0, 1, 2, 3)],
+            material("red"),
+        )
         carrier.location, carrier.instance_type = place, kind
         carrier.use_instance_faces_scale, carrier.show_instancer_for_render = True, kind == "VERTS"
-        child = box(f"on {kind}", (-0.05, -0.05, 0), (0.05, 0.05, 0.2), material("blue", (0.2, 0.2, 0.7)))
+        child = box(
+            f"on {kind}", (-0.05, -0.05, 0), (0.05, 0.05, 0.2), material("blue", (0.2, 0.2, 0.7))
+        )
         child.parent, child.scale = carrier, (-1, 1, 1)
 
 
@@ -906,7 +1013,10 @@ def background_set(folder: Path) -> None:
     """A thing and a lamp of another scene, which is the background set of this one."""
     room()
     behind = bpy.data.scenes.new("behind")
-    for thing in (box("far", (-0.9, 0.9, 0), (-0.5, 1.3, 1.2), material("sand", (0.7, 0.6, 0.1))), lamp((-1, 0, 2))):
+    for thing in (
+        box("far", (-0.9, 0.9, 0), (-0.5, 1.3, 1.2), material("sand", (0.7, 0.6, 0.1))),
+        lamp((-1, 0, 2)),
+    ):
         behind.collection.objects.link(thing)
         bpy.context.scene.collection.objects.unlink(thing)
     bpy.context.scene.background_set = behind
@@ -916,12 +1026,16 @@ def background_set(folder: Path) -> None:
 def grease_pencil(folder: Path) -> None:
     """A drawing in the room: with it, Blender rounds the depth of every pixel."""
     room()
-    data = (bpy.data.grease_pencils_v3 if hasattr(bpy.data, "grease_pencils_v3") else bpy.data.grease_pencils).new(
-        "drawing"
-    )
+    data = (
+        bpy.data.grease_pencils_v3
+        if hasattr(bpy.data, "grease_pencils_v3")
+        else bpy.data.grease_pencils
+    ).new("drawing")
     drawing = data.layers.new("layer").frames.new(0).drawing
     drawing.add_strokes([3])
-    for point, place in zip(drawing.strokes[0].points, ((-1, 0.5, 0.4), (0, 0.5, 0.4), (0, 0.5, 1.4)), strict=True):
+    for point, place in zip(
+        drawing.strokes[0].points, ((-1, 0.5, 0.4), (0, 0.5, 0.4), (0, 0.5, 1.4)), strict=True
+    ):
         point.position, point.radius = place, 0.05
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("drawing", data))
 
@@ -930,18 +1044,53 @@ def grease_pencil(folder: Path) -> None:
 def settings_that_spoil(folder: Path) -> None:
     """Render settings of a file that would hide surfaces, change light or samples, or move the camera."""
     room()
-    scene, render, layer = bpy.context.scene, bpy.context.scene.render, bpy.context.scene.view_layers[0]
+    scene, render, layer = (
+        bpy.context.scene,
+        bpy.context.scene.render,
+        bpy.context.scene.view_layers[0],
+    )
     render.engine = "CYCLES"
     for owner, values in (
-        (render, {"frame_map_old": 100, "frame_map_new": 300, "use_border": True, "border_max_x": 0.3}),
-        (render, {"film_transparent": True, "use_simplify": True, "use_multiview": True, "pixel_aspect_x": 2.0}),
-        (layer, {"samples": 1, "use_solid": False, "use_sky": False, "material_override": material("over", (1, 0, 0))}),
+        (
+            render,
+            {"frame_map_old": 100, "frame_map_new": 300, "use_border": True, "border_max_x": 0.3},
+        ),
+        (
+            render,
+            {
+                "film_transparent": True,
+                "use_simplify": True,
+                "use_multiview": True,
+                "pixel_aspect_x": 2.0,
+            },
+        ),
+        (
+            layer,
+            {
+                "samples": 1,
+                "use_solid": False,
+                "use_sky": False,
+                "material_override": material("over", (1, 0, 0)),
+            },
+        ),
         (layer.cycles, {"use_denoising": False}),
         (
             scene.cycles,
-            {"use_sample_subset": True, "sample_subset_length": 1, "use_fast_gi": True, "blur_glossy": 10.0},
+            {
+                "use_sample_subset": True,
+                "sample_subset_length": 1,
+                "use_fast_gi": True,
+                "blur_glossy": 10.0,
+            },
         ),
-        (scene.cycles, {"light_sampling_threshold": 1.0, "scrambling_distance": 0.0, "texture_limit_render": "128"}),
+        (
+            scene.cycles,
+            {
+                "light_sampling_threshold": 1.0,
+                "scrambling_distance": 0.0,
+                "texture_limit_render": "128",
+            },
+        ),
         (scene.cycles, {"sampling_pattern": "TABULATED_SOBOL", "film_exposure": 4.0}),
         (scene.cycles, {"use_auto_tile": True, "tile_size": 8}),
     ):

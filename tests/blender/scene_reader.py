@@ -26,7 +26,10 @@ if __name__ == "__main__":
         except BaseException as error:
             import traceback
 
-            outcome = {"wrong": f"{type(error).__name__}: {error}", "where": traceback.format_exc()[-600:]}
+            outcome = {
+                "wrong": f"{type(error).__name__}: {error}",
+                "where": traceback.format_exc()[-600:],
+            }
         answers.write(json.dumps({"file": file, **outcome}) + "\n")
         answers.flush()
     answers.close()

@@ -28,7 +28,10 @@ def matt_room(path, sun_deg=30.0, strength=2.0, colours=((0.8, 0.3, 0.2), (0.5, 
         material.use_nodes = True
         tree = material.node_tree
         tree.nodes.clear()
-        shader, out = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.nodes.new("ShaderNodeOutputMaterial")
+        shader, out = (
+            tree.nodes.new("ShaderNodeBsdfDiffuse"),
+            tree.nodes.new("ShaderNodeOutputMaterial"),
+        )
         shader.inputs["Color"].default_value = (*colour, 1)
         tree.links.new(shader.outputs[0], out.inputs[0])
         mesh.materials.append(material)
@@ -84,7 +87,9 @@ def test_direct_light_follows_the_formula_where_nothing_else_shines(pictures):
     assert (floor < 1.25 * direct).all()  # and some from the wall
 
 
-def test_the_map_is_baked_once_and_found_again(render_here, room, cache, tmp_path, monkeypatch, pictures):
+def test_the_map_is_baked_once_and_found_again(
+    render_here, room, cache, tmp_path, monkeypatch, pictures
+):
     monkeypatch.setenv("ICLNUIM_CACHE", str(cache))
     maps = {p: p.stat().st_mtime_ns for p in cache.glob("light/*/light.exr")}
     assert len(maps) == 1
@@ -112,8 +117,12 @@ def test_showing_a_map_and_taking_it_back_leaves_the_scene_as_it_was(room, cache
 
     def state():
         objects = sorted((o.name, o.hide_render, o.data.name) for o in bpy.context.scene.objects)
-        meshes = sorted((m.name, len(m.loops), tuple(u.name for u in m.uv_layers)) for m in bpy.data.meshes)
-        nodes = sorted((m.name, tuple(n.bl_idname for n in m.node_tree.nodes)) for m in bpy.data.materials)
+        meshes = sorted(
+            (m.name, len(m.loops), tuple(u.name for u in m.uv_layers)) for m in bpy.data.meshes
+        )
+        nodes = sorted(
+            (m.name, tuple(n.bl_idname for n in m.node_tree.nodes)) for m in bpy.data.materials
+        )
         return objects, meshes, nodes
 
     before = state()
@@ -131,7 +140,9 @@ def test_a_damaged_map_is_named_in_words(render, room, tmp_path, monkeypatch, ca
     for layout in (tmp_path / "cache").glob("light/*/layout.npz"):
         layout.write_bytes(layout.read_bytes()[:100])
     monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path / "cache"))
-    done = render(tmp_path / "out", "--frames", "0", "--light", "baked", *OPTIONS, scene=room, base=())
+    done = render(
+        tmp_path / "out", "--frames", "0", "--light", "baked", *OPTIONS, scene=room, base=()
+    )
     assert done.returncode == 3
     assert "delete this folder and bake again" in done.stderr
     assert "Traceback" not in done.stderr
@@ -148,7 +159,12 @@ def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
     tree.nodes.clear()
     diffuse, glossy, mix, out = (
         tree.nodes.new(k)
-        for k in ("ShaderNodeBsdfDiffuse", "ShaderNodeBsdfGlossy", "ShaderNodeMixShader", "ShaderNodeOutputMaterial")
+        for k in (
+            "ShaderNodeBsdfDiffuse",
+            "ShaderNodeBsdfGlossy",
+            "ShaderNodeMixShader",
+            "ShaderNodeOutputMaterial",
+        )
     )
     tree.links.new(diffuse.outputs[0], mix.inputs[1])
     tree.links.new(glossy.outputs[0], mix.inputs[2])
@@ -165,7 +181,9 @@ def test_reflections_of_a_bright_spot_are_clamped_as_path_tracing_clamps_them(tm
     scene = bpy.context.scene
     light = bpy.data.images.new("light", 4, 4, float_buffer=True, is_data=True)
     light.pixels.foreach_set(np.full(4 * 4 * 4, 100.0, np.float32))
-    wall = lit_scene.baked_copy(compat.matt_material("wall", (0.5, 0.5, 0.5, 1.0))[0], light, False, limit=10.0)
+    wall = lit_scene.baked_copy(
+        compat.matt_material("wall", (0.5, 0.5, 0.5, 1.0))[0], light, False, limit=10.0
+    )
     mirror = bpy.data.materials.new("mirror")
     mirror.use_nodes = True
     node = mirror.node_tree.nodes["Principled BSDF"]
@@ -186,10 +204,14 @@ def test_reflections_of_a_bright_spot_are_clamped_as_path_tracing_clamps_them(tm
     for towards, seen in ((0.0, 10.0), (math.pi, 50.0)):  # the mirror, the wall itself
         scene.camera.rotation_euler = (math.pi / 2, 0.0, towards)
         frames.render(1, tmp_path / "a.exr")
-        assert frames.read(tmp_path / "a.exr", tmp_path / "a.exr")[0] == pytest.approx(seen, rel=1e-3)
+        assert frames.read(tmp_path / "a.exr", tmp_path / "a.exr")[0] == pytest.approx(
+            seen, rel=1e-3
+        )
 
 
-def test_a_bake_says_beforehand_how_long_it_takes_and_one_without_reflections_why(room, tmp_path, monkeypatch):
+def test_a_bake_says_beforehand_how_long_it_takes_and_one_without_reflections_why(
+    room, tmp_path, monkeypatch
+):
     """The time is that of the cached map with reflections; without one it is estimated from the texels."""
     from iclnuim.blender import light_map, scene, settings
     from iclnuim.formats.files import write_json
@@ -225,9 +247,24 @@ def test_bake_prints_its_figures_and_nothing_else(room, tmp_path, command_here):
     import subprocess
     import sys
 
-    command = [sys.executable, "-m", "iclnuim", "bake", str(room), "--map-size", "64", "--map-samples", "2", "--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "iclnuim",
+        "bake",
+        str(room),
+        "--map-size",
+        "64",
+        "--map-samples",
+        "2",
+        "--json",
+    ]
     done = subprocess.run(
-        command, capture_output=True, text=True, env={**os.environ, "ICLNUIM_CACHE": str(tmp_path)}, timeout=300
+        command,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "ICLNUIM_CACHE": str(tmp_path)},
+        timeout=300,
     )
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout)
@@ -278,7 +315,9 @@ def test_the_sky_is_the_same_with_the_lamps_and_with_the_surfaces(tmp_path):
 
     (lamps, surfaces), (lamps_alone, together) = light(True, False), light(False, True)
     assert lamps_alone.mean() < 0.9 * lamps.mean() and together.mean() > 1.5 * surfaces.mean()
-    assert (lamps_alone + together).mean((0, 1)) == pytest.approx((lamps + surfaces).mean((0, 1)), rel=0.003)
+    assert (lamps_alone + together).mean((0, 1)) == pytest.approx(
+        (lamps + surfaces).mean((0, 1)), rel=0.003
+    )
 
 
 def test_hidden_texels_get_fewer_samples_and_the_same_light(tmp_path, monkeypatch):
@@ -294,17 +333,25 @@ def test_hidden_texels_get_fewer_samples_and_the_same_light(tmp_path, monkeypatc
         layout = light_map.lay_out(whole, np.ones((whole.faces, 2), bool), 64)
         points_m, normals = layout.points()
         seen = normals[:, 2] + (normals[:, 1] < -0.5) > 0.5  # the floor's top and the wall's front
-        texels = light_map._Points(layout, seen, np.array([[0.0, 0.0, 1.5]]), 32, 1, np.zeros(whole.faces, bool))
+        texels = light_map._Points(
+            layout, seen, np.array([[0.0, 0.0, 1.5]]), 32, 1, np.zeros(whole.faces, bool)
+        )
         asked = []
         irradiance = light_sampling.direct
         monkeypatch.setattr(
             light_sampling,
             "direct",
-            lambda p, n, samples, *a, **k: asked.append((samples, len(p))) or irradiance(p, n, samples, *a, **k),
+            lambda p, n, samples, *a, **k: (
+                asked.append((samples, len(p))) or irradiance(p, n, samples, *a, **k)
+            ),
         )
         light = texels.direct()
     shares = dict(asked)
-    assert set(shares) == {32, 8} and sum(shares.values()) == len(points_m) and shares[8] > 0.2 * len(points_m)
+    assert (
+        set(shares) == {32, 8}
+        and sum(shares.values()) == len(points_m)
+        and shares[8] > 0.2 * len(points_m)
+    )
     back = (normals[:, 1] > 0.5) & (points_m[:, 2] > 0.1)
     lit = (points_m[:, 2] > 0.1) & (normals[:, 1] < -0.5)
     assert light[:, lit].max() == 0
@@ -338,7 +385,9 @@ def test_small_lamps_share_passes_and_each_gets_the_same_number_of_samples(tmp_p
     passes = light_sampling._lamp_passes(light_sampling._sources()[0], 16)
     assert [(len(one.lamps), one.samples) for one in passes] == [(4, 8), (2, 4), (1, 2)]
     points_m = np.random.default_rng(4).uniform([-2, -2, 0], [2, 1.9, 0], (2000, 3))
-    light = light_sampling.direct(points_m, np.tile([0.0, 0.0, 1.0], (2000, 1)), 32, 1, list(bpy.data.materials))
+    light = light_sampling.direct(
+        points_m, np.tile([0.0, 0.0, 1.0], (2000, 1)), 32, 1, list(bpy.data.materials)
+    )
     ways = np.array([lamp.location for lamp in lamps])[:, None] - points_m
     # radiant intensity of a point lamp is power / (4 pi), radiance of a white surface is irradiance / pi
     squared = (ways**2).sum(-1)
@@ -357,7 +406,9 @@ def test_large_lamps_share_passes_only_with_one_sample_each(tmp_path):
         lamp.data.shadow_soft_size = 0.5
 
     def passes(samples):
-        return [(len(one.lamps), one.samples) for one in light_sampling._lamp_passes(lamps, samples)]
+        return [
+            (len(one.lamps), one.samples) for one in light_sampling._lamp_passes(lamps, samples)
+        ]
 
     assert passes(12) == [(2, 2), *[(1, 4)] * 8]
     assert passes(24) == [(2, 6), *[(1, 8)] * 8]
@@ -416,7 +467,9 @@ def test_a_sky_that_is_an_image_is_sampled_at_the_images_size():
 
     def width(sky):
         with sampled_at_image_size(sky):
-            return sky.cycles.sample_map_resolution if sky.cycles.sampling_method == "MANUAL" else None
+            return (
+                sky.cycles.sample_map_resolution if sky.cycles.sampling_method == "MANUAL" else None
+            )
 
     sky, (image,) = _sky_of("ShaderNodeTexEnvironment")
     assert width(sky) is None  # without an image

@@ -35,7 +35,9 @@ def test_the_keyed_camera_stands_where_the_poses_say():
 
 def test_quaternion_keys_never_turn_the_long_way_round():
     scene.open_empty()
-    turning = SE3(so3.exp(np.linspace(0, 4 * np.pi, 90)[:, None] * [0.0, 0.0, 1.0]), np.zeros((90, 3)))
+    turning = SE3(
+        so3.exp(np.linspace(0, 4 * np.pi, 90)[:, None] * [0.0, 0.0, 1.0]), np.zeros((90, 3))
+    )
     thing = camera.keyframe(turning, PinholeCamera())
     before = None
     for frame in np.arange(0, 89, 0.5):
@@ -57,8 +59,15 @@ def test_blender_projects_points_to_the_pixels_of_k(pinhole):
     bpy.context.view_layer.update()
     rng = np.random.default_rng(3)
     pixels = rng.uniform((0, 0), (pinhole.width - 1, pinhole.height - 1), (50, 2))
-    rays = np.concatenate([(pixels - (pinhole.cx, pinhole.cy)) / (pinhole.fx, pinhole.fy), np.ones((50, 1))], -1)
+    rays = np.concatenate(
+        [(pixels - (pinhole.cx, pinhole.cy)) / (pinhole.fx, pinhole.fy), np.ones((50, 1))], -1
+    )
     points = T[0].apply(rays * rng.uniform(0.5, 5, (50, 1)))
     for pixel, point in zip(pixels, points, strict=True):
-        x, y, _ = world_to_camera_view(bpy.context.scene, thing, __import__("mathutils").Vector(point))
-        assert np.hypot(x * pinhole.width - 0.5 - pixel[0], (1 - y) * pinhole.height - 0.5 - pixel[1]) < 2e-3
+        x, y, _ = world_to_camera_view(
+            bpy.context.scene, thing, __import__("mathutils").Vector(point)
+        )
+        assert (
+            np.hypot(x * pinhole.width - 0.5 - pixel[0], (1 - y) * pinhole.height - 0.5 - pixel[1])
+            < 2e-3
+        )

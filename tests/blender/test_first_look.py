@@ -33,8 +33,14 @@ def begun(cornered_room, forward_path, tmp_path, monkeypatch):
 def test_a_bake_that_would_not_pay_is_not_begun_and_the_run_keeps_its_light(begun):
     out, job, notes = begun("run", [0], [0], light="auto", samples=4)
     assert (job["light"], job["samples"]) == ("path", 4)
-    assert any("light: path traced" in note and "1 frame:" in note and "light baked" in note for note in notes)
-    assert any(f"preview of frame 0, path traced with 16 samples: {out}/preview.png" in note for note in notes)
+    assert any(
+        "light: path traced" in note and "1 frame:" in note and "light baked" in note
+        for note in notes
+    )
+    assert any(
+        f"preview of frame 0, path traced with 16 samples: {out}/preview.png" in note
+        for note in notes
+    )
     picture = read_rgb8(out / "preview.png")
     assert picture.shape == (48, 64, 3) and picture.std() > 5
     _, again, notes = begun("run", [0] * 10**6, light="auto", samples=4)
@@ -55,11 +61,15 @@ def test_a_black_preview_is_said(begun, cornered_room, tmp_path):
     bpy.data.lights[0].energy = 1e-6
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "dark.blend"))
     _, _, notes = begun("run", [0], light="auto", scene=str(tmp_path / "dark.blend"))
-    assert any("preview.png; it is black: no light reaches what the camera sees" in note for note in notes)
+    assert any(
+        "preview.png; it is black: no light reaches what the camera sees" in note for note in notes
+    )
 
 
 def test_a_preview_does_not_change_baked_frames(begun):
     small = {"light": "baked", "map_size": 32, "map_samples": 2}
-    first, second = (begun(name, asked, [0], **small)[0] for name, asked in (("with", [0]), ("without", [])))
+    first, second = (
+        begun(name, asked, [0], **small)[0] for name, asked in (("with", [0]), ("without", []))
+    )
     assert (first / "preview.png").exists() and not (second / "preview.png").exists()
     assert (first / "exr/000000.exr").read_bytes() == (second / "exr/000000.exr").read_bytes()

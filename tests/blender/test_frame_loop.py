@@ -35,7 +35,9 @@ def whole_run(render, tmp_path_factory):
 
 def job_of(run, **settings):
     """The job that a run folder was made by, with other settings."""
-    return RenderJob.from_dict(json.loads((run / "sequence.json").read_text())["job"]).changed(**settings)
+    return RenderJob.from_dict(json.loads((run / "sequence.json").read_text())["job"]).changed(
+        **settings
+    )
 
 
 def analytic_depth(camera, T):
@@ -60,7 +62,9 @@ def test_depth_is_planar_and_exact_to_a_tenth_of_a_millimetre(whole_run):
         assert np.median(off[~nearer]) < 1e-5
 
 
-def test_depth_is_the_same_bits_at_any_sample_count_and_with_antialiasing(render_here, whole_run, tmp_path):
+def test_depth_is_the_same_bits_at_any_sample_count_and_with_antialiasing(
+    render_here, whole_run, tmp_path
+):
     for name, changed in (("many", {"samples": 16}), ("soft", {"antialias": True})):
         out = tmp_path / name
         render_here(out, "3", job=job_of(whole_run, **changed))
@@ -71,16 +75,25 @@ def test_depth_is_the_same_bits_at_any_sample_count_and_with_antialiasing(render
 
 
 @pytest.mark.parametrize("width, height", [(2100, 2049), (16, 8200)])
-def test_an_image_larger_than_the_tiles_of_cycles_is_not_black(render_here, whole_run, tmp_path, width, height):
+def test_an_image_larger_than_the_tiles_of_cycles_is_not_black(
+    render_here, whole_run, tmp_path, width, height
+):
     """2048 x 2048 pixels by default, 8192 x 8192 at most: in tiles, Cycles has no passes in memory, and the frame would be black."""
     camera = PinholeCamera(width, height, 1600, 1600, (width - 1) / 2, (height - 1) / 2)
-    render_here(tmp_path / "large", "3", job=job_of(whole_run, camera=camera, samples=1, denoise=False))
+    render_here(
+        tmp_path / "large", "3", job=job_of(whole_run, camera=camera, samples=1, denoise=False)
+    )
     run = read_run(tmp_path / "large")
-    z, truth = read_exr(run.frame_file(3))["Z"], analytic_depth(camera, run.truth().T_world_camera[3])
+    z, truth = (
+        read_exr(run.frame_file(3))["Z"],
+        analytic_depth(camera, run.truth().T_world_camera[3]),
+    )
     assert np.median(np.abs(z - truth)) < 1e-5 and np.median(read_exr(run.frame_file(3))["G"]) > 0.1
 
 
-def test_a_frame_is_the_same_bytes_alone_in_sequence_backwards_and_resumed(render_here, whole_run, tmp_path):
+def test_a_frame_is_the_same_bytes_alone_in_sequence_backwards_and_resumed(
+    render_here, whole_run, tmp_path
+):
     reference = frames(whole_run)
     assert len(reference) == 12
     out = tmp_path / "parts"
@@ -111,7 +124,11 @@ def test_broken_and_foreign_frames_are_rendered_again(render, whole_run, tmp_pat
 
 def test_the_run_folder_tells_camera_poses_and_recipe(whole_run, forward_path):
     recipe = json.loads((whole_run / "sequence.json").read_text())
-    assert recipe["job"]["samples"] == 2 and recipe["job"]["seed"] == 0 and recipe["schema_version"] == 1
+    assert (
+        recipe["job"]["samples"] == 2
+        and recipe["job"]["seed"] == 0
+        and recipe["schema_version"] == 1
+    )
     assert json.loads((whole_run / "camera.json").read_text()) == recipe["job"]["camera"]
     ours = read_trajectory(whole_run / "groundtruth.txt", "tum").trajectory
     theirs = read_trajectory(forward_path, "tum").trajectory
@@ -140,7 +157,9 @@ def long_path(tmp_path_factory):
     """A TUM file of 400 poses that look along +y: with small frames none of the tests that end it early sees its end."""
     path = tmp_path_factory.mktemp("path") / "long.txt"
     half = np.sqrt(0.5)
-    np.savetxt(path, [(k / 30, 0.001 * k, -1.5, 1.3, -half, 0, 0, half) for k in range(400)], fmt="%.9f")
+    np.savetxt(
+        path, [(k / 30, 0.001 * k, -1.5, 1.3, -half, 0, 0, half) for k in range(400)], fmt="%.9f"
+    )
     return path
 
 
@@ -159,7 +178,9 @@ def wait_for_frames(out, count, process, seconds=120):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_stops_after_the_frame_in_work_and_leaves_all_valid(render, long_path, tmp_path, number):
+def test_a_signal_stops_after_the_frame_in_work_and_leaves_all_valid(
+    render, long_path, tmp_path, number
+):
     out = tmp_path / "run"
     process = start(render, out, "--workers", "1", trajectory=long_path)
     wait_for_frames(out, 2, process)
@@ -195,18 +216,30 @@ def check_kills(render, render_here, tmp_path, kills, *options, **paths):
     first_seen = killed_and_resumed(render, out, kills, 5, *options, **paths)
     render_here(undisturbed, job=job_of(out))
     assert frames(out) == frames(undisturbed)
-    again = [name for name, when in first_seen.items() if (out / "exr" / name).stat().st_mtime_ns != when]
+    again = [
+        name for name, when in first_seen.items() if (out / "exr" / name).stat().st_mtime_ns != when
+    ]
     assert again == []
-    assert sorted(p.name for p in out.iterdir()) == [".farm", "camera.json", "exr", "groundtruth.txt", "sequence.json"]
+    assert sorted(p.name for p in out.iterdir()) == [
+        ".farm",
+        "camera.json",
+        "exr",
+        "groundtruth.txt",
+        "sequence.json",
+    ]
     assert not list((out / "exr").glob(".*"))
 
 
-def test_killed_three_times_and_started_again_no_frame_is_lost_or_made_twice(render, render_here, tmp_path):
+def test_killed_three_times_and_started_again_no_frame_is_lost_or_made_twice(
+    render, render_here, tmp_path
+):
     check_kills(render, render_here, tmp_path, 3, "--samples", "32", "--camera", "64x48")
 
 
 @pytest.mark.slow
-def test_killed_twenty_times_and_started_again_no_frame_is_lost_or_made_twice(render, render_here, tmp_path):
+def test_killed_twenty_times_and_started_again_no_frame_is_lost_or_made_twice(
+    render, render_here, tmp_path
+):
     check_kills(render, render_here, tmp_path, 20, "--samples", "64", "--camera", "160x120")
 
 
@@ -281,7 +314,9 @@ def test_the_script_refuses_an_unknown_choice_with_2(repository):
     assert done.returncode == 2
 
 
-def test_check_depth_finds_nothing_wrong_with_our_frames_and_much_with_shifted_ones(whole_run, tmp_path, command_here):
+def test_check_depth_finds_nothing_wrong_with_our_frames_and_much_with_shifted_ones(
+    whole_run, tmp_path, command_here
+):
     pytest.importorskip("embreex")
     from iclnuim.formats.exr import write_exr
 
@@ -289,7 +324,11 @@ def test_check_depth_finds_nothing_wrong_with_our_frames_and_much_with_shifted_o
     good = subprocess.run([*run, str(whole_run)], capture_output=True, text=True)
     assert good.returncode == 0, good.stderr
     figures = json.loads(good.stdout)
-    assert figures["within_01mm_share"] > 0.999 and figures["median_m"] < 1e-5 and figures["edge_share"] < 0.05
+    assert (
+        figures["within_01mm_share"] > 0.999
+        and figures["median_m"] < 1e-5
+        and figures["edge_share"] < 0.05
+    )
     shifted = tmp_path / "shifted"
     shutil.copytree(whole_run, shifted)
     for file in (shifted / "exr").iterdir():
@@ -297,12 +336,15 @@ def test_check_depth_finds_nothing_wrong_with_our_frames_and_much_with_shifted_o
         channels["Z"] = np.roll(channels["Z"], 1, axis=1)
         write_exr(file, channels)
     code, printed, _ = command_here("check-depth", "--json", shifted)
-    assert code == 3 and any(line.startswith("within 0.1 mm: ") for line in json.loads(printed)["failed"])
+    assert code == 3 and any(
+        line.startswith("within 0.1 mm: ") for line in json.loads(printed)["failed"]
+    )
     assert "failed: within 0.1 mm: " in command_here("check-depth", shifted)[1]
 
 
 @pytest.mark.parametrize(
-    "settings", [{}, {"antialias": True, "ground_truth": True}, {"exposure_s": 0.02, "readout_s": 0.02}]
+    "settings",
+    [{}, {"antialias": True, "ground_truth": True}, {"exposure_s": 0.02, "readout_s": 0.02}],
 )
 def test_passes_taken_in_memory_give_the_bytes_of_passes_in_files(
     render_here, cornered_room, tmp_path, monkeypatch, settings
@@ -313,11 +355,15 @@ def test_passes_taken_in_memory_give_the_bytes_of_passes_in_files(
 
     written = []
     original = loop.render
-    monkeypatch.setattr(loop, "render", lambda *a, **k: written.append(original(*a, **k)) or written[-1])
+    monkeypatch.setattr(
+        loop, "render", lambda *a, **k: written.append(original(*a, **k)) or written[-1]
+    )
     render_here(tmp_path / "memory", "3", **settings)
     assert written and all(isinstance(raw, dict) for raw in written)
     written.clear()
-    monkeypatch.setattr(loop, "passes_in_memory", lambda wanted: nullcontext(None))  # as in a Blender without access
+    monkeypatch.setattr(
+        loop, "passes_in_memory", lambda wanted: nullcontext(None)
+    )  # as in a Blender without access
     render_here(tmp_path / "file", "3", **settings)
     assert written and all(isinstance(raw, Path) for raw in written)
     assert frames(tmp_path / "memory") == frames(tmp_path / "file")

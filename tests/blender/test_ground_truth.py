@@ -60,7 +60,9 @@ def awkward_scene(tmp_path_factory):
     ball.materials.append(polished())
     mesh_object("ball", ball, (-0.6, 0.6, 0.6), class_name="gnome", instance_id=1)
     sheet = bpy.data.meshes.new("sheet")
-    sheet.from_pydata([(0.2, 1.6, 0.2), (0.9, 1.6, 0.2), (0.9, 1.6, 1.2), (0.2, 1.6, 1.2)], [], [(0, 1, 2, 3)])
+    sheet.from_pydata(
+        [(0.2, 1.6, 0.2), (0.9, 1.6, 0.2), (0.9, 1.6, 1.2), (0.2, 1.6, 1.2)], [], [(0, 1, 2, 3)]
+    )
     sheet.flip_normals()
     mesh_object("sheet", sheet)
     box = bpy.data.meshes.new("box")
@@ -73,7 +75,11 @@ def awkward_scene(tmp_path_factory):
     shelf.objects.link(crate)
     for x in (0.1, 0.9):
         place = bpy.data.objects.new(f"place {x}", None)
-        place.instance_type, place.instance_collection, place.location = "COLLECTION", shelf, (x, 0.3, 0.4)
+        place.instance_type, place.instance_collection, place.location = (
+            "COLLECTION",
+            shelf,
+            (x, 0.3, 0.4),
+        )
         bpy.context.scene.collection.objects.link(place)
     lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
     lamp.location, lamp.data.energy = (0, 0, 2.5), 100.0
@@ -105,7 +111,9 @@ def truth_run(render_here, awkward_scene, tmp_path_factory):
     return out
 
 
-def test_instances_and_normals_are_those_of_rays_through_the_pixel_centres(truth_run, awkward_scene):
+def test_instances_and_normals_are_those_of_rays_through_the_pixel_centres(
+    truth_run, awkward_scene
+):
     from iclnuim.blender import scene
 
     scene.open_scene(str(awkward_scene))
@@ -126,10 +134,14 @@ def test_instances_and_normals_are_those_of_rays_through_the_pixel_centres(truth
         assert (facing < 0.3).all()  # they face the viewer, up to smooth shading
 
 
-def test_baked_light_shows_the_same_truth_as_path_tracing(render_here, truth_run, awkward_scene, tmp_path, monkeypatch):
+def test_baked_light_shows_the_same_truth_as_path_tracing(
+    render_here, truth_run, awkward_scene, tmp_path, monkeypatch
+):
     monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path / "cache"))
     light = {"light": "baked", "map_size": 64, "map_samples": 2}
-    render_here(tmp_path / "baked", "6", scene=awkward_scene, camera="160x120", ground_truth=True, **light)
+    render_here(
+        tmp_path / "baked", "6", scene=awkward_scene, camera="160x120", ground_truth=True, **light
+    )
     baked, traced = (read_exr(p / "exr/000006.exr") for p in (tmp_path / "baked", truth_run))
     assert np.array_equal(baked["instance"], traced["instance"])
     assert angle_deg(normals_of(baked), normals_of(traced)).max() < 0.01
@@ -137,7 +149,9 @@ def test_baked_light_shows_the_same_truth_as_path_tracing(render_here, truth_run
     assert tables[0] == tables[1]
 
 
-def test_check_depth_judges_the_truth_too_and_notices_a_wrong_normal(truth_run, tmp_path, command_here):
+def test_check_depth_judges_the_truth_too_and_notices_a_wrong_normal(
+    truth_run, tmp_path, command_here
+):
     import shutil
 
     from iclnuim.formats.exr import exr_header, write_exr
@@ -158,8 +172,16 @@ def test_check_depth_judges_the_truth_too_and_notices_a_wrong_normal(truth_run, 
 def test_the_table_names_every_object_with_pose_boxes_class_and_nyu40_label(truth_run):
     table = json.loads((truth_run / "objects.json").read_text())
     rows = {row["name"]: row for row in table["objects"]}
-    assert rows["ball"]["id"] == 1 and rows["ball"]["class_id"] == classes.FIRST_OWN and rows["ball"]["nyu40_id"] == 0
-    assert rows["floor"]["nyu40_id"] == 2 and rows["crate"]["nyu40_id"] == 29 and rows["sheet"]["class_id"] == 0
+    assert (
+        rows["ball"]["id"] == 1
+        and rows["ball"]["class_id"] == classes.FIRST_OWN
+        and rows["ball"]["nyu40_id"] == 0
+    )
+    assert (
+        rows["floor"]["nyu40_id"] == 2
+        and rows["crate"]["nyu40_id"] == 29
+        and rows["sheet"]["class_id"] == 0
+    )
     crates = [row for row in table["objects"] if row["name"] == "crate"]
     assert len(crates) == 2 and crates[0]["id"] == crates[1]["id"]
     assert len({row["id"] for row in table["objects"]}) == 4
@@ -178,7 +200,9 @@ def test_colour_and_depth_keep_their_bits_and_many_samples_do_not_blend_the_trut
     small = {"scene": awkward_scene, "camera": "160x120"}
     render_here(tmp_path / "plain", "6", **small, samples=1)
     render_here(tmp_path / "many", "6", **small, samples=4, antialias=True, ground_truth=True)
-    truth, plain, many = (read_exr(p / "exr/000006.exr") for p in (truth_run, tmp_path / "plain", tmp_path / "many"))
+    truth, plain, many = (
+        read_exr(p / "exr/000006.exr") for p in (truth_run, tmp_path / "plain", tmp_path / "many")
+    )
     assert set(plain) == set("RGBZ")
     assert all(np.array_equal(plain[c], truth[c]) for c in "RGBZ")
     assert all(np.array_equal(many[c], truth[c]) for c in set(truth) - set("RGB"))
@@ -186,7 +210,15 @@ def test_colour_and_depth_keep_their_bits_and_many_samples_do_not_blend_the_trut
 
 
 def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_format(truth_run, tmp_path):
-    command = [sys.executable, "-m", "iclnuim", "dataset", str(truth_run), str(tmp_path / "out"), "--quiet"]
+    command = [
+        sys.executable,
+        "-m",
+        "iclnuim",
+        "dataset",
+        str(truth_run),
+        str(tmp_path / "out"),
+        "--quiet",
+    ]
     for form in ("tum", "euroc"):
         command += ["--format", form]
     subprocess.run(command, check=True, timeout=120)
@@ -194,7 +226,10 @@ def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_format(truth_r
     frame = read_exr(truth_run / "exr/000006.exr")
     instance, kind = (read_depth16(tum / f"{name}/000006.png") for name in ("instance", "class"))
     assert np.array_equal(instance, frame["instance"].astype(int))
-    assert angle_deg(normal_from16(read_rgb16(tum / "normal/000006.png")), normals_of(frame)).max() < 0.002
+    assert (
+        angle_deg(normal_from16(read_rgb16(tum / "normal/000006.png")), normals_of(frame)).max()
+        < 0.002
+    )
     rows = json.loads((tum / "objects.json").read_text())["objects"]
     for row in rows:
         assert (kind[instance == row["id"]] == row["class_id"]).all()
@@ -205,22 +240,36 @@ def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_format(truth_r
     for name in ("instance", "class", "normal"):
         mine = euroc / f"mav0/{name}0/data/200000000.png"
         assert mine.read_bytes() == (tum / f"{name}/000006.png").read_bytes()
-    again = subprocess.run([*command[:-5], *command[-4:]], capture_output=True, text=True, check=True, timeout=120)
+    again = subprocess.run(
+        [*command[:-5], *command[-4:]], capture_output=True, text=True, check=True, timeout=120
+    )
     assert "0 frames written, 2 already finished" in again.stdout
 
 
 @pytest.mark.parametrize("room, pose", [("living_room", "kt2"), ("office", "kt3")])
-def test_the_shipped_rooms_put_out_the_normals_and_instances_that_rays_meet(room, pose, repository, tmp_path):
+def test_the_shipped_rooms_put_out_the_normals_and_instances_that_rays_meet(
+    room, pose, repository, tmp_path
+):
     from iclnuim.blender import camera, frames, ground_truth, scene, settings
     from iclnuim.geometry.camera import PinholeCamera
     from iclnuim.job import RenderJob
 
     scene.open_scene(room)
     judge = judge_of_open_scene()
-    job = RenderJob("x", room, "x", camera=PinholeCamera.parse("320x240"), light="path", samples=1, denoise=False)
+    job = RenderJob(
+        "x",
+        room,
+        "x",
+        camera=PinholeCamera.parse("320x240"),
+        light="path",
+        samples=1,
+        denoise=False,
+    )
     settings.apply(job)
     ground_truth.add_passes()
-    poses = read_trajectory(repository / f"trajectories/{room}/{pose}.txt").trajectory.T_world_camera
+    poses = read_trajectory(
+        repository / f"trajectories/{room}/{pose}.txt"
+    ).trajectory.T_world_camera
     camera.keyframe(poses, job.camera)
     number = len(poses) // 2
     frames.render(number, tmp_path / "f.exr")
@@ -247,7 +296,11 @@ def test_normals_survive_sixteen_bits_to_a_five_hundredth_of_a_degree():
 
 def test_every_class_of_the_shipped_rooms_has_a_number_and_a_label(repository):
     text = (repository / "blend/README.md").read_text()
-    listed = {line.split("|")[3].strip() for line in text.splitlines() if line.startswith("| ") and "`" in line}
+    listed = {
+        line.split("|")[3].strip()
+        for line in text.splitlines()
+        if line.startswith("| ") and "`" in line
+    }
     listed = {name for name in listed if name.isidentifier()}
     assert len(listed) > 30 and listed <= set(classes.KINDS)
     numbers = [kind.id for kind in classes.KINDS.values()]
@@ -265,10 +318,15 @@ def test_depth_where_a_pane_is_seen_is_its_own_none_or_that_of_what_stands_behin
     glass = bpy.data.materials.new("glass")
     glass.use_nodes = True
     nodes, links = glass.node_tree.nodes, glass.node_tree.links
-    clear, output = nodes.new("ShaderNodeBsdfTransparent"), glass.node_tree.get_output_node("CYCLES")
+    clear, output = (
+        nodes.new("ShaderNodeBsdfTransparent"),
+        glass.node_tree.get_output_node("CYCLES"),
+    )
     links.new(clear.outputs[0], output.inputs["Surface"])
     pane = bpy.data.meshes.new("pane")
-    pane.from_pydata([(-9, -0.5, 0.1), (0, -0.5, 0.1), (0, -0.5, 3), (-9, -0.5, 3)], [], [(0, 1, 2, 3)])
+    pane.from_pydata(
+        [(-9, -0.5, 0.1), (0, -0.5, 0.1), (0, -0.5, 3), (-9, -0.5, 3)], [], [(0, 1, 2, 3)]
+    )
     pane.materials.append(glass)
     mesh_object("pane", pane)
     scene = tmp_path / "glazed.blend"
@@ -280,7 +338,10 @@ def test_depth_where_a_pane_is_seen_is_its_own_none_or_that_of_what_stands_behin
         assert main(["check-depth", "--quiet", str(tmp_path / kind)]) == 0, capsys.readouterr()
         recipe = json.loads((tmp_path / kind / "sequence.json").read_text())["job"]
         assert recipe.get("glass", "surface") == kind
-        assert all(np.array_equal(frames[kind][c], frames["surface"][c]) for c in ("R", "G", "B", "instance"))
+        assert all(
+            np.array_equal(frames[kind][c], frames["surface"][c])
+            for c in ("R", "G", "B", "instance")
+        )
     render_here(tmp_path / "open", "3", samples=1)
     clear_z_m, (pane_z_m, none_z_m, behind_z_m) = (
         read_exr(tmp_path / "open/exr/000003.exr")["Z"],

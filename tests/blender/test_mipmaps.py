@@ -21,7 +21,9 @@ def new_image(pixels, colour_space="sRGB", **settings):
     height, width = pixels.shape[:2]
     image = bpy.data.images.new("pattern", width, height, **settings)
     image.colorspace_settings.name = colour_space
-    image.pixels.foreach_set(np.dstack([pixels, np.ones((height, width))]).astype(np.float32).ravel())
+    image.pixels.foreach_set(
+        np.dstack([pixels, np.ones((height, width))]).astype(np.float32).ravel()
+    )
     return image
 
 
@@ -36,7 +38,9 @@ def textured(image, shader="Emission", **settings):
     material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()
-    texture, shine, out = (tree.nodes.new(f"ShaderNode{k}") for k in ("TexImage", shader, "OutputMaterial"))
+    texture, shine, out = (
+        tree.nodes.new(f"ShaderNode{k}") for k in ("TexImage", shader, "OutputMaterial")
+    )
     texture.image = image
     for key, value in settings.items():
         setattr(texture, key, value)
@@ -143,7 +147,10 @@ def with_generated_coordinates(material, texture):
 
 def with_alpha(material, texture):
     tree = material.node_tree
-    mix, out = tree.nodes.new("ShaderNodeMixShader"), next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+    mix, out = (
+        tree.nodes.new("ShaderNodeMixShader"),
+        next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL"),
+    )
     tree.links.new(texture.outputs["Alpha"], mix.inputs[0])
     tree.links.new(mix.outputs[0], out.inputs["Surface"])
 
@@ -207,7 +214,9 @@ def test_a_mesh_without_faces_has_no_density(empty):
     assert mipmaps.density(thing, thing.data.uv_layers.new(name="own")).shape == (0,)
 
 
-@pytest.mark.parametrize("settings", [{"interpolation": "Closest"}, {"extension": "CLIP"}, {"projection": "BOX"}])
+@pytest.mark.parametrize(
+    "settings", [{"interpolation": "Closest"}, {"extension": "CLIP"}, {"projection": "BOX"}]
+)
 def test_textures_that_are_read_in_another_way_are_left(empty, settings):
     assert mipmaps.textures_of(textured(new_image(checks()), **settings)[0]) == []
 
@@ -235,12 +244,16 @@ def patterned(tmp_path_factory):
 def frame(render_here, out, patterned, texels, shader="Emission", **settings):
     files, path = patterned
     camera = "64x64,64,64,31.7,31.3"
-    render_here(out, "0", scene=files[texels, shader], trajectory=path, camera=camera, samples=1, **settings)
+    render_here(
+        out, "0", scene=files[texels, shader], trajectory=path, camera=camera, samples=1, **settings
+    )
     channels = read_exr(out / "exr/000000.exr")
     return np.stack([channels[c] for c in "RGB"], -1).astype(float), channels["Z"]
 
 
-def test_a_distant_pattern_is_its_mean_and_a_close_one_is_unchanged(render_here, patterned, tmp_path):
+def test_a_distant_pattern_is_its_mean_and_a_close_one_is_unchanged(
+    render_here, patterned, tmp_path
+):
     for texels in (7.3, 0.25):
         (plain, plain_z), (filtered, z) = (
             frame(render_here, tmp_path / f"{texels}-{mipmaps}", patterned, texels, mipmaps=mipmaps)
@@ -254,7 +267,9 @@ def test_a_distant_pattern_is_its_mean_and_a_close_one_is_unchanged(render_here,
             assert plain.std() > 0.1 and filtered == pytest.approx(plain, abs=2e-3)
 
 
-def test_from_one_level_to_the_next_more_and_more_cells_of_the_surface_change(render_here, patterned, tmp_path):
+def test_from_one_level_to_the_next_more_and_more_cells_of_the_surface_change(
+    render_here, patterned, tmp_path
+):
     """Cells 32 texels wide read level 0 if their footprint times noise between 0.71 and 1.41 is less than 2 texels: half of them at 2 / 1.06."""
     coarser = []
     for texels in (1.1, 1.76, 3.25):
@@ -267,7 +282,12 @@ def test_from_one_level_to_the_next_more_and_more_cells_of_the_surface_change(re
         bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
         camera = "256x256,256,256,127.7,127.3"
         render_here(
-            folder / "run", "0", scene=folder / "scene.blend", trajectory=patterned[1], camera=camera, samples=1
+            folder / "run",
+            "0",
+            scene=folder / "scene.blend",
+            trajectory=patterned[1],
+            camera=camera,
+            samples=1,
         )
         seen = read_exr(folder / "run/exr/000000.exr")["R"].astype(float)
         coarser.append((abs(seen - 0.5) < 0.003).mean())  # level 1 is grey
@@ -275,7 +295,9 @@ def test_from_one_level_to_the_next_more_and_more_cells_of_the_surface_change(re
     assert coarser == pytest.approx([0.0, 0.5, 1.0], abs=0.1)
 
 
-def frames_of_tiles(render_here, folder, patterned, repeats, offset, extension, mapping_in_the_shader):
+def frames_of_tiles(
+    render_here, folder, patterned, repeats, offset, extension, mapping_in_the_shader
+):
     """A frame of a plane whose texture is turned, repeated and moved, with positions in the texture as attributes or computed by nodes."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     values = np.random.default_rng(3).random((48, TEXELS, 3))  # not square
@@ -291,8 +313,17 @@ def frames_of_tiles(render_here, folder, patterned, repeats, offset, extension, 
     file = folder / "scene.blend"
     folder.mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
-    render_here(folder / "run", "0", scene=file, trajectory=patterned[1], camera="64x64,64,64,31.7,31.3", samples=1)
-    whole = [n.operation for n in bpy.data.materials["material"].node_tree.nodes if n.type == "VECT_MATH"]
+    render_here(
+        folder / "run",
+        "0",
+        scene=file,
+        trajectory=patterned[1],
+        camera="64x64,64,64,31.7,31.3",
+        samples=1,
+    )
+    whole = [
+        n.operation for n in bpy.data.materials["material"].node_tree.nodes if n.type == "VECT_MATH"
+    ]
     channels = read_exr(folder / "run/exr/000000.exr")
     return np.stack([channels[c] for c in "RGB"], -1).astype(float), whole
 
@@ -311,7 +342,9 @@ def test_positions_are_the_same_as_attributes_and_by_nodes(
     render_here, tmp_path, patterned, repeats, offset, extension, nodes
 ):
     (frame, used), (expected, used_else) = (
-        frames_of_tiles(render_here, tmp_path / str(by_nodes), patterned, repeats, offset, extension, by_nodes)
+        frames_of_tiles(
+            render_here, tmp_path / str(by_nodes), patterned, repeats, offset, extension, by_nodes
+        )
         for by_nodes in (False, True)
     )
     assert used == nodes and len(used_else) > 2
@@ -319,8 +352,12 @@ def test_positions_are_the_same_as_attributes_and_by_nodes(
     assert frame == pytest.approx(expected, abs=2e-3)
 
 
-def test_a_face_beyond_the_borders_of_a_texture_without_repetition_is_placed_by_nodes(render_here, tmp_path, patterned):
-    frame, used = frames_of_tiles(render_here, tmp_path / "out", patterned, 3.0, (0.5, 0.5), "EXTEND", False)
+def test_a_face_beyond_the_borders_of_a_texture_without_repetition_is_placed_by_nodes(
+    render_here, tmp_path, patterned
+):
+    frame, used = frames_of_tiles(
+        render_here, tmp_path / "out", patterned, 3.0, (0.5, 0.5), "EXTEND", False
+    )
     assert "MINIMUM" in used and frame.std() > 0.03
 
 
@@ -328,7 +365,15 @@ def test_baked_light_shows_the_filtered_textures_too(render_here, patterned, tmp
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     baked = {"light": "baked", "map_size": 64, "map_samples": 2}
     plain, filtered = (
-        frame(render_here, tmp_path / f"{mipmaps}", patterned, 7.3, "BsdfDiffuse", mipmaps=mipmaps, **baked)[0]
+        frame(
+            render_here,
+            tmp_path / f"{mipmaps}",
+            patterned,
+            7.3,
+            "BsdfDiffuse",
+            mipmaps=mipmaps,
+            **baked,
+        )[0]
         for mipmaps in (False, True)
     )
     assert plain.std() > 0.1
@@ -347,13 +392,16 @@ def test_a_run_from_before_mipmaps_goes_on_without_them(render_here, patterned, 
     assert RenderJob.from_dict(recipe["job"]).mipmaps is False
     frame(render_here, out, patterned, 0.25, mipmaps=False)
     with pytest.raises(
-        InputError, match="found frames without mipmaps; try turning mipmaps off to go on as before, or another out"
+        InputError,
+        match="found frames without mipmaps; try turning mipmaps off to go on as before, or another out",
     ):
         frame(render_here, out, patterned, 0.25)
     recipe["job"]["mipmaps"] = True
     del recipe["texture_filter"]
     (out / "sequence.json").write_text(json.dumps(recipe))
-    with pytest.raises(InputError, match="found frames with mipmaps of an older version; try another out"):
+    with pytest.raises(
+        InputError, match="found frames with mipmaps of an older version; try another out"
+    ):
         frame(render_here, out, patterned, 0.25)
     written = tmp_path / "by_hand.json"
     written.write_text(json.dumps({"scene": "living_room", "trajectory": "living_room/kt2"}))

@@ -17,7 +17,12 @@ os.write(2, b"after\\n")
 
 
 def test_lines_of_blender_and_usd_go_to_the_log_and_ours_to_the_terminal(tmp_path):
-    done = subprocess.run([sys.executable, "-c", PROGRAM, tmp_path / "log"], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, tmp_path / "log"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert (done.stdout, done.stderr) == ("a result\n", "note: ours\nafter\n")
     assert (tmp_path / "log").read_text().splitlines() == [
         "Fra:1 Mem:8M",

@@ -18,7 +18,14 @@ from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry.scene_axes import SceneReading  # noqa: E402
 
 READER = Path(__file__).with_name("outside_reader.py")
-SAMPLE = ("gltf_image_backslash", "obj_mtllib", "usd_sublayer", "blend_library", "blend_mesh_cache", "blend_nodes_obj")
+SAMPLE = (
+    "gltf_image_backslash",
+    "obj_mtllib",
+    "usd_sublayer",
+    "blend_library",
+    "blend_mesh_cache",
+    "blend_nodes_obj",
+)
 #: Refused too, though Blender by itself is not seen to open these: it would in a window, aloud, in another version, or beside a real cache.
 NOT_SEEN = {
     "gltf_image_file_url", "obj_map_absolute", "obj_mtllib_absolute", "usd_clip", "usd_dome", "blend_tiles", "blend_clip", "blend_sound",
@@ -34,7 +41,9 @@ def opened(files: dict[str, Path], mode: str) -> tuple[set[str], list[dict]]:
     command = [*watch, sys.executable, str(READER), str(rows), mode, *map(str, files.values())]
     done = subprocess.run(command, cwd=root, capture_output=True, timeout=1800, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
-    found = re.findall(rf"= \d+<{re.escape(str(root))}/outside/([^./>]+)", trace.read_text(errors="replace"))
+    found = re.findall(
+        rf"= \d+<{re.escape(str(root))}/outside/([^./>]+)", trace.read_text(errors="replace")
+    )
     return set(found), [json.loads(row) for row in rows.read_text().splitlines()]
 
 
@@ -42,7 +51,10 @@ def opened(files: dict[str, Path], mode: str) -> tuple[set[str], list[dict]]:
     "ways", [SAMPLE, pytest.param(tuple(hostile.WAYS), marks=pytest.mark.slow)], ids=["some", "all"]
 )
 def test_no_way_of_naming_a_file_opens_one_outside(tmp_path, ways):
-    if shutil.which("strace") is None or subprocess.run(["strace", "true"], capture_output=True).returncode:
+    if (
+        shutil.which("strace") is None
+        or subprocess.run(["strace", "true"], capture_output=True).returncode
+    ):
         pytest.skip("needs strace, and leave to trace")
     files = {way: hostile.WAYS[way](hostile.Maker(bpy, tmp_path, way)) for way in ways}
     followed = {way: file for way, file in files.items() if way not in NOT_SEEN}
@@ -50,7 +62,9 @@ def test_no_way_of_naming_a_file_opens_one_outside(tmp_path, ways):
     found, rows = opened(files, "checked")
     assert found == set()
     for row in rows:
-        assert re.fullmatch(r"[^\n]+/scenes/\w+/[\w.]+: [^:].*own folder, found .+; try .+", row["refused"]), row
+        assert re.fullmatch(
+            r"[^\n]+/scenes/\w+/[\w.]+: [^:].*own folder, found .+; try .+", row["refused"]
+        ), row
 
 
 def file_of(tmp_path, way):
@@ -83,7 +97,9 @@ def inside(tmp_path, way):
     return file
 
 
-@pytest.mark.parametrize("way", ["usd_sublayer", "usd_inner", "usd_payload", "usd_texture", "obj_map", "gltf_buffer"])
+@pytest.mark.parametrize(
+    "way", ["usd_sublayer", "usd_inner", "usd_payload", "usd_texture", "obj_map", "gltf_buffer"]
+)
 def test_every_layer_counts_in_the_hash(tmp_path, way):
     file = inside(tmp_path, way)
     scene.open_scene(str(file))

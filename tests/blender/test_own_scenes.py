@@ -59,14 +59,24 @@ def test_a_format_that_says_nothing_has_its_guess_told(exported):
 @pytest.mark.parametrize(
     ("kind", "size", "said"),
     [
-        ("obj", (140, 90, 3), "140 x 90 m, 3 m high is not the size of a room, no other unit makes it one"),
-        ("usda", (500, 400, 250), "500 x 400 m, 250 m high is not the size of a room, as centimetres it would be one"),
+        (
+            "obj",
+            (140, 90, 3),
+            "140 x 90 m, 3 m high is not the size of a room, no other unit makes it one",
+        ),
+        (
+            "usda",
+            (500, 400, 250),
+            "500 x 400 m, 250 m high is not the size of a room, as centimetres it would be one",
+        ),
         ("obj", (50, 40, 26), "decimetres"),
         ("usda", (5, 4, 2.5), None),
     ],
 )
 def test_a_size_of_no_room_gets_a_word(tmp_path, kind, size, said):
-    corners = [(x * size[0], y * size[1], z * size[2]) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    corners = [
+        (x * size[0], y * size[1], z * size[2]) for x in (0, 1) for y in (0, 1) for z in (0, 1)
+    ]
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     texts = {
         "obj": "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
@@ -77,7 +87,9 @@ def test_a_size_of_no_room_gets_a_word(tmp_path, kind, size, said):
     }
     (tmp_path / f"room.{kind}").write_text(texts[kind])
     notes = opened(tmp_path / f"room.{kind}")
-    assert any(said in note for note in notes) if said else not any("room" in note for note in notes)
+    assert (
+        any(said in note for note in notes) if said else not any("room" in note for note in notes)
+    )
 
 
 def test_a_tf_of_3ds_max_makes_no_glass_and_that_of_glass_does(tmp_path):
@@ -86,21 +98,33 @@ def test_a_tf_of_3ds_max_makes_no_glass_and_that_of_glass_does(tmp_path):
         "pane": "d 1.0\nTf 1 1 1\nillum 4",
         "veil": "d 0.5\nTf 1 1 1\nillum 2",
     }
-    (tmp_path / "max.mtl").write_text("".join(f"newmtl {name}\n{lines}\n\n" for name, lines in kinds.items()))
+    (tmp_path / "max.mtl").write_text(
+        "".join(f"newmtl {name}\n{lines}\n\n" for name, lines in kinds.items())
+    )
     faces = "".join(f"usemtl {name}\nf 1 2 3\n" for name in kinds)
     (tmp_path / "room.obj").write_text(f"mtllib max.mtl\nv 0 0 0\nv 3 0 0\nv 0 2 3\n{faces}")
     notes = opened(tmp_path / "room.obj")
     glass = {
-        name: bpy.data.materials[name].node_tree.nodes["Principled BSDF"].inputs["Transmission Weight"]
+        name: bpy.data.materials[name]
+        .node_tree.nodes["Principled BSDF"]
+        .inputs["Transmission Weight"]
         for name in kinds
     }
-    assert {name: weight.default_value for name, weight in glass.items()} == {"wall": 0.0, "pane": 1.0, "veil": 1.0}
+    assert {name: weight.default_value for name, weight in glass.items()} == {
+        "wall": 0.0,
+        "pane": 1.0,
+        "veil": 1.0,
+    }
     assert any("opaque materials (wall)" in note for note in notes)
 
 
 def test_a_gltf_with_an_extension_that_blender_lacks_is_refused_in_one_line(tmp_path, capsys):
     path, names = tmp_path / "packed.gltf", ["EXT_that_nobody_has"]
-    path.write_text(json.dumps({"asset": {"version": "2.0"}, "extensionsUsed": names, "extensionsRequired": names}))
+    path.write_text(
+        json.dumps(
+            {"asset": {"version": "2.0"}, "extensionsUsed": names, "extensionsRequired": names}
+        )
+    )
     with pytest.raises(InputError, match="EXT_that_nobody_has is not available"):
         opened(path)
     assert capsys.readouterr().out == ""
@@ -164,7 +188,10 @@ def test_units_of_a_blend_keep_the_picture(tmp_path):
     made.box(bpy, "box", (0, 0, 0), (100, 100, 250))
     lamp = made.lamp(bpy, "AREA", 100.0, (0, 0, 300))
     lamp.data.size = 50.0
-    bpy.context.scene.unit_settings.system, bpy.context.scene.unit_settings.scale_length = "METRIC", 0.01
+    bpy.context.scene.unit_settings.system, bpy.context.scene.unit_settings.scale_length = (
+        "METRIC",
+        0.01,
+    )
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "cm.blend"))
     notes = opened(tmp_path / "cm.blend")
     assert any("centimetres" in note for note in notes)
@@ -179,7 +206,9 @@ def test_scripts_of_a_blend_never_run(tmp_path):
     made.fresh(bpy)
     mark = tmp_path / "ran"
     text = bpy.data.texts.new("start.py")
-    text.from_string(f"import bpy\nopen({str(mark)!r}, 'w').close()\nbpy.app.handlers.frame_change_post.append(print)")
+    text.from_string(
+        f"import bpy\nopen({str(mark)!r}, 'w').close()\nbpy.app.handlers.frame_change_post.append(print)"
+    )
     text.use_module = True
     box = made.box(bpy, "box", (0, 0, 0), (1, 1, 1))
     driver = box.driver_add("location", 0).driver
@@ -284,7 +313,12 @@ def test_a_coloured_scan_shows_its_colours(tmp_path):
     rows = ["0 0 0 255 0 0", "1 0 0 255 0 0", "0 1 0 255 0 0"]
     head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     head += "property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n"
-    text = head + "property list uchar int vertex_indices\nend_header\n" + "\n".join(rows) + "\n3 0 1 2\n"
+    text = (
+        head
+        + "property list uchar int vertex_indices\nend_header\n"
+        + "\n".join(rows)
+        + "\n3 0 1 2\n"
+    )
     (tmp_path / "scan.ply").write_text(text)
     notes = opened(tmp_path / "scan.ply")
     assert any("colours of their vertices" in note for note in notes)
@@ -341,7 +375,10 @@ def test_a_scene_without_light_gets_one_and_a_closed_one_gets_lamps_inside(tmp_p
     made.fresh(bpy)
     made.box(bpy, "crate", (0, 0, 0), (1, 1, 1))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "open.blend"))
-    assert any("uniform white sky was added" in n and "inside" not in n for n in opened(tmp_path / "open.blend"))
+    assert any(
+        "uniform white sky was added" in n and "inside" not in n
+        for n in opened(tmp_path / "open.blend")
+    )
     made.fresh(bpy)
     room = made.box(bpy, "room", (-2, -2, 0), (2, 2, 2.5))
     room.data.flip_normals()
@@ -361,7 +398,9 @@ def test_displacement_by_a_material_is_in_the_mesh_as_the_formula_has_it(tmp_pat
     lift.inputs["Scale"].default_value = 0.2
     tree.links.new(lift.outputs[0], tree.nodes["Material Output"].inputs["Displacement"])
     material.displacement_method = "DISPLACEMENT"
-    plane = made.add(bpy, "plane", [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)], [(0, 1, 2, 3)], material)
+    plane = made.add(
+        bpy, "plane", [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)], [(0, 1, 2, 3)], material
+    )
     plane.location, plane.rotation_euler = (1, 2, 3), (0, 0, math.radians(30))
     made.lamp(bpy)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "lifted.blend"))

@@ -40,7 +40,11 @@ def rich_room(folder: Path) -> Path:
         bpy.context.scene.collection.objects.link(place)
     n = 24
     grid = [(0.06 * i - 0.7, 0.06 * j - 0.7, 0.0) for j in range(n) for i in range(n)]
-    quads = [(j * n + i, j * n + i + 1, j * n + n + i + 1, j * n + n + i) for j in range(n - 1) for i in range(n - 1)]
+    quads = [
+        (j * n + i, j * n + i + 1, j * n + n + i + 1, j * n + n + i)
+        for j in range(n - 1)
+        for i in range(n - 1)
+    ]
     waves = made.material(bpy, "waves")
     tree = waves.node_tree
     noise, lift = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeDisplacement")
@@ -83,7 +87,9 @@ def test_the_cameras_animation_is_saved_as_it_plays(camera_path):
     from iclnuim.geometry.se3 import SE3
 
     looks = SE3.from_quat_xyzw(rows[:, 4:], rows[:, 1:4]).rotation[:, :, 2]
-    assert looks == pytest.approx(np.tile([0, np.sin(np.radians(80)), -np.cos(np.radians(80))], (5, 1)), abs=1e-6)
+    assert looks == pytest.approx(
+        np.tile([0, np.sin(np.radians(80)), -np.cos(np.radians(80))], (5, 1)), abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("kind", ["blend", "glb", "obj"])
@@ -109,7 +115,9 @@ def test_depth_of_an_imported_scene_is_that_of_rays_cast_by_embree(
     assert figures["lost_share"] == 0
 
 
-@pytest.mark.parametrize("settings", [{}, {"Roughness": 0.9}, {"Roughness": 0.1, "IOR": 1.8}, {"Metallic": 0.4}])
+@pytest.mark.parametrize(
+    "settings", [{}, {"Roughness": 0.9}, {"Roughness": 0.1, "IOR": 1.8}, {"Metallic": 0.4}]
+)
 def test_a_white_principled_ball_cannot_be_told_from_a_white_furnace(tmp_path, settings):
     """Irradiance 1 in the map, radiance 1 around: what the diffuse share lacks the gloss must give, at every angle."""
     from iclnuim.blender import compat, lit_scene
@@ -148,7 +156,9 @@ def test_a_white_principled_ball_cannot_be_told_from_a_white_furnace(tmp_path, s
     assert np.abs(seen - 1).max() < 0.06
 
 
-def test_light_baked_on_an_own_scene_is_near_path_tracing(rich, camera_path, tmp_path, render_here, monkeypatch):
+def test_light_baked_on_an_own_scene_is_near_path_tracing(
+    rich, camera_path, tmp_path, render_here, monkeypatch
+):
     """A coarse map on a small picture; the page on own scenes has the figures of a fine one."""
     from iclnuim.formats.exr import read_exr
     from iclnuim.sensor.transfer import srgb_from_light
@@ -179,7 +189,9 @@ def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path, co
     open3d = pytest.importorskip("open3d")
     ends = ("-1.9,-1.5,1.2:0,1,1", "1.6,0.2,1.1")
     place = ("--scene", rich["obj"], "--viewpoints")
-    code, printed, said = command_here("trajectory", "make", *place, *ends, "--out", tmp_path, "--json")
+    code, printed, said = command_here(
+        "trajectory", "make", *place, *ends, "--out", tmp_path, "--json"
+    )
     assert code == 0, said
     figures = json.loads(printed)
     poses = np.loadtxt(tmp_path / "room.txt")
@@ -191,8 +203,12 @@ def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path, co
     found = surfaces.triangles()
     judge = open3d.t.geometry.RaycastingScene()
     tensor = open3d.core.Tensor
-    judge.add_triangles(tensor(found.vertices.astype(np.float32)), tensor(found.triangles.astype(np.uint32)))
-    between = np.concatenate([poses[:, 1:4], (poses[1:, 1:4] + poses[:-1, 1:4]) / 2]).astype(np.float32)
+    judge.add_triangles(
+        tensor(found.vertices.astype(np.float32)), tensor(found.triangles.astype(np.uint32))
+    )
+    between = np.concatenate([poses[:, 1:4], (poses[1:, 1:4] + poses[:-1, 1:4]) / 2]).astype(
+        np.float32
+    )
     assert judge.compute_distance(tensor(between)).numpy().min() > 0.245
     assert figures["clearance_m"] >= 0.25
     again = iclnuim("trajectory", "make", tmp_path / "room.json", "--out", tmp_path / "again")
@@ -215,7 +231,9 @@ def test_a_crash_of_blender_becomes_words():
         "    try: run_isolated(work, 'a.blend')\n"
         "    except Exception as error: print(error.exit_code, error)\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60
+    )
     first, second = done.stdout.splitlines()
     assert first.startswith("3 a.blend: Blender crashed on it (SIGSEGV)")
     assert second == "2 b.obj: expected a scene"

@@ -17,7 +17,20 @@ import own_scene_files as made  # noqa: E402
 READER = Path(__file__).with_name("scene_reader.py")
 KINDS = ("obj", "gltf", "glb", "ply", "blend", "usdc", "fbx")
 TEXT = ("obj", "gltf")
-WORDS = [b"nan", b"inf", b"-1", b"1e999", b"0", b"", b"99999999999", b"x", b"null", b"[]", b"{}", b'"']
+WORDS = [
+    b"nan",
+    b"inf",
+    b"-1",
+    b"1e999",
+    b"0",
+    b"",
+    b"99999999999",
+    b"x",
+    b"null",
+    b"[]",
+    b"{}",
+    b'"',
+]
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +72,10 @@ def outcomes(files: list[Path], answers: Path) -> tuple[list[dict], list[str]]:
     crashed, left = [], [str(f) for f in files]
     while left:
         done = subprocess.run(
-            [sys.executable, str(READER), str(answers), *left], capture_output=True, timeout=1200, check=False
+            [sys.executable, str(READER), str(answers), *left],
+            capture_output=True,
+            timeout=1200,
+            check=False,
         )
         rows = [json.loads(line) for line in answers.read_text().splitlines()]
         if done.returncode == 0:

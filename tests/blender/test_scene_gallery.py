@@ -23,7 +23,13 @@ from iclnuim.sensor.transfer import srgb8  # noqa: E402
 from iclnuim.worker_events import FrameDone, Note  # noqa: E402
 
 #: The default run takes these.
-QUICK = {"walls_outward", "lamp_in_hidden_collection", "unlit_room", "hair_curves", "metal_without_light"}
+QUICK = {
+    "walls_outward",
+    "lamp_in_hidden_collection",
+    "unlit_room",
+    "hair_curves",
+    "metal_without_light",
+}
 
 
 def cases(names, quick):
@@ -42,7 +48,9 @@ def rendered(tmp_path_factory):
         folder = Path(tempfile.mkdtemp(prefix=f"{name}-{light}-", dir=base))
         file, notes = scene_gallery.make(name, folder), []
         camera = PinholeCamera.parse("48x36")
-        job = RenderJob("gallery", str(file), str(base / "poses.txt"), camera=camera, light=light, **settings)
+        job = RenderJob(
+            "gallery", str(file), str(base / "poses.txt"), camera=camera, light=light, **settings
+        )
 
         def take(event):
             notes.extend([event.text] if isinstance(event, Note) else [])
@@ -69,7 +77,9 @@ def test_awkward_scenes_are_right_or_named(name, rendered, monkeypatch, tmp_path
         with pytest.raises(InputError, match=entry.note):
             rendered(name, "baked")
         return
-    baked, light, notes, _ = rendered(name, "baked", map_size=96, map_samples=entry.map_samples, samples=16)
+    baked, light, notes, _ = rendered(
+        name, "baked", map_size=96, map_samples=entry.map_samples, samples=16
+    )
     assert light == entry.light or entry.light == "either"
     assert entry.note in " ".join(notes)
     if light == "path":
@@ -82,20 +92,33 @@ def test_awkward_scenes_are_right_or_named(name, rendered, monkeypatch, tmp_path
 
 #: Rays are cast at surfaces, and hair is none.
 STRANDS = {"particle_hair", "hair_curves", "lamp_outside", "hair_in_an_instance", "points_by_nodes"}
-RENDERS = [name for name, entry in scene_gallery.GALLERY.items() if not entry.refused and name not in STRANDS]
-QUICK_TRUTH = {"fog_in_a_box", "bent_quads_beside_smooth_ones", "coincident_faces", "geometry_nodes_instances"}
+RENDERS = [
+    name
+    for name, entry in scene_gallery.GALLERY.items()
+    if not entry.refused and name not in STRANDS
+]
+QUICK_TRUTH = {
+    "fog_in_a_box",
+    "bent_quads_beside_smooth_ones",
+    "coincident_faces",
+    "geometry_nodes_instances",
+}
 
 
 @pytest.mark.parametrize("name", cases(RENDERS, QUICK_TRUTH))
 def test_depth_and_ground_truth_are_those_of_rays(name, rendered, command_here):
     pytest.importorskip("embreex")
     if name == "bent_quads_beside_smooth_ones" and scene_gallery.bpy.app.version >= (5, 0):
-        pytest.xfail("Blender 5 shades flat faces beside smooth ones in another way, which is not followed yet")
+        pytest.xfail(
+            "Blender 5 shades flat faces beside smooth ones in another way, which is not followed yet"
+        )
     frame, _, _, run = rendered(name, "path", samples=2, ground_truth=True)
     code, printed, said = command_here("check-depth", "--json", "--quiet", run)
     assert code == 0, printed + said
     figures = json.loads(printed)
-    assert figures["failed"] == [] and figures["lost_share"] == 0 and figures["outline_share"] < 0.001
+    assert (
+        figures["failed"] == [] and figures["lost_share"] == 0 and figures["outline_share"] < 0.001
+    )
     assert (frame["Z"] == 0).mean() < 0.001 or name in {
         "all_glass", "open_window", "view_layers",  # the sky, and what is held out
     }  # fmt: skip
@@ -116,10 +139,14 @@ def test_path_traced_frames_are_those_of_plain_cycles(name, rendered, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(run.parent / f"{name}.blend"), load_ui=False)
     scene = bpy.context.scene
     camera.keyframe(
-        read_trajectory(run / "groundtruth.txt", "tum").trajectory.T_world_camera, PinholeCamera.parse("48x36")
+        read_trajectory(run / "groundtruth.txt", "tum").trajectory.T_world_camera,
+        PinholeCamera.parse("48x36"),
     )
     scene.render.engine, scene.view_layers[0].use_pass_z = "CYCLES", True
-    settings.assign(scene.cycles, {"samples": 256, "filter_width": settings.CENTRE_FILTER_PX, "use_denoising": True})
+    settings.assign(
+        scene.cycles,
+        {"samples": 256, "filter_width": settings.CENTRE_FILTER_PX, "use_denoising": True},
+    )
     compat.set_multilayer_exr(scene.render.image_settings)
     scene.render.use_file_extension = False
     frames.render(0, tmp_path / "plain.exr")
@@ -130,11 +157,15 @@ def test_path_traced_frames_are_those_of_plain_cycles(name, rendered, tmp_path):
 
 @pytest.mark.slow
 def test_render_settings_of_a_file_change_no_frame(rendered):
-    plain, spoiled = (rendered(name, "path", samples=4)[0] for name in ("plain_room", "settings_that_spoil"))
+    plain, spoiled = (
+        rendered(name, "path", samples=4)[0] for name in ("plain_room", "settings_that_spoil")
+    )
     assert all(np.array_equal(plain[channel], spoiled[channel]) for channel in "RGBZ")
 
 
-@pytest.mark.parametrize("name", ["instances_in_instances", "collection_instances", "geometry_nodes_instances"])
+@pytest.mark.parametrize(
+    "name", ["instances_in_instances", "collection_instances", "geometry_nodes_instances"]
+)
 def test_triangles_are_counted_as_they_render(name, tmp_path):
     scene_gallery.bpy.ops.wm.read_factory_settings(use_empty=True)
     scene_gallery.GALLERY[name].fill(tmp_path)
@@ -142,7 +173,14 @@ def test_triangles_are_counted_as_they_render(name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["hair_in_an_instance", "points_by_nodes", "fog_by_nodes", "link_in_an_instance", "particle_hair"]
+    "name",
+    [
+        "hair_in_an_instance",
+        "points_by_nodes",
+        "fog_by_nodes",
+        "link_in_an_instance",
+        "particle_hair",
+    ],
 )
 def test_what_instances_and_nodes_show_stands_against_a_light_map(name, tmp_path):
     bpy = scene_gallery.bpy
@@ -153,7 +191,9 @@ def test_what_instances_and_nodes_show_stands_against_a_light_map(name, tmp_path
 
 def test_sun_and_sky_shine_through_window_glass(rendered):
     """Cycles lets them through glass as caustics only, which are not sampled: the room was as dark as without a window."""
-    glazed, opened = (rendered(name, "path", samples=16)[0] for name in ("sun_through_thin_glass", "open_window"))
+    glazed, opened = (
+        rendered(name, "path", samples=16)[0] for name in ("sun_through_thin_glass", "open_window")
+    )
     means = [np.mean([frame[c] for c in "RGB"]) for frame in (glazed, opened)]
     assert 0.9 < means[0] / means[1] < 1.0
 
@@ -170,7 +210,11 @@ def test_sky_is_no_outline():
     judge = TruthCaster(SceneModel(corners_m, normals, np.zeros((1, 3, 2)), none, none + 7))
     camera, pose = PinholeCamera.parse("48x36"), SE3(np.eye(3), np.zeros(3))
     depth_z_m, instance, normal = judge.frame(camera, pose)
-    frame = {"Z": depth_z_m, "instance": instance, **{f"normal.{c}": normal[..., k] for k, c in enumerate("XYZ")}}
+    frame = {
+        "Z": depth_z_m,
+        "instance": instance,
+        **{f"normal.{c}": normal[..., k] for k, c in enumerate("XYZ")},
+    }
     assert truth_summary([judge.compare(frame, camera, pose)]).outline_share == 0
     frame["Z"] = np.where(np.arange(48) < 24, depth_z_m, 0)
     assert 0.4 < truth_summary([judge.compare(frame, camera, pose)]).outline_share < 0.6
@@ -193,14 +237,25 @@ def test_of_equal_faces_one_stays_but_boxes_that_touch_are_left_alone():
     scene_gallery.mesh("floor seen from above", floor, [(0, 1, 2, 3)])
     stack = [scene_gallery.box(f"box {k}", (0, 0, k), (1, 1, k + 1)) for k in range(3)]
     assert sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
-    ell = [(-2, -2), (-1, -2), (-1, -1.7), (-1.7, -1.7), (-1.7, -1), (-2, -1)]  # its centre lies beside it
+    ell = [
+        (-2, -2),
+        (-1, -2),
+        (-1, -1.7),
+        (-1.7, -1.7),
+        (-1.7, -1),
+        (-2, -1),
+    ]  # its centre lies beside it
     sides = [(k, (k + 1) % 6, 6 + (k + 1) % 6, 6 + k) for k in range(6)]
     scene_gallery.mesh(
-        "ell", [(x, y, z) for z in (0, 1) for x, y in ell], [(5, 4, 3, 2, 1, 0), (6, 7, 8, 9, 10, 11), *sides]
+        "ell",
+        [(x, y, z) for z in (0, 1) for x, y in ell],
+        [(5, 4, 3, 2, 1, 0), (6, 7, 8, 9, 10, 11), *sides],
     )
     scene_gallery.bpy.data.objects["floor seen from above"].data.flip_normals()
     assert sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
-    assert [len(box.data.polygons) for box in stack] == [6, 6, 6] and not any(box.location.length for box in stack)
+    assert [len(box.data.polygons) for box in stack] == [6, 6, 6] and not any(
+        box.location.length for box in stack
+    )
     twins = [scene_gallery.box(name, (3, 0, 0), (4, 1, 1)) for name in ("one", "twin")]
     assert "twin" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     assert [len(box.data.polygons) for box in twins] == [6, 0]
@@ -213,7 +268,9 @@ def test_a_rug_lies_on_a_floor_of_tiles_and_a_poster_that_shows_its_back_is_name
     corners = [(x, y, 0) for y in range(9) for x in range(9)]
     tiles = [(k, k + 1, k + 10, k + 9) for k in range(71) if k % 9 < 8]
     floor = scene_gallery.mesh("floor", corners, tiles)
-    rug = scene_gallery.mesh("rug", [(1.3, 1, 0), (5, 1, 0), (5, 5, 0), (1.3, 5, 0)], [(0, 1, 2, 3)])
+    rug = scene_gallery.mesh(
+        "rug", [(1.3, 1, 0), (5, 1, 0), (5, 5, 0), (1.3, 5, 0)], [(0, 1, 2, 3)]
+    )
     assert "(rug): moved" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     assert rug.location.z > 0 and floor.location.z == 0
     # a mirrored one is wound the other way, and faces up all the same
@@ -222,4 +279,7 @@ def test_a_rug_lies_on_a_floor_of_tiles_and_a_poster_that_shows_its_back_is_name
     assert "(rug): moved" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     rug.matrix_basis.identity()
     rug.data.flip_normals()
-    assert "back of others in one plane (rug)" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
+    assert (
+        "back of others in one plane (rug)"
+        in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
+    )

@@ -52,7 +52,9 @@ def test_it_is_left_aside_for_other_maps_rooms_and_scenes(monkeypatch, tmp_path,
         {"scene": str(repository / "tests/room.obj")},
     )
     assert [shipped_light(job.changed(**other)) for other in others] == [None] * 4
-    blend = shutil.copytree(shipped.folder("blend"), tmp_path / "blend", ignore=shutil.ignore_patterns("builder"))
+    blend = shutil.copytree(
+        shipped.folder("blend"), tmp_path / "blend", ignore=shutil.ignore_patterns("builder")
+    )
     monkeypatch.setattr(shipped, "folder", lambda name: blend)
     assert shipped_light(job) == blend / "light" / room
     light = blend / "light" / room / light_map.MAP

@@ -16,14 +16,21 @@ def edge(tmp_path_factory):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     mesh = bpy.data.meshes.new("sheet")
     mesh.from_pydata(
-        [(-9, DISTANCE_M, -9), (EDGE_M, DISTANCE_M, -9), (EDGE_M, DISTANCE_M, 9), (-9, DISTANCE_M, 9)],
+        [
+            (-9, DISTANCE_M, -9),
+            (EDGE_M, DISTANCE_M, -9),
+            (EDGE_M, DISTANCE_M, 9),
+            (-9, DISTANCE_M, 9),
+        ],
         [],
         [(0, 1, 2, 3)],
     )
     material = bpy.data.materials.new("glow")
     material.use_nodes = True
     material.node_tree.nodes.clear()
-    glow, out = (material.node_tree.nodes.new(k) for k in ("ShaderNodeEmission", "ShaderNodeOutputMaterial"))
+    glow, out = (
+        material.node_tree.nodes.new(k) for k in ("ShaderNodeEmission", "ShaderNodeOutputMaterial")
+    )
     material.node_tree.links.new(glow.outputs[0], out.inputs[0])
     mesh.materials.append(material)
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("sheet", mesh))
@@ -59,7 +66,9 @@ def test_a_sharp_frame_has_the_edge_where_the_formula_puts_it(sharp):
     assert np.abs(sharp[0].sum(1) - edge_px()).max() <= 0.5
 
 
-def test_an_exposure_of_a_frame_blurs_the_edge_over_the_motion_of_a_frame(render_here, edge, sharp, tmp_path):
+def test_an_exposure_of_a_frame_blurs_the_edge_over_the_motion_of_a_frame(
+    render_here, edge, sharp, tmp_path
+):
     light, depth = shot(render_here, edge, tmp_path / "run", exposure_s=1 / 30)
     row = light[HEIGHT // 2]
     x = np.arange(WIDTH) + 0.5
@@ -70,7 +79,9 @@ def test_an_exposure_of_a_frame_blurs_the_edge_over_the_motion_of_a_frame(render
     assert np.array_equal(depth, sharp[1])
 
 
-def test_a_rolling_shutter_slants_the_edge_by_the_motion_during_readout(render_here, edge, sharp, tmp_path):
+def test_a_rolling_shutter_slants_the_edge_by_the_motion_during_readout(
+    render_here, edge, sharp, tmp_path
+):
     light, depth = shot(render_here, edge, tmp_path / "run", readout_s=1 / 30)
     rows = (np.arange(HEIGHT) + 0.5) / HEIGHT - 0.5
     expected = edge_px() - rows * MOTION_PX
@@ -84,4 +95,6 @@ def test_a_blurred_frame_is_the_same_bytes_whenever_it_is_rendered(render_here, 
     a = shot(render_here, edge, tmp_path / "a", exposure_s=0.02, readout_s=0.02)
     b = shot(render_here, edge, tmp_path / "b", exposure_s=0.02, readout_s=0.02)
     assert np.array_equal(a[0], b[0]) and np.array_equal(a[1], b[1])
-    assert (tmp_path / "a/exr/000002.exr").read_bytes() == (tmp_path / "b/exr/000002.exr").read_bytes()
+    assert (tmp_path / "a/exr/000002.exr").read_bytes() == (
+        tmp_path / "b/exr/000002.exr"
+    ).read_bytes()

@@ -32,7 +32,9 @@ def table(repository):
     text = (repository / "docs/conventions.md").read_text()
     text = text.partition("## Formats of sequences")[2].partition("\n## ")[0]
     head, _, *rows = [
-        [cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("|")
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in text.splitlines()
+        if line.startswith("|")
     ]
     return {row[0].strip("`"): dict(zip(head, row, strict=True)) for row in rows}
 
@@ -71,12 +73,17 @@ def check_held(table, source, target, there, name):
     if row_a["poses"].startswith("none for image 0") and row_b["poses"] == "one a frame":
         before = before[1:]  # that frame was left out
     assert len(before) == len(after), name
-    units = [read_camera(folder, pairs[0].rgb).depth_units_per_metre for folder, pairs in ((a, before), (there, after))]
+    units = [
+        read_camera(folder, pairs[0].rgb).depth_units_per_metre
+        for folder, pairs in ((a, before), (there, after))
+    ]
     coarser = min(units if "NPY" not in row_a["depth"] + row_b["depth"] else [*units, 1e9])
     for one, other in zip(before, after, strict=True):
         images = read_colour8(one.rgb), read_colour8(other.rgb)
         lossy = (row_a["colour"], row_b["colour"]) == ("PNG", JPEG)
-        assert np.abs(images[0].astype(int) - images[1]).max() <= (JPEG_LEVELS if lossy else 0), name
+        assert np.abs(images[0].astype(int) - images[1]).max() <= (JPEG_LEVELS if lossy else 0), (
+            name
+        )
         assert psnr_db(*images) >= (JPEG_DB if lossy else np.inf), name
         if row_a["colour"] == row_b["colour"]:
             assert one.rgb.read_bytes() == other.rgb.read_bytes(), name
@@ -89,11 +96,16 @@ def check_held(table, source, target, there, name):
     assert np.abs(motions[0].matrix - motions[1].matrix).max() < 1e-6, name
     if "icl-nuim" not in name and "tartanair" not in name:  # these move the world
         assert np.abs(first.matrix - second.matrix).max() < 1e-6, name
-    if not row_a["stamps"].startswith(("none", "frame")) and not row_b["stamps"].startswith(("none", "frame")):
+    if not row_a["stamps"].startswith(("none", "frame")) and not row_b["stamps"].startswith(
+        ("none", "frame")
+    ):
         assert [p.written for p in before] == [p.written for p in after], name
 
 
-EVERY = [pytest.param(name, marks=() if name in ("tum", "tartanair") else pytest.mark.slow) for name in FORMATS]
+EVERY = [
+    pytest.param(name, marks=() if name in ("tum", "tartanair") else pytest.mark.slow)
+    for name in FORMATS
+]
 
 
 @pytest.mark.parametrize("name", EVERY)
@@ -107,19 +119,33 @@ def test_a_format_goes_into_every_other(all_formats, table, tmp_path, name):
         ([n for n in FORMATS if not FORMATS[n].every_pose and n != "icl-nuim"], whole),
     ):
         out = tmp_path / f"{len(others)}"
-        write_sequence(frames, out, SequenceSettings(depth_units_per_metre=units), others, workers=1)
+        write_sequence(
+            frames, out, SequenceSettings(depth_units_per_metre=units), others, workers=1
+        )
         for other in others:
-            check_held(table, (table[name], folder), table[other], out / other, f"{name} -> {other}")
+            check_held(
+                table, (table[name], folder), table[other], out / other, f"{name} -> {other}"
+            )
     write_sequence(whole, tmp_path / "original", SequenceSettings(), ["icl-nuim"], workers=1)
-    check_held(table, (table[name], folder), table["icl-nuim"], tmp_path / "original", f"{name} -> icl-nuim")
+    check_held(
+        table,
+        (table[name], folder),
+        table["icl-nuim"],
+        tmp_path / "original",
+        f"{name} -> icl-nuim",
+    )
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_folder_is_recognised_by_what_lies_in_it(all_formats, name):
-    listed = "tum" if name in ("icl-nuim", "eth3d", "rtabmap") else name  # read by the lists that they share
+    listed = (
+        "tum" if name in ("icl-nuim", "eth3d", "rtabmap") else name
+    )  # read by the lists that they share
     assert format_of(all_formats / name).name == listed
     assert find_truth(all_formats / name) is not None
     found = inspect_sequence(all_formats / name)
-    assert found.figures["pairs"] == found.figures["rgb_images"] == found.figures["depth_images"] == 4
+    assert (
+        found.figures["pairs"] == found.figures["rgb_images"] == found.figures["depth_images"] == 4
+    )
     # the frames' depth belongs to no room, which is all that is wrong with them
     assert [line for line in found.wrong if "do not match" not in line] == []

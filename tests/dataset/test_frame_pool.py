@@ -11,7 +11,9 @@ import psutil
 import pytest
 from iclnuim.errors import InputError
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux only")
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux", reason="processes are forked on Linux only"
+)
 
 ADDON = os.pathsep.join(sys.path)
 START = """
@@ -31,7 +33,9 @@ def start(script: str) -> subprocess.Popen:
     """A process of its own: here Blender or other threads may be about."""
     environment = {**os.environ, "PYTHONPATH": ADDON}
     command = [sys.executable, "-W", "error", "-c", START + script]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    )
 
 
 def output(script: str) -> str:
@@ -45,7 +49,9 @@ def test_the_work_is_done_in_other_processes_and_all_of_it_comes_back():
     assert eval(output("parent = os.getpid()\n" + script)) == [(n * n, True) for n in range(20)]
 
 
-@pytest.mark.parametrize("hindrance", ["sys.modules['bpy'] = sys", "import threading; threading.Timer(9, int).start()"])
+@pytest.mark.parametrize(
+    "hindrance", ["sys.modules['bpy'] = sys", "import threading; threading.Timer(9, int).start()"]
+)
 def test_beside_blender_or_other_threads_it_is_done_in_threads(hindrance):
     tail = "print(results(lambda n: os.getpid(), 5) == [os.getpid()] * 5, flush=True)\nos._exit(0)"
     assert output(f"{hindrance}\n{tail}") == "True\n"

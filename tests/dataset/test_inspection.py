@@ -26,7 +26,12 @@ def sound(tmp_path_factory):
     t = np.linspace(0, 1, 12)[:, None]
     twists = np.hstack([t * [0.3, -0.2, 0.4], t * [0.15, 0.3, -0.1]])
     truth = Trajectory.at_rate(SE3.exp(twists))
-    recipe = {"job": {"camera": camera.to_dict()}, "trajectory_sha256": "a", "scene_sha256": "b", "blender": "none"}
+    recipe = {
+        "job": {"camera": camera.to_dict()},
+        "trajectory_sha256": "a",
+        "scene_sha256": "b",
+        "blender": "none",
+    }
     run = open_run(folder / "raw", recipe, truth)
     low, high = np.array([-1.5, -1.1, -1.0]), np.array([2.0, 1.3, 3.0])
     for i in range(12):
@@ -50,7 +55,9 @@ def test_nothing_is_wrong_with_a_sound_sequence(sound):
     found = inspect_sequence(sound)
     assert (found.wrong, found.odd) == ([], [])
     assert found.figures["pairs"] == 12 and found.figures["rate_hz"] == 30
-    assert found.figures["depth_fits_poses_mm"] < 0.2 * found.figures["depth_fits_mirrored_poses_mm"]
+    assert (
+        found.figures["depth_fits_poses_mm"] < 0.2 * found.figures["depth_fits_mirrored_poses_mm"]
+    )
 
 
 def test_left_handed_poses_are_seen_by_the_depth(folder):
@@ -85,7 +92,10 @@ def test_colour_images_of_16_bits_which_no_odometer_reads_are_an_error(folder):
 def test_black_colour_images_are_a_warning_and_an_error_if_all_are(folder, black):
     for path in sorted((folder / "rgb").glob("*.png"))[:black]:
         write_png(path, np.zeros((72, 96, 3), np.uint8))
-    found, sentence = inspect_sequence(folder), f"{black} of 12 inspected colour images are black, the first 000000.png"
+    found, sentence = (
+        inspect_sequence(folder),
+        f"{black} of 12 inspected colour images are black, the first 000000.png",
+    )
     assert (found.wrong, found.odd) == (([sentence], []) if black == 12 else ([], [sentence]))
 
 
@@ -141,7 +151,12 @@ def test_the_official_sequence_is_right_and_so_is_its_handedness(samples):
     found = inspect_sequence(samples / "or_kt0")
     assert found.wrong == []
     assert found.figures["pairs"] == 120 and found.figures["poses"] == 1507
-    assert found.figures["depth_fits_poses_mm"] < 3 < 10 < found.figures["depth_fits_mirrored_poses_mm"]
+    assert (
+        found.figures["depth_fits_poses_mm"]
+        < 3
+        < 10
+        < found.figures["depth_fits_mirrored_poses_mm"]
+    )
 
 
 def test_depth_images_of_another_size_are_listed_and_do_not_end_the_inspection(sound, tmp_path):
@@ -169,6 +184,10 @@ def test_images_in_the_lists_are_found_whatever_their_names(sound, tmp_path, pre
     for kind in ("rgb", "depth"):
         for image in (tmp_path / "s" / kind).glob("*.png"):
             image.rename(image.with_name(prefix + image.name))
-    for lists in (tmp_path / "s/rgb.txt", tmp_path / "s/depth.txt", tmp_path / "s/associations.txt"):
+    for lists in (
+        tmp_path / "s/rgb.txt",
+        tmp_path / "s/depth.txt",
+        tmp_path / "s/associations.txt",
+    ):
         lists.write_text(re.sub("(rgb|depth)/", rf"\1/{prefix}", lists.read_text()))
     assert inspect_sequence(tmp_path / "s").wrong == inspect_sequence(sound).wrong == []

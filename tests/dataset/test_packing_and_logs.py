@@ -22,17 +22,23 @@ def sequence(run, tmp_path):
     return write_sequence(run_frames(run.path), tmp_path / "my_sequence").folders[0]
 
 
-def test_the_archive_holds_every_file_with_its_checksum_and_is_the_same_each_time(sequence, tmp_path):
+def test_the_archive_holds_every_file_with_its_checksum_and_is_the_same_each_time(
+    sequence, tmp_path
+):
     count = pack(sequence, tmp_path / "a.tar.gz", author="N. N.", extra={"preview.png": b"picture"})
     pack(sequence, tmp_path / "b.tar.gz", author="N. N.", extra={"preview.png": b"picture"})
     assert (tmp_path / "a.tar.gz").read_bytes() == (tmp_path / "b.tar.gz").read_bytes()
     with tarfile.open(tmp_path / "a.tar.gz") as tar:
-        files = {m.name.removeprefix("my_sequence/"): tar.extractfile(m).read() for m in tar.getmembers()}
+        files = {
+            m.name.removeprefix("my_sequence/"): tar.extractfile(m).read() for m in tar.getmembers()
+        }
     assert len(files) == count
     rows = [line.split("  ") for line in files["SHA256SUMS"].decode().splitlines()]
     assert {name for _, name in rows} == set(files) - {"SHA256SUMS"}
     assert all(hashlib.sha256(files[name]).hexdigest() == digest for digest, name in rows)
-    assert {"recipe.json", "groundtruth.txt", "rgb/000003.png", "preview.png", "README.txt"} <= set(files)
+    assert {"recipe.json", "groundtruth.txt", "rgb/000003.png", "preview.png", "README.txt"} <= set(
+        files
+    )
     assert "frames.jsonl" not in files
     assert "CC-BY-4.0" in files["LICENSE.txt"].decode() and "N. N." in files["LICENSE.txt"].decode()
 
@@ -55,7 +61,9 @@ def test_no_archive_of_another_origin_kind_or_place_is_written(sequence, tmp_pat
     default.write_bytes(b"downloaded")
     code, _, said = command_here("pack", sequence, "--no-preview")
     assert (
-        code == 2 and "my_sequence.tar.gz: expected a new file name" in said and default.read_bytes() == b"downloaded"
+        code == 2
+        and "my_sequence.tar.gz: expected a new file name" in said
+        and default.read_bytes() == b"downloaded"
     )
     default.unlink()
     for _ in range(2):  # our own archive is replaced
@@ -76,14 +84,19 @@ def test_no_archive_of_another_origin_kind_or_place_is_written(sequence, tmp_pat
             lambda s: (s / "rgb/000003.png").unlink(),
             r"expected all images of the sequence, found none of frame 3 \(rgb\)",
         ),
-        (lambda s: shutil.copy(s / "depth/000002.png", s / "depth/000003.png"), "found none of frame 3"),
+        (
+            lambda s: shutil.copy(s / "depth/000002.png", s / "depth/000003.png"),
+            "found none of frame 3",
+        ),
         (
             lambda s: (s / "depth/000009.png").write_bytes(b"mine"),
             "depth/000009.png: expected the images .* found another image",
         ),
     ],
 )
-def test_a_sequence_whose_images_are_not_those_that_were_made_is_not_packed(sequence, tmp_path, harm, found):
+def test_a_sequence_whose_images_are_not_those_that_were_made_is_not_packed(
+    sequence, tmp_path, harm, found
+):
     harm(sequence)
     with pytest.raises(InputError, match=found):
         pack(sequence, tmp_path / "a.tar.gz")
@@ -99,7 +112,9 @@ def test_the_log_is_read_back_as_elastic_fusion_reads_it(sequence, tmp_path):
     for i in range(frames):
         stamp, depth_size, image_size = struct.unpack_from("<qii", data, place)
         place += 16
-        depth = np.frombuffer(zlib.decompress(data[place : place + depth_size]), "<u2").reshape(48, 64)
+        depth = np.frombuffer(zlib.decompress(data[place : place + depth_size]), "<u2").reshape(
+            48, 64
+        )
         image = np.frombuffer(data[place + depth_size : place + depth_size + image_size], np.uint8)
         place += depth_size + image_size
         assert stamp == round((1 + i / 30) * 1e6) and image_size == 64 * 48 * 3
@@ -110,7 +125,12 @@ def test_the_log_is_read_back_as_elastic_fusion_reads_it(sequence, tmp_path):
 
 @pytest.mark.parametrize(
     ("ros", "settings"),
-    [(1, {}), (2, {}), (1, {"compress_bags": True}), (2, {"compress_bags": True, "bag_storage": "mcap"})],
+    [
+        (1, {}),
+        (2, {}),
+        (1, {"compress_bags": True}),
+        (2, {"compress_bags": True, "bag_storage": "mcap"}),
+    ],
 )
 def test_bags_are_read_back_by_rosbags(sequence, tmp_path, ros, settings):
     highlevel = pytest.importorskip("rosbags.highlevel")
@@ -130,7 +150,9 @@ def test_bags_are_read_back_by_rosbags(sequence, tmp_path, ros, settings):
         )
         messages = {}
         for connection, stamp, raw in reader.messages():
-            messages.setdefault(connection.topic, []).append((stamp, reader.deserialize(raw, connection.msgtype)))
+            messages.setdefault(connection.topic, []).append(
+                (stamp, reader.deserialize(raw, connection.msgtype))
+            )
     stamp, depth = messages["/camera/depth/image"][2]
     assert stamp == 1_066_667_000 == depth.header.stamp.sec * 10**9 + depth.header.stamp.nanosec
     metres = np.nan_to_num(depth.data.view("<f4").reshape(48, 64))
@@ -139,7 +161,9 @@ def test_bags_are_read_back_by_rosbags(sequence, tmp_path, ros, settings):
     assert np.array_equal(colour.data.reshape(48, 64, 3), read_rgb8(sequence / "rgb/000002.png"))
     pose = messages["/ground_truth/pose"][3][1].pose
     row = np.loadtxt(sequence / "groundtruth.txt")[3]
-    assert np.allclose([pose.position.x, pose.position.y, pose.position.z, pose.orientation.w], row[[1, 2, 3, 7]])
+    assert np.allclose(
+        [pose.position.x, pose.position.y, pose.position.z, pose.orientation.w], row[[1, 2, 3, 7]]
+    )
     with pytest.raises(InputError, match="a path that does not exist yet"):
         write_rosbag(sequence, out, ros)
     assert [p for p in tmp_path.iterdir() if p.name.startswith(".")] == []
@@ -151,7 +175,10 @@ def test_each_image_keeps_its_own_stamp_to_the_nanosecond_in_a_bag(sequence, tmp
     shutil.copytree(sequence, folder)
     rows = []
     for i in range(4):
-        texts = [f"{(ns + 10**8 * i + off) // 10**9}.{(ns + 10**8 * i + off) % 10**9:09}" for off in (0, 7_000_001)]
+        texts = [
+            f"{(ns + 10**8 * i + off) // 10**9}.{(ns + 10**8 * i + off) % 10**9:09}"
+            for off in (0, 7_000_001)
+        ]
         rows.append(f"{texts[0]} rgb/{i:06}.png {texts[1]} depth/{i:06}.png\n")
     (folder / "associations.txt").write_text("".join(rows))
     (folder / "groundtruth.txt").unlink()
@@ -170,7 +197,10 @@ def test_logs_that_exist_stay_and_are_said_and_only_new_ones_are_listed(run, tmp
     first = LogSettings(klg=True).write(tmp_path / "clean", tmp_path / "clean", notes.append)
     again = LogSettings(klg=True).write(tmp_path / "clean", tmp_path / "clean", notes.append)
     assert ([p.name for p in first], again) == (["clean.klg"], [])
-    assert notes[0].endswith("is written") and "exists already and is not changed; remove it" in notes[1]
+    assert (
+        notes[0].endswith("is written")
+        and "exists already and is not changed; remove it" in notes[1]
+    )
 
 
 def test_a_camera_that_is_not_of_the_log_stays_and_no_log_is_written(sequence, tmp_path):
@@ -180,7 +210,9 @@ def test_a_camera_that_is_not_of_the_log_stays_and_no_log_is_written(sequence, t
     assert (tmp_path / "s.cal").read_text() == "mine\n" and not (tmp_path / "s.klg").exists()
 
 
-def test_a_log_has_its_camera_even_if_the_work_was_stopped_in_between(sequence, tmp_path, monkeypatch):
+def test_a_log_has_its_camera_even_if_the_work_was_stopped_in_between(
+    sequence, tmp_path, monkeypatch
+):
     monkeypatch.setattr(bags_and_logs, "atomic_write", lambda file, write: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write_klg(sequence, tmp_path / "s.klg")

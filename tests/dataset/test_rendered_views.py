@@ -33,7 +33,12 @@ def views(all_formats, tmp_path):
 def test_figures_are_those_of_the_images(views):
     truth, out = views
     found = view_errors(out, truth, settings=ViewSettings(lpips=False))
-    assert [view.name for view in found.views] == ["000000", "000001", "000002", "000003"] and not found.missing
+    assert [view.name for view in found.views] == [
+        "000000",
+        "000001",
+        "000002",
+        "000003",
+    ] and not found.missing
     depth_m = read_depth16(truth / "depth/000002.png") / 5000
     expected_m = (depth_m[:12].sum() + 0.1 * depth_m[12:].size) / depth_m.size
     assert found.views[2].depth_l1_m == pytest.approx(expected_m, abs=1e-6)
@@ -66,19 +71,43 @@ def test_keyframes_are_reported_apart(views, tmp_path, command_here):
     truth, out = views
     pairs = find_pairs(truth)
     listed = tmp_path / "keyframes.txt"
-    for text in ("000000\n000003\n", "rgb/000000.png x\n3\n", "# stamps\n1.0 0 0 0 0 0 0 1\n1.1000001 1 0 0 0 0 0 1\n"):
+    for text in (
+        "000000\n000003\n",
+        "rgb/000000.png x\n3\n",
+        "# stamps\n1.0 0 0 0 0 0 0 1\n1.1000001 1 0 0 0 0 0 1\n",
+    ):
         listed.write_text(text)
         assert read_keyframes(listed, pairs) == {0, 3}
-    options = ("--truth", truth, "--keyframes", listed, "--csv", tmp_path / "views.csv", "--no-lpips")
+    options = (
+        "--truth",
+        truth,
+        "--keyframes",
+        listed,
+        "--csv",
+        tmp_path / "views.csv",
+        "--no-lpips",
+    )
     code, out_text, _ = command_here("evaluate", "views", out, *options, "--json")
     values = json.loads(out_text)
-    assert code == 0 and [values[group]["views"] for group in ("all", "keyframes", "others")] == [4, 2, 2]
-    assert values["all"]["psnr_db"] == pytest.approx((values["keyframes"]["psnr_db"] + values["others"]["psnr_db"]) / 2)
+    assert code == 0 and [values[group]["views"] for group in ("all", "keyframes", "others")] == [
+        4,
+        2,
+        2,
+    ]
+    assert values["all"]["psnr_db"] == pytest.approx(
+        (values["keyframes"]["psnr_db"] + values["others"]["psnr_db"]) / 2
+    )
     rows = (tmp_path / "views.csv").read_text().splitlines()
     assert len(rows) == 5 and rows[1].startswith("000000,1,")
     code, out_text, _ = command_here("evaluate", "views", out, *options)
-    assert code == 0 and [line.split()[0] for line in out_text.splitlines()[1:]] == ["all", "keyframes", "others"]
-    code, out_text, _ = command_here("evaluate", "views", truth, "--truth", truth, "--no-lpips", "--json")
+    assert code == 0 and [line.split()[0] for line in out_text.splitlines()[1:]] == [
+        "all",
+        "keyframes",
+        "others",
+    ]
+    code, out_text, _ = command_here(
+        "evaluate", "views", truth, "--truth", truth, "--no-lpips", "--json"
+    )
     assert code == 0 and json.loads(out_text)["all"]["psnr_db"] is None
 
 
@@ -87,12 +116,18 @@ def test_what_does_not_fit_is_refused_in_one_line(views, tmp_path):
     (tmp_path / "empty").mkdir()
     listed = tmp_path / "keyframes.txt"
     listed.write_text("000000\n77\n")
-    with pytest.raises(InputError, match="views named as the images of .*, such as 000000.png, found none of them"):
+    with pytest.raises(
+        InputError, match="views named as the images of .*, such as 000000.png, found none of them"
+    ):
         view_errors(tmp_path / "empty", truth)
-    with pytest.raises(InputError, match="keyframes.txt:2: expected the name, number or stamp of a frame, found 77"):
+    with pytest.raises(
+        InputError, match="keyframes.txt:2: expected the name, number or stamp of a frame, found 77"
+    ):
         view_errors(out, truth, listed)
     write_png(out / "rgb/000001.png", np.zeros((20, 20, 3), np.uint8))
-    with pytest.raises(InputError, match="rgb/000001.png: expected 64 x 48, as the true image, found 20 x 20"):
+    with pytest.raises(
+        InputError, match="rgb/000001.png: expected 64 x 48, as the true image, found 20 x 20"
+    ):
         view_errors(out, truth)
 
 

@@ -31,7 +31,9 @@ def fill(run, out, settings=NOISY, frames="::", **options):
 
 def contents(path):
     """All files; of the journal, whose lines stand in the order of work, the lines in order."""
-    files = {str(p.relative_to(path)): p.read_bytes() for p in sorted(path.rglob("*")) if p.is_file()}
+    files = {
+        str(p.relative_to(path)): p.read_bytes() for p in sorted(path.rglob("*")) if p.is_file()
+    }
     files["frames.jsonl"] = sorted(set(files["frames.jsonl"].splitlines()))
     return files
 
@@ -50,7 +52,9 @@ def test_clean_and_noisy_together_are_those_made_apart(run, tmp_path):
     writer = SequenceWriter(run_frames(run.path), both)
     assert writer.missing == [0, 1, 2, 3]
     writer.write()
-    assert contents(tmp_path / "both/clean") == contents(fill(run, tmp_path / "clean", SequenceSettings()))
+    assert contents(tmp_path / "both/clean") == contents(
+        fill(run, tmp_path / "clean", SequenceSettings())
+    )
     assert contents(tmp_path / "both/noisy") == contents(fill(run, tmp_path / "noisy"))
 
 
@@ -76,7 +80,9 @@ def test_a_run_of_0_1_0_goes_on_with_its_own_stamps(run, tmp_path):
         stamps = [line.split()[0] for line in (out / "tum" / name).read_text().splitlines()[1:]]
         assert stamps == ["0.000000", "0.033333333", "0.066666667", "0.100000"]
     assert np.loadtxt(out / "icl-nuim/groundtruth.gt.freiburg")[:, 0].tolist() == [1, 2, 3]
-    assert (out / "icl-nuim/associations.txt").read_text().startswith("0 depth/0.png 0 rgb/0.png\n1 ")
+    assert (
+        (out / "icl-nuim/associations.txt").read_text().startswith("0 depth/0.png 0 rgb/0.png\n1 ")
+    )
 
 
 @pytest.mark.parametrize(
@@ -123,7 +129,11 @@ def test_the_rule_of_the_tum_benchmark_pairs_every_frame_with_its_own_depth_and_
     out = fill(run, tmp_path / "out")
 
     def stamps(name):
-        rows = [line.split() for line in (out / name).read_text().splitlines() if not line.startswith("#")]
+        rows = [
+            line.split()
+            for line in (out / name).read_text().splitlines()
+            if not line.startswith("#")
+        ]
         return {float(row[0]): row[1:] for row in rows}
 
     rgb, depth, truth = (stamps(name) for name in ("rgb.txt", "depth.txt", "groundtruth.txt"))
@@ -132,7 +142,8 @@ def test_the_rule_of_the_tum_benchmark_pairs_every_frame_with_its_own_depth_and_
         assert len(pairs) == len(rgb) == 4
         assert all(a == pytest.approx(b, abs=1e-8) for a, b in pairs)
     assert all(
-        rgb[a][0].removeprefix("rgb") == depth[b][0].removeprefix("depth") for a, b in _tum_rule(list(rgb), list(depth))
+        rgb[a][0].removeprefix("rgb") == depth[b][0].removeprefix("depth")
+        for a, b in _tum_rule(list(rgb), list(depth))
     )
 
 
@@ -179,14 +190,20 @@ def test_the_recipe_holds_every_parameter_and_what_became_of_depth(run, tmp_path
     channels = read_exr(run.frame_file(2))
     channels["Z"][0, :6] = [np.nan, np.inf, -np.inf, -1, 14, 0]
     write_exr(run.frame_file(2), channels)
-    recipe = json.loads((fill(run, tmp_path / "out", SequenceSettings()) / "recipe.json").read_text())
+    recipe = json.loads(
+        (fill(run, tmp_path / "out", SequenceSettings()) / "recipe.json").read_text()
+    )
     settings = SequenceSettings().to_dict()
     assert {key: recipe[key] for key in settings} == settings
     assert recipe["source"]["run"] == run.recipe
     assert recipe["schema_version"] == 1 and recipe["finished"] is True
     assert recipe["frames"] == {"count": 4, "first": 0, "last": 3}
     counted = {"background": 1, "nan": 1, "infinite": 2, "negative": 1, "beyond_range": 1}
-    assert recipe["invalid_depth_pixels"] == {**counted, "beyond_range_after_noise": 0, "no_distance_after_noise": 0}
+    assert recipe["invalid_depth_pixels"] == {
+        **counted,
+        "beyond_range_after_noise": 0,
+        "no_distance_after_noise": 0,
+    }
 
 
 def test_counts_survive_a_stop_and_a_resume(run, tmp_path):
@@ -199,19 +216,31 @@ def test_counts_survive_a_stop_and_a_resume(run, tmp_path):
     assert recipe["invalid_depth_pixels"]["infinite"] == 2 * 64
 
 
-def test_a_sequence_of_an_older_version_is_resumed_although_its_recipe_calls_formats_dialects(run, tmp_path):
+def test_a_sequence_of_an_older_version_is_resumed_although_its_recipe_calls_formats_dialects(
+    run, tmp_path
+):
     recipe = fill(run, tmp_path / "out", frames=":2") / "recipe.json"
     recipe.write_text(recipe.read_text().replace('"formats"', '"dialects"'))
     fill(run, tmp_path / "out")
     content = json.loads(recipe.read_text())
-    assert content["formats"] == ["tum"] and "dialects" not in content and content["frames"]["count"] == 4
+    assert (
+        content["formats"] == ["tum"]
+        and "dialects" not in content
+        and content["frames"]["count"] == 4
+    )
 
 
 def test_depth_that_does_not_fit_becomes_no_measurement_and_never_wraps():
     metres = np.array([[0.0, 13.107, 13.1072, 65.0, np.inf, np.nan, -1.0, 0.0002, 1.0]], np.float32)
     units = depth16_from_metres(metres)
     assert units.tolist() == [[0, 65535, 0, 0, 0, 0, 0, 1, 5000]]
-    assert count_invalid(metres) == {"background": 1, "nan": 1, "infinite": 1, "negative": 1, "beyond_range": 2}
+    assert count_invalid(metres) == {
+        "background": 1,
+        "nan": 1,
+        "infinite": 1,
+        "negative": 1,
+        "beyond_range": 2,
+    }
     assert metres_from_depth16(units)[0, -1] == 1.0
 
 
@@ -241,7 +270,9 @@ def test_frames_that_other_threads_finished_beside_a_bad_one_are_not_made_again(
     out = tmp_path / "out"
     with pytest.raises(InputError, match="000002.exr"):
         fill(run, out, workers=4)
-    whole = {int(p.stem) for p in (out / "rgb").glob("*.png")} & {int(p.stem) for p in (out / "depth").glob("*.png")}
+    whole = {int(p.stem) for p in (out / "rgb").glob("*.png")} & {
+        int(p.stem) for p in (out / "depth").glob("*.png")
+    }
     run.frame_file(2).write_bytes(good)
     assert set(SequenceWriter(run_frames(run.path), {out: NOISY}).missing) == {0, 1, 2, 3} - whole
     assert contents(fill(run, out)) == contents(fill(run, tmp_path / "never stopped"))
@@ -273,7 +304,9 @@ def test_a_bad_frame_is_one_line_and_the_finished_ones_stay(run, tmp_path, what,
     writer.write()
 
 
-def test_a_full_disk_is_one_line_nothing_half_written_and_the_same_command_goes_on(run, tmp_path, file_size_limit):
+def test_a_full_disk_is_one_line_nothing_half_written_and_the_same_command_goes_on(
+    run, tmp_path, file_size_limit
+):
     out = tmp_path / "out"
     with file_size_limit(3000), pytest.raises(WorkError, match="cannot write"):
         fill(run, out, workers=1)
@@ -302,15 +335,24 @@ def test_a_users_own_noise_is_seeded_named_in_the_recipe_and_checked(run, tmp_pa
     own = SequenceSettings(depth_model("noise_of_mine:depth"), seed=3)
     out = fill(run, tmp_path / "out", own)
     assert contents(out) == contents(fill(run, tmp_path / "again", own))
-    assert json.loads((out / "recipe.json").read_text())["depth_noise"]["model"] == "noise_of_mine:depth"
+    assert (
+        json.loads((out / "recipe.json").read_text())["depth_noise"]["model"]
+        == "noise_of_mine:depth"
+    )
     with pytest.raises(
-        InputError, match="an array .48, 64. of float from the noise noise_of_mine:wrong, found .3, 64."
+        InputError,
+        match="an array .48, 64. of float from the noise noise_of_mine:wrong, found .3, 64.",
     ):
         fill(run, tmp_path / "wrong", SequenceSettings(depth_model("noise_of_mine:wrong")))
     lossy = fill(run, tmp_path / "lossy", SequenceSettings(depth_model("noise_of_mine:lossy")))
     lost = json.loads((lossy / "recipe.json").read_text())["invalid_depth_pixels"]
-    assert (lost["no_distance_after_noise"], lost["beyond_range_after_noise"]) == (4 * 48 * 61, 4 * 48)
-    with pytest.raises(InputError, match="an array .* of uint8 from the noise noise_of_mine:wide, found .* uint16"):
+    assert (lost["no_distance_after_noise"], lost["beyond_range_after_noise"]) == (
+        4 * 48 * 61,
+        4 * 48,
+    )
+    with pytest.raises(
+        InputError, match="an array .* of uint8 from the noise noise_of_mine:wide, found .* uint16"
+    ):
         fill(run, tmp_path / "wide", SequenceSettings(rgb=rgb_model("noise_of_mine:wide")))
 
 
@@ -341,11 +383,15 @@ def test_a_function_that_gives_other_frames_or_poses_is_refused_and_the_same_goe
 
 
 @pytest.mark.parametrize("changed", [0, 3])
-def test_a_function_whose_frames_changed_is_refused_and_the_finished_sequence_stays_as_it_is(tmp_path, changed):
+def test_a_function_whose_frames_changed_is_refused_and_the_finished_sequence_stays_as_it_is(
+    tmp_path, changed
+):
     write_sequence(frames_from(CAMERA, LINE, grey), tmp_path / "a", workers=1)
     before = contents(tmp_path / "a")
     other = frames_from(CAMERA, LINE, lambda n: grey(n, 0.3 if n == changed else 0.2))
-    with pytest.raises(InputError, match=f"found another image of frame {changed}; try another folder"):
+    with pytest.raises(
+        InputError, match=f"found another image of frame {changed}; try another folder"
+    ):
         write_sequence(other, tmp_path / "a", workers=1)
     assert contents(tmp_path / "a") == before
 
@@ -365,8 +411,14 @@ def test_a_sequence_compressed_by_another_library_goes_on(tmp_path, monkeypatch)
     ("images", "words"),
     [
         (lambda n: None, r"load\(0\) to return RGB and depth, found NoneType"),
-        (lambda n: grey(n, 51, np.uint8), "RGB with 1 = white, as floating-point numbers, found uint8"),
-        (lambda n: (grey(n)[0], np.full(SIZE, 2000, np.uint16)), "depth in metres, as floating-point numbers"),
+        (
+            lambda n: grey(n, 51, np.uint8),
+            "RGB with 1 = white, as floating-point numbers, found uint8",
+        ),
+        (
+            lambda n: (grey(n)[0], np.full(SIZE, 2000, np.uint16)),
+            "depth in metres, as floating-point numbers",
+        ),
         (lambda n: (grey(n)[0][:20], grey(n)[1]), "frame 0 of the camera's size"),
         (lambda n: (grey(n)[0], grey(n)[1][:20]), "frame 0 of the camera's size"),
     ],
@@ -391,7 +443,9 @@ def test_images_whose_input_has_changed_are_made_again_and_no_others(run, tmp_pa
 
 
 def test_frames_that_another_process_finished_meanwhile_stay_in_the_sequence(run, tmp_path):
-    first, second = (SequenceWriter(run_frames(run.path, part), {tmp_path / "a": NOISY}) for part in (":2", "2:"))
+    first, second = (
+        SequenceWriter(run_frames(run.path, part), {tmp_path / "a": NOISY}) for part in (":2", "2:")
+    )
     first.write()
     second.write()
     assert contents(tmp_path / "a") == contents(fill(run, tmp_path / "whole"))
@@ -400,14 +454,18 @@ def test_frames_that_another_process_finished_meanwhile_stay_in_the_sequence(run
 def test_a_frame_that_another_process_repaired_meanwhile_stays_in_the_lists(run, tmp_path):
     fill(run, tmp_path / "a", frames=":3")
     (tmp_path / "a/rgb/000000.png").unlink()
-    first, second = (SequenceWriter(run_frames(run.path, part), {tmp_path / "a": NOISY}) for part in (":2", "3:"))
+    first, second = (
+        SequenceWriter(run_frames(run.path, part), {tmp_path / "a": NOISY}) for part in (":2", "3:")
+    )
     first.write()
     second.write()
     assert contents(tmp_path / "a") == contents(fill(run, tmp_path / "whole"))
 
 
 def test_frames_that_another_process_made_meanwhile_are_not_made_again(run, tmp_path):
-    first, second = (SequenceWriter(run_frames(run.path), {tmp_path / "a": NOISY}) for _ in range(2))
+    first, second = (
+        SequenceWriter(run_frames(run.path), {tmp_path / "a": NOISY}) for _ in range(2)
+    )
     first.write()
     image = (tmp_path / "a/rgb/000001.png").stat().st_mtime_ns
     second.write()
@@ -436,4 +494,6 @@ def test_some_frames_keep_their_poses_whatever_a_comment_contains(run, tmp_path,
     poses = [line for line in truth.read_text().splitlines() if not line.startswith("#")]
     truth.write_text(f"# recorded{separator}by hand\n" + "\n".join(poses) + "\n")
     write_sequence(image_frames(tmp_path / "a", "2:3"), tmp_path / "b")
-    assert (tmp_path / "b/groundtruth.txt").read_text() == f"# recorded{separator}by hand\n{poses[2]}\n"
+    assert (
+        tmp_path / "b/groundtruth.txt"
+    ).read_text() == f"# recorded{separator}by hand\n{poses[2]}\n"

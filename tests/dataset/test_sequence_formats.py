@@ -8,7 +8,14 @@ import shutil
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import find_pairs, image_frames, original_frames, read_camera, read_images, run_frames
+from iclnuim.dataset.frames import (
+    find_pairs,
+    image_frames,
+    original_frames,
+    read_camera,
+    read_images,
+    run_frames,
+)
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import Row, SequenceCamera
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
@@ -38,11 +45,18 @@ def test_the_same_images_lie_in_every_format(all_formats):
         "nerf": ("images/000002.png", "depth/000002.png"),
     }
     for index in (0, 1):
-        assert len({(all_formats / name / paths[index]).read_bytes() for name, paths in places.items()}) == 1
+        assert (
+            len(
+                {(all_formats / name / paths[index]).read_bytes() for name, paths in places.items()}
+            )
+            == 1
+        )
     assert all((all_formats / name / "recipe.json").is_file() for name in places)
 
 
-def test_icl_nuim_has_integer_ids_depth_first_left_handed_poses_and_no_pose_for_image_0(all_formats, truth):
+def test_icl_nuim_has_integer_ids_depth_first_left_handed_poses_and_no_pose_for_image_0(
+    all_formats, truth
+):
     folder = all_formats / "icl-nuim"
     assert (folder / "associations.txt").read_text().splitlines()[1] == "1 depth/1.png 1 rgb/1.png"
     k = np.loadtxt(folder / "calibration.txt")
@@ -58,7 +72,9 @@ def test_icl_nuim_has_integer_ids_depth_first_left_handed_poses_and_no_pose_for_
     for row, i in zip(rows, (1, 2, 3), strict=True):
         relative = np.linalg.inv(T[1]) @ T[i]
         assert np.allclose(row[1:4], S @ relative[:3, 3] + [0, 0, -2.25], atol=1e-8)
-        assert np.allclose(Rotation.from_quat(row[4:]).as_matrix(), S @ relative[:3, :3] @ S, atol=1e-8)
+        assert np.allclose(
+            Rotation.from_quat(row[4:]).as_matrix(), S @ relative[:3, :3] @ S, atol=1e-8
+        )
 
 
 def test_euroc_has_nanoseconds_and_the_quaternions_scalar_first(all_formats, truth):
@@ -78,9 +94,13 @@ def test_nerf_poses_project_as_the_cv_camera_does(all_formats, truth):
     point = np.array([0.3, -0.2, 5.0])  # world
     for i, frame in enumerate(content["frames"]):
         x, y, z, _ = np.linalg.inv(np.array(frame["transform_matrix"])) @ [*point, 1]
-        u = content["fl_x"] * x / -z + content["cx"]  # an OpenGL camera looks along -z, pixel centres at +0.5
+        u = (
+            content["fl_x"] * x / -z + content["cx"]
+        )  # an OpenGL camera looks along -z, pixel centres at +0.5
         v = content["fl_y"] * -y / -z + content["cy"]
-        ours = PinholeCamera(64, 48, 48, 48, 31.5, 23.5).project(truth.T_world_camera[i].inverse().apply(point))
+        ours = PinholeCamera(64, 48, 48, 48, 31.5, 23.5).project(
+            truth.T_world_camera[i].inverse().apply(point)
+        )
         assert np.allclose([u - 0.5, v - 0.5], ours, atol=1e-6)
         assert (all_formats / "nerf" / frame["file_path"]).is_file()
         assert (all_formats / "nerf" / frame["depth_file_path"]).is_file()
@@ -96,11 +116,23 @@ def test_replica_as_nice_slam_reads_it(all_formats, truth):
     """Images in the order of their names, a line of 16 numbers each, camera to world; scale and K from cam_params.json."""
     folder = all_formats / "replica"
     camera = json.loads((folder / "cam_params.json").read_text())["camera"]
-    assert [camera[key] for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")] == [64, 48, 48, 48, 31.5, 23.5, 6553.5]
+    assert [camera[key] for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")] == [
+        64,
+        48,
+        48,
+        48,
+        31.5,
+        23.5,
+        6553.5,
+    ]
     lines = np.loadtxt(folder / "traj.txt").reshape(-1, 4, 4)
     assert np.abs(lines - truth.T_world_camera.matrix).max() < 1e-9
     for i, (image, depth) in enumerate(
-        zip(sorted(folder.glob("results/frame*.jpg")), sorted(folder.glob("results/depth*.png")), strict=True)
+        zip(
+            sorted(folder.glob("results/frame*.jpg")),
+            sorted(folder.glob("results/depth*.png")),
+            strict=True,
+        )
     ):
         assert image.name == f"frame{i:06}.jpg" and image.read_bytes()[:3] == b"\xff\xd8\xff"
         assert np.abs(read_depth16(depth) / 6553.5 - depth_of(i)).max() <= 0.51 / 6553.5
@@ -109,8 +141,14 @@ def test_replica_as_nice_slam_reads_it(all_formats, truth):
 def test_scannet_as_its_exports_are_read(all_formats, truth):
     folder = all_formats / "scannet/frames"
     for i in range(4):
-        assert np.abs(np.loadtxt(folder / f"pose/{i}.txt") - truth.T_world_camera[i].matrix).max() < 1e-9
-        assert np.abs(read_depth16(folder / f"depth/{i}.png") / 1000 - depth_of(i)).max() <= 0.51 / 1000
+        assert (
+            np.abs(np.loadtxt(folder / f"pose/{i}.txt") - truth.T_world_camera[i].matrix).max()
+            < 1e-9
+        )
+        assert (
+            np.abs(read_depth16(folder / f"depth/{i}.png") / 1000 - depth_of(i)).max()
+            <= 0.51 / 1000
+        )
         assert (folder / f"color/{i}.jpg").is_file()
     K = np.loadtxt(folder / "intrinsic/intrinsic_depth.txt")
     assert np.array_equal(K, [[48, 0, 31.5, 0], [0, 48, 23.5, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
@@ -120,14 +158,18 @@ def test_scannets_own_colour_of_twice_the_size_is_seen_by_the_depth_camera(all_f
     shutil.copytree(all_formats / "scannet", tmp_path / "s")
     top = tmp_path / "s/frames"
     (top / "intrinsic/intrinsic_color.txt").write_text("100 0 66 0\n0 100 50 0\n0 0 1 0\n0 0 0 1\n")
-    v, u = np.mgrid[0:100, 0:132]  # the ramp as a camera of twice the resolution and another K sees it
+    v, u = np.mgrid[
+        0:100, 0:132
+    ]  # the ramp as a camera of twice the resolution and another K sees it
     for i in range(4):
         (top / f"color/{i}.jpg").unlink()
         write_png(top / f"color/{i}.png", np.stack([u, v, u * 0], -1).astype(np.uint8))
     pairs, camera = find_pairs(tmp_path / "s"), read_camera(tmp_path / "s", top / "color/0.png")
     colour, depth_z_m = read_images(pairs[2], camera)
     assert colour.shape == (48, 64, 3) and np.abs(depth_z_m - depth_of(2)).max() < 6e-4
-    x, y = (np.mgrid[0:48, 0:64][::-1].reshape(2, -1).T - (31.5, 23.5)).T / 48  # rays of the depth camera
+    x, y = (
+        np.mgrid[0:48, 0:64][::-1].reshape(2, -1).T - (31.5, 23.5)
+    ).T / 48  # rays of the depth camera
     expected = np.stack([100 * x + 66, 100 * y + 50], -1).reshape(48, 64, 2)
     assert np.abs(colour[1:-1, 1:-1, :2] - expected[1:-1, 1:-1]).max() <= 1
     assert inspect_sequence(tmp_path / "s").wrong[0].endswith("do not match")
@@ -136,7 +178,12 @@ def test_scannets_own_colour_of_twice_the_size_is_seen_by_the_depth_camera(all_f
 def test_eth3d_as_bad_slam_reads_it(all_formats):
     """One line fx fy cx cy, pixel centres at whole numbers; associated.txt: colour first; images named by stamps."""
     folder = all_formats / "eth3d"
-    assert [float(value) for value in (folder / "calibration.txt").read_text().split()] == [48, 48, 31.5, 23.5]
+    assert [float(value) for value in (folder / "calibration.txt").read_text().split()] == [
+        48,
+        48,
+        31.5,
+        23.5,
+    ]
     line = (folder / "associated.txt").read_text().splitlines()[1]
     assert line == "1.033333 rgb/1.033333.png 1.033333 depth/1.033333.png"
 
@@ -159,8 +206,15 @@ def test_tartanair_has_metres_and_poses_in_ned_axes(all_formats, truth):
 def test_vslam_lab_has_nanoseconds_paths_and_a_calibration(all_formats, truth):
     folder = all_formats / "vslam-lab"
     rows = list(csv.DictReader((folder / "rgb.csv").open()))
-    assert [int(row["ts_rgb_0 (ns)"]) for row in rows] == [1000000000, 1033333000, 1066667000, 1100000000]
-    assert all((folder / row[f"path_{kind}_0"]).is_file() for row in rows for kind in ("rgb", "depth"))
+    assert [int(row["ts_rgb_0 (ns)"]) for row in rows] == [
+        1000000000,
+        1033333000,
+        1066667000,
+        1100000000,
+    ]
+    assert all(
+        (folder / row[f"path_{kind}_0"]).is_file() for row in rows for kind in ("rgb", "depth")
+    )
     text = (folder / "calibration.yaml").read_text()
     for item in (
         "focal_length: [48.0, 48.0]",
@@ -184,7 +238,9 @@ def colmap_points(model):
     """(n, 3) points of points3D.txt, and by COLMAP's own formulas the distance in pixels of each observation from its point."""
     from scipy.spatial.transform import Rotation
 
-    lines = [line for line in (model / "images.txt").read_text().split("\n") if not line.startswith("#")]
+    lines = [
+        line for line in (model / "images.txt").read_text().split("\n") if not line.startswith("#")
+    ]
     fx, fy, cx, cy = map(float, (model / "cameras.txt").read_text().split()[-4:])
     points = {int(row[0]): row[1:4] for row in np.loadtxt(model / "points3D.txt", usecols=range(4))}
     found = []
@@ -199,7 +255,9 @@ def colmap_points(model):
     return np.array(list(points.values())), np.array(found)
 
 
-def test_colmap_points_lie_on_the_true_surface_also_of_a_noisy_sequence_and_are_seen_where_it_says(run, tmp_path):
+def test_colmap_points_lie_on_the_true_surface_also_of_a_noisy_sequence_and_are_seen_where_it_says(
+    run, tmp_path
+):
     poses = read_trajectory(run.path / "groundtruth.txt", "tum").trajectory
     noisy = SequenceSettings(depth_model("kinect2012"), seed=1)
     write_sequence(run_frames(run.path), tmp_path / "out", noisy, ["colmap"], workers=1)
@@ -231,13 +289,18 @@ def test_our_own_reader_takes_back_what_was_written(all_formats, shared_run, tru
     units, jpeg = FORMATS[name].fixed_units or 5000, name in ("replica", "scannet")
     assert source.numbers == frames.numbers
     assert source.camera.to_dict() == pytest.approx(frames.camera.to_dict())
-    assert [source.stamps_s[n] for n in source.numbers] == pytest.approx([frames.stamps_s[n] for n in frames.numbers])
+    assert [source.stamps_s[n] for n in source.numbers] == pytest.approx(
+        [frames.stamps_s[n] for n in frames.numbers]
+    )
     for number in frames.numbers:
         (light, depth), (light_there, depth_there) = frames.load(number), source.load(number)
         assert np.abs(depth - depth_there).max() <= 0.5 / units + 1e-6
         assert np.abs(light.astype(float) - light_there).max() < (0.03 if jpeg else 0.006)
     there = source.truth_of(source.numbers)
-    kept = {round(stamp_s * 30) - 30: T for stamp_s, T in zip(there.stamps_s, there.T_world_camera, strict=True)}
+    kept = {
+        round(stamp_s * 30) - 30: T
+        for stamp_s, T in zip(there.stamps_s, there.T_world_camera, strict=True)
+    }
     assert set(kept) == ({1, 2, 3} if name == "icl-nuim" else {0, 1, 2, 3})
     for i in (2, 3):  # whatever the world: the same motion
         motion = truth.T_world_camera[1].inverse() @ truth.T_world_camera[i]
@@ -251,7 +314,12 @@ def test_our_own_reader_takes_back_what_was_written(all_formats, shared_run, tru
         ("nerf/transforms.json", '"depth_file_path"', '"depth"', "depth_file_path, found frame 0"),
         ("nerf/transforms.json", '"fl_x"', '"f"', "numbers w, h, fl_x"),
         ("euroc/mav0/cam0/data.csv", "1033333000,", "a,", "lines `nanoseconds,image`"),
-        ("euroc/mav0/depth0/sensor.yaml", "intrinsics: [48", "intrinsics: [x", "intrinsics: .fx, fy, cx, cy."),
+        (
+            "euroc/mav0/depth0/sensor.yaml",
+            "intrinsics: [48",
+            "intrinsics: [x",
+            "intrinsics: .fx, fy, cx, cy.",
+        ),
     ],
 )
 def test_damaged_lists_of_other_forms_are_one_line(all_formats, tmp_path, file, old, new, message):
@@ -269,7 +337,9 @@ def test_a_new_format_is_one_entry_of_the_registry(run, tmp_path, monkeypatch):
         FORMATS["tum"],
         name="own",
         image=lambda frame, kind: f"{kind}_{frame.number}.png",
-        write_texts=lambda folder, contents, format: (folder / "own.txt").write_text(str(len(contents.frames))),
+        write_texts=lambda folder, contents, format: (folder / "own.txt").write_text(
+            str(len(contents.frames))
+        ),
         reader=dataclasses.replace(
             FORMATS["tum"].reader,
             found=lambda folder: (folder / "own.txt").is_file(),
@@ -281,20 +351,28 @@ def test_a_new_format_is_one_entry_of_the_registry(run, tmp_path, monkeypatch):
     )
     monkeypatch.setitem(FORMATS, "own", own)
     write_sequence(run_frames(run.path), tmp_path / "out", formats=("own",), workers=1)
-    assert [pair.rgb.name for pair in find_pairs(tmp_path / "out")] == [f"rgb_{i}.png" for i in range(4)]
+    assert [pair.rgb.name for pair in find_pairs(tmp_path / "out")] == [
+        f"rgb_{i}.png" for i in range(4)
+    ]
     parser = argparse.ArgumentParser()
     add_settings(parser, SequenceOptions, ("formats",))
     assert "own" in parser.format_help()
 
 
-def test_one_format_lies_in_the_folder_itself_and_others_are_added_in_folders_of_their_own(run, tmp_path):
+def test_one_format_lies_in_the_folder_itself_and_others_are_added_in_folders_of_their_own(
+    run, tmp_path
+):
     write_sequence(run_frames(run.path), tmp_path / "out", formats=("nerf",))
-    assert (tmp_path / "out/transforms.json").is_file() and (tmp_path / "out/images/000000.png").is_file()
+    assert (tmp_path / "out/transforms.json").is_file() and (
+        tmp_path / "out/images/000000.png"
+    ).is_file()
     before = (tmp_path / "out/transforms.json").read_bytes()
     with pytest.raises(InputError, match="format nerf there, tum requested"):
         write_sequence(run_frames(run.path), tmp_path / "out")
     write_sequence(run_frames(run.path), tmp_path / "out", formats=("tum", "euroc"))
-    assert (tmp_path / "out/tum/rgb.txt").is_file() and (tmp_path / "out/transforms.json").read_bytes() == before
+    assert (tmp_path / "out/tum/rgb.txt").is_file() and (
+        tmp_path / "out/transforms.json"
+    ).read_bytes() == before
     with pytest.raises(InputError, match="format nerf there, tum requested"):
         write_sequence(run_frames(run.path), tmp_path / "out")
     assert write_sequence(run_frames(run.path), tmp_path / "out", formats=("nerf",)).made == 0
@@ -317,7 +395,9 @@ def test_pairs_are_found_by_lists_by_stamps_or_by_name(run, tmp_path):
     (out / "rgb.txt").unlink()
     by_name = find_pairs(out)
     for pairs in (by_lists, by_name):
-        assert [(p.number, p.rgb, p.depth) for p in pairs] == [(p.number, p.rgb, p.depth) for p in by_association]
+        assert [(p.number, p.rgb, p.depth) for p in pairs] == [
+            (p.number, p.rgb, p.depth) for p in by_association
+        ]
         assert np.allclose([p.stamp_s for p in pairs], [p.stamp_s for p in by_association])
     with pytest.raises(InputError, match="pairs of colour and depth images.*found none"):
         find_pairs(tmp_path)
@@ -341,10 +421,14 @@ def test_lists_whose_stamps_do_not_meet_are_refused_and_not_replaced_by_names(ru
     out = tmp_path / "out"
     write_sequence(run_frames(run.path), out)
     (out / "associations.txt").unlink()
-    later = [f"9{line[1:]}" if line[0] == "1" else line for line in (out / "rgb.txt").read_text().splitlines()]
+    later = [
+        f"9{line[1:]}" if line[0] == "1" else line
+        for line in (out / "rgb.txt").read_text().splitlines()
+    ]
     (out / "rgb.txt").write_text("\n".join(later))
     with pytest.raises(
-        InputError, match=r"near those in rgb.txt, found rgb 9\.\d+\.\.9\.\d+ s; depth 1\.\d+\.\.1\.\d+ s"
+        InputError,
+        match=r"near those in rgb.txt, found rgb 9\.\d+\.\.9\.\d+ s; depth 1\.\d+\.\.1\.\d+ s",
     ):
         find_pairs(out)
 
@@ -366,12 +450,17 @@ def test_colour_as_jpeg_is_paired_by_name_and_by_stamp_and_png_comes_first(tmp_p
     [
         (["frame_9", "frame_10", "frame_12"], [1 + 9 / 30, 1 + 10 / 30, 1 + 12 / 30]),
         (["9", "10", "12"], [1 + 9 / 30, 1 + 10 / 30, 1 + 12 / 30]),
-        (["1403636579763555584", "1403636579796888917"], [1403636579.763555584, 1403636579.796888917]),
+        (
+            ["1403636579763555584", "1403636579796888917"],
+            [1403636579.763555584, 1403636579.796888917],
+        ),
         (["a9 left", "a10 left"], [1, 1 + 1 / 30]),
     ],
     ids=["prefix", "plain", "nanoseconds", "other"],
 )
-def test_numbers_in_names_order_the_images_and_are_their_frames_or_nanoseconds(tmp_path, names, stamps_s):
+def test_numbers_in_names_order_the_images_and_are_their_frames_or_nanoseconds(
+    tmp_path, names, stamps_s
+):
     for kind in ("rgb", "depth"):
         (tmp_path / kind).mkdir()
         for name in names:
@@ -379,10 +468,14 @@ def test_numbers_in_names_order_the_images_and_are_their_frames_or_nanoseconds(t
     pairs = find_pairs(tmp_path)
     assert [p.rgb.stem for p in pairs] == [p.depth.stem for p in pairs] == names
     assert [p.stamp_s for p in pairs] == pytest.approx(stamps_s, abs=1e-6)
-    assert [p.written[0].replace(".", "") for p in pairs] == (names if len(names[0]) > 9 else [""] * len(names))
+    assert [p.written[0].replace(".", "") for p in pairs] == (
+        names if len(names[0]) > 9 else [""] * len(names)
+    )
 
 
-@pytest.mark.parametrize("names", [("1403636579763555", "1403636579796888"), ("1403636579", "1403636580")])
+@pytest.mark.parametrize(
+    "names", [("1403636579763555", "1403636579796888"), ("1403636579", "1403636580")]
+)
 def test_names_in_another_unit_of_time_are_refused(tmp_path, names):
     for kind in ("rgb", "depth"):
         (tmp_path / kind).mkdir()
@@ -401,7 +494,9 @@ def test_a_missing_image_shifts_no_pair_of_images_named_by_stamps(all_formats, t
     assert len(pairs) == 3 and all(p.rgb.stem == p.depth.stem for p in pairs)
 
 
-def test_pairs_are_in_the_order_of_time_whatever_their_names_and_the_order_in_a_file(all_formats, run, tmp_path):
+def test_pairs_are_in_the_order_of_time_whatever_their_names_and_the_order_in_a_file(
+    all_formats, run, tmp_path
+):
     shutil.copytree(all_formats / "nerf", tmp_path / "nerf")
     content = json.loads((tmp_path / "nerf/transforms.json").read_text())
     content["frames"].reverse()
@@ -410,7 +505,10 @@ def test_pairs_are_in_the_order_of_time_whatever_their_names_and_the_order_in_a_
         (tmp_path / "nerf" / frame["file_path"]).rename(tmp_path / "nerf" / name)
         frame["file_path"] = name
     (tmp_path / "nerf/transforms.json").write_text(json.dumps(content))
-    pairs, again = find_pairs(tmp_path / "nerf"), read_trajectory(tmp_path / "nerf/transforms.json").trajectory
+    pairs, again = (
+        find_pairs(tmp_path / "nerf"),
+        read_trajectory(tmp_path / "nerf/transforms.json").trajectory,
+    )
     assert [(p.number, p.rgb.stem) for p in pairs] == [(n, f"frame_00000{n}") for n in range(4)]
     written = read_trajectory(all_formats / "nerf/transforms.json").trajectory
     assert np.array_equal(again.positions_m, written.positions_m)
@@ -420,14 +518,23 @@ def test_pairs_are_in_the_order_of_time_whatever_their_names_and_the_order_in_a_
         (tmp_path / f"tum/{kind}.txt").write_text("\n".join(lines) + "\n")
     (tmp_path / "tum/associations.txt").unlink()
     pairs = find_pairs(tmp_path / "tum")
-    assert [p.number for p in pairs] == [0, 1, 2, 3] and [p.rgb.stem[-1] for p in pairs] == ["3", "1", "2", "0"]
+    assert [p.number for p in pairs] == [0, 1, 2, 3] and [p.rgb.stem[-1] for p in pairs] == [
+        "3",
+        "1",
+        "2",
+        "0",
+    ]
     write_sequence(original_frames(tmp_path / "tum"), tmp_path / "again")
     assert [p.rgb.stem[-1] for p in find_pairs(tmp_path / "again")] == ["3", "1", "2", "0"]
 
 
 @pytest.mark.parametrize(
     ("key", "units"),
-    [(None, 1000), ('"integer_depth_scale": 0.0002', 5000), ('"depth_unit_scale_factor": 0.0005', 2000)],
+    [
+        (None, 1000),
+        ('"integer_depth_scale": 0.0002', 5000),
+        ('"depth_unit_scale_factor": 0.0005', 2000),
+    ],
 )
 def test_depth_of_transforms_json_is_in_millimetres_unless_it_has_a_scale_as_nerfstudio_reads_it(
     all_formats, tmp_path, key, units
@@ -435,9 +542,16 @@ def test_depth_of_transforms_json_is_in_millimetres_unless_it_has_a_scale_as_ner
     shutil.copytree(all_formats / "nerf", tmp_path / "nerf")
     file = tmp_path / "nerf/transforms.json"
     file.write_text(file.read_text().replace('"integer_depth_scale": 0.0002', key or '"other": 0'))
-    assert read_camera(tmp_path / "nerf", find_pairs(tmp_path / "nerf")[0].rgb).depth_units_per_metre == units
-    writer = SequenceWriter(original_frames(all_formats / "tum"), {tmp_path / "o": SequenceSettings()}, ("nerf",))
-    assert writer.losses() == ["nerf: nerfstudio reads the depth right with the setting depth_unit_scale_factor 0.0002"]
+    assert (
+        read_camera(tmp_path / "nerf", find_pairs(tmp_path / "nerf")[0].rgb).depth_units_per_metre
+        == units
+    )
+    writer = SequenceWriter(
+        original_frames(all_formats / "tum"), {tmp_path / "o": SequenceSettings()}, ("nerf",)
+    )
+    assert writer.losses() == [
+        "nerf: nerfstudio reads the depth right with the setting depth_unit_scale_factor 0.0002"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -445,10 +559,16 @@ def test_depth_of_transforms_json_is_in_millimetres_unless_it_has_a_scale_as_ner
     [
         ("nerf/transforms.json", '"k1": 0.0', '"k1": -0.2'),
         ("euroc/mav0/depth0/sensor.yaml", "[0.0, 0.0, 0.0, 0.0]", "[-2.8e-1, 0, 0, 0]"),
-        ("vslam-lab/calibration.yaml", "fps:", "distortion_coefficients: [0.26, -0.95, 0, 0, 1.16],\n     fps:"),
+        (
+            "vslam-lab/calibration.yaml",
+            "fps:",
+            "distortion_coefficients: [0.26, -0.95, 0, 0, 1.16],\n     fps:",
+        ),
     ],
 )
-def test_a_lens_distortion_that_is_ignored_is_noted(all_formats, tmp_path, file, old, new, command_here):
+def test_a_lens_distortion_that_is_ignored_is_noted(
+    all_formats, tmp_path, file, old, new, command_here
+):
     name = file.split("/")[0]
     assert not read_camera(all_formats / name, find_pairs(all_formats / name)[0].rgb).distorted
     shutil.copytree(all_formats / name, tmp_path / name)
@@ -473,11 +593,22 @@ def test_make_notes_what_its_formats_lose(run):
 
 
 @pytest.mark.parametrize("command", [("convert",), ("noise", "--depth-noise", "paper")])
-def test_depth_units_that_no_requested_format_can_have_are_refused(all_formats, tmp_path, command, command_here):
-    words = (*command, all_formats / "tum", tmp_path / "out", "--format", "replica", "--depth-units")
+def test_depth_units_that_no_requested_format_can_have_are_refused(
+    all_formats, tmp_path, command, command_here
+):
+    words = (
+        *command,
+        all_formats / "tum",
+        tmp_path / "out",
+        "--format",
+        "replica",
+        "--depth-units",
+    )
     code, _, said = command_here(*words, "1000")
     assert code == 2 and "--depth-units: expected 6553.5 for the format replica, found 1000" in said
-    assert not (tmp_path / "out").exists() and command_here(*words, "1000", "--format", "tum")[0] == 0
+    assert (
+        not (tmp_path / "out").exists() and command_here(*words, "1000", "--format", "tum")[0] == 0
+    )
 
 
 @pytest.mark.parametrize("option", [("--compress-bags",), ("--bag-storage", "mcap")])
@@ -503,11 +634,15 @@ def test_images_that_are_named_by_stamps_have_these_stamps(tmp_path, shift_s):
         for i in range(3):
             (tmp_path / kind / f"{1305031102.175304 + i / 30 + offset_s:.6f}.png").touch()
     pairs = find_pairs(tmp_path)
-    np.testing.assert_allclose([p.stamp_s for p in pairs], 1305031102.175304 + np.arange(3) / 30, atol=1e-6)
+    np.testing.assert_allclose(
+        [p.stamp_s for p in pairs], 1305031102.175304 + np.arange(3) / 30, atol=1e-6
+    )
     assert all(float(p.depth.stem) == pytest.approx(p.stamp_s + shift_s, abs=2e-6) for p in pairs)
     for depth in (tmp_path / "depth").iterdir():
         depth.rename(depth.with_name(f"x{depth.name}"))
-    with pytest.raises(InputError, match=r"equal file names in rgb/ \(PNG or JPEG\) and depth/ \(PNG\), or rgb.txt"):
+    with pytest.raises(
+        InputError, match=r"equal file names in rgb/ \(PNG or JPEG\) and depth/ \(PNG\), or rgb.txt"
+    ):
         find_pairs(tmp_path)
 
 
@@ -517,8 +652,12 @@ def test_stamps_of_depth_that_a_format_loses_are_noted(tmp_path):
         for i in range(3):
             (tmp_path / kind / f"{1 + i / 30 + offset_s:.6f}.png").touch()
     source = image_frames(tmp_path, camera=SequenceCamera(PinholeCamera.parse("64x48")))
-    losses = SequenceWriter(source, {tmp_path / "out": SequenceSettings()}, ("euroc", "vslam-lab", "tum")).losses()
-    assert losses == ["euroc: depth images get the stamps of their colour images, up to 4 ms from their own"]
+    losses = SequenceWriter(
+        source, {tmp_path / "out": SequenceSettings()}, ("euroc", "vslam-lab", "tum")
+    ).losses()
+    assert losses == [
+        "euroc: depth images get the stamps of their colour images, up to 4 ms from their own"
+    ]
 
 
 def test_noise_on_a_written_clean_sequence_is_noise_on_its_pixels(run, tmp_path):
@@ -530,7 +669,9 @@ def test_noise_on_a_written_clean_sequence_is_noise_on_its_pixels(run, tmp_path)
     from_exr = write_sequence(run_frames(run.path), tmp_path / "a", settings).folders[0]
     from_png = write_sequence(image_frames(clean), tmp_path / "b", settings).folders[0]
     # the released RGB noise is added to the finished 8-bit values: the very same pixels either way
-    assert np.array_equal(read_rgb8(from_exr / "rgb/000001.png"), read_rgb8(from_png / "rgb/000001.png"))
+    assert np.array_equal(
+        read_rgb8(from_exr / "rgb/000001.png"), read_rgb8(from_png / "rgb/000001.png")
+    )
     unchanged = write_sequence(image_frames(clean), tmp_path / "c").folders[0]
     for image in ("rgb/000003.png", "depth/000003.png"):
         assert (clean / image).read_bytes() == (unchanged / image).read_bytes()

@@ -24,7 +24,9 @@ class Pairs(NamedTuple):
 
 
 def absolute_error_of_pairs(pairs, alignment=None):
-    return absolute_error(*pairs.trajectories(), AbsoluteErrorSettings(alignment=alignment or AlignmentSettings()))
+    return absolute_error(
+        *pairs.trajectories(), AbsoluteErrorSettings(alignment=alignment or AlignmentSettings())
+    )
 
 
 def relative_error_of_pairs(pairs, settings):

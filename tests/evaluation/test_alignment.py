@@ -21,8 +21,12 @@ def test_the_error_does_not_depend_on_where_the_estimate_stands_or_how_large_it_
         scale = 3.7 if method == "sim3" else 1.0
         moved = SE3.exp(rng.normal(size=6) * [50, 50, 50, 2, 2, 2]) @ pairs.estimate
         moved = Pairs.of_poses(pairs.reference, SE3(moved.rotation, scale * moved.translation))
-        before, after = (absolute_error_of_pairs(p, AlignmentSettings(method)) for p in (pairs, moved))
-        assert np.allclose(before.translation_error_m, after.translation_error_m, rtol=0, atol=1e-11)
+        before, after = (
+            absolute_error_of_pairs(p, AlignmentSettings(method)) for p in (pairs, moved)
+        )
+        assert np.allclose(
+            before.translation_error_m, after.translation_error_m, rtol=0, atol=1e-11
+        )
         assert np.allclose(before.rotation_error_rad, after.rotation_error_rad, rtol=0, atol=1e-11)
 
 
@@ -40,10 +44,17 @@ def test_yaw_undoes_a_turn_about_its_axis_and_no_other(wander, up):
     for seed, angle in enumerate(np.linspace(-np.pi, np.pi, 13)):
         truth = wander(seed).reference
         pairs = Pairs.of_poses(truth, turned(angle, up) @ truth)
-        assert absolute_error_of_pairs(pairs, AlignmentSettings("yaw", up=up)).translation_m.max < 1e-12
+        assert (
+            absolute_error_of_pairs(pairs, AlignmentSettings("yaw", up=up)).translation_m.max
+            < 1e-12
+        )
         other = "xyz"["xyz".index(up) - 1]
-        T = align(pairs.reference, pairs.estimate, AlignmentSettings("yaw", up=other)).T_reference_estimate
-        assert np.allclose(T.rotation["xyz".index(other)], np.eye(3)["xyz".index(other)], atol=1e-15)
+        T = align(
+            pairs.reference, pairs.estimate, AlignmentSettings("yaw", up=other)
+        ).T_reference_estimate
+        assert np.allclose(
+            T.rotation["xyz".index(other)], np.eye(3)["xyz".index(other)], atol=1e-15
+        )
 
 
 @pytest.mark.parametrize("method", ["yaw", "se3", "sim3"])
@@ -62,8 +73,12 @@ def test_no_small_motion_makes_the_aligned_positions_fit_better(wander, method):
 
 def test_alignment_on_the_first_poses_ignores_the_rest(wander):
     pairs = wander(3, noise=0.0, n=40)
-    spoilt = SE3(pairs.estimate.rotation, pairs.estimate.translation + (np.arange(40) >= 20)[:, None])
-    result = absolute_error_of_pairs(Pairs.of_poses(pairs.reference, spoilt), AlignmentSettings("se3", first=20))
+    spoilt = SE3(
+        pairs.estimate.rotation, pairs.estimate.translation + (np.arange(40) >= 20)[:, None]
+    )
+    result = absolute_error_of_pairs(
+        Pairs.of_poses(pairs.reference, spoilt), AlignmentSettings("se3", first=20)
+    )
     assert result.alignment.poses_used == 20
     assert result.translation_error_m[:20].max() < 1e-12
     assert np.allclose(result.translation_error_m[20:], np.sqrt(3))
@@ -92,12 +107,18 @@ def line(pairs, length_m, wobble_m):
 @pytest.mark.parametrize(
     ("length_m", "wobble_m", "words"),
     [
-        (0.0, 0.0, "one that does not move, so its rotation is undetermined .* try the alignment origin"),
+        (
+            0.0,
+            0.0,
+            "one that does not move, so its rotation is undetermined .* try the alignment origin",
+        ),
         (2.0, 1e-5, "a straight one, .* the alignment yaw"),
     ],
 )
 @pytest.mark.parametrize("which", ["reference", "estimated"])
-def test_a_still_or_straight_path_is_refused_with_a_weaker_alignment(wander, method, length_m, wobble_m, words, which):
+def test_a_still_or_straight_path_is_refused_with_a_weaker_alignment(
+    wander, method, length_m, wobble_m, words, which
+):
     pairs = wander(1)
     poor, good = SE3(pairs.reference.rotation, line(pairs, length_m, wobble_m)), pairs.reference
     case = Pairs.of_poses(poor, good) if which == "reference" else Pairs.of_poses(good, poor)
@@ -121,7 +142,9 @@ def test_a_straight_level_path_still_fixes_yaw_and_an_upright_one_does_not(wande
     level = SE3(pairs.reference.rotation, line(pairs, 2.0, 0.0))
     turned_level = Pairs.of_poses(level, turned(1.0, "z") @ level)
     assert absolute_error_of_pairs(turned_level, AlignmentSettings("yaw")).translation_m.max < 1e-12
-    upright = SE3(level.rotation, level.translation[:, ::-1] - level.translation[:1, ::-1] * [1, 1, 0])
+    upright = SE3(
+        level.rotation, level.translation[:, ::-1] - level.translation[:1, ::-1] * [1, 1, 0]
+    )
     with pytest.raises(InputError, match="across the z axis.*the alignment origin"):
         absolute_error_of_pairs(Pairs.of_poses(upright, upright), AlignmentSettings("yaw"))
 
@@ -131,7 +154,10 @@ def test_a_path_thinner_than_its_error_is_called_uncertain(wander):
     for wobble_m, uncertain in ((0.02, True), (0.5, False)):
         truth = SE3(pairs.reference.rotation, line(pairs, 3.0, wobble_m))
         estimate = SE3(truth.rotation, truth.translation + rng.normal(0, 0.05, (100, 3)))
-        assert absolute_error_of_pairs(Pairs.of_poses(truth, estimate)).alignment.rotation_is_noise == uncertain
+        assert (
+            absolute_error_of_pairs(Pairs.of_poses(truth, estimate)).alignment.rotation_is_noise
+            == uncertain
+        )
 
 
 @pytest.mark.parametrize("settings", [{"method": "best"}, {"up": "w"}, {"first": 0}])
@@ -152,7 +178,9 @@ def test_a_mirrored_estimate_is_recognised_and_an_honest_one_is_not(wander, meth
         assert not absolute_error_of_pairs(pairs, AlignmentSettings(method)).mirror.mirrored
 
 
-def test_a_nearly_flat_path_is_called_mirrored_only_where_its_height_stands_out_of_the_error(wander):
+def test_a_nearly_flat_path_is_called_mirrored_only_where_its_height_stands_out_of_the_error(
+    wander,
+):
     height_m = 0.02
     for seed in range(60):
         truth, rng = wander(seed, n=60).reference.translation, np.random.default_rng(seed)
@@ -173,7 +201,9 @@ def test_the_official_office_path_mirrored_is_recognised(samples):
     from iclnuim.formats.trajectories import read_trajectory
 
     right = read_trajectory(samples / "or_kt0/traj0.gt.freiburg").trajectory.T_world_camera
-    left = read_trajectory(samples / "or_kt0/traj0.gt.freiburg", "tum-ids").trajectory.T_world_camera
+    left = read_trajectory(
+        samples / "or_kt0/traj0.gt.freiburg", "tum-ids"
+    ).trajectory.T_world_camera
     result = absolute_error_of_pairs(Pairs.of_poses(right, left))
     assert result.mirror.mirrored
     assert result.mirror.reflection_rms_m < 1e-9 < 0.2 < result.translation_m.rmse

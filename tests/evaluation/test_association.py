@@ -15,7 +15,9 @@ def sorted_loop(first, second, window):
     high = np.searchsorted(second, first + 2 * window)
     second = second.tolist()
     for i, (a, lo, hi) in enumerate(zip(first.tolist(), low.tolist(), high.tolist(), strict=True)):
-        candidates += [(abs(a - second[j]), i, j) for j in range(lo, hi) if abs(a - second[j]) < window]
+        candidates += [
+            (abs(a - second[j]), i, j) for j in range(lo, hi) if abs(a - second[j]) < window
+        ]
     taken_i, taken_j, pairs = set(), set(), []
     for _, i, j in sorted(candidates):
         if i not in taken_i and j not in taken_j:
@@ -49,7 +51,9 @@ def test_greedy_pairs_are_those_of_the_plain_sorted_loop():
 def test_ties_go_to_the_first_stamp_and_then_to_the_second():
     rng = np.random.default_rng(1)
     for _ in range(500):
-        first, second = (np.unique(rng.integers(0, 60, int(rng.integers(1, 40)))) / 8.0 for _ in range(2))
+        first, second = (
+            np.unique(rng.integers(0, 60, int(rng.integers(1, 40)))) / 8.0 for _ in range(2)
+        )
         window = float(rng.choice([0.2, 0.26, 0.6, 1.1]))
         assert ours(first, second, window) == sorted_loop(first, second, window)
 
@@ -58,14 +62,19 @@ def test_ties_go_to_the_first_stamp_and_then_to_the_second():
 def test_long_chains_of_equal_or_growing_gaps_pair_as_the_sorted_loop_does(window):
     half_a_step_off = np.arange(3000) / 32
     growing = np.cumsum(0.01 + 1e-7 * np.arange(6000))
-    for first, second in ((half_a_step_off, half_a_step_off + 1 / 64), (growing[::2], growing[1::2])):
+    for first, second in (
+        (half_a_step_off, half_a_step_off + 1 / 64),
+        (growing[::2], growing[1::2]),
+    ):
         assert ours(first, second, window) == sorted_loop(first, second, window)
 
 
 def test_the_heap_alone_gives_the_same_pairs():
     rng = np.random.default_rng(2)
     for _ in range(200):
-        first, second = (np.unique(rng.integers(0, 200, int(rng.integers(1, 60)))) / 16.0 for _ in range(2))
+        first, second = (
+            np.unique(rng.integers(0, 200, int(rng.integers(1, 60)))) / 16.0 for _ in range(2)
+        )
         i, j = module._greedy_by_heap(first, second, 0.7)
         assert sorted(zip(i.tolist(), j.tolist(), strict=True)) == sorted_loop(first, second, 0.7)
 
@@ -73,7 +82,9 @@ def test_the_heap_alone_gives_the_same_pairs():
 def test_many_stamps_far_from_their_partners_are_looked_at_a_constant_number_of_times(monkeypatch):
     rng, pushed = np.random.default_rng(3), []
     heappush = module.heapq.heappush
-    monkeypatch.setattr(module.heapq, "heappush", lambda heap, item: (pushed.append(1), heappush(heap, item)))
+    monkeypatch.setattr(
+        module.heapq, "heappush", lambda heap, item: (pushed.append(1), heappush(heap, item))
+    )
     first, second = np.unique(rng.uniform(0, 1, 50_000)), np.unique(rng.uniform(0, 10_000, 50_000))
     assert len(ours(first, second, 1e9)) == min(len(first), len(second))
     assert 0 < len(pushed) < 2 * (len(first) + len(second))
@@ -81,7 +92,9 @@ def test_many_stamps_far_from_their_partners_are_looked_at_a_constant_number_of_
 
 def test_the_offset_is_added_to_the_second_stamps():
     first, second = drifting(500, 4)
-    assert ours(first, second - 100, 0.02, offset_s=100.0) == sorted_loop(first, second - 100 + 100.0, 0.02)
+    assert ours(first, second - 100, 0.02, offset_s=100.0) == sorted_loop(
+        first, second - 100 + 100.0, 0.02
+    )
     assert ours(first, second - 100, 0.02) == []
 
 
@@ -118,14 +131,21 @@ def test_nearest_gives_each_estimate_its_nearest_truth():
 
 
 def test_of_several_pairs_of_one_truth_the_closest_in_time_counts():
-    found = associate(np.array([0.0, 1.0]), np.array([-0.3, 0.1, 0.4, 1.2]), AssociationSettings("nearest", 0.5))
+    found = associate(
+        np.array([0.0, 1.0]), np.array([-0.3, 0.1, 0.4, 1.2]), AssociationSettings("nearest", 0.5)
+    )
     assert found.first.tolist() == [0, 0, 0, 1]
     assert found.closest_per_first().tolist() == [1, 3]
 
 
 @pytest.mark.parametrize(
     "settings",
-    [{"method": "best"}, {"max_difference_s": 0.0}, {"max_difference_s": float("nan")}, {"offset_s": float("inf")}],
+    [
+        {"method": "best"},
+        {"max_difference_s": 0.0},
+        {"max_difference_s": float("nan")},
+        {"offset_s": float("inf")},
+    ],
 )
 def test_settings_out_of_range_are_refused(settings):
     with pytest.raises(InputError):
@@ -139,13 +159,19 @@ def test_stamps_that_repeat_or_run_backwards_are_refused(stamps):
 
 
 def test_no_overlap_in_time_is_named_with_the_offset_that_would_mend_it():
-    first, second = (Trajectory(start + np.arange(20) / 30, SE3.identity((20,))) for start in (5.0, 1305.0))
-    with pytest.raises(InputError, match=r"no overlap in time: 1305.000..1305.633 s; try an offset of -1300 s "):
+    first, second = (
+        Trajectory(start + np.arange(20) / 30, SE3.identity((20,))) for start in (5.0, 1305.0)
+    )
+    with pytest.raises(
+        InputError, match=r"no overlap in time: 1305.000..1305.633 s; try an offset of -1300 s "
+    ):
         pair_up(first, second)
     assert len(pair_up(first, second, AssociationSettings(offset_s=-1300.0))) == 20
 
 
 def test_an_overlap_without_a_pair_in_the_window_is_named():
-    first, second = (Trajectory(start + np.arange(20.0), SE3.identity((20,))) for start in (0.0, 0.5))
+    first, second = (
+        Trajectory(start + np.arange(20.0), SE3.identity((20,))) for start in (0.0, 0.5)
+    )
     with pytest.raises(InputError, match="within 0.02 s .* try a larger difference"):
         pair_up(first, second)

@@ -4,7 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from iclnuim.evaluation.absolute_error import RECALL_M, Completeness, ErrorStatistics, absolute_error
+from iclnuim.evaluation.absolute_error import (
+    RECALL_M,
+    Completeness,
+    ErrorStatistics,
+    absolute_error,
+)
 from iclnuim.geometry.trajectory import Trajectory
 
 
@@ -30,7 +35,9 @@ def test_the_area_under_the_curve_is_the_mean_recall_over_all_thresholds():
 
 def test_an_estimator_that_gives_up_keeps_its_ate_and_loses_recall(wander):
     pairs = wander(2, noise=0.01, n=200)
-    truth, estimate = (Trajectory(pairs.stamps_s, poses) for poses in (pairs.reference, pairs.estimate))
+    truth, estimate = (
+        Trajectory(pairs.stamps_s, poses) for poses in (pairs.reference, pairs.estimate)
+    )
     whole, half = absolute_error(truth, estimate), absolute_error(truth, estimate[:100])
     assert half.translation_m.rmse == pytest.approx(whole.translation_m.rmse, rel=0.2)
     assert half.completeness.coverage == 0.5 and whole.completeness.coverage == 1.0
@@ -40,7 +47,9 @@ def test_an_estimator_that_gives_up_keeps_its_ate_and_loses_recall(wander):
 
 def test_results_cannot_be_changed(wander):
     pairs = wander(2)
-    result = absolute_error(*(Trajectory(pairs.stamps_s, poses) for poses in (pairs.reference, pairs.estimate)))
+    result = absolute_error(
+        *(Trajectory(pairs.stamps_s, poses) for poses in (pairs.reference, pairs.estimate))
+    )
     with pytest.raises(dataclasses.FrozenInstanceError):
         result.alignment = None
     for array in (result.translation_error_m, result.association.first, result.alignment.extents_m):

@@ -12,7 +12,9 @@ trajectory = pytest.importorskip("evo.core.trajectory", reason="evo is the judge
 from evo.core import metrics  # noqa: E402
 
 #: Seeds of the random cases.
-CASES = pytest.mark.parametrize("cases", [range(250), pytest.param(range(250, 1000), marks=pytest.mark.slow)], ids=len)
+CASES = pytest.mark.parametrize(
+    "cases", [range(250), pytest.param(range(250, 1000), marks=pytest.mark.slow)], ids=len
+)
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
 UNITS = {"frames": metrics.Unit.frames, "metres": metrics.Unit.meters}
 
@@ -44,7 +46,9 @@ def test_all_six_ate_statistics_equal_evo_on_a_thousand_cases(wander, cases):
         pairs, method = wander(seed), ("none", "origin", "se3", "sim3")[seed % 4]
         first = (None, None, 8)[seed % 3] if method in ("se3", "sim3") else None
         ours = absolute_error_of_pairs(pairs, AlignmentSettings(method, first))
-        assert_equal(ours.translation_m, evo_ape(pairs, method, first, metrics.PoseRelation.translation_part))
+        assert_equal(
+            ours.translation_m, evo_ape(pairs, method, first, metrics.PoseRelation.translation_part)
+        )
 
 
 @pytest.mark.parametrize("method", ["none", "origin", "se3", "sim3"])
@@ -59,15 +63,31 @@ def test_rotation_errors_equal_evo(wander, method):
 
 @CASES
 def test_rpe_over_frames_and_metres_equals_evo_on_a_thousand_cases(wander, cases):
-    compared = {(unit, all_pairs, on): 0 for unit in UNITS for all_pairs in (True, False) for on in (True, False)}
+    compared = {
+        (unit, all_pairs, on): 0
+        for unit in UNITS
+        for all_pairs in (True, False)
+        for on in (True, False)
+    }
     for seed in cases:
-        unit, all_pairs, on_reference = ("frames", "metres")[seed % 2], seed // 2 % 2 == 0, seed // 4 % 2 == 0
+        unit, all_pairs, on_reference = (
+            ("frames", "metres")[seed % 2],
+            seed // 2 % 2 == 0,
+            seed // 4 % 2 == 0,
+        )
         delta = 1 + seed % 5 if unit == "frames" else 0.3 + 0.1 * (seed % 5)
         pairs = wander(seed)
         judge = metrics.RPE(
-            metrics.PoseRelation.translation_part, delta, UNITS[unit], 0.1, all_pairs, pairs_from_reference=on_reference
+            metrics.PoseRelation.translation_part,
+            delta,
+            UNITS[unit],
+            0.1,
+            all_pairs,
+            pairs_from_reference=on_reference,
         )
-        settings = RelativeErrorSettings(delta, unit, all_pairs, 0.1, "reference" if on_reference else "estimate")
+        settings = RelativeErrorSettings(
+            delta, unit, all_pairs, 0.1, "reference" if on_reference else "estimate"
+        )
         try:
             judge.process_data((path(pairs.reference), path(pairs.estimate)))
         except metrics.filters.FilterException:
@@ -84,7 +104,9 @@ def test_rpe_over_frames_and_metres_equals_evo_on_a_thousand_cases(wander, cases
 def test_rpe_rotation_equals_evo(wander):
     for seed in range(20):
         pairs = wander(seed)
-        judge = metrics.RPE(metrics.PoseRelation.rotation_angle_deg, 2, metrics.Unit.frames, all_pairs=True)
+        judge = metrics.RPE(
+            metrics.PoseRelation.rotation_angle_deg, 2, metrics.Unit.frames, all_pairs=True
+        )
         judge.process_data((path(pairs.reference), path(pairs.estimate)))
         ours = relative_error_of_pairs(pairs, RelativeErrorSettings(2))
         assert ours.rotation_deg.rmse == pytest.approx(judge.get_all_statistics()["rmse"], abs=1e-6)
@@ -97,10 +119,17 @@ def test_rpe_of_a_scaled_estimate_equals_evo_after_its_sim3_alignment(wander):
         estimate.scale(3.7)
         scaled = SE3(pairs.estimate.rotation, 3.7 * pairs.estimate.translation)
         estimate.align(reference, correct_scale=True)
-        judge = metrics.RPE(metrics.PoseRelation.translation_part, 3, metrics.Unit.frames, all_pairs=True)
+        judge = metrics.RPE(
+            metrics.PoseRelation.translation_part, 3, metrics.Unit.frames, all_pairs=True
+        )
         judge.process_data((reference, estimate))
         moved = Pairs(pairs.reference, scaled, pairs.stamps_s)
-        assert_equal(relative_error_of_pairs(moved, RelativeErrorSettings(3, correct_scale=True)).translation_m, judge)
+        assert_equal(
+            relative_error_of_pairs(
+                moved, RelativeErrorSettings(3, correct_scale=True)
+            ).translation_m,
+            judge,
+        )
 
 
 def test_the_official_office_path_against_a_drifting_copy_equals_evo(samples, wander):
@@ -109,8 +138,12 @@ def test_the_official_office_path_against_a_drifting_copy_equals_evo(samples, wa
     pairs = Pairs.of_poses(truth, SE3.exp([1, 2, 3, 0.3, 0.2, 0.5]) @ truth @ SE3.exp(drift))
     for method in ("none", "origin", "se3", "sim3"):
         ours = absolute_error_of_pairs(pairs, AlignmentSettings(method))
-        assert_equal(ours.translation_m, evo_ape(pairs, method, None, metrics.PoseRelation.translation_part))
+        assert_equal(
+            ours.translation_m, evo_ape(pairs, method, None, metrics.PoseRelation.translation_part)
+        )
     judge = metrics.RPE(metrics.PoseRelation.translation_part, 0.5, metrics.Unit.meters, 0.1, True)
     judge.process_data((path(pairs.reference), path(pairs.estimate)))
-    ours = relative_error_of_pairs(pairs, RelativeErrorSettings(0.5, "metres", measured_on="estimate"))
+    ours = relative_error_of_pairs(
+        pairs, RelativeErrorSettings(0.5, "metres", measured_on="estimate")
+    )
     assert_equal(ours.translation_m, judge)

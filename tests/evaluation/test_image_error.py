@@ -16,7 +16,9 @@ def images(height, width, sigma, rng):
     """A ramp and the same with noise, (h, w, 3) uint8."""
     v, u = np.mgrid[0:height, 0:width]
     ramp = np.stack([u * 255 / width, v * 255 / height, (u + v) * 255 / (width + height)], -1)
-    return ramp.astype(np.uint8), (ramp + rng.normal(size=ramp.shape) * sigma).clip(0, 255).astype(np.uint8)
+    return ramp.astype(np.uint8), (ramp + rng.normal(size=ramp.shape) * sigma).clip(0, 255).astype(
+        np.uint8
+    )
 
 
 def test_figures_are_those_of_scikit_image():
@@ -52,7 +54,9 @@ def test_equal_images_have_no_error_and_others_are_refused():
         ssim(truth[:10], truth[:10])
     for other in (truth[:0], truth[0, 0], truth[None, None], np.uint8(3)):
         for error in (psnr_db, ssim):
-            with pytest.raises(InputError, match=r"expected images \(h, w\) or \(h, w, 3\), found \("):
+            with pytest.raises(
+                InputError, match=r"expected images \(h, w\) or \(h, w, 3\), found \("
+            ):
                 error(other, other)
     for other in (truth.tolist(), truth / 255, truth.astype(np.uint16), truth > 9):
         for error in (psnr_db, ssim):

@@ -26,8 +26,12 @@ def evaluate(tmp_path, walk, capsys):
     def call(poses, *arguments, metric="ate", scalar_first=False):
         write_trajectory(tmp_path / "estimate.txt", Trajectory(walk.stamps_s, poses), "tum")
         if scalar_first:
-            rows = [line.split() for line in (tmp_path / "estimate.txt").read_text().splitlines()[1:]]
-            (tmp_path / "estimate.txt").write_text("".join(" ".join(r[:4] + r[7:] + r[4:7]) + "\n" for r in rows))
+            rows = [
+                line.split() for line in (tmp_path / "estimate.txt").read_text().splitlines()[1:]
+            ]
+            (tmp_path / "estimate.txt").write_text(
+                "".join(" ".join(r[:4] + r[7:] + r[4:7]) + "\n" for r in rows)
+            )
         files = (str(tmp_path / name) for name in ("truth.txt", "estimate.txt"))
         assert cli.main(["evaluate", metric, *files, "--json", *arguments]) == 0
         return json.loads(capsys.readouterr().out)
@@ -38,7 +42,11 @@ def evaluate(tmp_path, walk, capsys):
 def estimated(walk, seed=5):
     """The walk with noise, in a world of its own."""
     rng = np.random.default_rng(seed)
-    return SE3.exp(rng.normal(size=6)) @ walk.T_world_camera @ SE3.exp(rng.normal(0, NOISE_M, (len(walk), 6)))
+    return (
+        SE3.exp(rng.normal(size=6))
+        @ walk.T_world_camera
+        @ SE3.exp(rng.normal(0, NOISE_M, (len(walk), 6)))
+    )
 
 
 @pytest.mark.parametrize("metric", ["ate", "rpe"])
@@ -47,19 +55,33 @@ def test_inverted_poses_are_recognised_and_following_the_advice_helps(evaluate, 
     assert len(told["warnings"]) == 1 and "try reading it as tum-inverse" in told["warnings"][0]
     assert told["reading"]["kind"] == "inverse" and told["time_offset"] is None
     followed = evaluate(estimated(walk).inverse(), "--from", "tum-inverse", metric=metric)
-    assert followed["translation_error_m"]["rmse"] == pytest.approx(told["reading"]["rmse_m"], rel=1e-4)
-    assert followed["translation_error_m"]["rmse"] < 3 * NOISE_M < told["translation_error_m"]["rmse"] / 3
+    assert followed["translation_error_m"]["rmse"] == pytest.approx(
+        told["reading"]["rmse_m"], rel=1e-4
+    )
+    assert (
+        followed["translation_error_m"]["rmse"]
+        < 3 * NOISE_M
+        < told["translation_error_m"]["rmse"] / 3
+    )
     assert followed["warnings"] == [] and followed["reading"] is None
 
 
 @pytest.mark.parametrize("metric", [("ate",), ("rpe", "--delta", "1s")])
-def test_quaternions_with_the_scalar_first_are_recognised_and_following_the_advice_helps(evaluate, walk, metric):
+def test_quaternions_with_the_scalar_first_are_recognised_and_following_the_advice_helps(
+    evaluate, walk, metric
+):
     # in the world of the truth, where the rotation of an estimate means something without an alignment
-    poses = walk.T_world_camera @ SE3.exp(np.random.default_rng(1).normal(0, NOISE_M, (len(walk), 6)))
+    poses = walk.T_world_camera @ SE3.exp(
+        np.random.default_rng(1).normal(0, NOISE_M, (len(walk), 6))
+    )
     told = evaluate(poses, *metric[1:], metric=metric[0], scalar_first=True)
     assert len(told["warnings"]) == 1 and "try reading it as tum-wxyz" in told["warnings"][0]
-    followed = evaluate(poses, *metric[1:], "--from", "tum-wxyz", metric=metric[0], scalar_first=True)
-    assert followed["rotation_error_deg"]["rmse"] == pytest.approx(told["reading"]["rotation_rmse_deg"], rel=1e-4)
+    followed = evaluate(
+        poses, *metric[1:], "--from", "tum-wxyz", metric=metric[0], scalar_first=True
+    )
+    assert followed["rotation_error_deg"]["rmse"] == pytest.approx(
+        told["reading"]["rotation_rmse_deg"], rel=1e-4
+    )
     assert followed["rotation_error_deg"]["rmse"] < 1 < told["rotation_error_deg"]["rmse"] / 4
     assert followed["warnings"] == []
 

@@ -18,7 +18,11 @@ def walk(repository):
 
 def scaled_estimate(truth, scale, noise=0.003, shift_s=0.0):
     rng = np.random.default_rng(5)
-    T = SE3.exp(rng.normal(size=6)) @ truth.T_world_camera @ SE3.exp(rng.normal(0, noise, (len(truth), 6)))
+    T = (
+        SE3.exp(rng.normal(size=6))
+        @ truth.T_world_camera
+        @ SE3.exp(rng.normal(0, noise, (len(truth), 6)))
+    )
     return Trajectory(truth.stamps_s + shift_s, SE3(T.rotation, scale * T.translation))
 
 
@@ -58,7 +62,10 @@ def test_relative_errors_have_the_same_advice(evaluate, walk):
     values = evaluate(scaled_estimate(walk, 1e3), "rpe", "--delta", "1s")
     assert "millimetres" in values["warnings"][0] and values["unit"]["rmse_m"] < 0.02
     followed = evaluate(scaled_estimate(walk, 1e3), "rpe", "--delta", "1s", "--correct-scale")
-    assert followed["translation_error_m"]["rmse"] == values["unit"]["rmse_m"] and not followed["warnings"]
+    assert (
+        followed["translation_error_m"]["rmse"] == values["unit"]["rmse_m"]
+        and not followed["warnings"]
+    )
 
 
 def test_evo_has_the_advised_error(evaluate, walk, tmp_path):
@@ -66,7 +73,9 @@ def test_evo_has_the_advised_error(evaluate, walk, tmp_path):
     from evo.core import metrics, sync
 
     values = evaluate(scaled_estimate(walk, 1e3), "ate")["unit"]
-    reference, estimate = (tools.read_tum_trajectory_file(tmp_path / f"{name}.txt") for name in ("truth", "estimate"))
+    reference, estimate = (
+        tools.read_tum_trajectory_file(tmp_path / f"{name}.txt") for name in ("truth", "estimate")
+    )
     reference, estimate = sync.associate_trajectories(reference, estimate)
     scale = estimate.align(reference, correct_scale=True)[2]
     judge = metrics.APE(metrics.PoseRelation.translation_part)

@@ -40,7 +40,9 @@ def test_pairs_over_seconds_are_those_of_the_plain_loop(all_pairs):
     rng = np.random.default_rng(0)
     for _ in range(200):
         stamps_s, delta_s = random_stamps(rng), float(rng.uniform(0.05, 1.5))
-        settings = RelativeErrorSettings(delta_s, "seconds", all_pairs, tolerance=float(rng.choice([0.02, 0.1, 0.5])))
+        settings = RelativeErrorSettings(
+            delta_s, "seconds", all_pairs, tolerance=float(rng.choice([0.02, 0.1, 0.5]))
+        )
         by_loop = seconds_by_loop(stamps_s, delta_s, settings.tolerance, all_pairs)
         if not by_loop:
             with pytest.raises(InputError, match="seconds apart"):
@@ -54,8 +56,13 @@ def test_rpe_over_seconds_is_the_error_of_the_motions_between_those_poses(wander
     for seed in range(20):
         pairs = wander(seed, rate_hz=10.0)
         ours = relative_error_of_pairs(pairs, RelativeErrorSettings(0.5, "seconds"))
-        assert ours.start.tolist() == list(range(len(pairs.reference) - 5)) and (ours.end - ours.start == 5).all()
-        for k, metres, radians in zip(ours.start, ours.translation_error_m, ours.rotation_error_rad, strict=True):
+        assert (
+            ours.start.tolist() == list(range(len(pairs.reference) - 5))
+            and (ours.end - ours.start == 5).all()
+        )
+        for k, metres, radians in zip(
+            ours.start, ours.translation_error_m, ours.rotation_error_rad, strict=True
+        ):
             Q = pairs.reference[k].inverse() @ pairs.reference[k + 5]
             P = pairs.estimate[k].inverse() @ pairs.estimate[k + 5]
             E = Q.inverse() @ P
@@ -79,7 +86,9 @@ def test_a_camera_that_rests_counts_its_first_pose_at_each_place():
 
 
 def test_of_two_poses_equally_far_from_delta_the_earlier_one_ends_the_pair():
-    start, end = rpe_pairs(np.arange(4) / 4, np.zeros((4, 3)), RelativeErrorSettings(0.375, "seconds", tolerance=0.5))
+    start, end = rpe_pairs(
+        np.arange(4) / 4, np.zeros((4, 3)), RelativeErrorSettings(0.375, "seconds", tolerance=0.5)
+    )
     assert list(zip(start.tolist(), end.tolist(), strict=True)) == [(0, 1), (1, 2), (2, 3)]
 
 
@@ -94,9 +103,15 @@ def test_relative_error_does_not_depend_on_where_the_estimate_stands(wander):
 
 def test_metres_are_counted_along_the_truth_unless_told_otherwise(wander):
     pairs = wander(4, noise=0.0)
-    doubled = Pairs.of_poses(pairs.reference, SE3(pairs.estimate.rotation, 2 * pairs.estimate.translation))
-    plain, same = (relative_error_of_pairs(p, RelativeErrorSettings(0.8, "metres")) for p in (pairs, doubled))
-    other = relative_error_of_pairs(doubled, RelativeErrorSettings(0.8, "metres", measured_on="estimate"))
+    doubled = Pairs.of_poses(
+        pairs.reference, SE3(pairs.estimate.rotation, 2 * pairs.estimate.translation)
+    )
+    plain, same = (
+        relative_error_of_pairs(p, RelativeErrorSettings(0.8, "metres")) for p in (pairs, doubled)
+    )
+    other = relative_error_of_pairs(
+        doubled, RelativeErrorSettings(0.8, "metres", measured_on="estimate")
+    )
     assert same.end.tolist() == plain.end.tolist() != other.end.tolist()
     corrected = relative_error_of_pairs(
         doubled, RelativeErrorSettings(0.8, "metres", measured_on="estimate", correct_scale=True)
@@ -115,7 +130,12 @@ def test_lost_frames_are_associated_by_time_before_rpe_pairs_are_formed(wander):
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("10", (10, "frames")), ("0.5s", (0.5, "seconds")), ("1m", (1, "metres")), (".5 m", (0.5, "metres"))],
+    [
+        ("10", (10, "frames")),
+        ("0.5s", (0.5, "seconds")),
+        ("1m", (1, "metres")),
+        (".5 m", (0.5, "metres")),
+    ],
 )
 def test_deltas_are_read_with_their_unit(text, value):
     assert parse_delta(text) == value

@@ -21,14 +21,22 @@ def walk(repository):
 def estimate_of(truth, shift_s, noise=0.003, every=1, seed=0):
     """Moved as a whole, noisy by pose, its stamps later by `shift_s`."""
     rng = np.random.default_rng(seed)
-    poses = SE3.exp(rng.normal(size=6)) @ truth.T_world_camera @ SE3.exp(rng.normal(0, noise, (len(truth), 6)))
+    poses = (
+        SE3.exp(rng.normal(size=6))
+        @ truth.T_world_camera
+        @ SE3.exp(rng.normal(0, noise, (len(truth), 6)))
+    )
     return Trajectory(truth.stamps_s + shift_s, poses)[::every]
 
 
 def drifted(truth, noise, seed):
     """What an odometer makes of it: errors add up."""
     T = truth.T_world_camera
-    steps = T[:-1].inverse() @ T[1:] @ SE3.exp(np.random.default_rng(seed).normal(0, noise, (len(T) - 1, 6)))
+    steps = (
+        T[:-1].inverse()
+        @ T[1:]
+        @ SE3.exp(np.random.default_rng(seed).normal(0, noise, (len(T) - 1, 6)))
+    )
     poses = [np.eye(4)]
     for step in steps.matrix:
         poses.append(poses[-1] @ step)
@@ -44,7 +52,9 @@ def test_the_offset_is_found(walk, shift_s, every):
 
 @pytest.mark.parametrize("still", ["too short", "standing still"])
 def test_without_a_motion_there_is_no_offset(walk, still):
-    estimate = walk[:9] if still == "too short" else Trajectory(walk.stamps_s, SE3.identity((len(walk),)))
+    estimate = (
+        walk[:9] if still == "too short" else Trajectory(walk.stamps_s, SE3.identity((len(walk),)))
+    )
     assert best_offset(walk, estimate) is None
 
 
@@ -64,10 +74,15 @@ def evaluate(tmp_path, walk, capsys):
 def test_a_shift_of_a_second_is_named_and_the_advice_helps(evaluate, walk, error):
     """Stamps that are off by whole frames pair perfectly, 0 ms apart."""
     values = evaluate(estimate_of(walk, 1.0), *error)
-    assert values["largest_difference_s"] < 1e-6 and "try an offset of -1 s" in values["warnings"][0]
+    assert (
+        values["largest_difference_s"] < 1e-6 and "try an offset of -1 s" in values["warnings"][0]
+    )
     followed = evaluate(estimate_of(walk, 1.0), *error, "--offset", "-1")
     told = values["time_offset"]["rmse_m"]
-    assert followed["translation_error_m"]["rmse"] == pytest.approx(told, rel=0.1) and not followed["warnings"]
+    assert (
+        followed["translation_error_m"]["rmse"] == pytest.approx(told, rel=0.1)
+        and not followed["warnings"]
+    )
     assert told < 0.25 * values["translation_error_m"]["rmse"]
 
 
@@ -76,8 +91,12 @@ def test_evo_has_the_advised_error(evaluate, walk, tmp_path):
     from evo.core import metrics, sync
 
     values = evaluate(estimate_of(walk, 1.0), "ate")["time_offset"]
-    reference, estimate = (tools.read_tum_trajectory_file(tmp_path / f"{name}.txt") for name in ("truth", "estimate"))
-    reference, estimate = sync.associate_trajectories(reference, estimate, offset_2=values["offset_s"])
+    reference, estimate = (
+        tools.read_tum_trajectory_file(tmp_path / f"{name}.txt") for name in ("truth", "estimate")
+    )
+    reference, estimate = sync.associate_trajectories(
+        reference, estimate, offset_2=values["offset_s"]
+    )
     estimate.align(reference)
     judge = metrics.APE(metrics.PoseRelation.translation_part)
     judge.process_data((reference, estimate))

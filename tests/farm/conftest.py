@@ -64,9 +64,15 @@ class SlurmCluster:
         key = folder / "munge.key"
         key.write_bytes(secrets.token_bytes(128))
         key.chmod(0o600)
-        values = {"host": socket.gethostname().split(".")[0], "user": getpass.getuser(), "folder": folder}
+        values = {
+            "host": socket.gethostname().split(".")[0],
+            "user": getpass.getuser(),
+            "folder": folder,
+        }
         cores = len(os.sched_getaffinity(0))
-        (folder / "slurm.conf").write_text(CONFIGURATION.format(**values, cores=cores, ports=_free_ports(2)))
+        (folder / "slurm.conf").write_text(
+            CONFIGURATION.format(**values, cores=cores, ports=_free_ports(2))
+        )
 
     def start(self) -> None:
         f = self.folder
@@ -80,7 +86,11 @@ class SlurmCluster:
 
     def start_node(self) -> None:
         self._run("slurmd", "-D")
-        _wait(lambda: self.call("sinfo", "-h", "-o", "%T") in ("idle", "mixed", "allocated"), "slurmd", self.folder)
+        _wait(
+            lambda: self.call("sinfo", "-h", "-o", "%T") in ("idle", "mixed", "allocated"),
+            "slurmd",
+            self.folder,
+        )
 
     def kill_node(self) -> None:
         """As when power fails: the daemon, and the steps it looked after go on or die as they like."""
@@ -93,12 +103,16 @@ class SlurmCluster:
         self.kill_node()
         for process in psutil.process_iter(["name"]):
             with contextlib.suppress(psutil.Error):
-                if process.info["name"].startswith("slurmstepd") and str(self.folder) in str(process.environ()):
+                if process.info["name"].startswith("slurmstepd") and str(self.folder) in str(
+                    process.environ()
+                ):
                     for one in [process, *process.children(recursive=True)]:
                         one.kill()
 
     def call(self, *command: str) -> str:
-        done = subprocess.run(command, env=self.environment, capture_output=True, text=True, timeout=30)
+        done = subprocess.run(
+            command, env=self.environment, capture_output=True, text=True, timeout=30
+        )
         return done.stdout.strip()
 
     def stop(self) -> None:
@@ -143,7 +157,9 @@ def slurm(tmp_path_factory):
     os.environ["PATH"] += ":/usr/sbin:/sbin"
     absent = [tool for tool in TOOLS if shutil.which(tool) is None]
     if absent:
-        pytest.skip(f"no Slurm here: {', '.join(absent)} absent (Debian: slurmctld slurmd slurm-client munge)")
+        pytest.skip(
+            f"no Slurm here: {', '.join(absent)} absent (Debian: slurmctld slurmd slurm-client munge)"
+        )
     cluster = SlurmCluster(tmp_path_factory.mktemp("slurm"))
     try:
         cluster.start()

@@ -3,12 +3,12 @@
 import argparse
 
 import pytest
+from iclnuim.console import Console
 from iclnuim.dataset.sequence import JournalEntry
 from iclnuim.errors import InputError, WorkError
 from iclnuim.headless.cli import main
 from iclnuim.headless.commands.runs import configure_make, every_plan
 from iclnuim.headless.farm.all_sequences import make_all
-from iclnuim.headless.options import Console
 from iclnuim.shipped import paper_sequences
 
 
@@ -21,8 +21,12 @@ def plans(*words):
 def test_all_are_both_rooms_clean_and_noisy_in_folders_of_their_own(tmp_path):
     every = plans("--out", str(tmp_path), "--quick", "--seed", "3")
     assert [plan.job.sequence for plan in every] == paper_sequences() and len(every) == 8
-    folders = [folder.relative_to(tmp_path).as_posix() for plan in every for folder in plan.variants()]
-    assert folders == [f"{name}/{kind}" for name in paper_sequences() for kind in ("clean", "noisy")]
+    folders = [
+        folder.relative_to(tmp_path).as_posix() for plan in every for folder in plan.variants()
+    ]
+    assert folders == [
+        f"{name}/{kind}" for name in paper_sequences() for kind in ("clean", "noisy")
+    ]
     assert all(plan.numbers == tuple(range(60)) and plan.job.seed == 3 for plan in every)
     assert sum(len(plan.numbers) for plan in plans()) == 9202
     with pytest.raises(InputError, match="all without"):
@@ -31,7 +35,9 @@ def test_all_are_both_rooms_clean_and_noisy_in_folders_of_their_own(tmp_path):
 
 def test_progress_counts_what_is_left_of_all(tmp_path, capsys):
     every = plans("--out", str(tmp_path), "--frames", ":3")
-    for folder in every[0].variants():  # of the first, one frame is made, and one journal ends in half a line
+    for folder in every[
+        0
+    ].variants():  # of the first, one frame is made, and one journal ends in half a line
         folder.mkdir(parents=True)
         (folder / "frames.jsonl").write_text(JournalEntry(1).to_line() + '{"fra')
 
@@ -56,7 +62,9 @@ def test_what_fails_leaves_the_others_their_turn_and_a_stop_ends_all(tmp_path, c
             raise InputError("another folder", hint="another {out}")
         return code if plan is every[3] else 0
 
-    with pytest.raises(WorkError, match="^living_room/kt1 failed, for the reasons above; 7 of 8 are done$"):
+    with pytest.raises(
+        WorkError, match="^living_room/kt1 failed, for the reasons above; 7 of 8 are done$"
+    ):
         make_all(every, execute, Console())
     assert begun == paper_sequences()
     assert "living_room/kt1: expected another folder; try another --out" in capsys.readouterr().err

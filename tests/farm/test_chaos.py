@@ -31,7 +31,9 @@ def make(out: Path, *options: str) -> Chaos:
 def wait_for(out: Path, count: int, parent: subprocess.Popen, seconds: float = 400) -> None:
     until = time.monotonic() + seconds
     while len(finished(out)) < count:
-        assert parent.poll() is None and time.monotonic() < until, f"{len(finished(out))} of {count} frames"
+        assert parent.poll() is None and time.monotonic() < until, (
+            f"{len(finished(out))} of {count} frames"
+        )
         time.sleep(0.02)
 
 
@@ -42,7 +44,9 @@ def undisturbed(tmp_path_factory):
     first = make(out, *SOME).start()
     wait_for(out, 1, first)
     second = make(out, *SOME).start()
-    ended = [(process.pid, process.communicate()[1], process.returncode) for process in (second, first)]
+    ended = [
+        (process.pid, process.communicate()[1], process.returncode) for process in (second, first)
+    ]
     return out, ended[1], ended[0]
 
 
@@ -70,7 +74,10 @@ def test_thirty_kills_a_full_disk_and_a_stopped_worker_and_the_data_set_is_the_s
 
 def test_of_two_commands_on_one_folder_one_works_and_the_other_says_so(undisturbed):
     out, (pid, said, code), (_, words, refused) = undisturbed
-    assert refused == 3 and f"process {pid} on {os.uname().nodename} is already using this folder" in words
+    assert (
+        refused == 3
+        and f"process {pid} on {os.uname().nodename} is already using this folder" in words
+    )
     assert code == 0, said
     assert sorted(number for number, _ in finished(out)) == list(range(60))
 
@@ -109,7 +116,12 @@ def test_what_a_command_killed_while_writing_has_left_is_gone_after_the_next(und
         "import os, sys; from pathlib import Path; from iclnuim.formats.files import atomic_write;"
         "atomic_write(Path(sys.argv[1]), lambda file: (file.write_bytes(b'half'), os.kill(os.getpid(), 9)))"
     )
-    for name in ("clean/rgb/000001.png", "noisy/depth/000000.png", "noisy/recipe.json", "raw/exr/000001.exr"):
+    for name in (
+        "clean/rgb/000001.png",
+        "noisy/depth/000000.png",
+        "noisy/recipe.json",
+        "raw/exr/000001.exr",
+    ):
         subprocess.run([sys.executable, "-c", program, str(chaos.out / name)], check=False)
     assert len(list(chaos.out.rglob(".*.tmp.*"))) == 4
     chaos.complete()

@@ -34,11 +34,15 @@ def test_beyond_its_limit_more_nodes_change_nothing(model):
 @given(models)
 def test_chunks_hold_all_frames(model):
     assert model.chunks * model.frames_a_chunk >= model.sequences * model.frames_a_sequence
-    assert (model.chunks - model.sequences) * model.frames_a_chunk < model.sequences * model.frames_a_sequence
+    assert (
+        model.chunks - model.sequences
+    ) * model.frames_a_chunk < model.sequences * model.frames_a_sequence
 
 
 def test_a_machine_alone_takes_the_sum_of_start_and_frames():
-    model = Model("by hand", startup_s=10, frame_s=2, workers_a_node=1, sequences=2, frames_a_sequence=300)
+    model = Model(
+        "by hand", startup_s=10, frame_s=2, workers_a_node=1, sequences=2, frames_a_sequence=300
+    )
     assert (model.frames_a_chunk, model.chunks, model.chunk_seconds) == (150, 4, 310)
     assert model.seconds(1) == 4 * 310 and model.seconds(2) == 2 * 310 and model.seconds(100) == 310
     assert model.stops_scaling() == (4, "every worker has one chunk")
@@ -47,7 +51,9 @@ def test_a_machine_alone_takes_the_sum_of_start_and_frames():
 
 
 def test_a_store_that_is_full_ends_the_scaling():
-    slow = Model("slow disk", startup_s=0, frame_s=1, workers_a_node=1, sequences=100, bytes_a_second=2.5e7)
+    slow = Model(
+        "slow disk", startup_s=0, frame_s=1, workers_a_node=1, sequences=100, bytes_a_second=2.5e7
+    )
     assert slow.stops_scaling() == (10, "the file system at 0.025 GB/s is the limit")
     assert slow.seconds(10) == pytest.approx(slow.seconds(1000)) == pytest.approx(9000)
 

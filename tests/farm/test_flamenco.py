@@ -16,7 +16,9 @@ from iclnuim.headless.farm.chunks import numbers_from
 from iclnuim.job import RenderJob
 from iclnuim.settings import declared
 
-pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="no node on the PATH (Debian: nodejs)")
+pytestmark = pytest.mark.skipif(
+    shutil.which("node") is None, reason="no node on the PATH (Debian: nodejs)"
+)
 
 #: Types, and what a setting may have besides, of Flamenco's AvailableJobSetting.
 TYPES = {"string", "int32", "float", "bool"}
@@ -26,8 +28,14 @@ KEYS = {"key", "type", "subtype", "choices", "propargs", "description", "label",
 @pytest.fixture
 def compiled(repository):
     def compile(**settings):
-        words = ["node", repository / "tests/farm/flamenco_author.js", repository / "headless/farm/flamenco/iclnuim.js"]
-        done = subprocess.run([*words, json.dumps(settings)], capture_output=True, text=True, timeout=30)
+        words = [
+            "node",
+            repository / "tests/farm/flamenco_author.js",
+            repository / "headless/farm/flamenco/iclnuim.js",
+        ]
+        done = subprocess.run(
+            [*words, json.dumps(settings)], capture_output=True, text=True, timeout=30
+        )
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)
 
@@ -54,7 +62,9 @@ def test_light_comes_first_and_the_data_set_last(compiled):
     assert [t["name"] for t in tasks[:2]] == ["light", "frames-0-99"]
     frames = tasks[1:-1]
     assert len(frames) == 9 and all(t["dependencies"] == ["light"] for t in frames)
-    assert tasks[-1]["name"] == "dataset" and tasks[-1]["dependencies"] == [t["name"] for t in frames]
+    assert tasks[-1]["name"] == "dataset" and tasks[-1]["dependencies"] == [
+        t["name"] for t in frames
+    ]
     assert {t["type"] for t in tasks} == {"blender"}
     assert {t["commands"][0]["name"] for t in tasks} == {"blender-render"}
 
@@ -68,17 +78,33 @@ def test_every_task_is_a_command_line_that_the_command_takes(compiled):
         "samples": 16,
         "seed": 3,
     }
-    tasks = compiled(**given, more_options='--no-denoise --scene "my room.blend"', sequence="kt1")["tasks"]
+    tasks = compiled(**given, more_options='--no-denoise --scene "my room.blend"', sequence="kt1")[
+        "tasks"
+    ]
     stages = [parsed(t) for t in tasks]
     assert [s.action for s in stages] == ["light", *["frames"] * 4, "dataset"]
     for stage in stages:
-        assert (stage.sequence, str(stage.out), stage.light, stage.samples) == ("kt1", "/shared/k t", "path", 16)
-        assert (stage.seed, stage.denoise, stage.scene, stage.progress) == (3, False, "my room.blend", "flamenco")
+        assert (stage.sequence, str(stage.out), stage.light, stage.samples) == (
+            "kt1",
+            "/shared/k t",
+            "path",
+            16,
+        )
+        assert (stage.seed, stage.denoise, stage.scene, stage.progress) == (
+            3,
+            False,
+            "my room.blend",
+            "flamenco",
+        )
     shared = [numbers_from(s.numbers) for s in stages if s.action == "frames"]
     wanted = sorted({3, *range(5, 10), *range(40, 61)})
     assert [n for numbers in shared for n in numbers] == wanted
     assert list(numbers_from(stages[-1].numbers)) == wanted
-    assert [t["commands"][0]["totalStepCount"] for t in tasks] == [0, *map(len, shared), len(wanted)]
+    assert [t["commands"][0]["totalStepCount"] for t in tasks] == [
+        0,
+        *map(len, shared),
+        len(wanted),
+    ]
 
 
 def test_frames_alone_where_no_data_set_is_wanted(compiled):
@@ -100,7 +126,13 @@ def test_the_tasks_run_one_after_another_make_the_bytes_of_a_local_run(compiled,
     small = "--no-denoise --depth-noise kinect2012"
     out, frames = tmp_path / "far", 5
     job = compiled(
-        out=str(out), frames="0-4", chunk_size=3, light="path", samples=1, camera="40x30", more_options=small
+        out=str(out),
+        frames="0-4",
+        chunk_size=3,
+        light="path",
+        samples=1,
+        camera="40x30",
+        more_options=small,
     )
     said = [run(words_of(t)) for t in job["tasks"][:-1]]
     assert "skipping existing frame 1\n" in run(words_of(job["tasks"][1]))
@@ -109,9 +141,21 @@ def test_the_tasks_run_one_after_another_make_the_bytes_of_a_local_run(compiled,
         steps = re.findall(r"^Time: [0-9:.]+|^skipping existing frame", text, re.M)
         assert len(steps) == one["commands"][0]["totalStepCount"], text
     assert len(re.findall(rf"^Saved: '{out}/clean/rgb/\d{{6}}.png'", said[-1], re.M)) == frames
-    assert run(words_of(job["tasks"][1])).count("skipping existing frame") == 3, "pairs that stand need no frame"
+    assert run(words_of(job["tasks"][1])).count("skipping existing frame") == 3, (
+        "pairs that stand need no frame"
+    )
     near = tmp_path / "near"
-    words = ["--camera", "40x30", "--light", "path", "--samples", "1", *small.split(), "--frames", "0:5"]
+    words = [
+        "--camera",
+        "40x30",
+        "--light",
+        "path",
+        "--samples",
+        "1",
+        *small.split(),
+        "--frames",
+        "0:5",
+    ]
     run(["make", "living_room/kt2", *words, "--out", str(near)])
     images = sorted(p.relative_to(near) for p in near.rglob("*.png"))
     assert len(images) == 4 * frames
@@ -119,7 +163,9 @@ def test_the_tasks_run_one_after_another_make_the_bytes_of_a_local_run(compiled,
 
 
 def run(words):
-    done = subprocess.run([sys.executable, "-m", "iclnuim", *words], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-m", "iclnuim", *words], capture_output=True, text=True, timeout=120
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -132,10 +178,15 @@ def test_settings_are_those_that_are_declared(compiled):
         sorted(job["light"].choices),
         job["light"].default,
     )
-    assert (settings["seed"]["default"], settings["seed"]["propargs"]["min"]) == (job["seed"].default, job["seed"].low)
-    assert settings["samples"]["propargs"]["min"] == job["samples"].low - 1 == settings["samples"]["default"], (
-        "0: the light's own"
+    assert (settings["seed"]["default"], settings["seed"]["propargs"]["min"]) == (
+        job["seed"].default,
+        job["seed"].low,
     )
+    assert (
+        settings["samples"]["propargs"]["min"]
+        == job["samples"].low - 1
+        == settings["samples"]["default"]
+    ), "0: the light's own"
     parser = argparse.ArgumentParser()
     configure_make(parser)
     for name in ("depth_noise", "rgb_noise"):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from iclnuim import shipped
+from iclnuim.console import Console
 from iclnuim.dataset.run_folder import open_run
 from iclnuim.errors import InputError
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
@@ -14,7 +15,6 @@ from iclnuim.headless.commands import status
 from iclnuim.headless.commands.runs import configure_make, plan_from, with_farm_options
 from iclnuim.headless.farm import held_out
 from iclnuim.headless.farm.run_plan import RunPlan
-from iclnuim.headless.options import Console
 
 
 def plan_of(out, *words) -> RunPlan:
@@ -26,7 +26,11 @@ def plan_of(out, *words) -> RunPlan:
 
 def begin(plan, light="baked"):
     """The training run's folder with its recipe, as a worker settled it, and views that were chosen."""
-    recipe = {"job": plan.job.changed(light=light).to_dict(), "trajectory_sha256": "a", "scene_sha256": "b"}
+    recipe = {
+        "job": plan.job.changed(light=light).to_dict(),
+        "trajectory_sha256": "a",
+        "scene_sha256": "b",
+    }
     poses = read_trajectory(shipped.trajectory_file("living_room/kt1")).trajectory[:4]
     open_run(plan.raw, recipe, poses)
     (plan.out / held_out.FOLDER).mkdir(exist_ok=True)
@@ -40,7 +44,8 @@ def test_a_number_a_shipped_trajectory_or_a_file_is_asked_for(tmp_path):
     assert plan_of(tmp_path, "--held-out", "kt1").held_out == "living_room/kt1"
     assert plan_of(tmp_path, "--held-out", "views.txt").held_out.endswith("/views.txt")
     with pytest.raises(
-        InputError, match="held_out: expected a number of views of at least 1, or a trajectory, found 0"
+        InputError,
+        match="held_out: expected a number of views of at least 1, or a trajectory, found 0",
     ):
         plan_of(tmp_path, "--held-out", "0")
 
@@ -60,10 +65,17 @@ def test_views_are_a_run_of_their_own_by_the_light_that_training_has(tmp_path, l
     plan = plan_of(tmp_path, "--held-out", "4", "--light", "auto", "--exposure", "0.02")
     begin(plan, light)
     views = held_out.views_plan(plan)
-    assert views.out == tmp_path / "held_out" and views.numbers == (0, 1, 2, 3) and not views.held_out
+    assert (
+        views.out == tmp_path / "held_out" and views.numbers == (0, 1, 2, 3) and not views.held_out
+    )
     job = views.job
     assert (job.light, job.samples) == (light, 1 if light == "baked" else 64)
-    assert (job.exposure_s, job.scene, job.camera, job.seed) == (0, plan.job.scene, plan.job.camera, plan.job.seed)
+    assert (job.exposure_s, job.scene, job.camera, job.seed) == (
+        0,
+        plan.job.scene,
+        plan.job.camera,
+        plan.job.seed,
+    )
     assert job.sequence == "living_room/kt2/held_out" and np.array_equal(
         read_trajectory(job.trajectory).trajectory.positions_m,
         read_trajectory(shipped.trajectory_file("living_room/kt1")).trajectory[:4].positions_m,
@@ -80,10 +92,14 @@ def test_views_that_stand_are_kept_and_others_are_refused(tmp_path):
         (("--held-out", "4", "--seed", "2"), "seed 0 there, 2 requested"),
         (("--held-out", "4", "--camera", "96x72"), "camera"),
     ):
-        with pytest.raises(InputError, match=f"the set of views that was started there, found .*{said}"):
+        with pytest.raises(
+            InputError, match=f"the set of views that was started there, found .*{said}"
+        ):
             held_out.prepare(plan_of(tmp_path, *words), Console(quiet=True))
     with pytest.raises(InputError, match="expected engine local with held_out"):
-        held_out.prepare(plan_of(tmp_path, "--held-out", "4", "--engine", "slurm"), Console(quiet=True))
+        held_out.prepare(
+            plan_of(tmp_path, "--held-out", "4", "--engine", "slurm"), Console(quiet=True)
+        )
 
 
 def test_status_counts_them(tmp_path):
@@ -91,7 +107,9 @@ def test_status_counts_them(tmp_path):
     begin(plan)
     assert status.state(tmp_path, None)["held_out"] == {}
     views = held_out.views_plan(plan)
-    open_run(views.raw, {"job": views.job.to_dict()}, read_trajectory(views.job.trajectory).trajectory)
+    open_run(
+        views.raw, {"job": views.job.to_dict()}, read_trajectory(views.job.trajectory).trajectory
+    )
     views.write_record()
     for kind in ("rgb", "depth"):
         (views.out / "clean" / kind).mkdir(parents=True)
@@ -113,7 +131,9 @@ def test_make_renders_views_that_see_what_training_saw(tmp_path, command_here):
     for folder in (tmp_path / "clean", tmp_path / "held_out/clean"):
         pairs, truth = find_pairs(folder), read_truth(folder)
         camera = read_camera(folder, pairs[0].rgb)
-        sequences.append([(*read_images(p, camera), truth.T_world_camera[k]) for k, p in enumerate(pairs)])
+        sequences.append(
+            [(*read_images(p, camera), truth.T_world_camera[k]) for k, p in enumerate(pairs)]
+        )
     c = camera.pinhole
     for rgb, depth_z_m, T in sequences[1]:
         seen, off = np.zeros(depth_z_m.shape, bool), []
@@ -124,5 +144,9 @@ def test_make_renders_views_that_see_what_training_saw(tmp_path, command_here):
             u, v = pixels[inside].T
             same = np.abs(points[inside, 2] - other_z_m[v, u]) < 0.05
             seen.reshape(-1)[np.flatnonzero(inside)[same]] = True
-            off.append(np.median(np.abs(rgb.reshape(-1, 3)[inside][same].astype(int) - other_rgb[v, u][same])))
+            off.append(
+                np.median(
+                    np.abs(rgb.reshape(-1, 3)[inside][same].astype(int) - other_rgb[v, u][same])
+                )
+            )
         assert (~seen).mean() <= 0.01 and np.median(off) < 8

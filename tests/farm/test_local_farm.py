@@ -54,7 +54,16 @@ def farm(tmp_path):
     script = tmp_path / "pretender.py"
     script.write_text(PRETENDER)
 
-    def run(frames, orders, workers=2, name="out", should_stop=lambda: False, size=4, running=False, **care):
+    def run(
+        frames,
+        orders,
+        workers=2,
+        name="out",
+        should_stop=lambda: False,
+        size=4,
+        running=False,
+        **care,
+    ):
         out = tmp_path / name
         out.mkdir()
         (out / "orders.json").write_text(json.dumps(orders))
@@ -62,7 +71,9 @@ def farm(tmp_path):
 
         def start(cores, events: queue.SimpleQueue) -> WorkerClient:
             log = tmp_path / f"worker-{len(started)}.log"
-            started.append(WorkerClient([sys.executable, str(script)], {"cores": cores}, out, log, events))
+            started.append(
+                WorkerClient([sys.executable, str(script)], {"cores": cores}, out, log, events)
+            )
             return started[-1]
 
         stop, inbox = should_stop, queue.SimpleQueue()
@@ -126,7 +137,9 @@ def test_a_worker_that_does_not_start_is_not_tried_for_ever(tmp_path):
     log = tmp_path / "log.log"
 
     def start(cores, events):
-        return WorkerClient([sys.executable, "-c", "import sys; sys.exit('no bpy here')"], {}, tmp_path, log, events)
+        return WorkerClient(
+            [sys.executable, "-c", "import sys; sys.exit('no bpy here')"], {}, tmp_path, log, events
+        )
 
     with pytest.raises(WorkError, match="no bpy here"):
         LocalFarm(start, [[0]], lambda number: None).run(chunks_of([1, 2, 3], 1))

@@ -62,7 +62,9 @@ def test_of_eight_that_bury_the_same_dead_holder_one_goes_on(tmp_path):
     for turn in range(10):
         folder = tmp_path / str(turn)
         folder.mkdir()
-        (folder / "lock").write_text(json.dumps({"host": os.uname().nodename, "pid": 2**22, "born": "0", "token": "x"}))
+        (folder / "lock").write_text(
+            json.dumps({"host": os.uname().nodename, "pid": 2**22, "born": "0", "token": "x"})
+        )
         barrier, won = context.Barrier(8), context.SimpleQueue()
         tries = [context.Process(target=_try, args=(folder, barrier, won)) for _ in range(8)]
         for process in tries:

@@ -4,7 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from iclnuim.errors import InputError
-from iclnuim.headless.farm.chunks import chunks_of, local_size, numbers_from, numbers_text, size_for_seconds, split
+from iclnuim.headless.farm.chunks import (
+    chunks_of,
+    local_size,
+    numbers_from,
+    numbers_text,
+    size_for_seconds,
+    split,
+)
 
 
 @given(st.lists(st.integers(0, 10**6), unique=True, max_size=300), st.integers(1, 400))

@@ -13,7 +13,9 @@ pytest.importorskip("bpy", reason="needs the bpy package")
 from iclnuim.blender import compat  # noqa: E402
 
 
-def test_a_local_run_goes_on_with_its_own_options_wherever_it_was_moved(repository, tmp_path, capsys):
+def test_a_local_run_goes_on_with_its_own_options_wherever_it_was_moved(
+    repository, tmp_path, capsys
+):
     words = (
         "--scene",
         str(repository / "tests/room.obj"),
@@ -42,7 +44,18 @@ def test_a_local_run_goes_on_with_its_own_options_wherever_it_was_moved(reposito
 
 def test_a_refused_command_leaves_the_record_of_the_run_as_it_was(repository, tmp_path, capsys):
     room, out = str(repository / "tests/room.obj"), str(tmp_path / "o")
-    small = ("--scene", room, "--light", "path", "--samples", "1", "--no-denoise", "--camera", "32x24", "--keep-raw")
+    small = (
+        "--scene",
+        room,
+        "--light",
+        "path",
+        "--samples",
+        "1",
+        "--no-denoise",
+        "--camera",
+        "32x24",
+        "--keep-raw",
+    )
     assert main(["make", "kt2", *small, "--frames", ":2", "-o", out]) == 0
     assert main(["make", "kt2", *small, "--frames", ":2", "--depth-noise", "paper", "-o", out]) == 2
     assert main(["resume", out]) == 0
@@ -61,7 +74,12 @@ def begun(repository, tmp_path):
 def test_the_records_of_0_1_0_are_read_as_plans(begun):
     render, make = read_plan(begun / "render"), read_plan(find_run(begun / "make"))
     for plan in (render, make):
-        assert (plan.job.light, plan.job.samples, plan.job.camera.width, plan.numbers) == ("path", 1, 64, (0, 1, 2, 3))
+        assert (plan.job.light, plan.job.samples, plan.job.camera.width, plan.numbers) == (
+            "path",
+            1,
+            64,
+            (0, 1, 2, 3),
+        )
     assert (render.command, make.command, make.keep_raw) == ("render", "make", True)
     assert (make.sequences.depth_noise, make.sequences.rgb_noise) == ("kinect2012", "released")
     assert (render.farm.worker_timeout_s, make.farm.worker_timeout_s) == (120.0, 90.0)
@@ -70,7 +88,10 @@ def test_the_records_of_0_1_0_are_read_as_plans(begun):
 def test_what_0_1_0_only_submitted_is_refused_in_a_sentence(begun, capsys):
     (begun / "render/sequence.json").unlink()
     assert main(["resume", str(begun / "render")]) == 2
-    assert "version 0.1.0 only submitted this one; try running its command again" in capsys.readouterr().err
+    assert (
+        "version 0.1.0 only submitted this one; try running its command again"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("command", ["render", "make"])
@@ -79,11 +100,17 @@ def test_a_folder_of_0_1_0_is_resumed_or_refused_in_a_line(begun, command, capsy
     before = {p: p.read_bytes() for p in folder.rglob("*.[ep][xn][rg]")}
     code = main(["resume", str(folder), "--quiet"])
     words = capsys.readouterr().err
-    begun = json.loads((folder / ("raw" if command == "make" else "") / "sequence.json").read_text())
+    begun = json.loads(
+        (folder / ("raw" if command == "make" else "") / "sequence.json").read_text()
+    )
     stamped_so = begun["trajectory_sha256"] == sha256(shipped.trajectory_file("kt2").read_bytes())
     if not stamped_so:  # its stamps began at 0 s
         assert "other poses or stamps of the trajectory living_room/kt2" in words
-    if begun["blender"] == compat.version_line() and stamped_so and (command == "render" or __version__ == "0.1.0"):
+    if (
+        begun["blender"] == compat.version_line()
+        and stamped_so
+        and (command == "render" or __version__ == "0.1.0")
+    ):
         assert code == 0, words
         assert main(["status", str(folder), "--json"]) == 0
         assert json.loads(capsys.readouterr().out)["missing"] == 0

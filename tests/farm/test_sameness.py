@@ -43,7 +43,11 @@ def test_one_rounding_is_a_difference_on_one_kind_of_processor_and_none_across_k
     code, values = told(capsys, a, b)
     assert code == 3 and values["different"] == ["exr/000000.exr", "exr/000001.exr"]
     code, values = told(capsys, a, run("c", depth_z_m=Z_M + 1e-5, features=("avx2", "avx512f")))
-    assert code == 0 and not values["by_bytes"] and values["why"] == "processor features: avx2 and avx2 avx512f"
+    assert (
+        code == 0
+        and not values["by_bytes"]
+        and values["why"] == "processor features: avx2 and avx2 avx512f"
+    )
     assert told(capsys, a, b, "--tolerance")[0] == 0
 
 
@@ -67,8 +71,13 @@ def test_the_channels_that_differ_are_named(run, capsys):
     a, b = run("a"), run("b", depth_z_m=Z_M + 1e-5)
     assert told(capsys, a, b)[1]["channels"] == {"exr/000000.exr": ["Z"], "exr/000001.exr": ["Z"]}
     assert main(["compare", a, b]) == 3
-    assert "2 differ, 0 are in one folder only: exr/000000.exr (Z), exr/000001.exr (Z)" in capsys.readouterr().out
-    assert told(capsys, a, run("c", rgb=RGB * 0.9, features=("sse",)))[1]["channels"]["exr/000000.exr"] == ["RGB"]
+    assert (
+        "2 differ, 0 are in one folder only: exr/000000.exr (Z), exr/000001.exr (Z)"
+        in capsys.readouterr().out
+    )
+    assert told(capsys, a, run("c", rgb=RGB * 0.9, features=("sse",)))[1]["channels"][
+        "exr/000000.exr"
+    ] == ["RGB"]
     tinted = told(capsys, a, run("d", rgb=RGB + [0, 0.2, 0]))[1]
     assert tinted["channels"]["exr/000001.exr"] == ["G"]
 
@@ -80,7 +89,10 @@ def test_depth_is_compared_in_metres_whatever_its_units(tmp_path, capsys, units,
         folder = tmp_path / name
         (folder / "depth").mkdir(parents=True)
         write_json(folder / "recipe.json", {"source": {"run": {"blender": "4.5"}}})
-        write_json(folder / "camera.json", {**PinholeCamera.parse("8x6").to_dict(), "depth_units_per_metre": units})
+        write_json(
+            folder / "camera.json",
+            {**PinholeCamera.parse("8x6").to_dict(), "depth_units_per_metre": units},
+        )
         write_png(folder / "depth/000000.png", np.full((6, 8), value, np.uint16))
     code, values = told(capsys, str(tmp_path / "a"), str(tmp_path / "b"), "--tolerance")
     assert values["same"] == same and code == (0 if same else 3)
@@ -109,5 +121,7 @@ def test_equal_pixels_compressed_in_another_way_are_equal(tmp_path, capsys):
     a, b, c = (str(tmp_path / name) for name in "abc")
     code, values = told(capsys, a, b)
     assert code == 0 and values["by_bytes"] and values["same"]
-    assert (tmp_path / "a/depth/000000.png").read_bytes() != (tmp_path / "b/depth/000000.png").read_bytes()
+    assert (tmp_path / "a/depth/000000.png").read_bytes() != (
+        tmp_path / "b/depth/000000.png"
+    ).read_bytes()
     assert told(capsys, a, c)[1]["channels"] == {"depth/000000.png": ["depth"]}

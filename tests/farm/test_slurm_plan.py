@@ -15,7 +15,12 @@ from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
-from iclnuim.headless.commands.runs import configure_make, configure_render, plan_from, with_farm_options
+from iclnuim.headless.commands.runs import (
+    configure_make,
+    configure_render,
+    plan_from,
+    with_farm_options,
+)
 from iclnuim.headless.farm import estimate, slurm, tasks
 from iclnuim.headless.farm.run_plan import (
     RECORD,
@@ -74,12 +79,24 @@ def pretended(tmp_path, monkeypatch):
 
 
 def option(script, name):
-    return [line.split("=", 1)[1] for line in script.splitlines() if line.startswith(f"#SBATCH --{name}=")]
+    return [
+        line.split("=", 1)[1]
+        for line in script.splitlines()
+        if line.startswith(f"#SBATCH --{name}=")
+    ]
 
 
 @pytest.mark.parametrize(
     "text, expected",
-    [("30", 30), ("90:00", 90), ("2:00:00", 120), ("0:00:30", 1), ("1-12", 2160), ("1-0:30", 1470), ("2-1:1:1", 2942)],
+    [
+        ("30", 30),
+        ("90:00", 90),
+        ("2:00:00", 120),
+        ("0:00:30", 1),
+        ("1-12", 2160),
+        ("1-0:30", 1470),
+        ("2-1:1:1", 2942),
+    ],
 )
 def test_times_are_read_as_slurm_reads_them(text, expected):
     assert minutes(text) == expected
@@ -93,7 +110,9 @@ def test_other_times_are_refused(text):
 
 def test_settings_come_from_a_file_and_unknown_keys_are_refused(tmp_path):
     file = tmp_path / "cluster.toml"
-    file.write_text('partition = "long"\ntime = 45\nsetup = ["module load x"]\n[extra]\nreservation = "r"\n')
+    file.write_text(
+        'partition = "long"\ntime = 45\nsetup = ["module load x"]\n[extra]\nreservation = "r"\n'
+    )
     assert read_settings(file) == SlurmSettings(
         partition="long", time="45", setup=("module load x",), extra={"reservation": "r"}
     )
@@ -111,15 +130,37 @@ def test_printing_needs_no_slurm_and_leaves_nothing(tmp_path, capsys, monkeypatc
     monkeypatch.setenv("PATH", str(tmp_path))
     out = tmp_path / "out"
     words = ("make", "kt2", *TINY, "--engine", "slurm", "--print-only", "--json", "--out", str(out))
-    assert main([*words, "--time", "1:00:00", "--scratch", "$TMPDIR/a b", "--partition", "p", "--cpus", "6"]) == 0
+    assert (
+        main(
+            [
+                *words,
+                "--time",
+                "1:00:00",
+                "--scratch",
+                "$TMPDIR/a b",
+                "--partition",
+                "p",
+                "--cpus",
+                "6",
+            ]
+        )
+        == 0
+    )
     said = json.loads(capsys.readouterr().out)
     light, frames, dataset = said["scripts"]
-    assert option(light, "dependency") == [] and option(dataset, "dependency") == ["afterany:LIGHT:FRAMES"]
+    assert option(light, "dependency") == [] and option(dataset, "dependency") == [
+        "afterany:LIGHT:FRAMES"
+    ]
     assert option(frames, "dependency") == ["afterok:LIGHT"]
     for script in said["scripts"]:
         assert (option(script, "time"), option(script, "partition")) == (["60"], ["p"])
-        assert "#SBATCH --requeue" in script.splitlines() and option(script, "cpus-per-task") == ["6"]
-        assert 'export ICLNUIM_SCRATCH="$TMPDIR/a b"' in script and "--cpus-per-task=6" in script.split("srun")[-1]
+        assert "#SBATCH --requeue" in script.splitlines() and option(script, "cpus-per-task") == [
+            "6"
+        ]
+        assert (
+            'export ICLNUIM_SCRATCH="$TMPDIR/a b"' in script
+            and "--cpus-per-task=6" in script.split("srun")[-1]
+        )
     assert said["estimate"]["frames"] == 10 and said["estimate"]["core_hours"] > 0
     assert not out.exists()
 
@@ -132,15 +173,31 @@ def test_printing_without_slurm_as_engine_is_bad_input(capsys):
 def test_without_slurm_the_command_says_so(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     assert main(["render", "kt2", "--engine", "slurm", "--out", str(tmp_path / "o")]) == 3
-    assert "Slurm is not available here" in capsys.readouterr().err and not (tmp_path / "o").exists()
+    assert (
+        "Slurm is not available here" in capsys.readouterr().err and not (tmp_path / "o").exists()
+    )
 
 
 def test_light_frames_and_data_set_wait_for_each_other(pretended, tmp_path, capsys):
     sent = pretended(most=4)
-    words = ("make", "kt2", *TINY, "--engine", "slurm", "--chunk-minutes", "1e-5", "--out", str(tmp_path / "o"))
+    words = (
+        "make",
+        "kt2",
+        *TINY,
+        "--engine",
+        "slurm",
+        "--chunk-minutes",
+        "1e-5",
+        "--out",
+        str(tmp_path / "o"),
+    )
     assert main(list(words)) == 0, capsys.readouterr().err
     scripts = sent()
-    assert [option(s, "job-name")[0] for s in scripts] == ["iclnuim-light", *["iclnuim-frames"] * 3, "iclnuim-dataset"]
+    assert [option(s, "job-name")[0] for s in scripts] == [
+        "iclnuim-light",
+        *["iclnuim-frames"] * 3,
+        "iclnuim-dataset",
+    ]
     after = [option(s, "dependency") for s in scripts]
     assert after == [[], *[["afterok:11"]] * 3, ["afterany:11:12:13:14"]]
     assert [option(s, "array")[0].split("%")[0] for s in scripts[1:4]] == ["0-2", "0-2", "0-3"]
@@ -175,7 +232,9 @@ def test_frames_of_tasks_in_the_queue_are_not_asked_for_again(pretended, job, tm
         (("kt2", *TINY, "--depth-noise", "paper"), "depth_noise released there, paper requested"),
     ],
 )
-def test_another_command_is_refused_while_the_first_waits_in_the_queue(pretended, tmp_path, capsys, other, words):
+def test_another_command_is_refused_while_the_first_waits_in_the_queue(
+    pretended, tmp_path, capsys, other, words
+):
     pretended(queue="11_0 PENDING\\n12_0 PENDING\\n13 PENDING\\n")
     out = ("--engine", "slurm", "--out", str(tmp_path / "o"))
     assert main(["make", "kt2", *TINY, *out]) == 0
@@ -184,10 +243,27 @@ def test_another_command_is_refused_while_the_first_waits_in_the_queue(pretended
     assert read_plan(find_run(tmp_path / "o")).job.sequence == "living_room/kt2"
 
 
-def test_another_recipe_in_the_folder_is_refused_before_anything_is_sent(pretended, job, tmp_path, capsys):
+def test_another_recipe_in_the_folder_is_refused_before_anything_is_sent(
+    pretended, job, tmp_path, capsys
+):
     begun(job, tmp_path / "o", [])
     sent = pretended()
-    assert main(["render", "kt2", *TINY, "--samples", "7", "--engine", "slurm", "--out", str(tmp_path / "o")]) == 2
+    assert (
+        main(
+            [
+                "render",
+                "kt2",
+                *TINY,
+                "--samples",
+                "7",
+                "--engine",
+                "slurm",
+                "--out",
+                str(tmp_path / "o"),
+            ]
+        )
+        == 2
+    )
     assert "samples 1 there, 7 requested" in capsys.readouterr().err and sent() == []
 
 
@@ -213,10 +289,14 @@ def test_clean_and_noisy_are_those_of_a_local_make(job, tmp_path):
     near = RunPlan(job, raw, (0, 1, 2), plan.sequences)
     SequenceWriter(frames_of_run(run, [0, 1, 2]), near.variants()).write()
     begun(job, tmp_path / "far/raw", range(3))
-    tasks.dataset(RunPlan(job, tmp_path / "far/raw", (0, 1, 2), plan.sequences), lambda number: None)
+    tasks.dataset(
+        RunPlan(job, tmp_path / "far/raw", (0, 1, 2), plan.sequences), lambda number: None
+    )
     files = sorted(p.relative_to(tmp_path / "near") for p in (tmp_path / "near").rglob("*.png"))
     assert len(files) == 12
-    assert all((tmp_path / "near" / p).read_bytes() == (tmp_path / "far" / p).read_bytes() for p in files)
+    assert all(
+        (tmp_path / "near" / p).read_bytes() == (tmp_path / "far" / p).read_bytes() for p in files
+    )
 
 
 def asked_for(tmp_path, *words, configure=configure_make):
@@ -242,14 +322,32 @@ def test_a_plan_is_recorded_and_read_back_wherever_the_folder_moves(tmp_path, mo
         "--workers",
         "1",
     ]
-    words += ["--format", "tum", "--format", "nerf", "--time", "1:00", "--depth-settings", "{}", "--up=-y"]
+    words += [
+        "--format",
+        "tum",
+        "--format",
+        "nerf",
+        "--time",
+        "1:00",
+        "--depth-settings",
+        "{}",
+        "--up=-y",
+    ]
     plan = asked_for(tmp_path, *words)
     plan.write_record()
     (tmp_path / "plan").rename(tmp_path / "b")
     raw = find_run(tmp_path / "b")
     again = read_plan(raw)
-    assert (again.raw, again.out, again.job.scene, again.job.seed) == (raw, tmp_path / "b", "office", 4)
-    assert (again.job.trajectory, again.sequences.depth_noise) == (str(tmp_path / "mine.txt"), "redwood")
+    assert (again.raw, again.out, again.job.scene, again.job.seed) == (
+        raw,
+        tmp_path / "b",
+        "office",
+        4,
+    )
+    assert (again.job.trajectory, again.sequences.depth_noise) == (
+        str(tmp_path / "mine.txt"),
+        "redwood",
+    )
     assert again == replace(plan, raw=raw)
 
 
@@ -260,14 +358,20 @@ def test_light_is_chosen_for_a_users_own_scene_unless_options_name_it_or_its_map
         ("kt2", *own, "--light", "baked"): "baked",
         ("kt2", *own, "--map-size", "64"): "baked",
     }
-    cases |= {("kt2",): "baked", ("kt2", "--scene", "office"): "baked", ("kt2", "--light", "auto"): "baked"}
+    cases |= {
+        ("kt2",): "baked",
+        ("kt2", "--scene", "office"): "baked",
+        ("kt2", "--light", "auto"): "baked",
+    }
     for words, light in cases.items():
         assert asked_for(tmp_path, *words).job.light == light, words
     auto = asked_for(tmp_path, "kt2", *own, "--samples", "7").job
     assert (auto.samples, replace(auto, light="path").denoise) == (7, True)
 
 
-def test_a_record_with_unknown_keys_or_values_that_do_not_fit_is_refused_by_name(tmp_path, job, capsys):
+def test_a_record_with_unknown_keys_or_values_that_do_not_fit_is_refused_by_name(
+    tmp_path, job, capsys
+):
     plan = RunPlan(job, tmp_path, (0, 1))
     plan.write_record()
     content = json.loads((tmp_path / RECORD).read_text())
@@ -305,24 +409,41 @@ def test_measured_figures_stand_above_defaults_and_a_first_frame_counts_as_start
     assert estimate.known(job.changed(samples=8)).frames == 0
 
 
-def test_a_run_of_this_machine_is_resumed_by_slurm_with_other_options(pretended, job, tmp_path, capsys):
+def test_a_run_of_this_machine_is_resumed_by_slurm_with_other_options(
+    pretended, job, tmp_path, capsys
+):
     out = tmp_path / "o"
     begun(job, out, [0, 1])
-    asked = asked_for(tmp_path, "kt2", *TINY, "--light", "path", "--samples", "1", configure=configure_render)
+    asked = asked_for(
+        tmp_path, "kt2", *TINY, "--light", "path", "--samples", "1", configure=configure_render
+    )
     replace(asked, raw=out).write_record()
     pretended()
-    words = ("resume", str(out), "--engine", "slurm", "--partition", "night", "--print-only", "--json")
+    words = (
+        "resume",
+        str(out),
+        "--engine",
+        "slurm",
+        "--partition",
+        "night",
+        "--print-only",
+        "--json",
+    )
     assert main(list(words)) == 2 and "light baked there, path requested" in capsys.readouterr().err
     replace(asked_for(tmp_path, "kt2", *TINY, configure=configure_render), raw=out).write_record()
     assert main(list(words)) == 0
     said = json.loads(capsys.readouterr().out)
-    assert said["estimate"]["frames"] == 8 and {option(s, "partition")[0] for s in said["scripts"]} == {"night"}
+    assert said["estimate"]["frames"] == 8 and {
+        option(s, "partition")[0] for s in said["scripts"]
+    } == {"night"}
 
 
 def test_status_says_why_nothing_goes_on(pretended, job, tmp_path, capsys):
     raw = tmp_path / "o/raw"
     begun(job, raw, [0])
-    slurm.record(raw, [slurm.Submitted("11", "light"), slurm.Submitted("12", "frames", ((0,), (1,)))])
+    slurm.record(
+        raw, [slurm.Submitted("11", "light"), slurm.Submitted("12", "frames", ((0,), (1,)))]
+    )
     (raw / ".farm/slurm/12_1_0_log.err").write_text(
         "Traceback ...\niclnuim.errors.WorkError: no space left\nsrun: error: x\n"
     )
@@ -340,14 +461,18 @@ def test_pairs_in_other_formats_stand_too(job, tmp_path):
     plan = RunPlan(job, raw, (0, 1, 2), options, keep_raw=False)
     assert tasks.dataset(plan, lambda number: None) == 3
     assert plan.missing() == [] and list((raw / "exr").iterdir()) == []
-    assert (raw.parent / "noisy/euroc/mav0/cam0").is_dir() and (raw.parent / "clean/tum/rgb.txt").is_file()
+    assert (raw.parent / "noisy/euroc/mav0/cam0").is_dir() and (
+        raw.parent / "clean/tum/rgb.txt"
+    ).is_file()
     next((raw.parent / "clean/euroc").rglob("*.png")).unlink()
     assert len(plan.missing()) == 1
 
 
 @pytest.mark.parametrize("configure", [configure_make, configure_render])
 def test_quick_is_sixty_frames_in_a_row_from_the_first(tmp_path, configure):
-    assert asked_for(tmp_path, "office/kt1", "--quick", configure=configure).numbers == tuple(range(60))
+    assert asked_for(tmp_path, "office/kt1", "--quick", configure=configure).numbers == tuple(
+        range(60)
+    )
     with pytest.raises(InputError, match="not both"):
         asked_for(tmp_path, "kt2", "--quick", "--frames", "::30", configure=configure)
 
@@ -356,7 +481,17 @@ def test_poses_that_are_left_out_of_a_trajectory_are_told(pretended, tmp_path, c
     pretended()
     rows = [(1.0, 0.0), (1.1, 0.1), (1.1, 0.4), (1.2, 0.2)]
     (tmp_path / "twice.txt").write_text("".join(f"{t} {x} 0 0 0 0 0 1\n" for t, x in rows))
-    words = ("--scene", "living_room", "--trajectory", str(tmp_path / "twice.txt"), "--camera", "16x12")
-    assert main(["render", *words, "--engine", "slurm", "--print-only", "--out", str(tmp_path / "o")]) == 0
+    words = (
+        "--scene",
+        "living_room",
+        "--trajectory",
+        str(tmp_path / "twice.txt"),
+        "--camera",
+        "16x12",
+    )
+    assert (
+        main(["render", *words, "--engine", "slurm", "--print-only", "--out", str(tmp_path / "o")])
+        == 0
+    )
     said = capsys.readouterr()
     assert "twice.txt: " in said.err and "1 repeated stamp left out" in said.err

@@ -12,7 +12,17 @@ pytest.importorskip("bpy", reason="needs the bpy package")
 pytest.importorskip("submitit", reason="needs submitit: pip install 'iclnuim[slurm]'")
 
 pytestmark = pytest.mark.slow
-SMALL = ("--light", "path", "--samples", "1", "--no-denoise", "--camera", "80x60", "--frames", "0:60")
+SMALL = (
+    "--light",
+    "path",
+    "--samples",
+    "1",
+    "--no-denoise",
+    "--camera",
+    "80x60",
+    "--frames",
+    "0:60",
+)
 ENGINE = ("--engine", "slurm", "--cpus", "2", "--memory", "1G")
 
 
@@ -20,11 +30,16 @@ class Cluster:
     """Our commands where Slurm's work, and what its queue says."""
 
     def __init__(self, slurm, folder: Path) -> None:
-        self.slurm, self.environment = slurm, {**slurm.environment, "ICLNUIM_CACHE": str(folder / "cache")}
+        self.slurm, self.environment = (
+            slurm,
+            {**slurm.environment, "ICLNUIM_CACHE": str(folder / "cache")},
+        )
 
     def run(self, *command: str) -> subprocess.CompletedProcess:
         words = [sys.executable, "-m", "iclnuim", *map(str, command)]
-        done = subprocess.run(words, env=self.environment, capture_output=True, text=True, timeout=500)
+        done = subprocess.run(
+            words, env=self.environment, capture_output=True, text=True, timeout=500
+        )
         assert done.returncode == 0, done.stderr
         return done
 
@@ -32,7 +47,9 @@ class Cluster:
         return json.loads(self.run("status", out, "--json").stdout)
 
     def tasks(self, state: str) -> list[str]:
-        return self.slurm.call("squeue", "-h", "-r", "-n", "iclnuim-frames", "-t", state, "-o", "%i").split()
+        return self.slurm.call(
+            "squeue", "-h", "-r", "-n", "iclnuim-frames", "-t", state, "-o", "%i"
+        ).split()
 
     def wait(self, condition, seconds: float = 300) -> None:
         end = time.monotonic() + seconds
@@ -65,7 +82,9 @@ def contents(out: Path) -> dict[str, bytes]:
     return found
 
 
-def test_after_a_cancelled_task_and_a_killed_node_resume_gives_the_bytes_of_a_local_run(cluster, tmp_path):
+def test_after_a_cancelled_task_and_a_killed_node_resume_gives_the_bytes_of_a_local_run(
+    cluster, tmp_path
+):
     out, local = tmp_path / "far", tmp_path / "near"
     cluster.run("make", "kt2", *SMALL, *ENGINE, "--chunk-minutes", "0.005", "--out", out)
     assert cluster.status(out)["missing"] == 60, "told before there is a recipe"
@@ -79,7 +98,9 @@ def test_after_a_cancelled_task_and_a_killed_node_resume_gives_the_bytes_of_a_lo
     cluster.slurm.start_node()
     cluster.wait_until_empty()
     state = cluster.status(out)
-    assert 0 < state["missing"] < 60, "the cancelled task's frames are missing, and the folder says so"
+    assert 0 < state["missing"] < 60, (
+        "the cancelled task's frames are missing, and the folder says so"
+    )
     assert "are not rendered" in state["failed"]
     words = cluster.run("resume", out).stderr
     assert f"{state['missing']} frames in" in words, words
@@ -92,7 +113,9 @@ def test_after_a_cancelled_task_and_a_killed_node_resume_gives_the_bytes_of_a_lo
     assert [name for name in ours if ours[name] != theirs[name]] == []
 
 
-def test_what_is_in_the_queue_is_not_submitted_twice_and_arrays_keep_to_their_limit(cluster, tmp_path):
+def test_what_is_in_the_queue_is_not_submitted_twice_and_arrays_keep_to_their_limit(
+    cluster, tmp_path
+):
     out = tmp_path / "far/raw"
     cluster.run("render", "kt2", *SMALL, *ENGINE, "--chunk-minutes", "0.001", "--out", out)
     jobs = json.loads((out / ".farm/slurm/submitted.json").read_text())["jobs"]
@@ -107,7 +130,16 @@ def test_what_is_in_the_queue_is_not_submitted_twice_and_arrays_keep_to_their_li
 def test_a_task_that_must_make_room_goes_back_into_the_queue_and_on(cluster, tmp_path):
     out = tmp_path / "far/raw"
     cluster.run(
-        "render", "kt2", *SMALL, *ENGINE, "--chunk-minutes", "0.05", "--scratch", tmp_path / "s p", "--out", out
+        "render",
+        "kt2",
+        *SMALL,
+        *ENGINE,
+        "--chunk-minutes",
+        "0.05",
+        "--scratch",
+        tmp_path / "s p",
+        "--out",
+        out,
     )
     cluster.wait(lambda: frames_in(out.parent) >= 2)
     assert list((tmp_path / "s p").glob(".work-*")) and not list(out.glob(".work-*"))

@@ -68,7 +68,9 @@ def test_images_that_were_deleted_are_missing(run, capsys):
     assert (values["in_sequences"], values["missing_frames"]) == (2, [1])
 
 
-@pytest.mark.parametrize("wrong", [{"light": []}, {"light": {}}, {"camera": []}, {"camera": {"fx": 0}}])
+@pytest.mark.parametrize(
+    "wrong", [{"light": []}, {"light": {}}, {"camera": []}, {"camera": {"fx": 0}}]
+)
 def test_a_setting_of_the_job_that_is_wrong_names_the_recipe(run, wrong, capsys):
     write_json(run.path / "sequence.json", {"job": {**run.recipe["job"], **wrong}})
     assert main(["status", str(run.path)]) == 2
@@ -80,7 +82,9 @@ def test_a_killed_command_does_not_count_as_working(run, capsys):
         "import os, sys; from pathlib import Path; from iclnuim.headless.farm.lock import OutputLock;"
         "lock = OutputLock(Path(sys.argv[1])); lock.__enter__(); os.kill(os.getpid(), 9)"
     )
-    subprocess.run([sys.executable, "-c", program, run.path / ".farm"], env=environment(), check=False)
+    subprocess.run(
+        [sys.executable, "-c", program, run.path / ".farm"], env=environment(), check=False
+    )
     assert (run.path / ".farm/lock").is_file() and told(capsys, run.path)["holder"] is None
     with OutputLock(run.path / ".farm"):
         assert told(capsys, run.path)["holder"].startswith(f"process {os.getpid()} on ")

@@ -34,12 +34,16 @@ def channels():
 
 
 def _same(a, b):
-    return a.keys() == b.keys() and all(a[k].dtype == b[k].dtype and a[k].tobytes() == b[k].tobytes() for k in a)
+    return a.keys() == b.keys() and all(
+        a[k].dtype == b[k].dtype and a[k].tobytes() == b[k].tobytes() for k in a
+    )
 
 
 def compressed(path, channels, compression):
     OpenEXR = pytest.importorskip("OpenEXR")
-    code = getattr(OpenEXR, "NO_COMPRESSION" if compression == "none" else f"{compression.upper()}_COMPRESSION")
+    code = getattr(
+        OpenEXR, "NO_COMPRESSION" if compression == "none" else f"{compression.upper()}_COMPRESSION"
+    )
     with OpenEXR.File({"compression": code, "type": OpenEXR.scanlineimage}, dict(channels)) as file:
         file.write(str(path))
 
@@ -68,7 +72,12 @@ def test_both_libraries_were_tried():
 def test_the_same_pixels_give_the_same_bytes_at_another_second(tmp_path, channels, writer):
     write_exr(tmp_path / "a.exr", channels, backend=writer, attributes={"recipe": "00ff"})
     time.sleep(1.05)
-    write_exr(tmp_path / "b.exr", dict(reversed(channels.items())), backend=writer, attributes={"recipe": "00ff"})
+    write_exr(
+        tmp_path / "b.exr",
+        dict(reversed(channels.items())),
+        backend=writer,
+        attributes={"recipe": "00ff"},
+    )
     assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
     assert exr_header(tmp_path / "a.exr").parts[0].attributes["recipe"] == "00ff"
 
@@ -77,7 +86,11 @@ def test_the_header_tells_size_channels_and_compression_without_a_library(tmp_pa
     compressed(tmp_path / "f.exr", channels, "piz")
     header = exr_header(tmp_path / "f.exr")
     assert (header.width, header.height, header.parts[0].compression) == (53, 37, "piz")
-    assert header.channels == {**dict.fromkeys("RGB", "half"), "Z": "float", "ViewLayer.Depth.Z": "float"}
+    assert header.channels == {
+        **dict.fromkeys("RGB", "half"),
+        "Z": "float",
+        "ViewLayer.Depth.Z": "float",
+    }
 
 
 def test_a_file_split_into_parts_is_read_as_one(tmp_path, channels):
@@ -91,10 +104,14 @@ def test_a_file_split_into_parts_is_read_as_one(tmp_path, channels):
 
 
 @pytest.mark.parametrize("compression", ["none", "zip", "piz"])
-def test_every_truncation_is_refused_in_one_line_and_silently(tmp_path, channels, compression, capfd):
+def test_every_truncation_is_refused_in_one_line_and_silently(
+    tmp_path, channels, compression, capfd
+):
     compressed(tmp_path / "f.exr", channels, compression)
     data = (tmp_path / "f.exr").read_bytes()
-    for size in sorted({0, 1, 4, 8, 50, 200, 400, len(data) // 3, len(data) // 2, len(data) - 7, len(data) - 1}):
+    for size in sorted(
+        {0, 1, 4, 8, 50, 200, 400, len(data) // 3, len(data) // 2, len(data) - 7, len(data) - 1}
+    ):
         (tmp_path / "cut.exr").write_bytes(data[:size])
         with pytest.raises(InputError, match="cut.exr: expected a") as error:
             read_exr(tmp_path / "cut.exr")
@@ -102,8 +119,12 @@ def test_every_truncation_is_refused_in_one_line_and_silently(tmp_path, channels
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("corner", [(999_999, 999_999), (-5, -5), (2**31 - 1, 36), (52, 2**31 - 1), (65535, 65535)])
-def test_a_header_that_claims_the_impossible_is_refused_before_any_memory_is_taken(tmp_path, channels, corner):
+@pytest.mark.parametrize(
+    "corner", [(999_999, 999_999), (-5, -5), (2**31 - 1, 36), (52, 2**31 - 1), (65535, 65535)]
+)
+def test_a_header_that_claims_the_impossible_is_refused_before_any_memory_is_taken(
+    tmp_path, channels, corner
+):
     write_exr(tmp_path / "f.exr", channels)
     data = bytearray((tmp_path / "f.exr").read_bytes())
     place = data.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
@@ -149,7 +170,11 @@ def test_what_cannot_be_written_is_said_and_leaves_nothing(tmp_path, channels):
     (tmp_path / "in the way.exr").mkdir()
     with pytest.raises(WorkError, match="in the way.exr: cannot write"):
         write_exr(tmp_path / "in the way.exr", channels)
-    for bad in ({}, {"R": np.zeros((2, 2))}, {"R": np.zeros((2, 2), np.float16), "G": np.zeros((3, 2), np.float16)}):
+    for bad in (
+        {},
+        {"R": np.zeros((2, 2))},
+        {"R": np.zeros((2, 2), np.float16), "G": np.zeros((3, 2), np.float16)},
+    ):
         with pytest.raises(InputError):
             write_exr(tmp_path / "f.exr", bad)
     assert [p.name for p in tmp_path.iterdir()] == ["in the way.exr"]

@@ -44,16 +44,21 @@ WORDS = [
     b"--",
     b"1e-320",
 ]
-WALK = Trajectory.at_rate(SE3.exp(np.cumsum(np.random.default_rng(0).normal(size=(FRAMES, 6)) * 0.1, axis=0)))
-CAMERA = (
-    "cam_pos = [91, 465, -292]';\ncam_dir = [0.05, -0.29, 0.96]';\ncam_up = [0.01, 0.96, 0.29]';\ncam_angle = 90;\n"
+WALK = Trajectory.at_rate(
+    SE3.exp(np.cumsum(np.random.default_rng(0).normal(size=(FRAMES, 6)) * 0.1, axis=0))
 )
+CAMERA = "cam_pos = [91, 465, -292]';\ncam_dir = [0.05, -0.29, 0.96]';\ncam_up = [0.01, 0.96, 0.29]';\ncam_angle = 90;\n"
 
 NAMES = {
     name: f"a{known.endings[-1]}" if known.endings else f"a_{known.word}.txt"
     for name, known in FORMATS.items()
     if known.line
-} | {"tum-ids": "ids.txt", "pov-cameras": "cams/scene_0001.txt", "colmap": "images.txt", "scannet": "pose/1.txt"}
+} | {
+    "tum-ids": "ids.txt",
+    "pov-cameras": "cams/scene_0001.txt",
+    "colmap": "images.txt",
+    "scannet": "pose/1.txt",
+}
 NAMES |= {"nerf": "transforms.json", "tum-inverse": "inverse.txt", "tum-wxyz": "wxyz.txt"}
 #: Read beside whole files of the same folder.
 FOLDERS = {"pov-cameras": "scene_0000.txt", "scannet": "0.txt"}
@@ -115,7 +120,11 @@ def put_bytes(rng, data: bytes) -> bytes:
     at = rng.integers(len(data) + 1)
     return (
         data[:at]
-        + bytes(rng.choice(list(b"\r\n\t\v\f\0 ,#\"'\x1c\x85\xc2\xa0\xff"), rng.integers(1, 4)).astype("u1"))
+        + bytes(
+            rng.choice(list(b"\r\n\t\v\f\0 ,#\"'\x1c\x85\xc2\xa0\xff"), rng.integers(1, 4)).astype(
+                "u1"
+            )
+        )
         + data[at:]
     )
 
@@ -133,7 +142,9 @@ def damaged(data: bytes, seed: list[int], files: int):
         yield changed
 
 
-def read_all(path, data: bytes, seed: list[int], files: int, read, check, folder=None) -> tuple[int, int]:
+def read_all(
+    path, data: bytes, seed: list[int], files: int, read, check, folder=None
+) -> tuple[int, int]:
     """Reads all damaged versions; how many were taken and how many refused. A numpy warning counts as a failure. An error names the file, or
     one in its `folder`.
     """
@@ -169,18 +180,26 @@ def content_of(format: str) -> bytes:
     if format == "colmap":
         fields = [line.split() for line in trajectory_text(WALK, "tum").splitlines()[1:]]
         return "".join(
-            f"{i} {' '.join(q[7:] + q[4:7] + q[1:4])} 1 {i}.png\n1 2 -1\n" for i, q in enumerate(fields)
+            f"{i} {' '.join(q[7:] + q[4:7] + q[1:4])} 1 {i}.png\n1 2 -1\n"
+            for i, q in enumerate(fields)
         ).encode()
     if format == "scannet":
-        return b"".join(b" ".join(b"%.9f" % value for value in row) + b"\n" for row in WALK.T_world_camera[1].matrix)
+        return b"".join(
+            b" ".join(b"%.9f" % value for value in row) + b"\n"
+            for row in WALK.T_world_camera[1].matrix
+        )
     if format == "nerf":
         matrices = WALK.T_world_camera.matrix.tolist()
-        frames = [{"file_path": f"images/{i}.png", "transform_matrix": m} for i, m in enumerate(matrices)]
+        frames = [
+            {"file_path": f"images/{i}.png", "transform_matrix": m} for i, m in enumerate(matrices)
+        ]
         return json.dumps({"frames": frames}, indent=1).encode()
     if format == "tum-ids":
         return trajectory_text(WALK, "gt.freiburg").encode()
     if format == "tum-inverse":
-        return trajectory_text(Trajectory(WALK.stamps_s, WALK.T_world_camera.inverse()), "tum").encode()
+        return trajectory_text(
+            Trajectory(WALK.stamps_s, WALK.T_world_camera.inverse()), "tum"
+        ).encode()
     if format == "tum-wxyz":
         fields = [line.split() for line in trajectory_text(WALK, "tum").splitlines()[1:]]
         return "".join(" ".join(q[:4] + q[7:] + q[4:7]) + "\n" for q in fields).encode()
@@ -203,7 +222,12 @@ def test_damaged_trajectories_are_read_or_refused(tmp_path, format, files):
     # half of the damaged files are told apart by name and content, half are read as what they were
     forms = iter([None, format] * files)
     taken, refused = read_all(
-        path, content_of(format), [1], files, lambda: read_trajectory(source, next(forms)), check_trajectory
+        path,
+        content_of(format),
+        [1],
+        files,
+        lambda: read_trajectory(source, next(forms)),
+        check_trajectory,
     )
     assert taken > files / 40 and refused > files / 4
 
@@ -211,7 +235,10 @@ def test_damaged_trajectories_are_read_or_refused(tmp_path, format, files):
 @FILES
 def test_damaged_associations_are_read_or_refused(tmp_path, files):
     stamps_s = tuple(i / 30 for i in range(FRAMES))
-    rgb, depth = (ImageList(stamps_s, tuple(f"{kind}/{i}.png" for i in range(FRAMES))) for kind in ("rgb", "depth"))
+    rgb, depth = (
+        ImageList(stamps_s, tuple(f"{kind}/{i}.png" for i in range(FRAMES)))
+        for kind in ("rgb", "depth")
+    )
     for order in ("tum", "icl-nuim"):
         path = tmp_path / f"{order}.txt"
         write_associations(path, Associations(rgb, depth), order)
@@ -221,7 +248,9 @@ def test_damaged_associations_are_read_or_refused(tmp_path, files):
             assert np.isfinite(pairs.rgb.stamps_s).all() and np.isfinite(pairs.depth.stamps_s).all()
             assert all("depth" in name.lower() for name in pairs.depth.paths)
 
-        taken, refused = read_all(path, path.read_bytes(), [2], files, lambda path=path: read_associations(path), check)
+        taken, refused = read_all(
+            path, path.read_bytes(), [2], files, lambda path=path: read_associations(path), check
+        )
         assert taken > files / 40 and refused > files / 4
 
 
@@ -229,26 +258,36 @@ def test_damaged_associations_are_read_or_refused(tmp_path, files):
 def test_damaged_image_lists_are_read_or_refused(tmp_path, files):
     path = tmp_path / "rgb.txt"
     write_image_list(
-        path, ImageList(tuple(i / 30 for i in range(FRAMES)), tuple(f"rgb/{i}.png" for i in range(FRAMES)))
+        path,
+        ImageList(
+            tuple(i / 30 for i in range(FRAMES)), tuple(f"rgb/{i}.png" for i in range(FRAMES))
+        ),
     )
 
     def check(images):
         assert (np.diff(images.stamps_s) > 0).all() and np.isfinite(images.stamps_s).all()
 
-    taken, refused = read_all(path, path.read_bytes(), [3], files, lambda: read_image_list(path), check)
+    taken, refused = read_all(
+        path, path.read_bytes(), [3], files, lambda: read_image_list(path), check
+    )
     assert taken > files / 40 and refused > files / 4
 
 
 @pytest.mark.parametrize("files", [100, pytest.param(2000, marks=pytest.mark.slow)])
 def test_damaged_lists_of_keyframes_are_read_or_refused(tmp_path, files):
     path, every = tmp_path / "keyframes.txt", set(range(FRAMES))
-    pairs = [ImagePair(i, 1 + i / 30, Path(f"rgb/{i:06}.png"), Path(f"depth/{i:06}.png")) for i in range(FRAMES)]
+    pairs = [
+        ImagePair(i, 1 + i / 30, Path(f"rgb/{i:06}.png"), Path(f"depth/{i:06}.png"))
+        for i in range(FRAMES)
+    ]
 
     def check(rows):
         assert rows <= every
 
     for content in (trajectory_text(WALK[::2], "tum"), "# keyframes\n000000\n2\nrgb/000003.png\n"):
-        taken, refused = read_all(path, content.encode(), [5], files, lambda: read_keyframes(path, pairs), check)
+        taken, refused = read_all(
+            path, content.encode(), [5], files, lambda: read_keyframes(path, pairs), check
+        )
         assert taken > files / 40 and refused > files / 8
 
 
@@ -281,7 +320,9 @@ def read_sequence(folder):
     """All that the commands read."""
     pairs = find_pairs(folder)
     camera = read_camera(folder, pairs[0].rgb)
-    images = [(read_colour8(p.rgb), read_depth_m(p.depth, camera.depth_units_per_metre)) for p in pairs]
+    images = [
+        (read_colour8(p.rgb), read_depth_m(p.depth, camera.depth_units_per_metre)) for p in pairs
+    ]
     return pairs, camera, images, read_truth(folder)
 
 
@@ -289,7 +330,10 @@ def check_sequence(found) -> None:
     pairs, camera, images, truth = found
     assert len(pairs) > 0 and np.isfinite([p.stamp_s for p in pairs]).all()
     assert np.isfinite(camera.pinhole.K).all() and 1 <= camera.depth_units_per_metre <= 1e6
-    assert all(rgb.dtype == np.uint8 and rgb.ndim == 3 and depth.dtype == np.float32 for rgb, depth in images)
+    assert all(
+        rgb.dtype == np.uint8 and rgb.ndim == 3 and depth.dtype == np.float32
+        for rgb, depth in images
+    )
     assert truth is None or np.isfinite(truth.positions_m).all()
 
 
@@ -299,7 +343,9 @@ def test_damaged_sequences_are_read_or_refused(sequences, format, files):
     folder, taken, refused = sequences / format, 0, 0
     for name in SEQUENCES[format]:
         whole, count = (folder / name).read_bytes(), -(-files // len(SEQUENCES[format]))
-        found = read_all(folder / name, whole, [4], count, lambda: read_sequence(folder), check_sequence, folder)
+        found = read_all(
+            folder / name, whole, [4], count, lambda: read_sequence(folder), check_sequence, folder
+        )
         (folder / name).write_bytes(whole)
         taken, refused = taken + found[0], refused + found[1]
     assert refused and (taken or files < 100)

@@ -15,7 +15,9 @@ from iclnuim.formats.associations import (
 
 
 def images(kind: str, frames: list[int]) -> ImageList:
-    return ImageList(tuple(round(1 + i / 30, 6) for i in frames), tuple(f"{kind}/{i:06}.png" for i in frames))
+    return ImageList(
+        tuple(round(1 + i / 30, 6) for i in frames), tuple(f"{kind}/{i:06}.png" for i in frames)
+    )
 
 
 @pytest.mark.parametrize("order", ["tum", "icl-nuim"])
@@ -33,7 +35,9 @@ def test_both_orders_keep_pairs_and_stamps(tmp_path, order, frames):
 def test_the_orders_are_laid_out_as_the_originals(tmp_path):
     pairs = Associations(images("rgb", [1, 2]), images("depth", [1, 2]))
     write_associations(tmp_path / "tum.txt", pairs)
-    assert (tmp_path / "tum.txt").read_text().splitlines()[0] == "1.033333 rgb/000001.png 1.033333 depth/000001.png"
+    assert (tmp_path / "tum.txt").read_text().splitlines()[
+        0
+    ] == "1.033333 rgb/000001.png 1.033333 depth/000001.png"
     write_associations(tmp_path / "icl.txt", pairs, "icl-nuim")
     assert (
         tmp_path / "icl.txt"
@@ -44,11 +48,15 @@ def test_the_official_file_has_depth_first_and_frame_numbers(samples):
     pairs = read_associations(samples / "or_kt0/associations.txt")
     assert len(pairs) == 120 and pairs.order == "icl-nuim"
     assert (pairs.rgb.paths[0], pairs.depth.paths[0]) == ("rgb/600.png", "depth/600.png")
-    np.testing.assert_allclose(pairs.rgb.stamps_s, 1 + np.arange(600, 720) / 30, atol=5.1e-7, rtol=0)
+    np.testing.assert_allclose(
+        pairs.rgb.stamps_s, 1 + np.arange(600, 720) / 30, atol=5.1e-7, rtol=0
+    )
 
 
 def test_stamps_of_a_recording_are_seconds_in_either_order(tmp_path):
-    (tmp_path / "a.txt").write_text("# made by hand\n1305031102.17 depth/a.png 1305031102.18 rgb/b.png\n")
+    (tmp_path / "a.txt").write_text(
+        "# made by hand\n1305031102.17 depth/a.png 1305031102.18 rgb/b.png\n"
+    )
     pairs = read_associations(tmp_path / "a.txt")
     assert pairs.rgb.stamps_s == (1305031102.18,) and pairs.depth.stamps_s == (1305031102.17,)
 
@@ -66,8 +74,14 @@ def test_image_lists_keep_paths_and_stamps(tmp_path):
     [
         ("", "a.txt: expected a list of images, found an empty file"),
         ("# x\n", "found comments alone"),
-        ("0 rgb/0.png 0 depth/0.png\n1 rgb/1.png\n", "a.txt:2: expected 4 columns.* found 2 columns"),
-        ("x rgb/0.png 0 depth/0.png\n", "a.txt:1: expected a stamp in seconds in column 1, found 'x'"),
+        (
+            "0 rgb/0.png 0 depth/0.png\n1 rgb/1.png\n",
+            "a.txt:2: expected 4 columns.* found 2 columns",
+        ),
+        (
+            "x rgb/0.png 0 depth/0.png\n",
+            "a.txt:1: expected a stamp in seconds in column 1, found 'x'",
+        ),
         ("0 rgb/0.png nan depth/0.png\n", "column 3, found 'nan'"),
         ("0 a.png 0 b.png\n", "the word depth in one of the two paths.* found a.png and b.png"),
         (
@@ -119,13 +133,17 @@ def test_lists_of_unequal_length_are_no_pairs():
     ],
     ids=["swapped", "six digits", "decimals", "other names", "epoch"],
 )
-def test_whole_numbers_that_name_the_images_are_frame_numbers_also_in_tums_order(tmp_path, line, stamp_s):
+def test_whole_numbers_that_name_the_images_are_frame_numbers_also_in_tums_order(
+    tmp_path, line, stamp_s
+):
     lines = [line.format(n=n) for n in (600, 601)]
     (tmp_path / "associations.txt").write_text("\n".join(lines))
     pairs = read_associations(tmp_path / "associations.txt")
-    assert pairs.order == "tum" and pairs.rgb.stamps_s[0] == pairs.depth.stamps_s[0] == pytest.approx(stamp_s)
+    assert pairs.order == "tum" and pairs.rgb.stamps_s[0] == pairs.depth.stamps_s[
+        0
+    ] == pytest.approx(stamp_s)
     for name, part in (("rgb.txt", slice(2)), ("depth.txt", slice(2, 4))):
         (tmp_path / name).write_text("\n".join(" ".join(one.split()[part]) for one in lines))
-    assert [one.stamps_s[0] for one in read_image_lists(tmp_path / "rgb.txt", tmp_path / "depth.txt")] == [
-        pytest.approx(stamp_s)
-    ] * 2
+    assert [
+        one.stamps_s[0] for one in read_image_lists(tmp_path / "rgb.txt", tmp_path / "depth.txt")
+    ] == [pytest.approx(stamp_s)] * 2

@@ -26,7 +26,9 @@ def ramp():
 
 @pytest.mark.parametrize("writer", BACKENDS)
 @pytest.mark.parametrize("reader", BACKENDS)
-def test_a_jpeg_keeps_colour_to_four_levels_whoever_writes_and_reads_it(tmp_path, ramp, writer, reader):
+def test_a_jpeg_keeps_colour_to_four_levels_whoever_writes_and_reads_it(
+    tmp_path, ramp, writer, reader
+):
     write_jpeg(tmp_path / "a.jpg", ramp, writer)
     assert str(image_header(tmp_path / "a.jpg", whole=True)) == "64 x 48, 8-bit RGB"
     assert np.abs(read_colour8(tmp_path / "a.jpg", reader).astype(int) - ramp).max() <= 4
@@ -40,10 +42,15 @@ def test_depth_in_metres_is_read_in_every_kind_of_float(tmp_path, kind):
         assert np.array_equal(read_array(tmp_path / "d.npy"), depth)
     write_array(tmp_path / "e.npy", depth)
     assert np.load(tmp_path / "e.npy").dtype == np.float32
-    assert (image_header(tmp_path / "e.npy").width, image_header(tmp_path / "e.npy").height) == (4, 3)
+    assert (image_header(tmp_path / "e.npy").width, image_header(tmp_path / "e.npy").height) == (
+        4,
+        3,
+    )
 
 
-@pytest.mark.parametrize("array", [np.zeros(3), np.zeros((2, 2), int), np.array([[{}]]), np.zeros((0, 4))])
+@pytest.mark.parametrize(
+    "array", [np.zeros(3), np.zeros((2, 2), int), np.array([[{}]]), np.zeros((0, 4))]
+)
 def test_other_arrays_are_refused_and_objects_never_loaded(tmp_path, array):
     np.save(tmp_path / "d.npy", array, allow_pickle=True)
     with pytest.raises(InputError, match="a NumPy array of depth"):

@@ -62,7 +62,11 @@ def test_files_of_open3d_are_read(tmp_path, ascii):
     mesh.vertex_colors = o3d.utility.Vector3dVector(COLOURS / 255)
     o3d.io.write_triangle_mesh(str(tmp_path / "m.ply"), mesh, write_ascii=ascii)
     model = read_ply(tmp_path / "m.ply")
-    assert (model.points == POINTS).all() and (model.triangles == TRIANGLES).all() and (model.colours == COLOURS).all()
+    assert (
+        (model.points == POINTS).all()
+        and (model.triangles == TRIANGLES).all()
+        and (model.colours == COLOURS).all()
+    )
 
 
 def test_polygons_become_fans_and_other_elements_and_lists_are_passed_over(tmp_path):

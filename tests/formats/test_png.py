@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.libraries import first_library
-from iclnuim.formats.png import COMPRESSORS, png_header, read_depth16, read_rgb8, read_rgb16, same_pixels, write_png
+from iclnuim.formats.png import (
+    COMPRESSORS,
+    png_header,
+    read_depth16,
+    read_rgb8,
+    read_rgb16,
+    same_pixels,
+    write_png,
+)
 
 
 def _present(name):
@@ -57,7 +65,11 @@ def test_sixteen_bit_colours_keep_every_bit_and_their_order(tmp_path, depth, wri
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 1), (3, 2000)])
 def test_images_of_any_size_keep_their_pixels(tmp_path, shape):
     values = np.random.default_rng(5).integers(0, 65536, (*shape, 3), np.uint16)
-    for image, read in ((values, read_rgb16), (values.astype(np.uint8), read_rgb8), (values[..., 1], read_depth16)):
+    for image, read in (
+        (values, read_rgb16),
+        (values.astype(np.uint8), read_rgb8),
+        (values[..., 1], read_depth16),
+    ):
         write_png(tmp_path / "f.png", image)
         assert np.array_equal(read(tmp_path / "f.png"), image)
 
@@ -97,9 +109,13 @@ def test_alpha_is_dropped_and_grey_is_repeated(tmp_path, rgb, reader):
 def test_the_wrong_kind_is_named(tmp_path, rgb, depth):
     write_png(tmp_path / "rgb.png", rgb)
     write_png(tmp_path / "depth.png", depth)
-    with pytest.raises(InputError, match="rgb.png: expected a 16-bit grey depth PNG, found 45 x 31, 8-bit RGB"):
+    with pytest.raises(
+        InputError, match="rgb.png: expected a 16-bit grey depth PNG, found 45 x 31, 8-bit RGB"
+    ):
         read_depth16(tmp_path / "rgb.png")
-    with pytest.raises(InputError, match="depth.png: expected an 8-bit colour PNG, found 45 x 31, 16-bit grey"):
+    with pytest.raises(
+        InputError, match="depth.png: expected an 8-bit colour PNG, found 45 x 31, 16-bit grey"
+    ):
         read_rgb8(tmp_path / "depth.png")
     (tmp_path / "photo.png").write_bytes(b"\xff\xd8\xff\xe0" + bytes(99))
     with pytest.raises(InputError, match="found a JPEG"):

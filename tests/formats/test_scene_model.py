@@ -51,7 +51,9 @@ def test_blender_reads_the_obj_with_its_textures_where_they_belong(model, tmp_pa
         for loop in polygon.loop_indices:
             x, _, z = wall.vertices[wall.loops[loop].vertex_index].co
             assert tuple(wall.uv_layers[0].data[loop].uv) == pytest.approx((x / 2, z / 2))
-    plain = next(n.image for n in found["other wall"].materials[0].node_tree.nodes if n.type == "TEX_IMAGE")
+    plain = next(
+        n.image for n in found["other wall"].materials[0].node_tree.nodes if n.type == "TEX_IMAGE"
+    )
     assert np.rint(np.array(plain.pixels[:3]) * 255) == pytest.approx([204, 26, 26])
 
 
@@ -62,9 +64,13 @@ def test_cutting_keeps_area_planes_texture_and_owners(model):
     for k in range(len(model)):
         mine = pieces.chosen(origin == k)
         assert mine.area_m2().sum() == pytest.approx(model.area_m2()[k])
-        assert (mine.instance == model.instance[k]).all() and (mine.material == model.material[k]).all()
+        assert (mine.instance == model.instance[k]).all() and (
+            mine.material == model.material[k]
+        ).all()
         normal = np.cross(*(model.corners_m[k, 1:] - model.corners_m[k, 0]))
-        turned = np.cross(mine.corners_m[:, 1] - mine.corners_m[:, 0], mine.corners_m[:, 2] - mine.corners_m[:, 0])
+        turned = np.cross(
+            mine.corners_m[:, 1] - mine.corners_m[:, 0], mine.corners_m[:, 2] - mine.corners_m[:, 0]
+        )
         assert (turned @ normal > 0).all()
         assert mine.uv == pytest.approx(mine.corners_m[:, :, [0, 2]] / 2)
     whole, rows = model.cut(100.0)

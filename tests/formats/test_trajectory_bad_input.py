@@ -11,7 +11,9 @@ SIM = "1 0 0 0\n0 1 0 0\n0 0 1 0\n"
 CSV = "1,0,0,0,1,0,0,0\n"
 IMAGE = "1 1 0 0 0 0.5 0 0 1 rgb/7.png\n"
 COMMAND = (
-    "povray +Oa_0001.png " + " ".join(f"Declare=val{r}{c}={int(r == c)}" for r in range(4) for c in range(3)) + "\n"
+    "povray +Oa_0001.png "
+    + " ".join(f"Declare=val{r}{c}={int(r == c)}" for r in range(4) for c in range(3))
+    + "\n"
 )
 CAMERA = "cam_pos = [0, 0, 0]';\ncam_dir = [0, 0, 1]';\ncam_up = [0, 1, 0]';\n"
 
@@ -20,23 +22,53 @@ CASES = {
     "empty": ("a.txt", "", None, ["found an empty file"]),
     "blank": ("a.txt", " \n\n", None, ["found an empty file"]),
     "comments alone": ("a.txt", "# nothing\n", None, ["found comments alone"]),
-    "a web page": ("a.txt", "<!DOCTYPE html><html><body>404</body></html>", 1, ["found a web page", "downloading"]),
-    "a web page as ground truth": ("a.gt.freiburg", "\n<html><body>moved</body></html>", 1, ["found a web page"]),
+    "a web page": (
+        "a.txt",
+        "<!DOCTYPE html><html><body>404</body></html>",
+        1,
+        ["found a web page", "downloading"],
+    ),
+    "a web page as ground truth": (
+        "a.gt.freiburg",
+        "\n<html><body>moved</body></html>",
+        1,
+        ["found a web page"],
+    ),
     "binary": ("a.txt", "\x7fELF\0\0\0", None, ["found a binary file"]),
     "words": ("a.txt", "hello world\n", 1, ["found 2 columns", "try from"]),
     "7 columns": ("a.txt", "1 2 3 4 5 6 7\n", 1, ["8 columns (TUM)", "found 7 columns"]),
-    "7 columns later": ("a.txt", TUM + "# x\n3.0 0 0 0 0 0 1\n", 4, ["8 columns: timestamp tx", "found 7 columns"]),
-    "a word among numbers": ("a.txt", TUM + "3.0 0 zero 0 0 0 0 1\n", 3, ["8 columns: timestamp tx", "found 'zero'"]),
+    "7 columns later": (
+        "a.txt",
+        TUM + "# x\n3.0 0 0 0 0 0 1\n",
+        4,
+        ["8 columns: timestamp tx", "found 7 columns"],
+    ),
+    "a word among numbers": (
+        "a.txt",
+        TUM + "3.0 0 zero 0 0 0 0 1\n",
+        3,
+        ["8 columns: timestamp tx", "found 'zero'"],
+    ),
     "NaN": ("a.txt", TUM + "3.0 0 nan 0 0 0 0 1\n", 3, ["finite numbers", "nan in column 3"]),
     "infinity": ("a.txt", TUM + "3.0 0 0 0 0 0 0 inf\n", 3, ["finite numbers", "inf in column 8"]),
-    "overflow": ("a.txt", TUM + "3.0 0 1e999 0 0 0 0 1\n", 3, ["finite numbers", "inf in column 3"]),
+    "overflow": (
+        "a.txt",
+        TUM + "3.0 0 1e999 0 0 0 0 1\n",
+        3,
+        ["finite numbers", "inf in column 3"],
+    ),
     "a zero quaternion": (
         "a.txt",
         TUM + "3.0 0 0 0 0 0 0 0\n4 0 0 0 0 0 0 1\n",
         3,
         ["quaternions of length 1", "length 0"],
     ),
-    "a long quaternion": ("a.txt", TUM + "3.0 0 0 0 0 0 0 1.5\n", 3, ["quaternions of length 1", "length 1.5"]),
+    "a long quaternion": (
+        "a.txt",
+        TUM + "3.0 0 0 0 0 0 0 1.5\n",
+        3,
+        ["quaternions of length 1", "length 1.5"],
+    ),
     "stamps backwards": (
         "a.txt",
         TUM + "1.5 0 0 0 0 0 0 1\n",
@@ -49,13 +81,43 @@ CASES = {
         2,
         ["all their digits", "4 of 6 that repeat", "six digits"],
     ),
-    "a stamp of no time": ("a.txt", TUM + "1403636579763555584 0 0 0 0 0 0 1\n" + TUM, 3, ["a stamp in seconds"]),
-    "a 4x4 row of something else": ("a.txt", KITTI.strip() + " 0 0 1 1\n", 1, ["4x4 matrix", "0 0 1 1"]),
+    "a stamp of no time": (
+        "a.txt",
+        TUM + "1403636579763555584 0 0 0 0 0 0 1\n" + TUM,
+        3,
+        ["a stamp in seconds"],
+    ),
+    "a 4x4 row of something else": (
+        "a.txt",
+        KITTI.strip() + " 0 0 1 1\n",
+        1,
+        ["4x4 matrix", "0 0 1 1"],
+    ),
     "15 columns": ("a.txt", "1 " * 15, 1, ["12, 13 or 16", "found 15 columns"]),
-    "an image without number": ("images.txt", IMAGE + IMAGE.replace("7.png", "x.png"), 2, ["frame's number", "x.png"]),
-    "an image twice": ("images.txt", IMAGE + "\n" + IMAGE, 3, ["frame number above the 7 of line 1", "7 again"]),
-    "a word in COLMAP's": ("images.txt", IMAGE + "\n" + IMAGE.replace("0.5", "half"), 3, ["COLMAP", "half"]),
-    "absurd position": ("a.txt", TUM + "3.0 1e30 0 0 0 0 0 1\n", 3, ["at most 1e+06 m", "1e+30 m", "unit"]),
+    "an image without number": (
+        "images.txt",
+        IMAGE + IMAGE.replace("7.png", "x.png"),
+        2,
+        ["frame's number", "x.png"],
+    ),
+    "an image twice": (
+        "images.txt",
+        IMAGE + "\n" + IMAGE,
+        3,
+        ["frame number above the 7 of line 1", "7 again"],
+    ),
+    "a word in COLMAP's": (
+        "images.txt",
+        IMAGE + "\n" + IMAGE.replace("0.5", "half"),
+        3,
+        ["COLMAP", "half"],
+    ),
+    "absurd position": (
+        "a.txt",
+        TUM + "3.0 1e30 0 0 0 0 0 1\n",
+        3,
+        ["at most 1e+06 m", "1e+30 m", "unit"],
+    ),
     "ids that are none": (
         "a.gt.freiburg",
         "1 0 0 0 0 0 0 1\n1.5 0 0 0 0 0 0 1\n",
@@ -63,17 +125,47 @@ CASES = {
         ["frame number", "1.5", "try from tum"],
     ),
     "negative ids": ("a.gt.freiburg", "-1 0 0 0 0 0 0 1\n", 1, ["frame number", "-1"]),
-    "repeated ids": ("a.gt.freiburg", "1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", 2, ["above the 1 of line 1"]),
-    "associations": ("a.txt", "1 depth/1.png 1 rgb/1.png\n", 1, ["8 columns (TUM)", "found 4 columns"]),
+    "repeated ids": (
+        "a.gt.freiburg",
+        "1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n",
+        2,
+        ["above the 1 of line 1"],
+    ),
+    "associations": (
+        "a.txt",
+        "1 depth/1.png 1 rgb/1.png\n",
+        1,
+        ["8 columns (TUM)", "found 4 columns"],
+    ),
     "11 columns": ("a.txt", "1 0 0 0 0 1 0 0 0 0 1\n", 1, ["found 11 columns"]),
     "no rotation": ("a.txt", KITTI + "2 0 0 0 0 1 0 0 0 0 1 0\n", 2, ["rotation matrices"]),
-    "a reflection": ("a.txt", KITTI + "-1 0 0 0 0 1 0 0 0 0 1 0\n", 2, ["determinant +1", "a reflection"]),
+    "a reflection": (
+        "a.txt",
+        KITTI + "-1 0 0 0 0 1 0 0 0 0 1 0\n",
+        2,
+        ["determinant +1", "a reflection"],
+    ),
     "matrix of words": ("a.txt", KITTI + "a 0 0 0 0 1 0 0 0 0 1 0\n", 2, ["3x4 matrix", "'a'"]),
-    "pov frames backwards": ("pov.txt", "2 " + KITTI + "1 " + KITTI, 2, ["above the 2 of line 1", "found 1"]),
-    "a short block": ("a.gt.sim", SIM + "\n1 0 0 0\n0 1 0 0\n\n" + SIM, 5, ["blocks of 3 lines", "another length"]),
+    "pov frames backwards": (
+        "pov.txt",
+        "2 " + KITTI + "1 " + KITTI,
+        2,
+        ["above the 2 of line 1", "found 1"],
+    ),
+    "a short block": (
+        "a.gt.sim",
+        SIM + "\n1 0 0 0\n0 1 0 0\n\n" + SIM,
+        5,
+        ["blocks of 3 lines", "another length"],
+    ),
     "a last block cut": ("a.gt.sim", SIM + "\n1 0 0 0\n0 1 0 0\n", 5, ["blocks of 3 lines"]),
     "two lines apart": ("a.gt.sim", SIM + "\n1 0 0 0\n\n0 1 0 0\n", 5, ["blocks of 3 lines"]),
-    "a block without rotation": ("a.gt.sim", SIM + "\n" + SIM.replace("1", "3"), 5, ["rotation matrices"]),
+    "a block without rotation": (
+        "a.gt.sim",
+        SIM + "\n" + SIM.replace("1", "3"),
+        5,
+        ["rotation matrices"],
+    ),
     "a missing value": (
         "c.txt",
         COMMAND + COMMAND.replace("Declare=val21=0", ""),
@@ -85,7 +177,12 @@ CASES = {
     "the same image twice": ("c.txt", COMMAND * 2, 2, ["frame number above the 1"]),
     "9 columns of CSV": ("a.csv", "1,0,0,0,1,0,0,0,0\n", 1, ["8 or 17 columns", "found 9 columns"]),
     "an empty field": ("a.csv", CSV + "2,0,,0,1,0,0,0\n", 2, ["separated by commas", "''"]),
-    "a zero quaternion in CSV": ("a.csv", CSV + "33333334,0,0,0,0,0,0,0\n", 2, ["quaternions of length 1"]),
+    "a zero quaternion in CSV": (
+        "a.csv",
+        CSV + "33333334,0,0,0,0,0,0,0\n",
+        2,
+        ["quaternions of length 1"],
+    ),
     "a camera without position": (
         "s_1.txt",
         CAMERA.replace("cam_pos", "cam_x"),
@@ -112,7 +209,8 @@ def test_the_message_names_file_line_and_what_stands_there(tmp_path, case):
 
 
 @pytest.mark.parametrize(
-    ("content", "place", "found"), [(CSV, ":1", "1,0,0,0,1,0,0,0"), ("# nothing\n", "", "comments alone")]
+    ("content", "place", "found"),
+    [(CSV, ":1", "1,0,0,0,1,0,0,0"), ("# nothing\n", "", "comments alone")],
 )
 def test_vslam_lab_needs_the_names_of_its_columns(tmp_path, content, place, found):
     (tmp_path / "a.csv").write_text(content)
@@ -140,18 +238,24 @@ def test_a_folder_without_camera_files_is_named(tmp_path):
 def test_the_broken_file_of_a_folder_is_named(tmp_path):
     (tmp_path / "scene_00_0000.txt").write_text(CAMERA)
     (tmp_path / "scene_00_0001.txt").write_text("")
-    with pytest.raises(InputError, match="scene_00_0001.txt: expected a POV-Ray camera file, found an empty file"):
+    with pytest.raises(
+        InputError, match="scene_00_0001.txt: expected a POV-Ray camera file, found an empty file"
+    ):
         read_trajectory(tmp_path)
 
 
 def test_a_frame_twice_in_a_folder_is_named(tmp_path):
     (tmp_path / "scene_00_0001.txt").write_text(CAMERA)
     (tmp_path / "scene_01_0001.txt").write_text(CAMERA)
-    with pytest.raises(InputError, match="scene_01_0001.txt: .*frame 1 again, as in scene_00_0001.txt"):
+    with pytest.raises(
+        InputError, match="scene_01_0001.txt: .*frame 1 again, as in scene_00_0001.txt"
+    ):
         read_trajectory(tmp_path)
 
 
-@pytest.mark.parametrize("format", [name for name in FORMATS if name not in ("pov-cameras", "scannet")])
+@pytest.mark.parametrize(
+    "format", [name for name in FORMATS if name not in ("pov-cameras", "scannet")]
+)
 def test_a_folder_is_no_file(tmp_path, format):
     with pytest.raises(InputError, match="found a folder"):
         read_trajectory(tmp_path, format)
@@ -163,7 +267,9 @@ def test_an_unknown_format_is_refused_with_the_known_ones(tmp_path):
         read_trajectory(tmp_path / "a.txt", "freiburg")
 
 
-@pytest.mark.parametrize("options", [{"rate_hz": 0}, {"rate_hz": np.nan}, {"unit_m": -1}, {"unit_m": np.inf}])
+@pytest.mark.parametrize(
+    "options", [{"rate_hz": 0}, {"rate_hz": np.nan}, {"unit_m": -1}, {"unit_m": np.inf}]
+)
 def test_options_that_cannot_be_are_refused(tmp_path, options):
     (tmp_path / "a.txt").write_text(TUM)
     with pytest.raises(InputError, match="1e-6 to 1e6"):
@@ -174,5 +280,7 @@ def test_the_line_is_found_deep_in_a_long_file(tmp_path):
     lines = [f"{i} 0 0 0 0 0 0 1\n" for i in range(20_000)]
     lines[17_321] = "17321 0 0 0 0 0 0 0.5\n"
     (tmp_path / "a.txt").write_text("# header\n" + "".join(lines))
-    with pytest.raises(InputError, match="a.txt:17323: expected quaternions of length 1 .* found length 0.5"):
+    with pytest.raises(
+        InputError, match="a.txt:17323: expected quaternions of length 1 .* found length 0.5"
+    ):
         read_trajectory(tmp_path / "a.txt")

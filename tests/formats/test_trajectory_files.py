@@ -29,7 +29,9 @@ def file(tmp_path):
 
 
 def test_tum_is_read_as_it_stands(file):
-    loaded = read_trajectory(file("a.txt", "# comment\n\n0.5 1 2 3 0 0 0.6 0.8 # why\r\n 1.5\t4 5 6 0 0 0 1\n"))
+    loaded = read_trajectory(
+        file("a.txt", "# comment\n\n0.5 1 2 3 0 0 0.6 0.8 # why\r\n 1.5\t4 5 6 0 0 0 1\n")
+    )
     np.testing.assert_array_equal(loaded.trajectory.stamps_s, [0.5, 1.5])
     np.testing.assert_array_equal(loaded.trajectory.positions_m, [[1, 2, 3], [4, 5, 6]])
     expected = Rotation.from_quat([0, 0, 0.6, 0.8]).as_matrix()
@@ -39,7 +41,9 @@ def test_tum_is_read_as_it_stands(file):
 
 def test_quaternions_of_three_digits_are_normalised(file):
     loaded = read_trajectory(file("a.txt", "0 0 0 0 0.707 0 0 0.707\n"))
-    np.testing.assert_allclose(np.linalg.det(loaded.trajectory.T_world_camera.rotation), 1, atol=1e-14)
+    np.testing.assert_allclose(
+        np.linalg.det(loaded.trajectory.T_world_camera.rotation), 1, atol=1e-14
+    )
 
 
 def test_whole_number_stamps_are_seconds_unless_told_otherwise(file):
@@ -48,7 +52,9 @@ def test_whole_number_stamps_are_seconds_unless_told_otherwise(file):
     assert loaded.read_as.format == "tum" and "tum-ids" in loaded.read_as.sentence
     np.testing.assert_array_equal(loaded.trajectory.stamps_s, range(5))
     frames = read_trajectory(path, "tum-ids")
-    np.testing.assert_allclose(frames.trajectory.stamps_s, 1 + np.arange(5) / 30, atol=5.1e-7, rtol=0)
+    np.testing.assert_allclose(
+        frames.trajectory.stamps_s, 1 + np.arange(5) / 30, atol=5.1e-7, rtol=0
+    )
     np.testing.assert_array_equal(frames.trajectory.positions_m, loaded.trajectory.positions_m)
 
 
@@ -117,14 +123,16 @@ def test_colmaps_images_are_inverted_and_put_in_order(file, names, stamps_s, poi
     rows, R = [], Rotation.from_matrix(np.array(ROWS.rotation))
     for i, name in enumerate(names):
         q, t = R[i].inv().as_quat(), -R[i].inv().apply(np.array(ROWS.translation[i]))
-        rows.append(" ".join([str(9 - i), *(f"{v:.17g}" for v in (q[3], *q[:3], *t)), "1", name]) + "\n")
-    header = (
-        "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
-    )
+        rows.append(
+            " ".join([str(9 - i), *(f"{v:.17g}" for v in (q[3], *q[:3], *t)), "1", name]) + "\n"
+        )
+    header = "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
     loaded = read_trajectory(file("images.txt", header + points.join(rows[::-1]) + points))
     assert (loaded.read_as.format, loaded.read_as.handedness) == ("colmap", "right")
     np.testing.assert_allclose(loaded.trajectory.stamps_s, stamps_s, rtol=0, atol=5e-7)
-    np.testing.assert_allclose(loaded.trajectory.T_world_camera.matrix, ROWS.matrix[: len(names)], atol=1e-14)
+    np.testing.assert_allclose(
+        loaded.trajectory.T_world_camera.matrix, ROWS.matrix[: len(names)], atol=1e-14
+    )
 
 
 # -- handedness: by name, by start, by --from; by nothing else
@@ -136,7 +144,9 @@ def is_left_handed(path, format=None) -> bool:
     loaded = read_trajectory(path, format)
     assert (loaded.read_as.handedness == "left") == (loaded.read_as.format == "gt.freiburg")
     # left-handed files come out with y mirrored, right-handed ones as they stand
-    assert loaded.trajectory.positions_m[1, 1] == (-0.2 if loaded.read_as.handedness == "left" else 0.2)
+    assert loaded.trajectory.positions_m[1, 1] == (
+        -0.2 if loaded.read_as.handedness == "left" else 0.2
+    )
     return loaded.read_as.handedness == "left"
 
 
@@ -168,7 +178,9 @@ def test_being_told_beats_name_and_start(file):
 def test_a_converted_file_is_not_mirrored_twice(file, tmp_path):
     loaded = read_trajectory(file("a.gt.freiburg", LEFT.format(id0=30, id1=60, z=-2.25)))
     write_trajectory(tmp_path / "a.txt", loaded.trajectory, "tum")
-    np.testing.assert_array_equal(loaded.trajectory.stamps_s, [2, 3])  # whole seconds at the official start
+    np.testing.assert_array_equal(
+        loaded.trajectory.stamps_s, [2, 3]
+    )  # whole seconds at the official start
     again = read_trajectory(tmp_path / "a.txt")
     assert again.read_as.format == "tum"
     np.testing.assert_allclose(
@@ -179,7 +191,9 @@ def test_a_converted_file_is_not_mirrored_twice(file, tmp_path):
 def test_left_handed_ids_become_right_handed_seconds(file):
     loaded = read_trajectory(file("a.gt.freiburg", LEFT.format(id0=1, id1=2, z=-2.25)))
     np.testing.assert_allclose(loaded.trajectory.stamps_s, [1.033333, 1.066667])
-    np.testing.assert_allclose(loaded.trajectory.T_world_camera.quat_xyzw[1, :3], [-0.1, 0.2, -0.3], atol=1e-15)
+    np.testing.assert_allclose(
+        loaded.trajectory.T_world_camera.quat_xyzw[1, :3], [-0.1, 0.2, -0.3], atol=1e-15
+    )
 
 
 # -- matrices
@@ -190,7 +204,8 @@ ROWS = SE3.exp(np.random.default_rng(1).normal(size=(4, 6)))
 def matrix_text(numbered: bool, header: str = "") -> str:
     rows = ROWS.matrix[:, :3].reshape(-1, 12)
     return header + "".join(
-        (f"{10 + i} " if numbered else "") + " ".join(f"{v:.15g}" for v in row) + "\n" for i, row in enumerate(rows)
+        (f"{10 + i} " if numbered else "") + " ".join(f"{v:.15g}" for v in row) + "\n"
+        for i, row in enumerate(rows)
     )
 
 
@@ -199,14 +214,19 @@ def test_matrix_rows_are_kitti_poses(file, numbered):
     loaded = read_trajectory(file("00.txt", matrix_text(numbered)))
     assert (loaded.read_as.format, loaded.read_as.handedness) == ("kitti", "right")
     np.testing.assert_allclose(loaded.trajectory.T_world_camera.matrix, ROWS.matrix, atol=1e-14)
-    np.testing.assert_allclose((loaded.trajectory.stamps_s - 1) * 30, np.arange(4) + (10 if numbered else 0), atol=2e-5)
+    np.testing.assert_allclose(
+        (loaded.trajectory.stamps_s - 1) * 30, np.arange(4) + (10 if numbered else 0), atol=2e-5
+    )
 
 
 @pytest.mark.parametrize("numbered", [False, True])
 @pytest.mark.parametrize(
-    ("name", "header"), [("lr_Tpov_cam.txt", ""), ("rows.txt", "# T_pov_cam, LEFT-handed POV-Ray world\n")]
+    ("name", "header"),
+    [("lr_Tpov_cam.txt", ""), ("rows.txt", "# T_pov_cam, LEFT-handed POV-Ray world\n")],
 )
-def test_matrix_rows_are_in_the_pov_world_where_name_or_header_says_so(file, name, header, numbered):
+def test_matrix_rows_are_in_the_pov_world_where_name_or_header_says_so(
+    file, name, header, numbered
+):
     loaded = read_trajectory(file(name, matrix_text(numbered, header)))
     assert (loaded.read_as.format, loaded.read_as.handedness) == ("pov-matrix", "left")
     expected = axes.world_cv_from_pov(ROWS)
@@ -231,9 +251,13 @@ def test_sim_blocks_start_at_image_one(file):
         loaded = read_trajectory(file(name, text))
         assert (loaded.read_as.format, loaded.read_as.handedness) == ("gt.sim", "left")
         np.testing.assert_allclose(loaded.trajectory.stamps_s, [1.033333, 1.066667])
-        np.testing.assert_array_equal(loaded.trajectory.positions_m, [[0.1, -0.2, -2.25], [1, -2, 3]])
+        np.testing.assert_array_equal(
+            loaded.trajectory.positions_m, [[0.1, -0.2, -2.25], [1, -2, 3]]
+        )
         # a quarter turn about z changes its sense in the mirror
-        np.testing.assert_array_equal(loaded.trajectory.T_world_camera.rotation[1], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+        np.testing.assert_array_equal(
+            loaded.trajectory.T_world_camera.rotation[1], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
+        )
 
 
 # -- POV-Ray
@@ -247,15 +271,21 @@ def command(number, T: SE3, declare: str = " + Declare") -> str:
 
 @pytest.mark.parametrize("declare", [" + Declare", "+ Declare", " Declare", "  Declare "])
 def test_render_commands_are_poses_in_the_pov_world(file, declare):
-    text = "#!/bin/sh\ncd out\n" + "".join(command(i, ROWS[k], declare) for k, i in enumerate((0, 1, 5, 7)))
+    text = "#!/bin/sh\ncd out\n" + "".join(
+        command(i, ROWS[k], declare) for k, i in enumerate((0, 1, 5, 7))
+    )
     loaded = read_trajectory(file("commands.txt", text), "pov-commands")
-    np.testing.assert_allclose(loaded.trajectory.T_world_camera.matrix, axes.world_cv_from_pov(ROWS).matrix, atol=1e-13)
+    np.testing.assert_allclose(
+        loaded.trajectory.T_world_camera.matrix, axes.world_cv_from_pov(ROWS).matrix, atol=1e-13
+    )
     np.testing.assert_allclose((loaded.trajectory.stamps_s - 1) * 30, [0, 1, 5, 7], atol=2e-5)
 
 
 def test_render_commands_without_numbered_images_are_counted(file):
     text = "".join(command(i, ROWS[i]).replace(f"+Oscene_00_{i:04d}.png", "") for i in range(4))
-    np.testing.assert_allclose((read_trajectory(file("x", text)).trajectory.stamps_s - 1) * 30, range(4), atol=2e-5)
+    np.testing.assert_allclose(
+        (read_trajectory(file("x", text)).trajectory.stamps_s - 1) * 30, range(4), atol=2e-5
+    )
 
 
 CAMERA = """cam_pos      = [91, 465, -292]';
@@ -277,15 +307,20 @@ def test_a_folder_of_camera_files_is_a_trajectory(file, tmp_path):
     assert (loaded.read_as.format, loaded.read_as.handedness) == ("pov-cameras", "left")
     np.testing.assert_allclose((loaded.trajectory.stamps_s - 1) * 30, [0, 2, 10], atol=2e-5)
     np.testing.assert_allclose(
-        loaded.trajectory.positions_m, [[-0.91, 2.92, 4.65], [-0.93, 2.92, 4.65], [-1.01, 2.92, 4.65]]
+        loaded.trajectory.positions_m,
+        [[-0.91, 2.92, 4.65], [-0.93, 2.92, 4.65], [-1.01, 2.92, 4.65]],
     )
     # what the camera looks along, and what it has on its right
     forward, right = (
         loaded.trajectory.T_world_camera.rotation[0][:, 2],
         loaded.trajectory.T_world_camera.rotation[0][:, 0],
     )
-    np.testing.assert_allclose(forward, axes.WORLD_FROM_POV @ (0.0496855, -0.285692, 0.957033), atol=1e-5)
-    np.testing.assert_allclose(right, axes.WORLD_FROM_POV @ (1.32832, 0.00964677, -0.0660817) / 1.33, atol=1e-4)
+    np.testing.assert_allclose(
+        forward, axes.WORLD_FROM_POV @ (0.0496855, -0.285692, 0.957033), atol=1e-5
+    )
+    np.testing.assert_allclose(
+        right, axes.WORLD_FROM_POV @ (1.32832, 0.00964677, -0.0660817) / 1.33, atol=1e-4
+    )
 
 
 def test_one_camera_file_is_one_pose(file):
@@ -297,7 +332,9 @@ def test_a_camera_file_and_a_render_command_agree(file):
     camera = read_trajectory(file("scene_0.txt", CAMERA)).trajectory
     pov = axes.pov_from_world_cv(camera.T_world_camera)
     commanded = read_trajectory(file("commands.txt", command(0, pov[0]))).trajectory
-    np.testing.assert_allclose(commanded.T_world_camera.matrix, camera.T_world_camera.matrix, atol=1e-12)
+    np.testing.assert_allclose(
+        commanded.T_world_camera.matrix, camera.T_world_camera.matrix, atol=1e-12
+    )
 
 
 # -- EuRoC
@@ -347,7 +384,9 @@ def test_the_published_ground_truth_comes_out_of_the_pov_poses(samples, tmp_path
 
 def test_both_official_forms_of_kt0_are_one_path_in_a_right_handed_world(samples):
     pov = read_trajectory(samples / "trajectories/lr_kt0_Tpov_cam_3x4.txt").trajectory[1:1509]
-    anchored = read_trajectory(samples / "trajectories/livingRoom0.gt.freiburg.recomputed").trajectory
+    anchored = read_trajectory(
+        samples / "trajectories/livingRoom0.gt.freiburg.recomputed"
+    ).trajectory
     np.testing.assert_allclose(anchored.stamps_s, pov.stamps_s)
     motion = [t.T_world_camera[0].inverse() @ t.T_world_camera for t in (pov, anchored)]
     np.testing.assert_allclose(motion[1].matrix, motion[0].matrix, atol=1e-5)
@@ -356,8 +395,12 @@ def test_both_official_forms_of_kt0_are_one_path_in_a_right_handed_world(samples
 def test_the_offices_ground_truth_goes_through_tum_and_back_unmoved(samples, tmp_path):
     source = samples / "or_kt0/traj0.gt.freiburg"
     write_trajectory(tmp_path / "a.txt", read_trajectory(source).trajectory, "tum")
-    write_trajectory(tmp_path / "a.gt.freiburg", read_trajectory(tmp_path / "a.txt").trajectory, "gt.freiburg")
-    np.testing.assert_allclose(np.loadtxt(tmp_path / "a.gt.freiburg"), np.loadtxt(source), atol=2e-6)
+    write_trajectory(
+        tmp_path / "a.gt.freiburg", read_trajectory(tmp_path / "a.txt").trajectory, "gt.freiburg"
+    )
+    np.testing.assert_allclose(
+        np.loadtxt(tmp_path / "a.gt.freiburg"), np.loadtxt(source), atol=2e-6
+    )
 
 
 def test_every_format_says_in_one_sentence_how_it_was_taken(samples):

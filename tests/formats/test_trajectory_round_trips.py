@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
-from iclnuim.formats.trajectories import FORMATS, FileOptions, format_for_name, read_trajectory, write_trajectory
+from iclnuim.formats.trajectories import (
+    FORMATS,
+    FileOptions,
+    format_for_name,
+    read_trajectory,
+    write_trajectory,
+)
 from iclnuim.formats.trajectory_file import stamp_text
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
@@ -24,10 +30,13 @@ def random_trajectory(seed: int, frames: int = 40) -> Trajectory:
     vectors = rng.normal(size=(frames, 3))
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
     angles = np.choose(
-        rng.integers(0, 4, frames), [np.zeros(frames), 1e-6, rng.uniform(0, np.pi, frames), np.pi - 1e-7]
+        rng.integers(0, 4, frames),
+        [np.zeros(frames), 1e-6, rng.uniform(0, np.pi, frames), np.pi - 1e-7],
     )
     return Trajectory.at_rate(
-        SE3.exp(np.concatenate([rng.normal(size=(frames, 3)) * 5, vectors * angles[:, None]], axis=1))
+        SE3.exp(
+            np.concatenate([rng.normal(size=(frames, 3)) * 5, vectors * angles[:, None]], axis=1)
+        )
     )
 
 
@@ -37,7 +46,9 @@ def assert_same(a: SE3, b: SE3) -> None:
 
 
 def test_the_formats_that_can_be_written():
-    assert {"tum", "kitti", "pov-matrix", "gt.freiburg", "gt.sim", "pov-commands", "euroc"} <= set(NAMES)
+    assert {"tum", "kitti", "pov-matrix", "gt.freiburg", "gt.sim", "pov-commands", "euroc"} <= set(
+        NAMES
+    )
 
 
 @pytest.mark.parametrize("format", NAMES)
@@ -77,7 +88,10 @@ def test_writing_an_anchored_trajectory_again_leaves_it_where_it_is(tmp_path, fo
     near_start = SE3.exp(np.random.default_rng(0).normal(size=(40, 6)) * 1e-3)
     write_trajectory(first, Trajectory.at_rate(near_start), format)
     write_trajectory(second, read_trajectory(first).trajectory, format)
-    assert_same(read_trajectory(second).trajectory.T_world_camera, read_trajectory(first).trajectory.T_world_camera)
+    assert_same(
+        read_trajectory(second).trajectory.T_world_camera,
+        read_trajectory(first).trajectory.T_world_camera,
+    )
 
 
 @pytest.mark.parametrize("start_z_m", [-2.25, -2.5])
@@ -121,17 +135,22 @@ def test_stamps_have_six_digits_and_more_only_where_they_need_them(stamp_s, text
 def test_stamps_of_real_recordings_survive(tmp_path, format):
     written, path = random_trajectory(6), tmp_path / NAMES[format]
     written = Trajectory(
-        1305031102.175304 + np.cumsum(np.random.default_rng(0).uniform(1e-3, 0.1, 40)), written.T_world_camera
+        1305031102.175304 + np.cumsum(np.random.default_rng(0).uniform(1e-3, 0.1, 40)),
+        written.T_world_camera,
     )
     write_trajectory(path, written, format)
-    np.testing.assert_allclose(read_trajectory(path).trajectory.stamps_s, written.stamps_s, rtol=0, atol=5e-7)
+    np.testing.assert_allclose(
+        read_trajectory(path).trajectory.stamps_s, written.stamps_s, rtol=0, atol=5e-7
+    )
 
 
 @pytest.mark.parametrize("format", KEEPS_THE_WORLD)
 def test_a_unit_of_length_goes_out_and_in(tmp_path, format):
     written, path = random_trajectory(7), tmp_path / NAMES[format]
     write_trajectory(path, written, format, FileOptions(unit_m=0.01))
-    assert_same(read_trajectory(path, unit_m=0.01).trajectory.T_world_camera, written.T_world_camera)
+    assert_same(
+        read_trajectory(path, unit_m=0.01).trajectory.T_world_camera, written.T_world_camera
+    )
     in_metres = read_trajectory(path).trajectory.positions_m
     np.testing.assert_allclose(in_metres, 100 * written.positions_m, atol=1e-7)
 
@@ -142,7 +161,9 @@ def test_a_frame_rate_goes_out_and_in(tmp_path, format):
     written = Trajectory.at_rate(random_trajectory(8).T_world_camera, 120)
     write_trajectory(path, written, format, FileOptions(rate_hz=120))
     back = read_trajectory(path, rate_hz=120).trajectory
-    np.testing.assert_allclose(back.stamps_s, written.stamps_s[len(written) - len(back) :], atol=1e-12)
+    np.testing.assert_allclose(
+        back.stamps_s, written.stamps_s[len(written) - len(back) :], atol=1e-12
+    )
 
 
 def test_the_same_trajectory_gives_the_same_bytes(tmp_path):
@@ -157,7 +178,9 @@ def test_the_same_trajectory_gives_the_same_bytes(tmp_path):
 @pytest.mark.parametrize("shift_s", [0.01, -1.0, 1e12])
 def test_stamps_between_frames_cannot_become_frame_numbers(tmp_path, format, shift_s):
     path, written = tmp_path / NAMES[format], random_trajectory(10)
-    moved = Trajectory(np.arange(40) * (1 if shift_s > 1e9 else 1 / 30) + shift_s, written.T_world_camera)
+    moved = Trajectory(
+        np.arange(40) * (1 if shift_s > 1e9 else 1 / 30) + shift_s, written.T_world_camera
+    )
     with pytest.raises(InputError, match="stamps"):
         write_trajectory(path, moved, format)
     assert not list(tmp_path.iterdir())
@@ -165,7 +188,9 @@ def test_stamps_between_frames_cannot_become_frame_numbers(tmp_path, format, shi
 
 def test_blocks_without_numbers_cannot_have_gaps(tmp_path):
     with pytest.raises(InputError, match="without a gap"):
-        write_trajectory(tmp_path / "x.gt.sim", random_trajectory(11)[np.array([0, 1, 2, 4])], "gt.sim")
+        write_trajectory(
+            tmp_path / "x.gt.sim", random_trajectory(11)[np.array([0, 1, 2, 4])], "gt.sim"
+        )
 
 
 def test_image_zero_alone_cannot_be_anchored(tmp_path):
@@ -176,8 +201,14 @@ def test_image_zero_alone_cannot_be_anchored(tmp_path):
 @pytest.mark.parametrize(
     ("poses", "message"),
     [
-        (SE3(np.full((2, 3, 3), np.nan), np.zeros((2, 3))), "finite positions and rotation matrices"),
-        (SE3(np.broadcast_to(np.eye(3), (2, 3, 3)), np.full((2, 3), np.inf)), "finite positions and rotation matrices"),
+        (
+            SE3(np.full((2, 3, 3), np.nan), np.zeros((2, 3))),
+            "finite positions and rotation matrices",
+        ),
+        (
+            SE3(np.broadcast_to(np.eye(3), (2, 3, 3)), np.full((2, 3), np.inf)),
+            "finite positions and rotation matrices",
+        ),
         (SE3(np.broadcast_to(np.eye(3), (2, 3, 3)), np.full((2, 3), 1e9)), "positions of at most"),
         (SE3.identity((0,)), "at least one pose"),
     ],

@@ -10,7 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from iclnuim.errors import InputError, WorkError
-from iclnuim.formats.associations import Associations, ImageList, write_associations, write_image_list
+from iclnuim.formats.associations import (
+    Associations,
+    ImageList,
+    write_associations,
+    write_image_list,
+)
 from iclnuim.formats.files import atomic_write, process_is_running
 from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.se3 import SE3
@@ -22,7 +27,15 @@ COLOURS = ImageList(IMAGES.stamps_s, tuple(f"rgb/{i}.png" for i in range(2000)))
 WRITERS = {
     **{
         format: lambda path, format=format: write_trajectory(path, WALK, format)
-        for format in ("tum", "kitti", "pov-matrix", "gt.freiburg", "gt.sim", "pov-commands", "euroc")
+        for format in (
+            "tum",
+            "kitti",
+            "pov-matrix",
+            "gt.freiburg",
+            "gt.sim",
+            "pov-commands",
+            "euroc",
+        )
     },
     "associations": lambda path: write_associations(path, Associations(COLOURS, IMAGES)),
     "images": lambda path: write_image_list(path, IMAGES),
@@ -65,7 +78,12 @@ def test_a_killed_process_leaves_the_file_as_it_was(tmp_path, repository):
         atomic_write(sys.argv[1], write)
     """
     environment = {**os.environ, "PYTHONPATH": str(repository / "addon")}
-    assert subprocess.run([sys.executable, "-c", program, str(path)], env=environment, check=False).returncode == -9
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", program, str(path)], env=environment, check=False
+        ).returncode
+        == -9
+    )
     assert path.read_text() == "what was there"
     # what is left has a name that no reader takes for a result
     assert all(p.name.startswith(".") and ".tmp" in p.name for p in tmp_path.iterdir() if p != path)
@@ -86,7 +104,9 @@ def test_what_cannot_be_written_does_not_touch_the_file(tmp_path):
 
 def test_the_temporary_file_stands_beside_the_target(tmp_path):
     seen: list[Path] = []
-    atomic_write(tmp_path / "a.png", lambda temporary: (seen.append(temporary), temporary.write_text("x")))
+    atomic_write(
+        tmp_path / "a.png", lambda temporary: (seen.append(temporary), temporary.write_text("x"))
+    )
     assert seen[0].parent == tmp_path and seen[0].suffix == ".png" and not seen[0].exists()
 
 

@@ -20,7 +20,9 @@ def plane_depth():
     def depth(normal, point, T_world_camera=None):
         T = SE3.identity() if T_world_camera is None else T_world_camera
         rays = CAMERA.rays() @ T.rotation.T
-        z = (np.dot(normal, point) - np.dot(normal, T.translation)) / (rays @ np.asarray(normal, float))
+        z = (np.dot(normal, point) - np.dot(normal, T.translation)) / (
+            rays @ np.asarray(normal, float)
+        )
         return np.where(z > 0, z, 0).astype(np.float32)
 
     return depth

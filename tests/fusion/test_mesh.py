@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 pytest.importorskip("numba")
+from iclnuim.benchmark.fusion.mesh import Mesh, edge, extract, loops  # noqa: E402
+from iclnuim.benchmark.fusion.settings import VolumeSettings  # noqa: E402
+from iclnuim.benchmark.fusion.volume import Volume  # noqa: E402
 from iclnuim.formats.ply import write_ply  # noqa: E402
-from iclnuim.fusion.mesh import Mesh, edge, extract, loops  # noqa: E402
-from iclnuim.fusion.settings import VolumeSettings  # noqa: E402
-from iclnuim.fusion.volume import Volume  # noqa: E402
 
-SETTINGS = VolumeSettings(voxel_m=0.02, truncation_m=0.08, behind_m=0.08, window_blocks=16, max_blocks=4096)
+SETTINGS = VolumeSettings(
+    voxel_m=0.02, truncation_m=0.08, behind_m=0.08, window_blocks=16, max_blocks=4096
+)
 
 
 def filled(distance):

@@ -8,10 +8,10 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba")
-from iclnuim.fusion.reference import NAMES, make_reference  # noqa: E402
-from iclnuim.odometry.protocol import Frame, Result, Status, failure  # noqa: E402
-from iclnuim.odometry.registry import ODOMETERS, odometer  # noqa: E402
-from iclnuim.odometry.track import PREDICTION_DECAY, Tracker, track  # noqa: E402
+from iclnuim.benchmark.fusion.reference import NAMES, make_reference  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, Result, Status, failure  # noqa: E402
+from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer  # noqa: E402
+from iclnuim.benchmark.odometry.track import PREDICTION_DECAY, Tracker, track  # noqa: E402
 
 CAMERA = PinholeCamera.parse("160x120")
 STEP = SE3.exp(np.array([0.01, 0.0, 0.0, 0.0, 0.002, 0.0]))
@@ -60,7 +60,9 @@ def test_a_reported_failure_is_a_lost_frame_also_with_a_residual_and_without_a_r
     found = list(track(Plain(results), CAMERA, [(f.stamp_s, f) for f in frames(5)]))
     assert [f.lost for f in found] == [False, False, True, True, False]
     assert found[2].result.reason == "nothing to see"
-    np.testing.assert_allclose(found[3].T_world_camera.matrix, found[1].T_world_camera.matrix, atol=1e-14)
+    np.testing.assert_allclose(
+        found[3].T_world_camera.matrix, found[1].T_world_camera.matrix, atol=1e-14
+    )
 
 
 def test_a_prediction_that_the_images_did_not_confirm_decays():
@@ -68,7 +70,9 @@ def test_a_prediction_that_the_images_did_not_confirm_decays():
     against = make_reference("keyframe", one, CAMERA)
     for _ in track(one, CAMERA, [(f.stamp_s, f) for f in frames(4)], against=against):
         pass
-    confirmed, decayed = (a.inverse() @ b for a, b in zip((STEP, STEP @ STEP), one.guesses[1:], strict=True))
+    confirmed, decayed = (
+        a.inverse() @ b for a, b in zip((STEP, STEP @ STEP), one.guesses[1:], strict=True)
+    )
     np.testing.assert_allclose(confirmed.log(), STEP.log(), atol=1e-12)
     np.testing.assert_allclose(decayed.log(), PREDICTION_DECAY * STEP.log(), atol=1e-12)
     assert PREDICTION_DECAY == 0.95
@@ -98,21 +102,25 @@ def among_grain():
 
 @pytest.mark.parametrize("preset", ["paper", "best"])
 @pytest.mark.parametrize("name", ODOMETERS)
-def test_images_that_are_unrelated_are_lost_to_intensities_and_leave_geometry_alone(among_grain, name, preset):
+def test_images_that_are_unrelated_are_lost_to_intensities_and_leave_geometry_alone(
+    among_grain, name, preset
+):
     found = among_grain(name, preset)
     if name in ("rgbd", "dvo", "fovis"):
         assert np.mean([f.result.status is not Status.OK for f in found[1:]]) >= 0.95
         assert all(np.linalg.norm(f.T_world_camera.translation) < 0.05 for f in found)
     else:
         alone = among_grain("icp", preset)
-        error_m = np.linalg.norm(found[-1].T_world_camera.translation - alone[-1].T_world_camera.translation)
+        error_m = np.linalg.norm(
+            found[-1].T_world_camera.translation - alone[-1].T_world_camera.translation
+        )
         assert error_m < 0.02
 
 
 @pytest.mark.parametrize("preset", ["paper", "best"])
 @pytest.mark.parametrize("name", ["rgbd", "dvo"])
 def test_no_official_frame_is_taken_for_unrelated(samples, name, preset):
-    from iclnuim.odometry.run import Sequence
+    from iclnuim.benchmark.odometry.run import Sequence
 
     sequence = Sequence(samples / "or_kt0")
     sequence.pairs = sequence.pairs[:120:8]  # 8 frames apart: harder than they are

@@ -9,11 +9,11 @@ pytest.importorskip("numba")
 pytest.importorskip("cv2")
 from dataclasses import replace  # noqa: E402
 
-from iclnuim.fusion import reference as module  # noqa: E402
-from iclnuim.fusion.reference import PRESETS, ModelReference, make_reference  # noqa: E402
-from iclnuim.odometry.protocol import Frame, Result  # noqa: E402
-from iclnuim.odometry.registry import odometer  # noqa: E402
-from iclnuim.odometry.track import Tracker  # noqa: E402
+from iclnuim.benchmark.fusion import reference as module  # noqa: E402
+from iclnuim.benchmark.fusion.reference import PRESETS, ModelReference, make_reference  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, Result  # noqa: E402
+from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
+from iclnuim.benchmark.odometry.track import Tracker  # noqa: E402
 
 #: A corner of a room, three planes (normal, point) and a ball.
 PLANES = (((0, 0, 1), (0, 0, -0.8)), ((-1, 0, 0), (1.6, 0, 0)), ((0, 1, 0), (0, -1.4, 0)))
@@ -22,7 +22,9 @@ PLANES = (((0, 0, 1), (0, 0, -0.8)), ((-1, 0, 0), (1.6, 0, 0)), ((0, 1, 0), (0, 
 @pytest.fixture
 def small(monkeypatch):
     """The presets with less memory, so that tests stay light."""
-    presets = {n: replace(p, volume=replace(p.volume, max_blocks=20_000)) for n, p in PRESETS.items()}
+    presets = {
+        n: replace(p, volume=replace(p.volume, max_blocks=20_000)) for n, p in PRESETS.items()
+    }
     monkeypatch.setattr(module, "PRESETS", presets)
 
 
@@ -33,9 +35,12 @@ def room(camera, plane_depth, sphere_depth, looking_at):
     for i in range(40):
         angle = 0.012 * i
         T = looking_at(
-            np.array([-0.2 * np.cos(angle), 0.5 * np.sin(angle), 0.3 * np.sin(2 * angle)]), (1.2, -0.5, -0.3)
+            np.array([-0.2 * np.cos(angle), 0.5 * np.sin(angle), 0.3 * np.sin(2 * angle)]),
+            (1.2, -0.5, -0.3),
         )
-        layers = [plane_depth(*plane, T) for plane in PLANES] + [sphere_depth((1.1, -0.6, -0.4), 0.3, T)]
+        layers = [plane_depth(*plane, T) for plane in PLANES] + [
+            sphere_depth((1.1, -0.6, -0.4), 0.3, T)
+        ]
         depth = np.min([np.where(layer > 0, layer, np.inf) for layer in layers], axis=0)
         points = camera.unproject(depth) @ T.rotation.T + T.translation
         x, y, z = np.moveaxis(points, -1, 0)
@@ -61,9 +66,16 @@ def error_m(estimate, poses):
 
 @pytest.mark.parametrize(
     ("sigma_m", "turn_deg", "renewed"),
-    [(1e-4, 0.1, [0, 6]), (1e-4, 3.0, [0, 3, 6]), (1e-3, 0.1, [0, 3, 6]), (float("nan"), 0.1, [0, 3, 6])],
+    [
+        (1e-4, 0.1, [0, 6]),
+        (1e-4, 3.0, [0, 3, 6]),
+        (1e-3, 0.1, [0, 3, 6]),
+        (float("nan"), 0.1, [0, 3, 6]),
+    ],
 )
-def test_a_view_is_kept_while_it_tells_the_motion_and_shows_the_same(small, camera, room, sigma_m, turn_deg, renewed):
+def test_a_view_is_kept_while_it_tells_the_motion_and_shows_the_same(
+    small, camera, room, sigma_m, turn_deg, renewed
+):
     _, frames = room
     one = odometer("icp")
     model, prepared = ModelReference(one, camera), one.prepare(frames[0], camera)
@@ -77,7 +89,9 @@ def test_a_view_is_kept_while_it_tells_the_motion_and_shows_the_same(small, came
 
 def test_icp_drifts_less_against_the_model(small, camera, room):
     poses, frames = room
-    errors = {kind: error_m(tracked("icp", kind, camera, frames), poses) for kind in ("frame", "model")}
+    errors = {
+        kind: error_m(tracked("icp", kind, camera, frames), poses) for kind in ("frame", "model")
+    }
     assert errors["model"] < 0.5 * errors["frame"]
 
 
@@ -114,7 +128,9 @@ def test_a_view_of_the_model_is_the_surface_of_the_frame_that_was_fused(small, c
     seen = (view[1].depth_z_m > 0) & (finest.depth_z_m > 0)
     assert seen.mean() > 0.9
     assert np.median(np.abs(view[1].depth_z_m - finest.depth_z_m)[seen]) < 0.001
-    turned = (view[1].normals * finest.normals).sum(-1)[(view[1].normals[..., 2] != 0) & (finest.normals[..., 2] != 0)]
+    turned = (view[1].normals * finest.normals).sum(-1)[
+        (view[1].normals[..., 2] != 0) & (finest.normals[..., 2] != 0)
+    ]
     assert np.median(turned) > 0.9
     np.testing.assert_array_equal(T.matrix, poses[0].matrix)
 

@@ -12,10 +12,15 @@ from iclnuim.geometry.trajectory import Trajectory
 
 pytest.importorskip("numba")
 pytest.importorskip("embreex")
+from iclnuim.benchmark.fusion.pictures import picture  # noqa: E402
+from iclnuim.benchmark.fusion.surface_error import (  # noqa: E402
+    TrueSurface,
+    read_mesh,
+    read_pairs,
+    read_reconstruction,
+)
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.ply import write_ply  # noqa: E402
-from iclnuim.fusion.pictures import picture  # noqa: E402
-from iclnuim.fusion.surface_error import TrueSurface, read_mesh, read_pairs, read_reconstruction  # noqa: E402
 from iclnuim.headless import cli  # noqa: E402
 
 #: A box, 2 x 2 x 1 m, seen from inside.
@@ -55,7 +60,10 @@ def test_points_on_the_surface_are_at_zero_and_others_at_their_distance():
 
 
 def test_the_fit_finds_the_motion_back():
-    points, T = on_the_box(np.random.default_rng(4)), SE3.exp(np.array([0.02, -0.03, 0.01, 0.02, 0.01, -0.03]))
+    points, T = (
+        on_the_box(np.random.default_rng(4)),
+        SE3.exp(np.array([0.02, -0.03, 0.01, 0.02, 0.01, -0.03])),
+    )
     moved = T.apply(points)
     surface = TrueSurface(BOX, SIDES)
     found = surface.aligned(moved, SE3.identity())
@@ -66,7 +74,9 @@ def test_the_fit_finds_the_motion_back():
 def test_a_plane_alone_cannot_be_fitted():
     surface = TrueSurface(BOX[:4], np.array([[0, 1, 3], [0, 3, 2]]))
     with pytest.raises(InputError, match="determine a motion"):
-        surface.aligned(np.random.default_rng(1).uniform(0, 1, (100, 3)) * (0, 1, 1) - (1, 0, 0), SE3.identity())
+        surface.aligned(
+            np.random.default_rng(1).uniform(0, 1, (100, 3)) * (0, 1, 1) - (1, 0, 0), SE3.identity()
+        )
 
 
 @pytest.mark.parametrize(
@@ -75,8 +85,16 @@ def test_a_plane_alone_cannot_be_fitted():
         ("mesh.txt", "x", "a mesh"),
         ("mesh.ply", "ply\nnonsense", "PLY"),
         ("mesh.ply", None, "no such file"),
-        ("mesh.off", "CNOFF\n1 0 0\n0 0 0 0 0 1 1 1 1 1\n", "a complete mesh, found .*; try a .ply"),
-        ("mesh.glb", "nonsense", "a glTF file from which Open3D reads a mesh, found none; try a .ply"),
+        (
+            "mesh.off",
+            "CNOFF\n1 0 0\n0 0 0 0 0 1 1 1 1 1\n",
+            "a complete mesh, found .*; try a .ply",
+        ),
+        (
+            "mesh.glb",
+            "nonsense",
+            "a glTF file from which Open3D reads a mesh, found none; try a .ply",
+        ),
     ],
 )
 def test_what_is_no_mesh_is_refused_in_words(tmp_path, name, text, match):
@@ -90,7 +108,10 @@ def test_what_is_no_mesh_is_refused_in_words(tmp_path, name, text, match):
 
 @pytest.mark.parametrize(
     ("points", "match"),
-    [(BOX * 0 + 1, "all vertices in one place"), (BOX * [1e300, 1, 1], r"at most 1e\+06 m, found 1e\+300 m")],
+    [
+        (BOX * 0 + 1, "all vertices in one place"),
+        (BOX * [1e300, 1, 1], r"at most 1e\+06 m, found 1e\+300 m"),
+    ],
 )
 @pytest.mark.filterwarnings("error")
 def test_a_model_without_extent_or_far_away_is_refused(points, match):
@@ -110,15 +131,20 @@ def test_a_model_whose_vertices_are_nearly_all_in_one_place_gives_distances_and_
 def test_a_reconstruction_far_away_is_refused_with_the_file(tmp_path, far_m):
     write_ply(tmp_path / "far.ply", np.vstack([BOX, [[far_m, 0, 0]]]), SIDES)
     with pytest.raises(
-        InputError, match=r"far\.ply: expected coordinates of at most 1e\+06 m, found .*; try another unit"
+        InputError,
+        match=r"far\.ply: expected coordinates of at most 1e\+06 m, found .*; try another unit",
     ):
         read_reconstruction(tmp_path / "far.ply")
     assert len(read_reconstruction(tmp_path / "far.ply", 1e5 / far_m).points) == 9
 
 
-def test_pairs_are_read_whatever_a_comment_contains_and_too_few_name_the_file(tmp_path, command_here):
+def test_pairs_are_read_whatever_a_comment_contains_and_too_few_name_the_file(
+    tmp_path, command_here
+):
     write_ply(tmp_path / "box.ply", BOX, SIDES)
-    (tmp_path / "pairs.txt").write_text("0 0 0 1 0 0  # corner\x85\u2028\x0cpicked twice\n1 0 0 2 0 0\n")
+    (tmp_path / "pairs.txt").write_text(
+        "0 0 0 1 0 0  # corner\x85\u2028\x0cpicked twice\n1 0 0 2 0 0\n"
+    )
     assert [points.tolist() for points in read_pairs(tmp_path / "pairs.txt")] == [
         [[0, 0, 0], [1, 0, 0]],
         [[1, 0, 0], [2, 0, 0]],
@@ -135,7 +161,9 @@ ROOM_SIDES = np.vstack([SIDES, [[8, 9, 10], [8, 10, 11]]])
 
 def in_the_room(rng, n=5000):
     corners = ROOM[ROOM_SIDES[rng.integers(0, len(ROOM_SIDES), n)]] + (5, 2, 0)
-    return np.einsum("ni,nij->nj", rng.dirichlet((1, 1, 1), n), corners) + rng.normal(0, 0.001, (n, 3))
+    return np.einsum("ni,nij->nj", rng.dirichlet((1, 1, 1), n), corners) + rng.normal(
+        0, 0.001, (n, 3)
+    )
 
 
 @pytest.mark.parametrize(
@@ -149,11 +177,19 @@ def in_the_room(rng, n=5000):
     ],
 )
 def test_another_unit_is_named(unit, words, factor):
-    surface, points = TrueSurface(ROOM + (5, 2, 0), ROOM_SIDES), in_the_room(np.random.default_rng(1))
+    surface, points = (
+        TrueSurface(ROOM + (5, 2, 0), ROOM_SIDES),
+        in_the_room(np.random.default_rng(1)),
+    )
     (warning,) = surface.error(factor * points).warnings
-    assert f"seems to be in {words}, not in metres" in warning and f"set its unit to {unit}" in warning
+    assert (
+        f"seems to be in {words}, not in metres" in warning and f"set its unit to {unit}" in warning
+    )
     away = factor * (points + (50, 0, 0))
-    assert "times as large as the model" in surface.error(away).warnings[0] or unit in surface.error(away).warnings[0]
+    assert (
+        "times as large as the model" in surface.error(away).warnings[0]
+        or unit in surface.error(away).warnings[0]
+    )
     assert surface.error(points).warnings == ()
 
 
@@ -161,15 +197,25 @@ def test_another_unit_is_named(unit, words, factor):
     ("given_m", "given", "true_m", "true", "setting"),
     [(0.001, "millimetres", 1.0, "metres", "m"), (0.01, "centimetres", 0.001, "millimetres", "mm")],
 )
-def test_the_advised_unit_is_that_of_the_file_also_if_another_was_given(given_m, given, true_m, true, setting):
-    surface, points = TrueSurface(ROOM + (5, 2, 0), ROOM_SIDES), in_the_room(np.random.default_rng(1))
+def test_the_advised_unit_is_that_of_the_file_also_if_another_was_given(
+    given_m, given, true_m, true, setting
+):
+    surface, points = (
+        TrueSurface(ROOM + (5, 2, 0), ROOM_SIDES),
+        in_the_room(np.random.default_rng(1)),
+    )
     (warning,) = surface.error(points / true_m * given_m, unit_m=given_m).warnings
-    assert f"seems to be in {true}, not in {given}" in warning and warning.endswith(f"set its unit to {setting}")
+    assert f"seems to be in {true}, not in {given}" in warning and warning.endswith(
+        f"set its unit to {setting}"
+    )
 
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_mirrored_reconstruction_is_named(axis):
-    surface, points = TrueSurface(ROOM, ROOM_SIDES), in_the_room(np.random.default_rng(2)) - (5, 2, 0)
+    surface, points = (
+        TrueSurface(ROOM, ROOM_SIDES),
+        in_the_room(np.random.default_rng(2)) - (5, 2, 0),
+    )
     flipped = points * np.where(np.arange(3) == axis, -1, 1)
     (warning,) = surface.error(flipped).warnings
     assert "is mirrored" in warning and "check the handedness" in warning
@@ -196,10 +242,17 @@ def test_a_reconstruction_in_another_world_frame_is_not_called_mirrored(seed):
 
 
 def test_a_reconstruction_far_off_is_advised_to_give_its_trajectory():
-    surface, points = TrueSurface(ROOM, ROOM_SIDES), in_the_room(np.random.default_rng(4)) - (5, 2, 0)
+    surface, points = (
+        TrueSurface(ROOM, ROOM_SIDES),
+        in_the_room(np.random.default_rng(4)) - (5, 2, 0),
+    )
     rotation = SE3.exp(np.array([0, 0, 0, 1.5, 0.9, 0.5]))
     (warning,) = surface.error(rotation.apply(points + (0.5, 2.0, 1.0))).warnings
-    assert "another world frame" in warning and "set {poses} to" in warning and "and {truth} to" in warning
+    assert (
+        "another world frame" in warning
+        and "set {poses} to" in warning
+        and "and {truth} to" in warning
+    )
 
 
 def test_a_picture_looks_into_the_room_from_outside():
@@ -216,24 +269,35 @@ def sequence(tmp_path, camera, looking_at):
     open3d = pytest.importorskip("open3d")
 
     scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(open3d.core.Tensor(BOX.astype(np.float32)), open3d.core.Tensor(SIDES.astype(np.uint32)))
+    scene.add_triangles(
+        open3d.core.Tensor(BOX.astype(np.float32)), open3d.core.Tensor(SIDES.astype(np.uint32))
+    )
     folder, poses = tmp_path / "box", []
     for kind in ("rgb", "depth"):
         (folder / kind).mkdir(parents=True)
     for i in range(10):
         angle = 0.25 * i
         poses.append(
-            looking_at(np.array([-0.3 * np.cos(angle), -0.3 * np.sin(angle), 0.6]), (np.cos(angle), np.sin(angle), 0.2))
+            looking_at(
+                np.array([-0.3 * np.cos(angle), -0.3 * np.sin(angle), 0.6]),
+                (np.cos(angle), np.sin(angle), 0.2),
+            )
         )
         rays = np.concatenate(
-            [np.broadcast_to(poses[-1].translation, (120, 160, 3)), camera.rays() @ poses[-1].rotation.T], -1
+            [
+                np.broadcast_to(poses[-1].translation, (120, 160, 3)),
+                camera.rays() @ poses[-1].rotation.T,
+            ],
+            -1,
         )
         depth = scene.cast_rays(open3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
         write_png(folder / f"depth/{i:06}.png", (depth * 5000 + 0.5).astype(np.uint16))
         write_png(folder / f"rgb/{i:06}.png", np.full((120, 160, 3), (40, 80, 120), np.uint8))
     (folder / "camera.json").write_text(json.dumps(camera.to_dict()))
     write_trajectory(
-        folder / "groundtruth.txt", Trajectory.at_rate(SE3.from_matrix(np.array([T.matrix for T in poses]))), "tum"
+        folder / "groundtruth.txt",
+        Trajectory.at_rate(SE3.from_matrix(np.array([T.matrix for T in poses]))),
+        "tum",
     )
     write_ply(tmp_path / "model.ply", BOX.astype(np.float32), SIDES.astype(np.int32))
     return folder
@@ -258,15 +322,22 @@ def test_a_sequence_is_fused_and_judged_by_the_commands(sequence, tmp_path, icl)
     figures = json.loads(fused.stdout)
     assert figures["frames"] == 10
     assert figures["memory_mb"] < 200
-    assert json.loads((tmp_path / "box.json").read_text())["settings"]["volume"]["truncation_m"] == 0.045
+    assert (
+        json.loads((tmp_path / "box.json").read_text())["settings"]["volume"]["truncation_m"]
+        == 0.045
+    )
     assert (tmp_path / "box.png").stat().st_size > 1000
-    judged = icl("evaluate", "surface", "box.ply", "--model", "model.ply", "--plot", "error.png", "--json")
+    judged = icl(
+        "evaluate", "surface", "box.ply", "--model", "model.ply", "--plot", "error.png", "--json"
+    )
     assert judged.returncode == 0, judged.stderr
     assert json.loads(judged.stdout)["distance_m"]["mean"] < 0.001
     assert (tmp_path / "error.png").stat().st_size > 1000
 
 
-def test_a_surface_in_the_first_cameras_frame_is_laid_on_the_model_by_the_first_poses(sequence, tmp_path, icl):
+def test_a_surface_in_the_first_cameras_frame_is_laid_on_the_model_by_the_first_poses(
+    sequence, tmp_path, icl
+):
     from iclnuim.formats.trajectories import read_trajectory
 
     truth = read_trajectory(sequence / "groundtruth.txt").trajectory
@@ -281,7 +352,9 @@ def test_a_surface_in_the_first_cameras_frame_is_laid_on_the_model_by_the_first_
         warnings.append(json.loads(judged.stdout)["warnings"])
     assert errors[0] < 0.001 < 0.05 < errors[1]
     assert (
-        not warnings[0] and "set --poses to" in warnings[1][0] and "and --truth to its ground truth" in warnings[1][0]
+        not warnings[0]
+        and "set --poses to" in warnings[1][0]
+        and "and --truth to its ground truth" in warnings[1][0]
     )
 
 
@@ -301,9 +374,15 @@ def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path, icl):
         done = icl("evaluate", "surface", name, "--model", "model.ply", "--json", *options)
         assert done.returncode == 0, done.stderr
         found[name, *options[:1]] = json.loads(done.stdout)
-    assert found["cloud.ply", "--plot"]["distance_m"]["mean"] < 0.001 and (tmp_path / "error.png").stat().st_size > 1000
+    assert (
+        found["cloud.ply", "--plot"]["distance_m"]["mean"] < 0.001
+        and (tmp_path / "error.png").stat().st_size > 1000
+    )
     assert found["mm.ply",]["warnings"][0].endswith("set its unit to mm")
-    assert found["mm.ply", "--unit"]["distance_m"]["mean"] < 0.001 and found["mm.ply", "--unit"]["warnings"] == []
+    assert (
+        found["mm.ply", "--unit"]["distance_m"]["mean"] < 0.001
+        and found["mm.ply", "--unit"]["warnings"] == []
+    )
     assert "mirrored" in found["mirrored.ply",]["warnings"][0]
     assert (
         "warning: the reconstruction is mirrored"
@@ -314,7 +393,9 @@ def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path, icl):
 def test_a_mesh_has_the_same_vertices_in_every_format(tmp_path):
     corners = BOX[SIDES]
     facets = "".join(
-        "facet normal 0 0 0\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in t) + "endloop\nendfacet\n"
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in t)
+        + "endloop\nendfacet\n"
         for t in corners.tolist()
     )
     (tmp_path / "box.stl").write_text(f"solid box\n{facets}endsolid box\n")
@@ -323,13 +404,16 @@ def test_a_mesh_has_the_same_vertices_in_every_format(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("points", "match"), [([], "with points, found none"), ([[0, 0, float("nan")]], "NaN or infinity in 1 of 1")]
+    ("points", "match"),
+    [([], "with points, found none"), ([[0, 0, float("nan")]], "NaN or infinity in 1 of 1")],
 )
 def test_empty_clouds_and_nan_points_are_refused_in_one_line(tmp_path, points, match, icl):
     write_ply(tmp_path / "cloud.ply", np.array(points, np.float32).reshape(-1, 3))
     write_ply(tmp_path / "model.ply", BOX.astype(np.float32), SIDES.astype(np.int32))
     done = icl("evaluate", "surface", "cloud.ply", "--model", "model.ply")
-    assert done.returncode == 2 and match in done.stderr and len(done.stderr.strip().splitlines()) == 1
+    assert (
+        done.returncode == 2 and match in done.stderr and len(done.stderr.strip().splitlines()) == 1
+    )
 
 
 @pytest.mark.parametrize(
@@ -374,7 +458,9 @@ def test_an_assumed_camera_is_named_before_the_work(sequence, icl):
         for i in range(10):
             write_png(
                 sequence / f"{kind}/{i:06}.png",
-                np.full((480, 640, *channels), 9000, np.uint16).astype(np.uint8 if channels else np.uint16),
+                np.full((480, 640, *channels), 9000, np.uint16).astype(
+                    np.uint8 if channels else np.uint16
+                ),
             )
     fused = icl("fuse", sequence, "-o", "box.ply", "--frames", ":2")
     assert fused.returncode == 0, fused.stderr

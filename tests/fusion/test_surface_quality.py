@@ -12,10 +12,15 @@ from iclnuim.geometry.trajectory import Trajectory
 
 pytest.importorskip("embreex")
 pytest.importorskip("igl")
-from iclnuim.fusion.quality import SeenBy, surface_quality  # noqa: E402
-from iclnuim.fusion.samples import CELL_M, areas_m2, sampled, thinned  # noqa: E402
-from iclnuim.fusion.settings import QualitySettings  # noqa: E402
-from iclnuim.fusion.surface_error import TrueSurface, pairs_transform, read_model, read_reconstruction  # noqa: E402
+from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality  # noqa: E402
+from iclnuim.benchmark.fusion.samples import CELL_M, areas_m2, sampled, thinned  # noqa: E402
+from iclnuim.benchmark.fusion.settings import QualitySettings  # noqa: E402
+from iclnuim.benchmark.fusion.surface_error import (  # noqa: E402
+    TrueSurface,
+    pairs_transform,
+    read_model,
+    read_reconstruction,
+)
 from iclnuim.raycast.caster import RayCaster, seen_points  # noqa: E402
 from iclnuim.raycast.distance import TriangleDistance  # noqa: E402
 
@@ -26,23 +31,38 @@ def rectangle(corner, along, across, cells=1):
     points = np.array(corner, float) + np.outer(i / cells, along) + np.outer(j / cells, across)
     at = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
     step = cells + 1
-    return points, np.vstack([np.c_[at, at + step, at + 1], np.c_[at + 1, at + step, at + step + 1]])
+    return points, np.vstack(
+        [np.c_[at, at + step, at + 1], np.c_[at + 1, at + step, at + step + 1]]
+    )
 
 
 def joined(*meshes):
     starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
-    return np.vstack([p for p, _ in meshes]), np.vstack([t + s for (_, t), s in zip(meshes, starts, strict=False)])
+    return np.vstack([p for p, _ in meshes]), np.vstack(
+        [t + s for (_, t), s in zip(meshes, starts, strict=False)]
+    )
 
 
 def box(low, high, cells=1):
     low, size = np.array(low, float), np.subtract(high, low)
     x, y, z = np.diag(size)
-    sides = [(low, x, y), (low, y, z), (low, z, x), (low + z, x, y), (low + x, y, z), (low + y, z, x)]
+    sides = [
+        (low, x, y),
+        (low, y, z),
+        (low, z, x),
+        (low + z, x, y),
+        (low + x, y, z),
+        (low + y, z, x),
+    ]
     return joined(*(rectangle(*side, cells) for side in sides))
 
 
 #: A room of 4 x 4 x 2.5 m with a chest and a board before a wall, in large triangles.
-ROOM = joined(box((-2, -2, 0), (2, 2, 2.5)), box((0.8, -0.4, 0), (1.4, 0.5, 0.7)), box((1.95, 0.8, 1), (2, 1.6, 1.6)))
+ROOM = joined(
+    box((-2, -2, 0), (2, 2, 2.5)),
+    box((0.8, -0.4, 0), (1.4, 0.5, 0.7)),
+    box((1.95, 0.8, 1), (2, 1.6, 1.6)),
+)
 SMALL = QualitySettings(samples=20_000, every=1)
 CAMERA = PinholeCamera.parse("160x120")
 
@@ -82,12 +102,18 @@ def brute_force(points, corners):
 def test_distances_are_those_of_brute_force_also_in_slabs(slab):
     rng = np.random.default_rng(5)
     corners = rng.uniform(-1, 1, (400, 1, 3)) + rng.normal(0, 0.2, (400, 3, 3))
-    points = np.vstack([rng.uniform(-2, 2, (100, 3)), corners[::4].mean(1) + rng.normal(0, 1e-3, (100, 3))])
+    points = np.vstack(
+        [rng.uniform(-2, 2, (100, 3)), corners[::4].mean(1) + rng.normal(0, 1e-3, (100, 3))]
+    )
     to = TriangleDistance(corners.reshape(-1, 3), np.arange(1200).reshape(-1, 3), slab)
     found = to.nearest(points)
     np.testing.assert_allclose(found.distance_m, brute_force(points, corners), atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(points - found.point_m, axis=1), found.distance_m, atol=1e-12)
-    chosen = TriangleDistance(corners.reshape(-1, 3), np.arange(1200).reshape(-1, 3)[found.triangle[:1]])
+    np.testing.assert_allclose(
+        np.linalg.norm(points - found.point_m, axis=1), found.distance_m, atol=1e-12
+    )
+    chosen = TriangleDistance(
+        corners.reshape(-1, 3), np.arange(1200).reshape(-1, 3)[found.triangle[:1]]
+    )
     assert chosen.distance(points[:1]) == pytest.approx(found.distance_m[:1])
 
 
@@ -137,29 +163,43 @@ def area_in_depth_m2(caster, camera, pose, far_m):
     hits = caster.cast(pose.translation, rays)
     towards = np.abs((hits.normal * rays).sum(-1))
     shown = (hits.triangle >= 0) & (hits.distance <= far_m) & (towards > 0)
-    return float((hits.distance[shown].astype(float) ** 2 / towards[shown]).sum()) / (camera.fx * camera.fy)
+    return float((hits.distance[shown].astype(float) ** 2 / towards[shown]).sum()) / (
+        camera.fx * camera.fy
+    )
 
 
 @pytest.mark.slow
 def test_rays_and_depth_images_of_the_living_room_see_the_same_area():
     points, triangles = read_model("living_room")
     caster, camera, count = RayCaster(points, triangles), PinholeCamera(), 6_000_000
-    poses = read_trajectory(shipped.trajectory_file("living_room/window")).trajectory.T_world_camera[40::75]
-    spread, each_m2 = sampled(points, triangles, count, 0), areas_m2(points, triangles).sum() / count
+    poses = read_trajectory(
+        shipped.trajectory_file("living_room/window")
+    ).trajectory.T_world_camera[40::75]
+    spread, each_m2 = (
+        sampled(points, triangles, count, 0),
+        areas_m2(points, triangles).sum() / count,
+    )
     views = [poses[k : k + 1] for k in range(len(poses))]
-    by_rays = sum(seen_points(caster, spread, camera, view, 8.0, int).sum() for view in views) * each_m2
+    by_rays = (
+        sum(seen_points(caster, spread, camera, view, 8.0, int).sum() for view in views) * each_m2
+    )
     by_depth = sum(area_in_depth_m2(caster, camera, view[0], 8.0) for view in views)
     assert by_rays == pytest.approx(by_depth, rel=0.001)
 
 
 def test_half_a_reconstruction_scores_half_however_large_its_triangles_are(surface, ahead):
-    wall, camera = rectangle((2, -2, 0), (0, 4, 0), (0, 0, 2.5)), PinholeCamera.parse("160x120,60,60,79.5,59.5")
+    wall, camera = (
+        rectangle((2, -2, 0), (0, 4, 0), (0, 0, 2.5)),
+        PinholeCamera.parse("160x120,60,60,79.5,59.5"),
+    )
     seen_by = SeenBy(camera, ahead.T_world_camera[2:3])  # sees all of the wall
     half = rectangle((2, -2, 0), (0, 2, 0), (0, 0, 2.5))
     found = surface_quality(TrueSurface(*wall), *half, seen_by=seen_by, settings=SMALL)
     assert found.seen_m2 == pytest.approx(10, rel=1e-3)
     assert found.recall(0.01) == pytest.approx(0.5 + 0.01 / 4, abs=0.001)
-    assert found.completion_m == pytest.approx(0.5, rel=1e-3)  # 0 for one half, 0 to 2 m for the other
+    assert found.completion_m == pytest.approx(
+        0.5, rel=1e-3
+    )  # 0 for one half, 0 to 2 m for the other
     assert found.precision(0.01) == 1
 
 
@@ -173,7 +213,9 @@ def test_floaters_raise_no_figure_and_finer_meshes_win_nothing(surface, ahead):
     plain = surface_quality(surface, *waved(1), seen_by=ahead, settings=SMALL)
     floater = rectangle((0.2, 0.2, 1.0), (0.3, 0, 0), (0, 0, 0.3))
     floating = surface_quality(surface, *joined(waved(1), floater), seen_by=ahead, settings=SMALL)
-    assert floating.accuracy_m > plain.accuracy_m and floating.precision(0.05) < plain.precision(0.05)
+    assert floating.accuracy_m > plain.accuracy_m and floating.precision(0.05) < plain.precision(
+        0.05
+    )
     assert floating.depth_l1_m > plain.depth_l1_m
     finer = waved(2)
     half_finer = joined(box((-2, -2, 0), (2, 2, 2.5), 1), box((0.8, -0.4, 0), (1.4, 0.5, 0.7), 60))
@@ -189,7 +231,9 @@ def test_floaters_raise_no_figure_and_finer_meshes_win_nothing(surface, ahead):
 
 def test_twice_the_samples_or_another_seed_move_no_figure_by_half_a_percent(surface, ahead):
     def figures(**changed):
-        found = surface_quality(surface, *waved(1), seen_by=ahead, settings=SMALL.changed(**changed)).to_dict()
+        found = surface_quality(
+            surface, *waved(1), seen_by=ahead, settings=SMALL.changed(**changed)
+        ).to_dict()
         return [found[k] for k in ("accuracy_m", "completion_m", "seen_m2")] + [
             *found["precision"].values(),
             *found["recall"].values(),
@@ -205,17 +249,26 @@ def test_distances_to_samples_are_those_of_the_published_scripts(surface):
     import open3d
 
     points, triangles = waved(1)
-    found = surface_quality(surface, points, triangles, whole=True, settings=SMALL.changed(nearest="sample"))
+    found = surface_quality(
+        surface, points, triangles, whole=True, settings=SMALL.changed(nearest="sample")
+    )
     clouds = (sampled(points, triangles, 20_000, 0), sampled(*ROOM, 20_000, 0))
-    own, truth = (open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud)) for cloud in clouds)
-    accuracy, completion = (np.array(a.compute_point_cloud_distance(b)) for a, b in ((own, truth), (truth, own)))
-    assert found.accuracy_m == pytest.approx(accuracy.mean()) and found.completion_m == pytest.approx(completion.mean())
+    own, truth = (
+        open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud)) for cloud in clouds
+    )
+    accuracy, completion = (
+        np.array(a.compute_point_cloud_distance(b)) for a, b in ((own, truth), (truth, own))
+    )
+    assert found.accuracy_m == pytest.approx(
+        accuracy.mean()
+    ) and found.completion_m == pytest.approx(completion.mean())
     assert found.recall(0.05) == (completion <= 0.05).mean()
 
 
 def test_samples_lie_on_their_triangles_by_area_and_cells_of_a_cloud_count_once():
     points, triangles = joined(
-        rectangle((0, 0, 0), (3, 0, 0), (0, 1, 0), 1), rectangle((5, 0, 0), (1, 0, 0), (0, 1, 0), 30)
+        rectangle((0, 0, 0), (3, 0, 0), (0, 1, 0), 1),
+        rectangle((5, 0, 0), (1, 0, 0), (0, 1, 0), 30),
     )
     assert areas_m2(points, triangles).sum() == pytest.approx(4)
     spread = sampled(points, triangles, 10_000, 0)
@@ -232,7 +285,10 @@ def test_samples_lie_on_their_triangles_by_area_and_cells_of_a_cloud_count_once(
 
 def test_a_trajectory_that_sees_nothing_of_the_model_is_refused(surface, ahead):
     away = SeenBy(CAMERA, SE3(np.eye(3), np.array([100.0, 0, 0])) @ ahead.T_world_camera)
-    for views in (away, SeenBy(CAMERA, SE3(np.eye(3), np.array([0, 0, 9.0])) @ ahead.T_world_camera)):
+    for views in (
+        away,
+        SeenBy(CAMERA, SE3(np.eye(3), np.array([0, 0, 9.0])) @ ahead.T_world_camera),
+    ):
         with pytest.raises(InputError, match="sees something of the model"):
             surface_quality(surface, *ROOM, seen_by=views, settings=SMALL)
 
@@ -268,7 +324,10 @@ def files(tmp_path_factory):
         write_ply(folder / f"{name}.ply", p.astype(np.float32), t)
     lost = turned @ turned.exp(np.array([5, 1, 0, 1.0, 0, 2]))
     picked = points[[5, 3000, 7000, 9900]]
-    rows = ["# mesh, model", *(" ".join(f"{x:.6f}" for x in row) for row in np.hstack([lost.apply(picked), picked]))]
+    rows = [
+        "# mesh, model",
+        *(" ".join(f"{x:.6f}" for x in row) for row in np.hstack([lost.apply(picked), picked])),
+    ]
     (folder / "pairs.txt").write_text("\n".join(rows))
     (folder / "bad_pairs.txt").write_text("1 2 3 4 5\n")
     (folder / "reflection.txt").write_text("1 0 0 0  0 1 0 0  0 0 -1 0  0 0 0 1\n")
@@ -279,11 +338,15 @@ def files(tmp_path_factory):
 def looked(files, request):
     """gt.txt: poses that look around; est.txt: the same with a first pose that is off."""
     rng = np.random.default_rng(1)
-    twists = np.column_stack([np.cumsum(rng.normal(0, 0.05, (30, 3)), 0), np.cumsum(rng.normal(0, 0.1, (30, 3)), 0)])
+    twists = np.column_stack(
+        [np.cumsum(rng.normal(0, 0.05, (30, 3)), 0), np.cumsum(rng.normal(0, 0.1, (30, 3)), 0)]
+    )
     poses = SE3(np.eye(3), np.array([0, 0, 1.2])) @ SE3.exp(twists)
     write_trajectory(files / "gt.txt", Trajectory.at_rate(poses), "tum")
     off = SE3.exp(np.array([0.03, 0, 0, 0, 0, 0.03]))
-    matrices = np.array([(poses[k] @ off if k == 0 else poses[k]).matrix for k in range(len(poses))])
+    matrices = np.array(
+        [(poses[k] @ off if k == 0 else poses[k]).matrix for k in range(len(poses))]
+    )
     write_trajectory(files / "est.txt", Trajectory.at_rate(SE3.from_matrix(matrices)), "tum")
     return files
 
@@ -300,7 +363,12 @@ def looked(files, request):
         (("moved.ply", "--align", "icp"), "the fit moved it by", 1, 5),
         (("lost.ply", "--pairs", "pairs.txt"), "4 pairs, residual 0.0", 1, 5),
         (("mesh.ply", "--poses", "est.txt", "--truth", "gt.txt"), "", 8, 80),
-        (("mesh.ply", "--poses", "est.txt", "--truth", "gt.txt", "--fit-poses", "se3"), "the fit moved it by", 1, 8),
+        (
+            ("mesh.ply", "--poses", "est.txt", "--truth", "gt.txt", "--fit-poses", "se3"),
+            "the fit moved it by",
+            1,
+            8,
+        ),
     ],
 )
 def test_every_kind_of_reconstruction_and_alignment_is_measured_and_said_in_words(
@@ -326,15 +394,23 @@ def test_every_kind_of_reconstruction_and_alignment_is_measured_and_said_in_word
         (("mesh.ply", "--nearest", "vertex"), "--nearest"),
         (("mesh.ply", "--samples", "3"), "--samples"),
         (("mesh.ply", "--seen-by", "nothing.txt"), "nothing.txt"),
-        *((("mesh.ply", f"--max-error={value}"), "--max-error: expected") for value in ("-5", "nan", "inf", "0")),
+        *(
+            (("mesh.ply", f"--max-error={value}"), "--max-error: expected")
+            for value in ("-5", "nan", "inf", "0")
+        ),
         *(
             (("mesh.ply", f"--unit={value}"), "--unit: expected 1e-06 to 1e+06 m")
             for value in ("-1", "nan", "inf", "0")
         ),
-        (("mesh.ply", "--transform", "reflection.txt"), "reflection.txt: expected a rotation and a translation"),
+        (
+            ("mesh.ply", "--transform", "reflection.txt"),
+            "reflection.txt: expected a rotation and a translation",
+        ),
     ],
 )
-def test_what_cannot_be_used_is_refused_in_one_line(looked, monkeypatch, command_here, options, said):
+def test_what_cannot_be_used_is_refused_in_one_line(
+    looked, monkeypatch, command_here, options, said
+):
     monkeypatch.chdir(looked)
     code, _, err = command_here("evaluate", "surface", *options, "--model", "model.ply", "--quiet")
     assert code == 2 and said in err and len(err.strip().splitlines()) == 1

@@ -8,9 +8,9 @@ from iclnuim.geometry.se3 import SE3
 pytest.importorskip("numba")
 from dataclasses import replace  # noqa: E402
 
-from iclnuim.fusion.mesh import extract  # noqa: E402
-from iclnuim.fusion.settings import PRESETS, VolumeSettings  # noqa: E402
-from iclnuim.fusion.volume import Volume  # noqa: E402
+from iclnuim.benchmark.fusion.mesh import extract  # noqa: E402
+from iclnuim.benchmark.fusion.settings import PRESETS, VolumeSettings  # noqa: E402
+from iclnuim.benchmark.fusion.volume import Volume  # noqa: E402
 
 SMALL = {name: replace(preset, max_blocks=20_000) for name, preset in PRESETS.items()}
 VOXEL_M = SMALL["best"].voxel_m
@@ -23,7 +23,9 @@ def points_world(volume, camera, T_world_camera):
 
 
 @pytest.mark.parametrize("preset", SMALL)
-@pytest.mark.parametrize("normal", [(0, 0, -1), (0.5, 0, -1), (-0.5, 0.3, -1), (0, -0.6, -1), (0.9, 0.7, -1)])
+@pytest.mark.parametrize(
+    "normal", [(0, 0, -1), (0.5, 0, -1), (-0.5, 0.3, -1), (0, -0.6, -1), (0.9, 0.7, -1)]
+)
 def test_a_fused_plane_is_seen_where_it_is_from_every_side(preset, normal, camera, plane_depth):
     normal = np.array(normal) / np.linalg.norm(normal)
     volume = Volume(SMALL[preset])
@@ -39,7 +41,9 @@ def test_a_fused_plane_is_seen_where_it_is_from_every_side(preset, normal, camer
 def test_a_sphere_seen_from_around_has_no_bias_in_any_direction(camera, sphere_depth, looking_at):
     centre, radius, volume = np.array([0.3, -0.2, 1.1]), 0.5, Volume(SMALL["best"])
     places = [
-        centre + 1.5 * np.array([np.cos(a), np.sin(a), h]) for a in np.arange(0, 2 * np.pi, 0.5) for h in (-0.4, 0.5)
+        centre + 1.5 * np.array([np.cos(a), np.sin(a), h])
+        for a in np.arange(0, 2 * np.pi, 0.5)
+        for h in (-0.4, 0.5)
     ]
     poses = [looking_at(place, centre) for place in places]
     for T in poses:
@@ -58,13 +62,18 @@ def test_a_sphere_seen_from_around_has_no_bias_in_any_direction(camera, sphere_d
 def test_a_single_view_of_a_sphere_is_exact(camera, sphere_depth):
     volume = Volume(SMALL["best"])
     volume.integrate(sphere_depth((0, 0, 1.5), 0.5), camera, SE3.identity())
-    error = np.linalg.norm(points_world(volume, camera, SE3.identity())[0] - [0, 0, 1.5], axis=-1) - 0.5
+    error = (
+        np.linalg.norm(points_world(volume, camera, SE3.identity())[0] - [0, 0, 1.5], axis=-1) - 0.5
+    )
     assert np.isfinite(error).sum() > 1000
     assert np.nanmedian(np.abs(error)) < 0.02 * VOXEL_M
 
 
 def test_a_table_seen_at_a_grazing_angle_is_whole_up_to_its_rim(camera, plane_depth):
-    table, volume = plane_depth((0, 1, 0), (0, 0.1146, 0)), Volume(SMALL["best"])  # 8.4 mm before the next voxel
+    table, volume = (
+        plane_depth((0, 1, 0), (0, 0.1146, 0)),
+        Volume(SMALL["best"]),
+    )  # 8.4 mm before the next voxel
     depth = np.where((table > 0) & (table < 0.75), table, np.float32(3))  # at 9 degrees there
     for _ in range(3):
         volume.integrate(depth, camera, SE3.identity())
@@ -94,7 +103,9 @@ def test_the_number_of_threads_changes_nothing(camera, sphere_depth, looking_at)
         volume = Volume(SMALL["best"])
         for place in ((1.5, 0, 0.1), (1.4, 0.2, 0.0)):
             T = looking_at(np.array(place), (0, 0, 0))
-            volume.integrate(sphere_depth((0, 0, 0), 0.5, T), camera, T, np.full((120, 160, 3), 90, np.uint8))
+            volume.integrate(
+                sphere_depth((0, 0, 0), 0.5, T), camera, T, np.full((120, 160, 3), 90, np.uint8)
+            )
         views.append(volume.raycast(camera, T))
     numba.set_num_threads(threads)
     for name in ("depth_z_m", "normals_camera", "colour"):
@@ -118,7 +129,9 @@ def test_a_window_that_follows_forgets_what_it_leaves_and_sees_what_it_reaches(c
 
 def test_full_memory_sends_away_what_lies_farthest(camera, plane_depth):
     gone = []
-    volume = Volume(VolumeSettings(max_blocks=3000), lambda volume, leaves: gone.append(int(leaves.sum())))
+    volume = Volume(
+        VolumeSettings(max_blocks=3000), lambda volume, leaves: gone.append(int(leaves.sum()))
+    )
     for x in np.arange(0, 20, 1.0):
         T = SE3(np.eye(3), [x, 0, 0])
         volume.integrate(plane_depth((0, 0, -1), (0, 0, 1.0), T), camera, T)
@@ -160,8 +173,10 @@ def test_more_blocks_than_fit_into_memory_are_refused(monkeypatch):
     def full(*arguments):
         raise MemoryError
 
-    monkeypatch.setattr("iclnuim.fusion.volume._empty_grid", full)
-    with pytest.raises(InputError, match="max_blocks: expected blocks that fit into memory, found 7"):
+    monkeypatch.setattr("iclnuim.benchmark.fusion.volume._empty_grid", full)
+    with pytest.raises(
+        InputError, match="max_blocks: expected blocks that fit into memory, found 7"
+    ):
         Volume(VolumeSettings(max_blocks=7))
 
 

@@ -25,7 +25,13 @@ def test_there_and_back_changes_nothing(poses, there, back):
 
 
 @pytest.mark.parametrize(
-    "change", [axes.world_cv_from_pov, axes.pov_from_world_cv, axes.mirrored_y, axes.world_blender_from_world_cv]
+    "change",
+    [
+        axes.world_cv_from_pov,
+        axes.pov_from_world_cv,
+        axes.mirrored_y,
+        axes.world_blender_from_world_cv,
+    ],
 )
 def test_a_change_of_axes_keeps_rotations_proper(poses, change):
     np.testing.assert_allclose(np.linalg.det(change(poses).rotation), 1, atol=1e-13)
@@ -49,7 +55,9 @@ def test_the_pov_world_goes_through_the_obj_world():
     np.testing.assert_array_equal(axes.Z_UP_FROM_Y_UP @ np.diag([-1.0, 1, 1]), axes.WORLD_FROM_POV)
 
 
-@pytest.mark.parametrize("matrix", [axes.Z_UP_FROM_Y_UP, axes.Z_UP_FROM_Y_DOWN, axes.CV_FROM_BLENDER_CAMERA])
+@pytest.mark.parametrize(
+    "matrix", [axes.Z_UP_FROM_Y_UP, axes.Z_UP_FROM_Y_DOWN, axes.CV_FROM_BLENDER_CAMERA]
+)
 def test_changes_between_right_handed_frames_are_rotations(matrix):
     np.testing.assert_array_equal(matrix @ matrix.T, np.eye(3))
     assert np.linalg.det(matrix) == pytest.approx(1)

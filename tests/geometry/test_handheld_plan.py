@@ -18,7 +18,9 @@ def clearance(points, door=True):
     """In a room of 6 x 4 x 2.5 m with a wall across at x = 3 that has a door of 1 m at y = 3..4, or none."""
     walls = np.minimum(points - LOW, HIGH - points).min(1)
     end = 3.0 if door else 4.0
-    return np.minimum(walls, box_distance(points, np.array([2.95, 0, 0]), np.array([3.05, end, 2.5])))
+    return np.minimum(
+        walls, box_distance(points, np.array([2.95, 0, 0]), np.array([3.05, end, 2.5]))
+    )
 
 
 def planned(waypoints, measure=clearance, **settings):
@@ -47,7 +49,9 @@ def test_the_route_leads_through_the_door_and_keeps_clear(through_the_door, seed
 
 
 def test_the_camera_looks_where_it_was_told():
-    made = planned([((1.0, 1.0, 1.3), (1.0, 3.0, 1.3)), ((2.0, 2.0, 1.3), (0.0, 2.0, 1.3))], shake=0.0)
+    made = planned(
+        [((1.0, 1.0, 1.3), (1.0, 3.0, 1.3)), ((2.0, 2.0, 1.3), (0.0, 2.0, 1.3))], shake=0.0
+    )
     gaze = made.motion.trajectory.T_world_camera.rotation[:, :, 2]
     assert gaze[0] == pytest.approx([0, 1, 0], abs=1e-3)
     assert gaze[-1] == pytest.approx([-1, 0, 0], abs=1e-3)

@@ -20,7 +20,13 @@ def random_cameras(count: int, largest: int = 2000) -> list[PinholeCamera]:
 
 def test_the_default_is_the_benchmarks_camera():
     camera = PinholeCamera()
-    assert (camera.width, camera.height, camera.fy, camera.cx, camera.cy) == (640, 480, 480, 319.5, 239.5)
+    assert (camera.width, camera.height, camera.fy, camera.cx, camera.cy) == (
+        640,
+        480,
+        480,
+        319.5,
+        239.5,
+    )
     assert camera.fx == pytest.approx(481.203, abs=1e-3)
     # true field of view 67.25 x 53.13 degrees
     assert 2 * np.degrees(np.arctan(320 / camera.fx)) == pytest.approx(67.25, abs=0.01)
@@ -32,7 +38,10 @@ def pinhole_of(blender):
     width, height = blender.resolution_x, blender.resolution_y
     aspect = blender.pixel_aspect_y / blender.pixel_aspect_x
     fx = blender.lens * width / blender.sensor_width
-    cx, cy = (width - 1) / 2 - blender.shift_x * width, (height - 1) / 2 + blender.shift_y * width / aspect
+    cx, cy = (
+        (width - 1) / 2 - blender.shift_x * width,
+        (height - 1) / 2 + blender.shift_y * width / aspect,
+    )
     return PinholeCamera(width, height, fx, fx / aspect, cx, cy)
 
 
@@ -53,7 +62,12 @@ def test_a_short_lens_gets_a_wider_sensor_and_what_blender_cannot_render_is_refu
     wide = PinholeCamera(32, 24, 0.8, 0.8, 15.5, 11.5)
     assert blender_from_pinhole(wide).lens >= 1 - 1e-12
     np.testing.assert_allclose(pinhole_of(blender_from_pinhole(wide)).K, wide.K, rtol=1e-12)
-    for size, focal in (((3, 24), (24, 24)), ((32, 3), (24, 24)), ((32, 24), (24, 7000)), ((32, 24), (7000, 24))):
+    for size, focal in (
+        ((3, 24), (24, 24)),
+        ((32, 3), (24, 24)),
+        ((32, 24), (24, 7000)),
+        ((32, 24), (7000, 24)),
+    ):
         camera = PinholeCamera(*size, *focal, 1, 1)
         with pytest.raises(InputError, match="as Blender renders"):
             RenderJob("kt2", "living_room", "living_room/kt2", camera=camera)
@@ -69,9 +83,13 @@ def test_projection_undoes_unprojection():
     for camera in random_cameras(5, largest=400):
         depth_z_m = rng.uniform(0.5, 9, (camera.height, camera.width))
         uv = camera.project(camera.unproject(depth_z_m))
-        np.testing.assert_allclose(uv[..., 0], np.broadcast_to(np.arange(camera.width), depth_z_m.shape), atol=1e-8)
         np.testing.assert_allclose(
-            uv[..., 1], np.broadcast_to(np.arange(camera.height)[:, None], depth_z_m.shape), atol=1e-8
+            uv[..., 0], np.broadcast_to(np.arange(camera.width), depth_z_m.shape), atol=1e-8
+        )
+        np.testing.assert_allclose(
+            uv[..., 1],
+            np.broadcast_to(np.arange(camera.height)[:, None], depth_z_m.shape),
+            atol=1e-8,
         )
         np.testing.assert_array_equal(camera.unproject(depth_z_m)[..., 2], depth_z_m)
 
@@ -80,7 +98,9 @@ def test_projection_is_k_times_the_point():
     camera = random_cameras(1)[0]
     points = np.random.default_rng(9).uniform(0.1, 2, (100, 3))
     homogeneous = points @ camera.K.T
-    np.testing.assert_allclose(camera.project(points), homogeneous[:, :2] / homogeneous[:, 2:], rtol=1e-13)
+    np.testing.assert_allclose(
+        camera.project(points), homogeneous[:, :2] / homogeneous[:, 2:], rtol=1e-13
+    )
 
 
 def test_points_behind_the_camera_have_no_pixel():
@@ -90,7 +110,9 @@ def test_points_behind_the_camera_have_no_pixel():
 def test_a_plane_has_one_planar_depth_and_many_ray_distances():
     camera = PinholeCamera()
     distance_m = np.linalg.norm(camera.unproject(np.full((480, 640), 2.0)), axis=-1)
-    assert distance_m[0, 0] == pytest.approx(2.6, abs=0.1) and distance_m[240, 320] == pytest.approx(2.0, abs=1e-5)
+    assert distance_m[0, 0] == pytest.approx(2.6, abs=0.1) and distance_m[
+        240, 320
+    ] == pytest.approx(2.0, abs=1e-5)
     np.testing.assert_allclose(distance_m / np.linalg.norm(camera.rays(), axis=-1), 2.0, rtol=1e-14)
 
 

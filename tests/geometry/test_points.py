@@ -19,7 +19,10 @@ def test_a_box_holds_its_points_and_no_turned_rectangle_has_less_area(seed):
     own = box.T_world_box.inverse().apply(points)
     assert np.all(np.abs(own) <= box.size_m / 2 + 1e-9)
     assert box.size_m[0] >= box.size_m[1]
-    areas = [np.prod(np.ptp((points @ about_z(yaw))[:, :2], axis=0)) for yaw in np.radians(np.arange(0, 90, 0.25))]
+    areas = [
+        np.prod(np.ptp((points @ about_z(yaw))[:, :2], axis=0))
+        for yaw in np.radians(np.arange(0, 90, 0.25))
+    ]
     assert box.size_m[0] * box.size_m[1] <= min(areas) * (1 + 1e-3)
 
 
@@ -37,7 +40,9 @@ def test_the_box_of_a_turned_cuboid_is_that_cuboid(yaw):
 
 
 def test_a_flat_sheet_a_line_and_a_point_have_boxes_and_nothing_has_none():
-    assert upright_box([[0, 0, 1], [2, 0, 1], [2, 3, 1], [0, 3, 1]]).size_m == pytest.approx([3, 2, 0])
+    assert upright_box([[0, 0, 1], [2, 0, 1], [2, 3, 1], [0, 3, 1]]).size_m == pytest.approx(
+        [3, 2, 0]
+    )
     assert upright_box([[0, 0, 0], [1, 1, 2]]).size_m == pytest.approx([np.sqrt(2), 0, 2], abs=1e-8)
     assert upright_box([[5, 6, 7]]).size_m == pytest.approx([0, 0, 0], abs=1e-12)
     with pytest.raises(InputError, match="at least one point"):

@@ -30,7 +30,9 @@ def test_a_mirror_changes_the_hand_and_units_the_size(mirror):
 
 
 @pytest.mark.parametrize("usual", ["y", "z"])
-@pytest.mark.parametrize(("size", "truth"), [((5, 2.5, 6), "y"), ((5, 6, 2.5), "z"), ((4.94, 2.5, 5.02), "y")])
+@pytest.mark.parametrize(
+    ("size", "truth"), [((5, 2.5, 6), "y"), ((5, 6, 2.5), "z"), ((4.94, 2.5, 5.02), "y")]
+)
 def test_a_room_stands_on_its_floor_whatever_the_format_mostly_does(usual, size, truth):
     assert scene_axes.guess_up(scene_axes.shape_of(*room(np.array(size))), usual) == truth
 
@@ -58,12 +60,21 @@ def test_a_landscape_seen_through_a_window_does_not_count():
 
 
 def test_a_thing_on_a_table_is_believed_to_be_in_metres():
-    assert scene_axes.guess_unit_m(scene_axes.shape_of(*room(np.array([0.3, 0.2, 0.3]))), "y") == 1.0
+    assert (
+        scene_axes.guess_unit_m(scene_axes.shape_of(*room(np.array([0.3, 0.2, 0.3]))), "y") == 1.0
+    )
 
 
 @pytest.mark.parametrize(
     "settings",
-    [{"up": "w"}, {"mirror": "xy"}, {"unit_m": 0.0}, {"unit_m": "cm"}, {"unit_m": True}, {"textures": 3}],
+    [
+        {"up": "w"},
+        {"mirror": "xy"},
+        {"unit_m": 0.0},
+        {"unit_m": "cm"},
+        {"unit_m": True},
+        {"textures": 3},
+    ],
 )
 def test_a_reading_that_makes_no_sense_is_refused(settings):
     with pytest.raises(InputError):
@@ -97,7 +108,9 @@ def kitchen(width, depth, height, ceiling=True):
     lows, highs = [], []
     for x in np.arange(0.0, width - 0.6, 0.6):
         for z, top, back in ((0.1, 0.85, 0.6), (1.4, 2.1, 0.35)):
-            lows += [(x, y, z) for y in (0.02, back - 0.06, back - 0.04, back)]  # back, drawer, door of two panels
+            lows += [
+                (x, y, z) for y in (0.02, back - 0.06, back - 0.04, back)
+            ]  # back, drawer, door of two panels
             highs += [(x + 0.58, y + 0.02, top) for y in (0.02, back - 0.06, back - 0.04, back)]
             lows += [(x + 0.1 + 0.03 * k, back + 0.03, top - 0.1) for k in range(12)]
             highs += [(x + 0.12 + 0.03 * k, back + 0.05, top - 0.08) for k in range(12)]
@@ -116,7 +129,9 @@ def kitchen(width, depth, height, ceiling=True):
 @pytest.mark.parametrize(
     ("up", "size", "ceiling"),
     [
-        *[(up, (6.9, 4.1, 2.8), True) for up in "zyx"],  # x up, which is rare, is found where it is clear
+        *[
+            (up, (6.9, 4.1, 2.8), True) for up in "zyx"
+        ],  # x up, which is rare, is found where it is clear
         *[(up, *kind) for up in "zy" for kind in (((4.2, 3.4, 2.5), True), ((5, 3.6, 2.6), False))],
     ],
 )

@@ -50,14 +50,18 @@ def test_the_inverse_of_a_product_is_the_product_of_inverses_in_reverse(poses):
 def test_apply_is_the_action_of_the_group(poses):
     points = np.random.default_rng(5).normal(size=(len(poses), 4, 3))
     other = shuffled(poses, 1)
-    np.testing.assert_allclose((poses @ other).apply(points), poses.apply(other.apply(points)), atol=1e-13)
+    np.testing.assert_allclose(
+        (poses @ other).apply(points), poses.apply(other.apply(points)), atol=1e-13
+    )
     np.testing.assert_allclose(poses.inverse().apply(poses.apply(points)), points, atol=1e-13)
 
 
 def test_apply_agrees_with_scipy(twists):
     poses, judge = SE3.exp(twists), Rotation.from_rotvec(twists[:, 3:])
     point = np.array([0.3, -2.0, 5.0])
-    np.testing.assert_allclose(poses.apply(point), judge.apply(point) + poses.translation, atol=1e-13)
+    np.testing.assert_allclose(
+        poses.apply(point), judge.apply(point) + poses.translation, atol=1e-13
+    )
 
 
 def test_one_pose_serves_points_of_any_shape():
@@ -85,7 +89,9 @@ def test_exp_of_a_sum_along_one_axis_is_the_product(twists):
 
 def test_quaternions_are_scalar_last_and_come_back(poses):
     assert_same(SE3.from_quat_xyzw(poses.quat_xyzw, poses.translation), poses)
-    np.testing.assert_allclose(Rotation.from_quat(poses.quat_xyzw).as_matrix(), poses.rotation, atol=1e-14)
+    np.testing.assert_allclose(
+        Rotation.from_quat(poses.quat_xyzw).as_matrix(), poses.rotation, atol=1e-14
+    )
 
 
 def test_matrices_of_three_and_four_rows_are_taken(poses):

@@ -15,24 +15,35 @@ def test_exp_agrees_with_scipy(rotation_vectors):
 
 def test_exp_gives_rotations(rotation_vectors):
     m = so3.exp(rotation_vectors)
-    np.testing.assert_allclose(np.swapaxes(m, 1, 2) @ m, np.broadcast_to(np.eye(3), m.shape), atol=1e-14)
+    np.testing.assert_allclose(
+        np.swapaxes(m, 1, 2) @ m, np.broadcast_to(np.eye(3), m.shape), atol=1e-14
+    )
     np.testing.assert_allclose(np.linalg.det(m), 1, atol=1e-14)
 
 
 def test_log_inverts_exp(rotation_vectors):
-    np.testing.assert_allclose(so3.log(so3.exp(rotation_vectors)), rotation_vectors, rtol=1e-10, atol=3e-15)
+    np.testing.assert_allclose(
+        so3.log(so3.exp(rotation_vectors)), rotation_vectors, rtol=1e-10, atol=3e-15
+    )
 
 
 def test_exp_inverts_log_at_exactly_half_a_turn():
     axes = np.random.default_rng(0).normal(size=(200, 3))
-    m = so3.exp(np.pi * np.concatenate([axes / np.linalg.norm(axes, axis=1, keepdims=True), np.eye(3), -np.eye(3)]))
+    m = so3.exp(
+        np.pi
+        * np.concatenate(
+            [axes / np.linalg.norm(axes, axis=1, keepdims=True), np.eye(3), -np.eye(3)]
+        )
+    )
     np.testing.assert_allclose(so3.exp(so3.log(m)), m, atol=1e-14)
     np.testing.assert_allclose(np.linalg.norm(so3.log(m), axis=1), np.pi, atol=1e-14)
 
 
 def test_angle_is_the_length_of_the_rotation_vector(rotation_vectors):
     expected = np.linalg.norm(rotation_vectors, axis=1)
-    np.testing.assert_allclose(so3.angle(so3.exp(rotation_vectors)), expected, rtol=1e-10, atol=3e-15)
+    np.testing.assert_allclose(
+        so3.angle(so3.exp(rotation_vectors)), expected, rtol=1e-10, atol=3e-15
+    )
 
 
 def test_log_of_the_identity_is_exactly_zero():
@@ -65,14 +76,19 @@ def test_hat_is_the_cross_product():
     np.testing.assert_allclose((so3.hat(a) @ b[..., None])[..., 0], np.cross(a, b), atol=1e-15)
 
 
-@pytest.mark.parametrize("share", [1 - 0.999 * so3.QUAT_NORM_TOLERANCE, 1 + 0.999 * so3.QUAT_NORM_TOLERANCE])
+@pytest.mark.parametrize(
+    "share", [1 - 0.999 * so3.QUAT_NORM_TOLERANCE, 1 + 0.999 * so3.QUAT_NORM_TOLERANCE]
+)
 def test_a_quaternion_not_quite_of_length_one_is_normalised(rotation_vectors, share):
     quat = so3.quat_xyzw_from_matrix(so3.exp(rotation_vectors))
-    np.testing.assert_allclose(so3.matrix_from_quat_xyzw(quat * share), so3.matrix_from_quat_xyzw(quat), atol=1e-14)
+    np.testing.assert_allclose(
+        so3.matrix_from_quat_xyzw(quat * share), so3.matrix_from_quat_xyzw(quat), atol=1e-14
+    )
 
 
 @pytest.mark.parametrize(
-    "length", [0, 1 - 1.01 * so3.QUAT_NORM_TOLERANCE, 1 + 1.01 * so3.QUAT_NORM_TOLERANCE, 2, np.nan, np.inf]
+    "length",
+    [0, 1 - 1.01 * so3.QUAT_NORM_TOLERANCE, 1 + 1.01 * so3.QUAT_NORM_TOLERANCE, 2, np.nan, np.inf],
 )
 def test_a_quaternion_further_from_length_one_is_refused(length):
     quat = np.tile([0.0, 0.0, 0.0, 1.0], (5, 1))
@@ -93,7 +109,9 @@ def test_float32_input_is_computed_in_double(rotation_vectors):
 def test_a_matrix_off_by_rounding_becomes_the_nearest_rotation(rotation_vectors):
     m = so3.exp(rotation_vectors)
     rounded = so3.nearest_rotation(m.astype(np.float32))
-    np.testing.assert_allclose(np.swapaxes(rounded, 1, 2) @ rounded, np.broadcast_to(np.eye(3), m.shape), atol=1e-14)
+    np.testing.assert_allclose(
+        np.swapaxes(rounded, 1, 2) @ rounded, np.broadcast_to(np.eye(3), m.shape), atol=1e-14
+    )
     np.testing.assert_allclose(rounded, m, atol=2e-7)
 
 

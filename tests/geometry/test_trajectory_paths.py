@@ -23,7 +23,9 @@ from scipy.spatial.transform import Rotation, Slerp
 def walk() -> Trajectory:
     """200 poses at 30 Hz: a random walk of centimetres and degrees."""
     rng = np.random.default_rng(11)
-    rotations = Rotation.from_rotvec(np.cumsum(rng.normal(size=(200, 3)) * 0.02, axis=0)).as_matrix()
+    rotations = Rotation.from_rotvec(
+        np.cumsum(rng.normal(size=(200, 3)) * 0.02, axis=0)
+    ).as_matrix()
     return Trajectory.at_rate(SE3(rotations, np.cumsum(rng.normal(size=(200, 3)) * 0.01, axis=0)))
 
 
@@ -31,13 +33,16 @@ def test_statistics_of_an_even_turn_are_known():
     angle, radius_m = np.arange(91) * np.radians(1), 2.0
     rotvec = np.stack([0 * angle, 0 * angle, angle], 1)
     circle = SE3(
-        Rotation.from_rotvec(rotvec).as_matrix(), radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1)
+        Rotation.from_rotvec(rotvec).as_matrix(),
+        radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1),
     )
     figures = statistics(Trajectory.at_rate(circle))
     assert figures.frames == 91 and figures.gaps == 0
     assert figures.duration_s == pytest.approx(3.0) and figures.rate_hz == pytest.approx(30)
     assert figures.length_m == pytest.approx(90 * 2 * radius_m * np.sin(np.radians(0.5)))
-    assert figures.mean_speed == pytest.approx(figures.length_m / 3) and figures.mean_rotation_rate == pytest.approx(30)
+    assert figures.mean_speed == pytest.approx(
+        figures.length_m / 3
+    ) and figures.mean_rotation_rate == pytest.approx(30)
     # steps between stamps of microseconds
     assert figures.max_speed == pytest.approx(figures.mean_speed, rel=2e-5)
     assert figures.max_rotation_rate == pytest.approx(30, rel=2e-5)
@@ -53,9 +58,13 @@ def test_gaps_are_counted_and_measured(walk):
 def test_frames_have_stamps_of_microseconds_from_one_second_on(rate_hz):
     numbers = np.arange(3000)
     stamps_s = stamps_of_frames(numbers, rate_hz)
-    assert stamps_s[0] == 1 and [f"{s:.6f}" for s in stamps_s] == [f"{1 + i / rate_hz:.6f}" for i in numbers]
+    assert stamps_s[0] == 1 and [f"{s:.6f}" for s in stamps_s] == [
+        f"{1 + i / rate_hz:.6f}" for i in numbers
+    ]
     np.testing.assert_array_equal(np.rint(frames_of_stamps(stamps_s, rate_hz)), numbers)
-    np.testing.assert_allclose(frames_of_stamps(numbers / rate_hz, rate_hz), numbers)  # as release 0.1 wrote them
+    np.testing.assert_allclose(
+        frames_of_stamps(numbers / rate_hz, rate_hz), numbers
+    )  # as release 0.1 wrote them
     assert frame_rate_hz(stamps_s) == rate_hz
     assert frame_rate_hz(np.delete(stamps_s, [7, 8, 9, 50])) == pytest.approx(rate_hz, rel=1e-5)
 
@@ -71,7 +80,9 @@ def test_one_pose_has_statistics():
 
 
 def test_length_is_that_of_the_positions_and_no_rigid_motion_changes_it(walk):
-    moved = Trajectory(walk.stamps_s, SE3.exp(np.array([3.0, 1, 2, 0.3, 2, 1])) @ walk.T_world_camera)
+    moved = Trajectory(
+        walk.stamps_s, SE3.exp(np.array([3.0, 1, 2, 0.3, 2, 1])) @ walk.T_world_camera
+    )
     assert moved.length_m() == pytest.approx(walk.length_m(), rel=1e-12)
     np.testing.assert_allclose(moved.step_angles_rad(), walk.step_angles_rad(), atol=1e-13)
 
@@ -109,7 +120,9 @@ def test_adopting_twice_is_adopting_once(walk):
 
 def test_adopting_on_its_own_start_is_no_change(walk):
     np.testing.assert_allclose(
-        adopt(walk, walk.T_world_camera[0]).T_world_camera.matrix, walk.T_world_camera.matrix, atol=1e-13
+        adopt(walk, walk.T_world_camera[0]).T_world_camera.matrix,
+        walk.T_world_camera.matrix,
+        atol=1e-13,
     )
 
 
@@ -128,7 +141,9 @@ def test_nothing_cannot_be_adopted():
 
 
 def test_sampling_at_the_own_stamps_gives_the_own_poses(walk):
-    np.testing.assert_allclose(sample(walk, walk.stamps_s).matrix, walk.T_world_camera.matrix, atol=1e-12)
+    np.testing.assert_allclose(
+        sample(walk, walk.stamps_s).matrix, walk.T_world_camera.matrix, atol=1e-12
+    )
 
 
 def test_sampled_rotations_agree_with_scipys_slerp(walk):
@@ -147,7 +162,9 @@ def test_sampled_positions_stay_near_the_straight_line(walk):
 def test_resampling_up_and_down_again_gives_the_same_poses(walk):
     there_and_back = resample(resample(walk, 120), 30)
     np.testing.assert_allclose(there_and_back.stamps_s, walk.stamps_s, atol=1e-12)
-    np.testing.assert_allclose(there_and_back.T_world_camera.matrix, walk.T_world_camera.matrix, atol=1e-11)
+    np.testing.assert_allclose(
+        there_and_back.T_world_camera.matrix, walk.T_world_camera.matrix, atol=1e-11
+    )
 
 
 @pytest.mark.parametrize("rate_hz", [15, 24, 29.97, 30, 60, 100, 240])
@@ -155,7 +172,9 @@ def test_resampling_keeps_start_span_and_rate(walk, rate_hz):
     resampled = resample(walk, rate_hz)
     assert resampled.stamps_s[0] == walk.stamps_s[0]
     assert walk.stamps_s[-1] - 1 / rate_hz < resampled.stamps_s[-1] <= walk.stamps_s[-1] + 1e-6
-    np.testing.assert_allclose(resampled.stamps_s, np.round(1 + np.arange(len(resampled)) / rate_hz, 6), atol=1e-12)
+    np.testing.assert_allclose(
+        resampled.stamps_s, np.round(1 + np.arange(len(resampled)) / rate_hz, 6), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("digits", [6, 7, 9])
@@ -170,7 +189,9 @@ def test_even_motion_stays_even_when_resampled():
     screw = SE3.exp(np.outer(np.arange(60), [0.01, 0.002, 0, 0.01, 0.02, 0.005]))
     resampled = resample(Trajectory.at_rate(screw), 77)
     expected = SE3.exp(np.outer((resampled.stamps_s - 1) * 30, [0.01, 0.002, 0, 0.01, 0.02, 0.005]))
-    np.testing.assert_allclose(resampled.T_world_camera.matrix, expected.matrix, atol=1e-6)  # stamps of microseconds
+    np.testing.assert_allclose(
+        resampled.T_world_camera.matrix, expected.matrix, atol=1e-6
+    )  # stamps of microseconds
 
 
 @pytest.mark.parametrize("rate_hz", [14.9, 240.1, 0, -30, np.nan])
@@ -201,7 +222,9 @@ def test_one_pose_cannot_be_resampled(walk):
 def test_frames_are_picked_as_a_python_slice_picks_them(count):
     numbers = ["", "0", "1", "5", "-1", "-3", "100"]
     for text in [f"{a}:{b}:{c}" for a in numbers for b in numbers for c in ("", "1", "3", "-2")]:
-        expected = list(range(count))[eval(f"slice({','.join(part or 'None' for part in text.split(':'))})")]
+        expected = list(range(count))[
+            eval(f"slice({','.join(part or 'None' for part in text.split(':'))})")
+        ]
         if expected:
             assert list(frame_slice(text, count)) == sorted(expected)
         else:
@@ -221,7 +244,9 @@ def test_frames_that_cannot_be_understood_are_refused(text):
         frame_slice(text, 10)
 
 
-@pytest.mark.parametrize("wrong", [np.full((3, 3), np.nan), -np.eye(3), 2 * np.eye(3), np.zeros((3, 3))])
+@pytest.mark.parametrize(
+    "wrong", [np.full((3, 3), np.nan), -np.eye(3), 2 * np.eye(3), np.zeros((3, 3))]
+)
 def test_matrices_that_are_no_rotations_are_refused(walk, wrong):
     rotations = walk.T_world_camera.rotation.copy()
     rotations[7] = wrong

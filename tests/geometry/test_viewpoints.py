@@ -27,7 +27,9 @@ def space_and_caster(*parts):
     corners = triangles.reshape(-1, 3)
     rows = np.arange(len(corners)).reshape(-1, 3)
     distance = TriangleDistance(corners, rows).distance
-    return FreeSpace.between(corners.min(0), corners.max(0) + [0, 0, 0.5], distance), RayCaster(corners, rows)
+    return FreeSpace.between(corners.min(0), corners.max(0) + [0, 0, 0.5], distance), RayCaster(
+        corners, rows
+    )
 
 
 TABLE = box((1, 1, 0.7), (3.4, 2.2, 0.75))
@@ -55,7 +57,8 @@ def test_places_lie_in_one_room_where_no_way_leads_to_the_other():
 def test_a_room_too_low_to_stand_in_is_refused_with_what_helps():
     space, caster = space_and_caster(box((0, 0, 0), (4, 3, 1.2), True))
     with pytest.raises(
-        InputError, match=r"1.2 to 1.7 m above it.*found 0 in a scene .* high; try .*clearance_m.*unit_m"
+        InputError,
+        match=r"1.2 to 1.7 m above it.*found 0 in a scene .* high; try .*clearance_m.*unit_m",
     ):
         viewpoints(space, caster, 4, 0.25, 0)
 

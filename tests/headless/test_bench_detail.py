@@ -37,17 +37,36 @@ def ball_in_a_box(name, detail):
     """Instead of a room: what has more triangles with more detail, and is built in no time."""
     bpy.ops.mesh.primitive_cube_add(size=8)
     bpy.context.object.data.flip_normals()
-    bpy.ops.mesh.primitive_uv_sphere_add(segments=int(64 * detail), ring_count=int(32 * detail), radius=1.0)
+    bpy.ops.mesh.primitive_uv_sphere_add(
+        segments=int(64 * detail), ring_count=int(32 * detail), radius=1.0
+    )
 
 
-OPTIONS = ["bench", "detail", "living_room", "--quiet", "--json", "--lit", "none", "--maps", "none", "--views", "3"]
+OPTIONS = [
+    "bench",
+    "detail",
+    "living_room",
+    "--quiet",
+    "--json",
+    "--lit",
+    "none",
+    "--maps",
+    "none",
+    "--views",
+    "3",
+]
 SMALL = ["--camera", "64x48", "--every", "3000"]
 
 
 def check_figures(found, details, chart):
     levels = found["levels"]["living_room"]
-    assert [level["detail"] for level in levels] == details and found["knee"]["living_room"] in details
-    assert levels[0]["triangles"] < levels[2]["triangles"] and levels[0]["mean_m"] > 0 == levels[2]["mean_m"]
+    assert [level["detail"] for level in levels] == details and found["knee"][
+        "living_room"
+    ] in details
+    assert (
+        levels[0]["triangles"] < levels[2]["triangles"]
+        and levels[0]["mean_m"] > 0 == levels[2]["mean_m"]
+    )
     assert 15 < levels[0]["psnr_db"] < 60 and levels[2]["psnr_db"] is None
     assert 0.5 < found["unseen"][0]["triangles"] < 1
     assert chart.stat().st_size > 10_000
@@ -68,13 +87,19 @@ def test_the_command_measures_draws_and_names_the_knee(tmp_path, command_here, m
 def test_the_command_measures_the_living_room(tmp_path):
     command = [sys.executable, "-m", "iclnuim", *OPTIONS, *SMALL, "--levels", "0.15,0.2,0.3"]
     chart = tmp_path / "c.png"
-    done = subprocess.run([*command, "--chart", str(chart)], capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        [*command, "--chart", str(chart)], capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 0, done.stderr
     check_figures(json.loads(done.stdout), [0.15, 0.2, 0.3], chart)
 
 
-@pytest.mark.parametrize("options, words", [(["cellar"], "living_room, office"), (["--levels", "1,2"], "three levels")])
+@pytest.mark.parametrize(
+    "options, words", [(["cellar"], "living_room, office"), (["--levels", "1,2"], "three levels")]
+)
 def test_unknown_rooms_and_too_few_levels_are_refused_in_a_line(options, words):
     command = [sys.executable, "-m", "iclnuim", "bench", "detail", *options]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2 and words in done.stderr and len(done.stderr.strip().splitlines()) == 1
+    assert (
+        done.returncode == 2 and words in done.stderr and len(done.stderr.strip().splitlines()) == 1
+    )

@@ -12,8 +12,16 @@ from iclnuim.formats.png import write_png
         ("recipe.json", {"source": []}, "expected a JSON object as source, found []"),
         ("recipe.json", {"source": {"run": 3}}, "expected a JSON object as run, found 3"),
         ("sequence.json", {"machine": None}, "expected a JSON object as machine, found null"),
-        ("sequence.json", {"machine": {"features": None}}, "expected a list as features, found null"),
-        ("sequence.json", {"machine": {"features": "avx"}}, 'expected a list as features, found "avx"'),
+        (
+            "sequence.json",
+            {"machine": {"features": None}},
+            "expected a list as features, found null",
+        ),
+        (
+            "sequence.json",
+            {"machine": {"features": "avx"}},
+            'expected a list as features, found "avx"',
+        ),
     ],
 )
 def test_a_part_of_another_type_is_refused(name, recipe, message, tmp_path, command_here):

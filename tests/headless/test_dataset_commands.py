@@ -18,18 +18,36 @@ from iclnuim.headless.cli import main
 def raw(tmp_path):
     """Three frames, 64 x 48."""
     camera = {"width": 64, "height": 48, "fx": 48.0, "fy": 48.0, "cx": 31.5, "cy": 23.5}
-    recipe = {"job": {"camera": camera}, "trajectory_sha256": "a", "scene_sha256": "b", "blender": "none"}
+    recipe = {
+        "job": {"camera": camera},
+        "trajectory_sha256": "a",
+        "scene_sha256": "b",
+        "blender": "none",
+    }
     run = open_run(
-        tmp_path / "raw", recipe, Trajectory.at_rate(SE3.exp(np.random.default_rng(1).normal(0, 0.001, (3, 6))))
+        tmp_path / "raw",
+        recipe,
+        Trajectory.at_rate(SE3.exp(np.random.default_rng(1).normal(0, 0.001, (3, 6)))),
     )
     v, u = np.mgrid[0:48, 0:64]
     for number in range(3):
-        run.write_frame(number, np.stack([u / 64, v / 48, (u + v) / 112], -1), 1.0 + v / 30 + u / 100)
+        run.write_frame(
+            number, np.stack([u / 64, v / 48, (u + v) / 112], -1), 1.0 + v / 30 + u / 100
+        )
     return run.path
 
 
 def test_dataset_reports_as_json_goes_on_and_refuses_in_one_line(raw, tmp_path, capsys):
-    command = ["dataset", str(raw), str(tmp_path / "out"), "--depth-noise", "paper", "--rgb-noise", "paper", "--json"]
+    command = [
+        "dataset",
+        str(raw),
+        str(tmp_path / "out"),
+        "--depth-noise",
+        "paper",
+        "--rgb-noise",
+        "paper",
+        "--json",
+    ]
     assert main([*command, "--quiet"]) == 0
     assert json.loads(capsys.readouterr().out)["made"] == 3
     assert main([*command, "--quiet"]) == 0
@@ -38,15 +56,42 @@ def test_dataset_reports_as_json_goes_on_and_refuses_in_one_line(raw, tmp_path, 
     error = capsys.readouterr().err.strip()
     assert "seed 0 there, 5 requested" in error and "\n" not in error
     assert main(["dataset", str(tmp_path / "nowhere"), str(tmp_path / "x")]) == 2
-    assert main([*command[:2], str(tmp_path / "y"), "--depth-noise", "paper", "--depth-settings", '{"a": 1}']) == 2
+    assert (
+        main(
+            [
+                *command[:2],
+                str(tmp_path / "y"),
+                "--depth-noise",
+                "paper",
+                "--depth-settings",
+                '{"a": 1}',
+            ]
+        )
+        == 2
+    )
     assert "settings of the noise model 'paper'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["depth", "rgb"])
-@pytest.mark.parametrize("text", ["[" * 100_000, "9" * 5000, "NaN", "{"], ids=["nested", "digits", "nan", "half"])
-def test_noise_settings_that_are_not_json_are_refused_in_one_line(kind, text, raw, tmp_path, capsys):
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, "9" * 5000, "NaN", "{"], ids=["nested", "digits", "nan", "half"]
+)
+def test_noise_settings_that_are_not_json_are_refused_in_one_line(
+    kind, text, raw, tmp_path, capsys
+):
     assert (
-        main(["dataset", str(raw), str(tmp_path / "out"), f"--{kind}-noise", "paper", f"--{kind}-settings", text]) == 2
+        main(
+            [
+                "dataset",
+                str(raw),
+                str(tmp_path / "out"),
+                f"--{kind}-noise",
+                "paper",
+                f"--{kind}-settings",
+                text,
+            ]
+        )
+        == 2
     )
     assert "expected noise settings in JSON, found" in capsys.readouterr().err
 
@@ -55,7 +100,9 @@ def test_noise_settings_that_are_not_json_are_refused_in_one_line(kind, text, ra
 def test_a_recipe_whose_job_is_no_object_is_refused(job, raw, tmp_path, capsys):
     write_json(raw / "sequence.json", {"job": job})
     assert main(["dataset", str(raw), str(tmp_path / "out")]) == 2
-    assert "raw/sequence.json: expected the recipe of a run, with its job" in capsys.readouterr().err
+    assert (
+        "raw/sequence.json: expected the recipe of a run, with its job" in capsys.readouterr().err
+    )
 
 
 def test_a_frame_that_is_named_by_no_decimal_number_is_left_out(raw, tmp_path, capsys):
@@ -66,13 +113,19 @@ def test_a_frame_that_is_named_by_no_decimal_number_is_left_out(raw, tmp_path, c
     assert read_run(raw).frame_numbers() == [0, 1, 2]
 
 
-def test_frames_that_start_with_a_minus_are_refused_with_the_way_to_write_them(raw, tmp_path, capsys):
+def test_frames_that_start_with_a_minus_are_refused_with_the_way_to_write_them(
+    raw, tmp_path, capsys
+):
     with pytest.raises(SystemExit, match="2"):
         main(["dataset", str(raw), "--frames", "-3:", str(tmp_path / "out")])
-    assert capsys.readouterr().err.endswith("argument --frames: expected one argument; try --frames=-3:\n")
+    assert capsys.readouterr().err.endswith(
+        "argument --frames: expected one argument; try --frames=-3:\n"
+    )
     with pytest.raises(SystemExit, match="2"):
         main(["dataset", str(raw), "-o", "x.txt", str(tmp_path / "out"), "--frames"])
-    assert capsys.readouterr().err.endswith("argument --frames: expected one argument; try iclnuim dataset --help\n")
+    assert capsys.readouterr().err.endswith(
+        "argument --frames: expected one argument; try iclnuim dataset --help\n"
+    )
 
 
 def test_an_image_that_is_a_loop_of_links_is_one_line(raw, tmp_path, capsys):
@@ -90,7 +143,9 @@ def test_an_image_that_is_a_loop_of_links_is_one_line(raw, tmp_path, capsys):
     assert "loop: expected a sequence" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("change", [{"fx": -1.0}, {"depth_units_per_metre": 0}, {"depth_units_per_metre": "x"}])
+@pytest.mark.parametrize(
+    "change", [{"fx": -1.0}, {"depth_units_per_metre": 0}, {"depth_units_per_metre": "x"}]
+)
 def test_a_value_of_the_camera_that_is_wrong_names_its_file(change, raw, tmp_path, capsys):
     out = tmp_path / "sequence"
     assert main(["dataset", str(raw), str(out)]) == 0
@@ -99,7 +154,9 @@ def test_a_value_of_the_camera_that_is_wrong_names_its_file(change, raw, tmp_pat
     assert f"{out / 'camera.json'}: " in capsys.readouterr().err
 
 
-def test_depth_in_millimetres_is_said_beside_the_images_and_read_back_in_metres(raw, tmp_path, capsys):
+def test_depth_in_millimetres_is_said_beside_the_images_and_read_back_in_metres(
+    raw, tmp_path, capsys
+):
     out = tmp_path / "out"
     assert main(["dataset", str(raw), str(out), "--depth-units", "1000", "--quiet"]) == 0
     millimetres = read_depth16(out / "depth/000001.png")
@@ -108,7 +165,20 @@ def test_depth_in_millimetres_is_said_beside_the_images_and_read_back_in_metres(
     assert json.loads((out / "camera.json").read_text())["depth_units_per_metre"] == 1000
     _, depth_z_m = image_frames(out).load(1)
     np.testing.assert_allclose(depth_z_m, millimetres / 1000, rtol=1e-6)
-    assert main(["dataset", str(raw), str(tmp_path / "x"), "--depth-units", "1000", "--format", "icl-nuim"]) == 2
+    assert (
+        main(
+            [
+                "dataset",
+                str(raw),
+                str(tmp_path / "x"),
+                "--depth-units",
+                "1000",
+                "--format",
+                "icl-nuim",
+            ]
+        )
+        == 2
+    )
     assert "5000 depth units per metre" in capsys.readouterr().err
     assert main(["dataset", str(raw), str(tmp_path / "y"), "--depth-units", "nan"]) == 2
 
@@ -124,7 +194,21 @@ def test_bags_and_logs_come_with_it(raw, tmp_path, capsys):
 def test_noise_goes_on_a_sequence_of_png_and_inspect_finds_it_sound(raw, tmp_path, capsys):
     clean, noisy = str(tmp_path / "clean"), str(tmp_path / "noisy")
     assert main(["dataset", str(raw), clean, "--quiet"]) == 0
-    assert main(["noise", clean, noisy, "--depth-noise", "kinect2012", "--rgb-noise", "released", "--quiet"]) == 0
+    assert (
+        main(
+            [
+                "noise",
+                clean,
+                noisy,
+                "--depth-noise",
+                "kinect2012",
+                "--rgb-noise",
+                "released",
+                "--quiet",
+            ]
+        )
+        == 0
+    )
     assert main(["inspect", noisy, "--json"]) == 0
     out = capsys.readouterr().out
     found = json.loads(out[out.index('{\n  "folder": ') :])
@@ -153,7 +237,9 @@ def freiburg(raw, tmp_path):
     for kind, stamps in (("rgb", RGB_STAMPS), ("depth", DEPTH_STAMPS)):
         (own / kind).mkdir(parents=True)
         lines = [f"{stamp} {kind}/{stamp}.png" for stamp in stamps]
-        (own / f"{kind}.txt").write_text("# file: 'rgbd.bag'\n# timestamp filename\n" + "\n".join(lines) + "\n")
+        (own / f"{kind}.txt").write_text(
+            "# file: 'rgbd.bag'\n# timestamp filename\n" + "\n".join(lines) + "\n"
+        )
     for number, names in enumerate(zip(RGB_STAMPS, DEPTH_STAMPS, strict=True)):
         write_png(own / f"rgb/{names[0]}.png", np.full((48, 64, 3), 60 * number + 40, np.uint8))
         write_png(own / f"depth/{names[1]}.png", np.full((48, 64), 9000 + number, np.uint16))
@@ -166,23 +252,33 @@ def data(file):
 
 
 @pytest.mark.parametrize("associated", [False, True])
-def test_noise_keeps_the_names_and_stamps_of_a_sequence_to_the_character(freiburg, tmp_path, capsys, associated):
-    pairs = [f"{a} rgb/{a}.png {b} depth/{b}.png" for a, b in zip(RGB_STAMPS, DEPTH_STAMPS, strict=True)]
+def test_noise_keeps_the_names_and_stamps_of_a_sequence_to_the_character(
+    freiburg, tmp_path, capsys, associated
+):
+    pairs = [
+        f"{a} rgb/{a}.png {b} depth/{b}.png" for a, b in zip(RGB_STAMPS, DEPTH_STAMPS, strict=True)
+    ]
     if associated:
         (freiburg / "associations.txt").write_text("\n".join(pairs) + "\n")
     out, camera = tmp_path / "out", ["--camera", "64x48", "--units", "5000"]
-    assert main(["noise", str(freiburg), str(out), "--depth-noise", "paper", *camera, "--quiet"]) == 0
+    assert (
+        main(["noise", str(freiburg), str(out), "--depth-noise", "paper", *camera, "--quiet"]) == 0
+    )
     for name in ("rgb.txt", "depth.txt", "groundtruth.txt"):
         assert data(out / name) == data(freiburg / name)
     assert data(out / "associations.txt") == pairs
     assert (out / "groundtruth.txt").read_text() == TRUTH
     for kind in ("rgb", "depth"):
-        assert sorted(p.name for p in (out / kind).iterdir()) == sorted(p.name for p in (freiburg / kind).iterdir())
+        assert sorted(p.name for p in (out / kind).iterdir()) == sorted(
+            p.name for p in (freiburg / kind).iterdir()
+        )
     assert "Camera.fps: 29\n" in (out / "orb_slam3.yaml").read_text()
     assert list(image_frames(out).stamps_s.values()) == [float(stamp) for stamp in RGB_STAMPS]
 
 
-def test_noise_on_some_frames_lists_those_and_other_formats_have_names_of_their_own(freiburg, tmp_path, capsys):
+def test_noise_on_some_frames_lists_those_and_other_formats_have_names_of_their_own(
+    freiburg, tmp_path, capsys
+):
     camera = ["--camera", "64x48", "--depth-noise", "paper", "--quiet"]
     assert main(["noise", str(freiburg), str(tmp_path / "part"), "--frames", "1:", *camera]) == 0
     assert data(tmp_path / "part/depth.txt") == data(freiburg / "depth.txt")[1:]
@@ -193,20 +289,32 @@ def test_noise_on_some_frames_lists_those_and_other_formats_have_names_of_their_
 
 
 @pytest.mark.parametrize("through", ["tum", "eth3d", "rtabmap", "euroc", "vslam-lab"])
-def test_convert_keeps_stamps_to_the_character_through_every_format_that_has_them(freiburg, tmp_path, capsys, through):
+def test_convert_keeps_stamps_to_the_character_through_every_format_that_has_them(
+    freiburg, tmp_path, capsys, through
+):
     camera = ["--camera", "64x48,48,48,31.5,23.5"]
     assert main(["convert", str(freiburg), str(tmp_path / "a"), "--format", through, *camera]) == 0
-    assert main(["convert", str(tmp_path / "a"), str(tmp_path / "b"), "--format", "tum", "--quiet"]) == 0
+    assert (
+        main(["convert", str(tmp_path / "a"), str(tmp_path / "b"), "--format", "tum", "--quiet"])
+        == 0
+    )
     stamps = [line.split()[0] for line in data(tmp_path / "b/rgb.txt")]
     assert stamps == list(RGB_STAMPS)
-    if through not in ("euroc", "rtabmap"):  # one stamp for both images of a pair, or in the name of both
+    if through not in (
+        "euroc",
+        "rtabmap",
+    ):  # one stamp for both images of a pair, or in the name of both
         assert [line.split()[0] for line in data(tmp_path / "b/depth.txt")] == list(DEPTH_STAMPS)
     if through in ("tum", "eth3d", "rtabmap"):
         assert (tmp_path / "b/groundtruth.txt").read_text() == TRUTH
     if through == "rtabmap":
-        assert sorted(p.name for p in (tmp_path / "a/rgb_sync").iterdir()) == [f"{stamp}.png" for stamp in RGB_STAMPS]
+        assert sorted(p.name for p in (tmp_path / "a/rgb_sync").iterdir()) == [
+            f"{stamp}.png" for stamp in RGB_STAMPS
+        ]
     for number in range(3):  # files that are stored alike are copied
-        one, other = (sorted(folder.glob("rgb*/*"))[number] for folder in (freiburg, tmp_path / "b"))
+        one, other = (
+            sorted(folder.glob("rgb*/*"))[number] for folder in (freiburg, tmp_path / "b")
+        )
         assert one.read_bytes() == other.read_bytes()
 
 
@@ -220,8 +328,12 @@ def test_convert_notes_what_a_format_does_not_hold(freiburg, tmp_path, capsys):
     everything = [word for name in ("euroc", "scannet", "tartanair") for word in ("--format", name)]
     assert main(["convert", str(freiburg), str(tmp_path / "a"), *everything, *camera]) == 0
     said = capsys.readouterr().err
-    assert "euroc: stamps have 9 digits after the decimal point, those of the source up to 10" in said
-    assert "scannet: this format has no stamps" in said and "scannet: colour is stored as JPEG" in said
+    assert (
+        "euroc: stamps have 9 digits after the decimal point, those of the source up to 10" in said
+    )
+    assert (
+        "scannet: this format has no stamps" in said and "scannet: colour is stored as JPEG" in said
+    )
     assert "scannet: depth is stored in 1000 units per metre; the source has 5000" in said
     assert "tartanair: its programs support only the camera 640x480,320,320,319.5,239.5" in said
 
@@ -229,12 +341,19 @@ def test_convert_notes_what_a_format_does_not_hold(freiburg, tmp_path, capsys):
 def test_convert_notes_what_rtabmap_takes_for_granted(freiburg, tmp_path, capsys):
     stamps = ("0.000000", "0.033333", "0.066667")
     rows = zip(stamps, RGB_STAMPS, DEPTH_STAMPS, strict=True)
-    (freiburg / "associations.txt").write_text("".join(f"{t} rgb/{a}.png {t} depth/{b}.png\n" for t, a, b in rows))
+    (freiburg / "associations.txt").write_text(
+        "".join(f"{t} rgb/{a}.png {t} depth/{b}.png\n" for t, a, b in rows)
+    )
     (freiburg / "groundtruth.txt").unlink()
     camera = ["--camera", "64x48,48,48,31.5,23.5", "--units", "10000"]
-    assert main(["convert", str(freiburg), str(tmp_path / "a"), "--format", "rtabmap", *camera]) == 0
+    assert (
+        main(["convert", str(freiburg), str(tmp_path / "a"), "--format", "rtabmap", *camera]) == 0
+    )
     said = capsys.readouterr().err
-    assert "rtabmap: its programs treat a stamp of 0 as missing, and fail; the stamps are not changed" in said
+    assert (
+        "rtabmap: its programs treat a stamp of 0 as missing, and fail; the stamps are not changed"
+        in said
+    )
     assert "rtabmap: depth is stored in 5000 units per metre; the source has 10000" in said
     depth = sorted((tmp_path / "a/depth_sync").iterdir())[0]
     assert depth.name == "0.000000.png" and (read_depth16(depth) == 4500).all()
@@ -247,15 +366,29 @@ def test_some_frames_carry_only_their_own_poses(freiburg, tmp_path, capsys):
     assert main(["convert", str(freiburg), str(tmp_path / "a"), "--frames", "1:2", *camera]) == 0
     kept = (tmp_path / "a/groundtruth.txt").read_text().splitlines()
     assert kept[0] == "# mocap" and set(kept[1:]) < set(dense)
-    assert all(abs(float(line.split()[0]) - float(RGB_STAMPS[1])) < 0.02 for line in kept[1:]) and len(kept) > 5
+    assert (
+        all(abs(float(line.split()[0]) - float(RGB_STAMPS[1])) < 0.02 for line in kept[1:])
+        and len(kept) > 5
+    )
     # frames without a pose are left out where every frame needs one
     (freiburg / "groundtruth.txt").write_text("\n".join(dense[30:45]) + "\n")
-    assert main(["convert", str(freiburg), str(tmp_path / "b"), "--format", "replica", *camera[:2]]) == 0
+    assert (
+        main(["convert", str(freiburg), str(tmp_path / "b"), "--format", "replica", *camera[:2]])
+        == 0
+    )
     assert "replica: 1 of 3 frames have no pose and are left out: 2" in capsys.readouterr().err
-    assert len(data(tmp_path / "b/traj.txt")) == len(list((tmp_path / "b/results").glob("*.jpg"))) == 2
+    assert (
+        len(data(tmp_path / "b/traj.txt")) == len(list((tmp_path / "b/results").glob("*.jpg"))) == 2
+    )
     (freiburg / "groundtruth.txt").unlink()
-    assert main(["convert", str(freiburg), str(tmp_path / "c"), "--format", "replica", *camera[:2]]) == 2
-    assert "a pose for every frame for the format replica, found no ground truth" in capsys.readouterr().err
+    assert (
+        main(["convert", str(freiburg), str(tmp_path / "c"), "--format", "replica", *camera[:2]])
+        == 2
+    )
+    assert (
+        "a pose for every frame for the format replica, found no ground truth"
+        in capsys.readouterr().err
+    )
 
 
 def test_the_originals_poses_keep_every_character_in_their_own_format(raw, tmp_path, capsys):
@@ -264,18 +397,40 @@ def test_the_originals_poses_keep_every_character_in_their_own_format(raw, tmp_p
     poses = "1 0 0 -2.25 0 0 0 1\n2 0.0004725 0.0089707 -2.2506 -0.00101357 0.000506464 -0.000268899 0.999999\n"
     (own / "groundtruth.gt.freiburg").unlink()
     (own / "traj9.gt.freiburg").write_text(poses)
-    command = ["noise", str(own), str(tmp_path / "out"), "--depth-noise", "paper", "--camera", "64x48", "--quiet"]
+    command = [
+        "noise",
+        str(own),
+        str(tmp_path / "out"),
+        "--depth-noise",
+        "paper",
+        "--camera",
+        "64x48",
+        "--quiet",
+    ]
     assert main([*command, "--format", "icl-nuim"]) == 0
     assert (tmp_path / "out/groundtruth.gt.freiburg").read_text() == poses
     assert (tmp_path / "out/associations.txt").read_text() == (own / "associations.txt").read_text()
 
 
 def test_names_that_could_not_stand_in_another_folder_are_replaced(freiburg, tmp_path, capsys):
-    lines = [f"{a} rgb/{a}.png {b} ../fr1/depth/{b}.png" for a, b in zip(RGB_STAMPS, DEPTH_STAMPS, strict=True)]
+    lines = [
+        f"{a} rgb/{a}.png {b} ../fr1/depth/{b}.png"
+        for a, b in zip(RGB_STAMPS, DEPTH_STAMPS, strict=True)
+    ]
     (freiburg / "associations.txt").write_text("\n".join(lines))
-    command = ["noise", str(freiburg), str(tmp_path / "deep/out"), "--camera", "64x48", "--rgb-noise", "paper"]
+    command = [
+        "noise",
+        str(freiburg),
+        str(tmp_path / "deep/out"),
+        "--camera",
+        "64x48",
+        "--rgb-noise",
+        "paper",
+    ]
     assert main([*command, "--quiet"]) == 0
-    assert sorted(p.name for p in (tmp_path / "deep/out/depth").iterdir()) == [f"00000{n}.png" for n in range(3)]
+    assert sorted(p.name for p in (tmp_path / "deep/out/depth").iterdir()) == [
+        f"00000{n}.png" for n in range(3)
+    ]
 
 
 def test_the_options_old_name_is_understood_with_a_note(raw, tmp_path, capsys):
@@ -287,10 +442,14 @@ def test_the_options_old_name_is_understood_with_a_note(raw, tmp_path, capsys):
 
 
 def test_calibrate_prints_settings_that_the_other_commands_take(tmp_path, capsys):
-    wall = np.tile(np.linspace(0.45, 0.5, 64, dtype=np.float32), (48, 1))  # 1 / depth, linear on a plane
+    wall = np.tile(
+        np.linspace(0.45, 0.5, 64, dtype=np.float32), (48, 1)
+    )  # 1 / depth, linear on a plane
     (tmp_path / "sensor/depth").mkdir(parents=True)
     for frame in range(20):
-        noisy = postprocess.noisy_depth(1 / wall, "paper", seed=1, frame=frame, settings={"lateral": False})
+        noisy = postprocess.noisy_depth(
+            1 / wall, "paper", seed=1, frame=frame, settings={"lateral": False}
+        )
         write_png(tmp_path / f"sensor/depth/{frame}.png", np.rint(noisy * 5000).astype(np.uint16))
     assert main(["noise", "calibrate", str(tmp_path / "sensor"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["depth"]
@@ -299,10 +458,22 @@ def test_calibrate_prints_settings_that_the_other_commands_take(tmp_path, capsys
     assert main(["noise", "calibrate", str(tmp_path / "sensor")]) == 0
     settings = capsys.readouterr().out.split("--depth-settings '")[1].split("'")[0]
     assert set(json.loads(settings)) == {"sigma_d", "sigma_s_px"}
-    for file in sorted((tmp_path / "sensor/depth").iterdir()):  # millimetres, which only camera.json says
-        noisy = postprocess.noisy_depth(1 / wall, "paper", seed=1, frame=int(file.stem), settings={"lateral": False})
+    for file in sorted(
+        (tmp_path / "sensor/depth").iterdir()
+    ):  # millimetres, which only camera.json says
+        noisy = postprocess.noisy_depth(
+            1 / wall, "paper", seed=1, frame=int(file.stem), settings={"lateral": False}
+        )
         write_png(file, np.rint(noisy * 1000).astype(np.uint16))
-    camera = {"width": 64, "height": 48, "fx": 48.0, "fy": 48.0, "cx": 31.5, "cy": 23.5, "depth_units_per_metre": 1000}
+    camera = {
+        "width": 64,
+        "height": 48,
+        "fx": 48.0,
+        "fy": 48.0,
+        "cx": 31.5,
+        "cy": 23.5,
+        "depth_units_per_metre": 1000,
+    }
     (tmp_path / "sensor/camera.json").write_text(json.dumps(camera))
     assert main(["noise", "calibrate", str(tmp_path / "sensor"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["depth"]["sigma_d"] == pytest.approx(1 / 6, rel=0.1)
@@ -329,7 +500,9 @@ def test_calibrate_reads_an_exposure_series_and_gives_back_its_noise(tmp_path, c
     assert [found["sigma_c"], found["sigma_s"]] == pytest.approx([0.003, 0.02], rel=0.05)
     (tmp_path / "exposures.txt").write_text("inf 0_0.png\n1 1_0.png\n")
     assert main(["noise", "calibrate", str(tmp_path)]) == 2
-    assert "exposures.txt: expected two or more exposures, finite and > 0" in capsys.readouterr().err
+    assert (
+        "exposures.txt: expected two or more exposures, finite and > 0" in capsys.readouterr().err
+    )
 
 
 def test_preview_and_pack(raw, tmp_path, capsys):
@@ -369,7 +542,9 @@ def test_postprocess_is_the_commands_without_the_command_line(raw, tmp_path):
     assert postprocess.noisy_depth(depth).shape == (48, 64)
     assert postprocess.noisy_rgb(np.full((48, 64, 3), 0.5)).dtype == np.uint8
     truth = clean / "groundtruth.txt"
-    assert postprocess.absolute_trajectory_error(truth, truth).translation_m.rmse == pytest.approx(0, abs=1e-9)
+    assert postprocess.absolute_trajectory_error(truth, truth).translation_m.rmse == pytest.approx(
+        0, abs=1e-9
+    )
 
 
 def test_a_users_own_noise_lies_in_the_working_folder(raw, tmp_path, monkeypatch, capsys):
@@ -377,8 +552,12 @@ def test_a_users_own_noise_lies_in_the_working_folder(raw, tmp_path, monkeypatch
         "def specks(depth_z_m, camera, rng):\n    return depth_z_m * (rng.random(depth_z_m.shape) > 0.1)\n"
     )
     monkeypatch.chdir(tmp_path)
-    assert main(["dataset", str(raw), "out", "--depth-noise", "dust_of_test:specks", "--quiet"]) == 0
+    assert (
+        main(["dataset", str(raw), "out", "--depth-noise", "dust_of_test:specks", "--quiet"]) == 0
+    )
     depth = read_depth16(tmp_path / "out/depth/000000.png")
     assert 0.07 < (depth == 0).mean() < 0.13
-    assert main(["dataset", str(raw), "out2", "--depth-noise", "dust_of_test:absent", "--quiet"]) == 2
+    assert (
+        main(["dataset", str(raw), "out2", "--depth-noise", "dust_of_test:absent", "--quiet"]) == 2
+    )
     assert "a function absent in the module dust_of_test" in capsys.readouterr().err

@@ -46,12 +46,16 @@ def files(tmp_path_factory):
     mirrored = Trajectory(truth.stamps_s, axes.mirrored_y(truth.T_world_camera))
     write_trajectory(folder / "mirrored.txt", mirrored, "tum")
     write_trajectory(folder / "mirrored_ids.txt", mirrored, "gt.freiburg")
-    write_trajectory(folder / "later.txt", Trajectory(estimate.stamps_s + 1000, estimate.T_world_camera), "tum")
+    write_trajectory(
+        folder / "later.txt", Trajectory(estimate.stamps_s + 1000, estimate.T_world_camera), "tum"
+    )
     still = SE3(truth.T_world_camera.rotation, np.ones((len(truth), 3)))
     write_trajectory(folder / "still.txt", Trajectory(truth.stamps_s, still), "tum")
     (folder / "page.txt").write_text("<!DOCTYPE html><html></html>")
     (folder / "empty.txt").write_text("")
-    (folder / "nan.txt").write_text((folder / "truth.txt").read_text().replace("0.033333333 ", "0.033333333 nan ", 1))
+    (folder / "nan.txt").write_text(
+        (folder / "truth.txt").read_text().replace("0.033333333 ", "0.033333333 nan ", 1)
+    )
     return folder
 
 
@@ -111,7 +115,9 @@ def test_table_csv_and_picture(files, tmp_path, capsys):
     values, errors_m = json.loads(out), [float(row["translation_error_m"]) for row in rows]
     assert len(rows) == values["pairs"]
     assert max(errors_m) == pytest.approx(values["translation_error_m"]["max"], abs=1e-9)
-    assert max(abs(float(row["time_difference_s"])) for row in rows) == pytest.approx(values["largest_difference_s"])
+    assert max(abs(float(row["time_difference_s"])) for row in rows) == pytest.approx(
+        values["largest_difference_s"]
+    )
     assert (tmp_path / "e.png").read_bytes()[:4] == b"\x89PNG"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["e.csv", "e.png"]
 
@@ -120,8 +126,21 @@ def test_table_csv_and_picture(files, tmp_path, capsys):
 @pytest.mark.parametrize("pairs", ["all", "consecutive"])
 def test_rpe_over_frames_seconds_and_metres(files, tmp_path, capsys, delta, pairs):
     drawn = delta == "1s"
-    outputs = ("--csv", tmp_path / "e.csv", *(("--plot", tmp_path / "e.svg") if drawn else ()), "--json")
-    question = ("rpe", files / "truth.txt", files / "estimate.txt", "--delta", delta, "--pairs", pairs)
+    outputs = (
+        "--csv",
+        tmp_path / "e.csv",
+        *(("--plot", tmp_path / "e.svg") if drawn else ()),
+        "--json",
+    )
+    question = (
+        "rpe",
+        files / "truth.txt",
+        files / "estimate.txt",
+        "--delta",
+        delta,
+        "--pairs",
+        pairs,
+    )
     code, out, _ = call(capsys, *question, *outputs)
     values = json.loads(out)
     assert code == 0 and 0.001 < values["translation_error_m"]["rmse"] < 0.1
@@ -134,23 +153,35 @@ def test_rpe_over_frames_seconds_and_metres(files, tmp_path, capsys, delta, pair
 
 def test_a_mirrored_estimate_is_named_with_what_to_do_and_that_helps(files, capsys):
     code, out, _ = call(capsys, "ate", files / "truth.txt", files / "mirrored.txt")
-    assert code == 0 and "warning: the estimate is mirrored" in out and "reading it as gt.freiburg" in out
+    assert (
+        code == 0
+        and "warning: the estimate is mirrored" in out
+        and "reading it as gt.freiburg" in out
+    )
     _, out, _ = call(capsys, "ate", files / "truth.txt", files / "mirrored.txt", "--json")
     assert json.loads(out)["mirror"]["mirrored"] and "mirrored" in json.loads(out)["warnings"][0]
     # written as gt.freiburg from mirrored poses: left-handed twice over, so right-handed once taken as plain TUM
-    taken_left = call(capsys, "ate", files / "truth.txt", files / "mirrored_ids.txt", "--from", "gt.freiburg")[1]
+    taken_left = call(
+        capsys, "ate", files / "truth.txt", files / "mirrored_ids.txt", "--from", "gt.freiburg"
+    )[1]
     assert "mirrored" in taken_left and "reading it as tum" in taken_left
-    taken_right = call(capsys, "ate", files / "truth.txt", files / "mirrored_ids.txt", "--from", "tum-ids")[1]
+    taken_right = call(
+        capsys, "ate", files / "truth.txt", files / "mirrored_ids.txt", "--from", "tum-ids"
+    )[1]
     assert "warning" not in taken_right and "0.000000" in taken_right
 
 
 def test_a_mirrored_estimate_of_a_nearly_flat_trajectory_is_named(tmp_path, capsys):
     t, rng = np.linspace(0, 6, 100), np.random.default_rng(0)
-    truth = SE3.exp(np.stack([np.sin(t), np.cos(2 * t), 0.03 * np.sin(5 * t), 0 * t, 0 * t, 0 * t], -1))
+    truth = SE3.exp(
+        np.stack([np.sin(t), np.cos(2 * t), 0.03 * np.sin(5 * t), 0 * t, 0 * t, 0 * t], -1)
+    )
     mirrored = SE3(truth.rotation, truth.translation * [1, 1, -1] + rng.normal(0, 0.001, (100, 3)))
     for name, poses in (("truth.txt", truth), ("estimate.txt", mirrored)):
         write_trajectory(tmp_path / name, Trajectory.at_rate(poses), "tum")
-    assert "is mirrored" in call(capsys, "ate", tmp_path / "truth.txt", tmp_path / "estimate.txt")[1]
+    assert (
+        "is mirrored" in call(capsys, "ate", tmp_path / "truth.txt", tmp_path / "estimate.txt")[1]
+    )
 
 
 def test_the_time_difference_is_estimate_less_truth_with_the_offset(files, tmp_path, capsys):
@@ -160,7 +191,9 @@ def test_the_time_difference_is_estimate_less_truth_with_the_offset(files, tmp_p
     assert {round(float(row["time_difference_s"]), 6) for row in rows} == {0.003}
 
 
-def test_the_official_office_path_against_itself_has_no_error_and_mirrored_is_named(samples, capsys):
+def test_the_official_office_path_against_itself_has_no_error_and_mirrored_is_named(
+    samples, capsys
+):
     path = samples / "or_kt0/traj0.gt.freiburg"
     code, out, _ = call(capsys, "ate", path, path, "--json")
     assert code == 0 and json.loads(out)["translation_error_m"]["max"] < 1e-9
@@ -175,15 +208,24 @@ def test_the_official_office_path_against_itself_has_no_error_and_mirrored_is_na
         (("ate", "truth.txt", "later.txt"), "later.txt: expected stamps that overlap"),
         (("rpe", "truth.txt", "later.txt"), "try an offset of -1000 s where they fit best"),
         (("ate", "truth.txt", "absent.txt"), "absent.txt"),
-        (("ate", "truth.txt", "page.txt"), "page.txt:1: expected a trajectory file, found a web page"),
-        (("ate", "truth.txt", "still.txt"), "still.txt: expected an estimated trajectory that determines SE(3)"),
+        (
+            ("ate", "truth.txt", "page.txt"),
+            "page.txt:1: expected a trajectory file, found a web page",
+        ),
+        (
+            ("ate", "truth.txt", "still.txt"),
+            "still.txt: expected an estimated trajectory that determines SE(3)",
+        ),
         (("ate", "still.txt", "truth.txt", "--align", "sim3"), "one that does not move"),
         (("ate", "truth.txt", "estimate.txt", "--align-first", "1"), "1 pose where 3 are needed"),
         (
             ("ate", "truth.txt", "estimate.txt", "--align", "affine"),
             "--align: expected one of none, origin, yaw, se3, sim3, found affine",
         ),
-        (("ate", "truth.txt", "estimate.txt", "--up", "w"), "--up: expected one of x, y, z, found w"),
+        (
+            ("ate", "truth.txt", "estimate.txt", "--up", "w"),
+            "--up: expected one of x, y, z, found w",
+        ),
         (
             ("ate", "truth.txt", "estimate.txt", "--association", "best"),
             "--association: expected one of greedy, nearest",
@@ -194,9 +236,15 @@ def test_the_official_office_path_against_itself_has_no_error_and_mirrored_is_na
         ),
         (("ate", "truth.txt", "estimate.txt", "--file-rate", "0"), "rate"),
         (("ate", "truth.txt", "estimate.txt", "--from", "word"), "format"),
-        (("ate", "truth.txt", "estimate.txt", "--plot", "e.bmp"), "e.bmp: expected a picture's name"),
+        (
+            ("ate", "truth.txt", "estimate.txt", "--plot", "e.bmp"),
+            "e.bmp: expected a picture's name",
+        ),
         (("rpe", "truth.txt", "estimate.txt", "--delta", "soon"), "expected a delta such as 10"),
-        (("rpe", "truth.txt", "estimate.txt", "--delta", "90m"), "estimate.txt: expected poses 90 metres apart"),
+        (
+            ("rpe", "truth.txt", "estimate.txt", "--delta", "90m"),
+            "estimate.txt: expected poses 90 metres apart",
+        ),
         (
             ("rpe", "truth.txt", "estimate.txt", "--measured-on", "both"),
             "--measured-on: expected one of reference, estimate",
@@ -204,7 +252,9 @@ def test_the_official_office_path_against_itself_has_no_error_and_mirrored_is_na
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(files, capsys, arguments, words):
-    code, out, err = call(capsys, *[files / a if a.endswith(".txt") else a for a in arguments], "--quiet")
+    code, out, err = call(
+        capsys, *[files / a if a.endswith(".txt") else a for a in arguments], "--quiet"
+    )
     assert code == 2 and out == ""
     assert words in err and len(err.splitlines()) == 1
 
@@ -238,19 +288,30 @@ def test_two_files_without_an_action_are_ate(files, capsys):
     assert code == 2 and "nowhere.txt: expected a trajectory file, found no such file" in err
 
 
-def test_frame_numbers_that_were_read_as_seconds_are_named_and_following_the_advice_helps(files, tmp_path, capsys):
+def test_frame_numbers_that_were_read_as_seconds_are_named_and_following_the_advice_helps(
+    files, tmp_path, capsys
+):
     truth = files / "truth.txt"
     lines = [line for line in truth.read_text().splitlines() if not line.startswith("#")]
     numbered = tmp_path / "numbered.txt"
-    numbered.write_text("".join(f"{i} {line.split(maxsplit=1)[1]}\n" for i, line in enumerate(lines)))
+    numbered.write_text(
+        "".join(f"{i} {line.split(maxsplit=1)[1]}\n" for i, line in enumerate(lines))
+    )
     code, out, _ = call(capsys, truth, numbered, "--json")
-    assert code == 0 and "only 7 of its 200 poses have a ground-truth pose" in json.loads(out)["warnings"][0]
+    assert (
+        code == 0
+        and "only 7 of its 200 poses have a ground-truth pose" in json.loads(out)["warnings"][0]
+    )
     followed = json.loads(call(capsys, truth, numbered, "--from", "tum-ids", "--json")[1])
     assert followed["translation_error_m"]["rmse"] < 1e-6 and not followed["warnings"]
 
 
 def test_columns_of_large_errors_stay_apart(files, tmp_path, capsys):
-    truth = [line.split() for line in (files / "truth.txt").read_text().splitlines() if not line.startswith("#")]
+    truth = [
+        line.split()
+        for line in (files / "truth.txt").read_text().splitlines()
+        if not line.startswith("#")
+    ]
     far = [[row[0], *(str(3e4 * float(x)) for x in row[1:4]), *row[4:]] for row in truth]
     (tmp_path / "far.txt").write_text("".join(" ".join(row) + "\n" for row in far))
     _, out, _ = call(capsys, "ate", files / "truth.txt", tmp_path / "far.txt")

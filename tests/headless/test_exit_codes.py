@@ -37,7 +37,15 @@ def sabotaged(tmp_path):
 
 def test_in_a_command(sabotaged, repository):
     path = repository / "trajectories/living_room/kt2.txt"
-    done = sabotaged("iclnuim.formats.trajectories", "read_trajectory", "-m", "iclnuim", "trajectory", "info", path)
+    done = sabotaged(
+        "iclnuim.formats.trajectories",
+        "read_trajectory",
+        "-m",
+        "iclnuim",
+        "trajectory",
+        "info",
+        path,
+    )
     assert done.returncode not in (0, 2) and "RuntimeError: sabotaged" in done.stderr
 
 
@@ -49,7 +57,14 @@ def test_in_the_render_script(sabotaged, repository):
 
 def test_in_a_worker(sabotaged, repository, tmp_path):
     pytest.importorskip("bpy", reason="needs the bpy package")
-    words = (repository / "headless/render.py", *RENDER, "--scene", repository / "tests/room.obj", "--out", "raw")
+    words = (
+        repository / "headless/render.py",
+        *RENDER,
+        "--scene",
+        repository / "tests/room.obj",
+        "--out",
+        "raw",
+    )
     done = sabotaged("iclnuim.dataset.run_folder", "RunFolder.write_frame", *words)
     assert done.returncode == 3, done.stderr
     assert "sabotaged" in done.stderr + "".join(p.read_text() for p in tmp_path.rglob("*.log"))

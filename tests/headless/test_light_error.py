@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
-from iclnuim.headless.benchmark.light_comparison import carried_difference, error
 from iclnuim.sensor.transfer import light_from_srgb
+from iclnuim.tools.light_comparison import carried_difference, error
 
 CAMERA = PinholeCamera.parse("160x120")
 
 
 def halves_of(display: np.ndarray, noise: float, rng: np.random.Generator) -> np.ndarray:
-    return np.stack([light_from_srgb(display + noise * rng.standard_normal(display.shape)) for _ in range(2)])
+    return np.stack(
+        [light_from_srgb(display + noise * rng.standard_normal(display.shape)) for _ in range(2)]
+    )
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
@@ -31,9 +33,13 @@ def test_the_error_is_that_of_the_frame_whatever_the_noise_of_the_reference(nois
 def wall(T_world_camera: SE3, brightness: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """A smooth pattern on the plane z = 2, as light and planar depth."""
     rays = CAMERA.unproject(np.ones((CAMERA.height, CAMERA.width))) @ T_world_camera.rotation.T
-    points = T_world_camera.translation + rays * ((2 - T_world_camera.translation[2]) / rays[..., 2:])
+    points = T_world_camera.translation + rays * (
+        (2 - T_world_camera.translation[2]) / rays[..., 2:]
+    )
     display = 0.5 + 0.2 * np.sin(3 * points) + brightness
-    return light_from_srgb(display), T_world_camera.inverse().apply(points.reshape(-1, 3))[:, 2].reshape(rays.shape[:2])
+    return light_from_srgb(display), T_world_camera.inverse().apply(points.reshape(-1, 3))[
+        :, 2
+    ].reshape(rays.shape[:2])
 
 
 @pytest.mark.parametrize("brightness", [0.0, 0.05])
@@ -49,4 +55,7 @@ def test_what_lies_behind_another_surface_in_the_other_frame_is_left_out():
     nearer = depth_z_m.copy()
     nearer[:, :80] = 1.0
     still = SE3.identity()
-    assert len(carried_difference(light, depth_z_m, light, nearer, still, CAMERA)) < 0.5 * depth_z_m.size
+    assert (
+        len(carried_difference(light, depth_z_m, light, nearer, still, CAMERA))
+        < 0.5 * depth_z_m.size
+    )

@@ -9,20 +9,27 @@ from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.headless.benchmark.noise import overlaps
 from iclnuim.headless.cli import main
 from iclnuim.sensor.models import depth_model, rgb_model
+from iclnuim.tools.noise_comparison import overlaps
 
 
 def _run(folder, size, count):
     """A room's floor and wall under a textured light."""
     camera = PinholeCamera.parse(size)
-    recipe = {"job": {"camera": camera.to_dict()}, "trajectory_sha256": "a", "scene_sha256": "b", "blender": "none"}
+    recipe = {
+        "job": {"camera": camera.to_dict()},
+        "trajectory_sha256": "a",
+        "scene_sha256": "b",
+        "blender": "none",
+    }
     run = open_run(folder, recipe, Trajectory.at_rate(SE3.exp(np.zeros((count, 6)))))
     rng = np.random.default_rng(1)
     v, u = np.mgrid[0 : camera.height, 0 : camera.width] / camera.height
     for number in range(count):
-        light = np.clip((0.3 + 0.2 * u)[..., None] * (1 + 0.05 * rng.standard_normal((*u.shape, 3))), 0, 1)
+        light = np.clip(
+            (0.3 + 0.2 * u)[..., None] * (1 + 0.05 * rng.standard_normal((*u.shape, 3))), 0, 1
+        )
         run.write_frame(number, light, np.minimum(3.0 - 0.4 * u, 1.2 / np.maximum(v - 0.4, 1e-3)))
     return run.path
 
@@ -37,7 +44,9 @@ def test_a_model_is_most_like_its_own_frames(raw, tmp_path):
 
     clean, noisy = tmp_path / "clean", tmp_path / "noisy"
     write_sequence(run_frames(raw), clean)
-    write_sequence(run_frames(raw), noisy, SequenceSettings(depth_model("paper"), rgb_model("paper"), seed=5))
+    write_sequence(
+        run_frames(raw), noisy, SequenceSettings(depth_model("paper"), rgb_model("paper"), seed=5)
+    )
     found = overlaps(clean, noisy)
     for kind in ("depth", "rgb"):
         assert max(found[kind], key=found[kind].get) == "paper"
@@ -47,9 +56,27 @@ def test_a_model_is_most_like_its_own_frames(raw, tmp_path):
 
 def test_the_command_reports_every_pair_and_model_and_draws(raw, tmp_path, capsys):
     chart = tmp_path / "chart.png"
-    assert main(["bench", "noise", str(raw), "--rounds", "1", "--chart", str(chart), "--json", "--quiet"]) == 0
+    assert (
+        main(
+            [
+                "bench",
+                "noise",
+                str(raw),
+                "--rounds",
+                "1",
+                "--chart",
+                str(chart),
+                "--json",
+                "--quiet",
+            ]
+        )
+        == 0
+    )
     found = json.loads(capsys.readouterr().out)
-    assert {(p["depth"], p["rgb"]) for p in found["pairs"]} >= {("paper", "paper"), ("released", "released")}
+    assert {(p["depth"], p["rgb"]) for p in found["pairs"]} >= {
+        ("paper", "paper"),
+        ("released", "released"),
+    }
     assert all(p["frames_per_s"] > 0 and p["cpu_ratio"] > 0 for p in found["pairs"])
     assert set(found["model_ms"]["depth"]) == {"none", "paper", "released", "kinect2012", "redwood"}
     assert chart.read_bytes()[:4] == b"\x89PNG"

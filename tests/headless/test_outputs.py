@@ -41,7 +41,10 @@ def sequence(tmp_path, monkeypatch):
     u, v = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
     grey = (120 + 60 * np.sin(0.7 * u) * np.cos(0.9 * v)).astype(np.uint8)
     for i in range(3):
-        for kind, image in (("rgb", np.dstack([grey] * 3)), ("depth", depth16_from_metres(2 + 0.01 * u + 0.005 * v))):
+        for kind, image in (
+            ("rgb", np.dstack([grey] * 3)),
+            ("depth", depth16_from_metres(2 + 0.01 * u + 0.005 * v)),
+        ):
             (tmp_path / "seq" / kind).mkdir(parents=True, exist_ok=True)
             write_png(tmp_path / "seq" / kind / f"{i}.png", image)
     camera = PinholeCamera.parse(f"{SIZE[0]}x{SIZE[1]}").to_dict()
@@ -63,7 +66,9 @@ def test_an_input_is_not_overwritten(files, option, output, capsys):
 
 
 @pytest.mark.parametrize("name", ["groundtruth.txt", "camera.json", "rgb/0.png"])
-def test_a_file_of_the_sequence_is_not_overwritten_and_an_estimate_in_its_folder_is(sequence, name, capsys):
+def test_a_file_of_the_sequence_is_not_overwritten_and_an_estimate_in_its_folder_is(
+    sequence, name, capsys
+):
     before = (sequence / name).read_bytes()
     assert main(["odometry", "icp", "seq", "-o", f"seq/{name}"]) == 2
     assert "a file of the sequence seq" in capsys.readouterr().err
@@ -108,7 +113,7 @@ def test_a_surface_replaces_no_json_that_is_not_its_recipe(sequence, name, capsy
     if name == "notes":
         path.write_text("[1]")
     before = path.read_bytes()
-    monkeypatch.setattr("iclnuim.fusion.mesh.fuse_sequence", None)
+    monkeypatch.setattr("iclnuim.benchmark.fusion.mesh.fuse_sequence", None)
     assert main(["fuse", "seq", "-o", f"{name}.ply"]) == 2
     error = capsys.readouterr().err
     assert f"{name}.json: expected" in error and "another name for --out" in error
@@ -130,12 +135,19 @@ def test_a_figure_without_a_name_replaces_no_file(tmp_path, monkeypatch, capsys)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "figure_6.png").write_bytes(b"of my paper")
     assert main(["figure", "6"]) == 2
-    assert "figure_6.png: expected a new file name, found an existing file; try -o FILE" in capsys.readouterr().err
+    assert (
+        "figure_6.png: expected a new file name, found an existing file; try -o FILE"
+        in capsys.readouterr().err
+    )
     assert (tmp_path / "figure_6.png").read_bytes() == b"of my paper"
 
 
-@pytest.mark.parametrize(("out", "words"), [(".", "found a folder"), ("none/a.csv", "no such folder")])
-def test_a_table_that_cannot_be_written_is_refused_before_the_work(sequence, out, words, capsys, monkeypatch):
+@pytest.mark.parametrize(
+    ("out", "words"), [(".", "found a folder"), ("none/a.csv", "no such folder")]
+)
+def test_a_table_that_cannot_be_written_is_refused_before_the_work(
+    sequence, out, words, capsys, monkeypatch
+):
     monkeypatch.setattr("iclnuim.dataset.rendered_views.view_errors", None)
     assert main(["evaluate", "views", "seq", "--truth", "seq", "--csv", out]) == 2
     assert words in capsys.readouterr().err
@@ -153,7 +165,9 @@ def test_a_link_stays_and_its_target_is_written(tmp_path):
 def test_a_pipe_receives_the_content_and_stays_a_pipe(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     read: list[str] = []
-    reader = threading.Thread(target=lambda: read.append((tmp_path / "pipe").read_text()), daemon=True)
+    reader = threading.Thread(
+        target=lambda: read.append((tmp_path / "pipe").read_text()), daemon=True
+    )
     reader.start()
     atomic_write_text(tmp_path / "pipe", "content")
     reader.join(10)
@@ -171,13 +185,16 @@ def test_a_file_in_memory_is_replaced_as_any_other():
 @pytest.mark.skipif(not Path("/dev/stdout").exists(), reason="needs /dev/stdout")
 def test_standard_output_by_its_name(files):
     words = ["evaluate", "ate", "gt.txt", "est.txt", "--csv", "/dev/stdout", "--quiet"]
-    done = subprocess.run([sys.executable, "-m", "iclnuim", *words], capture_output=True, text=True, timeout=100)
+    done = subprocess.run(
+        [sys.executable, "-m", "iclnuim", *words], capture_output=True, text=True, timeout=100
+    )
     assert done.returncode == 0 and "reference_index" in done.stdout and "rmse" in done.stdout
     assert not Path("/dev/stdout").is_file() or Path("/dev/stdout").is_symlink()
 
 
 @pytest.mark.parametrize(
-    "words", [["--help"], ["--version"], ["evaluate", "--help"], ["evaluate", "ate", "gt.txt", "est.txt"]]
+    "words",
+    [["--help"], ["--version"], ["evaluate", "--help"], ["evaluate", "ate", "gt.txt", "est.txt"]],
 )
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_a_closed_standard_output_is_no_error(files, words, unbuffered):
@@ -201,7 +218,11 @@ def test_a_full_standard_output_is_one_line(files):
     with open("/dev/full", "w") as full:
         words = [sys.executable, "-m", "iclnuim", "evaluate", "ate", "gt.txt", "est.txt", "--quiet"]
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=100)
-    assert done.returncode == 3 and "No space left on device" in done.stderr and "Traceback" not in done.stderr
+    assert (
+        done.returncode == 3
+        and "No space left on device" in done.stderr
+        and "Traceback" not in done.stderr
+    )
 
 
 def test_an_estimate_is_written_though_nobody_reads_the_table(sequence, tmp_path, monkeypatch):
@@ -216,14 +237,22 @@ def test_an_estimate_is_written_though_nobody_reads_the_table(sequence, tmp_path
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda seq: (seq / "groundtruth.txt").write_text("1 2\n"), "groundtruth.txt:1: expected a trajectory"),
-        (lambda seq: (seq.parent / "est.txt").mkdir(), "est.txt: expected a file to write, found a folder"),
+        (
+            lambda seq: (seq / "groundtruth.txt").write_text("1 2\n"),
+            "groundtruth.txt:1: expected a trajectory",
+        ),
+        (
+            lambda seq: (seq.parent / "est.txt").mkdir(),
+            "est.txt: expected a file to write, found a folder",
+        ),
     ],
     ids=["truth", "folder"],
 )
-def test_what_would_fail_at_the_end_fails_before_the_work(sequence, spoil, words, capsys, monkeypatch):
+def test_what_would_fail_at_the_end_fails_before_the_work(
+    sequence, spoil, words, capsys, monkeypatch
+):
     spoil(sequence)
-    monkeypatch.setattr("iclnuim.odometry.track.Tracker.add", None)
+    monkeypatch.setattr("iclnuim.benchmark.odometry.track.Tracker.add", None)
     assert main(["odometry", "icp", "seq", "-o", "est.txt"]) == 2
     assert words in capsys.readouterr().err
 
@@ -235,7 +264,10 @@ def test_a_sequence_without_a_surface_says_why_its_frames_are_left_out(sequence,
         write_png(path, np.full((24, 32), 10_000, np.uint16))
     assert main(["fuse", "seq", "-o", "surface.ply", "--quiet"]) == 2
     error = capsys.readouterr().err
-    assert "no triangle in 1 fused frames; 2 left out, the first: depth/1.png: expected 64 x 48" in error
+    assert (
+        "no triangle in 1 fused frames; 2 left out, the first: depth/1.png: expected 64 x 48"
+        in error
+    )
     assert "found 32 x 24; try --camera with the size of the images" in error
 
 
@@ -246,7 +278,10 @@ def test_a_camera_is_not_completed_with_another_ones_figures(sequence, lacking, 
     (sequence / "camera.json").write_text(str(content).replace("'", '"'))
     assert main(["odometry", "icp", "seq"]) == 2
     error = capsys.readouterr().err
-    assert f"camera.json: expected a camera with width, height, fx, fy, cx, cy, found no {', '.join(lacking)}" in error
+    assert (
+        f"camera.json: expected a camera with width, height, fx, fy, cx, cy, found no {', '.join(lacking)}"
+        in error
+    )
 
 
 def test_depth_units_of_zero_are_refused(sequence, capsys):
@@ -275,7 +310,10 @@ def test_depth_units_alone_replace_those_of_the_folder_s_camera(sequence, words,
     monkeypatch.setattr("iclnuim.dataset.frames.read_depth_m", remembered)
     assert main([*words, "--units", "2500"]) == 0
     if words[0] in ("noise", "convert"):
-        made, recipe = (json.loads((sequence.parent / f"out/{name}.json").read_text()) for name in ("camera", "recipe"))
+        made, recipe = (
+            json.loads((sequence.parent / f"out/{name}.json").read_text())
+            for name in ("camera", "recipe")
+        )
         assert json.loads((sequence / "camera.json").read_text()).items() <= made.items()
         assert recipe["source"]["depth_units_per_metre"] == 2500
     else:
@@ -283,18 +321,42 @@ def test_depth_units_alone_replace_those_of_the_folder_s_camera(sequence, words,
 
 
 @pytest.mark.parametrize(
-    "options", [["--voxel", "0.03"], ["--voxel", "0.03", "--truncation", "0.07"], ["--truncation", "0.018"]]
+    "options",
+    [["--voxel", "0.03"], ["--voxel", "0.03", "--truncation", "0.07"], ["--truncation", "0.018"]],
 )
 @pytest.mark.parametrize("preset", ["best", "paper"])
 def test_voxels_of_any_size_can_be_chosen(sequence, options, preset, capsys):
-    assert main(["fuse", "seq", "-o", "surface.ply", "--preset", preset, "--max-blocks", "4000", *options]) == 0
+    assert (
+        main(
+            [
+                "fuse",
+                "seq",
+                "-o",
+                "surface.ply",
+                "--preset",
+                preset,
+                "--max-blocks",
+                "4000",
+                *options,
+            ]
+        )
+        == 0
+    )
 
 
-def test_a_truncation_that_grows_with_the_voxels_is_said_in_a_note_and_in_the_help(sequence, capsys):
+def test_a_truncation_that_grows_with_the_voxels_is_said_in_a_note_and_in_the_help(
+    sequence, capsys
+):
     notes = []
-    for options in (["--voxel", "0.03"], ["--voxel", "0.01"], ["--voxel", "0.03", "--truncation", "0.09"]):
+    for options in (
+        ["--voxel", "0.03"],
+        ["--voxel", "0.01"],
+        ["--voxel", "0.03", "--truncation", "0.09"],
+    ):
         assert main(["fuse", "seq", "-o", "surface.ply", "--max-blocks", "4000", *options]) == 0
-        notes.append("truncation distance 0.09 m: three voxels of 0.03 m" in capsys.readouterr().err)
+        notes.append(
+            "truncation distance 0.09 m: three voxels of 0.03 m" in capsys.readouterr().err
+        )
     assert notes == [True, False, False]
     with pytest.raises(SystemExit):
         main(["fuse", "--help"])
@@ -316,7 +378,9 @@ def test_a_read_only_folder_is_named_before_the_work(tmp_path, monkeypatch):
 
 
 def test_values_of_image_files_are_not_taken_for_metres_or_light():
-    with pytest.raises(InputError, match="depth in metres, as floating-point numbers, found uint16"):
+    with pytest.raises(
+        InputError, match="depth in metres, as floating-point numbers, found uint16"
+    ):
         noisy_depth(np.full((48, 64), 10_000, np.uint16))
     with pytest.raises(InputError, match="found uint8; try iclnuim.linear_from_srgb8"):
         noisy_rgb(np.full((48, 64, 3), 128, np.uint8))
@@ -359,20 +423,31 @@ def test_an_invalid_command_line_is_one_line_that_names_the_help(words, found, c
 
 
 def test_an_empty_argument_is_refused_not_taken_for_none(capsys):
-    for argv in (["make", "kt2", "--frames", ""], ["make", "kt2", "--camera="], ["evaluate", "", "b.txt"]):
+    for argv in (
+        ["make", "kt2", "--frames", ""],
+        ["make", "kt2", "--camera="],
+        ["evaluate", "", "b.txt"],
+    ):
         assert main(argv) == 2
         assert "found an empty one" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["../../evil", "/tmp/abs", "a/../../b", "..\\b"])
 def test_the_name_in_a_recipe_stays_below_the_output_folder(tmp_path, capsys, name):
-    recipe = {"schema_version": 1, "sequence": name, "scene": "living_room", "trajectory": "living_room/kt2"}
+    recipe = {
+        "schema_version": 1,
+        "sequence": name,
+        "scene": "living_room",
+        "trajectory": "living_room/kt2",
+    }
     (tmp_path / "r.json").write_text(json.dumps({"job": recipe}))
     assert main(["make", str(tmp_path / "r.json"), "--frames", ":1", "--camera", "16x12"]) == 2
     assert "r.json: expected a sequence named such as living_room/kt2" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [["noise", "seq", "out", "--rgb-noise", "paper"], ["convert", "seq", "out"]])
+@pytest.mark.parametrize(
+    "words", [["noise", "seq", "out", "--rgb-noise", "paper"], ["convert", "seq", "out"]]
+)
 def test_a_camera_that_no_file_gives_is_noted(sequence, words, capsys):
     assert main(words) == 0 and "assumed" not in capsys.readouterr().err
     (sequence / "camera.json").unlink()
@@ -392,7 +467,10 @@ def test_a_camera_that_no_file_gives_is_noted(sequence, words, capsys):
 def test_a_number_of_processes_that_is_none_is_refused(sequence, number, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["convert", "seq", "out", f"--workers={number}"])
-    assert ended.value.code == 2 and "--workers: expected a whole number of at least 1" in capsys.readouterr().err
+    assert (
+        ended.value.code == 2
+        and "--workers: expected a whole number of at least 1" in capsys.readouterr().err
+    )
 
 
 def test_options_may_stand_between_the_method_and_the_folder(sequence, capsys):
@@ -402,7 +480,10 @@ def test_options_may_stand_between_the_method_and_the_folder(sequence, capsys):
 
 def test_an_odometer_without_a_folder_is_refused_with_what_is_missing(sequence, capsys):
     assert main(["odometry", "icp"]) == 2
-    assert "expected a METHOD and a folder with a sequence, or --all and a folder, found icp" in capsys.readouterr().err
+    assert (
+        "expected a METHOD and a folder with a sequence, or --all and a folder, found icp"
+        in capsys.readouterr().err
+    )
     assert main(["odometry", "seq"]) == 2
     assert "expected a METHOD, or --all without one, found neither" in capsys.readouterr().err
 
@@ -410,11 +491,19 @@ def test_an_odometer_without_a_folder_is_refused_with_what_is_missing(sequence, 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["pack", "seq"], "seq: expected a sequence, found no recipe.json; try the output folder of"),
-        (["check-depth", "seq"], "seq: expected the folder of a run, found no sequence.json; try the folder that"),
+        (
+            ["pack", "seq"],
+            "seq: expected a sequence, found no recipe.json; try the output folder of",
+        ),
+        (
+            ["check-depth", "seq"],
+            "seq: expected the folder of a run, found no sequence.json; try the folder that",
+        ),
     ],
 )
-def test_a_folder_that_another_command_wrote_is_refused_with_where_to_look(sequence, words, message, capsys):
+def test_a_folder_that_another_command_wrote_is_refused_with_where_to_look(
+    sequence, words, message, capsys
+):
     assert main(words) == 2
     assert message in capsys.readouterr().err
 
@@ -422,17 +511,35 @@ def test_a_folder_that_another_command_wrote_is_refused_with_where_to_look(seque
 def test_a_ground_truth_of_another_time_is_noted(sequence, capsys):
     assert main(["odometry", "icp", "seq", "--first", "2"]) == 0
     assert "no error is computed" not in capsys.readouterr().err
-    lines = [f"50{line}\n" for line in (sequence / "groundtruth.txt").read_text().splitlines() if line[0] != "#"]
+    lines = [
+        f"50{line}\n"
+        for line in (sequence / "groundtruth.txt").read_text().splitlines()
+        if line[0] != "#"
+    ]
     (sequence / "groundtruth.txt").write_text("".join(lines))
     assert main(["odometry", "icp", "seq", "--first", "2"]) == 0
     spans = "poses at 501.000..501.067 s, images at 1.000..1.033 s"
-    assert f"no error is computed, as no image has a ground-truth pose: {spans}" in capsys.readouterr().err
+    assert (
+        f"no error is computed, as no image has a ground-truth pose: {spans}"
+        in capsys.readouterr().err
+    )
 
 
 def test_a_blend_file_that_exists_is_not_replaced_by_the_scene(tmp_path, capsys):
     (tmp_path / "mine.blend").write_bytes(b"mine")
     assert (
-        main(["render", "kt2", "--frames", "0:1", "--blend", str(tmp_path / "mine.blend"), "-o", str(tmp_path / "a")])
+        main(
+            [
+                "render",
+                "kt2",
+                "--frames",
+                "0:1",
+                "--blend",
+                str(tmp_path / "mine.blend"),
+                "-o",
+                str(tmp_path / "a"),
+            ]
+        )
         == 2
     )
     assert "mine.blend: expected a new file name, found an existing file" in capsys.readouterr().err

@@ -12,7 +12,11 @@ def test_filtered_textures_are_closer_to_many_rays_a_pixel(tmp_path, capfd):
     words = ["bench", "textures", "kt2", "--frames", "320:321", "--camera", "160x120", "--json"]
     assert main([*words, "--plot", str(tmp_path / "textures.png")]) == 0
     plain, filtered, reference = json.loads(capfd.readouterr().out)["rows"]
-    assert [r["textures"] for r in (plain, filtered, reference)] == ["unfiltered", "mipmaps", "16 rays a pixel"]
+    assert [r["textures"] for r in (plain, filtered, reference)] == [
+        "unfiltered",
+        "mipmaps",
+        "16 rays a pixel",
+    ]
     assert filtered["difference"] < 0.75 * plain["difference"] and reference["difference"] is None
     assert filtered["change_mean"] < 0.75 * plain["change_mean"]
     assert (tmp_path / "textures.png").stat().st_size > 10_000

@@ -40,7 +40,10 @@ def test_light_does_not_cross_from_chart_to_chart():
     truth = np.where(chart[..., None] == 0, 0.5, 0.52).repeat(3, -1)
     out = denoise(*halves(truth, 0.3), chart, normals, usable)
     alone = denoise(
-        *[np.where(chart[..., None] == 0, h, 0) for h in halves(truth, 0.3)], chart, normals, usable & (chart == 0)
+        *[np.where(chart[..., None] == 0, h, 0) for h in halves(truth, 0.3)],
+        chart,
+        normals,
+        usable & (chart == 0),
     )
     assert np.allclose(out[:, :48], alone[:, :48], atol=1e-6)
 

@@ -16,7 +16,12 @@ def test_reading_the_map_anywhere_on_a_surface_meets_its_own_chart_only(scene, s
     layout = lay_out(scene, both(scene), size)
     sides, rng = layout.sides.surfaces, np.random.default_rng(1)
     triangle = rng.integers(len(sides.triangles), size=4000)
-    at = np.einsum("nk,nkj->nj", rng.dirichlet(np.ones(3), 4000), layout.corners[sides.triangles[triangle]]) - 0.5
+    at = (
+        np.einsum(
+            "nk,nkj->nj", rng.dirichlet(np.ones(3), 4000), layout.corners[sides.triangles[triangle]]
+        )
+        - 0.5
+    )
     chart = layout.texels.image(layout.texels.chart, -1)
     own = layout.charts.chart[sides.triangle_face[triangle]]
     low = np.floor(at).astype(int)
@@ -75,7 +80,9 @@ def test_narrow_faces_are_widened_towards_a_texel_each(scene):
     width = []
     for k in strip:
         corners = layout.corners[sides.face_start[k] : sides.face_start[k + 1]]
-        width.append(min(np.linalg.norm(corners[1] - corners[0]), np.linalg.norm(corners[2] - corners[1])))
+        width.append(
+            min(np.linalg.norm(corners[1] - corners[0]), np.linalg.norm(corners[2] - corners[1]))
+        )
     assert across < 0.9
     assert np.median(width) > 1.5 * across
 

@@ -11,10 +11,17 @@ from scipy.spatial.transform import Rotation
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 cv2 = pytest.importorskip("cv2")
-from iclnuim.odometry import byte_patches, euler_refinement, fast_features, features, gcc_order, small_rotation  # noqa: E402
-from iclnuim.odometry.fovis import Fovis  # noqa: E402
-from iclnuim.odometry.protocol import Frame  # noqa: E402
-from iclnuim.odometry.track import track  # noqa: E402
+from iclnuim.benchmark.odometry import (  # noqa: E402
+    byte_patches,
+    euler_refinement,
+    fast_features,
+    features,
+    gcc_order,
+    small_rotation,
+)
+from iclnuim.benchmark.odometry.fovis import Fovis  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame  # noqa: E402
+from iclnuim.benchmark.odometry.track import track  # noqa: E402
 
 CAMERA = PinholeCamera.parse("320x240")
 TWIST = np.array([0.006, -0.004, 0.005, 0.004, -0.003, 0.005])
@@ -25,13 +32,22 @@ CELL_M = 0.12
 def seen(T_world_camera: SE3, brighter: float = 0.0) -> Frame:
     """n . x = 2 m for each plane; the image is the mean of 2x2 rays a pixel, a little blurred as a lens does it."""
     fine = PinholeCamera(
-        2 * CAMERA.width, 2 * CAMERA.height, 2 * CAMERA.fx, 2 * CAMERA.fy, 2 * CAMERA.cx + 0.5, 2 * CAMERA.cy + 0.5
+        2 * CAMERA.width,
+        2 * CAMERA.height,
+        2 * CAMERA.fx,
+        2 * CAMERA.fy,
+        2 * CAMERA.cx + 0.5,
+        2 * CAMERA.cy + 0.5,
     )
     z, points = _hits(fine, T_world_camera)
     x, y, w = np.moveaxis(np.floor(points / CELL_M + 0.37).astype(np.int64), -1, 0)
     cell = (x * 73856093) ^ (y * 19349663) ^ (w * 83492791)
     grey = (40 + 170 * (cell % 1000003 * 7919 % 104729) / 104729).astype(np.float32)
-    small = cv2.resize(cv2.GaussianBlur(grey, (0, 0), 1.2), (CAMERA.width, CAMERA.height), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(
+        cv2.GaussianBlur(grey, (0, 0), 1.2),
+        (CAMERA.width, CAMERA.height),
+        interpolation=cv2.INTER_AREA,
+    )
     return Frame.of(small + brighter, _hits(CAMERA, T_world_camera)[0], 0.0)
 
 
@@ -40,7 +56,9 @@ def _hits(camera: PinholeCamera, T_world_camera: SE3) -> tuple[np.ndarray, np.nd
     z = np.full(rays.shape[:2], np.inf)
     for n in PLANES:
         slope = rays @ n
-        z = np.minimum(z, np.where(slope > 1e-6, (2 - n @ origin) / np.maximum(slope, 1e-6), np.inf))
+        z = np.minimum(
+            z, np.where(slope > 1e-6, (2 - n @ origin) / np.maximum(slope, 1e-6), np.inf)
+        )
     return z, origin + rays * z[..., None]
 
 
@@ -74,7 +92,8 @@ def test_what_is_seen_through_glass_does_not_count_as_lying_on_it():
         frames.append(Frame.of(frame.grey, np.where(on, pane, frame.depth_z_m), 0.0))
     settings, moved = Fovis.PRESETS["best"], np.linalg.norm(poses[-1].translation)
     without, found = (
-        list(track(Fovis(s), CAMERA, enumerate(frames))) for s in (replace(settings, depth=False), settings)
+        list(track(Fovis(s), CAMERA, enumerate(frames)))
+        for s in (replace(settings, depth=False), settings)
     )
     assert error_m(found[-1], poses[-1]) < 0.1 * moved < 0.2 * error_m(without[-1], poses[-1])
 
@@ -89,7 +108,9 @@ def test_the_frames_around_one_without_depth_are_tracked():
 
 
 def test_a_turn_beyond_the_search_is_found_by_the_small_images_first():
-    turn = SE3.exp(np.r_[0, 0, 0, 0, 0.12, 0])  # 29 pixels; without the first rotation nothing is found in 10
+    turn = SE3.exp(
+        np.r_[0, 0, 0, 0, 0.12, 0]
+    )  # 29 pixels; without the first rotation nothing is found in 10
     settings = replace(Fovis.PRESETS["best"], searches_px=(10.0,))
     odometer = Fovis(settings)
     one, other = (odometer.prepare(seen(T), CAMERA) for T in (SE3.identity(), turn))
@@ -100,11 +121,17 @@ def test_a_turn_beyond_the_search_is_found_by_the_small_images_first():
 def test_a_brighter_image_is_matched_alike():
     odometer = Fovis(Fovis.PRESETS["paper"])
     one, plain, brighter = (
-        odometer.prepare(f, CAMERA) for f in (seen(SE3.identity()), seen(path(2)[1]), seen(path(2)[1], 20))
+        odometer.prepare(f, CAMERA)
+        for f in (seen(SE3.identity()), seen(path(2)[1]), seen(path(2)[1], 20))
     )
     found = [odometer.align(one, other, SE3.identity()) for other in (plain, brighter)]
     assert found[1].matches > 0.9 * found[0].matches
-    assert np.abs(found[1].T_reference_camera.translation - found[0].T_reference_camera.translation).max() < 5e-4
+    assert (
+        np.abs(
+            found[1].T_reference_camera.translation - found[0].T_reference_camera.translation
+        ).max()
+        < 5e-4
+    )
 
 
 @pytest.mark.parametrize("preset", Fovis.PRESETS)
@@ -123,7 +150,13 @@ def test_frames_without_a_motion_are_lost(preset, kind):
             if kind == "black"
             else np.full((h, w), 2.0)
         )
-        image = grain if "grain" in kind else np.zeros((h, w)) if kind == "black" else rng.permuted(frame.grey, axis=1)
+        image = (
+            grain
+            if "grain" in kind
+            else np.zeros((h, w))
+            if kind == "black"
+            else rng.permuted(frame.grey, axis=1)
+        )
         frames.append(Frame.of(image, depth, 0.0))
     found = tracked(preset, frames)[1:]
     assert all(f.lost and f.result.reason and not f.result.matches for f in found)
@@ -133,7 +166,11 @@ def test_frames_without_a_motion_are_lost(preset, kind):
 def test_views_of_elsewhere_are_lost(preset):
     rng = np.random.default_rng(3)
     frames = [
-        seen(SE3.exp(np.r_[rng.uniform(-0.3, 0.3, 3), rng.choice([-1, 1], 3) * rng.uniform(0.2, 0.5, 3)]))
+        seen(
+            SE3.exp(
+                np.r_[rng.uniform(-0.3, 0.3, 3), rng.choice([-1, 1], 3) * rng.uniform(0.2, 0.5, 3)]
+            )
+        )
         for _ in range(6)
     ]
     assert all(f.lost for f in tracked(preset, frames)[1:])
@@ -142,7 +179,9 @@ def test_views_of_elsewhere_are_lost(preset):
 def test_a_refined_place_is_where_the_corner_went():
     shift = np.array([0.37, -0.61])
     image = seen(SE3.identity()).grey.astype(np.uint8)
-    moved = cv2.warpAffine(image, np.c_[np.eye(2), shift], (CAMERA.width, CAMERA.height), flags=cv2.INTER_LANCZOS4)
+    moved = cv2.warpAffine(
+        image, np.c_[np.eye(2), shift], (CAMERA.width, CAMERA.height), flags=cv2.INTER_LANCZOS4
+    )
     uv, _ = features.eigenvalue_corners(image)
     uv = uv[((uv > 20) & (uv < (CAMERA.width - 20, CAMERA.height - 20))).all(axis=1)]
     places = uv.astype(float)
@@ -164,7 +203,11 @@ def test_partners_are_each_others_best_within_reach():
     level, uv = np.zeros(3, np.int64), np.array([[10.0, 10], [20, 10], [30, 10]])
     reach = features.mutual_best(looks, looks[::-1].copy(), level, level, uv, uv, 15.0)
     assert reach.tolist() == [-1, 1, -1]  # the likenesses of 0 and 2 are 20 pixels away
-    assert features.mutual_best(looks, looks[::-1].copy(), level, level, uv, uv, 25.0).tolist() == [2, 1, 0]
+    assert features.mutual_best(looks, looks[::-1].copy(), level, level, uv, uv, 25.0).tolist() == [
+        2,
+        1,
+        0,
+    ]
 
 
 def test_corners_are_spread_over_the_image_and_have_depth():
@@ -172,7 +215,10 @@ def test_corners_are_spread_over_the_image_and_have_depth():
     depth = frame.depth_z_m.copy()
     depth[:, :100] = 0
     frame = Frame.of(frame.grey, depth, 0.0)
-    for found in (features.features(frame, CAMERA, 3, 400), fast_features.fast_features(frame, CAMERA, 3, 20)):
+    for found in (
+        features.features(frame, CAMERA, 3, 400),
+        fast_features.fast_features(frame, CAMERA, 3, 20),
+    ):
         assert found.uv[:, 0].min() >= 100 and len(found.uv) < 400
         bucket = found.uv[found.level == 0] // features.BUCKET_PX
         assert np.unique(bucket, axis=0, return_counts=True)[1].max() <= features.PER_BUCKET
@@ -182,7 +228,9 @@ def test_corners_are_spread_over_the_image_and_have_depth():
 def test_the_threshold_of_fast_follows_the_number_of_corners():
     odometer, frame = Fovis(Fovis.PRESETS["paper"]), seen(SE3.identity())
     blank = fast_features.fast_features(replace(frame, grey=0 * frame.grey), CAMERA, 3, 20)
-    assert not len(blank.uv) and blank.next_threshold == 19  # 320 * 240 / 250 = 307 corners too few, times 0.005
+    assert (
+        not len(blank.uv) and blank.next_threshold == 19
+    )  # 320 * 240 / 250 = 307 corners too few, times 0.005
     found = fast_features.fast_features(frame, CAMERA, 3, 5)
     assert found.next_threshold > 5
     for _ in range(30):
@@ -208,18 +256,26 @@ def test_the_first_rotation_is_seen_in_small_images(turn):
 
 
 def test_a_planar_motion_is_found_to_a_tenth_of_a_pixel():
-    small = cv2.GaussianBlur(np.random.default_rng(2).uniform(0, 255, (30, 40)).astype(np.float32), (0, 0), 2)
+    small = cv2.GaussianBlur(
+        np.random.default_rng(2).uniform(0, 255, (30, 40)).astype(np.float32), (0, 0), 2
+    )
     angle, shift = 0.03, np.array([0.8, -0.5])
     warp = np.c_[[[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]], shift]
-    template = cv2.warpAffine(small, warp, (40, 30), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderValue=128)
+    template = cv2.warpAffine(
+        small, warp, (40, 30), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderValue=128
+    )
     found = small_rotation.planar_motion(template, small)
-    assert np.abs(found[:, :2] - warp[:, :2]).max() < 0.005 and np.abs(found[:, 2] - shift).max() < 0.1
+    assert (
+        np.abs(found[:, :2] - warp[:, :2]).max() < 0.005 and np.abs(found[:, 2] - shift).max() < 0.1
+    )
 
 
 def test_positions_in_bytes_are_where_the_corners_went():
     shift = np.array([0.37, -0.61])
     image = seen(SE3.identity()).grey.astype(np.uint8)
-    moved = cv2.warpAffine(image, np.c_[np.eye(2), shift], (CAMERA.width, CAMERA.height), flags=cv2.INTER_LANCZOS4)
+    moved = cv2.warpAffine(
+        image, np.c_[np.eye(2), shift], (CAMERA.width, CAMERA.height), flags=cv2.INTER_LANCZOS4
+    )
     uv = fast_features.fast_corners(image, 20)[0].astype(float)
     uv = uv[((uv > 20) & (uv < (CAMERA.width - 20, CAMERA.height - 20))).all(axis=1)]
     places = uv.copy()
@@ -269,7 +325,10 @@ def test_the_rotation_of_euler_angles_is_scipys():
     assert np.allclose(euler_refinement.euler_angles(T), angles)
     for a in range(3):
         step = 1e-6 * np.eye(3)[a]
-        slope = (euler_refinement.rotations(angles + step)[0] - euler_refinement.rotations(angles - step)[0]) / 2e-6
+        slope = (
+            euler_refinement.rotations(angles + step)[0]
+            - euler_refinement.rotations(angles - step)[0]
+        ) / 2e-6
         assert np.allclose(R[a + 1], slope, atol=1e-8)
 
 
@@ -285,11 +344,17 @@ def test_the_refined_motion_has_the_least_error():
 
     def residuals(twist: np.ndarray) -> np.ndarray:
         T = SE3.exp(twist)
-        return np.r_[camera.project(T.apply(points1)) - uv0, camera.project(T.inverse().apply(points0)) - uv1].ravel()
+        return np.r_[
+            camera.project(T.apply(points1)) - uv0, camera.project(T.inverse().apply(points0)) - uv1
+        ].ravel()
 
     best = SE3.exp(least_squares(residuals, np.zeros(6)).x)
-    assert np.abs(found - best.matrix).max() < 1e-4 and np.abs(best.matrix - truth.matrix).max() < 2e-3
-    assert np.isclose(euler_refinement.squared_error(best.matrix, *matches), (residuals(best.log()) ** 2).sum())
+    assert (
+        np.abs(found - best.matrix).max() < 1e-4 and np.abs(best.matrix - truth.matrix).max() < 2e-3
+    )
+    assert np.isclose(
+        euler_refinement.squared_error(best.matrix, *matches), (residuals(best.log()) ** 2).sum()
+    )
 
 
 def test_a_sequential_odometer_is_given_the_frame_before():

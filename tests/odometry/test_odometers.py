@@ -7,11 +7,11 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 numba = pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim.odometry.protocol import Frame, Result, Status, failure  # noqa: E402
-from iclnuim.odometry.registry import ODOMETERS as OURS  # noqa: E402
-from iclnuim.odometry.registry import odometer  # noqa: E402
-from iclnuim.odometry.solver import System  # noqa: E402
-from iclnuim.odometry.track import Reference, Tracker, track  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, Result, Status, failure  # noqa: E402
+from iclnuim.benchmark.odometry.registry import ODOMETERS as OURS  # noqa: E402
+from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
+from iclnuim.benchmark.odometry.solver import System  # noqa: E402
+from iclnuim.benchmark.odometry.track import Reference, Tracker, track  # noqa: E402
 
 DENSE = [
     name for name in OURS if name != "fovis"
@@ -30,7 +30,9 @@ def seen(T_world_camera, planes=CORNER, stamp_s=0.0, bare=False):
         z = np.where(slope > 1e-6, (2 - n @ origin) / np.maximum(slope, 1e-6), np.inf)
         nearest = np.minimum(nearest, z)
     x, y, z = np.moveaxis(origin + rays * nearest[..., None], -1, 0)
-    grey = 128 + 40 * np.sin(9 * x + 2 * z) + 40 * np.sin(11 * y - 3 * z) + 20 * np.sin(7 * z + 4 * x)
+    grey = (
+        128 + 40 * np.sin(9 * x + 2 * z) + 40 * np.sin(11 * y - 3 * z) + 20 * np.sin(7 * z + 4 * x)
+    )
     return Frame.of(grey * 0 if bare else grey, nearest, stamp_s)
 
 
@@ -103,7 +105,11 @@ def test_the_first_pose_after_many_lost_frames_is_reported_as_none_knows_where_t
     found = tracked("dvo", [*frames[:2], *[black] * 5, *frames[7:]])
     assert [f.lost for f in found] == [False] * 2 + [True] * 6 + [False] * 2
     status = [f.result.status for f in found]
-    assert status[8] is Status.DEGENERATE and found[8].result.reason.startswith("track:") and status[9] is Status.OK
+    assert (
+        status[8] is Status.DEGENERATE
+        and found[8].result.reason.startswith("track:")
+        and status[9] is Status.OK
+    )
 
 
 def test_a_hundred_lost_frames_leave_the_pose_a_rigid_motion():
@@ -120,7 +126,9 @@ def test_a_hundred_lost_frames_leave_the_pose_a_rigid_motion():
 
     tracker, image = Tracker(Lost(), CAMERA, "restart"), seen(path(1)[0])
     for k in range(112):
-        pose = tracker.add(float(k), Frame.of(image.grey + k % 2, image.depth_z_m, float(k))).T_world_camera
+        pose = tracker.add(
+            float(k), Frame.of(image.grey + k % 2, image.depth_z_m, float(k))
+        ).T_world_camera
         assert np.abs(pose.rotation @ pose.rotation.T - np.eye(3)).max() < 1e-12
 
 
@@ -129,9 +137,9 @@ def test_a_black_image_leaves_the_joint_odometer_its_geometry():
     frames = [seen(T, bare=i == 2) for i, T in enumerate(poses)]
     found = tracked("icp_rgbd", frames)
     assert not any(f.lost for f in found)
-    assert np.linalg.norm(found[-1].T_world_camera.translation - poses[-1].translation) < 0.15 * np.linalg.norm(
-        poses[-1].translation
-    )
+    assert np.linalg.norm(
+        found[-1].T_world_camera.translation - poses[-1].translation
+    ) < 0.15 * np.linalg.norm(poses[-1].translation)
 
 
 @pytest.mark.parametrize(("shift_px", "columns"), [(9, slice(30, 130)), (14, slice(60, 150))])
@@ -161,23 +169,33 @@ def test_the_error_of_a_camera_that_sways_does_not_grow_with_the_number_of_frame
     errors = []
     for against in (None, Reference()):
         found = track(odometer(name, "best"), CAMERA, enumerate(frames), against=against)
-        apart = [f.T_world_camera.translation - pose.translation for f, pose in zip(found, poses, strict=True)]
+        apart = [
+            f.T_world_camera.translation - pose.translation
+            for f, pose in zip(found, poses, strict=True)
+        ]
         errors.append(np.sqrt(np.mean(np.square(apart))))
     assert errors[0] < 0.75 * errors[1]
 
 
 def test_a_single_frame_is_a_path_of_one_pose():
     found = tracked("dvo", [seen(SE3.identity())])
-    assert len(found) == 1 and not found[0].lost and np.array_equal(found[0].T_world_camera.matrix, np.eye(4))
+    assert (
+        len(found) == 1
+        and not found[0].lost
+        and np.array_equal(found[0].T_world_camera.matrix, np.eye(4))
+    )
 
 
 def test_a_bare_wall_is_degenerate_and_held_and_a_corner_is_not():
     wall = [seen(T, np.array([[0.0, 0.0, 1.0]])) for T in path(3)]
     corner = tracked("icp", [seen(T) for T in path(3)])
     assert all(
-        f.result.status is Status.DEGENERATE and f.result.under_constrained == 3 for f in tracked("icp", wall)[1:]
+        f.result.status is Status.DEGENERATE and f.result.under_constrained == 3
+        for f in tracked("icp", wall)[1:]
     )
-    assert not any(f.result.status is Status.DEGENERATE or f.result.under_constrained for f in corner)
+    assert not any(
+        f.result.status is Status.DEGENERATE or f.result.under_constrained for f in corner
+    )
     assert np.abs(tracked("icp", wall)[-1].T_world_camera.translation[:2]).max() < 0.02
 
 
@@ -191,18 +209,28 @@ def test_the_step_solves_the_equations_as_numpy_does():
     J, r, p = rng.normal(size=(50, 6)), rng.normal(size=50), rng.normal(size=(50, 3))
     centre = p.mean(axis=0)
     system = System(J.T @ J, J.T @ r, 1.0, 50, centre, 2.0)
-    np.testing.assert_allclose(system.step(np.zeros(6))[0], np.linalg.lstsq(J, r, rcond=None)[0], rtol=1e-8)
-    np.testing.assert_allclose((SE3.exp(np.zeros(6)) @ SE3.identity()).matrix, np.eye(4), atol=1e-15)
+    np.testing.assert_allclose(
+        system.step(np.zeros(6))[0], np.linalg.lstsq(J, r, rcond=None)[0], rtol=1e-8
+    )
+    np.testing.assert_allclose(
+        (SE3.exp(np.zeros(6)) @ SE3.identity()).matrix, np.eye(4), atol=1e-15
+    )
 
 
 def test_a_rotation_in_front_of_a_bare_wall_is_not_estimated_as_a_motion_along_it():
     rng = np.random.default_rng(6)
     wall = np.c_[rng.uniform(-1, 1, (200, 2)), np.full(200, 2.0)]
-    J = np.c_[np.tile([0.0, 0, 1], (200, 1)), np.cross(wall, [0.0, 0, 1])] * 1e3  # certain to a millimetre
+    J = (
+        np.c_[np.tile([0.0, 0, 1], (200, 1)), np.cross(wall, [0.0, 0, 1])] * 1e3
+    )  # certain to a millimetre
     rotation = np.r_[0, 0, 0.01, 0.02, -0.03, 0]
     for camera_m in (np.zeros(3), np.array([0.2, -0.1, 0.3])):
-        about = np.r_[np.cross(camera_m, rotation[3:]), np.zeros(3)] + rotation  # the camera itself moves along z only
-        system = System(J.T @ J, J.T @ (J @ about), 1.0, 200, wall.mean(axis=0), 0.8, is_information=True)
+        about = (
+            np.r_[np.cross(camera_m, rotation[3:]), np.zeros(3)] + rotation
+        )  # the camera itself moves along z only
+        system = System(
+            J.T @ J, J.T @ (J @ about), 1.0, 200, wall.mean(axis=0), 0.8, is_information=True
+        )
         twist, under_constrained = system.step(np.zeros(6), 0.03, camera_m)
         assert under_constrained == 3
         moved_m = twist[:3] + np.cross(twist[3:], camera_m)
@@ -216,8 +244,12 @@ def test_equations_with_a_further_error_have_the_sum_of_both_variances_and_the_s
     exact = System(J.T @ J, J.T @ r, 1.0, 50, np.zeros(3), 1.0)
     for columns in (rng.normal(size=(6, 1)), np.diag(rng.uniform(0, 1, 6))):
         found = exact.with_error(columns)
-        np.testing.assert_allclose(np.linalg.inv(found.A), np.linalg.inv(exact.A) + columns @ columns.T, atol=1e-12)
-        np.testing.assert_allclose(np.linalg.solve(found.A, found.b), np.linalg.solve(exact.A, exact.b), rtol=1e-9)
+        np.testing.assert_allclose(
+            np.linalg.inv(found.A), np.linalg.inv(exact.A) + columns @ columns.T, atol=1e-12
+        )
+        np.testing.assert_allclose(
+            np.linalg.solve(found.A, found.b), np.linalg.solve(exact.A, exact.b), rtol=1e-9
+        )
     # an unknown length of the motion: the joint problem, its factor solved for as well
     along = np.r_[0.3, -0.1, 0.2, 0, 0, 0]
     free = exact.with_error(1e6 * along[:, None])
@@ -254,6 +286,7 @@ def test_an_unknown_odometer_names_the_known_ones():
 def test_the_slip_of_2013_changes_the_path():
     frames = [seen(T) for T in path(3)]
     paper, slip = (
-        tracked("icp_rgbd", frames, preset)[-1].T_world_camera.matrix for preset in ("paper", "kintinuous2013")
+        tracked("icp_rgbd", frames, preset)[-1].T_world_camera.matrix
+        for preset in ("paper", "kintinuous2013")
     )
     assert np.abs(paper - slip).max() > 1e-6

@@ -10,15 +10,20 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim.odometry import icp, kernels  # noqa: E402
-from iclnuim.odometry.certainty import ACROSS, DOWN, jackknife_information, spread_information  # noqa: E402
-from iclnuim.odometry.depth_term import DepthTerm, scale_ambiguity  # noqa: E402
-from iclnuim.odometry.icp import Icp  # noqa: E402
-from iclnuim.odometry.photometric import Dvo, PhotometricTerm, Rgbd, Start, Tiles  # noqa: E402
-from iclnuim.odometry.protocol import Frame, Result, Status, failure  # noqa: E402
-from iclnuim.odometry.registry import ODOMETERS, odometer  # noqa: E402
-from iclnuim.odometry.solver import MAX_SIGMA_M, Level, Limits, Pass, Stop, System, solve  # noqa: E402
-from iclnuim.odometry.track import (  # noqa: E402
+from iclnuim.benchmark.odometry import icp, kernels  # noqa: E402
+from iclnuim.benchmark.odometry.certainty import (  # noqa: E402
+    ACROSS,
+    DOWN,
+    jackknife_information,
+    spread_information,
+)
+from iclnuim.benchmark.odometry.depth_term import DepthTerm, scale_ambiguity  # noqa: E402
+from iclnuim.benchmark.odometry.icp import Icp  # noqa: E402
+from iclnuim.benchmark.odometry.photometric import Dvo, PhotometricTerm, Rgbd, Start, Tiles  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, Result, Status, failure  # noqa: E402
+from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer  # noqa: E402
+from iclnuim.benchmark.odometry.solver import MAX_SIGMA_M, Level, Limits, Pass, Stop, System, solve  # noqa: E402
+from iclnuim.benchmark.odometry.track import (
     EntropyReference,
     KeyframeReference,
     MatchedKeyframeReference,
@@ -46,9 +51,14 @@ def view(i, planes, noise=0.0, camera=CAMERA):
     nearest = np.full(rays.shape[:2], np.inf)
     for n in np.array(planes) / np.linalg.norm(planes, axis=1)[:, None]:
         slope = rays @ n
-        nearest = np.minimum(nearest, np.where(slope > 1e-6, (2 - n @ T.translation) / np.maximum(slope, 1e-6), np.inf))
+        nearest = np.minimum(
+            nearest,
+            np.where(slope > 1e-6, (2 - n @ T.translation) / np.maximum(slope, 1e-6), np.inf),
+        )
     x, y, z = np.moveaxis(T.translation + rays * nearest[..., None], -1, 0)
-    grey = 128 + 40 * np.sin(9 * x + 2 * z) + 40 * np.sin(11 * y - 3 * z) + 20 * np.sin(7 * z + 4 * x)
+    grey = (
+        128 + 40 * np.sin(9 * x + 2 * z) + 40 * np.sin(11 * y - 3 * z) + 20 * np.sin(7 * z + 4 * x)
+    )
     depth = nearest * (1 + noise * rng.standard_normal(nearest.shape))
     return Frame.of(grey + 500 * noise * rng.standard_normal(grey.shape), depth, i / 30)
 
@@ -67,19 +77,27 @@ def error_m(found, last=None):
 def test_a_bare_wall_is_flagged_with_and_without_noise_and_a_room_is_not(noise):
     wall = run("icp", [view(i, WALL, noise) for i in range(6)])
     room = run("icp", [view(i, ROOM, noise) for i in range(6)])
-    assert all(f.result.status is Status.DEGENERATE and f.result.under_constrained >= 3 for f in wall[1:])
+    assert all(
+        f.result.status is Status.DEGENERATE and f.result.under_constrained >= 3 for f in wall[1:]
+    )
     assert not any(f.result.status is Status.DEGENERATE for f in room[1:])
 
 
 @pytest.mark.parametrize(
-    ("side", "floor", "expected"), [(0.43, 0.63, Status.DEGENERATE), (0.45, 0.66, Status.OK)], ids=["border", "more"]
+    ("side", "floor", "expected"),
+    [(0.43, 0.63, Status.DEGENERATE), (0.45, 0.66, Status.OK)],
+    ids=["border", "more"],
 )
-def test_a_motion_that_rests_on_the_last_border_of_two_faces_is_flagged_on_noisy_frames(side, floor, expected):
+def test_a_motion_that_rests_on_the_last_border_of_two_faces_is_flagged_on_noisy_frames(
+    side, floor, expected
+):
     """A wall, and at the image's border a few pixels of a face to the side and one below, which set the motion along the wall."""
     planes = (WALL[0], (np.sqrt(1 - side**2), 0.0, side), (0.0, np.sqrt(1 - floor**2), floor))
     result = run("icp", [view(i, planes, 0.001, BIG) for i in range(2)], BIG)[1].result
     assert result.status is expected
-    assert result.largest_sigma_m < MAX_SIGMA_M and result.under_constrained == 0  # no other rule flags it
+    assert (
+        result.largest_sigma_m < MAX_SIGMA_M and result.under_constrained == 0
+    )  # no other rule flags it
 
 
 @pytest.mark.parametrize(("rendered", "calibrated"), [(False, False), (True, False), (False, True)])
@@ -92,7 +110,9 @@ def test_planes_of_a_sensor_join_last_unless_its_offset_is_known_or_they_are_of_
     assert method.rough(two) and method.biased(one, two) is not calibrated
     for name in ("_jointly", "_image_first"):
         way = getattr(method, name)
-        monkeypatch.setattr(method, name, lambda *args, name=name, way=way: asked.append(name) or way(*args))
+        monkeypatch.setattr(
+            method, name, lambda *args, name=name, way=way: asked.append(name) or way(*args)
+        )
     result = method.align([replace(level, rendered=rendered) for level in one], two, SE3.identity())
     assert asked == (["_jointly"] if rendered or calibrated else ["_image_first"])
     assert np.linalg.norm((STEP.inverse() @ result.T_reference_camera).translation) < 0.002
@@ -101,7 +121,9 @@ def test_planes_of_a_sensor_join_last_unless_its_offset_is_known_or_they_are_of_
 def test_the_least_share_of_matching_pixels_of_a_noisy_frame_is_that_of_images(monkeypatch):
     """Planes have points everywhere, but few pixels of a wall have contrast: with the planes' share such a frame was lost, and a wrong motion followed."""
     method, limits = odometer("icp_rgbd"), []
-    monkeypatch.setattr(icp, "solve", lambda passes, guess, some: limits.append(some) or solve(passes, guess, some))
+    monkeypatch.setattr(
+        icp, "solve", lambda passes, guess, some: limits.append(some) or solve(passes, guess, some)
+    )
     one, two = (method.prepare(view(i, ROOM, 0.003, BIG), BIG) for i in range(2))
     assert method.align(one, two, SE3.identity()).status is Status.OK
     assert [some.min_inliers for some in limits] == [method.photometric.limits.min_inliers]
@@ -143,11 +165,15 @@ def test_the_stated_deviation_of_a_noisy_frame_allows_for_the_bias_of_its_depth(
 
 
 @pytest.mark.parametrize("name", ["fovis", "rgbd", "dvo"])
-@pytest.mark.parametrize(("noise", "calibrated", "share"), [(0.001, False, 0.005), (0.001, True, 0.002), (0, False, 0)])
-def test_images_with_depth_of_a_sensor_add_its_bias_to_their_own_variance(name, noise, calibrated, share, monkeypatch):
+@pytest.mark.parametrize(
+    ("noise", "calibrated", "share"), [(0.001, False, 0.005), (0.001, True, 0.002), (0, False, 0)]
+)
+def test_images_with_depth_of_a_sensor_add_its_bias_to_their_own_variance(
+    name, noise, calibrated, share, monkeypatch
+):
     frames = [replace(view(i, ROOM, noise, BIG), calibrated=calibrated) for i in (0, 8)]
     with_bias = run(name, frames, BIG)[1].result
-    monkeypatch.setattr("iclnuim.odometry.depth_term.MAX_ROUGHNESS", np.inf)
+    monkeypatch.setattr("iclnuim.benchmark.odometry.depth_term.MAX_ROUGHNESS", np.inf)
     without = run(name, frames, BIG)[1].result
     length_m = np.linalg.norm(without.T_reference_camera.translation)
     added = np.linalg.inv(with_bias.information) - np.linalg.inv(without.information)
@@ -158,13 +184,18 @@ def test_images_with_depth_of_a_sensor_add_its_bias_to_their_own_variance(name, 
 def test_noise_fakes_constraint_for_one_normal_and_not_for_two():
     frames = [view(i, WALL, 0.003) for i in range(3)]
     two = run("icp", frames)[-1].result.smallest_eigenvalue
-    one = run(Icp(replace(Icp.PRESETS["paper"], bilateral=False)), frames)[-1].result.smallest_eigenvalue
+    one = run(Icp(replace(Icp.PRESETS["paper"], bilateral=False)), frames)[
+        -1
+    ].result.smallest_eigenvalue
     assert two < 0.25 * one
 
 
 def test_the_stated_deviation_is_of_the_size_of_the_error():
     found = run("icp", [view(i, ROOM, 0.001) for i in range(12)])
-    steps = [a.T_world_camera.inverse() @ b.T_world_camera for a, b in zip(found, found[1:], strict=False)]
+    steps = [
+        a.T_world_camera.inverse() @ b.T_world_camera
+        for a, b in zip(found, found[1:], strict=False)
+    ]
     errors = [np.linalg.norm((STEP.inverse() @ step).translation) for step in steps[1:]]
     stated = [np.sqrt(np.trace(np.linalg.inv(f.result.information)[:3, :3])) for f in found[2:]]
     assert 0.1 < np.sqrt(np.mean(np.square(errors))) / np.mean(stated) < 3
@@ -176,9 +207,14 @@ def test_information_is_of_errors_that_pixels_share_and_of_those_that_they_do_no
     rng, nees = np.random.default_rng(7), []
     blocks = np.repeat(np.arange(ACROSS * DOWN, dtype=np.int16), 100)
     for _ in range(60):
-        J = rng.normal(size=(len(blocks), 6)).astype(np.float32) + rng.normal(size=(ACROSS * DOWN, 6))[blocks]
+        J = (
+            rng.normal(size=(len(blocks), 6)).astype(np.float32)
+            + rng.normal(size=(ACROSS * DOWN, 6))[blocks]
+        )
         J, points = J.astype(np.float32), rng.uniform(1, 2, (len(blocks), 3)).astype(np.float32)
-        r = (rng.normal(size=len(blocks)) + shared * rng.normal(size=ACROSS * DOWN)[blocks]).astype(np.float32) * 1e-3
+        r = (rng.normal(size=len(blocks)) + shared * rng.normal(size=ACROSS * DOWN)[blocks]).astype(
+            np.float32
+        ) * 1e-3
         sums = np.empty((ACROSS * DOWN, 34))
         kernels.block_sums(points, J, r, J, r, 1.0, 0.0, blocks, sums)
         system = jackknife_information(System.of_sums(sums.sum(axis=0)), sums, 0.0)
@@ -210,25 +246,37 @@ def test_the_image_is_less_certain_only_in_directions_in_which_its_blocks_disagr
     rng, blocks = np.random.default_rng(3), np.repeat(np.arange(ACROSS * DOWN, dtype=np.int16), 400)
     J = rng.normal(size=(len(blocks), 6)).astype(np.float32)
     r = rng.normal(size=len(blocks)).astype(np.float32) + moves * 2 * J[:, 1] * (blocks == 5)
-    points, sums = rng.normal(size=(len(blocks), 3)).astype(np.float32), np.empty((ACROSS * DOWN, 34))
+    points, sums = (
+        rng.normal(size=(len(blocks), 3)).astype(np.float32),
+        np.empty((ACROSS * DOWN, 34)),
+    )
     points -= points.mean(axis=0)
     kernels.block_sums(points, J, r, J, r, 1.0, 0.0, blocks, sums)
     system = System.of_sums(sums.sum(axis=0))
-    known, spread = system.as_information(10.0), spread_information(system, sums[:, :27], 0.0, 10.0, 1e-12)
+    known, spread = (
+        system.as_information(10.0),
+        spread_information(system, sums[:, :27], 0.0, 10.0, 1e-12),
+    )
     share = np.diag(spread.A) / np.diag(known.A)
     assert share[1] < 0.2 if moves else share[1] == 1
     assert (share[[0, 2, 3, 4, 5]] > 0.8).all()
 
 
 def test_blocks_of_tiles_add_up_to_the_equations_of_the_motion():
-    reference, current = (odometer("rgbd").prepare(view(i, ROOM, camera=BIG), BIG)[1] for i in range(2))
+    reference, current = (
+        odometer("rgbd").prepare(view(i, ROOM, camera=BIG), BIG)[1] for i in range(2)
+    )
     term = PhotometricTerm(reference, current, odometer("rgbd").settings, 1, tiles=Tiles())
     for firm in (False, True):
         term(STEP, 0, firm)
         system = term.tiles.eliminated(term.sums, firm)
         blocks = System.of_sums(np.pad(term.tiles.block_sums().sum(axis=0), (0, 7)))
-        np.testing.assert_allclose(blocks.A, system.A, rtol=1e-9, atol=1e-9 * np.abs(system.A).max())
-        np.testing.assert_allclose(blocks.b, system.b, rtol=1e-9, atol=1e-9 * np.abs(system.b).max())
+        np.testing.assert_allclose(
+            blocks.A, system.A, rtol=1e-9, atol=1e-9 * np.abs(system.A).max()
+        )
+        np.testing.assert_allclose(
+            blocks.b, system.b, rtol=1e-9, atol=1e-9 * np.abs(system.b).max()
+        )
 
 
 @pytest.mark.parametrize(("outliers", "status"), [(60, Status.OK), (130, Status.DEGENERATE)])
@@ -253,7 +301,10 @@ def beside_the_camera(i):
     corner, (x, y, _) = view(i, ROOM, camera=BIG), np.moveaxis(BIG.rays(), -1, 0)
     near = np.maximum(abs(x) * BIG.fx / BIG.width, abs(y) * BIG.fy / BIG.height) < np.sqrt(0.1) / 2
     texture = 128 + 60 * np.sin(40 * x) * np.sin(50 * y) + 40 * np.sin(90 * x + 20 * y)
-    grey, depth = np.where(near, texture, 90 + 0.3 * corner.grey), np.where(near, 1, corner.depth_z_m)
+    grey, depth = (
+        np.where(near, texture, 90 + 0.3 * corner.grey),
+        np.where(near, 1, corner.depth_z_m),
+    )
     return Frame.of(np.round(grey), np.round(depth * 5000) / 5000, i / 30)
 
 
@@ -271,7 +322,11 @@ def test_a_motion_that_depth_contradicts_is_as_uncertain_as_it_is_off():
         depth, T = DepthTerm(*levels), SE3.exp(error) @ STEP
         depth.evaluate(T)
         result = depth.checked(Result(T, information=1e8 * np.eye(6), largest_sigma_m=1e-4))
-        assert result.information[0, 0] > 5e7 if off_m == 0 else error @ result.information @ error / 6 < 3
+        assert (
+            result.information[0, 0] > 5e7
+            if off_m == 0
+            else error @ result.information @ error / 6 < 3
+        )
 
 
 def test_normals_and_pyramids_bear_single_missing_pixels():
@@ -312,8 +367,15 @@ def behind_glass(i, to_m=-0.9):
     frame, T = view(i, ROOM, camera=BIG), after(i)
     rays = BIG.rays() @ T.rotation.T
     x, y, z = np.moveaxis(T.translation + rays * frame.depth_z_m[..., None].astype(float), -1, 0)
-    near = 128 + 40 * np.sin(27 * x + 6 * z) + 40 * np.sin(33 * y - 9 * z) + 20 * np.sin(21 * z + 12 * x)
-    a, b, _ = np.moveaxis(T.translation + rays * ((6 - T.translation[2]) / rays[..., 2])[..., None], -1, 0)
+    near = (
+        128
+        + 40 * np.sin(27 * x + 6 * z)
+        + 40 * np.sin(33 * y - 9 * z)
+        + 20 * np.sin(21 * z + 12 * x)
+    )
+    a, b, _ = np.moveaxis(
+        T.translation + rays * ((6 - T.translation[2]) / rays[..., 2])[..., None], -1, 0
+    )
     far = 128 + 50 * np.sin(10 * a) + 50 * np.sin(12 * b)
     return Frame.of(np.where(x < to_m, far, near), frame.depth_z_m, frame.stamp_s)
 
@@ -340,14 +402,19 @@ def test_intensities_that_move_against_depth_are_reported_and_depth_wins(name):
     frames = [view(i, ROOM, camera=BIG) for i in range(3)]
     still = [Frame.of(frames[0].grey, f.depth_z_m, f.stamp_s) for f in frames]
     found = run(name, still, BIG)
-    assert found[-1].result.status is Status.DEGENERATE and found[-1].result.reason.startswith("depth: disagrees")
+    assert found[-1].result.status is Status.DEGENERATE and found[-1].result.reason.startswith(
+        "depth: disagrees"
+    )
     assert error_m(found) < 0.2 * np.linalg.norm(after(2).translation)
 
 
 @pytest.mark.parametrize("name", ["rgbd", "dvo"])
 def test_a_change_of_exposure_is_no_motion(name):
     frames = [view(i, ROOM, camera=BIG) for i in range(3)]
-    changed = [Frame.of(f.grey * (1, 0.6)[i % 2] + 20 * (i % 3), f.depth_z_m, f.stamp_s) for i, f in enumerate(frames)]
+    changed = [
+        Frame.of(f.grey * (1, 0.6)[i % 2] + 20 * (i % 3), f.depth_z_m, f.stamp_s)
+        for i, f in enumerate(frames)
+    ]
     assert error_m(run(name, changed, BIG)) < error_m(run(name, frames, BIG)) + 5e-4
 
 
@@ -367,17 +434,27 @@ def test_a_guess_that_is_far_off_is_corrected_from_a_far_keyframe(name, off_deg)
     method = odometer(name)
     reference, current = (method.prepare(view(i, ROOM, camera=BIG), BIG) for i in (0, 20))
     for axis in (*np.eye(3), *-np.eye(3)):
-        found = method.align(reference, current, after(20) @ SE3.exp(np.r_[0, 0, 0, np.radians(off_deg) * axis]))
+        found = method.align(
+            reference, current, after(20) @ SE3.exp(np.r_[0, 0, 0, np.radians(off_deg) * axis])
+        )
         assert np.abs((after(20).inverse() @ found.T_reference_camera).log()).max() < 2e-3
 
 
 @pytest.mark.parametrize(
     ("turned", "predicted", "taken"),
-    [(0.2, 0.95, "predicted"), (0.7, 0.95, "turned"), (None, 0.95, "turned"), (0.9, None, "turned")],
+    [
+        (0.2, 0.95, "predicted"),
+        (0.7, 0.95, "turned"),
+        (None, 0.95, "turned"),
+        (0.9, None, "turned"),
+    ],
 )
 def test_the_prediction_is_aligned_too_where_another_guess_replaces_it(turned, predicted, taken):
     """Correlations at the two results; None: the alignment fails."""
-    poses, fits = {"turned": after(1), "predicted": after(2)}, {"turned": turned, "predicted": predicted}
+    poses, fits = (
+        {"turned": after(1), "predicted": after(2)},
+        {"turned": turned, "predicted": predicted},
+    )
 
     class Images:
         def fit(self, T):
@@ -411,7 +488,9 @@ def test_images_that_still_do_not_fit_after_a_poor_prediction_are_reported(name)
     frames[1].grey[:, 160:] = frames[1].grey[::-1, 160:]
     reference, current = (method.prepare(f, BIG) for f in frames)
     result = method.align(reference, current, after(27))
-    assert result.status is Status.DEGENERATE and result.reason.startswith("prediction: poor, correlation 0.5")
+    assert result.status is Status.DEGENERATE and result.reason.startswith(
+        "prediction: poor, correlation 0.5"
+    )
 
 
 @pytest.mark.parametrize("name", ["icp_rgbd", "dvo"])
@@ -422,7 +501,9 @@ def test_the_authors_settings_report_a_motion_if_half_of_the_image_has_changed(n
     reference, same, changed = (method.prepare(f, BIG) for f in frames)
     assert method.align(reference, same, after(1)).status is Status.OK
     result = method.align(reference, changed, after(1))
-    assert result.status is not Status.OK and result.reason.startswith(("image: does not fit", "overlap", "step"))
+    assert result.status is not Status.OK and result.reason.startswith(
+        ("image: does not fit", "overlap", "step")
+    )
 
 
 @pytest.mark.parametrize("name", ["icp", "icp_rgbd", "rgbd", "dvo"])
@@ -432,7 +513,9 @@ def test_a_wrong_camera_is_no_crash_and_shows_in_residual_or_inliers_or_as_lost(
     right, bent = run(name, frames), run(name, frames, wrong)
     assert len(bent) == 4
     for a, b in zip(right[1:], bent[1:], strict=True):
-        worse = b.result.residual > 1.5 * a.result.residual or b.result.inliers < 0.6 * a.result.inliers
+        worse = (
+            b.result.residual > 1.5 * a.result.residual or b.result.inliers < 0.6 * a.result.inliers
+        )
         assert b.lost or worse
 
 
@@ -454,8 +537,13 @@ def test_a_keyframe_distance_that_is_not_positive_is_refused(distance):
 def test_a_reported_pose_becomes_no_keyframe_while_there_is_a_good_one():
     def kept(bad):
         reference = KeyframeReference(max_m=0.02, max_deg=90)
-        results = (Result(SE3.identity(), Status.DEGENERATE if i in bad else Status.OK) for i in range(9))
-        return [reference.renew(None, i, SE3(np.eye(3), [0.006 * i, 0, 0]), r)[0] for i, r in enumerate(results)]
+        results = (
+            Result(SE3.identity(), Status.DEGENERATE if i in bad else Status.OK) for i in range(9)
+        )
+        return [
+            reference.renew(None, i, SE3(np.eye(3), [0.006 * i, 0, 0]), r)[0]
+            for i, r in enumerate(results)
+        ]
 
     assert kept(bad=()) == [0, 0, 0, 0, 2, 2, 4, 4, 6]
     assert kept(bad=(2,)) == [0, 0, 0, 0, 3, 3, 3, 5, 5]
@@ -466,7 +554,10 @@ def test_the_next_keyframe_is_the_most_certain_frame_per_distance():
     def kept(sigmas_m):
         reference = KeyframeReference(max_m=0.02, max_deg=90)
         results = (Result(SE3.identity(), largest_sigma_m=sigma_m) for sigma_m in sigmas_m)
-        return [reference.renew(None, i, SE3(np.eye(3), [0.004 * i, 0, 0]), r)[0] for i, r in enumerate(results)]
+        return [
+            reference.renew(None, i, SE3(np.eye(3), [0.004 * i, 0, 0]), r)[0]
+            for i, r in enumerate(results)
+        ]
 
     assert kept([1e-3] * 6)[-1] == 4  # as certain as the others and the farthest
     assert kept([1e-3, 1e-3, 1e-3, 1e-3, 2e-3, 1e-3])[-1] == 3
@@ -490,7 +581,10 @@ def test_a_matched_keyframe_is_left_for_the_current_frame_when_a_quarter_of_its_
     def kept(matches, step_m=0.001):
         reference = MatchedKeyframeReference()
         results = [None, *(Result(SE3.identity(), matches=count) for count in matches)]
-        return [reference.renew(None, i, SE3(np.eye(3), [step_m * i, 0, 0]), r)[0] for i, r in enumerate(results)]
+        return [
+            reference.renew(None, i, SE3(np.eye(3), [step_m * i, 0, 0]), r)[0]
+            for i, r in enumerate(results)
+        ]
 
     assert kept([200, 400, 150, 200]) == [0, 0, 0, 0, 0]
     # the share is that of the new keyframe's own first matches
@@ -547,7 +641,9 @@ def test_a_frame_that_does_not_fit_a_matched_keyframe_is_aligned_with_the_frame_
 
     ok, bad, lost = Status.OK, Status.DEGENERATE, Status.FAILED
     farthest, unusable = 2, ()
-    assert run_on(9) == [ok] * 3 + [bad] * 5 + [ok]  # after five such frames the last one is the keyframe
+    assert run_on(9) == [ok] * 3 + [bad] * 5 + [
+        ok
+    ]  # after five such frames the last one is the keyframe
     assert aligned[:6] == [(0, 1), (0, 2), (0, 3), (2, 3), (0, 4), (3, 4)] and aligned[-1] == (7, 8)
     farthest, unusable = 9, (2,)
     assert run_on(4) == [ok, ok, lost, ok] and aligned == [(0, 1), (0, 2), (1, 2), (0, 3)]
@@ -560,7 +656,11 @@ def test_the_frame_after_an_outlier_is_reported_as_the_motion_between_them_is_wr
     def states(places_m, bad, lost=()):
         def result_of(one, other):
             T = SE3(np.eye(3), [places_m[other] - places_m[one], 0, 0])
-            return Result(T, Status.DEGENERATE if other in bad else Status.OK, reason="test" if other in bad else "")
+            return Result(
+                T,
+                Status.DEGENERATE if other in bad else Status.OK,
+                reason="test" if other in bad else "",
+            )
 
         return reasons_of_tracked(len(places_m), result_of, lost)
 
@@ -568,8 +668,22 @@ def test_the_frame_after_an_outlier_is_reported_as_the_motion_between_them_is_wr
     assert states([0, 1e-3, 2e-2, 3e-3, 4e-3], bad=(2,)) == ["", "", "test", outlier, ""]
     assert states([0, 1e-3, 3e-3, 3e-3, 4e-3], bad=(2,)) == ["", "", "test", "", ""]
     assert states([0, 1e-3, 2e-2, 3e-3, 4e-3], bad=()) == [""] * 5  # not doubted
-    assert states([0, 1e-3, 2e-2, 2e-2, 3e-3, 4e-3], bad=(2,), lost=(3,)) == ["", "", "test", "no image", outlier, ""]
-    assert states([0, 1e-3, 2e-3, 2e-3, 4e-3, 5e-3], bad=(2,), lost=(3,)) == ["", "", "test", "no image", "", ""]
+    assert states([0, 1e-3, 2e-2, 2e-2, 3e-3, 4e-3], bad=(2,), lost=(3,)) == [
+        "",
+        "",
+        "test",
+        "no image",
+        outlier,
+        "",
+    ]
+    assert states([0, 1e-3, 2e-3, 2e-3, 4e-3, 5e-3], bad=(2,), lost=(3,)) == [
+        "",
+        "",
+        "test",
+        "no image",
+        "",
+        "",
+    ]
 
 
 def test_an_outlier_after_a_new_reference_at_an_assumed_pose_is_noticed_too():
@@ -579,7 +693,9 @@ def test_an_outlier_after_a_new_reference_at_an_assumed_pose_is_noticed_too():
                 return failure("test: unrelated")
             T = SE3(np.eye(3), [places_m[other] - places_m[one], 0, 0])
             return Result(
-                T, Status.DEGENERATE if other == 7 else Status.OK, reason="test: uncertain" if other == 7 else ""
+                T,
+                Status.DEGENERATE if other == 7 else Status.OK,
+                reason="test: uncertain" if other == 7 else "",
             )
 
         return reasons_of_tracked(len(places_m), result_of)[7:]
@@ -593,12 +709,21 @@ def test_an_outlier_after_a_new_reference_at_an_assumed_pose_is_noticed_too():
 def test_after_an_uncertain_pose_frames_are_reported_until_an_alignment_converges_or_is_certain():
     def reasons(sigmas_m, unconverged):
         def result_of(one, other):
-            return Result(SE3.identity(), converged=other not in unconverged, largest_sigma_m=sigmas_m[other])
+            return Result(
+                SE3.identity(), converged=other not in unconverged, largest_sigma_m=sigmas_m[other]
+            )
 
         return reasons_of_tracked(len(sigmas_m), result_of)
 
     after = "track: not converged, and the pose before was uncertain"
-    assert reasons([0, 1e-3, 0.03, 0.03, 1e-3, 1e-3], unconverged=(1, 3, 4, 5)) == ["", "", "", after, after, ""]
+    assert reasons([0, 1e-3, 0.03, 0.03, 1e-3, 1e-3], unconverged=(1, 3, 4, 5)) == [
+        "",
+        "",
+        "",
+        after,
+        after,
+        "",
+    ]
     assert reasons([0, 1e-3, 0.03, 1e-3], unconverged=(1,)) == [""] * 4
     assert reasons([0, 1e-3, 0.01, 1e-3], unconverged=(1, 2, 3)) == [""] * 4
 
@@ -629,7 +754,9 @@ def test_a_kept_frame_far_from_its_successor_is_left_for_the_last():
 def test_a_frame_is_kept_while_its_entropy_is_near_the_first_and_left_for_the_last_sure_one():
     reference, kept = EntropyReference(min_ratio=0.9), []
     for i, sigma in enumerate((1.0, 1e-3, 1.1e-3, 1.5e-3, 2.2e-3, 1e-3, 1.1e-3)):
-        said = Result(SE3.identity(), residual=1.0, information=np.eye(6) / sigma**2, largest_sigma_m=sigma)
+        said = Result(
+            SE3.identity(), residual=1.0, information=np.eye(6) / sigma**2, largest_sigma_m=sigma
+        )
         kept.append(reference.renew(None, i, SE3.identity(), said)[0])
     # ln(2.2e-3) / ln(1e-3) is 0.886
     assert kept == [0, 0, 0, 0, 3, 3, 3]
@@ -658,7 +785,9 @@ def test_a_coarse_level_without_overlap_is_left_out_and_the_finest_is_not():
     empty = replace(term, count=0)
 
     def result(*systems):
-        passes = [Pass(lambda T, i, s=s: replace(s, b=s.b * (i == 0)), 3, 1000, Stop()) for s in systems]
+        passes = [
+            Pass(lambda T, i, s=s: replace(s, b=s.b * (i == 0)), 3, 1000, Stop()) for s in systems
+        ]
         return solve(passes, SE3.identity(), Limits())
 
     assert result(empty, term).T_reference_camera.translation == pytest.approx([1e-3, 0, 0])
@@ -668,7 +797,9 @@ def test_a_coarse_level_without_overlap_is_left_out_and_the_finest_is_not():
 def celled(i):
     """The corner in cells of random greys, which have corners to match, a little blurred by the pixels' 3x3 means."""
     frame, T = view(i, ROOM), after(i)
-    fine = PinholeCamera(480, 360, 3 * CAMERA.fx, 3 * CAMERA.fy, 3 * CAMERA.cx + 1, 3 * CAMERA.cy + 1)
+    fine = PinholeCamera(
+        480, 360, 3 * CAMERA.fx, 3 * CAMERA.fy, 3 * CAMERA.cx + 1, 3 * CAMERA.cy + 1
+    )
     points = T.apply(fine.rays() * view(i, ROOM, camera=fine).depth_z_m[..., None].astype(float))
     x, y, z = np.moveaxis(np.floor(points / 0.2 + 0.37).astype(np.int64), -1, 0)
     cell = (x * 73856093) ^ (y * 19349663) ^ (z * 83492791)
@@ -684,7 +815,9 @@ def unusable():
     return {
         "constant depth": [Frame.of(f.grey, np.full_like(f.grey, 2), f.stamp_s) for f in frames],
         "black": [Frame.of(f.grey * 0, f.depth_z_m, f.stamp_s) for f in frames],
-        "grain": [Frame.of(rng.integers(0, 256, f.grey.shape), f.depth_z_m, f.stamp_s) for f in frames],
+        "grain": [
+            Frame.of(rng.integers(0, 256, f.grey.shape), f.depth_z_m, f.stamp_s) for f in frames
+        ],
         "shuffled": [replace(celled(i), stamp_s=n / 30) for n, i in enumerate((60, 0, 120))],
     }
 
@@ -694,12 +827,22 @@ def unusable():
 def test_frames_that_no_motion_can_be_told_from_are_lost_or_flagged(name, preset, unusable):
     for wrong, frames in unusable.items():
         found = list(track(odometer(name, preset), CAMERA, [(f.stamp_s, f) for f in frames]))
-        unheeded = name.startswith("icp") and wrong in ("black", "grain")  # geometry alone decides, and is right
+        unheeded = name.startswith("icp") and wrong in (
+            "black",
+            "grain",
+        )  # geometry alone decides, and is right
         if unheeded:
             assert error_m(found) < 0.003, wrong
-        elif (name, preset, wrong) == ("fovis", "paper", "shuffled"):  # it finds the motion over 60 frames again
+        elif (name, preset, wrong) == (
+            "fovis",
+            "paper",
+            "shuffled",
+        ):  # it finds the motion over 60 frames again
             motion = found[2].result.T_reference_camera.translation
-            assert found[1].lost and np.abs(motion - (after(60).inverse() @ after(120)).translation).max() < 0.05
+            assert (
+                found[1].lost
+                and np.abs(motion - (after(60).inverse() @ after(120)).translation).max() < 0.05
+            )
         else:
             assert all(f.result.status is not Status.OK for f in found[1:]), wrong
 
@@ -709,7 +852,10 @@ def test_depth_of_one_value_is_noticed_and_a_wall_a_little_aslant_is_none():
     holes, aslant = np.where(np.eye(6, 8) > 0, 0, two), two + 2e-4 * np.arange(8)
     assert [Frame.of(two, z, 0).flat() for z in (two, holes, aslant)] == [True, True, False]
     noise = np.random.default_rng(0).standard_normal((480, 640))
-    assert [Frame.of(noise, 2 + deviation_m * noise, 0).flat() for deviation_m in (1e-4, 2e-4)] == [True, False]
+    assert [Frame.of(noise, 2 + deviation_m * noise, 0).flat() for deviation_m in (1e-4, 2e-4)] == [
+        True,
+        False,
+    ]
 
 
 def test_exact_depth_of_a_plane_observes_scale_across_it_and_none_along_it():
@@ -749,7 +895,11 @@ def at(stamp_s):
 def test_a_motion_is_predicted_for_the_time_since_the_last_frame():
     stamps_s = [k / 30 for k in (0, 1, 2, 5, 6, 13, 14)]
     noting = Noting()
-    found = list(track(noting, CAMERA, [(t, replace(view(k, ROOM), stamp_s=t)) for k, t in enumerate(stamps_s)]))
+    found = list(
+        track(
+            noting, CAMERA, [(t, replace(view(k, ROOM), stamp_s=t)) for k, t in enumerate(stamps_s)]
+        )
+    )
     for (stamp_s, guess), before in list(zip(noting.guesses, stamps_s, strict=False))[
         1:
     ]:  # the first has no motion yet
@@ -757,26 +907,47 @@ def test_a_motion_is_predicted_for_the_time_since_the_last_frame():
         assert np.abs(off.log()).max() < 1e-9, stamp_s
     assert all(f.result.status is Status.OK for f in found)
     noting = Noting()  # after a gap of ten seconds, the motion of one
-    list(track(noting, CAMERA, [(t, replace(view(k, ROOM), stamp_s=t)) for k, t in enumerate((0.0, 1 / 30, 10.0))]))
+    list(
+        track(
+            noting,
+            CAMERA,
+            [(t, replace(view(k, ROOM), stamp_s=t)) for k, t in enumerate((0.0, 1 / 30, 10.0))],
+        )
+    )
     np.testing.assert_allclose(noting.guesses[-1][1].log(), at(1.0).log(), atol=1e-9)
 
 
 @pytest.mark.parametrize("name", sorted(ODOMETERS))
 def test_repeated_frames_keep_the_pose_and_are_reported_and_the_motion_goes_on_after_them(name):
     stuck = [0, 1, 2, 3, 3, 3, 3, 7, 8, 9]
-    frames = [(k / 30, replace(view(j, ROOM, camera=BIG), stamp_s=k / 30)) for k, j in enumerate(stuck)]
+    frames = [
+        (k / 30, replace(view(j, ROOM, camera=BIG), stamp_s=k / 30)) for k, j in enumerate(stuck)
+    ]
     found = list(track(odometer(name), BIG, frames))
     reported = [k for k, f in enumerate(found) if f.result.status is not Status.OK]
     assert reported == [4, 5, 6, 7]
     assert (
-        all(f.result.reason.startswith("image: repeats") for f in found[4:7]) and "repeated" in found[7].result.reason
+        all(f.result.reason.startswith("image: repeats") for f in found[4:7])
+        and "repeated" in found[7].result.reason
     )
-    np.testing.assert_allclose(found[6].T_world_camera.matrix, found[3].T_world_camera.matrix, atol=1e-12)
+    np.testing.assert_allclose(
+        found[6].T_world_camera.matrix, found[3].T_world_camera.matrix, atol=1e-12
+    )
     steady = run(name, [view(k, ROOM, camera=BIG) for k in range(len(stuck))], BIG)
     moved = found[-1].T_world_camera.translation - steady[-1].T_world_camera.translation
     assert np.linalg.norm(moved) < 0.002
     # of fovis with its keyframe one alignment of these few corners is off by 10 mm, with and without repeated frames
     against = MatchesReference() if name == "fovis" else None
-    assert error_m(list(track(odometer(name), BIG, frames, against=against))) < (0.01 if name == "fovis" else 0.002)
-    interrupted = list(track(odometer(name), BIG, [*frames[:7], (6.5 / 30, "no image"), *frames[7:]]))
-    assert [k for k, f in enumerate(interrupted) if f.result.status is not Status.OK] == [4, 5, 6, 7, 8]
+    assert error_m(list(track(odometer(name), BIG, frames, against=against))) < (
+        0.01 if name == "fovis" else 0.002
+    )
+    interrupted = list(
+        track(odometer(name), BIG, [*frames[:7], (6.5 / 30, "no image"), *frames[7:]])
+    )
+    assert [k for k, f in enumerate(interrupted) if f.result.status is not Status.OK] == [
+        4,
+        5,
+        6,
+        7,
+        8,
+    ]

@@ -8,11 +8,11 @@ from iclnuim.dataset.depth_units import depth16_from_metres
 from iclnuim.formats.png import write_png
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
+from iclnuim.benchmark.odometry.registry import NAMES, ODOMETERS, odometer  # noqa: E402
+from iclnuim.benchmark.odometry.run import Sequence  # noqa: E402
 from iclnuim.errors import WorkError  # noqa: E402
 from iclnuim.headless import sequence_options  # noqa: E402
 from iclnuim.headless.cli import main  # noqa: E402
-from iclnuim.odometry.registry import NAMES, ODOMETERS, odometer  # noqa: E402
-from iclnuim.odometry.run import Sequence  # noqa: E402
 
 
 @pytest.fixture
@@ -49,7 +49,9 @@ def test_a_missing_image_is_named_and_left_out_of_the_path(stretch, tmp_path, ca
     out, notes = capsys.readouterr()
     assert json.loads(out)["runs"][0]["lost"] == 1
     assert "21.1" in notes and "603.png" in notes
-    assert len([line for line in estimate.read_text().splitlines() if not line.startswith("#")]) == 7
+    assert (
+        len([line for line in estimate.read_text().splitlines() if not line.startswith("#")]) == 7
+    )
 
 
 def test_what_a_sensor_adds_to_inverse_depth_is_taken_off_again(tmp_path):
@@ -57,7 +59,10 @@ def test_what_a_sensor_adds_to_inverse_depth_is_taken_off_again(tmp_path):
     z_m = rng.uniform(0.5, 8.0, (480, 640)).astype(np.float32)
     z_m[:10] = 0
     biased = np.where(z_m > 0, z_m / (1 + 0.0016 * z_m), 0)
-    for kind, image in (("rgb", np.zeros((480, 640, 3), np.uint8)), ("depth", depth16_from_metres(biased))):
+    for kind, image in (
+        ("rgb", np.zeros((480, 640, 3), np.uint8)),
+        ("depth", depth16_from_metres(biased)),
+    ):
         (tmp_path / kind).mkdir()
         write_png(tmp_path / kind / "0.png", image)
     ((_, raw),) = Sequence(tmp_path).frames()
@@ -107,7 +112,20 @@ def test_a_camera_that_nothing_tells_is_named_and_one_may_be_given(stretch, tmp_
     assert main(["odometry", "icp", str(stretch)]) == 0
     assert "the benchmark's camera is assumed" in capsys.readouterr().err
     estimate = tmp_path / "est.txt"
-    assert main(["odometry", "icp", str(stretch), "--camera", "640x480,600,600,320,240", "-o", str(estimate)]) == 0
+    assert (
+        main(
+            [
+                "odometry",
+                "icp",
+                str(stretch),
+                "--camera",
+                "640x480,600,600,320,240",
+                "-o",
+                str(estimate),
+            ]
+        )
+        == 0
+    )
     assert "camera is assumed" not in capsys.readouterr().err
     assert main(["odometry", "icp", str(stretch), "--camera", "320x240"]) == 2
     assert "expected 320 x 240 as in the camera, found 640 x 480" in capsys.readouterr().err
@@ -117,7 +135,9 @@ def test_all_methods_are_written_to_a_folder_and_drawn_in_one_figure(stretch, tm
     out, picture = tmp_path / "est", tmp_path / "all.png"
     options = ("--first", "3", "-o", str(out), "--plot", str(picture))
     assert main(["odometry", "--all", str(stretch), *options]) == 0
-    assert sorted(path.name for path in out.iterdir()) == sorted(f"{name}.txt" for name in ODOMETERS)
+    assert sorted(path.name for path in out.iterdir()) == sorted(
+        f"{name}.txt" for name in ODOMETERS
+    )
     assert picture.stat().st_size > 10_000
     table = capsys.readouterr().out
     assert all(f"\n{name} " in table for name in ODOMETERS)
@@ -132,10 +152,16 @@ def test_old_words_are_understood_with_a_note(stretch, capsys):
     assert "peer: is now called baseline:" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", [("odometry", "icp"), ("bench", "odometry"), ("fuse", "-o", "x.ply")])
+@pytest.mark.parametrize(
+    "command", [("odometry", "icp"), ("bench", "odometry"), ("fuse", "-o", "x.ply")]
+)
 @pytest.mark.parametrize("module", ["numba", "cv2"])
-def test_a_missing_package_is_one_line_that_names_the_command(stretch, command, module, monkeypatch, capsys):
-    monkeypatch.setattr(sequence_options, "find_spec", lambda name: None if name == module else object())
+def test_a_missing_package_is_one_line_that_names_the_command(
+    stretch, command, module, monkeypatch, capsys
+):
+    monkeypatch.setattr(
+        sequence_options, "find_spec", lambda name: None if name == module else object()
+    )
     assert main([*command, str(stretch)]) == 3
     line = capsys.readouterr().err
     assert f"needs {module}; try: pip install " in line and len(line.splitlines()) == 1
@@ -156,7 +182,9 @@ def test_a_comparison_leaves_out_what_is_not_installed_and_says_so(stretch, caps
 
 
 def test_a_comparison_of_the_built_in_ones_alone(stretch, capsys):
-    assert main(["bench", "odometry", str(stretch), "--first", "2", "--only", "ours", "--json"]) == 0
+    assert (
+        main(["bench", "odometry", str(stretch), "--first", "2", "--only", "ours", "--json"]) == 0
+    )
     (race,) = json.loads(capsys.readouterr().out)["races"]
     assert [run["odometer"] for run in race["runs"]] == [name for name in NAMES if ":" not in name]
 

@@ -44,7 +44,11 @@ class Machine:
     def setup(self, *extras: str, **environment: str) -> subprocess.CompletedProcess:
         environment = {"PATH": str(self.bin), "HOME": str(self.home), **environment}
         return subprocess.run(
-            ["./setup.sh", *extras], cwd=self.checkout, env=environment, capture_output=True, text=True
+            ["./setup.sh", *extras],
+            cwd=self.checkout,
+            env=environment,
+            capture_output=True,
+            text=True,
         )
 
     @property
@@ -57,7 +61,9 @@ def machine(tmp_path, repository):
     return Machine(tmp_path, repository)
 
 
-@pytest.mark.parametrize("name", ["python3", "python3.11", "python3.13", ".pyenv/versions/3.11.7/bin/python"])
+@pytest.mark.parametrize(
+    "name", ["python3", "python3.11", "python3.13", ".pyenv/versions/3.11.7/bin/python"]
+)
 def test_an_installed_python_is_found(machine, name):
     if name != "python3":
         machine.has_python("python3", "3.10")
@@ -95,7 +101,10 @@ def test_otherwise_a_line_says_what_to_do_and_nothing_is_installed(machine, vers
     done = machine.setup()
     line = done.stderr.splitlines()[-1]
     assert done.returncode == 1 and machine.done == ""
-    assert f"expected Python 3.11 or 3.13, found {version or 'none'}" in line and "install Python 3.11" in line
+    assert (
+        f"expected Python 3.11 or 3.13, found {version or 'none'}" in line
+        and "install Python 3.11" in line
+    )
     assert ("without Blender: PYTHON=python3 ./setup.sh" in line) == (version == "3.12")
 
 
@@ -103,7 +112,9 @@ def test_python_3_12_is_taken_when_it_is_asked_for_and_told_what_will_not_work(m
     machine.has_python("python3", "3.12")
     done = machine.setup(PYTHON="python3")
     assert done.returncode == 0 and "3.12 -m pip install" in machine.done
-    assert len(done.stderr.splitlines()) == 1 and "rendering needs Python 3.11 or 3.13" in done.stderr
+    assert (
+        len(done.stderr.splitlines()) == 1 and "rendering needs Python 3.11 or 3.13" in done.stderr
+    )
 
 
 def test_a_python_that_cannot_serve_is_refused_by_name(machine):

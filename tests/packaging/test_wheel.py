@@ -44,9 +44,15 @@ def installed(wheel, tmp_path_factory):
     zipfile.ZipFile(wheel).extractall(place)
 
     def run(*argv):
-        environment = {**os.environ, "PYTHONPATH": str(place), "XDG_CACHE_HOME": str(away / "cache")}
+        environment = {
+            **os.environ,
+            "PYTHONPATH": str(place),
+            "XDG_CACHE_HOME": str(away / "cache"),
+        }
         command = [sys.executable, "-m", "iclnuim", *argv]
-        return subprocess.run(command, cwd=away, env=environment, capture_output=True, text=True, timeout=300)
+        return subprocess.run(
+            command, cwd=away, env=environment, capture_output=True, text=True, timeout=300
+        )
 
     run.away = away
     return run
@@ -54,16 +60,31 @@ def installed(wheel, tmp_path_factory):
 
 def test_what_is_needed_is_in_it_and_nothing_of_the_checkout_alone(wheel, repository):
     names = set(zipfile.ZipFile(wheel).namelist())
-    shipped = {"py.typed", "blender_manifest.toml", "headless/benchmark/paper.json", "headless/benchmark/report.html"}
+    shipped = {
+        "py.typed",
+        "blender_manifest.toml",
+        "benchmark/experiments/paper.json",
+        "benchmark/experiments/report.html",
+    }
     shipped |= {"headless/farm/iclnuim.def", "headless/farm/flamenco/iclnuim.js"}
-    systems = repository / "headless/systems"
+    systems = repository / "benchmark/systems"
     data = [path for ending in ("*.toml", "drivers/*") for path in systems.glob(ending)]
-    shipped |= {f"headless/systems/{path.relative_to(systems)}" for path in data}
-    shipped |= {f"blend/{path.relative_to(repository / 'blend')}" for path in (repository / "blend").glob("*.blend")}
-    shipped |= {str(path.relative_to(repository)) for path in (repository / "blend/light").glob("*/*")}
-    shipped |= {f"trajectories/{room}/kt{k}.txt" for room in ("living_room", "office") for k in range(4)}
+    shipped |= {f"benchmark/systems/{path.relative_to(systems)}" for path in data}
+    shipped |= {
+        f"blend/{path.relative_to(repository / 'blend')}"
+        for path in (repository / "blend").glob("*.blend")
+    }
+    shipped |= {
+        str(path.relative_to(repository)) for path in (repository / "blend/light").glob("*/*")
+    }
+    shipped |= {
+        f"trajectories/{room}/kt{k}.txt" for room in ("living_room", "office") for k in range(4)
+    }
     for source, name in (("addon/iclnuim", ""), ("headless", "headless/")):
-        shipped |= {name + str(path.relative_to(repository / source)) for path in (repository / source).rglob("*.py")}
+        shipped |= {
+            name + str(path.relative_to(repository / source))
+            for path in (repository / source).rglob("*.py")
+        }
     assert {f"iclnuim/{name}" for name in shipped} <= names
     assert [name for name in names if "builder" in name or "tools" in name or "tests" in name] == []
 
@@ -79,7 +100,9 @@ def test_the_version_and_a_table_are_printed(installed):
 def test_what_needs_a_checkout_says_so_in_a_line(installed, command):
     done = installed(*command)
     assert done.returncode == 3
-    assert "needs a checkout of the repository" in done.stderr and len(done.stderr.splitlines()) == 1
+    assert (
+        "needs a checkout of the repository" in done.stderr and len(done.stderr.splitlines()) == 1
+    )
 
 
 def test_a_sequence_is_made(installed):
@@ -88,4 +111,7 @@ def test_a_sequence_is_made(installed):
     done = installed("make", "kt2", *size)
     assert done.returncode == 0, done.stderr
     folder = installed.away / "out/living_room/kt2"
-    assert [len(list((folder / kind / "depth").glob("*.png"))) for kind in ("clean", "noisy")] == [1, 1]
+    assert [len(list((folder / kind / "depth").glob("*.png"))) for kind in ("clean", "noisy")] == [
+        1,
+        1,
+    ]

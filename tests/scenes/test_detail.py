@@ -45,7 +45,9 @@ def test_nothing_goes_at_full_detail_and_more_and_more_below():
 
 
 @pytest.mark.parametrize("room", ["living_room", "office"])
-def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(room, small_textures, repository):
+def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(
+    room, small_textures, repository
+):
     """Full detail is the shipped file: test_living_room.py and test_office.py compare it with what the code builds."""
     from iclnuim.blend.builder import build_scene
     from iclnuim.blender import scene, surfaces
@@ -65,7 +67,9 @@ def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(room, s
         caster = RayCaster(found.vertices, found.triangles)
         triangles.append(len(found.triangles))
         depths.append(np.stack([caster.depth(camera, poses[n]) for n in (50, 400, 750)]))
-    errors = [np.abs(z - depths[0])[(z > 0) & (depths[0] > 0) & (depths[0] < 15)] for z in depths[1:]]
+    errors = [
+        np.abs(z - depths[0])[(z > 0) & (depths[0] > 0) & (depths[0] < 15)] for z in depths[1:]
+    ]
     assert triangles[1] < 0.6 * triangles[0] and triangles[2] < 0.75 * triangles[1]
     assert 0 < errors[0].mean() < 0.004 and errors[0].mean() < errors[1].mean() < 0.01
     assert (errors[1] < 0.02).mean() > 0.96  # it is still the same room

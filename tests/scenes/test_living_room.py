@@ -21,12 +21,22 @@ SINGLE_SHEETS = {
     "shrub_1",
     "shrub_2",
 }
-OPAQUE = {"BSDF_DIFFUSE", "BSDF_GLOSSY", "FRESNEL", "MIX_SHADER", "TEX_IMAGE", "UVMAP", "OUTPUT_MATERIAL"}
+OPAQUE = {
+    "BSDF_DIFFUSE",
+    "BSDF_GLOSSY",
+    "FRESNEL",
+    "MIX_SHADER",
+    "TEX_IMAGE",
+    "UVMAP",
+    "OUTPUT_MATERIAL",
+}
 SPECIAL = {"BSDF_TRANSPARENT", "BSDF_TRANSLUCENT", "EMISSION"}
 
 
 def official_poses(samples, kt):
-    return read_trajectory(samples / f"trajectories/lr_{kt}_Tpov_cam_3x4.txt", "pov-matrix").trajectory.T_world_camera
+    return read_trajectory(
+        samples / f"trajectories/lr_{kt}_Tpov_cam_3x4.txt", "pov-matrix"
+    ).trajectory.T_world_camera
 
 
 def official_depth(samples, kt, number):
@@ -141,7 +151,9 @@ def test_surfaces_turn_their_front_to_the_room(built, rays, rng_directions):
         names = np.array(built.surface.names)[owner[owner >= 0]]
         solid = ~np.isin(names, list(SINGLE_SHEETS))
         wrong = names[solid & (facing[owner >= 0] > 1e-3)]
-        assert len(wrong) <= 1e-5 * len(names), set(wrong)  # a ray through an edge may meet the inside
+        assert len(wrong) <= 1e-5 * len(names), set(
+            wrong
+        )  # a ray through an edge may meet the inside
 
 
 def test_no_two_objects_share_a_visible_surface(built, rays, rng_directions):
@@ -172,14 +184,21 @@ def rng_directions():
 
 
 @pytest.mark.parametrize("kt", list(OFFICIAL))
-def test_bare_floor_ceiling_and_walls_agree_with_official_depth_to_a_centimetre(samples, built, rays, kt):
+def test_bare_floor_ceiling_and_walls_agree_with_official_depth_to_a_centimetre(
+    samples, built, rays, kt
+):
     poses, agreed, bare = official_poses(samples, kt), [], []
     for number in OFFICIAL[kt]:
         truth = official_depth(samples, kt, number)
         T = poses[number]
         depth, owner, _ = rays(T.translation, directions() @ T.rotation.T)
         plane = np.isin(
-            owner, [i for i, n in enumerate(built.surface.names) if n.startswith("wall_") or n in ("floor", "ceiling")]
+            owner,
+            [
+                i
+                for i, n in enumerate(built.surface.names)
+                if n.startswith("wall_") or n in ("floor", "ceiling")
+            ],
         )
         bare.append(plane.mean())
         agreed.append((np.abs(depth - truth)[plane & (truth > 0)] < 0.01).mean())
@@ -205,7 +224,8 @@ def test_the_official_paths_keep_20_cm_from_every_surface(samples, built, rays, 
 def test_the_page_of_facts_lists_every_object(built, repository):
     text = (repository / "blend/README.md").read_text().partition("## The office")[0]
     listed = {
-        name: (int(number), kind) for number, name, kind in re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", text, re.M)
+        name: (int(number), kind)
+        for number, name, kind in re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", text, re.M)
     }
     assert listed == built.objects
     assert f"{built.triangles:,}" in text

@@ -23,7 +23,16 @@ LISTED = {
 }  # fmt: skip
 #: Close to which kt0 passes, as the original does.
 CEILING = ("ceiling", "ceiling_rails")
-OPAQUE = {"BSDF_DIFFUSE", "BSDF_GLOSSY", "FRESNEL", "MIX_SHADER", "TEX_IMAGE", "UVMAP", "OUTPUT_MATERIAL", "EMISSION"}
+OPAQUE = {
+    "BSDF_DIFFUSE",
+    "BSDF_GLOSSY",
+    "FRESNEL",
+    "MIX_SHADER",
+    "TEX_IMAGE",
+    "UVMAP",
+    "OUTPUT_MATERIAL",
+    "EMISSION",
+}
 
 
 @dataclass(frozen=True)
@@ -50,7 +59,11 @@ def captured():
     from iclnuim.blend.builder import stage
     from iclnuim.blender import surfaces
 
-    objects = {o.name: (o["instance_id"], o["class_name"]) for o in bpy.context.scene.objects if o.type == "MESH"}
+    objects = {
+        o.name: (o["instance_id"], o["class_name"])
+        for o in bpy.context.scene.objects
+        if o.type == "MESH"
+    }
     found = surfaces.triangles()
     caster = o3d.t.geometry.RaycastingScene()
     caster.add_triangles(found.vertices.astype(np.float32), found.triangles.astype(np.uint32))
@@ -93,7 +106,9 @@ def test_the_same_seed_gives_the_same_office_and_another_seed_another():
 
 
 def test_every_thing_of_the_office_has_a_stable_number_and_a_class(office):
-    assert sorted(number for number, _ in office.objects.values()) == list(range(1, len(office.objects) + 1))
+    assert sorted(number for number, _ in office.objects.values()) == list(
+        range(1, len(office.objects) + 1)
+    )
     assert {name for _, name in office.objects.values()} >= LISTED
 
 
@@ -135,7 +150,9 @@ def test_the_offices_surfaces_turn_their_front_to_the_room(office, rng_direction
         assert (owner >= 0).mean() > 0.9999
         names = np.array(office.surface.names)[owner[owner >= 0]]
         wrong = names[facing[owner >= 0] > 1e-3]
-        assert len(wrong) <= 2e-5 * len(names), set(wrong)  # a ray through an edge may meet the inside
+        assert len(wrong) <= 2e-5 * len(names), set(
+            wrong
+        )  # a ray through an edge may meet the inside
 
 
 def test_no_two_things_of_the_office_share_a_visible_surface(office, rng_directions):
@@ -163,7 +180,9 @@ def test_no_two_things_of_the_office_share_a_visible_surface(office, rng_directi
 
 @pytest.mark.parametrize("kt", ["kt0", "kt1", "kt2", "kt3"])
 def test_our_office_paths_keep_25_cm_from_every_surface(office, repository, kt):
-    positions_m = read_trajectory(repository / f"trajectories/office/{kt}.txt").trajectory.positions_m
+    positions_m = read_trajectory(
+        repository / f"trajectories/office/{kt}.txt"
+    ).trajectory.positions_m
     closest = office.caster.compute_closest_points(positions_m.astype(np.float32))
     distance = np.linalg.norm(closest["points"].numpy() - positions_m, axis=1)
     names = np.array(office.surface.names)[office.surface.owners[closest["primitive_ids"].numpy()]]
@@ -179,16 +198,22 @@ def test_the_offices_ceiling_is_as_flat_as_the_originals(office):
     heights = {}
     for k, name in enumerate(office.surface.names):
         if name in names:
-            heights[name] = office.surface.vertices[office.surface.triangles[office.surface.owners == k].ravel(), 2]
+            heights[name] = office.surface.vertices[
+                office.surface.triangles[office.surface.owners == k].ravel(), 2
+            ]
     assert len(heights) == len(names) == 16
     below_m = {name: 5.4 - z for name, z in heights.items()}
-    assert all(b.min() > -0.0062 and b.max() < 0.0103 for b in below_m.values())  # flanks end above the panels
+    assert all(
+        b.min() > -0.0062 and b.max() < 0.0103 for b in below_m.values()
+    )  # flanks end above the panels
     assert max(below_m["ceiling_rails"]) < 0.0012
 
 
 def test_the_carpet_keeps_its_contrast_where_a_pixel_covers_4_mm():
     """Its finest contrast was measured in official frames, and mipmaps average 4 x 4 texels there."""
-    carpet = office_textures.carpet(np.random.default_rng(0), 2048, (0.31, 0.305, 0.298))[..., 1].astype(np.float32)
+    carpet = office_textures.carpet(np.random.default_rng(0), 2048, (0.31, 0.305, 0.298))[
+        ..., 1
+    ].astype(np.float32)
     seen = cv2.resize(carpet, (512, 512), interpolation=cv2.INTER_AREA)
     finest = (seen - cv2.GaussianBlur(seen, (0, 0), 0.7)).std() / seen.mean()
     assert 0.06 < finest < 0.085
@@ -207,11 +232,19 @@ def test_the_official_path_passes_12_cm_under_the_ceiling_and_touches_nothing(sa
 
 
 @pytest.mark.parametrize("number", OFFICE.frames)
-def test_bare_floor_ceiling_and_walls_of_the_office_agree_with_official_depth_to_2_cm(samples, office, number):
+def test_bare_floor_ceiling_and_walls_of_the_office_agree_with_official_depth_to_2_cm(
+    samples, office, number
+):
     _, truth = OFFICE.official(samples, number)
     T = OFFICE.poses(samples)[number]
-    depth, owner, _ = office.cast(T.translation, PinholeCamera().rays().reshape(480, 640, 3) @ T.rotation.T)
-    bare = [i for i, n in enumerate(office.surface.names) if n.startswith("wall_") or n in ("floor", "ceiling")]
+    depth, owner, _ = office.cast(
+        T.translation, PinholeCamera().rays().reshape(480, 640, 3) @ T.rotation.T
+    )
+    bare = [
+        i
+        for i, n in enumerate(office.surface.names)
+        if n.startswith("wall_") or n in ("floor", "ceiling")
+    ]
     plane = np.isin(owner, bare) & (truth > 0)
     error = np.abs(depth - truth)[plane]
     assert plane.mean() > 0.5
@@ -223,13 +256,18 @@ def test_bare_floor_ceiling_and_walls_of_the_office_agree_with_official_depth_to
 def test_most_of_each_official_office_frame_lies_within_3_cm(samples, office, number):
     _, truth = OFFICE.official(samples, number)
     T = OFFICE.poses(samples)[number]
-    depth, _, _ = office.cast(T.translation, PinholeCamera().rays().reshape(480, 640, 3) @ T.rotation.T)
+    depth, _, _ = office.cast(
+        T.translation, PinholeCamera().rays().reshape(480, 640, 3) @ T.rotation.T
+    )
     assert (np.abs(depth - truth)[truth > 0] < 0.03).mean() > 0.85
 
 
 def test_the_page_of_facts_lists_everything_in_the_office(office, repository):
     text = (repository / "blend/README.md").read_text()
     text = text[text.index("## The office") :]
-    listed = {n: (int(k), kind) for k, n, kind in re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", text, re.M)}
+    listed = {
+        n: (int(k), kind)
+        for k, n, kind in re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", text, re.M)
+    }
     assert listed == office.objects
     assert f"{office.triangles:,}" in text

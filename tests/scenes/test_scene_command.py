@@ -28,11 +28,24 @@ def test_bad_input_ends_with_code_2_and_one_line(blender, arguments, said):
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("room", [pytest.param(name, marks=pytest.mark.slow) for name in ("living_room", "office")])
+@pytest.mark.parametrize(
+    "room", [pytest.param(name, marks=pytest.mark.slow) for name in ("living_room", "office")]
+)
 def test_our_frames_feed_an_odometer_as_the_official_ones_do(samples, blender, tmp_path, room):
     """Corners as the mean of three views: in one view their number depends on how edges are sampled (blend/README.md)."""
     pytest.importorskip("cv2")
-    done = scene("compare", room, "--samples", 32, "--samples-dir", samples, "--out", tmp_path, "--quiet", "--json")
+    done = scene(
+        "compare",
+        room,
+        "--samples",
+        32,
+        "--samples-dir",
+        samples,
+        "--out",
+        tmp_path,
+        "--quiet",
+        "--json",
+    )
     assert done.returncode == 0, done.stderr
     views = json.loads(done.stdout)
     for number, ratios in views.items():
@@ -46,7 +59,9 @@ def test_our_frames_feed_an_odometer_as_the_official_ones_do(samples, blender, t
 
 def test_compare_renders_like_make_unless_told_otherwise(samples, blender, tmp_path):
     pytest.importorskip("cv2")
-    done = scene("compare", "office", "--samples-dir", samples, "--out", tmp_path, "--quiet", "--json")
+    done = scene(
+        "compare", "office", "--samples-dir", samples, "--out", tmp_path, "--quiet", "--json"
+    )
     assert done.returncode == 0, done.stderr
     for ratios in json.loads(done.stdout).values():
         assert np.allclose(ratios["depth_quantiles_m"], 1, atol=0.01)

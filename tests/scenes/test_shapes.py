@@ -18,7 +18,9 @@ def closed_shapes():
     return {
         "box": rounded_box((1, 2, 3), 0.1, 2, (2, 3, 4)),
         "thin board": rounded_box((1, 1, 0.01), 0.02),
-        "ball": lathe([(0, -1), *[(np.cos(a), np.sin(a)) for a in np.linspace(-1.4, 1.4, 20)], (0, 1)], 24),
+        "ball": lathe(
+            [(0, -1), *[(np.cos(a), np.sin(a)) for a in np.linspace(-1.4, 1.4, 20)], (0, 1)], 24
+        ),
         "tube": tube(RING, 0.05, 9),
         "bar": bar((0, 0, 0), (0, 0, 1), [0.1, 0.2], 12),
         "sheet": sheet(np.stack([x, y, 0.2 * np.sin(5 * x)], -1), 0.01),
@@ -74,7 +76,9 @@ def test_a_curve_passes_through_its_points():
 
 def test_mirroring_and_turning_keep_the_volume():
     box = rounded_box((1, 2, 3), 0.1)
-    assert volume(box.mirrored(0).turned("x", 33).turned("z", -70).moved(1, 2, 3)) == pytest.approx(volume(box))
+    assert volume(box.mirrored(0).turned("x", 33).turned("z", -70).moved(1, 2, 3)) == pytest.approx(
+        volume(box)
+    )
 
 
 def test_a_grid_faces_along_columns_cross_rows():

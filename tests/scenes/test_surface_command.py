@@ -51,14 +51,26 @@ def room(tmp_path_factory):
 
 def test_the_whole_room_is_written_in_its_own_world(room, tmp_path, surface):
     """In a process of its own, as a user runs it."""
-    command = [sys.executable, "-m", "iclnuim", "surface", room / "room.blend", "-o", tmp_path / "room.ply"]
-    done = subprocess.run([*command, "--json", "--quiet"], capture_output=True, text=True, timeout=300)
+    command = [
+        sys.executable,
+        "-m",
+        "iclnuim",
+        "surface",
+        room / "room.blend",
+        "-o",
+        tmp_path / "room.ply",
+    ]
+    done = subprocess.run(
+        [*command, "--json", "--quiet"], capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout)
     assert figures["triangles"] == 24 and figures["objects"] == 2
     assert figures["min_m"] == [-2, -2, 0] and figures["max_m"] == [2, 2, 3]
     mesh, _ = caster_of(tmp_path / "room.ply")
-    assert mesh.get_surface_area() == pytest.approx(2 * (16 + 12 + 12) + 2 * (0.4 + 2 + 0.8), rel=1e-6)
+    assert mesh.get_surface_area() == pytest.approx(
+        2 * (16 + 12 + 12) + 2 * (0.4 + 2 + 0.8), rel=1e-6
+    )
     _, printed, _ = surface(room / "room.blend", "-o", tmp_path / "alone.ply", "--without", "wall")
     assert json.loads(printed)["area_m2"] == pytest.approx(6.4)
 
@@ -78,7 +90,9 @@ def test_what_a_path_saw_is_what_its_rays_meet_and_nothing_behind_it(room, tmp_p
     T = read_trajectory(room / "path.txt").trajectory.T_world_camera
     for k in range(5):
         rays = camera.rays() @ T[k].rotation.T
-        packed = np.concatenate([np.broadcast_to(T[k].translation, rays.shape), rays], -1).astype(np.float32)
+        packed = np.concatenate([np.broadcast_to(T[k].translation, rays.shape), rays], -1).astype(
+            np.float32
+        )
         a, b = (c.cast_rays(packed)["t_hit"].numpy() for c in (whole, seen))
         assert b == pytest.approx(a, abs=1e-4)
     middles = np.asarray(part.vertices)[np.asarray(part.triangles)].mean(1)
@@ -92,16 +106,29 @@ def test_unknown_scenes_names_and_endings_are_refused_in_a_line(room, tmp_path, 
         (("garden", "-o", tmp_path / "g.ply"), "living_room, office"),
         ((room / "room.blend", "-o", tmp_path / "m.stl"), ".ply or .obj"),
         ((room / "room.blend", "-o", tmp_path / "m.ply", "--without", "piano"), "cabinet, wall"),
-        ((room / "room.blend", "-o", tmp_path / "m.ply", "--seen-by", room / "nothing.txt"), "nothing.txt"),
+        (
+            (room / "room.blend", "-o", tmp_path / "m.ply", "--seen-by", room / "nothing.txt"),
+            "nothing.txt",
+        ),
         ((room / "room.blend", "-o", tmp_path / "none" / "m.ply"), "no such folder"),
         (
-            (room / "room.blend", "-o", tmp_path / "m.ply", "--seen-by", room / "path.txt", "--cell", "1e-5"),
+            (
+                room / "room.blend",
+                "-o",
+                tmp_path / "m.ply",
+                "--seen-by",
+                room / "path.txt",
+                "--cell",
+                "1e-5",
+            ),
             "--cell: expected at least",
         ),
     ):
         code, _, said = surface(*arguments)
         assert code == 2 and words in said, said
-        ours = [line for line in said.splitlines() if line.startswith("iclnuim")]  # Blender may have lines of its own
+        ours = [
+            line for line in said.splitlines() if line.startswith("iclnuim")
+        ]  # Blender may have lines of its own
         assert len(ours) == 1 and "Traceback" not in said
 
 
@@ -114,7 +141,10 @@ def test_a_file_that_the_user_did_not_name_is_not_replaced(room, tmp_path, surfa
         room / "room.blend",
     ):  # the default output is the input itself, or a file of another origin
         code, _, said = surface(scene)
-        assert code == 2 and "room.ply: expected a new file name, found an existing file; try -o" in said
+        assert (
+            code == 2
+            and "room.ply: expected a new file name, found an existing file; try -o" in said
+        )
     assert (tmp_path / "room.ply").read_bytes() == before
     (tmp_path / "house.mtl").write_text("mine")
     code, _, said = surface(room / "room.blend", "-o", "house.obj")

@@ -18,6 +18,8 @@ def plane():
     def make(camera, angle_deg, depth_m):
         normal = np.array([np.sin(np.radians(angle_deg)), 0.0, np.cos(np.radians(angle_deg))])
         along = camera.rays() @ normal
-        return np.where(along > 1e-3, normal[2] * depth_m / np.maximum(along, 1e-3), 0).astype(np.float32)
+        return np.where(along > 1e-3, normal[2] * depth_m / np.maximum(along, 1e-3), 0).astype(
+            np.float32
+        )
 
     return make

@@ -18,7 +18,11 @@ def _series(sigma_c, sigma_s, repeats=12):
     images = []
     for k, exposure in enumerate(EXPOSURES):
         model = PaperRgbNoise(exposure=exposure, sigma_c=sigma_c, sigma_s=sigma_s)
-        images.append(np.stack([model.apply(scene, frame_generator(1, 100 * k + r, 1)) for r in range(repeats)]))
+        images.append(
+            np.stack(
+                [model.apply(scene, frame_generator(1, 100 * k + r, 1)) for r in range(repeats)]
+            )
+        )
     return images
 
 
@@ -48,7 +52,14 @@ def _walls(model, plane, angles, depth_m=2.0, frames=30):
     walls = []
     for k, angle in enumerate(angles):
         wall = plane(camera, angle, depth_m)
-        walls.append(np.stack([model.apply(wall, camera, frame_generator(k, f, 0))[4:-4, 4:-4] for f in range(frames)]))
+        walls.append(
+            np.stack(
+                [
+                    model.apply(wall, camera, frame_generator(k, f, 0))[4:-4, 4:-4]
+                    for f in range(frames)
+                ]
+            )
+        )
     return walls
 
 
@@ -78,7 +89,8 @@ def test_a_room_instead_of_a_wall_and_equal_repeats_are_refused(plane):
     moving = np.stack([np.roll(relief[k], 5 * k, axis=1) for k in range(len(relief))])
     for depth_z_m in (relief, moving):
         with pytest.raises(
-            InputError, match="expected a flat wall in front of a camera that does not move, found deviations of"
+            InputError,
+            match="expected a flat wall in front of a camera that does not move, found deviations of",
         ):
             calibrate_depth([depth_z_m])
     images = _series(0.01, 0.01)
@@ -90,7 +102,9 @@ def test_a_room_instead_of_a_wall_and_equal_repeats_are_refused(plane):
 @pytest.mark.parametrize("exposure", [0.0, -1.0, float("inf"), float("nan")])
 @pytest.mark.filterwarnings("error")
 def test_an_exposure_that_is_not_positive_and_finite_is_refused(exposure):
-    with pytest.raises(InputError, match=f"finite and > 0, with images each, found 1, {exposure:g}"):
+    with pytest.raises(
+        InputError, match=f"finite and > 0, with images each, found 1, {exposure:g}"
+    ):
         calibrate_rgb([1.0, exposure], [np.zeros((2, 4, 4, 3), np.uint8)] * 2)
 
 

@@ -14,7 +14,9 @@ from iclnuim.settings import declared
 
 
 @pytest.mark.parametrize("name", DEPTH_MODELS)
-def test_every_model_gives_the_same_bytes_for_the_same_frame_and_others_for_others(camera, plane, name):
+def test_every_model_gives_the_same_bytes_for_the_same_frame_and_others_for_others(
+    camera, plane, name
+):
     depth = plane(camera, 30, 2.0)
     model = depth_model(name)
     one, again = (model.apply(depth, camera, frame_generator(7, 3, 0)) for _ in range(2))
@@ -48,7 +50,9 @@ def test_released_leaves_whole_millimetres_and_a_border_without_normals(camera, 
 
 def test_released_is_biased_towards_the_camera_by_half_a_step():
     wall = np.full((240, 320), 3.5, np.float32)
-    noisy = ReleasedDepthNoise().apply(wall, PinholeCamera.parse("320x240"), frame_generator(1, 1, 0))
+    noisy = ReleasedDepthNoise().apply(
+        wall, PinholeCamera.parse("320x240"), frame_generator(1, 1, 0)
+    )
     inner = noisy[8:-8, 8:-8].astype(float)
     assert 351.3 / inner.mean() - 351.3 / 3.5 == pytest.approx(0.5, abs=0.25)
 
@@ -59,7 +63,9 @@ def test_kinect2012_has_the_axial_noise_of_its_formula_on_a_facing_wall(depth_m)
     noisy = Kinect2012DepthNoise().apply(
         wall, PinholeCamera(320, 240, 1e4, 1e4, 159.5, 119.5), frame_generator(1, 1, 0)
     )
-    assert noisy.astype(float).std() == pytest.approx(0.0012 + 0.0019 * (depth_m - 0.4) ** 2, rel=0.02)
+    assert noisy.astype(float).std() == pytest.approx(
+        0.0012 + 0.0019 * (depth_m - 0.4) ** 2, rel=0.02
+    )
     assert noisy.astype(float).mean() == pytest.approx(depth_m, abs=1e-4)
 
 
@@ -80,7 +86,9 @@ def test_redwood_rounds_disparity_to_eighths_snaps_to_even_pixels_and_ends_at_10
     noisy = RedwoodDepthNoise().apply(depth, camera, frame_generator(1, 1, 0)).astype(float)
     eighths = 35.130 / noisy * 8
     assert np.abs(eighths - np.rint(eighths)).max() < 1e-3
-    quiet = RedwoodDepthNoise(sigma_s_px=0, sigma_d=0, steps=1e6).apply(depth, camera, frame_generator(1, 1, 0))
+    quiet = RedwoodDepthNoise(sigma_s_px=0, sigma_d=0, steps=1e6).apply(
+        depth, camera, frame_generator(1, 1, 0)
+    )
     assert np.allclose(quiet[::2, ::2], depth[::2, ::2], rtol=1e-5)
     assert np.array_equal(quiet[1::2, 1::2], quiet[::2, ::2])
     far = np.full((240, 320), 10.0, np.float32)
@@ -90,10 +98,14 @@ def test_redwood_rounds_disparity_to_eighths_snaps_to_even_pixels_and_ends_at_10
 def test_redwood_divides_by_a_distortion_map_over_image_and_depth(camera):
     depth = np.full((240, 320), 2.0, np.float32)
     layers = np.ones((5, 2, 4), np.float32)
-    layers[:, :, 2:] = np.linspace(1.0, 1.4, 5)[:, None, None]  # layers at 1, 3, 5, 7, 9 m: 1.05 at 2 m
+    layers[:, :, 2:] = np.linspace(1.0, 1.4, 5)[
+        :, None, None
+    ]  # layers at 1, 3, 5, 7, 9 m: 1.05 at 2 m
     model = RedwoodDepthNoise(sigma_s_px=0, sigma_d=0, steps=1e6)
     bent = model.apply(depth, camera, frame_generator(1, 1, 0), multipliers=layers)
-    assert np.allclose(bent[:, :160], 2.0, rtol=1e-5) and np.allclose(bent[:, 160:], 2.0 / 1.05, rtol=1e-5)
+    assert np.allclose(bent[:, :160], 2.0, rtol=1e-5) and np.allclose(
+        bent[:, 160:], 2.0 / 1.05, rtol=1e-5
+    )
     with pytest.raises(InputError, match="distortion map"):
         model.apply(depth, camera, frame_generator(1, 1, 0), multipliers=np.zeros((2, 2)))
 
@@ -114,13 +126,23 @@ def test_normals_of_planes_are_exact(camera, plane, normals, angle_deg):
 
 
 def test_an_unknown_setting_model_or_value_is_one_line():
-    with pytest.raises(InputError, match="settings of the noise model 'paper'.*sigma_s_px.*found sigma_q"):
+    with pytest.raises(
+        InputError, match="settings of the noise model 'paper'.*sigma_s_px.*found sigma_q"
+    ):
         depth_model("paper", {"sigma_q": 1})
-    with pytest.raises(InputError, match="a depth noise model .none, released, paper, kinect2012, redwood."):
+    with pytest.raises(
+        InputError, match="a depth noise model .none, released, paper, kinect2012, redwood."
+    ):
         depth_model("gauss")
     with pytest.raises(InputError, match="an RGB noise model|a RGB noise model"):
         rgb_model("gauss")
-    for bad in ({"sigma_d": -1}, {"sigma_d": "a"}, {"sigma_d": True}, {"lateral": 1}, {"sigma_d": float("nan")}):
+    for bad in (
+        {"sigma_d": -1},
+        {"sigma_d": "a"},
+        {"sigma_d": True},
+        {"lateral": 1},
+        {"sigma_d": float("nan")},
+    ):
         with pytest.raises(InputError, match="of the noise model 'paper'"):
             depth_model("paper", bad)
     with pytest.raises(InputError, match="variance of the noise model 'released' as 3 numbers"):
@@ -153,7 +175,8 @@ def test_a_users_own_function_is_called_with_its_settings(tmp_path, monkeypatch,
     with pytest.raises(InputError, match="SyntaxError"):
         depth_model("no_python_of_test:f")
     with pytest.raises(
-        InputError, match=r"call as add\(depth_z_m, camera, rng, much=...\), found .*unexpected keyword"
+        InputError,
+        match=r"call as add\(depth_z_m, camera, rng, much=...\), found .*unexpected keyword",
     ):
         depth_model("my_noise_of_test:add", {"much": 1})
     with pytest.raises(InputError, match=r"call as add\(light, rng\)"):

@@ -81,7 +81,11 @@ def test_sigma_theta_comes_back_by_angle_and_depth(plane, angle_deg, depth_m):
     # so small a step moves no vertex to another pixel: what changes is z, by the step's z component
     step_m = (noisy - depth) / np.cos(np.radians(angle_deg))
     rays = camera.rays()
-    cosine = rays @ [np.sin(np.radians(angle_deg)), 0, np.cos(np.radians(angle_deg))] / np.linalg.norm(rays, axis=-1)
+    cosine = (
+        rays
+        @ [np.sin(np.radians(angle_deg)), 0, np.cos(np.radians(angle_deg))]
+        / np.linalg.norm(rays, axis=-1)
+    )
     angle = np.arccos(np.minimum(cosine, 1))
     sigma_m = 1e-5 + 2e-5 * angle + (1e-5 + 0.5e-5 * angle) * depth
     assert (step_m / sigma_m)[1:-1, 1:-1].std() == pytest.approx(1, rel=0.03)
@@ -98,11 +102,17 @@ class Constant:
 
 
 @pytest.mark.parametrize("axis", ["u", "v"])
-@pytest.mark.parametrize("level", [2000, 63000])  # 1.9 and 1.8 sigma towards the camera and away from it
+@pytest.mark.parametrize(
+    "level", [2000, 63000]
+)  # 1.9 and 1.8 sigma towards the camera and away from it
 @pytest.mark.parametrize("angle_deg", [-50, 50])
-def test_equal_steps_along_the_normal_move_a_slanted_plane_as_a_whole(plane, axis, level, angle_deg):
+def test_equal_steps_along_the_normal_move_a_slanted_plane_as_a_whole(
+    plane, axis, level, angle_deg
+):
     camera, generator = PinholeCamera(161, 161, 160, 160, 80, 80), Constant(level)
-    none = dict.fromkeys(("sigma_theta_m_per_rad", "sigma_theta_m_per_m", "sigma_theta_m_per_rad_m"), 0.0)
+    none = dict.fromkeys(
+        ("sigma_theta_m_per_rad", "sigma_theta_m_per_m", "sigma_theta_m_per_rad_m"), 0.0
+    )
     model = PaperDepthNoise(sigma_theta_m=0.05, **none, **NO_SHIFT, **NO_STEPS)
     step_m = 0.05 * gaussian(generator, (1,))[0]
     depth = plane(camera, angle_deg, 2.0)
@@ -125,25 +135,34 @@ def test_pixels_go_missing_as_often_as_no_vertex_lands_on_them(plane, sigma_px):
 
     camera, angle = PinholeCamera(300, 200, 6000, 6000, 149.5, 99.5), np.radians(70)
     depth = plane(camera, 70, 2.0)
-    sigma_m = sigma_px * 2.0 / camera.fx / np.sin(angle)  # a step along the normal moves a vertex by its sine
+    sigma_m = (
+        sigma_px * 2.0 / camera.fx / np.sin(angle)
+    )  # a step along the normal moves a vertex by its sine
     constant = {
         "sigma_theta_m": sigma_m,
         "sigma_theta_m_per_rad": 0.0,
         "sigma_theta_m_per_m": 0.0,
         "sigma_theta_m_per_rad_m": 0.0,
     }
-    noisy = PaperDepthNoise(**constant, **NO_SHIFT, **NO_STEPS).apply(depth, camera, frame_generator(3, 0, 0))
+    noisy = PaperDepthNoise(**constant, **NO_SHIFT, **NO_STEPS).apply(
+        depth, camera, frame_generator(3, 0, 0)
+    )
     lands = [norm.cdf((k + 0.5) / sigma_px) - norm.cdf((k - 0.5) / sigma_px) for k in range(-6, 7)]
     expected = np.prod([1 - p for p in lands])
     assert (noisy[:, 10:-10] == 0).mean() == pytest.approx(expected, rel=0.06)
 
 
 def test_oblique_surfaces_go_missing_and_facing_ones_do_not(plane):
-    camera = PinholeCamera(40, 40, 481, 480, 19.5, 19.5)  # the middle of the benchmark's image: angles to 3 degrees
+    camera = PinholeCamera(
+        40, 40, 481, 480, 19.5, 19.5
+    )  # the middle of the benchmark's image: angles to 3 degrees
     missing = []
     for angle_deg in (0, 40, 60, 70, 78, 86):
         wall = plane(camera, angle_deg, 1.0)
-        frames = [PaperDepthNoise().apply(wall, camera, frame_generator(0, k, 0))[2:-2, 2:-2] for k in range(10)]
+        frames = [
+            PaperDepthNoise().apply(wall, camera, frame_generator(0, k, 0))[2:-2, 2:-2]
+            for k in range(10)
+        ]
         missing.append(np.mean([(frame == 0).mean() for frame in frames]))
     assert missing[0] == missing[1] == 0
     assert missing == sorted(missing)
@@ -163,7 +182,12 @@ def test_edges_borders_and_missing_pixels_never_bleed(lateral):
         noisy = model.apply(depth, camera, frame_generator(8, frame, 0))
         near, far = np.abs(noisy - 1) < 0.02, np.abs(noisy - 3) < 0.12
         assert (near | far | (noisy == 0)).all()
-        assert (noisy[0] > 0).all() and (noisy[-1] > 0).all() and (noisy[:, 0] > 0).all() and (noisy[:, -1] > 0).all()
+        assert (
+            (noisy[0] > 0).all()
+            and (noisy[-1] > 0).all()
+            and (noisy[:, 0] > 0).all()
+            and (noisy[:, -1] > 0).all()
+        )
         assert (noisy[90:100, 30:50] == 0).all()
         # an edge moves by the shift alone: 4.32 sigma of half a pixel, two and a half pixels at most
         assert near[34:58, 44:76].all() and far[:26].all() and far[:, 105:].all()
@@ -173,6 +197,8 @@ def test_a_single_wall_is_biased_by_at_most_a_fifth_of_a_step_as_equation_3_has_
     biases = []
     for depth_m in _walls(2.0, 40, steps=1):
         wall = np.full((120, 160), depth_m, np.float32)
-        noisy = PaperDepthNoise(**NO_LATERAL).apply(wall, PinholeCamera.parse("160x120"), frame_generator(1, 1, 0))
+        noisy = PaperDepthNoise(**NO_LATERAL).apply(
+            wall, PinholeCamera.parse("160x120"), frame_generator(1, 1, 0)
+        )
         biases.append((noisy.astype(float).mean() - wall.astype(float).mean()) / (4.0 / 351.3))
     assert 0.15 < np.abs(biases).max() < 0.21

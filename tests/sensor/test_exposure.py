@@ -18,7 +18,9 @@ def test_bands_cover_all_rows_and_keep_every_row_near_its_own_instant(seed):
         rng.uniform(1e-4, 0.1, 2),
     )
     bands = plan(Exposure(open_s, readout_s), height, blur_px, skew_px)
-    assert [b.top for b in bands] == [0, *(b.bottom for b in bands[:-1])] and bands[-1].bottom == height
+    assert [b.top for b in bands] == [0, *(b.bottom for b in bands[:-1])] and bands[
+        -1
+    ].bottom == height
     for band in bands:
         middle = np.mean(band.offsets_s)
         rows = (np.arange(band.top, band.bottom) + 0.5) / height - 0.5
@@ -38,7 +40,9 @@ def _moves(*steps_m):
     """Poses that start at the frame's own and go step by step to the right, stamps 10 ms apart."""
     places = np.cumsum([0.0, *steps_m])
     positions = np.column_stack([places, np.zeros((len(places), 2))])
-    return SE3(np.broadcast_to(np.eye(3), (len(places), 3, 3)), positions), 0.01 * np.arange(len(places))
+    return SE3(np.broadcast_to(np.eye(3), (len(places), 3, 3)), positions), 0.01 * np.arange(
+        len(places)
+    )
 
 
 def test_motion_of_a_wall_follows_the_pinhole_formula():
@@ -79,9 +83,13 @@ def test_every_row_of_a_moving_frame_lies_within_a_tenth_of_a_pixel_of_its_own_i
                 camera.project(sample(path, np.array([t]))[0].inverse().apply(points))
                 for t in (stamp_s + band.offsets_s[0], own_s)
             )
-            inside = (np.abs(own[:, 1] - row) < 1) & (own[:, 0] > 0) & (own[:, 0] < camera.width - 1)
+            inside = (
+                (np.abs(own[:, 1] - row) < 1) & (own[:, 0] > 0) & (own[:, 0] < camera.width - 1)
+            )
             worst_px = max(worst_px, np.linalg.norm(shown - own, axis=1)[inside].max())
-    assert 0.02 < worst_px <= ROW_ERROR_PX * 1.02  # a screw's speed is not quite even over the image
+    assert (
+        0.02 < worst_px <= ROW_ERROR_PX * 1.02
+    )  # a screw's speed is not quite even over the image
 
 
 @pytest.mark.parametrize("wrong", [-0.1, 2, float("nan"), "0.1", True])

@@ -15,11 +15,16 @@ FRAMES = (30, 60, 104)
 def depths(samples):
     """(clean, official noisy, ours) in metres, (3, 480, 640) each."""
     clean, official = (
-        np.array([read_depth16(samples / "or_kt3" / kind / "depth" / f"{i}.png") / 5000 for i in FRAMES])
+        np.array(
+            [read_depth16(samples / "or_kt3" / kind / "depth" / f"{i}.png") / 5000 for i in FRAMES]
+        )
         for kind in ("clean", "noisy")
     )
     model = depth_model("released")
-    ours = [model.apply(z, PinholeCamera(), frame_generator(1, i, 0)) for i, z in zip(FRAMES, clean, strict=True)]
+    ours = [
+        model.apply(z, PinholeCamera(), frame_generator(1, i, 0))
+        for i, z in zip(FRAMES, clean, strict=True)
+    ]
     return clean, official, np.array(ours, float)
 
 
@@ -55,7 +60,10 @@ def colours(samples):
         for kind in ("clean", "noisy")
     )
     model = rgb_model("released")
-    ours = [model.apply(light_from_srgb8(c), frame_generator(1, i, 1)) for i, c in zip(FRAMES, clean, strict=True)]
+    ours = [
+        model.apply(light_from_srgb8(c), frame_generator(1, i, 1))
+        for i, c in zip(FRAMES, clean, strict=True)
+    ]
     return clean.astype(float), official.astype(float), np.array(ours, float)
 
 
@@ -63,7 +71,12 @@ def test_rgb_variance_is_that_of_the_official_frames(colours):
     clean, official, ours = colours
     for k in range(3):
         theirs, found = (
-            np.mean([(noisy - clean)[..., k][np.abs(clean[..., k] - value) <= 3].var() for value in (50, 100, 150)])
+            np.mean(
+                [
+                    (noisy - clean)[..., k][np.abs(clean[..., k] - value) <= 3].var()
+                    for value in (50, 100, 150)
+                ]
+            )
             for noisy in (official, ours)
         )
         assert found == pytest.approx(theirs, rel=0.15), "RGB"[k]
@@ -75,7 +88,9 @@ def test_rgb_correlation_of_neighbours_is_that_of_the_official_frames(colours):
         plain = (clean[..., k] > 20) & (clean[..., k] < 235)
         smooth = plain[..., 1:] & plain[..., :-1] & (np.abs(np.diff(clean[..., k], axis=2)) < 3)
         theirs, found = (
-            np.corrcoef((noisy - clean)[..., 1:, k][smooth], (noisy - clean)[..., :-1, k][smooth])[0, 1]
+            np.corrcoef((noisy - clean)[..., 1:, k][smooth], (noisy - clean)[..., :-1, k][smooth])[
+                0, 1
+            ]
             for noisy in (official, ours)
         )
         assert found == pytest.approx(theirs, abs=0.08), "RGB"[k]

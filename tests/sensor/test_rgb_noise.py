@@ -6,7 +6,13 @@ from iclnuim.errors import InputError
 from iclnuim.sensor.models import RGB_MODELS, rgb_model
 from iclnuim.sensor.noise_model import frame_generator, gaussian
 from iclnuim.sensor.rgb import PaperRgbNoise, ReleasedRgbNoise
-from iclnuim.sensor.transfer import light_from_srgb, light_from_srgb8, srgb8, srgb8_in_place, srgb_from_light
+from iclnuim.sensor.transfer import (
+    light_from_srgb,
+    light_from_srgb8,
+    srgb8,
+    srgb8_in_place,
+    srgb_from_light,
+)
 
 
 def _patch(light, shape=(200, 300, 3)):
@@ -20,7 +26,14 @@ def test_8_bits_come_back_exactly_and_the_transfer_function_is_srgb():
     light = np.linspace(0, 1, 10001)
     assert np.abs(light_from_srgb(srgb_from_light(light)) - light).max() < 1e-6
     assert np.abs(srgb8(light).astype(float) - srgb_from_light(light) * 255).max() < 0.56
-    assert srgb8(np.array([np.nan, -1, np.inf, 7, -np.inf, 0.2159])).tolist() == [0, 0, 255, 255, 0, 128]
+    assert srgb8(np.array([np.nan, -1, np.inf, 7, -np.inf, 0.2159])).tolist() == [
+        0,
+        0,
+        255,
+        255,
+        0,
+        128,
+    ]
     # OpenCV knows no sRGB curve; two values that stand in the standard's tables
     assert srgb_from_light(np.array([0.5])) == pytest.approx(0.735357, abs=1e-6)
 
@@ -29,7 +42,9 @@ def test_the_table_of_even_steps_is_the_same_curve():
     light = np.linspace(-0.2, 1.2, 200_001).astype(np.float32)
     exact = srgb_from_light(light.astype(float)) * 255
     assert np.abs(srgb8_in_place(light.copy()).astype(float) - exact).max() < 0.5 + 0.03
-    assert np.array_equal(srgb8_in_place(light_from_srgb8(np.arange(256, dtype=np.uint8))), np.arange(256))
+    assert np.array_equal(
+        srgb8_in_place(light_from_srgb8(np.arange(256, dtype=np.uint8))), np.arange(256)
+    )
 
 
 def test_light_that_is_no_number_or_has_no_end_is_black_or_white():
@@ -62,20 +77,35 @@ def test_paper_noise_has_the_variance_of_its_line_before_the_transfer_function(l
     assert noisy.var() == pytest.approx(0.004**2 + light * 0.03**2, rel=0.03)
     # and after it: times its slope squared, plus the rounding's 1/12
     values = model.apply(_patch(light), frame_generator(1, 1, 1)).astype(float)
-    slope = 255 * (srgb_from_light(np.array(light + 1e-4)) - srgb_from_light(np.array(light - 1e-4))) / 2e-4
+    slope = (
+        255
+        * (srgb_from_light(np.array(light + 1e-4)) - srgb_from_light(np.array(light - 1e-4)))
+        / 2e-4
+    )
     assert values.var() == pytest.approx(slope**2 * noisy.var() + 1 / 12, rel=0.06)
 
 
 def test_paper_noise_at_mid_grey_is_that_of_the_released_frames():
-    values = PaperRgbNoise().apply(_patch(light_from_srgb(128 / 255)), frame_generator(1, 1, 1)).astype(float)
+    values = (
+        PaperRgbNoise()
+        .apply(_patch(light_from_srgb(128 / 255)), frame_generator(1, 1, 1))
+        .astype(float)
+    )
     assert values.std() == pytest.approx(2.0, rel=0.06)
 
 
 def test_exposure_multiplies_the_light_and_longer_exposure_means_less_noise_for_the_same_picture():
     light = _patch(0.1)
-    assert np.array_equal(rgb_model("none", {"exposure": 2.0}).apply(light, frame_generator(0, 0, 1)), srgb8(light * 2))
+    assert np.array_equal(
+        rgb_model("none", {"exposure": 2.0}).apply(light, frame_generator(0, 0, 1)),
+        srgb8(light * 2),
+    )
     noise = [
-        PaperRgbNoise(exposure=e).noisy_light(_patch(0.1 * e), frame_generator(0, 0, 1)).astype(float).std() / e
+        PaperRgbNoise(exposure=e)
+        .noisy_light(_patch(0.1 * e), frame_generator(0, 0, 1))
+        .astype(float)
+        .std()
+        / e
         for e in (0.5, 1.0, 4.0)
     ]
     assert noise == sorted(noise, reverse=True)

@@ -5,10 +5,10 @@ import pytest
 
 pytest.importorskip("cv2", reason="OpenCV is not installed")
 from iclnuim import frames_from, write_sequence
+from iclnuim.benchmark.perturbations.segment import Segment
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, stamps_of_frames
-from iclnuim.headless.stress.segment import Segment
 from iclnuim.sensor.transfer import srgb8
 
 CAMERA = PinholeCamera.parse("160x120")
@@ -17,7 +17,9 @@ FRAMES = 48
 
 def pose_at(stamp_s):
     start = SE3.from_quat_xyzw([-0.775, 0.281, -0.193, 0.532], [0.0, 0.0, 1.4])
-    return start @ SE3.exp((np.asarray(stamp_s, float)[..., None] - 1) * [0.2, 0.05, 0.15, 0.05, 0.2, 0.05])
+    return start @ SE3.exp(
+        (np.asarray(stamp_s, float)[..., None] - 1) * [0.2, 0.05, 0.15, 0.05, 0.2, 0.05]
+    )
 
 
 def look(T_world_camera):
@@ -26,7 +28,9 @@ def look(T_world_camera):
     walls = np.where(rays > 0, [2.0, 2.5, 2.5], [-2.0, -2.5, 0.0])
     depth_z_m = ((walls - T_world_camera.translation) / rays).min(axis=-1)
     points = T_world_camera.translation + rays * depth_z_m[..., None]
-    light = 0.4 + 0.15 * np.sin(points * [7, 9, 11]) + 0.15 * np.sin(13 * points.sum(-1, keepdims=True))
+    light = (
+        0.4 + 0.15 * np.sin(points * [7, 9, 11]) + 0.15 * np.sin(13 * points.sum(-1, keepdims=True))
+    )
     return light.astype(np.float32), depth_z_m.astype(np.float32)
 
 
@@ -47,7 +51,9 @@ def segment(truth):
 @pytest.fixture(scope="session")
 def folder(truth, tmp_path_factory):
     folder = tmp_path_factory.mktemp("stress") / "box/clean"
-    write_sequence(frames_from(CAMERA, truth, lambda n: look(truth.T_world_camera[n])), folder, workers=1)
+    write_sequence(
+        frames_from(CAMERA, truth, lambda n: look(truth.T_world_camera[n])), folder, workers=1
+    )
     return folder
 
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from iclnuim.benchmark.experiments.cell import Poses, cell, diagnostics, track_all
+from iclnuim.benchmark.odometry.protocol import Result, Status
+from iclnuim.benchmark.odometry.registry import odometer
+from iclnuim.benchmark.odometry.track import Tracked
+from iclnuim.benchmark.perturbations.plan import Bounds
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.headless.stress.cell import Poses, cell, diagnostics, track_all
-from iclnuim.headless.stress.plan import Bounds
-from iclnuim.odometry.protocol import Result, Status
-from iclnuim.odometry.registry import odometer
-from iclnuim.odometry.track import Tracked
 
 BOUNDS = Bounds()
 
@@ -20,7 +20,9 @@ def poses(truth, jumps_m=(), bad=(), missing=()):
     offset = np.zeros((len(truth), 3))
     for frame, metres in jumps_m:
         offset[frame:, 0] += metres
-    moved = Trajectory(truth.stamps_s, SE3(truth.T_world_camera.rotation, truth.positions_m + offset))
+    moved = Trajectory(
+        truth.stamps_s, SE3(truth.T_world_camera.rotation, truth.positions_m + offset)
+    )
     kept = np.setdiff1d(np.arange(len(truth)), missing)
     alarms = truth.stamps_s[sorted({*bad, *missing} - {0})]
     return Poses(moved[kept], ~np.isin(kept, bad), alarms, len(truth))
@@ -29,12 +31,34 @@ def poses(truth, jumps_m=(), bad=(), missing=()):
 @pytest.mark.parametrize(
     ("given", "clean", "expected"),
     [
-        ({}, True, {"wrong": 0, "false_successes": 0, "false_alarms": 0, "noticed_after": None, "success": True}),
+        (
+            {},
+            True,
+            {
+                "wrong": 0,
+                "false_successes": 0,
+                "false_alarms": 0,
+                "noticed_after": None,
+                "success": True,
+            },
+        ),
         # a jump of 3 cm is wrong in its step alone; one of 6 cm also over the second before frames 28 to 39
-        ({"jumps_m": [(10, 0.03)]}, False, {"wrong": 1, "false_successes": 1, "noticed_after": None}),
+        (
+            {"jumps_m": [(10, 0.03)]},
+            False,
+            {"wrong": 1, "false_successes": 1, "noticed_after": None},
+        ),
         ({"jumps_m": [(10, 0.06)]}, False, {"wrong": 1 + 12, "false_successes": 1 + 12}),
-        ({"jumps_m": [(10, 0.03)], "bad": [10]}, False, {"wrong": 1, "false_successes": 0, "noticed_after": 0}),
-        ({"jumps_m": [(10, 0.06)], "bad": [10]}, False, {"wrong": 13, "false_successes": 0, "alarms": 1}),
+        (
+            {"jumps_m": [(10, 0.03)], "bad": [10]},
+            False,
+            {"wrong": 1, "false_successes": 0, "noticed_after": 0},
+        ),
+        (
+            {"jumps_m": [(10, 0.06)], "bad": [10]},
+            False,
+            {"wrong": 13, "false_successes": 0, "alarms": 1},
+        ),
         ({"jumps_m": [(10, 0.06)], "bad": [14]}, False, {"false_successes": 1, "noticed_after": 4}),
         ({"bad": range(48)}, True, {"false_alarms": 48, "false_successes": 0}),
         ({"missing": [20, 21]}, True, {"false_alarms": 2, "coverage": 46 / 48, "success": True}),
@@ -46,7 +70,9 @@ def poses(truth, jumps_m=(), bad=(), missing=()):
 )
 def test_what_is_said_is_held_against_what_is_true(truth, given, clean, expected):
     found = cell(poses(truth, **given), truth, BOUNDS, clean).to_dict()
-    assert {key: pytest.approx(found[key]) if key == "coverage" else found[key] for key in expected} == expected
+    assert {
+        key: pytest.approx(found[key]) if key == "coverage" else found[key] for key in expected
+    } == expected
 
 
 def test_nees_of_errors_drawn_from_the_stated_covariance_is_one(truth):
@@ -56,7 +82,9 @@ def test_nees_of_errors_drawn_from_the_stated_covariance_is_one(truth):
     for i in np.tile(np.arange(1, len(truth)), 4):
         true = truth.T_world_camera[i - 1].inverse() @ truth.T_world_camera[i]
         said = SE3.exp(-sigma * rng.standard_normal(6)) @ true
-        result = Result(said, information=information, largest_sigma_m=0.003, residual=1.0, inliers=0.9)
+        result = Result(
+            said, information=information, largest_sigma_m=0.003, residual=1.0, inliers=0.9
+        )
         tracked.append(Tracked(truth.stamps_s[i], truth.T_world_camera[i], result))
         pairs[truth.stamps_s[i]] = truth.stamps_s[i - 1]
     assert diagnostics(tracked, pairs, truth, None)["nees"] == pytest.approx(1, abs=0.15)
@@ -64,7 +92,9 @@ def test_nees_of_errors_drawn_from_the_stated_covariance_is_one(truth):
 
 def test_the_cause_is_what_the_diagnostics_say(truth):
     def told(clean=None, **result):
-        made = [Tracked(t, SE3.identity(), Result(SE3.identity(), **result)) for t in truth.stamps_s]
+        made = [
+            Tracked(t, SE3.identity(), Result(SE3.identity(), **result)) for t in truth.stamps_s
+        ]
         return diagnostics(made, {}, truth, clean)["cause"]
 
     clean = cell(poses(truth), truth, BOUNDS, True, {"inliers": 0.9, "residual": 1.0})
@@ -72,14 +102,23 @@ def test_the_cause_is_what_the_diagnostics_say(truth):
     assert told(clean, inliers=0.45, residual=1.1) == "inliers 45% instead of 90%"
     assert told(clean, inliers=0.85, residual=3.0) == "residual 3.0 times as large"
     assert told(clean, status=Status.DEGENERATE) == "100% under-constrained"
-    assert told(status=Status.FAILED, reason="depth: only 1.2% of the pixels have any").startswith("100% lost: depth:")
+    assert told(status=Status.FAILED, reason="depth: only 1.2% of the pixels have any").startswith(
+        "100% lost: depth:"
+    )
 
 
 def test_a_fitness_that_is_too_small_is_a_flag_of_open3d_and_not_of_ours(truth):
-    good = [Tracked(t, T, Result(T, inliers=0.9)) for t, T in zip(truth.stamps_s, truth.T_world_camera, strict=True)]
+    good = [
+        Tracked(t, T, Result(T, inliers=0.9))
+        for t, T in zip(truth.stamps_s, truth.T_world_camera, strict=True)
+    ]
     low = [replace(f, result=replace(f.result, inliers=0.1)) for f in good]
     fitness = BOUNDS.min_fitness
-    assert Poses.of(good, fitness).good.all() and not Poses.of(low, fitness).good.any() and Poses.of(low).good.all()
+    assert (
+        Poses.of(good, fitness).good.all()
+        and not Poses.of(low, fitness).good.any()
+        and Poses.of(low).good.all()
+    )
 
 
 def test_a_method_that_crashes_loses_its_frames_and_the_others_go_on(segment):

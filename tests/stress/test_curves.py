@@ -5,26 +5,36 @@ import json
 import numpy as np
 import pytest
 from iclnuim import write_ply
+from iclnuim.benchmark.experiments import curves
+from iclnuim.benchmark.odometry.protocol import Frame, Result
+from iclnuim.benchmark.odometry.track import Tracker
 from iclnuim.errors import InputError
-from iclnuim.headless.stress import curves
-from iclnuim.odometry.protocol import Frame, Result
-from iclnuim.odometry.track import Tracker
 
 pytest.importorskip("numba")
-from iclnuim.odometry.icp import Icp, IcpRgbd  # noqa: E402
-from iclnuim.odometry.photometric import Rgbd  # noqa: E402
+from iclnuim.benchmark.odometry.icp import Icp, IcpRgbd  # noqa: E402
+from iclnuim.benchmark.odometry.photometric import Rgbd  # noqa: E402
 
 
 def test_steps_change_the_settings_that_they_name():
     icp, rgbd = Icp.PRESETS["best"], Rgbd.PRESETS["best"]
-    assert curves.iterations(icp, 2).iterations == (0, 8, 6) and curves.iterations(icp, 0.1).iterations == (0, 1, 1)
+    assert curves.iterations(icp, 2).iterations == (0, 8, 6) and curves.iterations(
+        icp, 0.1
+    ).iterations == (0, 1, 1)
     assert curves.levels(rgbd, 1).iterations == (0, 0, 2, 2)
-    assert curves.pixels(icp, 2).strides == (2, 4, 2) and curves.pixels(rgbd, 2).min_gradients == (24, 4, 6, 4)
+    assert curves.pixels(icp, 2).strides == (2, 4, 2) and curves.pixels(rgbd, 2).min_gradients == (
+        24,
+        4,
+        6,
+        4,
+    )
     with pytest.raises(InputError, match="fewer than 2 levels"):
         curves.levels(icp, 2)
     both = IcpRgbd(IcpRgbd.PRESETS["best"])
     changed = curves._changed("icp_rgbd", curves.iterations, 2)
-    assert changed.iterations == tuple(2 * n for n in both.iterations) and changed.weight_b == both.weight_b
+    assert (
+        changed.iterations == tuple(2 * n for n in both.iterations)
+        and changed.weight_b == both.weight_b
+    )
 
 
 def test_halved_frames_keep_planes_and_drop_edges():
@@ -32,7 +42,11 @@ def test_halved_frames_keep_planes_and_drop_edges():
     depth[:, 5:] = 3.0
     depth[0, 0] = 0.0
     small = curves.halved(Frame.of(np.full((8, 8), 9.0, np.float32), depth, 0.0), 1)
-    assert np.array_equal(small.depth_z_m[1], [2, 2, 0, 3]) and small.depth_z_m[0, 0] == 0 and (small.grey == 9).all()
+    assert (
+        np.array_equal(small.depth_z_m[1], [2, 2, 0, 3])
+        and small.depth_z_m[0, 0] == 0
+        and (small.grey == 9).all()
+    )
 
 
 class Slow:
@@ -48,9 +62,13 @@ class Slow:
 
 
 @pytest.mark.parametrize(("slowdown", "processed"), [(0.1, 40), (1, 20), (4, 7)])
-def test_frames_that_arrive_while_a_method_is_busy_are_dropped(segment, monkeypatch, slowdown, processed):
+def test_frames_that_arrive_while_a_method_is_busy_are_dropped(
+    segment, monkeypatch, slowdown, processed
+):
     clock = iter(np.repeat(np.arange(400), 1) * 0.05)
-    monkeypatch.setattr("iclnuim.odometry.track.time.perf_counter", lambda: float(next(clock)))
+    monkeypatch.setattr(
+        "iclnuim.benchmark.odometry.track.time.perf_counter", lambda: float(next(clock))
+    )
     busy = curves.Busy("slow", slowdown, Tracker(Slow(), segment.camera))
     for stamp_s, frame in segment.frames():
         busy.add(stamp_s, frame)
@@ -59,7 +77,7 @@ def test_frames_that_arrive_while_a_method_is_busy_are_dropped(segment, monkeypa
 
 def test_compiling_at_the_first_alignment_is_not_timed(segment, monkeypatch):
     clock_s = [0.0]
-    monkeypatch.setattr("iclnuim.odometry.track.time.perf_counter", lambda: clock_s[0])
+    monkeypatch.setattr("iclnuim.benchmark.odometry.track.time.perf_counter", lambda: clock_s[0])
 
     class Compiled(Slow):
         first = True
@@ -70,13 +88,32 @@ def test_compiling_at_the_first_alignment_is_not_timed(segment, monkeypatch):
             return Result(guess)
 
     variant = curves.Variant("compiled", None, Tracker(Compiled(), segment.camera))
-    (point,) = curves.interleaved("keyframe", [variant], segment.frames, segment.truth, lambda: None)
-    assert max(variant.seconds) < 0.002 and point.ms == pytest.approx(1) and point.processed == point.frames == 40
+    (point,) = curves.interleaved(
+        "keyframe", [variant], segment.frames, segment.truth, lambda: None
+    )
+    assert (
+        max(variant.seconds) < 0.002
+        and point.ms == pytest.approx(1)
+        and point.processed == point.frames == 40
+    )
 
 
-@pytest.mark.parametrize(("curve", "values"), [("resolution", "160,80"), ("rate", "15,30"), ("realtime", "0.001")])
+@pytest.mark.parametrize(
+    ("curve", "values"), [("resolution", "160,80"), ("rate", "15,30"), ("realtime", "0.001")]
+)
 def test_a_curve_is_one_command(command_here, folder, curve, values):
-    words = ("bench", "curve", curve, folder, "--first", "6", "--values", values, "--method", "baseline:opencv-icp")
+    words = (
+        "bench",
+        "curve",
+        curve,
+        folder,
+        "--first",
+        "6",
+        "--values",
+        values,
+        "--method",
+        "baseline:opencv-icp",
+    )
     code, out, err = command_here(*words, "--json")
     assert code == 0, err
     points = json.loads(out)["points"]
@@ -91,15 +128,30 @@ def test_what_cannot_be_varied_is_said_in_one_line(command_here, folder):
             ("slope", folder),
             "expected a curve (levels, iterations, pixels, keyframe, resolution, realtime, rate, voxel)",
         ),
-        (("levels", folder, "--method", "baseline:opencv-icp"), "expected rgbd, dvo, icp or icp_rgbd"),
+        (
+            ("levels", folder, "--method", "baseline:opencv-icp"),
+            "expected rgbd, dvo, icp or icp_rgbd",
+        ),
         (
             ("resolution", folder, "--values", "100", "--first", "6"),
             "expected 160 divided by a power of two, found 100",
         ),
-        (("iterations", folder, "--values", "1,nan"), "--values: expected numbers above 0, at most 1e+06, found nan"),
-        (("keyframe", folder, "--values", "0,0.1"), "--values: expected numbers above 0, at most 1e+06, found 0"),
-        (("rate", folder, "--values", "1e9"), "--values: expected numbers above 0, at most 1000, found 1e+09"),
-        (("levels", folder, "--values", "0.5"), "--values: expected whole numbers of levels, found 0.5"),
+        (
+            ("iterations", folder, "--values", "1,nan"),
+            "--values: expected numbers above 0, at most 1e+06, found nan",
+        ),
+        (
+            ("keyframe", folder, "--values", "0,0.1"),
+            "--values: expected numbers above 0, at most 1e+06, found 0",
+        ),
+        (
+            ("rate", folder, "--values", "1e9"),
+            "--values: expected numbers above 0, at most 1000, found 1e+09",
+        ),
+        (
+            ("levels", folder, "--values", "0.5"),
+            "--values: expected whole numbers of levels, found 0.5",
+        ),
     ):
         code, _, err = command_here("bench", "curve", *words, "--first", "6")
         assert code == 2 and message in err
@@ -111,7 +163,11 @@ def test_methods_without_the_setting_have_one_step(command_here, folder, tmp_pat
     code, out, err = command_here(*words, "--json", "--plot", tmp_path / "curve.svg")
     assert code == 0, err
     points = json.loads(out)["points"]
-    assert [(p["method"], p["value"]) for p in points] == [("icp", 0.5), ("icp", 1.0), ("baseline:opencv-icp", None)]
+    assert [(p["method"], p["value"]) for p in points] == [
+        ("icp", 0.5),
+        ("icp", 1.0),
+        ("baseline:opencv-icp", None),
+    ]
     assert {p["processed"] for p in points} == {6} and len({p["sequence"] for p in points}) == 1
     drawn = (tmp_path / "curve.svg").read_text()
     assert drawn.startswith("<?xml") and len(drawn) > 10_000
@@ -120,11 +176,22 @@ def test_methods_without_the_setting_have_one_step(command_here, folder, tmp_pat
 
 
 def test_a_short_sequence_is_used_whole_and_too_many_frames_are_refused(command_here, folder):
-    words = ("bench", "curve", "resolution", folder, "--values", "160", "--method", "baseline:opencv-icp")
+    words = (
+        "bench",
+        "curve",
+        "resolution",
+        folder,
+        "--values",
+        "160",
+        "--method",
+        "baseline:opencv-icp",
+    )
     code, out, err = command_here(*words, "--start", "2", "--json")
     assert code == 0, err
     (point,) = json.loads(out)["points"]
-    assert 3 < point["frames"] < 120 and list(json.loads(out)["recipe"]["frames"].values()) == [point["frames"]]
+    assert 3 < point["frames"] < 120 and list(json.loads(out)["recipe"]["frames"].values()) == [
+        point["frames"]
+    ]
     for options in (("--first", "500"), ("--start", "499"), ("--start", str(point["frames"]))):
         code, _, err = command_here(*words, *options)
         assert code == 2 and "frames, found" in err and "try another --start or --first" in err
@@ -133,7 +200,19 @@ def test_a_short_sequence_is_used_whole_and_too_many_frames_are_refused(command_
 
 
 def test_a_method_with_fewer_levels_has_fewer_steps(command_here, folder):
-    words = ("bench", "curve", "levels", folder, "--first", "4", "--method", "icp", "--method", "rgbd", "--json")
+    words = (
+        "bench",
+        "curve",
+        "levels",
+        folder,
+        "--first",
+        "4",
+        "--method",
+        "icp",
+        "--method",
+        "rgbd",
+        "--json",
+    )
     code, out, err = command_here(*words)
     assert code == 0, err
     steps = [(p["method"], p["value"]) for p in json.loads(out)["points"]]
@@ -143,23 +222,33 @@ def test_a_method_with_fewer_levels_has_fewer_steps(command_here, folder):
 
 
 def test_a_step_that_lost_most_frames_fails_and_is_not_in_the_front():
-    from iclnuim.headless.stress import curve_chart
+    from iclnuim.benchmark.experiments import curve_chart
     from iclnuim.report import pareto
 
     fast = curves.Point("icp", "levels", 2, 20, 20, 4, 1e-4, 1.0)
-    sound = curves.Point("icp", "levels", 0, 20, 10, 9, 1e-3, 5.0)  # half of the frames were dropped, not lost
+    sound = curves.Point(
+        "icp", "levels", 0, 20, 10, 9, 1e-3, 5.0
+    )  # half of the frames were dropped, not lost
     assert fast.failed and not sound.failed
     axes = curve_chart.figure("levels", {"kt2": [fast, sound]}).axes[0]
     dashed = next(line for line in axes.lines if line.get_linestyle() == "--")
-    assert dashed.get_xydata().tolist() == [[5.0, 1.0]] and any(line.get_marker() == "x" for line in axes.lines)
+    assert dashed.get_xydata().tolist() == [[5.0, 1.0]] and any(
+        line.get_marker() == "x" for line in axes.lines
+    )
     assert pareto.front([(3, 1), (1, 3), (2, 3), (1, 3), (4, 0)]) == [1, 3, 0, 4]
 
 
 @pytest.mark.slow
-def test_smaller_voxels_are_nearer_to_the_true_box_and_take_more_memory(command_here, folder, tmp_path):
+def test_smaller_voxels_are_nearer_to_the_true_box_and_take_more_memory(
+    command_here, folder, tmp_path
+):
     corners = np.array(np.meshgrid([-2.0, 2.0], [-2.5, 2.5], [0.0, 2.5])).reshape(3, -1).T
     faces = [(0, 2, 6, 4), (1, 3, 7, 5), (0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6)]
-    write_ply(tmp_path / "box.ply", corners, np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]))
+    write_ply(
+        tmp_path / "box.ply",
+        corners,
+        np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]),
+    )
     words = (
         "bench",
         "curve",

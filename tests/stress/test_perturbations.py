@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from iclnuim import noisy_depth, noisy_rgb
+from iclnuim.benchmark.perturbations.motion import Shift
+from iclnuim.benchmark.perturbations.plan import FUNCTIONS, SCALES, read_plan
 from iclnuim.errors import InputError
-from iclnuim.headless.stress.motion import Shift
-from iclnuim.headless.stress.plan import FUNCTIONS, SCALES, read_plan
 from iclnuim.sensor.transfer import light_from_srgb8
 
 PLAN, CORRUPTIONS = map(read_plan, SCALES.values())
@@ -28,7 +28,9 @@ def test_a_perturbed_frame_is_the_same_whenever_it_is_made_and_the_original_stay
 
 
 def test_there_are_twenty_perturbations_and_more_each_with_five_severities_of_its_own():
-    assert len(PLAN.perturbations) >= 20 and set(PLAN.perturbations) | set(CORRUPTIONS.perturbations) == set(FUNCTIONS)
+    assert len(PLAN.perturbations) >= 20 and set(PLAN.perturbations) | set(
+        CORRUPTIONS.perturbations
+    ) == set(FUNCTIONS)
     for name, p in (*PLAN.perturbations.items(), *CORRUPTIONS.perturbations.items()):
         steps = np.diff(p.levels)
         assert (steps > 0).all() or (steps < 0).all(), name
@@ -53,7 +55,10 @@ def test_what_is_seen_between_frames_is_what_the_scene_shows_there(segment, look
     inside = (slice(4, -4), slice(4, -4))
     assert np.median(np.abs(colour.astype(int) - true_colour)[inside]) <= 1
     assert np.percentile(np.abs(seen_m - depth_z_m)[inside], 95) < 0.01
-    assert np.abs(segment.load(number)[1] - depth_z_m)[inside].mean() > 3 * np.abs(seen_m - depth_z_m)[inside].mean()
+    assert (
+        np.abs(segment.load(number)[1] - depth_z_m)[inside].mean()
+        > 3 * np.abs(seen_m - depth_z_m)[inside].mean()
+    )
 
 
 @pytest.mark.parametrize(("name", "severity"), [("rolling_shutter", 5), ("out_of_step", 3)])
@@ -63,7 +68,9 @@ def test_rows_and_streams_show_their_own_instants(segment, look_at, name, severi
     level_s = PLAN.perturbations[name].levels[severity - 1] / 1e3
     for row in (10, 110):
         rolled_s = ((row + 0.5) / 120 - 0.5) * level_s
-        true_colour, true_m = look_at(segment.stamps_s[number] + (rolled_s if name == "rolling_shutter" else level_s))
+        true_colour, true_m = look_at(
+            segment.stamps_s[number] + (rolled_s if name == "rolling_shutter" else level_s)
+        )
         assert np.median(np.abs(colour[row].astype(int) - true_colour[row])) <= 1
         if name == "rolling_shutter":
             assert np.median(np.abs(depth_z_m[row] - true_m[row])) < 0.005
@@ -76,17 +83,24 @@ def test_panes_have_the_depth_of_their_plane_and_walls_cover_what_they_say(segme
     assert wall.mean() == pytest.approx(0.85, abs=0.03)
     assert (PLAN.apply("bare_wall", 5, segment).load(number)[1] <= 0.9 + 1e-5).all()
     colour, depth_z_m = PLAN.apply("glass", 5, segment).load(number)
-    assert np.array_equal(colour, segment.load(number)[0]) and (depth_z_m <= segment.load(number)[1]).all()
+    assert (
+        np.array_equal(colour, segment.load(number)[0])
+        and (depth_z_m <= segment.load(number)[1]).all()
+    )
 
 
 def test_shares_are_those_that_are_asked_for(segment):
     holes = PLAN.apply("holes", 4, segment)
-    assert np.mean([(holes.load(n)[1] == 0).mean() for n in segment.numbers[:4]]) == pytest.approx(0.55, abs=0.01)
+    assert np.mean([(holes.load(n)[1] == 0).mean() for n in segment.numbers[:4]]) == pytest.approx(
+        0.55, abs=0.01
+    )
     black = PLAN.apply("black_frames", 5, segment)
     dark = [not black.load(n)[0].any() for n in segment.numbers]
     assert not dark[0] and 0.3 < np.mean(dark) < 0.9
     assert PLAN.apply("speed", 2, segment).numbers == segment.numbers[::5]
-    assert PLAN.apply("calibration_off", 5, segment).camera.fx == pytest.approx(1.05 * segment.true_camera.fx)
+    assert PLAN.apply("calibration_off", 5, segment).camera.fx == pytest.approx(
+        1.05 * segment.true_camera.fx
+    )
 
 
 def test_a_file_that_does_not_fit_is_refused_with_its_place(tmp_path):

@@ -11,9 +11,9 @@ import time
 from html.parser import HTMLParser
 
 import pytest
+from iclnuim.benchmark.experiments import code_version
+from iclnuim.benchmark.perturbations.plan import read_plan
 from iclnuim.headless.commands.stress import _segment, _systems
-from iclnuim.headless.stress import code_version
-from iclnuim.headless.stress.plan import read_plan
 
 SMALL = ("--frames", "6", "--starts", "1", "--methods", "opencv", "--workers", "1")
 
@@ -31,7 +31,9 @@ def test_the_list_has_one_perturbation_a_line_with_its_severities(command_here):
     code, out, _ = command_here("stress", "--list")
     lines, plan = out.splitlines(), read_plan()
     assert code == 0 and [line.split()[0] for line in lines] == list(plan.perturbations)
-    assert "  4      5      6      7      8  x" in next(line for line in lines if line.startswith("speed"))
+    assert "  4      5      6      7      8  x" in next(
+        line for line in lines if line.startswith("speed")
+    )
 
 
 def test_cells_are_made_once_and_pages_show_them(command_here, folder, tmp_path):
@@ -51,12 +53,14 @@ def test_cells_are_made_once_and_pages_show_them(command_here, folder, tmp_path)
     parser.feed((out / "stress.html").read_text())
 
 
-def test_cells_of_another_version_of_a_package_are_made_again(command_here, folder, tmp_path, monkeypatch):
+def test_cells_of_another_version_of_a_package_are_made_again(
+    command_here, folder, tmp_path, monkeypatch
+):
     out = tmp_path / "out"
     words = ("stress", folder, "-o", out, "--only", "holes", "--severities", "5", *SMALL, "--quiet")
     assert command_here(*words, "--methods", "icp")[0] == 0
     stamps = {file: os.stat(out / file).st_mtime_ns for file in cells(out)}
-    monkeypatch.setattr("iclnuim.headless.stress.matrix.__version__", "0.0.1")
+    monkeypatch.setattr("iclnuim.benchmark.experiments.matrix.__version__", "0.0.1")
     assert command_here(*words, "--methods", "icp")[0] == 0
     again = {file for file in stamps if os.stat(out / file).st_mtime_ns != stamps[file]}
     assert again and again == {file for file in stamps if "/icp" in file}
@@ -79,28 +83,40 @@ def test_cells_of_other_code_are_made_again(command_here, folder, tmp_path, monk
 @pytest.mark.parametrize(
     ("text", "same"),
     [
-        ('"""Other words."""\n\nLIMIT = (\n    3\n)\n\n\ndef f():  # a comment\n    return LIMIT\n', True),
+        (
+            '"""Other words."""\n\nLIMIT = (\n    3\n)\n\n\ndef f():  # a comment\n    return LIMIT\n',
+            True,
+        ),
         ("LIMIT = 4\n\n\ndef f():\n    return LIMIT\n", False),
         ("LIMIT = 3\n\n\ndef f():\n    return -LIMIT\n", False),
     ],
 )
 def test_the_hash_of_code_ignores_comments_and_layout(tmp_path, text, same):
     one, other = tmp_path / "a/limits.py", tmp_path / "b/limits.py"
-    for file, content in ((one, 'LIMIT = 3\n\n\ndef f():\n    """The limit."""\n    return LIMIT\n'), (other, text)):
+    for file, content in (
+        (one, 'LIMIT = 3\n\n\ndef f():\n    """The limit."""\n    return LIMIT\n'),
+        (other, text),
+    ):
         file.parent.mkdir()
         file.write_text(content)
     assert (code_version.code_sha256([one]) == code_version.code_sha256([other])) == same
 
 
-def test_cells_of_a_file_are_reported_without_being_measured(command_here, folder, tmp_path, monkeypatch):
+def test_cells_of_a_file_are_reported_without_being_measured(
+    command_here, folder, tmp_path, monkeypatch
+):
     """The published cells give the same table in a folder without sequences, and next to other cells."""
     words = ("--only", "holes", "--severities", "1,5", *SMALL, "--quiet")
     assert command_here("stress", folder, "-o", tmp_path / "first", *words)[0] == 0
-    code, table, _ = command_here("stress", folder, "-o", tmp_path / "first", *words, "--report-only")
+    code, table, _ = command_here(
+        "stress", folder, "-o", tmp_path / "first", *words, "--report-only"
+    )
     published = tmp_path / "first" / "stress.csv"
     monkeypatch.chdir(tmp_path)
     copied = ("stress", "--cells", published, "--report-only")
-    assert command_here(*copied, "-o", tmp_path / "second", *words)[:2] == (0, table) == (code, table)
+    assert (
+        command_here(*copied, "-o", tmp_path / "second", *words)[:2] == (0, table) == (code, table)
+    )
     assert (tmp_path / "second/stress.csv").read_bytes() == published.read_bytes()
     some = ("--only", "holes", "--severities", "5", "--methods", "opencv-icp", "--quiet")
     _, json_text, _ = command_here(*copied, "-o", tmp_path / "third", *some, "--json")
@@ -120,7 +136,9 @@ def test_cells_of_a_file_are_reported_without_being_measured(command_here, folde
         (",holes,5,", ",holes,", "values, found"),
     ],
 )
-def test_a_damaged_file_of_cells_is_named_with_its_line(command_here, folder, tmp_path, old, new, message):
+def test_a_damaged_file_of_cells_is_named_with_its_line(
+    command_here, folder, tmp_path, old, new, message
+):
     words = ("-o", tmp_path / "out", "--only", "holes", "--severities", "5", *SMALL, "--quiet")
     assert command_here("stress", folder, *words)[0] == 0
     text = (tmp_path / "out/stress.csv").read_text()
@@ -136,7 +154,10 @@ def test_the_calibration_names_what_was_not_measured(command_here, folder, tmp_p
     assert command_here(*words, "--only", "holes", "--severities", "1,2,5", "--quiet")[0] == 0
     _, text, _ = command_here(*words, "--report-only", "--calibration")
     lines = {line.split()[0]: line for line in text.splitlines() if line[:1].isalpha()}
-    assert "not measured by all third-party odometers" in lines["gloss"] and "not measured" not in lines["holes"]
+    assert (
+        "not measured by all third-party odometers" in lines["gloss"]
+        and "not measured" not in lines["holes"]
+    )
     assert text.splitlines()[-1].split()[1:4] == ["of", "1", "measured"]
 
 
@@ -165,7 +186,12 @@ def test_a_missing_image_is_bad_input(command_here, folder, tmp_path):
 @pytest.mark.slow
 def test_heat_maps_are_drawn(command_here, folder, tmp_path):
     picture = tmp_path / "stress.png"
-    assert command_here("stress", folder, "-o", tmp_path / "out", "--plot", picture, "--only", "holes", *SMALL)[0] == 0
+    assert (
+        command_here(
+            "stress", folder, "-o", tmp_path / "out", "--plot", picture, "--only", "holes", *SMALL
+        )[0]
+        == 0
+    )
     assert picture.stat().st_size > 10_000
 
 
@@ -176,7 +202,10 @@ def test_heat_maps_are_drawn(command_here, folder, tmp_path):
         (("--methods", "xyz"), "--methods: expected part of a name of fovis"),
         (("--frames", "400", "--methods", "opencv"), "expected at least 400 frames"),
         (("--system", "fovis", "--set", "x=1"), "--set: expected SYSTEM.NAME=VALUE"),
-        (("--report-only", "--methods", "opencv"), "no measured cells; try the same command without --report-only"),
+        (
+            ("--report-only", "--methods", "opencv"),
+            "no measured cells; try the same command without --report-only",
+        ),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(command_here, folder, tmp_path, words, message):
@@ -188,17 +217,44 @@ def test_it_ends_though_opencv_has_threads_already(folder, tmp_path):
     """A fork does not have the threads that OpenCV started before; it would wait for them for ever."""
     program = "import cv2, numpy, sys; from iclnuim.headless.cli import main; "
     program += "cv2.setNumThreads(4); cv2.resize(numpy.zeros((2000, 2000), 'f'), (999, 999)); sys.exit(main())"
-    words = ["stress", folder, "-o", tmp_path / "out", "--only", "holes", "--severities", "5", *SMALL, "--quiet"]
-    subprocess.run([sys.executable, "-c", program, *words], check=True, capture_output=True, timeout=60)
+    words = [
+        "stress",
+        folder,
+        "-o",
+        tmp_path / "out",
+        "--only",
+        "holes",
+        "--severities",
+        "5",
+        *SMALL,
+        "--quiet",
+    ]
+    subprocess.run(
+        [sys.executable, "-c", program, *words], check=True, capture_output=True, timeout=60
+    )
     assert len(cells(tmp_path / "out")) == 2 * 3
 
 
 @pytest.mark.slow
 def test_killed_twenty_times_it_ends_with_the_same_table(folder, tmp_path):
-    words = [sys.executable, "-m", "iclnuim", "stress", folder, "--only", "holes", "--only", "noise", "--only", "speed"]
+    words = [
+        sys.executable,
+        "-m",
+        "iclnuim",
+        "stress",
+        folder,
+        "--only",
+        "holes",
+        "--only",
+        "noise",
+        "--only",
+        "speed",
+    ]
     words += [*SMALL[:-2], "--workers", "2", "--quiet"]
     begun = time.monotonic()
-    whole = subprocess.run([*words, "-o", tmp_path / "whole"], capture_output=True, text=True, check=True)
+    whole = subprocess.run(
+        [*words, "-o", tmp_path / "whole"], capture_output=True, text=True, check=True
+    )
     took_s = time.monotonic() - begun
     kills, out = 0, tmp_path / "out"
     while kills < 20:
@@ -214,9 +270,22 @@ def test_killed_twenty_times_it_ends_with_the_same_table(folder, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_system_is_judged_by_what_it_writes_of_the_perturbed_frames(command_here, folder, tmp_path):
+def test_a_system_is_judged_by_what_it_writes_of_the_perturbed_frames(
+    command_here, folder, tmp_path
+):
     """The same odometer in this process and as a system has the same error."""
-    words = ("stress", folder, "-o", tmp_path / "out", "--only", "holes", "--severities", "5", "--frames", "8")
+    words = (
+        "stress",
+        folder,
+        "-o",
+        tmp_path / "out",
+        "--only",
+        "holes",
+        "--severities",
+        "5",
+        "--frames",
+        "8",
+    )
     words = (*words, "--starts", "1", "--methods", "baseline:opencv-icp", "--workers", "1")
     code, _, err = command_here(*words, "--system", "baseline:opencv-rgbd-icp", "--runs", "2")
     assert code == 0, err
@@ -227,5 +296,8 @@ def test_a_system_is_judged_by_what_it_writes_of_the_perturbed_frames(command_he
     system, own = (json.loads(file.read_text()) for file in files)
     assert system["identity"]["runs"] == 1  # it is deterministic
     system, own = system["cell"], own["cell"]
-    assert system["ate_m"] == pytest.approx(own["ate_m"], rel=0.02) and system["coverage"] == own["coverage"]
+    assert (
+        system["ate_m"] == pytest.approx(own["ate_m"], rel=0.02)
+        and system["coverage"] == own["coverage"]
+    )
     assert not (tmp_path / "out/work").exists() or not any((tmp_path / "out/work").rglob("*.png"))

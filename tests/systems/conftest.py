@@ -19,7 +19,9 @@ FRAMES = 60
 @pytest.fixture(scope="session")
 def make_sequence(repository):
     """make_sequence(folder, first_s=1): associations, camera.json and groundtruth.txt along the shipped kt2."""
-    poses = read_trajectory(repository / "trajectories/living_room/kt2.txt").trajectory.T_world_camera[: 2 * FRAMES : 2]
+    poses = read_trajectory(
+        repository / "trajectories/living_room/kt2.txt"
+    ).trajectory.T_world_camera[: 2 * FRAMES : 2]
 
     def make(folder, first_s=1.0):
         folder.mkdir(parents=True)
@@ -27,12 +29,15 @@ def make_sequence(repository):
         write_png(folder / "depth.png", np.full((6, 8), 1000, np.uint16))
         stamps = [f"{first_s + i / 30:.6f}" for i in range(FRAMES)]
         lists = (
-            ImageList(tuple(map(float, stamps)), (f"{kind}.png",) * FRAMES, tuple(stamps)) for kind in ("rgb", "depth")
+            ImageList(tuple(map(float, stamps)), (f"{kind}.png",) * FRAMES, tuple(stamps))
+            for kind in ("rgb", "depth")
         )
         write_associations(folder / "associations.txt", Associations(*lists))
         camera = PinholeCamera(8, 6, 7.5, 7.25, 3.5, 2.5).to_dict()
         (folder / "camera.json").write_text(json.dumps({**camera, "depth_units_per_metre": 1000.0}))
-        write_trajectory(folder / "groundtruth.txt", Trajectory(np.array(stamps, float), poses), "tum")
+        write_trajectory(
+            folder / "groundtruth.txt", Trajectory(np.array(stamps, float), poses), "tum"
+        )
         return folder
 
     return make
@@ -49,8 +54,22 @@ def fake(tmp_path, sequence):
 
     def make(mode, *tables, arguments=(), truth=sequence / "groundtruth.txt"):
         script = Path(__file__).parent / "fake_system.py"
-        command = ["{program}", "-IS", str(script), mode, "{stage}", "{out}", str(truth), "0", *arguments]
-        lines = ['about = "a stand-in"', f"command = {json.dumps(command)}", f"program = {json.dumps(sys.executable)}"]
+        command = [
+            "{program}",
+            "-IS",
+            str(script),
+            mode,
+            "{stage}",
+            "{out}",
+            str(truth),
+            "0",
+            *arguments,
+        ]
+        lines = [
+            'about = "a stand-in"',
+            f"command = {json.dumps(command)}",
+            f"program = {json.dumps(sys.executable)}",
+        ]
         trajectories = '[trajectories.final]\nfile = "final.txt"\n[trajectories.live]\nfile = "live.txt"\nformat = "kitti"\ncounted = true'
         path = tmp_path / f"{mode.replace(' ', '_')}.toml"
         path.write_text("\n".join([*lines, *tables, trajectories]))
@@ -64,10 +83,22 @@ def run(tmp_path, capsys, sequence):
     """run(system, options ...) -> rows by name, exit code, notes."""
 
     def call(system, *options, folder=sequence, code=0):
-        arguments = ["run", str(system), str(folder), "-o", str(tmp_path / "out"), "--json", *map(str, options)]
+        arguments = [
+            "run",
+            str(system),
+            str(folder),
+            "-o",
+            str(tmp_path / "out"),
+            "--json",
+            *map(str, options),
+        ]
         assert cli.main(arguments) == code
         out, err = capsys.readouterr()
-        rows = json.loads(out)["races"][0]["runs"] if out.startswith("{") and "--stage-only" not in options else []
+        rows = (
+            json.loads(out)["races"][0]["runs"]
+            if out.startswith("{") and "--stage-only" not in options
+            else []
+        )
         return {row["odometer"]: row for row in rows}, err or out
 
     return call

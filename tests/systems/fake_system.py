@@ -48,8 +48,13 @@ elif mode == "words":
 if mode != "nothing":
     with open(os.path.join(out, "final.txt"), "w") as file:
         for row in rows:
-            file.write(" ".join(f"{value:.6f}" if isinstance(value, float) else value for value in row) + "\n")
-    with open(os.path.join(out, "live.txt"), "w") as file:  # number and 3x4 matrix, in the first camera's place
+            file.write(
+                " ".join(f"{value:.6f}" if isinstance(value, float) else value for value in row)
+                + "\n"
+            )
+    with open(
+        os.path.join(out, "live.txt"), "w"
+    ) as file:  # number and 3x4 matrix, in the first camera's place
         for number, row in enumerate(rows if mode != "words" else ()):
             matrix = f"1 0 0 {row[1]:.6f} 0 1 0 {row[2]:.6f} 0 0 1 {row[3]:.6f}"
             file.write(f"{number} {matrix}\n" if "nan" not in matrix else "")

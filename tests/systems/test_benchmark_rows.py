@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from iclnuim.benchmark.experiments.cells import LAMBERTIAN, Cell
+from iclnuim.benchmark.experiments.measure import Meter, Task, measure
+from iclnuim.benchmark.experiments.runner import Benchmark, measured
+from iclnuim.benchmark.experiments.sources import Sources, external_cells
+from iclnuim.console import Console
 from iclnuim.formats.png import write_png
-from iclnuim.headless.benchmark.cells import LAMBERTIAN, Cell
-from iclnuim.headless.benchmark.measure import Meter, Task, measure
-from iclnuim.headless.benchmark.runner import Benchmark, measured
-from iclnuim.headless.benchmark.sources import Sources, external_cells
-from iclnuim.headless.options import Console
 
 KT2 = Cell("living_room", "kt2", "clean", "icp", "best", "default")
 
@@ -36,7 +36,10 @@ def test_runs_of_a_system_are_cells_whose_error_is_that_of_its_row(sources, run,
     cell = next(cell for cell in cells if cell.preset == "final" and cell.run == 2)
     out = sources.out / "cells" / cell.name
     recipe, work = {"kind": "a cell"}, str(sources.work)
-    measure(Task(cell, str(sources.folder(cell)), str(out), None, None, str(cells[cell]), recipe, work), Quiet())
+    measure(
+        Task(cell, str(sources.folder(cell)), str(out), None, None, str(cells[cell]), recipe, work),
+        Quiet(),
+    )
     (found,) = measured(sources.out)
     assert found["cell"] == cell and found["coverage"] == 1 and "surface" not in found
     assert found["ate_m"]["rmse"] == pytest.approx(rows["good"]["ate_rmse_m"], abs=1e-9)
@@ -48,7 +51,9 @@ def test_runs_of_a_system_are_cells_whose_error_is_that_of_its_row(sources, run,
 def test_what_cannot_be_tracked_is_a_result_too(sources, tmp_path):
     """Frames without depth in 8 x 6 pixels of one grey."""
     out = tmp_path / "cell"
-    measure(Task(KT2, str(sources.folder(KT2)), str(out), 3, None, None, {}, str(sources.work)), Quiet())
+    measure(
+        Task(KT2, str(sources.folder(KT2)), str(out), 3, None, None, {}, str(sources.work)), Quiet()
+    )
     content = json.loads((out / "result.json").read_text())
     assert "failed" in content and "ate_m" not in content
 
@@ -61,7 +66,9 @@ def test_a_sequence_that_cannot_be_measured_is_named_with_what_makes_it(sources)
     assert "iclnuim resume" in sources.fault(KT2, None)
 
 
-def test_frames_without_reflections_are_those_of_another_folder_and_have_no_surface(sources, tmp_path):
+def test_frames_without_reflections_are_those_of_another_folder_and_have_no_surface(
+    sources, tmp_path
+):
     cell = replace(KT2, noise=LAMBERTIAN)
     there = replace(sources, lambertian=sources.data)
     assert "does not exist" in sources.fault(cell, None)
@@ -73,8 +80,9 @@ def test_frames_without_reflections_are_those_of_another_folder_and_have_no_surf
     (there.folder(cell) / "frames.jsonl").write_text('{"frame": 0}\n')
     assert Benchmark(there, [cell], {}, None, 1, Console(quiet=True))._task(cell).model is None
     elsewhere = replace(sources, lambertian=tmp_path / "matt")
-    assert f"try: iclnuim make {cell.room}/kt2 --lambertian -o {tmp_path / 'matt'}/{cell.room}/kt2" in elsewhere.fault(
-        cell, None
+    assert (
+        f"try: iclnuim make {cell.room}/kt2 --lambertian -o {tmp_path / 'matt'}/{cell.room}/kt2"
+        in elsewhere.fault(cell, None)
     )
 
 
@@ -88,7 +96,9 @@ def test_a_cell_is_measured_again_only_for_other_images_frames_or_settings(sourc
         return len(Benchmark(sources, [KT2], {}, first, 1, Console(quiet=True))._missing())
 
     assert missing() == 1
-    (out / "recipe.json").write_text(json.dumps({**task.recipe, "source_commit": "another", "versions": {}}))
+    (out / "recipe.json").write_text(
+        json.dumps({**task.recipe, "source_commit": "another", "versions": {}})
+    )
     assert missing() == 0 and missing(30) == 1
     (out / "recipe.json").write_text(json.dumps({**task.recipe, "fusion": {}}))
     assert missing() == 1

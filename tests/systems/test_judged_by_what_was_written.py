@@ -29,7 +29,11 @@ CASES = {
     "a second late": (
         30,
         False,
-        ["stamps are +1 s off: 0.000 mm with this offset corrected", "30 stamps that match no frame", "covers 50%"],
+        [
+            "stamps are +1 s off: 0.000 mm with this offset corrected",
+            "30 stamps that match no frame",
+            "covers 50%",
+        ],
     ),
     "between frames": (
         0,
@@ -49,7 +53,9 @@ CASES = {
 SLOW = ("exit 3", "says why", "90 Hz", "twice", "nanoseconds", "stops at zero", "words")
 
 
-@pytest.mark.parametrize("mode", [pytest.param(m, marks=pytest.mark.slow) if m in SLOW else m for m in CASES])
+@pytest.mark.parametrize(
+    "mode", [pytest.param(m, marks=pytest.mark.slow) if m in SLOW else m for m in CASES]
+)
 def test_a_row_says_what_was_written(run, fake, mode):
     covered, right, pieces = CASES[mode]
     nothing = not covered and mode != "between frames"  # there the live trajectory is good
@@ -58,7 +64,9 @@ def test_a_row_says_what_was_written(run, fake, mode):
     assert row["frames"] - row["lost"] == covered and row["coverage"] == covered / 60
     assert right is None if row["ate_rmse_m"] is None else (row["ate_rmse_m"] < 1e-4) == right
     said = "; ".join(row["notes"])
-    assert [piece for piece in pieces if piece not in said] == [] and bool(said) == bool(pieces), said
+    assert [piece for piece in pieces if piece not in said] == [] and bool(said) == bool(pieces), (
+        said
+    )
 
 
 def test_live_and_final_trajectories_have_a_row_each(run, fake):
@@ -79,7 +87,10 @@ def test_one_that_hangs_is_killed_with_its_children(run, fake, tmp_path):
     started = time.monotonic()
     rows, _ = run(fake("hangs"), "--time-limit", "0.4", code=3)
     assert time.monotonic() - started < 5
-    assert "wrote nothing" in rows["hangs"]["notes"][0] and "killed at the time limit" in rows["hangs"]["notes"][1]
+    assert (
+        "wrote nothing" in rows["hangs"]["notes"][0]
+        and "killed at the time limit" in rows["hangs"]["notes"][1]
+    )
     assert rows["hangs"]["ate_rmse_m"] is None and 0.4 <= rows["hangs"]["wall_s"] < 2
     left = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True).stdout
     assert str(tmp_path) not in left
@@ -111,7 +122,9 @@ def test_its_error_is_evos_on_the_same_file(run, fake, sequence, tmp_path):
         estimate.align(reference)
         judge = metrics.APE(metrics.PoseRelation.translation_part)
         judge.process_data((reference, estimate))
-        assert rows["good"]["ate_rmse_m"] == pytest.approx(judge.get_all_statistics()["rmse"], rel=0, abs=1e-9)
+        assert rows["good"]["ate_rmse_m"] == pytest.approx(
+            judge.get_all_statistics()["rmse"], rel=0, abs=1e-9
+        )
 
 
 def test_runs_are_taken_up_again_and_other_settings_refused(run, fake, tmp_path):
@@ -131,48 +144,82 @@ def test_changed_images_are_refused_and_moved_ones_are_not(run, fake, make_seque
     run(fake("good"), folder=data)
     (tmp_path / "other/data").mkdir(parents=True)
     other = data.rename(tmp_path / "other/data/clean")
-    rows, _ = run(fake("good"), "--runs", "2", folder=other)  # the links of the view lead to the new place
+    rows, _ = run(
+        fake("good"), "--runs", "2", folder=other
+    )  # the links of the view lead to the new place
     assert rows["good"]["good_runs"] == 2
-    assert {os.readlink(p) for p in tmp_path.glob("out/good/*/stage/depth/*")} == {str(other / "depth.png")}
+    assert {os.readlink(p) for p in tmp_path.glob("out/good/*/stage/depth/*")} == {
+        str(other / "depth.png")
+    }
     write_png(other / "depth.png", np.full((6, 8), 1001, np.uint16))
     _, err = run(fake("good"), "--runs", "2", folder=other, code=2)
     assert "other images" in err and "expected the experiment that was started there" in err
 
 
 @pytest.mark.parametrize("charts", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_rows_stand_beside_others_in_the_tables_and_charts_of_bench_odometry(run, fake, tmp_path, capsys, charts):
+def test_rows_stand_beside_others_in_the_tables_and_charts_of_bench_odometry(
+    run, fake, tmp_path, capsys, charts
+):
     from iclnuim.headless import cli
 
     run(fake("good"))
     run(fake("nothing"), code=3)
-    ours = {"odometer": "icp", "frames": 60, "lost": 0, "degenerate": 1, "ms_median": 9.0, "ms_95": 12.0}
+    ours = {
+        "odometer": "icp",
+        "frames": 60,
+        "lost": 0,
+        "degenerate": 1,
+        "ms_median": 9.0,
+        "ms_95": 12.0,
+    }
     ours |= {"frames_per_s": 100.0, "ate_rmse_m": 0.001, "rpe_1s_rmse_m": 0.002}
     race = {"sequence": "kt2/clean", "preset": "best", "runs": [ours]}
     (tmp_path / "ours.json").write_text(json.dumps({"races": [race]}))
-    (tmp_path / "more.json").write_text(json.dumps({"races": [{**race, "runs": [{**ours, "odometer": "dvo"}]}]}))
+    (tmp_path / "more.json").write_text(
+        json.dumps({"races": [{**race, "runs": [{**ours, "odometer": "dvo"}]}]})
+    )
     files = [str(tmp_path / name) for name in ("out/results.json", "ours.json", "more.json")]
     plot = ["--plot", str(tmp_path / "chart.png")] if charts else []
     assert cli.main(["bench", "odometry", *files, *plot]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "kt2/clean, our odometers with preset best"
     assert [line.split()[0] for line in lines[2:7]] == ["icp", "dvo", "good", "good", "nothing"]
-    assert "wrote nothing" in lines[7] and (not charts or (tmp_path / "chart.png").stat().st_size > 5000)
+    assert "wrote nothing" in lines[7] and (
+        not charts or (tmp_path / "chart.png").stat().st_size > 5000
+    )
 
 
 def test_an_interrupted_run_leaves_no_process_and_no_half_run(fake, sequence, tmp_path):
-    command = [sys.executable, "-m", "iclnuim", "run", str(fake("hangs")), str(sequence), "-o", str(tmp_path / "out")]
+    command = [
+        sys.executable,
+        "-m",
+        "iclnuim",
+        "run",
+        str(fake("hangs")),
+        str(sequence),
+        "-o",
+        str(tmp_path / "out"),
+    ]
     with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
         deadline = time.monotonic() + 20
-        while not list(tmp_path.glob("out/hangs/*/.run_1.part/out/arguments.json")) and time.monotonic() < deadline:
+        while (
+            not list(tmp_path.glob("out/hangs/*/.run_1.part/out/arguments.json"))
+            and time.monotonic() < deadline
+        ):
             time.sleep(0.02)
         process.send_signal(signal.SIGTERM)
         assert process.wait(10) == 130
     folder = next(tmp_path.glob("out/hangs/*"))
     assert sorted(path.name for path in folder.iterdir()) == ["recipe.json", "stage"]
-    assert str(tmp_path) not in subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True).stdout
+    assert (
+        str(tmp_path)
+        not in subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True).stdout
+    )
 
 
-def test_a_trajectory_that_was_matched_has_the_frames_own_stamps(run, fake, make_sequence, tmp_path):
+def test_a_trajectory_that_was_matched_has_the_frames_own_stamps(
+    run, fake, make_sequence, tmp_path
+):
     """Of a sequence from 0 s on the view begins at 1 s, and a system that stops at a stamp of 0 runs."""
     folder = make_sequence(tmp_path / "kt2/zero", 0.0)
     rows, _ = run(fake("stops at zero"), folder=folder)

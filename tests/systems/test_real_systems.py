@@ -17,8 +17,12 @@ def results(capsys, system, folder, out, *options):
     return {row["odometer"]: row for row in race["runs"]}
 
 
-@pytest.mark.parametrize("system", ["ours:icp_rgbd", "ours:fovis", "baseline:opencv-rgbd", "baseline:opencv-icp"])
-def test_odometers_as_systems_have_the_errors_that_they_have_in_bench_odometry(samples, tmp_path, capsys, system):
+@pytest.mark.parametrize(
+    "system", ["ours:icp_rgbd", "ours:fovis", "baseline:opencv-rgbd", "baseline:opencv-icp"]
+)
+def test_odometers_as_systems_have_the_errors_that_they_have_in_bench_odometry(
+    samples, tmp_path, capsys, system
+):
     row = results(capsys, system, samples / "or_kt0", tmp_path, "--first", 10)[system]
     only = system.removeprefix("ours:")
     options = ("--first", "10", "--only", only, "--json")
@@ -36,19 +40,31 @@ def test_orb_slam3_from_pip_with_a_vocabulary(samples, tmp_path, capsys):
     tools = pytest.importorskip("evo.tools.file_interface", reason="evo is the judge")
     from evo.core import metrics, sync
 
-    rows = results(capsys, "orbslam3", samples / "or_kt0", tmp_path, "--runs", 3, "--vocabulary", vocabulary)
+    rows = results(
+        capsys, "orbslam3", samples / "or_kt0", tmp_path, "--runs", 3, "--vocabulary", vocabulary
+    )
     assert list(rows) == ["ORB-SLAM3", "ORB-SLAM3 live"]
-    assert all(row["good_runs"] == 3 and row["coverage"] > 0.95 and row["ate_rmse_m"] < 0.03 for row in rows.values())
+    assert all(
+        row["good_runs"] == 3 and row["coverage"] > 0.95 and row["ate_rmse_m"] < 0.03
+        for row in rows.values()
+    )
     truth = tmp_path / "truth.txt"
-    write_trajectory(truth, read_trajectory(next((samples / "or_kt0").glob("*.gt.freiburg"))).trajectory, "tum")
+    write_trajectory(
+        truth, read_trajectory(next((samples / "or_kt0").glob("*.gt.freiburg"))).trajectory, "tum"
+    )
     folder, each = next((tmp_path / "orbslam3").iterdir()), []
     for number, one in enumerate(rows["ORB-SLAM3"]["each"], 1):
-        pair = (tools.read_tum_trajectory_file(f) for f in (truth, folder / f"run_{number}/out/final.txt"))
+        pair = (
+            tools.read_tum_trajectory_file(f)
+            for f in (truth, folder / f"run_{number}/out/final.txt")
+        )
         reference, estimate = sync.associate_trajectories(*pair)
         estimate.align(reference)
         judge = metrics.APE(metrics.PoseRelation.translation_part)
         judge.process_data((reference, estimate))
         each.append(one["ate_rmse_m"])
-        if len(set(estimate.timestamps)) == len(estimate.timestamps):  # a stamp written twice counts twice for evo
+        if len(set(estimate.timestamps)) == len(
+            estimate.timestamps
+        ):  # a stamp written twice counts twice for evo
             assert each[-1] == pytest.approx(judge.get_all_statistics()["rmse"], rel=0, abs=1e-9)
     assert rows["ORB-SLAM3"]["ate_rmse_m"] == np.median(each)

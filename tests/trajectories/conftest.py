@@ -28,12 +28,18 @@ class RayRoom:
         origin = T_world_camera.translation.tolist()
         hits = [self.tree.ray_cast(origin, d) for d in directions.tolist()]
         hit = np.array([h[0] is not None for h in hits])
-        normals, points, depth_z_m = np.zeros((len(hits), 3)), np.zeros((len(hits), 3)), np.zeros(len(hits))
+        normals, points, depth_z_m = (
+            np.zeros((len(hits), 3)),
+            np.zeros((len(hits), 3)),
+            np.zeros(len(hits)),
+        )
         owner = np.full(len(hits), -1)
         normals[hit] = [h[1] for h in hits if h[0] is not None]
         points[hit] = [h[0] for h in hits if h[0] is not None]
         owner[hit] = self.owners[[h[2] for h in hits if h[0] is not None]]
-        depth_z_m[hit] = ((points - T_world_camera.translation) @ T_world_camera.rotation[:, 2])[hit]
+        depth_z_m[hit] = ((points - T_world_camera.translation) @ T_world_camera.rotation[:, 2])[
+            hit
+        ]
         return depth_z_m, normals, points, owner
 
 

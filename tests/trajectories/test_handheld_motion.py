@@ -22,7 +22,11 @@ def test_the_spline_is_the_natural_one_of_scipy(count):
 
 
 def test_the_pace_never_goes_back_reaches_every_stop_and_rests_there():
-    legs, dwells_s, times_s = np.array([1.0, 3.0, 0.5]), np.array([1.0, 2.0, 0.0, 3.0]), np.arange(0, 20, 0.01)
+    legs, dwells_s, times_s = (
+        np.array([1.0, 3.0, 0.5]),
+        np.array([1.0, 2.0, 0.0, 3.0]),
+        np.arange(0, 20, 0.01),
+    )
     progress = eased_progress(legs, dwells_s, 0.8, times_s)
     assert (np.diff(progress) > -1e-12).all()
     assert progress[[0, -1]] == pytest.approx([0, legs.sum()], abs=1e-9)
@@ -51,7 +55,9 @@ def test_noise_has_rms_1_stays_in_its_band_and_falls_with_frequency(slope):
 
 
 def test_a_band_that_the_series_cannot_hold_is_refused():
-    with pytest.raises(InputError, match="a band that contains a frequency of 20 frames, found 0.1..0.5 Hz"):
+    with pytest.raises(
+        InputError, match="a band that contains a frequency of 20 frames, found 0.1..0.5 Hz"
+    ):
         band_noise(20, 30.0, 0.1, 0.5, 1.0, 3, np.random.default_rng(0))
 
 
@@ -73,7 +79,9 @@ def test_without_shake_it_looks_at_what_the_recipe_says_from_where_it_says(recip
         assert pose.rotation[2, 0] == pytest.approx(0, abs=1e-9), "no roll"
         assert pose.rotation[2, 1] < 0, "the image is upright"
         centre = np.mean([v["position_m"] for v in recipe["viewpoints"]], axis=0)
-        assert pose.translation == pytest.approx(centre + made.scale * (viewpoint["position_m"] - centre), abs=1e-9)
+        assert pose.translation == pytest.approx(
+            centre + made.scale * (viewpoint["position_m"] - centre), abs=1e-9
+        )
 
 
 @pytest.mark.parametrize("seed", [0, 7])
@@ -114,18 +122,38 @@ def changed(recipe, place, value):
             99,
             r"viewpoints\[1\]: expected hurry of a viewpoint as a number in 0.1..10, found 99",
         ),
-        (["frames"], 12.5, "expected frames of a recipe as a whole number in 2..1000000, found 12.5"),
-        (["frames"], True, "expected frames of a recipe as a whole number in 2..1000000, found True"),
+        (
+            ["frames"],
+            12.5,
+            "expected frames of a recipe as a whole number in 2..1000000, found 12.5",
+        ),
+        (
+            ["frames"],
+            True,
+            "expected frames of a recipe as a whole number in 2..1000000, found True",
+        ),
         (["frames"], 1, "expected frames of a recipe as a whole number in 2..1000000, found 1"),
-        (["seed"], "one", "expected seed of a recipe as a whole number in 0..9223372036854775807, found one"),
+        (
+            ["seed"],
+            "one",
+            "expected seed of a recipe as a whole number in 0..9223372036854775807, found one",
+        ),
         (
             ["pace", "ease_s"],
             float("nan"),
             r"pace: expected ease_s of a pace as a number in 0.001..1e\+09 \(s\), found nan",
         ),
-        (["shakes", 0, "high_hz"], 16, r"shakes\[0\]: expected a band within 0..15 Hz, found 0.25..16 Hz"),
+        (
+            ["shakes", 0, "high_hz"],
+            16,
+            r"shakes\[0\]: expected a band within 0..15 Hz, found 0.25..16 Hz",
+        ),
         (["schema_version"], 2, "expected schema_version 1, found 2"),
-        (["length_m"], 99.0, "expected viewpoints on a trajectory of about 99 m, found .* m at scales 0.85..1.15"),
+        (
+            ["length_m"],
+            99.0,
+            "expected viewpoints on a trajectory of about 99 m, found .* m at scales 0.85..1.15",
+        ),
         (["viewpoints", 0, "look_at_m"], [0.3, -2.2, 9.0], ""),
     ],
 )
@@ -155,7 +183,23 @@ def test_a_missing_key_and_an_ambiguous_turn_are_named(recipe_of):
 
 def test_mutated_recipes_are_made_or_refused_and_nothing_else(recipe_of):
     rng = np.random.default_rng(5)
-    odd = [None, True, -1, 0, 1e-320, 1e308, 10**400, float("inf"), "", "x", [], {}, [1, 2, 3], 3, 0.5]
+    odd = [
+        None,
+        True,
+        -1,
+        0,
+        1e-320,
+        1e308,
+        10**400,
+        float("inf"),
+        "",
+        "x",
+        [],
+        {},
+        [1, 2, 3],
+        3,
+        0.5,
+    ]
     made = 0
     for _ in range(400):
         recipe = recipe_of("living_room/kt1")
@@ -200,6 +244,9 @@ def test_the_command_takes_ones_own_recipe_and_refuses_other_things(recipe_of, t
     own.write_text(json.dumps({**recipe_of("office/kt2"), "speed": 9}))
     assert cli.main(["trajectory", "make", str(own)]) == 2
     assert f"{own}: expected a recipe: scene" in capsys.readouterr().err
-    for name, said in (("kt9", "expected one of living_room/kt0"), ("no.json", "found no such file")):
+    for name, said in (
+        ("kt9", "expected one of living_room/kt0"),
+        ("no.json", "found no such file"),
+    ):
         assert cli.main(["trajectory", "make", name]) == 2
         assert said in capsys.readouterr().err

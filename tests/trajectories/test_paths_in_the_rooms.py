@@ -46,7 +46,9 @@ def patch(rng, normal, count=500):
 def test_the_eigenvalue_is_0_on_one_or_two_planes_and_a_third_in_a_closed_cube():
     rng = np.random.default_rng(1)
     planes = [patch(rng, n) for n in (*np.eye(3), *-np.eye(3))]
-    joined = [[np.concatenate(part) for part in zip(*planes[:k], strict=True)] for k in (1, 2, 3, 6)]
+    joined = [
+        [np.concatenate(part) for part in zip(*planes[:k], strict=True)] for k in (1, 2, 3, 6)
+    ]
     values = [smallest_eigenvalue(points, normals) for points, normals in joined]
     assert values[:2] == pytest.approx([0, 0], abs=1e-12)
     assert values[2] > 0.02
@@ -58,7 +60,9 @@ def test_no_pose_of_the_living_room_is_within_25_cm_of_a_surface(living_room, pa
     positions_m = path_of(f"living_room/{kt}").positions_m
     distance_m, nearest = living_room.clearance_m(positions_m)
     worst = distance_m.argmin()
-    assert distance_m[worst] > CLEARANCE_M, f"frame {worst} at {positions_m[worst]} near {nearest[worst]}"
+    assert distance_m[worst] > CLEARANCE_M, (
+        f"frame {worst} at {positions_m[worst]} near {nearest[worst]}"
+    )
     low, high = np.array([-2.425, -3.09, 0.133]), np.array([2.511, 1.929, 2.633])
     assert ((positions_m > low + CLEARANCE_M) & (positions_m < high - CLEARANCE_M)).all()
 
@@ -77,7 +81,9 @@ def test_kt0_rests_where_icp_is_free_before_the_bare_wall(living_room, path_of):
     assert max(value for value, _ in views) < 0.02
     assert min(shares["wall_left"] for _, shares in views) > 0.85
     plant = [shares.get("plant", 0) + shares.get("plant_pot", 0) for _, shares in views]
-    assert min(plant) > 0.005, "where the wall alone was seen, systems of feature points lost their way"
+    assert min(plant) > 0.005, (
+        "where the wall alone was seen, systems of feature points lost their way"
+    )
 
 
 def test_kt0_moves_along_the_wall_while_icp_is_free(path_of):
@@ -91,7 +97,9 @@ def test_furnished_views_hold_icp(living_room, path_of):
     for kt in ("kt0", "kt1", "kt2", "kt3"):
         path = path_of(f"living_room/{kt}")
         wall = range(len(path))[STRETCH["living_room"]] if kt == "kt0" else []
-        values += [view(living_room, path, i)[0] for i in range(20, len(path), 150) if i not in wall]
+        values += [
+            view(living_room, path, i)[0] for i in range(20, len(path), 150) if i not in wall
+        ]
     assert np.median(values) > 0.1
     assert np.mean(np.array(values) > 0.05) > 0.8
 
@@ -122,17 +130,25 @@ def distance_to_box_m(positions_m, box):
 
 
 @pytest.mark.parametrize("kt", ["kt0", "kt1", "kt2", "kt3"])
-def test_the_office_paths_keep_40_cm_from_what_the_layout_lists_and_stay_in_its_free_space(office, path_of, kt):
+def test_the_office_paths_keep_40_cm_from_what_the_layout_lists_and_stay_in_its_free_space(
+    office, path_of, kt
+):
     positions_m = path_of(f"office/{kt}").positions_m
     for box in office["boxes"]:
         assert distance_to_box_m(positions_m, box).min() > 0.40, box["name"]
-    walls = np.concatenate([positions_m - office["room_min_m"], office["room_max_m"] - positions_m], axis=1)
+    walls = np.concatenate(
+        [positions_m - office["room_min_m"], office["room_max_m"] - positions_m], axis=1
+    )
     assert walls[:, :5].min() > 0.40
     assert walls[:, 5].min() > (0.10 if kt == "kt0" else 0.40), "the ceiling"
-    assert (np.min([distance_to_box_m(positions_m, box) for box in office["keep_free"]], axis=0) == 0).all()
+    assert (
+        np.min([distance_to_box_m(positions_m, box) for box in office["keep_free"]], axis=0) == 0
+    ).all()
 
 
-def test_kt0_of_the_office_passes_for_seconds_close_under_the_ceiling_and_looks_along_it(office, path_of):
+def test_kt0_of_the_office_passes_for_seconds_close_under_the_ceiling_and_looks_along_it(
+    office, path_of
+):
     """As the original, 12 cm under its ceiling; panels and bars fill half of the picture."""
     path = path_of("office/kt0")
     below_m = office["room_max_m"][2] - path.positions_m[:, 2]
@@ -156,7 +172,9 @@ def test_kt0_of_the_office_rises_and_moves_backwards_along_a_mirroring_bar(path_
 def test_the_offices_free_space_lies_25_cm_from_its_furniture(office):
     for free in office["keep_free"]:
         for box in office["boxes"]:
-            gap = np.maximum(np.subtract(box["min_m"], free["max_m"]), np.subtract(free["min_m"], box["max_m"]))
+            gap = np.maximum(
+                np.subtract(box["min_m"], free["max_m"]), np.subtract(free["min_m"], box["max_m"])
+            )
             assert np.linalg.norm(np.maximum(gap, 0)) >= CLEARANCE_M, (free["name"], box["name"])
 
 
@@ -170,17 +188,24 @@ def test_the_offices_boxes_lie_in_the_official_depth(samples, office):
         # anchored at (0, 0, -2.5), itself at the start pose in the scene, whose axes are the room's
         start = np.array([0.7004, 4.9714, -2.0385]) + [0, 0, 2.5]
         T_pov = SE3.from_quat_xyzw(row[4:], row[1:4] + start)
-        depth = cv2.imread(str(samples / f"or_kt0/depth/{frame}.png"), cv2.IMREAD_UNCHANGED)[::4, ::4] / 5000.0
+        depth = (
+            cv2.imread(str(samples / f"or_kt0/depth/{frame}.png"), cv2.IMREAD_UNCHANGED)[::4, ::4]
+            / 5000.0
+        )
         camera = PinholeCamera.parse("160x120,120.3,120,79.875,59.875")
         points = camera.unproject(depth)[depth > 0]
         clouds.append(axes.world_cv_from_pov(T_pov).apply(points))
     cloud = np.concatenate(clouds)
     for box in office["boxes"]:
         inside = (distance_to_box_m(cloud, box) < 0.03).sum()
-        if box["basis"] == "seen" and box["name"] != "desk_lamp_a":  # the lamp stands there in kt3 only
+        if (
+            box["basis"] == "seen" and box["name"] != "desk_lamp_a"
+        ):  # the lamp stands there in kt3 only
             assert inside > 20, box["name"]
     low, high = np.array(office["room_min_m"]) - 0.03, np.array(office["room_max_m"]) + 0.03
     assert ((cloud > low) & (cloud < high)).all(axis=1).mean() > 0.999
     for free in office["keep_free"]:
-        within = ((cloud > np.array(free["min_m"]) + 0.03) & (cloud < np.array(free["max_m"]) - 0.03)).all(axis=1)
+        within = (
+            (cloud > np.array(free["min_m"]) + 0.03) & (cloud < np.array(free["max_m"]) - 0.03)
+        ).all(axis=1)
         assert not within.any(), free["name"]

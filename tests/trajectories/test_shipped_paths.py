@@ -59,7 +59,9 @@ def test_last_bits_of_a_processor_do_not_show(recipe_of):
     made = handheld.make(Recipe.from_dict(recipe_of("living_room/kt0"))).trajectory
     rng = np.random.default_rng(0)
     T = made.T_world_camera
-    last_bits = [rng.uniform(-4e-15, 4e-15, shape) for shape in (T.rotation.shape, T.translation.shape)]
+    last_bits = [
+        rng.uniform(-4e-15, 4e-15, shape) for shape in (T.rotation.shape, T.translation.shape)
+    ]
     off = SE3(T.rotation + last_bits[0], T.translation + last_bits[1])
     assert (off.rotation != T.rotation).any()
     assert tum_text(Trajectory(made.stamps_s, off)) == tum_text(made)
@@ -79,7 +81,9 @@ def test_nothing_jumps(path_of, name):
     velocity = np.diff(path.positions_m, axis=0) * 30
     turn = Rotation.from_matrix(path.T_world_camera.rotation)
     rate = np.degrees((turn[:-1].inv() * turn[1:]).as_rotvec()) * 30
-    assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() < 0.15  # m/s from one frame to the next
+    assert (
+        np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() < 0.15
+    )  # m/s from one frame to the next
     assert np.linalg.norm(np.diff(rate, axis=0), axis=1).max() < 15.0  # degrees/s
 
 
@@ -102,9 +106,14 @@ def test_it_trembles_by_millimetres_and_tenths_of_degrees_less_the_faster(path_o
     path = path_of(name)
     turn = Rotation.from_matrix(path.T_world_camera.rotation)
     rate = np.degrees((turn[:-1].inv() * turn[1:]).as_rotvec()) * 30
-    for velocity, low, high in ((np.diff(path.positions_m, axis=0) * 30_000, 0.5, 5.0), (rate, 0.1, 0.6)):
+    for velocity, low, high in (
+        (np.diff(path.positions_m, axis=0) * 30_000, 0.5, 5.0),
+        (rate, 0.1, 0.6),
+    ):
         frequency, power = welch(velocity, 30.0, nperseg=256, axis=0)
-        power = power[1:].sum(axis=1) / (2 * np.pi * frequency[1:]) ** 2  # of the displacement: mm^2/Hz, degrees^2/Hz
+        power = (
+            power[1:].sum(axis=1) / (2 * np.pi * frequency[1:]) ** 2
+        )  # of the displacement: mm^2/Hz, degrees^2/Hz
         bands = [(frequency[1:] >= a) & (frequency[1:] < b) for a, b in ((1.5, 3), (3, 6), (6, 12))]
         rms = np.sqrt(sum(power[band].sum() for band in bands) * frequency[1])
         assert low < rms < high
@@ -126,7 +135,9 @@ def test_kt3_ends_where_it_began(path_of, scene):
 def test_kt0_and_kt2_are_no_copies_of_the_official_ones(samples, path_of):
     for kt in ("kt0", "kt2"):
         ours = path_of(f"living_room/{kt}").positions_m
-        theirs = read_trajectory(samples / f"trajectories/lr_{kt}_Tpov_cam_3x4.txt").trajectory.positions_m
+        theirs = read_trajectory(
+            samples / f"trajectories/lr_{kt}_Tpov_cam_3x4.txt"
+        ).trajectory.positions_m
         ours, theirs = ours - ours.mean(axis=0), theirs - theirs.mean(axis=0)
         best, _ = Rotation.align_vectors(theirs, ours)
         assert np.linalg.norm(theirs - best.apply(ours), axis=1).mean() > 0.2

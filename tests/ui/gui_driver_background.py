@@ -56,7 +56,9 @@ def press(name: str) -> str:
 def in_an_older_blender(package) -> str:
     """What is said below Blender 4.2, which is simulated."""
     compat = importlib.import_module(MODULE + ".blender.compat")
-    compat.bpy = types.SimpleNamespace(app=types.SimpleNamespace(version=(4, 1, 1), version_string="4.1.1"))
+    compat.bpy = types.SimpleNamespace(
+        app=types.SimpleNamespace(version=(4, 1, 1), version_string="4.1.1")
+    )
     try:
         package.register()
         return ""
@@ -82,7 +84,10 @@ def own_file(found: dict, button, out: str) -> None:
         button(name, f"{name} an own file")
     state.current().light_map = None
     found["light_after"] = inputs.light_map_line(settings)
-    found["light_counts_as_another"] = (setattr(settings, "map_size", 128), inputs.light_map_line(settings))[1]
+    found["light_counts_as_another"] = (
+        setattr(settings, "map_size", 128),
+        inputs.light_map_line(settings),
+    )[1]
     for name, value in before.items():
         setattr(settings, name, value)
     bpy.ops.iclnuim.load_scene()
@@ -111,7 +116,9 @@ def saved_and_opened_again(found: dict, folder: str) -> None:
 
 def main(archive: str, out: str, estimate: str) -> dict:
     bpy.ops.wm.read_factory_settings()
-    bpy.ops.extensions.package_install_files(filepath=archive, repo="user_default", enable_on_install=True)
+    bpy.ops.extensions.package_install_files(
+        filepath=archive, repo="user_default", enable_on_install=True
+    )
     package = importlib.import_module(MODULE)
     state = importlib.import_module(MODULE + ".ui.state")
     found = {"file": package.__file__, "pressed": {}, "messages": {}}
@@ -150,9 +157,13 @@ def main(archive: str, out: str, estimate: str) -> dict:
     for name in ("evaluate", "plot"):
         button(name)
     found["evaluation"] = state.current().evaluation_lines
-    found["images"] = sorted(image.name for image in bpy.data.images if image.name.startswith("ICL-NUIM"))
+    found["images"] = sorted(
+        image.name for image in bpy.data.images if image.name.startswith("ICL-NUIM")
+    )
     found["frames"] = sorted(path.name for path in Path(out, "raw/exr").glob("*.exr"))
-    found["sequences"] = sorted(str(path.relative_to(out)) for path in Path(out).glob("*/rgb/*.png"))
+    found["sequences"] = sorted(
+        str(path.relative_to(out)) for path in Path(out).glob("*/rgb/*.png")
+    )
 
     own_file(found, button, out)
     settings.out = "/proc/nowhere"

@@ -85,7 +85,9 @@ def idle() -> bool:
 def steps():
     global state
     yield 1.5
-    bpy.ops.extensions.package_install_files(filepath=archive, repo="user_default", enable_on_install=False)
+    bpy.ops.extensions.package_install_files(
+        filepath=archive, repo="user_default", enable_on_install=False
+    )
     if open_all:
         open_every_panel()
     bpy.ops.preferences.addon_enable(module=MODULE)
@@ -154,7 +156,9 @@ def render_five():
     yield 0.3
     shoot("5_rendering")
     press("render")  # two renders at once
-    found["messages"]["second render"] = found["messages"].pop("render raised", found["messages"]["render"])
+    found["messages"]["second render"] = found["messages"].pop(
+        "render raised", found["messages"]["render"]
+    )
     press("cancel")
     yield from ticking("render", idle)
     yield 0.5
@@ -250,7 +254,11 @@ def timers() -> list[str]:
 def panels() -> list[type[bpy.types.Panel]]:
     """All panels of the extension."""
     members = vars(importlib.import_module(MODULE + ".ui.panels")).values()
-    return [member for member in members if isinstance(member, type) and issubclass(member, bpy.types.Panel)]
+    return [
+        member
+        for member in members
+        if isinstance(member, type) and issubclass(member, bpy.types.Panel)
+    ]
 
 
 def open_every_panel() -> None:
@@ -282,7 +290,9 @@ def measure() -> None:
         found["view_ms"].append((time.perf_counter() - begun) * 1e3)
 
     bpy.types.SpaceView3D.draw_handler_remove(state.current().draw_handle, "WINDOW")
-    state.current().draw_handle = bpy.types.SpaceView3D.draw_handler_add(timed_view, (), "WINDOW", "POST_VIEW")
+    state.current().draw_handle = bpy.types.SpaceView3D.draw_handler_add(
+        timed_view, (), "WINDOW", "POST_VIEW"
+    )
 
 
 remaining = steps()

@@ -25,7 +25,12 @@ def estimate(repository, tmp_path_factory) -> Path:
     lines = (repository / "trajectories/living_room/kt2.txt").read_text().splitlines()
     rows = [line.split() for line in lines if line and not line.startswith("#")]
     path = tmp_path_factory.mktemp("estimate") / "estimate.txt"
-    path.write_text("".join(f"{r[0]} {float(r[1]) + 0.01 * (-1) ** k} {' '.join(r[2:])}\n" for k, r in enumerate(rows)))
+    path.write_text(
+        "".join(
+            f"{r[0]} {float(r[1]) + 0.01 * (-1) ** k} {' '.join(r[2:])}\n"
+            for k, r in enumerate(rows)
+        )
+    )
     return path
 
 
@@ -34,7 +39,11 @@ def driven(archive, estimate, tmp_path_factory) -> dict:
     """What gui_driver_background.py found in a clean profile, far from the checkout."""
     pytest.importorskip("bpy", reason="needs the bpy package")
     home = tmp_path_factory.mktemp("home")
-    clean = {"PATH": "/usr/bin:/bin", "HOME": str(home), "BLENDER_USER_RESOURCES": str(home / "profile")}
+    clean = {
+        "PATH": "/usr/bin:/bin",
+        "HOME": str(home),
+        "BLENDER_USER_RESOURCES": str(home / "profile"),
+    }
     done = subprocess.run(
         [sys.executable, str(DRIVER), str(archive), str(home / "out"), str(estimate)],
         capture_output=True,
@@ -53,11 +62,23 @@ def driven(archive, estimate, tmp_path_factory) -> dict:
 def test_scenes_trajectories_and_code_are_in_the_zip(archive, repository):
     names = set(zipfile.ZipFile(archive).namelist())
     scenes = {
-        str(p.relative_to(repository)) for kind in ("*.blend", "light/*/*") for p in (repository / "blend").glob(kind)
+        str(p.relative_to(repository))
+        for kind in ("*.blend", "light/*/*")
+        for p in (repository / "blend").glob(kind)
     }
-    paths = {f"trajectories/{room}/kt{k}.txt" for room in ("living_room", "office") for k in range(4)}
+    paths = {
+        f"trajectories/{room}/kt{k}.txt" for room in ("living_room", "office") for k in range(4)
+    }
     package = repository / "addon/iclnuim"
-    left_out = {"__pycache__", "odometry", "fusion", "raycast", "report", "checkout.py", "__main__.py"}
+    left_out = {
+        "__pycache__",
+        "odometry",
+        "fusion",
+        "raycast",
+        "report",
+        "checkout.py",
+        "__main__.py",
+    }
     files = {p.relative_to(package) for p in package.rglob("*.py")}
     code = {str(p) for p in files if not left_out & set(p.parts)}
     assert not any(left_out & set(name.split("/")) for name in names)
@@ -78,12 +99,19 @@ def test_the_manifest_has_the_version_of_the_package(repository):
 def test_blenders_own_validator_accepts_the_zip(archive):
     bpy = pytest.importorskip("bpy", reason="needs the bpy package")
     validator = Path(bpy.utils.system_resource("SCRIPTS")) / "addons_core/bl_pkg/cli/blender_ext.py"
-    done = subprocess.run([sys.executable, str(validator), "validate", str(archive)], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, str(validator), "validate", str(archive)], capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_nothing_stays_behind_after_unregistering(driven):
-    assert driven["left_after_unregister"] == driven["left_at_the_end"] == driven["left_when_disabled"] == {}
+    assert (
+        driven["left_after_unregister"]
+        == driven["left_at_the_end"]
+        == driven["left_when_disabled"]
+        == {}
+    )
 
 
 def test_an_older_blender_is_refused_in_one_line_and_nothing_is_registered(driven):
@@ -135,7 +163,10 @@ def test_evaluation_is_shown_in_words_and_as_a_picture(driven):
 
 def test_the_panel_knows_whether_the_cache_holds_the_light_of_somebodys_own_file(driven):
     assert "not in the cache" in driven["light_before"]
-    assert "is in the cache" in driven["light_after"] and "less than a minute ago" in driven["light_after"]
+    assert (
+        "is in the cache" in driven["light_after"]
+        and "less than a minute ago" in driven["light_after"]
+    )
     assert "not in the cache" in driven["light_counts_as_another"]
     assert (driven["home"] / "out_file/run/raw/exr/000100.exr").is_file()
 

@@ -21,13 +21,19 @@ def test_a_frame_picture_holds_both_images_clean_above_noisy():
     rgb, z = np.full((4, 6, 3), 100, np.uint8), np.ones((4, 6))
     picture = pictures.frame_picture(rgb, z, rgb + 50, np.zeros((4, 6)))
     assert picture.shape == (8, 12, 3)
-    assert (picture[:4, :6] == 100).all() and (picture[4:, :6] == 150).all() and (picture[4:, 6:] == 0).all()
+    assert (
+        (picture[:4, :6] == 100).all()
+        and (picture[4:, :6] == 150).all()
+        and (picture[4:, 6:] == 0).all()
+    )
 
 
 def test_a_picture_of_a_frame_without_any_depth_is_made():
     nothing = np.zeros((4, 6))
     assert (
-        pictures.frame_picture(np.zeros((4, 6, 3), np.uint8), nothing, np.zeros((4, 6, 3), np.uint8), nothing).max()
+        pictures.frame_picture(
+            np.zeros((4, 6, 3), np.uint8), nothing, np.zeros((4, 6, 3), np.uint8), nothing
+        ).max()
         == 0
     )
 
@@ -36,7 +42,9 @@ def test_the_plot_draws_larger_errors_higher():
     stamps = np.linspace(0, 10, 300)
     plot = pictures.error_plot(stamps, np.where(stamps < 5, 0.001, 0.05), 0.035)
     coloured = plot.max(-1).astype(int) - plot.min(-1) > 60
-    rows = [np.flatnonzero(coloured[:, x]).mean() for x in (plot.shape[1] // 4, plot.shape[1] * 3 // 4)]
+    rows = [
+        np.flatnonzero(coloured[:, x]).mean() for x in (plot.shape[1] // 4, plot.shape[1] * 3 // 4)
+    ]
     assert rows[1] < rows[0] - 100
 
 

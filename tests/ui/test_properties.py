@@ -37,7 +37,9 @@ def register():
 
 
 def items(settings, name):
-    return {item.identifier: item.description for item in settings.bl_rna.properties[name].enum_items}
+    return {
+        item.identifier: item.description for item in settings.bl_rna.properties[name].enum_items
+    }
 
 
 def test_new_entries_of_the_registries_appear_in_the_panel(register, monkeypatch):
@@ -53,24 +55,49 @@ def test_new_entries_of_the_registries_appear_in_the_panel(register, monkeypatch
     monkeypatch.setitem(shipped.TRAJECTORIES, "kt4", "a fifth")
     monkeypatch.setitem(METHODS, "fake", "no alignment")
     settings = register()
-    assert items(settings, "depth_noise")["fake"] == items(settings, "rgb_noise")["fake"] == "No noise at all"
+    assert (
+        items(settings, "depth_noise")["fake"]
+        == items(settings, "rgb_noise")["fake"]
+        == "No noise at all"
+    )
     assert items(settings, "formats")["fake"] == "Like TUM"
     assert items(settings, "scene_source")["cellar"] == "dark"
     assert items(settings, "trajectory_source")["kt4"] == "a fifth"
     assert items(settings, "align_method")["fake"] == "No alignment"
-    settings.depth_noise, settings.formats, settings.scene_source = "fake", {"fake", "tum"}, "cellar"
+    settings.depth_noise, settings.formats, settings.scene_source = (
+        "fake",
+        {"fake", "tum"},
+        "cellar",
+    )
     assert SequenceOptions(**settings.values_of(SequenceOptions)).formats == ("tum", "fake")
-    numbers = {item.identifier: item.value for item in settings.bl_rna.properties["scene_source"].enum_items}
-    assert numbers == {"living_room": 0, "office": 1, "OPEN": 2, "FILE": 3, "cellar": 4}  # saved files keep theirs
+    numbers = {
+        item.identifier: item.value
+        for item in settings.bl_rna.properties["scene_source"].enum_items
+    }
+    assert numbers == {
+        "living_room": 0,
+        "office": 1,
+        "OPEN": 2,
+        "FILE": 3,
+        "cellar": 4,
+    }  # saved files keep theirs
 
 
 def test_a_new_setting_of_a_job_appears_in_the_panel(register, monkeypatch):
     known = declared(RenderJob)
     fake = dataclasses.replace(
-        known["map_size"], name="fake", label="Fake", default=64, help="new", unit="px", shown=("px", 1.0)
+        known["map_size"],
+        name="fake",
+        label="Fake",
+        default=64,
+        help="new",
+        unit="px",
+        shown=("px", 1.0),
     )
     with_fake = {**known, "fake": fake}
-    monkeypatch.setattr(properties, "declared", lambda group: with_fake if group is RenderJob else declared(group))
+    monkeypatch.setattr(
+        properties, "declared", lambda group: with_fake if group is RenderJob else declared(group)
+    )
     settings = register()
     assert settings.fake == 64 and settings.bl_rna.properties["fake"].description == "New (px)"
     assert settings.values_of(RenderJob)["fake"] == 64
@@ -102,8 +129,18 @@ def test_the_job_of_untouched_settings_is_the_benchmarks(register):
 
 def test_what_is_set_reaches_the_job_in_the_librarys_units(register):
     settings = register()
-    settings.exposure_ms, settings.samples, settings.denoise, settings.lambertian = 10.0, 7, "OFF", True
-    settings.scene_source, settings.scene_up, settings.scene_unit, settings.scene_mirror = "FILE", "-y", "cm", "x"
+    settings.exposure_ms, settings.samples, settings.denoise, settings.lambertian = (
+        10.0,
+        7,
+        "OFF",
+        True,
+    )
+    settings.scene_source, settings.scene_up, settings.scene_unit, settings.scene_mirror = (
+        "FILE",
+        "-y",
+        "cm",
+        "x",
+    )
     job = settings.to_job("/a.obj", "/a.txt")
     assert (job.exposure_s, job.samples, job.denoise, job.lambertian) == (0.01, 7, False, True)
     assert job.reading == SceneReading("-y", 0.01, "x")
@@ -126,8 +163,14 @@ def test_presets_hold_only_differences_and_leave_this_files_settings_alone(regis
     presets.apply(settings, presets.BUILT_IN["Quick look"])
     assert (settings.seed, settings.scene_source, settings.out) == (0, "office", "/x")
     assert settings.camera() == PinholeCamera.parse("320x240")
-    presets.apply(settings, {"dialects": ["euroc", "tum"], "alignment": "sim3"})  # as 0.1.0 saved them
-    assert settings.formats == {"euroc", "tum"} and settings.align_method == "sim3" and settings.light == "baked"
+    presets.apply(
+        settings, {"dialects": ["euroc", "tum"], "alignment": "sim3"}
+    )  # as 0.1.0 saved them
+    assert (
+        settings.formats == {"euroc", "tum"}
+        and settings.align_method == "sim3"
+        and settings.light == "baked"
+    )
     with pytest.raises(InputError, match="colour"):
         presets.apply(settings, {"colour": 1})
     with pytest.raises(InputError, match="light"):
@@ -137,7 +180,9 @@ def test_presets_hold_only_differences_and_leave_this_files_settings_alone(regis
 def test_nothing_is_left_after_unregistering(register):
     register()
     ui.unregister()
-    assert not hasattr(bpy.types.Scene, "iclnuim") and not hasattr(bpy.types.WindowManager, "iclnuim_state")
+    assert not hasattr(bpy.types.Scene, "iclnuim") and not hasattr(
+        bpy.types.WindowManager, "iclnuim_state"
+    )
     ui.register()
 
 
@@ -152,13 +197,19 @@ def test_files_of_the_user_in_the_output_folder_are_left_alone(register, tmp_pat
     assert len(written) == 1 and chosen.read_text() == poses
     assert read_trajectory(*written).trajectory.positions_m[-1, 0] == pytest.approx(0.1)
     settings.scale = 0.25
-    assert inputs.job(bpy.context, tmp_path).trajectory not in written  # that of the earlier run stays
+    assert (
+        inputs.job(bpy.context, tmp_path).trajectory not in written
+    )  # that of the earlier run stays
     settings.scene_source = "OPEN"
-    with pytest.raises(InputError, match="scene.blend: expected an output folder without a file of this name"):
+    with pytest.raises(
+        InputError, match="scene.blend: expected an output folder without a file of this name"
+    ):
         inputs.job(bpy.context, tmp_path)
     assert (tmp_path / "scene.blend").read_bytes() == mine
     (tmp_path / "scene.blend").unlink()
     (tmp_path / "raw").mkdir()
     job = inputs.job(bpy.context, tmp_path)
     (tmp_path / "raw/sequence.json").write_text(json.dumps({"job": job.to_dict()}))
-    assert inputs.job(bpy.context, tmp_path).scene == job.scene  # a run without frames: the scene is saved again
+    assert (
+        inputs.job(bpy.context, tmp_path).scene == job.scene
+    )  # a run without frames: the scene is saved again

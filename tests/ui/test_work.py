@@ -48,7 +48,11 @@ def report(work, worker, *events, now_s=0.0):
 
 START = {"event": "start", "frames": 882, "pid": 1}
 READY = ({"event": "missing", "of": "frames", "missing": 4}, {"event": "ready"})
-ALL_DONE = ({"event": "chunk", "rendered": 4, "seconds": 1.0}, {"event": "done"}, {"event": "exit", "code": 0})
+ALL_DONE = (
+    {"event": "chunk", "rendered": 4, "seconds": 1.0},
+    {"event": "done"},
+    {"event": "exit", "code": 0},
+)
 
 
 def frames(*numbers):
@@ -82,11 +86,18 @@ def test_time_spent_on_light_does_not_count_in_the_rate(work, worker):
 
 def test_sequences_are_counted_as_a_stage_of_their_own(work, worker):
     report(work, worker, START, *READY, *frames(0, 10, 20, 30))
-    report(work, worker, {"event": "missing", "of": "sequences", "missing": 8}, {"event": "written", "frame": 0})
+    report(
+        work,
+        worker,
+        {"event": "missing", "of": "sequences", "missing": 8},
+        {"event": "written", "frame": 0},
+    )
     assert (work.phase, work.done, work.total) == ("writing", 1, 8)
 
 
-def test_when_all_is_done_the_worker_is_stopped_and_the_message_given_at_the_start_is_shown(work, worker):
+def test_when_all_is_done_the_worker_is_stopped_and_the_message_given_at_the_start_is_shown(
+    work, worker
+):
     report(work, worker, START, *READY, *frames(0, 10, 20, 30), *ALL_DONE)
     assert worker.sent == [RENDER, STOP]
     assert (work.phase, work.message, work.busy) == ("done", "4 frames are there", False)
@@ -136,29 +147,58 @@ def test_a_crash_is_reported_with_what_to_do(work, worker):
 
 
 def test_the_message_of_an_error_outlives_the_end_of_the_worker(work, worker):
-    report(work, worker, {"event": "error", "text": "/x: no camera", "code": 2}, {"event": "exit", "code": 2})
+    report(
+        work,
+        worker,
+        {"event": "error", "text": "/x: no camera", "code": 2},
+        {"event": "exit", "code": 2},
+    )
     assert (work.phase, work.message) == ("failed", "/x: no camera")
 
 
 def test_a_disk_that_is_full_in_the_middle_of_a_render_is_named_with_what_to_do(work, worker):
-    report(work, worker, START, *READY, *frames(0), {"event": "error", "text": "/x/000010.exr: cannot write: no space"})
+    report(
+        work,
+        worker,
+        START,
+        *READY,
+        *frames(0),
+        {"event": "error", "text": "/x/000010.exr: cannot write: no space"},
+    )
     assert work.phase == "failed" and "space" in work.message and "Resume" in work.message
 
 
 def test_an_error_of_the_worker_names_what_the_panel_calls_the_setting(worker):
     work = Work(lambda setting: {"out": "Output folder", "samples": "Samples"}[setting])
     for error, message in (
-        (WorkError("/x: no space", hint="another {out}"), "/x: no space; try another Output folder"),
-        (InputError("1 or more", setting="samples", found=0), "Samples: expected 1 or more, found 0"),
+        (
+            WorkError("/x: no space", hint="another {out}"),
+            "/x: no space; try another Output folder",
+        ),
+        (
+            InputError("1 or more", setting="samples", found=0),
+            "Samples: expected 1 or more, found 0",
+        ),
     ):
         work.start("render", RENDER, worker)
-        event = {"event": "error", "text": str(error), "template": error.template, "code": error.exit_code}
+        event = {
+            "event": "error",
+            "text": str(error),
+            "template": error.template,
+            "code": error.exit_code,
+        }
         report(work, worker, event, {"event": "exit", "code": error.exit_code})
         assert (work.phase, work.message) == ("failed", message)
 
 
 def test_notes_are_kept_and_the_last_one_is_shown(work, worker):
-    report(work, worker, START, {"event": "note", "text": "light: charts"}, {"event": "note", "text": "light: 10 %"})
+    report(
+        work,
+        worker,
+        START,
+        {"event": "note", "text": "light: charts"},
+        {"event": "note", "text": "light: 10 %"},
+    )
     assert work.notes == ["light: charts", "light: 10 %"] and work.message == "light: 10 %"
 
 
@@ -170,6 +210,20 @@ def test_alive_and_unknown_events_change_nothing(work, worker):
 
 
 def test_after_a_failure_new_work_starts_from_nothing(work, worker):
-    report(work, worker, START, *READY, *frames(1, 2), {"event": "note", "text": "x"}, {"event": "exit", "code": 1})
+    report(
+        work,
+        worker,
+        START,
+        *READY,
+        *frames(1, 2),
+        {"event": "note", "text": "x"},
+        {"event": "exit", "code": 1},
+    )
     work.start("bake", {"bake": True}, FakeWorker())
-    assert (work.phase, work.kind, work.done, work.last_frame, work.notes) == ("starting", "bake", 0, None, [])
+    assert (work.phase, work.kind, work.done, work.last_frame, work.notes) == (
+        "starting",
+        "bake",
+        0,
+        None,
+        [],
+    )

@@ -26,10 +26,19 @@ def crate(tmp_path_factory) -> Path:
 def begin(crate):
     """`begin(out, frames, ...)`: a worker process that has been told to render them, and the panel's work with it."""
 
-    def run(out: Path, frames: list[int], sequences: dict | None = None, **changes) -> tuple[Work, WorkerClient]:
-        small = {"light": "path", "samples": 1, "denoise": False, "camera": PinholeCamera.parse("32x24")}
+    def run(
+        out: Path, frames: list[int], sequences: dict | None = None, **changes
+    ) -> tuple[Work, WorkerClient]:
+        small = {
+            "light": "path",
+            "samples": 1,
+            "denoise": False,
+            "camera": PinholeCamera.parse("32x24"),
+        }
         job = shipped_job("kt2").changed(scene=str(crate), **small, **changes)
-        worker = WorkerClient(worker_command(), {"job": job.to_dict(), "nice": 10}, out, out.parent / "log.txt")
+        worker = WorkerClient(
+            worker_command(), {"job": job.to_dict(), "nice": 10}, out, out.parent / "log.txt"
+        )
         work = Work()
         work.start("render", {"frames": frames, "sequences": sequences}, worker, "all there")
         return work, worker
@@ -95,7 +104,9 @@ def test_sequences_of_other_noise_are_refused_before_the_first_frame(tmp_path, b
     def sequences(seed: int) -> dict:
         return {
             "formats": ["tum"],
-            "variants": {str(tmp_path / "noisy"): {"depth": "released", "rgb": "none", "seed": seed}},
+            "variants": {
+                str(tmp_path / "noisy"): {"depth": "released", "rgb": "none", "seed": seed}
+            },
         }
 
     out = tmp_path / "run"

@@ -22,7 +22,15 @@ _NOT_READ = {
     "CacheFile.handle_filepath", "Library.filepath", "Library.filepath_abs",
 }  # fmt: skip
 #: Structs whose missing file is reported; missing images are reported elsewhere.
-_REQUIRED = {"Library", "CacheFile", "CacheFileLayer", "Volume", "MeshCacheModifierData", "VFont", "NodeShaderTexIES"}
+_REQUIRED = {
+    "Library",
+    "CacheFile",
+    "CacheFileLayer",
+    "Volume",
+    "MeshCacheModifierData",
+    "VFont",
+    "NodeShaderTexIES",
+}
 _FOLDER = re.compile(r"\.(path|cachepath|\w*dir|\w*directory)$")
 _PATH = re.compile(
     r"\.(?!\w*object_path)\w*(path|dir|directory|file|filename)$"
@@ -56,15 +64,21 @@ class _Blend:
     def names(self) -> Iterator[tuple[str, str, str]]:
         """See the function `names`."""
         here = {
-            self.structs[number][0] for number in {block.struct for block in self.blocks} if number < len(self.structs)
+            self.structs[number][0]
+            for number in {block.struct for block in self.blocks}
+            if number < len(self.structs)
         }
         paths = {kind: self._paths(kind) for kind in here}
         packed = {block.address for block, _, _ in self._each({"ImagePackedFile"})}
         packed |= {
-            b.address for b, kind, data in self._each({"PackedFile"}) if self._points(kind, data, self.at_address)
+            b.address
+            for b, kind, data in self._each({"PackedFile"})
+            if self._points(kind, data, self.at_address)
         }
         nodes, linked, pointed = set(), set(), {}
-        for block, kind, data in self._each({kind for kind in paths if paths[kind]} | {"bNode", "bNodeLink"}):
+        for block, kind, data in self._each(
+            {kind for kind in paths if paths[kind]} | {"bNode", "bNodeLink"}
+        ):
             if kind == "bNode" and data[self.fields[kind]["idname"].offset :].startswith(_IMPORT):
                 nodes.add(block.address)
             if kind == "bNodeLink":
@@ -74,12 +88,20 @@ class _Blend:
                     yield self._place(kind, data), "computed", "a library that is packed"
                 continue
             for label, offset, size in paths[kind]:
-                what = "folder" if _FOLDER.search(label) else "required" if kind in _REQUIRED else "file"
+                what = (
+                    "folder"
+                    if _FOLDER.search(label)
+                    else "required"
+                    if kind in _REQUIRED
+                    else "file"
+                )
                 if "*" in label:
                     pointed[self._pointer(data, offset)] = kind
                 elif data[offset]:
                     yield self._place(kind, data), what, _text(data[offset : offset + size])
-        for block, data in self._contents([self.at_address[a] for a in pointed if a in self.at_address]):
+        for block, data in self._contents(
+            [self.at_address[a] for a in pointed if a in self.at_address]
+        ):
             yield self._place(pointed[block.address], b""), "folder", _text(data)
         if nodes & linked:
             yield "Geometry Nodes", "computed", "an Import node whose path other nodes make"
@@ -114,7 +136,11 @@ class _Blend:
         texts, at = [], 0
         for tag in (b"NAME", b"TYPE"):
             at = dna.index(tag, at) + 8
-            texts.append(dna[at:].split(b"\0", count := struct.unpack_from(self.order + "i", dna, at - 4)[0])[:count])
+            texts.append(
+                dna[at:].split(
+                    b"\0", count := struct.unpack_from(self.order + "i", dna, at - 4)[0]
+                )[:count]
+            )
             at += sum(len(text) + 1 for text in texts[-1])
         members, kinds = ([text.decode() for text in part] for part in texts)
         at = dna.index(b"TLEN", at) + 4
@@ -147,20 +173,34 @@ class _Blend:
             if kind in _NOT_READ or label in _NOT_READ or name.startswith("("):
                 continue
             if name.startswith("*"):
-                found += [(label, here, 0)] if field.kind == "char" and _POINTED.search(label) else []
+                found += (
+                    [(label, here, 0)] if field.kind == "char" and _POINTED.search(label) else []
+                )
             elif field.kind == "char":
-                found += [(label, here, field.length)] if field.length > 1 and _PATH.search(label) else []
+                found += (
+                    [(label, here, field.length)]
+                    if field.length > 1 and _PATH.search(label)
+                    else []
+                )
             elif inner := self._paths(field.kind, (*within, kind)):
                 if len(found) + field.length * len(inner) > 10_000:
                     raise ValueError("structs that contain too many paths")
-                found += [(text, here + k * field.size + o, n) for k in range(field.length) for text, o, n in inner]
+                found += [
+                    (text, here + k * field.size + o, n)
+                    for k in range(field.length)
+                    for text, o, n in inner
+                ]
         self.paths[kind] = found
         return found
 
     def _each(self, kinds: set[str]) -> Iterator[tuple[_Block, str, bytes]]:
         """Every struct of these kinds."""
-        numbers = {number for number, (kind, size) in enumerate(self.structs) if kind in kinds and size}
-        for block, data in self._contents([block for block in self.blocks if block.struct in numbers]):
+        numbers = {
+            number for number, (kind, size) in enumerate(self.structs) if kind in kinds and size
+        }
+        for block, data in self._contents(
+            [block for block in self.blocks if block.struct in numbers]
+        ):
             kind, size = self.structs[block.struct]
             for at in range(0, len(data) - size + 1, size):
                 yield block, kind, data[at : at + size]
@@ -178,7 +218,9 @@ class _Blend:
 
     def _points(self, kind: str, data: bytes, to: Container[int]) -> bool:
         """Whether the struct's file is packed: whether it has a pointer to a block of `to`."""
-        found = [self.fields[kind][name] for name in _PACKED.get(kind, ()) if name in self.fields[kind]]
+        found = [
+            self.fields[kind][name] for name in _PACKED.get(kind, ()) if name in self.fields[kind]
+        ]
         return any(self._pointer(data, field.offset) in to for field in found)
 
     def _place(self, kind: str, data: bytes) -> str:
@@ -201,7 +243,9 @@ def names(file: Path) -> Iterator[tuple[str, str, str]]:
     except InputError:
         raise
     except Exception as error:  # a damaged file may cause any error, also in the two decompressors
-        raise InputError("a scene that Blender can read", path=file, found=f"damaged blocks: {error}") from None
+        raise InputError(
+            "a scene that Blender can read", path=file, found=f"damaged blocks: {error}"
+        ) from None
 
 
 def _opened(file: Path) -> Any:
@@ -216,7 +260,9 @@ def _opened(file: Path) -> Any:
     try:
         import zstandard  # a dependency of bpy, and part of Blender
     except ImportError:
-        raise InputError("zstandard in this Python", path=file, hint="saving the file without compression") from None
+        raise InputError(
+            "zstandard in this Python", path=file, hint="saving the file without compression"
+        ) from None
     return zstandard.ZstdDecompressor().stream_reader(content, read_across_frames=True)
 
 

@@ -39,13 +39,17 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
     # Time Stretching: frame n shows the keys at n times this factor
     pace = render.frame_map_old / render.frame_map_new
     curves = compat.fcurves(thing, bpy.data.actions.new(NAME))
-    for path, values in zip(("location", "rotation_quaternion"), _locations_and_quaternions(T_world_cv), strict=True):
+    for path, values in zip(
+        ("location", "rotation_quaternion"), _locations_and_quaternions(T_world_cv), strict=True
+    ):
         for index in range(values.shape[1]):
             curve = curves.new(data_path=path, index=index)
             co = np.stack([np.arange(len(values)) * pace, values[:, index]], -1)
             curve.keyframe_points.add(len(values))
             curve.keyframe_points.foreach_set("co", co.astype(np.float32).ravel())
-            curve.keyframe_points.foreach_set("interpolation", np.ones(len(values), np.int32))  # 1 is LINEAR
+            curve.keyframe_points.foreach_set(
+                "interpolation", np.ones(len(values), np.int32)
+            )  # 1 is LINEAR
             curve.update()
     scene.frame_start, scene.frame_end = 0, len(T_world_cv) - 1
     return thing
@@ -74,7 +78,11 @@ def active(scene: bpy.types.Scene, name: str | None = None) -> bpy.types.Object:
             raise InputError(f"a camera of the scene: {names}", found=name)
         return found
     if scene.camera is None:
-        raise InputError("an active camera", found="none", hint="adding a camera (Add > Camera), or another trajectory")
+        raise InputError(
+            "an active camera",
+            found="none",
+            hint="adding a camera (Add > Camera), or another trajectory",
+        )
     return scene.camera
 
 
@@ -99,10 +107,10 @@ def timeline_note(scene: bpy.types.Scene) -> str | None:
     moves = preflight.moving_names(scene) if scene.frame_start else []
     if not moves:
         return None
-    shift = (
-        f"the timeline starts at frame {scene.frame_start}, but pose 0 is rendered with moving objects as at frame 0"
+    shift = f"the timeline starts at frame {scene.frame_start}, but pose 0 is rendered with moving objects as at frame 0"
+    return (
+        f"{shift} ({', '.join(moves)[:120]}): shift all animations so that the timeline starts at 0"
     )
-    return f"{shift} ({', '.join(moves)[:120]}): shift all animations so that the timeline starts at 0"
 
 
 def _poses(matrices: np.ndarray) -> SE3:

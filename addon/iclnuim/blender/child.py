@@ -137,7 +137,9 @@ def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> i
         job = job.changed(denoise=False)
     if options.get("journal"):
         emit.journal = os.open(options["journal"], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    with worker.Session(job, out, emit, options.get("threads"), options.get("asked", ())) as session:
+    with worker.Session(
+        job, out, emit, options.get("threads"), options.get("asked", ())
+    ) as session:
         emit(events.Started(frames=len(session.trajectory), pid=os.getpid()))
         threading.Thread(target=heartbeat, daemon=True).start()
         while (command := commands.next()) is not None:
@@ -189,7 +191,9 @@ def _share_the_machine(options: dict) -> None:
 def _rss_mb() -> float:
     """Resident memory of this process; 0 if the system does not report it."""
     try:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+        return (
+            int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+        )
     except OSError:
         return 0.0
 
@@ -200,7 +204,9 @@ def _load_package() -> None:
         return
     package = Path(__file__).resolve().parents[1]
     places = [str(package)]
-    spec = importlib.util.spec_from_file_location("iclnuim", package / "__init__.py", submodule_search_locations=places)
+    spec = importlib.util.spec_from_file_location(
+        "iclnuim", package / "__init__.py", submodule_search_locations=places
+    )
     if spec is None or spec.loader is None:
         raise ImportError(f"{package} is no package")
     sys.modules["iclnuim"] = importlib.util.module_from_spec(spec)
@@ -208,7 +214,9 @@ def _load_package() -> None:
 
 
 if __name__ == "__main__":
-    sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != Path(__file__).resolve().parent]
+    sys.path[:] = [
+        p for p in sys.path if Path(p or ".").resolve() != Path(__file__).resolve().parent
+    ]
     code = main(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:])
     sys.stdout.flush()
     sys.stderr.flush()

@@ -22,7 +22,11 @@ LARGEST_TILE_PX = 8192
 def require_supported_version() -> None:
     """Raises InputError for a Blender older than 4.2."""
     if bpy.app.version < OLDEST:
-        raise InputError("Blender 4.2 or newer", found=f"Blender {bpy.app.version_string}", hint="4.5 LTS or 5.2 LTS")
+        raise InputError(
+            "Blender 4.2 or newer",
+            found=f"Blender {bpy.app.version_string}",
+            hint="4.5 LTS or 5.2 LTS",
+        )
 
 
 def version_line() -> str:
@@ -43,14 +47,19 @@ def temporarily(thing: object, **settings: object) -> Iterator[None]:
             setattr(thing, name, value)
 
 
-def matt_material(name: str, colour: tuple[float, ...] | None = None) -> tuple[bpy.types.Material, bpy.types.Node]:
+def matt_material(
+    name: str, colour: tuple[float, ...] | None = None
+) -> tuple[bpy.types.Material, bpy.types.Node]:
     """A new material with a Diffuse BSDF, and that node. From 5.0 on every material has a node tree."""
     material = bpy.data.materials.new(name)
     if material.node_tree is None:
         material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()
-    output, diffuse = tree.nodes.new("ShaderNodeOutputMaterial"), tree.nodes.new("ShaderNodeBsdfDiffuse")
+    output, diffuse = (
+        tree.nodes.new("ShaderNodeOutputMaterial"),
+        tree.nodes.new("ShaderNodeBsdfDiffuse"),
+    )
     tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
     if colour is not None:
         diffuse.inputs["Color"].default_value = colour
@@ -60,13 +69,21 @@ def matt_material(name: str, colour: tuple[float, ...] | None = None) -> tuple[b
 def nodes_of(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
     """All nodes of a tree, including those of groups."""
     own = list(tree.nodes)
-    return own + [n for g in own if g.type == "GROUP" and g.node_tree for n in nodes_of(g.node_tree)]
+    return own + [
+        n for g in own if g.type == "GROUP" and g.node_tree for n in nodes_of(g.node_tree)
+    ]
 
 
 def volume_outputs() -> list[bpy.types.Node]:
     """The output nodes with a volume, of materials and worlds in use."""
-    trees = [block.node_tree for block in (*bpy.data.materials, *bpy.data.worlds) if block.users and block.node_tree]
-    outputs = (n for tree in trees for n in tree.nodes if n.type in ("OUTPUT_MATERIAL", "OUTPUT_WORLD"))
+    trees = [
+        block.node_tree
+        for block in (*bpy.data.materials, *bpy.data.worlds)
+        if block.users and block.node_tree
+    ]
+    outputs = (
+        n for tree in trees for n in tree.nodes if n.type in ("OUTPUT_MATERIAL", "OUTPUT_WORLD")
+    )
     return [n for n in outputs if n.inputs["Volume"].is_linked]
 
 
@@ -93,7 +110,9 @@ def bake(thing: bpy.types.Object, **options: object) -> None:
         with redirect_stdout(io.StringIO()):  # Blender prints each time that the image is not saved
             result = bpy.ops.object.bake(**options)
     except RuntimeError as error:
-        raise WorkError(f"{thing.name}: cannot be baked: Blender: {' '.join(str(error).split())}") from None
+        raise WorkError(
+            f"{thing.name}: cannot be baked: Blender: {' '.join(str(error).split())}"
+        ) from None
     if result != {"FINISHED"}:
         raise WorkError(f"{thing.name}: Blender stopped baking")
 
@@ -112,7 +131,11 @@ def fcurves(datablock: bpy.types.ID, action: bpy.types.Action) -> Any:
     animation.action = action
     if not hasattr(action, "slots"):
         return action.fcurves
-    slot = action.slots[0] if len(action.slots) else action.slots.new(id_type=datablock.id_type, name=datablock.name)
+    slot = (
+        action.slots[0]
+        if len(action.slots)
+        else action.slots.new(id_type=datablock.id_type, name=datablock.name)
+    )
     animation.action_slot = slot
     layer = action.layers[0] if len(action.layers) else action.layers.new("Layer")
     strip = layer.strips[0] if len(layer.strips) else layer.strips.new(type="KEYFRAME")
@@ -129,7 +152,8 @@ def passes_in_memory(wanted: bool) -> Iterator[dict[str, np.ndarray] | None]:
     cycles: Any = sys.modules.get("cycles.engine")
     original = getattr(cycles, "render", None)
     accessible = (
-        "get_result" in bpy.types.RenderEngine.bl_rna.functions and "rect" in bpy.types.RenderPass.bl_rna.properties
+        "get_result" in bpy.types.RenderEngine.bl_rna.functions
+        and "rect" in bpy.types.RenderPass.bl_rna.properties
     )
     frame = bpy.context.scene.render
     whole = max(frame.resolution_x, frame.resolution_y) <= LARGEST_TILE_PX
@@ -154,11 +178,16 @@ def _channels(result: Any) -> dict[str, np.ndarray]:
     channels: dict[str, np.ndarray] = {}
     for layer in result.layers:
         for found in layer.passes:
-            values = np.empty(result.resolution_y * result.resolution_x * found.channels, np.float32)
+            values = np.empty(
+                result.resolution_y * result.resolution_x * found.channels, np.float32
+            )
             found.rect.foreach_get(values)
             image = values.reshape(result.resolution_y, result.resolution_x, -1)[::-1]
             names = found.channel_id or "RGBA"
-            channels |= {f"{layer.name}.{found.name}.{names[k]}": image[..., k] for k in range(found.channels)}
+            channels |= {
+                f"{layer.name}.{found.name}.{names[k]}": image[..., k]
+                for k in range(found.channels)
+            }
     return channels
 
 
@@ -192,7 +221,11 @@ def import_usd(path: str) -> object:
     if not _is_there(bpy.ops.wm.usd_import):
         raise AttributeError("usd")
     known = bpy.ops.wm.usd_import.get_rna_type().properties.keys()
-    wanted = {"import_usd_preview": True, "set_frame_range": False, "apply_unit_conversion_scale": True}
+    wanted = {
+        "import_usd_preview": True,
+        "set_frame_range": False,
+        "apply_unit_conversion_scale": True,
+    }
     return bpy.ops.wm.usd_import(filepath=path, **{k: v for k, v in wanted.items() if k in known})
 
 
@@ -220,4 +253,10 @@ def curves_of(action: bpy.types.Action) -> list[bpy.types.FCurve]:
     """All F-curves of an action, of all slots. Nothing is changed. See `fcurves` about layers and slots."""
     if not hasattr(action, "layers"):
         return list(action.fcurves)
-    return [c for layer in action.layers for strip in layer.strips for bag in strip.channelbags for c in bag.fcurves]
+    return [
+        c
+        for layer in action.layers
+        for strip in layer.strips
+        for bag in strip.channelbags
+        for c in bag.fcurves
+    ]

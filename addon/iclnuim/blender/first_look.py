@@ -71,9 +71,16 @@ def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | Non
         sample_s, sample_core_s = share * np.maximum(several - one, 0) / (samples - 1)
         path_s = share * one[0] + ((path.samples or 1) - 1) * sample_s
         vga = job.camera.width * job.camera.height / (640 * 480)
-        bake_s = bake_core_s(job) * max(1.0, sample_core_s / vga / _SAMPLE_CORE_S) * several[0] / max(several[1], 1e-3)
+        bake_s = (
+            bake_core_s(job)
+            * max(1.0, sample_core_s / vga / _SAMPLE_CORE_S)
+            * several[0]
+            / max(several[1], 1e-3)
+        )
         rgb, depth_z_m = frames.read(raw, raw)
-        return Look(rgb, frames.why_black(rgb, depth_z_m), number, samples, path_s, share * one[0], bake_s)
+        return Look(
+            rgb, frames.why_black(rgb, depth_z_m), number, samples, path_s, share * one[0], bake_s
+        )
 
 
 def choose(job: RenderJob, out: Path, look: Look | None, frame_count: int) -> tuple[RenderJob, str]:
@@ -85,15 +92,23 @@ def choose(job: RenderJob, out: Path, look: Look | None, frame_count: int) -> tu
         light = read_run(out).recipe["job"]["light"]
         return scene.with_light(job, light), f"light: {light}, as when this run was started"
     if look is None or light_map.find(light_map.cache_folder(), job):
-        return scene.with_light(job, "baked"), "light: baked" + (", found in the cache" if look else "")
+        return scene.with_light(job, "baked"), "light: baked" + (
+            ", found in the cache" if look else ""
+        )
     baked_s, path_s = look.bake_s + frame_count * look.baked_s, frame_count * look.path_s
-    light, name, other = ("path", "path traced", "baked") if path_s <= baked_s else ("baked", "baked", "path")
+    light, name, other = (
+        ("path", "path traced", "baked") if path_s <= baked_s else ("baked", "baked", "path")
+    )
     many = f"{frame_count} frame{'s' * (frame_count != 1)}"
     times = f"{many}: about {_time(path_s)} path traced, {_time(baked_s)} baked, including {_time(look.bake_s)} for the bake"
-    sentence = f"light: {name}, which takes less time ({times}); the setting light {other} overrides this"
+    sentence = (
+        f"light: {name}, which takes less time ({times}); the setting light {other} overrides this"
+    )
     return scene.with_light(job, light), sentence
 
 
 def _time(seconds: float) -> str:
-    unit, size = next(((u, s) for u, s in (("s", 1), ("min", 60)) if seconds < 100 * s), ("h", 3600))
+    unit, size = next(
+        ((u, s) for u, s in (("s", 1), ("min", 60)) if seconds < 100 * s), ("h", 3600)
+    )
     return f"{seconds / size:.0f} {unit}"

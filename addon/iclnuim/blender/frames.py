@@ -85,11 +85,15 @@ def channel_ending(channels: dict[str, np.ndarray], *names: str) -> np.ndarray:
     """The channel with one of these names, in any view layer. Raises WorkError unless there is exactly one."""
     found = [array for key, array in channels.items() if key.endswith(names)]
     if len(found) != 1:
-        raise WorkError(f"expected one channel *{names[0]} in Blender's frame, found {sorted(channels)}")
+        raise WorkError(
+            f"expected one channel *{names[0]} in Blender's frame, found {sorted(channels)}"
+        )
     return found[0]
 
 
-def shoot(job: RenderJob, number: int, trajectory: Trajectory, depth_z_m: np.ndarray, raw_file: Path) -> np.ndarray:
+def shoot(
+    job: RenderJob, number: int, trajectory: Trajectory, depth_z_m: np.ndarray, raw_file: Path
+) -> np.ndarray:
     """Render (h, w, 3) scene-linear RGB of frame `number` of the open scene through the shutter; depth_z_m (h, w) is the depth at its stamp.
 
     Before the start and after the end of the trajectory the camera does not move.
@@ -97,7 +101,9 @@ def shoot(job: RenderJob, number: int, trajectory: Trajectory, depth_z_m: np.nda
     camera, here, stamps_s = job.camera, trajectory.T_world_camera[number], trajectory.stamps_s
     motions_px = []
     for duration in (job.exposure_s, job.readout_s):
-        first, last = np.clip(stamps_s[number] + np.array([-0.5, 0.5]) * duration, stamps_s[0], stamps_s[-1])
+        first, last = np.clip(
+            stamps_s[number] + np.array([-0.5, 0.5]) * duration, stamps_s[0], stamps_s[-1]
+        )
         # the speed may change at every pose of the trajectory
         stops = np.concatenate([[first], stamps_s[(stamps_s > first) & (stamps_s < last)], [last]])
         moved = 0.0
@@ -107,10 +113,19 @@ def shoot(job: RenderJob, number: int, trajectory: Trajectory, depth_z_m: np.nda
     rgb = np.empty((camera.height, camera.width, 3), np.float32)
     for band in plan(job.exposure, camera.height, *motions_px):
         # only the band's rows. Blender rounds to whole rows: a quarter of a row is added so that rounding gives exactly these
-        low, high = ((camera.height - row + 0.25) / camera.height for row in (band.bottom, band.top))
-        border = {"border_min_x": 0.0, "border_max_x": 1.0, "border_min_y": low, "border_max_y": high}
+        low, high = (
+            (camera.height - row + 0.25) / camera.height for row in (band.bottom, band.top)
+        )
+        border = {
+            "border_min_x": 0.0,
+            "border_max_x": 1.0,
+            "border_min_y": low,
+            "border_max_y": high,
+        }
         part = band.top != 0 or band.bottom != camera.height
-        with temporarily(bpy.context.scene.render, use_border=part, use_crop_to_border=part, **border):
+        with temporarily(
+            bpy.context.scene.render, use_border=part, use_crop_to_border=part, **border
+        ):
             rgb[band.top : band.bottom] = _mean(number, band, trajectory, raw_file)
     return rgb
 
@@ -121,7 +136,9 @@ def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np
     seed, total = cycles.seed, np.zeros(())
     for k, offset in enumerate(band.offsets_s):
         # pose i is keyed at frame i of Blender's timeline
-        place = np.interp(trajectory.stamps_s[number] + offset, trajectory.stamps_s, np.arange(len(trajectory)))
+        place = np.interp(
+            trajectory.stamps_s[number] + offset, trajectory.stamps_s, np.arange(len(trajectory))
+        )
         with temporarily(cycles, seed=(seed + 7919 * k) % (1 << 31)):
             raw = render(float(place), raw_file, in_memory=True)
         total = total + read(raw, raw)[0].astype(np.float64)

@@ -62,7 +62,9 @@ def _kind(number: int, name: str, label: str | None) -> Kind:
 
 
 #: name -> kind, of the shipped scenes
-KINDS = {name: _kind(number, name, label) for number, (name, label) in enumerate(_LABELS.items(), 1)}
+KINDS = {
+    name: _kind(number, name, label) for number, (name, label) in enumerate(_LABELS.items(), 1)
+}
 NO_KIND = Kind(0, UNLABELLED, 0, UNLABELLED)
 
 
@@ -80,17 +82,25 @@ def number_objects() -> None:
     A custom property `instance_id` of the scene is used if it is a whole number that no other object has; the other objects get the remaining
     numbers, in alphabetical order. Instances of one object share its number. Raises InputError for more than 32767 objects.
     """
-    things = sorted((o for o in bpy.context.scene.objects if o.type in SURFACE_TYPES), key=lambda o: o.name)
+    things = sorted(
+        (o for o in bpy.context.scene.objects if o.type in SURFACE_TYPES), key=lambda o: o.name
+    )
     instances = (i for i in bpy.context.evaluated_depsgraph_get().object_instances if i.is_instance)
     # the type of the shown object decides: a point cloud contains meshes
     instanced = {i.object.original for i in instances if i.object.type in SURFACE_TYPES}
     things += sorted((o for o in instanced if o not in things), key=lambda o: o.name)
     if len(things) > _MAX_OBJECTS:
-        raise InputError(f"at most {_MAX_OBJECTS} objects for instance numbers", found=len(things), hint="joining some")
+        raise InputError(
+            f"at most {_MAX_OBJECTS} objects for instance numbers",
+            found=len(things),
+            hint="joining some",
+        )
     taken: set[int] = set()
     for thing in things:
         own = thing.get("instance_id")
-        thing.pass_index = own if type(own) is int and 0 < own <= _MAX_OBJECTS and own not in taken else 0
+        thing.pass_index = (
+            own if type(own) is int and 0 < own <= _MAX_OBJECTS and own not in taken else 0
+        )
         taken.add(thing.pass_index)
     free = (n for n in range(1, _MAX_OBJECTS + 1) if n not in taken)
     for thing in things:
@@ -114,14 +124,19 @@ def add_passes() -> None:
 def read(raw: Raw, T_world_camera: SE3) -> dict[str, np.ndarray]:
     """The ground-truth channels of Blender's one-sample frame: instance, and unit normals in the cv camera's frame, (h, w) float32 each."""
     channels = channels_of(raw)
-    index = channel_ending(channels, "IndexOB.X", "Object Index.X")  # the name changed with Blender 5.0
+    index = channel_ending(
+        channels, "IndexOB.X", "Object Index.X"
+    )  # the name changed with Blender 5.0
     normal = np.stack([channel_ending(channels, f"{_AOV}.{c}") for c in "RGB"], -1).astype(float)
     bare = np.linalg.norm(normal, axis=-1) < 0.5  # materials without nodes have no AOV
     normal[bare] = np.stack([channel_ending(channels, f".Normal.{c}") for c in "XYZ"], -1)[bare]
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     normal_camera = (normal / np.where(length > 0, length, 1.0)) @ T_world_camera.rotation
     by_name = {name: normal_camera[..., k] for k, name in enumerate(NORMAL)}
-    return {name: array.astype(np.float32) for name, array in {INSTANCE: np.rint(index), **by_name}.items()}
+    return {
+        name: array.astype(np.float32)
+        for name, array in {INSTANCE: np.rint(index), **by_name}.items()
+    }
 
 
 def objects_table() -> dict:
@@ -139,7 +154,9 @@ def objects_table() -> dict:
         "schema_version": SCHEMA_VERSION,
         "world": "metres, right-handed, z up",
         "objects": rows,
-        "classes": [{"id": k.id, "name": k.name, "nyu40_id": k.nyu40_id, "nyu40": k.nyu40} for k in listed],
+        "classes": [
+            {"id": k.id, "name": k.name, "nyu40_id": k.nyu40_id, "nyu40": k.nyu40} for k in listed
+        ],
     }
 
 

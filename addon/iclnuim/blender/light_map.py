@@ -23,7 +23,6 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from .. import __version__
 from ..errors import IclnuimError, InputError, WorkError
 from ..formats.exr import write_exr
 from ..formats.files import read_bytes, read_json, sha256, write_json
@@ -32,6 +31,7 @@ from ..lightmap.denoise import contrast, denoise, fill, grown, next_to_known
 from ..lightmap.layout import Layout, lay_out
 from ..lightmap.surfaces import BACK, FRONT
 from ..shipped import cache_folder as cache_folder
+from ..version import __version__
 from . import compat, light_sampling, lit_scene, scene, scene_key, surfaces
 from .lit_scene import LitScene, MapLayout
 from .surfaces import Part
@@ -82,7 +82,9 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
         if lacking := not is_whole(folder):
             report(_beforehand(job))
             _make(folder, found, depsgraph, chosen, key, report)
-    with suppress(IclnuimError, OSError):  # a note for `find`; it is optional if the cache cannot be written
+    with suppress(
+        IclnuimError, OSError
+    ):  # a note for `find`; it is optional if the cache cannot be written
         (cache / "light/known").mkdir(parents=True, exist_ok=True)
         write_json(_note_file(cache, job), {"map": folder.name})
     return folder, lacking
@@ -103,12 +105,16 @@ def apply(folder: Path, limit: float | None = None) -> LitScene:
     with surfaces.as_rendered(bpy.context.scene) as depsgraph:
         image = bpy.data.images.load(str(folder / MAP), check_existing=False)
         image.colorspace_settings.name = "Non-Color"
-        if limit is not None:  # without brighter light the limit is not needed, and materials are simpler
+        if (
+            limit is not None
+        ):  # without brighter light the limit is not needed, and materials are simpler
             pixels = np.empty(len(image.pixels), np.float32)
             image.pixels.foreach_get(pixels)
             limit = limit if pixels.max() > limit else None
         lit = lit_scene.show(surfaces.parts(depsgraph), load_layout(folder), image, limit=limit)
-    for lamp in bpy.context.scene.objects:  # lamps that are not visible in reflections: all their light is in the map
+    for lamp in (
+        bpy.context.scene.objects
+    ):  # lamps that are not visible in reflections: all their light is in the map
         portal = lamp.type == "LIGHT" and lamp.data.type == "AREA" and lamp.data.cycles.is_portal
         if (
             lamp.type == "LIGHT"
@@ -164,7 +170,9 @@ def _bounced(found: list[Part], coarse: "_Points", first: np.ndarray) -> Iterato
     """The scene lit by the coarse map with all bounces except the last; `first` is the direct light."""
     cycles = bpy.context.scene.cycles
     light = coarse.map(first)
-    image = bpy.data.images.new("light map", light.shape[1], light.shape[0], float_buffer=True, is_data=True)
+    image = bpy.data.images.new(
+        "light map", light.shape[1], light.shape[0], float_buffer=True, is_data=True
+    )
     lit_scene.set_pixels(image, light)
     copies = [replace(part, mesh=part.mesh.copy()) for part in found]
     lit = lit_scene.show(copies, _map_layout(found, coarse.layout), image, gathering=True)
@@ -224,12 +232,21 @@ class _Points:
     """The texels of a map: their points, whether they are visible, and the light on them."""
 
     def __init__(
-        self, layout: Layout, seen: np.ndarray, places: np.ndarray, samples: int, seed: int, translucent: np.ndarray
+        self,
+        layout: Layout,
+        seen: np.ndarray,
+        places: np.ndarray,
+        samples: int,
+        seed: int,
+        translucent: np.ndarray,
     ) -> None:
         self.layout, self.samples, self.seed = layout, samples, seed
         self.points_m, self.normals = layout.points()
         image = layout.texels.image
-        self.chart, self.facing = image(layout.texels.chart, -1), image(self.normals.astype(np.float32))
+        self.chart, self.facing = (
+            image(layout.texels.chart, -1),
+            image(self.normals.astype(np.float32)),
+        )
         # visible texels, and texels whose light passes through to a visible side
         seen, rows = seen.copy(), np.flatnonzero(translucent[layout.face_of_texel] & ~seen)
         seen[rows] = light_sampling.seen(self.points_m[rows], -self.normals[rows], places, seed) > 0
@@ -242,12 +259,18 @@ class _Points:
         So the light close to a contact of two surfaces is sampled there, and not at a texel farther away.
         """
         hidden, near = next_to_known(self.visible, self.chart)
-        hidden_row, near_row = (np.searchsorted(self.layout.texels.index, k) for k in (hidden, near))
+        hidden_row, near_row = (
+            np.searchsorted(self.layout.texels.index, k) for k in (hidden, near)
+        )
         share = np.array(_STEPS_INTO_VIEW)[:, None, None]
-        points, normals = ((1 - share) * v[hidden_row] + share * v[near_row] for v in (self.points_m, self.normals))
+        points, normals = (
+            (1 - share) * v[hidden_row] + share * v[near_row] for v in (self.points_m, self.normals)
+        )
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         seen = np.ones(points.shape[:2], bool)  # the last is the visible texel itself
-        tested = light_sampling.seen(points[:-1].reshape(-1, 3), normals[:-1].reshape(-1, 3), places, self.seed)
+        tested = light_sampling.seen(
+            points[:-1].reshape(-1, 3), normals[:-1].reshape(-1, 3), places, self.seed
+        )
         seen[:-1] = tested.reshape(seen[:-1].shape) > 0
         first = seen.argmax(0), np.arange(len(hidden))
         self.points_m[hidden_row], self.normals[hidden_row] = points[first], normals[first]
@@ -255,7 +278,9 @@ class _Points:
 
     def direct(self, sky: bool = True) -> np.ndarray:
         """(2, N, 3) direct light by two halves of the samples, see light_sampling.direct."""
-        method = functools.partial(light_sampling.direct, materials=list(bpy.data.materials), sky=sky)
+        method = functools.partial(
+            light_sampling.direct, materials=list(bpy.data.materials), sky=sky
+        )
         return self._sampled(method, functools.partial(method, together=True))
 
     def gathered(self, sky: bool = False) -> np.ndarray:
@@ -263,11 +288,16 @@ class _Points:
         method = functools.partial(light_sampling.gathered, sky=sky)
         return self._sampled(method, method)
 
-    def _sampled(self, method: Callable[..., np.ndarray], for_hidden: Callable[..., np.ndarray]) -> np.ndarray:
+    def _sampled(
+        self, method: Callable[..., np.ndarray], for_hidden: Callable[..., np.ndarray]
+    ) -> np.ndarray:
         visible = self.visible.ravel()[self.layout.texels.index]
         light = np.zeros((2, len(visible), 3), np.float32)
         hidden_samples = max(2, self.samples // _HIDDEN_SHARE)
-        for rows, sampled, samples in ((visible, method, self.samples), (~visible, for_hidden, hidden_samples)):
+        for rows, sampled, samples in (
+            (visible, method, self.samples),
+            (~visible, for_hidden, hidden_samples),
+        ):
             light[:, rows] = sampled(self.points_m[rows], self.normals[rows], samples, self.seed)
         return light
 
@@ -303,15 +333,24 @@ def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> N
     folder.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
-        write_exr(temporary / MAP, {name: light[::-1, :, k].astype(np.float16) for k, name in enumerate("RGB")})
-        stored = {"uv": layout.uv.astype(np.float32), "has": layout.has, "part_corners": np.array(layout.part_corners)}
+        write_exr(
+            temporary / MAP,
+            {name: light[::-1, :, k].astype(np.float16) for k, name in enumerate("RGB")},
+        )
+        stored = {
+            "uv": layout.uv.astype(np.float32),
+            "has": layout.has,
+            "part_corners": np.array(layout.part_corners),
+        }
         np.savez_compressed(temporary / LAYOUT, **stored)
         write_json(temporary / RECIPE, recipe)
         temporary.chmod(0o755)
         try:
             temporary.rename(folder)
         except OSError:
-            if not is_whole(folder):  # otherwise another process was first; equal keys give equal maps
+            if not is_whole(
+                folder
+            ):  # otherwise another process was first; equal keys give equal maps
                 shutil.rmtree(folder, ignore_errors=True)
                 temporary.rename(folder)
     finally:
@@ -322,7 +361,9 @@ def load_layout(folder: Path) -> MapLayout:
     """Read the layout of a light map. Raises WorkError if the file is damaged."""
     try:
         with np.load(folder / LAYOUT) as stored:
-            return MapLayout(stored["uv"], stored["has"], tuple(int(n) for n in stored["part_corners"]))
+            return MapLayout(
+                stored["uv"], stored["has"], tuple(int(n) for n in stored["part_corners"])
+            )
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         problem = f"the light map cannot be read ({error}); delete this folder and bake again"
         raise WorkError(f"{folder}: {problem}") from None
@@ -336,7 +377,9 @@ def read_recipe(folder: Path) -> dict:
 def find(cache: Path, job: RenderJob) -> tuple[Path, int, float] | None:
     """(folder, size in bytes, age in seconds) of the shipped or noted light map for the job's scene, settings and Blender; None if there is none."""
     try:
-        folder = shipped_light(job) or cache / "light" / str(read_json(_note_file(cache, job))["map"])
+        folder = shipped_light(job) or cache / "light" / str(
+            read_json(_note_file(cache, job))["map"]
+        )
         if not is_whole(folder):
             return None
         files = [path.stat() for path in folder.iterdir()]
@@ -356,7 +399,11 @@ def _note_file(cache: Path, job: RenderJob) -> Path:
         compat.version_line(),
         __version__,
     ]
-    return cache / "light/known" / f"{hashlib.sha256(json.dumps(decides).encode()).hexdigest()[:20]}.json"
+    return (
+        cache
+        / "light/known"
+        / f"{hashlib.sha256(json.dumps(decides).encode()).hexdigest()[:20]}.json"
+    )
 
 
 @functools.lru_cache(maxsize=4)

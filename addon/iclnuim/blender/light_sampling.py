@@ -76,7 +76,11 @@ def direct(
     together: all lamps share one pass, which is faster and noisier.
     """
     lamps, portals = _sources()
-    passes = [_Pass(lamps, False, max(1, samples // 2))] if together and lamps else _lamp_passes(lamps, samples // 2)
+    passes = (
+        [_Pass(lamps, False, max(1, samples // 2))]
+        if together and lamps
+        else _lamp_passes(lamps, samples // 2)
+    )
     if sky and gives_light(bpy.context.scene.world):
         passes.append(_Pass(portals, True, max(1, samples // 2)))
     passes = [replace(one, seed=seed + 100 * number) for number, one in enumerate(passes)]
@@ -84,13 +88,17 @@ def direct(
         return _sampled(points_m, normals, passes)
 
 
-def gathered(points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int, sky: bool = False) -> np.ndarray:
+def gathered(
+    points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int, sky: bool = False
+) -> np.ndarray:
     """(2, n, 3) light from the surfaces of the open scene, by two halves of the samples: their emission, including baked light shown as emission.
 
     With `sky`, also that of the sky, for which the same rays are used.
     """
     sky = sky and gives_light(bpy.context.scene.world)
-    return _sampled(points_m, normals, [_Pass(_sources()[1] if sky else [], sky, max(1, samples // 2), seed)])
+    return _sampled(
+        points_m, normals, [_Pass(_sources()[1] if sky else [], sky, max(1, samples // 2), seed)]
+    )
 
 
 @dataclass(frozen=True)
@@ -169,7 +177,9 @@ def only(lamps: list[bpy.types.Object], world: bool, evenly: bool = False) -> It
                 stack.enter_context(temporarily(thing, hide_render=True))
         if evenly:
             stack.enter_context(temporarily(scene.cycles, use_light_tree=False))
-        stack.enter_context(sampled_at_image_size(scene.world) if world else temporarily(scene, world=None))
+        stack.enter_context(
+            sampled_at_image_size(scene.world) if world else temporarily(scene, world=None)
+        )
         yield
 
 
@@ -189,7 +199,9 @@ def without_glow(materials: list[bpy.types.Material]) -> Iterator[None]:
         yield
 
 
-def viewpoints(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, seed: int) -> np.ndarray:
+def viewpoints(
+    depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, seed: int
+) -> np.ndarray:
     """(up to count, 3) places in metres distributed over the scene's free space: in rooms, not inside solids or behind walls."""
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(_RAYS, 3))
@@ -199,7 +211,11 @@ def viewpoints(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, s
     enclosed = hits[hits > 0] >= _ENCLOSED * hits.max()
     share = _ENCLOSED if enclosed.sum() >= enclosed.size / 2 else _IN_THE_OPEN
     free = np.array(places)[(hits > 0) & (hits >= share * hits.max())]
-    lamps = [lamp.matrix_world.translation for lamp in rendered_lamps(bpy.context.scene) if lamp.data.type != "SUN"]
+    lamps = [
+        lamp.matrix_world.translation
+        for lamp in rendered_lamps(bpy.context.scene)
+        if lamp.data.type != "SUN"
+    ]
     if lamps and not any(_sees_one(depsgraph, place, lamps) for place in free):
         # the normals of the walls may point outward: then places with a view of a lamp are inside the room
         seeing = [place for place in places if _sees_one(depsgraph, place, lamps)]
@@ -207,15 +223,21 @@ def viewpoints(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, s
     return free if len(free) <= count else farthest_points(free, count)
 
 
-def _place_before(depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, rng: np.random.Generator) -> np.ndarray:
+def _place_before(
+    depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, rng: np.random.Generator
+) -> np.ndarray:
     """A random place on a ray from a random triangle, in front of it or behind it; each object has the same probability."""
-    faces = np.searchsorted(surfaces.face_object, [k := rng.integers(surfaces.face_object[-1] + 1), k + 1])
+    faces = np.searchsorted(
+        surfaces.face_object, [k := rng.integers(surfaces.face_object[-1] + 1), k + 1]
+    )
     rows = np.searchsorted(surfaces.triangle_face, faces)
     corners = surfaces.corners_m[surfaces.triangles[rng.integers(*rows)]]
     ray = rng.normal(size=3)
     ray /= np.linalg.norm(ray)
     start = rng.dirichlet(np.ones(3)) @ corners + 1e-3 * ray
-    hit, location, *_ = depsgraph.scene.ray_cast(depsgraph, Vector(start), Vector(ray), distance=_FARTHEST_M)
+    hit, location, *_ = depsgraph.scene.ray_cast(
+        depsgraph, Vector(start), Vector(ray), distance=_FARTHEST_M
+    )
     reach = np.linalg.norm(np.array(location) - start) if hit else _FARTHEST_M
     return start + rng.uniform(0.1, 0.9) * reach * ray
 
@@ -224,7 +246,10 @@ def _sees_one(depsgraph: bpy.types.Depsgraph, place: np.ndarray, lamps: list[Vec
     """Whether at least one lamp is visible from the place, and no surface is close to the place."""
     scene, origin = depsgraph.scene, Vector(place)
     around = np.vstack([np.eye(3), -np.eye(3)])
-    if any(scene.ray_cast(depsgraph, origin, Vector(direction), distance=_NEAREST_M)[0] for direction in around):
+    if any(
+        scene.ray_cast(depsgraph, origin, Vector(direction), distance=_NEAREST_M)[0]
+        for direction in around
+    ):
         return False
     directions = [(lamp - origin) for lamp in lamps]
     return not all(

@@ -78,7 +78,11 @@ class LitScene:
 
 
 def show(
-    found: list[Part], layout: MapLayout, image: bpy.types.Image, gathering: bool = False, limit: float | None = None
+    found: list[Part],
+    layout: MapLayout,
+    image: bpy.types.Image,
+    gathering: bool = False,
+    limit: float | None = None,
 ) -> LitScene:
     """Show the parts lit by `image`, to a camera or for gathering light from them; limit: as in baked_copy. The parts' meshes are used, not copied.
 
@@ -86,7 +90,9 @@ def show(
     corners = tuple(len(part.mesh.loops) for part in found)
     if corners != layout.part_corners:
         expected = f"the baked scene of {len(layout.part_corners)} parts"
-        raise WorkError(f"light map: expected {expected}, found {len(found)} parts with other meshes")
+        raise WorkError(
+            f"light map: expected {expected}, found {len(found)} parts with other meshes"
+        )
     lit = LitScene()
     materials: dict[tuple, bpy.types.Material] = {}
     starts = np.cumsum((0, *corners))
@@ -97,7 +103,9 @@ def show(
             part.origin.name = part.name + ".unlit" if part.single else part.origin.name
         corners_of_part = slice(start, start + len(part.mesh.loops))
         two_sided = _add_uvs(part.mesh, layout, corners_of_part)
-        slots = np.repeat(material_of_face(part), array_of(part.mesh.polygons, "loop_total", 1, np.int32))
+        slots = np.repeat(
+            material_of_face(part), array_of(part.mesh.polygons, "loop_total", 1, np.int32)
+        )
         for slot in set(
             np.unique(slots[layout.has[:, corners_of_part].any(0)])
         ):  # slots of faces that have a side in the map
@@ -135,7 +143,9 @@ def _add_uvs(mesh: bpy.types.Mesh, layout: MapLayout, corners: slice) -> bool:
         uv = np.where(has[:, None], layout.uv[side, corners], layout.uv[1 - side, corners])
         layer = mesh.uv_layers.new(name=name, do_init=False)
         if layer is None:
-            raise WorkError(f"light map: the mesh {mesh.name} has no room for one more UV map; remove one")
+            raise WorkError(
+                f"light map: the mesh {mesh.name} has no room for one more UV map; remove one"
+            )
         layer.data.foreach_set("uv", uv.astype(np.float32).ravel())
     return two_sided
 
@@ -145,7 +155,10 @@ def _copy_settings(source: bpy.types.Object, target: bpy.types.Object) -> None:
         if hasattr(source, name):
             setattr(target, name, getattr(source, name))
     for name in ("shadow_terminator_offset", "shadow_terminator_geometry_offset"):
-        for old, new in ((source, target), (getattr(source, "cycles", None), getattr(target, "cycles", None))):
+        for old, new in (
+            (source, target),
+            (getattr(source, "cycles", None), getattr(target, "cycles", None)),
+        ):
             if hasattr(old, name) and hasattr(new, name):
                 setattr(new, name, getattr(old, name))
 
@@ -170,7 +183,11 @@ def kind(material: Material | None) -> tuple[bool, bool, bool]:
 
 
 def baked_copy(
-    material: Material | None, image: Image, two_sided: bool, gathering: bool = False, limit: float | None = None
+    material: Material | None,
+    image: Image,
+    two_sided: bool,
+    gathering: bool = False,
+    limit: float | None = None,
 ) -> Material:
     """A copy of the material that shows `image` through the UV map FRONT_UV and, if two_sided, BACK_UV. The original is not changed.
 
@@ -179,11 +196,15 @@ def baked_copy(
     """
     name = f"{material.name if material else 'no material'} (baked)"
     if material is None or _tree(material) is None:  # the appearance in Cycles
-        copy = matt_material(name, material.diffuse_color if material is not None else _PLAIN_GREY)[0]
+        copy = matt_material(name, material.diffuse_color if material is not None else _PLAIN_GREY)[
+            0
+        ]
     else:
         copy = material.copy()
         copy.name = name
-    copy.cycles.emission_sampling = "NONE"  # sampled as a lamp, each surface would take a second per frame
+    copy.cycles.emission_sampling = (
+        "NONE"  # sampled as a lamp, each surface would take a second per frame
+    )
     _bake_tree(copy.node_tree, image, two_sided, gathering, limit)
     return copy
 
@@ -207,14 +228,22 @@ def let_light_through(materials: Iterable[Material]) -> list[str]:
 def is_glass(node: Node) -> bool:
     """Whether the node is a shader that transmits light, at least in part."""
     if node.type == "BSDF_PRINCIPLED":
-        return constant(node.inputs["Transmission Weight"]) != 0.0 and constant(node.inputs["Metallic"]) != 1.0
+        return (
+            constant(node.inputs["Transmission Weight"]) != 0.0
+            and constant(node.inputs["Metallic"]) != 1.0
+        )
     return node.type in {"BSDF_GLASS", "BSDF_REFRACTION"}
 
 
 def _let_through(tree: NodeTree, node: Node) -> None:
     """For shadow rays and diffuse rays, replace the glass by a Transparent BSDF."""
-    targets, rays = [link.to_socket for link in node.outputs[0].links], tree.nodes.new("ShaderNodeLightPath")
-    share: Source = calculate(tree, "MAXIMUM", rays.outputs["Is Shadow Ray"], rays.outputs["Is Diffuse Ray"])
+    targets, rays = (
+        [link.to_socket for link in node.outputs[0].links],
+        tree.nodes.new("ShaderNodeLightPath"),
+    )
+    share: Source = calculate(
+        tree, "MAXIMUM", rays.outputs["Is Shadow Ray"], rays.outputs["Is Diffuse Ray"]
+    )
     colour: Source = node.inputs["Base Color" if node.type == "BSDF_PRINCIPLED" else "Color"]
     if node.type == "BSDF_PRINCIPLED":  # its colour applies to two surfaces
         share = product(
@@ -231,7 +260,9 @@ def _let_through(tree: NodeTree, node: Node) -> None:
         facing.inputs["Blend"].default_value = 0.5  # then Facing is 1 - cos
         passing = one_minus(tree, calculate(tree, "POWER", facing.outputs["Facing"], 5.0))
         colour = scaled(tree, colour, product(tree, 1.0 - _f0(node.inputs["IOR"]), passing))
-    mixed = add_node(tree, "MixShader", share, node.outputs[0], add_node(tree, "BsdfTransparent", colour))
+    mixed = add_node(
+        tree, "MixShader", share, node.outputs[0], add_node(tree, "BsdfTransparent", colour)
+    )
     for target in targets:
         tree.links.new(mixed, target)
 
@@ -240,12 +271,18 @@ def _tree(material: Material | None) -> NodeTree | None:
     return material.node_tree if material is not None and material.use_nodes else None
 
 
-def _bake_tree(tree: NodeTree, image: Image, two_sided: bool, gathering: bool, limit: float | None) -> None:
+def _bake_tree(
+    tree: NodeTree, image: Image, two_sided: bool, gathering: bool, limit: float | None
+) -> None:
     bake, lit = (_bake_for_gathering, _reflects) if gathering else (_bake_principled, _has_diffuse)
     light = None
     for node in list(tree.nodes):
         if node.type == "GROUP" and node.node_tree:
-            if {n.type for n in nodes_of(node.node_tree)} & {*_DIFFUSE, "BSDF_TRANSLUCENT", "BSDF_PRINCIPLED"}:
+            if {n.type for n in nodes_of(node.node_tree)} & {
+                *_DIFFUSE,
+                "BSDF_TRANSLUCENT",
+                "BSDF_PRINCIPLED",
+            }:
                 node.node_tree = node.node_tree.copy()
                 _bake_tree(node.node_tree, image, two_sided, gathering, limit)
         elif node.type == "BSDF_PRINCIPLED" and lit(node):
@@ -293,7 +330,9 @@ def _blend(tree: NodeTree, share: NodeSocket, a: NodeSocket, b: NodeSocket) -> N
 
 def _has_diffuse(principled: Node) -> bool:
     """False only for pure metal or pure glass."""
-    return not any(constant(principled.inputs[name]) == 1.0 for name in ("Metallic", "Transmission Weight"))
+    return not any(
+        constant(principled.inputs[name]) == 1.0 for name in ("Metallic", "Transmission Weight")
+    )
 
 
 def _reflects(principled: Node) -> bool:
@@ -303,9 +342,14 @@ def _reflects(principled: Node) -> bool:
 
 def _bake_principled(tree: NodeTree, node: Node, light: NodeSocket, limit: float | None) -> None:
     """Principled = its unchanged gloss, metal and glass, plus the light map times its diffuse share."""
-    colour, share = vectors(tree, "MULTIPLY", node.inputs["Base Color"], light), _diffuse_share(tree, node)
+    colour, share = (
+        vectors(tree, "MULTIPLY", node.inputs["Base Color"], light),
+        _diffuse_share(tree, node),
+    )
     targets = [link.to_socket for link in node.outputs[0].links]
-    both = add_node(tree, "AddShader", _shine(tree, colour, share, limit), _without_diffuse(tree, node))
+    both = add_node(
+        tree, "AddShader", _shine(tree, colour, share, limit), _without_diffuse(tree, node)
+    )
     for target in targets:
         tree.links.new(both, target)
 
@@ -319,7 +363,9 @@ def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket, limit: fl
     base = scaled(tree, vectors(tree, "ADD", node.inputs["Base Color"]), one_minus(tree, gloss))
     sent = vectors(tree, "ADD", base, scaled(tree, (1.0, 1.0, 1.0), gloss))
     share = product(
-        tree, one_minus(tree, constant_or_input(node, "Transmission Weight")), constant_or_input(node, "Alpha")
+        tree,
+        one_minus(tree, constant_or_input(node, "Transmission Weight")),
+        constant_or_input(node, "Alpha"),
     )
     shine = _shine(tree, vectors(tree, "MULTIPLY", sent, light), share, limit)
     for name in ("Metallic", "Subsurface Weight"):
@@ -335,7 +381,9 @@ def _diffuse_share(tree: NodeTree, node: Node) -> Source:
     coat = constant_or_input(node, "Coat Weight")
     if coat != 0.0:
         f0, normal = _f0(node.inputs["Coat IOR"]), node.inputs["Coat Normal"]
-        coat = product(tree, coat, _albedo(tree, f0, constant_or_input(node, "Coat Roughness"), normal))
+        coat = product(
+            tree, coat, _albedo(tree, f0, constant_or_input(node, "Coat Roughness"), normal)
+        )
     covers = [
         constant_or_input(node, "Metallic"),
         constant_or_input(node, "Transmission Weight"),
@@ -361,8 +409,12 @@ def _albedo(tree: NodeTree, f0: float, roughness: Source, normal: NodeSocket) ->
         feed(tree, normal, facing.inputs["Normal"])
     # a - b cos = (a - b) + b facing
     slope, start = polynomial(tree, _B, roughness), polynomial(tree, _A_MINUS_B, roughness)
-    rim = calculate(tree, "EXPONENT", calculate(tree, "MULTIPLY_ADD", facing.outputs["Facing"], slope, start))
-    return calculate(tree, "MULTIPLY_ADD", rim, 1.0 - f0, product(tree, f0, polynomial(tree, _H, roughness)))
+    rim = calculate(
+        tree, "EXPONENT", calculate(tree, "MULTIPLY_ADD", facing.outputs["Facing"], slope, start)
+    )
+    return calculate(
+        tree, "MULTIPLY_ADD", rim, 1.0 - f0, product(tree, f0, polynomial(tree, _H, roughness))
+    )
 
 
 def _f0(ior: NodeSocket) -> float:

@@ -82,7 +82,12 @@ def filter_textures(camera: PinholeCamera) -> list[Image]:
     """
     made: dict[tuple[Image, str], Image] = {}
     noise: dict[tuple[int, ...], Image] = {}
-    found = [t for material in bpy.data.materials if material.library is None for t in textures_of(material)]
+    found = [
+        t
+        for material in bpy.data.materials
+        if material.library is None
+        for t in textures_of(material)
+    ]
     pixel = _LEAST_FOOTPRINT / math.sqrt(camera.fx * camera.fy)
     whole = _place(bpy.data.objects, found, pixel)
     _measure_density(bpy.data.objects, [texture for texture in found if texture.node not in whole])
@@ -105,21 +110,37 @@ def filter_textures(camera: PinholeCamera) -> list[Image]:
 def textures_of(material: Material) -> list[Texture]:
     """The textures of a material that can be filtered."""
     tree = material.node_tree if material.use_nodes else None
-    if tree is None or any(n.inputs["Displacement"].is_linked for n in tree.nodes if n.type == "OUTPUT_MATERIAL"):
+    if tree is None or any(
+        n.inputs["Displacement"].is_linked for n in tree.nodes if n.type == "OUTPUT_MATERIAL"
+    ):
         return []
-    nodes = [node for node in dict.fromkeys(nodes_of(tree)) if node.type == "TEX_IMAGE" and _can_be_filtered(node)]
+    nodes = [
+        node
+        for node in dict.fromkeys(nodes_of(tree))
+        if node.type == "TEX_IMAGE" and _can_be_filtered(node)
+    ]
     read = ((node, _uv_map(node.inputs["Vector"])) for node in nodes)
     return [Texture(node, material, *source) for node, source in read if source is not None]
 
 
 def _can_be_filtered(node: Node) -> bool:
     image, mapping = node.image, node.texture_mapping
-    if image is None or image.source not in ("FILE", "GENERATED") or image.colorspace_settings.is_data:
+    if (
+        image is None
+        or image.source not in ("FILE", "GENERATED")
+        or image.colorspace_settings.is_data
+    ):
         return False
     if node.id_data.library is not None:
         return False
-    plain = node.projection == "FLAT" and node.extension in ("REPEAT", "EXTEND") and node.interpolation != "Closest"
-    unmoved = tuple(mapping.scale) == (1, 1, 1) and not any((*mapping.translation, *mapping.rotation))
+    plain = (
+        node.projection == "FLAT"
+        and node.extension in ("REPEAT", "EXTEND")
+        and node.interpolation != "Closest"
+    )
+    unmoved = tuple(mapping.scale) == (1, 1, 1) and not any(
+        (*mapping.translation, *mapping.rotation)
+    )
     axes = (mapping.mapping_x, mapping.mapping_y, mapping.mapping_z) == ("X", "Y", "Z")
     used = node.outputs["Color"].is_linked and not node.outputs["Alpha"].is_linked
     small = 0 < image.size[0] * image.size[1] <= MAX_TEXELS and image.channels == 4
@@ -140,11 +161,19 @@ def _uv_map(socket: NodeSocket) -> tuple[str, float, bool] | None:
         return "", 1.0, False
     if node.type == "REROUTE":
         return _uv_map(node.inputs[0])
-    if node.type == "MAPPING" and node.vector_type in ("POINT", "TEXTURE") and not node.inputs["Scale"].is_linked:
+    if (
+        node.type == "MAPPING"
+        and node.vector_type in ("POINT", "TEXTURE")
+        and not node.inputs["Scale"].is_linked
+    ):
         x, y, _ = node.inputs["Scale"].default_value
         source, scale = _uv_map(node.inputs["Vector"]), math.sqrt(abs(x * y))
         if source is not None and node.inputs["Vector"].is_linked and scale > 0:
-            return source[0], source[1] * (scale if node.vector_type == "POINT" else 1 / scale), True
+            return (
+                source[0],
+                source[1] * (scale if node.vector_type == "POINT" else 1 / scale),
+                True,
+            )
     return None
 
 
@@ -176,12 +205,18 @@ def _measure_density(objects: Iterable[Object], found: list[Texture]) -> None:
 
 
 def _layer(mesh: Mesh, uv_map: str) -> bpy.types.MeshUVLoopLayer | None:
-    return mesh.uv_layers.get(uv_map) if uv_map else next((x for x in mesh.uv_layers if x.active_render), None)
+    return (
+        mesh.uv_layers.get(uv_map)
+        if uv_map
+        else next((x for x in mesh.uv_layers if x.active_render), None)
+    )
 
 
 def _set_attribute(mesh: Mesh, name: str, kind: str, domain: str, values: np.ndarray) -> None:
     attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, domain)
-    attribute.data.foreach_set("vector" if kind == "FLOAT_VECTOR" else "value", values.astype(np.float32).ravel())
+    attribute.data.foreach_set(
+        "vector" if kind == "FLOAT_VECTOR" else "value", values.astype(np.float32).ravel()
+    )
 
 
 def _place(objects: Iterable[Object], found: list[Texture], pixel: float) -> dict[Node, bool]:
@@ -198,7 +233,11 @@ def _place(objects: Iterable[Object], found: list[Texture], pixel: float) -> dic
         for material in {slot.material for slot in thing.material_slots} & users.keys():
             users[material].append(thing)
     whole: dict[Node, bool] = {}
-    left = {t.node for t in found if t.mapped or not all(_is_plain(thing, t.uv_map) for thing in users[t.material])}
+    left = {
+        t.node
+        for t in found
+        if t.mapped or not all(_is_plain(thing, t.uv_map) for thing in users[t.material])
+    }
     for texture in found:
         for thing in users[texture.material] if texture.node not in left else ():
             layer = _layer(thing.data, texture.uv_map)
@@ -229,7 +268,10 @@ def _add_positions(thing: Object, layer: bpy.types.MeshUVLoopLayer, texture: Tex
     mesh, size = thing.data, np.array(texture.node.image.size)
     if not len(mesh.polygons):
         return True
-    uv, starts = array_of(layer.data, "uv", 2).astype(float), array_of(mesh.polygons, "loop_start", 1, np.int32)
+    uv, starts = (
+        array_of(layer.data, "uv", 2).astype(float),
+        array_of(mesh.polygons, "loop_start", 1, np.int32),
+    )
     low, high = np.minimum.reduceat(uv, starts), np.maximum.reduceat(uv, starts)
     shift = np.floor(low + _OVER) if texture.node.extension == "REPEAT" else np.zeros_like(low)
     before, total = np.array([(margins(n)[0], n + sum(margins(n))) for n in size]).T
@@ -239,7 +281,9 @@ def _add_positions(thing: Object, layer: bpy.types.MeshUVLoopLayer, texture: Tex
     positions[:, :2] = (uv * size + before) / total + (0.5, 0)
     _set_attribute(mesh, _POSITION + texture.name, "FLOAT_VECTOR", "CORNER", positions)
     slots = [k for k, slot in enumerate(thing.material_slots) if slot.material == texture.material]
-    index = array_of(mesh.polygons, "material_index", 1, np.int32).clip(0, len(thing.material_slots) - 1)
+    index = array_of(mesh.polygons, "material_index", 1, np.int32).clip(
+        0, len(thing.material_slots) - 1
+    )
     inside = ((low - shift >= -_OVER) & (high - shift <= 1 + _OVER)).all(1)
     return bool(inside[np.isin(index, slots)].all())
 
@@ -252,12 +296,16 @@ def density(thing: Object, layer: bpy.types.MeshUVLoopLayer) -> np.ndarray:
     vertices_m = array_of(mesh.vertices, "co", 3).astype(float) @ linear.T
     corners = array_of(mesh.loop_triangles, "loops", 3, np.int32)
     uv = array_of(layer.data, "uv", 2).astype(float)[corners]
-    edges_m = np.diff(vertices_m[array_of(mesh.loops, "vertex_index", 1, np.int32)[corners]], axis=1)
+    edges_m = np.diff(
+        vertices_m[array_of(mesh.loops, "vertex_index", 1, np.int32)[corners]], axis=1
+    )
     area_m2 = np.linalg.norm(np.cross(edges_m[:, 0], edges_m[:, 1]), axis=1)
     area_uv = np.abs(np.linalg.det(np.diff(uv, axis=1)))
     face, count = array_of(mesh.loop_triangles, "polygon_index", 1, np.int32), len(mesh.polygons)
     area_m2, area_uv = (np.bincount(face, area, count) for area in (area_m2, area_uv))
-    return np.sqrt(np.divide(area_uv, area_m2, out=np.zeros(count), where=area_m2 > 0)).astype(np.float32)
+    return np.sqrt(np.divide(area_uv, area_m2, out=np.zeros(count), where=area_m2 > 0)).astype(
+        np.float32
+    )
 
 
 # Images
@@ -283,7 +331,9 @@ def with_mipmaps(image: Image, extension: str) -> Image:
         part = atlas[:rows, columns : 2 * columns]
         part[..., :3] = _SRGB[(light * 65535 + 0.5).astype(np.uint16)] if encoded else light
         part[..., 3] = 1.0
-    made = bpy.data.images.new(f"{image.name} mipmaps", *atlas.shape[1::-1], float_buffer=image.is_float)
+    made = bpy.data.images.new(
+        f"{image.name} mipmaps", *atlas.shape[1::-1], float_buffer=image.is_float
+    )
     made.colorspace_settings.name = image.colorspace_settings.name
     made.pixels.foreach_set(atlas.ravel())
     made.update()
@@ -314,7 +364,9 @@ def _fill(target: np.ndarray, texture: np.ndarray, extension: str) -> None:
     for rows, size in ((target, texture.shape[0]), (target.swapaxes(0, 1), texture.shape[1])):
         before, after = margins(size)
         outside = np.r_[-before:0, size : size + after]
-        rows[outside + before] = rows[(outside % size if extension == "REPEAT" else outside.clip(0, size - 1)) + before]
+        rows[outside + before] = rows[
+            (outside % size if extension == "REPEAT" else outside.clip(0, size - 1)) + before
+        ]
 
 
 def _light(encoded: np.ndarray) -> np.ndarray:
@@ -330,14 +382,18 @@ def halved(level: np.ndarray, light: Callable[[np.ndarray], np.ndarray] = np.asa
         band = light(level[np.arange(2 * top - 1, 2 * bottom + 1).clip(0, len(level) - 1)])
         band = (band[:-3:2] + 3 * (band[1:-2:2] + band[2:-1:2]) + band[3::2]) / 8
         band = np.concatenate([band[:, :1], band, band[:, -1:]], axis=1)
-        half[top:bottom] = (band[:, :-3:2] + 3 * (band[:, 1:-2:2] + band[:, 2:-1:2]) + band[:, 3::2]) / 8
+        half[top:bottom] = (
+            band[:, :-3:2] + 3 * (band[:, 1:-2:2] + band[:, 2:-1:2]) + band[:, 3::2]
+        ) / 8
     return half
 
 
 # Shaders
 
 
-def _read_levels(texture: Texture, levels: Image, noise: Image, pixel: float, whole: bool | None) -> None:
+def _read_levels(
+    texture: Texture, levels: Image, noise: Image, pixel: float, whole: bool | None
+) -> None:
     """Let the node read the level for the pixel's width on the surface. pixel: width of a pixel at a distance of 1, in the same unit.
 
     whole: None if positions are to be computed from the UV map; otherwise they are attributes, and each face lies within one repeat or not.
@@ -349,24 +405,38 @@ def _read_levels(texture: Texture, levels: Image, noise: Image, pixel: float, wh
     (left, _), (top, _) = margins(width), margins(height)
     ray = tree.nodes.new("ShaderNodeLightPath").outputs["Ray Length"]
     if whole is not None:
-        footprint = calculate(tree, "MULTIPLY", _attribute(tree, _FOOTPRINT + texture.name).outputs["Fac"], ray)
+        footprint = calculate(
+            tree, "MULTIPLY", _attribute(tree, _FOOTPRINT + texture.name).outputs["Fac"], ray
+        )
         first = _attribute(tree, _POSITION + texture.name).outputs["Vector"]
         if not whole:
             low = left / columns + 0.5, top / rows, 0.0
-            first = vectors(tree, "WRAP", first, (low[0] + width / columns, low[1] + height / rows, 0.0), low)
+            first = vectors(
+                tree, "WRAP", first, (low[0] + width / columns, low[1] + height / rows, 0.0), low
+            )
     else:
         texels = texture.scale * math.sqrt(width * height) * pixel
         per_metre = _attribute(tree, _DENSITY + texture.uv_map).outputs["Fac"]
-        footprint = calculate(tree, "MULTIPLY", per_metre, calculate(tree, "MULTIPLY", ray, texels / 2**LEVELS))
+        footprint = calculate(
+            tree, "MULTIPLY", per_metre, calculate(tree, "MULTIPLY", ray, texels / 2**LEVELS)
+        )
         source = _uv_source(tree, texture)
         if node.extension == "REPEAT":
             source = vectors(tree, "FRACTION", source)
         else:
-            source = vectors(tree, "MINIMUM", vectors(tree, "MAXIMUM", source, (0.0, 0.0, 0.0)), (1.0, 1.0, 1.0))
+            source = vectors(
+                tree, "MINIMUM", vectors(tree, "MAXIMUM", source, (0.0, 0.0, 0.0)), (1.0, 1.0, 1.0)
+            )
         first = vectors(
-            tree, "MULTIPLY_ADD", source, (width / columns, height / rows, 0.0), (left / columns + 0.5, top / rows, 0.0)
+            tree,
+            "MULTIPLY_ADD",
+            source,
+            (width / columns, height / rows, 0.0),
+            (left / columns + 0.5, top / rows, 0.0),
         )
-    spread = add_node(tree, "TexImage", first, image=noise, interpolation="Closest").node.outputs["Alpha"]
+    spread = add_node(tree, "TexImage", first, image=noise, interpolation="Closest").node.outputs[
+        "Alpha"
+    ]
     footprint = calculate(tree, "MULTIPLY_ADD", footprint, spread, footprint)
     tree.links.new(vectors(tree, "MULTIPLY", first, _steps(tree, footprint)), node.inputs["Vector"])
     node.image, node.extension = levels, "EXTEND"

@@ -34,19 +34,28 @@ def scene_model(stretched: bool = False) -> SceneModel:
         joined = surfaces.joined(parts)
         looks: dict[bpy.types.Material | None, int] = {}
         faces = [array_of(part.mesh.loop_triangles, "polygon_index", 1, np.int32) for part in parts]
-        material = [_materials(part, looks)[of_triangle] for part, of_triangle in zip(parts, faces, strict=True)]
+        material = [
+            _materials(part, looks)[of_triangle]
+            for part, of_triangle in zip(parts, faces, strict=True)
+        ]
         corners_m, normals = joined.corners_m[joined.triangles], joined.normals[joined.triangles]
         ends = np.cumsum([len(part.mesh.loop_triangles) for part in parts])[:-1]
-        for part, corners, shown in zip(parts, np.split(corners_m, ends), np.split(normals, ends), strict=True):
+        for part, corners, shown in zip(
+            parts, np.split(corners_m, ends), np.split(normals, ends), strict=True
+        ):
             _shade_as_cycles(part, corners, shown)
             if stretched and part.shared:
-                shown /= np.linalg.norm(shown @ np.array(part.matrix)[:3, :3], axis=-1, keepdims=True).clip(1e-12)
+                shown /= np.linalg.norm(
+                    shown @ np.array(part.matrix)[:3, :3], axis=-1, keepdims=True
+                ).clip(1e-12)
         model = SceneModel(
             corners_m=corners_m,
             normals=normals,
             uv=np.concatenate([_uv(part) for part in parts]),
             material=np.concatenate(material),
-            instance=np.concatenate([np.full(len(p.mesh.loop_triangles), _number(p)) for p in parts]),
+            instance=np.concatenate(
+                [np.full(len(p.mesh.loop_triangles), _number(p)) for p in parts]
+            ),
             looks=tuple(_look(m) for m in looks),
             names={_number(part): part.source.name for part in parts if _number(part)},
         )
@@ -62,7 +71,9 @@ def _shade_as_cycles(part: Part, corners_m: np.ndarray, normals: np.ndarray) -> 
     triangle, smooth faces in a mesh with flat faces by their vertices. Meshes with custom normals or sharp edges are not changed.
     """
     mesh, sharp = part.mesh, part.mesh.attributes.get("sharp_edge")
-    if mesh.has_custom_normals or (sharp is not None and array_of(sharp.data, "value", 1, bool).any()):
+    if mesh.has_custom_normals or (
+        sharp is not None and array_of(sharp.data, "value", 1, bool).any()
+    ):
         return
     of_triangle = array_of(mesh.loop_triangles, "polygon_index", 1, np.int32)
     smooth = array_of(mesh.polygons, "use_smooth", 1, bool)[of_triangle]
@@ -88,7 +99,11 @@ def _uv(part: Part) -> np.ndarray:
     """(m, 3, 2) texture coordinates of the UV map used for rendering; 0 if there is none."""
     mesh = part.mesh
     layer = next((u for u in mesh.uv_layers if u.active_render), None)
-    uv = np.zeros((len(mesh.loops), 2)) if layer is None else array_of(layer.data, "uv", 2).astype(float)
+    uv = (
+        np.zeros((len(mesh.loops), 2))
+        if layer is None
+        else array_of(layer.data, "uv", 2).astype(float)
+    )
     return uv[array_of(mesh.loop_triangles, "loops", 3, np.int32)]
 
 
@@ -96,7 +111,9 @@ def _look(material: bpy.types.Material | None) -> Look:
     if material is None:
         return Look("no material", _srgb(_GREY))
     nodes = list(material.node_tree.nodes) if material.use_nodes and material.node_tree else []
-    shaders = [n.inputs[socket] for kind, socket in _SHADERS.items() for n in nodes if n.type == kind]
+    shaders = [
+        n.inputs[socket] for kind, socket in _SHADERS.items() for n in nodes if n.type == kind
+    ]
     if not shaders:
         return Look(material.name, _srgb(material.diffuse_color[:3]))
     image = _image_behind(shaders[0])

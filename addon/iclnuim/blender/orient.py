@@ -20,7 +20,9 @@ _Y_UP = (".glb", ".gltf")
 _SILENT = {".obj": "y", ".ply": "z"}
 
 
-def orient(path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object]) -> tuple[str, bool]:
+def orient(
+    path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object]
+) -> tuple[str, bool]:
     """Transform the `objects` imported from `path` to metres, z up. If needed, they become children of an empty.
 
     Returns a sentence that describes how the file is read, including guesses, and whether it should be reported because this is not the
@@ -58,7 +60,9 @@ def _shape(path: Path) -> scene_axes.Shape:
 
 
 def _guess(reading: SceneReading, extent_m: np.ndarray, up: str) -> str:
-    unknown = [name for name, given in (("up axis", reading.up), ("unit", reading.unit_m)) if given is None]
+    unknown = [
+        name for name, given in (("up axis", reading.up), ("unit", reading.unit_m)) if given is None
+    ]
     options = " and ".join("scene unit" if name == "unit" else "up" for name in unknown)
     reason = f"because the format does not contain its {' and '.join(unknown)} (options: {options})"
     return f"a guess from its shape ({_size(extent_m, up)}), {reason}"
@@ -73,14 +77,23 @@ def _size_warning(path: Path, objects: Sequence[bpy.types.Object], unit_m: float
     """A warning if the scene does not have the size of a room. Bounding boxes are checked first, to avoid reading all triangles."""
     bpy.context.view_layer.update()
     shown = [o for o in objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render]
-    corners = np.array([np.array(o.matrix_world) @ (*c, 1.0) for o in shown for c in o.bound_box] or np.zeros((1, 4)))
-    if scene_axes.is_plausible(np.ptp(corners[:, :3], axis=0), "z") or not len(surfaces.triangles().triangles):
+    corners = np.array(
+        [np.array(o.matrix_world) @ (*c, 1.0) for o in shown for c in o.bound_box]
+        or np.zeros((1, 4))
+    )
+    if scene_axes.is_plausible(np.ptp(corners[:, :3], axis=0), "z") or not len(
+        surfaces.triangles().triangles
+    ):
         return None
     shape = _shape(path)
     if scene_axes.is_plausible(shape.extent, "z"):
         return None
     better = unit_m * scene_axes.guess_unit_m(shape, "z")
-    advice = f"as {scene_axes.unit_name(better)} it would be one" if better != unit_m else "no other unit makes it one"
+    advice = (
+        f"as {scene_axes.unit_name(better)} it would be one"
+        if better != unit_m
+        else "no other unit makes it one"
+    )
     return f"{_size(shape.extent, 'z')} is not the size of a room, {advice} (option: scene unit)"
 
 
@@ -91,7 +104,9 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
     here = set(objects)
     tops = [o for o in objects if o.parent is None or o.parent not in here]
     meshes = all(o.type == "MESH" and o.data.users == 1 and o.animation_data is None for o in tops)
-    if meshes and not any(o.children or o.modifiers or o.constraints or o.data.shape_keys for o in tops):
+    if meshes and not any(
+        o.children or o.modifiers or o.constraints or o.data.shape_keys for o in tops
+    ):
         for thing in tops:
             _into_vertices(thing, matrix)
         return
@@ -114,7 +129,10 @@ def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:
     mesh, whole = thing.data, mathutils.Matrix(matrix).to_4x4() @ thing.matrix_basis
     shading, mirrored = array_of(mesh.corner_normals, "vector", 3), whole.determinant() < 0
     # in a file that was mirrored only by a change of sign, normals still point outside, but faces are wound inside out
-    normals, sizes = array_of(mesh.polygons, "normal", 3), array_of(mesh.polygons, "loop_total", 1, np.int32)
+    normals, sizes = (
+        array_of(mesh.polygons, "normal", 3),
+        array_of(mesh.polygons, "loop_total", 1, np.int32),
+    )
     wound_as_shaded = float((np.repeat(normals, sizes, axis=0) * shading).sum()) >= 0
     custom = mesh.has_custom_normals
     mesh.transform(whole)
@@ -123,7 +141,9 @@ def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:
         shading = shading[_flip(mesh)]
     if mirrored and custom:
         moved = shading @ np.linalg.inv(np.array(whole)[:3, :3])
-        mesh.normals_split_custom_set(moved / np.maximum(np.linalg.norm(moved, axis=1, keepdims=True), 1e-12))
+        mesh.normals_split_custom_set(
+            moved / np.maximum(np.linalg.norm(moved, axis=1, keepdims=True), 1e-12)
+        )
     mesh.update()
 
 

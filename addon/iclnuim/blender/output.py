@@ -21,7 +21,9 @@ def blender_output_in(log: Path, errors: bool = True) -> Iterator[None]:
     sink = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
     for number, (name, (descriptor, stream)) in enumerate(saved.items(), 1):
         os.dup2(sink, number)
-        if name == "stdout" or _is_on(stream, number):  # Blender does not write to a stream in memory
+        if name == "stdout" or _is_on(
+            stream, number
+        ):  # Blender does not write to a stream in memory
             setattr(sys, name, os.fdopen(os.dup(descriptor), "w", encoding="utf-8", buffering=1))
     os.close(sink)
     try:

@@ -28,15 +28,24 @@ def findings(baked: bool) -> list[str]:
             bumps.append(material.name)
         if not material.use_nodes:
             continue
-        if kinds & {"BSDF_GLASS", "BSDF_REFRACTION"} or any(_used(n, "Transmission Weight", 0.0) for n in principled):
+        if kinds & {"BSDF_GLASS", "BSDF_REFRACTION"} or any(
+            _used(n, "Transmission Weight", 0.0) for n in principled
+        ):
             glass.append(material.name)
         elif any(_used(n, "Alpha", 1.0) for n in principled):
             mixed.append(material.name)
     lens = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
     as_it_is = view.view_transform in ("Standard", "Raw") and view.look in ("None", "")
     as_it_is &= view.exposure == 0 and view.gamma == 1
-    transform = f"view transform {view.view_transform}, exposure {view.exposure:g}, gamma {view.gamma:g}"
-    corners = [np.array(o.matrix_world) @ (*c, 1.0) for o in scene.objects if o.type == "MESH" for c in o.bound_box]
+    transform = (
+        f"view transform {view.view_transform}, exposure {view.exposure:g}, gamma {view.gamma:g}"
+    )
+    corners = [
+        np.array(o.matrix_world) @ (*c, 1.0)
+        for o in scene.objects
+        if o.type == "MESH"
+        for c in o.bound_box
+    ]
     far = max((float(np.abs(c[:3]).max()) for c in corners), default=0.0)
     moves = moving_names(scene)
     own_time = (
@@ -70,16 +79,24 @@ def _used(node: bpy.types.Node, socket: str, neutral: float) -> bool:
 def moving_names(scene: bpy.types.Scene) -> list[str]:
     """Names of objects and lights that move or change, in order, without cameras; the world is `the sky`."""
     shown = [o for o in scene.objects if o.type != "CAMERA" and (not o.hide_render or _varies(o))]
-    moving = {o.name for o in shown if (o.type != "EMPTY" or o.instance_collection) and _moves(o, set())}
+    moving = {
+        o.name for o in shown if (o.type != "EMPTY" or o.instance_collection) and _moves(o, set())
+    }
     materials = [m for m in bpy.data.materials if m.users and m.node_tree]
     films = {
         m
         for m in materials
         for n in compat.nodes_of(m.node_tree)
-        if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and n.image and n.image.source in ("MOVIE", "SEQUENCE")
+        if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT")
+        and n.image
+        and n.image.source in ("MOVIE", "SEQUENCE")
     }
-    changing = {m.name for m in materials if _varies(m) or _varies_inside(m.node_tree) or m in films}
-    sky = scene.world is not None and (_varies(scene.world) or _varies_inside(scene.world.node_tree))
+    changing = {
+        m.name for m in materials if _varies(m) or _varies_inside(m.node_tree) or m in films
+    }
+    sky = scene.world is not None and (
+        _varies(scene.world) or _varies_inside(scene.world.node_tree)
+    )
     return [*sorted(moving | changing | _timed_names(scene)), *(["the sky"] if sky else [])]
 
 
@@ -88,7 +105,9 @@ def _timed_names(scene: bpy.types.Scene) -> set[str]:
 
     Scenes with simulations are not evaluated: they would lose their state.
     """
-    if scene.rigidbody_world or any(m.type in _SIMULATED for o in bpy.data.objects for m in o.modifiers):
+    if scene.rigidbody_world or any(
+        m.type in _SIMULATED for o in bpy.data.objects for m in o.modifiers
+    ):
         return set()
     found: set[bpy.types.Object] = set()
 
@@ -103,7 +122,11 @@ def _timed_names(scene: bpy.types.Scene) -> set[str]:
         finally:
             bpy.app.handlers.frame_change_post.remove(note)
             scene.frame_set(math.floor(before), subframe=before % 1)
-    return {o.name for o in found if isinstance(o, bpy.types.Object) and not any(map(_is_animated, _blocks(o)))}
+    return {
+        o.name
+        for o in found
+        if isinstance(o, bpy.types.Object) and not any(map(_is_animated, _blocks(o)))
+    }
 
 
 def _blocks(thing: bpy.types.Object) -> list[bpy.types.ID | None]:
@@ -118,7 +141,11 @@ def _is_animated(block: bpy.types.ID | None) -> bool:
 
 def _varies_inside(tree: bpy.types.NodeTree | None) -> bool:
     """Whether a node tree or one of its groups is animated."""
-    groups = {n.node_tree for n in compat.nodes_of(tree) if n.type == "GROUP" and n.node_tree} if tree else set()
+    groups = (
+        {n.node_tree for n in compat.nodes_of(tree) if n.type == "GROUP" and n.node_tree}
+        if tree
+        else set()
+    )
     return any(map(_varies, (tree, *groups)))
 
 
@@ -130,7 +157,9 @@ def _moves(thing: bpy.types.Object, seen: set[bpy.types.Object]) -> bool:
     blocks = _blocks(thing)
     if any(map(_varies, blocks)) or _varies_inside(getattr(thing.data, "node_tree", None)):
         return True
-    if any(m.type in _SIMULATED for m in thing.modifiers) or (thing.rigid_body and thing.rigid_body.type == "ACTIVE"):
+    if any(m.type in _SIMULATED for m in thing.modifiers) or (
+        thing.rigid_body and thing.rigid_body.type == "ACTIVE"
+    ):
         return True
     others = [thing.parent, *(getattr(c, "target", None) for c in thing.constraints if not c.mute)]
     others += [getattr(m, "object", None) for m in thing.modifiers]
@@ -144,7 +173,10 @@ def _varies(block: bpy.types.ID | None) -> bool:
     animation = getattr(block, "animation_data", None)
     if animation is None:
         return False
-    actions = [animation.action, *(strip.action for track in animation.nla_tracks for strip in track.strips)]
+    actions = [
+        animation.action,
+        *(strip.action for track in animation.nla_tracks for strip in track.strips),
+    ]
     return len(animation.drivers) > 0 or any(
         _spread(c) > 1e-6 for action in actions if action for c in compat.curves_of(action)
     )
@@ -167,7 +199,11 @@ def _shows_strands(instance: bpy.types.DepsgraphObjectInstance) -> bool:
     thing, made = instance.object, instance.is_instance
     if thing.original.hide_render and not made:
         return False
-    strands = instance.show_self and thing.type in ("CURVES", "POINTCLOUD") and (made or not _is_instances(thing))
+    strands = (
+        instance.show_self
+        and thing.type in ("CURVES", "POINTCLOUD")
+        and (made or not _is_instances(thing))
+    )
     return strands or (instance.show_particles and _has_particles(thing))
 
 
@@ -193,8 +229,15 @@ def _is_instances(evaluated: bpy.types.Object) -> bool:
 def volume_names(scene: bpy.types.Scene) -> list[str]:
     """Objects with a volume, or with a material or world that has one."""
     filled = {m for m in bpy.data.materials if m.users and m.node_tree and _has_volume(m.node_tree)}
-    things = {*scene.objects, *(o for c in bpy.data.collections for o in c.all_objects)}  # instanced ones too
-    names = [o.name for o in things if o.type == "VOLUME" or filled & {s.material for s in o.material_slots}]
+    things = {
+        *scene.objects,
+        *(o for c in bpy.data.collections for o in c.all_objects),
+    }  # instanced ones too
+    names = [
+        o.name
+        for o in things
+        if o.type == "VOLUME" or filled & {s.material for s in o.material_slots}
+    ]
     sky = scene.world and scene.world.node_tree and _has_volume(scene.world.node_tree)
     return [*sorted(names), *(["the sky"] if sky else [])]
 
@@ -206,9 +249,16 @@ def _has_volume(tree: bpy.types.NodeTree) -> bool:
 
 def light_linking_names(scene: bpy.types.Scene) -> list[str]:
     """Lamps and emitting objects that light, or are shadowed by, only some objects."""
-    things = {*scene.objects, *(o for c in bpy.data.collections for o in c.all_objects)}  # instanced ones too
+    things = {
+        *scene.objects,
+        *(o for c in bpy.data.collections for o in c.all_objects),
+    }  # instanced ones too
     linked = [(o.name, getattr(o, "light_linking", None)) for o in things]
-    return sorted(name for name, link in linked if link and (link.receiver_collection or link.blocker_collection))
+    return sorted(
+        name
+        for name, link in linked
+        if link and (link.receiver_collection or link.blocker_collection)
+    )
 
 
 def unmappable_names(scene: bpy.types.Scene) -> list[str]:
@@ -226,9 +276,15 @@ def unmappable_names(scene: bpy.types.Scene) -> list[str]:
 
 def _is_unmappable(evaluated: bpy.types.Object, is_instance: bool) -> bool:
     slots = [slot.material for slot in evaluated.material_slots]
-    shown = {m for m in (*slots, *getattr(evaluated.data, "materials", ())) if m and m.use_nodes and m.node_tree}
+    shown = {
+        m
+        for m in (*slots, *getattr(evaluated.data, "materials", ()))
+        if m and m.use_nodes and m.node_tree
+    }
     nodes = [node for material in shown for node in compat.nodes_of(material.node_tree)]
-    unlike = any(node.type in _NO_LIGHT_MAP or (is_instance and _tells_instances(node)) for node in nodes)
+    unlike = any(
+        node.type in _NO_LIGHT_MAP or (is_instance and _tells_instances(node)) for node in nodes
+    )
     return unlike or len(getattr(evaluated.data, "uv_layers", ())) > _MAX_UV_MAPS
 
 
@@ -236,4 +292,6 @@ def _tells_instances(node: bpy.types.Node) -> bool:
     """Whether a node has different values for instances of one object."""
     if node.type == "OBJECT_INFO":
         return bool(node.outputs["Random"].is_linked)
-    return getattr(node, "from_instancer", False) or getattr(node, "attribute_type", "") == "INSTANCER"
+    return (
+        getattr(node, "from_instancer", False) or getattr(node, "attribute_type", "") == "INSTANCER"
+    )

@@ -67,16 +67,31 @@ def sanitize(scene: bpy.types.Scene) -> list[str]:
 def without_false_glass(path: Path) -> list[str]:
     """Make materials of the OBJ at `path` opaque if only `Tf` makes them glass: 3ds Max writes `Tf 1 1 1` for all, with `d 1` and `illum 2`."""
     named = re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", path.read_bytes(), re.MULTILINE)
-    libraries = {path.parent / os.fsdecode(name).strip('"') for name in named} | {path.with_suffix(".mtl")}
-    texts = [library.read_text("utf-8", "replace") for library in sorted(libraries) if library.is_file()]
+    libraries = {path.parent / os.fsdecode(name).strip('"') for name in named} | {
+        path.with_suffix(".mtl")
+    }
+    texts = [
+        library.read_text("utf-8", "replace") for library in sorted(libraries) if library.is_file()
+    ]
     opaque = []
-    for block in (block for text in texts for block in re.split(r"^\s*newmtl[ \t]+", text, flags=re.MULTILINE)[1:]):
+    for block in (
+        block
+        for text in texts
+        for block in re.split(r"^\s*newmtl[ \t]+", text, flags=re.MULTILINE)[1:]
+    ):
         name, *lines = block.splitlines()
-        values = {word.lower(): rest for word, *rest in (line.split() for line in lines if line.strip())}
-        solid = values.get("illum") in (["0"], ["1"], ["2"]) and re.fullmatch(r"1(\.0*)?", values.get("d", ["1"])[-1])
+        values = {
+            word.lower(): rest for word, *rest in (line.split() for line in lines if line.strip())
+        }
+        solid = values.get("illum") in (["0"], ["1"], ["2"]) and re.fullmatch(
+            r"1(\.0*)?", values.get("d", ["1"])[-1]
+        )
         material = bpy.data.materials.get(name.strip()[:63]) if solid and "tf" in values else None
         for node in material.node_tree.nodes if material else ():
-            if node.type == "BSDF_PRINCIPLED" and node.inputs["Transmission Weight"].default_value > 0:
+            if (
+                node.type == "BSDF_PRINCIPLED"
+                and node.inputs["Transmission Weight"].default_value > 0
+            ):
                 node.inputs["Transmission Weight"].default_value = 0.0
                 opaque.append(material)
     return [f"Tf of opaque materials ({_names(opaque)}): not treated as glass"] if opaque else []
@@ -104,7 +119,10 @@ def _missing_images() -> str:
     """Remove missing or unreadable images from the materials, so that their plain values are shown instead of magenta. Returns the names."""
     missing = [image for image in bpy.data.images if _is_missing(image)]
     owners = [*bpy.data.materials, *bpy.data.worlds, *bpy.data.lights]
-    trees = [*bpy.data.node_groups, *(block.node_tree for block in owners if block.node_tree is not None)]
+    trees = [
+        *bpy.data.node_groups,
+        *(block.node_tree for block in owners if block.node_tree is not None),
+    ]
     shown = [n for tree in trees for n in tree.nodes if getattr(n, "image", None) in missing]
     for output in (output for node in shown for output in node.outputs):
         compat.unlink(output)
@@ -119,14 +137,20 @@ def _is_missing(image: bpy.types.Image) -> bool:
         return False
     with suppress(RuntimeError, OSError, ValueError):
         if image.source in ("SEQUENCE", "TILED"):
-            return not any(Path(bpy.path.abspath(image.filepath, library=image.library)).parent.glob("*"))
+            return not any(
+                Path(bpy.path.abspath(image.filepath, library=image.library)).parent.glob("*")
+            )
         return not (image.size[0] and image.size[1])
     return True
 
 
 def _show_vertex_colours(scene: bpy.types.Scene) -> bool:
     """Show the vertex colours of meshes without any material, such as a scan as PLY. Returns whether there are any."""
-    bare = [o for o in scene.objects if o.type == "MESH" and not any(s.material for s in o.material_slots)]
+    bare = [
+        o
+        for o in scene.objects
+        if o.type == "MESH" and not any(s.material for s in o.material_slots)
+    ]
     coloured = [o for o in bare if o.data.color_attributes]
     for thing in coloured:
         attribute = thing.data.color_attributes[0].name
@@ -165,7 +189,10 @@ def displace_meshes(scene: bpy.types.Scene) -> list[str]:
         if all(o in moved for o in bpy.data.objects if material.name in o.material_slots):
             compat.unlink(material.node_tree.get_output_node("CYCLES").inputs["Displacement"])
     names = ", ".join(sorted(o.name for o in moved))[:120]
-    return [*([f"displaced surfaces ({names}): moved vertex by vertex"] if moved else []), *adaptive]
+    return [
+        *([f"displaced surfaces ({names}): moved vertex by vertex"] if moved else []),
+        *adaptive,
+    ]
 
 
 @contextmanager
@@ -215,13 +242,17 @@ def _as_rendered_meshes(scene: bpy.types.Scene, objects: list[bpy.types.Object])
     """Apply the modifiers at the levels for rendering; each object then has its own mesh."""
     with as_rendered(scene) as depsgraph:
         kept = {"preserve_all_data_layers": True, "depsgraph": depsgraph}
-        made = [bpy.data.meshes.new_from_object(o.evaluated_get(depsgraph), **kept) for o in objects]
+        made = [
+            bpy.data.meshes.new_from_object(o.evaluated_get(depsgraph), **kept) for o in objects
+        ]
     for thing, mesh in zip(objects, made, strict=True):
         slots = [slot.material for slot in thing.material_slots]
         space = tuple(thing.data.texspace_location), tuple(thing.data.texspace_size)
         thing.modifiers.clear()
         thing.data = mesh
-        mesh.use_auto_texspace = False  # generated coordinates refer to its bounding box before the modifiers
+        mesh.use_auto_texspace = (
+            False  # generated coordinates refer to its bounding box before the modifiers
+        )
         mesh.texspace_location, mesh.texspace_size = space
         for slot, material in zip(thing.material_slots, slots, strict=False):
             slot.material = material
@@ -231,11 +262,15 @@ def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
     """Move vertices to the positions in Cycles' position pass; loose vertices are not moved."""
     thing.hide_set(False)
     mesh = thing.data
-    mesh.color_attributes.active_color = mesh.color_attributes.new(_ATTRIBUTE, "FLOAT_COLOR", "POINT")
+    mesh.color_attributes.active_color = mesh.color_attributes.new(
+        _ATTRIBUTE, "FLOAT_COLOR", "POINT"
+    )
     with (
         temporarily(scene.cycles, samples=1, use_denoising=False),
         temporarily(scene.render, engine="CYCLES"),
-        temporarily(scene.render.bake, target="VERTEX_COLORS", use_clear=False, use_selected_to_active=False),
+        temporarily(
+            scene.render.bake, target="VERTEX_COLORS", use_clear=False, use_selected_to_active=False
+        ),
     ):
         compat.bake(thing, type="POSITION", target="VERTEX_COLORS", use_clear=False)
     places = array_of(mesh.color_attributes[_ATTRIBUTE].data, "color", 4)[:, :3].astype(float)
@@ -254,7 +289,9 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
     moving = set(preflight.moving_names(scene))
     with as_rendered(scene) as depsgraph:
         shown = [i.object for i in depsgraph.object_instances if i.show_self and not i.is_instance]
-        things = [t for t in shown if t.type == "MESH" and t.name not in moving and _is_opaque(t.original)]
+        things = [
+            t for t in shown if t.type == "MESH" and t.name not in moving and _is_opaque(t.original)
+        ]
         if not any(len(thing.data.polygons) for thing in things):
             return []
         faces = _Faces(depsgraph, things)
@@ -262,7 +299,10 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
         raised = faces.sheets(again)
         lifted, reversed_ = faces.overlapping(again, raised)
         left_out, lifted_of = faces.by_object(again), faces.by_object(lifted)
-        directions = {t.original: faces.normals[rows] for t, rows in zip(things, faces.rows_of(lifted), strict=True)}
+        directions = {
+            t.original: faces.normals[rows]
+            for t, rows in zip(things, faces.rows_of(lifted), strict=True)
+        }
     for thing, shift in raised.items():
         thing.matrix_world = Matrix.Translation(shift) @ thing.matrix_world
     _as_rendered_meshes(scene, list({**left_out, **lifted_of}))
@@ -312,13 +352,18 @@ class _Faces:
         )
         self.starts = np.cumsum([0, *(len(f[0]) for f in faces)])
         self.owner = np.repeat(np.arange(len(things)), np.diff(self.starts))
-        self.plane = np.unique(_planes(self.centres_m, self.normals), return_inverse=True)[1].reshape(-1)
+        self.plane = np.unique(_planes(self.centres_m, self.normals), return_inverse=True)[
+            1
+        ].reshape(-1)
         own = np.unique(self.plane * len(things) + self.owner, return_inverse=True)[1].reshape(-1)
         self.spread_m2 = np.bincount(own, self.area_m2)[own]
 
     def rows_of(self, rows: np.ndarray) -> list[np.ndarray]:
         """For each object, the rows that belong to it."""
-        return [rows[(rows >= a) & (rows < b)] for a, b in zip(self.starts[:-1], self.starts[1:], strict=True)]
+        return [
+            rows[(rows >= a) & (rows < b)]
+            for a, b in zip(self.starts[:-1], self.starts[1:], strict=True)
+        ]
 
     def by_object(self, rows: np.ndarray) -> dict[bpy.types.Object, np.ndarray]:
         """Objects that own some of the rows -> the indices of these faces in their meshes."""
@@ -336,20 +381,33 @@ class _Faces:
         """Rows of faces that are equal to an earlier face, unless they are never visible."""
         again = np.setdiff1d(np.flatnonzero(self.keys), np.unique(self.keys, return_index=True)[1])
         owner = self.owner
-        again = again[np.bincount(owner[again], self.area_m2[again], len(self.things))[owner[again]] > _SMALLEST_M2]
+        again = again[
+            np.bincount(owner[again], self.area_m2[again], len(self.things))[owner[again]]
+            > _SMALLEST_M2
+        ]
         _, first, group = np.unique(self.keys, return_index=True, return_inverse=True)
-        opposed = self.keys[again[(self.normals[again] * self.normals[first][group[again]]).sum(1) < 0]]
+        opposed = self.keys[
+            again[(self.normals[again] * self.normals[first][group[again]]).sum(1) < 0]
+        ]
 
         def is_seen(row: int, direction: np.ndarray) -> bool:
             """Whether a ray from the face leaves the two objects that share it, instead of hitting a back face of one of them."""
             for k in (owner[row], owner[first[group[row]]]):
-                hit = self.cast(k, self.centres_m[row] + 10 * _SAME_PLACE_M * direction, direction, 1e4)
-                if hit is not None and (hit[1].dot(Vector(direction)) > 0 or self.keys[hit[2]] in opposed):
+                hit = self.cast(
+                    k, self.centres_m[row] + 10 * _SAME_PLACE_M * direction, direction, 1e4
+                )
+                if hit is not None and (
+                    hit[1].dot(Vector(direction)) > 0 or self.keys[hit[2]] in opposed
+                ):
                     return False
             return True
 
         picked = again[np.linspace(0, len(again) - 1, min(len(again), _PROBES)).astype(int)]
-        return again if any(is_seen(k, sign * self.normals[k]) for k in picked for sign in (1, -1)) else again[:0]
+        return (
+            again
+            if any(is_seen(k, sign * self.normals[k]) for k in picked for sign in (1, -1))
+            else again[:0]
+        )
 
     def sheets(self, again: np.ndarray) -> dict[bpy.types.Object, Vector]:
         """Sheets that are in the plane of larger objects and face the same direction -> their translation in metres."""
@@ -359,7 +417,11 @@ class _Faces:
             if one in raised or other in raised or face in again:
                 continue
             hit = self._on(over, self.centres_m[face], self.normals[face])
-            if hit is not None and hit[1].dot(Vector(self.normals[face])) > 0.999 and self._is_sheet(face):
+            if (
+                hit is not None
+                and hit[1].dot(Vector(self.normals[face])) > 0.999
+                and self._is_sheet(face)
+            ):
                 raised[one] = hit[1] * _RAISED_M
         return raised
 
@@ -368,12 +430,23 @@ class _Faces:
         order = np.lexsort((-self.area_m2, self.owner, self.plane))
         large = self.spread_m2 > _LARGE * np.bincount(self.owner, self.area_m2)[self.owner]
         order = order[((self.area_m2 > _SMALLEST_M2) & large)[order]]
-        new = np.any([np.diff(a[order], prepend=a[order][:1] + 1) != 0 for a in (self.plane, self.owner)], axis=0)
+        new = np.any(
+            [np.diff(a[order], prepend=a[order][:1] + 1) != 0 for a in (self.plane, self.owner)],
+            axis=0,
+        )
         largest = order[new]  # of each object in each plane
         groups = [
-            g for g in np.split(largest, np.flatnonzero(np.diff(self.plane[largest])) + 1) if 1 < len(g) <= _PROBES
+            g
+            for g in np.split(largest, np.flatnonzero(np.diff(self.plane[largest])) + 1)
+            if 1 < len(g) <= _PROBES
         ]
-        pairs = [(a, self.owner[b]) for g in groups for a in g for b in g if a != b and a == self._smaller(a, b)]
+        pairs = [
+            (a, self.owner[b])
+            for g in groups
+            for a in g
+            for b in g
+            if a != b and a == self._smaller(a, b)
+        ]
         yield from pairs[:: 1 + len(pairs) // _PAIRS]
 
     def _smaller(self, a: int, b: int) -> int:
@@ -381,7 +454,9 @@ class _Faces:
         area = self.area_m2 if self.owner[a] == self.owner[b] else self.spread_m2
         return int(min(a, b, key=lambda row: (round(float(area[row]), 6), self.area_m2[row], -row)))
 
-    def _on(self, k: int, place_m: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, Vector, int] | None:
+    def _on(
+        self, k: int, place_m: np.ndarray, normal: np.ndarray
+    ) -> tuple[np.ndarray, Vector, int] | None:
         """The face of object k at this position, in the plane perpendicular to the normal."""
         reach_m = 10 * _SAME_PLACE_M
         hit = self.cast(k, place_m + reach_m * normal, -normal, 2 * reach_m)
@@ -400,9 +475,13 @@ class _Faces:
             outline[list(ears[0])].mean(0) if ears else self.centres_m[face]
         )  # the centre of an L-shape may be outside it
         directions, reach_m = (self.normals[face], -self.normals[face]), 10 * _SAME_PLACE_M
-        return all(self.cast(self.owner[face], place_m + reach_m * w, w, 1e4) is None for w in directions)
+        return all(
+            self.cast(self.owner[face], place_m + reach_m * w, w, 1e4) is None for w in directions
+        )
 
-    def overlapping(self, again: np.ndarray, raised: Iterable[bpy.types.Object]) -> tuple[np.ndarray, set[str]]:
+    def overlapping(
+        self, again: np.ndarray, raised: Iterable[bpy.types.Object]
+    ) -> tuple[np.ndarray, set[str]]:
         """Rows of faces that overlap larger ones that face the same direction, and names of sheets that overlap others that face the opposite
         direction. Only the _OVERLAPS largest faces that share a plane with others are checked.
         """
@@ -414,7 +493,9 @@ class _Faces:
         lifted: set[int] = set()
         reversed_: set[str] = set()
         for row, other in (
-            pair for plane in np.unique(self.plane[rows]) for pair in self._pairs(rows[self.plane[rows] == plane])
+            pair
+            for plane in np.unique(self.plane[rows])
+            for pair in self._pairs(rows[self.plane[rows] == plane])
         ):
             small = self._smaller(row, other)
             if (self.normals[row] * self.normals[other]).sum() > 0:
@@ -428,13 +509,18 @@ class _Faces:
         if self.owner[small] == self.owner[large] or not self._is_sheet(large):
             return True
         start = Vector(self.centres_m[small] + 10 * _SAME_PLACE_M * self.normals[small])
-        return bool(self.depsgraph.scene.ray_cast(self.depsgraph, start, Vector(self.normals[small]))[0])
+        return bool(
+            self.depsgraph.scene.ray_cast(self.depsgraph, start, Vector(self.normals[small]))[0]
+        )
 
     def _pairs(self, rows: np.ndarray) -> Iterator[tuple[int, int]]:
         """Pairs of overlapping faces among faces in one plane: a sample point of one is inside the other."""
         flat = np.delete(np.arange(3), np.abs(self.normals[rows[0]]).argmax())
         outlines = [self._outline(int(row))[:, flat] for row in rows]
-        low, high = (np.array([extreme(outline, axis=0) for outline in outlines]) for extreme in (np.min, np.max))
+        low, high = (
+            np.array([extreme(outline, axis=0) for outline in outlines])
+            for extreme in (np.min, np.max)
+        )
         for row, outline in zip(rows, outlines, strict=True):
             places = _places_in(outline)
             near = ((places[:, None] > low) & (places[:, None] < high)).all(-1).any(0)
@@ -446,7 +532,10 @@ class _Faces:
         """The corners (n, 3) of a face in metres."""
         thing, face = self.things[self.owner[row]], row - self.starts[self.owner[row]]
         return np.array(
-            [thing.matrix_world @ thing.data.vertices[k].co for k in thing.data.polygons[int(face)].vertices]
+            [
+                thing.matrix_world @ thing.data.vertices[k].co
+                for k in thing.data.polygons[int(face)].vertices
+            ]
         )
 
 
@@ -472,11 +561,17 @@ def _planes(centres_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """(F,) uint64, equal for faces in one plane, whichever direction they face."""
     sign = np.sign(np.take_along_axis(normals, np.abs(normals).argmax(1)[:, None], 1))
     offset_m = (sign * normals * centres_m).sum(1)
-    return _mixed(np.column_stack([np.round(sign * normals * 1e4), np.round(offset_m / _SAME_PLACE_M)]))
+    return _mixed(
+        np.column_stack([np.round(sign * normals * 1e4), np.round(offset_m / _SAME_PLACE_M)])
+    )
 
 
 def _cast(
-    depsgraph: bpy.types.Depsgraph, thing: bpy.types.Object, start_m: np.ndarray, direction: np.ndarray, reach_m: float
+    depsgraph: bpy.types.Depsgraph,
+    thing: bpy.types.Object,
+    start_m: np.ndarray,
+    direction: np.ndarray,
+    reach_m: float,
 ) -> tuple[np.ndarray, Vector, int] | None:
     """The hit of a ray in the world with one object: position (3,) in metres, unit normal, face; None if there is no hit."""
     inverse, matrix = thing.matrix_world.inverted_safe(), thing.matrix_world
@@ -484,14 +579,23 @@ def _cast(
     if not step.length:
         return None
     start = inverse @ Vector(start_m)
-    hit, place, normal, face = thing.ray_cast(start, step.normalized(), distance=step.length, depsgraph=depsgraph)
-    return (np.array(matrix @ place), (inverse.to_3x3().transposed() @ normal).normalized(), face) if hit else None
+    hit, place, normal, face = thing.ray_cast(
+        start, step.normalized(), distance=step.length, depsgraph=depsgraph
+    )
+    return (
+        (np.array(matrix @ place), (inverse.to_3x3().transposed() @ normal).normalized(), face)
+        if hit
+        else None
+    )
 
 
 def _mixed(numbers: np.ndarray) -> np.ndarray:
     """(n,) uint64 hashes of rows (n, up to 4) of whole numbers."""
     with np.errstate(over="ignore"):
-        factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x27D4EB2F165667C5], np.uint64)
+        factors = np.array(
+            [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x27D4EB2F165667C5],
+            np.uint64,
+        )
         mixed = (numbers.astype(np.int64).astype(np.uint64) * factors[: numbers.shape[1]]).sum(1)
         mixed = (mixed ^ (mixed >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
         return mixed ^ (mixed >> np.uint64(32))
@@ -499,14 +603,20 @@ def _mixed(numbers: np.ndarray) -> np.ndarray:
 
 def _is_opaque(thing: bpy.types.Object) -> bool:
     """Whether an object is opaque and visible to all rays."""
-    trees = [slot.material.node_tree for slot in thing.material_slots if slot.material and slot.material.node_tree]
+    trees = [
+        slot.material.node_tree
+        for slot in thing.material_slots
+        if slot.material and slot.material.node_tree
+    ]
     outputs = set(compat.volume_outputs())
     nodes = [node for tree in trees for node in compat.nodes_of(tree)]
     shows = thing.visible_camera and thing.visible_shadow and not thing.hide_render
     return shows and not any(node in outputs or lit_scene.is_glass(node) for node in nodes)
 
 
-def _faces_in_world(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _faces_in_world(
+    thing: bpy.types.Object,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The faces of an evaluated mesh: keys (F,), equal for faces with the same corners in any order, 0 for faces without area; (F, 3) centres in
     metres; (F, 3) unit normals; (F,) areas in square metres.
     """
@@ -519,7 +629,9 @@ def _faces_in_world(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np
     following = np.arange(len(corners)) + 1
     following[np.append(starts[1:], len(corners)) - 1] = starts
     normals = np.add.reduceat(np.cross(corners, corners[following]), starts) / 2
-    normals *= -1 if thing.matrix_world.is_negative else 1  # a mirrored object's faces have reversed winding
+    normals *= (
+        -1 if thing.matrix_world.is_negative else 1
+    )  # a mirrored object's faces have reversed winding
     area = np.linalg.norm(normals, axis=1)
     with np.errstate(over="ignore"):
         keys = np.add.reduceat(_mixed(np.round(corners / _SAME_PLACE_M)), starts)

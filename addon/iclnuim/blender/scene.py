@@ -84,7 +84,9 @@ def shipped_file(name: str) -> Path:
     """The .blend of a shipped scene. Raises InputError if it is missing."""
     path = shipped.folder("blend") / f"{name}.blend"
     if not path.is_file():
-        raise InputError("the shipped scene", path=path, found="no such file", hint="installing iclnuim again")
+        raise InputError(
+            "the shipped scene", path=path, found="no such file", hint="installing iclnuim again"
+        )
     return path
 
 
@@ -103,14 +105,18 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     if path.suffix.lower() == ".obj":
         notes += sanitize.without_false_glass(path)
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
-        raise InputError("a scene with at least one surface", path=path, found=missing[0] if missing else "none")
+        raise InputError(
+            "a scene with at least one surface", path=path, found=missing[0] if missing else "none"
+        )
     sentence, unusual = orient.orient(path, reading, list(scene.objects))
     notes = [*([sentence] if unusual else []), *notes]
     bpy.context.view_layer.update()
     notes += sanitize.displace_meshes(scene)
     triangles = surfaces.triangle_count()
     if not triangles and not len(surfaces.triangles().triangles):
-        raise InputError("a scene with at least one surface", path=path, found="points and edges without a face")
+        raise InputError(
+            "a scene with at least one surface", path=path, found="points and edges without a face"
+        )
     if triangles <= MAX_BAKED:
         notes += sanitize.remove_coincident_faces(scene)
     return [*notes, *_light_passes_glass(), *_light_up(scene)]
@@ -122,10 +128,14 @@ def _neutral_settings(path: Path, scene: bpy.types.Scene) -> None:
     scene.render.use_simplify = False
     cameras = [o for o in scene.objects if o.type == "CAMERA"]
     if scene.camera is None and len(cameras) == 1:
-        scene.camera = cameras[0]  # formats without an active camera: the only camera becomes active
+        scene.camera = cameras[
+            0
+        ]  # formats without an active camera: the only camera becomes active
     if path.suffix.lower() == ".blend":
         return
-    scene.view_settings.view_transform = "Standard"  # the setting after an import is Blender's default, not the file's
+    scene.view_settings.view_transform = (
+        "Standard"  # the setting after an import is Blender's default, not the file's
+    )
     ranges = [tuple(action.frame_range) for action in bpy.data.actions]
     if ranges:  # importers do not set the timeline: it gets the range of all animations
         scene.frame_start = max(0, math.floor(min(first for first, _ in ranges)))
@@ -146,12 +156,16 @@ def _with_background_sets(scene: bpy.types.Scene) -> None:
 
 def _without_grease_pencil() -> list[str]:
     """Hide Grease Pencil: Blender draws it over the image by another engine, which rounds the depth of all pixels."""
-    drawings = [o for o in bpy.data.objects if o.type in ("GREASEPENCIL", "GPENCIL") and not o.hide_render]
+    drawings = [
+        o for o in bpy.data.objects if o.type in ("GREASEPENCIL", "GPENCIL") and not o.hide_render
+    ]
     for thing in drawings:
         thing.hide_render = True
     names = ", ".join(sorted(o.name for o in drawings))[:120]
     return (
-        [f"Grease Pencil ({names}): left out, because it is drawn over the image and has no depth"] if drawings else []
+        [f"Grease Pencil ({names}): left out, because it is drawn over the image and has no depth"]
+        if drawings
+        else []
     )
 
 
@@ -172,7 +186,9 @@ def _look_at_rendered_layer(scene: bpy.types.Scene) -> None:
 
 
 def _light_passes_glass() -> list[str]:
-    glass = lit_scene.let_light_through(m for m in bpy.data.materials if m.use_nodes and m.node_tree)
+    glass = lit_scene.let_light_through(
+        m for m in bpy.data.materials if m.use_nodes and m.node_tree
+    )
     if not glass:
         return []
     return [
@@ -226,9 +242,13 @@ def checked_file(name: str) -> Path:
     """The full path of a user-provided file. Raises InputError if it does not exist or its format is not supported."""
     path = Path(name).expanduser().resolve()
     if path.suffix.lower() not in KINDS:
-        raise InputError(f"a scene: {', '.join(SCENES)} or a scene file ending in {', '.join(KINDS)}", found=name)
+        raise InputError(
+            f"a scene: {', '.join(SCENES)} or a scene file ending in {', '.join(KINDS)}", found=name
+        )
     if not path.is_file():
-        raise InputError("a scene file", path=path, found="a folder" if path.is_dir() else "no such file")
+        raise InputError(
+            "a scene file", path=path, found="a folder" if path.is_dir() else "no such file"
+        )
     if not path.stat().st_size:
         raise InputError("a scene file", path=path, found="an empty file")
     return path
@@ -238,16 +258,22 @@ def load(path: Path) -> None:
     """Import the file into the open session. A .blend replaces the session, and its scripts are not run. Raises InputError."""
     if path.suffix.lower() == ".ply":
         check_ply(path)
-    logging.disable(logging.ERROR)  # importers written in Python log every node of the file and every missing texture
+    logging.disable(
+        logging.ERROR
+    )  # importers written in Python log every node of the file and every missing texture
     try:
         with redirect_stdout(io.StringIO()):  # bpy.ops prints the errors of importers a second time
             if path.suffix.lower() == ".blend":
-                result = bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
+                result = bpy.ops.wm.open_mainfile(
+                    filepath=str(path), load_ui=False, use_scripts=False
+                )
             else:
                 result = IMPORTERS[path.suffix.lower()](str(path))
     except AttributeError:
         without = f"{compat.version_line()} without its importer"
-        raise InputError("a Blender that can import this format", path=path, found=without) from None
+        raise InputError(
+            "a Blender that can import this format", path=path, found=without
+        ) from None
     except (RuntimeError, TypeError, UnicodeDecodeError) as error:
         # the last line of the importer's message; for an importer in Python the message contains a traceback
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
@@ -257,7 +283,9 @@ def load(path: Path) -> None:
     finally:
         logging.disable(logging.NOTSET)
     if result != {"FINISHED"}:
-        raise InputError("a scene that Blender can read", path=path, found="a file that its importer rejects")
+        raise InputError(
+            "a scene that Blender can read", path=path, found="a file that its importer rejects"
+        )
 
 
 def _light_up(scene: bpy.types.Scene) -> list[str]:
@@ -277,11 +305,17 @@ def _light_up(scene: bpy.types.Scene) -> list[str]:
 
 def _has_light(scene: bpy.types.Scene) -> bool:
     lamps = [lamp.data for lamp in surfaces.rendered_lamps(scene)]
-    instanced = any(o.type == "EMPTY" and o.instance_collection for o in scene.objects) and bpy.data.lights
+    instanced = (
+        any(o.type == "EMPTY" and o.instance_collection for o in scene.objects) and bpy.data.lights
+    )
     if any(lamp.energy > 0 for lamp in lamps) or instanced or _shines(scene.world):
         return True
     things = [o for o in scene.objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render]
-    glowing = [o for o in things if any(s.material and _emits(s.material.node_tree) for s in o.material_slots)]
+    glowing = [
+        o
+        for o in things
+        if any(s.material and _emits(s.material.node_tree) for s in o.material_slots)
+    ]
     return any(max(o.dimensions) > _SMALLEST_EMITTER_M for o in glowing)
 
 
@@ -312,8 +346,12 @@ def _is_on(node: bpy.types.Node, *names: str) -> bool:
 def _light_inside(scene: bpy.types.Scene) -> int:
     """Add lamps at enclosed places in free space, far from one another. Returns their number."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    shown = [o for o in scene.objects if o.type == "MESH" and not o.hide_render and len(o.data.polygons)]
-    corners = np.array([np.array(o.matrix_world) @ (*c, 1.0) for o in shown for c in o.bound_box] or [np.zeros(4)])
+    shown = [
+        o for o in scene.objects if o.type == "MESH" and not o.hide_render and len(o.data.polygons)
+    ]
+    corners = np.array(
+        [np.array(o.matrix_world) @ (*c, 1.0) for o in shown for c in o.bound_box] or [np.zeros(4)]
+    )
     low, high = corners[:, :3].min(0), corners[:, :3].max(0)
     rng = np.random.default_rng(0)
     places = low + (high - low) * rng.uniform(0.05, 0.95, (_PLACES, 3))
@@ -331,12 +369,17 @@ def _light_inside(scene: bpy.types.Scene) -> int:
         data = bpy.data.lights.new("Neutral light", "POINT")
         data.energy, data.shadow_soft_size = watts / len(chosen), _RADIUS_M
         lamp = bpy.data.objects.new("Neutral light", data)
-        lamp.location, lamp.visible_camera = place, False  # visible in reflections, because metal shows nothing else
+        lamp.location, lamp.visible_camera = (
+            place,
+            False,
+        )  # visible in reflections, because metal shows nothing else
         scene.collection.objects.link(lamp)
     return len(chosen)
 
 
-def _look_round(depsgraph: bpy.types.Depsgraph, place: np.ndarray, rays: np.ndarray) -> tuple[float, float, float]:
+def _look_round(
+    depsgraph: bpy.types.Depsgraph, place: np.ndarray, rays: np.ndarray
+) -> tuple[float, float, float]:
     """The share of rays that reach the sky, the share that end at a back face, and the distance of the nearest surface in metres."""
     sky = backs = 0
     nearest = np.inf

@@ -30,17 +30,37 @@ _POINTED = (bpy.types.ColorRamp, bpy.types.CurveMapping, bpy.types.Image)
 def key_parts(found: list[Part], scene: bpy.types.Scene) -> dict[str, str]:
     """A hash (hexadecimal) for each of: surfaces, materials, images, lamps, world, bounces."""
     materials = {m for part in found for m in part.mesh.materials if m is not None}
-    trees = [block.node_tree for block in (*materials, scene.world) if block is not None and block.node_tree]
-    lamps = [_text(_lamp(thing)) for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render]
+    trees = [
+        block.node_tree
+        for block in (*materials, scene.world)
+        if block is not None and block.node_tree
+    ]
+    lamps = [
+        _text(_lamp(thing))
+        for thing in scene.objects
+        if thing.type == "LIGHT" and not thing.hide_render
+    ]
     sky = scene.world
     world = {} if sky is None else {"colour": tuple(sky.color), "nodes": _tree(sky.node_tree)}
     return {
         "surfaces": _hash(*[_part(p) for p in found]),
         "materials": _hash(*sorted(_text(_material(m)) for m in materials)),
-        "images": _hash(*sorted({_image(n.image) for t in trees for n in nodes_of(t) if getattr(n, "image", None)})),
+        "images": _hash(
+            *sorted(
+                {_image(n.image) for t in trees for n in nodes_of(t) if getattr(n, "image", None)}
+            )
+        ),
         "lamps": _hash(*sorted(lamps)),
         "world": _hash(_text(world)),
-        "bounces": _hash(_text({name: getattr(scene.cycles, name) for name in _CYCLES if hasattr(scene.cycles, name)})),
+        "bounces": _hash(
+            _text(
+                {
+                    name: getattr(scene.cycles, name)
+                    for name in _CYCLES
+                    if hasattr(scene.cycles, name)
+                }
+            )
+        ),
     }
 
 
@@ -73,12 +93,18 @@ def _part(part: Part) -> bytes:
         *[array_of(layer.data, "uv", 2, np.float32) for layer in mesh.uv_layers],
     ]
     names = [m.name if m else "" for m in mesh.materials]
-    rays = [getattr(part.source, f"visible_{ray}", True) for ray in ("diffuse", "glossy", "transmission", "shadow")]
+    rays = [
+        getattr(part.source, f"visible_{ray}", True)
+        for ray in ("diffuse", "glossy", "transmission", "shadow")
+    ]
     return _hash(*[a.tobytes() for a in arrays], _text([part.name, names, rays])).encode()
 
 
 def _material(material: bpy.types.Material) -> dict:
-    cycles = {name: getattr(material.cycles, name, None) for name in ("emission_sampling", "use_transparent_shadow")}
+    cycles = {
+        name: getattr(material.cycles, name, None)
+        for name in ("emission_sampling", "use_transparent_shadow")
+    }
     look = {"nodes": _tree(material.node_tree), "colour": tuple(material.diffuse_color)}
     return {"name": material.name, "cycles": cycles, **look}
 
@@ -87,7 +113,10 @@ def _lamp(thing: bpy.types.Object) -> dict:
     data, matrix = thing.data, np.round(np.array(thing.matrix_world), 6).ravel().tolist()
     names = ("is_portal", "cast_shadow", "max_bounces", "use_multiple_importance_sampling")
     cycles = {name: getattr(data.cycles, name, None) for name in names}
-    rays = [getattr(thing, f"visible_{ray}", True) for ray in ("diffuse", "glossy", "transmission", "camera")]
+    rays = [
+        getattr(thing, f"visible_{ray}", True)
+        for ray in ("diffuse", "glossy", "transmission", "camera")
+    ]
     shines = {"data": _plain_properties(data), "nodes": _tree(data.node_tree)}
     return {"matrix": matrix, "cycles": cycles, "rays": rays, **shines}
 
@@ -97,7 +126,10 @@ def _tree(tree: bpy.types.NodeTree | None) -> list:
     if tree is None:
         return []
     nodes = [_node(node) for node in sorted(tree.nodes, key=lambda n: n.name)]
-    ends = [(k.from_node.name, k.from_socket.identifier, k.to_node.name, k.to_socket.identifier) for k in tree.links]
+    ends = [
+        (k.from_node.name, k.from_socket.identifier, k.to_node.name, k.to_socket.identifier)
+        for k in tree.links
+    ]
     return [nodes, sorted(ends)]
 
 
@@ -128,7 +160,9 @@ def _value(value: Any) -> Any:
         stops = [(e.position, tuple(e.color)) for e in value.elements]
         return [value.interpolation, value.color_mode, value.hue_interpolation, stops]
     if isinstance(value, bpy.types.CurveMapping):
-        return [[(tuple(p.location), p.handle_type) for p in curve.points] for curve in value.curves]
+        return [
+            [(tuple(p.location), p.handle_type) for p in curve.points] for curve in value.curves
+        ]
     if isinstance(value, bool | int | float | str | list | tuple):
         return value
     return tuple(value) if hasattr(value, "__len__") else str(getattr(value, "name", ""))

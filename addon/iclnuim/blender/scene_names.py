@@ -51,10 +51,14 @@ def named_in(file: Path, kind: str = "") -> Iterator[Named]:
     """
     with suppress(OSError):
         state = file.stat()
-        if file.suffix.lower() == ".mtlx":  # its includes are read together with it, so they must be yielded first
+        if (
+            file.suffix.lower() == ".mtlx"
+        ):  # its includes are read together with it, so they must be yielded first
             yield from _looked_through(file, kind)
             return
-        yield from _kept(file, kind, (state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns))
+        yield from _kept(
+            file, kind, (state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+        )
         if file.suffix.lower() == ".obj" and file.with_suffix(".mtl").exists():
             yield Named("its materials", f"{file.stem}.mtl")
 
@@ -68,7 +72,9 @@ def _looked_through(file: Path, kind: str) -> Iterator[Named]:
     with open(file, "rb") as content:
         head = content.read(18)
     finders = {finder for start, finder in _MAGIC.items() if head.startswith(start)}
-    finders |= {finder for suffix, finder in _FINDERS.items() if suffix == (kind or file.suffix.lower())}
+    finders |= {
+        finder for suffix, finder in _FINDERS.items() if suffix == (kind or file.suffix.lower())
+    }
     for finder in finders if head else ():
         yield from finder(file)
 
@@ -97,7 +103,10 @@ def _in_mtl(file: Path) -> Iterator[Named]:
 
 def _lines(file: Path, pattern: re.Pattern[bytes]) -> Iterator[tuple[str, str]]:
     """(place, argument) of the lines that match."""
-    with open(file, "rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content:
+    with (
+        open(file, "rb") as opened,
+        mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content,
+    ):
         at, line = 0, 1
         for found in pattern.finditer(content):
             start = content.rfind(b"\n", 0, found.start()) + 1
@@ -114,7 +123,12 @@ def _in_gltf(file: Path) -> Iterator[Named]:
             data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
         content = json.loads(data)
         groups = [(key, content.get(key) or []) for key in ("buffers", "images")]
-        entries = [(f"{key}[{k}].uri", e) for key, group in groups for k, e in enumerate(group) if isinstance(e, dict)]
+        entries = [
+            (f"{key}[{k}].uri", e)
+            for key, group in groups
+            for k, e in enumerate(group)
+            if isinstance(e, dict)
+        ]
     except (OSError, ValueError, AttributeError, TypeError, RecursionError):
         return
     for place, entry in entries:
@@ -127,26 +141,39 @@ def _in_gltf(file: Path) -> Iterator[Named]:
 
 def _in_fbx(file: Path) -> Iterator[Named]:
     """All texts of the file, because it depends on the program that wrote it which of them are paths."""
-    with open(file, "rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content:
+    with (
+        open(file, "rb") as opened,
+        mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content,
+    ):
         if content[:18] == b"Kaydara FBX Binary":
             starts = [found.end() for found in _FBX_STRING.finditer(content)]
-            strings = [content[at + 4 : at + 4 + struct.unpack_from("<I", content, at)[0]] for at in starts]
+            strings = [
+                content[at + 4 : at + 4 + struct.unpack_from("<I", content, at)[0]] for at in starts
+            ]
         else:
             strings = [found[1] for found in re.finditer(rb'"([^"\r\n]{1,4096})"', content)]
     texts = [html.unescape(string.decode("utf-8", "surrogateescape")) for string in strings]
-    origins = {k + step for k, text in enumerate(texts) if _FBX_ORIGIN.match(text) for step in range(1, 5)}
+    origins = {
+        k + step for k, text in enumerate(texts) if _FBX_ORIGIN.match(text) for step in range(1, 5)
+    }
     for name in dict.fromkeys(text for k, text in enumerate(texts) if k not in origins):
         yield Named("a text", name)
 
 
 def _in_usd(file: Path) -> Iterator[Named]:
     """References of the layer, and of the layers that are packed into it."""
-    if file.suffix.lower() == ".mtlx":  # its includes are read together with it, so they are yielded first
+    if (
+        file.suffix.lower() == ".mtlx"
+    ):  # its includes are read together with it, so they are yielded first
         for found in re.findall(rb"[\"']([^\"']{1,4096})[\"']", file.read_bytes()):
             yield Named("a text", html.unescape(found.decode("utf-8", "surrogateescape")))
     pxr = compat.usd_library()
     if pxr is None:
-        raise InputError("a Blender that reads USD", path=file, found=f"{compat.version_line()} without its library")
+        raise InputError(
+            "a Blender that reads USD",
+            path=file,
+            found=f"{compat.version_line()} without its library",
+        )
     own = os.path.realpath(file)
     todo, seen = [own], set()
     while todo:
@@ -164,13 +191,19 @@ def _in_usd(file: Path) -> Iterator[Named]:
                     todo += {whole} - seen if Path(whole.rstrip("]")).suffix in _LAYERS else set()
                 else:
                     plain = name.partition("[")[0].partition(":SDF_FORMAT_ARGS:")[0]
-                    yield Named(place, plain, Path(plain).suffix in _LAYERS, computed=name.startswith("`"))
+                    yield Named(
+                        place, plain, Path(plain).suffix in _LAYERS, computed=name.startswith("`")
+                    )
 
 
 def _in_playlist(file: Path) -> Iterator[Named]:
     """A video playlist that refers to other videos."""
     for line in file.read_text("utf-8", "surrogateescape").splitlines():
-        for name in [line.strip(), *re.findall("[\"']([^\"']+)[\"']", line), line.rpartition(" ")[2]]:
+        for name in [
+            line.strip(),
+            *re.findall("[\"']([^\"']+)[\"']", line),
+            line.rpartition(" ")[2],
+        ]:
             yield Named("playlist", name)
 
 

@@ -45,7 +45,11 @@ def check(path: Path, reading: SceneReading) -> list[str]:
         if named.report_missing and not there:
             missing.append(Path(named.name.replace("\\", "/")).name)
     names = ", ".join(dict.fromkeys(missing))[:160]
-    return [f"files that the scene refers to are missing ({names}): it is read without them"] if missing else []
+    return (
+        [f"files that the scene refers to are missing ({names}): it is read without them"]
+        if missing
+        else []
+    )
 
 
 def check_open(path: Path, reading: SceneReading) -> None:
@@ -58,7 +62,9 @@ def check_open(path: Path, reading: SceneReading) -> None:
 
 def sha256(path: Path) -> str:
     """The hash of the file and of every other file that it, the open scene, or one of these files refers to."""
-    named = {file for _, _, there in _walk(path) for target in there for file in _files(path, target)}
+    named = {
+        file for _, _, there in _walk(path) for target in there for file in _files(path, target)
+    }
     beside = named | {target for block, file in _referenced() for target in _frames(block, file)}
     digest = hashlib.sha256(_content_hash(path))
     for file in sorted({_resolved(file): file for file in sorted(beside)}.values()):
@@ -75,7 +81,11 @@ def _walk(path: Path) -> Iterator[tuple[Path, Named, list[Path]]]:
 
     @functools.cache
     def links(folder: Path) -> list[Path]:
-        return [p for p in folder.iterdir() if p.is_symlink()] if _resolved(folder).is_relative_to(own) else []
+        return (
+            [p for p in folder.iterdir() if p.is_symlink()]
+            if _resolved(folder).is_relative_to(own)
+            else []
+        )
 
     while todo:
         file, kind = todo.pop()
@@ -84,10 +94,16 @@ def _walk(path: Path) -> Iterator[tuple[Path, Named, list[Path]]]:
         seen.add(key)
         for named in scene_names.named_in(file, kind):
             there = [
-                match for target in _targets(file.parent, named) for match in _matches(target, named.folder, links)
+                match
+                for target in _targets(file.parent, named)
+                for match in _matches(target, named.folder, links)
             ]
             if not there and not named.blenders:
-                there = [t for target in _last_resorts(file.parent, named) for t in _matches(target, False, links)]
+                there = [
+                    t
+                    for target in _last_resorts(file.parent, named)
+                    for t in _matches(target, False, links)
+                ]
             yield file, named, there
             todo += [(target, named.kind) for target in there]
 
@@ -126,14 +142,19 @@ def _matches(target: Path, folder: bool, links: Callable[[Path], list[Path]]) ->
         if target.exists() and (folder or not target.is_dir()):
             alike = re.split(r"\d", target.name)[0]
             near = links(target.parent)
-            return [target, *(p for p in near if p.suffix == target.suffix and p.name.startswith(alike))]
+            return [
+                target,
+                *(p for p in near if p.suffix == target.suffix and p.name.startswith(alike)),
+            ]
     return []
 
 
 def _allowed(path: Path, target: Path, reading: SceneReading) -> bool:
     folders = [path.parent, *([Path(reading.textures).expanduser()] if reading.textures else [])]
     inside = any(_resolved(target).is_relative_to(folder.resolve()) for folder in folders)
-    return reading.allow_outside or (inside and (target.is_file() or target.is_dir()))  # reading a pipe would block
+    return reading.allow_outside or (
+        inside and (target.is_file() or target.is_dir())
+    )  # reading a pipe would block
 
 
 def _refuse(file: Path, place: str, name: str, reading: SceneReading) -> None:
@@ -153,9 +174,21 @@ def _resolved(target: Path) -> Path:
 def _referenced() -> Iterator[tuple[bpy.types.ID, Path]]:
     """(block, absolute path) of every external file of the open session, except scripts, which are never read."""
     data = bpy.data
-    kinds = (data.images, data.libraries, data.cache_files, data.volumes, data.fonts, data.movieclips, data.sounds)
+    kinds = (
+        data.images,
+        data.libraries,
+        data.cache_files,
+        data.volumes,
+        data.fonts,
+        data.movieclips,
+        data.sounds,
+    )
     for block in (block for blocks in kinds for block in blocks):
-        if block.filepath and block.filepath != "<builtin>" and getattr(block, "packed_file", None) is None:
+        if (
+            block.filepath
+            and block.filepath != "<builtin>"
+            and getattr(block, "packed_file", None) is None
+        ):
             yield block, Path(bpy.path.abspath(block.filepath, library=block.library))
 
 

@@ -60,17 +60,26 @@ def apply(job: RenderJob, threads: int | None = None) -> None:
     if job.lambertian:
         remove_gloss()
     width = WIDE_FILTER_PX if job.antialias else CENTRE_FILTER_PX
-    own = {"samples": job.samples, "seed": job.seed, "use_denoising": job.denoise, "filter_width": width}
+    own = {
+        "samples": job.samples,
+        "seed": job.seed,
+        "use_denoising": job.denoise,
+        "filter_width": width,
+    }
     assign(scene.render, _RENDER)
     assign(scene.cycles, {**_CYCLES, **own, **(_DENOISER if job.denoise else {})})
     compat.set_multilayer_exr(scene.render.image_settings)
     # with date and times in the header, files of equal frames would differ
-    assign(scene.render, {name: False for name in dir(scene.render) if name.startswith("use_stamp")})
+    assign(
+        scene.render, {name: False for name in dir(scene.render) if name.startswith("use_stamp")}
+    )
     for other in scene.view_layers:
         other.use = other == layer
     passes = [name for name in dir(layer) if name.startswith("use_pass_")]
     assign(layer, {name: name in ("use_pass_combined", "use_pass_z") for name in passes})
-    layer.pass_alpha_threshold = 0.0  # a pane of glass counts as a surface: Z is that of the first surface a ray hits
+    layer.pass_alpha_threshold = (
+        0.0  # a pane of glass counts as a surface: Z is that of the first surface a ray hits
+    )
     assign(layer, _LAYER)
     assign(layer.cycles, {"denoising_store_passes": False, "use_denoising": True})
     if threads:
@@ -110,7 +119,9 @@ def remove_gloss() -> None:
         for node in [n for n in tree.nodes if n.type in ("MIX_SHADER", "ADD_SHADER")]:
             shaders = [s for s in node.inputs if s.type == "SHADER" and s.is_linked]
             others = [
-                s.links[0].from_socket for s in shaders if not s.links[0].from_node.type.startswith("BSDF_GLOSSY")
+                s.links[0].from_socket
+                for s in shaders
+                if not s.links[0].from_node.type.startswith("BSDF_GLOSSY")
             ]
             if len(shaders) == 2 and len(others) == 1:
                 compat.redirect(node.outputs[0], others[0])

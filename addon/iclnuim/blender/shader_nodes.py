@@ -16,9 +16,14 @@ def feed(tree: NodeTree, source: Source, target: NodeSocket) -> None:
     if isinstance(source, NodeSocket) and (source.is_output or source.is_linked):
         tree.links.new(source if source.is_output else source.links[0].from_socket, target)
         return
-    value, wanted = source.default_value if isinstance(source, NodeSocket) else source, target.default_value
+    value, wanted = (
+        source.default_value if isinstance(source, NodeSocket) else source,
+        target.default_value,
+    )
     if isinstance(wanted, int | float):  # in bpy 5.2 this includes booleans
-        target.default_value = value if isinstance(value, int | float) else sum(tuple(value)[:3]) / 3
+        target.default_value = (
+            value if isinstance(value, int | float) else sum(tuple(value)[:3]) / 3
+        )
     elif isinstance(value, int | float):
         target.default_value = (value,) * 3 + (1.0,) * (len(wanted) - 3)
     else:
@@ -81,7 +86,11 @@ def product(tree: NodeTree, *sources: Source) -> Source:
 
 
 def one_minus(tree: NodeTree, source: Source) -> Source:
-    return 1.0 - source if isinstance(source, int | float) else calculate(tree, "SUBTRACT", 1.0, source)
+    return (
+        1.0 - source
+        if isinstance(source, int | float)
+        else calculate(tree, "SUBTRACT", 1.0, source)
+    )
 
 
 def polynomial(tree: NodeTree, coefficients: tuple[float, ...], x: Source) -> Source:

@@ -14,7 +14,11 @@ def gives_light(world: bpy.types.World | None) -> bool:
         return False
     if not world.use_nodes:
         return max(world.color) > 0
-    outputs = [node for node in world.node_tree.nodes if node.type == "OUTPUT_WORLD" and node.is_active_output]
+    outputs = [
+        node
+        for node in world.node_tree.nodes
+        if node.type == "OUTPUT_WORLD" and node.is_active_output
+    ]
     shaders = [link.from_node for output in outputs for link in output.inputs["Surface"].links]
     return any(not _is_black(shader) for shader in shaders)
 
@@ -57,4 +61,6 @@ def _image_width(world: bpy.types.World | None) -> int | None:
 def _is_whole_sphere(node: bpy.types.Node) -> bool:
     if node.type != "TEX_ENVIRONMENT" or node.inputs["Vector"].is_linked:
         return False
-    return node.projection == "EQUIRECTANGULAR" and node.image is not None and node.image.size[0] > 0
+    return (
+        node.projection == "EQUIRECTANGULAR" and node.image is not None and node.image.size[0] > 0
+    )

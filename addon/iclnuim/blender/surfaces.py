@@ -53,7 +53,9 @@ class Part:
     def vertices_m(self) -> np.ndarray:
         """(n, 3) in metres, our world."""
         matrix = np.array(self.matrix)
-        return array_of(self.mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+        return (
+            array_of(self.mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+        )
 
 
 def triangles(panes: bool = True) -> Surface:
@@ -61,7 +63,12 @@ def triangles(panes: bool = True) -> Surface:
 
     panes: include surfaces that only have a Transparent BSDF.
     """
-    vertices, faces, owners, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int32)], [np.zeros(0, np.int32)], 0
+    vertices, faces, owners, count = (
+        [np.zeros((0, 3))],
+        [np.zeros((0, 3), np.int32)],
+        [np.zeros(0, np.int32)],
+        0,
+    )
     names: list[str] = []
     held_out: list[bool] = []
     with rendered_parts() as (found, _):
@@ -69,14 +76,20 @@ def triangles(panes: bool = True) -> Surface:
             if part.source.visible_camera and len(part.mesh.loop_triangles):
                 vertices.append(part.vertices_m())
                 kept = solid(part) if panes else solid(part) & ~_is_pane(part)
-                faces.append(array_of(part.mesh.loop_triangles, "vertices", 3, np.int32)[kept] + count)
+                faces.append(
+                    array_of(part.mesh.loop_triangles, "vertices", 3, np.int32)[kept] + count
+                )
                 owners.append(np.full(len(faces[-1]), len(names), np.int32))
                 names.append(part.name)
                 held_out.append(part.source.is_holdout)
                 count += len(vertices[-1])
     owner = np.concatenate(owners)
     return Surface(
-        np.concatenate(vertices), np.concatenate(faces), owner, tuple(names), np.array(held_out, bool)[owner]
+        np.concatenate(vertices),
+        np.concatenate(faces),
+        owner,
+        tuple(names),
+        np.array(held_out, bool)[owner],
     )
 
 
@@ -84,7 +97,11 @@ def triangle_count() -> int:
     """The number of triangles that the open scene renders, including every instance, without curves and texts."""
     with as_rendered(bpy.context.scene) as depsgraph:
         shown = ((i.object, i.is_instance) for i in depsgraph.object_instances if i.show_self)
-        seen = (thing for thing, instanced in shown if thing.visible_camera and (instanced or not thing.hide_render))
+        seen = (
+            thing
+            for thing, instanced in shown
+            if thing.visible_camera and (instanced or not thing.hide_render)
+        )
         meshes = (thing.data for thing in seen if thing.type == "MESH")
         return sum(len(mesh.loops) - 2 * len(mesh.polygons) for mesh in meshes)
 
@@ -97,14 +114,20 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
     with ExitStack() as stack:
 
         def hold(thing: Any, **values: object) -> None:
-            stack.enter_context(temporarily(thing, **{k: v for k, v in values.items() if getattr(thing, k) != v}))
+            stack.enter_context(
+                temporarily(thing, **{k: v for k, v in values.items() if getattr(thing, k) != v})
+            )
 
         for collection in bpy.data.collections:
             hold(collection, hide_viewport=collection.hide_render)
         for layer in layers_below(bpy.context.view_layer.layer_collection):
             hold(layer, hide_viewport=False)
         for thing in bpy.data.objects:
-            hold(thing, hide_viewport=thing.hide_render, show_instancer_for_viewport=thing.show_instancer_for_render)
+            hold(
+                thing,
+                hide_viewport=thing.hide_render,
+                show_instancer_for_viewport=thing.show_instancer_for_render,
+            )
             if thing.hide_get():
                 thing.hide_set(False)
                 stack.callback(thing.hide_set, True)
@@ -121,14 +144,22 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
 
 def _levels(thing: Any) -> dict[str, object]:
     """Viewport properties for the level of detail of a modifier, curve or metaball, and their values in renders. 0 usually means no change."""
-    both = [(shown, rendered) for shown, rendered in _LEVELS if hasattr(thing, shown) and hasattr(thing, rendered)]
+    both = [
+        (shown, rendered)
+        for shown, rendered in _LEVELS
+        if hasattr(thing, shown) and hasattr(thing, rendered)
+    ]
     levels = {shown: getattr(thing, rendered) for shown, rendered in both}
     return {shown: level for shown, level in levels.items() if level or shown == "levels"}
 
 
-def layers_below(layer: bpy.types.LayerCollection, rendered: bool = False) -> list[bpy.types.LayerCollection]:
+def layers_below(
+    layer: bpy.types.LayerCollection, rendered: bool = False
+) -> list[bpy.types.LayerCollection]:
     """All layer collections below `layer`, or only those that render. The top one is never hidden."""
-    shown = [c for c in layer.children if not (rendered and (c.exclude or c.collection.hide_render))]
+    shown = [
+        c for c in layer.children if not (rendered and (c.exclude or c.collection.hide_render))
+    ]
     return [inner for child in shown for inner in (child, *layers_below(child, rendered))]
 
 
@@ -146,7 +177,9 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
         if by_nodes and isinstance(thing.data, bpy.types.Mesh):
             mesh = thing.data.copy()
         else:
-            mesh = bpy.data.meshes.new_from_object(thing, preserve_all_data_layers=True, depsgraph=depsgraph)
+            mesh = bpy.data.meshes.new_from_object(
+                thing, preserve_all_data_layers=True, depsgraph=depsgraph
+            )
         if mesh is None or not len(mesh.polygons):
             continue
         mesh.calc_loop_triangles()
@@ -162,13 +195,18 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
             thing.data, bpy.types.Mesh
         ):  # generated coordinates refer to its bounding box before the modifiers
             mesh.use_auto_texspace = False
-            mesh.texspace_location, mesh.texspace_size = thing.data.texspace_location, thing.data.texspace_size
+            mesh.texspace_location, mesh.texspace_size = (
+                thing.data.texspace_location,
+                thing.data.texspace_size,
+            )
         origin = instance.parent.original if instance.is_instance else thing.original
         matrix, single = instance.matrix_world.copy(), not instance.is_instance
         found.append(Part(thing.name, mesh, matrix, thing.original, origin, single))
         data.append(thing.data.as_pointer())
     users = Counter(data)
-    return [replace(part, shared=users[pointer] > 1) for part, pointer in zip(found, data, strict=True)]
+    return [
+        replace(part, shared=users[pointer] > 1) for part, pointer in zip(found, data, strict=True)
+    ]
 
 
 @contextmanager
@@ -194,12 +232,16 @@ def _surfaces(part: Part) -> Surfaces:
     vertex_of_corner = array_of(mesh.loops, "vertex_index", 1, np.int32)
     triangles = array_of(mesh.loop_triangles, "loops", 3, np.int32).astype(int)
     mirrored = np.linalg.det(matrix[:3, :3]) < 0  # wound the other way
-    welded = np.unique(np.round(vertices / 1e-5).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
+    welded = np.unique(np.round(vertices / 1e-5).astype(np.int64), axis=0, return_inverse=True)[
+        1
+    ].reshape(-1)
     return Surfaces(
         corners_m=vertices[vertex_of_corner],
         normals=world_normals(part, mesh.corner_normals),
         vertex=welded[vertex_of_corner],
-        face_start=np.append(array_of(mesh.polygons, "loop_start", 1, np.int32).astype(int), len(mesh.loops)),
+        face_start=np.append(
+            array_of(mesh.polygons, "loop_start", 1, np.int32).astype(int), len(mesh.loops)
+        ),
         triangles=triangles[:, ::-1] if mirrored else triangles,
         triangle_face=array_of(mesh.loop_triangles, "polygon_index", 1, np.int32).astype(int),
         face_object=np.zeros(len(mesh.polygons), int),
@@ -208,7 +250,9 @@ def _surfaces(part: Part) -> Surfaces:
 
 def world_normals(part: Part, found: Any) -> np.ndarray:
     """(n, 3) unit normals in the world, of the corners or vertices of a part."""
-    normals = array_of(found, "vector", 3).astype(float) @ _normal_matrix(np.array(part.matrix)[:3, :3])
+    normals = array_of(found, "vector", 3).astype(float) @ _normal_matrix(
+        np.array(part.matrix)[:3, :3]
+    )
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
 
@@ -223,8 +267,16 @@ def _normal_matrix(linear: np.ndarray) -> np.ndarray:
 def rendered_lamps(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The lamps that are rendered: not hidden, and in at least one collection that is not hidden."""
     top = bpy.context.view_layer.layer_collection
-    shown = {thing for layer in (top, *layers_below(top, rendered=True)) for thing in layer.collection.objects}
-    return [thing for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render and thing in shown]
+    shown = {
+        thing
+        for layer in (top, *layers_below(top, rendered=True))
+        for thing in layer.collection.objects
+    }
+    return [
+        thing
+        for thing in scene.objects
+        if thing.type == "LIGHT" and not thing.hide_render and thing in shown
+    ]
 
 
 def put(thing: bpy.types.Object, matrix: mathutils.Matrix) -> list[bpy.types.Object]:
@@ -233,7 +285,9 @@ def put(thing: bpy.types.Object, matrix: mathutils.Matrix) -> list[bpy.types.Obj
     """
     matrix = matrix.copy()
     thing.matrix_world = matrix
-    if np.allclose(np.array(mathutils.Matrix.LocRotScale(*matrix.decompose())), np.array(matrix), atol=1e-5):
+    if np.allclose(
+        np.array(mathutils.Matrix.LocRotScale(*matrix.decompose())), np.array(matrix), atol=1e-5
+    ):
         return []
     parent = bpy.data.objects.new("sheared", None)
     bpy.context.scene.collection.objects.link(parent)
@@ -271,19 +325,26 @@ def material_of_face(part: Part) -> np.ndarray:
 
 def solid(part: Part) -> np.ndarray:
     """(m,) whether a camera ray ends at the triangle; it does not at the bounds of a volume without a surface."""
-    ends = [not (o and o.inputs["Volume"].is_linked and not o.inputs["Surface"].is_linked) for o in _outputs(part)]
+    ends = [
+        not (o and o.inputs["Volume"].is_linked and not o.inputs["Surface"].is_linked)
+        for o in _outputs(part)
+    ]
     return _of_triangles(part, ends)
 
 
 def _is_pane(part: Part) -> np.ndarray:
     """(m,) whether light passes straight through the triangle."""
     links = [list(o.inputs["Surface"].links) if o else [] for o in _outputs(part)]
-    return _of_triangles(part, [any(link.from_node.type == "BSDF_TRANSPARENT" for link in own) for own in links])
+    return _of_triangles(
+        part, [any(link.from_node.type == "BSDF_TRANSPARENT" for link in own) for own in links]
+    )
 
 
 def _outputs(part: Part) -> list[Any]:
     """The Cycles output node of each material of the part; None for a material without nodes."""
-    return [m and m.use_nodes and m.node_tree.get_output_node("CYCLES") for m in part.mesh.materials] or [None]
+    return [
+        m and m.use_nodes and m.node_tree.get_output_node("CYCLES") for m in part.mesh.materials
+    ] or [None]
 
 
 def _of_triangles(part: Part, of_materials: list[bool]) -> np.ndarray:

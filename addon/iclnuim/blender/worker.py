@@ -16,14 +16,22 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from .. import __version__, shipped
+from .. import shipped
 from .. import worker_events as events
 from ..dataset.ground_truth import OBJECTS
 from ..dataset.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
 from ..errors import InputError
-from ..formats.files import make_folder, process_is_running, read_bytes, sha256, write_json, writer_has_ended
+from ..formats.files import (
+    make_folder,
+    process_is_running,
+    read_bytes,
+    sha256,
+    write_json,
+    writer_has_ended,
+)
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
+from ..version import __version__
 from ..worker_events import Event
 from . import (
     camera,
@@ -51,14 +59,24 @@ class Session:
     """
 
     def __init__(
-        self, job: RenderJob, out: Path, emit: Emit, threads: int | None = None, requested: Sequence[int] = ()
+        self,
+        job: RenderJob,
+        out: Path,
+        emit: Emit,
+        threads: int | None = None,
+        requested: Sequence[int] = (),
     ) -> None:
         compat.require_supported_version()
         self.emit, self.threads = emit, threads
         self.trajectory = load_trajectory(job)
         self._opened, look = not scene.is_shipped(job.scene), None
         self.job = _opened(job, emit) if self._opened else job
-        if self._opened and requested and job.light != "path" and not (out / first_look.PREVIEW).exists():
+        if (
+            self._opened
+            and requested
+            and job.light != "path"
+            and not (out / first_look.PREVIEW).exists()
+        ):
             with output.blender_output_in(Path(os.devnull)):
                 look = first_look.look(self.job, self.trajectory, requested[0], threads)
             self._opened = False
@@ -93,7 +111,9 @@ class Session:
             if table is not None:
                 write_json(self.run.path / OBJECTS, table)
             # including volumes made by Geometry Nodes
-            self._volumes = bool(preflight.volume_names(bpy.context.scene) or compat.volume_outputs())
+            self._volumes = bool(
+                preflight.volume_names(bpy.context.scene) or compat.volume_outputs()
+            )
             self._ready, self._opened = True, False
             self.emit(events.Ready())
 
@@ -113,7 +133,9 @@ class Session:
             image.pack()
         bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True, compress=True)
 
-    def render(self, requested: str | Sequence[int], should_stop: Callable[[], bool]) -> tuple[int, bool]:
+    def render(
+        self, requested: str | Sequence[int], should_stop: Callable[[], bool]
+    ) -> tuple[int, bool]:
         """Render the missing frames of those requested, given as a slice or numbers. Returns how many were rendered, and whether none is missing.
 
         The file of each frame is written while Cycles renders the next: at most one is open in addition to the current one. Raises InputError
@@ -134,15 +156,24 @@ class Session:
                 if should_stop():
                     break
                 begun = time.perf_counter()
-                raw, raw_depth, raw_behind = _render(job, number, self.work / str(rendered % 2), self._volumes)
+                raw, raw_depth, raw_behind = _render(
+                    job, number, self.work / str(rendered % 2), self._volumes
+                )
                 blurred = None
-                if not job.exposure.instant:  # RGB with motion blur or rolling shutter; Z is still that of the stamp
-                    depth_z_m, instant = frames.read(raw_depth, raw_depth)[1], self.work / "instant.exr"
+                if (
+                    not job.exposure.instant
+                ):  # RGB with motion blur or rolling shutter; Z is still that of the stamp
+                    depth_z_m, instant = (
+                        frames.read(raw_depth, raw_depth)[1],
+                        self.work / "instant.exr",
+                    )
                     blurred = frames.shoot(job, number, self.trajectory, depth_z_m, instant)
                 seconds = time.perf_counter() - begun
                 if closing is not None:
                     closing.result()
-                closing = closer.submit(self._close, number, raw, raw_depth, raw_behind, blurred, seconds)
+                closing = closer.submit(
+                    self._close, number, raw, raw_depth, raw_behind, blurred, seconds
+                )
                 rendered += 1
             if closing is not None:
                 closing.result()
@@ -155,13 +186,19 @@ class Session:
         if job.ground_truth:
             ground_truth.number_objects()
             table = ground_truth.objects_table()
-        lit_by = light_map.prepare(job, lambda text: self.emit(events.Note(text)))[0] if job.light == "baked" else None
+        lit_by = (
+            light_map.prepare(job, lambda text: self.emit(events.Note(text)))[0]
+            if job.light == "baked"
+            else None
+        )
         if job.mipmaps:  # after the light map is found: it is that of the original textures
             self._mipmaps = mipmaps.filter_textures(job.camera)
         if lit_by is not None:
             cycles = bpy.context.scene.cycles
             # path tracing clamps indirect light in the same way; not for built-in rooms, so that their frames do not change
-            light_map.apply(lit_by, None if scene.is_shipped(job.scene) else cycles.sample_clamp_indirect)
+            light_map.apply(
+                lit_by, None if scene.is_shipped(job.scene) else cycles.sample_clamp_indirect
+            )
             settings.assign(bpy.context.scene.cycles, light_map.BOUNCES)
             if (
                 bpy.context.scene.world is not None
@@ -183,7 +220,9 @@ class Session:
     ) -> None:
         """Convert Blender's raw frame to the finished file, with ground truth if the job has it, and emit the event immediately."""
         begun = time.perf_counter()
-        if self.run.is_finished(number):  # a worker whose parent was killed has finished its last frame meanwhile
+        if self.run.is_finished(
+            number
+        ):  # a worker whose parent was killed has finished its last frame meanwhile
             return self.emit(events.FrameDone(number, cycles_seconds, 0.0, found=True))
         rgb, depth_z_m = frames.read(raw, raw_depth)
         further = {}
@@ -191,10 +230,18 @@ class Session:
             further = ground_truth.read(raw_depth, self.trajectory.T_world_camera[number])
         if raw_behind is not None:
             behind_z_m = frames.read(raw_behind, raw_behind)[1]
-            depth_z_m = behind_z_m if self.job.glass == "behind" else np.where(behind_z_m == depth_z_m, depth_z_m, 0.0)
+            depth_z_m = (
+                behind_z_m
+                if self.job.glass == "behind"
+                else np.where(behind_z_m == depth_z_m, depth_z_m, 0.0)
+            )
         self.run.write_frame(number, rgb if blurred is None else blurred, depth_z_m, further)
         seconds = time.perf_counter() - begun
-        return self.emit(events.FrameDone(number, cycles_seconds, seconds, black=frames.why_black(rgb, depth_z_m)))
+        return self.emit(
+            events.FrameDone(
+                number, cycles_seconds, seconds, black=frames.why_black(rgb, depth_z_m)
+            )
+        )
 
 
 def recipe(job: RenderJob) -> dict:
@@ -207,7 +254,11 @@ def recipe(job: RenderJob) -> dict:
         "scene_sha256": scene.scene_sha256(job.scene),
         "blender": compat.version_line(),
         "texture_filter": mipmaps.VERSION,
-        "versions": {"iclnuim": __version__, "python": platform.python_version(), "numpy": np.__version__},
+        "versions": {
+            "iclnuim": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+        },
         "source_commit": shipped.source_commit(),
         "machine": {"system": platform.platform(), "processor": processor, "features": _features()},
     }
@@ -222,17 +273,24 @@ def _opened(job: RenderJob, emit: Emit) -> RenderJob:
     return job
 
 
-def bake_light(job: RenderJob, emit: Emit, threads: int | None = None, opened: bool = False) -> tuple[Path, bool]:
+def bake_light(
+    job: RenderJob, emit: Emit, threads: int | None = None, opened: bool = False
+) -> tuple[Path, bool]:
     """Open the job's scene, unless it is open, and find or bake its light map. Returns its folder, and whether it was baked.
 
     Raises InputError for a scene whose light cannot be baked.
     """
-    with tempfile.TemporaryDirectory() as folder, output.blender_output_in(Path(folder) / "blender.log"):
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        output.blender_output_in(Path(folder) / "blender.log"),
+    ):
         _set_up(job, emit, threads, opened, must_bake=True)
         return light_map.prepare(job, lambda text: emit(events.Note(text)))
 
 
-def _set_up(job: RenderJob, emit: Emit, threads: int | None, opened: bool, must_bake: bool = False) -> None:
+def _set_up(
+    job: RenderJob, emit: Emit, threads: int | None, opened: bool, must_bake: bool = False
+) -> None:
     """Open the job's scene unless it is open, emit notes about it, and set all settings."""
     _note_all(emit, [] if opened else scene.open_scene(job.scene, job.reading))
     if must_bake and (obstacle := scene.reason_against_baking(bpy.context.scene)):
@@ -249,7 +307,9 @@ def _note_all(emit: Emit, texts: list[str]) -> None:
         emit(events.Note(text))
 
 
-def _render(job: RenderJob, number: int, name: Path, volumes: bool) -> tuple[frames.Raw, frames.Raw, frames.Raw | None]:
+def _render(
+    job: RenderJob, number: int, name: Path, volumes: bool
+) -> tuple[frames.Raw, frames.Raw, frames.Raw | None]:
     """Render a frame. Returns Blender's frames with RGB and with Z, usually the same, and with Z behind glass if the job needs it. They may be files:
     the caller alternates names while another frame is being written.
 
@@ -262,11 +322,15 @@ def _render(job: RenderJob, number: int, name: Path, volumes: bool) -> tuple[fra
     narrow = {"filter_width": settings.CENTRE_FILTER_PX, "samples": 1, "use_denoising": False}
     if job.antialias or volumes or (job.ground_truth and job.samples != 1):
         with compat.temporarily(scene.cycles, **narrow), settings.without_volumes():
-            raw_depth = frames.render(number, name.with_name(f"{name.name}-depth.exr"), in_memory=True)
+            raw_depth = frames.render(
+                number, name.with_name(f"{name.name}-depth.exr"), in_memory=True
+            )
     if job.glass != "surface":
         through = compat.temporarily(scene.view_layers[0], pass_alpha_threshold=0.5)
         with through, compat.temporarily(scene.cycles, **narrow), settings.without_volumes():
-            raw_behind = frames.render(number, name.with_name(f"{name.name}-behind.exr"), in_memory=True)
+            raw_behind = frames.render(
+                number, name.with_name(f"{name.name}-behind.exr"), in_memory=True
+            )
     return raw, raw_depth, raw_behind
 
 
@@ -289,7 +353,9 @@ def _work_folder(run: RunFolder) -> Path:
 
 def _features() -> list[str]:
     """Processor features that select Cycles' kernels: frames are guaranteed to have equal bytes only on processors with equal features."""
-    return sorted(set(_cpuinfo("flags").split()) & {"sse4_2", "avx", "avx2", "fma", "f16c", "avx512f"})
+    return sorted(
+        set(_cpuinfo("flags").split()) & {"sse4_2", "avx", "avx2", "fma", "f16c", "avx512f"}
+    )
 
 
 def _cpuinfo(key: str) -> str:

@@ -34,16 +34,25 @@ class LogSettings(Settings):
 
     group: ClassVar[str] = "bags and logs"
 
-    rosbag: bool = setting(False, "also write OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg")
-    klg: bool = setting(False, "also write OUT.klg, the log of ElasticFusion, and its camera OUT.cal")
+    rosbag: bool = setting(
+        False, "also write OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg"
+    )
+    klg: bool = setting(
+        False, "also write OUT.klg, the log of ElasticFusion, and its camera OUT.cal"
+    )
     bag_storage: str = setting(
         "sqlite3",
         "storage format of the ROS 2 bag",
-        choices={"sqlite3": "a database, the default of ROS 2 up to Humble", "mcap": "MCAP, the default after Humble"},
+        choices={
+            "sqlite3": "a database, the default of ROS 2 up to Humble",
+            "mcap": "MCAP, the default after Humble",
+        },
     )
     compress_bags: bool = setting(False, "compress the bags: ROS 1 by LZ4, ROS 2 by Zstandard")
 
-    def write(self, folder: Path, out: Path, note: Callable[[str], object] = lambda text: None) -> list[Path]:
+    def write(
+        self, folder: Path, out: Path, note: Callable[[str], object] = lambda text: None
+    ) -> list[Path]:
         """Write bags and logs next to `out` from the sequence in `folder`. Returns their paths. Existing ones stay, which `note` says."""
         beside = out.resolve()
         klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
@@ -51,7 +60,9 @@ class LogSettings(Settings):
         missing = [path for path in wanted if not path.exists()]
         for path in wanted:
             if path not in missing:
-                note(f"{path} exists already and is not changed; remove it to have it written from the present frames")
+                note(
+                    f"{path} exists already and is not changed; remove it to have it written from the present frames"
+                )
         for path in missing:
             note(f"{path} is written")
             if path == klg:
@@ -108,7 +119,9 @@ class _Bag:
         self.ros = ros
         self.store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
         if _TRANSFORMS not in self.store.types:  # the store of ROS 1 does not contain it
-            self.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", _TRANSFORMS))
+            self.store.register(
+                get_types_from_msg("geometry_msgs/TransformStamped[] transforms", _TRANSFORMS)
+            )
         self.writer: Any
         if ros == 1:
             self.writer = rosbag1.Writer(path)
@@ -131,9 +144,19 @@ class _Bag:
         images = (("rgb/image_color", "rgb8", rgb), ("depth/image", "32FC1", depth))
         for (name, encoding, pixels), text in zip(images, pair.written, strict=True):
             stamp_ns = self._nanoseconds(text or pair.stamp_s)
-            data, size = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8), self._size(stamp_ns, pixels.shape)
-            layout = {"encoding": encoding, "is_bigendian": 0, "step": data.size // pixels.shape[0], "data": data}
-            self._write(f"/camera/{name}", self._new("sensor_msgs/msg/Image", **size, **layout), stamp_ns)
+            data, size = (
+                np.ascontiguousarray(pixels).reshape(-1).view(np.uint8),
+                self._size(stamp_ns, pixels.shape),
+            )
+            layout = {
+                "encoding": encoding,
+                "is_bigendian": 0,
+                "step": data.size // pixels.shape[0],
+                "data": data,
+            }
+            self._write(
+                f"/camera/{name}", self._new("sensor_msgs/msg/Image", **size, **layout), stamp_ns
+            )
             info = self._camera_info(stamp_ns, camera.pinhole)
             self._write(f"/camera/{name.split('/')[0]}/camera_info", info, stamp_ns)
 
@@ -146,27 +169,61 @@ class _Bag:
             stamp_ns = self._nanoseconds(stamp_s)
             T, header = truth.T_world_camera[i], self._header(stamp_ns, WORLD)
             place = dict(zip("xyz", T.translation.tolist(), strict=True))
-            rotation = self._new("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", T.quat_xyzw.tolist(), strict=True)))
-            point, move = (self._new(f"geometry_msgs/msg/{kind}", **place) for kind in ("Point", "Vector3"))
+            rotation = self._new(
+                "geometry_msgs/msg/Quaternion",
+                **dict(zip("xyzw", T.quat_xyzw.tolist(), strict=True)),
+            )
+            point, move = (
+                self._new(f"geometry_msgs/msg/{kind}", **place) for kind in ("Point", "Vector3")
+            )
             pose = self._new("geometry_msgs/msg/Pose", position=point, orientation=rotation)
             posed = self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
             self._write("/ground_truth/pose", posed, stamp_ns)
             named = {"header": header, "child_frame_id": FRAME}
-            transform = self._new("geometry_msgs/msg/Transform", translation=move, rotation=rotation)
+            transform = self._new(
+                "geometry_msgs/msg/Transform", translation=move, rotation=rotation
+            )
             stamped = self._new("geometry_msgs/msg/TransformStamped", **named, transform=transform)
             self._write("/tf", self._new(_TRANSFORMS, transforms=[stamped]), stamp_ns)
 
     def _camera_info(self, stamp_ns: int, c: PinholeCamera) -> Any:
-        roi = self._new("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
-        d, k, r, p = np.zeros(5), c.K.ravel(), np.eye(3).ravel(), np.hstack([c.K, np.zeros((3, 1))]).ravel()
+        roi = self._new(
+            "sensor_msgs/msg/RegionOfInterest",
+            x_offset=0,
+            y_offset=0,
+            height=0,
+            width=0,
+            do_rectify=False,
+        )
+        d, k, r, p = (
+            np.zeros(5),
+            c.K.ravel(),
+            np.eye(3).ravel(),
+            np.hstack([c.K, np.zeros((3, 1))]).ravel(),
+        )
         # the names of the matrices are upper-case in ROS 1
         matrices = dict(zip("DKRP" if self.ros == 1 else "dkrp", (d, k, r, p), strict=True))
-        model = {"distortion_model": "plumb_bob", "binning_x": 0, "binning_y": 0, "roi": roi, **matrices}
-        return self._new("sensor_msgs/msg/CameraInfo", **self._size(stamp_ns, (c.height, c.width)), **model)
+        model = {
+            "distortion_model": "plumb_bob",
+            "binning_x": 0,
+            "binning_y": 0,
+            "roi": roi,
+            **matrices,
+        }
+        return self._new(
+            "sensor_msgs/msg/CameraInfo", **self._size(stamp_ns, (c.height, c.width)), **model
+        )
 
     def _header(self, stamp_ns: int, frame: str) -> Any:
-        stamp = self._new("builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
-        return self._new("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **({"seq": 0} if self.ros == 1 else {}))
+        stamp = self._new(
+            "builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9
+        )
+        return self._new(
+            "std_msgs/msg/Header",
+            stamp=stamp,
+            frame_id=frame,
+            **({"seq": 0} if self.ros == 1 else {}),
+        )
 
     def _new(self, kind: str, **values: Any) -> Any:
         return self.store.types[kind](**values)
@@ -184,7 +241,9 @@ class _Bag:
         return round(Decimal(stamp if isinstance(stamp, str) else repr(stamp)) * 10**9)
 
 
-def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda number: None) -> int:
+def write_klg(
+    folder: Path, file: Path, on_frame: Callable[[int], None] = lambda number: None
+) -> int:
     """Write the pairs of a sequence as one log for ElasticFusion and Kintinuous, and its camera next to it. Returns the number of pairs. Raises
     the errors of the readers, and InputError if the camera's file exists with another content.
 
@@ -203,7 +262,11 @@ def write_klg(folder: Path, file: Path, on_frame: Callable[[int], None] = lambda
                 rgb, depth_z_m = read_images(pair, camera)
                 millimetres = np.rint(depth_z_m.astype(float) * 1000).clip(0, 65535).astype("<u2")
                 depth, colour = zlib.compress(millimetres.tobytes(), 1), rgb.tobytes()
-                log.write(struct.pack("<qii", round(pair.stamp_s * 1e6), len(depth), len(colour)) + depth + colour)
+                log.write(
+                    struct.pack("<qii", round(pair.stamp_s * 1e6), len(depth), len(colour))
+                    + depth
+                    + colour
+                )
                 on_frame(pair.number)
 
     calibration, line = file.with_suffix(".cal"), f"{c.fx:.9g} {c.fy:.9g} {c.cx:.9g} {c.cy:.9g}\n"

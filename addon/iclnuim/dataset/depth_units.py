@@ -13,7 +13,9 @@ _AFTER_NOISE = ("beyond_range_after_noise", "no_distance_after_noise")
 KINDS = ("background", "nan", "infinite", "negative", "beyond_range", *_AFTER_NOISE)
 
 
-def depth16_from_metres(depth_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METRE) -> np.ndarray:
+def depth16_from_metres(
+    depth_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METRE
+) -> np.ndarray:
     """(h, w) planar metres -> uint16, rounded. Values outside 0..65535 units become 0 and never wrap around."""
     with np.errstate(invalid="ignore", over="ignore"):
         units = depth_z_m * np.float32(units_per_metre)
@@ -34,7 +36,9 @@ def check_units(units_per_metre: float) -> float:
     return float(units_per_metre)
 
 
-def count_invalid(depth_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METRE) -> dict[str, int]:
+def count_invalid(
+    depth_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METRE
+) -> dict[str, int]:
     """Number of depth pixels that become 0, by kind; {} if there are none."""
     limit_m = np.float32((LARGEST_UNIT + 0.5) / units_per_metre)
     bad = depth_z_m[~((depth_z_m > 0) & (depth_z_m <= limit_m))]
@@ -59,4 +63,8 @@ def invalid_after_noise(
     good = (depth_z_m > 0) & (depth_z_m <= np.float32((LARGEST_UNIT + 0.5) / units_per_metre))
     found = count_invalid(noisy_z_m[good], units_per_metre)
     lost = sum(found.get(kind, 0) for kind in ("nan", "infinite", "negative"))
-    return {kind: n for kind, n in zip(_AFTER_NOISE, (found.get("beyond_range", 0), lost), strict=True) if n}
+    return {
+        kind: n
+        for kind, n in zip(_AFTER_NOISE, (found.get("beyond_range", 0), lost), strict=True)
+        if n
+    }

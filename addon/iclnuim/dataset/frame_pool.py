@@ -36,8 +36,13 @@ class FramePool:
     made them ends, for any reason.
     """
 
-    def __init__(self, work: Callable[[int], Any], workers: int, finish: Callable[[Any], object]) -> None:
-        self._work, self._executor = work, _forked(work, workers) if _can_fork() else ThreadPoolExecutor(workers)
+    def __init__(
+        self, work: Callable[[int], Any], workers: int, finish: Callable[[Any], object]
+    ) -> None:
+        self._work, self._executor = (
+            work,
+            _forked(work, workers) if _can_fork() else ThreadPoolExecutor(workers),
+        )
         if isinstance(self._executor, ProcessPoolExecutor):
             self._work = _in_fork
         self._finish = finish
@@ -121,7 +126,9 @@ def _forked(work: Callable[[int], Any], workers: int) -> Executor:
     context = multiprocessing.get_context("fork")
     executor = ProcessPoolExecutor(workers, context, _begin, (work, os.getpid()))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # numpy's library may have started threads
+        warnings.simplefilter(
+            "ignore", DeprecationWarning
+        )  # numpy's library may have started threads
         executor.submit(os.getpid)  # this starts all processes now, while there is no other thread
     return executor
 

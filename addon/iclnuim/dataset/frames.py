@@ -80,7 +80,11 @@ def find_pairs(folder: Path) -> list[ImagePair]:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise InputError("a folder with a sequence", path=folder, found="a file" if folder.exists() else "nothing")
+        raise InputError(
+            "a folder with a sequence",
+            path=folder,
+            found="a file" if folder.exists() else "nothing",
+        )
     rows = format_of(folder).reader.rows(folder)
     if not rows:
         inside = sorted(path.parent.name for path in folder.glob("*/recipe.json"))
@@ -95,7 +99,10 @@ def find_pairs(folder: Path) -> list[ImagePair]:
     numbers = [number for number in found if number is not None]
     if len(numbers) < len(rows) or any(later <= number for number, later in pairwise(numbers)):
         numbers = list(range(len(rows)))
-    return [ImagePair(n, r.stamp_s, r.rgb, r.depth, r.written) for n, r in zip(numbers, rows, strict=True)]
+    return [
+        ImagePair(n, r.stamp_s, r.rgb, r.depth, r.written)
+        for n, r in zip(numbers, rows, strict=True)
+    ]
 
 
 def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
@@ -104,14 +111,20 @@ def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
     found = {}
     for kind, paths in used.items():
         places = {(path.parent, path.suffix) for path in paths}
-        there = {real_path(image) for parent, ending in places for image in parent.glob(f"*{ending}")}
-        found[kind] = sorted(p for p in there - used[RGB] - used[DEPTH] if not _TRUTH_IMAGE.fullmatch(p.stem))
+        there = {
+            real_path(image) for parent, ending in places for image in parent.glob(f"*{ending}")
+        }
+        found[kind] = sorted(
+            p for p in there - used[RGB] - used[DEPTH] if not _TRUTH_IMAGE.fullmatch(p.stem)
+        )
     return found
 
 
 def require_images(folder: Path, pairs: Iterable[ImagePair]) -> None:
     """Raises InputError if an image of the pairs does not exist."""
-    if missing := next((path for pair in pairs for path in (pair.rgb, pair.depth) if not path.is_file()), None):
+    if missing := next(
+        (path for pair in pairs for path in (pair.rgb, pair.depth) if not path.is_file()), None
+    ):
         raise InputError("all images of the sequence", path=folder, found=f"no {missing}")
 
 
@@ -132,7 +145,11 @@ def sequence_name(folder: Path) -> str:
     Raises InputError if the recipe is not JSON."""
     folder = Path(folder).resolve()
     sequence = rendered_job(folder).get("sequence")
-    return f"{sequence}/{folder.name}" if isinstance(sequence, str) and sequence else "/".join(folder.parts[-2:])
+    return (
+        f"{sequence}/{folder.name}"
+        if isinstance(sequence, str) and sequence
+        else "/".join(folder.parts[-2:])
+    )
 
 
 def _number(stem: str) -> int | None:
@@ -176,12 +193,20 @@ def read_depth_m(path: Path, units_per_metre: float) -> np.ndarray:
 
 def read_images(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np.ndarray]:
     """Read colour (h, w, 3) uint8 and planar depth (h, w) float32 in metres of a pair, both of the camera's size. Raises InputError."""
-    colour, depth_z_m = read_colour8(pair.rgb), read_depth_m(pair.depth, camera.depth_units_per_metre)
+    colour, depth_z_m = (
+        read_colour8(pair.rgb),
+        read_depth_m(pair.depth, camera.depth_units_per_metre),
+    )
     c = camera.pinhole
     for path, image, of in ((pair.rgb, colour, camera.colour or c), (pair.depth, depth_z_m, c)):
         if image.shape[:2] != (of.height, of.width):
-            expected, found = f"{of.width} x {of.height} as in the camera", f"{image.shape[1]} x {image.shape[0]}"
-            raise InputError(expected, path=path, found=found, hint="{camera} with the size of the images")
+            expected, found = (
+                f"{of.width} x {of.height} as in the camera",
+                f"{image.shape[1]} x {image.shape[0]}",
+            )
+            raise InputError(
+                expected, path=path, found=found, hint="{camera} with the size of the images"
+            )
     if camera.colour is not None:
         colour = seen_by(colour, camera.colour.K, c.K, c.width, c.height)
     return colour, depth_z_m
@@ -197,7 +222,9 @@ def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
     there = {int(p.stem) for p in (folder / "exr").glob("*.exr") if p.stem.isdecimal()}
     if not there:
         hint = "the folder that `iclnuim render` wrote"
-        raise InputError("a run with frames exr/000000.exr ...", path=folder, found="none", hint=hint)
+        raise InputError(
+            "a run with frames exr/000000.exr ...", path=folder, found="none", hint=hint
+        )
     truth = read_trajectory(folder / "groundtruth.txt", "tum").trajectory
     if max(there) >= len(truth):
         expected = f"frames of the {len(truth)} poses in groundtruth.txt"
@@ -210,7 +237,9 @@ def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
     if (folder / "sequence.json").is_file():
         origin: dict = {"run": read_run(folder).recipe}
     else:
-        hashes = {name: sha256(read_bytes(folder / name)) for name in ("groundtruth.txt", "camera.json")}
+        hashes = {
+            name: sha256(read_bytes(folder / name)) for name in ("groundtruth.txt", "camera.json")
+        }
         origin = {"frames": folder.resolve().name, "sha256": hashes}
     return _run_source(folder, camera, truth, numbers, origin)
 
@@ -230,7 +259,15 @@ def _run_source(
 
     stamps_s = dict(enumerate(truth.stamps_s.tolist()))
     more = TruthImages(folder) if origin.get("run", {}).get("job", {}).get("ground_truth") else None
-    return FrameSource(camera, tuple(sorted(numbers)), stamps_s, load, lambda some: truth[np.array(some)], origin, more)
+    return FrameSource(
+        camera,
+        tuple(sorted(numbers)),
+        stamps_s,
+        load,
+        lambda some: truth[np.array(some)],
+        origin,
+        more,
+    )
 
 
 def read_frame(path: Path, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
@@ -253,7 +290,9 @@ def read_frame(path: Path, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarra
     return np.stack([channels[c] for c in "RGB"], -1), depth_z_m
 
 
-def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera | None = None) -> FrameSource:
+def image_frames(
+    folder: Path | str, frames: str = "::", camera: SequenceCamera | None = None
+) -> FrameSource:
     """The pairs of a user-provided sequence in any known format, with or without lists.
 
     `frames` is a slice of the pairs. RGB is the 8-bit colour, converted to linear by the inverse of the sRGB transfer function. Raises
@@ -289,7 +328,9 @@ def image_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera 
     )  # fmt: skip
 
 
-def original_frames(folder: Path | str, frames: str = "::", camera: SequenceCamera | None = None) -> FrameSource:
+def original_frames(
+    folder: Path | str, frames: str = "::", camera: SequenceCamera | None = None
+) -> FrameSource:
     """Like image_frames; a sequence without noise copies the files byte for byte if it stores images in the same way."""
     source = image_frames(folder, frames, camera)
     return replace(source, originals={pair.number: pair for pair in find_pairs(Path(folder))})
@@ -321,13 +362,19 @@ class _TruthOfSome:
 
     def file(self, numbers: tuple[int, ...]) -> TruthFile | None:
         """Format and bytes of the ground-truth file; of some frames, its comments and their lines. None if it does not have one pose per line."""
-        if self._loaded is None or self._path is None or self._loaded.read_as.format not in _A_POSE_A_LINE:
+        if (
+            self._loaded is None
+            or self._path is None
+            or self._loaded.read_as.format not in _A_POSE_A_LINE
+        ):
             return None
         data, rows = read_bytes(self._path), self._rows(numbers)
         if len(rows) == len(self._loaded.trajectory) or not len(rows):
             return (self._loaded.read_as.format, data) if len(rows) else None
         text = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
-        lines = [number for number, _ in data_lines(text)][self._loaded.read_as.format == "vslam-lab" :]
+        lines = [number for number, _ in data_lines(text)][
+            self._loaded.read_as.format == "vslam-lab" :
+        ]
         if len(lines) != len(self._loaded.trajectory):  # lines that repeat a stamp were left out
             return None
         dropped = set(lines).difference(lines[row] for row in rows)
@@ -356,11 +403,18 @@ def _kept_paths(folder: Path, pairs: list[ImagePair]) -> dict[int, dict[str, str
     if not format_of(folder).keeps_names:
         return {}
     try:
-        paths = [tuple(image.relative_to(folder).as_posix() for image in (p.rgb, p.depth)) for p in pairs]
+        paths = [
+            tuple(image.relative_to(folder).as_posix() for image in (p.rgb, p.depth)) for p in pairs
+        ]
     except ValueError:
         return {}
     every = [path for pair in paths for path in pair]
-    plain = all(path.endswith(".png") and path.split() == [path] and "#" not in path for path in every)
+    plain = all(
+        path.endswith(".png") and path.split() == [path] and "#" not in path for path in every
+    )
     if not plain or len(set(every)) < len(every) or any(".." in Path(path).parts for path in every):
         return {}
-    return {p.number: dict(zip((RGB, DEPTH), named, strict=True)) for p, named in zip(pairs, paths, strict=True)}
+    return {
+        p.number: dict(zip((RGB, DEPTH), named, strict=True))
+        for p, named in zip(pairs, paths, strict=True)
+    }

@@ -53,7 +53,9 @@ class TruthImages:
         channels = read_exr(path)
         missing = [name for name in CHANNELS if name not in channels]
         if missing:
-            raise InputError("a frame with ground truth", path=path, found=f"no {', '.join(missing)}")
+            raise InputError(
+                "a frame with ground truth", path=path, found=f"no {', '.join(missing)}"
+            )
         instance = channels[INSTANCE].astype(np.uint16)
         normal = normal16(np.stack([channels[name] for name in NORMAL], -1))
         return {"instance": instance, "class": self._class_of[instance], "normal": normal}
@@ -61,5 +63,9 @@ class TruthImages:
     def write_tables(self, folder: Path) -> None:
         """Write objects.json, and classes.csv: the names of the numbers in class/, and their NYU40 labels."""
         write_json(folder / OBJECTS, self.objects)
-        rows = [f"{c['id']},{c['name']},{c['nyu40_id']},{c['nyu40']}" for c in self.objects["classes"]]
-        atomic_write_text(folder / "classes.csv", "\n".join(["class_id,class,nyu40_id,nyu40", *rows]) + "\n")
+        rows = [
+            f"{c['id']},{c['name']},{c['nyu40_id']},{c['nyu40']}" for c in self.objects["classes"]
+        ]
+        atomic_write_text(
+            folder / "classes.csv", "\n".join(["class_id,class,nyu40_id,nyu40", *rows]) + "\n"
+        )

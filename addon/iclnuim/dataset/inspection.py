@@ -21,7 +21,15 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, statistics
 from .depth_units import LARGEST_UNIT
-from .frames import ImagePair, find_pairs, find_truth, read_camera, read_depth_m, read_truth, unused_images
+from .frames import (
+    ImagePair,
+    find_pairs,
+    find_truth,
+    read_camera,
+    read_depth_m,
+    read_truth,
+    unused_images,
+)
 from .layout import DISTORTED, SequenceCamera
 
 T = TypeVar("T")
@@ -83,7 +91,11 @@ def _count(result: Inspection, pairs: list[ImagePair]) -> None:
         missing = sorted(path for path in paths if not is_file(path))
         result.figures[f"{kind}_images"] = len(paths) - len(missing) + len(unused[kind])
         _report(result.wrong, missing, "{} images in the lists do not exist: {}")
-        _report(result.odd, unused[kind], f"{{}} images in {kind}/ have no partner or are in no list: {{}}")
+        _report(
+            result.odd,
+            unused[kind],
+            f"{{}} images in {kind}/ have no partner or are in no list: {{}}",
+        )
 
 
 def _report(where: list[str], paths: list[Path], sentence: str) -> None:
@@ -104,22 +116,36 @@ def _time(result: Inspection, pairs: list[ImagePair]) -> None:
     gaps = np.flatnonzero(steps > 1.5 * usual)
     if gaps.size:
         where = pairs[int(gaps[0])].rgb.name
-        result.odd.append(f"{gaps.size} gaps in time, the longest {steps.max():.3f} s, the first after {where}")
+        result.odd.append(
+            f"{gaps.size} gaps in time, the longest {steps.max():.3f} s, the first after {where}"
+        )
 
 
 def _images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
     """Headers of all valid images; every file is read and its checksums are verified."""
-    kinds = [(kind, path) for p in pairs for kind, path in (("rgb", p.rgb), ("depth", p.depth)) if is_file(path)]
+    kinds = [
+        (kind, path)
+        for p in pairs
+        for kind, path in (("rgb", p.rgb), ("depth", p.depth))
+        if is_file(path)
+    ]
     with ThreadPoolExecutor(4) as pool:
         checked = [(kind, pool.submit(image_header, path, True)) for kind, path in kinds]
     broken = [str(work.exception()) for _, work in checked if work.exception()]
-    result.wrong += broken[:5] + ([f"{len(broken) - 5} more damaged images"] if len(broken) > 5 else [])
+    result.wrong += broken[:5] + (
+        [f"{len(broken) - 5} more damaged images"] if len(broken) > 5 else []
+    )
     headers = [(kind, work.result()) for kind, work in checked if not work.exception()]
-    for kind, expected in (("rgb", ("8-bit RGB",)), ("depth", ("16-bit grey", "32-bit grey, metres"))):
+    for kind, expected in (
+        ("rgb", ("8-bit RGB",)),
+        ("depth", ("16-bit grey", "32-bit grey, metres")),
+    ):
         found = Counter(str(h) for k, h in headers if k == kind)
         result.figures[f"{kind}_form"] = ", ".join(found)
         if len(found) > 1:
-            result.wrong.append(f"{kind} images differ: " + ", ".join(f"{n} of {each}" for each, n in found.items()))
+            result.wrong.append(
+                f"{kind} images differ: " + ", ".join(f"{n} of {each}" for each, n in found.items())
+            )
         if wrong := [each for each in found if not each.endswith(expected)]:
             unreadable = kind == "depth" or any(h.bits != 8 for k, h in headers if k == kind)
             where = result.wrong if unreadable else result.odd
@@ -136,11 +162,15 @@ def _brightness(result: Inspection, pairs: list[ImagePair]) -> None:
     """Report black colour images: an error if all inspected ones are."""
     bright: list[tuple[str, bool]] = []
     for pair in _sampled(pairs):
-        with contextlib.suppress(InputError, WorkError):  # reported already, or no package reads JPEG
+        with contextlib.suppress(
+            InputError, WorkError
+        ):  # reported already, or no package reads JPEG
             bright.append((pair.rgb.name, bool(read_colour8(pair.rgb).any())))
     if black := [name for name, light in bright if not light]:
         where = result.wrong if len(black) == len(bright) else result.odd
-        where.append(f"{len(black)} of {len(bright)} inspected colour images are black, the first {black[0]}")
+        where.append(
+            f"{len(black)} of {len(bright)} inspected colour images are black, the first {black[0]}"
+        )
 
 
 def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]) -> None:
@@ -152,7 +182,10 @@ def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]
         )
     if camera.distorted:
         result.odd.append(DISTORTED)
-    known = {(c.width, c.height), *([(camera.colour.width, camera.colour.height)] if camera.colour else [])}
+    known = {
+        (c.width, c.height),
+        *([(camera.colour.width, camera.colour.height)] if camera.colour else []),
+    }
     if others := {(h.width, h.height) for h in headers} - known:
         sizes = ", ".join(f"{w} x {h}" for w, h in sorted(others))
         result.wrong.append(f"the camera is {c.width} x {c.height}, images are {sizes}")
@@ -162,7 +195,9 @@ def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]
         )
 
 
-def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -> list[tuple[float, np.ndarray]]:
+def _depth(
+    result: Inspection, pairs: list[ImagePair], camera: SequenceCamera
+) -> list[tuple[float, np.ndarray]]:
     """Check the range and holes of depth in some frames. Returns these depth images with their stamps."""
     per_metre, c = camera.depth_units_per_metre, camera.pinhole
     depths: list[tuple[float, np.ndarray]] = []
@@ -175,8 +210,13 @@ def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -
             else:
                 others.append((pair.depth.name, depth.shape))
     if others:
-        (name, (h, w)), several = others[0], f"{len(others)} of {len(depths) + len(others)} inspected depth images"
-        result.wrong.append(f"{several} are not of the camera's size {c.width} x {c.height}: {name} is {w} x {h}")
+        (name, (h, w)), several = (
+            others[0],
+            f"{len(others)} of {len(depths) + len(others)} inspected depth images",
+        )
+        result.wrong.append(
+            f"{several} are not of the camera's size {c.width} x {c.height}: {name} is {w} x {h}"
+        )
         if not depths:
             return []
     seen = np.concatenate([depth[depth > 0] for _, depth in depths]) if depths else np.zeros(0)
@@ -185,15 +225,33 @@ def _depth(result: Inspection, pairs: list[ImagePair], camera: SequenceCamera) -
         return []
     low, middle, high = np.percentile(seen, (0.1, 50, 99.9)).tolist()
     missing = 1 - seen.size / sum(depth.size for _, depth in depths)
-    result.figures["depth_m"] = {"nearest": round(low, 3), "median": round(middle, 3), "farthest": round(high, 3)}
+    result.figures["depth_m"] = {
+        "nearest": round(low, 3),
+        "median": round(middle, 3),
+        "farthest": round(high, 3),
+    }
     result.figures["depth_missing_share"] = round(missing, 4)
     if not 0.25 <= middle <= 25:
-        likely = [u for u in (1000.0, 5000.0) if 0.25 <= middle * per_metre / u <= 25 and u != per_metre]
-        guess = f": {likely[0]:g} units per metre would give {middle * per_metre / likely[0]:.2f} m" if likely else ""
-        result.wrong.append(f"median depth of {middle:.3f} m with {per_metre:g} units per metre{guess}")
-    largest_m = np.inf if pairs[0].depth.suffix == ARRAY else np.float32(LARGEST_UNIT) / np.float32(per_metre)
+        likely = [
+            u for u in (1000.0, 5000.0) if 0.25 <= middle * per_metre / u <= 25 and u != per_metre
+        ]
+        guess = (
+            f": {likely[0]:g} units per metre would give {middle * per_metre / likely[0]:.2f} m"
+            if likely
+            else ""
+        )
+        result.wrong.append(
+            f"median depth of {middle:.3f} m with {per_metre:g} units per metre{guess}"
+        )
+    largest_m = (
+        np.inf
+        if pairs[0].depth.suffix == ARRAY
+        else np.float32(LARGEST_UNIT) / np.float32(per_metre)
+    )
     if (at_end := float((seen == largest_m).mean())) > 1e-4:
-        result.wrong.append(f"{at_end:.2%} of the depths are 65535: depth was clipped at the end of the range")
+        result.wrong.append(
+            f"{at_end:.2%} of the depths are 65535: depth was clipped at the end of the range"
+        )
     if missing > 0.5:
         result.odd.append(f"{missing:.0%} of the depth is missing")
     return depths
@@ -209,32 +267,45 @@ def _poses(result: Inspection, pairs: list[ImagePair], truth: Trajectory) -> Non
     without = np.flatnonzero(nearest(stamps, truth.stamps_s)[1] > limit_s)
     if without.size:
         names = ", ".join(pairs[int(i)].rgb.name for i in without[:3])
-        result.odd.append(f"{without.size} frames without a pose: {names}{' ...' if without.size > 3 else ''}")
+        result.odd.append(
+            f"{without.size} frames without a pose: {names}{' ...' if without.size > 3 else ''}"
+        )
     within = (truth.stamps_s > stamps[0] - usual) & (truth.stamps_s < stamps[-1] + usual)
     idle = nearest(truth.stamps_s[within], np.sort(stamps))[1] > limit_s
-    if idle.any() and len(truth) <= 1.5 * len(pairs):  # a motion tracker has a higher rate than the frames
+    if idle.any() and len(truth) <= 1.5 * len(
+        pairs
+    ):  # a motion tracker has a higher rate than the frames
         result.odd.append(f"{idle.sum()} poses without a frame")
     if figures.max_speed > 5:
         result.odd.append(f"a jump: the camera moves at up to {figures.max_speed:.1f} m/s")
 
 
 def _handedness(
-    result: Inspection, depths: list[tuple[float, np.ndarray]], truth: Trajectory, camera: SequenceCamera
+    result: Inspection,
+    depths: list[tuple[float, np.ndarray]],
+    truth: Trajectory,
+    camera: SequenceCamera,
 ) -> None:
     first, last = truth.stamps_s[[0, -1]]
     depths = [(stamp_s, depth) for stamp_s, depth in depths if first <= stamp_s <= last]
     if len(depths) < 2 or len(truth) < 2:
         return
     poses = sample(truth, np.array([stamp_s for stamp_s, _ in depths]))
-    as_read_m, mirrored_m = (_fit_m(depths, T, camera.pinhole) for T in (poses, axes.mirrored_y(poses)))
+    as_read_m, mirrored_m = (
+        _fit_m(depths, T, camera.pinhole) for T in (poses, axes.mirrored_y(poses))
+    )
     if not np.isfinite([as_read_m, mirrored_m]).all():
         return
     result.figures["depth_fits_poses_mm"] = round(1000 * as_read_m, 2)
     result.figures["depth_fits_mirrored_poses_mm"] = round(1000 * mirrored_m, 2)
-    measured = f"the residual between depth images is {1000 * as_read_m:.1f} mm with the poses as read"
+    measured = (
+        f"the residual between depth images is {1000 * as_read_m:.1f} mm with the poses as read"
+    )
     if mirrored_m < 0.6 * as_read_m and as_read_m > 0.004:
         mirrored = f"{1000 * mirrored_m:.1f} mm with the poses mirrored in y"
-        result.wrong.append(f"{measured}, {mirrored}: they are probably left-handed; read them as gt.freiburg")
+        result.wrong.append(
+            f"{measured}, {mirrored}: they are probably left-handed; read them as gt.freiburg"
+        )
     elif as_read_m > 0.05:
         result.wrong.append(f"{measured}: poses, depth and camera do not match")
 
@@ -251,7 +322,11 @@ def _fit_m(depths: list[tuple[float, np.ndarray]], T: SE3, camera: PinholeCamera
 
 
 def carried_residual(
-    depth_a_z_m: np.ndarray, depth_b_z_m: np.ndarray, T_b_a: SE3, camera: PinholeCamera, step_px: int = 1
+    depth_a_z_m: np.ndarray,
+    depth_b_z_m: np.ndarray,
+    T_b_a: SE3,
+    camera: PinholeCamera,
+    step_px: int = 1,
 ) -> np.ndarray:
     """Measured minus expected z in b, in metres, of every `step_px`-th row and column of a; NaN where one of them has no depth."""
     points = camera.unproject(depth_a_z_m)[::step_px, ::step_px]

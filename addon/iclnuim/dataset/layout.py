@@ -166,7 +166,10 @@ class SequenceFormat:
     def images(self, contents: Contents, kind: str) -> ImageList:
         """All images of a kind with their stamps."""
         frames = contents.frames
-        paths, written = (tuple(self.image(f, kind) for f in frames), tuple(f.written.get(kind, "") for f in frames))
+        paths, written = (
+            tuple(self.image(f, kind) for f in frames),
+            tuple(f.written.get(kind, "") for f in frames),
+        )
         return ImageList(tuple(frame.stamp_s for frame in frames), paths, written)
 
     def checked(self, contents: Contents) -> None:
@@ -180,28 +183,47 @@ class SequenceFormat:
         exact depth.
         """
         frames, found = contents.frames, []
-        digits = max((len(text.partition(".")[2]) for f in frames for text in f.written.values()), default=0)
+        digits = max(
+            (len(text.partition(".")[2]) for f in frames for text in f.written.values()), default=0
+        )
         if self.stamps == "ns" and digits > 9:
-            found.append(f"stamps have 9 digits after the decimal point, those of the source up to {digits}")
+            found.append(
+                f"stamps have 9 digits after the decimal point, those of the source up to {digits}"
+            )
         apart_s = max(abs(f.nanoseconds(RGB) - f.nanoseconds(DEPTH)) for f in frames) / 1e9
         if not self.depth_stamps and apart_s > 0:
             found.append(
                 f"depth images get the stamps of their colour images, up to {1e3 * apart_s:.3g} ms from their own"
             )
         if self.stamps in ("numbers", "rows"):
-            counted = [frame.number if self.stamps == "numbers" else row for row, frame in enumerate(frames)]
+            counted = [
+                frame.number if self.stamps == "numbers" else row
+                for row, frame in enumerate(frames)
+            ]
             kept = np.abs(stamps_of_frames(counted) - contents.stamps_s).max() <= 1e-6
-            found += [] if kept else ["this format has no stamps; its frames are read at 30 frames per second"]
+            found += (
+                []
+                if kept
+                else ["this format has no stamps; its frames are read at 30 frames per second"]
+            )
         if not self.zero_stamp and contents.stamps_s.min() <= 0:
-            found.append("its programs treat a stamp of 0 as missing, and fail; the stamps are not changed")
+            found.append(
+                "its programs treat a stamp of 0 as missing, and fail; the stamps are not changed"
+            )
         if self.image(frames[0], RGB).endswith(JPEG):
             found.append("colour is stored as JPEG, with loss")
         units = contents.depth_units_per_metre
         if not self.image(frames[0], DEPTH).endswith(ARRAY) and units < source_units:
-            found.append(f"depth is stored in {units:g} units per metre; the source has {source_units:g}")
-        if (c := self.fixed_camera) and np.abs(c.intrinsics - contents.camera.intrinsics).max() > 1e-3:
+            found.append(
+                f"depth is stored in {units:g} units per metre; the source has {source_units:g}"
+            )
+        if (c := self.fixed_camera) and np.abs(
+            c.intrinsics - contents.camera.intrinsics
+        ).max() > 1e-3:
             known = f"{c.width}x{c.height},{c.fx:g},{c.fy:g},{c.cx:g},{c.cy:g}"
-            found.append(f"its programs support only the camera {known}; the correct camera is in {CAMERA}")
+            found.append(
+                f"its programs support only the camera {known}; the correct camera is in {CAMERA}"
+            )
         return [f"{self.name}: {sentence}" for sentence in (*found, *self.remarks(contents))]
 
 
@@ -224,8 +246,14 @@ def check_poses(name: str, contents: Contents) -> None:
     """Raises InputError if a frame has no pose, for formats in which each frame needs one."""
     without = np.flatnonzero(~posed(contents.stamps_s, contents.truth))
     if without.size:
-        found = "no ground truth" if contents.truth is None else f"{without.size} of {len(contents.frames)} without"
-        raise InputError(f"a pose for every frame for the format {name}", found=found, hint="the format tum")
+        found = (
+            "no ground truth"
+            if contents.truth is None
+            else f"{without.size} of {len(contents.frames)} without"
+        )
+        raise InputError(
+            f"a pose for every frame for the format {name}", found=found, hint="the format tum"
+        )
 
 
 def write_truth(path: Path, contents: Contents, format: str) -> None:
@@ -253,7 +281,9 @@ def _camera_of(settings: dict) -> SequenceCamera:
     if isinstance(units, bool) or not isinstance(units, int | float):
         raise InputError("depth_units_per_metre as a number", found=units)
     needed = [field.name for field in fields(PinholeCamera)]
-    if missing := [name for name in needed if name not in settings]:  # the defaults are those of another camera
+    if missing := [
+        name for name in needed if name not in settings
+    ]:  # the defaults are those of another camera
         raise InputError(f"a camera with {', '.join(needed)}", found=f"no {', '.join(missing)}")
     return SequenceCamera(PinholeCamera.from_dict(settings), check_units(units))
 
@@ -267,7 +297,11 @@ def pinhole_of(image: Path, fx: float, fy: float, cx: float, cy: float) -> Pinho
 def is_distorted(yaml: str) -> bool:
     """Whether `distortion_coefficients: [...]` in a camera's file contains anything but zeros."""
     lists = re.findall(r"distortion_coefficients: *\[([^\]]*)\]", yaml)
-    return any(re.search("[1-9]", field.lower().partition("e")[0]) for text in lists for field in text.split(","))
+    return any(
+        re.search("[1-9]", field.lower().partition("e")[0])
+        for text in lists
+        for field in text.split(",")
+    )
 
 
 def numbers_in(path: Path, values: list[str], count: int, what: str) -> list[float]:

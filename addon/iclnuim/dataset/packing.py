@@ -17,7 +17,10 @@ _IMAGES = (".png", ".jpg", ".npy")
 _AGAIN = "the command that made the sequence, again"
 #: Licences for data sets, by SPDX name.
 LICENCES = {
-    "CC-BY-4.0": ("Creative Commons Attribution 4.0 International", "https://creativecommons.org/licenses/by/4.0/"),
+    "CC-BY-4.0": (
+        "Creative Commons Attribution 4.0 International",
+        "https://creativecommons.org/licenses/by/4.0/",
+    ),
     "CC-BY-SA-4.0": (
         "Creative Commons Attribution-ShareAlike 4.0 International",
         "https://creativecommons.org/licenses/by-sa/4.0/",
@@ -41,7 +44,11 @@ def pack(
     """
     folder = Path(folder)
     check_packable(folder, licence)
-    top, (title, address), by = folder.resolve().name, LICENCES[licence], f" by {author}" if author else ""
+    top, (title, address), by = (
+        folder.resolve().name,
+        LICENCES[licence],
+        f" by {author}" if author else "",
+    )
     terms = f"The data set {top}{by} is under {title} ({licence}).\n{address}\n"
     extra = {**(extra or {}), LICENCE: terms.encode(), ABOUT: _ABOUT.encode()}
     names = sorted({*packed_names(folder), *extra} - {CHECKSUMS})
@@ -75,7 +82,12 @@ class _Images:
     def __init__(self, folder: Path) -> None:
         self.folder, self.found = folder, Counter[str]()
         entries = sorted(read_entries(folder / "frames.jsonl").items())
-        self.made = [(n, kind, digest) for n, entry in entries for kind, digest in entry.digests.items() if digest]
+        self.made = [
+            (n, kind, digest)
+            for n, entry in entries
+            for kind, digest in entry.digests.items()
+            if digest
+        ]
         self.digests = {digest for _, _, digest in self.made}
 
     def check(self, name: str, digest: str) -> None:
@@ -91,12 +103,18 @@ class _Images:
             self.found[digest] -= 1
             if self.found[digest] < 0:
                 found = f"none of frame {number} ({kind}) as it was made"
-                raise InputError("all images of the sequence", path=self.folder, found=found, hint=_AGAIN)
+                raise InputError(
+                    "all images of the sequence", path=self.folder, found=found, hint=_AGAIN
+                )
 
 
 def packed_names(folder: Path) -> list[str]:
     """The files of a folder that `pack` includes: not the journal, hidden files or temporary files."""
-    files = (p for p in Path(folder).rglob("*") if p.is_file() and p.name[0] != "." and p.name != "frames.jsonl")
+    files = (
+        p
+        for p in Path(folder).rglob("*")
+        if p.is_file() and p.name[0] != "." and p.name != "frames.jsonl"
+    )
     return sorted(p.relative_to(folder).as_posix() for p in files)
 
 
@@ -107,7 +125,11 @@ def check_packable(folder: Path, licence: str) -> None:
         raise InputError("a sequence", path=folder, found="no recipe.json", hint=hint)
     recipe = read_recipe(folder / "recipe.json")
     if not recipe.get("finished"):
-        raise InputError("a finished sequence", path=folder / "recipe.json", hint="the command that began it, again")
+        raise InputError(
+            "a finished sequence",
+            path=folder / "recipe.json",
+            hint="the command that began it, again",
+        )
     if licence not in LICENCES:
         raise InputError(f"a licence among {', '.join(LICENCES)}", found=licence)
 

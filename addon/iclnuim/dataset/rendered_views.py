@@ -49,7 +49,10 @@ class ViewErrors:
     def mean(self, keyframe: bool | None = None) -> dict[str, float]:
         """Means over all views, over keyframes (True), or over the others (False). Figures that no view has are left out; {} without views."""
         chosen = [view for view in self.views if keyframe is None or view.keyframe == keyframe]
-        found = {name: [v for view in chosen if (v := getattr(view, name)) is not None] for name in FIGURES}
+        found = {
+            name: [v for view in chosen if (v := getattr(view, name)) is not None]
+            for name in FIGURES
+        }
         return {name: float(np.mean(values)) for name, values in found.items() if values}
 
     def to_dict(self) -> dict:
@@ -99,7 +102,10 @@ def view_errors(
     perceptual = _lpips() if settings.lpips and has_lpips() else None
     views, missing, on_view = [], [], progress(len(pairs))
     for row, pair in enumerate(pairs):
-        rgb, depth = (_find(folder, truth, image, kind) for kind, image in ((RGB, pair.rgb), (DEPTH, pair.depth)))
+        rgb, depth = (
+            _find(folder, truth, image, kind)
+            for kind, image in ((RGB, pair.rgb), (DEPTH, pair.depth))
+        )
         on_view()
         if rgb is None:
             missing.append(pair.rgb.stem)
@@ -112,14 +118,21 @@ def view_errors(
         views.append(view)
     if not views:
         first = pairs[0].rgb.name
-        raise InputError(f"views named as the images of {truth}, such as {first}", path=folder, found="none of them")
+        raise InputError(
+            f"views named as the images of {truth}, such as {first}",
+            path=folder,
+            found="none of them",
+        )
     return ViewErrors(tuple(views), tuple(missing))
 
 
 def read_keyframes(path: Path, pairs: Sequence[ImagePair]) -> set[int]:
     """Indices of the pairs listed in a file. Raises InputError for a line that is not a frame."""
     names = {pair.rgb.stem: row for row, pair in enumerate(pairs)}
-    numbers, stamps_s = {pair.number: row for row, pair in enumerate(pairs)}, np.array([p.stamp_s for p in pairs])
+    numbers, stamps_s = (
+        {pair.number: row for row, pair in enumerate(pairs)},
+        np.array([p.stamp_s for p in pairs]),
+    )
     found = set()
     for line, text in data_lines(read_text(path)):
         word = text.replace(",", " ").split()[0]
@@ -129,7 +142,9 @@ def read_keyframes(path: Path, pairs: Sequence[ImagePair]) -> set[int]:
         if row is None:
             row = _by_stamp(word, stamps_s)
         if row is None:
-            raise InputError("the name, number or stamp of a frame", path=path, line=line, found=word)
+            raise InputError(
+                "the name, number or stamp of a frame", path=path, line=line, found=word
+            )
         found.add(row)
     return found
 
@@ -160,7 +175,9 @@ def _check_size(path: Path, image: np.ndarray, camera: SequenceCamera) -> None:
         raise InputError(f"{c.width} x {c.height}, as the true image", path=path, found=found)
 
 
-def _depth_error(path: Path | None, truth_m: np.ndarray, camera: SequenceCamera) -> tuple[float | None, float | None]:
+def _depth_error(
+    path: Path | None, truth_m: np.ndarray, camera: SequenceCamera
+) -> tuple[float | None, float | None]:
     """depth_l1_m and depth_missing; None without a depth image, or if no pixel has true depth."""
     valid = truth_m > 0
     if path is None or not valid.any():
@@ -188,7 +205,10 @@ def _lpips() -> Callable[[np.ndarray, np.ndarray], float]:
         raise WorkError(f"LPIPS cannot start: {error}", hint="--no-lpips") from None
 
     def distance(image: np.ndarray, truth: np.ndarray) -> float:
-        both = (torch.from_numpy(a.astype(np.float32) / 127.5 - 1).permute(2, 0, 1)[None] for a in (image, truth))
+        both = (
+            torch.from_numpy(a.astype(np.float32) / 127.5 - 1).permute(2, 0, 1)[None]
+            for a in (image, truth)
+        )
         with torch.no_grad():
             return float(network(*both))
 

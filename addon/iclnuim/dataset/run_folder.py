@@ -67,7 +67,9 @@ class RunFolder:
 
     def frame_numbers(self) -> list[int]:
         """The numbers of the existing frame files, in order."""
-        return sorted(int(p.stem) for p in (self.path / "exr").glob("[0-9]*.exr") if p.stem.isdecimal())
+        return sorted(
+            int(p.stem) for p in (self.path / "exr").glob("[0-9]*.exr") if p.stem.isdecimal()
+        )
 
     def is_finished(self, number: int) -> bool:
         """Whether a frame's file can be read to the end, has the right size and channels, and was made by this recipe."""
@@ -93,7 +95,9 @@ class RunFolder:
 
     def check_space(self, frames: int) -> None:
         """Raises WorkError if the disk has no space for this number of frames."""
-        each = BYTES_PER_PIXEL + (TRUTH_BYTES_PER_PIXEL if self.recipe["job"].get("ground_truth") else 0)
+        each = BYTES_PER_PIXEL + (
+            TRUTH_BYTES_PER_PIXEL if self.recipe["job"].get("ground_truth") else 0
+        )
         need = frames * self.camera.width * self.camera.height * each
         free = shutil.disk_usage(self.path).free
         if need > free:
@@ -101,13 +105,21 @@ class RunFolder:
             raise WorkError(message, hint="fewer {frames} or another {out}")
 
     def write_frame(
-        self, number: int, rgb: np.ndarray, depth_z_m: np.ndarray, further: Mapping[str, np.ndarray] | None = None
+        self,
+        number: int,
+        rgb: np.ndarray,
+        depth_z_m: np.ndarray,
+        further: Mapping[str, np.ndarray] | None = None,
     ) -> None:
         """Write (h, w, 3) scene-linear RGB and (h, w) planar metres, 0 where no surface is hit, and further channels unchanged, atomically."""
         half = np.clip(rgb, 0, 65504).astype(np.float16)
-        channels = {name: half[..., i] for i, name in enumerate("RGB")} | {"Z": np.asarray(depth_z_m, np.float32)}
+        channels = {name: half[..., i] for i, name in enumerate("RGB")} | {
+            "Z": np.asarray(depth_z_m, np.float32)
+        }
         channels |= further or {}
-        exr.write_exr(self.frame_file(number), channels, attributes={"recipe": self.key}, compressed=False)
+        exr.write_exr(
+            self.frame_file(number), channels, attributes={"recipe": self.key}, compressed=False
+        )
 
 
 def trajectory_file(job: RenderJob) -> Path:
@@ -133,13 +145,24 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
         begun = read_json(existing)
         there, requested = run_identity(begun), run_identity(recipe)
         older = requested.get("mipmaps") and not there.get("mipmaps")
-        hint = "turning {mipmaps} off to go on as before, or another {out}" if older else "another {out}"
+        hint = (
+            "turning {mipmaps} off to go on as before, or another {out}"
+            if older
+            else "another {out}"
+        )
         refuse_other("run", existing, there, requested, hint, _changed(begun, recipe))
     elif path.is_dir() and any(path.iterdir()):
         # a run that was killed before its recipe was written leaves an empty exr/, camera.json, groundtruth.txt and temporary files
         left = ("exr", "camera.json", "groundtruth.txt")
-        if any((path / "exr").glob("*")) or any(p.name not in left and p.name[0] != "." for p in path.iterdir()):
-            raise InputError("an empty folder or a run folder", path=path, found="other files", hint="another {out}")
+        if any((path / "exr").glob("*")) or any(
+            p.name not in left and p.name[0] != "." for p in path.iterdir()
+        ):
+            raise InputError(
+                "an empty folder or a run folder",
+                path=path,
+                found="other files",
+                hint="another {out}",
+            )
     elif path.exists() and not path.is_dir():
         raise InputError("a folder", path=path, found="a file", hint="another {out}")
     make_folder(path / "exr", hint="another {out}")
@@ -164,16 +187,30 @@ def read_run(path: Path) -> RunFolder:
 
 def _changed(begun: dict, requested: dict) -> dict[str, str]:
     """Descriptions for messages: of mipmaps, and of files whose name is the same in both recipes, for the case that their hash differs."""
-    there, job = (recipe["job"] if isinstance(recipe.get("job"), dict) else {} for recipe in (begun, requested))
-    sentences = {"trajectory": "other poses or stamps of the trajectory {}", "scene": "another version of the scene {}"}
+    there, job = (
+        recipe["job"] if isinstance(recipe.get("job"), dict) else {}
+        for recipe in (begun, requested)
+    )
+    sentences = {
+        "trajectory": "other poses or stamps of the trajectory {}",
+        "scene": "another version of the scene {}",
+    }
     same = [name for name in sentences if name in job and there.get(name) == job[name]]
     older = " of an older version" if there.get("mipmaps") and job.get("mipmaps") else ""
     textures = f"frames with{'' if there.get('mipmaps') else 'out'} mipmaps{older}"
-    return {"mipmaps": textures, **{f"{name}_sha256": sentences[name].format(job[name]) for name in same}}
+    return {
+        "mipmaps": textures,
+        **{f"{name}_sha256": sentences[name].format(job[name]) for name in same},
+    }
 
 
 def refuse_other(
-    what: str, place: Path, there: Mapping, requested: Mapping, hint: str, changed: Mapping[str, str] | None = None
+    what: str,
+    place: Path,
+    there: Mapping,
+    requested: Mapping,
+    hint: str,
+    changed: Mapping[str, str] | None = None,
 ) -> None:
     """Raises InputError if `what` was started at `place` with values `there` that differ from those requested. The message lists every value
     that differs. `changed`: texts to use instead for some values, by key.
@@ -186,7 +223,9 @@ def refuse_other(
             brief_text = text if brief else f"another {key.removesuffix('_sha256')}"
             different.append((changed or {}).get(key, brief_text))
     if different:
-        raise InputError(f"the {what} that was started there", path=place, found="; ".join(different), hint=hint)
+        raise InputError(
+            f"the {what} that was started there", path=place, found="; ".join(different), hint=hint
+        )
 
 
 def run_identity(recipe: dict) -> dict:
@@ -199,7 +238,10 @@ def run_identity(recipe: dict) -> dict:
         job = {**job, "mipmaps": recipe.get("texture_filter", True)}
     left_out = ("sequence", "scene", "trajectory", *(() if job.get("mipmaps") else ("mipmaps",)))
     job = {key: value for key, value in job.items() if key not in left_out}
-    return {**job, **{key: recipe.get(key) for key in ("trajectory_sha256", "scene_sha256", "blender")}}
+    return {
+        **job,
+        **{key: recipe.get(key) for key in ("trajectory_sha256", "scene_sha256", "blender")},
+    }
 
 
 def run_key(recipe: dict) -> str:

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import __version__
 from ..errors import InputError, WorkError
 from ..formats.files import (
     atomic_write,
@@ -38,6 +37,7 @@ from ..geometry.camera import PinholeCamera
 from ..sensor.models import depth_model, rgb_model
 from ..sensor.transfer import srgb8
 from ..shipped import source_commit
+from ..version import __version__
 from . import ground_truth
 from .depth_units import KINDS, UNITS_PER_METRE, depth16_from_metres
 from .frame_pool import FramePool, cores
@@ -49,7 +49,15 @@ from .sequence_options import SequenceSettings, noisy_metres
 
 _SCHEMA_VERSION = 1
 #: Keys that determine the files; the others may differ when a sequence is resumed.
-_IDENTITY = ("schema_version", "source", "camera", "depth_noise", "rgb_noise", "seed", "depth_units_per_metre")
+_IDENTITY = (
+    "schema_version",
+    "source",
+    "camera",
+    "depth_noise",
+    "rgb_noise",
+    "seed",
+    "depth_units_per_metre",
+)
 #: format_in_folder: the format in the folder itself, to which formats in subfolders were added later.
 _KEYS = (
     "kind", *_IDENTITY, "formats", "format_in_folder", "versions", "source_commit", "finished", "frames", "invalid_depth_pixels",
@@ -100,7 +108,12 @@ class JournalEntry:
     @property
     def digests(self) -> dict[str, str]:
         """SHA-256 of all images by the key of `_stored_as`."""
-        return {RGB: self.rgb_sha256, DEPTH: self.depth_sha256, **self.truth_sha256, **self.other_sha256}
+        return {
+            RGB: self.rgb_sha256,
+            DEPTH: self.depth_sha256,
+            **self.truth_sha256,
+            **self.other_sha256,
+        }
 
 
 def read_entries(path: Path) -> dict[int, JournalEntry]:
@@ -133,12 +146,17 @@ class SequenceImages:
     """
 
     def __init__(
-        self, source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str] = ("tum",)
+        self,
+        source: FrameSource,
+        sequences: Mapping[Path, SequenceSettings],
+        formats: Iterable[str] = ("tum",),
     ) -> None:
         keep_freed_memory()
         chosen = [sequence_format(name) for name in dict.fromkeys(formats)]
         self.source = source
-        self._images = [_Images(source, Path(out), settings, chosen) for out, settings in sequences.items()]
+        self._images = [
+            _Images(source, Path(out), settings, chosen) for out, settings in sequences.items()
+        ]
 
     def make(self, number: int) -> list[JournalEntry | None]:
         """Write the missing images of a frame, on any thread. Returns an entry for each sequence, None if no image was missing; pass them to
@@ -156,14 +174,22 @@ class SequenceWriter:
     """
 
     def __init__(
-        self, source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str] = ("tum",)
+        self,
+        source: FrameSource,
+        sequences: Mapping[Path, SequenceSettings],
+        formats: Iterable[str] = ("tum",),
     ) -> None:
-        sequences, formats = {Path(out): settings for out, settings in sequences.items()}, tuple(dict.fromkeys(formats))
+        sequences, formats = (
+            {Path(out): settings for out, settings in sequences.items()},
+            tuple(dict.fromkeys(formats)),
+        )
         if not formats:
             raise InputError("at least one format", found="none")
         chosen = [sequence_format(name) for name in formats]
         self.source = source
-        self.targets = [_Target(source, out, settings, chosen) for out, settings in sequences.items()]
+        self.targets = [
+            _Target(source, out, settings, chosen) for out, settings in sequences.items()
+        ]
         self.make = SequenceImages(source, sequences, formats).make
         self.missing = self._missing()
 
@@ -173,7 +199,10 @@ class SequenceWriter:
     def losses(self) -> list[str]:
         """What is lost when the source is written in these formats, one sentence each."""
         target, units = self.targets[0], self.source.depth_units_per_metre
-        each = [format.losses(target.contents(self.source.numbers, format), units) for format, _ in target.layout]
+        each = [
+            format.losses(target.contents(self.source.numbers, format), units)
+            for format, _ in target.layout
+        ]
         return [sentence for sentences in each for sentence in sentences]
 
     def write(
@@ -205,7 +234,11 @@ class SequenceWriter:
 
     def note(self, entries: list[JournalEntry | None]) -> int:
         """Append the entries of a frame to the journals. Returns the frame's number."""
-        new = [(target, entry) for target, entry in zip(self.targets, entries, strict=True) if entry is not None]
+        new = [
+            (target, entry)
+            for target, entry in zip(self.targets, entries, strict=True)
+            if entry is not None
+        ]
         for target, entry in new:
             target.note(entry)
         return new[0][1].frame
@@ -232,7 +265,10 @@ class SequenceWriter:
 
 
 def complete_frames(
-    source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str], hashes: bool = True
+    source: FrameSource,
+    sequences: Mapping[Path, SequenceSettings],
+    formats: Iterable[str],
+    hashes: bool = True,
 ) -> set[int]:
     """The frames of the source whose images in every folder have the hashes in the journal, or, without `hashes`, exist and are in it. Nothing is
     written.
@@ -240,7 +276,13 @@ def complete_frames(
     chosen, there = [sequence_format(name) for name in formats], []
     for out, settings in sequences.items():
         units = _units(settings, chosen)
-        there.append((read_entries(out / "frames.jsonl"), _places(source, _layout(out, chosen), units), units))
+        there.append(
+            (
+                read_entries(out / "frames.jsonl"),
+                _places(source, _layout(out, chosen), units),
+                units,
+            )
+        )
 
     def is_complete(number: int) -> bool:
         if not hashes:
@@ -248,10 +290,17 @@ def complete_frames(
                 number in entries and all(path.is_file() for path in _paths(places[number]))
                 for entries, places, _ in there
             )
-        return all(_is_complete(source, entries, number, places[number], units) for entries, places, units in there)
+        return all(
+            _is_complete(source, entries, number, places[number], units)
+            for entries, places, units in there
+        )
 
     with ThreadPoolExecutor(4) as pool:
-        return {n for n, good in zip(source.numbers, pool.map(is_complete, source.numbers), strict=True) if good}
+        return {
+            n
+            for n, good in zip(source.numbers, pool.map(is_complete, source.numbers), strict=True)
+            if good
+        }
 
 
 def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceWriter:
@@ -262,7 +311,10 @@ def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceW
     """
     sequences = {}
     for folder, v in wanted["variants"].items():
-        models, units = (depth_model(v["depth"]), rgb_model(v["rgb"])), v.get("depth_units", UNITS_PER_METRE)
+        models, units = (
+            (depth_model(v["depth"]), rgb_model(v["rgb"])),
+            v.get("depth_units", UNITS_PER_METRE),
+        )
         sequences[Path(folder)] = SequenceSettings(*models, v["seed"], units)
     return SequenceWriter(frames_of_run(run, numbers), sequences, wanted["formats"])
 
@@ -278,7 +330,11 @@ class _Images:
     """One sequence: the paths of its images, the entries of its journal at construction, and how images are made."""
 
     def __init__(
-        self, source: FrameSource, out: Path, settings: SequenceSettings, formats: list[SequenceFormat]
+        self,
+        source: FrameSource,
+        out: Path,
+        settings: SequenceSettings,
+        formats: list[SequenceFormat],
     ) -> None:
         self.source, self.out, self.layout = source, out, _layout(out, formats)
         self.units = _units(settings, formats)
@@ -297,13 +353,17 @@ class _Images:
         digests, places = self._copied_originals(frame.number)
         invalid: dict[str, int] = {}
         if any(places.values()):
-            image, noisy_z_m, invalid = noisy_metres(*frame.pixels, self.source.camera, frame.number, self.settings)
+            image, noisy_z_m, invalid = noisy_metres(
+                *frame.pixels, self.source.camera, frame.number, self.settings
+            )
             images = {RGB: image, DEPTH: noisy_z_m, **frame.truth}
             for kind, files in places.items():
                 digests |= _write_images(kind, files, self.units, _encoder(kind, images[kind]))
         main = digests.pop(RGB, ""), digests.pop(DEPTH, "")
         truth = {kind: digests.pop(kind) for kind in ground_truth.KINDS if kind in digests}
-        return JournalEntry(frame.number, *main, invalid, truth, digests, self.source.digest(frame.number))
+        return JournalEntry(
+            frame.number, *main, invalid, truth, digests, self.source.digest(frame.number)
+        )
 
     def _copied_originals(self, number: int) -> tuple[dict[str, str], Places]:
         """Copy the originals to the places that store images in the same way. Returns SHA-256 by `_stored_as`, and the remaining places."""
@@ -325,7 +385,11 @@ class _Target(_Images):
     """One sequence being written, new or resumed, with its journal."""
 
     def __init__(
-        self, source: FrameSource, out: Path, settings: SequenceSettings, formats: list[SequenceFormat]
+        self,
+        source: FrameSource,
+        out: Path,
+        settings: SequenceSettings,
+        formats: list[SequenceFormat],
     ) -> None:
         super().__init__(source, out, settings, formats)
         for format in formats:
@@ -345,7 +409,12 @@ class _Target(_Images):
         if not data.endswith(b"\n") and data:
             # remove a line truncated by a crash, in place: if the file were rewritten, a kill could lose all entries
             os.truncate(self.journal, data.rfind(b"\n") + 1)
-        images = (place.path for n in self.source.numbers for places in self.places[n].values() for place in places)
+        images = (
+            place.path
+            for n in self.source.numbers
+            for places in self.places[n].values()
+            for place in places
+        )
         for folder in sorted({self.out, *(path.parent for path in images)}):
             make_folder(folder)
             for leftover in folder.glob(".*.tmp.*"):
@@ -373,15 +442,24 @@ class _Target(_Images):
         """
         numbers = tuple(sorted(self.finished.union(self.source.numbers)))
         for format, folder in self.layout:
-            format.write_texts(folder, replace(self.contents(numbers, format), surface=surface), format)
+            format.write_texts(
+                folder, replace(self.contents(numbers, format), surface=surface), format
+            )
             if self.source.truth_images:
                 self.source.truth_images.write_tables(folder)
         folders = tuple(folder for _, folder in self.layout)
         every = [self.entries[n].invalid_depth for n in numbers]
         counts = {kind: sum(counts.get(kind, 0) for counts in every) for kind in KINDS}
-        atomic_write_text(self.journal, "".join(self.entries[n].to_line() for n in sorted(self.entries)))
+        atomic_write_text(
+            self.journal, "".join(self.entries[n].to_line() for n in sorted(self.entries))
+        )
         frames = {"count": len(numbers), "first": numbers[0], "last": numbers[-1]}
-        counted = {**self.recipe, "finished": True, "frames": frames, "invalid_depth_pixels": counts}
+        counted = {
+            **self.recipe,
+            "finished": True,
+            "frames": frames,
+            "invalid_depth_pixels": counts,
+        }
         for folder in {self.out, *folders}:
             write_json(folder / "recipe.json", counted)
         found = len(self.finished.intersection(self.source.numbers))
@@ -394,7 +472,12 @@ class _Target(_Images):
         """
         name, module = first_library("PNG", *COMPRESSORS)
         library = str(getattr(module, "ZLIB_RUNTIME_VERSION", None) or module.__version__)
-        versions = {"iclnuim": __version__, "python": platform.python_version(), "numpy": np.__version__, name: library}
+        versions = {
+            "iclnuim": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            name: library,
+        }
         recipe = {
             "schema_version": _SCHEMA_VERSION,
             "kind": "sequence",
@@ -412,9 +495,16 @@ class _Target(_Images):
             _refuse_other_sequence(file, old, recipe)
             if len(self.layout) > 1 and (here := _format_in_folder(old)):
                 recipe["format_in_folder"] = here
-        elif out.exists() and (not out.is_dir() or any(not p.name.startswith(".") for p in out.iterdir())):
+        elif out.exists() and (
+            not out.is_dir() or any(not p.name.startswith(".") for p in out.iterdir())
+        ):
             found = "other files" if out.is_dir() else "a file"
-            raise InputError("an empty folder or a sequence to resume", path=out, found=found, hint="another folder")
+            raise InputError(
+                "an empty folder or a sequence to resume",
+                path=out,
+                found=found,
+                hint="another folder",
+            )
         return recipe
 
     def _refuse_changed(self, formats: list[SequenceFormat]) -> None:
@@ -426,7 +516,10 @@ class _Target(_Images):
                 if not all(_same_image(old, new) for old, new in pairs):
                     expected = "the source that this sequence was started from"
                     raise InputError(
-                        expected, path=self.out, found=f"another image of frame {number}", hint="another folder"
+                        expected,
+                        path=self.out,
+                        found=f"another image of frame {number}",
+                        hint="another folder",
                     )
 
     def _made_again(self, number: int, folder: Path, formats: list[SequenceFormat]) -> _Images:
@@ -439,7 +532,10 @@ class _Target(_Images):
 
     def contents(self, numbers: tuple[int, ...], format: SequenceFormat) -> Contents:
         """The content of a format's text files for these frames."""
-        frames, truth = tuple(_frame(self.source, n) for n in numbers), self.source.truth_of(numbers)
+        frames, truth = (
+            tuple(_frame(self.source, n) for n in numbers),
+            self.source.truth_of(numbers),
+        )
         units = format.fixed_units or self.units
         return Contents(self.source.camera, frames, truth, units, self.source.truth_file(numbers))
 
@@ -468,16 +564,25 @@ def _layout(out: Path, formats: list[SequenceFormat]) -> list[tuple[SequenceForm
 def _units(settings: SequenceSettings, formats: list[SequenceFormat]) -> float:
     """Depth units per metre: the requested ones, unless all formats have the same fixed units."""
     fixed = {format.fixed_units for format in formats}
-    return fixed.pop() or settings.depth_units_per_metre if len(fixed) == 1 else settings.depth_units_per_metre
+    return (
+        fixed.pop() or settings.depth_units_per_metre
+        if len(fixed) == 1
+        else settings.depth_units_per_metre
+    )
 
 
-def _places(source: FrameSource, layout: list[tuple[SequenceFormat, Path]], units: float) -> dict[int, Places]:
+def _places(
+    source: FrameSource, layout: list[tuple[SequenceFormat, Path]], units: float
+) -> dict[int, Places]:
     """The colour, depth and ground-truth files of every frame, one per format."""
     kinds = (RGB, DEPTH, *(ground_truth.KINDS if source.truth_images else ()))
     found = {}
     for frame in (_frame(source, number) for number in source.stamps_s):
         found[frame.number] = {
-            k: [Place(folder / format.image(frame, k), format.fixed_units or units) for format, folder in layout]
+            k: [
+                Place(folder / format.image(frame, k), format.fixed_units or units)
+                for format, folder in layout
+            ]
             for k in kinds
         }
     return found
@@ -501,7 +606,9 @@ def _stored_as(kind: str, place: Place, units: float) -> str:
     same key have the same content.
     """
     scale = (
-        f" {place.units:g} a metre" if kind == DEPTH and place.units != units and place.path.suffix == ".png" else ""
+        f" {place.units:g} a metre"
+        if kind == DEPTH and place.units != units and place.path.suffix == ".png"
+        else ""
     )
     return kind + ("" if place.path.suffix == ".png" else place.path.suffix) + scale
 
@@ -515,12 +622,16 @@ def _encoder(kind: str, image: np.ndarray) -> Callable[[Place], None]:
         elif place.path.suffix == ARRAY:
             write_array(place.path, np.where(np.isfinite(image) & (image > 0), image, 0))
         else:
-            write_png(place.path, depth16_from_metres(image, place.units) if kind == DEPTH else image)
+            write_png(
+                place.path, depth16_from_metres(image, place.units) if kind == DEPTH else image
+            )
 
     return write
 
 
-def _write_images(kind: str, places: list[Place], units: float, write: Callable[[Place], None]) -> dict[str, str]:
+def _write_images(
+    kind: str, places: list[Place], units: float, write: Callable[[Place], None]
+) -> dict[str, str]:
     """Write an image to all its places; it is encoded once for each key of `_stored_as`. Returns SHA-256 by key."""
     found: dict[str, Place] = {}
     for place in places:
@@ -546,11 +657,17 @@ def _is_plain(path: Path, kind: str, camera: PinholeCamera) -> bool:
     """Whether a file can be copied: valid, of the camera's size, and 8-bit RGB, 16-bit grey, or metres. Raises InputError if it is damaged."""
     header = image_header(path, whole=True)
     right = {"RGB": 8} if kind == RGB else {"grey": 16, "grey, metres": 32}
-    return (header.width, header.height) == (camera.width, camera.height) and right.get(header.colour) == header.bits
+    return (header.width, header.height) == (camera.width, camera.height) and right.get(
+        header.colour
+    ) == header.bits
 
 
 def _is_complete(
-    source: FrameSource, entries: Mapping[int, JournalEntry], number: int, files: Places, units: float
+    source: FrameSource,
+    entries: Mapping[int, JournalEntry],
+    number: int,
+    files: Places,
+    units: float,
 ) -> bool:
     """Whether all images of a frame have the hashes in the journal, and were made from the same files of the source."""
     entry = entries.get(number)
@@ -571,7 +688,9 @@ def read_recipe(path: Path) -> dict:
     recipe = read_json(path)
     version = recipe.get("schema_version")
     if recipe.get("kind") != "sequence" or not isinstance(version, int):
-        raise InputError("the recipe of a sequence", path=path, found=recipe.get("kind", "another file"))
+        raise InputError(
+            "the recipe of a sequence", path=path, found=recipe.get("kind", "another file")
+        )
     if version > _SCHEMA_VERSION:
         raise InputError(f"a recipe of schema {_SCHEMA_VERSION} or older", path=path, found=version)
     if "dialects" in recipe:  # as 0.1.0 named them
@@ -588,7 +707,11 @@ def _refuse_other_sequence(file: Path, old: dict, new: dict) -> None:
     here, wanted_here = _format_in_folder(old), _format_in_folder(new)
     if here and wanted_here:  # their files may have the same names
         there["format"], requested["format"] = here, wanted_here
-    models = [key for key in requested if key.endswith("_noise model") and there.get(key) != requested[key]]
+    models = [
+        key
+        for key in requested
+        if key.endswith("_noise model") and there.get(key) != requested[key]
+    ]
     settings = tuple(key.removesuffix("model") for key in models)
     reported = [key for key in requested if key in models or not key.startswith(settings)]
     old, new = ({key: values.get(key) for key in reported} for values in (there, requested))
@@ -607,7 +730,11 @@ def _identity(recipe: dict) -> dict:
     for key in _IDENTITY:
         value = recipe.get(key)
         noise = value if key.endswith("_noise") and isinstance(value, dict) else None
-        identity |= {key: value} if noise is None else {f"{key} {name}": each for name, each in noise.items()}
+        identity |= (
+            {key: value}
+            if noise is None
+            else {f"{key} {name}": each for name, each in noise.items()}
+        )
     run = recipe.get("source", {}).get("run")
     if isinstance(run, dict) and isinstance(run.get("job"), dict):
         identity["source"] = run_key(run)

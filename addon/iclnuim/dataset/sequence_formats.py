@@ -6,7 +6,18 @@ from pathlib import Path
 
 from ..errors import InputError
 from .layout import SequenceFormat
-from .layouts import colmap, eth3d, euroc, icl_nuim, nerf, replica, scannet, tartanair, tum, vslam_lab
+from .layouts import (
+    colmap,
+    eth3d,
+    euroc,
+    icl_nuim,
+    nerf,
+    replica,
+    scannet,
+    tartanair,
+    tum,
+    vslam_lab,
+)
 
 _ALL = (
     tum.FORMAT,

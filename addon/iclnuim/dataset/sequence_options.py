@@ -13,7 +13,13 @@ from ..geometry.camera import PinholeCamera
 from ..sensor.models import DEPTH_MODELS, RGB_MODELS, Noise, depth_model, rgb_model
 from ..sensor.noise_model import DEPTH, RGB, NoiseModel, frame_generator
 from ..settings import Choices, Settings, setting
-from .depth_units import UNITS_PER_METRE, check_units, count_invalid, depth16_from_metres, invalid_after_noise
+from .depth_units import (
+    UNITS_PER_METRE,
+    check_units,
+    count_invalid,
+    depth16_from_metres,
+    invalid_after_noise,
+)
 from .sequence_formats import FORMATS
 
 
@@ -31,14 +37,20 @@ class SequenceSettings:
     depth_units_per_metre: float = UNITS_PER_METRE
 
     def __post_init__(self) -> None:
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**63:
+        if (
+            isinstance(self.seed, bool)
+            or not isinstance(self.seed, int)
+            or not 0 <= self.seed < 2**63
+        ):
             raise InputError("a seed as a whole number from 0 up", found=self.seed)
         check_units(self.depth_units_per_metre)
 
     @property
     def is_clean(self) -> bool:
         """Whether the images are stored unchanged: no noise, no other exposure."""
-        return {"model": self.depth.name, **self.depth.to_dict()} == {"model": "none"} and self.rgb == rgb_model("none")
+        return {"model": self.depth.name, **self.depth.to_dict()} == {
+            "model": "none"
+        } and self.rgb == rgb_model("none")
 
     def to_dict(self) -> dict:
         return {
@@ -56,7 +68,10 @@ class SequenceOptions(Settings):
     group: ClassVar[str] = "a sequence"
 
     depth_noise: str = setting(
-        "none", "noise model of depth", choices=lambda: _summaries(DEPTH_MODELS), others="MODULE:FUNCTION"
+        "none",
+        "noise model of depth",
+        choices=lambda: _summaries(DEPTH_MODELS),
+        others="MODULE:FUNCTION",
     )
     rgb_noise: str = setting(
         "none",
@@ -68,7 +83,9 @@ class SequenceOptions(Settings):
     depth_settings: dict[str, Any] = field(default_factory=dict)
     rgb_settings: dict[str, Any] = field(default_factory=dict)
     seed: int = setting(0, "seed of the noise", low=0, high=2**63 - 1)
-    depth_units: float = setting(UNITS_PER_METRE, "units per metre of the depth images", unit="1/m", low=1.0, high=1e6)
+    depth_units: float = setting(
+        UNITS_PER_METRE, "units per metre of the depth images", unit="1/m", low=1.0, high=1e6
+    )
     formats: tuple[str, ...] = setting(
         ("tum",),
         "format of the files; several formats are written into a folder each",
@@ -84,7 +101,10 @@ class SequenceOptions(Settings):
 
     def sequence_settings(self) -> SequenceSettings:
         """The settings with noise. Raises InputError for an unknown model or parameter."""
-        depth, rgb = depth_model(self.depth_noise, self.depth_settings), rgb_model(self.rgb_noise, self.rgb_settings)
+        depth, rgb = (
+            depth_model(self.depth_noise, self.depth_settings),
+            rgb_model(self.rgb_noise, self.rgb_settings),
+        )
         return SequenceSettings(depth, rgb, self.seed, self.depth_units)
 
     def without_noise(self) -> SequenceSettings:
@@ -93,7 +113,11 @@ class SequenceOptions(Settings):
 
 
 def noisy_images(
-    rgb: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, number: int, settings: SequenceSettings
+    rgb: np.ndarray,
+    depth_z_m: np.ndarray,
+    camera: PinholeCamera,
+    number: int,
+    settings: SequenceSettings,
 ) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
     """The images of one frame: (h, w, 3) uint8 colour, (h, w) uint16 depth, and the number of depth pixels that became 0, by kind.
 
@@ -104,12 +128,18 @@ def noisy_images(
 
 
 def noisy_metres(
-    rgb: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera, number: int, settings: SequenceSettings
+    rgb: np.ndarray,
+    depth_z_m: np.ndarray,
+    camera: PinholeCamera,
+    number: int,
+    settings: SequenceSettings,
 ) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
     """Like noisy_images, with depth (h, w) in metres, float."""
     invalid = count_invalid(depth_z_m, settings.depth_units_per_metre)
     image = settings.rgb.apply(rgb, frame_generator(settings.seed, number, RGB))
-    noisy_z_m = settings.depth.apply(depth_z_m, camera, frame_generator(settings.seed, number, DEPTH))
+    noisy_z_m = settings.depth.apply(
+        depth_z_m, camera, frame_generator(settings.seed, number, DEPTH)
+    )
     _check(settings.rgb.name, image, rgb.shape, np.dtype(np.uint8))
     _check(settings.depth.name, noisy_z_m, depth_z_m.shape, np.floating)
     invalid |= invalid_after_noise(depth_z_m, noisy_z_m, settings.depth_units_per_metre)
@@ -117,6 +147,14 @@ def noisy_metres(
 
 
 def _check(name: str, array: object, shape: tuple[int, ...], kind: type | np.dtype) -> None:
-    if not isinstance(array, np.ndarray) or array.shape != shape or not np.issubdtype(array.dtype, kind):
-        expected = f"an array {shape} of {'float' if kind is np.floating else kind} from the noise {name}"
-        raise InputError(expected, found=f"{getattr(array, 'shape', '')} {getattr(array, 'dtype', type(array))}")
+    if (
+        not isinstance(array, np.ndarray)
+        or array.shape != shape
+        or not np.issubdtype(array.dtype, kind)
+    ):
+        expected = (
+            f"an array {shape} of {'float' if kind is np.floating else kind} from the noise {name}"
+        )
+        raise InputError(
+            expected, found=f"{getattr(array, 'shape', '')} {getattr(array, 'dtype', type(array))}"
+        )

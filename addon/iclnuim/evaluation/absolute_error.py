@@ -87,7 +87,11 @@ class Completeness:
 
     def to_dict(self) -> dict:
         recall = {f"{100 * bound:g}cm": share for bound, share in self.recall.items()}
-        return {"coverage": self.coverage, "recall": recall, "area_under_curve": self.area_under_curve}
+        return {
+            "coverage": self.coverage,
+            "recall": recall,
+            "area_under_curve": self.area_under_curve,
+        }
 
 
 @dataclass(frozen=True)
@@ -109,7 +113,9 @@ class AbsoluteError(PoseErrors):
     def completeness(self) -> Completeness:
         """Scores over all ground-truth frames; if a frame has several estimates, the closest in time is used."""
         pairs = self.association
-        return Completeness.of(self.translation_error_m[pairs.closest_per_first()], pairs.first_count)
+        return Completeness.of(
+            self.translation_error_m[pairs.closest_per_first()], pairs.first_count
+        )
 
 
 def absolute_error(

@@ -34,11 +34,19 @@ class AlignmentSettings(Settings):
 
     group = "alignment settings"
 
-    method: str = setting("se3", "alignment of the estimate", choices=METHODS, option="--align", label="Alignment")
-    first: int | None = setting(
-        None, "align on the first N pairs only; default: all", low=1, option="--align-first", label="First pairs"
+    method: str = setting(
+        "se3", "alignment of the estimate", choices=METHODS, option="--align", label="Alignment"
     )
-    up: str = setting("z", "axis that yaw rotates about", choices=dict.fromkeys("xyz", ""), label="Yaw axis")
+    first: int | None = setting(
+        None,
+        "align on the first N pairs only; default: all",
+        low=1,
+        option="--align-first",
+        label="First pairs",
+    )
+    up: str = setting(
+        "z", "axis that yaw rotates about", choices=dict.fromkeys("xyz", ""), label="Yaw axis"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +86,11 @@ class MirrorCheck:
     def mirrored(self) -> bool:
         """Whether a reflection fits much better: its squared error is below a quarter of the rotation's, which is above rounding."""
         fits = self.reflection_rms_m < 0.25 * self.extent_m
-        return fits and self.rotation_rms_m > MIN_EXTENT_M and self.reflection_rms_m < 0.5 * self.rotation_rms_m
+        return (
+            fits
+            and self.rotation_rms_m > MIN_EXTENT_M
+            and self.reflection_rms_m < 0.5 * self.rotation_rms_m
+        )
 
 
 def align(reference: SE3, estimate: SE3, settings: AlignmentSettings | None = None) -> Alignment:
@@ -106,7 +118,9 @@ def align(reference: SE3, estimate: SE3, settings: AlignmentSettings | None = No
     return Alignment(settings.method, T, scale, len(x), extents_m, _rms(residual_m))
 
 
-def umeyama(x: np.ndarray, y: np.ndarray, with_scale: bool = False, reflect: bool = False) -> tuple[SE3, float]:
+def umeyama(
+    x: np.ndarray, y: np.ndarray, with_scale: bool = False, reflect: bool = False
+) -> tuple[SE3, float]:
     """The rotation R, translation t and scale c (1 without `with_scale`) that minimise |y - (c R x + t)|^2.
 
     With `reflect`, the best improper R (determinant -1) instead; the SE3 that contains it is not a rigid motion.
@@ -116,9 +130,13 @@ def umeyama(x: np.ndarray, y: np.ndarray, with_scale: bool = False, reflect: boo
     covariance = centred_y.T @ centred_x / len(x)  # equation 38
     u, d, vt = np.linalg.svd(covariance)
     sign = np.sign(np.linalg.det(u) * np.linalg.det(vt)) * (-1.0 if reflect else 1.0)
-    s = np.array([1.0, 1.0, sign])  # equation 43; equation 39 with the sign taken from U and V holds at rank 2 too
+    s = np.array(
+        [1.0, 1.0, sign]
+    )  # equation 43; equation 39 with the sign taken from U and V holds at rank 2 too
     rotation = (u * s) @ vt  # equation 40
-    scale = float(d @ s / (np.vdot(centred_x, centred_x) / len(x))) if with_scale else 1.0  # equations 42, 36
+    scale = (
+        float(d @ s / (np.vdot(centred_x, centred_x) / len(x))) if with_scale else 1.0
+    )  # equations 42, 36
     return SE3(rotation, mean_y - scale * rotation @ mean_x), scale  # equation 41
 
 
@@ -130,22 +148,34 @@ def check_mirror(reference_m: np.ndarray, estimate_m: np.ndarray) -> MirrorCheck
     """
     if len(reference_m) < _MIN_MIRROR_POSES or principal_extents(estimate_m)[0] == 0.0:
         return MirrorCheck()
-    fits = (umeyama(estimate_m, reference_m, with_scale=True, reflect=reflect) for reflect in (False, True))
-    rotation_m, reflection_m = (_rms(reference_m - T.apply(scale * estimate_m)) for T, scale in fits)
-    return MirrorCheck(rotation_m, reflection_m, float(np.linalg.norm(principal_extents(reference_m))))
+    fits = (
+        umeyama(estimate_m, reference_m, with_scale=True, reflect=reflect)
+        for reflect in (False, True)
+    )
+    rotation_m, reflection_m = (
+        _rms(reference_m - T.apply(scale * estimate_m)) for T, scale in fits
+    )
+    return MirrorCheck(
+        rotation_m, reflection_m, float(np.linalg.norm(principal_extents(reference_m)))
+    )
 
 
 def principal_extents(positions_m: np.ndarray) -> np.ndarray:
     """(n, 3) -> (3,) standard deviations along the principal directions, longest first."""
     centred = positions_m - positions_m.mean(axis=0)
-    return read_only(np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred / len(centred))[::-1], 0.0)))
+    return read_only(
+        np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred / len(centred))[::-1], 0.0))
+    )
 
 
 def _yaw(x: np.ndarray, y: np.ndarray, up: int) -> SE3:
     """Rotation about the axis `up`, and translation: equation 40 in the plane, in closed form."""
     a, b = (up + 1) % 3, (up + 2) % 3
     flat_x, flat_y = x[:, (a, b)], y[:, (a, b)]
-    for name, extents_m in (("a reference", principal_extents(flat_y)), ("an estimated", principal_extents(flat_x))):
+    for name, extents_m in (
+        ("a reference", principal_extents(flat_y)),
+        ("an estimated", principal_extents(flat_x)),
+    ):
         if extents_m[0] <= MIN_EXTENT_M:
             expected = f"{name} trajectory that determines a yaw alignment, moving across the {'xyz'[up]} axis"
             found = f"an extent of {1000 * extents_m[0]:.3g} mm"
@@ -159,16 +189,27 @@ def _yaw(x: np.ndarray, y: np.ndarray, up: int) -> SE3:
     return SE3(rotation, mean_y - rotation @ mean_x)
 
 
-def _refuse_undetermined(reference_m: np.ndarray, estimate_m: np.ndarray, used: int, method: str) -> None:
+def _refuse_undetermined(
+    reference_m: np.ndarray, estimate_m: np.ndarray, used: int, method: str
+) -> None:
     """Raise InputError unless both trajectories have extents in two directions; the third can be 0 (a trajectory in a plane)."""
     # for Sim(3) the estimate's unit of length is unknown, so only the ratio of its extents is checked
     min_estimate_m = MIN_EXTENT_M if method == "se3" else 0.0
-    both = (("a reference", reference_m, MIN_EXTENT_M), ("an estimated", estimate_m, min_estimate_m))
+    both = (
+        ("a reference", reference_m, MIN_EXTENT_M),
+        ("an estimated", estimate_m, min_estimate_m),
+    )
     for name, extents_m, min_m in both:
         if used < 3:
-            found, hint = f"{used} pose{'s' * (used > 1)} where 3 are needed", "the alignment origin, or more poses"
+            found, hint = (
+                f"{used} pose{'s' * (used > 1)} where 3 are needed",
+                "the alignment origin, or more poses",
+            )
         elif extents_m[0] <= min_m:
-            found, hint = "one that does not move, so its rotation is undetermined", "the alignment origin"
+            found, hint = (
+                "one that does not move, so its rotation is undetermined",
+                "the alignment origin",
+            )
         elif extents_m[1] <= max(min_m, MIN_EXTENT_SHARE * extents_m[0]):
             found = "a straight one, so the rotation about it is undetermined"
             hint = "the alignment yaw if it is not upright, or the alignment origin"

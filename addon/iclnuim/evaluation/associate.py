@@ -36,9 +36,15 @@ class AssociationSettings(Settings):
         option="--association",
     )
     max_difference_s: float = setting(
-        0.02, "maximum difference of the stamps of a pair", unit="s", low=1e-9, option="--max-difference"
+        0.02,
+        "maximum difference of the stamps of a pair",
+        unit="s",
+        low=1e-9,
+        option="--max-difference",
     )
-    offset_s: float = setting(0.0, "added to the stamps of the estimate", unit="s", option="--offset")
+    offset_s: float = setting(
+        0.0, "added to the stamps of the estimate", unit="s", option="--offset"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +77,9 @@ class Association:
         return order[np.flatnonzero(np.diff(self.first[order], prepend=-1))]
 
 
-def associate(first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSettings | None = None) -> Association:
+def associate(
+    first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSettings | None = None
+) -> Association:
     """Pair two lists of stamps, (n,) and (m,) in seconds, strictly increasing. The result may be empty.
 
     `greedy`: of all pairs within the window the one with the smallest difference is chosen (ties: smaller first, then
@@ -92,7 +100,9 @@ def associate(first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSe
     return Association(i, j, second_s[j] - first_s[i], len(first_s))
 
 
-def pair_up(reference: Trajectory, estimate: Trajectory, settings: AssociationSettings | None = None) -> Association:
+def pair_up(
+    reference: Trajectory, estimate: Trajectory, settings: AssociationSettings | None = None
+) -> Association:
     """Associate by time. Raises InputError if the trajectories do not overlap in time, or have no pair within the window."""
     settings = settings or AssociationSettings()
     reference_s, estimate_s = reference.stamps_s, estimate.stamps_s
@@ -105,12 +115,18 @@ def pair_up(reference: Trajectory, estimate: Trajectory, settings: AssociationSe
     if shifted_s[0] > reference_s[-1] or shifted_s[-1] < reference_s[0]:
         best = best_offset(reference, estimate)
         shift = f"{best[0] if best else reference_s[0] - estimate_s[0]:.6f}".rstrip("0").rstrip(".")
-        why = f"where they fit best (to {1000 * best[1]:.3g} mm)" if best else "if both start together"
+        why = (
+            f"where they fit best (to {1000 * best[1]:.3g} mm)"
+            if best
+            else "if both start together"
+        )
         hint = f"an offset of {shift} s {why}, or the format tum-ids if these are frame numbers"
         found = f"no overlap in time: {_span(shifted_s)}"
         raise InputError(f"stamps that overlap the ground truth's {span}", found=found, hint=hint)
     expected = f"stamps within {settings.max_difference_s:g} s of the ground truth's {span}"
-    raise InputError(expected, found=f"none in {_span(shifted_s)}", hint="a larger difference, or an offset")
+    raise InputError(
+        expected, found=f"none in {_span(shifted_s)}", hint="a larger difference, or an offset"
+    )
 
 
 def _span(stamps_s: np.ndarray) -> str:
@@ -133,7 +149,9 @@ def nearest(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(to_left <= to_right, left, right), np.minimum(to_left, to_right)
 
 
-def _greedy(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[np.ndarray, np.ndarray]:
+def _greedy(
+    first_s: np.ndarray, second_s: np.ndarray, limit_s: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Greedy pairs in rounds of mutual best matches.
 
     Two free stamps that are each other's best match are a pair of the greedy order, because no pair that contains one of them has
@@ -158,7 +176,9 @@ def _greedy(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[
     return all_i[order], all_j[order]
 
 
-def _greedy_by_heap(first_s: np.ndarray, second_s: np.ndarray, limit_s: float) -> tuple[np.ndarray, np.ndarray]:
+def _greedy_by_heap(
+    first_s: np.ndarray, second_s: np.ndarray, limit_s: float
+) -> tuple[np.ndarray, np.ndarray]:
     """The same pairs one by one: the closest free pair is adjacent in the merged list of free stamps."""
     stamps_s = np.concatenate([first_s, second_s])
     order = np.argsort(stamps_s, kind="stable")

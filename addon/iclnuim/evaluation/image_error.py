@@ -11,7 +11,9 @@ from ..settings import Settings, setting
 
 _GAUSSIAN = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
 #: Weights of a window along each axis, and the factor from population variance to sample variance.
-_WINDOWS = MappingProxyType({"gaussian": (_GAUSSIAN / _GAUSSIAN.sum(), 1.0), "uniform": (np.full(7, 1 / 7), 49 / 48)})
+_WINDOWS = MappingProxyType(
+    {"gaussian": (_GAUSSIAN / _GAUSSIAN.sum(), 1.0), "uniform": (np.full(7, 1 / 7), 49 / 48)}
+)
 #: K1 and K2 of SSIM.
 _K1, _K2 = 0.01, 0.03
 #: White of 8-bit images.
@@ -30,7 +32,9 @@ class ViewSettings(Settings):
         choices={"gaussian": "11 x 11, sigma 1.5", "uniform": "7 x 7, scikit-image's default"},
         source="Wang et al., TIP 2004",
     )
-    lpips: bool = setting(True, "also LPIPS (AlexNet), if the packages lpips and torch are installed", label="LPIPS")
+    lpips: bool = setting(
+        True, "also LPIPS (AlexNet), if the packages lpips and torch are installed", label="LPIPS"
+    )
 
 
 def psnr_db(image: np.ndarray, truth: np.ndarray) -> float:
@@ -60,7 +64,9 @@ def ssim(image: np.ndarray, truth: np.ndarray, window: str = "gaussian") -> floa
         (image, image, x * x), (truth, truth, y * y), (image, truth, x * y),
     ))  # fmt: skip
     c1, c2 = (_K1 * _WHITE) ** 2, (_K2 * _WHITE) ** 2
-    return float((((2 * x * y + c1) * (2 * xy + c2)) / ((x * x + y * y + c1) * (xx + yy + c2))).mean())
+    return float(
+        (((2 * x * y + c1) * (2 * xy + c2)) / ((x * x + y * y + c1) * (xx + yy + c2))).mean()
+    )
 
 
 def _both(image: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +77,9 @@ def _both(image: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]
         raise InputError(f"images of one size, {truth.shape}", found=image.shape)
     if other := next((i.dtype for i in (image, truth) if i.dtype != np.uint8), None):
         raise InputError(
-            "8-bit images (uint8)", found=other, hint="np.rint(255 * image).astype(np.uint8) for values of 0..1"
+            "8-bit images (uint8)",
+            found=other,
+            hint="np.rint(255 * image).astype(np.uint8) for values of 0..1",
         )
     return image.astype(float), truth.astype(float)
 

@@ -27,10 +27,15 @@ class RelativeErrorSettings(Settings):
 
     delta: float = setting(1.0, "distance of the poses of a pair, in `unit`", low=1e-9, option="")
     unit: str = setting(
-        "frames", "unit of delta", choices=dict.fromkeys(("frames", "seconds", "metres"), ""), option=""
+        "frames",
+        "unit of delta",
+        choices=dict.fromkeys(("frames", "seconds", "metres"), ""),
+        option="",
     )
     all_pairs: bool = setting(
-        True, "a pair starts at every pose; otherwise each starts at the end of the last one", option=""
+        True,
+        "a pair starts at every pose; otherwise each starts at the end of the last one",
+        option="",
     )
     tolerance: float = setting(
         0.1,
@@ -41,7 +46,10 @@ class RelativeErrorSettings(Settings):
     measured_on: str = setting(
         "reference",
         "trajectory along which metres are measured",
-        choices={"reference": "gives every estimate the same pairs", "estimate": "as evo and the TUM tools do"},
+        choices={
+            "reference": "gives every estimate the same pairs",
+            "estimate": "as evo and the TUM tools do",
+        },
     )
     correct_scale: bool = setting(False, "first scale the estimate by its Sim(3) alignment")
     association: AssociationSettings = field(default_factory=AssociationSettings)
@@ -75,11 +83,16 @@ def relative_error(
     """RPE of an estimate. Raises InputError if no stamps match, or no two poses are delta apart."""
     settings = settings or RelativeErrorSettings()
     association = pair_up(reference, estimate, settings.association)
-    truth, poses = reference.T_world_camera[association.first], estimate.T_world_camera[association.second]
+    truth, poses = (
+        reference.T_world_camera[association.first],
+        estimate.T_world_camera[association.second],
+    )
     scale = 1.0
     if settings.correct_scale:
         if np.ptp(poses.translation, axis=0).max() == 0.0:
-            raise InputError("an estimate that moves, to correct its scale", found="one that does not move")
+            raise InputError(
+                "an estimate that moves, to correct its scale", found="one that does not move"
+            )
         scale = umeyama(poses.translation, truth.translation, with_scale=True)[1]
     scaled = SE3(poses.rotation, scale * poses.translation)
     stamps_s = read_only(reference.stamps_s[association.first])
@@ -125,7 +138,9 @@ def rpe_pairs(
     raise InputError(f"poses {settings.delta:g} {settings.unit} apart", found=found, hint=hint)
 
 
-def _pairs_by_measure(measure: np.ndarray, settings: RelativeErrorSettings) -> tuple[np.ndarray, np.ndarray]:
+def _pairs_by_measure(
+    measure: np.ndarray, settings: RelativeErrorSettings
+) -> tuple[np.ndarray, np.ndarray]:
     """For every pose, the later one whose measure is closest to that of the first + delta (ties: the earlier), within tolerance.
 
     measure (n,): time or distance; it does not decrease.
@@ -135,8 +150,13 @@ def _pairs_by_measure(measure: np.ndarray, settings: RelativeErrorSettings) -> t
     # of several poses with the same measure (the camera does not move) the first one is used
     before = np.searchsorted(measure, measure[np.clip(after - 1, 0, last)])
     before, after = np.clip(before, start + 1, last), np.clip(after, start + 1, last)
-    error_before, error_after = (np.abs(measure[end] - measure[start] - settings.delta) for end in (before, after))
-    end, error = np.where(error_before <= error_after, before, after), np.minimum(error_before, error_after)
+    error_before, error_after = (
+        np.abs(measure[end] - measure[start] - settings.delta) for end in (before, after)
+    )
+    end, error = (
+        np.where(error_before <= error_after, before, after),
+        np.minimum(error_before, error_after),
+    )
     good = error <= settings.tolerance * settings.delta
     return start[good], end[good]
 
@@ -154,7 +174,9 @@ def _end_to_end(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndar
 def _end_to_end_by_length(positions_m: np.ndarray, delta_m: float) -> tuple[np.ndarray, np.ndarray]:
     """End-to-end pairs: a pair ends at the first pose that is at least delta_m of travelled distance from its start."""
     ends, travelled_m = [0], 0.0
-    for index, step_m in enumerate(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).tolist(), 1):
+    for index, step_m in enumerate(
+        np.linalg.norm(np.diff(positions_m, axis=0), axis=1).tolist(), 1
+    ):
         travelled_m += step_m
         if travelled_m >= delta_m:
             ends.append(index)

@@ -20,7 +20,10 @@ def best_offset(reference: Trajectory, estimate: Trajectory) -> tuple[float, flo
 
     None if the trajectories do not determine it: they are too short, do not move, or span more than _MAX_FRAMES.
     """
-    if min(len(reference), len(estimate)) < _MIN_POSES or principal_extents(estimate.positions_m)[0] < MIN_EXTENT_M:
+    if (
+        min(len(reference), len(estimate)) < _MIN_POSES
+        or principal_extents(estimate.positions_m)[0] < MIN_EXTENT_M
+    ):
         return None
     step_s = float(np.median(np.diff(reference.stamps_s)))
     spans = [np.rint((t.stamps_s - t.stamps_s[0]) / step_s) for t in (reference, estimate)]
@@ -53,7 +56,10 @@ def _rms_by_lag(rows: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndar
     count = np.rint(sums(0, 0))
     enough = count >= max(_MIN_POSES, _MIN_SHARE * len(x))
     n = np.maximum(count, 1)
-    mean_x, mean_y = (np.stack([sums(i, 0) for i in (1, 2, 3)], -1), np.stack([sums(0, j) for j in (1, 2, 3)], -1))
+    mean_x, mean_y = (
+        np.stack([sums(i, 0) for i in (1, 2, 3)], -1),
+        np.stack([sums(0, j) for j in (1, 2, 3)], -1),
+    )
     mean_x, mean_y = mean_x / n[:, None], mean_y / n[:, None]
     products = np.stack([np.stack([sums(i, j) for i in (1, 2, 3)], -1) for j in (1, 2, 3)], -2)
     covariance = products / n[:, None, None] - mean_y[:, :, None] * mean_x[:, None, :]
@@ -65,14 +71,18 @@ def _rms_by_lag(rows: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndar
 
 def _positions(trajectory: Trajectory, stamps_s: np.ndarray) -> np.ndarray:
     """(n, 3) positions at stamps (n,), linearly interpolated."""
-    return np.stack([np.interp(stamps_s, trajectory.stamps_s, axis) for axis in trajectory.positions_m.T], -1)
+    return np.stack(
+        [np.interp(stamps_s, trajectory.stamps_s, axis) for axis in trajectory.positions_m.T], -1
+    )
 
 
 def _rms(reference: Trajectory, estimate: Trajectory, offset_s: float) -> float:
     """RMS after a rigid alignment of the estimate's poses within the reference's time span; infinite if they are too few."""
     stamps_s = estimate.stamps_s + offset_s
     slack_s = 1e-6
-    inside = (stamps_s >= reference.stamps_s[0] - slack_s) & (stamps_s <= reference.stamps_s[-1] + slack_s)
+    inside = (stamps_s >= reference.stamps_s[0] - slack_s) & (
+        stamps_s <= reference.stamps_s[-1] + slack_s
+    )
     if np.count_nonzero(inside) < _MIN_POSES:
         return np.inf
     x, y = estimate.positions_m[inside], _positions(reference, stamps_s[inside])

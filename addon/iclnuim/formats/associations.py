@@ -34,18 +34,25 @@ class ImageList:
 
     def __post_init__(self) -> None:
         if len(self.stamps_s) != len(self.paths):
-            raise InputError("as many paths as stamps", found=f"{len(self.paths)} and {len(self.stamps_s)}")
+            raise InputError(
+                "as many paths as stamps", found=f"{len(self.paths)} and {len(self.stamps_s)}"
+            )
 
     def stamp_texts(self) -> list[str]:
         """The text of each stamp in seconds, as it is written into a list."""
         written = self.written or ("",) * len(self)
-        return [text or stamp_text(stamp_s) for stamp_s, text in zip(self.stamps_s, written, strict=True)]
+        return [
+            text or stamp_text(stamp_s)
+            for stamp_s, text in zip(self.stamps_s, written, strict=True)
+        ]
 
     @property
     def is_numbered(self) -> bool:
         """Whether the stamps are written as whole numbers and are the names of the images: frame numbers."""
         return bool(self.written) and all(
-            text.isdecimal() and int(text) <= LARGEST_NUMBER and PurePath(path).stem.lstrip("0") == text.lstrip("0")
+            text.isdecimal()
+            and int(text) <= LARGEST_NUMBER
+            and PurePath(path).stem.lstrip("0") == text.lstrip("0")
             for text, path in zip(self.written, self.paths, strict=True)
         )
 
@@ -57,7 +64,9 @@ class ImageList:
         """The frame numbers: stamp = 1 + number / 30 s. Raises InputError for stamps between frames."""
         frames = frames_of_stamps(self.stamps_s)
         numbers = np.rint(frames)
-        bad = np.flatnonzero((np.abs(frames - numbers) > STAMP_SLACK) | (numbers < 0) | (numbers > LARGEST_FRAME))
+        bad = np.flatnonzero(
+            (np.abs(frames - numbers) > STAMP_SLACK) | (numbers < 0) | (numbers > LARGEST_FRAME)
+        )
         if bad.size:
             expected = f"stamps of whole frame numbers, 1 + number / {FRAME_RATE_HZ:g} s, to write ICL-NUIM's order"
             raise InputError(expected, found=f"{self.stamps_s[bad[0]]:.9g} s")
@@ -77,7 +86,9 @@ class Associations:
 
     def __post_init__(self) -> None:
         if len(self.rgb) != len(self.depth):
-            raise InputError("as many depth as colour images", found=f"{len(self.depth)} and {len(self.rgb)}")
+            raise InputError(
+                "as many depth as colour images", found=f"{len(self.depth)} and {len(self.rgb)}"
+            )
 
     def __len__(self) -> int:
         return len(self.rgb)
@@ -97,22 +108,34 @@ def read_associations(path: str | os.PathLike[str]) -> Associations:
     whole = firsts[0] and all(stamp.is_integer() for stamp in (*first.stamps_s, *second.stamps_s))
     if whole or (first.is_numbered and second.is_numbered):
         first, second = (one.by_frame_number() for one in (first, second))
-    return Associations(second, first, "icl-nuim") if firsts[0] else Associations(first, second, "tum")
+    return (
+        Associations(second, first, "icl-nuim") if firsts[0] else Associations(first, second, "tum")
+    )
 
 
 def read_image_lists(*paths: str | os.PathLike[str]) -> tuple[ImageList, ...]:
     """Read `rgb.txt` and `depth.txt`: stamps in seconds, or, if all are the names of the images, frame numbers. Raises InputError."""
     lists = tuple(read_image_list(path) for path in paths)
-    return tuple(one.by_frame_number() for one in lists) if all(one.is_numbered for one in lists) else lists
+    return (
+        tuple(one.by_frame_number() for one in lists)
+        if all(one.is_numbered for one in lists)
+        else lists
+    )
 
 
-def write_associations(path: str | os.PathLike[str], pairs: Associations, order: str = "tum") -> None:
+def write_associations(
+    path: str | os.PathLike[str], pairs: Associations, order: str = "tum"
+) -> None:
     """Write associations in TUM's order with seconds, or in ICL-NUIM's order with frame numbers, atomically."""
     numbered = order == "icl-nuim"
     first, second = (pairs.depth, pairs.rgb) if numbered else (pairs.rgb, pairs.depth)
-    stamps = (images.frame_numbers() if numbered else images.stamp_texts() for images in (first, second))
+    stamps = (
+        images.frame_numbers() if numbered else images.stamp_texts() for images in (first, second)
+    )
     rows = zip(*stamps, first.paths, second.paths, strict=True)
-    atomic_write_text(path, "".join(f"{a} {_plain(one)} {b} {_plain(other)}\n" for a, b, one, other in rows))
+    atomic_write_text(
+        path, "".join(f"{a} {_plain(one)} {b} {_plain(other)}\n" for a, b, one, other in rows)
+    )
 
 
 def read_image_list(path: str | os.PathLike[str]) -> ImageList:
@@ -122,12 +145,17 @@ def read_image_list(path: str | os.PathLike[str]) -> ImageList:
 
 def write_image_list(path: str | os.PathLike[str], images: ImageList) -> None:
     """Write a header `# timestamp filename` and one line per image, atomically."""
-    lines = [f"{s} {_plain(image)}\n" for s, image in zip(images.stamp_texts(), images.paths, strict=True)]
+    lines = [
+        f"{s} {_plain(image)}\n"
+        for s, image in zip(images.stamp_texts(), images.paths, strict=True)
+    ]
     atomic_write_text(path, "# timestamp filename\n" + "".join(lines))
 
 
 def _rows(path: str | os.PathLike[str], columns: int, what: str) -> list[tuple[int, list[str]]]:
-    rows = [(number, line.split()) for number, line in data_lines(read_text(path, "a list of images"))]
+    rows = [
+        (number, line.split()) for number, line in data_lines(read_text(path, "a list of images"))
+    ]
     if not rows:
         raise InputError(what, path=path, found="comments alone")
     for number, fields in rows:

@@ -65,14 +65,24 @@ def read_exr(path: str | os.PathLike[str], backend: str | None = None) -> dict[s
     try:
         if name == "OpenEXR":
             with module.File(os.fspath(path), separate_channels=True) as file:
-                channels = {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
+                channels = {
+                    name: channel.pixels
+                    for part in file.parts
+                    for name, channel in part.channels.items()
+                }
         else:
             channels = _read_oiio(module, os.fspath(path), header)
     except (RuntimeError, ValueError, UnicodeDecodeError) as error:
         raise InputError("a whole EXR image", path=path, found=error, hint=_AGAIN) from None
-    lacking = [c for c in header.channels if c not in channels or channels[c].shape != (header.height, header.width)]
+    lacking = [
+        c
+        for c in header.channels
+        if c not in channels or channels[c].shape != (header.height, header.width)
+    ]
     if lacking:
-        raise InputError("a whole EXR image", path=path, found=f"no pixels for {', '.join(lacking)}")
+        raise InputError(
+            "a whole EXR image", path=path, found=f"no pixels for {', '.join(lacking)}"
+        )
     return channels
 
 
@@ -112,8 +122,12 @@ def write_exr(
                 _write_oiio(module, str(temporary), channels, texts)
             exr_header(temporary, whole=True)  # the libraries do not always report a full disk
         except (RuntimeError, ValueError, InputError) as error:
-            reason = " ".join(str(error).replace(f"{temporary}: ", "").replace(str(temporary), "the file").split())
-            raise WorkError(f"{os.fspath(path)}: cannot write: {reason or 'the disk may be full'}") from None
+            reason = " ".join(
+                str(error).replace(f"{temporary}: ", "").replace(str(temporary), "the file").split()
+            )
+            raise WorkError(
+                f"{os.fspath(path)}: cannot write: {reason or 'the disk may be full'}"
+            ) from None
 
     atomic_write(path, write_and_check)
 
@@ -127,9 +141,13 @@ def _read_oiio(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np
         pixels = image.read_image(index, 0, 0, len(part.channels), module.FLOAT)
         if pixels is None:
             raise ValueError(image.geterror())
-        names = image.spec(index).channelnames  # R, G, B are sorted to the front; the part's name may be a prefix
+        names = image.spec(
+            index
+        ).channelnames  # R, G, B are sorted to the front; the part's name may be a prefix
         for name, kind in part.channels.items():
-            place = next((i for i, own in enumerate(names) if own == name or own.endswith("." + name)), None)
+            place = next(
+                (i for i, own in enumerate(names) if own == name or own.endswith("." + name)), None
+            )
             if place is None:
                 raise ValueError(f"no channel {name}")
             channels[name] = pixels[..., place].astype(np.float16 if kind == "half" else np.float32)
@@ -137,11 +155,15 @@ def _read_oiio(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np
     return channels
 
 
-def _write_oiio(module: ModuleType, path: str, channels: dict[str, np.ndarray], attributes: Mapping[str, str]) -> None:
+def _write_oiio(
+    module: ModuleType, path: str, channels: dict[str, np.ndarray], attributes: Mapping[str, str]
+) -> None:
     height, width = next(iter(channels.values())).shape
     spec = module.ImageSpec(width, height, len(channels), module.FLOAT)
     spec.channelnames = tuple(channels)
-    spec.channelformats = tuple(module.HALF if v.dtype == np.float16 else module.FLOAT for v in channels.values())
+    spec.channelformats = tuple(
+        module.HALF if v.dtype == np.float16 else module.FLOAT for v in channels.values()
+    )
     for name, text in attributes.items():
         spec.attribute(name, text)
     spec.attribute("DateTime", "")  # without this, the library writes the current time
@@ -209,7 +231,13 @@ def _parse(data: bytes) -> tuple[ExrHeader, int, bool]:
     cursor = _Cursor(data, 4)
     flags = cursor.int32()
     if flags & 0xFF != 2 or flags & (_TILED | _DEEP):
-        kind = "deep pixels" if flags & _DEEP else "tiles" if flags & _TILED else f"version {flags & 0xFF}"
+        kind = (
+            "deep pixels"
+            if flags & _DEEP
+            else "tiles"
+            if flags & _TILED
+            else f"version {flags & 0xFF}"
+        )
         raise InputError("a flat scan-line EXR", found=kind)
     multipart = bool(flags & _MULTIPART)
     parts = [_part(cursor)]
@@ -237,7 +265,9 @@ def _part(cursor: _Cursor) -> ExrPart:
     missing = [n for n in ("channels", "compression", "dataWindow") if n not in raw]
     if missing or len(raw["dataWindow"]) != 16 or len(raw["compression"]) != 1:
         lacking = ", ".join(missing) or "valid sizes"
-        raise InputError("an EXR header with channels, compression and dataWindow", found=f"no {lacking}")
+        raise InputError(
+            "an EXR header with channels, compression and dataWindow", found=f"no {lacking}"
+        )
     code = raw["compression"][0]
     if code >= len(_COMPRESSIONS):
         raise InputError(f"a compression among {', '.join(_COMPRESSIONS)}", found=f"number {code}")
@@ -245,9 +275,15 @@ def _part(cursor: _Cursor) -> ExrPart:
     left, top, right, bottom = struct.unpack("<4i", raw["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
     total_bytes = width * height * sum(2 if kind == "half" else 4 for kind in channels.values())
-    if not (0 < width <= _MAX_SIDE_PX and 0 < height <= _MAX_SIDE_PX and total_bytes <= _MAX_PIXEL_BYTES):
-        expected = f"an image of at most {_MAX_SIDE_PX} pixels a side and {_MAX_PIXEL_BYTES >> 30} GiB"
-        raise InputError(expected, found=f"a header with {width} x {height} ({total_bytes / 1e9:.3g} GB)")
+    if not (
+        0 < width <= _MAX_SIDE_PX and 0 < height <= _MAX_SIDE_PX and total_bytes <= _MAX_PIXEL_BYTES
+    ):
+        expected = (
+            f"an image of at most {_MAX_SIDE_PX} pixels a side and {_MAX_PIXEL_BYTES >> 30} GiB"
+        )
+        raise InputError(
+            expected, found=f"a header with {width} x {height} ({total_bytes / 1e9:.3g} GB)"
+        )
     return ExrPart(channels, width, height, _COMPRESSIONS[code], text)
 
 
@@ -256,8 +292,16 @@ def _channels(raw: bytes) -> dict[str, str]:
     while name := cursor.text():
         kind, _, x_sampling, y_sampling = struct.unpack("<iiii", cursor.take(16))
         if kind not in (1, 2) or (x_sampling, y_sampling) != (1, 1):
-            what = "subsampled" if kind in (1, 2) else _PIXEL_TYPES[0] if kind == 0 else f"of type {kind}"
-            raise InputError("half or float channels at full resolution", found=f"channel {name} {what}")
+            what = (
+                "subsampled"
+                if kind in (1, 2)
+                else _PIXEL_TYPES[0]
+                if kind == 0
+                else f"of type {kind}"
+            )
+            raise InputError(
+                "half or float channels at full resolution", found=f"channel {name} {what}"
+            )
         channels[name] = _PIXEL_TYPES[kind]
     if not channels:
         raise InputError("an EXR with channels", found="none")

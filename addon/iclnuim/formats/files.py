@@ -43,7 +43,9 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
         return
     if path.is_symlink():
         path = Path(os.path.realpath(path))
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}-{_HOST}-{uuid.uuid4().hex[:8]}.tmp{path.suffix}")
+    temporary = path.with_name(
+        f".{path.stem}.{os.getpid()}-{_HOST}-{uuid.uuid4().hex[:8]}.tmp{path.suffix}"
+    )
     try:
         write(temporary)
         os.replace(temporary, path)
@@ -68,7 +70,9 @@ def locked(path: Path, wait: bool = False) -> Iterator[None]:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except BlockingIOError:
         os.close(descriptor)
-        raise WorkError(f"{path}: another process is writing here", hint="waiting for it, or another folder") from None
+        raise WorkError(
+            f"{path}: another process is writing here", hint="waiting for it, or another folder"
+        ) from None
     except OSError:
         pass
     try:
@@ -87,7 +91,12 @@ def real_path(path: str | os.PathLike[str]) -> Path:
 def is_stream(path: str | os.PathLike[str]) -> bool:
     """Whether a path is a pipe, a device, or a name of an open file, which must not be replaced by a file."""
     path = Path(path)
-    return path.as_posix().startswith(_OPEN_FILES) or path.exists() and not path.is_file() and not path.is_dir()
+    return (
+        path.as_posix().startswith(_OPEN_FILES)
+        or path.exists()
+        and not path.is_file()
+        and not path.is_dir()
+    )
 
 
 def _write_stream(path: Path, write: Callable[[Path], object]) -> None:
@@ -103,7 +112,11 @@ def _write_stream(path: Path, write: Callable[[Path], object]) -> None:
 
 def not_written(path: str | os.PathLike[str], error: OSError) -> WorkError:
     """The error for a file that could not be written. The OSError of a full disk does not contain the file's name."""
-    hint = "freeing space there, then the same command again" if error.errno in (errno.ENOSPC, errno.EDQUOT) else None
+    hint = (
+        "freeing space there, then the same command again"
+        if error.errno in (errno.ENOSPC, errno.EDQUOT)
+        else None
+    )
     return WorkError(f"{os.fspath(path)}: cannot write: {error.strerror or error}", hint=hint)
 
 
@@ -112,7 +125,9 @@ def make_folder(folder: Path, hint: str | None = None) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise WorkError(f"{folder}: cannot make the folder: {error.strerror or error}", hint=hint) from None
+        raise WorkError(
+            f"{folder}: cannot make the folder: {error.strerror or error}", hint=hint
+        ) from None
 
 
 @contextmanager
@@ -169,7 +184,9 @@ def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:
 
 def write_json(path: str | os.PathLike[str], content: dict) -> None:
     """Write JSON: indented, keys in the given order, with a line end at the end."""
-    atomic_write_text(path, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    atomic_write_text(
+        path, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    )
 
 
 def read_json(path: str | os.PathLike[str]) -> dict:
@@ -180,12 +197,16 @@ def read_json(path: str | os.PathLike[str]) -> dict:
     return content
 
 
-def content_of_json(text: str, what: str = "JSON", path: str | os.PathLike[str] | None = None) -> Any:
+def content_of_json(
+    text: str, what: str = "JSON", path: str | os.PathLike[str] | None = None
+) -> Any:
     """The content of JSON text. Raises InputError, with the line in `path` if that is given, also for numbers that are not finite or have
     hundreds of digits.
     """
     try:
-        return json.loads(text, parse_int=_short_integer, parse_float=_finite, parse_constant=_finite)
+        return json.loads(
+            text, parse_int=_short_integer, parse_float=_finite, parse_constant=_finite
+        )
     except json.JSONDecodeError as error:
         line = None if path is None else error.lineno
         raise InputError(what, path=path, line=line, found=f"other text ({error.msg})") from None
@@ -236,9 +257,13 @@ def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(what, path=path, line=line, found="bytes that are not UTF-8 text") from None
+        raise InputError(
+            what, path=path, line=line, found="bytes that are not UTF-8 text"
+        ) from None
     if text.lstrip()[:200].lower().startswith(("<!doctype", "<html", "<?xml")):
-        raise InputError(what, path=path, line=1, found="a web page", hint="downloading the file itself again")
+        raise InputError(
+            what, path=path, line=1, found="a web page", hint="downloading the file itself again"
+        )
     return text
 
 
@@ -262,7 +287,11 @@ def check_picture(path: str | os.PathLike[str]) -> None:
     """Raises InputError if the ending is not one of PICTURES, or the folder does not exist."""
     ending = os.path.splitext(path)[1].lower()
     if ending not in PICTURES:
-        raise InputError(f"a picture's name ending in {', '.join(PICTURES)}", path=path, found=ending or "no ending")
+        raise InputError(
+            f"a picture's name ending in {', '.join(PICTURES)}",
+            path=path,
+            found=ending or "no ending",
+        )
     check_file(path)
 
 

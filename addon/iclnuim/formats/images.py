@@ -42,7 +42,9 @@ def read_colour8(path: str | os.PathLike[str], backend: str | None = None) -> np
     header = _jpeg_header(path, data)
     name, module = first_library("JPEG", *([backend] if backend else png.BACKENDS))
     if name == "cv2":
-        image = module.imdecode(np.frombuffer(data, np.uint8), module.IMREAD_COLOR | module.IMREAD_IGNORE_ORIENTATION)
+        image = module.imdecode(
+            np.frombuffer(data, np.uint8), module.IMREAD_COLOR | module.IMREAD_IGNORE_ORIENTATION
+        )
         image = None if image is None else module.cvtColor(image, module.COLOR_BGR2RGB)
     else:
         file = module.ImageInput.open(os.fspath(path))
@@ -52,7 +54,9 @@ def read_colour8(path: str | os.PathLike[str], backend: str | None = None) -> np
     return image
 
 
-def seen_by(image: np.ndarray, K: np.ndarray, K_new: np.ndarray, width: int, height: int) -> np.ndarray:
+def seen_by(
+    image: np.ndarray, K: np.ndarray, K_new: np.ndarray, width: int, height: int
+) -> np.ndarray:
     """Resample the image (h, w, 3) uint8 of a camera K to a camera K_new with the same pose: (height, width, 3), black outside. Needs OpenCV."""
     _, cv2 = first_library("colour of another size than depth", "cv2")
     scale = K[[0, 1], [0, 1]] / K_new[[0, 1], [0, 1]]
@@ -66,21 +70,39 @@ def seen_by(image: np.ndarray, K: np.ndarray, K_new: np.ndarray, width: int, hei
 
 def read_array(path: str | os.PathLike[str]) -> np.ndarray:
     """Read (height, width) float32 from a NumPy file. Raises InputError for other arrays, and for Python objects, which are never loaded."""
-    expected, data = "a NumPy array of depth, height x width, in metres", read_bytes(path, "an image")
+    expected, data = (
+        "a NumPy array of depth, height x width, in metres",
+        read_bytes(path, "an image"),
+    )
     file = io.BytesIO(data)
     try:
         version = np.lib.format.read_magic(file)
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        read = (
+            np.lib.format.read_array_header_1_0
+            if version == (1, 0)
+            else np.lib.format.read_array_header_2_0
+        )
         shape, by_columns, kind = read(file)
     except Exception:  # numpy's header parser may raise anything
         raise InputError(expected, path=path, found="a damaged header") from None
-    if len(shape) != 2 or kind.kind != "f" or kind.hasobject or not 0 < shape[0] * shape[1] <= _MAX_PIXELS:
+    if (
+        len(shape) != 2
+        or kind.kind != "f"
+        or kind.hasobject
+        or not 0 < shape[0] * shape[1] <= _MAX_PIXELS
+    ):
         raise InputError(expected, path=path, found=f"{kind} {shape}")
     body = data[file.tell() :]
     if len(body) != shape[0] * shape[1] * kind.itemsize:
-        raise InputError(expected, path=path, found=f"{len(body)} bytes for {shape[0]} x {shape[1]} {kind}")
+        raise InputError(
+            expected, path=path, found=f"{len(body)} bytes for {shape[0]} x {shape[1]} {kind}"
+        )
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.frombuffer(body, kind).reshape(shape, order="F" if by_columns else "C").astype(np.float32)
+        return (
+            np.frombuffer(body, kind)
+            .reshape(shape, order="F" if by_columns else "C")
+            .astype(np.float32)
+        )
 
 
 def write_jpeg(path: str | os.PathLike[str], image: np.ndarray, backend: str | None = None) -> None:
@@ -95,10 +117,19 @@ def write_jpeg(path: str | os.PathLike[str], image: np.ndarray, backend: str | N
 
     def write(temporary: Path) -> None:
         spec = module.ImageSpec(image.shape[1], image.shape[0], 3, module.UINT8)
-        for key, value in (("Compression", f"jpeg:{_QUALITY}"), ("jpeg:subsampling", "4:4:4"), ("Software", "")):
+        for key, value in (
+            ("Compression", f"jpeg:{_QUALITY}"),
+            ("jpeg:subsampling", "4:4:4"),
+            ("Software", ""),
+        ):
             spec.attribute(key, value)
         output = module.ImageOutput.create(str(temporary))
-        if not (output and output.open(str(temporary), spec) and output.write_image(image) and output.close()):
+        if not (
+            output
+            and output.open(str(temporary), spec)
+            and output.write_image(image)
+            and output.close()
+        ):
             raise OSError(output.geterror() if output else module.geterror())
 
     atomic_write(path, write)
@@ -129,7 +160,9 @@ def _jpeg_header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             bits, height, width, channels = struct.unpack_from(">BHHB", data, place + 4)
             if not 0 < width * height <= _MAX_PIXELS or bits != 8:
-                raise InputError("an image of a sane size", path=path, found=f"{width} x {height}, {bits} bits")
+                raise InputError(
+                    "an image of a sane size", path=path, found=f"{width} x {height}, {bits} bits"
+                )
             return PngHeader(width, height, bits, "RGB" if channels == 3 else "grey")
         place += 2 + size
     raise cut

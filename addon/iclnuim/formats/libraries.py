@@ -28,8 +28,12 @@ def _module(package: str) -> ModuleType | None:
     """Import from sys.path, or from the bpy wheel, which contains OpenImageIO in bpy/X.Y/python/lib/python3.XX/site-packages."""
     with contextlib.suppress(ImportError):
         return importlib.import_module(package)
-    bundled = f"bpy/*/python/lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages"
-    for folder in [folder for entry in sys.path for folder in sorted(glob.glob(os.path.join(entry, bundled)))]:
+    bundled = (
+        f"bpy/*/python/lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages"
+    )
+    for folder in [
+        folder for entry in sys.path for folder in sorted(glob.glob(os.path.join(entry, bundled)))
+    ]:
         if not glob.glob(os.path.join(folder, f"{package}*")):
             continue
         sys.path.append(folder)

@@ -57,7 +57,9 @@ def read_ply(path: Path) -> PlyModel:
     if any(name not in vertices for name in "xyz"):
         raise InputError("vertices with x, y and z", path=path, found=", ".join(vertices) or "none")
     fans = [
-        np.stack([corners[:, [0, i, i + 1]] for i in range(1, corners.shape[1] - 1)], 1).reshape(-1, 3)
+        np.stack([corners[:, [0, i, i + 1]] for i in range(1, corners.shape[1] - 1)], 1).reshape(
+            -1, 3
+        )
         for corners in polygons
         if corners.shape[1] >= 3
     ]
@@ -65,7 +67,9 @@ def read_ply(path: Path) -> PlyModel:
     return PlyModel(
         np.stack([vertices[name] for name in "xyz"], -1).astype(np.float64),
         np.concatenate(fans).astype(np.int64) if fans else np.zeros((0, 3), np.int64),
-        np.stack(rgb, -1).astype(np.uint8) if len(rgb) == 3 else np.zeros((len(vertices["x"]), 0), np.uint8),
+        np.stack(rgb, -1).astype(np.uint8)
+        if len(rgb) == 3
+        else np.zeros((len(vertices["x"]), 0), np.uint8),
     )
 
 
@@ -95,7 +99,9 @@ def write_ply(
     if colours is not None:
         colours = np.asarray(colours)
         if colours.shape not in ((len(points), 3), (len(points), 0)) or colours.dtype != np.uint8:
-            raise InputError(f"colours ({len(points)}, 3) as uint8", found=f"{colours.shape} {colours.dtype}")
+            raise InputError(
+                f"colours ({len(points)}, 3) as uint8", found=f"{colours.shape} {colours.dtype}"
+            )
     if normals is not None:
         normals = np.asarray(normals)
         if normals.shape != points.shape:
@@ -103,8 +109,15 @@ def write_ply(
         columns += [(name, "f4", normals[:, a]) for a, name in enumerate(("nx", "ny", "nz"))]
     if colours is not None and colours.shape[1]:
         columns += [(name, "u1", colours[:, a]) for a, name in enumerate(("red", "green", "blue"))]
-    header = ["ply", "format binary_little_endian 1.0", *([f"comment {comment}"] if comment else [])]
-    header += [f"element vertex {len(points)}", *(f"property {_NAMES[kind]} {name}" for name, kind, _ in columns)]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        *([f"comment {comment}"] if comment else []),
+    ]
+    header += [
+        f"element vertex {len(points)}",
+        *(f"property {_NAMES[kind]} {name}" for name, kind, _ in columns),
+    ]
     data = _rows(len(points), columns)
     if triangles is not None:
         more = [(name, "i4", values) for name, values in (face_values or {}).items()]
@@ -116,7 +129,9 @@ def write_ply(
 
 
 def _rows(count: int, columns: list[tuple]) -> bytes:
-    rows = np.empty(count, [(name, f"<{kind}", np.shape(values)[1:]) for name, kind, values in columns])
+    rows = np.empty(
+        count, [(name, f"<{kind}", np.shape(values)[1:]) for name, kind, values in columns]
+    )
     for name, _, values in columns:
         rows[name] = values
     return rows.tobytes()
@@ -135,12 +150,24 @@ def _checked(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
         at, groups = _rows_of(path, data, at, order or "=", element)
         if element.name == "vertex":
             names = [name for name, _, length in element.properties if length is None]
-            vertices = {name: np.concatenate([rows[name] for rows in groups] or [np.zeros(0)]) for name in names}
+            vertices = {
+                name: np.concatenate([rows[name] for rows in groups] or [np.zeros(0)])
+                for name in names
+            }
         elif element.name == "face":
-            faces += [rows[name] for rows in groups for name, _, _ in element.properties if name in _INDICES]
+            faces += [
+                rows[name]
+                for rows in groups
+                for name, _, _ in element.properties
+                if name in _INDICES
+            ]
     for corners in faces:
-        if corners.size and not (corners.min() >= 0 and corners.max() < count and not (corners % 1).any()):
-            raise InputError(f"faces of vertices 0..{count - 1}", path=path, found=f"vertex {corners.max()}")
+        if corners.size and not (
+            corners.min() >= 0 and corners.max() < count and not (corners % 1).any()
+        ):
+            raise InputError(
+                f"faces of vertices 0..{count - 1}", path=path, found=f"vertex {corners.max()}"
+            )
     return vertices, faces
 
 
@@ -164,8 +191,13 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
                 elements[-1].properties.append((words[2], _TYPES[words[1]], None))
         except (KeyError, IndexError, ValueError):
             raise InputError("a line of a PLY header", path=path, line=number, found=line) from None
-    if any(e.name == "face" and not {name for name, _, _ in e.properties} & set(_INDICES) for e in elements):
-        raise InputError(f"faces with a list of {_INDICES[0]}", path=path, found="a header without it")
+    if any(
+        e.name == "face" and not {name for name, _, _ in e.properties} & set(_INDICES)
+        for e in elements
+    ):
+        raise InputError(
+            f"faces with a list of {_INDICES[0]}", path=path, found="a header without it"
+        )
     twice = any(len({name for name, _, _ in e.properties}) < len(e.properties) for e in elements)
     if order is None or twice or any(not 0 <= e.count < 1 << 31 for e in elements):
         raise InputError("a format, counts and different properties in the PLY header", path=path)
@@ -190,20 +222,28 @@ def _doubles(path: Path, lines: list[bytes], elements: list[_Element]) -> bytes:
                 if here != len(numbers):
                     raise ValueError
         except (ValueError, IndexError, OverflowError):
-            raise InputError(f"{element.name} lines of numbers as the header has them", path=path) from None
+            raise InputError(
+                f"{element.name} lines of numbers as the header has them", path=path
+            ) from None
         found.append(np.array(numbers))
-        element.properties = [(name, "f8", length and "f8") for name, _, length in element.properties]
+        element.properties = [
+            (name, "f8", length and "f8") for name, _, length in element.properties
+        ]
     return b"".join(array.tobytes() for array in found)
 
 
-def _rows_of(path: Path, data: bytes, at: int, order: str, element: _Element) -> tuple[int, list[np.ndarray]]:
+def _rows_of(
+    path: Path, data: bytes, at: int, order: str, element: _Element
+) -> tuple[int, list[np.ndarray]]:
     """The offset of the end of the element, and its rows as structured arrays, a new one wherever lists change their length. Rows are read
     together as long as their lists have the length of the first row's.
     """
     found, done, ahead = [], 0, 64
     while done < element.count and element.properties:
         row = _row_type(path, data, at, order, element)
-        rows = np.frombuffer(data, row, min(ahead, element.count - done, (len(data) - at) // row.itemsize), at)
+        rows = np.frombuffer(
+            data, row, min(ahead, element.count - done, (len(data) - at) // row.itemsize), at
+        )
         same = np.ones(len(rows), bool)
         for name, _, length in element.properties:
             if length is not None:
@@ -213,7 +253,9 @@ def _rows_of(path: Path, data: bytes, at: int, order: str, element: _Element) ->
             raise _cut(path, element)
         found.append(rows[:like_first])
         at, done = at + like_first * row.itemsize, done + like_first
-        ahead = 2 * ahead if like_first == ahead else 64  # rows of changing length are not scanned repeatedly
+        ahead = (
+            2 * ahead if like_first == ahead else 64
+        )  # rows of changing length are not scanned repeatedly
     return at, found
 
 

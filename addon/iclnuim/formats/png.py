@@ -71,20 +71,31 @@ def read_rgb16(path: str | os.PathLike[str], backend: str | None = None) -> np.n
     return _read(path, "a 16-bit RGB PNG", 16, ("RGB",), 3, backend)
 
 
-def write_png(path: str | os.PathLike[str], image: np.ndarray, compressor: str | None = None) -> None:
+def write_png(
+    path: str | os.PathLike[str], image: np.ndarray, compressor: str | None = None
+) -> None:
     """Write (h, w, 3) uint8 or uint16 RGB or (h, w) uint16, atomically. The same pixels and compressor give the same bytes.
 
     Raises InputError for other arrays, WorkError if it cannot be written.
     """
     kinds = ((3, np.uint8), (3, np.uint16), (2, np.uint16))
     if (image.ndim, image.dtype) not in kinds or image.shape[2:] not in ((), (3,)):
-        raise InputError("(h, w, 3) uint8 or uint16, or (h, w) uint16", path=path, found=f"{image.shape} {image.dtype}")
+        raise InputError(
+            "(h, w, 3) uint8 or uint16, or (h, w) uint16",
+            path=path,
+            found=f"{image.shape} {image.dtype}",
+        )
     height, width = image.shape[:2]
-    header = struct.pack(">IIBBBBB", width, height, 8 * image.itemsize, 2 if image.ndim == 3 else 0, 0, 0, 0)
-    pixels = _compressed(
-        _filtered(image).tobytes(), *first_library("PNG", *([compressor] if compressor else COMPRESSORS))
+    header = struct.pack(
+        ">IIBBBBB", width, height, 8 * image.itemsize, 2 if image.ndim == 3 else 0, 0, 0, 0
     )
-    data = b"".join((_SIGNATURE, *_chunk(b"IHDR", header), *_chunk(b"IDAT", pixels), *_chunk(b"IEND", b"")))
+    pixels = _compressed(
+        _filtered(image).tobytes(),
+        *first_library("PNG", *([compressor] if compressor else COMPRESSORS)),
+    )
+    data = b"".join(
+        (_SIGNATURE, *_chunk(b"IHDR", header), *_chunk(b"IDAT", pixels), *_chunk(b"IEND", b""))
+    )
     atomic_write(path, lambda temporary: temporary.write_bytes(data))
 
 
@@ -98,7 +109,11 @@ def same_pixels(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:
 
 def _filtered(image: np.ndarray) -> np.ndarray:
     """(h, 1 + bytes of a row): each row as differences from the pixel to the left, after the number of this filter."""
-    rows = np.ascontiguousarray(image, image.dtype.newbyteorder(">")).view(np.uint8).reshape(len(image), -1)
+    rows = (
+        np.ascontiguousarray(image, image.dtype.newbyteorder(">"))
+        .view(np.uint8)
+        .reshape(len(image), -1)
+    )
     step = rows.shape[1] // image.shape[1]
     filtered = np.empty((len(rows), 1 + rows.shape[1]), np.uint8)
     filtered[:, 0] = _SUB
@@ -112,7 +127,12 @@ def _compressed(data: bytes, name: str, module: ModuleType) -> bytes:
 
 
 def _chunk(kind: bytes, content: bytes) -> tuple[bytes, ...]:
-    return struct.pack(">I", len(content)), kind, content, struct.pack(">I", zlib.crc32(content, zlib.crc32(kind)))
+    return (
+        struct.pack(">I", len(content)),
+        kind,
+        content,
+        struct.pack(">I", zlib.crc32(content, zlib.crc32(kind))),
+    )
 
 
 def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
@@ -123,11 +143,16 @@ def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
     header = _header(path, data)
     place, kind = 8, b""
     while kind != b"IEND":
-        size, kind = struct.unpack_from(">I4s", data, place) if place + 12 <= len(data) else (len(data), b"")
+        size, kind = (
+            struct.unpack_from(">I4s", data, place) if place + 12 <= len(data) else (len(data), b"")
+        )
         end = place + 12 + size
         if end > len(data):
             raise InputError("a whole PNG image", path=path, found="a truncated file", hint=_AGAIN)
-        if zlib.crc32(memoryview(data)[place + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
+        if (
+            zlib.crc32(memoryview(data)[place + 4 : end - 4])
+            != struct.unpack_from(">I", data, end - 4)[0]
+        ):
             raise InputError("a whole PNG image", path=path, found="a wrong checksum", hint=_AGAIN)
         place = end
     return data, header
@@ -140,13 +165,22 @@ def _header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
     if len(data) < 33 or data[12:16] != b"IHDR":
         raise InputError("a whole PNG image", path=path, found="a truncated file", hint=_AGAIN)
     width, height, bits, colour = struct.unpack_from(">IIBB", data, 16)
-    if not (1 <= width <= _MAX_SIDE_PX and 1 <= height <= _MAX_SIDE_PX and width * height <= 1 << 28):
-        raise InputError("an image of a plausible size", path=path, found=f"a header with {width} x {height}")
+    if not (
+        1 <= width <= _MAX_SIDE_PX and 1 <= height <= _MAX_SIDE_PX and width * height <= 1 << 28
+    ):
+        raise InputError(
+            "an image of a plausible size", path=path, found=f"a header with {width} x {height}"
+        )
     return PngHeader(width, height, bits, _COLOURS.get(colour, f"colour type {colour}"))
 
 
 def _read(
-    path: str | os.PathLike[str], expected: str, bits: int, colours: Collection[str], channels: int, backend: str | None
+    path: str | os.PathLike[str],
+    expected: str,
+    bits: int,
+    colours: Collection[str],
+    channels: int,
+    backend: str | None,
 ) -> np.ndarray:
     """(height, width, channels)."""
     data, header = _checked(path)
@@ -157,23 +191,35 @@ def _read(
         mode = module.IMREAD_COLOR if channels == 3 and bits == 8 else module.IMREAD_UNCHANGED
         image = module.imdecode(np.frombuffer(data, np.uint8), mode)
         if image is not None:
-            image = module.cvtColor(image, module.COLOR_BGR2RGB) if channels == 3 else image[..., None]
+            image = (
+                module.cvtColor(image, module.COLOR_BGR2RGB) if channels == 3 else image[..., None]
+            )
     else:
         image = _read_oiio(module, os.fspath(path), header, channels)
     if image is None or image.shape != (header.height, header.width, channels):
-        raise InputError("a whole PNG image", path=path, found="pixels that cannot be decoded", hint=_AGAIN)
+        raise InputError(
+            "a whole PNG image", path=path, found="pixels that cannot be decoded", hint=_AGAIN
+        )
     return image
 
 
-def _read_oiio(module: ModuleType, path: str, header: PngHeader, channels: int) -> np.ndarray | None:
+def _read_oiio(
+    module: ModuleType, path: str, header: PngHeader, channels: int
+) -> np.ndarray | None:
     config = module.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     image = module.ImageInput.open(path, config)
     if image is None:
         return None
-    pixels = image.read_image(0, 0, 0, image.spec().nchannels, module.UINT8 if header.bits == 8 else module.UINT16)
+    pixels = image.read_image(
+        0, 0, 0, image.spec().nchannels, module.UINT8 if header.bits == 8 else module.UINT16
+    )
     image.close()
     if pixels is None:
         return None
     pixels = pixels.reshape(image.spec().height, image.spec().width, -1)
-    return np.repeat(pixels[..., :1], 3, -1) if channels == 3 and pixels.shape[2] < 3 else pixels[..., :channels]
+    return (
+        np.repeat(pixels[..., :1], 3, -1)
+        if channels == 3 and pixels.shape[2] < 3
+        else pixels[..., :channels]
+    )

@@ -41,13 +41,21 @@ def numbers_of_names(names: Sequence[str]) -> list[int]:
 def nerf_rows(source: Source) -> Table:
     """(n, 13): the number at the end of the image's name, or else the frame's index in the list, and three rows of its matrix."""
     frames = read_json(source.path).get("frames")
-    if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
+    if (
+        not isinstance(frames, list)
+        or not frames
+        or not all(isinstance(frame, dict) for frame in frames)
+    ):
         raise InputError("a list of frames", path=source.path)
     found = []
-    for number, frame in zip(numbers_of_names([str(f.get("file_path")) for f in frames]), frames, strict=True):
+    for number, frame in zip(
+        numbers_of_names([str(f.get("file_path")) for f in frames]), frames, strict=True
+    ):
         matrix = frame.get("transform_matrix")
         rows = matrix if isinstance(matrix, list) else []
-        values = _numbers(source.path, [value for row in rows if isinstance(row, list) for value in row])
+        values = _numbers(
+            source.path, [value for row in rows if isinstance(row, list) for value in row]
+        )
         found.append((float(number), *_rows_of(source.path, values)))
     return Table(np.array(sorted(found)), lambda row: (source.path, None))
 
@@ -61,6 +69,12 @@ def _numbers(path: Path, values: list) -> np.ndarray:
 
 def _rows_of(path: Path, values: np.ndarray) -> list[float]:
     """The first three rows of a matrix. Raises InputError unless there are 16 numbers that end in 0 0 0 1."""
-    if len(values) != 16 or not np.abs(values[12:] - (0, 0, 0, 1)).max() < 1e-6 or not np.isfinite(values).all():
-        raise InputError(f"{_MATRIX} that ends in 0 0 0 1", path=path, found=" ".join(f"{v:g}" for v in values))
+    if (
+        len(values) != 16
+        or not np.abs(values[12:] - (0, 0, 0, 1)).max() < 1e-6
+        or not np.isfinite(values).all()
+    ):
+        raise InputError(
+            f"{_MATRIX} that ends in 0 0 0 1", path=path, found=" ".join(f"{v:g}" for v in values)
+        )
     return values[:12].tolist()

@@ -19,17 +19,22 @@ FOLDER = "a folder of POV-Ray camera files (scene_00_0000.txt and so on)"
 COMMAND = "a POV-Ray command with Declare=val00= to Declare=val32="
 _NAMES = [f"val{row}{column}" for row in range(4) for column in range(3)]
 _DECLARE = re.compile(
-    r"Declare\s*=\s*(val[0-3][0-2])\s*=\s*([-+]?[\d.]+(?:e[-+]?\d+)?)(?=[\s+]|$)", re.IGNORECASE | re.ASCII
+    r"Declare\s*=\s*(val[0-3][0-2])\s*=\s*([-+]?[\d.]+(?:e[-+]?\d+)?)(?=[\s+]|$)",
+    re.IGNORECASE | re.ASCII,
 )
 _OUTPUT = re.compile(r"\+O\S*?(\d{1,9})\.\w+(?=\s|$)", re.ASCII)
 COMMAND_LINE = (
-    "povray +Iscene.pov +Oscene_00_%04d.png +W640 +H480 " + " ".join(f"Declare={name}=%.12f" for name in _NAMES) + "\n"
+    "povray +Iscene.pov +Oscene_00_%04d.png +W640 +H480 "
+    + " ".join(f"Declare={name}=%.12f" for name in _NAMES)
+    + "\n"
 )
 
 
 def command_rows(source: Source) -> Table:
     """(n, 13): the number in the image's name (+O), and val00 to val32; (n, 12) without the number if not all lines have one."""
-    lines = [(number, line) for number, line in data_lines(source.text) if "declare" in line.lower()]
+    lines = [
+        (number, line) for number, line in data_lines(source.text) if "declare" in line.lower()
+    ]
     if not lines:
         raise InputError(COMMAND, path=source.path, found="no line with Declare")
     values = np.array([_declared(source, number, line) for number, line in lines])
@@ -51,27 +56,39 @@ def _declared(source: Source, number: int, line: str) -> list[float]:
             found = f"{name}={found_text[1]}" if found_text else f"no {name}"
             raise InputError(COMMAND, path=source.path, line=number, found=found) from None
     if len(pairs) != 12:
-        raise InputError(f"{COMMAND}, each once", path=source.path, line=number, found=f"{len(pairs)} of them")
+        raise InputError(
+            f"{COMMAND}, each once", path=source.path, line=number, found=f"{len(pairs)} of them"
+        )
     return [values[name] for name in _NAMES]
 
 
 def camera_rows(source: Source) -> Table:
     """(n, 13): the last number in the file's name, the camera's axes and position as val00 to val32 of a command."""
-    files = _numbered(source.path) if source.path.is_dir() else [(_number(source.path) or 0, source.path)]
+    files = (
+        _numbered(source.path)
+        if source.path.is_dir()
+        else [(_number(source.path) or 0, source.path)]
+    )
     values = np.array([[float(number), *_camera(path)] for number, path in files])
     return Table(values, lambda row: (files[row][1], None))
 
 
 def _numbered(folder: Path) -> list[tuple[int, Path]]:
     """(frame number, file) of all text files whose name ends in a number, in the order of the numbers."""
-    found = [(number, path) for path in folder.glob("*.txt") if (number := _number(path)) is not None]
+    found = [
+        (number, path) for path in folder.glob("*.txt") if (number := _number(path)) is not None
+    ]
     if not found:
-        raise InputError(FOLDER, path=folder, found="no such file in it", hint="the trajectory file itself")
+        raise InputError(
+            FOLDER, path=folder, found="no such file in it", hint="the trajectory file itself"
+        )
     found.sort()
     for (before, first), (number, second) in zip(found, found[1:], strict=False):
         if number == before:
             raise InputError(
-                "one camera file per frame", path=second, found=f"frame {number} again, as in {first.name}"
+                "one camera file per frame",
+                path=second,
+                found=f"frame {number} again, as in {first.name}",
             )
     return found
 
@@ -84,12 +101,16 @@ def _number(path: Path) -> int | None:
 def _camera(path: Path) -> list[float]:
     """Twelve numbers: the camera's x, y, z axes and position in the POV world. Raises InputError naming the file."""
     text = read_text(path, "a POV-Ray camera file")
-    position, direction, up = (_vector(path, text, name) for name in ("cam_pos", "cam_dir", "cam_up"))
+    position, direction, up = (
+        _vector(path, text, name) for name in ("cam_pos", "cam_dir", "cam_up")
+    )
     z = _normalised(direction)
     x = _normalised(np.cross(_normalised(up), z))
     if not (np.isfinite(z).all() and np.isfinite(x).all()):
         raise InputError(
-            "cam_dir and cam_up that span a plane", path=path, found=f"{direction.tolist()} and {up.tolist()}"
+            "cam_dir and cam_up that span a plane",
+            path=path,
+            found=f"{direction.tolist()} and {up.tolist()}",
         )
     return [*x, *np.cross(z, x), *z, *position]
 

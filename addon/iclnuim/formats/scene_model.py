@@ -68,7 +68,8 @@ class SceneModel:
             origin = np.repeat(origin[~small], 2)
             rest = rest.chosen(~small)._bisected(longest[~small])
         joined = {
-            name: np.concatenate([getattr(part, name) for part in done] or [getattr(self, name)]) for name in _ARRAYS
+            name: np.concatenate([getattr(part, name) for part in done] or [getattr(self, name)])
+            for name in _ARRAYS
         }
         return replace(self, **joined), np.concatenate(origins or [origin])
 
@@ -77,13 +78,17 @@ class SceneModel:
         order = (edge[:, None] + np.arange(3)) % 3
         halves: dict[str, Any] = {}
         for name in _OF_CORNERS:
-            a, b, c = np.moveaxis(np.take_along_axis(getattr(self, name), order[..., None], 1), 1, 0)
+            a, b, c = np.moveaxis(
+                np.take_along_axis(getattr(self, name), order[..., None], 1), 1, 0
+            )
             middle = (a + b) / 2
             if name == "normals":
                 middle = middle / np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-12)
             pair = np.stack([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)], 1)
             halves[name] = pair.reshape(-1, *pair.shape[2:])
-        whole: dict[str, Any] = {name: np.repeat(getattr(self, name), 2) for name in ("material", "instance")}
+        whole: dict[str, Any] = {
+            name: np.repeat(getattr(self, name), 2) for name in ("material", "instance")
+        }
         return replace(self, **halves, **whole)
 
 
@@ -99,7 +104,14 @@ def write_ply(path: Path, model: SceneModel) -> None:
     corners_m, normals = model.corners_m.reshape(-1, 3), model.normals.reshape(-1, 3)
     unique, index = _unique(np.hstack([corners_m.round(_DIGITS_M), normals.round(_DIGITS_NORMAL)]))
     faces, values = index.reshape(-1, 3), {"instance": model.instance}
-    ply.write_ply(path, unique[:, :3], faces, normals=unique[:, 3:], face_values=values, comment="metres, z up")
+    ply.write_ply(
+        path,
+        unique[:, :3],
+        faces,
+        normals=unique[:, 3:],
+        face_values=values,
+        comment="metres, z up",
+    )
 
 
 def write_obj(path: Path, model: SceneModel) -> None:
@@ -115,7 +127,9 @@ def write_obj(path: Path, model: SceneModel) -> None:
     for look, name in zip(model.looks, files, strict=True):
         plain = np.full((2, 2, 3), np.rint(np.array(look.colour) * 255), np.uint8)
         write_png(folder / f"{name}.png", plain if look.texture is None else look.texture)
-    materials = [f"newmtl {n}\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {folder.name}/{n}.png\n" for n in files]
+    materials = [
+        f"newmtl {n}\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {folder.name}/{n}.png\n" for n in files
+    ]
     atomic_write_text(materials_file, "\n".join(materials))
     atomic_write_text(path, _obj(model, files, path.stem))
 
@@ -141,13 +155,19 @@ def _obj(model: SceneModel, files: list[str], stem: str) -> str:
     uvs, vt = _unique(model.uv.reshape(-1, 2).round(_DIGITS_M))
     normals, vn = _unique(model.normals.reshape(-1, 3).round(_DIGITS_NORMAL))
     lines = ["# metres, right-handed, z up", f"mtllib {stem}.mtl"]
-    for word, digits, rows in (("v", _DIGITS_M, places), ("vt", _DIGITS_M, uvs), ("vn", _DIGITS_NORMAL, normals)):
+    for word, digits, rows in (
+        ("v", _DIGITS_M, places),
+        ("vt", _DIGITS_M, uvs),
+        ("vn", _DIGITS_NORMAL, normals),
+    ):
         form = f"{word}" + f" %.{digits}f" * rows.shape[1]
         lines += [form % tuple(row) for row in rows.tolist()]
     corners = np.stack([v, vt, vn], -1).reshape(-1, 9) + 1
     order = np.lexsort((np.arange(len(model)), model.material, model.instance))
     groups = np.stack([model.instance, model.material], 1)[order]
-    for part in np.split(np.arange(len(order)), np.flatnonzero(np.any(np.diff(groups, axis=0), 1)) + 1):
+    for part in np.split(
+        np.arange(len(order)), np.flatnonzero(np.any(np.diff(groups, axis=0), 1)) + 1
+    ):
         if not len(part):
             continue
         instance, material = (int(n) for n in groups[part[0]])

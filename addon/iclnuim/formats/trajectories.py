@@ -88,19 +88,27 @@ class TrajectoryFormat:
         table = self.rows(source) if self.rows else read_table(source, self.counts, self.expected)
         numbered = table.values.shape[1] == 13
         position, orientation = ([c + numbered for c in columns] for columns in self.columns)
-        poses = trajectory_file.poses_of(table, table.values[:, position] * options.unit_m, orientation)
+        poses = trajectory_file.poses_of(
+            table, table.values[:, position] * options.unit_m, orientation
+        )
         poses = poses.inverse() if self.inverse else poses
         right, world = self.frame
         counted = np.arange(len(poses)) + float(self.first)
         stamps = counted if 0 in (*position, *orientation) else table.values[:, 0]
         ticks = table.ticks or self.ticks
-        stamps_s, rows = trajectory_file.seconds_of(table, stamps, ticks, options.rate_hz, self.hint)
+        stamps_s, rows = trajectory_file.seconds_of(
+            table, stamps, ticks, options.rate_hz, self.hint
+        )
         trajectory = Trajectory(stamps_s, (right(poses) if right else poses)[rows])
-        sentence = self.sentence.format(rate=f"{options.rate_hz:g}", how=self.how(source, table, trajectory))
+        sentence = self.sentence.format(
+            rate=f"{options.rate_hz:g}", how=self.how(source, table, trajectory)
+        )
         if repeated := len(poses) - len(rows):
             sentence += f"; {repeated} repeated stamp{'s' * (repeated > 1)} left out"
         handedness = self.handedness or ("left" if right else "right")
-        return LoadedTrajectory(trajectory, ReadAs(self.name, handedness, world, sentence, repeated))
+        return LoadedTrajectory(
+            trajectory, ReadAs(self.name, handedness, world, sentence, repeated)
+        )
 
     def write(self, trajectory: Trajectory, options: FileOptions) -> str:
         """The text of a file in this format. Raises InputError if the format cannot represent the trajectory."""
@@ -110,7 +118,9 @@ class TrajectoryFormat:
         columns = np.zeros((len(poses), max(*position, *orientation) + 1))
         columns[:, orientation] = poses.quat_xyzw if quaternions else poses.rotation.reshape(-1, 9)
         columns[:, position] = poses.translation / options.unit_m
-        rows = (columns[:, 0 not in (*position, *orientation) :] + 0.0).tolist()  # adding 0.0 changes -0.0 to 0.0
+        rows = (
+            columns[:, 0 not in (*position, *orientation) :] + 0.0
+        ).tolist()  # adding 0.0 changes -0.0 to 0.0
         if stamps is None:
             lines = [self.line % tuple(row) for row in rows]
         else:
@@ -124,7 +134,11 @@ class TrajectoryFormat:
 
 
 def read_trajectory(
-    path: str | os.PathLike[str], format: str | None = None, *, rate_hz: float = FRAME_RATE_HZ, unit_m: float = 1.0
+    path: str | os.PathLike[str],
+    format: str | None = None,
+    *,
+    rate_hz: float = FRAME_RATE_HZ,
+    unit_m: float = 1.0,
 ) -> LoadedTrajectory:
     """Read a right-handed trajectory of cv camera poses (camera to world, metres), and how the file was read.
 
@@ -138,7 +152,10 @@ def read_trajectory(
 
 
 def write_trajectory(
-    path: str | os.PathLike[str], trajectory: Trajectory, format: str, options: FileOptions | None = None
+    path: str | os.PathLike[str],
+    trajectory: Trajectory,
+    format: str,
+    options: FileOptions | None = None,
 ) -> None:
     """Write a trajectory file atomically. Raises InputError if the format cannot represent the trajectory."""
     atomic_write_text(path, trajectory_text(trajectory, format, options))
@@ -172,7 +189,9 @@ def format_for_name(path: str | os.PathLike[str]) -> str:
     """The format of a file to be written, by its name. Raises InputError if no format has such names."""
     name = os.path.basename(os.fspath(path)).lower()
     for format, known in FORMATS.items():
-        if name.endswith(known.endings) or (known.word and known.word in name and name.endswith(known.texts)):
+        if name.endswith(known.endings) or (
+            known.word and known.word in name and name.endswith(known.texts)
+        ):
             return format
     endings = ".tum, .txt, .csv, .kitti, .gt.freiburg or .gt.sim"
     found = os.path.splitext(name)[1] or "no ending"
@@ -203,7 +222,9 @@ def is_freiburg(source: Source) -> bool:
 
 def starts_as_official(position_m: np.ndarray) -> bool:
     """Whether a first position (3,) is that of the official living-room or office files, within 2 cm on each axis."""
-    return any(np.abs(position_m - (0.0, 0.0, z)).max() <= START_TOLERANCE_M for z in OFFICIAL_STARTS_Z_M)
+    return any(
+        np.abs(position_m - (0.0, 0.0, z)).max() <= START_TOLERANCE_M for z in OFFICIAL_STARTS_Z_M
+    )
 
 
 def _anchored(trajectory: Trajectory, anchor: int, options: FileOptions) -> tuple[list[int], SE3]:
@@ -215,13 +236,17 @@ def _anchored(trajectory: Trajectory, anchor: int, options: FileOptions) -> tupl
     numbers = trajectory_file.frame_numbers(trajectory.stamps_s, options.rate_hz)
     kept = numbers >= 1
     if not kept.any():
-        raise InputError("poses of image 1 or later (image 0 has none in this format)", found="image 0 alone")
+        raise InputError(
+            "poses of image 1 or later (image 0 has none in this format)", found="image 0 alone"
+        )
     T = trajectory.T_world_camera
     shown = T[kept]
     if not starts_as_official(shown.translation[0]):
         at_anchor = np.flatnonzero(numbers == anchor)
         reference = T[int(at_anchor[0])] if at_anchor.size else shown[0]
-        shown = SE3(np.eye(3), np.array([0.0, 0.0, options.start_z_m])) @ reference.inverse() @ shown
+        shown = (
+            SE3(np.eye(3), np.array([0.0, 0.0, options.start_z_m])) @ reference.inverse() @ shown
+        )
     return numbers[kept].tolist(), axes.mirrored_y(shown)
 
 
@@ -251,7 +276,9 @@ def _blocks(source: Source) -> Table:
     numbers = [number for number, _ in data_lines(source.text)]
     for k in range(0, len(numbers), 3):
         if numbers[k : k + 3] != [numbers[k], numbers[k] + 1, numbers[k] + 2]:
-            raise InputError(_BLOCKS, path=source.path, line=numbers[k], found="a block of another length")
+            raise InputError(
+                _BLOCKS, path=source.path, line=numbers[k], found="a block of another length"
+            )
     return Table(lines.values.reshape(-1, 12), lambda k: (source.path, numbers[3 * k]))
 
 
@@ -276,7 +303,9 @@ def _commented_first(source: Source) -> Source:
     number, names = next(iter(data_lines(source.text)), (0, ""))
     if not names.lower().startswith(_VSLAM_LAB_STAMP):
         found = names or "comments alone"
-        raise InputError(f"the header {_VSLAM_LAB_STAMP}...", path=source.path, line=number or None, found=found)
+        raise InputError(
+            f"the header {_VSLAM_LAB_STAMP}...", path=source.path, line=number or None, found=found
+        )
     lines = source.text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     lines[number - 1] = "#" + lines[number - 1]
     return source.with_text("\n".join(lines))
@@ -291,7 +320,9 @@ def _euroc_rows(source: Source) -> Table:
     """(n, 8) or (n, 17). Raises InputError for stamps that are not whole nanoseconds, and for names of columns that have qw last."""
     if re.search(r"q\w*x\b.*q\w*w\b", source.header):
         found = source.header.strip().splitlines()[-1]
-        raise InputError("columns qw, qx, qy, qz, as in EuRoC", path=source.path, found=found, hint=_NO_COMMAS)
+        raise InputError(
+            "columns qw, qx, qy, qz, as in EuRoC", path=source.path, found=found, hint=_NO_COMMAS
+        )
     table = read_table(source, (8, 17), _EUROC_ROW, ",")
     parts = np.flatnonzero(table.values[:, 0] != np.rint(table.values[:, 0]))
     if parts.size:
@@ -308,7 +339,10 @@ def _is_tartanair(source: Source) -> bool:
     """Whether the first line has seven numbers that end in a unit quaternion."""
     if source.columns != 7 or not source.starts_with_numbers:
         return False
-    return bool(abs(np.linalg.norm([float(field) for field in source.first_lines[0].split()[3:]]) - 1) < 0.01)
+    return bool(
+        abs(np.linalg.norm([float(field) for field in source.first_lines[0].split()[3:]]) - 1)
+        < 0.01
+    )
 
 
 def _numbering(source: Source, table: Table, trajectory: Trajectory) -> str:
@@ -345,9 +379,7 @@ def _counted(source: Source, table: Table, trajectory: Trajectory) -> str:
 
 #: Names and symbols of units in metres, for headers.
 _UNITS = {1.0: ("metres", "m"), 0.01: ("centimetres", "cm"), 0.001: ("millimetres", "mm")}
-_TUM_HEADER = (
-    "# timestamp tx ty tz qx qy qz qw; seconds, {unit}, right-handed, camera (x right, y down, z forward) to world\n"
-)
+_TUM_HEADER = "# timestamp tx ty tz qx qy qz qw; seconds, {unit}, right-handed, camera (x right, y down, z forward) to world\n"
 TUM_HEADER = _TUM_HEADER.format(unit="metres")
 _EUROC_ROW = "8 or 17 columns separated by commas: stamp in ns, x, y, z, qw, qx, qy, qz"
 #: A table of TUM's columns with commas has another order of the quaternion, and other stamps.
@@ -381,7 +413,9 @@ _ALL = (
     ),
     TrajectoryFormat(  # OpenGL cameras in JSON
         name="nerf",
-        sniff=lambda source: source.path.suffix.lower() == ".json" and source.text.lstrip().startswith("{"),
+        sniff=lambda source: (
+            source.path.suffix.lower() == ".json" and source.text.lstrip().startswith("{")
+        ),
         rows=pose_folders.nerf_rows,
         columns=_MATRIX_COLUMNS,
         frame=(axes.world_cv_from_world_blender, OWN_WORLD),
@@ -391,7 +425,10 @@ _ALL = (
     ),
     TrajectoryFormat(  # ICL-NUIM's own format, one file per frame
         name="pov-cameras",
-        sniff=lambda source: source.path.is_dir() or any(re.match(r"cam_\w+\s*=", line) for line in source.first_lines),
+        sniff=lambda source: (
+            source.path.is_dir()
+            or any(re.match(r"cam_\w+\s*=", line) for line in source.first_lines)
+        ),
         rows=pov.camera_rows,
         columns=_POV_COLUMNS,
         sentence="pov-cameras: LEFT-handed poses of POV-Ray camera files (y up), "
@@ -402,10 +439,14 @@ _ALL = (
     ),
     TrajectoryFormat(
         name="pov-commands",
-        sniff=lambda source: any(re.search(r"(?i)declare\s*=\s*val\d\d", line) for line in source.first_lines),
+        sniff=lambda source: any(
+            re.search(r"(?i)declare\s*=\s*val\d\d", line) for line in source.first_lines
+        ),
         rows=pov.command_rows,
         columns=_POV_COLUMNS,
-        sentence="pov-commands: LEFT-handed poses in the POV world (y up), " + _FROM_POV + " by the number {how}",
+        sentence="pov-commands: LEFT-handed poses in the POV world (y up), "
+        + _FROM_POV
+        + " by the number {how}",
         how=_counted,
         frame=_POV,
         line=pov.COMMAND_LINE,
@@ -430,7 +471,9 @@ _ALL = (
     ),
     TrajectoryFormat(  # ICL-NUIM's own format, anchored at image 0, without an index: block k, from 0, belongs to image k + 1
         name="gt.sim",
-        sniff=lambda source: source.name.endswith(".gt.sim") or (source.columns == 4 and source.starts_with_numbers),
+        sniff=lambda source: (
+            source.name.endswith(".gt.sim") or (source.columns == 4 and source.starts_with_numbers)
+        ),
         rows=_blocks,
         columns=_MATRIX_COLUMNS,
         first=1,
@@ -445,7 +488,9 @@ _ALL = (
     ),
     TrajectoryFormat(
         name="vslam-lab",
-        sniff=lambda source: bool(source.first_lines) and source.first_lines[0].lower().startswith(_VSLAM_LAB_STAMP),
+        sniff=lambda source: (
+            bool(source.first_lines) and source.first_lines[0].lower().startswith(_VSLAM_LAB_STAMP)
+        ),
         rows=_vslam_lab_rows,
         ticks=1e9,
         sentence=f"VSLAM-LAB: stamps in nanoseconds, right-handed camera-to-world poses in {OWN_WORLD}",
@@ -472,7 +517,9 @@ _ALL = (
     ),
     TrajectoryFormat(
         name="pov-matrix",
-        sniff=lambda source: source.columns in (12, 13) and ("pov" in source.name or "pov" in source.header),
+        sniff=lambda source: (
+            source.columns in (12, 13) and ("pov" in source.name or "pov" in source.header)
+        ),
         expected=_MATRIX_ROW,
         counts=(12, 13),
         columns=_MATRIX_COLUMNS,
@@ -511,7 +558,9 @@ _ALL = (
     ),
     TrajectoryFormat(  # world to camera, scalar first, in a world without a unit
         name="colmap",
-        sniff=lambda source: bool(source.first_lines) and colmap.names_an_image(source.first_lines[0]),
+        sniff=lambda source: (
+            bool(source.first_lines) and colmap.names_an_image(source.first_lines[0])
+        ),
         rows=colmap.rows,
         inverse=True,
         sentence="COLMAP: world-to-camera poses inverted to right-handed camera-to-world poses, unit of length unknown "
@@ -540,7 +589,10 @@ _ALL = (
         sentence="TUM: stamps in {how}",
         how=_tum_stamps,
         line="%s %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
-        given=lambda t, options: (map(trajectory_file.stamp_text, t.stamps_s.tolist()), t.T_world_camera),
+        given=lambda t, options: (
+            map(trajectory_file.stamp_text, t.stamps_s.tolist()),
+            t.T_world_camera,
+        ),
         header=_TUM_HEADER,
         goes_to="TUM: seconds, right-handed camera-to-world poses, world unchanged",
         endings=(".tum", ".txt"),

@@ -16,7 +16,13 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import so3
 from ..geometry.se3 import SE3
-from ..geometry.trajectory import FRAME_RATE_HZ, STAMP_DIGITS, Trajectory, frames_of_stamps, stamps_of_frames
+from ..geometry.trajectory import (
+    FRAME_RATE_HZ,
+    STAMP_DIGITS,
+    Trajectory,
+    frames_of_stamps,
+    stamps_of_frames,
+)
 from .files import data_lines, read_text
 
 OWN_WORLD = "the file's own world"
@@ -104,7 +110,9 @@ class Source:
     @cached_property
     def first_lines(self) -> list[str]:
         """The first two lines of data, without comments; fewer if the file has fewer."""
-        return [line for _, line in data_lines(self.text[self._first_data : self._first_data + 10_000])][:2]
+        return [
+            line for _, line in data_lines(self.text[self._first_data : self._first_data + 10_000])
+        ][:2]
 
     @property
     def columns(self) -> int:
@@ -114,7 +122,9 @@ class Source:
     @property
     def starts_with_numbers(self) -> bool:
         """Whether every field of the first line of data is a number."""
-        return bool(self.first_lines) and all(is_number(field) for field in self.first_lines[0].split())
+        return bool(self.first_lines) and all(
+            is_number(field) for field in self.first_lines[0].split()
+        )
 
     @cached_property
     def _first_data(self) -> int:
@@ -137,7 +147,9 @@ class Table:
         return InputError(expected, path=path, line=line, found=found, hint=hint)
 
 
-def read_table(source: Source, columns: tuple[int, ...], expected: str, delimiter: str | None = None) -> Table:
+def read_table(
+    source: Source, columns: tuple[int, ...], expected: str, delimiter: str | None = None
+) -> Table:
     """Read all lines that are neither blank nor comments (#). Each must have one of the given numbers of columns, all finite.
 
     Raises InputError with the first invalid line; `expected` describes a valid line.
@@ -154,11 +166,18 @@ def read_table(source: Source, columns: tuple[int, ...], expected: str, delimite
         raise table.error(0, expected, f"{values.shape[1]} columns")
     if not np.isfinite(values).all():
         row, column = np.argwhere(~np.isfinite(values))[0]
-        raise table.error(row, "finite numbers", f"{values[row, column]} in column {column + 1}", "removing the line")
+        raise table.error(
+            row,
+            "finite numbers",
+            f"{values[row, column]} in column {column + 1}",
+            "removing the line",
+        )
     return table
 
 
-def _first_bad_line(source: Source, columns: tuple[int, ...], expected: str, delimiter: str | None) -> InputError:
+def _first_bad_line(
+    source: Source, columns: tuple[int, ...], expected: str, delimiter: str | None
+) -> InputError:
     usual = None
     for number, line in data_lines(source.text):
         fields = line.split(delimiter)
@@ -167,7 +186,9 @@ def _first_bad_line(source: Source, columns: tuple[int, ...], expected: str, del
             return InputError(expected, path=source.path, line=number, found=repr(bad.strip()[:40]))
         usual = usual or len(fields)
         if len(fields) not in columns or len(fields) != usual:
-            return InputError(expected, path=source.path, line=number, found=f"{len(fields)} columns")
+            return InputError(
+                expected, path=source.path, line=number, found=f"{len(fields)} columns"
+            )
     return InputError(expected, path=source.path, found="lines that cannot be read as numbers")
 
 
@@ -184,7 +205,9 @@ def stamp_ticks(stamps: np.ndarray) -> float:
     """Ticks per second of stamps (n,): 1, or 1e9 if the median step, or a single stamp, is far too large for seconds."""
     steps = np.diff(stamps)
     steps = steps[steps > 0]
-    long = np.median(steps) > LONGEST_STEP_S if steps.size else np.abs(stamps).max() > LARGEST_STAMP_S
+    long = (
+        np.median(steps) > LONGEST_STEP_S if steps.size else np.abs(stamps).max() > LARGEST_STAMP_S
+    )
     return 1e9 if long else 1.0
 
 
@@ -202,7 +225,10 @@ def seconds_of(
         good = np.abs(values) <= LARGEST_STAMP_S
         expected, hint = f"a stamp in seconds, at most {LARGEST_STAMP_S:g}", None
     else:
-        what, good = "frame number", (values == np.rint(values)) & (values >= 0) & (values <= LARGEST_FRAME)
+        what, good = (
+            "frame number",
+            (values == np.rint(values)) & (values >= 0) & (values <= LARGEST_FRAME),
+        )
         expected = f"a frame number, 0 to {LARGEST_FRAME}"
     if not good.all():
         row = int(good.argmin())
@@ -216,10 +242,14 @@ def seconds_of(
         expected = f"a {what} above the {before:.15g} of line {table.place(row - 1)[1]}"
         if here == before:
             raise table.error(row, expected, f"{here:.15g} again", "removing one of the two lines")
-        raise table.error(row, expected, f"{here:.15g}", "a file of a single run, in the order of time")
+        raise table.error(
+            row, expected, f"{here:.15g}", "a file of a single run, in the order of time"
+        )
     if 2 * len(rows) < len(values):
         found = f"{len(values) - len(rows)} of {len(values)} that repeat the previous stamp"
-        raise table.error(0, "stamps with all their digits", found, "writing six digits after the decimal point")
+        raise table.error(
+            0, "stamps with all their digits", found, "writing six digits after the decimal point"
+        )
     return (values if ticks else stamps_of_frames(values, rate_hz))[rows], rows
 
 
@@ -229,7 +259,9 @@ def poses_of(table: Table, positions_m: np.ndarray, orientation: list[int]) -> S
     absurd = np.flatnonzero(~(largest <= LARGEST_POSITION_M))
     if absurd.size:
         expected = f"a position of at most {LARGEST_POSITION_M:g} m"
-        raise table.error(absurd[0], expected, f"{largest[absurd[0]]:g} m", "another unit or another format")
+        raise table.error(
+            absurd[0], expected, f"{largest[absurd[0]]:g} m", "another unit or another format"
+        )
     return SE3(_rotations(table, table.values[:, orientation]), positions_m)
 
 
@@ -237,7 +269,11 @@ def _rotations(table: Table, values: np.ndarray) -> np.ndarray:
     """Rotations (n, 3, 3) of rows qx qy qz qw or r00 r01 ... r22. An error has the line of the first invalid row."""
 
     def build(rows: np.ndarray) -> np.ndarray:
-        return so3.matrix_from_quat_xyzw(rows) if rows.shape[1] == 4 else so3.nearest_rotation(rows.reshape(-1, 3, 3))
+        return (
+            so3.matrix_from_quat_xyzw(rows)
+            if rows.shape[1] == 4
+            else so3.nearest_rotation(rows.reshape(-1, 3, 3))
+        )
 
     try:
         return build(values)
@@ -259,7 +295,9 @@ def check_writable(trajectory: Trajectory) -> None:
         expected = f"positions of at most {LARGEST_POSITION_M:g} m to write"
         raise InputError(expected, found=f"{np.abs(positions_m).max():g} m")
     if np.abs(stamps_s).max() > LARGEST_STAMP_S or (np.diff(np.rint(stamps_s * 1e9)) <= 0).any():
-        raise InputError(f"stamps of at most {LARGEST_STAMP_S:g} s, a nanosecond or more apart, to write")
+        raise InputError(
+            f"stamps of at most {LARGEST_STAMP_S:g} s, a nanosecond or more apart, to write"
+        )
 
 
 def stamp_text(stamp_s: float) -> str:
@@ -287,6 +325,8 @@ def frame_numbers(stamps_s: np.ndarray, rate_hz: float) -> np.ndarray:
     between = ~(np.abs(frames - numbers) <= STAMP_SLACK)
     bad = np.flatnonzero(between | (numbers < 0) | (np.diff(numbers, prepend=-1.0) <= 0))
     if bad.size:
-        expected = f"stamps of whole frame numbers, 1 + number / {rate_hz:g} s, to write frame numbers"
+        expected = (
+            f"stamps of whole frame numbers, 1 + number / {rate_hz:g} s, to write frame numbers"
+        )
         raise InputError(expected, found=f"{stamps_s[bad[0]]:.15g} s", hint="{restamp}")
     return numbers.astype(np.int64)

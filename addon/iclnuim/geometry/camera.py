@@ -26,16 +26,34 @@ class PinholeCamera(Settings):
 
     group: ClassVar[str] = "a camera"
 
-    width: int = parameter(640, "width of the images", unit="px", low=1, high=65536, source=_EQUATION_1)
-    height: int = parameter(480, "height of the images", unit="px", low=1, high=65536, source=_EQUATION_1)
+    width: int = parameter(
+        640, "width of the images", unit="px", low=1, high=65536, source=_EQUATION_1
+    )
+    height: int = parameter(
+        480, "height of the images", unit="px", low=1, high=65536, source=_EQUATION_1
+    )
     fx: float = parameter(
-        640 / 1.33, "focal length along a row", unit="px", low=1e-3, source="POV-Ray; paper: 481.20", label="fx"
+        640 / 1.33,
+        "focal length along a row",
+        unit="px",
+        low=1e-3,
+        source="POV-Ray; paper: 481.20",
+        label="fx",
     )
     fy: float = parameter(
-        480.0, "focal length along a column", unit="px", low=1e-3, source="-480 in the paper: y up", label="fy"
+        480.0,
+        "focal length along a column",
+        unit="px",
+        low=1e-3,
+        source="-480 in the paper: y up",
+        label="fy",
     )
-    cx: float = parameter(319.5, _CENTRE.format("leftmost"), unit="px", source=_EQUATION_1, label="cx")
-    cy: float = parameter(239.5, _CENTRE.format("topmost"), unit="px", source=_EQUATION_1, label="cy")
+    cx: float = parameter(
+        319.5, _CENTRE.format("leftmost"), unit="px", source=_EQUATION_1, label="cx"
+    )
+    cy: float = parameter(
+        239.5, _CENTRE.format("topmost"), unit="px", source=_EQUATION_1, label="cy"
+    )
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -56,7 +74,9 @@ class PinholeCamera(Settings):
         width, height = int(size[1]), int(size[2])
         if len(parts) == 1:
             scale = width / 640
-            return cls(width, height, 640 / 1.33 * scale, 480.0 * scale, (width - 1) / 2, (height - 1) / 2)
+            return cls(
+                width, height, 640 / 1.33 * scale, 480.0 * scale, (width - 1) / 2, (height - 1) / 2
+            )
         try:
             return cls(width, height, *(float(p) for p in parts[1:]))
         except ValueError:
@@ -84,7 +104,9 @@ class PinholeCamera(Settings):
         """(height, width) planar depth in metres -> (height, width, 3) points in the camera frame."""
         depth_z_m = np.asarray(depth_z_m)
         if depth_z_m.shape != (self.height, self.width):
-            raise InputError(f"a depth image of shape {(self.height, self.width)}", found=depth_z_m.shape)
+            raise InputError(
+                f"a depth image of shape {(self.height, self.width)}", found=depth_z_m.shape
+            )
         return self.rays() * depth_z_m[..., None]
 
     def project(self, points_camera: np.ndarray) -> np.ndarray:
@@ -128,15 +150,23 @@ def blender_from_pinhole(camera: PinholeCamera, sensor_width_mm: float = 36.0) -
     if min(camera.width, camera.height) < MIN_RENDERED_PX:
         found = f"{camera.width} x {camera.height}"
         raise InputError(
-            f"images of at least {MIN_RENDERED_PX} x {MIN_RENDERED_PX} pixels, as Blender renders", found=found
+            f"images of at least {MIN_RENDERED_PX} x {MIN_RENDERED_PX} pixels, as Blender renders",
+            found=found,
         )
     if not 1 / MAX_PIXEL_ASPECT <= camera.fx / camera.fy <= MAX_PIXEL_ASPECT:
         expected = f"focal lengths whose ratio is at most {MAX_PIXEL_ASPECT}, as Blender renders"
         raise InputError(expected, found=f"fx {camera.fx:g} and fy {camera.fy:g}")
     sensor_width_mm = max(sensor_width_mm, camera.width / camera.fx)
-    pixel_aspect_x, pixel_aspect_y = max(1.0, camera.fy / camera.fx), max(1.0, camera.fx / camera.fy)
+    pixel_aspect_x, pixel_aspect_y = (
+        max(1.0, camera.fy / camera.fx),
+        max(1.0, camera.fx / camera.fy),
+    )
     lens = camera.fx * sensor_width_mm / camera.width
     shift_x = -(camera.cx - (camera.width - 1) / 2) / camera.width
-    shift_y = (camera.cy - (camera.height - 1) / 2) / camera.width * (pixel_aspect_y / pixel_aspect_x)
+    shift_y = (
+        (camera.cy - (camera.height - 1) / 2) / camera.width * (pixel_aspect_y / pixel_aspect_x)
+    )
     size = camera.width, camera.height
-    return BlenderCamera(*size, pixel_aspect_x, pixel_aspect_y, lens, sensor_width_mm, shift_x, shift_y)
+    return BlenderCamera(
+        *size, pixel_aspect_x, pixel_aspect_y, lens, sensor_width_mm, shift_x, shift_y
+    )

@@ -34,11 +34,19 @@ class Viewpoint(Settings):
 
     group: ClassVar[str] = "a viewpoint"
 
-    position_m: Point = parameter(MISSING, "position of the camera, world", unit="m", low=-1e4, high=1e4)
-    look_at_m: Point = parameter(MISSING, "target that the camera looks at, world", unit="m", low=-1e4, high=1e4)
+    position_m: Point = parameter(
+        MISSING, "position of the camera, world", unit="m", low=-1e4, high=1e4
+    )
+    look_at_m: Point = parameter(
+        MISSING, "target that the camera looks at, world", unit="m", low=-1e4, high=1e4
+    )
     dwell_s: float = parameter(0.0, "rest at the viewpoint", unit="s", low=0.0, high=1e9)
-    roll_deg: float = parameter(0.0, "clockwise roll of the camera", unit="degrees", low=-180.0, high=180.0)
-    hurry: float = parameter(1.0, "speed factor of the motion to this viewpoint; 2: twice as fast", low=0.1, high=10.0)
+    roll_deg: float = parameter(
+        0.0, "clockwise roll of the camera", unit="degrees", low=-180.0, high=180.0
+    )
+    hurry: float = parameter(
+        1.0, "speed factor of the motion to this viewpoint; 2: twice as fast", low=0.1, high=10.0
+    )
 
 
 @dataclass(frozen=True)
@@ -48,7 +56,9 @@ class Pace(Settings):
     group: ClassVar[str] = "a pace"
 
     speed_m_s: float = parameter(MISSING, "normal speed of motion", unit="m/s", low=1e-3, high=1e3)
-    turn_deg_s: float = parameter(MISSING, "normal rate of rotation", unit="degrees/s", low=1e-3, high=1e5)
+    turn_deg_s: float = parameter(
+        MISSING, "normal rate of rotation", unit="degrees/s", low=1e-3, high=1e5
+    )
     ease_s: float = parameter(MISSING, "duration of a start or stop", unit="s", low=1e-3, high=1e9)
 
 
@@ -61,14 +71,22 @@ class Shake(Settings):
     low_hz: float = parameter(MISSING, "begin of the band, above 0", unit="Hz")
     high_hz: float = parameter(MISSING, "end of the band, below 15", unit="Hz")
     position_mm: float = parameter(MISSING, "RMS of the position", unit="mm", low=0.0, high=1000.0)
-    rotation_deg: float = parameter(MISSING, "RMS of the rotation", unit="degrees", low=0.0, high=45.0)
-    position_slope: float = parameter(MISSING, "slope of the position's power", low=-10.0, high=10.0)
-    rotation_slope: float = parameter(MISSING, "slope of the rotation's power", low=-10.0, high=10.0)
+    rotation_deg: float = parameter(
+        MISSING, "RMS of the rotation", unit="degrees", low=0.0, high=45.0
+    )
+    position_slope: float = parameter(
+        MISSING, "slope of the position's power", low=-10.0, high=10.0
+    )
+    rotation_slope: float = parameter(
+        MISSING, "slope of the rotation's power", low=-10.0, high=10.0
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 < self.low_hz < self.high_hz < 15:
-            raise InputError("a band within 0..15 Hz", found=f"{self.low_hz:g}..{self.high_hz:g} Hz")
+            raise InputError(
+                "a band within 0..15 Hz", found=f"{self.low_hz:g}..{self.high_hz:g} Hz"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +142,9 @@ def natural_length_m(recipe: Recipe) -> float:
 
 def unhurried_s(recipe: Recipe) -> float:
     """Duration in seconds at the recipe's pace, including rests and the last stop; the number of frames in the recipe is not used."""
-    return float(_knots(recipe)[0][-1] + sum(v.dwell_s for v in recipe.viewpoints) + recipe.pace.ease_s)
+    return float(
+        _knots(recipe)[0][-1] + sum(v.dwell_s for v in recipe.viewpoints) + recipe.pace.ease_s
+    )
 
 
 def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -137,8 +157,12 @@ def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     shake_m, shake_rad = np.zeros((recipe.frames, 3)), np.zeros((recipe.frames, 3))
     for s in recipe.shakes:  # amplitudes are RMS over the three axes together
         band = recipe.frames, FRAME_RATE_HZ, s.low_hz, s.high_hz
-        shake_m += band_noise(*band, s.position_slope, 3, rng) * (s.position_mm / 1000.0 / np.sqrt(3.0))
-        shake_rad += band_noise(*band, s.rotation_slope, 3, rng) * (np.radians(s.rotation_deg) / np.sqrt(3.0))
+        shake_m += band_noise(*band, s.position_slope, 3, rng) * (
+            s.position_mm / 1000.0 / np.sqrt(3.0)
+        )
+        shake_rad += band_noise(*band, s.rotation_slope, 3, rng) * (
+            np.radians(s.rotation_deg) / np.sqrt(3.0)
+        )
     return natural_spline(knots, values, progress), shake_m, shake_rad
 
 
@@ -148,7 +172,9 @@ def _knots(recipe: Recipe) -> tuple[np.ndarray, np.ndarray]:
     gazes = np.array([v.look_at_m for v in recipe.viewpoints]) - positions
     across = np.hypot(gazes[:, 0], gazes[:, 1])
     if across.min() < 0.05:
-        raise InputError("look_at_m not directly above or below position_m", found=f"viewpoint {across.argmin()}")
+        raise InputError(
+            "look_at_m not directly above or below position_m", found=f"viewpoint {across.argmin()}"
+        )
     pitches = np.arctan2(gazes[:, 2], across)
     yaw_steps = np.diff(np.arctan2(gazes[:, 1], gazes[:, 0]), prepend=0.0)
     yaw_steps[1:] -= 2 * np.pi * np.round(yaw_steps[1:] / (2 * np.pi))
@@ -176,7 +202,9 @@ def _scale_for_length(smooth_m: np.ndarray, shake_m: np.ndarray, length_m: float
     low, high = SCALE_LIMITS
     if not length(low) <= length_m <= length(high):
         found = f"{length(low):.3f}..{length(high):.3f} m at scales {low}..{high}"
-        raise InputError(f"viewpoints on a trajectory of about {length_m:g} m", found=found, hint="moving them")
+        raise InputError(
+            f"viewpoints on a trajectory of about {length_m:g} m", found=found, hint="moving them"
+        )
     for _ in range(40):
         middle = (low + high) / 2
         low, high = (middle, high) if length(middle) < length_m else (low, middle)
@@ -229,7 +257,9 @@ def _spline_curvatures(h: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     return curvatures
 
 
-def eased_progress(legs: np.ndarray, dwells_s: np.ndarray, ease_s: float, times_s: np.ndarray) -> np.ndarray:
+def eased_progress(
+    legs: np.ndarray, dwells_s: np.ndarray, ease_s: float, times_s: np.ndarray
+) -> np.ndarray:
     """Progress along the trajectory at `times_s` (m,): from 0 to sum(legs), at a constant rate, and at rest during each dwell.
 
     `legs` (n-1,) are the lengths between n stops in any unit, `dwells_s` (n,) the rests at the stops. Starts and stops
@@ -239,7 +269,9 @@ def eased_progress(legs: np.ndarray, dwells_s: np.ndarray, ease_s: float, times_
     duration_s = times_s[-1] - times_s[0]
     moving_s = duration_s - ease_s - dwells_s.sum()
     if moving_s <= 0:
-        raise InputError("dwells shorter than the whole", found=f"{dwells_s.sum():.1f} of {duration_s:.1f} s")
+        raise InputError(
+            "dwells shorter than the whole", found=f"{dwells_s.sum():.1f} of {duration_s:.1f} s"
+        )
     rate = legs.sum() / moving_s
     progress = np.zeros(len(times_s))
     clock_s = times_s[0] + ease_s / 2
@@ -261,7 +293,13 @@ def _eased_ramp(t: np.ndarray, ease_s: float) -> np.ndarray:
 
 
 def band_noise(
-    count: int, rate_hz: float, low_hz: float, high_hz: float, slope: float, channels: int, rng: np.random.Generator
+    count: int,
+    rate_hz: float,
+    low_hz: float,
+    high_hz: float,
+    slope: float,
+    channels: int,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """(count, channels) periodic random motion, with power proportional to f^-slope in low..high Hz, and RMS 1 in each channel.
 
@@ -269,9 +307,14 @@ def band_noise(
     the band contains no such frequency.
     """
     frequencies_hz = np.arange(count // 2 + 1) * rate_hz / count
-    inside = (frequencies_hz >= low_hz) & (frequencies_hz <= high_hz) & (frequencies_hz < rate_hz / 2)
+    inside = (
+        (frequencies_hz >= low_hz) & (frequencies_hz <= high_hz) & (frequencies_hz < rate_hz / 2)
+    )
     if not inside.any():
-        raise InputError(f"a band that contains a frequency of {count} frames", found=f"{low_hz:g}..{high_hz:g} Hz")
+        raise InputError(
+            f"a band that contains a frequency of {count} frames",
+            found=f"{low_hz:g}..{high_hz:g} Hz",
+        )
     amplitudes = (frequencies_hz[inside] / low_hz) ** (-slope / 2)
     amplitudes *= np.sqrt(2.0 / (amplitudes * amplitudes).sum())
     spectrum = np.zeros((channels, len(inside)), complex)

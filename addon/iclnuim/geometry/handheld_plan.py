@@ -44,7 +44,9 @@ class FreeSpace:
     def between(cls, low_m: np.ndarray, high_m: np.ndarray, measure: Clearance) -> "FreeSpace":
         """The free space of a box, in cells of 0.1 m, or larger for a large box."""
         size = np.maximum(high_m - low_m, 1e-3)
-        cell_m = max(_MIN_CELL_M, float((size.prod() / _MAX_CELLS) ** (1 / 3)), float(size.max()) / 400)
+        cell_m = max(
+            _MIN_CELL_M, float((size.prod() / _MAX_CELLS) ** (1 / 3)), float(size.max()) / 400
+        )
         shape = tuple(int(n) + 1 for n in np.ceil(size / cell_m))
         points = low_m + cell_m * np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 3)
         return cls(low_m, cell_m, measure(points).reshape(shape), measure)
@@ -61,7 +63,9 @@ class FreeSpace:
         corners, current = [points[0]], 0
         while current < len(points) - 1:  # skip corners as long as the straight connection is clear
             target = len(points) - 1
-            while target > current + 1 and not self._is_clear(points[current], points[target], clear_m):
+            while target > current + 1 and not self._is_clear(
+                points[current], points[target], clear_m
+            ):
                 target -= 1
             corners.append(points[target])
             current = target
@@ -74,14 +78,25 @@ class FreeSpace:
 
     def _search(self, start: tuple, end: tuple, clear_m: float) -> list[np.ndarray]:
         """Cells from start to end (A*). The clearance of these two is not checked here."""
-        free = np.pad(self.clearance_m >= clear_m, 1)  # with a blocked border; cells are flat indices of this array
-        first, goal = (int(np.ravel_multi_index(tuple(n + 1 for n in cell), free.shape)) for cell in (start, end))
+        free = np.pad(
+            self.clearance_m >= clear_m, 1
+        )  # with a blocked border; cells are flat indices of this array
+        first, goal = (
+            int(np.ravel_multi_index(tuple(n + 1 for n in cell), free.shape))
+            for cell in (start, end)
+        )
         free.flat[goal] = True
         heuristic = (
-            np.linalg.norm(np.moveaxis(np.indices(free.shape), 0, -1) - np.array(end) - 1, axis=-1).ravel().tolist()
+            np.linalg.norm(np.moveaxis(np.indices(free.shape), 0, -1) - np.array(end) - 1, axis=-1)
+            .ravel()
+            .tolist()
         )
         clear, across = free.tobytes(), (free.shape[1] * free.shape[2], free.shape[2], 1)
-        steps = [(int(np.dot(n, across)), float(np.linalg.norm(n))) for n in product((-1, 0, 1), repeat=3) if any(n)]
+        steps = [
+            (int(np.dot(n, across)), float(np.linalg.norm(n)))
+            for n in product((-1, 0, 1), repeat=3)
+            if any(n)
+        ]
         if not _is_reachable(free, first, goal, np.array([step for step, _ in steps])):
             found = f"none with {clear_m:.2f} m to every surface"
             hint = "a smaller {clearance_m}, or viewpoints in one room"
@@ -132,9 +147,16 @@ class PlanSettings(Settings):
     group: ClassVar[str] = "settings of a hand-held trajectory"
 
     clearance_m: float = setting(
-        0.25, "minimum distance from every surface", unit="m", low=0.01, high=10.0, option="--clearance"
+        0.25,
+        "minimum distance from every surface",
+        unit="m",
+        low=0.01,
+        high=10.0,
+        option="--clearance",
     )
-    speed_m_s: float = setting(0.3, "speed of motion", unit="m/s", low=0.01, high=10.0, option="--speed")
+    speed_m_s: float = setting(
+        0.3, "speed of motion", unit="m/s", low=0.01, high=10.0, option="--speed"
+    )
     shake: float = setting(1.0, "factor on the shake of the hands", low=0.0, high=10.0)
     seed: int = setting(0, "seed of the shake", low=0, high=2**63 - 1)
 
@@ -157,7 +179,9 @@ class Plan:
     clearance_m: float
 
 
-def plan(waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: PlanSettings | None = None) -> Plan:
+def plan(
+    waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: PlanSettings | None = None
+) -> Plan:
     """Hand-held motion through the waypoints with the required clearance to every surface. Raises InputError if there is none.
 
     scene: the name of the scene in the recipe.
@@ -171,7 +195,9 @@ def plan(waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: Plan
         k = int(clearances.argmin())
         found = f"viewpoint {k} at {waypoints[k].position_m}, {clearances[k]:.2f} m away"
         hint = "moving it, or a smaller {clearance_m}"
-        raise InputError(f"viewpoints at least {clear_m:g} m from every surface", found=found, hint=hint)
+        raise InputError(
+            f"viewpoints at least {clear_m:g} m from every surface", found=found, hint=hint
+        )
     places = [np.array(w.position_m) for w in waypoints]
     found = "none"
     for margin_m in MARGINS_M:
@@ -191,20 +217,28 @@ def plan(waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: Plan
             place = ", ".join(f"{x:.2f}" for x in motion.trajectory.positions_m[worst])
             found = f"{clearances[worst]:.2f} m at ({place})"
     hint = "a smaller {clearance_m}, less {shake}, or one more viewpoint"
-    raise InputError(f"viewpoints whose trajectory is {clear_m:g} m from every surface", found=found, hint=hint)
+    raise InputError(
+        f"viewpoints whose trajectory is {clear_m:g} m from every surface", found=found, hint=hint
+    )
 
 
-def _viewpoints(waypoints: list[Waypoint], routes: list[np.ndarray], spacing_m: float) -> tuple[Viewpoint, ...]:
+def _viewpoints(
+    waypoints: list[Waypoint], routes: list[np.ndarray], spacing_m: float
+) -> tuple[Viewpoint, ...]:
     """The waypoints with points of the routes between them; the viewing direction rotates uniformly from one to the next."""
     gazes = _gazes(waypoints, routes)
     found = [_viewpoint(waypoints[0].position_m, *gazes[0], waypoints[0].dwell_s)]
     for k, route in enumerate(routes):
         yaw_step = (gazes[k + 1][0] - gazes[k][0] + np.pi) % (2 * np.pi) - np.pi
-        share, points = _along(route, spacing_m, max(1, int(np.ceil(abs(yaw_step) / _MAX_YAW_STEP_RAD))))
+        share, points = _along(
+            route, spacing_m, max(1, int(np.ceil(abs(yaw_step) / _MAX_YAW_STEP_RAD)))
+        )
         for s, point in zip(share[1:-1], points[1:-1], strict=True):
             pitch = (1 - s) * gazes[k][1] + s * gazes[k + 1][1]
             found.append(_viewpoint(point, gazes[k][0] + s * yaw_step, pitch, 0.0))
-        found.append(_viewpoint(waypoints[k + 1].position_m, *gazes[k + 1], waypoints[k + 1].dwell_s))
+        found.append(
+            _viewpoint(waypoints[k + 1].position_m, *gazes[k + 1], waypoints[k + 1].dwell_s)
+        )
     return tuple(found)
 
 
@@ -213,7 +247,11 @@ def _gazes(waypoints: list[Waypoint], routes: list[np.ndarray]) -> list[tuple[fl
     ahead = [route[1] - route[0] for route in routes] + [routes[-1][-1] - routes[-1][-2]]
     found: list[tuple[float, float]] = []
     for waypoint, onward in zip(waypoints, ahead, strict=True):
-        gaze = onward if waypoint.look_at_m is None else np.array(waypoint.look_at_m) - np.array(waypoint.position_m)
+        gaze = (
+            onward
+            if waypoint.look_at_m is None
+            else np.array(waypoint.look_at_m) - np.array(waypoint.position_m)
+        )
         across = float(np.hypot(gaze[0], gaze[1]))
         if across < 0.05:
             if waypoint.look_at_m is not None:
@@ -234,12 +272,18 @@ def _along(route: np.ndarray, spacing_m: float, min_count: int) -> tuple[np.ndar
     count = max(min_count, int(np.ceil(whole / spacing_m)))
     shares = np.unique(np.round(np.concatenate([reached / whole, np.arange(count + 1) / count]), 9))
     near = np.flatnonzero(np.diff(shares) * whole < 0.05)
-    shares = np.delete(shares, [k + 1 if k + 2 < len(shares) else k for k in near]) if len(shares) > 2 else shares
+    shares = (
+        np.delete(shares, [k + 1 if k + 2 < len(shares) else k for k in near])
+        if len(shares) > 2
+        else shares
+    )
     points = np.stack([np.interp(shares * whole, reached, route[:, k]) for k in range(3)], -1)
     return shares, points
 
 
-def _viewpoint(position_m: np.ndarray | tuple, yaw: float, pitch: float, dwell_s: float) -> Viewpoint:
+def _viewpoint(
+    position_m: np.ndarray | tuple, yaw: float, pitch: float, dwell_s: float
+) -> Viewpoint:
     """A viewpoint rounded to 0.1 mm, so that the written recipe is short and gives the same trajectory."""
     ahead = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
     place = np.array(position_m, float)
@@ -255,7 +299,10 @@ def rounded(point: np.ndarray) -> Point:
 def _recipe(viewpoints: tuple[Viewpoint, ...], scene: str, settings: PlanSettings) -> Recipe:
     """A recipe with the length and duration that the viewpoints have at this pace, so that they are not scaled."""
     factor = settings.shake
-    shakes = (replace(s, position_mm=factor * s.position_mm, rotation_deg=factor * s.rotation_deg) for s in SHAKES)
+    shakes = (
+        replace(s, position_mm=factor * s.position_mm, rotation_deg=factor * s.rotation_deg)
+        for s in SHAKES
+    )
     recipe = Recipe(
         scene=scene,
         about="A walk through viewpoints, clear of the surfaces.",

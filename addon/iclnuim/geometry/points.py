@@ -65,7 +65,9 @@ def _yaw(points: np.ndarray) -> float:
     outline = points[[i for k, i in enumerate(farthest) if i != farthest[k - 1]] or farthest[:1]]
     sides = np.roll(outline, -1, axis=0) - outline
     sides = sides[np.linalg.norm(sides, axis=1) > 1e-9]
-    candidates = np.unique(np.append(np.round(np.arctan2(sides[:, 1], sides[:, 0]) % (np.pi / 2), 9), 0.0))
+    candidates = np.unique(
+        np.append(np.round(np.arctan2(sides[:, 1], sides[:, 0]) % (np.pi / 2), 9), 0.0)
+    )
     along = np.stack([np.cos(candidates), np.sin(candidates)])
     across = np.stack([-along[1], along[0]])
     area = np.ptp(outline @ along, axis=0) * np.ptp(outline @ across, axis=0)

@@ -37,7 +37,9 @@ def parse_unit(text: str) -> float:
     try:
         return UNITS_M[text] if text in UNITS_M else float(text)
     except ValueError:
-        raise InputError(f"a unit: {', '.join(UNITS_M)}, or metres as a number", found=text) from None
+        raise InputError(
+            f"a unit: {', '.join(UNITS_M)}, or metres as a number", found=text
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,10 @@ class SceneReading(Settings):
     mirror: str = setting(
         "none",
         "axis of the scene's file to mirror before any other conversion",
-        choices={"none": "nothing is mirrored", **{axis: f"the {axis} axis is mirrored" for axis in "xyz"}},
+        choices={
+            "none": "nothing is mirrored",
+            **{axis: f"the {axis} axis is mirrored" for axis in "xyz"},
+        },
     )
     textures: str | None = setting(
         None,
@@ -75,7 +80,9 @@ class SceneReading(Settings):
 
     def to_dict(self) -> dict[str, Any]:
         """The inverse of from_dict; settings with their default values are left out."""
-        return {k: v for k, v in super().to_dict().items() if v != declared(SceneReading)[k].default}
+        return {
+            k: v for k, v in super().to_dict().items() if v != declared(SceneReading)[k].default
+        }
 
 
 @dataclass(frozen=True)
@@ -111,12 +118,23 @@ def shape_of(vertices: np.ndarray, triangles: np.ndarray) -> Shape:
     corners = corners[within] if within.any() else corners
     vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     areas = np.linalg.norm(vectors, axis=1)
-    low, high = np.stack([_ends(corners[..., k].ravel(), np.repeat(areas, 3)) for k in range(3)], -1)
+    low, high = np.stack(
+        [_ends(corners[..., k].ravel(), np.repeat(areas, 3)) for k in range(3)], -1
+    )
     extent, cosines = high - low, np.abs(vectors) / np.maximum(areas, 1e-30)[:, None]
-    cross_section = np.maximum(extent[[1, 0, 0]] * extent[[2, 2, 1]], 1e-9 * float(extent.max(initial=1e-9)) ** 2)
-    layer = ((corners.mean(1) - low) / np.maximum(extent, 1e-30) * LAYERS).clip(0, LAYERS - 1).astype(int)
+    cross_section = np.maximum(
+        extent[[1, 0, 0]] * extent[[2, 2, 1]], 1e-9 * float(extent.max(initial=1e-9)) ** 2
+    )
+    layer = (
+        ((corners.mean(1) - low) / np.maximum(extent, 1e-30) * LAYERS)
+        .clip(0, LAYERS - 1)
+        .astype(int)
+    )
     facing = (cosines > 0.966) * areas[:, None]
-    level = np.stack([np.bincount(layer[:, k], facing[:, k], LAYERS) for k in range(3)]) / cross_section[:, None]
+    level = (
+        np.stack([np.bincount(layer[:, k], facing[:, k], LAYERS) for k in range(3)])
+        / cross_section[:, None]
+    )
     askew = (cosines > 0.05) & (cosines < 0.99)
     both = (askew * areas[:, None]).sum(0) / max(float(areas.sum()), 1e-30), askew.mean(0)
     return Shape(low, extent, level.clip(0, 1), np.sqrt((both[0] + 0.005) * (both[1] + 0.1)))
@@ -143,7 +161,9 @@ def guess_up(shape: Shape, usual: str, unit_m: float | None = None) -> str:
         spreads = min(abs(np.log(height * unit / ROOM_HEIGHT_M)) / _SPREAD, _MAX_SPREADS)
         flat = shape.level[k].sum() * shape.extent.prod() / height**2 / shape.askew[k]
         rare = 1.0 if axis == usual else CLEARLY_X if axis == "x" else CLEARLY
-        return float(flat * np.exp(-0.5 * spreads**2) / rare / (1.0 if unit == 1.0 else CLEARLY_UNIT))
+        return float(
+            flat * np.exp(-0.5 * spreads**2) / rare / (1.0 if unit == 1.0 else CLEARLY_UNIT)
+        )
 
     return max((usual, *"yzx".replace(usual, "")), key=evidence)
 
@@ -156,12 +176,18 @@ def guess_unit_m(shape: Shape, up: str) -> float:
     k = "xyz".index(up[-1])
     height = float(shape.extent[k])
     inner = shape.level[k, 1:-3]
-    tables = float(inner @ np.arange(1.5, LAYERS - 3)) / max(float(inner.sum()), 1e-9) / LAYERS * height
+    tables = (
+        float(inner @ np.arange(1.5, LAYERS - 3)) / max(float(inner.sum()), 1e-9) / LAYERS * height
+    )
     if is_plausible(shape.extent, up):
         in_feet = 6.5 < height < 12 and 1.4 < tables < 4 and 0.02 < inner.max() < 0.7
         return UNITS_M["ft"] if in_feet else 1.0
     low, high = _HEIGHTS_M
-    rooms = [u for u in UNITS_M.values() if low <= height * u <= high and is_plausible(shape.extent * u, up)]
+    rooms = [
+        u
+        for u in UNITS_M.values()
+        if low <= height * u <= high and is_plausible(shape.extent * u, up)
+    ]
     return min(rooms, key=lambda unit_m: abs(np.log(height * unit_m / ROOM_HEIGHT_M)), default=1.0)
 
 
@@ -174,6 +200,10 @@ def is_plausible(extent_m: np.ndarray, up: str) -> bool:
 def unit_name(unit_m: float) -> str:
     """The name of a unit, such as `centimetres` or `units of 0.3 m`."""
     names = dict(
-        zip(UNITS_M.values(), ("metres", "decimetres", "centimetres", "millimetres", "inches", "feet"), strict=True)
+        zip(
+            UNITS_M.values(),
+            ("metres", "decimetres", "centimetres", "millimetres", "inches", "feet"),
+            strict=True,
+        )
     )
     return names.get(unit_m, f"units of {unit_m:g} m")

@@ -95,7 +95,9 @@ class SE3:
         exact = 1.0 / (s * s) - np.cos(s / 2) / (2.0 * s * np.sin(s / 2))
         coefficient = np.where(small, 1.0 / 12.0 + t2 / 720.0 + t2 * t2 / 30240.0, exact)
         inverse_jacobian = np.eye(3) - 0.5 * k + coefficient * (k @ k)
-        return np.concatenate([(inverse_jacobian @ self.translation[..., None])[..., 0], w], axis=-1)
+        return np.concatenate(
+            [(inverse_jacobian @ self.translation[..., None])[..., 0], w], axis=-1
+        )
 
     def inverse(self) -> "SE3":
         r = np.swapaxes(self.rotation, -1, -2)
@@ -143,4 +145,8 @@ class SE3:
         return SE3(self.rotation.reshape(-1, 3, 3)[picked], self.translation.reshape(-1, 3)[picked])
 
     def __repr__(self) -> str:
-        return f"SE3(shape={self.shape})" if self.shape else f"SE3(t={self.translation}, quat_xyzw={self.quat_xyzw})"
+        return (
+            f"SE3(shape={self.shape})"
+            if self.shape
+            else f"SE3(t={self.translation}, quat_xyzw={self.quat_xyzw})"
+        )

@@ -32,12 +32,16 @@ def unit_quaternion(quat: np.ndarray) -> np.ndarray:
     quat = np.asarray(quat, float)
     if not quat.ndim or quat.shape[-1] != 4:
         raise InputError("quaternions (..., 4)", found=quat.shape)
-    with np.errstate(over="ignore", invalid="ignore"):  # numbers as large as that are refused just below
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # numbers as large as that are refused just below
         norm = np.linalg.norm(quat, axis=-1, keepdims=True)
     bad = ~(np.abs(norm - 1.0) <= QUAT_NORM_TOLERANCE)
     if bad.any():
         worst = norm[bad].flat[0]
-        raise InputError(f"quaternions of length 1 (to {QUAT_NORM_TOLERANCE:g})", found=f"length {worst:.6g}")
+        raise InputError(
+            f"quaternions of length 1 (to {QUAT_NORM_TOLERANCE:g})", found=f"length {worst:.6g}"
+        )
     return quat / norm
 
 
@@ -60,8 +64,16 @@ def quat_xyzw_from_matrix(rotation: np.ndarray) -> np.ndarray:
     """
     m = np.asarray(rotation, float)
     d0, d1, d2 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
-    wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    xy, xz, yz = (
+        m[..., 0, 1] + m[..., 1, 0],
+        m[..., 0, 2] + m[..., 2, 0],
+        m[..., 1, 2] + m[..., 2, 1],
+    )
+    wx, wy, wz = (
+        m[..., 2, 1] - m[..., 1, 2],
+        m[..., 0, 2] - m[..., 2, 0],
+        m[..., 1, 0] - m[..., 0, 1],
+    )
     products = (  # row k = 4 q_k q
         (1 + d0 - d1 - d2, xy, xz, wx),
         (xy, 1 - d0 + d1 - d2, yz, wy),
@@ -121,10 +133,14 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     Raises InputError if R^T R differs from the identity by more than MATRIX_TOLERANCE, or if det R < 0.
     """
     m = np.asarray(matrix, float)
-    with np.errstate(over="ignore", invalid="ignore"):  # numbers as large as that are refused just below
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # numbers as large as that are refused just below
         off = np.abs(np.swapaxes(m, -1, -2) @ m - np.eye(3)).max(initial=0.0) if m.size else 0.0
     if not off <= MATRIX_TOLERANCE:
-        raise InputError("rotation matrices", found=f"R^T R that differs from the identity by {off:.3g}")
+        raise InputError(
+            "rotation matrices", found=f"R^T R that differs from the identity by {off:.3g}"
+        )
     if m.size and np.linalg.det(m).min() < 0:
         hint = "converting its axes first"
         raise InputError("rotation matrices with determinant +1", found="a reflection", hint=hint)

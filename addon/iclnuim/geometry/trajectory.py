@@ -25,7 +25,11 @@ def frames_of_stamps(stamps_s: npt.ArrayLike, rate_hz: float = FRAME_RATE_HZ) ->
     """Frame numbers of stamps, the inverse of stamps_of_frames(); fractions between frames. If a stamp is below 1 s, all are relative to
     0 s, as in release 0.1."""
     stamps_s = np.asarray(stamps_s, float)
-    start_s = FIRST_STAMP_S if stamps_s.min(initial=np.inf) >= FIRST_STAMP_S - 10.0**-STAMP_DIGITS else 0.0
+    start_s = (
+        FIRST_STAMP_S
+        if stamps_s.min(initial=np.inf) >= FIRST_STAMP_S - 10.0**-STAMP_DIGITS
+        else 0.0
+    )
     return (stamps_s - start_s) * rate_hz
 
 
@@ -40,7 +44,11 @@ def frame_rate_hz(stamps_s: npt.ArrayLike) -> float:
     regular_s = steps_s[np.abs(steps_s - usual_s) < 0.5 * usual_s]
     step_s = float(regular_s.mean() if regular_s.size else usual_s)
     whole = round(1 / step_s)
-    return float(whole) if whole and abs(1 / whole - step_s) < 1.01 * 10**-STAMP_DIGITS else float(f"{1 / step_s:.5g}")
+    return (
+        float(whole)
+        if whole and abs(1 / whole - step_s) < 1.01 * 10**-STAMP_DIGITS
+        else float(f"{1 / step_s:.5g}")
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +61,15 @@ class Trajectory:
     def __post_init__(self) -> None:
         stamps = np.array(self.stamps_s, float)
         if stamps.ndim != 1 or self.T_world_camera.shape != stamps.shape:
-            raise InputError("as many poses as stamps", found=f"{self.T_world_camera.shape} and {stamps.shape}")
+            raise InputError(
+                "as many poses as stamps", found=f"{self.T_world_camera.shape} and {stamps.shape}"
+            )
         if not np.isfinite(stamps).all() or (np.diff(stamps) <= 0).any():
             raise InputError("finite, strictly increasing stamps")
         if (invalid := np.flatnonzero(~self.T_world_camera.is_rigid())).size:
-            raise InputError("finite positions and rotation matrices", found=f"pose {invalid[0]} without them")
+            raise InputError(
+                "finite positions and rotation matrices", found=f"pose {invalid[0]} without them"
+            )
         stamps.setflags(write=False)
         object.__setattr__(self, "stamps_s", stamps)
 
@@ -122,7 +134,9 @@ def statistics(trajectory: Trajectory) -> TrajectoryStatistics:
     extremes = length_m / duration_s, float(speeds.max()), mean_rate, float(rates.max())
     rate_hz = frame_rate_hz(trajectory.stamps_s)
     gaps = int((steps_s > 1.5 * usual_s).sum())
-    return TrajectoryStatistics(count, length_m, duration_s, rate_hz, *extremes, gaps, float(steps_s.max()))
+    return TrajectoryStatistics(
+        count, length_m, duration_s, rate_hz, *extremes, gaps, float(steps_s.max())
+    )
 
 
 def adopt(source: Trajectory, T_world_start: SE3, scale: float = 1.0) -> Trajectory:
@@ -145,11 +159,15 @@ def sample(trajectory: Trajectory, stamps_s: np.ndarray) -> SE3:
     if len(given_s) < 2:
         raise InputError("at least two poses to interpolate between", found=len(given_s))
     slack = 1e-9 * max(1.0, abs(given_s[-1]))
-    if stamps_s.size and (stamps_s.min() < given_s[0] - slack or stamps_s.max() > given_s[-1] + slack):
+    if stamps_s.size and (
+        stamps_s.min() < given_s[0] - slack or stamps_s.max() > given_s[-1] + slack
+    ):
         found = f"{stamps_s.min():.6f}..{stamps_s.max():.6f} s"
         raise InputError(f"stamps within {given_s[0]:.6f}..{given_s[-1]:.6f} s", found=found)
     before = np.clip(np.searchsorted(given_s, stamps_s, side="right") - 1, 0, len(given_s) - 2)
-    share = np.clip((stamps_s - given_s[before]) / (given_s[before + 1] - given_s[before]), 0.0, 1.0)
+    share = np.clip(
+        (stamps_s - given_s[before]) / (given_s[before + 1] - given_s[before]), 0.0, 1.0
+    )
     poses = trajectory.T_world_camera
     return poses[before].interpolate(poses[before + 1], share)
 
@@ -166,7 +184,9 @@ def resample(trajectory: Trajectory, rate_hz: float) -> Trajectory:
         found = f"{end - start:.6g} s at {rate_hz:g} Hz"
         raise InputError(f"at most {MAX_FRAMES} frames", found=found, hint="repairing the stamps")
     slack = max(1e-6, rate_hz * 10.0**-STAMP_DIGITS)  # of two rounded stamps
-    stamps_s = start + np.round(np.arange(int(np.floor(frames + slack)) + 1) / rate_hz, STAMP_DIGITS)
+    stamps_s = start + np.round(
+        np.arange(int(np.floor(frames + slack)) + 1) / rate_hz, STAMP_DIGITS
+    )
     # printed stamps are rounded, so the last frame can be slightly after the last pose
     return Trajectory(stamps_s, sample(trajectory, np.minimum(stamps_s, end)))
 

@@ -21,7 +21,11 @@ _NEIGHBOURS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) !=
 
 
 def denoise(
-    half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, normals: np.ndarray, usable: np.ndarray
+    half_a: np.ndarray,
+    half_b: np.ndarray,
+    chart: np.ndarray,
+    normals: np.ndarray,
+    usable: np.ndarray,
 ) -> np.ndarray:
     """Denoised light (h, w, 3) from two halves (h, w, 3); chart (h, w) with -1 outside, normals (h, w, 3), usable (h, w) bool."""
     half_a, half_b = _without_fireflies(half_a, half_b, chart, usable)
@@ -30,7 +34,10 @@ def denoise(
     halves = half_a.astype(np.float32), half_b.astype(np.float32)
     mask, facing = usable & (chart >= 0), normals.astype(np.float32)
     for level in range(_LEVELS):
-        smoothed = [_wavelet(halves[k], halves[1 - k], spread[k], chart, facing, mask, 1 << level) for k in (0, 1)]
+        smoothed = [
+            _wavelet(halves[k], halves[1 - k], spread[k], chart, facing, mask, 1 << level)
+            for k in (0, 1)
+        ]
         halves, spread = zip(*smoothed, strict=True)
     return _within_neighbours((halves[0] + halves[1]) / 2, chart, mask)
 
@@ -66,7 +73,9 @@ def _without_fireflies(
     """
     a, b = luminance(half_a), luminance(half_b)
     gap = np.abs(a - b).astype(np.float32)
-    around = [np.where(_same_chart(chart, dy, dx), shifted(gap, dy, dx, 0), gap) for dy, dx in _NEIGHBOURS]
+    around = [
+        np.where(_same_chart(chart, dy, dx), shifted(gap, dy, dx, 0), gap) for dy, dx in _NEIGHBOURS
+    ]
     usual = np.median(around, axis=0)
     odd = (usable & (gap > _ODD * usual + 0.1 * np.minimum(a, b)))[..., None]
     darker = np.where((a < b)[..., None], half_a, half_b)
@@ -91,7 +100,9 @@ def _spread(light: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndar
     return light
 
 
-def _variance(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndarray:
+def _variance(
+    half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, usable: np.ndarray
+) -> np.ndarray:
     """Variance of one half's luminance: (a - b)^2 / 2, averaged over the neighbourhood, because a single difference is a poor estimate."""
     raw = np.where(usable, luminance(half_a - half_b) ** 2 / 2, 0).astype(np.float32)
     total, count = raw, usable.astype(np.float32)
@@ -129,8 +140,12 @@ def _wavelet(
             y, x = row + dy * step, column + dx * step
             there = np.clip(y, 0, h - 1) * w + np.clip(x, 0, w - 1)
             same = (part[there] == part[here]) & (y >= 0) & (y < h) & (x >= 0) & (x < w)
-            apart = (bright[there] - bright[here]) ** 2 / (_SIGMAS**2 * (spread[there] + spread[here]) + 1e-10)
-            alike = np.maximum(np.einsum("ij,ij->i", facing[there], facing[here]), 0) ** _NORMAL_POWER
+            apart = (bright[there] - bright[here]) ** 2 / (
+                _SIGMAS**2 * (spread[there] + spread[here]) + 1e-10
+            )
+            alike = (
+                np.maximum(np.einsum("ij,ij->i", facing[there], facing[here]), 0) ** _NORMAL_POWER
+            )
             weight = (same * (wy * wx) * alike * np.exp(-apart)).astype(np.float32)
             total += weight[:, None] * flat[there]
             noise += weight**2 * spread[there]
@@ -172,11 +187,15 @@ def grown(mask: np.ndarray, chart: np.ndarray, steps: int) -> np.ndarray:
     """(h, w) bool: the texels of `mask` (h, w), and those within `steps` neighbours of them in the same chart; chart (h, w), -1 outside."""
     same = [(step, (chart >= 0) & _same_chart(chart, *step)) for step in _NEIGHBOURS]
     for _ in range(steps):
-        mask = np.logical_or.reduce([mask, *(alike & shifted(mask, *step, False) for step, alike in same)])
+        mask = np.logical_or.reduce(
+            [mask, *(alike & shifted(mask, *step, False) for step, alike in same)]
+        )
     return mask
 
 
-def fill(light: np.ndarray, known: np.ndarray, chart: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def fill(
+    light: np.ndarray, known: np.ndarray, chart: np.ndarray, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Fill unknown texels with the mean of their known neighbours in the same chart, `steps` times.
 
     light (h, w, 3), known (h, w) bool, chart (h, w) int with -1 outside charts: these texels use neighbours of any chart.

@@ -40,7 +40,11 @@ class Charts:
 def chart(surfaces: Surfaces) -> Charts:
     """Cut the surfaces into charts of faces that are connected by edges and have the same axis; charts are numbered by their first face."""
     vectors = surfaces.area_vectors()
-    axis, face, vertex = _axes(vectors, surfaces.face_object), surfaces.face_of_corner, surfaces.vertex
+    axis, face, vertex = (
+        _axes(vectors, surfaces.face_object),
+        surfaces.face_of_corner,
+        surfaces.vertex,
+    )
     low, high = (choose(vertex, vertex[surfaces.following]) for choose in (np.minimum, np.maximum))
     order = np.lexsort((high, low))
     same = (np.diff(low[order]) == 0) & (np.diff(high[order]) == 0)
@@ -95,7 +99,9 @@ def components(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         label = new
 
 
-def _flatten(surfaces: Surfaces, number: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _flatten(
+    surfaces: Surfaces, number: np.ndarray, vectors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Project each chart along its mean normal, and rotate it so that its bounding rectangle is small; the first rotation aligns it with its
     longest projected edge.
     """
@@ -117,7 +123,9 @@ def _flatten(surfaces: Surfaces, number: np.ndarray, vectors: np.ndarray) -> tup
     return _smallest_rectangle(base, of_corner, count)
 
 
-def _smallest_rectangle(base: np.ndarray, of_corner: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _smallest_rectangle(
+    base: np.ndarray, of_corner: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
     order = np.argsort(of_corner, kind="stable")
     starts = np.searchsorted(of_corner[order], np.arange(count))
     best = np.full(count, np.inf)
@@ -134,7 +142,9 @@ def _smallest_rectangle(base: np.ndarray, of_corner: np.ndarray, count: int) -> 
     return flat, size
 
 
-def pack(surfaces: Surfaces, charts: Charts, size: int, weight: np.ndarray) -> tuple[np.ndarray, float]:
+def pack(
+    surfaces: Surfaces, charts: Charts, size: int, weight: np.ndarray
+) -> tuple[np.ndarray, float]:
     """Pack the charts into a map of size x size texels at the highest density at which all fit; `weight` (K,) is a factor for each chart.
 
     Returns corners (C, 2), with the centre of texel i at i + 0.5, and texels per metre. A chart's rectangle extends from its first texel's
@@ -143,7 +153,11 @@ def pack(surfaces: Surfaces, charts: Charts, size: int, weight: np.ndarray) -> t
     ruler = Ruler(charts, of_corner := charts.chart[surfaces.face_of_corner])
     plain = np.zeros(len(weight), bool)
     while True:
-        low, high, best = 0.0, 2.0 * size / np.sqrt(max(float((charts.size_m.prod(1) * weight**2).sum()), 1e-12)), None
+        low, high, best = (
+            0.0,
+            2.0 * size / np.sqrt(max(float((charts.size_m.prod(1) * weight**2).sum()), 1e-12)),
+            None,
+        )
         for _ in range(_BISECTIONS):
             density = (low + high) / 2
             placed = _place(ruler.measure(density * weight, plain)[1], size)
@@ -163,7 +177,9 @@ def pack(surfaces: Surfaces, charts: Charts, size: int, weight: np.ndarray) -> t
     origin, rotated = best
     step = np.where(extent > 1e-9, (_texels(extent) - 1) / np.maximum(extent, 1e-9), 0.0)
     placed = coordinates * step[of_corner]
-    return np.where(rotated[of_corner, None], placed[:, ::-1], placed) + origin[of_corner] + 0.5, low
+    return np.where(rotated[of_corner, None], placed[:, ::-1], placed) + origin[
+        of_corner
+    ] + 0.5, low
 
 
 def _texels(extent: np.ndarray) -> np.ndarray:
@@ -200,7 +216,10 @@ class Ruler:
         self.orders = [np.lexsort((charts.flat_m[:, axis], chart_of_corner)) for axis in (0, 1)]
         self.first = np.searchsorted(chart_of_corner[self.orders[0]], np.arange(self.count))
         self.sorted_chart = chart_of_corner[self.orders[0]]
-        self.gaps = [np.diff(charts.flat_m[order, axis], prepend=0.0) for axis, order in enumerate(self.orders)]
+        self.gaps = [
+            np.diff(charts.flat_m[order, axis], prepend=0.0)
+            for axis, order in enumerate(self.orders)
+        ]
         for gaps in self.gaps:
             gaps[self.first] = 0.0
 
@@ -269,7 +288,9 @@ class Layout:
     def per_side(self, values: np.ndarray) -> np.ndarray:
         """(F, 2): mean of the texel values (N,) over the chart of each side; 0 for sides without texels."""
         chart, count = self.texels.chart, len(self.charts.size_m)
-        mean = np.bincount(chart, values, count) / np.maximum(np.bincount(chart, minlength=count), 1)
+        mean = np.bincount(chart, values, count) / np.maximum(
+            np.bincount(chart, minlength=count), 1
+        )
         result = np.zeros((self.surfaces.faces, 2))
         result[self.sides.face, self.sides.side] = mean[self.charts.chart]
         return result
@@ -301,15 +322,26 @@ def lay_out(
         return np.bincount(charts.chart, area * values[sides.face, sides.side], len(total)) / total
 
     weight = np.ones(len(total))
-    if exposure is not None:  # the square root of a chart's mean exposure, relative to the median by area
+    if (
+        exposure is not None
+    ):  # the square root of a chart's mean exposure, relative to the median by area
         seen = mean(exposure)
         order = np.argsort(seen)
         place = np.searchsorted(np.cumsum(total[order]), total.sum() / 2)
         usual = max(float(seen[order[min(place, len(order) - 1)]]), 1e-12)
         weight *= np.clip(np.sqrt(seen / usual), SPARSEST, DENSEST)
-    if contrast is not None:  # an edge's error grows with texel size: the cube root minimises the sum of errors
+    if (
+        contrast is not None
+    ):  # an edge's error grows with texel size: the cube root minimises the sum of errors
         changes = mean(contrast)
         usual = max(float(np.average(changes, weights=total)), 1e-12)
         weight *= np.clip(np.cbrt(np.maximum(changes, 0) / usual), EVENEST, SHARPEST)
     corners, density = pack(sides.surfaces, charts, size, weight)
-    return Layout(surfaces, sides, charts, corners, density, texels(sides.surfaces, charts.chart, corners, size))
+    return Layout(
+        surfaces,
+        sides,
+        charts,
+        corners,
+        density,
+        texels(sides.surfaces, charts.chart, corners, size),
+    )

@@ -51,7 +51,9 @@ class Surfaces:
         """(F, 3): the geometric normal of each face times its area in square metres."""
         a, b, c = (self.corners_m[self.triangles[:, k]] for k in range(3))
         vectors = np.cross(b - a, c - a) / 2
-        return np.stack([np.bincount(self.triangle_face, vectors[:, k], self.faces) for k in range(3)], -1)
+        return np.stack(
+            [np.bincount(self.triangle_face, vectors[:, k], self.faces) for k in range(3)], -1
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +82,9 @@ def join(parts: list[Surfaces]) -> Surfaces:
             [p.face_start[:-1] + c for p, c in zip(parts, corners, strict=False)] + [corners[-1:]]
         ),
         triangles=np.concatenate([p.triangles + c for p, c in zip(parts, corners, strict=False)]),
-        triangle_face=np.concatenate([p.triangle_face + f for p, f in zip(parts, faces, strict=False)]),
+        triangle_face=np.concatenate(
+            [p.triangle_face + f for p, f in zip(parts, faces, strict=False)]
+        ),
         face_object=np.repeat(np.arange(len(parts)), [p.faces for p in parts]),
     )
 
@@ -92,7 +96,11 @@ def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
     side = np.repeat([FRONT, BACK], [len(s) for s in sides])
     count = np.diff(surfaces.face_start)[face]
     start = np.concatenate([[0], np.cumsum(count)])
-    corner = np.arange(start[-1]) - np.repeat(start[:-1], count) + np.repeat(surfaces.face_start[face], count)
+    corner = (
+        np.arange(start[-1])
+        - np.repeat(start[:-1], count)
+        + np.repeat(surfaces.face_start[face], count)
+    )
     at_back = np.repeat(side, count) == BACK
     place = np.full((surfaces.faces, 2), -1)
     place[face, side] = np.arange(len(face))
@@ -100,13 +108,18 @@ def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
     for which in (FRONT, BACK):
         owner = place[surfaces.triangle_face, which]
         kept, owner = owner >= 0, owner[owner >= 0]
-        moved = surfaces.triangles[kept] - surfaces.face_start[surfaces.triangle_face[kept], None] + start[owner, None]
+        moved = (
+            surfaces.triangles[kept]
+            - surfaces.face_start[surfaces.triangle_face[kept], None]
+            + start[owner, None]
+        )
         triangles.append(moved[:, ::-1] if which == BACK else moved)
         owners.append(owner)
     chosen = Surfaces(
         corners_m=surfaces.corners_m[corner],
         normals=surfaces.normals[corner] * np.where(at_back, -1.0, 1.0)[:, None],
-        vertex=surfaces.vertex[corner] + np.where(at_back, int(surfaces.vertex.max(initial=0)) + 1, 0),
+        vertex=surfaces.vertex[corner]
+        + np.where(at_back, int(surfaces.vertex.max(initial=0)) + 1, 0),
         face_start=start,
         triangles=np.concatenate(triangles),
         triangle_face=np.concatenate(owners),
@@ -173,7 +186,9 @@ def _rims(surfaces: Surfaces, chart: np.ndarray) -> np.ndarray:
     return (count[place.reshape(-1)] == 1).reshape(-1, 3)
 
 
-def _nearest(triangles: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray, size: int) -> tuple:
+def _nearest(
+    triangles: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray, size: int
+) -> tuple:
     """For every triangle of `rows` and every texel near it: texel, triangle, weights of the nearest point, and distance in texels."""
     span = high[rows] - low[rows] + 1
     counts = span.prod(1)
@@ -225,10 +240,17 @@ def _inwards(weights: np.ndarray, corners: np.ndarray, rim: np.ndarray) -> np.nd
     height = area[:, None] / np.sqrt(squared)
     for k in range(3):
         wanted = np.minimum(_INWARDS, height[:, k] / 3)
-        shift = np.where(rim[:, k] & (height[:, k] > 1e-6), np.maximum(wanted - weights[:, k] * height[:, k], 0), 0)
+        shift = np.where(
+            rim[:, k] & (height[:, k] > 1e-6),
+            np.maximum(wanted - weights[:, k] * height[:, k], 0),
+            0,
+        )
         gain = shift / np.maximum(height[:, k], 1e-6)
         step = np.zeros_like(weights)
-        for j in ((k + 1) % 3, (k + 2) % 3):  # weights change in proportion to the edges' projections on edge k
+        for j in (
+            (k + 1) % 3,
+            (k + 2) % 3,
+        ):  # weights change in proportion to the edges' projections on edge k
             step[:, j] = (edge[:, j] * edge[:, k]).sum(1) / squared[:, k] * gain
         step[:, k] = gain
         weights = weights + step

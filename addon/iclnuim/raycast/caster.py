@@ -51,7 +51,9 @@ class RayCaster:
     Raises InputError if there are no triangles or invalid indices, WorkError if embreex is missing.
     """
 
-    def __init__(self, vertices: np.ndarray, triangles: np.ndarray, held_out: np.ndarray | None = None) -> None:
+    def __init__(
+        self, vertices: np.ndarray, triangles: np.ndarray, held_out: np.ndarray | None = None
+    ) -> None:
         if not len(triangles):
             raise InputError("a surface with triangles", found="none")
         check_mesh(np.asarray(vertices), np.asarray(triangles))
@@ -59,7 +61,9 @@ class RayCaster:
             from embreex.mesh_construction import TriangleMesh
             from embreex.rtcore_scene import EmbreeScene
         except ImportError:
-            raise WorkError("ray casting needs the package embreex; try: pip install embreex") from None
+            raise WorkError(
+                "ray casting needs the package embreex; try: pip install embreex"
+            ) from None
         self._scene: Any = EmbreeScene()
         self._held_out = held_out if held_out is not None and held_out.any() else None
         TriangleMesh(self._scene, _packed(vertices), np.ascontiguousarray(triangles, np.int32))
@@ -72,15 +76,26 @@ class RayCaster:
     def cast(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
         """Cast rays with directions (..., 3), of any length, from origins (..., 3) or one origin (3,)."""
         shape = directions.shape[:-1]
-        origins, directions = (_packed(np.broadcast_to(a, (*shape, 3)).reshape(-1, 3)) for a in (origins, directions))
+        origins, directions = (
+            _packed(np.broadcast_to(a, (*shape, 3)).reshape(-1, 3)) for a in (origins, directions)
+        )
         hit = self._scene.run(origins, directions, output=True)
         triangle = hit["primID"].astype(np.int64)
         distance = np.where(triangle >= 0, hit["tfar"], np.float32(np.inf))
         uv, normal = np.stack([hit["u"], hit["v"]], -1), hit["Ng"]
-        normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), np.float32(1e-30))
-        return Hits(distance.reshape(shape), triangle.reshape(shape), uv.reshape(*shape, 2), normal.reshape(*shape, 3))
+        normal = normal / np.maximum(
+            np.linalg.norm(normal, axis=-1, keepdims=True), np.float32(1e-30)
+        )
+        return Hits(
+            distance.reshape(shape),
+            triangle.reshape(shape),
+            uv.reshape(*shape, 2),
+            normal.reshape(*shape, 3),
+        )
 
-    def depth(self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)) -> np.ndarray:
+    def depth(
+        self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)
+    ) -> np.ndarray:
         """(h, w) planar Z in metres, 0 without a hit. Rays have z = 1, so the distance along them is Z."""
         rays = camera.rays() + (offset_px[0] / camera.fx, offset_px[1] / camera.fy, 0.0)
         hits = self.cast(T_world_camera.translation, rays @ T_world_camera.rotation.T)
@@ -107,7 +122,9 @@ class Visibility:
         self._normal = np.cross(b - a, c - a)
         self.seen = np.zeros((len(model), 2), bool)
 
-    def along(self, camera: PinholeCamera, T_world_camera: SE3, on_pose: Callable[[], object]) -> None:
+    def along(
+        self, camera: PinholeCamera, T_world_camera: SE3, on_pose: Callable[[], object]
+    ) -> None:
         """Add poses (n,): the triangles at pixel centres, then those whose centroid is in the image and not occluded."""
         for k in range(len(T_world_camera)):
             T = T_world_camera[k]
@@ -123,7 +140,9 @@ class Visibility:
 
     def _in_image(self, camera: PinholeCamera, T_world_camera: SE3) -> np.ndarray:
         """(k,) triangles whose side towards the camera was not seen yet, and whose centroid projects into the image."""
-        towards = np.einsum("ij,ij->i", self._centroid - T_world_camera.translation, self._normal) < 0
+        towards = (
+            np.einsum("ij,ij->i", self._centroid - T_world_camera.translation, self._normal) < 0
+        )
         rows = np.flatnonzero(~np.where(towards, self.seen[:, FRONT], self.seen[:, BACK]))
         return rows[_in_image(self._centroid[rows], camera, T_world_camera)]
 
@@ -157,7 +176,9 @@ def seen_points(
     return seen
 
 
-def _in_image(points_m: np.ndarray, camera: PinholeCamera, T_world_camera: SE3, far_m: float = np.inf) -> np.ndarray:
+def _in_image(
+    points_m: np.ndarray, camera: PinholeCamera, T_world_camera: SE3, far_m: float = np.inf
+) -> np.ndarray:
     """(n,) bool: in front of the camera, at a depth of at most far_m, and inside the image; points (n, 3) in the world."""
     points = T_world_camera.inverse().apply(points_m)
     inside = (points[:, 2] > 1e-3) & (points[:, 2] <= far_m)
@@ -166,7 +187,9 @@ def _in_image(points_m: np.ndarray, camera: PinholeCamera, T_world_camera: SE3, 
     return inside
 
 
-def viewpoints(space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed: int) -> list[Waypoint]:
+def viewpoints(
+    space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed: int
+) -> list[Waypoint]:
     """`count` waypoints above one connected floor, ordered for short routes. Raises InputError if there are not enough free places."""
     if not 2 <= count <= 100:
         raise InputError("2 to 100 viewpoints", found=count)
@@ -190,7 +213,9 @@ def viewpoints(space: FreeSpace, caster: RayCaster, count: int, clear_m: float, 
     remaining, order = list(range(1, count)), [0]
     while remaining:  # always to the nearest remaining one
         here = places[order[-1]]
-        order.append(remaining.pop(int(np.argmin([np.linalg.norm(places[k] - here) for k in remaining]))))
+        order.append(
+            remaining.pop(int(np.argmin([np.linalg.norm(places[k] - here) for k in remaining])))
+        )
     places = places[order]
     return [Waypoint(rounded(p), rounded(_gaze(p, places, caster, rays))) for p in places]
 
@@ -206,7 +231,11 @@ def _camera_places(
 
     cells = np.argwhere(space.clearance_m >= clear_m)
     places = space.low_m + space.cell_m * cells
-    below = _cast_from(caster, places, np.array([[0.0, 0.0, -1.0]]))[0][:, 0] if len(places) else np.zeros(0)
+    below = (
+        _cast_from(caster, places, np.array([[0.0, 0.0, -1.0]]))[0][:, 0]
+        if len(places)
+        else np.zeros(0)
+    )
     slack = max(space.cell_m - 0.3, 0.0)  # with coarse cells there may be no layer at eye height
     at_eyes = (below >= _EYES_M[0] - slack) & (below <= _EYES_M[1] + slack)
     cells, places, below = cells[at_eyes], places[at_eyes], below[at_eyes]
@@ -235,7 +264,9 @@ def _in_rooms(places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.nda
     return free & (around > 0) & (around >= _ENCLOSED * around[free].max(initial=0.0))
 
 
-def _cast_from(caster: RayCaster, places: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _cast_from(
+    caster: RayCaster, places: np.ndarray, directions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """From places (n, 3) along unit directions (d, 3): distance (n, d), inf without a hit, and whether a back face was hit (n, d)."""
     shape = (len(places), len(directions), 3)
     hits = caster.cast(np.broadcast_to(places[:, None], shape), np.broadcast_to(directions, shape))
@@ -250,4 +281,6 @@ def _gaze(place: np.ndarray, places: np.ndarray, caster: RayCaster, rays: np.nda
     far = np.minimum(_cast_from(caster, place[None], level)[0][0], 10.0)
     towards = level @ (middle / max(float(np.linalg.norm(middle)), 1e-6))
     ahead = level[int((far * (1.2 + towards)).argmax())]
-    return place + 2.0 * np.array([ahead[0], ahead[1], 0.0]) / np.hypot(*ahead[:2]) + [0.0, 0.0, -0.25]
+    return (
+        place + 2.0 * np.array([ahead[0], ahead[1], 0.0]) / np.hypot(*ahead[:2]) + [0.0, 0.0, -0.25]
+    )

@@ -61,15 +61,21 @@ class GlassCaster(RayCaster):
     def __init__(self, surface: RayCaster, behind: RayCaster, holes: bool) -> None:
         self._surface, self._behind, self._holes = surface, behind, holes
 
-    def depth(self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)) -> np.ndarray:
+    def depth(
+        self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)
+    ) -> np.ndarray:
         """(h, w) planar Z in metres, 0 without depth."""
         behind = self._behind.depth(camera, T_world_camera, offset_px)
         if not self._holes:
             return behind
-        return np.where(behind == self._surface.depth(camera, T_world_camera, offset_px), behind, 0.0)
+        return np.where(
+            behind == self._surface.depth(camera, T_world_camera, offset_px), behind, 0.0
+        )
 
 
-def compare_depth(depth_z_m: np.ndarray, caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3) -> np.ndarray:
+def compare_depth(
+    depth_z_m: np.ndarray, caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3
+) -> np.ndarray:
     """(h, w) signed error in metres; NaN on edges, +-inf where only one of the two has depth. Raises InputError for an image of another size."""
     if depth_z_m.shape != (camera.height, camera.width):
         found = " x ".join(map(str, depth_z_m.shape[::-1]))
@@ -81,7 +87,9 @@ def compare_depth(depth_z_m: np.ndarray, caster: RayCaster, camera: PinholeCamer
     return error
 
 
-def _edges(caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3, centre: np.ndarray) -> np.ndarray:
+def _edges(
+    caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3, centre: np.ndarray
+) -> np.ndarray:
     """(h, w) bool: edges. On a plane 1/Z is linear in the image, so its second difference over a tenth of a pixel is 0."""
     found, nothing_around = np.zeros(centre.shape, bool), np.ones(centre.shape, bool)
     for u, v in ((EDGE_OFFSET_PX, 0.0), (0.0, EDGE_OFFSET_PX)):
@@ -117,19 +125,27 @@ class TruthCaster:
         self._model, self._caster = model, RayCaster.of_model(model)
         self._of_instance: dict[int, RayCaster] = {}
 
-    def frame(self, camera: PinholeCamera, T_world_camera: SE3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def frame(
+        self, camera: PinholeCamera, T_world_camera: SE3
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(h, w) planar Z in metres, 0 without a hit; (h, w) instance; (h, w, 3) unit normal of the visible side, in the cv camera's frame."""
         rays = camera.rays() @ T_world_camera.rotation.T
         hits = self._caster.cast(T_world_camera.translation, rays)
         triangle = np.maximum(hits.triangle, 0)
         seen = (hits.triangle >= 0) & (self._model.instance[triangle] > 0)
         u, v = np.moveaxis(hits.uv.astype(float), -1, 0)
-        normal = np.einsum("hwk,hwkc->hwc", np.stack([1 - u - v, u, v], -1), self._model.normals[triangle])
+        normal = np.einsum(
+            "hwk,hwkc->hwc", np.stack([1 - u - v, u, v], -1), self._model.normals[triangle]
+        )
         a, b, c = np.moveaxis(self._model.corners_m[triangle], -2, 0)
         behind = np.einsum("hwc,hwc->hw", np.cross(b - a, c - a), rays) > 0
         normal = np.where(behind[..., None], -normal, normal) @ T_world_camera.rotation
         normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
-        return np.where(seen, hits.distance, 0), np.where(seen, self._model.instance[triangle], 0), normal
+        return (
+            np.where(seen, hits.distance, 0),
+            np.where(seen, self._model.instance[triangle], 0),
+            normal,
+        )
 
     def compare(
         self, frame: dict[str, np.ndarray], camera: PinholeCamera, T_world_camera: SE3
@@ -141,23 +157,31 @@ class TruthCaster:
         seen = (depth_z_m > 0) | (frame["Z"] > 0)
         same = (depth_z_m > 0) & (np.abs(frame["Z"] - depth_z_m) < _SAME_PLACE_M)
         found = np.stack([frame[name] for name in NORMAL], -1).astype(float)
-        degrees = np.degrees(2 * np.arcsin(np.minimum(np.linalg.norm(found - normal, axis=-1) / 2, 1)))
+        degrees = np.degrees(
+            2 * np.arcsin(np.minimum(np.linalg.norm(found - normal, axis=-1) / 2, 1))
+        )
         coincident = np.zeros_like(same)
         for number in np.unique(frame[INSTANCE][same & (frame[INSTANCE] != instance)]):
             rows = same & (frame[INSTANCE] == number) & (frame[INSTANCE] != instance)
-            coincident[rows] = self._coincides(int(number), camera.rays()[rows], T_world_camera, depth_z_m[rows])
+            coincident[rows] = self._coincides(
+                int(number), camera.rays()[rows], T_world_camera, depth_z_m[rows]
+            )
         single = same & ~coincident
         counts = np.array([seen.sum(), (seen & ~same).sum(), coincident.sum()])
         return (frame[INSTANCE] == instance)[single], degrees[single], counts
 
-    def _coincides(self, number: int, rays: np.ndarray, T_world_camera: SE3, depth_z_m: np.ndarray) -> np.ndarray:
+    def _coincides(
+        self, number: int, rays: np.ndarray, T_world_camera: SE3, depth_z_m: np.ndarray
+    ) -> np.ndarray:
         """(n,) whether the instance `number` is also at these depths (n,) along rays (n, 3)."""
         selected = self._model.instance == number
         if not selected.any():
             return np.zeros(len(rays), bool)
         if number not in self._of_instance:
             self._of_instance[number] = RayCaster.of_model(self._model.chosen(selected))
-        hits = self._of_instance[number].cast(T_world_camera.translation, rays @ T_world_camera.rotation.T)
+        hits = self._of_instance[number].cast(
+            T_world_camera.translation, rays @ T_world_camera.rotation.T
+        )
         return np.abs(hits.distance - depth_z_m) <= _COINCIDENT * depth_z_m
 
 

@@ -28,13 +28,17 @@ class TriangleDistance:
     Raises InputError if there are no triangles or their indices are wrong, WorkError if libigl is missing.
     """
 
-    def __init__(self, vertices: np.ndarray, triangles: np.ndarray, slab: int = SLAB_TRIANGLES) -> None:
+    def __init__(
+        self, vertices: np.ndarray, triangles: np.ndarray, slab: int = SLAB_TRIANGLES
+    ) -> None:
         if not len(triangles):
             raise InputError("a surface with triangles", found="none")
         try:
             import igl
         except ImportError:
-            raise WorkError("distances to a surface need the package libigl; try: pip install libigl") from None
+            raise WorkError(
+                "distances to a surface need the package libigl; try: pip install libigl"
+            ) from None
         self._new_tree: Any = igl.AABB
         self.vertices = np.ascontiguousarray(vertices, float)
         check_mesh(self.vertices, np.asarray(triangles))
@@ -45,7 +49,11 @@ class TriangleDistance:
     def nearest(self, points_m: np.ndarray) -> Nearest:
         """The nearest triangles of points (n, 3)."""
         points_m = np.ascontiguousarray(points_m, float)
-        found = Nearest(np.full(len(points_m), np.inf), np.zeros(len(points_m), np.int64), np.zeros(points_m.shape))
+        found = Nearest(
+            np.full(len(points_m), np.inf),
+            np.zeros(len(points_m), np.int64),
+            np.zeros(points_m.shape),
+        )
         if not len(points_m):
             return found
         if self._tree is not None:
@@ -86,7 +94,9 @@ class TriangleDistance:
         return Nearest(np.sqrt(squared), triangle, point_m)
 
 
-def slabs(vertices: np.ndarray, triangles: np.ndarray, max_triangles: int = SLAB_TRIANGLES) -> Iterator[np.ndarray]:
+def slabs(
+    vertices: np.ndarray, triangles: np.ndarray, max_triangles: int = SLAB_TRIANGLES
+) -> Iterator[np.ndarray]:
     """Rows of triangles (m, 3), at most `max_triangles` at a time; each part is a slab perpendicular to the longest side of the mesh."""
     if len(triangles) <= max_triangles:
         yield np.arange(len(triangles))

@@ -70,7 +70,9 @@ def check_held_out(
         found_views.append(HeldOutView(*place, _unseen(caster, camera, view, T_world_training)))
         if found_views[-1].unseen > MAX_UNSEEN:
             expected = f"held-out views with at most {MAX_UNSEEN:.0%} of pixels whose surface no training view saw"
-            raise InputError(expected, found=f"view {k} with {found_views[-1].unseen:.1%}", hint=_HINT)
+            raise InputError(
+                expected, found=f"view {k} with {found_views[-1].unseen:.1%}", hint=_HINT
+            )
         on_view()
     return found_views
 
@@ -110,7 +112,9 @@ def _candidate(caster: RayCaster, T_world_training: SE3, rng: np.random.Generato
     """A view without roll of a point that a training view sees, from a position nearer to the point, or between two training views. None if
     the position is too close to a surface, or not visible from the training view.
     """
-    training, other_training = (T_world_training[int(row)] for row in rng.integers(len(T_world_training), size=2))
+    training, other_training = (
+        T_world_training[int(row)] for row in rng.integers(len(T_world_training), size=2)
+    )
     ray = training.rotation @ [*rng.uniform((-0.3, -0.2), (0.3, 0.2)), 1.0]
     distance = float(caster.cast(training.translation, ray[None]).distance[0])
     around = rng.normal(scale=(np.radians(30), 0.1)) * rng.random()
@@ -119,7 +123,11 @@ def _candidate(caster: RayCaster, T_world_training: SE3, rng: np.random.Generato
     if not np.isfinite(distance):
         return None
     point = training.translation + distance * ray
-    place = training.translation + between * (other_training.translation - training.translation) + offset
+    place = (
+        training.translation
+        + between * (other_training.translation - training.translation)
+        + offset
+    )
     if not is_between:
         rotated = so3.exp(np.array([0.0, 0.0, around[0]])) @ (training.translation - point)
         place = point + nearer * rotated + [0.0, 0.0, around[1] * distance]
@@ -149,12 +157,16 @@ def _nearest(view: SE3, others: SE3) -> tuple[float, float]:
     """Distance in metres and angle in degrees between the view and the most similar of the others (k,)."""
     distance_m = np.linalg.norm(others.translation - view.translation, axis=-1)
     ahead, their_ahead = view.rotation[:, 2], others.rotation[..., 2]
-    angle_deg = np.degrees(np.arctan2(np.linalg.norm(np.cross(their_ahead, ahead), axis=-1), their_ahead @ ahead))
+    angle_deg = np.degrees(
+        np.arctan2(np.linalg.norm(np.cross(their_ahead, ahead), axis=-1), their_ahead @ ahead)
+    )
     k = int(np.maximum(distance_m / MIN_DISTANCE_M, angle_deg / MIN_ANGLE_DEG).argmin())
     return float(distance_m[k]), float(angle_deg[k])
 
 
-def _unseen(caster: RayCaster, camera: PinholeCamera, view: SE3, T_world_training: SE3, count: int = _RAYS) -> float:
+def _unseen(
+    caster: RayCaster, camera: PinholeCamera, view: SE3, T_world_training: SE3, count: int = _RAYS
+) -> float:
     """Share of a view's pixels that show a side of a surface that no training view saw; pixels without a surface count as seen."""
     step = max(1, int((camera.width * camera.height / count) ** 0.5))
     rays = camera.rays()[step // 2 :: step, step // 2 :: step].reshape(-1, 3) @ view.rotation.T
@@ -163,7 +175,9 @@ def _unseen(caster: RayCaster, camera: PinholeCamera, view: SE3, T_world_trainin
     towards = rays[met]
     points = view.translation + hits.distance[met, None].astype(float) * towards
     sides = hits.normal[met] * np.where((hits.normal[met] * towards).sum(1) > 0, -1.0, 1.0)[:, None]
-    order = np.linalg.norm(T_world_training.translation - view.translation, axis=-1).argsort(kind="stable")
+    order = np.linalg.norm(T_world_training.translation - view.translation, axis=-1).argsort(
+        kind="stable"
+    )
     for start in range(0, len(order), _BATCH):  # the nearest views usually saw most points
         some = T_world_training[order[start : start + _BATCH]]
         remaining = ~seen_points(caster, points, camera, some, np.inf, lambda: None, sides)

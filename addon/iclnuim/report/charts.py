@@ -41,7 +41,9 @@ def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
     _label_plane(above, (0, 1))
     above.set_title("x-y plane, from above where z is up: start \u25cf, end \u25a1")
     above.legend(loc="best", fontsize="small")
-    for axes, label in zip(over_time, ("position (m)", "speed (m/s)", "rotation rate (\u00b0/s)"), strict=True):
+    for axes, label in zip(
+        over_time, ("position (m)", "speed (m/s)", "rotation rate (\u00b0/s)"), strict=True
+    ):
         axes.set_ylabel(label)
         axes.grid(alpha=0.3)
     for axes in over_time[1:]:
@@ -55,7 +57,9 @@ def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
 def positions_z_up_m(loaded: LoadedTrajectory) -> np.ndarray:
     """(n, 3) positions; those in the anchored worlds of gt.freiburg and gt.sim (y down) are rotated to z up."""
     positions_m = loaded.trajectory.positions_m
-    return positions_m @ Z_UP_FROM_Y_DOWN.T if loaded.read_as.frame == ANCHORED_WORLD else positions_m
+    return (
+        positions_m @ Z_UP_FROM_Y_DOWN.T if loaded.read_as.frame == ANCHORED_WORLD else positions_m
+    )
 
 
 def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 110) -> None:
@@ -69,10 +73,14 @@ def _draw_over_time(axes: list[Axes], loaded: LoadedTrajectory, colour: str, sin
     time_s = trajectory.stamps_s - trajectory.stamps_s[0]
     for axis, style in enumerate(("-", "--", ":")):
         axis_colour = COLOURS[axis] if single else colour
-        axes[0].plot(time_s, positions_m[:, axis], style, color=axis_colour, linewidth=1.2, label="xyz"[axis])
+        axes[0].plot(
+            time_s, positions_m[:, axis], style, color=axis_colour, linewidth=1.2, label="xyz"[axis]
+        )
     steps_s, middle_s = np.diff(time_s), (time_s[1:] + time_s[:-1]) / 2
     axes[1].plot(middle_s, trajectory.step_lengths_m() / steps_s, color=colour, linewidth=0.8)
-    axes[2].plot(middle_s, np.degrees(trajectory.step_angles_rad()) / steps_s, color=colour, linewidth=0.8)
+    axes[2].plot(
+        middle_s, np.degrees(trajectory.step_angles_rad()) / steps_s, color=colour, linewidth=0.8
+    )
 
 
 # -- errors of an estimate
@@ -83,30 +91,56 @@ def error_figure(report: Report) -> Figure:
     figure = Figure(figsize=(11, 8), layout="constrained")
     figure.suptitle(title(report.to_dict()))
     (first, along), (over_time, rotation) = figure.subplots(2, 2)
-    result, stamps_s, errors_m = report.result, report.result.stamps_s, report.result.translation_error_m
+    result, stamps_s, errors_m = (
+        report.result,
+        report.result.stamps_s,
+        report.result.translation_error_m,
+    )
     if isinstance(result, AbsoluteError):
-        truth = report.reference.loaded.trajectory  # complete, so that gaps of the estimate are visible
+        truth = (
+            report.reference.loaded.trajectory
+        )  # complete, so that gaps of the estimate are visible
         plane, coloured = widest_plane(truth.T_world_camera), result.aligned
         name = "the estimate, coloured by its error"
-        _trajectory(first, truth.stamps_s, truth.T_world_camera, plane, REFERENCE_COLOUR, "ground truth", width=3.0)
+        _trajectory(
+            first,
+            truth.stamps_s,
+            truth.T_world_camera,
+            plane,
+            REFERENCE_COLOUR,
+            "ground truth",
+            width=3.0,
+        )
         _trajectory(first, stamps_s, result.aligned, plane, ESTIMATE_COLOUR, "estimate")
         first.set_title("trajectories")
         first.legend()
     else:
         shares = 100 * np.arange(1, len(errors_m) + 1) / len(errors_m)
         first.plot(np.sort(errors_m), shares, color=ESTIMATE_COLOUR)
-        first.set(title="RPE pairs within an error", xlabel="translation error (m)", ylabel="share of RPE pairs (%)")
+        first.set(
+            title="RPE pairs within an error",
+            xlabel="translation error (m)",
+            ylabel="share of RPE pairs (%)",
+        )
         first.set(xlim=(0, None), ylim=(0, 102))
         plane, coloured = widest_plane(result.reference), result.reference[result.start]
         name = "where the RPE pairs start, coloured by their error"
         _trajectory(along, stamps_s, result.reference, plane, REFERENCE_COLOUR, "ground truth")
         stamps_s = stamps_s[result.start]
-    dots = along.scatter(*coloured.translation[:, plane].T, c=errors_m, s=7, cmap="viridis", zorder=3)
+    dots = along.scatter(
+        *coloured.translation[:, plane].T, c=errors_m, s=7, cmap="viridis", zorder=3
+    )
     figure.colorbar(dots, ax=along, label="translation error (m)")
     _label_plane(along, plane)
     along.set_title(name)
     _series(over_time, stamps_s, errors_m, "translation error (m)", ESTIMATE_COLOUR)
-    _series(rotation, stamps_s, np.degrees(result.rotation_error_rad), "rotation error (deg)", ROTATION_COLOUR)
+    _series(
+        rotation,
+        stamps_s,
+        np.degrees(result.rotation_error_rad),
+        "rotation error (deg)",
+        ROTATION_COLOUR,
+    )
     return figure
 
 
@@ -122,7 +156,13 @@ def widest_axes(positions_m: np.ndarray) -> tuple[int, int]:
 
 
 def _trajectory(
-    chart: Axes, stamps_s: np.ndarray, poses: SE3, plane: tuple[int, int], colour: str, label: str, width: float = 1.2
+    chart: Axes,
+    stamps_s: np.ndarray,
+    poses: SE3,
+    plane: tuple[int, int],
+    colour: str,
+    label: str,
+    width: float = 1.2,
 ) -> None:
     _, broken = _with_gaps(stamps_s, poses.translation)
     chart.plot(*broken[:, plane].T, color=colour, linewidth=width, label=label)

@@ -33,7 +33,9 @@ class OtherReading:
     given_rotation_rmse_deg: float
 
     @classmethod
-    def of(cls, estimate: Trajectory, given: AbsoluteError | RelativeError, measure: Measure) -> "OtherReading | None":
+    def of(
+        cls, estimate: Trajectory, given: AbsoluteError | RelativeError, measure: Measure
+    ) -> "OtherReading | None":
         """The reading of the estimate with much smaller errors by `measure` than those `given`; None if there is none."""
         metres, degrees = given.translation_m.rmse, given.rotation_deg.rmse
         for kind, poses in (("inverse", SE3.inverse), ("wxyz", _scalar_first)):
@@ -61,7 +63,10 @@ class OtherReading:
     def sentence(self, format: str) -> str:
         """A warning with advice; `format`: the name of the format in which the estimate was read."""
         if self.kind == "inverse":
-            what, errors = "inverted", f"{1000 * self.rmse_m:.3g} mm instead of {1000 * self.given_rmse_m:.3g}"
+            what, errors = (
+                "inverted",
+                f"{1000 * self.rmse_m:.3g} mm instead of {1000 * self.given_rmse_m:.3g}",
+            )
             why = "its poses may be world to camera"
         else:
             what, why = "with quaternions qw qx qy qz", "they may have the scalar first"

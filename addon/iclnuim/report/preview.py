@@ -10,7 +10,14 @@ from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_images, read_truth
+from ..dataset.frames import (
+    ImagePair,
+    find_pairs,
+    read_camera,
+    read_depth_m,
+    read_images,
+    read_truth,
+)
 from ..dataset.inspection import carried_residual
 from ..dataset.layout import SequenceCamera
 from ..errors import InputError
@@ -29,13 +36,21 @@ def draw_preview(folder: Path, out: Path, progress: Callable[[int, str], Any]) -
     pairs = find_pairs(folder)
     camera = read_camera(folder, pairs[0].rgb)
     spread = sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _ROWS)})
-    valid_m = np.concatenate([depth[depth > 0] for depth in (_metres(pairs[i], camera) for i in spread)])
+    valid_m = np.concatenate(
+        [depth[depth > 0] for depth in (_metres(pairs[i], camera) for i in spread)]
+    )
     # depth range of the colour map, the same for all frames
     range_m = tuple(np.percentile(valid_m, (1, 99)).tolist()) if valid_m.size else (0.0, 1.0)
     errors = _error_tiles(folder, pairs, spread, camera)
-    rows = [np.hstack([_tiles(pairs[i], camera, range_m), error]) for i, error in zip(spread, errors, strict=True)]
+    rows = [
+        np.hstack([_tiles(pairs[i], camera, range_m), error])
+        for i, error in zip(spread, errors, strict=True)
+    ]
     make_folder(out)
-    write_png(out / "preview.png", np.ascontiguousarray(np.vstack([_captions(rows[0].shape[1], range_m), *rows])))
+    write_png(
+        out / "preview.png",
+        np.ascontiguousarray(np.vstack([_captions(rows[0].shape[1], range_m), *rows])),
+    )
     filmed = pairs[:: max(1, -(-len(pairs) // _FILM_FRAMES))]
     bar, frames = progress(len(filmed), "film"), []
     for pair in filmed:
@@ -52,7 +67,15 @@ def _captions(width: int, range_m: tuple[float, float]) -> np.ndarray:
     error = f"off its neighbour: black 0, yellow {100 * _ERROR_FULL_M:g} cm"
     texts = ("colour", f"depth: red {range_m[0]:.1f} m, blue {range_m[1]:.1f} m, black none", error)
     for k, text in enumerate(texts):
-        figure.text((k + 0.5) / 3, 0.5, text, color="white", fontsize=min(9, width / 110), ha="center", va="center")
+        figure.text(
+            (k + 0.5) / 3,
+            0.5,
+            text,
+            color="white",
+            fontsize=min(9, width / 110),
+            ha="center",
+            va="center",
+        )
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[:, :width, :3]
 
@@ -72,7 +95,9 @@ def _tiles(pair: ImagePair, camera: SequenceCamera, range_m: tuple[float, float]
     return np.hstack([_halved(rgb), _halved(image)])
 
 
-def _error_tiles(folder: Path, pairs: list[ImagePair], chosen: list[int], camera: SequenceCamera) -> list[np.ndarray]:
+def _error_tiles(
+    folder: Path, pairs: list[ImagePair], chosen: list[int], camera: SequenceCamera
+) -> list[np.ndarray]:
     """Difference to the depth of a frame half a second away, reprojected to this frame; grey where it is unknown."""
     tiles, truth = [], read_truth(folder)
     for i in chosen:
@@ -82,7 +107,9 @@ def _error_tiles(folder: Path, pairs: list[ImagePair], chosen: list[int], camera
         if truth and truth.stamps_s[0] <= stamps_s.min() < stamps_s.max() <= truth.stamps_s[-1]:
             poses = sample(truth, stamps_s)
             current, other = (_metres(pairs[n], camera) for n in (i, j))
-            residual = carried_residual(current, other, poses[1].inverse() @ poses[0], camera.pinhole)
+            residual = carried_residual(
+                current, other, poses[1].inverse() @ poses[0], camera.pinhole
+            )
             shown = np.isfinite(residual)
             tile[shown] = _colours(np.abs(residual[shown]) / _ERROR_FULL_M, "inferno")
         tiles.append(_halved(tile))
@@ -91,7 +118,9 @@ def _error_tiles(folder: Path, pairs: list[ImagePair], chosen: list[int], camera
 
 def _colours(share: np.ndarray, name: str) -> np.ndarray:
     """Shares 0..1 as one of 256 colours of a matplotlib colour map."""
-    return colormaps[name](np.rint(np.clip(share, 0, 1) * 255).astype(np.uint8), bytes=True)[..., :3]
+    return colormaps[name](np.rint(np.clip(share, 0, 1) * 255).astype(np.uint8), bytes=True)[
+        ..., :3
+    ]
 
 
 def _halved(image: np.ndarray) -> np.ndarray:
@@ -107,7 +136,9 @@ def write_web_film(folder: Path, path: Path, first: int | None = None) -> None:
     camera = read_camera(folder, pairs[0].rgb)
     pairs = pairs[:: -(-len(pairs) // _WEB_FRAMES)]
     depth_z_m = _metres(pairs[len(pairs) // 2], camera)
-    near, far = np.percentile(depth_z_m[depth_z_m > 0], (1, 99)).tolist() if depth_z_m.any() else (0.0, 1.0)
+    near, far = (
+        np.percentile(depth_z_m[depth_z_m > 0], (1, 99)).tolist() if depth_z_m.any() else (0.0, 1.0)
+    )
     frames = [_halved(_tiles(pair, camera, (near, far))) for pair in pairs]
     atomic_write(path, lambda temporary: _write_film(temporary, frames, "VP80"))
 

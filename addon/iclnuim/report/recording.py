@@ -62,11 +62,16 @@ class Recorder:
         size = [camera.width, camera.height]
         axes = self.rerun.ViewCoordinates.RDF
         pinhole = self.rerun.Pinhole(
-            image_from_camera=camera.K, resolution=size, camera_xyz=axes, image_plane_distance=_PLANE_M
+            image_from_camera=camera.K,
+            resolution=size,
+            camera_xyz=axes,
+            image_plane_distance=_PLANE_M,
         )
         self.static(entity, pinhole)
 
-    def trajectory(self, entity: str, positions_m: np.ndarray, colour: tuple[int, int, int]) -> None:
+    def trajectory(
+        self, entity: str, positions_m: np.ndarray, colour: tuple[int, int, int]
+    ) -> None:
         """Log a line through positions (n, 3), valid at all times."""
         self.static(entity, self.rerun.LineStrips3D([positions_m], colors=[colour]))
 
@@ -83,7 +88,9 @@ class Recorder:
 def check_recording(path: Path) -> None:
     """Check a path before long work. Raises InputError for a name without .rrd or a missing folder, WorkError without the package rerun-sdk."""
     if path.suffix != ENDING:
-        raise InputError(f"a recording's name ending in {ENDING}", path=path, found=path.suffix or "no ending")
+        raise InputError(
+            f"a recording's name ending in {ENDING}", path=path, found=path.suffix or "no ending"
+        )
     check_file(path)
     _package()
 
@@ -92,7 +99,9 @@ def _package() -> Any:
     try:
         import rerun
     except ImportError as error:
-        raise WorkError(f"recordings need the package rerun-sdk ({error}); try: pip install iclnuim[rerun]") from None
+        raise WorkError(
+            f"recordings need the package rerun-sdk ({error}); try: pip install iclnuim[rerun]"
+        ) from None
     return rerun
 
 
@@ -112,7 +121,8 @@ def record(path: Path | str, of: Path | str, fill: Callable[[Recorder], None]) -
                 fill(Recorder(stream, rerun))
             except rerun.error_utils.RerunWarning as warning:
                 raise WorkError(
-                    f"{path}: rerun {rerun.__version__}: {warning}", hint="another version of rerun-sdk"
+                    f"{path}: rerun {rerun.__version__}: {warning}",
+                    hint="another version of rerun-sdk",
                 ) from None
             finally:
                 stream.disconnect()
@@ -121,7 +131,9 @@ def record(path: Path | str, of: Path | str, fill: Callable[[Recorder], None]) -
 
 
 def record_sequence(
-    path: Path | str, folder: Path | str, progress: Callable[[int], Callable[[], object]] = lambda count: lambda: None
+    path: Path | str,
+    folder: Path | str,
+    progress: Callable[[int], Callable[[], object]] = lambda count: lambda: None,
 ) -> None:
     """Record colour and depth of a sequence in any format, its camera, and the ground-truth poses, if any. The PNG and JPEG files of colour are
     included unchanged, depth in its units. progress(count) returns a function that is called after each frame. Raises InputError if a file
@@ -150,10 +162,15 @@ def record_sequence(
 def _images(recorder: Recorder, rgb: Path, depth: Path, units: float) -> None:
     read_colour8(rgb)  # raises InputError for a broken image
     kind = "image/png" if read_bytes(rgb).startswith(b"\x89PNG") else "image/jpeg"
-    recorder.log(f"{_CAMERA}/image/rgb", recorder.rerun.EncodedImage(contents=read_bytes(rgb), media_type=kind))
+    recorder.log(
+        f"{_CAMERA}/image/rgb",
+        recorder.rerun.EncodedImage(contents=read_bytes(rgb), media_type=kind),
+    )
     metres = depth.suffix == ARRAY
     image = read_depth_m(depth, units) if metres else read_depth16(depth)
-    recorder.log(f"{_CAMERA}/image/depth", recorder.rerun.DepthImage(image, meter=1.0 if metres else units))
+    recorder.log(
+        f"{_CAMERA}/image/depth", recorder.rerun.DepthImage(image, meter=1.0 if metres else units)
+    )
 
 
 def poses_at(stamps_s: np.ndarray, truth: Trajectory | None) -> Iterable[SE3 | None]:

@@ -57,7 +57,11 @@ class Source:
     loaded: LoadedTrajectory
 
     def to_dict(self) -> dict:
-        return {"path": self.path, "poses": len(self.loaded.trajectory), "taken": self.loaded.read_as.sentence}
+        return {
+            "path": self.path,
+            "poses": len(self.loaded.trajectory),
+            "taken": self.loaded.read_as.sentence,
+        }
 
 
 @dataclass(frozen=True)
@@ -79,10 +83,16 @@ class BetterOffset:
         shifted = replace(settings, association=replace(settings.association, offset_s=found[0]))
         try:
             same = estimate[np.unique(pair_up(reference, estimate, shifted.association).second)]
-            with_it, without = (_measured(reference, same, s).translation_m.rmse for s in (shifted, settings))
+            with_it, without = (
+                _measured(reference, same, s).translation_m.rmse for s in (shifted, settings)
+            )
         except InputError:
             return None
-        return cls(found[0], with_it, without) if with_it < WORTH_SHARE * min(rmse_m, without) else None
+        return (
+            cls(found[0], with_it, without)
+            if with_it < WORTH_SHARE * min(rmse_m, without)
+            else None
+        )
 
 
 #: Other scales than these are no drift of an odometer in metres, but another unit of length, or none.
@@ -106,7 +116,11 @@ class OtherUnit:
 
     @classmethod
     def of(
-        cls, reference: Trajectory, estimate: Trajectory, settings: Settings, given: AbsoluteError | RelativeError
+        cls,
+        reference: Trajectory,
+        estimate: Trajectory,
+        settings: Settings,
+        given: AbsoluteError | RelativeError,
     ) -> "OtherUnit | None":
         """The other scale, with the error under the same settings; None if no scale far from 1 fits, or the settings correct the scale."""
         if given.mirror.rotation_rms_m >= _FITS * given.mirror.extent_m:
@@ -114,10 +128,14 @@ class OtherUnit:
         try:
             if isinstance(settings, AbsoluteErrorSettings):
                 alignment = replace(settings.alignment, method="sim3")
-                absolute = absolute_error(reference, estimate, replace(settings, alignment=alignment))
+                absolute = absolute_error(
+                    reference, estimate, replace(settings, alignment=alignment)
+                )
                 scale, rmse_m = absolute.alignment.scale, absolute.translation_m.rmse
             else:
-                relative = relative_error(reference, estimate, replace(settings, correct_scale=True))
+                relative = relative_error(
+                    reference, estimate, replace(settings, correct_scale=True)
+                )
                 scale, rmse_m = relative.scale, relative.translation_m.rmse
         except InputError:
             return None
@@ -127,14 +145,24 @@ class OtherUnit:
 
     @property
     def sentence(self) -> str:
-        names = [name for name, length_m in _UNITS_M.items() if abs(self.scale / length_m - 1) < _UNIT_SHARE]
+        names = [
+            name
+            for name, length_m in _UNITS_M.items()
+            if abs(self.scale / length_m - 1) < _UNIT_SHARE
+        ]
         unit = f"it may be in {names[0]}" if names else "it may have no unit of length"
-        advice = "try converting it to metres, or correcting its scale" if names else "try correcting its scale"
+        advice = (
+            "try converting it to metres, or correcting its scale"
+            if names
+            else "try correcting its scale"
+        )
         errors = f"{1000 * self.rmse_m:.3g} mm instead of {1000 * self.given_rmse_m:.3g}"
         return f"the estimate fits much better multiplied by {self.scale:.4g}: {errors}; {unit}; {advice}"
 
 
-def _measured(reference: Trajectory, estimate: Trajectory, settings: Settings) -> AbsoluteError | RelativeError:
+def _measured(
+    reference: Trajectory, estimate: Trajectory, settings: Settings
+) -> AbsoluteError | RelativeError:
     measure: Any = absolute_error if isinstance(settings, AbsoluteErrorSettings) else relative_error
     return measure(reference, estimate, settings)
 
@@ -161,7 +189,11 @@ class Report:
             explained = result.mirror.mirrored or unit
             measure = partial(_measured, both[0], settings=settings)
             other = None if explained else OtherReading.of(both[1], result, measure)
-            offset = None if explained or other else BetterOffset.of(*both, settings, result.translation_m.rmse)
+            offset = (
+                None
+                if explained or other
+                else BetterOffset.of(*both, settings, result.translation_m.rmse)
+            )
         except InputError as error:
             if error.path is not None:
                 raise
@@ -181,12 +213,16 @@ class Report:
             advice = "gt.freiburg if its poses are left-handed with frame ids, else making it again with fy = +480"
             if self.estimate.loaded.read_as.handedness == "left":
                 advice = "tum or tum-ids, since it was read as left-handed"
-            reflected, rotated = (f"{1000 * rms:.3g} mm" for rms in (mirror.reflection_rms_m, mirror.rotation_rms_m))
+            reflected, rotated = (
+                f"{1000 * rms:.3g} mm" for rms in (mirror.reflection_rms_m, mirror.rotation_rms_m)
+            )
             errors = f"the error of the best reflection is {reflected}, that of the best rotation {rotated}"
             found.append(f"the estimate is mirrored: {errors}; try reading it as {advice}")
         if better := self.better_offset:
             errors = f"{1000 * better.rmse_m:.3g} mm instead of {1000 * better.given_rmse_m:.3g} on the same poses"
-            found.append(f"another time offset fits much better: {errors}; try an offset of {better.offset_s:.9g} s")
+            found.append(
+                f"another time offset fits much better: {errors}; try an offset of {better.offset_s:.9g} s"
+            )
         if self.other_unit:
             found.append(self.other_unit.sentence)
         elif self.other_reading:
@@ -227,7 +263,10 @@ class Report:
             settings = {"stretch": settings, **rest}
             coverage = result.association.coverage
             before = {"coverage": coverage, "stretches": len(result.start), "scale": result.scale}
-        rms_m = {"rotation_rms_m": mirror.rotation_rms_m, "reflection_rms_m": mirror.reflection_rms_m}
+        rms_m = {
+            "rotation_rms_m": mirror.rotation_rms_m,
+            "reflection_rms_m": mirror.reflection_rms_m,
+        }
         return {
             "metric": "ate" if after else "rpe",
             "reference": self.reference.to_dict(),
@@ -250,7 +289,11 @@ class Report:
         result, pairs = self.result, self.result.association
         errors = [result.translation_error_m, np.degrees(result.rotation_error_rad)]
         if isinstance(result, AbsoluteError):
-            header = "reference_index,estimate_index,reference_stamp_s,time_difference_s," + ERRORS + ",x_m,y_m,z_m"
+            header = (
+                "reference_index,estimate_index,reference_stamp_s,time_difference_s,"
+                + ERRORS
+                + ",x_m,y_m,z_m"
+            )
             index = [pairs.first, pairs.second]
             numbers = [result.stamps_s, pairs.difference_s, *errors, *result.aligned.translation.T]
         else:
@@ -265,7 +308,10 @@ class Report:
 def error_text(values: dict) -> str:
     """The text for the terminal, from an `ate` or `rpe` dictionary of to_dict()."""
     lines = [title(values), f"{'':16}" + "".join(f"{name:>11}" for name in STATISTICS)]
-    for label, key in (("translation (m)", "translation_error_m"), ("rotation (deg)", "rotation_error_deg")):
+    for label, key in (
+        ("translation (m)", "translation_error_m"),
+        ("rotation (deg)", "rotation_error_deg"),
+    ):
         lines.append(f"{label:16}" + "".join(_cell(values[key][name]) for name in STATISTICS))
     poses = f"{values['reference']['poses']} ground-truth and {values['estimate']['poses']} estimated poses"
     apart = f"stamps at most {1000 * values['largest_difference_s']:.3f} ms apart"
@@ -273,7 +319,10 @@ def error_text(values: dict) -> str:
     if values["metric"] == "rpe":
         lines.append(f"{values['stretches']} RPE pairs; {pairs}")
     else:
-        shares = (f"{100 * s:.1f} % within {bound.replace('cm', ' cm')}" for bound, s in values["recall"].items())
+        shares = (
+            f"{100 * s:.1f} % within {bound.replace('cm', ' cm')}"
+            for bound, s in values["recall"].items()
+        )
         covered = f"{100 * values['coverage']:.1f} % have an estimate"
         lines += [pairs, ", ".join((f"of all ground-truth frames: {covered}", *shares))]
         lines.append(f"area under the error curve to 10 cm: {values['area_under_curve']:.4f}")
@@ -287,11 +336,17 @@ def _cell(value: float) -> str:
 
 def title(values: dict) -> str:
     """One line: the metric, the two files, and the settings."""
-    estimate, reference = (os.path.basename(os.path.normpath(values[k]["path"])) for k in ("estimate", "reference"))
+    estimate, reference = (
+        os.path.basename(os.path.normpath(values[k]["path"])) for k in ("estimate", "reference")
+    )
     settings = values["settings"]
     if values["metric"] == "rpe":
         pair = settings["stretch"]
-        unit = {"frames": "frames" if pair["delta"] > 1 else "frame", "seconds": "s", "metres": "m"}[pair["unit"]]
+        unit = {
+            "frames": "frames" if pair["delta"] > 1 else "frame",
+            "seconds": "s",
+            "metres": "m",
+        }[pair["unit"]]
         scale = f", scale {values['scale']:.6g}" if settings["correct_scale"] else ""
         description = f"over {pair['delta']:g} {unit}, {'all pairs' if pair['all_pairs'] else 'end to end'}{scale}"
     else:

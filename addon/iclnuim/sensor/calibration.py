@@ -53,18 +53,28 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
     gains = np.asarray(exposures, float)
     if len(gains) < 2 or len(images) != len(gains) or not (np.isfinite(gains) & (gains > 0)).all():
         found = ", ".join(f"{gain:g}" for gain in gains)
-        raise InputError("two or more exposures, finite and > 0, with images each", found=found or "none")
+        raise InputError(
+            "two or more exposures, finite and > 0, with images each", found=found or "none"
+        )
     if any(stack.ndim != 4 or len(stack) < 2 or stack.dtype != np.uint8 for stack in images):
         raise InputError("two or more 8-bit images of each exposure", found="fewer")
     means = np.stack([stack.mean(0, dtype=np.float64).ravel() for stack in images])
     use = (means > _DARKEST) & (means < _BRIGHTEST)
     use &= use.sum(0) >= 2
     if not use.any():
-        raise InputError("pixels that are neither black nor white under two exposures", found="none")
+        raise InputError(
+            "pixels that are neither black nor white under two exposures", found="none"
+        )
     if any(len({image.tobytes() for image in stack}) < len(stack) for stack in images):
-        raise InputError("images of an exposure that differ by their noise", found="the same image twice")
+        raise InputError(
+            "images of an exposure that differ by their noise", found="the same image twice"
+        )
     gamma = _gamma(gains, means, use)
-    curves = {"linear": lambda v: v, "srgb": light_from_srgb, "gamma": lambda v: v**gamma}  # v: share of white
+    curves = {
+        "linear": lambda v: v,
+        "srgb": light_from_srgb,
+        "gamma": lambda v: v**gamma,
+    }  # v: share of white
     spreads = {name: _spread(gains, curve(means / 255), use) for name, curve in curves.items()}
     # the free exponent can always fit a power law better: a named curve that is at most 5 % worse is preferred
     best = min(spreads, key=lambda name: spreads[name] * (1.05 if name == "gamma" else 1.0))
@@ -102,12 +112,17 @@ def calibrate_depth(
 def _gamma(exposures: np.ndarray, means: np.ndarray, use: np.ndarray) -> float:
     """gamma of value = light^(1/gamma): the slope of log exposure over log value. Each pixel's mean is subtracted, then all are pooled."""
     weights = use.astype(float)
-    log_v, log_e = np.log(np.where(use, means, 1)), np.broadcast_to(np.log(exposures)[:, None], means.shape)
+    log_v, log_e = (
+        np.log(np.where(use, means, 1)),
+        np.broadcast_to(np.log(exposures)[:, None], means.shape),
+    )
     count = np.maximum(weights.sum(0), 1)
     x, y = (values - (weights * values).sum(0) / count for values in (log_e, log_v))
     slope = (weights * x * y).sum() / (weights * x * x).sum()
     if not slope > 0.01:
-        raise InputError("images that get brighter with the exposure", found=f"a slope of {slope:.3g}")
+        raise InputError(
+            "images that get brighter with the exposure", found=f"a slope of {slope:.3g}"
+        )
     return float(1 / slope)
 
 
@@ -117,7 +132,9 @@ def _spread(exposures: np.ndarray, light: np.ndarray, use: np.ndarray) -> float:
     return float(np.mean(np.nanstd(scene, 0) / np.nanmean(scene, 0)))
 
 
-def _noise_points(images: Sequence[np.ndarray], light_of_value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _noise_points(
+    images: Sequence[np.ndarray], light_of_value: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean light and variance over repeats, for groups of pixels of similar light. The variance of rounding to 8 bits is subtracted."""
     step = np.gradient(light_of_value)
     lights, variances = [], []
@@ -126,14 +143,19 @@ def _noise_points(images: Sequence[np.ndarray], light_of_value: np.ndarray) -> t
         use = (mean_value > _DARKEST) & (mean_value < _BRIGHTEST)
         samples = light_of_value[stack][:, use]
         lights.append(samples.mean(0))
-        variances.append(samples.var(0, ddof=1) - np.interp(mean_value[use], np.arange(256), step) ** 2 / 12)
+        variances.append(
+            samples.var(0, ddof=1) - np.interp(mean_value[use], np.arange(256), step) ** 2 / 12
+        )
     light, variance = np.concatenate(lights), np.concatenate(variances)
     groups = np.array_split(np.argsort(light), min(_BINS, max(2, len(light) // 50)))
     light, variance = (np.array([values[g].mean() for g in groups]) for values in (light, variance))
     # closer to black or white than this, clipping reduces the variance
     whole = np.minimum(light, 1 - light) > 3.5 * np.sqrt(np.maximum(variance, 0))
     if whole.sum() < 2:
-        raise InputError("pixels well between black and white, of two brightnesses", found=f"{whole.sum()} groups")
+        raise InputError(
+            "pixels well between black and white, of two brightnesses",
+            found=f"{whole.sum()} groups",
+        )
     return light[whole], variance[whole]
 
 
@@ -148,7 +170,9 @@ def _wall(depth_z_m: np.ndarray, disparity_m: float) -> tuple[float, float]:
     frames, height, width = depth_z_m.shape
     seen = depth_z_m > 0
     if seen.mean() < 0.1:
-        raise InputError("a wall that fills the depth images", found=f"{100 * seen.mean():.0f} % measured")
+        raise InputError(
+            "a wall that fills the depth images", found=f"{100 * seen.mean():.0f} % measured"
+        )
     v, u = np.mgrid[0:height, 0:width]
     design = np.column_stack([np.ones(u.size), (u / width).ravel(), (v / height).ravel()])
     disparity = np.divide(disparity_m, depth_z_m, out=np.zeros_like(depth_z_m), where=seen)
@@ -164,7 +188,9 @@ def _wall(depth_z_m: np.ndarray, disparity_m: float) -> tuple[float, float]:
     used = seen & keep.reshape(height, width)
     error = (disparity - fitted)[used]
     _refuse_relief(np.where(used, disparity - fitted, np.nan), float(np.var(error)))
-    return float((plane[1] / width) ** 2 + (plane[2] / height) ** 2), float(np.mean(error**2) - np.mean(error) ** 2)
+    return float((plane[1] / width) ** 2 + (plane[2] / height) ** 2), float(
+        np.mean(error**2) - np.mean(error) ** 2
+    )
 
 
 def _refuse_relief(error: np.ndarray, variance: float) -> None:

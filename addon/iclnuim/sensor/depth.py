@@ -18,9 +18,7 @@ _FITTED = (
     "its other part, which grows with the distance, is modelled by equation 3"
 )
 _NGUYEN = "C. V. Nguyen, S. Izadi, D. Lovell: Modeling Kinect sensor noise ..., 3DIMPVT 2012"
-_REDWOOD = (
-    "S. Choi, Q.-Y. Zhou, V. Koltun: Robust reconstruction of indoor scenes, CVPR 2015, simulated depth of its data set"
-)
+_REDWOOD = "S. Choi, Q.-Y. Zhou, V. Koltun: Robust reconstruction of indoor scenes, CVPR 2015, simulated depth of its data set"
 _MEASURED = "measured on the official noisy office kt3 frames"
 _OBLIQUE = "pixels at a larger angle between normal and ray are missing"
 _EDGE = "neighbours whose depth differs by more belong to another surface"
@@ -33,25 +31,49 @@ class PaperDepthNoise(NoiseModel):
     name = "paper"
     summary = "the paper's model: lateral shift, disparity noise and quantisation"
 
-    sigma_s_px: float = parameter(0.5, "shift in u and v", unit="px", low=0.0, source="paper, footnote 4")
-    sigma_d: float = parameter(1 / 6, "disparity noise", unit="disparity steps", low=0.0, source="paper, footnote 4")
-    disparity_cm: float = parameter(
-        KINECT_CM_PX, "disparity times depth", unit="cm x disparity steps", low=1e-3, source="paper, equation 3"
+    sigma_s_px: float = parameter(
+        0.5, "shift in u and v", unit="px", low=0.0, source="paper, footnote 4"
     )
-    edge_share: float = parameter(0.1, _EDGE, unit="share of depth", low=1e-6, source="own choice: 89 degrees here")
-    lateral: bool = parameter(True, "move each vertex along its normal", source="paper, section V.A, last paragraph")
-    sigma_theta_m: float = parameter(-4.04e-4, "sigma_theta: constant term", unit="m", source=_FITTED)
-    sigma_theta_m_per_rad: float = parameter(1.118e-3, "sigma_theta: factor of angle", unit="m/rad", source=_FITTED)
-    sigma_theta_m_per_m: float = parameter(6.26e-5, "sigma_theta: factor of depth", unit="m/m", source=_FITTED)
+    sigma_d: float = parameter(
+        1 / 6, "disparity noise", unit="disparity steps", low=0.0, source="paper, footnote 4"
+    )
+    disparity_cm: float = parameter(
+        KINECT_CM_PX,
+        "disparity times depth",
+        unit="cm x disparity steps",
+        low=1e-3,
+        source="paper, equation 3",
+    )
+    edge_share: float = parameter(
+        0.1, _EDGE, unit="share of depth", low=1e-6, source="own choice: 89 degrees here"
+    )
+    lateral: bool = parameter(
+        True, "move each vertex along its normal", source="paper, section V.A, last paragraph"
+    )
+    sigma_theta_m: float = parameter(
+        -4.04e-4, "sigma_theta: constant term", unit="m", source=_FITTED
+    )
+    sigma_theta_m_per_rad: float = parameter(
+        1.118e-3, "sigma_theta: factor of angle", unit="m/rad", source=_FITTED
+    )
+    sigma_theta_m_per_m: float = parameter(
+        6.26e-5, "sigma_theta: factor of depth", unit="m/m", source=_FITTED
+    )
     sigma_theta_m_per_rad_m: float = parameter(
         -1.732e-4, "sigma_theta: factor of angle times depth", unit="m/(rad m)", source=_FITTED
     )
-    missing_angle_deg: float = parameter(82.0, _OBLIQUE, unit="degrees", low=0.0, high=90.0, source=_MEASURED)
+    missing_angle_deg: float = parameter(
+        82.0, _OBLIQUE, unit="degrees", low=0.0, high=90.0, source=_MEASURED
+    )
 
-    def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
+    def apply(
+        self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator
+    ) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
         depth_true_m = images.as_depth(depth_z_m)
-        u, v = shifted_grid(depth_true_m, np.float32(self.sigma_s_px), rng)  # Z(x + n_x, y + n_y) of equation 3
+        u, v = shifted_grid(
+            depth_true_m, np.float32(self.sigma_s_px), rng
+        )  # Z(x + n_x, y + n_y) of equation 3
         depth_z_m = images.sample_within_surface(depth_true_m, u, v, self.edge_share)
         depth_z_m = quantised(depth_z_m, self.disparity_cm, self.sigma_d, rng)
         if not self.lateral:
@@ -68,7 +90,11 @@ class PaperDepthNoise(NoiseModel):
         return np.maximum(at_zero + slope * angle_rad, 0)
 
     def moved_along_normals(
-        self, depth_z_m: np.ndarray, normals: images.Normals, camera: PinholeCamera, rng: np.random.Generator
+        self,
+        depth_z_m: np.ndarray,
+        normals: images.Normals,
+        camera: PinholeCamera,
+        rng: np.random.Generator,
     ) -> np.ndarray:
         """Move each vertex along its normal by N(0, sigma_theta^2) and project it again.
 
@@ -104,13 +130,22 @@ class ReleasedDepthNoise(NoiseModel):
     missing_angle_deg: float = same_as(PaperDepthNoise, "missing_angle_deg")
     sigma_d: float = same_as(PaperDepthNoise, "sigma_d")
     disparity_bias: float = parameter(
-        0.5, "mean of the disparity noise", unit="disparity steps", source=_MEASURED + "; equation 3 rounded again"
+        0.5,
+        "mean of the disparity noise",
+        unit="disparity steps",
+        source=_MEASURED + "; equation 3 rounded again",
     )
     disparity_cm: float = same_as(PaperDepthNoise, "disparity_cm")
-    input_step_m: float = parameter(0.01, "rounding before the disparity", unit="m", low=1e-6, source=_MEASURED)
-    output_step_m: float = parameter(0.001, "steps that depth is cut to after it", unit="m", low=1e-6, source=_MEASURED)
+    input_step_m: float = parameter(
+        0.01, "rounding before the disparity", unit="m", low=1e-6, source=_MEASURED
+    )
+    output_step_m: float = parameter(
+        0.001, "steps that depth is cut to after it", unit="m", low=1e-6, source=_MEASURED
+    )
 
-    def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
+    def apply(
+        self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator
+    ) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
         depth_z_m = images.as_depth(depth_z_m)
         # the first row and column have no normals and are missing
@@ -118,7 +153,9 @@ class ReleasedDepthNoise(NoiseModel):
         depth_z_m = depth_z_m * (normals.secant <= 1 / np.cos(np.radians(self.missing_angle_deg)))
         u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng, self.offset_px)
         depth_z_m = images.sample_with_zeros(depth_z_m, u, v)
-        depth_z_m = np.rint(depth_z_m / np.float32(self.input_step_m)) * np.float32(self.input_step_m)
+        depth_z_m = np.rint(depth_z_m / np.float32(self.input_step_m)) * np.float32(
+            self.input_step_m
+        )
         depth_z_m = quantised(depth_z_m, self.disparity_cm, self.sigma_d, rng, self.disparity_bias)
         return np.floor(depth_z_m / np.float32(self.output_step_m)) * np.float32(self.output_step_m)
 
@@ -130,7 +167,9 @@ class NoDepthNoise(NoiseModel):
     name = "none"
     summary = "exact planar depth"
 
-    def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
+    def apply(
+        self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator
+    ) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same, float32."""
         return images.as_depth(depth_z_m)
 
@@ -161,19 +200,26 @@ class Kinect2012DepthNoise(NoiseModel):
     )
     edge_share: float = same_as(PaperDepthNoise, "edge_share")
 
-    def apply(self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator) -> np.ndarray:
+    def apply(
+        self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator
+    ) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
         depth_true_m = images.as_depth(depth_z_m)
         limit = np.float32(np.radians(self.missing_angle_deg))
         angle = images.surface_normals(depth_true_m, camera).angle_rad()
         seen = angle <= limit
         angle = np.minimum(angle, limit)
-        lateral_px = self.lateral_px + self.lateral_angle_px * angle / (np.float32(np.pi / 2) - angle)
+        lateral_px = self.lateral_px + self.lateral_angle_px * angle / (
+            np.float32(np.pi / 2) - angle
+        )
         u, v = shifted_grid(depth_true_m, lateral_px, rng)
         depth_z_m = images.sample_within_surface(depth_true_m, u, v, self.edge_share)
         growth = angle / (np.float32(np.pi / 2) - angle)
         axial_m = self.axial_m + self.axial_per_m * (depth_z_m - self.axial_nearest_m) ** 2
-        axial_m = axial_m + self.axial_angle / np.sqrt(np.maximum(depth_z_m, np.float32(0.01))) * growth**2
+        axial_m = (
+            axial_m
+            + self.axial_angle / np.sqrt(np.maximum(depth_z_m, np.float32(0.01))) * growth**2
+        )
         noisy_m = depth_z_m + axial_m * gaussian(rng, depth_true_m.shape)
         return np.where(seen & (depth_z_m > 0) & (noisy_m > 0), noisy_m, np.float32(0))
 
@@ -187,18 +233,35 @@ class RedwoodDepthNoise(NoiseModel):
 
     sigma_s_px: float = parameter(0.25, "shift in u and v", unit="px", low=0.0, source=_REDWOOD)
     snap_px: float = parameter(
-        2, "rows and columns are rounded down to multiples of it", unit="px", low=1.0, high=64.0, source=_REDWOOD
+        2,
+        "rows and columns are rounded down to multiples of it",
+        unit="px",
+        low=1.0,
+        high=64.0,
+        source=_REDWOOD,
     )
-    far_m: float = parameter(10.0, "depth at or beyond this is missing", unit="m", low=1e-3, source=_REDWOOD)
+    far_m: float = parameter(
+        10.0, "depth at or beyond this is missing", unit="m", low=1e-3, source=_REDWOOD
+    )
     disparity_m: float = parameter(
         35.130, "disparity times depth", unit="m x disparity steps", low=1e-6, source=_REDWOOD
     )
-    sigma_d: float = parameter(0.027778, "disparity noise", unit="disparity steps", low=0.0, source=_REDWOOD)
-    steps: float = parameter(
-        8.0, "levels that disparity is rounded to", unit="per disparity step", low=1e-3, source=_REDWOOD
+    sigma_d: float = parameter(
+        0.027778, "disparity noise", unit="disparity steps", low=0.0, source=_REDWOOD
     )
-    map_first_m: float = parameter(1.0, "depth of the distortion map's first layer", unit="m", low=0.0, source=_REDWOOD)
-    map_step_m: float = parameter(2.0, "depth between two layers of the map", unit="m", low=1e-6, source=_REDWOOD)
+    steps: float = parameter(
+        8.0,
+        "levels that disparity is rounded to",
+        unit="per disparity step",
+        low=1e-3,
+        source=_REDWOOD,
+    )
+    map_first_m: float = parameter(
+        1.0, "depth of the distortion map's first layer", unit="m", low=0.0, source=_REDWOOD
+    )
+    map_step_m: float = parameter(
+        2.0, "depth between two layers of the map", unit="m", low=1e-6, source=_REDWOOD
+    )
 
     def apply(
         self,
@@ -218,7 +281,9 @@ class RedwoodDepthNoise(NoiseModel):
             depth_z_m = depth_z_m / self.distortion(depth_z_m, np.asarray(multipliers, np.float32))
         disparity_m, steps = np.float32(self.disparity_m), np.float32(self.steps)
         with np.errstate(divide="ignore"):
-            disparity = disparity_m / depth_z_m + np.float32(self.sigma_d) * gaussian(rng, depth_z_m.shape)
+            disparity = disparity_m / depth_z_m + np.float32(self.sigma_d) * gaussian(
+                rng, depth_z_m.shape
+            )
             disparity = np.floor(disparity * steps + np.float32(0.5)) / steps
             noisy_m = disparity_m / disparity
         noisy_m[~((disparity > 0) & (disparity < np.inf))] = 0
@@ -228,26 +293,40 @@ class RedwoodDepthNoise(NoiseModel):
         """Depth at the rounded shifted position, with row and column rounded down to multiples of `snap_px`."""
         height, width = depth_z_m.shape
         u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng)
-        column, row = (np.clip(np.rint(a), 0, n - 1).astype(np.intp) for a, n in ((u, width), (v, height)))
+        column, row = (
+            np.clip(np.rint(a), 0, n - 1).astype(np.intp) for a, n in ((u, width), (v, height))
+        )
         snap = int(self.snap_px)
         return depth_z_m[row - row % snap, column - column % snap]
 
     def distortion(self, depth_z_m: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """The value of the distortion map at each pixel and depth."""
         if multipliers.ndim != 3 or not (multipliers > 0).all():
-            raise InputError("a distortion map (layers, rows, columns) of values > 0", found=multipliers.shape)
+            raise InputError(
+                "a distortion map (layers, rows, columns) of values > 0", found=multipliers.shape
+            )
         layers, rows, columns = multipliers.shape
         height, width = depth_z_m.shape
-        row, column = np.arange(height)[:, None] * rows // height, np.arange(width)[None] * columns // width
-        layer = np.clip((depth_z_m - np.float32(self.map_first_m)) / np.float32(self.map_step_m), 0, layers - 1)
+        row, column = (
+            np.arange(height)[:, None] * rows // height,
+            np.arange(width)[None] * columns // width,
+        )
+        layer = np.clip(
+            (depth_z_m - np.float32(self.map_first_m)) / np.float32(self.map_step_m), 0, layers - 1
+        )
         below = np.minimum(layer.astype(np.intp), max(layers - 2, 0))
         above = np.minimum(below + 1, layers - 1)
         share: np.ndarray = layer - below.astype(np.float32)
-        return multipliers[below, row, column] * (1 - share) + multipliers[above, row, column] * share
+        return (
+            multipliers[below, row, column] * (1 - share) + multipliers[above, row, column] * share
+        )
 
 
 def shifted_grid(
-    depth_z_m: np.ndarray, sigma_px: np.ndarray | np.float32, rng: np.random.Generator, offset_px: float = 0.0
+    depth_z_m: np.ndarray,
+    sigma_px: np.ndarray | np.float32,
+    rng: np.random.Generator,
+    offset_px: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """u and v (h, w) of the pixel centres, with N(offset_px, sigma_px^2) added to each."""
     height, width = depth_z_m.shape
@@ -257,7 +336,11 @@ def shifted_grid(
 
 
 def quantised(
-    depth_z_m: np.ndarray, disparity_cm: float, sigma_d: float, rng: np.random.Generator, bias: float = 0.0
+    depth_z_m: np.ndarray,
+    disparity_cm: float,
+    sigma_d: float,
+    rng: np.random.Generator,
+    bias: float = 0.0,
 ) -> np.ndarray:
     """Convert depth to disparity, add N(bias, sigma_d^2), round to the nearest integer, and convert back to depth; 0 stays 0.
 
@@ -281,9 +364,15 @@ def _projected(depth_z_m: np.ndarray, shift_u: np.ndarray, shift_v: np.ndarray) 
     result = depth_z_m.copy()
     result[leaving] = 0
     source = np.flatnonzero(leaving)
-    source = source[np.argsort(-depth_z_m.ravel()[source], kind="stable")]  # the nearest last, so that it is kept
-    column = source % width + np.rint(np.clip(shift_u.ravel()[source], -width, width)).astype(np.intp)
-    row = source // width + np.rint(np.clip(shift_v.ravel()[source], -height, height)).astype(np.intp)
+    source = source[
+        np.argsort(-depth_z_m.ravel()[source], kind="stable")
+    ]  # the nearest last, so that it is kept
+    column = source % width + np.rint(np.clip(shift_u.ravel()[source], -width, width)).astype(
+        np.intp
+    )
+    row = source // width + np.rint(np.clip(shift_v.ravel()[source], -height, height)).astype(
+        np.intp
+    )
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     arrived = np.zeros_like(depth_z_m)
     arrived[row[inside], column[inside]] = depth_z_m.ravel()[source[inside]]

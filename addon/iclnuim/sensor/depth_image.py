@@ -30,7 +30,9 @@ def as_depth(depth_z_m: np.ndarray) -> np.ndarray:
     return np.where((depth_z_m > 0) & (depth_z_m < np.inf), depth_z_m, np.float32(0))
 
 
-def sample_within_surface(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray, edge_share: float) -> np.ndarray:
+def sample_within_surface(
+    depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray, edge_share: float
+) -> np.ndarray:
     """Bilinear depth at (u, v). Positions outside are clamped to the outermost pixel centres.
 
     Only pixels on the same surface as the nearest pixel are used: pixels that are missing, or nearer or farther than it by more than
@@ -61,12 +63,16 @@ def sample_with_zeros(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray) -> np
     framed[1:-2, 1:-2] = depth_z_m
     result = np.empty_like(depth_z_m)
     for rows in bands(height):
-        corners = _corners(framed, np.clip(u[rows] + 1, 0, width + 1), np.clip(v[rows] + 1, 0, height + 1))
+        corners = _corners(
+            framed, np.clip(u[rows] + 1, 0, width + 1), np.clip(v[rows] + 1, 0, height + 1)
+        )
         result[rows] = _blend(*corners)
     return result
 
 
-def _corners(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+def _corners(
+    image: np.ndarray, u: np.ndarray, v: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     """The four pixels around each position (upper left, upper right, lower left, lower right), and the weights of right and lower ones."""
     height, width = image.shape
     column = np.minimum(u.astype(np.int32), np.int32(width - 2))
@@ -84,13 +90,19 @@ def _blend(corners: list[np.ndarray], weights_u: np.ndarray, weights_v: np.ndarr
     return above + (below - above) * weights_v
 
 
-def _mean_of_nearest_surface(depth_z_m: np.ndarray, weights: np.ndarray, edge_share: float) -> np.ndarray:
+def _mean_of_nearest_surface(
+    depth_z_m: np.ndarray, weights: np.ndarray, edge_share: float
+) -> np.ndarray:
     """(4, n) depths and weights -> (n,) weighted means over the pixels on the same surface as the one of largest weight."""
     nearest = np.take_along_axis(depth_z_m, np.argmax(weights, 0)[None], 0)
     limit = np.float32(1 + edge_share)
-    weights = weights * ((depth_z_m > 0) & (depth_z_m <= nearest * limit) & (nearest <= depth_z_m * limit))
+    weights = weights * (
+        (depth_z_m > 0) & (depth_z_m <= nearest * limit) & (nearest <= depth_z_m * limit)
+    )
     nothing = np.zeros(nearest.size, np.float32)
-    return np.divide((weights * depth_z_m).sum(0), weights.sum(0), out=nothing, where=nearest[0] > 0)
+    return np.divide(
+        (weights * depth_z_m).sum(0), weights.sum(0), out=nothing, where=nearest[0] > 0
+    )
 
 
 @dataclass(frozen=True)
@@ -118,7 +130,9 @@ def ray_slopes(camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
     return x.astype(np.float32)[None], y.astype(np.float32)[:, None]
 
 
-def surface_normals(depth_z_m: np.ndarray, camera: PinholeCamera, backward: bool = False) -> Normals:
+def surface_normals(
+    depth_z_m: np.ndarray, camera: PinholeCamera, backward: bool = False
+) -> Normals:
     """Normals from the neighbour on the side where 1/Z differs less; at an edge this is the neighbour on the pixel's own surface.
 
     backward: always from the left and upper neighbours; there is no normal where one of them is missing or outside.
@@ -148,5 +162,7 @@ def surface_normals(depth_z_m: np.ndarray, camera: PinholeCamera, backward: bool
 def _smaller(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """np.where(|after| < |before|, after, before) for float32 in a third of its time, without branches: on a plane the choice is random."""
     before, after = (np.ascontiguousarray(step).view(np.int32) for step in (before, after))
-    take_after = -(np.abs(after.view(np.float32)) < np.abs(before.view(np.float32))).astype(np.int32)
+    take_after = -(np.abs(after.view(np.float32)) < np.abs(before.view(np.float32))).astype(
+        np.int32
+    )
     return (before ^ ((after ^ before) & take_after)).view(np.float32)

@@ -19,7 +19,9 @@ STEP_PX = 1.0
 #: All rows of a band are rendered at the same instant. Maximum error of a point's position caused by this.
 ROW_ERROR_PX = 0.1
 _GRID_PX = 4
-_duration = partial(setting, unit="s", low=0.0, high=1.0, source="0 in the paper, section V", shown=("ms", 1000.0))
+_duration = partial(
+    setting, unit="s", low=0.0, high=1.0, source="0 in the paper, section V", shown=("ms", 1000.0)
+)
 
 
 @dataclass(frozen=True)
@@ -56,12 +58,18 @@ class Band:
     offsets_s: tuple[float, ...]
 
 
-def plan(exposure: Exposure, height: int, exposure_motion_px: float, readout_motion_px: float) -> list[Band]:
+def plan(
+    exposure: Exposure, height: int, exposure_motion_px: float, readout_motion_px: float
+) -> list[Band]:
     """Bands of rows from top to bottom. The motions are the largest motion of any point during exposure and readout, in pixels.
 
     The time of a row is that of its middle: ((row + 1/2) / height - 1/2) readout_s from the stamp.
     """
-    count = int(np.clip(np.ceil(readout_motion_px / (2 * ROW_ERROR_PX)), 1, height)) if exposure.readout_s else 1
+    count = (
+        int(np.clip(np.ceil(readout_motion_px / (2 * ROW_ERROR_PX)), 1, height))
+        if exposure.readout_s
+        else 1
+    )
     instants = max(1, int(np.ceil(exposure_motion_px / STEP_PX))) if exposure.exposure_s else 1
     within = ((np.arange(instants) + 0.5) / instants - 0.5) * exposure.exposure_s
     edges = np.rint(np.linspace(0, height, count + 1)).astype(int)
@@ -72,15 +80,21 @@ def plan(exposure: Exposure, height: int, exposure_motion_px: float, readout_mot
     ]
 
 
-def motion_px(depth_z_m: np.ndarray, camera: PinholeCamera, T_here_camera: SE3, stamps_s: np.ndarray) -> float:
+def motion_px(
+    depth_z_m: np.ndarray, camera: PinholeCamera, T_here_camera: SE3, stamps_s: np.ndarray
+) -> float:
     """Upper estimate of the motion of a point in the image from the first to the last of the poses (n,): the largest speed between two poses.
 
     Points are every 4th pixel of the frame at T_here_camera = identity, with planar depth (h, w) in metres; where depth is 0, the point is at
     infinity. A point is used while it is inside the image.
     """
     depth = depth_z_m[::_GRID_PX, ::_GRID_PX]
-    points = (camera.rays()[::_GRID_PX, ::_GRID_PX] * np.where(depth > 0, depth, 1e6)[..., None]).reshape(-1, 3)
-    pixels = np.stack([camera.project(T_here_camera[i].inverse().apply(points)) for i in range(len(stamps_s))])
+    points = (
+        camera.rays()[::_GRID_PX, ::_GRID_PX] * np.where(depth > 0, depth, 1e6)[..., None]
+    ).reshape(-1, 3)
+    pixels = np.stack(
+        [camera.project(T_here_camera[i].inverse().apply(points)) for i in range(len(stamps_s))]
+    )
     seen = ((pixels >= -0.5) & (pixels < (camera.width - 0.5, camera.height - 0.5))).all(-1)
     moved_px = np.linalg.norm(np.diff(pixels, axis=0), axis=-1)
     fastest_px = np.where(seen[1:] & seen[:-1], moved_px, 0.0).max(1)

@@ -10,15 +10,30 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import InputError
-from .depth import Kinect2012DepthNoise, NoDepthNoise, PaperDepthNoise, RedwoodDepthNoise, ReleasedDepthNoise
+from .depth import (
+    Kinect2012DepthNoise,
+    NoDepthNoise,
+    PaperDepthNoise,
+    RedwoodDepthNoise,
+    ReleasedDepthNoise,
+)
 from .noise_model import NoiseModel
 from .rgb import NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise
 
 #: A saved .blend stores the number of a model in this order: append new models at the end.
 DEPTH_MODELS: dict[str, type[NoiseModel]] = {
-    m.name: m for m in (NoDepthNoise, ReleasedDepthNoise, PaperDepthNoise, Kinect2012DepthNoise, RedwoodDepthNoise)
+    m.name: m
+    for m in (
+        NoDepthNoise,
+        ReleasedDepthNoise,
+        PaperDepthNoise,
+        Kinect2012DepthNoise,
+        RedwoodDepthNoise,
+    )
 }
-RGB_MODELS: dict[str, type[NoiseModel]] = {m.name: m for m in (NoRgbNoise, ReleasedRgbNoise, PaperRgbNoise)}
+RGB_MODELS: dict[str, type[NoiseModel]] = {
+    m.name: m for m in (NoRgbNoise, ReleasedRgbNoise, PaperRgbNoise)
+}
 
 _ARGUMENTS = {"depth": ("depth_z_m", "camera", "rng"), "RGB": ("light", "rng")}
 
@@ -43,11 +58,15 @@ def rgb_model(name: str, settings: Mapping[str, Any] | None = None) -> Noise:
     return _model("RGB", name, settings or {}, RGB_MODELS)
 
 
-def _model(kind: str, name: str, settings: Mapping[str, Any], known: Mapping[str, type[NoiseModel]]) -> Any:
+def _model(
+    kind: str, name: str, settings: Mapping[str, Any], known: Mapping[str, type[NoiseModel]]
+) -> Any:
     if isinstance(name, str) and ":" in name:
         return _user_noise(kind, name, settings, _ARGUMENTS[kind])
     if not isinstance(name, str) or name not in known:
-        raise InputError(f"a {kind} noise model ({', '.join(known)}) or MODULE:FUNCTION", found=name)
+        raise InputError(
+            f"a {kind} noise model ({', '.join(known)}) or MODULE:FUNCTION", found=name
+        )
     return known[name].from_dict(settings)
 
 
@@ -74,7 +93,9 @@ class UserNoise:
         return dict(self.settings)
 
 
-def _user_noise(kind: str, name: str, settings: Mapping[str, Any], arguments: tuple[str, ...]) -> UserNoise:
+def _user_noise(
+    kind: str, name: str, settings: Mapping[str, Any], arguments: tuple[str, ...]
+) -> UserNoise:
     """Import `module:function`, which must accept `arguments` and the settings. Raises InputError if this fails."""
     module_name, _, function_name = name.partition(":")
     try:

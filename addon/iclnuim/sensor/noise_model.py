@@ -50,6 +50,8 @@ def gaussian(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
 
 @functools.cache
 def _inverse_normal() -> np.ndarray:
-    upper = np.array([NormalDist().inv_cdf((i + 0.5) / _LEVELS) for i in range(_LEVELS // 2, _LEVELS)])
+    upper = np.array(
+        [NormalDist().inv_cdf((i + 0.5) / _LEVELS) for i in range(_LEVELS // 2, _LEVELS)]
+    )
     table = np.concatenate([-upper[::-1], upper])
     return read_only((table / np.sqrt(np.mean(table**2))).astype(np.float32))

@@ -15,7 +15,9 @@ from .depth_image import bands
 from .noise_model import NoiseModel, gaussian
 from .transfer import srgb8, srgb8_in_place
 
-_BRIGHTEST = np.float32(65504)  # the largest half-precision number; infinite light would have infinite noise
+_BRIGHTEST = np.float32(
+    65504
+)  # the largest half-precision number; infinite light would have infinite noise
 _MEASURED = "measured on 15 pairs of official clean and noisy office frames, quantisation included"
 _CHOSEN = (
     "the paper prints none; such that a mid grey of 128 has the standard deviation of the released frames, 2 of 255, "
@@ -30,7 +32,9 @@ class NoRgbNoise(NoiseModel):
     name = "none"
     summary = "scene-linear light to sRGB, nothing else"
 
-    exposure: float = parameter(1.0, "gain before noise and clipping", low=1e-6, source="1: as rendered")
+    exposure: float = parameter(
+        1.0, "gain before noise and clipping", low=1e-6, source="1: as rendered"
+    )
 
     def apply(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8."""
@@ -44,9 +48,13 @@ class PaperRgbNoise(NoiseModel):
     name = "paper"
     summary = "the paper's model: intensity-dependent noise through a camera response"
 
-    exposure: float = parameter(1.0, "gain before noise and clipping", low=1e-6, source="1: as rendered")
+    exposure: float = parameter(
+        1.0, "gain before noise and clipping", low=1e-6, source="1: as rendered"
+    )
     sigma_c: float = parameter(0.0005, "read noise", unit="share of white", low=0.0, source=_CHOSEN)
-    sigma_s: float = parameter(0.0156, "shot noise at white", unit="share of white", low=0.0, source=_CHOSEN)
+    sigma_s: float = parameter(
+        0.0156, "shot noise at white", unit="share of white", low=0.0, source=_CHOSEN
+    )
 
     def apply(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8."""
@@ -54,7 +62,9 @@ class PaperRgbNoise(NoiseModel):
         image = np.empty(light.shape, np.uint8)
         for rows in bands(len(light)):
             seen = np.fmax(light[rows].astype(np.float32), np.float32(0))  # NaN becomes 0
-            image[rows] = srgb8_in_place(self.noisy_light(np.minimum(seen, _BRIGHTEST, out=seen), rng))
+            image[rows] = srgb8_in_place(
+                self.noisy_light(np.minimum(seen, _BRIGHTEST, out=seen), rng)
+            )
         return image
 
     def noisy_light(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -70,9 +80,15 @@ class ReleasedRgbNoise(NoiseModel):
     name = "released"
     summary = "the noise found in the released ICL-NUIM frames"
 
-    exposure: float = parameter(1.0, "gain before noise and clipping", low=1e-6, source="1: as rendered")
+    exposure: float = parameter(
+        1.0, "gain before noise and clipping", low=1e-6, source="1: as rendered"
+    )
     variance: tuple[float, float, float] = parameter(
-        (1.48, 0.95, 1.61), "variance at black, in R, G, B", unit="8-bit steps^2", low=0.0, source=_MEASURED
+        (1.48, 0.95, 1.61),
+        "variance at black, in R, G, B",
+        unit="8-bit steps^2",
+        low=0.0,
+        source=_MEASURED,
     )
     variance_per_value: tuple[float, float, float] = parameter(
         (0.0266, 0.0105, 0.0246),
@@ -81,7 +97,9 @@ class ReleasedRgbNoise(NoiseModel):
         low=0.0,
         source=_MEASURED,
     )
-    correlation_1px: float = parameter(0.6, "correlation of neighbours in a row", low=0.0, high=1.0, source=_MEASURED)
+    correlation_1px: float = parameter(
+        0.6, "correlation of neighbours in a row", low=0.0, high=1.0, source=_MEASURED
+    )
     correlation_2px: float = parameter(
         0.2, "correlation of pixels two apart in a row", low=0.0, high=1.0, source=_MEASURED
     )
@@ -90,7 +108,9 @@ class ReleasedRgbNoise(NoiseModel):
         """(h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8."""
         image = srgb8(_exposed(light, self.exposure))
         noisy = np.empty_like(image)
-        variance = np.outer(self.variance_per_value, np.arange(256)) + np.array(self.variance)[:, None]
+        variance = (
+            np.outer(self.variance_per_value, np.arange(256)) + np.array(self.variance)[:, None]
+        )
         # (3, 256), for each value: rounding down adds the remaining variance of 1/12
         sigma = np.sqrt(np.maximum(variance - 1 / 12, 0)).astype(np.float32)
         for k in range(3):
@@ -121,7 +141,9 @@ class ReleasedRgbNoise(NoiseModel):
         root = (1 + 2 * r2) ** 2 - 4 * r1 * r1
         s_squared = (1 + 2 * r2 + np.sqrt(max(root, 0))) / 2
         if root < 0 or s_squared < 4 * r2:
-            raise InputError("correlations that three neighbouring pixels can have", found=f"{r1:g} and {r2:g}")
+            raise InputError(
+                "correlations that three neighbouring pixels can have", found=f"{r1:g} and {r2:g}"
+            )
         s = np.sqrt(s_squared)
         a = (s + np.sqrt(s_squared - 4 * r2)) / 2
         return np.float32(a), np.float32(r1 / s), np.float32(s - a)

@@ -42,7 +42,11 @@ def light_from_srgb8(image: np.ndarray) -> np.ndarray:
 def srgb_from_light(light: np.ndarray) -> np.ndarray:
     """The sRGB transfer function, 0..1 -> 0..1, float64."""
     light = np.clip(light, 0.0, 1.0)
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.power(np.maximum(light, 1e-9), 1 / 2.4) - 0.055)
+    return np.where(
+        light <= 0.0031308,
+        12.92 * light,
+        1.055 * np.power(np.maximum(light, 1e-9), 1 / 2.4) - 0.055,
+    )
 
 
 def light_from_srgb(value: np.ndarray) -> np.ndarray:

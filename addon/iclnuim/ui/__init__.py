@@ -10,7 +10,9 @@ def register() -> None:
 
     from . import properties, state, trajectory_view, work
 
-    bpy.types.WindowManager.iclnuim_state = state.PanelState(work.Work(properties.label_of), trajectory_view.refresh)
+    bpy.types.WindowManager.iclnuim_state = state.PanelState(
+        work.Work(properties.label_of), trajectory_view.refresh
+    )
     for module in _modules():
         module.register()
     atexit.register(unregister)

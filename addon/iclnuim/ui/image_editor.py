@@ -37,7 +37,12 @@ class LastFrame:
             show(bpy.context, LAST_FRAME, picture, open_editor=False)
         number = work.last_frame if work.phase == "rendering" else None
         idle = not self._reading and time.monotonic() - self._at_s > PAUSE_S
-        if number not in (None, self._shown) and idle and state.areas("IMAGE_EDITOR") and not bpy.app.background:
+        if (
+            number not in (None, self._shown)
+            and idle
+            and state.areas("IMAGE_EDITOR")
+            and not bpy.app.background
+        ):
             self._shown, self._at_s, self._reading = number, time.monotonic(), True
             threading.Thread(target=self._read, args=(number,), daemon=True).start()
 
@@ -49,7 +54,9 @@ class LastFrame:
         self._reading = False
 
 
-def show(context: bpy.types.Context, name: str, picture: np.ndarray, open_editor: bool = True) -> None:
+def show(
+    context: bpy.types.Context, name: str, picture: np.ndarray, open_editor: bool = True
+) -> None:
     """Show an (h, w, 3) uint8 array as the image `name` in an image editor. If none is open, one is opened next to the 3D view."""
     height, width = picture.shape[:2]
     image = bpy.data.images.get(name)
@@ -62,7 +69,9 @@ def show(context: bpy.types.Context, name: str, picture: np.ndarray, open_editor
     image.pixels.foreach_set(pixels.ravel())
     image.update()
     if not bpy.app.background:
-        area = next(iter(state.areas("IMAGE_EDITOR")), None) or (_split(context) if open_editor else None)
+        area = next(iter(state.areas("IMAGE_EDITOR")), None) or (
+            _split(context) if open_editor else None
+        )
         if area is not None and area.spaces.active.image != image:
             area.spaces.active.image = image
             _fit(context, area)

@@ -36,7 +36,9 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
         loaded, sentence = camera.trajectory(context.scene), "the active camera's animation"
     elif settings.trajectory_source == "FILE":
         if not settings.trajectory_file:
-            raise InputError("a trajectory file", found="none", hint="choosing one under {trajectory}")
+            raise InputError(
+                "a trajectory file", found="none", hint="choosing one under {trajectory}"
+            )
         file = read_trajectory(bpy.path.abspath(settings.trajectory_file))
         loaded, sentence = file.trajectory, file.read_as.sentence
     else:
@@ -47,7 +49,9 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
     start = loaded.T_world_camera[0]
     if settings.use_start:
         rotation = mathutils.Euler(settings.start_rotation).to_matrix()
-        pose = SE3.from_matrix(np.c_[np.array(rotation, float), np.array(settings.start_location, float)])
+        pose = SE3.from_matrix(
+            np.c_[np.array(rotation, float), np.array(settings.start_location, float)]
+        )
         start = axes.world_cv_from_world_blender(pose)
     return adopt(loaded, start, round(settings.scale, 6)), sentence
 
@@ -74,7 +78,9 @@ def job(context: bpy.types.Context, out: Path) -> RenderJob:
     """
     settings = context.scene.iclnuim
     for what, libraries in (("EXR", exr.BACKENDS), ("PNG", png.BACKENDS)):
-        first_library(what, *libraries)  # a missing library is reported before the first frame is rendered
+        first_library(
+            what, *libraries
+        )  # a missing library is reported before the first frame is rendered
     check_free(out / "raw")
     return settings.to_job(_scene_for(settings, out), _trajectory_for(context, settings, out))
 
@@ -103,7 +109,10 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
                 folder, size_bytes, age_s = found
                 units = (("day", 86400), ("hour", 3600), ("minute", 60))
                 ages = ((int(age_s // seconds), unit) for unit, seconds in units)
-                age = next((f"{n} {unit}{'' if n == 1 else 's'}" for n, unit in ages if n), "less than a minute")
+                age = next(
+                    (f"{n} {unit}{'' if n == 1 else 's'}" for n, unit in ages if n),
+                    "less than a minute",
+                )
                 line = f"this scene's light map is in the cache: {size_bytes / 1e6:.1f} MB, baked {age} ago"
                 if cache not in folder.parents:
                     line = "this scene's light map is part of the extension: no bake is needed"
@@ -118,7 +127,9 @@ def _shipped_name(settings: bpy.types.PropertyGroup) -> str:
     return f"{scene}/{settings.trajectory_source}"
 
 
-def _trajectory_for(context: bpy.types.Context, settings: bpy.types.PropertyGroup, out: Path) -> str:
+def _trajectory_for(
+    context: bpy.types.Context, settings: bpy.types.PropertyGroup, out: Path
+) -> str:
     """The name of an unchanged built-in trajectory. Any other trajectory is written to a TUM file in `out`; its path is returned.
 
     The name of the file depends on its content, so that no other file is overwritten, nor the trajectory of an earlier run.
@@ -147,7 +158,11 @@ def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
     path = out / "scene.blend"
     if path.is_file() and any((out / "raw").glob("exr/*.exr")):
         hint = "Resume, which continues with the saved copy of the scene, or another {out}"
-        raise InputError("an output folder without frames of an earlier state of the open scene", path=out, hint=hint)
+        raise InputError(
+            "an output folder without frames of an earlier state of the open scene",
+            path=out,
+            hint=hint,
+        )
     if path.exists() and _scene_of_run(out) != path.resolve():
         hint = "another {out}; Render saves a copy of the open scene there"
         raise InputError("an output folder without a file of this name", path=path, hint=hint)
@@ -155,11 +170,17 @@ def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
     except RuntimeError as error:
-        raise WorkError(f"{path}: cannot be written: {str(error).strip().splitlines()[-1]}") from None
+        raise WorkError(
+            f"{path}: cannot be written: {str(error).strip().splitlines()[-1]}"
+        ) from None
     return str(path)
 
 
 def _scene_of_run(out: Path) -> Path | None:
     """The scene of the run that was begun in `out`, if there is one."""
     record = out / "raw/sequence.json"
-    return Path(str(read_run(record.parent).recipe["job"].get("scene", ""))).resolve() if record.is_file() else None
+    return (
+        Path(str(read_run(record.parent).recipe["job"].get("scene", ""))).resolve()
+        if record.is_file()
+        else None
+    )

@@ -33,7 +33,9 @@ def load_scene(self, context):
     """Load the chosen scene into this window, in a separate collection. It replaces the scene that was loaded before"""
     settings = context.scene.iclnuim
     if settings.scene_source == "OPEN":
-        raise InputError("a built-in scene or a file to show", found="the open file, which is already shown")
+        raise InputError(
+            "a built-in scene or a file to show", found="the open file, which is already shown"
+        )
     name, reading = inputs.chosen_scene(settings), settings.reading()
     file = scene.shipped_file(name) if scene.is_shipped(name) else scene.checked_file(name)
     if settings.scene_source == "FILE":
@@ -76,7 +78,10 @@ def keyframe(self, context):
         bpy.data.batch_remove([part for part in parts if part is not None and not part.users])
     keyed_camera.keyframe(chosen.T_world_camera, lens)
     rate_hz = frame_rate_hz(chosen.stamps_s)
-    scene.render.fps, scene.render.fps_base = max(round(rate_hz), 1), max(round(rate_hz), 1) / rate_hz
+    scene.render.fps, scene.render.fps_base = (
+        max(round(rate_hz), 1),
+        max(round(rate_hz), 1) / rate_hz,
+    )
     scene.frame_set(0)
     for area in state.areas("VIEW_3D"):
         area.spaces.active.region_3d.view_perspective = "CAMERA"
@@ -92,7 +97,11 @@ def refresh(self, context):
 def _ask_for_a_file(self, context, event):
     source = context.scene.iclnuim.trajectory_source
     name = {"CAMERA": "camera", "FILE": "trajectory"}.get(source, source)
-    self.filepath = str(Path(bpy.data.filepath).with_name(f"{name}.txt")) if bpy.data.filepath else f"{name}.txt"
+    self.filepath = (
+        str(Path(bpy.data.filepath).with_name(f"{name}.txt"))
+        if bpy.data.filepath
+        else f"{name}.txt"
+    )
     context.window_manager.fileselect_add(self)
     return {"RUNNING_MODAL"}
 
@@ -120,7 +129,14 @@ def bake(self, context):
     folder = Path(tempfile.mkdtemp(dir=state.user_folder("preview")))
     job = inputs.job(context, folder).changed(light="baked")
     finish = functools.partial(shutil.rmtree, folder, ignore_errors=True)
-    state.start("bake", job, folder / "raw", {"bake": True}, "the light map is baked and is in the cache", finish)
+    state.start(
+        "bake",
+        job,
+        folder / "raw",
+        {"bake": True},
+        "the light map is baked and is in the cache",
+        finish,
+    )
 
 
 @operator("Render")
@@ -143,7 +159,9 @@ def resume(self, context):
         raise InputError("a render to resume", path=recipe.parent, found="none", hint=hint)
     inputs.check_free(out / "raw")
     run = read_run(out / "raw")
-    _render(run.job, out, list(frame_slice(settings.frames, len(run.truth()))), settings.sequences(out))
+    _render(
+        run.job, out, list(frame_slice(settings.frames, len(run.truth()))), settings.sequences(out)
+    )
 
 
 @operator("Cancel")
@@ -169,11 +187,15 @@ def preview(self, context):
         clean = noisy_images(light, depth_z_m, job.camera, number, options.without_noise())[0]
         noisy, units, _ = noisy_images(light, depth_z_m, job.camera, number, sensor)
         shutil.rmtree(folder, ignore_errors=True)
-        picture = pictures.frame_picture(clean, depth_z_m, noisy, units / sensor.depth_units_per_metre)
+        picture = pictures.frame_picture(
+            clean, depth_z_m, noisy, units / sensor.depth_units_per_metre
+        )
         image_editor.show(bpy.context, PREVIEW, picture)
         state.current().work.message = f"frame {number} is shown in the image editor as “{PREVIEW}”"
 
-    state.start("preview", job, folder / "raw", {"frames": [number]}, "the preview is rendered", finish)
+    state.start(
+        "preview", job, folder / "raw", {"frames": [number]}, "the preview is rendered", finish
+    )
 
 
 @operator("Evaluate")
@@ -181,7 +203,9 @@ def evaluate(self, context):
     """Compute ATE and RPE of the estimate, and draw it next to the ground truth: blue for no error, red for the largest error"""
     settings, panel = context.scene.iclnuim, state.current()
     if not settings.estimate:
-        raise InputError("an estimated trajectory", found="none", hint="choosing a file as {estimate}")
+        raise InputError(
+            "an estimated trajectory", found="none", hint="choosing a file as {estimate}"
+        )
     estimate = read_trajectory(bpy.path.abspath(settings.estimate)).trajectory
     truth = bpy.path.abspath(settings.truth) if settings.truth else inputs.trajectory(context)[0]
     alignment = AlignmentSettings(**settings.values_of(AlignmentSettings))
@@ -195,7 +219,9 @@ def evaluate(self, context):
         f"RPE over {settings.delta}: {rpe.translation_m.rmse:.4f} m, {rpe.rotation_deg.rmse:.3f} deg",
         f"{len(ate.stamps_s)} pairs, {100 * ate.completeness.coverage:.0f} % of the ground truth",
     ]
-    trajectory_view.show_estimate(ate.aligned.translation, ate.reference.translation, ate.translation_error_m)
+    trajectory_view.show_estimate(
+        ate.aligned.translation, ate.reference.translation, ate.translation_error_m
+    )
     state.redraw()
 
 
@@ -220,7 +246,9 @@ def _append(scene: bpy.types.Scene, file: Path, collection: bpy.types.Collection
         scene.world = here.worlds[0]
 
 
-def _import(context: bpy.types.Context, file: Path, reading: SceneReading, collection: bpy.types.Collection) -> None:
+def _import(
+    context: bpy.types.Context, file: Path, reading: SceneReading, collection: bpy.types.Collection
+) -> None:
     """Import the file through a separate scene, because axes and units are guessed from everything in the scene."""
     before, own = context.window.scene, bpy.data.scenes.new("ICL-NUIM import")
     context.window.scene = own
@@ -239,11 +267,24 @@ def _render(job: RenderJob, out: Path, numbers: list[int], sequences: dict | Non
     when_done = f"{len(numbers)} frames are" if len(numbers) != 1 else "1 frame is"
     when_done += f" in {out / 'raw'}"
     if sequences is not None:
-        when_done += "; sequences: " + ", ".join(Path(folder).name for folder in sequences["variants"])
+        when_done += "; sequences: " + ", ".join(
+            Path(folder).name for folder in sequences["variants"]
+        )
     look = image_editor.LastFrame(out / "raw/exr", job.camera).look
-    state.start("render", job, out / "raw", {"frames": numbers, "sequences": sequences}, when_done, on_tick=look)
+    state.start(
+        "render",
+        job,
+        out / "raw",
+        {"frames": numbers, "sequences": sequences},
+        when_done,
+        on_tick=look,
+    )
 
 
 register, unregister = bpy.utils.register_classes_factory(
-    [made for made in list(vars().values()) if getattr(made, "__module__", "") == __name__ and isinstance(made, type)]
+    [
+        made
+        for made in list(vars().values())
+        if getattr(made, "__module__", "") == __name__ and isinstance(made, type)
+    ]
 )

@@ -19,31 +19,51 @@ _MAX_NOTES = 4
 _SENSOR, _OUTPUT = ("exposure_ms", "readout_ms", "seed"), ("depth_units", "glass", "ground_truth")
 
 
-def _text(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
+def _text(
+    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE"
+) -> None:
     """Draw the text as several labels, because Blender's labels do not wrap."""
     scale = context.preferences.system.ui_scale
-    letters = max(int(context.region.width / scale / _LETTER_WIDTH_PX) - 6, 16) if context.region else 40
+    letters = (
+        max(int(context.region.width / scale / _LETTER_WIDTH_PX) - 6, 16) if context.region else 40
+    )
     column = layout.column(align=True)
     column.scale_y = 0.8
     for k, line in enumerate(textwrap.wrap(text, letters) or [""]):
         column.label(text=line, icon=icon if k == 0 or icon == "NONE" else "BLANK1")
 
 
-def _props(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, names: Iterable[str]) -> None:
+def _props(
+    layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, names: Iterable[str]
+) -> None:
     for name in names:
         layout.prop(settings, name)
 
 
-def _panel(label: str, parent: str = "ICLNUIM_PT_main", closed: bool = False) -> Callable[..., type[bpy.types.Panel]]:
+def _panel(
+    label: str, parent: str = "ICLNUIM_PT_main", closed: bool = False
+) -> Callable[..., type[bpy.types.Panel]]:
     """Decorator: makes the panel ICLNUIM_PT_NAME from a function NAME(layout, settings, context) that draws it."""
 
     def made(content: Callable[..., None]) -> type[bpy.types.Panel]:
         def draw(self: bpy.types.Panel, context: bpy.types.Context) -> None:
-            self.layout.use_property_split, self.layout.use_property_decorate = bool(parent), not parent
+            self.layout.use_property_split, self.layout.use_property_decorate = (
+                bool(parent),
+                not parent,
+            )
             content(self.layout, context.scene.iclnuim, context)
 
-        members = {"bl_space_type": "VIEW_3D", "bl_region_type": "UI", "bl_category": "ICL-NUIM", "draw": draw}
-        members |= {"bl_label": label, "bl_parent_id": parent, "bl_options": {"DEFAULT_CLOSED"} if closed else set()}
+        members = {
+            "bl_space_type": "VIEW_3D",
+            "bl_region_type": "UI",
+            "bl_category": "ICL-NUIM",
+            "draw": draw,
+        }
+        members |= {
+            "bl_label": label,
+            "bl_parent_id": parent,
+            "bl_options": {"DEFAULT_CLOSED"} if closed else set(),
+        }
         return type(f"ICLNUIM_PT_{content.__name__}", (bpy.types.Panel,), members)
 
     return made
@@ -149,11 +169,19 @@ def render(layout, settings, context):
     row.operator("iclnuim.resume")
     if work.busy:
         share, left_s = work.done / work.total if work.total else 0.0, work.seconds_left()
-        layout.progress(factor=share, text=f"{work.done} of {work.total}" if work.total else work.phase)
+        layout.progress(
+            factor=share, text=f"{work.done} of {work.total}" if work.total else work.phase
+        )
         if left_s is not None:
             minutes, seconds = divmod(round(left_s), 60)
-            left = f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min {seconds} s"
-            layout.label(text=f"{work.frames_per_second():.2f} frames/s, {left} left, last {work.last_frame}")
+            left = (
+                f"{minutes // 60} h {minutes % 60} min"
+                if minutes >= 60
+                else f"{minutes} min {seconds} s"
+            )
+            layout.label(
+                text=f"{work.frames_per_second():.2f} frames/s, {left} left, last {work.last_frame}"
+            )
         layout.operator("iclnuim.cancel", icon="CANCEL")
     if work.message:
         icon = {"failed": "ERROR", "done": "CHECKMARK"}.get(work.phase, "INFO")

@@ -3,7 +3,9 @@
 import numpy as np
 
 #: Blue, cyan, green, yellow, red: near to far, small to large.
-_STOPS = np.array([[0.15, 0.2, 0.75], [0.1, 0.7, 0.9], [0.25, 0.8, 0.3], [1.0, 0.85, 0.15], [0.9, 0.15, 0.1]])
+_STOPS = np.array(
+    [[0.15, 0.2, 0.75], [0.1, 0.7, 0.9], [0.25, 0.8, 0.3], [1.0, 0.85, 0.15], [0.9, 0.15, 0.1]]
+)
 _PAPER, _INK, _GRID = 255, (30, 30, 30), (215, 215, 215)
 
 #: Glyphs of 5 x 7 dots. Each row is one digit of base 32, from the top; its bits are the dots from left to right.
@@ -36,7 +38,9 @@ def depth_colours(depth_z_m: np.ndarray, near_m: float, far_m: float) -> np.ndar
     return np.where((depth_z_m > 0)[..., None], colours, 0).astype(np.uint8)
 
 
-def frame_picture(rgb: np.ndarray, depth_z_m: np.ndarray, noisy_rgb: np.ndarray, noisy_z_m: np.ndarray) -> np.ndarray:
+def frame_picture(
+    rgb: np.ndarray, depth_z_m: np.ndarray, noisy_rgb: np.ndarray, noisy_z_m: np.ndarray
+) -> np.ndarray:
     """Colour and depth without noise above, with the sensor's noise below: (2h, 2w, 3) uint8. Both depth images use one range."""
     noisy = np.hstack([noisy_rgb, depth_colours(noisy_z_m, *_depth_range(depth_z_m))])
     return np.vstack([colour_and_depth(rgb, depth_z_m), noisy])
@@ -74,10 +78,16 @@ def error_plot(
         image[top:bottom, column] = _GRID
         write(image, f"{tick:.6g}", column, bottom + 12, align="centre")
     columns = np.arange(left, right)
-    values_m = np.interp((columns - left) / (right - left - 1) * seconds, stamps_s - stamps_s[0], error_m)
+    values_m = np.interp(
+        (columns - left) / (right - left - 1) * seconds, stamps_s - stamps_s[0], error_m
+    )
     colours, rows = (error_colours(values_m) * 255).astype(np.uint8), row(values_m * 100)
-    for column, here, before, colour in zip(columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True):
-        image[min(here, before) - 1 : max(here, before) + 2, column] = colour  # a line from each value to the next
+    for column, here, before, colour in zip(
+        columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True
+    ):
+        image[min(here, before) - 1 : max(here, before) + 2, column] = (
+            colour  # a line from each value to the next
+        )
     image[row(rmse_m * 100) : row(rmse_m * 100) + 2, left:right] = _INK
     write(image, f"Position error over time, ATE rmse {rmse_m * 100:.2f} cm", left, 20)
     write(image, "cm", left - 14, top - 26, align="right")
@@ -100,7 +110,9 @@ def write(image: np.ndarray, text: str, x: int, y: int, size: int = 2, align: st
         [int(letter, 32) << 1 for letter in _GLYPHS.get(c, "0000000")] for c in text
     ]  # one empty column between letters
     dots = [[[row >> (5 - k) & 1 for k in range(6)] for row in glyph] for glyph in rows]
-    block = np.kron(np.concatenate([np.array(glyph, bool) for glyph in dots], 1), np.ones((size, size), bool))
+    block = np.kron(
+        np.concatenate([np.array(glyph, bool) for glyph in dots], 1), np.ones((size, size), bool)
+    )
     x -= {"left": 0, "centre": block.shape[1] // 2, "right": block.shape[1]}[align]
     target = image[max(y, 0) : y + block.shape[0], max(x, 0) : x + block.shape[1]]
     target[block[max(-y, 0) :, max(-x, 0) :][: target.shape[0], : target.shape[1]]] = _INK

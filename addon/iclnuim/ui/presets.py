@@ -17,7 +17,12 @@ from .state import operator
 
 BUILT_IN: dict[str, dict[str, Any]] = {
     "Benchmark": {},
-    "Quick look": {**PinholeCamera.parse("320x240").to_dict(), "light": "path", "samples": 4, "frames": "::60"},
+    "Quick look": {
+        **PinholeCamera.parse("320x240").to_dict(),
+        "light": "path",
+        "samples": 4,
+        "frames": "::60",
+    },
     "Reference, path traced": {"light": "path", "samples": 256, "frames": "::"},
 }
 #: Old name -> new name, for presets saved by version 0.1.0.
@@ -26,7 +31,11 @@ _RENAMED = {"dialects": "formats", "alignment": "align_method"}
 
 def values(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
     """The values that differ from the defaults, ready for JSON."""
-    found = {name: getattr(settings, name) for name in properties_of_a_preset() if settings.is_property_set(name)}
+    found = {
+        name: getattr(settings, name)
+        for name in properties_of_a_preset()
+        if settings.is_property_set(name)
+    }
     for name, value in found.items():
         if not isinstance(value, bool | int | float | str):
             found[name] = sorted(value) if isinstance(value, set) else list(value)
@@ -35,7 +44,10 @@ def values(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
 
 def apply(settings: bpy.types.PropertyGroup, chosen: dict[str, Any]) -> None:
     """Set the values of a preset, and all other settings to their defaults. Raises InputError for an unknown name or value."""
-    chosen, known = {_RENAMED.get(name, name): value for name, value in chosen.items()}, properties_of_a_preset()
+    chosen, known = (
+        {_RENAMED.get(name, name): value for name, value in chosen.items()},
+        properties_of_a_preset(),
+    )
     unknown = sorted(set(chosen) - set(known))
     if unknown:
         raise InputError(f"a preset of {', '.join(known)}", found=", ".join(unknown))
@@ -43,7 +55,9 @@ def apply(settings: bpy.types.PropertyGroup, chosen: dict[str, Any]) -> None:
         settings.property_unset(name)
     for name, value in chosen.items():
         try:
-            setattr(settings, name, set(value) if isinstance(getattr(settings, name), set) else value)
+            setattr(
+                settings, name, set(value) if isinstance(getattr(settings, name), set) else value
+            )
         except (TypeError, ValueError) as error:
             raise InputError("a value that fits", setting=name, found=error) from None
 
@@ -59,7 +73,10 @@ def preset(self, context):
     stored = own()
     if self.preset not in (*BUILT_IN, *stored):
         raise InputError(f"a preset ({', '.join((*BUILT_IN, *stored))})", found=self.preset)
-    apply(context.scene.iclnuim, BUILT_IN[self.preset] if self.preset in BUILT_IN else read_json(stored[self.preset]))
+    apply(
+        context.scene.iclnuim,
+        BUILT_IN[self.preset] if self.preset in BUILT_IN else read_json(stored[self.preset]),
+    )
 
 
 @operator(
@@ -71,7 +88,9 @@ def preset_save(self, context):
     """Save the current settings as a new preset, in the extension's user folder"""
     name = "".join(c for c in self.preset if c.isalnum() or c in " -_").strip()
     if not name or name in BUILT_IN:
-        raise InputError("a name of letters and digits that no built-in preset has", found=self.preset)
+        raise InputError(
+            "a name of letters and digits that no built-in preset has", found=self.preset
+        )
     write_json(state.user_folder("presets") / f"{name}.json", values(context.scene.iclnuim))
 
 

@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    StringProperty,
+)
 
 from ..dataset.sequence_options import SequenceOptions
 from ..errors import InputError
@@ -26,8 +33,16 @@ from . import state
 Entry = tuple[str, str, str]
 #: Choices other than built-in scenes and trajectories, by the number that is stored in a saved .blend.
 _OTHER_SCENES = {
-    2: ("OPEN", "Open file", "The scene in this window; a copy of it is saved in the output folder and rendered"),
-    3: ("FILE", "Scene file", "A .blend, .glb, .gltf, .obj, .ply, .usd or .fbx; converted to z up and metres"),
+    2: (
+        "OPEN",
+        "Open file",
+        "The scene in this window; a copy of it is saved in the output folder and rendered",
+    ),
+    3: (
+        "FILE",
+        "Scene file",
+        "A .blend, .glb, .gltf, .obj, .ply, .usd or .fbx; converted to z up and metres",
+    ),
 }
 _OTHER_TRAJECTORIES = {
     4: (
@@ -35,7 +50,11 @@ _OTHER_TRAJECTORIES = {
         "Trajectory file",
         "TUM, *.gt.freiburg, *.gt.sim, KITTI, EuRoC or POV-Ray; the format is detected by name and content",
     ),
-    5: ("CAMERA", "Active camera", "The animation of the scene's active camera, one pose per frame of the timeline"),
+    5: (
+        "CAMERA",
+        "Active camera",
+        "The animation of the scene's active camera, one pose per frame of the timeline",
+    ),
 }
 _FILE_OF_POSES = "Camera-to-world poses; right-handed unless the file is named *.gt.freiburg or starts like the released trajectories"
 _OUT = "raw/, clean/ and noisy/ are created in it. If empty: iclnuim next to the saved .blend, or in the extension's user folder if it is not saved"
@@ -47,7 +66,9 @@ _EQUATION_2 = "paper, equation 2"
 class PanelSettings(Settings):
     """Settings that only the panel has: where the trajectory starts, what is drawn, and which frames and sequences are written."""
 
-    scale: float = setting(1.0, "factor on the trajectory's lengths", low=1e-3, high=1e3, source=_EQUATION_2)
+    scale: float = setting(
+        1.0, "factor on the trajectory's lengths", low=1e-3, high=1e3, source=_EQUATION_2
+    )
     use_start: bool = setting(
         False,
         "move the trajectory so that its first pose is the one below",
@@ -55,7 +76,9 @@ class PanelSettings(Settings):
         label="Custom start pose",
     )
     start_location: tuple[float, float, float] = setting(
-        (0.0, 0.0, 1.5), "position of the first pose, metres in Blender's world, z up", label="Start"
+        (0.0, 0.0, 1.5),
+        "position of the first pose, metres in Blender's world, z up",
+        label="Start",
     )
     start_rotation: tuple[float, float, float] = setting(
         (math.pi / 2, 0.0, 0.0),
@@ -63,7 +86,9 @@ class PanelSettings(Settings):
         label="Rotation",
     )
     show_path: bool = setting(
-        True, "draw the trajectory as a curve with camera frusta; it is never rendered", label="Show in 3D view"
+        True,
+        "draw the trajectory as a curve with camera frusta; it is never rendered",
+        label="Show in 3D view",
     )
     write_clean: bool = setting(True, "write a sequence without noise", label="Clean")
     write_noisy: bool = setting(True, "write a sequence with the sensor's noise", label="Noisy")
@@ -96,19 +121,34 @@ def properties_of_this_file() -> dict[str, Any]:
     """Name -> property, of the settings that belong to this file or this machine. Presets do not change them."""
     scenes = ((s.name, s.title, s.description) for s in SCENES.values())
     paths = ((name, name, text) for name, text in TRAJECTORIES.items())
-    units = ((name, name, f"One unit of the file is {metres:g} m") for name, metres in UNITS_M.items())
+    units = (
+        (name, name, f"One unit of the file is {metres:g} m") for name, metres in UNITS_M.items()
+    )
     return {
-        "scene_source": EnumProperty(name="Scene", items=_items(scenes, _OTHER_SCENES), update=_trajectory_changed),
-        "scene_file": _file("File", f"Scene file: {_OTHER_SCENES[3][2].partition(';')[0]}", update=_trajectory_changed),
+        "scene_source": EnumProperty(
+            name="Scene", items=_items(scenes, _OTHER_SCENES), update=_trajectory_changed
+        ),
+        "scene_file": _file(
+            "File",
+            f"Scene file: {_OTHER_SCENES[3][2].partition(';')[0]}",
+            update=_trajectory_changed,
+        ),
         **_properties(SceneReading),
         "scene_unit": _choice(declared(SceneReading)["unit_m"], units),
         "trajectory_source": EnumProperty(
-            name="Trajectory", items=_items(paths, _OTHER_TRAJECTORIES), default="kt2", update=_trajectory_changed
+            name="Trajectory",
+            items=_items(paths, _OTHER_TRAJECTORIES),
+            default="kt2",
+            update=_trajectory_changed,
         ),
         "trajectory_file": _file("File", _FILE_OF_POSES, update=_trajectory_changed),
         "out": _file("Output folder", _OUT, "DIR_PATH"),
-        "estimate": _file("Estimate", "Estimated trajectory, camera to world, stamps in seconds (TUM and others)"),
-        "truth": _file("Ground truth", "Ground-truth trajectory; empty: the trajectory chosen above"),
+        "estimate": _file(
+            "Estimate", "Estimated trajectory, camera to world, stamps in seconds (TUM and others)"
+        ),
+        "truth": _file(
+            "Ground truth", "Ground-truth trajectory; empty: the trajectory chosen above"
+        ),
     }
 
 
@@ -161,12 +201,17 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
             return None
         options = SequenceOptions(**self.values_of(SequenceOptions))
         if not options.formats:
-            raise InputError("one or more", setting="formats", found="none", hint="switching Clean and Noisy off")
+            raise InputError(
+                "one or more", setting="formats", found="none", hint="switching Clean and Noisy off"
+            )
         models = {"clean": ("none", "none")} if self.write_clean else {}
         if self.write_noisy:
             models["noisy"] = (options.depth_noise, options.rgb_noise)
         rest = {"seed": options.seed, "depth_units": options.depth_units}
-        variants = {str(out / name): {"depth": depth, "rgb": rgb, **rest} for name, (depth, rgb) in models.items()}
+        variants = {
+            str(out / name): {"depth": depth, "rgb": rgb, **rest}
+            for name, (depth, rgb) in models.items()
+        }
         return {"formats": list(options.formats), "variants": variants}
 
 
@@ -181,7 +226,9 @@ def settings_of(group: type) -> dict[str, Setting]:
 
 def _properties(group: type, **defaults: Any) -> dict[str, Any]:
     """Name -> property, of a group. `defaults`: the panel's defaults where they differ from the declaration."""
-    return {name: _property(s, defaults.get(name, s.default)) for name, s in settings_of(group).items()}
+    return {
+        name: _property(s, defaults.get(name, s.default)) for name, s in settings_of(group).items()
+    }
 
 
 def _property(s: Setting, default: Any) -> Any:
@@ -197,9 +244,13 @@ def _property(s: Setting, default: Any) -> Any:
     if s.kind is str:
         return StringProperty(default=default or "", subtype=_SUBTYPES.get(s.name, "NONE"), **more)
     if s.length is not None:
-        return FloatVectorProperty(size=s.length, default=default, subtype=_SUBTYPES.get(s.name, "NONE"), **more)
+        return FloatVectorProperty(
+            size=s.length, default=default, subtype=_SUBTYPES.get(s.name, "NONE"), **more
+        )
     factor, kind = s.shown[1], s.kind
-    limits = {key: kind(v * factor) for key, v in (("min", s.low), ("max", s.high)) if math.isfinite(v)}
+    limits = {
+        key: kind(v * factor) for key, v in (("min", s.low), ("max", s.high)) if math.isfinite(v)
+    }
     if s.optional:
         limits["min"] = 0  # 0 means the default
     make, digits = (IntProperty, {}) if kind is int else (FloatProperty, {"precision": 3})
@@ -222,7 +273,10 @@ def _value(s: Setting, shown: Any) -> Any:
 def _words(s: Setting, unit: str = "") -> dict[str, Any]:
     """The name and tooltip of a property: help, unit and source."""
     details = "; ".join(filter(None, (unit, s.source)))
-    return {"name": s.label, "description": _sentence(s.help) + (f" ({details})" if details else "")}
+    return {
+        "name": s.label,
+        "description": _sentence(s.help) + (f" ({details})" if details else ""),
+    }
 
 
 def _sentence(text: str) -> str:

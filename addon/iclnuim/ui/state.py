@@ -72,7 +72,11 @@ def user_folder(name: str) -> Path:
     try:
         return Path(bpy.utils.extension_path_user(PACKAGE, path=name, create=True))
     except ValueError:  # run from a checkout, not as an installed extension
-        folder = Path(tempfile.gettempdir()) / f"iclnuim-{os.getuid() if hasattr(os, 'getuid') else 0}" / name
+        folder = (
+            Path(tempfile.gettempdir())
+            / f"iclnuim-{os.getuid() if hasattr(os, 'getuid') else 0}"
+            / name
+        )
         folder.mkdir(parents=True, exist_ok=True)
         return folder
 
@@ -101,7 +105,9 @@ def start(
     state.work.check_idle()
     options, log = {"job": job.to_dict(), "nice": 10}, user_folder("log") / "child.txt"
     options["asked"] = command.get("frames", ()) if job.light == "auto" else ()
-    worker = WorkerClient(worker_command(), options, out, log, environment={"ICLNUIM_CACHE": str(cache_folder())})
+    worker = WorkerClient(
+        worker_command(), options, out, log, environment={"ICLNUIM_CACHE": str(cache_folder())}
+    )
     state.work.start(kind, command, worker, when_done)
     state.on_done = on_done
     state.on_tick = None if bpy.app.background else on_tick
@@ -152,17 +158,34 @@ def operator(
                 return {"CANCELLED"}
             return {"FINISHED"}
 
-        members: dict[str, Any] = {"__doc__": function.__doc__, "__module__": function.__module__, "execute": execute}
-        members |= {"bl_idname": f"iclnuim.{name}", "bl_label": label, "__annotations__": properties}
+        members: dict[str, Any] = {
+            "__doc__": function.__doc__,
+            "__module__": function.__module__,
+            "execute": execute,
+        }
+        members |= {
+            "bl_idname": f"iclnuim.{name}",
+            "bl_label": label,
+            "__annotations__": properties,
+        }
         members |= {"bl_options": {"REGISTER", "UNDO"}} if undo else {}
-        return type(f"ICLNUIM_OT_{name}", (bpy.types.Operator,), members | ({"invoke": invoke} if invoke else {}))
+        return type(
+            f"ICLNUIM_OT_{name}",
+            (bpy.types.Operator,),
+            members | ({"invoke": invoke} if invoke else {}),
+        )
 
     return made
 
 
 def areas(kind: str) -> list[bpy.types.Area]:
     """The areas of all windows whose editor is of this kind."""
-    return [area for w in bpy.context.window_manager.windows for area in w.screen.areas if area.type == kind]
+    return [
+        area
+        for w in bpy.context.window_manager.windows
+        for area in w.screen.areas
+        if area.type == kind
+    ]
 
 
 def redraw() -> None:

@@ -56,9 +56,15 @@ def show_estimate(positions_m: np.ndarray, reference_m: np.ndarray, error_m: np.
 
 def _key(scene: bpy.types.Scene) -> tuple:
     made = {**properties.properties_of_this_file(), **properties.properties_of_a_preset()}
-    values = (getattr(scene.iclnuim, name) for name, one in made.items() if "update" in one.keywords)
+    values = (
+        getattr(scene.iclnuim, name) for name, one in made.items() if "update" in one.keywords
+    )
     shown = bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
-    return scene.name, shown, *(v if isinstance(v, (str, float, bool)) else tuple(v) for v in values)
+    return (
+        scene.name,
+        shown,
+        *(v if isinstance(v, (str, float, bool)) else tuple(v) for v in values),
+    )
 
 
 def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
@@ -70,7 +76,11 @@ def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     moving, cast = np.flatnonzero(lengths > 1e-9), context.scene.ray_cast
-    through = [i for i in moving if cast(depsgraph, points[i], steps[i] / lengths[i], distance=float(lengths[i]))[0]]
+    through = [
+        i
+        for i in moving
+        if cast(depsgraph, points[i], steps[i] / lengths[i], distance=float(lengths[i]))[0]
+    ]
     more = f" and {len(through) - 1} more" if len(through) > 1 else ""
     return f"the trajectory passes through a surface at frame {through[0]}{more}" if through else ""
 
@@ -89,10 +99,19 @@ def _segments(values: np.ndarray) -> np.ndarray:
 
 def _frusta(poses: SE3, camera: PinholeCamera) -> np.ndarray:
     """(16 n, 3) end points of line segments: eight lines per camera."""
-    u, v = np.array([0, camera.width, camera.width, 0]) - 0.5, np.array([0, 0, camera.height, camera.height]) - 0.5
-    corners = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)], -1) * _FRUSTUM_DEPTH_M
+    u, v = (
+        np.array([0, camera.width, camera.width, 0]) - 0.5,
+        np.array([0, 0, camera.height, camera.height]) - 0.5,
+    )
+    corners = (
+        np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)], -1)
+        * _FRUSTUM_DEPTH_M
+    )
     world = np.einsum("nij,kj->nki", poses.rotation, corners) + poses.translation[:, None]
-    around, eye = np.roll(world, -1, axis=1), np.broadcast_to(poses.translation[:, None], world.shape)
+    around, eye = (
+        np.roll(world, -1, axis=1),
+        np.broadcast_to(poses.translation[:, None], world.shape),
+    )
     return np.stack([eye, world, world, around], 2).reshape(-1, 3)
 
 
@@ -147,7 +166,9 @@ def register() -> None:
         getattr(bpy.app.handlers, event).append(handler)
     if not bpy.app.background:
         state.later(_file_opened)
-        state.current().draw_handle = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_VIEW")
+        state.current().draw_handle = bpy.types.SpaceView3D.draw_handler_add(
+            draw, (), "WINDOW", "POST_VIEW"
+        )
 
 
 def unregister() -> None:

@@ -41,12 +41,23 @@ class Work:
     def check_idle(self) -> None:
         """Raises WorkError if other work is running."""
         if self.busy:
-            raise WorkError(f"a {self.kind} is already running", hint="again when it has finished, or Cancel first")
+            raise WorkError(
+                f"a {self.kind} is already running",
+                hint="again when it has finished, or Cancel first",
+            )
 
-    def start(self, kind: str, command: Mapping[str, Any], worker: WorkerClient, when_done: str = "done") -> None:
+    def start(
+        self, kind: str, command: Mapping[str, Any], worker: WorkerClient, when_done: str = "done"
+    ) -> None:
         """Send `command` (see blender/child.py) to the worker. `kind` is its name in the panel. Raises WorkError if other work is running."""
         self.check_idle()
-        vars(self).update(vars(Work(self.name_of, "starting", kind, message="Blender is starting in the background")))
+        vars(self).update(
+            vars(
+                Work(
+                    self.name_of, "starting", kind, message="Blender is starting in the background"
+                )
+            )
+        )
         self.worker, self._when_done = worker, when_done
         worker.send(command)
 
@@ -67,7 +78,9 @@ class Work:
         if self.busy and self.worker is not None:
             at_once = self.phase in ("starting", "preparing")
             self.phase, self.message = "stopping", "stopping; finished frames stay"
-            self._stopping_since_s = (time.monotonic() if now_s is None else now_s) - (GRACE_S if at_once else 0.0)
+            self._stopping_since_s = (time.monotonic() if now_s is None else now_s) - (
+                GRACE_S if at_once else 0.0
+            )
             self.worker.stop()
 
     def end(self) -> None:
@@ -124,7 +137,10 @@ class Work:
                 elif code == 0 and self.phase != "failed":
                     self.phase, self.message = "done", self._when_done
                 elif self.phase != "failed":
-                    self.phase, self.message = "failed", ended + (f". The end of its log: {log}" if log else "")
+                    self.phase, self.message = (
+                        "failed",
+                        ended + (f". The end of its log: {log}" if log else ""),
+                    )
 
     def _become(self, phase: str, message: str) -> None:
         if self.phase != "stopping":

@@ -14,7 +14,17 @@ from ...errors import InputError
 from ...formats import colmap
 from ...formats.files import atomic_write_text, data_lines, is_file, make_folder, read_text
 from ...geometry.camera import PinholeCamera
-from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat, camera_file, numbers_in
+from ..layout import (
+    DEPTH,
+    RGB,
+    Contents,
+    Reader,
+    Row,
+    SequenceCamera,
+    SequenceFormat,
+    camera_file,
+    numbers_in,
+)
 from . import listed
 
 _MODELS = ("sparse/0", "sparse")
@@ -42,7 +52,9 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
             seen[image].append(f"{u + 0.5:.4f} {v + 0.5:.4f} {number}")
         lines.append(f"{number} {point} 0 {' '.join(places)}")
     atomic_write_text(model / "points3D.txt", "\n".join(lines) + "\n")
-    lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[] as (X, Y, POINT3D_ID)"]
+    lines = [
+        "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[] as (X, Y, POINT3D_ID)"
+    ]
     poses = contents.poses.inverse()
     for image, (name, (x, y, z, w), t) in enumerate(
         zip(names, poses.quat_xyzw.tolist(), poses.translation.tolist(), strict=True)
@@ -50,7 +62,9 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
         numbers = " ".join(f"{value + 0.0:.12f}" for value in (w, x, y, z, *t))
         lines += [f"{image + 1} {numbers} 1 {name}", " ".join(seen[image])]
     atomic_write_text(model / "images.txt", "\n".join(lines) + "\n")
-    atomic_write_text(model / "test.txt", "".join(f"{name}\n" for name in sorted(names)[::_HELD_OUT]))
+    atomic_write_text(
+        model / "test.txt", "".join(f"{name}\n" for name in sorted(names)[::_HELD_OUT])
+    )
 
 
 #: The track of a point: the row of an image and the pixel (u, v) where it is seen, centres at whole numbers.
@@ -68,19 +82,25 @@ def _points(contents: Contents) -> tuple[list[str], list[_Track]]:
     texts: list[str] = []
     tracks: list[_Track] = []
     for row, (rgb, depth_z_m) in zip(rows, views, strict=True):
-        v, u = (grid.ravel() for grid in np.mgrid[step // 2 : camera.height : step, step // 2 : camera.width : step])
+        v, u = (
+            grid.ravel()
+            for grid in np.mgrid[step // 2 : camera.height : step, step // 2 : camera.width : step]
+        )
         measured = np.isfinite(depth_z_m[v, u]) & (depth_z_m[v, u] > 0)
         v, u = v[measured], u[measured]
         world = poses[row].apply(camera.unproject(depth_z_m.astype(float))[v, u])
         first = len(tracks)
         tracks += [[(row, float(a), float(b))] for a, b in zip(u, v, strict=True)]
-        for other, (_, there) in list(zip(rows, views, strict=True))[:: math.ceil(len(rows) / _WITNESSES)]:
+        for other, (_, there) in list(zip(rows, views, strict=True))[
+            :: math.ceil(len(rows) / _WITNESSES)
+        ]:
             if other != row:
                 for k, a, b in _seen(poses[other].inverse().apply(world), there, camera):
                     tracks[first + k].append((other, a, b))
         colours = rgb[v, u].tolist()
         texts += [
-            f"{x:.6f} {y:.6f} {z:.6f} {r} {g} {b}" for (x, y, z), (r, g, b) in zip(world.tolist(), colours, strict=True)
+            f"{x:.6f} {y:.6f} {z:.6f} {r} {g} {b}"
+            for (x, y, z), (r, g, b) in zip(world.tolist(), colours, strict=True)
         ]
     return texts, tracks
 
@@ -100,11 +120,17 @@ def _seen(
 
 
 def _model(folder: Path) -> Path | None:
-    return next((folder / name for name in _MODELS if (folder / name / "images.txt").is_file()), None)
+    return next(
+        (folder / name for name in _MODELS if (folder / name / "images.txt").is_file()), None
+    )
 
 
 def _found(folder: Path) -> bool:
-    return any((folder / name / f"images.{ending}").is_file() for name in _MODELS for ending in ("txt", "bin"))
+    return any(
+        (folder / name / f"images.{ending}").is_file()
+        for name in _MODELS
+        for ending in ("txt", "bin")
+    )
 
 
 def _rows(folder: Path) -> list[Row]:
@@ -118,7 +144,9 @@ def _rows(folder: Path) -> list[Row]:
         depth = folder / DEPTH / Path(name).with_suffix(".png")
         if not is_file(depth):
             raise InputError(
-                f"depth/{depth.name} in addition to COLMAP's images, which have no depth", path=folder, found="none"
+                f"depth/{depth.name} in addition to COLMAP's images, which have no depth",
+                path=folder,
+                found="none",
             )
         found.append(Row(stamp_s, folder / "images" / name, depth))
     return found
@@ -137,7 +165,9 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
     _, kind, *values = [*line.split(), "", ""]
     known = {"PINHOLE": 6, "SIMPLE_PINHOLE": 5}
     if kind not in known:
-        raise InputError(f"a camera {' or '.join(known)}, without distortion", path=file, line=number, found=kind)
+        raise InputError(
+            f"a camera {' or '.join(known)}, without distortion", path=file, line=number, found=kind
+        )
     what = "WIDTH HEIGHT and the numbers of a " + kind
     w, h, *f, cx, cy = numbers_in(file, values[:-2], known[kind], what)
     pinhole = PinholeCamera(int(w), int(h), f[0], f[-1], cx - 0.5, cy - 0.5)

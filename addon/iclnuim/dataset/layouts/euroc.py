@@ -8,7 +8,16 @@ from ...formats.files import atomic_write_text, data_lines, read_text
 from ...formats.trajectory_file import stamp_text_of_ns
 from ...geometry.camera import PinholeCamera
 from ..depth_units import UNITS_PER_METRE, check_units
-from ..layout import RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat, is_distorted, write_truth
+from ..layout import (
+    RGB,
+    Contents,
+    Reader,
+    Row,
+    SequenceCamera,
+    SequenceFormat,
+    is_distorted,
+    write_truth,
+)
 
 _ROOT, _TRUTH = Path("mav0"), Path("mav0/state_groundtruth_estimate0/data.csv")
 
@@ -16,7 +25,9 @@ _ROOT, _TRUTH = Path("mav0"), Path("mav0/state_groundtruth_estimate0/data.csv")
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     for sensor, what in (("cam0", "camera"), ("depth0", "depth camera, 16 bit, 0 = missing")):
         rows = [f"{ns},{ns}.png\n" for ns in (frame.nanoseconds() for frame in contents.frames)]
-        atomic_write_text(folder / _ROOT / sensor / "data.csv", "#timestamp [ns],filename\n" + "".join(rows))
+        atomic_write_text(
+            folder / _ROOT / sensor / "data.csv", "#timestamp [ns],filename\n" + "".join(rows)
+        )
         atomic_write_text(folder / _ROOT / sensor / "sensor.yaml", _sensor(contents, what))
     write_truth(folder / _TRUTH, contents, "euroc")
 
@@ -67,8 +78,12 @@ def _camera(folder: Path, image: Path) -> SequenceCamera:
     try:
         per_metre = check_units(float(units[1]) if units else UNITS_PER_METRE)
     except ValueError:
-        raise InputError("depth_units_per_metre as a number", path=file, found=units and units[1]) from None
-    return SequenceCamera(PinholeCamera(width, height, fx, fy, cx, cy), per_metre, distorted=is_distorted(text))
+        raise InputError(
+            "depth_units_per_metre as a number", path=file, found=units and units[1]
+        ) from None
+    return SequenceCamera(
+        PinholeCamera(width, height, fx, fy, cx, cy), per_metre, distorted=is_distorted(text)
+    )
 
 
 def _truth(folder: Path) -> Path | None:

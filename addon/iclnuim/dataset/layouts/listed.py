@@ -37,7 +37,9 @@ _TRUTHS = ("groundtruth.txt", "*.gt.freiburg", "*.gt.sim")
 _K = "the nine numbers of K, or fx fy cx cy"
 
 
-def write_lists(folder: Path, contents: Contents, format: SequenceFormat, associations: str = _ASSOCIATIONS[0]) -> None:
+def write_lists(
+    folder: Path, contents: Contents, format: SequenceFormat, associations: str = _ASSOCIATIONS[0]
+) -> None:
     """Write rgb.txt, depth.txt, `associations`, groundtruth.txt. Stamps with an original text are written with the same text."""
     rgb, depth = (format.images(contents, kind) for kind in (RGB, DEPTH))
     write_image_list(folder / "rgb.txt", rgb)
@@ -88,10 +90,17 @@ def _listed(folder: Path) -> list[Row]:
                 f"{name} {one.stamps_s[0]:.3f}..{one.stamps_s[-1]:.3f} s"
                 for name, one in zip((RGB, DEPTH), (rgb, depth), strict=True)
             )
-            raise InputError("stamps in depth.txt near those in rgb.txt", path=folder, found="; ".join(spans))
+            raise InputError(
+                "stamps in depth.txt near those in rgb.txt", path=folder, found="; ".join(spans)
+            )
     texts = [images.written or ("",) * len(images) for images in (rgb, depth)]
     return [
-        Row(rgb.stamps_s[i], folder / rgb.paths[i], folder / depth.paths[j], (texts[0][i], texts[1][j]))
+        Row(
+            rgb.stamps_s[i],
+            folder / rgb.paths[i],
+            folder / depth.paths[j],
+            (texts[0][i], texts[1][j]),
+        )
         for i, j in indices
     ]
 
@@ -100,13 +109,20 @@ def _images(folder: Path, kind: str) -> dict[str, Path]:
     """The images in rgb/ or depth/ by their names without ending. Colour may be JPEG; if an image is there in both formats, the PNG is used."""
     endings = (".jpeg", ".jpg", ".png") if kind == RGB else (".png",)
     paths = [path for path in (folder / kind).glob("*") if path.suffix.lower() in endings]
-    return {path.stem: path for path in sorted(paths, key=lambda path: endings.index(path.suffix.lower()))}
+    return {
+        path.stem: path
+        for path in sorted(paths, key=lambda path: endings.index(path.suffix.lower()))
+    }
 
 
 def _by_stamp(folder: Path) -> list[Row]:
     """The pairs of images that are all named by stamps in seconds, with decimals; the stamps of a pair may differ."""
     rgb, depth = (list(_images(folder, kind).values()) for kind in (RGB, DEPTH))
-    if not rgb or not depth or not all(re.fullmatch(r"\d+\.\d+", path.stem) for path in rgb + depth):
+    if (
+        not rgb
+        or not depth
+        or not all(re.fullmatch(r"\d+\.\d+", path.stem) for path in rgb + depth)
+    ):
         return []
     return paired_by_stamp(rgb, depth)
 
@@ -125,7 +141,9 @@ def _stamp_s(image: Path) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError("images named by their stamps in seconds", path=image, found=text) from None
+        raise InputError(
+            "images named by their stamps in seconds", path=image, found=text
+        ) from None
 
 
 def _by_name(folder: Path) -> list[Row]:
@@ -136,10 +154,16 @@ def _by_name(folder: Path) -> list[Row]:
     numbers = [int(name[2]) for name in split if name and name[2]]
     if len(numbers) < len(stems) or len({name[1] for name in split if name}) > 1:
         stamps_s = stamps_of_frames(range(len(stems))).tolist()
-        return [Row(stamp_s, colours[stem], depths[stem]) for stamp_s, stem in zip(stamps_s, stems, strict=True)]
+        return [
+            Row(stamp_s, colours[stem], depths[stem])
+            for stamp_s, stem in zip(stamps_s, stems, strict=True)
+        ]
     if max(numbers, default=0) <= LARGEST_FRAME:
         named = zip(stamps_of_frames(numbers).tolist(), stems, numbers, strict=True)
-        return [Row(stamp_s, colours[stem], depths[stem], number=number) for stamp_s, stem, number in named]
+        return [
+            Row(stamp_s, colours[stem], depths[stem], number=number)
+            for stamp_s, stem, number in named
+        ]
     if len(numbers) > 1 and np.median(np.diff(numbers)) < SHORTEST_STEP_NS:
         expected = "images named by frame numbers, stamps in nanoseconds, or stamps in seconds with decimals"
         hint = "rgb.txt and depth.txt with the stamps of the images"
@@ -153,7 +177,10 @@ def _by_name(folder: Path) -> list[Row]:
 
 def _parts(stem: str) -> list[tuple[int, str]]:
     """A key that sorts names by the numbers in them: frame_9 before frame_10."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", stem, flags=re.ASCII)]
+    return [
+        (int(part), "") if part.isdecimal() else (-1, part)
+        for part in re.split(r"(\d+)", stem, flags=re.ASCII)
+    ]
 
 
 def camera(folder: Path, image: Path) -> SequenceCamera | None:

@@ -29,28 +29,42 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     rows = zip(rgb.paths, depth.paths, poses.tolist(), strict=True)
     content = {
         "camera_model": "OPENCV",
-        **{"w": c.width, "h": c.height, "fl_x": c.fx, "fl_y": c.fy, "cx": c.cx + 0.5, "cy": c.cy + 0.5},
+        **{
+            "w": c.width,
+            "h": c.height,
+            "fl_x": c.fx,
+            "fl_y": c.fy,
+            "cx": c.cx + 0.5,
+            "cy": c.cy + 0.5,
+        },
         **dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0),
         "camera_angle_x": float(2 * np.arctan(c.width / (2 * c.fx))),
         "camera_angle_y": float(2 * np.arctan(c.height / (2 * c.fy))),
         "enable_depth_loading": True,
         "integer_depth_scale": 1 / contents.depth_units_per_metre,
         # nerfstudio reads depth_file_path, instant-ngp depth_path
-        "frames": [{"file_path": a, "depth_file_path": b, "depth_path": b, "transform_matrix": m} for a, b, m in rows],
+        "frames": [
+            {"file_path": a, "depth_file_path": b, "depth_path": b, "transform_matrix": m}
+            for a, b, m in rows
+        ],
     }
     write_json(folder / FILE, content)
 
 
 def _check(contents: Contents) -> None:
     if contents.truth is None or len(contents.truth) < 2:
-        raise InputError("at least two poses for the format nerf", found="fewer", hint="the format tum")
+        raise InputError(
+            "at least two poses for the format nerf", found="fewer", hint="the format tum"
+        )
 
 
 def _remarks(contents: Contents) -> list[str]:
     units = contents.depth_units_per_metre
     if units == _NERFSTUDIO_UNITS:
         return []
-    return [f"nerfstudio reads the depth right with the setting depth_unit_scale_factor {1 / units:.6g}"]
+    return [
+        f"nerfstudio reads the depth right with the setting depth_unit_scale_factor {1 / units:.6g}"
+    ]
 
 
 def _rows(folder: Path) -> list[Row]:
@@ -61,7 +75,11 @@ def _rows(folder: Path) -> list[Row]:
     for place, frame in enumerate(frames):
         image, depth = (frame.get(key) for key in ("file_path", "depth_file_path"))
         if not isinstance(image, str) or not isinstance(depth, str):
-            raise InputError("frames with file_path and depth_file_path", path=folder / FILE, found=f"frame {place}")
+            raise InputError(
+                "frames with file_path and depth_file_path",
+                path=folder / FILE,
+                found=f"frame {place}",
+            )
         images.append((image, depth))
     numbers = numbers_of_names([image for image, _ in images])
     stamps_s = stamps_of_frames(numbers).tolist()
@@ -74,17 +92,24 @@ def _rows(folder: Path) -> list[Row]:
 def _camera(folder: Path, image: Path) -> SequenceCamera:
     content = read_json(folder / FILE)
     try:
-        w, h, fx, fy, cx, cy = (float(content[key]) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"))
+        w, h, fx, fy, cx, cy = (
+            float(content[key]) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")
+        )
         units = 1 / float(
-            content.get("integer_depth_scale", content.get("depth_unit_scale_factor", 1 / _NERFSTUDIO_UNITS))
+            content.get(
+                "integer_depth_scale", content.get("depth_unit_scale_factor", 1 / _NERFSTUDIO_UNITS)
+            )
         )
         size = int(w), int(h)
         distorted = any(float(content.get(key, 0)) for key in _DISTORTION)
     except (KeyError, TypeError, ValueError, OverflowError, ZeroDivisionError):
         raise InputError(
-            "numbers w, h, fl_x, fl_y, cx, cy, integer_depth_scale and of the distortion", path=folder / FILE
+            "numbers w, h, fl_x, fl_y, cx, cy, integer_depth_scale and of the distortion",
+            path=folder / FILE,
         ) from None
-    return SequenceCamera(PinholeCamera(*size, fx, fy, cx - 0.5, cy - 0.5), check_units(units), distorted=distorted)
+    return SequenceCamera(
+        PinholeCamera(*size, fx, fy, cx - 0.5, cy - 0.5), check_units(units), distorted=distorted
+    )
 
 
 FORMAT = SequenceFormat(

@@ -31,22 +31,34 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 def _rows(folder: Path) -> list[Row]:
     """The pairs in the order of the names; a depth image has the number of its colour image."""
     found = []
-    depths = {path.stem.removeprefix("depth"): path for path in (folder / "results").glob("depth*.png")}
-    images = sorted(path for ending in ("jpg", "png") for path in (folder / "results").glob(f"frame*.{ending}"))
+    depths = {
+        path.stem.removeprefix("depth"): path for path in (folder / "results").glob("depth*.png")
+    }
+    images = sorted(
+        path for ending in ("jpg", "png") for path in (folder / "results").glob(f"frame*.{ending}")
+    )
     for place, image in enumerate(images):
         number = image.stem.removeprefix("frame")
         if number not in depths:
-            raise InputError(f"results/depth{number}.png for {image.name}", path=folder, found="none")
+            raise InputError(
+                f"results/depth{number}.png for {image.name}", path=folder, found="none"
+            )
         found.append(Row(float(stamps_of_frames(place)), image, depths[number], number=place))
     return found
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
     """The camera in cam_params.json in the folder or, as published, in the parent folder; else the published camera if the image has its size."""
-    file = next((place / _CAMERA for place in (folder, folder.parent) if (place / _CAMERA).is_file()), None)
+    file = next(
+        (place / _CAMERA for place in (folder, folder.parent) if (place / _CAMERA).is_file()), None
+    )
     if file is None:
         header = image_header(image)
-        return SequenceCamera(_PUBLISHED, UNITS) if (header.width, header.height) == (1200, 680) else None
+        return (
+            SequenceCamera(_PUBLISHED, UNITS)
+            if (header.width, header.height) == (1200, 680)
+            else None
+        )
     content = read_json(file).get("camera")
     try:
         values = [float(content[key]) for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")]  # type: ignore[index]
@@ -59,7 +71,9 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
 FORMAT = SequenceFormat(
     "replica",
     "Replica as NICE-SLAM and its successors read it: results/frame*.jpg, results/depth*.png, traj.txt, cam_params.json",
-    lambda f, kind: f"results/frame{f.number:06}.jpg" if kind == RGB else f"results/{kind}{f.number:06}.png",
+    lambda f, kind: (
+        f"results/frame{f.number:06}.jpg" if kind == RGB else f"results/{kind}{f.number:06}.png"
+    ),
     _write,
     Reader(
         lambda folder: (folder / _TRAJECTORY).is_file() and (folder / "results").is_dir(),

@@ -7,7 +7,17 @@ import numpy as np
 from ...errors import InputError
 from ...formats.files import atomic_write_text, make_folder, read_text
 from ...geometry.trajectory import stamps_of_frames
-from ..layout import RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat, camera_file, numbers_in, pinhole_of
+from ..layout import (
+    RGB,
+    Contents,
+    Reader,
+    Row,
+    SequenceCamera,
+    SequenceFormat,
+    camera_file,
+    numbers_in,
+    pinhole_of,
+)
 
 #: Depth units per metre (depthShift of its .sens files).
 UNITS = 1000.0
@@ -27,7 +37,9 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 
 
 def _matrix(matrix: np.ndarray) -> str:
-    return "".join(" ".join(f"{value + 0.0:.12g}" for value in row) + "\n" for row in matrix.tolist())
+    return "".join(
+        " ".join(f"{value + 0.0:.12g}" for value in row) + "\n" for row in matrix.tolist()
+    )
 
 
 def _top(folder: Path) -> Path:
@@ -37,11 +49,18 @@ def _top(folder: Path) -> Path:
 def _rows(folder: Path) -> list[Row]:
     """The pairs, by the numbers in the names."""
     top, found = _top(folder), []
-    images = {int(p.stem): p for e in ("jpg", "png") for p in (top / "color").glob(f"*.{e}") if p.stem.isdecimal()}
+    images = {
+        int(p.stem): p
+        for e in ("jpg", "png")
+        for p in (top / "color").glob(f"*.{e}")
+        if p.stem.isdecimal()
+    }
     for number in sorted(images):
         depth = top / f"depth/{images[number].stem}.png"
         if not depth.is_file():
-            raise InputError(f"depth/{depth.name} for color/{images[number].name}", path=top, found="none")
+            raise InputError(
+                f"depth/{depth.name} for color/{images[number].name}", path=top, found="none"
+            )
         found.append(Row(float(stamps_of_frames(number)), images[number], depth, number=number))
     return found
 
@@ -65,7 +84,9 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
 FORMAT = SequenceFormat(
     "scannet",
     "ScanNet's exported frames: frames/color/*.jpg, frames/depth/*.png (mm), frames/pose/*.txt, frames/intrinsic/",
-    lambda f, kind: f"frames/color/{f.number}.jpg" if kind == RGB else f"frames/{kind}/{f.number}.png",
+    lambda f, kind: (
+        f"frames/color/{f.number}.jpg" if kind == RGB else f"frames/{kind}/{f.number}.png"
+    ),
     _write,
     Reader(
         lambda folder: (_top(folder) / "color").is_dir() and (_top(folder) / "pose").is_dir(),

@@ -11,7 +11,17 @@ from ...formats.images import image_header
 from ...formats.trajectories import write_trajectory
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import Trajectory, stamps_of_frames
-from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat, SequenceFrame, camera_file
+from ..layout import (
+    DEPTH,
+    RGB,
+    Contents,
+    Reader,
+    Row,
+    SequenceCamera,
+    SequenceFormat,
+    SequenceFrame,
+    camera_file,
+)
 from . import listed
 
 #: A field of view of 90 degrees; printed with the principal point at (320, 240), counted from the corner of the image.

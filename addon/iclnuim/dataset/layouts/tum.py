@@ -13,7 +13,9 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     """Write lists, camera.json, groundtruth.txt, and settings for ORB-SLAM3."""
     listed.write_lists(folder, contents, format)
     listed.write_camera(folder, contents)
-    settings = slam_settings.orb_slam3(contents.camera, contents.rate_hz, contents.depth_units_per_metre)
+    settings = slam_settings.orb_slam3(
+        contents.camera, contents.rate_hz, contents.depth_units_per_metre
+    )
     atomic_write_text(folder / "orb_slam3.yaml", settings)
 
 

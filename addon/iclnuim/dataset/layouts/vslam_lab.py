@@ -32,7 +32,9 @@ _COLUMNS = ("ts_rgb_0 (ns)", "path_rgb_0", "ts_depth_0 (ns)", "path_depth_0")
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     lines = [",".join(_COLUMNS)]
     for f in contents.frames:
-        lines.append(f"{f.nanoseconds()},{format.image(f, RGB)},{f.nanoseconds(DEPTH)},{format.image(f, DEPTH)}")
+        lines.append(
+            f"{f.nanoseconds()},{format.image(f, RGB)},{f.nanoseconds(DEPTH)},{format.image(f, DEPTH)}"
+        )
     atomic_write_text(folder / _LIST, "\n".join(lines) + "\n")
     atomic_write_text(folder / _CAMERA, _calibration(contents))
     write_truth(folder / _TRUTH, contents, "vslam-lab")
@@ -84,12 +86,18 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
     if not file.is_file():
         return None
     text = read_text(file)
-    values = dict(re.findall(r"(focal_length|principal_point|depth_factor): *\[?([^\]\n]*)\]?", text))
+    values = dict(
+        re.findall(r"(focal_length|principal_point|depth_factor): *\[?([^\]\n]*)\]?", text)
+    )
     pairs = [values.get(name, "").split(",") for name in ("focal_length", "principal_point")]
-    fx, fy, cx, cy = numbers_in(file, [*pairs[0], *pairs[1]], 4, "focal_length: [fx, fy], principal_point: [cx, cy]")
+    fx, fy, cx, cy = numbers_in(
+        file, [*pairs[0], *pairs[1]], 4, "focal_length: [fx, fy], principal_point: [cx, cy]"
+    )
     units = values.get("depth_factor", str(UNITS_PER_METRE)).strip(" ,")
     (per_metre,) = numbers_in(file, [units], 1, "depth_factor as a number")
-    return SequenceCamera(pinhole_of(image, fx, fy, cx, cy), check_units(per_metre), distorted=is_distorted(text))
+    return SequenceCamera(
+        pinhole_of(image, fx, fy, cx, cy), check_units(per_metre), distorted=is_distorted(text)
+    )
 
 
 FORMAT = SequenceFormat(

@@ -1,0 +1,203 @@
+"""Runs of one or several odometers on a sequence: from frames to trajectories, errors, times and a table."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_images, read_truth
+from iclnuim.dataset.layout import SequenceCamera
+from iclnuim.errors import InputError, WorkError
+from iclnuim.evaluation.absolute_error import absolute_error
+from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
+from iclnuim.formats.files import is_file
+from iclnuim.formats.trajectories import write_trajectory
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+
+from .protocol import Frame, Odometer, Status
+from .track import Reference, Tracked, Tracker
+
+#: Per metre. With a larger offset the largest depth of a 16-bit image in millimetres (65.5 m) would be behind the camera.
+MAX_OFFSET = 0.015
+_SECOND = RelativeErrorSettings(1.0, "seconds")
+
+
+class Sequence:
+    """Image pairs of a folder in any TUM-like format, and their camera; frames are read one at a time.
+
+    depth_offset (1/m) is subtracted from inverse depth. A structured-light camera measures disparity, and a constant error of its
+    disparity is such an offset. camera: by default the one found in the folder. Raises InputError if there are no images, no
+    camera is found, or no pair can be read with it.
+    """
+
+    def __init__(
+        self, folder: Path | str, depth_offset: float = 0.0, camera: SequenceCamera | None = None
+    ) -> None:
+        if not abs(depth_offset) <= MAX_OFFSET:
+            raise InputError(
+                f"a depth offset from {-MAX_OFFSET} to {MAX_OFFSET} per metre", found=depth_offset
+            )
+        self.folder, self.depth_offset = Path(folder), depth_offset
+        self.pairs: list[ImagePair] = find_pairs(self.folder)
+        present = next((p.rgb for p in self.pairs if is_file(p.rgb)), None)
+        if present is None:
+            raise InputError("colour images that exist", path=folder, found=self.pairs[0].rgb)
+        self.camera: SequenceCamera = camera or read_camera(self.folder, present)
+        self._require_one()
+
+    def _require_one(self) -> None:
+        """Read pairs until one is good, usually the first. Raises the InputError of the first one if there is none."""
+        first = None
+        for pair in self.pairs:
+            try:
+                self.images(pair)
+                return
+            except InputError as error:
+                first = first or error
+        assert first is not None
+        raise first
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def frames(self, first: int | None = None) -> Iterator[tuple[float, Frame | str]]:
+        """(stamp, frame or the reason why it cannot be read) of all pairs, or of the `first` ones."""
+        for pair in self.pairs[:first]:
+            try:
+                rgb, depth_z_m = self.images(pair)
+                yield (
+                    pair.stamp_s,
+                    Frame.of(rgb, depth_z_m, pair.stamp_s, depth_offset=self.depth_offset),
+                )
+            except InputError as error:
+                yield pair.stamp_s, f"image: {error}"
+
+    def images(self, pair: ImagePair) -> tuple[np.ndarray, np.ndarray]:
+        """rgb (h, w, 3) uint8 and planar depth (h, w) float32 in metres, without the offset correction. Raises InputError."""
+        return read_images(pair, self.camera)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """All frames of a sequence, tracked or lost. truth: right-handed ground-truth poses, if the folder has them."""
+
+    name: str
+    frames: list[Tracked]
+    truth: Trajectory | None
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The tracked frames only, without the poses that a policy filled in. Raises WorkError if there are none."""
+        tracked = [f for f in self.frames if not f.lost]
+        if not tracked:
+            raise WorkError(
+                f"{self.name}: no frame could be tracked: {self.frames[0].result.reason}"
+            )
+        poses = SE3.from_matrix(np.array([f.T_world_camera.matrix for f in tracked]))
+        return Trajectory(np.array([f.stamp_s for f in tracked]), poses)
+
+    def losses(self) -> list[str]:
+        """One line per lost frame: its stamp and the reason."""
+        return [f"{f.stamp_s:.6f} s lost: {f.result.reason}" for f in self.frames if f.lost]
+
+    def write(self, path: str | Path) -> None:
+        """The trajectory as a TUM file."""
+        write_trajectory(path, self.trajectory, "tum")
+
+    def _rmse_m(self, measure: Callable) -> float | None:
+        """The RMSE in metres; None without ground truth, or if it cannot be computed."""
+        try:
+            return (
+                None
+                if self.truth is None
+                else measure(self.truth, self.trajectory).translation_m.rmse
+            )
+        except InputError:
+            return None
+
+    def to_dict(self) -> dict:
+        """The values that `odometry --json` prints. Times are those of prepare() and align(), without reading the images.
+
+        ATE is after SE(3) alignment, RPE over all pairs a second apart; both are None without ground truth or if undetermined.
+        """
+        ms = np.array([f.result.seconds for f in self.frames[1:]] or [0.0]) * 1e3
+        lost = sum(f.lost for f in self.frames)
+        return {
+            "odometer": self.name,
+            "frames": len(self.frames),
+            "lost": lost,
+            "coverage": 1 - lost / len(self.frames),
+            "not_converged": sum(not f.result.converged for f in self.frames) - lost,
+            "degenerate": sum(f.result.status is Status.DEGENERATE for f in self.frames),
+            "ms_median": float(np.median(ms)),
+            "ms_95": float(np.percentile(ms, 95)),
+            "frames_per_s": 1e3 / max(float(ms.mean()), 1e-6) if len(self.frames) > 1 else None,
+            "ate_rmse_m": self._rmse_m(absolute_error),
+            "rpe_1s_rmse_m": self._rmse_m(partial(relative_error, settings=_SECOND)),
+        }
+
+
+def run_together(
+    odometers: Iterable[Odometer],
+    sequence: Sequence | Path | str,
+    policy: str = "hold",
+    progress: Callable | None = None,
+    frames: int | None = None,
+    against: Callable[[Odometer, PinholeCamera], Reference] | None = None,
+) -> list[Run]:
+    """Run several odometers on a sequence (or its folder), or on its first `frames`.
+
+    Each frame is read once and passed to one odometer after the other, so that all run under the same machine load.
+    `progress(total, label)` returns an object with advance(). `against` returns the reference that frames are aligned against,
+    by default the one that each odometer declares. Raises InputError for an object that is not an odometer.
+    """
+    odometers = list(odometers)
+    for o in odometers:
+        if not all(hasattr(o, part) for part in ("name", "reference", "prepare", "align")):
+            raise InputError(
+                "odometers, as iclnuim.odometer(name) makes them (iclnuim.Odometer)", found=repr(o)
+            )
+    sequence = sequence if isinstance(sequence, Sequence) else Sequence(sequence)
+    truth = read_truth(
+        sequence.folder
+    )  # before the work: an error in it must not discard a finished run
+    camera = sequence.camera.pinhole
+    trackers = [
+        Tracker(o, camera, policy, against(o, camera) if against else None) for o in odometers
+    ]
+    tracked: list[list[Tracked]] = [[] for _ in odometers]
+    total = min(len(sequence), frames or len(sequence))
+    bar = progress(total, ", ".join(o.name for o in odometers)) if progress else None
+    for stamp_s, frame in sequence.frames(frames):
+        for tracker, results in zip(trackers, tracked, strict=True):
+            results.append(tracker.add(stamp_s, frame))
+        if bar:
+            bar.advance()
+    return [Run(o.name, results, truth) for o, results in zip(odometers, tracked, strict=True)]
+
+
+def table(runs: Iterable[Run | dict]) -> str:
+    """A text table of runs or their to_dict(), one row each. ms and frames per second exclude reading the images; ATE and RPE over 1 s are RMSE.
+
+    Rows of `iclnuim run` may lack values: their ms are those of the whole process. Their notes are printed below the row.
+    """
+    head = f"{'frames':>7}{'lost':>6}{'degen.':>8}{'ms':>8}{'ms 95%':>8}{'1/s':>7}{'ATE [mm]':>10}{'RPE [mm/s]':>12}"
+    lines = [f"{'odometer':<26}{head}"]
+    for r in (run.to_dict() if isinstance(run, Run) else run for run in runs):
+        ate, rpe = (_or_dash(r[k], ".3f", 1e3) for k in ("ate_rmse_m", "rpe_1s_rmse_m"))
+        ms, ms_95, rate = (
+            _or_dash(r.get(k), ".1f") for k in ("ms_median", "ms_95", "frames_per_s")
+        )
+        figures = (
+            f"{r['frames']:>7}{r['lost']:>6}{_or_dash(r['degenerate'], 'd'):>8}{ms:>8}{ms_95:>8}"
+        )
+        lines.append(f"{r['odometer']:<26}{figures}{rate:>7}{ate:>10}{rpe:>12}")
+        lines += [f"    {note}" for note in r.get("notes", ())]
+    return "\n".join(lines)
+
+
+def _or_dash(value: float | None, spec: str, factor: float = 1) -> str:
+    return "-" if value is None else format(value * factor, spec)

@@ -1,0 +1,206 @@
+"""Reads the trajectory that a system wrote, matches it to the stamps of the frames, and evaluates it; combines several runs into a row of `bench odometry`.
+
+Only the trajectory is evaluated; how the process ended is reported in a note.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from iclnuim.errors import InputError
+from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
+from iclnuim.evaluation.associate import AssociationSettings, associate
+from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
+from iclnuim.evaluation.time_offset import best_offset
+from iclnuim.formats.files import atomic_write_text, read_text
+from iclnuim.formats.trajectories import read_trajectory, write_trajectory
+from iclnuim.geometry.trajectory import FRAME_RATE_HZ, Trajectory, frames_of_stamps
+from iclnuim.report.trajectory_report import BetterOffset
+
+from .process import Ended
+from .staging import StagedSequence
+from .system import ResultSettings, System
+
+#: A pose matches a frame if their stamps differ by less than 1 ms and by less than a quarter of a frame: enough for six digits, or a float.
+_MATCH_S, _MATCH_SHARE = 1e-3, 0.25
+#: Coverage below which a note reports it.
+_WHOLE = 0.9
+_SECOND = RelativeErrorSettings(1.0, "seconds")
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Result of one trajectory of one run: number of frames with a pose, RMSE in metres (None if it cannot be computed), and notes."""
+
+    matched: int
+    ate_rmse_m: float | None
+    rpe_1s_rmse_m: float | None
+    notes: tuple[str, ...]
+
+
+def evaluate_run(
+    sequence: StagedSequence, system: System, name: str, run: Path, ended: Ended
+) -> Evaluation:
+    """Read the trajectory `name` that a run wrote into run/out, write it as run/matched/NAME.txt (TUM, with the stamps of the frames), and evaluate that file."""
+    result, notes = system.trajectories[name], _how(ended)
+    file = run / "out" / result.file
+    try:
+        written, read_notes = _read(file, run / "matched", result, cut=ended.how != "exit 0")
+        found, match_notes = _matched(sequence, system, result, written)
+        notes = [*read_notes, *match_notes, *notes]
+    except InputError as error:
+        empty = f"wrote nothing{_last_line(run / 'log.txt')}"
+        what = empty if _empty(file) else error.worded().removeprefix(f"{file.parent}/")
+        return Evaluation(0, None, None, (what, *notes))
+    target = run / "matched" / f"{name}.txt"
+    write_trajectory(target, found, "tum")
+    return _measured(sequence, read_trajectory(target, "tum").trajectory, notes)
+
+
+def _how(ended: Ended) -> list[str]:
+    if ended.how == "time limit":
+        return [f"killed at the time limit of {ended.wall_s:.0f} s"]
+    return [] if ended.how == "exit 0" else [f"ended by {ended.how}"]
+
+
+def _empty(file: Path) -> bool:
+    return not file.is_file() or not file.read_bytes().strip()
+
+
+def _last_line(log: Path) -> str:
+    lines = (
+        log.read_bytes().decode("utf-8", "replace").strip().splitlines() if log.is_file() else []
+    )
+    return f"; its last line: {lines[-1].strip()[:120]}" if lines else ""
+
+
+def _read(
+    file: Path, matched: Path, result: ResultSettings, cut: bool
+) -> tuple[Trajectory, list[str]]:
+    """Read a trajectory. Lines with NaN or infinity are frames that the system did not track; they are left out, and a note counts them.
+    cut: the last line may be incomplete.
+    """
+    matched.mkdir(exist_ok=True)
+    lines = read_text(file, "a trajectory").splitlines(keepends=True)
+    notes, whole = [], lines[:-1] if cut and not lines[-1].endswith("\n") else lines
+    good = [line for line in whole if not _not_finite(line)]
+    if left_out := len(whole) - len(good):
+        notes.append(f"{left_out} poses with NaN or infinity")
+        if not any(line.strip() and not line.lstrip().startswith("#") for line in good):
+            raise InputError("finite poses", found="only NaN or infinity")
+    if len(good) < len(lines):
+        file = matched / f"whole_{file.name}"
+        atomic_write_text(file, "".join(good))
+    rate_hz = 1.0 if result.counted else FRAME_RATE_HZ
+    loaded = read_trajectory(file, result.format, rate_hz=rate_hz)
+    if loaded.read_as.repeated:
+        notes.append(f"{loaded.read_as.repeated} repeated stamps left out")
+    return loaded.trajectory, notes
+
+
+def _not_finite(line: str) -> bool:
+    fields = line.split("#", 1)[0].replace(",", " ").lower().split()
+    return any(field.lstrip("+-") in ("nan", "inf", "infinity") for field in fields)
+
+
+def _matched(
+    sequence: StagedSequence, system: System, result: ResultSettings, written: Trajectory
+) -> tuple[Trajectory, list[str]]:
+    """The poses that match a frame, with the stamp of that frame, and notes. Raises InputError if less than half match."""
+    own_s = sequence.stamps_s
+    if result.counted:
+        numbers = np.rint(frames_of_stamps(written.stamps_s, 1.0)).astype(int)
+        if numbers[-1] >= len(own_s):
+            raise InputError(f"frames 0 to {len(own_s) - 1}", found=numbers[-1])
+        theirs_s, window_s = own_s[numbers], 1e-9
+    else:
+        theirs_s = written.stamps_s - sequence.offset_s(system.settings.stage)
+        window_s = min(_MATCH_S, _MATCH_SHARE / sequence.rate_hz)
+    pairs = associate(own_s, theirs_s, AssociationSettings(max_difference_s=window_s))
+    left = len(written) - len(pairs)
+    if 2 * len(pairs) < min(len(written), len(own_s)):
+        found = f"{left} of {len(written)} that match no frame, {theirs_s[0]:.6f} to {theirs_s[-1]:.6f} s"
+        fit = (
+            best_offset(sequence.truth, Trajectory(theirs_s, written.T_world_camera))
+            if sequence.truth
+            else None
+        )
+        found += f"; they fit best {-fit[0]:+.9g} s off" if fit else ""
+        raise InputError(
+            f"the stamps of the frames, {own_s[0]:.6f} to {own_s[-1]:.6f} s", found=found
+        )
+    notes = [f"{left} stamps that match no frame"] if left else []
+    return Trajectory(own_s[pairs.first], written.T_world_camera[pairs.second]), notes
+
+
+def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> Evaluation:
+    coverage = len(found) / len(sequence.pairs)
+    if coverage < _WHOLE:
+        notes.insert(0, f"covers {coverage:.0%} of the frames")
+    truth = sequence.truth
+    if truth is None:
+        return Evaluation(len(found), None, None, tuple(notes))
+    errors: list[float | None] = []
+    for measure in (absolute_error, partial(relative_error, settings=_SECOND)):
+        try:
+            errors.append(measure(truth, found).translation_m.rmse)
+        except InputError as error:
+            notes += (
+                [] if errors else [error.worded()]
+            )  # no note for a trajectory too short for pairs one second apart
+            errors.append(None)
+    if errors[0] is not None and (
+        better := BetterOffset.of(truth, found, AbsoluteErrorSettings(), errors[0])
+    ):
+        shift = f"stamps are {-better.offset_s:+.9g} s off: {1e3 * better.rmse_m:.3f} mm with this offset corrected"
+        notes.insert(0, shift)
+    return Evaluation(len(found), errors[0], errors[1], tuple(notes))
+
+
+def row(name: str, frames: int, runs: Sequence[tuple[Ended, Evaluation]]) -> dict:
+    """Combine several runs into a row of `bench odometry`: medians over the runs that have a figure, quartiles of the ATE, and the notes of all runs.
+
+    Times per frame are those of the whole process, including its start and reading the images.
+    """
+    ates = [v.ate_rmse_m for _, v in runs if v.ate_rmse_m is not None]
+    ms = [1e3 * ended.wall_s / frames for ended, v in runs if v.matched]
+    matched = float(np.median([v.matched for _, v in runs]))
+    median_ms = _middle(ms)
+    return {
+        "odometer": name,
+        "frames": frames,
+        "lost": frames - math.floor(matched),
+        "coverage": matched / frames,
+        "not_converged": None,
+        "degenerate": None,
+        "ms_median": median_ms,
+        "ms_95": None,
+        "frames_per_s": 1e3 / median_ms if median_ms else None,
+        "ate_rmse_m": _middle(ates),
+        "rpe_1s_rmse_m": _middle([v.rpe_1s_rmse_m for _, v in runs if v.rpe_1s_rmse_m is not None]),
+        "ate_quartiles_m": np.percentile(ates, (25, 75)).tolist() if ates else None,
+        "runs": len(runs),
+        "good_runs": sum(v.matched > 0 for _, v in runs),
+        **{
+            key: _middle([getattr(ended, key) for ended, _ in runs])
+            for key in ("wall_s", "cpu_s", "peak_bytes")
+        },
+        "notes": _joined(runs),
+    }
+
+
+def _middle(values: list) -> float | None:
+    return float(np.median(values)) if values else None
+
+
+def _joined(runs: Sequence[tuple[Ended, Evaluation]]) -> list[str]:
+    """Every note once, preceded by the numbers of its runs unless it applies to all."""
+    texts = dict.fromkeys(note for _, evaluation in runs for note in evaluation.notes)
+    found = []
+    for text in texts:
+        numbers = [str(number) for number, (_, v) in enumerate(runs, 1) if text in v.notes]
+        found.append(text if len(numbers) == len(runs) else f"run {', '.join(numbers)}: {text}")
+    return found

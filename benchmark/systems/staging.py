@@ -1,0 +1,181 @@
+"""Makes the view of a sequence for a system: links to the images under the names that it requires, lists of images, and its settings file.
+
+Stamps have six digits. If the first stamp would be too close to 0, whole seconds are added, and subtracted from the result. The view does
+not contain the ground truth.
+"""
+
+import gzip
+import lzma
+import math
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+from iclnuim.dataset.depth_units import depth16_from_metres
+from iclnuim.dataset.frames import (
+    ImagePair,
+    find_pairs,
+    read_camera,
+    read_depth_m,
+    read_truth,
+    require_images,
+    sequence_name,
+)
+from iclnuim.dataset.layout import SequenceCamera
+from iclnuim.dataset.slam_settings import SLAM_SETTINGS
+from iclnuim.errors import InputError, WorkError
+from iclnuim.formats.associations import (
+    Associations,
+    ImageList,
+    write_associations,
+    write_image_list,
+)
+from iclnuim.formats.files import atomic_write, atomic_write_text, make_folder, read_bytes, sha256
+from iclnuim.formats.png import write_png
+from iclnuim.geometry.trajectory import Trajectory, frame_rate_hz
+
+from .system import StageSettings
+
+_PACKED: dict[str, Callable] = {".xz": lzma.open, ".gz": gzip.open}
+
+
+@dataclass(frozen=True, eq=False)
+class StagedSequence:
+    """Images and camera for a system, and the ground truth for its evaluation. Stamps (n,) in seconds are those of the sequence; those of the view are `offset_s` later."""
+
+    name: str
+    pairs: tuple[ImagePair, ...]
+    camera: SequenceCamera
+    truth: Trajectory | None
+
+    @classmethod
+    def of(
+        cls, folder: Path, camera: SequenceCamera | None = None, first: int | None = None
+    ) -> "StagedSequence":
+        """The image pairs of a folder, or its `first` ones. Raises InputError if there are none, or the camera is unknown."""
+        pairs = find_pairs(folder)[:first]
+        require_images(folder, pairs)
+        return cls(
+            sequence_name(folder),
+            tuple(pairs),
+            camera or read_camera(folder, pairs[0].rgb),
+            read_truth(folder),
+        )
+
+    @property
+    def stamps_s(self) -> np.ndarray:
+        return np.array([pair.stamp_s for pair in self.pairs])
+
+    @property
+    def rate_hz(self) -> float:
+        return frame_rate_hz(self.stamps_s)
+
+    @cached_property
+    def images_sha256(self) -> str:
+        """Hash of the content of all images and of their stamps, wherever they are. It takes about 0.4 ms a frame."""
+        with ThreadPoolExecutor() as pool:  # hashing and reading do not need Python's global lock
+            hashes = pool.map(
+                lambda p: (sha256(read_bytes(p.rgb)), sha256(read_bytes(p.depth))), self.pairs
+            )
+            lines = [
+                f"{p.stamp_s:.6f} {rgb} {depth}"
+                for p, (rgb, depth) in zip(self.pairs, hashes, strict=True)
+            ]
+        return sha256("\n".join(lines).encode())
+
+    def is_staged_in(self, stage: Path) -> bool:
+        """Whether all links of a view lead to these images: they may have been moved since it was written."""
+        images = {os.path.abspath(path) for pair in self.pairs for path in (pair.rgb, pair.depth)}
+        return all(os.readlink(path) in images for path in stage.rglob("*") if path.is_symlink())
+
+    def offset_s(self, settings: StageSettings) -> float:
+        """Whole seconds added to the stamps of the view."""
+        return float(max(0, math.ceil(settings.first_stamp_s - self.pairs[0].stamp_s)))
+
+    def units(self, settings: StageSettings) -> float:
+        """Depth units per metre in the view."""
+        return settings.depth_units or self.camera.depth_units_per_metre
+
+    def values(self, settings: StageSettings, stage: Path) -> dict[str, object]:
+        """Values of the placeholders in a system's command."""
+        c = self.camera.pinhole
+        return {
+            **{name: repr(float(getattr(c, name))) for name in ("fx", "fy", "cx", "cy")},
+            **{"width": c.width, "height": c.height, "units": repr(float(self.units(settings)))},
+            **{"rate": repr(self.rate_hz), "frames": len(self.pairs), "stage": stage},
+            **{name: stage / f"{name}.txt" for name in ("associations", "rgb", "depth")},
+            "settings": stage / settings.settings_file,
+        }
+
+    def write(self, settings: StageSettings, stage: Path) -> None:
+        """Write the view. Raises InputError if two frames have the same stamp in six digits, or if depth does not fit the requested units."""
+        offset_s = self.offset_s(settings)
+        stamps = [f"{pair.stamp_s + offset_s:.6f}" for pair in self.pairs]
+        if len(set(stamps)) < len(stamps):
+            raise InputError("stamps at least a microsecond apart", path=self.name)
+        names = (
+            stamps
+            if settings.names == "stamp"
+            else [f"{number:06}" for number in range(len(stamps))]
+        )
+        lists = {}
+        for kind, folder in (("rgb", settings.rgb), ("depth", settings.depth)):
+            make_folder(stage / folder)
+            images = [getattr(pair, kind) for pair in self.pairs]
+            endings = [image.suffix if kind == "rgb" else ".png" for image in images]
+            files = [
+                f"{folder}/{name}{ending}" for name, ending in zip(names, endings, strict=True)
+            ]
+            own = self.camera.depth_units_per_metre
+            units = self.units(settings) if kind == "depth" else own
+            for image, file in zip(images, files, strict=True):
+                _place(image, stage / file, own, units)
+            lists[kind] = ImageList(tuple(map(float, stamps)), tuple(files), tuple(stamps))
+            write_image_list(stage / f"{kind}.txt", lists[kind])
+        rgb, depth = lists["rgb"], lists["depth"]
+        first, second = (depth, rgb) if settings.order == "depth-first" else (rgb, depth)
+        write_associations(stage / "associations.txt", Associations(first, second))
+        if settings.settings:
+            text = SLAM_SETTINGS[settings.settings](
+                self.camera.pinhole, self.rate_hz, self.units(settings)
+            )
+            atomic_write_text(stage / settings.settings_file, text)
+
+
+def _place(image: Path, file: Path, own: float, units: float) -> None:
+    """Link to the image. Depth in other units per metre than `units`, or stored as an array, is converted to a new file."""
+    if image.suffix == file.suffix and own == units:
+        os.symlink(os.path.abspath(image), file)
+    else:
+        write_png(file, depth16_from_metres(read_depth_m(image, own), units))
+
+
+def unpacked(options: Mapping[str, str], folder: Path) -> dict[str, str]:
+    """The options with files as absolute paths; compressed files (.xz, .gz) are unpacked into `folder`. Raises WorkError if that fails."""
+    found = {}
+    for name, value in options.items():
+        path = Path(value).expanduser()
+        found[name] = value
+        if name == "program" or not path.is_file():
+            continue
+        found[name] = str(path.resolve())
+        if opened := _PACKED.get(path.suffix):
+            target = folder / path.stem
+            found[name] = str(target.resolve())
+            if not target.is_file():
+                make_folder(folder)
+                atomic_write(target, partial(_unpack, opened, path))
+    return found
+
+
+def _unpack(opened: Callable, path: Path, target: Path) -> None:
+    try:
+        with opened(path) as source, open(target, "wb") as file:
+            shutil.copyfileobj(source, file, 1 << 20)
+    except (EOFError, lzma.LZMAError, gzip.BadGzipFile) as error:
+        raise WorkError(f"{path}: cannot be unpacked: {error}") from None

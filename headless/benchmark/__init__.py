@@ -1,1 +1,0 @@
-"""The benchmark: measurements, and the tables, findings, charts and reports made from them."""

@@ -1,0 +1,43 @@
+"""What commands that run methods need: the opened sequence, and the methods and packages that are installed."""
+
+import argparse
+from importlib.util import find_spec
+from pathlib import Path
+
+from iclnuim.benchmark.odometry.registry import PACKAGES, odometer
+from iclnuim.benchmark.odometry.run import Sequence
+from iclnuim.console import Console
+from iclnuim.errors import WorkError
+
+from .sequence_options import camera_from, note_camera, note_unused_images
+
+
+def open_sequence(
+    args: argparse.Namespace, console: Console, folder: Path, depth_offset: float = 0.0
+) -> Sequence:
+    """Open the sequence with the camera given by the options, or with that of the folder. Notes report what is assumed and left out."""
+    sequence = Sequence(folder, depth_offset, camera_from(args, folder))
+    note_camera(folder, sequence.camera, console)
+    note_unused_images(folder, sequence.pairs, console)
+    return sequence
+
+
+def require(what: str, *modules: str) -> None:
+    """Raises WorkError, with the command that installs it, if one of the modules is missing."""
+    for module in modules:
+        if find_spec(module) is None:
+            raise WorkError(f"{what} needs {module}; try: pip install {PACKAGES[module]}")
+
+
+def installed(names: list[str], preset: str, console: Console) -> list[str]:
+    """The odometers whose packages are installed; a note reports each one that is left out. Raises WorkError if none is left."""
+    found = []
+    for name in names:
+        try:
+            odometer(name, preset)
+            found.append(name)
+        except WorkError as error:
+            if name == names[-1] and not found:
+                raise
+            console.note(f"left out: {error}")
+    return found

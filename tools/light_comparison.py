@@ -1,0 +1,331 @@
+"""Compares lighting methods (path tracing, baked light) with a reference of many path-traced samples: seconds per frame, error, and flicker
+between frames, as a table and as a chart. Errors are those of display values, 0..1.
+"""
+
+import hashlib
+import json
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from iclnuim import shipped
+from iclnuim.dataset.run_folder import load_trajectory, read_run
+from iclnuim.formats.exr import read_exr
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+from iclnuim.job import RenderJob
+from iclnuim.report.charts import COLOURS
+from iclnuim.sensor.transfer import srgb_from_light
+from iclnuim.worker_events import Event, FrameDone, Note, Ready
+from matplotlib.figure import Figure
+
+REFERENCE_SAMPLES = 2048
+#: Seeds of the two halves of the reference. Their noise must be independent of each other and of that of the compared methods.
+_REFERENCE_SEEDS = (11, 12)
+_PATH_SAMPLES = (1, 4, 16, 64, 256)
+_BAKED_SAMPLES = (1, 2, 4, 8)
+#: Path tracing with more samples than this is slow: one frame is timed.
+_SLOW_SAMPLES = 16
+#: A depth difference beyond this share means another surface.
+_SAME_SURFACE = 0.01
+
+_TO = "to the reference"
+_HEADER = (
+    "method",
+    "samples",
+    "s/frame",
+    "PSNR dB",
+    "worst view",
+    _TO,
+    "median error",
+    _TO,
+    "bias",
+    "flicker",
+)
+
+
+@dataclass(frozen=True)
+class Way:
+    """One lighting method: `family` is a line of the chart, `label` a point on it."""
+
+    family: str
+    label: str
+    job: RenderJob
+
+
+@dataclass(frozen=True)
+class Error:
+    """psnr_db: of each view against the image to which path tracing converges. median, bias: median and mean difference of colour values.
+
+    psnr_to_reference_db, median_to_reference: the same against the reference itself, whose noise then counts as error.
+    """
+
+    psnr_db: tuple[float, ...]
+    psnr_to_reference_db: tuple[float, ...]
+    median: float
+    median_to_reference: float
+    bias: float
+
+    @property
+    def mean_psnr_db(self) -> float:
+        return float(np.mean(self.psnr_db))
+
+
+def error(frames: np.ndarray, halves: np.ndarray) -> Error:
+    """Error of scene-linear frames (n, h, w, 3) against references (2, n, h, w, 3) with independent noise.
+
+    The mean of the product of both differences contains no noise of the references, as the noise of the two halves is independent.
+    For the median, that noise (half the difference of the halves) is subtracted in quadrature.
+    """
+    a, b = (srgb_from_light(frames) - srgb_from_light(half) for half in halves)
+    whole = srgb_from_light(frames) - srgb_from_light(halves.mean(0))
+    median, noise = float(np.median(np.abs(whole))), float(np.median(np.abs(a - b))) / 2
+    return Error(
+        psnr_db=tuple(_decibels(np.mean(x * y)) for x, y in zip(a, b, strict=True)),
+        psnr_to_reference_db=tuple(_decibels(np.mean(x**2)) for x in whole),
+        median=float(np.sqrt(max(median**2 - noise**2, 0))),
+        median_to_reference=median,
+        bias=float(whole.mean()),
+    )
+
+
+def _decibels(square: float) -> float:
+    return float(-10 * np.log10(max(square, 1e-9)))
+
+
+def carried_difference(
+    rgb_a: np.ndarray,
+    depth_a_z_m: np.ndarray,
+    rgb_b: np.ndarray,
+    depth_b_z_m: np.ndarray,
+    T_b_a: SE3,
+    camera: PinholeCamera,
+) -> np.ndarray:
+    """(n,) differences, averaged over colours, between pixels of frame a and frame b, sampled bilinearly at their projections.
+
+    Scene-linear frames (h, w, 3) and planar depth (h, w) in metres. Pixels without depth, outside b, or behind or next to another
+    surface in b are left out.
+    """
+    points = T_b_a.apply(camera.unproject(depth_a_z_m).reshape(-1, 3))
+    pixels = camera.project(points).reshape(camera.height, camera.width, 2).astype(np.float32)
+    z = points[:, 2].reshape(camera.height, camera.width)
+    x, y = pixels[..., 0].copy(), pixels[..., 1].copy()
+    b = cv2.remap(
+        srgb_from_light(rgb_b).astype(np.float32), x, y, cv2.INTER_LINEAR, borderValue=(np.nan,) * 3
+    )
+    nearest, farthest = (
+        cv2.remap(f(depth_b_z_m, np.ones((2, 2))), x, y, cv2.INTER_NEAREST)
+        for f in (cv2.erode, cv2.dilate)
+    )
+    same = (
+        (depth_a_z_m > 0)
+        & (np.abs(nearest - z) < _SAME_SURFACE * z)
+        & (np.abs(farthest - z) < _SAME_SURFACE * z)
+    )
+    difference = np.abs(b - srgb_from_light(rgb_a)).mean(-1)
+    return difference[same & np.isfinite(difference)]
+
+
+@dataclass(frozen=True)
+class Result:
+    """seconds: median time of a frame at full size. flicker: median difference of a surface point between consecutive frames, 0..1."""
+
+    way: Way
+    seconds: float
+    error: Error
+    flicker: float
+
+
+def ways(job: RenderJob, map_sizes: Sequence[int]) -> list[Way]:
+    """All methods: path tracing with and without denoising, and baked light with each map size; the map size of the job has all sample counts."""
+    path = [
+        Way(family, f"{n}", job.changed(light="path", samples=n, denoise=denoise))
+        for family, denoise in (("path traced, denoised", True), ("path traced", False))
+        for n in _PATH_SAMPLES
+    ]
+    baked = [
+        Way(
+            f"baked, {size} map",
+            f"{n}",
+            job.changed(light="baked", samples=n, denoise=False, map_size=size),
+        )
+        for size in map_sizes
+        for n in (_BAKED_SAMPLES if size == job.map_size else (job.samples,))
+    ]
+    return baked + path
+
+
+class Comparison:
+    """Measures lighting methods on the `views` (frame numbers) of a sequence. Errors use the camera `small`, times use that of the job."""
+
+    def __init__(
+        self,
+        job: RenderJob,
+        views: Sequence[int],
+        small: PinholeCamera,
+        note: Callable[[str], None],
+    ) -> None:
+        self.job, self.views, self.small, self.note = job, list(views), small, note
+        #: (2, n, h, w, 3), two independent halves; rendered once and kept in the cache; an interrupted render is resumed
+        self.references = np.stack([self._reference(seed) for seed in _REFERENCE_SEEDS])
+
+    def run(self, way: Way) -> Result:
+        slow = way.job.light == "path" and (way.job.samples or 0) > _SLOW_SAMPLES
+        firsts = self.views[::2]
+        with tempfile.TemporaryDirectory() as folder:
+            small = Path(folder) / "small"
+            self._render(
+                replace(way.job, camera=self.small),
+                small,
+                sorted({*self.views, *(n + 1 for n in firsts)}),
+            )
+            found = error(read_frames(small, self.views)[0], self.references)
+            flicker = self._flicker(small, firsts)
+            times = self._render(
+                way.job, Path(folder) / "full", self.views[:1] if slow else self.views
+            )
+        # the first frame, in which Cycles reads the scene, counts only if it is the only one
+        seconds = (
+            statistics.median(np.diff(times)[1:-1]) if len(times) > 3 else times[-1] - times[0]
+        )
+        return Result(way, seconds, found, flicker)
+
+    def _reference(self, seed: int) -> np.ndarray:
+        from iclnuim.blender import worker
+
+        samples = REFERENCE_SAMPLES // len(_REFERENCE_SEEDS)
+        job = replace(
+            self.job.changed(light="path", samples=samples, denoise=False, seed=seed),
+            camera=self.small,
+        )
+        recipe = worker.recipe(job)
+        key = json.dumps(
+            [recipe[k] for k in ("job", "scene_sha256", "trajectory_sha256", "blender")],
+            sort_keys=True,
+        )
+        folder = (
+            shipped.cache_folder() / "references" / hashlib.sha256(key.encode()).hexdigest()[:20]
+        )
+        self._render(job, folder, self.views)
+        return read_frames(folder, self.views)[0]
+
+    def _render(self, job: RenderJob, folder: Path, numbers: list[int]) -> list[float]:
+        """Render the missing frames; returns the time of the start, and the times at which each frame was reported (while the next one renders)."""
+        from iclnuim.blender import worker
+
+        times: list[float] = []
+
+        def listen(event: Event) -> None:
+            if isinstance(event, Ready | FrameDone):
+                times.append(time.perf_counter())
+            if isinstance(event, Note):
+                self.note(event.text)
+
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with worker.Session(job, folder, listen) as session:
+            session.render(numbers, lambda: False)
+        return times
+
+    def _flicker(self, folder: Path, firsts: list[int]) -> float:
+        poses = load_trajectory(self.job).T_world_camera
+        rgb, depth_z_m = read_frames(folder, [n + k for n in firsts for k in (0, 1)])
+        differences = []
+        for k, n in enumerate(firsts):
+            a, b = 2 * k, 2 * k + 1
+            T_b_a = poses[n + 1].inverse() @ poses[n]
+            differences.append(
+                carried_difference(rgb[a], depth_z_m[a], rgb[b], depth_z_m[b], T_b_a, self.small)
+            )
+        return float(np.median(np.concatenate(differences)))
+
+
+def read_frames(folder: Path, numbers: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """(n, h, w, 3) scene-linear RGB and (n, h, w) planar depth in metres."""
+    run = read_run(folder)
+    channels = [read_exr(run.frame_file(n)) for n in numbers]
+    rgb = np.stack([np.stack([c[name] for name in "RGB"], -1) for c in channels]).astype(np.float32)
+    return rgb, np.stack([c["Z"] for c in channels])
+
+
+def figure(results: Sequence[Result]) -> Figure:
+    """Left: PSNR (higher is better); right: flicker in 8-bit steps (lower is better)."""
+    drawn = Figure(figsize=(12, 4.8), layout="constrained")
+    left, right = drawn.subplots(1, 2)
+    for k, family in enumerate(dict.fromkeys(r.way.family for r in results)):
+        line = [r for r in results if r.way.family == family]
+        style = {
+            "color": COLOURS[k % len(COLOURS)],
+            "label": family,
+            "marker": "o" if len(line) > 1 else "D",
+        }
+        for axes, values in (
+            (left, [r.error.mean_psnr_db for r in line]),
+            (right, [255 * r.flicker for r in line]),
+        ):
+            axes.plot([r.seconds for r in line], values, **style)
+            for r, value in zip(line, values, strict=True):
+                point = (r.seconds, value)
+                axes.annotate(
+                    r.way.label, point, xytext=(4, 4), textcoords="offset points", fontsize=8
+                )
+    left.set_ylabel("PSNR (dB), mean of the views")
+    right.set_ylabel("median change of a surface point\nfrom frame to frame (of 255)")
+    right.set_yscale("log")
+    right.yaxis.set_major_formatter("{x:g}")
+    right.yaxis.set_minor_formatter("{x:g}")
+    for axes in (left, right):
+        axes.set_xscale("log")
+        axes.set_xlabel("seconds per frame, 640 x 480 (numbers: samples per pixel)")
+        axes.grid(alpha=0.3)
+    left.legend(frameon=False)
+    return drawn
+
+
+def table(results: Sequence[Result]) -> str:
+    """One row per method, in Markdown."""
+    head = (f"| {' | '.join(cells)} |" for cells in (_HEADER, ["---"] * len(_HEADER)))
+    return "\n".join([*head, *map(row, results)])
+
+
+def row(r: Result) -> str:
+    """The table row of a method."""
+    error = r.error
+    psnr = (error.mean_psnr_db, min(error.psnr_db), float(np.mean(error.psnr_to_reference_db)))
+    figures = [
+        f"{r.seconds:.3f}",
+        *(f"{p:.1f}" for p in psnr),
+        f"{error.median:.4f}",
+        f"{error.median_to_reference:.4f}",
+        f"{error.bias:+.4f}",
+        f"{255 * r.flicker:.2f}",
+    ]
+    return f"| {' | '.join([r.way.family, r.way.label, *figures])} |"
+
+
+def summary(results: Sequence[Result], job: RenderJob) -> str:
+    """How much less time the job's baked light takes than path tracing with the same error."""
+    own = next((r for r in results if r.way.job == job.changed(light="baked")), None)
+    if own is None:
+        return ""
+    lines, psnr_db = [], own.error.mean_psnr_db
+    for family in ("path traced, denoised", "path traced"):
+        line = sorted(
+            (r.error.mean_psnr_db, np.log(r.seconds)) for r in results if r.way.family == family
+        )
+        if line:
+            psnrs_db, log_s = np.array(line).T
+            seconds = np.exp(
+                np.interp(psnr_db, psnrs_db, log_s, right=np.inf)
+            )  # inf if the family never reaches it
+            ratio = (
+                f"{seconds / own.seconds:.0f} times less time"
+                if np.isfinite(seconds)
+                else "not reached by it"
+            )
+            lines.append(f"baked light against {family} at {psnr_db:.1f} dB: {ratio}")
+    return "\n".join(lines)

@@ -1,0 +1,275 @@
+"""Measures noise models, as a chart and as tables: the time of sequences relative to that of their files alone, the time of each model
+alone, and its similarity to published noisy frames.
+
+Similarity is the overlap of two histograms of pixels. A bin of the histogram is given by the true depth or value of a pixel and by its
+error, or by the fact that the pixel is missing. The overlap is the share of pixels that both noises put into the same bins: 1 if they are
+equal, 0 if they have nothing in common. It measures amount, bias and gaps of the noise by depth and brightness, but not its correlation
+between pixels.
+"""
+
+import os
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from iclnuim.dataset.frames import image_frames, run_frames
+from iclnuim.dataset.sequence import SequenceWriter, keep_freed_memory
+from iclnuim.dataset.sequence_options import SequenceSettings, noisy_images
+from iclnuim.errors import InputError
+from iclnuim.formats.exr import read_exr
+from iclnuim.formats.png import write_png
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.report.charts import COLOURS
+from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
+from iclnuim.sensor.noise_model import DEPTH, RGB, frame_generator
+from iclnuim.sensor.transfer import srgb8
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+#: Pairs of depth and RGB models that users combine.
+PAIRS = (
+    ("none", "none"),
+    ("paper", "paper"),
+    ("released", "released"),
+    ("kinect2012", "paper"),
+    ("redwood", "paper"),
+)
+#: Bin edges of true depth (m) and of true 8-bit values.
+_DEPTHS_M, _VALUES = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0]), np.array([40, 80, 120, 160, 200])
+#: Disparity in steps of the paper's equation 3 is this constant divided by the depth in metres.
+_STEPS_M = 351.3
+#: Bins of errors: half a disparity step wide up to 6 steps for depth, one value wide up to 12 of 255 for colour.
+_BINS = 24
+_MISSING = _BINS + 1
+
+_MODELS = {"depth": DEPTH_MODELS, "rgb": RGB_MODELS}
+Figures = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class PairTime:
+    """Medians over rounds: frames per second (a frame reads one EXR and writes four PNGs, clean and noisy) and processor time per frame.
+    ratio, cpu_ratio: both times relative to reading these EXRs and writing these PNGs alone, within a round.
+    """
+
+    depth: str
+    rgb: str
+    frames_per_s: float
+    cpu_ms: float
+    ratio: float
+    cpu_ratio: float
+
+
+def pair_times(
+    raw: Path, frames: str, rounds: int, workers: int, on_round: Callable[[], None] = lambda: None
+) -> list[PairTime]:
+    """Measure each of PAIRS on the frames of a run, `rounds` times, alternating between sequences with noise and files alone."""
+    source, found = run_frames(raw, frames), []
+    for depth, rgb in PAIRS:
+        noisy = SequenceSettings(depth_model(depth), rgb_model(rgb), seed=1)
+        images = []  # for each frame: clean colour and depth, noisy colour and depth
+        for number in source.numbers:
+            light, depth_z_m = source.load(number)
+            both = (
+                noisy_images(light, depth_z_m, source.camera, number, s)[:2]
+                for s in (SequenceSettings(), noisy)
+            )
+            images.append([image for pair in both for image in pair])
+        times = []
+        for _ in range(rounds):
+            with tempfile.TemporaryDirectory() as scratch:
+                out = Path(scratch)
+                written = {out / "clean": SequenceSettings(), out / "noisy": noisy}
+                begun = _clocks()
+                SequenceWriter(source, written).write(workers)
+                made = _clocks()
+                _files_alone(raw, source.numbers, images, out, workers)
+                times.append((*(made - begun), *(_clocks() - made)))
+            on_round()
+        made_s, made_cpu, files_s, files_cpu = np.array(times).T
+        count = len(source.numbers)
+        ratios = float(np.median(made_s / files_s)), float(np.median(made_cpu / files_cpu))
+        speeds = (count / float(np.median(made_s)), 1e3 * float(np.median(made_cpu)) / count)
+        found.append(PairTime(depth, rgb, *speeds, *ratios))
+    return found
+
+
+def model_times_ms(raw: Path, frames: str, repeats: int = 15) -> dict[str, dict[str, float]]:
+    """{"depth": {model: median ms per frame}, "rgb": ...}: processor time of one thread."""
+    source = run_frames(raw, frames)
+    number = source.numbers[len(source.numbers) // 2]
+    light, depth_z_m = source.load(number)
+
+    def median_ms(kind: str, name: str) -> float:
+        times = []
+        for _ in range(repeats + 1):  # the first run is not counted, as it makes tables
+            start = time.thread_time()
+            _with_noise(kind, name, light, depth_z_m, source.camera, 0, number)
+            times.append(time.thread_time() - start)
+        return 1e3 * float(np.median(times[1:]))
+
+    keep_freed_memory()  # as the writer of sequences does
+    return {
+        kind: {name: median_ms(kind, name) for name in names} for kind, names in _MODELS.items()
+    }
+
+
+def _with_noise(
+    kind: str,
+    name: str,
+    light: np.ndarray,
+    depth_z_m: np.ndarray,
+    camera: PinholeCamera,
+    seed: int,
+    number: int,
+) -> np.ndarray:
+    """The depth of a frame in metres, or its 8-bit colour, with the noise of the model."""
+    if kind == "depth":
+        return depth_model(name).apply(depth_z_m, camera, frame_generator(seed, number, DEPTH))
+    return rgb_model(name).apply(light, frame_generator(seed, number, RGB))
+
+
+def _clocks() -> np.ndarray:
+    """Wall time and processor time in seconds. Processor time has a resolution of 1 ns for this process and of 10 ms for ended child processes."""
+    return np.array([time.perf_counter(), time.process_time() + sum(os.times()[2:4])])
+
+
+def _files_alone(
+    raw: Path, numbers: Sequence[int], images: Sequence[list[np.ndarray]], out: Path, workers: int
+) -> None:
+    """The necessary work: read every EXR, write every image."""
+
+    def one(number: int, four: list[np.ndarray]) -> None:
+        read_exr(raw / "exr" / f"{number:06}.exr")
+        for k, image in enumerate(four):
+            write_png(out / f"{number:06}_{k}.png", image)
+
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(one, numbers, images))
+
+
+# -- similarity
+
+
+def overlaps(clean: Path, noisy: Path) -> dict[str, dict[str, float]]:
+    """{"depth": {model: overlap}, "rgb": ...}: the overlap of each model, run on `clean`, with `noisy`, which has the same frames.
+
+    Raises InputError if they have no frame number in common.
+    """
+    sources = image_frames(clean), image_frames(noisy)
+    numbers = sorted(set(sources[0].numbers).intersection(sources[1].numbers))
+    if not numbers:
+        raise InputError(f"frames of {noisy}", path=clean, found="none of their numbers")
+    camera = sources[0].camera
+    (lights, depths), (noisy_lights, noisy_depths) = (
+        zip(*(source.load(n) for n in numbers), strict=True) for source in sources
+    )
+
+    def overlap(kind: str, name: str) -> float:
+        """Overlap of the histograms over all frames."""
+        cells = depth_cells if kind == "depth" else value_cells
+        clean, theirs = (
+            (depths, noisy_depths)
+            if kind == "depth"
+            else (map(srgb8, lights), map(srgb8, noisy_lights))
+        )
+        first = second = np.zeros(4096)
+        for n, light, z_m, true, noisy in zip(numbers, lights, depths, clean, theirs, strict=True):
+            ours = _with_noise(kind, name, light, z_m, camera, 1, n)
+            first = first + np.bincount(cells(true, noisy), minlength=4096)
+            second = second + np.bincount(cells(true, ours), minlength=4096)
+        return float(np.minimum(first, second).sum() / first.sum())
+
+    return {kind: {name: overlap(kind, name) for name in names} for kind, names in _MODELS.items()}
+
+
+def depth_cells(clean_z_m: np.ndarray, noisy_z_m: np.ndarray) -> np.ndarray:
+    """(h, w) planar depth in metres -> (n,) bins of the n pixels whose true depth is known."""
+    seen = clean_z_m > 0
+    clean, noisy = clean_z_m[seen].astype(float), noisy_z_m[seen].astype(float)
+    steps = _STEPS_M / np.maximum(noisy, 0.01) - _STEPS_M / clean
+    error = np.where(noisy < 0.6 * clean, _MISSING, _binned(steps / 0.5))
+    return np.digitize(clean, _DEPTHS_M) * 64 + error.astype(int)
+
+
+def value_cells(clean: np.ndarray, noisy: np.ndarray) -> np.ndarray:
+    """(h, w, 3) uint8 -> (n,) bins, separate for each channel."""
+    error = _binned(noisy.astype(int) - clean)
+    return (np.arange(3) * 512 + np.digitize(clean, _VALUES) * 64 + error).astype(int).ravel()
+
+
+def _binned(error: np.ndarray) -> np.ndarray:
+    """Errors, clipped to -12..12 -> bins 0..24."""
+    return np.clip(np.rint(error), -_BINS // 2, _BINS // 2) + _BINS // 2
+
+
+# -- chart and tables
+
+
+def figure(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> Figure:
+    """Left, if `overlaps` is given: time and overlap of each model. Right: time of clean and noisy frames relative to their files alone."""
+    drawn = Figure(figsize=(11, 4.4) if overlaps else (5.5, 4.4), layout="constrained")
+    grid = drawn.add_gridspec(1, 2 if overlaps else 1, width_ratios=(1.25, 1) if overlaps else None)
+    if overlaps:
+        _draw_models(drawn.add_subplot(grid[0]), times_ms, overlaps)
+    right = drawn.add_subplot(grid[-1])
+    names = [f"{p.depth}\n+ {p.rgb}" for p in pairs]
+    right.bar(names, [p.cpu_ratio for p in pairs], color=COLOURS[4], width=0.6)
+    right.axhline(1, color="black", linewidth=0.8)
+    for k, p in enumerate(pairs):
+        right.annotate(f"{p.cpu_ratio:.2f}\n{p.cpu_ms:.0f} ms", (k, 0.5), ha="center", fontsize=9)
+    right.set_ylabel(
+        "processor time of clean + noisy relative to\nreading the EXR and writing the PNGs alone"
+    )
+    right.tick_params(axis="x", labelsize=8)
+    return drawn
+
+
+def _draw_models(axes: Axes, times_ms: Figures, overlaps: Figures) -> None:
+    kinds = (("depth", "depth", COLOURS[0], "o", -12), ("rgb", "RGB", COLOURS[1], "s", 6))
+    for kind, label, colour, marker, below in kinds:
+        points = {name: (times_ms[kind][name], overlaps[kind][name]) for name in times_ms[kind]}
+        axes.plot(*zip(*points.values(), strict=True), marker, color=colour, label=label)
+        for name, point in points.items():
+            axes.annotate(
+                name, point, xytext=(5, below), textcoords="offset points", fontsize=9, color=colour
+            )
+    axes.set(
+        xlabel="ms per frame, 640 x 480, one thread",
+        ylabel="overlap with the noise of the official frames",
+    )
+    axes.set_xlim(0, 1.25 * max(max(t.values()) for t in times_ms.values()))
+    axes.set_ylim(0, 1.08)
+    axes.grid(alpha=0.3)
+    axes.legend(loc="lower right")
+
+
+def table(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> str:
+    """Two tables in Markdown: pairs, then models."""
+    rows = [
+        (
+            "depth + RGB",
+            "frames/s",
+            "relative to files alone",
+            "processor ms per frame",
+            "relative to files alone",
+        )
+    ]
+    for p in pairs:
+        times = (f"{p.frames_per_s:.1f}", f"{p.ratio:.2f}", f"{p.cpu_ms:.0f}", f"{p.cpu_ratio:.2f}")
+        rows.append((f"{p.depth} + {p.rgb}", *times))
+    models = [("model", "ms per frame", "overlap with the official noise")]
+    for kind, by_name in times_ms.items():
+        for name, ms in by_name.items():
+            models.append(
+                (f"{kind} {name}", f"{ms:.1f}", f"{overlaps[kind][name]:.3f}" if overlaps else "")
+            )
+    lines = (
+        [f"| {' | '.join(cells)} |" for cells in (t[0], ["---"] * len(t[0]), *t[1:])]
+        for t in (rows, models)
+    )
+    return "\n\n".join(map("\n".join, lines))
