@@ -1,4 +1,6 @@
-"""What measures methods: odometers, surface fusion, perturbations, third-party systems, and the experiments that run them on sequences.
+"""What measures methods: odometers, surface fusion, perturbations, third-party systems, and the
+experiments that run them on sequences.
 
-It stands on the library, which never imports it; `iclnuim.NAME` reaches its public names where it is installed.
+It stands on the library, which never imports it; `iclnuim.NAME` reaches its public names where it
+is installed.
 """

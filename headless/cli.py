@@ -1,6 +1,8 @@
-"""The command `iclnuim`: imports the module of the requested command, and reports an error as one line and an exit code.
+"""The command `iclnuim`: imports the module of the requested command, and reports an error as one
+line and an exit code.
 
-Exit codes: 0 done, 2 invalid input, 3 work failed, 130 interrupted. Modules of other commands are not imported.
+Exit codes: 0 done, 2 invalid input, 3 work failed, 130 interrupted. Modules of other commands are
+not imported.
 """
 
 import argparse
@@ -22,7 +24,8 @@ from .isolation import run_isolated
 from .options import option_name
 from .outputs import check_outputs
 
-#: command -> description. `configure` in commands/NAME.py (`-` becomes `_`) declares its options, or `configure_NAME` in the module listed in _SHARED.
+#: command -> description. `configure` in commands/NAME.py (`-` becomes `_`) declares its options,
+#: or `configure_NAME` in the module listed in _SHARED.
 COMMANDS = {
     "make": "bake the light, render the frames, and write a clean and a noisy sequence",
     "render": "render a sequence: EXR frames with RGB and exact depth",
@@ -149,7 +152,9 @@ class _Parser(argparse.ArgumentParser):
         )
 
     def _joined(self, message: str) -> str:
-        """`--frames=-3:` if the option's value was taken for another option because it starts with a minus."""
+        """`--frames=-3:` if the option's value was taken for another option because it starts with
+        a minus.
+        """
         if not message.endswith(": expected one argument"):
             return ""
         names = message.removeprefix("argument ").partition(":")[0].split("/")

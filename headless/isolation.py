@@ -1,4 +1,6 @@
-"""Opens user-provided files in Blender: in a forked process, so that a crash becomes a one-line error, and without Blender's own output."""
+"""Opens user-provided files in Blender: in a forked process, so that a crash becomes a one-line
+error, and without Blender's own output.
+"""
 
 import os
 import pickle
@@ -16,7 +18,9 @@ from iclnuim.geometry.scene_axes import SceneReading
 
 @contextmanager
 def opened_scene(what: str, file: str, reading: SceneReading) -> Iterator[list[str]]:
-    """Open the scene `file` in Blender, with Blender's output suppressed; yields the notes about the import. Raises WorkError, which names `what`, without bpy."""
+    """Open the scene `file` in Blender, with Blender's output suppressed; yields the notes about
+    the import. Raises WorkError, which names `what`, without bpy.
+    """
     with blender_output_in(Path(os.devnull)):  # even the import of bpy may print
         try:
             from iclnuim.blender import scene
@@ -26,10 +30,12 @@ def opened_scene(what: str, file: str, reading: SceneReading) -> Iterator[list[s
 
 
 def run_isolated(work: Callable[[], int | None], file: str) -> int:
-    """Run `work()` in a forked process, which shares standard output and standard error, and return its exit code.
+    """Run `work()` in a forked process, which shares standard output and standard error, and return
+    its exit code.
 
-    Re-raises an IclnuimError or OSError of `work`. Raises WorkError if Blender crashes on `file`. `work` runs in this process where
-    the system has no fork, or where Blender is already loaded (its threads do not survive a fork).
+    Re-raises an IclnuimError or OSError of `work`. Raises WorkError if Blender crashes on `file`.
+    `work` runs in this process where the system has no fork, or where Blender is already loaded
+    (its threads do not survive a fork).
     """
     if not hasattr(os, "fork") or "bpy" in sys.modules:
         return work() or 0
@@ -63,7 +69,9 @@ def crash_words(file: str, number: int) -> str:
 
 
 def _run(work: Callable[[], int | None], writing: int) -> None:
-    """Run `work` in the forked process and end it with os._exit, so that the parent's clean-up does not run twice."""
+    """Run `work` in the forked process and end it with os._exit, so that the parent's clean-up does
+    not run twice.
+    """
     code = 3
     try:
         code = work() or 0

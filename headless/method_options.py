@@ -1,4 +1,6 @@
-"""What commands that run methods need: the opened sequence, and the methods and packages that are installed."""
+"""What commands that run methods need: the opened sequence, and the methods and packages that are
+installed.
+"""
 
 import argparse
 from importlib.util import find_spec
@@ -15,7 +17,10 @@ from .sequence_options import camera_from, note_camera, note_unused_images
 def open_sequence(
     args: argparse.Namespace, console: Console, folder: Path, depth_offset: float = 0.0
 ) -> Sequence:
-    """Open the sequence with the camera given by the options, or with that of the folder. Notes report what is assumed and left out."""
+    """Open the sequence with the camera given by the options, or with that of the folder.
+
+    Notes report what is assumed and left out.
+    """
     sequence = Sequence(folder, depth_offset, camera_from(args, folder))
     note_camera(folder, sequence.camera, console)
     note_unused_images(folder, sequence.pairs, console)
@@ -30,7 +35,10 @@ def require(what: str, *modules: str) -> None:
 
 
 def installed(names: list[str], preset: str, console: Console) -> list[str]:
-    """The odometers whose packages are installed; a note reports each one that is left out. Raises WorkError if none is left."""
+    """The odometers whose packages are installed; a note reports each one that is left out.
+
+    Raises WorkError if none is left.
+    """
     found = []
     for name in names:
         try:

@@ -22,11 +22,12 @@ def add_settings(
     only: Iterable[str] | None = None,
     **defaults: Any,
 ) -> None:
-    """Add an option for every declared setting of a group, or for those named in `only`. The value of an option that is not given is None.
+    """Add an option for every declared setting of a group, or for those named in `only`. The value
+    of an option that is not given is None.
 
-    The value is stored under the option's name, so that groups whose settings share a name can share a parser. The declaration
-    checks the choices; its error is one line.
-    `defaults`: the default shown in the help, where a command has another default than the declaration.
+    The value is stored under the option's name, so that groups whose settings share a name can
+    share a parser. The declaration checks the choices; its error is one line. `defaults`: the
+    default shown in the help, where a command has another default than the declaration.
     """
     for name, declaration in declared(group).items():
         if declaration.option and (only is None or name in only):
@@ -58,7 +59,9 @@ def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: Any) -> N
 
 
 def _key(s: Setting) -> str:
-    """The attribute under which argparse stores the value of a setting's option: map_size for --map-size."""
+    """The attribute under which argparse stores the value of a setting's option: map_size for
+    --map-size.
+    """
     return s.option.removeprefix("--").replace("-", "_")
 
 
@@ -85,7 +88,8 @@ def given_settings(
 def settings_from(
     args: argparse.Namespace, base: S, only: Iterable[str] | None = None, **derived: Any
 ) -> S:
-    """`base` with the settings that were given as options, and the `derived` ones. Raises InputError, which names the option, for an
+    """`base` with the settings that were given as options, and the `derived` ones. Raises
+    InputError, which names the option, for an
     invalid value.
     """
     options = {n: s.option for n, s in declared(type(base)).items() if s.option}
@@ -100,9 +104,11 @@ def settings_from(
 
 
 def renamed(parser: argparse.ArgumentParser, old: str, new: str, **how: Any) -> None:
-    """Accept the old option name `old` for `new`, with a note on standard error. `how`: arguments of add_argument (type, nargs, ...).
+    """Accept the old option name `old` for `new`, with a note on standard error. `how`: arguments
+    of add_argument (type, nargs, ...).
 
-    Call it after `new` was added. Pass the same `dest` if `new` has one, and append=True if the option may be given several times.
+    Call it after `new` was added. Pass the same `dest` if `new` has one, and append=True if the
+    option may be given several times.
     """
     dest = how.pop("dest", new.lstrip("-").replace("-", "_"))
     how = {"action": _Renamed, "default": argparse.SUPPRESS, "help": argparse.SUPPRESS, **how}
@@ -137,7 +143,9 @@ class _Renamed(argparse.Action):
 
 
 def option_name(setting: str) -> str:
-    """The command-line option of a setting, for error messages; a name that is an option already is returned unchanged."""
+    """The command-line option of a setting, for error messages; a name that is an option already is
+    returned unchanged.
+    """
     if setting.startswith("--"):
         return setting
     declaration = find(setting)
@@ -186,7 +194,10 @@ def add_rerun(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def checked_rerun(args: argparse.Namespace) -> Path | None:
-    """The file of --rerun, None if it is not given. Raises InputError for an invalid name, WorkError without the package."""
+    """The file of --rerun, None if it is not given.
+
+    Raises InputError for an invalid name, WorkError without the package.
+    """
     if args.rerun:
         from iclnuim.report.recording import check_recording
 
@@ -195,7 +206,9 @@ def checked_rerun(args: argparse.Namespace) -> Path | None:
 
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
-    """Add --up, --scene-unit, --mirror and --textures, which decide how a scene file is read; settings_from makes a SceneReading of them."""
+    """Add --up, --scene-unit, --mirror and --textures, which decide how a scene file is read;
+    settings_from makes a SceneReading of them.
+    """
     add_settings(parser, SceneReading)
     renamed(parser, "--units", "--scene-unit", type=parse_unit)
 

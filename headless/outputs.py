@@ -11,7 +11,8 @@ from iclnuim.formats.files import is_stream, real_path
 
 #: Options whose value is written.
 _OUTPUTS = ("out", "csv", "plot", "rerun", "blend")
-#: Files of a sequence in its own folder, apart from its images: ground truth, lists, camera, recipe, journal, calibration.
+#: Files of a sequence in its own folder, apart from its images: ground truth, lists, camera,
+#: recipe, journal, calibration.
 _SEQUENCE = re.compile(
     r"(groundtruth.*|rgb|depth|associat.*|camera|recipe|sequence|frames|calibration|orb_slam.*)\.(txt|json|jsonl|csv|yaml)|.*\.gt\.\w+"
 )
@@ -23,7 +24,9 @@ _DEPTH = 4
 
 
 def check_outputs(args: argparse.Namespace) -> None:
-    """Raises InputError if an existing file that would be written is one that the command reads, or belongs to a sequence."""
+    """Raises InputError if an existing file that would be written is one that the command reads, or
+    belongs to a sequence.
+    """
     if getattr(args, "force", False):
         return
     for name, path in _outputs(args):
@@ -38,7 +41,10 @@ def check_outputs(args: argparse.Namespace) -> None:
 
 
 def refuse_existing(path: str | os.PathLike[str], hint: str) -> None:
-    """Raises InputError if a file or folder exists at the path of a new file. Pipes and devices (/dev/stdout) are written."""
+    """Raises InputError if a file or folder exists at the path of a new file.
+
+    Pipes and devices (/dev/stdout) are written.
+    """
     if os.path.lexists(path) and not is_stream(path):
         raise InputError("a new file name", path=path, found="an existing file", hint=hint)
 
@@ -55,7 +61,9 @@ def _of_sequence(folder: Path) -> str:
 
 
 def _outputs(args: argparse.Namespace) -> Iterator[tuple[str, Path]]:
-    """Options and the files that they write; `beside_out` of a command is the ending of a second file, which it writes next to its output."""
+    """Options and the files that they write; `beside_out` of a command is the ending of a second
+    file, which it writes next to its output.
+    """
     for name in _OUTPUTS:
         path = getattr(args, name, None)
         if isinstance(path, str | Path) and str(path):
@@ -84,13 +92,17 @@ def _is_read(path: Path, given: Path) -> bool:
 
 
 def _sequence_with(path: Path) -> Path | None:
-    """The sequence that a file belongs to, whether or not the command reads it; None if there is none."""
+    """The sequence that a file belongs to, whether or not the command reads it; None if there is
+    none.
+    """
     path = real_path(path)
     return next((folder for folder in path.parents[:_DEPTH] if _has(folder, path)), None)
 
 
 def _has(folder: Path, path: Path) -> bool:
-    """Whether a file is an image, the ground truth, a list or the camera of a sequence in any format."""
+    """Whether a file is an image, the ground truth, a list or the camera of a sequence in any
+    format.
+    """
     from iclnuim.dataset.frames import find_pairs, find_truth
 
     try:

@@ -1,7 +1,7 @@
 """The script behind `blender -b -P headless/render.py -- kt2` and `python headless/render.py kt2`.
 
-It runs the command `iclnuim render` from this checkout and ends the process with the exit code of that command. Blender itself would
-always end with 0.
+It runs the command `iclnuim render` from this checkout and ends the process with the exit code of
+that command. Blender itself would always end with 0.
 """
 
 import os

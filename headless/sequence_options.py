@@ -1,4 +1,7 @@
-"""Options for sequences: noise models, output formats, and the camera of a recorded sequence. Checks for required packages and for renamed words."""
+"""Options for sequences: noise models, output formats, and the camera of a recorded sequence.
+
+Checks for required packages and for renamed words.
+"""
 
 import argparse
 import sys
@@ -27,7 +30,9 @@ _EXAMPLES = {"depth": '{"sigma_d": 0.1}', "rgb": '{"exposure": 0.5}'}
 def add_sensor_options(
     parser: argparse.ArgumentParser, default: str, names: tuple[str, ...] = ("seed", "depth_units")
 ) -> None:
-    """Add --depth-noise and --rgb-noise with the default `default`, their settings, and the options of the other `names` of SequenceOptions."""
+    """Add --depth-noise and --rgb-noise with the default `default`, their settings, and the options
+    of the other `names` of SequenceOptions.
+    """
     noise = ("depth_noise", "rgb_noise")
     add_settings(parser, SequenceOptions, (*noise, *names), **dict.fromkeys(noise, default))
     parser.set_defaults(**dict.fromkeys(noise, default))
@@ -51,7 +56,9 @@ def sequence_options(args: argparse.Namespace) -> SequenceOptions:
 
 
 def check_format_units(args: argparse.Namespace, options: SequenceOptions) -> None:
-    """Raises InputError if --depth-units are given, and every format has other units that are fixed."""
+    """Raises InputError if --depth-units are given, and every format has other units that are
+    fixed.
+    """
     fixed = {name: sequence_format(name).fixed_units for name in options.formats}
     if (
         args.depth_units is not None
@@ -68,7 +75,10 @@ def check_format_units(args: argparse.Namespace, options: SequenceOptions) -> No
 
 
 def log_settings(args: argparse.Namespace) -> LogSettings:
-    """The LogSettings given on the command line. Raises InputError for settings of bags that are not written."""
+    """The LogSettings given on the command line.
+
+    Raises InputError for settings of bags that are not written.
+    """
     logs, plain = settings_from(args, LogSettings()), LogSettings()
     for name in ("bag_storage", "compress_bags"):
         if not logs.rosbag and getattr(logs, name) != getattr(plain, name):
@@ -96,7 +106,10 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
 
 
 def camera_from(args: argparse.Namespace, folder: Path) -> SequenceCamera | None:
-    """The camera given by the options; with --units alone, that of `folder` with these units. None where none is given: the folder then decides."""
+    """The camera given by the options; with --units alone, that of `folder` with these units.
+
+    None where none is given: the folder then decides.
+    """
     if args.camera:
         return SequenceCamera(PinholeCamera.parse(args.camera), units_from(args))
     if args.units is None:
@@ -150,7 +163,10 @@ def note_camera(folder: Path, camera: SequenceCamera, console: Console) -> None:
 
 
 def current_word(word: str, renamed: dict[str, str], console: Console) -> str:
-    """`word`, with its prefix replaced if that was renamed (`renamed`: old -> new). A note reports the replacement."""
+    """`word`, with its prefix replaced if that was renamed (`renamed`: old -> new).
+
+    A note reports the replacement.
+    """
     for old, new in renamed.items():
         if word.startswith(old):
             console.note(f"note: {old} is now called {new}; the next release removes the old name")

@@ -11,7 +11,8 @@ import pytest
 from iclnuim import checkout
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does, for the test processes
-# tests start hundreds of processes: our modules are compiled once, even on a machine that keeps no bytecode
+# tests start hundreds of processes: our modules are compiled once, even on a machine that keeps no
+# bytecode
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 for package in ("iclnuim.tools", "iclnuim.blend.builder"):  # what only a checkout has
@@ -24,14 +25,17 @@ EXIT_STATUS = pytest.StashKey[int]()
 
 
 def pytest_xdist_auto_num_workers(config) -> int:
-    """Processes of `-n auto`: one more than cores (some tests wait for processes of their own), at most four; none for a part of the suite."""
+    """Processes of `-n auto`: one more than cores (some tests wait for processes of their own), at
+    most four; none for a part of the suite.
+    """
     whole = config.args == config.getini("testpaths") and not config.option.keyword
     return min(4, len(os.sched_getaffinity(0)) + 1) if whole and not config.option.usepdb else 0
 
 
 #: Files in one process: what they compile with numba is compiled once.
 TOGETHER = ("tests/fusion/", "tests/odometry/", "tests/test_python_page.py")
-#: Begun first, in this order: a long file begun last would leave the other processes with nothing to do.
+#: Begun first, in this order: a long file begun last would leave the other processes with nothing
+#: to do.
 FIRST = (
     "tests/ui/", "tests/farm/test_chaos.py", *TOGETHER, "tests/blender/", "tests/scenes/", "tests/lightmap/", "tests/raycast/",
     "tests/packaging/", "tests/farm/", "tests/headless/test_bench_detail.py", "tests/headless/test_exit_codes.py",
@@ -65,7 +69,9 @@ def pytest_sessionfinish(session, exitstatus):
 
 @pytest.hookimpl(trylast=True)
 def pytest_unconfigure(config):
-    """Blender as a module may wait at the end for threads of its own that are gone by then: all is said, so end here."""
+    """Blender as a module may wait at the end for threads of its own that are gone by then: all is
+    said, so end here.
+    """
     if "bpy" in sys.modules and EXIT_STATUS in config.stash:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -88,7 +94,8 @@ def repository() -> Path:
 
 @pytest.fixture
 def command_here(capfd):
-    """`command_here(*arguments)`: the command `iclnuim` in this process, where heavy packages are loaded already.
+    """`command_here(*arguments)`: the command `iclnuim` in this process, where heavy packages are
+    loaded already.
 
     Exit code, standard output, standard error; a test of the process itself starts one.
     """

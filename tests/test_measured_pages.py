@@ -1,4 +1,6 @@
-"""tools/measured.py: every mark is in its page once, every command is understood, and what commands print becomes tables."""
+"""tools/measured.py: every mark is in its page once, every command is understood, and what commands
+print becomes tables.
+"""
 
 import re
 import shlex
@@ -222,7 +224,9 @@ def test_steps_of_a_curve_are_relative_to_the_default_step_as_geometric_means():
 
 
 def test_programs_of_systems_are_passed_to_the_commands_that_use_them():
-    """Commands without a system get no option; a system that has the name of an odometer is not confused with it."""
+    """Commands without a system get no option; a system that has the name of an odometer is not
+    confused with it.
+    """
     programs = ["orbslam3=/opt/orb/bin/python", "dvo=/opt/dvo_tum"]
     options = measured._program_options
     assert options("run orbslam3 --runs 3 out/kt2/clean", programs) == [

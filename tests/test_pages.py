@@ -1,4 +1,6 @@
-"""The pages keep their word: every link leads somewhere, and every command line shown is understood as it stands."""
+"""The pages keep their word: every link leads somewhere, and every command line shown is understood
+as it stands.
+"""
 
 import re
 import shlex
@@ -7,7 +9,8 @@ import pytest
 from iclnuim.errors import IclnuimError
 from iclnuim.headless import cli
 
-#: Pages of which every command line is parsed. Lines that show a choice or a gap (A|B, ...) are prose.
+#: Pages of which every command line is parsed. Lines that show a choice or a gap (A|B, ...) are
+#: prose.
 COMMAND_PAGES = (
     "README.md",
     "addon/README.md",
@@ -48,7 +51,9 @@ def test_every_relative_link_leads_to_a_file_and_a_heading(repository):
 
 
 def shown_commands(repository):
-    """(page, words, whether it stands in a sentence) of each `iclnuim ...` in a code block or a code span."""
+    """(page, words, whether it stands in a sentence) of each `iclnuim ...` in a code block or a
+    code span.
+    """
     for name in (
         *COMMAND_PAGES,
         *(f"docs/{p.name}" for p in sorted((repository / "docs").glob("*.md"))),

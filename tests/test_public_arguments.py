@@ -1,4 +1,6 @@
-"""Public functions refuse arguments of another shape or meaning in words, before they compute or write anything."""
+"""Public functions refuse arguments of another shape or meaning in words, before they compute or
+write anything.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""`import iclnuim` offers the names of docs/python.md: they are found, typed and documented, and cost nothing before they are used."""
+"""`import iclnuim` offers the names of docs/python.md: they are found, typed and documented, and
+cost nothing before they are used.
+"""
 
 import ast
 import dataclasses

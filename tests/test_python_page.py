@@ -1,4 +1,6 @@
-"""The examples of docs/python.md run as they are printed, one after the other, in an empty folder; so does the README's."""
+"""The examples of docs/python.md run as they are printed, one after the other, in an empty folder;
+so does the README's.
+"""
 
 import re
 

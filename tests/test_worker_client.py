@@ -1,4 +1,6 @@
-"""The parent's end of a worker process: events in, commands out, silence, its end and the last lines of its log."""
+"""The parent's end of a worker process: events in, commands out, silence, its end and the last
+lines of its log.
+"""
 
 import sys
 import textwrap

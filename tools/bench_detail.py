@@ -1,4 +1,6 @@
-"""`iclnuim bench detail`: measures the benefit and cost of more triangles and texels, and their share that is never seen."""
+"""`iclnuim bench detail`: measures the benefit and cost of more triangles and texels, and their
+share that is never seen.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""`iclnuim bench farm` and `iclnuim bench chaos`: measure the speed of the farm, and the damage after kills, stops and a full disk."""
+"""`iclnuim bench farm` and `iclnuim bench chaos`: measure the speed of the farm, and the damage
+after kills, stops and a full disk.
+"""
 
 from __future__ import annotations
 

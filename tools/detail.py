@@ -1,4 +1,6 @@
-"""Measures cost and benefit of detail: a room is built at several levels, and its depth and colour are compared with those of the finest level."""
+"""Measures cost and benefit of detail: a room is built at several levels, and its depth and colour
+are compared with those of the finest level.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ Note = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Light:
-    """Times of a level with baked light: seconds of the bake, and median seconds per frame in Cycles."""
+    """Times of a level with baked light: seconds of the bake, and median seconds per frame in
+    Cycles.
+    """
 
     bake_s: float
     frame_s: float
@@ -45,9 +49,11 @@ class Light:
 
 @dataclass(frozen=True)
 class Level:
-    """A room at a level of detail. mean_m, p99_m: depth errors against the finest level. off_share: share of pixels with an error beyond OFF_M.
+    """A room at a level of detail. mean_m, p99_m: depth errors against the finest level. off_share:
+    share of pixels with an error beyond OFF_M.
 
-    frame_s: seconds per frame lit by a lamp at the camera, one ray per pixel. psnr_db, median_of_255: colour against that of the finest level; None for the finest.
+    frame_s: seconds per frame lit by a lamp at the camera, one ray per pixel. psnr_db,
+    median_of_255: colour against that of the finest level; None for the finest.
     """
 
     detail: float
@@ -63,7 +69,9 @@ class Level:
 
 
 def views_of(room: str, count: int) -> Trajectory:
-    """A trajectory of `count` poses, spread over the room's four shipped trajectories, with stamps 0.1 s apart."""
+    """A trajectory of `count` poses, spread over the room's four shipped trajectories, with stamps
+    0.1 s apart.
+    """
     every = [
         read_trajectory(shipped.trajectory_file(f"{room}/{kt}")).trajectory
         for kt in shipped.TRAJECTORY_NAMES
@@ -77,7 +85,10 @@ def views_of(room: str, count: int) -> Trajectory:
 
 
 class Room:
-    """A shipped room at any level of detail, seen from the same poses. Files are written to `folder`."""
+    """A shipped room at any level of detail, seen from the same poses.
+
+    Files are written to `folder`.
+    """
 
     def __init__(
         self, name: str, views: Trajectory, camera: PinholeCamera, folder: Path, note: Note
@@ -93,7 +104,9 @@ class Room:
         write_trajectory(self._path, views, "tum")
 
     def build(self, detail: float) -> tuple[int, float]:
-        """Build the room in the session, and save it as a .blend; returns triangles and seconds of processor time."""
+        """Build the room in the session, and save it as a .blend; returns triangles and seconds of
+        processor time.
+        """
         # the operator reports "Saved copy as ..." through Python's own stdout
         with output.blender_output_in(self.folder / "build.log"), redirect_stdout(io.StringIO()):
             scene.open_empty()
@@ -111,7 +124,9 @@ class Room:
         return np.stack([caster.depth(self.camera, poses[k]) for k in range(len(self.views))])
 
     def colour(self) -> tuple[np.ndarray, float]:
-        """(n, h, w, 3) scene-linear colour of the scene in the session, lit by a lamp at the camera, and seconds per frame."""
+        """(n, h, w, 3) scene-linear colour of the scene in the session, lit by a lamp at the
+        camera, and seconds per frame.
+        """
         with output.blender_output_in(self.folder / "lamp.log"):
             return by_lamp(self.name, self.views, self.camera, self.folder)
 
@@ -144,7 +159,10 @@ def measure_levels(
     note: Note,
     on_step: Callable[[], object],
 ) -> list[Level]:
-    """Measure all levels, coarsest first; those in `lit` also with baked light. The others are compared with the finest level."""
+    """Measure all levels, coarsest first; those in `lit` also with baked light.
+
+    The others are compared with the finest level.
+    """
     with tempfile.TemporaryDirectory() as folder:
         scene = Room(room, views_of(room, views), camera, Path(folder), note)
         found: list[Level] = []
@@ -175,7 +193,9 @@ def measure_levels(
 
 
 def frames_of(job: RenderJob, out: Path) -> tuple[np.ndarray, float]:
-    """All frames of a job, (n, h, w, 3) scene-linear, and the median seconds per frame in Cycles, without the first."""
+    """All frames of a job, (n, h, w, 3) scene-linear, and the median seconds per frame in Cycles,
+    without the first.
+    """
     times: list[float] = []
 
     def listen(event: Event) -> None:
@@ -191,21 +211,26 @@ def frames_of(job: RenderJob, out: Path) -> tuple[np.ndarray, float]:
 
 
 def depth_error(depth_z_m: np.ndarray, finest_z_m: np.ndarray) -> tuple[float, float, float]:
-    """Mean and 99th percentile of |dZ| in metres, and the share of pixels with an error beyond OFF_M, over pixels where both see the room."""
+    """Mean and 99th percentile of |dZ| in metres, and the share of pixels with an error beyond
+    OFF_M, over pixels where both see the room.
+    """
     both = (depth_z_m > 0) & (finest_z_m > 0) & (finest_z_m < _MAX_DEPTH_M)
     off = np.abs(depth_z_m - finest_z_m)[both]
     return float(off.mean()), float(np.percentile(off, 99)), float((off > OFF_M).mean())
 
 
 def difference(rgb: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-    """Mean PSNR in dB over views (n, h, w, 3), and the median difference of colour values, 0..255; both of display values."""
+    """Mean PSNR in dB over views (n, h, w, 3), and the median difference of colour values, 0..255;
+    both of display values.
+    """
     off = srgb_from_light(rgb) - srgb_from_light(other)
     square = np.maximum((off**2).mean((1, 2, 3)), 1e-9)
     return float(np.mean(-10 * np.log10(square))), float(255 * np.median(np.abs(off)))
 
 
 def knee(cost: Sequence[float], error: Sequence[float]) -> int:
-    """Index of the point of a falling curve that is farthest below the line from its first point to its last, with both axes scaled to 0..1.
+    """Index of the point of a falling curve that is farthest below the line from its first point to
+    its last, with both axes scaled to 0..1.
 
     Satopaa, Albrecht, Irwin, Raghavan: Finding a kneedle in a haystack, ICDCSW 2011.
     """

@@ -1,4 +1,6 @@
-"""Chart and tables of detail: triangles against errors and times, light map sizes against error and time, and the knee of the curve."""
+"""Chart and tables of detail: triangles against errors and times, light map sizes against error and
+time, and the knee of the curve.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ _MAPS = ("map", "bake s", "PSNR dB to the largest", "median of 255", "frame s")
 
 
 def figure(rooms: dict[str, list[Level]], maps: dict[str, list[MapSize]]) -> Figure:
-    """Depth error, colour error and times against triangles; colour error against light map size, if it was measured.
+    """Depth error, colour error and times against triangles; colour error against light map size,
+    if it was measured.
 
     A ring marks the knee, a filled dot the default.
     """

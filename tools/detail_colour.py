@@ -1,4 +1,6 @@
-"""Renders the colours of a room without a bake and almost without noise: its only light is a point lamp at the camera, so that one ray per pixel is enough."""
+"""Renders the colours of a room without a bake and almost without noise: its only light is a point
+lamp at the camera, so that one ray per pixel is enough.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,11 @@ _POWER_W = 120.0
 def by_lamp(
     room: str, views: Trajectory, pinhole: PinholeCamera, folder: Path
 ) -> tuple[np.ndarray, float]:
-    """(n, h, w, 3) scene-linear colour of the scene in the session, and the median seconds per frame, without the first.
+    """(n, h, w, 3) scene-linear colour of the scene in the session, and the median seconds per
+    frame, without the first.
 
-    The lamp stays in the scene. The scene's own lamps and sky are disabled; emissive materials are not.
+    The lamp stays in the scene. The scene's own lamps and sky are disabled; emissive materials are
+    not.
     """
     job = RenderJob(
         room, room, room, pinhole, light="path", samples=1, denoise=False, lambertian=True

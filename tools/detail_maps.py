@@ -1,4 +1,6 @@
-"""Measures the benefit of larger light maps: frames of a shipped room with maps of several sizes, compared with those of the largest."""
+"""Measures the benefit of larger light maps: frames of a shipped room with maps of several sizes,
+compared with those of the largest.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from .detail import difference, frames_of, views_of
 
 @dataclass(frozen=True)
 class MapSize:
-    """size: width and height in texels. bake_s: recorded when it was baked. psnr_db, median_of_255: errors against the largest (None for the largest). folder: the light."""
+    """size: width and height in texels. bake_s: recorded when it was baked. psnr_db, median_of_255:
+    errors against the largest (None for the largest). folder: the light.
+    """
 
     size: int
     bake_s: float
@@ -38,7 +42,8 @@ def measure_sizes(
     note: Callable[[str], None],
     on_step: Callable[[], object],
 ) -> list[MapSize]:
-    """Measure all sizes, smallest first. Light in the cache is not baked again. A size that is too small for the charts of the room is left
+    """Measure all sizes, smallest first. Light in the cache is not baked again. A size that is too
+    small for the charts of the room is left
     out with a note.
     """
     found: list[MapSize] = []

@@ -1,7 +1,9 @@
-"""`iclnuim bench detail-odometry`: how a room's level of detail changes the errors of odometers and of fused surfaces.
+"""`iclnuim bench detail-odometry`: how a room's level of detail changes the errors of odometers and
+of fused surfaces.
 
-A room is built at several levels, and at the default level with several random seeds. Another seed gives other cloth, wood and plaster of the
-same detail, so the differences between seeds are those that detail has to exceed.
+A room is built at several levels, and at the default level with several random seeds. Another seed
+gives other cloth, wood and plaster of the same detail, so the differences between seeds are those
+that detail has to exceed.
 """
 
 from __future__ import annotations
@@ -30,14 +32,16 @@ from iclnuim.version import __version__
 #: The level that is shipped.
 DEFAULT = 1.0
 KINDS = ("clean", "noisy")
-#: A level is sufficient if errors change by less than this share at the next one, or by less than between seeds where they are below SMALL_M.
+#: A level is sufficient if errors change by less than this share at the next one, or by less than
+#: between seeds where they are below SMALL_M.
 SHARE, SMALL_M = 0.05, 0.010
 _VOXEL_M = 4.5 / 512
 
 
 @dataclass(frozen=True)
 class Build:
-    """A room at a level of detail with a seed. ate_m: by kind of sequence and method, None if lost. surface_m: mean distance of the
+    """A room at a level of detail with a seed. ate_m: by kind of sequence and method, None if lost.
+    surface_m: mean distance of the
     fused surface to this model.
     """
 
@@ -191,7 +195,10 @@ def _measured(
 
 
 def _iclnuim(*words: str) -> None:
-    """Run a command of iclnuim in a process of its own. Raises WorkError with its last line if it fails."""
+    """Run a command of iclnuim in a process of its own.
+
+    Raises WorkError with its last line if it fails.
+    """
     done = subprocess.run(
         [sys.executable, "-m", "iclnuim", *words, "--quiet"], capture_output=True, text=True
     )
@@ -222,7 +229,9 @@ def _errors(folder: Path, methods: Sequence[str], frames: int) -> dict[str, floa
 
 
 def _surface(folder: Path, scene: Path, frames: int) -> tuple[int, float]:
-    """Triangles of the model, and the mean distance in metres of the surface that is fused along the true poses."""
+    """Triangles of the model, and the mean distance in metres of the surface that is fused along
+    the true poses.
+    """
     from iclnuim.benchmark.experiments import fusion_curve
     from iclnuim.benchmark.fusion.surface_error import TrueSurface, read_model
 
@@ -234,7 +243,8 @@ def _surface(folder: Path, scene: Path, frames: int) -> tuple[int, float]:
 
 
 def changes(builds: Sequence[Build]) -> list[dict[str, Any]]:
-    """For each sequence, kind and method: ATE by level, its relative change at the next level up, and the range between seeds at level 1
+    """For each sequence, kind and method: ATE by level, its relative change at the next level up,
+    and the range between seeds at level 1
     divided by their median.
     """
     rows = []
@@ -268,7 +278,9 @@ def _spread(values: Iterable[float | None]) -> float | None:
 
 
 def sufficient_level(builds: Sequence[Build]) -> float | None:
-    """The lowest level from which on no error changes at the next level by more than SHARE, or than between seeds where it is below SMALL_M."""
+    """The lowest level from which on no error changes at the next level by more than SHARE, or than
+    between seeds where it is below SMALL_M.
+    """
     rows = changes(builds)
     levels: list[float] = rows[0]["levels"]
     found = None
@@ -309,7 +321,9 @@ def _text(builds: Sequence[Build], sufficient: dict[str, float | None]) -> str:
 
 
 def _figure(builds: Sequence[Build]) -> Any:
-    """A panel for each sequence and kind: ATE by detail; bars at level 1 are the range between seeds."""
+    """A panel for each sequence and kind: ATE by detail; bars at level 1 are the range between
+    seeds.
+    """
     from iclnuim.benchmark.experiments.curve_chart import look
     from matplotlib.figure import Figure
 

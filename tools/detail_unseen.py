@@ -1,4 +1,6 @@
-"""Measures which part of a room no shipped trajectory sees: shares of its triangles, its surface, and the texels of its light map."""
+"""Measures which part of a room no shipped trajectory sees: shares of its triangles, its surface,
+and the texels of its light map.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ _OUTSIDE_M = 8.0
 
 @dataclass(frozen=True)
 class Unseen:
-    """poses: number of poses. triangles, surface (by area, without the painted surroundings), texels: shares, 0..1, that no pose sees.
+    """poses: number of poses. triangles, surface (by area, without the painted surroundings),
+    texels: shares, 0..1, that no pose sees.
 
     texels is None without a light map.
     """
@@ -39,7 +42,9 @@ class Unseen:
 def measure(
     room: str, every: int, camera: PinholeCamera, light: Path | None, on_pose: Callable[[], object]
 ) -> Unseen:
-    """Shares that are not seen from every Nth pose of the room's four trajectories. light: folder of its baked light. A triangle seen in part counts as seen."""
+    """Shares that are not seen from every Nth pose of the room's four trajectories. light: folder
+    of its baked light. A triangle seen in part counts as seen.
+    """
     with output.blender_output_in(Path(os.devnull)):
         scene.open_scene(room)
         whole = model.scene_model()
@@ -67,7 +72,9 @@ def measure(
 
 
 def _map_uv(folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(2, m, 3, 2) positions in the light map of front and back, and (2, m) which sides have one; triangles in the order of scene_model."""
+    """(2, m, 3, 2) positions in the light map of front and back, and (2, m) which sides have one;
+    triangles in the order of scene_model.
+    """
     layout = light_map.load_layout(folder)
     with surfaces.as_rendered(bpy.context.scene) as depsgraph:
         parts = surfaces.parts(depsgraph)
@@ -83,7 +90,10 @@ def _map_uv(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _texels(whole: SceneModel, uv: np.ndarray, has: np.ndarray, seen: np.ndarray) -> float:
-    """Share of the used area of the light map that is not seen, over both sides of the triangles. Pieces are cut like those of `seen`, with their positions in the map."""
+    """Share of the used area of the light map that is not seen, over both sides of the triangles.
+
+    Pieces are cut like those of `seen`, with their positions in the map.
+    """
     total = unseen = 0.0
     for side in (0, 1):
         pieces, origin = replace(whole, uv=uv[side]).cut(PIECE_M)

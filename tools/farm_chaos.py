@@ -1,4 +1,6 @@
-"""Chaos test: `make` is repeatedly killed, stopped and left without disk space, and the same command resumes it; the result is compared with an undisturbed run."""
+"""Chaos test: `make` is repeatedly killed, stopped and left without disk space, and the same
+command resumes it; the result is compared with an undisturbed run.
+"""
 
 from __future__ import annotations
 
@@ -29,10 +31,11 @@ STUCK_AFTER_S = 10
 
 @dataclass(frozen=True)
 class Damage:
-    """State after all disturbances. frames: number of requested frames. broken: images that are incomplete or differ. lost: images that are missing or empty.
+    """State after all disturbances. frames: number of requested frames. broken: images that are
+    incomplete or differ. lost: images that are missing or empty.
 
-    twice: frames finished more than once. outlived: workers that still run half a minute after their command was killed.
-    names: broken or lost files.
+    twice: frames finished more than once. outlived: workers that still run half a minute after
+    their command was killed. names: broken or lost files.
     """
 
     frames: int
@@ -50,7 +53,9 @@ class Damage:
 
 
 def kinds(kills: int) -> list[str]:
-    """The sequence of disturbances: kills of a worker, of the parent, and of both in turn, with one full disk and one stopped worker in between."""
+    """The sequence of disturbances: kills of a worker, of the parent, and of both in turn, with one
+    full disk and one stopped worker in between.
+    """
     found = [("worker", "parent", "both")[k % 3] for k in range(kills)]
     found.insert(len(found) // 4, "full")
     found.insert(len(found) // 2, "stop")
@@ -58,7 +63,10 @@ def kinds(kills: int) -> list[str]:
 
 
 class Chaos:
-    """Runs `make SEQUENCE OPTIONS` into `out`, disturbed at random moments drawn from `rng`. Raises WorkError if the command does not behave as guaranteed."""
+    """Runs `make SEQUENCE OPTIONS` into `out`, disturbed at random moments drawn from `rng`.
+
+    Raises WorkError if the command does not behave as guaranteed.
+    """
 
     def __init__(
         self, sequence: str, options: tuple[str, ...], out: Path, rng: np.random.Generator
@@ -130,7 +138,10 @@ class Chaos:
             raise WorkError(f"code {parent.returncode} after Ctrl-C: {errors.strip()[-500:]}")
 
     def _fill_the_disk(self) -> None:
-        """Limit the size of the command's files to a fraction of a frame. The command must report this in one line, with exit code 3."""
+        """Limit the size of the command's files to a fraction of a frame.
+
+        The command must report this in one line, with exit code 3.
+        """
         camera = read_run(self.out / "raw").camera
         limit = (camera.width * camera.height * 2,) * 2
         parent = self.start(preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit))
@@ -139,7 +150,9 @@ class Chaos:
             raise WorkError(f"code {parent.returncode} on a full disk: {errors.strip()[-500:]}")
 
     def _wait_for_frames(self, parent: subprocess.Popen, seconds: float = 600) -> None:
-        """Wait until three more frames are finished, without those of workers whose parent was killed."""
+        """Wait until three more frames are finished, without those of workers whose parent was
+        killed.
+        """
         orphans = {process.pid for process in self._orphans}
         before, until = len(finished(self.out)), time.monotonic() + seconds
         while sum(pid not in orphans for _, pid in finished(self.out)[before:]) < FRAMES_BETWEEN:
@@ -179,7 +192,10 @@ def finished(out: Path) -> list[tuple[int, int]]:
 
 
 def contents(out: Path) -> dict[str, bytes]:
-    """Every file of both sequences. The recorded commit is removed, as it may change between the runs and decides no pixel."""
+    """Every file of both sequences.
+
+    The recorded commit is removed, as it may change between the runs and decides no pixel.
+    """
     files = [p for name in ("clean", "noisy") for p in (out / name).rglob("*") if p.is_file()]
     found = {str(p.relative_to(out)): p.read_bytes() for p in files}
     for name in ("clean/recipe.json", "noisy/recipe.json"):
@@ -191,7 +207,9 @@ def contents(out: Path) -> dict[str, bytes]:
 
 
 def children(parent: subprocess.Popen) -> list[psutil.Process]:
-    """The workers of a command, without the processes that write images of its sequences; none if the command has ended."""
+    """The workers of a command, without the processes that write images of its sequences; none if
+    the command has ended.
+    """
     with contextlib.suppress(psutil.NoSuchProcess):
         return [p for p in psutil.Process(parent.pid).children() if str(CHILD) in p.cmdline()]
     return []

@@ -1,4 +1,6 @@
-"""Charts and tables of the farm: throughput by split, the model of many machines, and the damage after kills."""
+"""Charts and tables of the farm: throughput by split, the model of many machines, and the damage
+after kills.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ _DAMAGE = ("", "frames", "kills", "broken", "lost", "finished twice", "workers s
 
 
 def figure(results: Sequence[Throughput], models: Sequence[Model], nodes: int) -> Figure:
-    """Three panels: frames per hour by split; share of a chunk's time lost to start-up, by its length; hours for many sequences, by number of machines."""
+    """Three panels: frames per hour by split; share of a chunk's time lost to start-up, by its
+    length; hours for many sequences, by number of machines.
+    """
     drawn = Figure(figsize=(14, 4.4), layout="constrained")
     FigureCanvasAgg(drawn)
     rate, lost, scale = drawn.subplots(1, 3)

@@ -1,4 +1,6 @@
-"""Models the time for many sequences on many nodes from start-up, chunk and frame times, and the number of nodes beyond which more do not help."""
+"""Models the time for many sequences on many nodes from start-up, chunk and frame times, and the
+number of nodes beyond which more do not help.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +13,12 @@ from .farm_throughput import Throughput
 
 @dataclass(frozen=True)
 class Model:
-    """A worker starts in `startup_s`, then renders a chunk of frames in `frame_s` each. All chunks are equal.
+    """A worker starts in `startup_s`, then renders a chunk of frames in `frame_s` each. All chunks
+    are equal.
 
-    A node runs `workers_a_node` workers. Light is baked before, in `bake_s`, once per scene, for all scenes in parallel. A shared file
-    system receives `bytes_a_frame`, with `bytes_a_second` in total. The model does not include waiting in a queue.
+    A node runs `workers_a_node` workers. Light is baked before, in `bake_s`, once per scene, for
+    all scenes in parallel. A shared file system receives `bytes_a_frame`, with `bytes_a_second` in
+    total. The model does not include waiting in a queue.
     """
 
     name: str
@@ -34,7 +38,10 @@ class Model:
 
     @property
     def chunks(self) -> int:
-        """Number of chunks. A chunk belongs to one sequence, as a worker opens one scene and one run."""
+        """Number of chunks.
+
+        A chunk belongs to one sequence, as a worker opens one scene and one run.
+        """
         return self.sequences * ceil(self.frames_a_sequence / self.frames_a_chunk)
 
     @property
@@ -43,7 +50,9 @@ class Model:
         return self.startup_s + self.frames_a_sequence * self.sequences / self.chunks * self.frame_s
 
     def seconds(self, nodes: int) -> float:
-        """Wall time: light, then the rounds of chunks, or the time of the file system if that is longer."""
+        """Wall time: light, then the rounds of chunks, or the time of the file system if that is
+        longer.
+        """
         rounds = ceil(self.chunks / (nodes * self.workers_a_node))
         return self.bake_s + max(rounds * self.chunk_seconds, self._stored_s)
 

@@ -1,4 +1,6 @@
-"""Measures on this machine: frames per hour by workers and threads, share of time lost to start-up, and utilisation of the cores."""
+"""Measures on this machine: frames per hour by workers and threads, share of time lost to start-up,
+and utilisation of the cores.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,11 @@ from iclnuim.job import RenderJob
 
 @dataclass(frozen=True)
 class Throughput:
-    """Result of one split. Start-up ends when every worker has its first frame; rate and busy share are measured after that."""
+    """Result of one split.
+
+    Start-up ends when every worker has its first frame; rate and busy share are measured after
+    that.
+    """
 
     name: str
     light: str
@@ -36,7 +42,9 @@ class Throughput:
 
 
 def splits(cores: list[int]) -> list[tuple[int, int]]:
-    """(workers, threads) to measure: one worker with two threads, then all splits that use every core."""
+    """(workers, threads) to measure: one worker with two threads, then all splits that use every
+    core.
+    """
     count = len(cores)
     alone = [(1, min(2, count))]
     whole = [(count // threads, threads) for threads in (count, 2, 1) if count % threads == 0]
@@ -44,12 +52,17 @@ def splits(cores: list[int]) -> list[tuple[int, int]]:
 
 
 def min_frames() -> int:
-    """Number of frames with which every worker of every split gets chunks of two frames, so that frames finish while all workers are busy."""
+    """Number of frames with which every worker of every split gets chunks of two frames, so that
+    frames finish while all workers are busy.
+    """
     return 16 * len(own_cores())
 
 
 def measure(job: RenderJob, workers: int, threads: int, frames: int) -> Throughput:
-    """Render `frames` frames of the job, spread over its trajectory, into a folder that is removed. The light map must be in the cache."""
+    """Render `frames` frames of the job, spread over its trajectory, into a folder that is removed.
+
+    The light map must be in the cache.
+    """
     own, count = own_cores(), len(load_trajectory(job))
     cores = [own[k * threads : (k + 1) * threads] for k in range(workers)]
     numbers = tuple(k * count // frames for k in range(frames))
@@ -62,7 +75,11 @@ def measure(job: RenderJob, workers: int, threads: int, frames: int) -> Throughp
 
 
 class _Clock:
-    """Called for every frame. Records time and processor time when all workers are busy for the first time, and at the last frame while they are."""
+    """Called for every frame.
+
+    Records time and processor time when all workers are busy for the first time, and at the last
+    frame while they are.
+    """
 
     def __init__(self, run: LocalRun, workers: int) -> None:
         self._run, self._workers, self._count = run, workers, 0
@@ -122,7 +139,9 @@ def _cpu_seconds(pid: int) -> float:
 def measure_splits(
     job: RenderJob, frames: int, repeat: int, note: Callable[[str], None]
 ) -> list[Throughput]:
-    """Measure every split of this machine's cores; the fastest of `repeat` rounds counts, as other programs may load the machine."""
+    """Measure every split of this machine's cores; the fastest of `repeat` rounds counts, as other
+    programs may load the machine.
+    """
     kept: dict[tuple[int, int], Throughput] = {}
     for _ in range(repeat):
         for split in splits(own_cores()):

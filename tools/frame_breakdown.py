@@ -1,4 +1,6 @@
-"""Breakdown of the time of a rendered frame: rays, shading, and the time that our frame loop and its EXR files add to that of Cycles."""
+"""Breakdown of the time of a rendered frame: rays, shading, and the time that our frame loop and
+its EXR files add to that of Cycles.
+"""
 
 import statistics
 import tempfile
@@ -21,9 +23,11 @@ WARM_UP = 2
 
 @dataclass(frozen=True)
 class Breakdown:
-    """Median milliseconds per frame. frame = cycles + overhead; cycles = rays + shading; close_ms runs in parallel with the next frame.
+    """Median milliseconds per frame. frame = cycles + overhead; cycles = rays + shading; close_ms
+    runs in parallel with the next frame.
 
-    `rays_ms` is the time of the same views with all materials black and no light: rays, and Blender's own work per frame.
+    `rays_ms` is the time of the same views with all materials black and no light: rays, and
+    Blender's own work per frame.
     """
 
     frames: int
@@ -36,7 +40,9 @@ class Breakdown:
 
 
 def measure(job: RenderJob, frame_range: str) -> Breakdown:
-    """Render the frames into a temporary folder with the real frame loop, timed by Blender's render handlers."""
+    """Render the frames into a temporary folder with the real frame loop, timed by Blender's render
+    handlers.
+    """
     with tempfile.TemporaryDirectory() as folder, _clock() as ticks:
         events: list[Event] = []
         with worker.Session(job, Path(folder) / "run", events.append) as session:
@@ -82,7 +88,10 @@ def _spans(ticks: list[tuple[str, float]]) -> tuple[list[float], list[float]]:
 def _rays(
     job: RenderJob, numbers: list[int], folder: Path, ticks: list[tuple[str, float]]
 ) -> list[float]:
-    """Seconds of the same views with all materials black. The scene is still open from the frame loop."""
+    """Seconds of the same views with all materials black.
+
+    The scene is still open from the frame loop.
+    """
     scene = bpy.context.scene
     black = bpy.data.materials.new("black")
     black.use_nodes = True

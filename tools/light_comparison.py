@@ -1,4 +1,5 @@
-"""Compares lighting methods (path tracing, baked light) with a reference of many path-traced samples: seconds per frame, error, and flicker
+"""Compares lighting methods (path tracing, baked light) with a reference of many path-traced
+samples: seconds per frame, error, and flicker
 between frames, as a table and as a chart. Errors are those of display values, 0..1.
 """
 
@@ -25,7 +26,8 @@ from iclnuim.worker_events import Event, FrameDone, Note, Ready
 from matplotlib.figure import Figure
 
 REFERENCE_SAMPLES = 2048
-#: Seeds of the two halves of the reference. Their noise must be independent of each other and of that of the compared methods.
+#: Seeds of the two halves of the reference. Their noise must be independent of each other and of
+#: that of the compared methods.
 _REFERENCE_SEEDS = (11, 12)
 _PATH_SAMPLES = (1, 4, 16, 64, 256)
 _BAKED_SAMPLES = (1, 2, 4, 8)
@@ -60,9 +62,11 @@ class Way:
 
 @dataclass(frozen=True)
 class Error:
-    """psnr_db: of each view against the image to which path tracing converges. median, bias: median and mean difference of colour values.
+    """psnr_db: of each view against the image to which path tracing converges. median, bias: median
+    and mean difference of colour values.
 
-    psnr_to_reference_db, median_to_reference: the same against the reference itself, whose noise then counts as error.
+    psnr_to_reference_db, median_to_reference: the same against the reference itself, whose noise
+    then counts as error.
     """
 
     psnr_db: tuple[float, ...]
@@ -77,10 +81,12 @@ class Error:
 
 
 def error(frames: np.ndarray, halves: np.ndarray) -> Error:
-    """Error of scene-linear frames (n, h, w, 3) against references (2, n, h, w, 3) with independent noise.
+    """Error of scene-linear frames (n, h, w, 3) against references (2, n, h, w, 3) with independent
+    noise.
 
-    The mean of the product of both differences contains no noise of the references, as the noise of the two halves is independent.
-    For the median, that noise (half the difference of the halves) is subtracted in quadrature.
+    The mean of the product of both differences contains no noise of the references, as the noise of
+    the two halves is independent. For the median, that noise (half the difference of the halves) is
+    subtracted in quadrature.
     """
     a, b = (srgb_from_light(frames) - srgb_from_light(half) for half in halves)
     whole = srgb_from_light(frames) - srgb_from_light(halves.mean(0))
@@ -106,10 +112,11 @@ def carried_difference(
     T_b_a: SE3,
     camera: PinholeCamera,
 ) -> np.ndarray:
-    """(n,) differences, averaged over colours, between pixels of frame a and frame b, sampled bilinearly at their projections.
+    """(n,) differences, averaged over colours, between pixels of frame a and frame b, sampled
+    bilinearly at their projections.
 
-    Scene-linear frames (h, w, 3) and planar depth (h, w) in metres. Pixels without depth, outside b, or behind or next to another
-    surface in b are left out.
+    Scene-linear frames (h, w, 3) and planar depth (h, w) in metres. Pixels without depth, outside
+    b, or behind or next to another surface in b are left out.
     """
     points = T_b_a.apply(camera.unproject(depth_a_z_m).reshape(-1, 3))
     pixels = camera.project(points).reshape(camera.height, camera.width, 2).astype(np.float32)
@@ -133,7 +140,9 @@ def carried_difference(
 
 @dataclass(frozen=True)
 class Result:
-    """seconds: median time of a frame at full size. flicker: median difference of a surface point between consecutive frames, 0..1."""
+    """seconds: median time of a frame at full size. flicker: median difference of a surface point
+    between consecutive frames, 0..1.
+    """
 
     way: Way
     seconds: float
@@ -142,7 +151,9 @@ class Result:
 
 
 def ways(job: RenderJob, map_sizes: Sequence[int]) -> list[Way]:
-    """All methods: path tracing with and without denoising, and baked light with each map size; the map size of the job has all sample counts."""
+    """All methods: path tracing with and without denoising, and baked light with each map size; the
+    map size of the job has all sample counts.
+    """
     path = [
         Way(family, f"{n}", job.changed(light="path", samples=n, denoise=denoise))
         for family, denoise in (("path traced, denoised", True), ("path traced", False))
@@ -161,7 +172,10 @@ def ways(job: RenderJob, map_sizes: Sequence[int]) -> list[Way]:
 
 
 class Comparison:
-    """Measures lighting methods on the `views` (frame numbers) of a sequence. Errors use the camera `small`, times use that of the job."""
+    """Measures lighting methods on the `views` (frame numbers) of a sequence.
+
+    Errors use the camera `small`, times use that of the job.
+    """
 
     def __init__(
         self,
@@ -171,7 +185,8 @@ class Comparison:
         note: Callable[[str], None],
     ) -> None:
         self.job, self.views, self.small, self.note = job, list(views), small, note
-        #: (2, n, h, w, 3), two independent halves; rendered once and kept in the cache; an interrupted render is resumed
+        #: (2, n, h, w, 3), two independent halves; rendered once and kept in the cache; an
+        #: interrupted render is resumed
         self.references = np.stack([self._reference(seed) for seed in _REFERENCE_SEEDS])
 
     def run(self, way: Way) -> Result:
@@ -215,7 +230,9 @@ class Comparison:
         return read_frames(folder, self.views)[0]
 
     def _render(self, job: RenderJob, folder: Path, numbers: list[int]) -> list[float]:
-        """Render the missing frames; returns the time of the start, and the times at which each frame was reported (while the next one renders)."""
+        """Render the missing frames; returns the time of the start, and the times at which each
+        frame was reported (while the next one renders).
+        """
         from iclnuim.blender import worker
 
         times: list[float] = []

@@ -1,12 +1,15 @@
-"""Regenerates the measured tables and charts of the pages, each with the command that is listed here.
+"""Regenerates the measured tables and charts of the pages, each with the command that is listed
+here.
 
     python tools/measured.py --list                    pages, marks, commands
     python tools/measured.py --only light              one mark, or those of a page: docs/odometry
-    python tools/measured.py --only farm --keep out/measured    also store the output of the commands; stored output is not measured again
-    python tools/measured.py --only docs/odometry --program orbslam3=/opt/orb/bin/python    a system that is not found on PATH
+    python tools/measured.py --only farm --keep out/measured    also store the output of the
+    commands; stored output is not measured again python tools/measured.py --only docs/odometry
+    --program orbslam3=/opt/orb/bin/python    a system that is not found on PATH
 
-In a page, a table is between `<!-- measured: MARK -->` and `<!-- end of MARK -->`. The script writes the text between these marks, and the
-pictures that the pages show. Commands run in the top folder of the checkout; sequences are those that `iclnuim make all` writes to out/.
+In a page, a table is between `<!-- measured: MARK -->` and `<!-- end of MARK -->`. The script
+writes the text between these marks, and the pictures that the pages show. Commands run in the top
+folder of the checkout; sequences are those that `iclnuim make all` writes to out/.
 """
 
 from __future__ import annotations
@@ -50,7 +53,8 @@ _STRESS = (
 )
 _CLEAN_TWO = f"{_KT2}/clean out/office/kt1/clean"
 _FOUR = f"{_KT2}/clean {_KT2}/noisy out/office/kt1/clean out/office/kt1/noisy"
-#: Curve -> sequences, number of frames, and the step to which the table refers: the default, or one at which all methods work.
+#: Curve -> sequences, number of frames, and the step to which the table refers: the default, or one
+#: at which all methods work.
 _CURVES = {
     "iterations": (_FOUR, 120, 1.0),
     "levels": (_FOUR, 120, 0.0),
@@ -72,7 +76,9 @@ _SURFACES = {
 
 @dataclass(frozen=True)
 class Measured:
-    """One table: its mark in a page, the commands (words after `iclnuim`; --json is added), and the function that makes the text from their output."""
+    """One table: its mark in a page, the commands (words after `iclnuim`; --json is added), and the
+    function that makes the text from their output.
+    """
 
     page: str
     mark: str
@@ -195,7 +201,9 @@ def _unseen(found: Sequence[Any]) -> str:
 
 
 def _systems(found: Sequence[Any]) -> str:
-    """ATE in mm, one row per sequence; with the share of frames that have a pose, if some have none."""
+    """ATE in mm, one row per sequence; with the share of frames that have a pose, if some have
+    none.
+    """
     runs_of = {
         one["sequence"]: {run["odometer"]: run for run in one["runs"]} for one in found[-1]["races"]
     }
@@ -450,7 +458,9 @@ def _curve_command(curve: str, sequences: str, frames: int, method: str = "--met
 
 
 def _curve(default: float) -> Callable[[Sequence[Any]], str]:
-    """Error and time of each step divided by those of the default step; geometric means over the sequences."""
+    """Error and time of each step divided by those of the default step; geometric means over the
+    sequences.
+    """
 
     def text(found: Sequence[Any]) -> str:
         points = found[0]["points"]
@@ -630,7 +640,10 @@ MEASURED = (
 
 
 def replaced(page: str, measured: Measured, text: str) -> str:
-    """The page with another text between the marks. Raises ValueError unless each mark is in it exactly once, in this order."""
+    """The page with another text between the marks.
+
+    Raises ValueError unless each mark is in it exactly once, in this order.
+    """
     before, begin, rest = page.partition(measured.begin)
     _, end, after = rest.partition(measured.end)
     if not (begin and end) or measured.begin in after or measured.end in before + after:
@@ -641,7 +654,9 @@ def replaced(page: str, measured: Measured, text: str) -> str:
 
 
 def output_of(command: str, keep: Path | None, programs: Sequence[str] = ()) -> Any:
-    """The output of the command with --json: stored output if there is any, else measured now. programs: SYSTEM=PATH each."""
+    """The output of the command with --json: stored output if there is any, else measured now.
+    programs: SYSTEM=PATH each.
+    """
     kept = keep / f"{re.sub('[^A-Za-z0-9]+', '_', command)[:150]}.json" if keep else None
     if kept and kept.is_file():
         return json.loads(kept.read_text())

@@ -1,10 +1,12 @@
-"""Measures noise models, as a chart and as tables: the time of sequences relative to that of their files alone, the time of each model
+"""Measures noise models, as a chart and as tables: the time of sequences relative to that of their
+files alone, the time of each model
 alone, and its similarity to published noisy frames.
 
-Similarity is the overlap of two histograms of pixels. A bin of the histogram is given by the true depth or value of a pixel and by its
-error, or by the fact that the pixel is missing. The overlap is the share of pixels that both noises put into the same bins: 1 if they are
-equal, 0 if they have nothing in common. It measures amount, bias and gaps of the noise by depth and brightness, but not its correlation
-between pixels.
+Similarity is the overlap of two histograms of pixels. A bin of the histogram is given by the true
+depth or value of a pixel and by its error, or by the fact that the pixel is missing. The overlap is
+the share of pixels that both noises put into the same bins: 1 if they are equal, 0 if they have
+nothing in common. It measures amount, bias and gaps of the noise by depth and brightness, but not
+its correlation between pixels.
 """
 
 import os
@@ -42,7 +44,8 @@ PAIRS = (
 _DEPTHS_M, _VALUES = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0]), np.array([40, 80, 120, 160, 200])
 #: Disparity in steps of the paper's equation 3 is this constant divided by the depth in metres.
 _STEPS_M = 351.3
-#: Bins of errors: half a disparity step wide up to 6 steps for depth, one value wide up to 12 of 255 for colour.
+#: Bins of errors: half a disparity step wide up to 6 steps for depth, one value wide up to 12 of
+#: 255 for colour.
 _BINS = 24
 _MISSING = _BINS + 1
 
@@ -52,8 +55,10 @@ Figures = Mapping[str, Mapping[str, float]]
 
 @dataclass(frozen=True)
 class PairTime:
-    """Medians over rounds: frames per second (a frame reads one EXR and writes four PNGs, clean and noisy) and processor time per frame.
-    ratio, cpu_ratio: both times relative to reading these EXRs and writing these PNGs alone, within a round.
+    """Medians over rounds: frames per second (a frame reads one EXR and writes four PNGs, clean and
+    noisy) and processor time per frame.
+    ratio, cpu_ratio: both times relative to reading these EXRs and writing these PNGs alone, within
+    a round.
     """
 
     depth: str
@@ -67,7 +72,9 @@ class PairTime:
 def pair_times(
     raw: Path, frames: str, rounds: int, workers: int, on_round: Callable[[], None] = lambda: None
 ) -> list[PairTime]:
-    """Measure each of PAIRS on the frames of a run, `rounds` times, alternating between sequences with noise and files alone."""
+    """Measure each of PAIRS on the frames of a run, `rounds` times, alternating between sequences
+    with noise and files alone.
+    """
     source, found = run_frames(raw, frames), []
     for depth, rgb in PAIRS:
         noisy = SequenceSettings(depth_model(depth), rgb_model(rgb), seed=1)
@@ -134,7 +141,10 @@ def _with_noise(
 
 
 def _clocks() -> np.ndarray:
-    """Wall time and processor time in seconds. Processor time has a resolution of 1 ns for this process and of 10 ms for ended child processes."""
+    """Wall time and processor time in seconds.
+
+    Processor time has a resolution of 1 ns for this process and of 10 ms for ended child processes.
+    """
     return np.array([time.perf_counter(), time.process_time() + sum(os.times()[2:4])])
 
 
@@ -156,7 +166,8 @@ def _files_alone(
 
 
 def overlaps(clean: Path, noisy: Path) -> dict[str, dict[str, float]]:
-    """{"depth": {model: overlap}, "rgb": ...}: the overlap of each model, run on `clean`, with `noisy`, which has the same frames.
+    """{"depth": {model: overlap}, "rgb": ...}: the overlap of each model, run on `clean`, with
+    `noisy`, which has the same frames.
 
     Raises InputError if they have no frame number in common.
     """
@@ -211,7 +222,10 @@ def _binned(error: np.ndarray) -> np.ndarray:
 
 
 def figure(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> Figure:
-    """Left, if `overlaps` is given: time and overlap of each model. Right: time of clean and noisy frames relative to their files alone."""
+    """Left, if `overlaps` is given: time and overlap of each model.
+
+    Right: time of clean and noisy frames relative to their files alone.
+    """
     drawn = Figure(figsize=(11, 4.4) if overlaps else (5.5, 4.4), layout="constrained")
     grid = drawn.add_gridspec(1, 2 if overlaps else 1, width_ratios=(1.25, 1) if overlaps else None)
     if overlaps:

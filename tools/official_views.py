@@ -13,16 +13,20 @@ from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry import axes, so3
 from iclnuim.geometry.se3 import SE3
 
-#: Pose of the frame of office kt0's ground truth in our world: origin (m) and rotation vector (degrees). It is fitted so that floor,
-#: ceiling and two walls of the depth images are planar to 0.3 mm at z = 3, z = 5.4, x = -2.5, y = -3.7. The ground truth is
-#: relative to the pose of image 1, which is rotated by 0.27 degrees against the room's axes.
+#: Pose of the frame of office kt0's ground truth in our world: origin (m) and rotation vector
+#: (degrees). It is fitted so that floor, ceiling and two walls of the depth images are planar to
+#: 0.3 mm at z = 3, z = 5.4, x = -2.5, y =
+#: -3.7. The ground truth is relative to the pose of image 1, which is rotated by 0.27 degrees
+#: against the room's axes.
 OFFICE_ORIGIN_M = (-0.70238, -0.46228, 4.96647)
 OFFICE_ROTATION_DEG = (0.2594, -0.0550, -0.0408)
 
 
 @dataclass(frozen=True)
 class OfficialViews:
-    """Some official frames of one room. poses(samples): T_world_camera of every frame from 0 (OpenCV camera)."""
+    """Some official frames of one room. poses(samples): T_world_camera of every frame from 0
+    (OpenCV camera).
+    """
 
     scene: str
     sequence: str

@@ -1,6 +1,8 @@
-"""Applies the same kills to plain Blender, which renders an animation with overwrite off and placeholders on, and counts broken and lost frames.
+"""Applies the same kills to plain Blender, which renders an animation with overwrite off and
+placeholders on, and counts broken and lost frames.
 
-python -m iclnuim.tools.plain_blender SCENE.blend OUT FIRST LAST      the process that is killed, as a user would run Blender
+python -m iclnuim.tools.plain_blender SCENE.blend OUT FIRST LAST      the process that is killed, as
+a user would run Blender
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ from .farm_chaos import FRAMES_BETWEEN, Damage
 
 
 def render_animation(blend: Path, out: Path, first: int, last: int) -> None:
-    """Do `blender -b FILE -o OUT -s FIRST -e LAST -a` with overwrite off and placeholders on, in the bpy package."""
+    """Do `blender -b FILE -o OUT -s FIRST -e LAST -a` with overwrite off and placeholders on, in
+    the bpy package.
+    """
     import bpy
 
     bpy.ops.wm.open_mainfile(filepath=str(blend))
@@ -32,7 +36,9 @@ def render_animation(blend: Path, out: Path, first: int, last: int) -> None:
 
 
 class PlainBlender:
-    """Renders frames `first` to `last` of a .blend into `out`, killed at random moments drawn from `rng`."""
+    """Renders frames `first` to `last` of a .blend into `out`, killed at random moments drawn from
+    `rng`.
+    """
 
     def __init__(
         self, blend: Path, out: Path, first: int, last: int, rng: np.random.Generator
@@ -45,7 +51,9 @@ class PlainBlender:
         )
 
     def run(self, kills: int, note: Callable[[str], None]) -> Damage:
-        """Kill the process `kills` times, each after at least three more frames, and start it again; at last it runs to its end."""
+        """Kill the process `kills` times, each after at least three more frames, and start it
+        again; at last it runs to its end.
+        """
         for k in range(kills):
             self._kill_once()
             note(f"plain Blender: kill {k + 1} of {kills}, {self._there()} frames")
@@ -70,7 +78,9 @@ class PlainBlender:
         process.wait()
 
     def damage(self, kills: int) -> Damage:
-        """Count broken files, which are incomplete images, and lost ones, which are missing or empty placeholders."""
+        """Count broken files, which are incomplete images, and lost ones, which are missing or
+        empty placeholders.
+        """
         filled = [file for file in self._files if _size(file)]
         broken = sum(not _readable(file) for file in filled)
         return Damage(len(self._files), kills, broken, len(self._files) - len(filled))

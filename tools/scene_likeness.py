@@ -1,4 +1,6 @@
-"""Measures the similarity of our frames to the official ones in features that odometers use: corners, gradients, depth."""
+"""Measures the similarity of our frames to the official ones in features that odometers use:
+corners, gradients, depth.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ DEPTH_SHARES = (10, 25, 50, 75, 90)
 
 @dataclass(frozen=True)
 class Likeness:
-    """Figures of one frame: FAST corners at threshold 20 and at OpenCV's default (10), median grey gradient (8-bit units per
+    """Figures of one frame: FAST corners at threshold 20 and at OpenCV's default (10), median grey
+    gradient (8-bit units per
     pixel), mean grey value 0..1, depth quantiles (m).
     """
 

@@ -1,6 +1,8 @@
-"""Bakes and compresses the light that is shipped with the built-in rooms, into blend/light. `python tools/ship_light.py [ROOM]...`
+"""Bakes and compresses the light that is shipped with the built-in rooms, into blend/light. `python
+tools/ship_light.py [ROOM]...`
 
-It uses a lossy EXR codec (DWAB) at the strongest level with a PSNR of at least 55 dB, over lit texels in display values.
+It uses a lossy EXR codec (DWAB) at the strongest level with a PSNR of at least 55 dB, over lit
+texels in display values.
 """
 
 import json
@@ -24,7 +26,9 @@ MIN_DB = 55.0
 
 
 def psnr_db(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> float:
-    """PSNR of two maps {"R", "G", "B": (rows, columns)} over the texels that are lit in the first, of sRGB values 0..1."""
+    """PSNR of two maps {"R", "G", "B": (rows, columns)} over the texels that are lit in the first,
+    of sRGB values 0..1.
+    """
     a, b = (
         np.stack([channels[name].astype(np.float64) for name in "RGB"], -1)
         for channels in (first, second)
@@ -35,7 +39,9 @@ def psnr_db(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> floa
 
 
 def ship(room: str) -> str:
-    """Bake the map of `room` with the default settings, or read it from the cache, and write blend/light/ROOM; returns a line about it."""
+    """Bake the map of `room` with the default settings, or read it from the cache, and write
+    blend/light/ROOM; returns a line about it.
+    """
     job, target = shipped_job(f"{room}/kt0"), shipped.folder("blend") / "light" / room
     shutil.rmtree(target, ignore_errors=True)
     made, _ = worker.bake_light(

@@ -1,4 +1,5 @@
-"""Compares frames with and without filtered textures with frames of many rays a pixel: how much surface points change from frame to frame, and
+"""Compares frames with and without filtered textures with frames of many rays a pixel: how much
+surface points change from frame to frame, and
 the difference from the mean over each pixel's area. Differences are those of display values, 0..1.
 """
 
@@ -25,7 +26,8 @@ _HEADER = ("sequence", "textures", "ms/frame", "median change", "mean change", "
 
 @dataclass(frozen=True)
 class Result:
-    """change_median, change_mean: difference of surface points between consecutive frames. difference: mean difference from the reference; None
+    """change_median, change_mean: difference of surface points between consecutive frames.
+    difference: mean difference from the reference; None
     for the reference itself. ms: median time that Cycles takes for a frame.
     """
 
@@ -38,8 +40,10 @@ class Result:
 
 
 def measure(job: RenderJob, firsts: Sequence[int]) -> tuple[list[Result], dict[str, np.ndarray]]:
-    """Renders the frames `firsts` and those that follow them. Returns a row per method, and by each method the part
-    of a frame, half as wide and high (h/2, w/2, 3), in which unfiltered textures differ most from the reference.
+    """Renders the frames `firsts` and those that follow them. Returns a row per method, and by each
+    method the part
+    of a frame, half as wide and high (h/2, w/2, 3), in which unfiltered textures differ most from
+    the reference.
     """
     numbers = sorted({n + k for n in firsts for k in (0, 1)})
     camera = job.camera

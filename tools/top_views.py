@@ -1,7 +1,9 @@
-"""Draws the shipped trajectories from above, each in its room: `python tools/top_views.py` writes the .png next to each .txt.
+"""Draws the shipped trajectories from above, each in its room: `python tools/top_views.py` writes
+the .png next to each .txt.
 
-The room is drawn by vertical rays that start below its ceiling: grey by the direction of the surface, with lines where height or object
-change. A dot marks the start, a square the end, and an arrow every second the viewing direction.
+The room is drawn by vertical rays that start below its ceiling: grey by the direction of the
+surface, with lines where height or object change. A dot marks the start, a square the end, and an
+arrow every second the viewing direction.
 """
 
 import sys
@@ -42,7 +44,9 @@ def main(rooms: Sequence[str]) -> None:
 def top_view(
     caster: RayCaster, corners_m: np.ndarray, instance: np.ndarray
 ) -> tuple[np.ndarray, tuple[float, float, float, float]]:
-    """Grey values (h, w) of the model from above, and its extent (left, right, bottom, top) in metres."""
+    """Grey values (h, w) of the model from above, and its extent (left, right, bottom, top) in
+    metres.
+    """
     floor_m = np.percentile(corners_m[..., 2], 1)
     inside = corners_m[np.abs(corners_m[..., 2] - floor_m) < _ABOVE_FLOOR_M]
     low, high = np.percentile(inside[:, :2], [0.1, 99.9], axis=0)

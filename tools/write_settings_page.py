@@ -1,4 +1,6 @@
-"""Writes docs/settings.md, a table for every group of declared settings: `python tools/write_settings_page.py`. With --check it only compares the page."""
+"""Writes docs/settings.md, a table for every group of declared settings: `python
+tools/write_settings_page.py`. With --check it only compares the page.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ from pathlib import Path
 from iclnuim.settings import MISSING, Setting, Settings, declared, plain
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/settings.md"
-#: The modules whose groups are on the page, in this order; groups of modules that they import are included.
+#: The modules whose groups are on the page, in this order; groups of modules that they import are
+#: included.
 MODULES = (
     "iclnuim.job",
     "iclnuim.geometry.camera",
@@ -45,7 +48,9 @@ def page() -> str:
 
 
 def groups() -> list[type[Settings]]:
-    """Every group with declared settings, in the order of MODULES, without groups that repeat the settings of another."""
+    """Every group with declared settings, in the order of MODULES, without groups that repeat the
+    settings of another.
+    """
     for name in MODULES:
         importlib.import_module(name)
     order = {name: k for k, name in enumerate(MODULES)}

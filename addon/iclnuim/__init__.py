@@ -1,7 +1,8 @@
-"""ICL-NUIM rebuilt: the library `import iclnuim`, and at the same time the Blender extension "ICL-NUIM Export".
+"""ICL-NUIM rebuilt: the library `import iclnuim`, and at the same time the Blender extension
+"ICL-NUIM Export".
 
-Importing it does not load numpy, SciPy, Matplotlib, numba or Blender: a public name is imported at its first use. docs/python.md shows
-examples.
+Importing it does not load numpy, SciPy, Matplotlib, numba or Blender: a public name is imported at
+its first use. docs/python.md shows examples.
 """
 
 import ast
@@ -89,7 +90,10 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> Any:
-        """Import a public name from its module. Raises ImportError, in one line, if a required package is missing."""
+        """Import a public name from its module.
+
+        Raises ImportError, in one line, if a required package is missing.
+        """
         if name not in _PLACES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         module, attribute = _PLACES[name]
@@ -118,7 +122,10 @@ _PLACES = {
 
 
 def register() -> None:
-    """Called by Blender when the extension is enabled. Raises InputError for a Blender older than 4.2."""
+    """Called by Blender when the extension is enabled.
+
+    Raises InputError for a Blender older than 4.2.
+    """
     from .blender import compat
 
     compat.require_supported_version()
@@ -128,7 +135,10 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Called by Blender when the extension is disabled. Removes everything that register() added."""
+    """Called by Blender when the extension is disabled.
+
+    Removes everything that register() added.
+    """
     from . import ui
 
     ui.unregister()

@@ -1,4 +1,6 @@
-"""Imports packages from other folders of a checkout: headless/ and benchmark/ if they are not installed, tools/ and blend/builder/ always."""
+"""Imports packages from other folders of a checkout: headless/ and benchmark/ if they are not
+installed, tools/ and blend/builder/ always.
+"""
 
 import importlib
 import importlib.util
@@ -19,7 +21,10 @@ _FOLDERS = {
 
 
 def load(name: str, what: str) -> ModuleType:
-    """Import the package `name` from an installation or from the checkout. If it is in neither, raises WorkError that `what` needs a checkout."""
+    """Import the package `name` from an installation or from the checkout.
+
+    If it is in neither, raises WorkError that `what` needs a checkout.
+    """
     with_parent = name.rpartition(".")[0]
     try:
         if with_parent != "iclnuim":

@@ -7,7 +7,11 @@ from datetime import timedelta
 
 
 class Console:
-    """Output of a command. `quiet` suppresses notes and progress; `json` prints results as one JSON object on standard output."""
+    """Output of a command.
+
+    `quiet` suppresses notes and progress; `json` prints results as one JSON object on standard
+    output.
+    """
 
     def __init__(self, quiet: bool = False, json: bool = False) -> None:
         self.quiet, self.as_json = quiet, json
@@ -26,7 +30,10 @@ class Console:
 
 
 class Progress:
-    """Progress display: count done, rate and time left. On a terminal one line is redrawn; in a log a line is printed every ten seconds."""
+    """Progress display: count done, rate and time left.
+
+    On a terminal one line is redrawn; in a log a line is printed every ten seconds.
+    """
 
     def __init__(self, total: int, label: str, unit: str, enabled: bool) -> None:
         self.total, self.label, self.unit, self.enabled = total, label, unit, enabled
@@ -34,7 +41,10 @@ class Progress:
         self.terminal = sys.stderr.isatty()
 
     def begin(self) -> None:
-        """Start the clock. Preparation before this call is not counted, as it would falsify the time left."""
+        """Start the clock.
+
+        Preparation before this call is not counted, as it would falsify the time left.
+        """
         if not self.done:
             self.started = time.monotonic()
 

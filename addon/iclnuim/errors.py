@@ -9,9 +9,11 @@ from contextlib import contextmanager
 
 
 class IclnuimError(Exception):
-    """Base of every error that a user should read as one line instead of a traceback: `MESSAGE; try HINT`.
+    """Base of every error that a user should read as one line instead of a traceback: `MESSAGE; try
+    HINT`.
 
-    In a hint, `{name}` is a placeholder for the setting of that name; `worded` replaces it by the user's name of it: an option or a label.
+    In a hint, `{name}` is a placeholder for the setting of that name; `worded` replaces it by the
+    user's name of it: an option or a label.
     """
 
     exit_code = 3
@@ -28,15 +30,17 @@ class IclnuimError(Exception):
 
     @property
     def template(self) -> str:
-        """The message with a placeholder `{name}` for each setting, for a process that replaces them with `named`."""
+        """The message with a placeholder `{name}` for each setting, for a process that replaces
+        them with `named`.
+        """
         return self.worded("{{{}}}".format)
 
 
 class InputError(IclnuimError):
     """A file, setting or array that is invalid (exit code 2).
 
-    The message is `FILE:LINE: SETTING: expected E, found F; try HINT`. Every part except `expected` is optional. `expected` may also
-    contain placeholders `{name}` for settings.
+    The message is `FILE:LINE: SETTING: expected E, found F; try HINT`. Every part except `expected`
+    is optional. `expected` may also contain placeholders `{name}` for settings.
     """
 
     exit_code = 2
@@ -77,7 +81,10 @@ class InputError(IclnuimError):
         return text + (f"; try {named(self.hint, name_of)}" if self.hint else "")
 
     def at(self, path: str | os.PathLike[str]) -> "InputError":
-        """The same error with `path` as its file. If the error has a path already, that path is appended as a place inside the file."""
+        """The same error with `path` as its file.
+
+        If the error has a path already, that path is appended as a place inside the file.
+        """
         path = path if self.path is None else f"{os.fspath(path)}: {os.fspath(self.path)}"
         moved = copy.copy(self)
         moved.path = path
@@ -98,7 +105,9 @@ class WorkError(IclnuimError):
 
 
 def blender_missing(what: str, error: ImportError) -> WorkError:
-    """The error for `what` if Blender's Python package bpy cannot be imported, with a hint for this version of Python."""
+    """The error for `what` if Blender's Python package bpy cannot be imported, with a hint for this
+    version of Python.
+    """
     if isinstance(error, ModuleNotFoundError) and error.name == "bpy":
         return WorkError(f"{what} needs Blender's Python package bpy", hint=how_to_get_bpy())
     text = f"{what} needs Blender's Python package bpy, which cannot be imported: {error}"
@@ -106,7 +115,9 @@ def blender_missing(what: str, error: ImportError) -> WorkError:
 
 
 def how_to_get_bpy() -> str:
-    """How to install bpy in this Python: 4.5 LTS for Python 3.11, 5.2 LTS for Python 3.13; there is no supported bpy for other versions."""
+    """How to install bpy in this Python: 4.5 LTS for Python 3.11, 5.2 LTS for Python 3.13; there is
+    no supported bpy for other versions.
+    """
     version = {(3, 11): "4.5", (3, 13): "5.2"}.get(sys.version_info[:2])
     if version:
         return f"pip install 'bpy=={version}.*'"

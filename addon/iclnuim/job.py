@@ -1,4 +1,7 @@
-"""The frozen description of a render job, to and from JSON. Panel, farm and worker exchange jobs in this form."""
+"""The frozen description of a render job, to and from JSON.
+
+Panel, farm and worker exchange jobs in this form.
+"""
 
 import os
 import re
@@ -16,24 +19,29 @@ from .sensor.exposure import Exposure
 from .settings import Settings, declared, same_as, setting
 
 SCHEMA_VERSION = 1
-#: Values of settings that a job does not set. Baked light needs few samples: only reflections and glass are sampled.
+#: Values of settings that a job does not set. Baked light needs few samples: only reflections and
+#: glass are sampled.
 LIGHT_DEFAULTS = {
     "path": {"samples": 64, "denoise": True},
     "baked": {"samples": 1, "denoise": False},
 }
-#: Core-seconds that a bake of 2048 x 2048 (measured: 2047 x 2047) texels with 32 samples takes in the living room (docs/light.md).
+#: Core-seconds that a bake of 2048 x 2048 (measured: 2047 x 2047) texels with 32 samples takes in
+#: the living room (docs/light.md).
 _BAKE_CORE_S = 605.0
-#: Files in the folder of a light map: the map, the layout of the surfaces in it, and what it was baked from.
+#: Files in the folder of a light map: the map, the layout of the surfaces in it, and what it was
+#: baked from.
 LIGHT_FILES = ("light.exr", "layout.npz", "recipe.json")
 
 
 @dataclass(frozen=True)
 class RenderJob(Settings):
-    """All settings that determine the pixels of a run, and nothing else: not the requested frames, the folder or the threads.
+    """All settings that determine the pixels of a run, and nothing else: not the requested frames,
+    the folder or the threads.
 
-    `scene` is a shipped scene's name or a file; `trajectory` is a shipped name such as `living_room/kt2` or a file.
-    `reading`: axes and units of a scene file. `reading`, `ground_truth` and `glass` are left out of the recipe if they have their default
-    values, so that the recipes of older runs stay the same.
+    `scene` is a shipped scene's name or a file; `trajectory` is a shipped name such as
+    `living_room/kt2` or a file. `reading`: axes and units of a scene file. `reading`,
+    `ground_truth` and `glass` are left out of the recipe if they have their default values, so that
+    the recipes of older runs stay the same.
     """
 
     group: ClassVar[str] = "a render job"
@@ -125,7 +133,8 @@ class RenderJob(Settings):
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "RenderJob":
-        """The job of a run's recipe. One without `mipmaps` is older than this setting: its frames have none.
+        """The job of a run's recipe. One without `mipmaps` is older than this setting: its frames
+        have none.
 
         Raises InputError for unknown keys, a newer schema_version, or values out of range.
         """
@@ -140,7 +149,10 @@ class RenderJob(Settings):
         )
 
     def changed(self, **settings: Any) -> "RenderJob":
-        """The same job with other settings; None means unchanged. If `light` changes, samples and denoise get the defaults of the new value."""
+        """The same job with other settings; None means unchanged.
+
+        If `light` changes, samples and denoise get the defaults of the new value.
+        """
         settings = {key: value for key, value in settings.items() if value is not None}
         if settings.get("light", self.light) != self.light:
             settings = {"samples": None, "denoise": None, **settings}
@@ -148,7 +160,9 @@ class RenderJob(Settings):
 
 
 def bake_core_s(job: RenderJob) -> float:
-    """Estimated core-seconds to bake the light map of a job, from its texels and samples and those of the coarse map. Scenes differ."""
+    """Estimated core-seconds to bake the light map of a job, from its texels and samples and those
+    of the coarse map. Scenes differ.
+    """
     fine, coarse = job.map_size**2 * job.map_samples, min(1024, job.map_size) ** 2 * 16
     return (
         _BAKE_CORE_S * (2 * fine + 4 * coarse) / (2 * 2048**2 * 32 + 4 * 1024**2 * 16)
@@ -156,7 +170,8 @@ def bake_core_s(job: RenderJob) -> float:
 
 
 def shipped_light(job: RenderJob) -> Path | None:
-    """The folder of the light map that is shipped with the job's built-in scene, for any seed. None for other scenes, for other settings of the
+    """The folder of the light map that is shipped with the job's built-in scene, for any seed. None
+    for other scenes, for other settings of the
     map, and if the scene's file is not the one that was baked.
     """
     if job.scene not in shipped.SCENE_NAMES or job.lambertian:
@@ -178,7 +193,8 @@ def shipped_job(sequence: str) -> RenderJob:
 
 
 def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
-    """The job of a recipe file (or of a run's sequence.json). Its paths are relative to the file and may not leave its folder.
+    """The job of a recipe file (or of a run's sequence.json). Its paths are relative to the file
+    and may not leave its folder.
 
     Raises InputError with the file's name for invalid content.
     """
@@ -205,7 +221,10 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
 
 
 def _inside(recipe: Path, name: str, shipped_names: Iterable[str]) -> str:
-    """A shipped name is returned unchanged. A path is relative to the recipe's folder and may not leave it."""
+    """A shipped name is returned unchanged.
+
+    A path is relative to the recipe's folder and may not leave it.
+    """
     if name in shipped_names:
         return name
     folder = recipe.resolve().parent

@@ -1,8 +1,10 @@
-"""Noise, sequences and trajectory error for use from Python, inside or outside Blender: a thin layer over the library.
+"""Noise, sequences and trajectory error for use from Python, inside or outside Blender: a thin
+layer over the library.
 
 from iclnuim import postprocess
-postprocess.make_sequence("out/living_room/kt2/raw", "noisy", depth_noise="released", rgb_noise="released", seed=1)
-postprocess.absolute_trajectory_error("noisy/groundtruth.txt", "estimate.txt").translation_m.rmse
+postprocess.make_sequence("out/living_room/kt2/raw", "noisy", depth_noise="released",
+rgb_noise="released", seed=1) postprocess.absolute_trajectory_error("noisy/groundtruth.txt",
+"estimate.txt").translation_m.rmse
 """
 
 import os
@@ -39,11 +41,13 @@ def noisy_depth(
     frame: int = 0,
     settings: Settings | None = None,
 ) -> np.ndarray:
-    """Add the noise of a sensor model to planar depth (h, w) in metres, 0 = missing. Returns float32 of the same shape.
+    """Add the noise of a sensor model to planar depth (h, w) in metres, 0 = missing. Returns
+    float32 of the same shape.
 
-    model: a key of DEPTH_MODELS, or `module:function`; settings: settings of the model, by name (docs/sensor.md). camera: default is the
-    benchmark's camera, scaled to the image's width. The noise depends only on seed and frame number. Raises InputError for an
-    unknown model or setting, for whole numbers, and for another shape or size than the camera's.
+    model: a key of DEPTH_MODELS, or `module:function`; settings: settings of the model, by name
+    (docs/sensor.md). camera: default is the benchmark's camera, scaled to the image's width. The
+    noise depends only on seed and frame number. Raises InputError for an unknown model or setting,
+    for whole numbers, and for another shape or size than the camera's.
     """
     depth_z_m = _floating(depth_z_m, *_METRES)
     if depth_z_m.ndim != 2:
@@ -66,17 +70,21 @@ def noisy_rgb(
     frame: int = 0,
     settings: Settings | None = None,
 ) -> np.ndarray:
-    """Convert scene-linear RGB (h, w, 3), 1 = white, to sRGB (h, w, 3) uint8 with the noise of a sensor model.
+    """Convert scene-linear RGB (h, w, 3), 1 = white, to sRGB (h, w, 3) uint8 with the noise of a
+    sensor model.
 
-    model: a key of RGB_MODELS, or `module:function`; settings: settings of the model, by name (docs/sensor.md). The noise depends only on
-    seed and frame number. Raises InputError for an unknown model or setting, and for whole numbers.
+    model: a key of RGB_MODELS, or `module:function`; settings: settings of the model, by name
+    (docs/sensor.md). The noise depends only on seed and frame number. Raises InputError for an
+    unknown model or setting, and for whole numbers.
     """
     rgb = _floating(rgb, *_LINEAR_RGB)
     return rgb_model(model, settings).apply(rgb, frame_generator(seed, frame, RGB))
 
 
 def _floating(image: np.ndarray, expected: str, hint: str) -> np.ndarray:
-    """Raises InputError for an image without pixels, and for whole numbers: they are the values of an image file, in another unit."""
+    """Raises InputError for an image without pixels, and for whole numbers: they are the values of
+    an image file, in another unit.
+    """
     image = np.asarray(image)
     if not image.size:
         raise InputError(expected, found=f"an array {image.shape}")
@@ -95,11 +103,13 @@ def make_sequence(
     depth_settings: Settings | None = None,
     rgb_settings: Settings | None = None,
 ) -> WrittenSequence:
-    """Write a sequence with noise from the EXR frames of a run folder, or from a sequence of PNG pairs. An interrupted sequence is resumed.
+    """Write a sequence with noise from the EXR frames of a run folder, or from a sequence of PNG
+    pairs. An interrupted sequence is resumed.
 
     formats: names in dataset/sequence_formats.py. Several formats are written into a folder each.
 
-    Raises InputError if `frames` contains neither or `out` contains another sequence, and WorkError if a file cannot be written.
+    Raises InputError if `frames` contains neither or `out` contains another sequence, and WorkError
+    if a file cannot be written.
     """
     folder = Path(frames)
     source = run_frames(folder) if (folder / "exr").is_dir() else image_frames(folder)
@@ -115,12 +125,14 @@ def frames_from(
     load: Callable[[int], tuple[np.ndarray, np.ndarray]],
     name: str = "own",
 ) -> FrameSource:
-    """Frames of your own renderer or simulator, for write_sequence. Frame i has stamp i and pose i of the trajectory.
+    """Frames of your own renderer or simulator, for write_sequence. Frame i has stamp i and pose i
+    of the trajectory.
 
-    load(i) returns RGB (h, w, 3), scene-linear with 1 = white, and planar depth (h, w) in metres with 0 = no surface, both of the
-    camera's size. It may be called in any order and from several threads. `name` is written into the sequence's recipe. A sequence is
-    resumed only with the same trajectory, and if load() returns the same first and last of the finished frames. Raises InputError, when a frame is loaded, for
-    whole numbers and for another size.
+    load(i) returns RGB (h, w, 3), scene-linear with 1 = white, and planar depth (h, w) in metres
+    with 0 = no surface, both of the camera's size. It may be called in any order and from several
+    threads. `name` is written into the sequence's recipe. A sequence is resumed only with the same
+    trajectory, and if load() returns the same first and last of the finished frames. Raises
+    InputError, when a frame is loaded, for whole numbers and for another size.
     """
 
     def checked(number: int) -> tuple[np.ndarray, np.ndarray]:
@@ -151,10 +163,12 @@ def absolute_trajectory_error(
     estimate: TrajectoryOrFile,
     settings: AbsoluteErrorSettings | None = None,
 ) -> AbsoluteError:
-    """ATE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a Trajectory or a file in any known format.
+    """ATE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a
+    Trajectory or a file in any known format.
 
-    By default, stamps within 20 ms are associated and the estimate is aligned by SE(3). `.translation_m.rmse` is the value that papers
-    report. Raises InputError for a file that cannot be read, if no stamps match, and if the poses do not determine the alignment.
+    By default, stamps within 20 ms are associated and the estimate is aligned by SE(3).
+    `.translation_m.rmse` is the value that papers report. Raises InputError for a file that cannot
+    be read, if no stamps match, and if the poses do not determine the alignment.
     """
     return absolute_error(_trajectory(truth), _trajectory(estimate), settings)
 
@@ -164,10 +178,12 @@ def relative_pose_error(
     estimate: TrajectoryOrFile,
     settings: RelativeErrorSettings | None = None,
 ) -> RelativeError:
-    """RPE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a Trajectory or a file in any known format.
+    """RPE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a
+    Trajectory or a file in any known format.
 
-    By default, all pairs of consecutive frames are used; `settings` can set another delta in frames, seconds or metres. Raises InputError for
-    a file that cannot be read, if no stamps match, and if no two poses are delta apart.
+    By default, all pairs of consecutive frames are used; `settings` can set another delta in
+    frames, seconds or metres. Raises InputError for a file that cannot be read, if no stamps match,
+    and if no two poses are delta apart.
     """
     return relative_error(_trajectory(truth), _trajectory(estimate), settings)
 

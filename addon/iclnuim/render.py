@@ -1,6 +1,8 @@
-"""Rendering from Python. Blender runs in a child process, so that this process needs no bpy and Blender cannot change its state.
+"""Rendering from Python. Blender runs in a child process, so that this process needs no bpy and
+Blender cannot change its state.
 
-One worker uses all cores. `iclnuim render` uses several workers, locks the folder and restarts workers that crash.
+One worker uses all cores. `iclnuim render` uses several workers, locks the folder and restarts
+workers that crash.
 """
 
 import os
@@ -25,7 +27,9 @@ from .worker_events import ChunkDone, Event, Exited, Failed, WorkerClient, worke
 
 @dataclass(frozen=True, eq=False)
 class RenderedFrame:
-    """rgb (h, w, 3): scene-linear, 1 = white. depth_z_m (h, w): planar depth in metres, 0 where no surface is hit."""
+    """rgb (h, w, 3): scene-linear, 1 = white. depth_z_m (h, w): planar depth in metres, 0 where no
+    surface is hit.
+    """
 
     rgb: np.ndarray
     depth_z_m: np.ndarray
@@ -37,12 +41,14 @@ def render_frames(
     frames: str = "::",
     on_event: Callable[[Event], None] = lambda event: None,
 ) -> RunFolder:
-    """Render the frames of a job that are missing in the run folder `out`, and return the folder (its files: docs/conventions.md).
+    """Render the frames of a job that are missing in the run folder `out`, and return the folder
+    (its files: docs/conventions.md).
 
-    frames: a slice A:B:S over the poses of the job's trajectory. on_event is called with each event of the worker (worker_events.py), with
-    FrameDone after each frame. If the light map is not in the cache, it is baked first, which takes minutes. Raises InputError for frames
-    that the trajectory does not have, and WorkError if Blender is missing, the scene or the folder cannot be used, or the work failed.
-    Finished frames stay, and the same call resumes.
+    frames: a slice A:B:S over the poses of the job's trajectory. on_event is called with each event
+    of the worker (worker_events.py), with FrameDone after each frame. If the light map is not in
+    the cache, it is baked first, which takes minutes. Raises InputError for frames that the
+    trajectory does not have, and WorkError if Blender is missing, the scene or the folder cannot be
+    used, or the work failed. Finished frames stay, and the same call resumes.
     """
     numbers = list(frame_slice(frames, len(load_trajectory(job))))
     with tempfile.TemporaryDirectory(prefix="iclnuim-") as folder:
@@ -69,10 +75,12 @@ def render_frames(
 
 
 def render_pose(scene: str, T_world_camera: SE3, **settings: Any) -> RenderedFrame:
-    """Render one frame of a scene (a built-in name or a file) from a pose of the cv camera (x right, y down, z forward; metres, z up).
+    """Render one frame of a scene (a built-in name or a file) from a pose of the cv camera (x
+    right, y down, z forward; metres, z up).
 
-    settings: settings of RenderJob, such as camera, light, samples. Starting Blender and opening the scene takes seconds: for many poses,
-    write a trajectory file and call render_frames. Raises InputError and WorkError like render_frames.
+    settings: settings of RenderJob, such as camera, light, samples. Starting Blender and opening
+    the scene takes seconds: for many poses, write a trajectory file and call render_frames. Raises
+    InputError and WorkError like render_frames.
     """
     if T_world_camera.shape:
         raise InputError(

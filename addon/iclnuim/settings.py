@@ -1,7 +1,9 @@
-"""Declarations of settings: default, unit, range, choices, help and source. Each setting is declared once.
+"""Declarations of settings: default, unit, range, choices, help and source. Each setting is
+declared once.
 
-A group of settings is a frozen dataclass derived from `Settings` whose fields are made with `setting`. This module checks values and converts
-them to and from JSON. The options of the command line (headless/options.py), the panel's properties (ui/properties.py) and the tables in
+A group of settings is a frozen dataclass derived from `Settings` whose fields are made with
+`setting`. This module checks values and converts them to and from JSON. The options of the command
+line (headless/options.py), the panel's properties (ui/properties.py) and the tables in
 docs/settings.md are made from the same declarations.
 
     @dataclass(frozen=True)
@@ -32,10 +34,11 @@ _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: 
 class Setting:
     """The declaration of one setting, as `declared` returns it.
 
-    kind: bool, int, float or str. For a tuple, `length` is its number of elements (0: one or more) and `kind` the type of each. optional: None
-    is allowed; `help` describes its meaning. option: the option of the command line, empty if there is none. parse: converts the option's text,
-    if `kind` cannot. label: the label in the panel, which shows value * shown[1] in the unit shown[0]. others: a description of values that
-    are allowed in addition to `choices`.
+    kind: bool, int, float or str. For a tuple, `length` is its number of elements (0: one or more)
+    and `kind` the type of each. optional: None is allowed; `help` describes its meaning. option:
+    the option of the command line, empty if there is none. parse: converts the option's text, if
+    `kind` cannot. label: the label in the panel, which shows value * shown[1] in the unit shown[0].
+    others: a description of values that are allowed in addition to `choices`.
     """
 
     name: str
@@ -70,7 +73,10 @@ class Setting:
         return f"of at most {plain(self.high)}" if math.isfinite(self.high) else ""
 
     def checked(self, value: Any) -> Any:
-        """The value converted to the setting's type. Raises InputError, with the setting's name, for an invalid value."""
+        """The value converted to the setting's type.
+
+        Raises InputError, with the setting's name, for an invalid value.
+        """
         if value is None and self.optional:
             return None
         if self.length is not None:
@@ -105,12 +111,15 @@ class Setting:
 def setting(
     default: Any, help: str, *, choices: Callable[[], Choices] | Choices | None = None, **about: Any
 ) -> Any:
-    """A dataclass field that is a declared setting. `help` is a phrase without the default; `source` is the paper and its section.
+    """A dataclass field that is a declared setting. `help` is a phrase without the default;
+    `source` is the paper and its section.
 
-    choices: value -> meaning, or a function that returns it (a registry). option: the option of the command line if it is not `--` and the
-    name with dashes; "" for none. label: the label in the panel if it is not the name. others: other values that are allowed instead of a
-    choice, such as MODULE:FUNCTION; the code that uses the setting checks them. parse: text -> value, if the option accepts more than a
-    number. shown: the unit that the panel shows, and the factor to it. unit, low, high: as in Setting.
+    choices: value -> meaning, or a function that returns it (a registry). option: the option of the
+    command line if it is not `--` and the name with dashes; "" for none. label: the label in the
+    panel if it is not the name. others: other values that are allowed instead of a choice, such as
+    MODULE:FUNCTION; the code that uses the setting checks them. parse: text -> value, if the option
+    accepts more than a number. shown: the unit that the panel shows, and the factor to it. unit,
+    low, high: as in Setting.
     """
     listed = choices if callable(choices) or choices is None else lambda: choices
     return dataclasses.field(
@@ -118,7 +127,8 @@ def setting(
     )
 
 
-#: A setting without an option of the command line. `setting(MISSING, ...)` declares a setting that must be given.
+#: A setting without an option of the command line. `setting(MISSING, ...)` declares a setting that
+#: must be given.
 parameter = partial(setting, option="")
 MISSING: Any = dataclasses.MISSING
 
@@ -130,7 +140,10 @@ def same_as(group: type, name: str) -> Any:
 
 
 def declared(group: type) -> dict[str, Setting]:
-    """Name -> declaration, for all settings of a dataclass in their order. Fields that were not made with `setting` are left out."""
+    """Name -> declaration, for all settings of a dataclass in their order.
+
+    Fields that were not made with `setting` are left out.
+    """
     return _declarations(group)
 
 
@@ -162,7 +175,10 @@ def _declaration(field: Any, hint: Any) -> Setting:
 
 @dataclass(frozen=True)
 class Settings:
-    """Base of all groups of settings: frozen, checked at construction, converted to and from JSON. `group` is its name in errors."""
+    """Base of all groups of settings: frozen, checked at construction, converted to and from JSON.
+
+    `group` is its name in errors.
+    """
 
     group: ClassVar[str] = "settings"
 
@@ -180,9 +196,11 @@ class Settings:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        """Make the settings from a mapping of names to values. Settings left out get their defaults. A nested group is a mapping too.
+        """Make the settings from a mapping of names to values. Settings left out get their
+        defaults. A nested group is a mapping too.
 
-        Raises InputError for an unknown or missing name or an invalid value; the error's path is the name of the nested group.
+        Raises InputError for an unknown or missing name or an invalid value; the error's path is
+        the name of the nested group.
         """
         fields, hints = dataclasses.fields(cls), typing.get_type_hints(cls)
         refuse_unknown(content, [f.name for f in fields], cls.group)
@@ -207,7 +225,9 @@ class Settings:
 
 
 def _inner(kind: Any, value: Any, place: str) -> Any:
-    """The value of a field; a mapping is converted if the field's type is a group of settings or a tuple of groups."""
+    """The value of a field; a mapping is converted if the field's type is a group of settings or a
+    tuple of groups.
+    """
     group = typing.get_args(kind)[0] if typing.get_origin(kind) is tuple else kind
     if not (isinstance(group, type) and issubclass(group, Settings)):
         return value
@@ -222,7 +242,10 @@ def _inner(kind: Any, value: Any, place: str) -> Any:
 
 
 def find(name: str) -> Setting | None:
-    """The declaration of the setting `name` that has an option, among the loaded groups. None if there is none, or if several differ."""
+    """The declaration of the setting `name` that has an option, among the loaded groups.
+
+    None if there is none, or if several differ.
+    """
     groups, found = list(Settings.__subclasses__()), []
     while groups:
         group = groups.pop(0)

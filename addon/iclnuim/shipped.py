@@ -1,4 +1,5 @@
-"""The built-in scenes and trajectories, their folders (in the installed package, or at the top level of the checkout), and the cache folder.
+"""The built-in scenes and trajectories, their folders (in the installed package, or at the top
+level of the checkout), and the cache folder.
 
 The code that builds the scenes is in blend/builder/ of the repository.
 """
@@ -17,7 +18,9 @@ _PACKAGE = Path(__file__).resolve().parent
 
 @dataclass(frozen=True)
 class SceneEntry:
-    """A scene shipped as blend/NAME.blend, with trajectories/NAME/kt0.txt and so on; `title` and `description` are shown to users."""
+    """A scene shipped as blend/NAME.blend, with trajectories/NAME/kt0.txt and so on; `title` and
+    `description` are shown to users.
+    """
 
     name: str
     title: str
@@ -47,7 +50,10 @@ TRAJECTORY_NAMES = tuple(TRAJECTORIES)
 
 
 def folder(name: str) -> Path:
-    """The path of the folder `blend` or `trajectories`. Raises InputError if it is neither in the package nor in the checkout."""
+    """The path of the folder `blend` or `trajectories`.
+
+    Raises InputError if it is neither in the package nor in the checkout.
+    """
     for place in (_PACKAGE / name, _PACKAGE.parents[1] / name):
         if place.is_dir():
             return place
@@ -71,13 +77,18 @@ def paper_sequences() -> list[str]:
 
 
 def sequence_names() -> list[str]:
-    """The names of all sequences that can be rendered, such as `living_room/kt0`; the paper's eight first."""
+    """The names of all sequences that can be rendered, such as `living_room/kt0`; the paper's eight
+    first.
+    """
     names = [*paper_sequences(), *HARD_SEQUENCES]
     return [name for name in names if (folder("trajectories") / f"{name}.txt").is_file()]
 
 
 def full_name(sequence: str) -> str:
-    """`kt2` -> `living_room/kt2`. Raises InputError with the list of sequences for an unknown name."""
+    """`kt2` -> `living_room/kt2`.
+
+    Raises InputError with the list of sequences for an unknown name.
+    """
     name = sequence if "/" in sequence else f"living_room/{sequence}"
     if name not in (known := sequence_names()):
         hint = "a recipe file, or {scene} and {trajectory}"
@@ -91,7 +102,9 @@ def trajectory_file(name: str) -> Path:
 
 
 def versions(*packages: str) -> dict[str, str | None]:
-    """The versions of Python and of installed packages, for a recipe; None for a package that is not installed."""
+    """The versions of Python and of installed packages, for a recipe; None for a package that is
+    not installed.
+    """
     found: dict[str, str | None] = {"python": platform.python_version()}
     for name in packages:
         try:
@@ -102,7 +115,9 @@ def versions(*packages: str) -> dict[str, str | None]:
 
 
 def source_commit() -> str | None:
-    """The commit of the checkout that contains this file, with `+` if files were changed; None if the package is installed."""
+    """The commit of the checkout that contains this file, with `+` if files were changed; None if
+    the package is installed.
+    """
     if not (_PACKAGE.parents[1] / ".git").exists():
         return None
     try:

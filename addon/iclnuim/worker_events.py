@@ -1,8 +1,9 @@
-"""The interface of a render worker: its events, each a typed object or one JSON object, and the client that starts a worker, sends it commands
+"""The interface of a render worker: its events, each a typed object or one JSON object, and the
+client that starts a worker, sends it commands
 and receives its events. The farm and the panel use it. It needs no Blender.
 
-`worker.Session` emits the events inside its process. blender/child.py, at the other end of the client's pipes, prints them as lines on its
-standard output.
+`worker.Session` emits the events inside its process. blender/child.py, at the other end of the
+client's pipes, prints them as lines on its standard output.
 """
 
 import importlib.util
@@ -30,7 +31,11 @@ _BLENDER = ("-b", "--factory-startup", "--python-exit-code", "3", "-P", str(CHIL
 @dataclass_transform(frozen_default=True)
 @dataclass(frozen=True)
 class Event:
-    """Base of all events. Each event is a frozen dataclass. In JSON, `event` is its `name`, and fields that are None or False are left out."""
+    """Base of all events.
+
+    Each event is a frozen dataclass. In JSON, `event` is its `name`, and fields that are None or
+    False are left out.
+    """
 
     name: ClassVar[str]
 
@@ -72,7 +77,8 @@ class Missing(Event, name="missing"):
 
 
 class FrameDone(Event, name="frame"):
-    """Frame `frame` is finished and its file has its final name. cycles, close: seconds to render, and to close the file. found: another process
+    """Frame `frame` is finished and its file has its final name. cycles, close: seconds to render,
+    and to close the file. found: another process
     had finished it.
 
     black: the likely cause, if the frame is black.
@@ -119,7 +125,8 @@ class Alive(Event, name="alive"):
 
 
 class Failed(Event, name="error"):
-    """An error in one line, the same line with placeholders `{name}` for settings (errors.named), and the exit code.
+    """An error in one line, the same line with placeholders `{name}` for settings (errors.named),
+    and the exit code.
 
     bug: the error is a defect of this program.
     """
@@ -135,7 +142,9 @@ class Done(Event, name="done"):
 
 
 class Exited(Event, name="exit"):
-    """Added by the parent: the worker process has exited with this code, below 0 for a signal. log: the log's last line, if it failed."""
+    """Added by the parent: the worker process has exited with this code, below 0 for a signal. log:
+    the log's last line, if it failed.
+    """
 
     code: int
     log: str | None = None
@@ -145,7 +154,8 @@ _KINDS: dict[str, type[Event]] = {kind.name: kind for kind in Event.__subclasses
 
 
 def from_dict(content: dict[str, Any]) -> Event | None:
-    """The event of a JSON object; None for an unknown event, which a later version may send. Unknown keys are ignored.
+    """The event of a JSON object; None for an unknown event, which a later version may send.
+    Unknown keys are ignored.
 
     Raises InputError if a field is missing.
     """
@@ -159,7 +169,9 @@ def from_dict(content: dict[str, Any]) -> Event | None:
 
 
 def worker_command() -> list[str]:
-    """The command that starts a worker: this Blender again, Python with the bpy package, or a Blender on the PATH. Raises WorkError."""
+    """The command that starts a worker: this Blender again, Python with the bpy package, or a
+    Blender on the PATH. Raises WorkError.
+    """
     bpy = sys.modules.get("bpy")
     if bpy is not None and not getattr(bpy.app, "module", False) and bpy.app.binary_path:
         return [bpy.app.binary_path, *_BLENDER]
@@ -172,9 +184,10 @@ def worker_command() -> list[str]:
     return [blender, *_BLENDER]
 
 
-#: Settings of glibc's allocator for workers: large pages, as every ray reads from a few hundred megabytes; one arena, as the arenas of threads, which
-#: load textures, get none; and buffers of a frame stay allocated for the next. Frames do not change (docs/light.md). Ignored where there is no glibc;
-#: the user's own value has precedence.
+#: Settings of glibc's allocator for workers: large pages, as every ray reads from a few hundred
+#: megabytes; one arena, as the arenas of threads, which load textures, get none; and buffers of a
+#: frame stay allocated for the next. Frames do not change (docs/light.md). Ignored where there is
+#: no glibc; the user's own value has precedence.
 _ALLOCATOR = {
     "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1:glibc.malloc.arena_max=1"
     ":glibc.malloc.mmap_threshold=33554432:glibc.malloc.trim_threshold=4294967296"
@@ -182,12 +195,14 @@ _ALLOCATOR = {
 
 
 class WorkerClient(subprocess.Popen[bytes]):
-    """A worker process. Its events are returned by `events()`, or put into `inbox` as (this client, event). The last event is Exited.
+    """A worker process. Its events are returned by `events()`, or put into `inbox` as (this client,
+    event). The last event is Exited.
 
-    terminate() and kill() end it immediately, kill() also if it is stopped or hangs; the unfinished frame is lost.
+    terminate() and kill() end it immediately, kill() also if it is stopped or hangs; the unfinished
+    frame is lost.
 
-    `options`: {"job": {...}, "cores": [...], ...} as described in child.py. They are written to a file next to `log`, which receives standard
-    error.
+    `options`: {"job": {...}, "cores": [...], ...} as described in child.py. They are written to a
+    file next to `log`, which receives standard error.
     """
 
     def __init__(
@@ -214,7 +229,8 @@ class WorkerClient(subprocess.Popen[bytes]):
                     stderr=errors,
                     env={**_ALLOCATOR, **os.environ, **(environment or {})},
                     creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
-                    # a separate process group: only the parent receives Ctrl-C, and the kernel ends a stopped child whose parent has exited
+                    # a separate process group: only the parent receives Ctrl-C, and the kernel ends
+                    # a stopped child whose parent has exited
                     process_group=0,
                 )
         except OSError as error:
@@ -223,11 +239,17 @@ class WorkerClient(subprocess.Popen[bytes]):
 
     @property
     def silent_s(self) -> float:
-        """Seconds since the last event or command. A started worker sends an event every two seconds."""
+        """Seconds since the last event or command.
+
+        A started worker sends an event every two seconds.
+        """
         return time.monotonic() - self._last_s
 
     def send(self, command: Mapping[str, Any]) -> None:
-        """Send a command. Never fails: if the process has ended, its Exited event has the exit code."""
+        """Send a command.
+
+        Never fails: if the process has ended, its Exited event has the exit code.
+        """
         self._last_s = time.monotonic()
         assert self.stdin is not None
         with suppress(OSError, ValueError):

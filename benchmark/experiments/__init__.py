@@ -1,1 +1,3 @@
-"""Experiments: methods run on sequences, and the tables, findings, charts and reports made from what they measured."""
+"""Experiments: methods run on sequences, and the tables, findings, charts and reports made from
+what they measured.
+"""

@@ -1,4 +1,6 @@
-"""The figures of one method on one segment of frames: the errors of its poses, and whether it reported them."""
+"""The figures of one method on one segment of frames: the errors of its poses, and whether it
+reported them.
+"""
 
 import re
 from collections import Counter
@@ -36,11 +38,13 @@ _FEWER_INLIERS, _LARGER_RESIDUAL = 0.7, 1.5
 
 @dataclass(frozen=True)
 class Cell:
-    """ate_m: RMSE. worst_step_m, worst_step_deg: largest error of a step. Figures are None where nothing can be measured.
+    """ate_m: RMSE. worst_step_m, worst_step_deg: largest error of a step. Figures are None where
+    nothing can be measured.
 
-    wrong, false_successes, false_alarms, alarms: counts of frames. False successes are wrong poses reported as good, false alarms are
-    right poses reported as bad. noticed_after: number of frames from the first wrong pose to the first alarm; None if there was no alarm
-    or no wrong pose. nees: divided by its 6 degrees of freedom. residual, inliers: medians.
+    wrong, false_successes, false_alarms, alarms: counts of frames. False successes are wrong poses
+    reported as good, false alarms are right poses reported as bad. noticed_after: number of frames
+    from the first wrong pose to the first alarm; None if there was no alarm or no wrong pose. nees:
+    divided by its 6 degrees of freedom. residual, inliers: medians.
     """
 
     frames: int
@@ -65,9 +69,11 @@ class Cell:
 
 
 class RecordingOdometer:
-    """Wraps an odometer: records the reference frame of each alignment, and rotates its initial guess by the segment's `guess_off_deg`.
+    """Wraps an odometer: records the reference frame of each alignment, and rotates its initial
+    guess by the segment's `guess_off_deg`.
 
-    Each frame has its own random rotation axis. Third-party odometers, which start from no motion, start from that rotation.
+    Each frame has its own random rotation axis. Third-party odometers, which start from no motion,
+    start from that rotation.
     """
 
     def __init__(self, odometer: Odometer, segment: Segment) -> None:
@@ -108,7 +114,10 @@ class RecordingOdometer:
 def track_all(
     odometers: Iterable[Odometer], segment: Segment
 ) -> list[tuple[list[Tracked], dict[float, float]]]:
-    """Track the segment with all odometers; each frame is loaded once. Returns for each odometer the tracked frames, and the stamps of frame -> reference."""
+    """Track the segment with all odometers; each frame is loaded once.
+
+    Returns for each odometer the tracked frames, and the stamps of frame -> reference.
+    """
     recorders = [RecordingOdometer(odometer, segment) for odometer in odometers]
     trackers = [Tracker(recorder, segment.camera) for recorder in recorders]
     tracked: list[list[Tracked]] = [[] for _ in recorders]
@@ -120,9 +129,11 @@ def track_all(
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Output of a method. good: (n,) whether each pose was reported as good; an external system reports every pose as good.
+    """Output of a method. good: (n,) whether each pose was reported as good; an external system
+    reports every pose as good.
 
-    alarms_s: stamps of all frames after the first that were not reported as good, including those without a pose.
+    alarms_s: stamps of all frames after the first that were not reported as good, including those
+    without a pose.
     """
 
     trajectory: Trajectory
@@ -132,9 +143,11 @@ class Poses:
 
     @classmethod
     def of(cls, tracked: list[Tracked], min_fitness: float = 0.0) -> "Poses":
-        """From the results of an odometer. A pose is good if its status is OK and, for Open3D, its fitness is large enough. A pose that is not finite is ignored.
+        """From the results of an odometer. A pose is good if its status is OK and, for Open3D, its
+        fitness is large enough. A pose that is not finite is ignored.
 
-        min_fitness: only for Open3D; the inliers of our odometers are a share of all pixels, of which few may suffice.
+        min_fitness: only for Open3D; the inliers of our odometers are a share of all pixels, of
+        which few may suffice.
         """
         kept = [f for f in tracked if not f.lost and np.isfinite(f.T_world_camera.matrix).all()]
         good = np.array([_is_good(f.result, min_fitness) for f in kept])
@@ -145,7 +158,9 @@ class Poses:
 
     @classmethod
     def of_file(cls, trajectory: Trajectory, stamps_s: np.ndarray) -> "Poses":
-        """From the trajectory of a system that writes a pose for each tracked frame: frames without a pose are alarms."""
+        """From the trajectory of a system that writes a pose for each tracked frame: frames without
+        a pose are alarms.
+        """
         missing = stamps_s[
             np.abs(stamps_s[:, None] - trajectory.stamps_s).min(1, initial=np.inf) > 1e-6
         ]
@@ -158,7 +173,10 @@ class Poses:
 
 
 def _is_good(result: Result, min_fitness: float) -> bool:
-    """Whether the method reported success. Zero inliers means that a baseline does not report inliers."""
+    """Whether the method reported success.
+
+    Zero inliers means that a baseline does not report inliers.
+    """
     return result.status is Status.OK and not 0 < result.inliers < min_fitness
 
 
@@ -169,7 +187,9 @@ def cell(
     clean: bool,
     extra: dict[str, Any] | None = None,
 ) -> Cell:
-    """Compute the figures. clean: the frames are unperturbed, so that every lost frame is a false alarm. extra: the result of `diagnostics`."""
+    """Compute the figures. clean: the frames are unperturbed, so that every lost frame is a false
+    alarm. extra: the result of `diagnostics`.
+    """
     reported = {
         "nees": None,
         "cause": "",
@@ -219,7 +239,9 @@ def cell(
 
 
 def ate_rmse_m(truth: Trajectory, found: Trajectory) -> float:
-    """ATE after SE(3) alignment; if poses on a line or at one point leave the alignment undetermined, after alignment of the first pose."""
+    """ATE after SE(3) alignment; if poses on a line or at one point leave the alignment
+    undetermined, after alignment of the first pose.
+    """
     try:
         return absolute_error(truth, found).translation_m.rmse
     except InputError:
@@ -256,7 +278,9 @@ def _noticed_after(stamps_s: np.ndarray, wrong: np.ndarray, alarms_s: np.ndarray
 def diagnostics(
     tracked: list[Tracked], references_s: dict[float, float], truth: Trajectory, clean: Cell | None
 ) -> dict[str, Any]:
-    """Diagnostics of an odometer's results: NEES, medians of residual and inliers, seconds, and the cause of failure as text. clean: the unperturbed run."""
+    """Diagnostics of an odometer's results: NEES, medians of residual and inliers, seconds, and the
+    cause of failure as text. clean: the unperturbed run.
+    """
     results = [f.result for f in tracked[1:]]
     used = [r for r in results if r.status is not Status.FAILED]
     residual, inliers = (
@@ -279,9 +303,11 @@ def _median(values: list[float]) -> float | None:
 def _nees(
     tracked: list[Tracked], references_s: dict[float, float], truth: Trajectory
 ) -> float | None:
-    """Mean over frames of the squared error of each alignment, weighted by its information and divided by 6; None without a noise model.
+    """Mean over frames of the squared error of each alignment, weighted by its information and
+    divided by 6; None without a noise model.
 
-    The information is that of a twist in the reference camera's frame, which multiplies the pose from the left.
+    The information is that of a twist in the reference camera's frame, which multiplies the pose
+    from the left.
     """
     values = []
     for f in tracked:
@@ -296,7 +322,9 @@ def _nees(
 def _cause(
     results: list[Result], residual: float | None, inliers: float | None, clean: Cell | None
 ) -> str:
-    """The first cause that applies: why frames were lost, under-constrained frames, fewer inliers, a larger residual; else an empty text."""
+    """The first cause that applies: why frames were lost, under-constrained frames, fewer inliers,
+    a larger residual; else an empty text.
+    """
     total = max(1, len(results))
     lost = Counter(
         re.sub(r"[-+]?\d[\d.,]*%?", "N", r.reason) for r in results if r.status is Status.FAILED

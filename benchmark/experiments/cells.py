@@ -1,4 +1,6 @@
-"""The cells of the benchmark: a sequence, the odometer, and the reference against which frames are aligned; their names, order and selection."""
+"""The cells of the benchmark: a sequence, the odometer, and the reference against which frames are
+aligned; their names, order and selection.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,7 +18,8 @@ LAMBERTIAN = "lambertian"
 TITLES = {"dvo": "DVO", "fovis": "FOVIS", "rgbd": "RGB-D", "icp": "ICP", "icp_rgbd": "ICP+RGB-D"}
 #: Those of the paper that use brightness alone.
 PHOTOMETRIC = ("dvo", "rgbd")
-#: odometer -> what frames are aligned against. The first is that of the paper: the previous frame, or a model of all previous frames.
+#: odometer -> what frames are aligned against. The first is that of the paper: the previous frame,
+#: or a model of all previous frames.
 REFERENCES = {
     "dvo": ("default", "model"),
     "fovis": ("default",),
@@ -30,8 +33,10 @@ EXTERNAL = "run"
 
 @dataclass(frozen=True)
 class Cell:
-    """One measurement. seed: noise seed; 0 is the existing sequence, and clean sequences always have 0. For a system of `iclnuim run`,
-    odometer is its title, preset the name of its trajectory, reference is EXTERNAL, and `run` counts from 1.
+    """One measurement. seed: noise seed; 0 is the existing sequence, and clean sequences always
+    have 0. For a system of `iclnuim run`,
+    odometer is its title, preset the name of its trajectory, reference is EXTERNAL, and `run`
+    counts from 1.
     """
 
     room: str
@@ -71,7 +76,8 @@ class Cell:
 def all_cells(
     presets: Sequence[str] = ("best",), seeds: Sequence[int] = (0,), references: Sequence[str] = ()
 ) -> list[Cell]:
-    """Cells of both rooms, sequence by sequence, so that the images stay in the file cache. references: used for all odometers;
+    """Cells of both rooms, sequence by sequence, so that the images stay in the file cache.
+    references: used for all odometers;
     default: REFERENCES.
     """
     cells = []
@@ -93,7 +99,8 @@ def lambertian_cells(presets: Sequence[str] = ("best",)) -> list[Cell]:
 
 
 def chosen(cells: Iterable[Cell], only: str | None) -> list[Cell]:
-    """Select cells with a filter such as `kt0,kt1/icp`: a slash means and, a comma means or. The words are compared with room,
+    """Select cells with a filter such as `kt0,kt1/icp`: a slash means and, a comma means or. The
+    words are compared with room,
     trajectory, noise, odometer, preset and reference.
 
     Raises InputError for a word that no cell has, and if no cell matches all parts.

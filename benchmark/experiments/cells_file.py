@@ -1,4 +1,6 @@
-"""All cells of the matrix in one CSV file, one row per cell: for data analysis, and to report measured cells without measuring them again."""
+"""All cells of the matrix in one CSV file, one row per cell: for data analysis, and to report
+measured cells without measuring them again.
+"""
 
 import csv
 import io
@@ -68,7 +70,9 @@ def chosen(
     severities: tuple[int, ...],
     starts: int | None,
 ) -> dict[tuple[Task, str], dict[str, Any]]:
-    """The cells of some methods, perturbations and severities, with the unperturbed ones; on the first `starts` segments of each sequence (None: all)."""
+    """The cells of some methods, perturbations and severities, with the unperturbed ones; on the
+    first `starts` segments of each sequence (None: all).
+    """
     places: dict[str, set[int]] = {}
     for task, _ in cells:
         places.setdefault(task.sequence, set()).add(task.start)

@@ -1,4 +1,6 @@
-"""A hash of the code that a result depends on: it changes with what the code does, not with comments, docstrings or layout."""
+"""A hash of the code that a result depends on: it changes with what the code does, not with
+comments, docstrings or layout.
+"""
 
 import ast
 import functools

@@ -1,4 +1,6 @@
-"""Tests whether a better trajectory means a better surface: Spearman's rank correlation with a bootstrap interval, and the number of discordant pairs of cells."""
+"""Tests whether a better trajectory means a better surface: Spearman's rank correlation with a
+bootstrap interval, and the number of discordant pairs of cells.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,8 +17,10 @@ _CLEARLY = 0.1
 
 @dataclass(frozen=True)
 class Correlation:
-    """rho: Spearman's correlation of n cells. low, high: its 95 % percentile bootstrap interval. pairs: number of pairs of cells on one sequence
-    that clearly differ in ATE and in surface error. discordant: number of those in which the better trajectory has the worse surface.
+    """rho: Spearman's correlation of n cells. low, high: its 95 % percentile bootstrap interval.
+    pairs: number of pairs of cells on one sequence
+    that clearly differ in ATE and in surface error. discordant: number of those in which the better
+    trajectory has the worse surface.
     """
 
     n: int
@@ -28,7 +32,9 @@ class Correlation:
 
 
 def correlation(results: Sequence[dict]) -> Correlation | None:
-    """Correlation over cells that have both an ATE and a surface; None for fewer than 4, or if all values of either are equal."""
+    """Correlation over cells that have both an ATE and a surface; None for fewer than 4, or if all
+    values of either are equal.
+    """
     both = [(ate_of(r), surface_of(r), r["cell"].sequence) for r in results]
     known = [
         (ate_m, surface_m, sequence)
@@ -45,7 +51,10 @@ def correlation(results: Sequence[dict]) -> Correlation | None:
 
 
 def spearman(x: np.ndarray, y: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
-    """Rank correlation of x and y (n,): Pearson's correlation of their ranks. With rows (k, n), indices of k samples, it returns (k,). NaN if all values are equal."""
+    """Rank correlation of x and y (n,): Pearson's correlation of their ranks.
+
+    With rows (k, n), indices of k samples, it returns (k,). NaN if all values are equal.
+    """
     rows = np.arange(len(x)) if rows is None else rows
     a, b = (_ranks(values, np.atleast_2d(rows)) - (len(x) + 1) / 2 for values in (x, y))
     with np.errstate(invalid="ignore"):
@@ -72,7 +81,9 @@ def interval(x: np.ndarray, y: np.ndarray, share: float = 0.95) -> tuple[float, 
 
 
 def _pairs(x: np.ndarray, y: np.ndarray, sequences: Sequence[str]) -> tuple[int, int]:
-    """Number of pairs of cells on one sequence that clearly differ in both errors, and number of discordant ones among them."""
+    """Number of pairs of cells on one sequence that clearly differ in both errors, and number of
+    discordant ones among them.
+    """
     count = discordant = 0
     for i in range(len(x)):
         for j in range(i):

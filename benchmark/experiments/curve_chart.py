@@ -1,7 +1,8 @@
-"""Chart of `iclnuim bench curve`: error over cost, with a line for each method through its steps and the Pareto front of all.
+"""Chart of `iclnuim bench curve`: error over cost, with a line for each method through its steps
+and the Pareto front of all.
 
-The cost is the time per frame. Two settings do not change it, so the error is drawn over the setting itself; the frame rate changes the time
-per second.
+The cost is the time per frame. Two settings do not change it, so the error is drawn over the
+setting itself; the frame rate changes the time per second.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,10 +23,11 @@ _OVER_SETTING = ("keyframe", "realtime")
 
 
 def figure(curve: str, results: Mapping[str, Sequence[Point]]) -> Figure:
-    """A panel for each sequence, with common axes. Ours are lines with dots; third-party ones are dotted lines with squares.
+    """A panel for each sequence, with common axes. Ours are lines with dots; third-party ones are
+    dotted lines with squares.
 
-    The first and last step of a method have their values beside them. A cross is a step that lost more than half of the frames it processed;
-    it is not part of the front.
+    The first and last step of a method have their values beside them. A cross is a step that lost
+    more than half of the frames it processed; it is not part of the front.
     """
     label, cost = _axis(curve)
     columns = min(len(results), _COLUMNS)
@@ -67,7 +69,9 @@ def figure(curve: str, results: Mapping[str, Sequence[Point]]) -> Figure:
 
 
 def look(method: str, methods: Sequence[str]) -> dict[str, Any]:
-    """Line and marker of one of `methods`: colours in their order, hollow markers once these are used up; dotted lines for third-party ones."""
+    """Line and marker of one of `methods`: colours in their order, hollow markers once these are
+    used up; dotted lines for third-party ones.
+    """
     k, theirs = methods.index(method), method.startswith("baseline:")
     colour = COLOURS[k % len(COLOURS)]
     shape = {"linestyle": ":", "marker": "s"} if theirs else {"linestyle": "-", "marker": "o"}

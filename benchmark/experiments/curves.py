@@ -1,6 +1,8 @@
-"""Curves of speed against accuracy: one setting changes in steps, everything else is constant, and all steps use the same frames in one run.
+"""Curves of speed against accuracy: one setting changes in steps, everything else is constant, and
+all steps use the same frames in one run.
 
-Times can be compared only within a run: all variants process a frame before the next frame is loaded.
+Times can be compared only within a run: all variants process a frame before the next frame is
+loaded.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -29,7 +31,8 @@ _EDGE = 0.02
 
 @dataclass(frozen=True)
 class Point:
-    """One step of a curve for one method: number of frames, of those processed and tracked, ATE, and median processing time per frame.
+    """One step of a curve for one method: number of frames, of those processed and tracked, ATE,
+    and median processing time per frame.
 
     value: None for a method that does not have the setting, and so has one step only.
     """
@@ -85,7 +88,9 @@ class Variant:
 
 @dataclass(eq=False)
 class Busy(Variant):
-    """A live camera, on a machine `value` times as slow: frames that arrive before the previous one is processed are dropped."""
+    """A live camera, on a machine `value` times as slow: frames that arrive before the previous one
+    is processed are dropped.
+    """
 
     done_s: float = -np.inf
 
@@ -118,7 +123,9 @@ def iterations(settings: Any, value: float) -> Any:
 
 
 def pixels(settings: Any, value: float) -> Any:
-    """Use fewer pixels: multiply the minimum gradients by the value, or the strides in rows and columns."""
+    """Use fewer pixels: multiply the minimum gradients by the value, or the strides in rows and
+    columns.
+    """
     if hasattr(settings, "strides"):
         return replace(
             settings, strides=tuple(max(1, round(value * stride)) for stride in settings.strides)
@@ -149,7 +156,8 @@ def measure(
     segment: Segment,
     progress: Callable[[], object],
 ) -> list[Point]:
-    """Measure all steps of all methods; progress() is called once per frame. Methods without the setting have one step.
+    """Measure all steps of all methods; progress() is called once per frame. Methods without the
+    setting have one step.
 
     Raises InputError if no method has it.
     """
@@ -185,7 +193,10 @@ def interleaved(
     truth: Trajectory,
     progress: Callable[[], object],
 ) -> list[Point]:
-    """Process every frame with all variants in turn. The first frames are also processed beforehand, so that compiling is not timed."""
+    """Process every frame with all variants in turn.
+
+    The first frames are also processed beforehand, so that compiling is not timed.
+    """
     first = list(islice(frames(), 3))
     for one in variants:
         again = Tracker(one.tracker.odometer, one.tracker.camera)
@@ -237,7 +248,9 @@ def _has_iterations(method: str) -> bool:
 
 
 def _changed(method: str, change: Callable[[Any, float], Any], value: float) -> Odometer:
-    """One of our odometers with changed settings, in all of its groups of settings that have iterations."""
+    """One of our odometers with changed settings, in all of its groups of settings that have
+    iterations.
+    """
     kind, preset = _best(method)
     if isinstance(preset, tuple):
         return kind(
@@ -247,7 +260,9 @@ def _changed(method: str, change: Callable[[Any, float], Any], value: float) -> 
 
 
 def _best(method: str) -> tuple[Any, Any]:
-    """The class of one of our odometers, and its preset: settings, or a tuple with several groups of them."""
+    """The class of one of our odometers, and its preset: settings, or a tuple with several groups
+    of them.
+    """
     kind: Any = type(odometer(method))
     return kind, kind.PRESETS["best"]
 
@@ -263,7 +278,9 @@ def _parts(method: str) -> list[Any]:
 
 
 def halved(frame: Frame, times: int) -> Frame:
-    """The frame at half size, `times` times: 2 x 2 means of grey, and of depth where its four pixels belong to one surface; elsewhere depth is missing."""
+    """The frame at half size, `times` times: 2 x 2 means of grey, and of depth where its four
+    pixels belong to one surface; elsewhere depth is missing.
+    """
     grey, depth_z_m = frame.grey, frame.depth_z_m
     for _ in range(times):
         h, w = (side // 2 * 2 for side in grey.shape)
@@ -284,7 +301,9 @@ def _stamps_s(segment: Segment, hz: float) -> np.ndarray:
 def _at_rate(
     methods: Sequence[str], hz: float, segment: Segment, progress: Callable[[], object]
 ) -> list[Point]:
-    """Frames at another rate, exposed for half of their period: shorter exposures are sharper and noisier (Handa et al., ECCV 2012)."""
+    """Frames at another rate, exposed for half of their period: shorter exposures are sharper and
+    noisier (Handa et al., ECCV 2012).
+    """
     noise, light_share = PaperRgbNoise(), np.float32(FRAME_RATE_HZ / hz)
 
     def frames() -> Iterator[tuple[float, Frame]]:

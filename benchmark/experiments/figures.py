@@ -44,7 +44,11 @@ class Material:
 
 
 def draw(number: int, material: Material) -> Figure:
-    """Draw a figure. Raises InputError, with the command to run, if all its data is missing; single panels show what they lack."""
+    """Draw a figure.
+
+    Raises InputError, with the command to run, if all its data is missing; single panels show what
+    they lack.
+    """
     return FIGURES[number][0](material)
 
 

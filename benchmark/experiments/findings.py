@@ -1,6 +1,8 @@
-"""The 18 findings of the paper's section VI. Each is a rule over figures, applied to the printed figures and, for each noise seed, to ours.
+"""The 18 findings of the paper's section VI. Each is a rule over figures, applied to the printed
+figures and, for each noise seed, to ours.
 
-A rule returns whether the finding holds, and the figures that decide it, in mm; four figures are those of kt0 to kt3. No result is coded here.
+A rule returns whether the finding holds, and the figures that decide it, in mm; four figures are
+those of kt0 to kt3. No result is coded here.
 """
 
 import math
@@ -22,7 +24,8 @@ HOLDS, FAILS, UNDECIDED, MISSING = (
 )
 #: Finding 15: noise increases an error strongly if it multiplies the error by at least this factor.
 _STRONGLY = 2.0
-#: Finding 11: reflections are the reason for an error if it is at most this share of it without them.
+#: Finding 11: reflections are the reason for an error if it is at most this share of it without
+#: them.
 _EXPLAINED = 0.5
 #: Whether a finding holds (None if the figures cannot decide it), and the figures as text.
 RuleResult = tuple[bool | None, str]
@@ -35,7 +38,9 @@ class _Missing(Exception):
 
 
 def findings_table(results: Sequence[dict], preset: str = "best") -> Table:
-    """One row per finding: the printed figures, ours, the verdict, and why: the rule, and a remark on the printed figures."""
+    """One row per finding: the printed figures, ours, the verdict, and why: the rule, and a remark
+    on the printed figures.
+    """
     seeds, rows = seeds_of(results, preset), []
     for finding in paper()["findings"]:
         number = finding["number"]
@@ -216,7 +221,9 @@ def _icp_best_in_the_office(of: Figures) -> RuleResult:
 
 
 def _assumptions(of: Figures) -> RuleResult:
-    """Why photometric methods do worse is decided by frames without reflections, where they should do better."""
+    """Why photometric methods do worse is decided by frames without reflections, where they should
+    do better.
+    """
     fact, text = _photometric_poor(of, OFFICE)
     without = [of.ate(OFFICE, kt, LAMBERTIAN, name) for name in PHOTOMETRIC for kt in TRAJECTORIES]
     known = [value for value in without if value is not None]

@@ -1,4 +1,6 @@
-"""The curve of fusion: voxel size against surface error, time and memory, with all sizes on the same frames in one run."""
+"""The curve of fusion: voxel size against surface error, time and memory, with all sizes on the
+same frames in one run.
+"""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +25,9 @@ _TRUNCATION = 3.0
 
 @dataclass(frozen=True)
 class FusedPoint:
-    """voxel_m, and distances of the vertices to the true surface, in metres; ms: time of fusing per frame; memory_mb: memory of fusing."""
+    """voxel_m, and distances of the vertices to the true surface, in metres; ms: time of fusing per
+    frame; memory_mb: memory of fusing.
+    """
 
     voxel_m: float
     vertices: int
@@ -41,7 +45,10 @@ class FusedPoint:
 def measure(
     values: Sequence[float], segment: Segment, surface: TrueSurface, progress: Callable[[], object]
 ) -> list[FusedPoint]:
-    """Fuse along the true poses: every frame is fused into all volumes, then each volume is meshed. The first frame is not timed."""
+    """Fuse along the true poses: every frame is fused into all volumes, then each volume is meshed.
+
+    The first frame is not timed.
+    """
     base = PRESETS["best"]
     volumes = []
     for voxel_m in values:
@@ -91,7 +98,9 @@ def table(points: Sequence[FusedPoint]) -> str:
 
 
 def figure(results: Mapping[str, Sequence[FusedPoint]]) -> "Figure":
-    """Mean distance to the true surface over time per frame and over memory, with a line for each sequence."""
+    """Mean distance to the true surface over time per frame and over memory, with a line for each
+    sequence.
+    """
     from iclnuim.report.charts import COLOURS
     from matplotlib.figure import Figure
 

@@ -1,4 +1,6 @@
-"""The report as one self-contained HTML file: summary, findings, tables, and every cell with its trajectory, error over time and heat map."""
+"""The report as one self-contained HTML file: summary, findings, tables, and every cell with its
+trajectory, error over time and heat map.
+"""
 
 import base64
 import html
@@ -32,7 +34,10 @@ def write_report(
     tables: Sequence[Table],
     films: dict[str, bytes] | None = None,
 ) -> Path:
-    """Write OUT/report.html from the measured cells and their tables. Raises WorkError if it cannot be written or is too large."""
+    """Write OUT/report.html from the measured cells and their tables.
+
+    Raises WorkError if it cannot be written or is too large.
+    """
     named = {table.name: table for table in tables}
     findings = [table for name, table in named.items() if name.startswith("findings")]
     apart = {"cells", "correlation", *(table.name for table in findings)}

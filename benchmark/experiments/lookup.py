@@ -1,4 +1,6 @@
-"""Figures for tables and findings by room, trajectory, noise and odometer: ours from the measured cells, and those printed in the paper."""
+"""Figures for tables and findings by room, trajectory, noise and odometer: ours from the measured
+cells, and those printed in the paper.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -27,7 +29,10 @@ def paper() -> dict:
 
 
 class Figures(Protocol):
-    """Access to errors in metres; None if a figure is missing. The default reference is the one that the paper used for the odometer."""
+    """Access to errors in metres; None if a figure is missing.
+
+    The default reference is the one that the paper used for the odometer.
+    """
 
     def ate(
         self,
@@ -152,7 +157,9 @@ def ate_of(result: dict, statistic: str = "rmse") -> float | None:
 
 
 def surface_of(result: dict, statistic: str = "mean", how: str = "fitted_m") -> float | None:
-    """Distance in metres of the surface's vertices to the model, aligned by ICP as in the paper (fitted_m), or by the first pose (given_m)."""
+    """Distance in metres of the surface's vertices to the model, aligned by ICP as in the paper
+    (fitted_m), or by the first pose (given_m).
+    """
     return result.get("surface", {}).get(how, {}).get(statistic)
 
 

@@ -1,7 +1,10 @@
-"""Computes all cells, every method on every perturbed segment, on all cores. Each cell is a file with the settings that decided it; existing cells are kept.
+"""Computes all cells, every method on every perturbed segment, on all cores. Each cell is a file
+with the settings that decided it; existing cells are kept.
 
-OUT/recipe.json                                    versions, machine, the whole file of perturbations
-OUT/cells/SEQUENCE/START/PERTURBATION_SEVERITY/METHOD.json      one cell: its identity and its figures
+OUT/recipe.json                                    versions, machine, the whole file of
+                                                   perturbations
+OUT/cells/SEQUENCE/START/PERTURBATION_SEVERITY/METHOD.json      one cell: its identity and its
+figures
 """
 
 import functools
@@ -69,7 +72,8 @@ class Base:
 
     @classmethod
     def of(cls, folder: Path) -> "Base":
-        """Open a sequence. Its name is that in its recipe, or the last two folders of its path. Raises InputError without ground truth
+        """Open a sequence. Its name is that in its recipe, or the last two folders of its path.
+        Raises InputError without ground truth
         or without one of the images.
         """
         sequence, truth = Sequence(folder), read_truth(folder)
@@ -86,10 +90,11 @@ class Base:
 
 @dataclass(frozen=True, eq=False)
 class Matrix:
-    """The work of a run in `out`: segments of the bases, each perturbed as in the plan, and every method on each.
+    """The work of a run in `out`: segments of the bases, each perturbed as in the plan, and every
+    method on each.
 
-    methods: names in the registry; preset applies to our odometers. systems: systems of `iclnuim run`, `runs` times each.
-    starts: use only this number of the plan's segments per sequence.
+    methods: names in the registry; preset applies to our odometers. systems: systems of `iclnuim
+    run`, `runs` times each. starts: use only this number of the plan's segments per sequence.
     """
 
     out: Path
@@ -166,7 +171,9 @@ class Matrix:
         return plan.apply(task.perturbation, task.severity, segment)
 
     def _track(self, task: Task) -> int:
-        """Compute the missing methods of a task on one thread, in a process of the pool; returns their number."""
+        """Compute the missing methods of a task on one thread, in a process of the pool; returns
+        their number.
+        """
         missing = self._missing(task, self.methods)
         segment = self.segment(task)
         all_tracked = track_all(
@@ -282,7 +289,9 @@ class Matrix:
 
 
 def label(system: System) -> str:
-    """Name in cells of a system of `iclnuim run`; the prefix separates it from an odometer of ours, such as dvo."""
+    """Name in cells of a system of `iclnuim run`; the prefix separates it from an odometer of ours,
+    such as dvo.
+    """
     return f"run:{system.name}"
 
 
@@ -302,7 +311,10 @@ def _installed(package: str) -> str | None:
 
 
 def _one_thread() -> None:
-    """Limit OpenCV to one thread, as processes share the cores. Before they are forked: a fork would wait for threads that it does not have."""
+    """Limit OpenCV to one thread, as processes share the cores.
+
+    Before they are forked: a fork would wait for threads that it does not have.
+    """
     import cv2
 
     cv2.setNumThreads(1)

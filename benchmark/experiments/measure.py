@@ -1,8 +1,10 @@
-"""Measures one cell of the benchmark in a separate process: the motion, ATE and RPE, the surface fused along it, its error, and two pictures.
+"""Measures one cell of the benchmark in a separate process: the motion, ATE and RPE, the surface
+fused along it, its error, and two pictures.
 
     python -m iclnuim.benchmark.experiments.measure TASK.json
 
-It writes a complete folder or none. On standard output it prints the number of frames done since the last line. It ends when its parent ends.
+It writes a complete folder or none. On standard output it prints the number of frames done since
+the last line. It ends when its parent ends.
 """
 
 import json
@@ -35,7 +37,8 @@ from .seen_cache import cached_seen
 if TYPE_CHECKING:
     from iclnuim.benchmark.fusion.mesh import Mesh
 
-#: Minimum weight of a voxel for the mesh of a noisy sequence: its surface must be seen by this many frames.
+#: Minimum weight of a voxel for the mesh of a noisy sequence: its surface must be seen by this many
+#: frames.
 _MIN_NOISY_WEIGHT = 3.0
 #: Limits of the heat maps' scale in mm. It is logarithmic and the same for all cells.
 HEAT_MM = (0.1, 100.0)
@@ -47,9 +50,11 @@ _SECOND = RelativeErrorSettings(1.0, "seconds")
 
 @dataclass(frozen=True)
 class Task:
-    """folder: the sequence. first: use only the first N frames. model: file with the room's triangles; None: no surface is measured.
-    trajectory: file written by an external system; None: the cell's odometer estimates it. recipe: everything that decides the result.
-    work: folder for data shared by cells, which can be recomputed.
+    """folder: the sequence. first: use only the first N frames. model: file with the room's
+    triangles; None: no surface is measured.
+    trajectory: file written by an external system; None: the cell's odometer estimates it. recipe:
+    everything that decides the result. work: folder for data shared by cells, which can be
+    recomputed.
     """
 
     cell: Cell
@@ -68,7 +73,10 @@ class Task:
 
 
 class Meter:
-    """Reports the number of processed frames to the parent. The library calls it as `progress(total, label)`."""
+    """Reports the number of processed frames to the parent.
+
+    The library calls it as `progress(total, label)`.
+    """
 
     def __init__(self, total: int = 0, label: str = "") -> None:
         self.reported_s, self.done = 0.0, 0
@@ -85,7 +93,10 @@ class Meter:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Exit code 0, even if the odometer failed, as that is a result. Exit code 3, with a line on standard error, if nothing could be measured."""
+    """Exit code 0, even if the odometer failed, as that is a result.
+
+    Exit code 3, with a line on standard error, if nothing could be measured.
+    """
     threading.Thread(target=_end_with_parent, daemon=True).start()
     task = Task.read(Path((argv or sys.argv[1:])[0]))
     try:
@@ -97,14 +108,18 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _end_with_parent() -> None:
-    """End this process when standard input closes: it is a pipe that the parent keeps open while it runs."""
+    """End this process when standard input closes: it is a pipe that the parent keeps open while it
+    runs.
+    """
     while os.read(0, 1):
         pass
     os._exit(130)
 
 
 def measure(task: Task, meter: Meter) -> None:
-    """Write recipe.json, result.json, times.json (core-seconds, and ms per frame) and, if they exist, trajectory.txt, path.json, surface.jpg and heat.jpg."""
+    """Write recipe.json, result.json, times.json (core-seconds, and ms per frame) and, if they
+    exist, trajectory.txt, path.json, surface.jpg and heat.jpg.
+    """
     with whole_folder(Path(task.out)) as folder:
         times: dict[str, float] = {}
         result: dict[str, Any] = {}
@@ -138,7 +153,10 @@ def _usage() -> dict[str, float]:
 
 
 def _motion(task: Task, truth: Trajectory, meter: Meter, result: dict, times: dict) -> Trajectory:
-    """The estimated trajectory. The odometer's counts of frames (lost, degenerate ...) are added to `result`."""
+    """The estimated trajectory.
+
+    The odometer's counts of frames (lost, degenerate ...) are added to `result`.
+    """
     from iclnuim.benchmark.odometry.run import Sequence
 
     cell, sequence = task.cell, Sequence(task.folder)
@@ -170,7 +188,9 @@ def _motion(task: Task, truth: Trajectory, meter: Meter, result: dict, times: di
 
 
 def _trajectory_figures(truth: Trajectory, trajectory: Trajectory, error: AbsoluteError) -> dict:
-    """Six statistics of the ATE after SE(3) alignment, and of the RPE over one second (None if the trajectory is shorter)."""
+    """Six statistics of the ATE after SE(3) alignment, and of the RPE over one second (None if the
+    trajectory is shorter).
+    """
     try:
         rpe = relative_error(truth, trajectory, _SECOND).translation_m.to_dict()
     except InputError:
@@ -181,7 +201,9 @@ def _trajectory_figures(truth: Trajectory, trajectory: Trajectory, error: Absolu
 def _drawn(
     truth: Trajectory, trajectory: Trajectory, error: AbsoluteError, first: int | None
 ) -> dict:
-    """Data for charts, of some of the frames: positions of truth and estimate in metres, and the error in metres over time."""
+    """Data for charts, of some of the frames: positions of truth and estimate in metres, and the
+    error in metres over time.
+    """
     rows = np.unique(np.linspace(0, len(error.stamps_s) - 1, _DRAWN).astype(int))
     until = np.searchsorted(truth.stamps_s, error.stamps_s[-1], side="right")
     whole = truth.positions_m[: until if first else None]
@@ -197,7 +219,9 @@ def _drawn(
 def _surface(
     task: Task, truth: Trajectory, trajectory: Trajectory, folder: Path, meter: Meter, times: dict
 ) -> dict[str, Any]:
-    """Fuse the surface along the estimate and measure it, aligned with the model by the first pose, and by ICP as in the paper."""
+    """Fuse the surface along the estimate and measure it, aligned with the model by the first pose,
+    and by ICP as in the paper.
+    """
     from iclnuim.benchmark.fusion.mesh import fuse_sequence
     from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality
     from iclnuim.benchmark.fusion.surface_error import TrueSurface, first_poses_transform

@@ -27,7 +27,10 @@ def write(summary: Summary, out: Path) -> None:
 
 
 def figure(summary: Summary) -> "Figure":
-    """A panel for each method, with a row per perturbation and a column per severity. Cells show the ATE as colour and number, or a cross for a failure."""
+    """A panel for each method, with a row per perturbation and a column per severity.
+
+    Cells show the ATE as colour and number, or a cross for a failure.
+    """
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
     from matplotlib.figure import Figure
 
@@ -169,7 +172,9 @@ def _method(summary: Summary, method: str) -> str:
 
 
 def _verdict(summary: Summary, method: str, name: str) -> str:
-    """Three cells: the level at which the method fails, whether it notices, and the diagnosed cause."""
+    """Three cells: the level at which the method fails, whether it notices, and the diagnosed
+    cause.
+    """
     severity = summary.breaks_at(method, name)
     if severity is None:
         return "<td class='left'>-</td><td></td><td></td>"

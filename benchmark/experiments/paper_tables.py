@@ -1,4 +1,6 @@
-"""The paper's Tables I to VII with our figures next to the printed ones, the same tables for surfaces of the office, and a table of all cells. Errors in mm."""
+"""The paper's Tables I to VII with our figures next to the printed ones, the same tables for
+surfaces of the office, and a table of all cells. Errors in mm.
+"""
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import product
@@ -42,7 +44,9 @@ _ONE_SIDED = "Our figures and the printed ones come from different frames and pr
 
 
 def all_tables(results: Sequence[dict]) -> list[Table]:
-    """All tables in the paper's order, for each measured preset, followed by the table of all cells."""
+    """All tables in the paper's order, for each measured preset, followed by the table of all
+    cells.
+    """
     tables = [table_1()]
     for preset in presets_of(results) or ["best"]:
         tables += preset_tables(results, preset)
@@ -50,7 +54,10 @@ def all_tables(results: Sequence[dict]) -> list[Table]:
 
 
 def preset_tables(results: Sequence[dict], preset: str) -> list[Table]:
-    """Tables II to VII, and those for surfaces of the office (2_office, 7_office). The name of another preset than best is appended to the table's name."""
+    """Tables II to VII, and those for surfaces of the office (2_office, 7_office).
+
+    The name of another preset than best is appended to the table's name.
+    """
     seeds = seeds_of(results, preset)
     views = [Ours(results, preset, seed) for seed in seeds]
     externals = [r for r in results if r["cell"].external] if preset == "best" else []
@@ -75,8 +82,8 @@ def preset_tables(results: Sequence[dict], preset: str) -> list[Table]:
 def trajectory_rows() -> list[dict]:
     """The eight shipped trajectories in the paper's order. Lengths in m, speeds in m/s.
 
-    The printed speeds are not length x 30 / frames: they imply a duration of printed length / printed speed, and
-    `speed_for_printed_duration_m_s` is our length over that duration.
+    The printed speeds are not length x 30 / frames: they imply a duration of printed length /
+    printed speed, and `speed_for_printed_duration_m_s` is our length over that duration.
     """
     printed, rows = paper()["tables"]["1"], []
     for room, k in product(shipped.SCENE_NAMES, range(len(TRAJECTORIES))):
@@ -255,7 +262,9 @@ def _surface_table(views: Sequence[Ours], room: str, noise: str) -> Table:
 
 
 def quality_of(result: dict, name: str) -> float | None:
-    """A figure by name: accuracy, completion or Depth L1 in m (accuracy_m ...), or a share within a distance (f_score 1cm)."""
+    """A figure by name: accuracy, completion or Depth L1 in m (accuracy_m ...), or a share within a
+    distance (f_score 1cm).
+    """
     quality = result.get("surface", {}).get("quality", {})
     name, _, near = name.partition(" ")
     return quality.get(name, {}).get(near) if near else quality.get(name)

@@ -1,7 +1,9 @@
-"""Measures the cells of a benchmark on all cores, with one process per cell. Measured cells are kept, so the same call resumes.
+"""Measures the cells of a benchmark on all cores, with one process per cell. Measured cells are
+kept, so the same call resumes.
 
 OUT/recipe.json                      the settings of the benchmark, its versions and machine
-OUT/cells/ROOM/TRAJECTORY/NOISE/CELL/  recipe.json, result.json, times.json, trajectory.txt, path.json, surface.jpg, heat.jpg: written by measure.py
+OUT/cells/ROOM/TRAJECTORY/NOISE/CELL/  recipe.json, result.json, times.json, trajectory.txt,
+path.json, surface.jpg, heat.jpg: written by measure.py
 OUT/tables/, OUT/report.html         made from the cells alone
 OUT/work/                            data shared by cells while they are measured
 """
@@ -37,8 +39,10 @@ _LIBRARIES = ("numpy", "numba", "scipy", "embreex", "libigl")
 
 @dataclass(eq=False)
 class Benchmark:
-    """cells: those to measure. systems: cells of external systems -> their trajectories. first: use only the first N frames of every sequence.
-    surfaces: False measures trajectories only; a cell that also has a measured surface then counts as measured.
+    """cells: those to measure. systems: cells of external systems -> their trajectories. first: use
+    only the first N frames of every sequence.
+    surfaces: False measures trajectories only; a cell that also has a measured surface then counts
+    as measured.
     """
 
     sources: Sources
@@ -61,7 +65,10 @@ class Benchmark:
         }
 
     def open(self) -> None:
-        """Make the folder, or open the existing benchmark. Raises InputError if that has another number of frames."""
+        """Make the folder, or open the existing benchmark.
+
+        Raises InputError if that has another number of frames.
+        """
         out, path = self.sources.out, self.sources.out / "recipe.json"
         requested = {"schema_version": _SCHEMA_VERSION, "kind": "benchmark", "first": self.first}
         if path.is_file():
@@ -78,7 +85,10 @@ class Benchmark:
         write_json(path, {**requested, **self._made_by, "machine": _machine()})
 
     def run(self) -> list[str]:
-        """Measure the missing cells; returns a sentence for each cell that could not be measured. An interruption kills its processes."""
+        """Measure the missing cells; returns a sentence for each cell that could not be measured.
+
+        An interruption kills its processes.
+        """
         missing = self._missing()
         measured_before = len(self.cells) - len(missing)
         self.console.note(
@@ -120,7 +130,9 @@ class Benchmark:
         return problems
 
     def _missing(self) -> list[Task]:
-        """Tasks of the cells that are not measured, with the model files of their rooms, if these can be made."""
+        """Tasks of the cells that are not measured, with the model files of their rooms, if these
+        can be made.
+        """
         ignored = _IGNORED if self.surfaces else (*_IGNORED, "model")
         tasks = [task for task in map(self._task, self.cells) if not _is_done(task, ignored)]
         files = {
@@ -212,7 +224,11 @@ class Benchmark:
             progress.advance(count)
 
     def _task(self, cell: Cell) -> Task:
-        """The task of a cell. Its model is the name of the room; `_missing` replaces it by the file, which is made only if needed."""
+        """The task of a cell.
+
+        Its model is the name of the room; `_missing` replaces it by the file, which is made only if
+        needed.
+        """
         out, path = self.sources.out / "cells" / cell.name, self.systems.get(cell)
         task = Task(
             cell,
@@ -251,7 +267,10 @@ _IGNORED = ("versions", "source_commit")
 
 
 def _is_done(task: Task, ignored: Container[str]) -> bool:
-    """Whether the cell was measured with the same recipe, except for the ignored keys. Otherwise it is measured again."""
+    """Whether the cell was measured with the same recipe, except for the ignored keys.
+
+    Otherwise it is measured again.
+    """
     existing = _recipe(Path(task.out))
     return existing is not None and all(
         existing.get(k) == value for k, value in task.recipe.items() if k not in ignored
@@ -265,7 +284,11 @@ def _recipe(folder: Path) -> dict | None:
 
 
 def _with_model(task: Task, file: str | None) -> Task:
-    """The task with its model file. Without a file no surface is measured; the recipe records this, so that a later call measures it."""
+    """The task with its model file.
+
+    Without a file no surface is measured; the recipe records this, so that a later call measures
+    it.
+    """
     return replace(task, model=file, recipe=task.recipe if file else {**task.recipe, "model": None})
 
 
@@ -281,7 +304,9 @@ def _machine() -> str:
 
 
 def measured(out: Path) -> list[dict]:
-    """Results of all measured cells, with `cell`, `folder` and `times`, in the order of their names."""
+    """Results of all measured cells, with `cell`, `folder` and `times`, in the order of their
+    names.
+    """
     found = []
     for path in sorted((out / "cells").glob("*/*/*/*/result.json")):
         content, times = read_json(path), read_json(path.with_name("times.json"))

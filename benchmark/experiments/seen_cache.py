@@ -1,4 +1,7 @@
-"""Caches which part of a room a trajectory saw. The first cell of a sequence writes the file; the other cells, clean and noisy, read it."""
+"""Caches which part of a room a trajectory saw.
+
+The first cell of a sequence writes the file; the other cells, clean and noisy, read it.
+"""
 
 import hashlib
 import json
@@ -20,9 +23,11 @@ _VERSION = 2
 def cached_seen(
     folder: Path, model: str, surface: TrueSurface, seen_by: SeenBy, settings: QualitySettings
 ) -> Seen:
-    """The result of what_was_seen(), read from the file in `folder` for this model (its name contains its hash), camera, poses and settings.
+    """The result of what_was_seen(), read from the file in `folder` for this model (its name
+    contains its hash), camera, poses and settings.
 
-    While one process computes it, other processes wait. If it cannot be stored, each process computes it.
+    While one process computes it, other processes wait. If it cannot be stored, each process
+    computes it.
     """
     views = SeenBy(seen_by.camera, seen_by.T_world_camera[:: settings.every])
     inputs = json.dumps([_VERSION, model, asdict(views.camera), settings.to_dict()], sort_keys=True)

@@ -1,4 +1,5 @@
-"""Inputs of the cells: the sequences of `iclnuim make all`, sequences with other noise seeds, the rooms' triangles, and the trajectories
+"""Inputs of the cells: the sequences of `iclnuim make all`, sequences with other noise seeds, the
+rooms' triangles, and the trajectories
 written by the systems of `iclnuim run`.
 """
 
@@ -33,7 +34,8 @@ atomic_write(sys.argv[2], lambda path: np.savez(path, points=points, triangles=t
 
 @dataclass(frozen=True)
 class Sources:
-    """data: folder as written by `iclnuim make all`, with ROOM/TRAJECTORY/clean and noisy. out: folder of the benchmark. lambertian:
+    """data: folder as written by `iclnuim make all`, with ROOM/TRAJECTORY/clean and noisy. out:
+    folder of the benchmark. lambertian:
     folder as written by `iclnuim make all --lambertian`, if there is one.
     """
 
@@ -45,7 +47,9 @@ class Sources:
     )
 
     def folder(self, cell: Cell) -> Path:
-        """Folder of the cell's sequence: the existing one, or one with another noise seed, which exists only while its cells are measured."""
+        """Folder of the cell's sequence: the existing one, or one with another noise seed, which
+        exists only while its cells are measured.
+        """
         return self.out / "noise" / cell.sequence if cell.seed else self._existing(cell, cell.noise)
 
     def _existing(self, cell: Cell, noise: str) -> Path:
@@ -60,7 +64,10 @@ class Sources:
         return self.out / "work"
 
     def fault(self, cell: Cell, first: int | None) -> str:
-        """Why the cell cannot be measured; empty if it can. Sequences with other noise seeds are made from the clean sequence."""
+        """Why the cell cannot be measured; empty if it can.
+
+        Sequences with other noise seeds are made from the clean sequence.
+        """
         for noise in {cell.noise, "clean"} if cell.seed else {cell.noise}:
             folder, lambertian = self._existing(cell, noise), noise == LAMBERTIAN
             if not folder.is_dir():
@@ -91,7 +98,9 @@ class Sources:
         return min(count, first or count)
 
     def identity(self, cell: Cell) -> dict:
-        """Hashes that identify the cell's images, camera and ground truth: for our sequences that of the journal, for others those of the images."""
+        """Hashes that identify the cell's images, camera and ground truth: for our sequences that
+        of the journal, for others those of the images.
+        """
         folder = self._existing(cell, "clean" if cell.seed else cell.noise)
         files = [folder / name for name in ("frames.jsonl", "groundtruth.txt", "camera.json")]
         if not all(path.is_file() for path in files):
@@ -115,7 +124,10 @@ class Sources:
         return self._identities[folder]
 
     def _noise(self, cell: Cell) -> SequenceSettings:
-        """The noise settings of the existing noisy sequence, with the cell's seed. Raises InputError if its recipe does not contain them."""
+        """The noise settings of the existing noisy sequence, with the cell's seed.
+
+        Raises InputError if its recipe does not contain them.
+        """
         path = self.data / cell.room / cell.trajectory / "noisy/recipe.json"
         recipe, models = read_json(path), []
         for kind, make in (("depth_noise", depth_model), ("rgb_noise", rgb_model)):
@@ -140,7 +152,9 @@ class Sources:
         shutil.rmtree(self.work / "seen", ignore_errors=True)
 
     def model(self, room: str) -> Path:
-        """File with the room's triangles, written by a separate process to save Blender's memory in this one. Raises WorkError if it fails."""
+        """File with the room's triangles, written by a separate process to save Blender's memory in
+        this one. Raises WorkError if it fails.
+        """
         blend = shipped.folder("blend") / f"{room}.blend"
         path = self.out / "models" / f"{room}_{sha256(blend.read_bytes())[:16]}.npz"
         if not path.is_file():
@@ -154,7 +168,8 @@ class Sources:
         return path
 
     def model_name(self, cell: Cell) -> str | None:
-        """Name of the room in which the sequence was rendered; None for other sequences and those without reflections, whose
+        """Name of the room in which the sequence was rendered; None for other sequences and those
+        without reflections, whose
         surfaces are not measured.
         """
         if cell.noise == LAMBERTIAN:
@@ -169,7 +184,9 @@ class Sources:
 def external_cells(
     systems: Path, given: list[Cell], sources: Sources, first: int | None
 ) -> dict[Cell, Path]:
-    """Cells of the results of `iclnuim run` below `systems` that used exactly the images of our sequences -> the trajectory matched to the frames."""
+    """Cells of the results of `iclnuim run` below `systems` that used exactly the images of our
+    sequences -> the trajectory matched to the frames.
+    """
     sequences = {
         replace(cell, seed=0, odometer="", preset="", reference=EXTERNAL)
         for cell in given

@@ -1,4 +1,6 @@
-"""Results of all cells over all segments: when each method fails, whether it notices, and how it compares with related third-party methods."""
+"""Results of all cells over all segments: when each method fails, whether it notices, and how it
+compares with related third-party methods.
+"""
 
 import math
 from collections import Counter, defaultdict
@@ -25,10 +27,12 @@ RELATIVES = {
 
 @dataclass(frozen=True)
 class Group:
-    """The cells of a method, a perturbation and a severity, over all segments. stretches: number of segments. ate_m: median, None if half or more have none.
+    """The cells of a method, a perturbation and a severity, over all segments. stretches: number of
+    segments. ate_m: median, None if half or more have none.
 
-    succeeded: share of segments. false_successes, false_alarms, alarms: shares of frames. noticed: share of the segments with a wrong pose;
-    None if there is none. noticed_after: median number of frames. nees: mean. cause: the most frequent one.
+    succeeded: share of segments. false_successes, false_alarms, alarms: shares of frames. noticed:
+    share of the segments with a wrong pose; None if there is none. noticed_after: median number of
+    frames. nees: mean. cause: the most frequent one.
     """
 
     stretches: int
@@ -106,7 +110,9 @@ def noticed(group: Group) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """Groups by method, perturbation and severity; the unperturbed group has perturbation CLEAN and severity 0."""
+    """Groups by method, perturbation and severity; the unperturbed group has perturbation CLEAN and
+    severity 0.
+    """
 
     plan: Plan
     methods: list[str]
@@ -135,13 +141,17 @@ class Summary:
         ]
 
     def breaks_at(self, method: str, perturbation: str) -> int | None:
-        """The lowest severity at which the method fails, 0 if it fails unperturbed, None if it never fails."""
+        """The lowest severity at which the method fails, 0 if it fails unperturbed, None if it
+        never fails.
+        """
         return next(
             (k for k, g in enumerate(self.row(method, perturbation)) if g and g.failed), None
         )
 
     def mark(self, method: str, perturbation: str) -> str:
-        """The lowest severity with a failure, a dash if there is none, an empty text if it was not measured."""
+        """The lowest severity with a failure, a dash if there is none, an empty text if it was not
+        measured.
+        """
         severity = self.breaks_at(method, perturbation)
         return (
             str(severity)
@@ -178,7 +188,8 @@ class Summary:
         return "\n".join(lines)
 
     def calibration(self) -> str:
-        """For third-party odometers only: growth of their median error at severities 1 and 2, and number of failures at the highest severity.
+        """For third-party odometers only: growth of their median error at severities 1 and 2, and
+        number of failures at the highest severity.
 
         A failed run counts as infinite growth.
         """
@@ -228,7 +239,10 @@ class Summary:
         return float(np.median(ratios)) if ratios else math.nan
 
     def relatives(self) -> list[tuple[str, str, int, int, int, list[str]]]:
-        """For each of our methods and each related third-party method: their names, the number of perturbed cells of both, the numbers of successes of each, and the cells in which only the latter succeeded."""
+        """For each of our methods and each related third-party method: their names, the number of
+        perturbed cells of both, the numbers of successes of each, and the cells in which only the
+        latter succeeded.
+        """
         found = []
         for ours, other in (
             (m, r) for m in self.methods for r in RELATIVES.get(m, ()) if r in self.methods

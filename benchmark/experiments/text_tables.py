@@ -17,7 +17,9 @@ _NUMBER = re.compile(r"[-+]?[\d.,]+(e[-+]?\d+)?( \[.*\])?")
 
 @dataclass(frozen=True)
 class Table:
-    """name: base name of its files. rows: one text per column. bold: (row, column) of the best figures. notes: sentences below the table."""
+    """name: base name of its files. rows: one text per column. bold: (row, column) of the best
+    figures. notes: sentences below the table.
+    """
 
     name: str
     title: str
@@ -69,7 +71,10 @@ class Table:
         return "\n".join([f"**{self.title}**", "", *lines, "", *self.notes]).rstrip()
 
     def latex(self) -> str:
-        """A table environment that needs no package. Numbers are right-aligned, long texts are set as paragraphs."""
+        """A table environment that needs no package.
+
+        Numbers are right-aligned, long texts are set as paragraphs.
+        """
         forms = []
         for j in range(len(self.columns)):
             longest = max((len(row[j]) for row in self.rows), default=0)

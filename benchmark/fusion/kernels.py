@@ -1,10 +1,13 @@
-"""The compiled loops of the volume: memory layout of the voxels, fusion of a depth image, and raycasting.
+"""The compiled loops of the volume: memory layout of the voxels, fusion of a depth image, and
+raycasting.
 
-Blocks of 8^3 voxels are stored in a cyclic index. Voxel (i, j, k) has its centre at (i, j, k) voxel_m in the world; its block is
-(i >> 3, j >> 3, k >> 3). The index is a cube of n^3 slots, n a power of two; block b is in slot b modulo n. Only blocks inside
-the window that starts at `first` are stored, so that no two share a slot. Row 0 means "no block".
+Blocks of 8^3 voxels are stored in a cyclic index. Voxel (i, j, k) has its centre at (i, j, k)
+voxel_m in the world; its block is (i >> 3, j >> 3, k >> 3). The index is a cube of n^3 slots, n a
+power of two; block b is in slot b modulo n. Only blocks inside the window that starts at `first`
+are stored, so that no two share a slot. Row 0 means "no block".
 
-Each block and each pixel is written by one thread only, so results do not depend on the number of threads. K is (fx, fy, cx, cy).
+Each block and each pixel is written by one thread only, so results do not depend on the number of
+threads. K is (fx, fy, cx, cy).
 """
 
 import math
@@ -15,14 +18,17 @@ from numba import njit, prange
 
 #: The weight that a frame adds on its surface and in front of it.
 UNIT = 16.0
-#: If the distance along the normal is more than this share of the distance along z, the nearest point of the surface counts as observed.
+#: If the distance along the normal is more than this share of the distance along z, the nearest
+#: point of the surface counts as observed.
 STEEP = 0.9
 
 
 class Grid(NamedTuple):
-    """first (3,) int64: lowest block of the window; slots (n, n, n) int32 rows; place (rows, 3) int32 block of a row;
-    tsdf (rows, 512) float32 metres; weight (rows, 512) uint16; colour (rows, 512, channels + 1) uint16: mean times 256,
-    and the count behind it; inside (rows,) bool: whether a voxel of the block is behind a surface.
+    """first (3,) int64: lowest block of the window; slots (n, n, n) int32 rows; place (rows, 3)
+    int32 block of a row;
+    tsdf (rows, 512) float32 metres; weight (rows, 512) uint16; colour (rows, 512, channels + 1)
+    uint16: mean times 256, and the count behind it; inside (rows,) bool: whether a voxel of the
+    block is behind a surface.
     """
 
     first: np.ndarray
@@ -83,7 +89,9 @@ def _within(grid, i, j, k, p, q, s):
 
 @njit(cache=True)
 def read_colour(grid, x, y, z, out):
-    """Write to out (channels,) the trilinear colour of those of the eight voxels that have one; unchanged if none has."""
+    """Write to out (channels,) the trilinear colour of those of the eight voxels that have one;
+    unchanged if none has.
+    """
     i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
     p, q, s = x - i, y - j, z - k
     channels = grid.colour.shape[2] - 1
@@ -104,7 +112,9 @@ def read_colour(grid, x, y, z, out):
 
 @njit(cache=True)
 def gradient(grid, x, y, z, out):
-    """Write to out (3,) the unit gradient by central differences over one voxel to each side; NaN at the border of the observed region."""
+    """Write to out (3,) the unit gradient by central differences over one voxel to each side; NaN
+    at the border of the observed region.
+    """
     out[0] = read(grid, x + 1, y, z) - read(grid, x - 1, y, z)
     out[1] = read(grid, x, y + 1, z) - read(grid, x, y - 1, z)
     out[2] = read(grid, x, y, z + 1) - read(grid, x, y, z - 1)
@@ -118,9 +128,11 @@ def gradient(grid, x, y, z, out):
 
 @njit(cache=True)
 def touch(grid, inverse, K, R, t, voxel, reach, stride, stamp, frame, free, n_free, rows):
-    """List in `rows` the blocks within `reach` of a measured depth, and allocate missing ones; R, t are T_world_camera.
+    """List in `rows` the blocks within `reach` of a measured depth, and allocate missing ones; R, t
+    are T_world_camera.
 
-    Every stride-th pixel is used. Returns (number of listed rows, number of free rows, number of blocks that could not be allocated).
+    Every stride-th pixel is used. Returns (number of listed rows, number of free rows, number of
+    blocks that could not be allocated).
     """
     n, lost = 0, 0
     size, step = 8.0 * voxel, 2.0 * voxel
@@ -162,9 +174,11 @@ def touch(grid, inverse, K, R, t, voxel, reach, stride, stamp, frame, free, n_fr
 
 @njit(cache=True, inline="always")
 def _continues(inverse, K, u, v, z, found, n, size2, trunc):
-    """Whether the surface is observed at the point of its tangent plane (n of squared length size2) that is nearest to the point at (u, v, z).
+    """Whether the surface is observed at the point of its tangent plane (n of squared length size2)
+    that is nearest to the point at (u, v, z).
 
-    Beyond the edge of an object its tangent plane continues, but the surface was not observed there.
+    Beyond the edge of an object its tangent plane continues, but the surface was not observed
+    there.
     """
     along = (1.0 - z * found) / size2
     depth = z + along * n[2]
@@ -178,7 +192,9 @@ def _continues(inverse, K, u, v, z, found, n, size2, trunc):
 
 @njit(cache=True, inline="always")
 def _colour(image, u, v, colour, at):
-    """Add a sample, bilinear at column u and row v, to the running mean colour[at] (channels + 1,), whose last channel is the count."""
+    """Add a sample, bilinear at column u and row v, to the running mean colour[at] (channels + 1,),
+    whose last channel is the count.
+    """
     last, one = colour.shape[1] - 1, np.uint64(1)
     p, q, i, j = v - int(v), u - int(u), np.uint64(int(v)), np.uint64(int(u))
     n = float(colour[at, last])
@@ -190,15 +206,17 @@ def _colour(image, u, v, colour, at):
     colour[at, last] = np.uint16(min(n + 1.0, 255.0))
 
 
-# The next four functions are loops over a layer of 64 voxels without branches (`x if c else y` chooses between known values), so that they
-# are vectorized. They share `layer`, one row for each of the following values, `pixel`, and `corners`, the four pixels around each voxel.
+# The next four functions are loops over a layer of 64 voxels without branches (`x if c else y`
+# chooses between known values), so that they are vectorized. They share `layer`, one row for each
+# of the following values, `pixel`, and `corners`, the four pixels around each voxel.
 
 U, V, Z, INSIDE, FOUND, DISTANCE, MORE = range(7)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _project(x, y, z, voxel, K, R, t, height, width, layer, pixel):
-    """Pixel columns, rows and depths of the 8 x 8 voxels of a block's layer along j and k, from (x, y, z) in voxels, and the index of
+    """Pixel columns, rows and depths of the 8 x 8 voxels of a block's layer along j and k, from (x,
+    y, z) in voxels, and the index of
     the pixel above and to the left; 0 if the voxel is not inside the image."""
     r00, r01, r02, r10, r11, r12 = R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2]
     r20, r21, r22, t0, t1, t2 = R[2, 0], R[2, 1], R[2, 2], t[0], t[1], t[2]
@@ -230,14 +248,19 @@ def _gather(inverse, width, pixel, corners):
 
 @njit(cache=True, inline="always")
 def _tangent(K, u, v, found, a, b, c, d):
-    """n of the tangent plane n . point = 1, from the horizontal and vertical gradient of the inverse depth, which on a plane is n . ray."""
+    """n of the tangent plane n . point = 1, from the horizontal and vertical gradient of the
+    inverse depth, which on a plane is n . ray.
+    """
     across, down = 0.5 * (b - a + d - c), 0.5 * (c - a + d - b)
     return K[0] * across, K[1] * down, found - (u - K[2]) * across - (v - K[3]) * down
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _measure(K, trunc, behind, deepest, narrow, layer, corners):
-    """The distance of each voxel to the surface, and the weight of this observation; 0 without one. Rules: see `fuse`."""
+    """The distance of each voxel to the surface, and the weight of this observation; 0 without one.
+
+    Rules: see `fuse`.
+    """
     for n in range(64):
         u, v, z = layer[U, n], layer[V, n], layer[Z, n]
         a, b, c, d = corners[0, n], corners[1, n], corners[2, n], corners[3, n]
@@ -286,7 +309,9 @@ def _average(tsdf, weight, trunc, max_weight, layer):
 
 @njit(cache=True, inline="always")
 def _drop_unseen(inverse, K, trunc, layer, corners, m):
-    """Set the weight of a voxel behind a slanted surface to 0 unless the surface continues to the point nearest to the voxel."""
+    """Set the weight of a voxel behind a slanted surface to 0 unless the surface continues to the
+    point nearest to the voxel.
+    """
     u, v, z, found = layer[U, m], layer[V, m], layer[Z, m], layer[FOUND, m]
     a, b, c, d = corners[0, m], corners[1, m], corners[2, m], corners[3, m]
     near, far = max(a, b, c, d), min(a, b, c, d)
@@ -302,7 +327,10 @@ def _drop_unseen(inverse, K, trunc, layer, corners, m):
 
 @njit(cache=True)
 def _mark_inside(grid, row):
-    """Store whether an observed voxel of a block is behind a surface. In a function: numba drops this assignment in a parallel loop."""
+    """Store whether an observed voxel of a block is behind a surface.
+
+    In a function: numba drops this assignment in a parallel loop.
+    """
     tsdf, weight, found = grid.tsdf[row], grid.weight[row], False
     for n in range(512):
         found = found | ((weight[n] > 0) & (tsdf[n] <= 0.0))
@@ -311,12 +339,15 @@ def _mark_inside(grid, row):
 
 @njit(cache=True, parallel=True, error_model="numpy")
 def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, slanted, max_weight, rows, n):
-    """Update the running mean of the truncated distance in the listed blocks; R, t are T_camera_world.
+    """Update the running mean of the truncated distance in the listed blocks; R, t are
+    T_camera_world.
 
-    Inverse depth is bilinear (exact on planes), or that of the nearest pixel at depth edges. Distances are along z, from `trunc` in
-    front of the surface to `trunc` behind it. With a smaller `behind` they are along the normal; the weight is smaller where the
-    surface is slanted or a depth edge, and decreases to 0 at that distance behind it. With `slanted` above 1, slanted surfaces are fused
-    up to `slanted` times `trunc` along z behind them, where the surface continues. image: (h, w, channels), or (1, 1, channels) for none.
+    Inverse depth is bilinear (exact on planes), or that of the nearest pixel at depth edges.
+    Distances are along z, from `trunc` in front of the surface to `trunc` behind it. With a smaller
+    `behind` they are along the normal; the weight is smaller where the surface is slanted or a
+    depth edge, and decreases to 0 at that distance behind it. With `slanted` above 1, slanted
+    surfaces are fused up to `slanted` times `trunc` along z behind them, where the surface
+    continues. image: (h, w, channels), or (1, 1, channels) for none.
     """
     coloured, narrow = image.shape[0] > 1, behind < trunc
     deepest = slanted * trunc if narrow else trunc
@@ -364,7 +395,9 @@ def fuse(grid, inverse, image, K, R, t, voxel, trunc, behind, slanted, max_weigh
 
 @njit(cache=True, inline="always")
 def _beside(x, z, f, c, size, radius):
-    """Whether a sphere at (x, z) is outside one of the two planes through opposite borders of the image."""
+    """Whether a sphere at (x, z) is outside one of the two planes through opposite borders of the
+    image.
+    """
     low, high = c + 0.5, size - 0.5 - c
     return f * x + low * z < -radius * math.hypot(
         f, low
@@ -373,9 +406,11 @@ def _beside(x, z, f, c, size, radius):
 
 @njit(cache=True)
 def ranges(grid, highest, K, R, t, voxel, tile, near, far):
-    """Range of planar depth, `near` to `far`, of those blocks of rows 1..highest that are partly behind a surface, per tile of the image.
+    """Range of planar depth, `near` to `far`, of those blocks of rows 1..highest that are partly
+    behind a surface, per tile of the image.
 
-    near, far (h, w): filled with infinity and 0 by the caller. R, t are T_camera_world. A block is approximated by its bounding sphere.
+    near, far (h, w): filled with infinity and 0 by the caller. R, t are T_camera_world. A block is
+    approximated by its bounding sphere.
     """
     size = 8.0 * voxel
     radius = 0.5 * math.sqrt(3.0) * size
@@ -419,7 +454,9 @@ def ranges(grid, highest, K, R, t, voxel, tile, near, far):
 
 @njit(cache=True, inline="always")
 def _leave(p, inverse):
-    """Distance along a ray to the border of the block of a coordinate p (voxels, shifted by half); inverse: 1 / its direction."""
+    """Distance along a ray to the border of the block of a coordinate p (voxels, shifted by half);
+    inverse: 1 / its direction.
+    """
     low = 8.0 * math.floor(p * 0.125)
     return ((low + 8.0 if inverse > 0.0 else low) - p) * inverse
 
@@ -432,9 +469,11 @@ def _inverse(d):
 
 @njit(cache=True)
 def _refined(grid, o, d, front, behind, step):
-    """Planar z of the trilinear zero crossing, from positive to negative, near front..behind; NaN without one.
+    """Planar z of the trilinear zero crossing, from positive to negative, near front..behind; NaN
+    without one.
 
-    At front and behind the nearest voxel is positive and negative, so the crossing can be up to a step outside this interval.
+    At front and behind the nearest voxel is positive and negative, so the crossing can be up to a
+    step outside this interval.
     """
     before = read(grid, o[0] + d[0] * front, o[1] + d[1] * front, o[2] + d[2] * front)
     if not before > 0.0:
@@ -494,11 +533,12 @@ def _first_crossing(grid, o, d, start, far, voxel):
 
 @njit(cache=True, parallel=True)
 def trace(grid, K, R, t, voxel, trunc, tile, near, far, depth, normals, colour):
-    """First crossing from front to back along each pixel's ray; without one the outputs are unchanged.
+    """First crossing from front to back along each pixel's ray; without one the outputs are
+    unchanged.
 
-    R, t are T_world_camera; near, far: per tile, from `ranges`. A ray starts `trunc` in front of near: no step is longer, so that it
-    enters a surface from free space. normals (h, w, 3) are in the camera's frame. normals and
-    colour (h, w, channels) are not computed if they are empty.
+    R, t are T_world_camera; near, far: per tile, from `ranges`. A ray starts `trunc` in front of
+    near: no step is longer, so that it enters a surface from free space. normals (h, w, 3) are in
+    the camera's frame. normals and colour (h, w, channels) are not computed if they are empty.
     """
     for v in prange(depth.shape[0]):
         o, d, q, g = np.empty(3), np.empty(3), np.empty(3), np.empty(3)

@@ -1,12 +1,15 @@
-"""Triangle mesh of a sequence in any TUM-like format and a trajectory: its images are fused, and the volume is meshed.
+"""Triangle mesh of a sequence in any TUM-like format and a trajectory: its images are fused, and
+the volume is meshed.
 
-Marching cubes (W. Lorensen, H. Cline, SIGGRAPH 1987) over blocks, compiled: first triangles by the keys of their edges, then
-vertices by key. The 256 cases are computed. On each face one line separates every run of inside corners, so two cubes that share
-a face always agree, and the surface has no holes at ambiguous faces.
+Marching cubes (W. Lorensen, H. Cline, SIGGRAPH 1987) over blocks, compiled: first triangles by the
+keys of their edges, then vertices by key. The 256 cases are computed. On each face one line
+separates every run of inside corners, so two cubes that share a face always agree, and the surface
+has no holes at ambiguous faces.
 
-Corner n of a cube is at (n >> 2, n >> 1 & 1, n & 1); edge 3 n + axis starts at corner n towards +axis. A cube belongs to the
-block of its lowest corner. The key of an edge is ((i n + j) n + k) 3 + axis, where (i, j, k) is its start voxel, relative to a
-corner below all blocks, and n = 2^19. A vertex shared by several cubes therefore has one key.
+Corner n of a cube is at (n >> 2, n >> 1 & 1, n & 1); edge 3 n + axis starts at corner n towards
++axis. A cube belongs to the block of its lowest corner. The key of an edge is ((i n + j) n + k) 3 +
+axis, where (i, j, k) is its start voxel, relative to a corner below all blocks, and n = 2^19. A
+vertex shared by several cubes therefore has one key.
 """
 
 import time
@@ -39,7 +42,9 @@ def edge(one: int, two: int) -> int:
 
 
 def loops(case: int) -> list[list[int]]:
-    """Closed loops of intersected edges that separate the inside corners (bits of `case`) from the others."""
+    """Closed loops of intersected edges that separate the inside corners (bits of `case`) from the
+    others.
+    """
     following = {}
     for face in FACES:
         inside = [bool(case >> corner & 1) for corner in face]
@@ -63,7 +68,8 @@ def loops(case: int) -> list[list[int]]:
 
 
 def case_table() -> tuple[np.ndarray, np.ndarray]:
-    """(count (256,), edges (256, max, 3)) int8: number of triangles of each case, and the edges of their vertices.
+    """(count (256,), edges (256, max, 3)) int8: number of triangles of each case, and the edges of
+    their vertices.
 
     Loops are triangulated as fans; normals point away from the inside.
     """
@@ -83,9 +89,11 @@ COUNT, EDGES = case_table()
 
 @njit(cache=True)
 def _cubes(grid, row, min_weight, leaves, edges, count, low, keys):
-    """The triangles of a block's cubes, written to keys (n, 3) unless that is empty. Returns their number.
+    """The triangles of a block's cubes, written to keys (n, 3) unless that is empty. Returns their
+    number.
 
-    A cube is used if all its corners have at least min_weight, and one of them is in a row that leaves.
+    A cube is used if all its corners have at least min_weight, and one of them is in a row that
+    leaves.
     """
     a0, b0, c0 = grid.place[row, 0], grid.place[row, 1], grid.place[row, 2]
     near, found, any_leaves = np.empty(8, np.int64), 0, False
@@ -123,7 +131,8 @@ def _cubes(grid, row, min_weight, leaves, edges, count, low, keys):
 
 @njit(cache=True, parallel=True)
 def list_triangles(grid, rows, min_weight, leaves, edges, count, low, start, keys, totals):
-    """Write the number of triangles of each block r to totals (rows,), and the triangles to keys (n, 3) from start[r] to start[r + 1],
+    """Write the number of triangles of each block r to totals (rows,), and the triangles to keys
+    (n, 3) from start[r] to start[r + 1],
     unless that is empty."""
     for r in prange(rows.shape[0]):
         part = keys[start[r] : start[r + 1]]
@@ -132,7 +141,9 @@ def list_triangles(grid, rows, min_weight, leaves, edges, count, low, start, key
 
 @njit(cache=True, parallel=True)
 def place_vertices(grid, keys, low, voxel, points, colours):
-    """Write the zero crossing of the distance on each edge to points, and its colour (mean of the ends that have one) to colours."""
+    """Write the zero crossing of the distance on each edge to points, and its colour (mean of the
+    ends that have one) to colours.
+    """
     channels = grid.colour.shape[2] - 1
     for v in prange(keys.shape[0]):
         axis, rest = keys[v] % 3, keys[v] // 3
@@ -162,7 +173,9 @@ def place_vertices(grid, keys, low, voxel, points, colours):
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """points (n, 3) in metres, triangles (m, 3) counter-clockwise from free space, colours (n, 3) uint8 or (n, 0)."""
+    """points (n, 3) in metres, triangles (m, 3) counter-clockwise from free space, colours (n, 3)
+    uint8 or (n, 0).
+    """
 
     points: np.ndarray
     triangles: np.ndarray
@@ -186,10 +199,12 @@ class Mesh:
 
 
 def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float = 0.25) -> Mesh:
-    """Marching cubes over all blocks, or over the cubes with a corner in the rows where `leaves` (rows,) is true.
+    """Marching cubes over all blocks, or over the cubes with a corner in the rows where `leaves`
+    (rows,) is true.
 
-    Parts that are meshed when they leave and parts that are meshed later therefore join without gaps and overlaps. A cube is used
-    if all its corners have at least `min_weight` frames; slanted views, and voxels behind the surface, have smaller weights.
+    Parts that are meshed when they leave and parts that are meshed later therefore join without
+    gaps and overlaps. A cube is used if all its corners have at least `min_weight` frames; slanted
+    views, and voxels behind the surface, have smaller weights.
     """
     grid, rows = volume.grid, volume.rows()
     leaves = np.ones(len(grid.place), bool) if leaves is None else leaves
@@ -219,7 +234,9 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The mesh, in the trajectory's world; the camera that was used; the frames left out, with reasons; counts and times."""
+    """The mesh, in the trajectory's world; the camera that was used; the frames left out, with
+    reasons; counts and times.
+    """
 
     mesh: Mesh
     camera: SequenceCamera
@@ -234,9 +251,11 @@ def fuse_sequence(
     progress: Callable | None = None,
     camera: SequenceCamera | None = None,
 ) -> Surface:
-    """Fuse all images that have a pose. `progress(total, label)` returns an object with advance(); camera: by default the folder's.
+    """Fuse all images that have a pose. `progress(total, label)` returns an object with advance();
+    camera: by default the folder's.
 
-    Raises InputError if there is nothing to fuse, BlockLimitError if one frame needs more than max_blocks.
+    Raises InputError if there is nothing to fuse, BlockLimitError if one frame needs more than
+    max_blocks.
     """
     if not isinstance(trajectory, Trajectory):
         hint = "iclnuim.read_trajectory(file).trajectory"
@@ -294,7 +313,9 @@ def fuse_sequence(
 def _no_surface(
     folder: Path | str, fused: int, left_out: list[str], refused: list[InputError]
 ) -> InputError:
-    """The error for no surface, with the number of frames left out, and the reason of the first whose images were refused, if any was."""
+    """The error for no surface, with the number of frames left out, and the reason of the first
+    whose images were refused, if any was.
+    """
     found, hint = f"no triangle in {fused} fused frames", None
     if left_out:
         first = left_out[0]
@@ -307,7 +328,9 @@ def _no_surface(
 def _posed(
     pairs: list[ImagePair], trajectory: Trajectory, max_difference_s: float
 ) -> tuple[list[ImagePair], SE3]:
-    """The pairs with a pose near their stamp, and the poses (n,) at their stamps, interpolated between neighbouring poses."""
+    """The pairs with a pose near their stamp, and the poses (n,) at their stamps, interpolated
+    between neighbouring poses.
+    """
     stamps_s = np.array([pair.stamp_s for pair in pairs])
     rule = AssociationSettings("nearest", max_difference_s)
     found = np.unique(associate(trajectory.stamps_s, stamps_s, rule).second) if len(pairs) else []

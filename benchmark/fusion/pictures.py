@@ -1,4 +1,6 @@
-"""Images of a mesh, plain or coloured by its error: raycast from a camera outside, with back-face culling, lit from the camera."""
+"""Images of a mesh, plain or coloured by its error: raycast from a camera outside, with back-face
+culling, lit from the camera.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -22,7 +24,9 @@ def picture(
     width: int = 960,
     height: int = 720,
 ) -> np.ndarray:
-    """(height, width, 3) uint8: oblique view from above into the open room, z up. colours (n, 3) 0..255."""
+    """(height, width, 3) uint8: oblique view from above into the open room, z up. colours (n, 3)
+    0..255.
+    """
     low, high = np.percentile(points, (1, 99), axis=0)
     origin, rays = _rays((low + high) / 2, float(np.linalg.norm(high - low)), width, height)
     a, b, c = (points[triangles[:, k]] for k in range(3))
@@ -46,7 +50,9 @@ def picture(
 def _rays(
     centre: np.ndarray, size: float, width: int, height: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Origin (3,) and unit directions (width height, 3) of a camera that looks at the centre, 40 degrees downwards; field of view 40 degrees."""
+    """Origin (3,) and unit directions (width height, 3) of a camera that looks at the centre, 40
+    degrees downwards; field of view 40 degrees.
+    """
     pitch, reach = np.radians(40), np.tan(np.radians(20))
     backward = np.array(
         [-np.cos(pitch) * np.sqrt(0.5), -np.cos(pitch) * np.sqrt(0.5), np.sin(pitch)]
@@ -66,7 +72,9 @@ def clay(
     reach_m: float = 0.8,
     rays: int = 32,
 ) -> np.ndarray:
-    """(h, w, 3) uint8: a model as clay, lit from the camera, with ambient occlusion by surfaces within reach_m."""
+    """(h, w, 3) uint8: a model as clay, lit from the camera, with ambient occlusion by surfaces
+    within reach_m.
+    """
     directions = camera.rays() @ T_world_camera.rotation.T
     hits = caster.cast(T_world_camera.translation, directions)
     seen = hits.triangle >= 0
@@ -91,7 +99,9 @@ def clay(
 
 
 def heat_colours(distances_mm: np.ndarray, low_mm: float, high_mm: float) -> np.ndarray:
-    """Colours (n, 3) 0..255 for distances (n,) on a logarithmic scale: blue at low_mm and less, red at high_mm and more."""
+    """Colours (n, 3) 0..255 for distances (n,) on a logarithmic scale: blue at low_mm and less, red
+    at high_mm and more.
+    """
     from matplotlib import colormaps
 
     share = np.log(np.clip(distances_mm, low_mm, high_mm) / low_mm) / np.log(high_mm / low_mm)
@@ -101,7 +111,8 @@ def heat_colours(distances_mm: np.ndarray, low_mm: float, high_mm: float) -> np.
 def error_figure(
     points: np.ndarray, triangles: np.ndarray, error: SurfaceError, max_mm: float
 ) -> "Figure":
-    """Image and histogram of the error. points (n, 3) in the model's world; without triangles they are drawn from above. Dark is near,
+    """Image and histogram of the error. points (n, 3) in the model's world; without triangles they
+    are drawn from above. Dark is near,
     bright is `max_mm` and more."""
     from matplotlib import colormaps, colors
     from matplotlib.cm import ScalarMappable

@@ -1,7 +1,9 @@
-"""Accuracy, completion, F score and Depth L1 of a reconstruction, over samples uniform by area, of the surface that a trajectory saw.
+"""Accuracy, completion, F score and Depth L1 of a reconstruction, over samples uniform by area, of
+the surface that a trajectory saw.
 
-Accuracy, completion, completion ratio and Depth L1 are defined as in NICE-SLAM (Zhu et al., CVPR 2022) and Co-SLAM's evaluation (Wang et
-al., CVPR 2023); precision, recall and F as in Tanks and Temples (Knapitsch et al., SIGGRAPH 2017).
+Accuracy, completion, completion ratio and Depth L1 are defined as in NICE-SLAM (Zhu et al., CVPR
+2022) and Co-SLAM's evaluation (Wang et al., CVPR 2023); precision, recall and F as in Tanks and
+Temples (Knapitsch et al., SIGGRAPH 2017).
 """
 
 from collections.abc import Callable
@@ -21,13 +23,16 @@ from .surface_error import TrueSurface
 
 #: Thresholds for precision, recall and F.
 NEAR_M = (0.01, 0.02, 0.05)
-#: If a smaller share of the model's samples is seen, the model is sampled again with more samples, up to this factor.
+#: If a smaller share of the model's samples is seen, the model is sampled again with more samples,
+#: up to this factor.
 _MIN_SEEN, _MAX_FACTOR = 0.9, 20
 
 
 @dataclass(frozen=True, eq=False)
 class SeenBy:
-    """A camera and its poses (k,) in the model's world: a reconstruction is evaluated on the surface that they see."""
+    """A camera and its poses (k,) in the model's world: a reconstruction is evaluated on the
+    surface that they see.
+    """
 
     camera: PinholeCamera
     T_world_camera: SE3
@@ -35,8 +40,10 @@ class SeenBy:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """The part of a model that views see; it does not depend on the reconstruction. points_m (n, 3): samples, uniform over the seen
-    area area_m2; the views; depth_z_m (k, h, w): depth of the model in each view, at a quarter of the image size.
+    """The part of a model that views see; it does not depend on the reconstruction. points_m (n,
+    3): samples, uniform over the seen
+    area area_m2; the views; depth_z_m (k, h, w): depth of the model in each view, at a quarter of
+    the image size.
     """
 
     points_m: np.ndarray
@@ -47,9 +54,10 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceQuality:
-    """reconstruction_m (n,): distance of each sample of the reconstruction to the model. model_m (m,): distance of each sample of the
-    model (with a trajectory: each seen sample) to the reconstruction. seen_m2: seen area of the model. depth_l1_m: None without a
-    trajectory or faces.
+    """reconstruction_m (n,): distance of each sample of the reconstruction to the model. model_m
+    (m,): distance of each sample of the
+    model (with a trajectory: each seen sample) to the reconstruction. seen_m2: seen area of the
+    model. depth_l1_m: None without a trajectory or faces.
     """
 
     reconstruction_m: np.ndarray
@@ -114,11 +122,13 @@ def surface_quality(
     settings: QualitySettings | None = None,
     on_pose: Callable[[], object] = lambda: None,
 ) -> SurfaceQuality:
-    """Quality of a reconstruction with points (n, 3) in metres and triangles (m, 3), m = 0 for a cloud.
+    """Quality of a reconstruction with points (n, 3) in metres and triangles (m, 3), m = 0 for a
+    cloud.
 
-    Accuracy is the distance to the whole model, so that surfaces that no pose saw count as well. Completion is measured over the part
-    of the model that `seen_by` saw, or over the whole model (whole), else not at all. For several reconstructions, call
-    `what_was_seen` once and pass its result as `seen_by`. Raises InputError if no pose sees any of the model, or no triangle has an
+    Accuracy is the distance to the whole model, so that surfaces that no pose saw count as well.
+    Completion is measured over the part of the model that `seen_by` saw, or over the whole model
+    (whole), else not at all. For several reconstructions, call `what_was_seen` once and pass its
+    result as `seen_by`. Raises InputError if no pose sees any of the model, or no triangle has an
     area; WorkError if embreex or libigl is missing.
     """
     settings = settings or QualitySettings()
@@ -159,10 +169,11 @@ def what_was_seen(
     settings: QualitySettings | None = None,
     on_pose: Callable[[], object] = lambda: None,
 ) -> Seen:
-    """About settings.samples points, uniform over the part of the model that every settings.every-th pose saw.
+    """About settings.samples points, uniform over the part of the model that every
+    settings.every-th pose saw.
 
-    A first set of samples gives the seen share; if that is small, a second, larger set replaces it. Raises InputError if nothing is
-    seen, WorkError if embreex is missing.
+    A first set of samples gives the seen share; if that is small, a second, larger set replaces it.
+    Raises InputError if nothing is seen, WorkError if embreex is missing.
     """
     settings = settings or QualitySettings()
     camera, T = seen_by.camera, seen_by.T_world_camera[:: settings.every]
@@ -207,7 +218,8 @@ def _to_points(points: np.ndarray, others: np.ndarray) -> np.ndarray:
 def _depth_l1_m(
     seen: Seen, points: np.ndarray, triangles: np.ndarray, far_m: float
 ) -> float | None:
-    """Mean over the views of the mean |depth of the model - depth of the reconstruction| over pixels where the model has depth; a hole in
+    """Mean over the views of the mean |depth of the model - depth of the reconstruction| over
+    pixels where the model has depth; a hole in
     the reconstruction has depth 0."""
     camera, T = seen.views.camera.halved().halved(), seen.views.T_world_camera
     samples_m = np.full(seen.depth_z_m.shape, np.inf, np.float32)

@@ -1,4 +1,6 @@
-"""Tracking against a model: each frame is fused at its estimated pose, and the next one is aligned against a raycast of the surface."""
+"""Tracking against a model: each frame is fused at its estimated pose, and the next one is aligned
+against a raycast of the surface.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -22,9 +24,10 @@ NAMES = ("default", *REFERENCES, "model")
 
 @dataclass(frozen=True)
 class ModelSettings:
-    """every: number of frames from one fusion and raycast to the next; in between the view and its pose do not change. The view is
-    used for up to max_age frames while the standard deviation of the motion is at most max_sigma_m, and the camera has rotated by
-    less than max_deg since.
+    """every: number of frames from one fusion and raycast to the next; in between the view and its
+    pose do not change. The view is
+    used for up to max_age frames while the standard deviation of the motion is at most max_sigma_m,
+    and the camera has rotated by less than max_deg since.
     """
 
     volume: VolumeSettings
@@ -36,7 +39,8 @@ class ModelSettings:
 
 PRESETS = {
     "paper": ModelSettings(VOLUMES["paper"]),
-    # slanted=4 makes a surface more complete, but did not improve tracking on 90 frames of clean kt2
+    # slanted=4 makes a surface more complete, but did not improve tracking on 90 frames of clean
+    # kt2
     "best": ModelSettings(replace(VOLUMES["best"], slanted=1), every=3, max_age=6),
 }
 
@@ -44,7 +48,8 @@ PRESETS = {
 def make_reference(
     name: str, odometer: Odometer, camera: PinholeCamera, preset: str = "best"
 ) -> Reference:
-    """A new Reference by name: "default" (the one that the odometer declares), one of REFERENCES, or "model".
+    """A new Reference by name: "default" (the one that the odometer declares), one of REFERENCES,
+    or "model".
 
     Raises InputError for another name.
     """
@@ -58,8 +63,8 @@ def make_reference(
 class ModelReference(Reference):
     """A Reference whose view is a raycast of the fused model.
 
-    An odometer gets a Frame of the whole image; a PyramidOdometer only the levels that it reads, with the normals of the model.
-    Raises InputError for an unknown preset.
+    An odometer gets a Frame of the whole image; a PyramidOdometer only the levels that it reads,
+    with the normals of the model. Raises InputError for an unknown preset.
     """
 
     def __init__(self, odometer: Odometer, camera: PinholeCamera, preset: str = "best") -> None:
@@ -86,7 +91,10 @@ class ModelReference(Reference):
         return self._view, self._T_world_view
 
     def restart(self, frame: Frame, prepared: Any, T_world_camera: SE3) -> ReferenceView:
-        """The view of the frame alone. It is not fused, because its pose was not measured and would corrupt the model."""
+        """The view of the frame alone.
+
+        It is not fused, because its pose was not measured and would corrupt the model.
+        """
         self._view, self._age = None, 0
         return prepared, T_world_camera
 
@@ -98,7 +106,10 @@ class ModelReference(Reference):
         return not certain or rotated(self._T_world_view, T_world_camera, s.max_deg)
 
     def _rendered(self, frame: Frame, prepared: Any, T_world_camera: SE3) -> Any:
-        """The equivalent of prepare() for a raycast at this pose. Coarser levels are means of the finest one that is read."""
+        """The equivalent of prepare() for a raycast at this pose.
+
+        Coarser levels are means of the finest one that is read.
+        """
         odometer = self.odometer
         if not isinstance(odometer, PyramidOdometer):
             view = self.volume.raycast(self.camera, T_world_camera, normals=False)
@@ -114,13 +125,18 @@ class ModelReference(Reference):
         )
         levels = [replace(one, rendered=True) for one in views]
         if odometer.reads_normals:
-            # normals from the gradient of the volume replace those from depth differences, which are computed at first use
+            # normals from the gradient of the volume replace those from depth differences, which
+            # are computed at first use
             vars(levels[0])["normals"] = np.nan_to_num(view.normals_camera)
         return [*prepared[:finest], *levels]
 
 
 def _as_frame(view: View, grey: np.ndarray, stamp_s: float) -> Frame:
-    """The view as a Frame. A hole in the model has no depth, and the grey values of the frame, so that it has no bright edge."""
+    """The view as a Frame.
+
+    A hole in the model has no depth, and the grey values of the frame, so that it has no bright
+    edge.
+    """
     if view.colour.size:
         colour = view.colour[..., 0]
         grey = np.where(np.isfinite(colour), colour, grey)

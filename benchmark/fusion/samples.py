@@ -1,18 +1,23 @@
-"""Points sampled uniformly by area on a surface, with a seed; their density does not depend on how finely a mesh or a cloud is divided."""
+"""Points sampled uniformly by area on a surface, with a seed; their density does not depend on how
+finely a mesh or a cloud is divided.
+"""
 
 import numpy as np
 from iclnuim.errors import InputError
 
-#: A cloud has one sample per cell of this side, so that parts that were scanned more often do not count more.
+#: A cloud has one sample per cell of this side, so that parts that were scanned more often do not
+#: count more.
 CELL_M = 0.005
 #: Number of triangles whose areas are computed at once.
 _AT_ONCE = 1_000_000
-#: Steps of the low-discrepancy sequence in a square: 1/g and 1/g^2 of the plastic number g (Roberts 2018, R2).
+#: Steps of the low-discrepancy sequence in a square: 1/g and 1/g^2 of the plastic number g (Roberts
+#: 2018, R2).
 _R2 = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 def sampled(points: np.ndarray, triangles: np.ndarray, count: int, seed: int) -> np.ndarray:
-    """(count, 3) points, uniform by area on triangles (m, 3): stratified, one in each 1/count of the area in the order of the triangles.
+    """(count, 3) points, uniform by area on triangles (m, 3): stratified, one in each 1/count of
+    the area in the order of the triangles.
 
     Raises InputError if no triangle has an area.
     """
@@ -49,7 +54,9 @@ def thinned(points: np.ndarray, count: int, seed: int) -> np.ndarray:
 def within_reach(
     corners: np.ndarray, places: np.ndarray, reach_m: float, longest_m: float = 1.0
 ) -> np.ndarray:
-    """(k, 3, 3): the parts of triangles (m, 3, 3) that can be within reach_m of places (n, 3); long ones are halved until no edge exceeds longest_m."""
+    """(k, 3, 3): the parts of triangles (m, 3, 3) that can be within reach_m of places (n, 3); long
+    ones are halved until no edge exceeds longest_m.
+    """
     from scipy.spatial import cKDTree
 
     tree, found = cKDTree(places), [np.zeros((0, 3, 3))]

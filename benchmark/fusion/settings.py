@@ -1,4 +1,7 @@
-"""Settings of the volume, of fusion and of surface quality. This module does not import numba, so that commands can read the settings."""
+"""Settings of the volume, of fusion and of surface quality.
+
+This module does not import numba, so that commands can read the settings.
+"""
 
 from dataclasses import dataclass, field
 
@@ -8,9 +11,11 @@ from iclnuim.settings import Settings, same_as, setting
 
 @dataclass(frozen=True)
 class VolumeSettings(Settings):
-    """A frame is fused from truncation_m in front of its surface to truncation_m behind it. This produces false walls of that depth
-    behind the edges of objects, and slanted views shrink curved objects. With a smaller behind_m, distances are measured along the
-    normal, slanted views have smaller weights, and the weight decreases to 0 at behind_m behind the surface.
+    """A frame is fused from truncation_m in front of its surface to truncation_m behind it. This
+    produces false walls of that depth
+    behind the edges of objects, and slanted views shrink curved objects. With a smaller behind_m,
+    distances are measured along the normal, slanted views have smaller weights, and the weight
+    decreases to 0 at behind_m behind the surface.
     """
 
     group = "volume settings"

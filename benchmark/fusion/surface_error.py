@@ -1,4 +1,6 @@
-"""Distance of each vertex of a reconstructed surface to the true one (paper, VI-A and Tables II, VII), and readers for both."""
+"""Distance of each vertex of a reconstructed surface to the true one (paper, VI-A and Tables II,
+VII), and readers for both.
+"""
 
 import os
 from dataclasses import dataclass
@@ -38,13 +40,14 @@ OTHER_UNITS_M = (*(unit_m for name, unit_m in UNITS_M.items() if name != "m"), 1
 _UNITS_M = (1e-6, 1e6)
 #: A mean distance below this share of the model's size is not checked further.
 _SMALL_MEAN = 0.002
-#: Valid size ratio of a reconstruction in metres to its model: from a part of it to all of it with some outliers.
+#: Valid size ratio of a reconstruction in metres to its model: from a part of it to all of it with
+#: some outliers.
 _MIN_RATIO, _MAX_RATIO = 0.04, 1.6
-#: A reconstruction is reported as mirrored if a reflection has a mean distance below _MIRROR_RATIO of the best rigid fit's and below
-#: _MIRROR_FIT of the model's size.
+#: A reconstruction is reported as mirrored if a reflection has a mean distance below _MIRROR_RATIO
+#: of the best rigid fit's and below _MIRROR_FIT of the model's size.
 _MIRROR_RATIO, _MIRROR_FIT = 0.25, 0.01
-#: With a mean distance above this share of the model's size, and above _SMALL_MEAN after ICP from the given pose, the reconstruction is
-#: reported to be in another world frame.
+#: With a mean distance above this share of the model's size, and above _SMALL_MEAN after ICP from
+#: the given pose, the reconstruction is reported to be in another world frame.
 _OTHER_WORLD = 0.03
 #: (24, 3, 3): the rotations that map axes to axes.
 _AXIS_ROTATIONS = np.array(
@@ -69,7 +72,9 @@ def _unit(unit_m: float) -> tuple[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceError:
-    """distances_m (n,): from each vertex, after T_model_mesh, to the nearest triangle of the model. warnings: sentences with settings as `{name}`."""
+    """distances_m (n,): from each vertex, after T_model_mesh, to the nearest triangle of the model.
+    warnings: sentences with settings as `{name}`.
+    """
 
     distances_m: np.ndarray
     T_model_mesh: SE3
@@ -91,9 +96,11 @@ class SurfaceError:
 
 
 class TrueSurface:
-    """The true surface for comparison with reconstructions: points (n, 3) in metres and triangles (m, 3).
+    """The true surface for comparison with reconstructions: points (n, 3) in metres and triangles
+    (m, 3).
 
-    Raises InputError if there are no triangles, or if they are in one place or too far away, WorkError if libigl is missing.
+    Raises InputError if there are no triangles, or if they are in one place or too far away,
+    WorkError if libigl is missing.
     """
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray) -> None:
@@ -125,10 +132,12 @@ class TrueSurface:
     def error(
         self, points: np.ndarray, T_model_mesh: SE3 | None = None, unit_m: float = 1.0
     ) -> SurfaceError:
-        """Error of a reconstruction's vertices (n, 3) in metres, with warnings if its unit, handedness or world frame seems to be wrong.
+        """Error of a reconstruction's vertices (n, 3) in metres, with warnings if its unit,
+        handedness or world frame seems to be wrong.
         `unit_m`: the unit from which they were converted to metres, for these warnings.
 
-        Raises InputError for another shape, if there are no vertices, or if some are NaN, infinite or too far away.
+        Raises InputError for another shape, if there are no vertices, or if some are NaN, infinite
+        or too far away.
         """
         points = np.asarray(points)
         if points.ndim != 2 or points.shape[1] != 3:
@@ -146,7 +155,8 @@ class TrueSurface:
         )
 
     def aligned(self, points: np.ndarray, T_model_mesh: SE3, rounds: int = 30) -> SE3:
-        """T_model_mesh after point-to-plane ICP on 50 000 vertices; inliers are within three medians (at least 0.5 mm).
+        """T_model_mesh after point-to-plane ICP on 50 000 vertices; inliers are within three
+        medians (at least 0.5 mm).
 
         Raises InputError if the surfaces do not determine a rigid motion.
         """
@@ -196,7 +206,8 @@ class TrueSurface:
         return (found,) if found else ()
 
     def _unit_warning(self, points: np.ndarray, T: SE3, size_m: float, unit_m: float) -> str:
-        """Warning if the size is not valid for the model or a part of it in metres, with the unit that fits or gives a similar size. `unit_m`: the
+        """Warning if the size is not valid for the model or a part of it in metres, with the unit
+        that fits or gives a similar size. `unit_m`: the
         unit that the points were in, as far as is known.
         """
         ratio = float(np.linalg.norm(np.subtract(*_extent(points)))) / size_m
@@ -217,7 +228,9 @@ class TrueSurface:
     def _mirror_warning(
         self, moved: np.ndarray, fitted_m: float, centre: np.ndarray, size_m: float
     ) -> str:
-        """Warning if a reflection about the model's centre or origin, followed by ICP, is much closer than the best rigid fit."""
+        """Warning if a reflection about the model's centre or origin, followed by ICP, is much
+        closer than the best rigid fit.
+        """
         flipped = {(axis, about): moved.copy() for axis in range(3) for about in (0.0, 1.0)}
         for (axis, about), points in flipped.items():
             points[:, axis] = 2 * about * centre[axis] - points[:, axis]
@@ -236,7 +249,9 @@ class TrueSurface:
         )
 
     def _rigid_starts(self, moved: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The ten best (R, t) of those that map axes to axes and align, on each axis, one side or the centre of the box with the model's."""
+        """The ten best (R, t) of those that map axes to axes and align, on each axis, one side or
+        the centre of the box with the model's.
+        """
         some, target, starts = moved[::10], _extent(self._corners), []
         for R in _AXIS_ROTATIONS:
             extent = _extent(some @ R.T)
@@ -259,7 +274,8 @@ class TrueSurface:
 def first_poses_transform(
     poses: Trajectory, truth: Trajectory, max_difference_s: float = 0.02
 ) -> SE3:
-    """T_model_mesh of a mesh fused along `poses`: aligns the first of them with the pose of `truth` at its time.
+    """T_model_mesh of a mesh fused along `poses`: aligns the first of them with the pose of `truth`
+    at its time.
 
     Raises InputError if the truth has no pose within max_difference_s.
     """
@@ -273,7 +289,8 @@ def first_poses_transform(
 
 
 def trajectories_transform(poses: Trajectory, truth: Trajectory, method: str = "se3") -> SE3:
-    """T_model_mesh of a mesh fused along `poses`, by aligning all of them with `truth` (`evaluation.align.METHODS`).
+    """T_model_mesh of a mesh fused along `poses`, by aligning all of them with `truth`
+    (`evaluation.align.METHODS`).
 
     Raises InputError if no stamps match, or the trajectories do not determine the alignment.
     """
@@ -283,7 +300,8 @@ def trajectories_transform(poses: Trajectory, truth: Trajectory, method: str = "
 
 
 def pairs_transform(mesh_points: np.ndarray, model_points: np.ndarray) -> tuple[SE3, float]:
-    """T_model_mesh from points (n, 3) picked on the mesh and on the model, both in metres, and the remaining RMS distance in metres.
+    """T_model_mesh from points (n, 3) picked on the mesh and on the model, both in metres, and the
+    remaining RMS distance in metres.
 
     Raises InputError for fewer than three pairs, or pairs on a line.
     """
@@ -310,7 +328,9 @@ def _extent(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """points (n, 3) in metres, triangles (m, 3), m = 0 for a cloud; notes: sentences about parts of the file that are not used."""
+    """points (n, 3) in metres, triangles (m, 3), m = 0 for a cloud; notes: sentences about parts of
+    the file that are not used.
+    """
 
     points: np.ndarray
     triangles: np.ndarray
@@ -318,10 +338,11 @@ class Reconstruction:
 
 
 def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction:
-    """Read a mesh or a point cloud in units of unit_m. Points that are not finite, and triangles with such points, are left out.
+    """Read a mesh or a point cloud in units of unit_m. Points that are not finite, and triangles
+    with such points, are left out.
 
-    Raises InputError for a file that is neither, has no finite point or points too far away, and for an invalid unit, WorkError if a reader
-    is missing.
+    Raises InputError for a file that is neither, has no finite point or points too far away, and
+    for an invalid unit, WorkError if a reader is missing.
     """
     low, high = _UNITS_M
     if not low <= unit_m <= high:
@@ -357,7 +378,9 @@ def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction
 
 
 def _check_positions(points: np.ndarray, hint: str | None = None) -> None:
-    """Raises InputError for points (n, 3) in metres that are farther from the origin than poses can be."""
+    """Raises InputError for points (n, 3) in metres that are farther from the origin than poses can
+    be.
+    """
     largest_m = np.abs(points).max()
     if largest_m > LARGEST_POSITION_M:
         raise InputError(
@@ -368,7 +391,8 @@ def _check_positions(points: np.ndarray, hint: str | None = None) -> None:
 def read_mesh(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """points (n, 3), triangles (m, 3), colours (n, 3) uint8 or (n, 0); polygons become triangles.
 
-    Raises InputError for a file that is not a mesh, is empty, has no triangle, or has coordinates that are not finite, WorkError if a reader is missing.
+    Raises InputError for a file that is not a mesh, is empty, has no triangle, or has coordinates
+    that are not finite, WorkError if a reader is missing.
     """
     points, triangles, colours = _read(Path(path))
     invalid = int((~np.isfinite(points).all(axis=1)).sum())
@@ -446,9 +470,11 @@ def _read_gltf(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def read_model(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """points (n, 3) and triangles (m, 3) of a mesh file, a built-in scene by name, or a .blend; in the world of the file, z up for scenes.
+    """points (n, 3) and triangles (m, 3) of a mesh file, a built-in scene by name, or a .blend; in
+    the world of the file, z up for scenes.
 
-    Raises InputError if it is none of these or has no triangle, WorkError if a reader or bpy is missing.
+    Raises InputError if it is none of these or has no triangle, WorkError if a reader or bpy is
+    missing.
     """
     if Path(name).suffix.lower() in MESH_ENDINGS:
         points, triangles, _ = read_mesh(Path(name))
@@ -468,7 +494,10 @@ def read_model(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def read_transform(path: Path) -> SE3:
-    """Read a rigid motion from a text file with the 16 numbers of a 4 x 4 matrix, row by row. Raises InputError."""
+    """Read a rigid motion from a text file with the 16 numbers of a 4 x 4 matrix, row by row.
+
+    Raises InputError.
+    """
     try:
         T = np.array([float(word) for word in read_text(path).replace(",", " ").split()])
     except ValueError as error:
@@ -487,7 +516,9 @@ def read_transform(path: Path) -> SE3:
 
 
 def read_pairs(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read points (n, 3) on the mesh and (n, 3) on the model from a text file with six numbers per line; `#` begins a comment. Raises InputError."""
+    """Read points (n, 3) on the mesh and (n, 3) on the model from a text file with six numbers per
+    line; `#` begins a comment. Raises InputError.
+    """
     rows = []
     for number, line in data_lines(read_text(path)):
         words = line.replace(",", " ").replace(";", " ").split()

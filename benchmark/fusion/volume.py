@@ -1,7 +1,9 @@
-"""A truncated signed distance volume in blocks of 8^3 voxels; only blocks near measured depth are allocated.
+"""A truncated signed distance volume in blocks of 8^3 voxels; only blocks near measured depth are
+allocated.
 
-R. Newcombe et al., "KinectFusion", ISMAR 2011, section 3.3, in a window that follows the camera as in T. Whelan et al.,
-"Kintinuous", RSS RGB-D workshop 2012: blocks that leave the window are passed to a callback and released.
+R. Newcombe et al., "KinectFusion", ISMAR 2011, section 3.3, in a window that follows the camera as
+in T. Whelan et al., "Kintinuous", RSS RGB-D workshop 2012: blocks that leave the window are passed
+to a callback and released.
 """
 
 from collections.abc import Callable
@@ -15,7 +17,8 @@ from iclnuim.geometry.se3 import SE3
 from . import kernels
 from .settings import VolumeSettings
 
-#: TILE: side in pixels of the tiles that share one depth range in a raycast. STRIDE: pixel step at which a depth image allocates blocks.
+#: TILE: side in pixels of the tiles that share one depth range in a raycast. STRIDE: pixel step at
+#: which a depth image allocates blocks.
 TILE, STRIDE = 8, 2
 
 
@@ -25,9 +28,11 @@ class BlockLimitError(InputError):
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Raycast of the volume: depth (h, w), normals_camera (h, w, 3) towards free space, colour (h, w, channels).
+    """Raycast of the volume: depth (h, w), normals_camera (h, w, 3) towards free space, colour (h,
+    w, channels).
 
-    float32, NaN where a ray hits nothing; normals are also NaN at the border of the observed region.
+    float32, NaN where a ray hits nothing; normals are also NaN at the border of the observed
+    region.
     """
 
     depth_z_m: np.ndarray
@@ -36,7 +41,11 @@ class View:
 
 
 def _empty_grid(s: VolumeSettings, rows: int) -> kernels.Grid:
-    """A grid without blocks. The system allocates zeroed pages at the first write, so many rows take no memory until they are used."""
+    """A grid without blocks.
+
+    The system allocates zeroed pages at the first write, so many rows take no memory until they are
+    used.
+    """
     return kernels.Grid(
         np.zeros(3, np.int64),
         np.zeros((s.window_blocks,) * 3, np.int32),
@@ -49,7 +58,9 @@ def _empty_grid(s: VolumeSettings, rows: int) -> kernels.Grid:
 
 
 class Volume:
-    """leaving(volume, leaves) is called before rows are released; leaves: bool (rows,), true for these rows."""
+    """leaving(volume, leaves) is called before rows are released; leaves: bool (rows,), true for
+    these rows.
+    """
 
     def __init__(
         self,
@@ -89,9 +100,11 @@ class Volume:
         T_world_camera: SE3,
         image: np.ndarray | None = None,
     ) -> None:
-        """Fuse planar depth (h, w); 0, NaN and negative are missing. image: (h, w, channels), 0..255.
+        """Fuse planar depth (h, w); 0, NaN and negative are missing. image: (h, w, channels),
+        0..255.
 
-        Raises InputError for wrong sizes or an invalid pose, BlockLimitError if one frame needs more than max_blocks.
+        Raises InputError for wrong sizes or an invalid pose, BlockLimitError if one frame needs
+        more than max_blocks.
         """
         depth, T = np.asarray(depth_m, np.float32), _checked_pose(T_world_camera)
         if depth.shape != (camera.height, camera.width):
@@ -138,7 +151,9 @@ class Volume:
         return view
 
     def follow(self, centre_m: np.ndarray) -> None:
-        """Move the window if its centre is two blocks or more from the camera; blocks outside it leave."""
+        """Move the window if its centre is two blocks or more from the camera; blocks outside it
+        leave.
+        """
         side, block_m = self.settings.window_blocks, 8 * self.settings.voxel_m
         first = np.floor(centre_m / block_m).astype(np.int64) - side // 2
         if self._placed and np.abs(first - self.grid.first).max() < 2:
@@ -150,7 +165,9 @@ class Volume:
         self._placed = True
 
     def rows(self) -> np.ndarray:
-        """Allocated rows, sorted by the position of their blocks, so that the order does not depend on earlier releases."""
+        """Allocated rows, sorted by the position of their blocks, so that the order does not depend
+        on earlier releases.
+        """
         used = np.ones(len(self._stamp), bool)
         used[0] = False
         used[self._free[: self._n_free]] = False
@@ -167,7 +184,10 @@ class Volume:
         return near, np.minimum(far, np.float32(self.settings.far_m))
 
     def _allocated(self, inverse: np.ndarray, K: np.ndarray, T: SE3) -> int | None:
-        """Allocate the blocks near the depth image. Returns the number of rows listed in self._rows, None if max_blocks is not enough."""
+        """Allocate the blocks near the depth image.
+
+        Returns the number of rows listed in self._rows, None if max_blocks is not enough.
+        """
         s = self.settings
         self._tick += 1
         state = (self._stamp, self._tick, self._free, self._n_free, self._rows)

@@ -1,1 +1,3 @@
-"""RGB-D visual odometry: the built-in odometers, and adapters to third-party ones, behind one protocol."""
+"""RGB-D visual odometry: the built-in odometers, and adapters to third-party ones, behind one
+protocol.
+"""

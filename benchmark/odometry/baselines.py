@@ -1,4 +1,6 @@
-"""Adapters to third-party odometers: OpenCV's (contrib) and Open3D's, with the default settings of their packages."""
+"""Adapters to third-party odometers: OpenCV's (contrib) and Open3D's, with the default settings of
+their packages.
+"""
 
 from typing import Any
 
@@ -18,7 +20,10 @@ class Baseline:
 
 
 class OpencvOdometer(Baseline):
-    """cv2.rgbd. The pyramids of a frame are computed once and used for both pairs that contain it."""
+    """cv2.rgbd.
+
+    The pyramids of a frame are computed once and used for both pairs that contain it.
+    """
 
     def __init__(self, name: str, method: str) -> None:
         import cv2
@@ -75,7 +80,11 @@ class Open3dOdometer(Baseline):
 
 
 def _result(T: np.ndarray, residual: float = float("nan"), inliers: float = 0.0) -> Result:
-    """Result from a (4, 4) matrix. A matrix that is not a rigid motion is a failure: a solver that diverged reports it in no other way."""
+    """Result from a (4, 4) matrix.
+
+    A matrix that is not a rigid motion is a failure: a solver that diverged reports it in no other
+    way.
+    """
     try:
         return Result(SE3.from_matrix(T), residual=residual, inliers=inliers)
     except InputError:

@@ -1,7 +1,8 @@
-"""Subpixel positions of matched corners as FOVIS' authors' program (fovis 1.2) refines them: in 8-bit greys.
+"""Subpixel positions of matched corners as FOVIS' authors' program (fovis 1.2) refines them: in
+8-bit greys.
 
-A. Huang et al., ISRR 2011, section 3.5: efficient second-order minimization (Benhimane, Malis 2004) of squared differences between
-patches. `features.refine` is this project's version.
+A. Huang et al., ISRR 2011, section 3.5: efficient second-order minimization (Benhimane, Malis 2004)
+of squared differences between patches. `features.refine` is this project's version.
 """
 
 import numpy as np
@@ -12,18 +13,22 @@ from .features import MID_GREY, REACH, Features, Matches, depth_at, difference, 
 SIDE = 2 * REACH + 1
 #: The last pixel of a patch is not compared, so that the others are a multiple of 16 bytes.
 COMPARED = SIDE * SIDE - 1
-#: Maximum number of steps; the iteration ends with a step shorter than MIN_STEP_PX; a position farther than MAX_SHIFT_PX from its corner is
-#: not used (constants of the program; pixels of the level).
+#: Maximum number of steps; the iteration ends with a step shorter than MIN_STEP_PX; a position
+#: farther than MAX_SHIFT_PX from its corner is not used (constants of the program; pixels of the
+#: level).
 STEPS, MIN_STEP_PX, MAX_SHIFT_PX = 6, 0.1, 1.5
-#: Minimum distance from the border of a position: the side of the patch ("feature-window-size"), and one more on the right and below.
+#: Minimum distance from the border of a position: the side of the patch ("feature-window-size"),
+#: and one more on the right and below.
 BORDER = SIDE
 
 
 def match_in_bytes(
     reference: Features, current: Features, expected_uv: np.ndarray, search_px: float
 ) -> Matches:
-    """features.match() with positions from refine_in_bytes(). A corner whose position stays, or is between four
-    pixels without depth, keeps its point; if only some of the four have no depth, it is NaN, which agrees with none."""
+    """features.match() with positions from refine_in_bytes(). A corner whose position stays, or is
+    between four
+    pixels without depth, keeps its point; if only some of the four have no depth, it is NaN, which
+    agrees with none."""
     one, other = (reference.descriptions, reference.level), (current.descriptions, current.level)
     pairs = mutual_in_order(*one, *other, expected_uv, current.uv, search_px)
     i = np.flatnonzero(pairs >= 0)
@@ -48,7 +53,9 @@ def _depth_near(depth_z_m: np.ndarray, uv: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def mutual_in_order(descriptions0, level0, descriptions1, level1, expected_uv, uv1, search_px):
-    """features.mutual_best() for corners in any order, of which the first one of equally similar ones is taken."""
+    """features.mutual_best() for corners in any order, of which the first one of equally similar
+    ones is taken.
+    """
     n0, n1 = len(level0), len(level1)
     best0, best1 = np.full(n0, 1 << 30), np.full(n1, 1 << 30)
     of0, of1 = np.full(n0, -1), np.full(n1, -1)
@@ -70,10 +77,12 @@ def mutual_in_order(descriptions0, level0, descriptions1, level1, expected_uv, u
 
 @njit(cache=True)
 def refine_in_bytes(image0, image1, uv0, uv1, at, scale):
-    """Refine uv1[at] (pixels of the full image, `scale` times those of image1) so that the patch of image1 matches that of image0 around
+    """Refine uv1[at] (pixels of the full image, `scale` times those of image1) so that the patch of
+    image1 matches that of image0 around
     uv0. Positions that cannot be refined stay.
 
-    Gradients are differences of neighbouring pixels at the integer position, and steps are taken while the difference decreases.
+    Gradients are differences of neighbouring pixels at the integer position, and steps are taken
+    while the difference decreases.
     """
     h, w = image1.shape
     patch0, patch1 = np.empty(COMPARED, np.int64), np.empty(COMPARED, np.int64)
@@ -116,7 +125,8 @@ def refine_in_bytes(image0, image1, uv0, uv1, at, scale):
 
 @njit(cache=True)
 def describe_in_bytes(image, uv):
-    """(n, COMPARED) uint8: the patch around each of uv (n, 2), pixels of the image, shifted to a mean of mid-grey.
+    """(n, COMPARED) uint8: the patch around each of uv (n, 2), pixels of the image, shifted to a
+    mean of mid-grey.
 
     It is shifted twice, which differs where the first shift ended at black or white.
     """
@@ -130,7 +140,9 @@ def describe_in_bytes(image, uv):
 
 @njit(cache=True)
 def _patch(image, u, v, out):
-    """out (COMPARED,): the patch around (u, v), bilinear and rounded down, shifted to a mean of mid-grey."""
+    """out (COMPARED,): the patch around (u, v), bilinear and rounded down, shifted to a mean of
+    mid-grey.
+    """
     j, i = int(u), int(v)
     s, t = float(u) - j, float(v) - i
     a, b = (
@@ -155,7 +167,9 @@ def _shift(patch):
 
 @njit(cache=True)
 def _slopes(image, j, i, out):
-    """out (COMPARED, 2): differences of each pixel of the patch around (j, i) to its right and lower neighbours."""
+    """out (COMPARED, 2): differences of each pixel of the patch around (j, i) to its right and
+    lower neighbours.
+    """
     for k in range(COMPARED):
         y, x = i + k // SIDE - REACH, j + k % SIDE - REACH
         here = int(image[y, x])

@@ -1,4 +1,6 @@
-"""Uncertainty of a motion, from blocks of the image (delete-a-group jackknife) and from a sensor's bias, and noise of surface normals."""
+"""Uncertainty of a motion, from blocks of the image (delete-a-group jackknife) and from a sensor's
+bias, and noise of surface normals.
+"""
 
 import math
 from dataclasses import replace
@@ -9,32 +11,41 @@ import numpy as np
 from .protocol import Result, Status
 from .solver import RANK_TOLERANCE, SYMMETRIC, System
 
-#: Blocks of the image (columns, rows). Errors are correlated over more than a pixel, a tile or a texture, but are independent between blocks.
+#: Blocks of the image (columns, rows). Errors are correlated over more than a pixel, a tile or a
+#: texture, but are independent between blocks.
 ACROSS, DOWN = 4, 3
-#: Disagreement of normals (1 - cosine) that does not count as noise: depth rounded to 0.2 mm causes less.
+#: Disagreement of normals (1 - cosine) that does not count as noise: depth rounded to 0.2 mm causes
+#: less.
 MIN_NOISE = 1e-4
-#: 1 - cosine of normals from which on depth is a sensor's, median or disagreement(): `released` noise has 0.006, clean frames below 1e-4.
+#: 1 - cosine of normals from which on depth is a sensor's, median or disagreement(): `released`
+#: noise has 0.006, clean frames below 1e-4.
 MAX_ROUGHNESS = 1e-3
-#: Relative error of every translation from a sensor's frames, in its stated information. The offset of the noise `released`, 0.00155 a metre of inverse
-#: depth, makes an object at 1 to 3 m seem to move 0.3 to 0.9 % less. With the offset subtracted, motions are 0.2 % too short to 0.2 % too long.
+#: Relative error of every translation from a sensor's frames, in its stated information. The offset
+#: of the noise `released`, 0.00155 a metre of inverse depth, makes an object at 1 to 3 m seem to
+#: move 0.3 to 0.9 % less. With the offset subtracted, motions are 0.2 % too short to 0.2 % too
+#: long.
 ROUGH_BIAS, CALIBRATED_BIAS = 0.005, 0.002
 
 
 def disagreement(cosines: np.ndarray) -> float:
-    """Noise of the normals of two images, from the cosines (n,) between corresponding normals: the mean of 1 - cosine.
+    """Noise of the normals of two images, from the cosines (n,) between corresponding normals: the
+    mean of 1 - cosine.
 
-    The mean is computed from the median, because at edges normals differ for other reasons than noise.
+    The mean is computed from the median, because at edges normals differ for other reasons than
+    noise.
     """
     mean = (1.0 - float(np.median(cosines))) / math.log(2.0) if len(cosines) else 0.0
     return max(mean - MIN_NOISE, 0.0)
 
 
 def jackknife_information(system: System, sums: np.ndarray, nu: float) -> System:
-    """`system` with A and b as information (1 / variance); sums: kernels.block_sums() (blocks, 34) with weights of `nu`.
+    """`system` with A and b as information (1 / variance); sums: kernels.block_sums() (blocks, 34)
+    with weights of `nu`.
 
-    The variance is that of the motions estimated with one block left out at a time (the delete-a-group jackknife). It is
-    computed along each eigenvector of the centred A, and is at least the variance for pixels with independent errors. The
-    information of Student's t is (nu + 1) / (nu + 3) of the sum of its weights.
+    The variance is that of the motions estimated with one block left out at a time (the
+    delete-a-group jackknife). It is computed along each eigenvector of the centred A, and is at
+    least the variance for pixels with independent errors. The information of Student's t is (nu +
+    1) / (nu + 3) of the sum of its weights.
     """
     axes, error = _Axes.of(system), max(system.error, 1e-12)
     return axes.information(system, np.maximum(axes.jackknife(sums, nu, error), 1.0), error)
@@ -43,7 +54,8 @@ def jackknife_information(system: System, sums: np.ndarray, nu: float) -> System
 def spread_information(
     system: System, sums: np.ndarray, nu: float, spread: float, least_error: float
 ) -> System:
-    """`system.as_information(spread, least_error)`, but with the jackknife's variance in directions where that is larger; sums: A and b of
+    """`system.as_information(spread, least_error)`, but with the jackknife's variance in directions
+    where that is larger; sums: A and b of
     the blocks, (blocks, 27) or more columns."""
     axes, error = _Axes.of(system), max(system.error, least_error)
     factor = axes.jackknife(sums, nu, error)
@@ -53,8 +65,10 @@ def spread_information(
 
 
 def with_bias(result: Result, calibrated: bool) -> Result:
-    """The result of a sensor's frame; its stated information allows for an error of each component of the translation by the bias of depth. It does
-    not make a motion degenerate: the bias is in no direction of its own. calibrated: the offset of depth is known.
+    """The result of a sensor's frame; its stated information allows for an error of each component
+    of the translation by the bias of depth. It does
+    not make a motion degenerate: the bias is in no direction of its own. calibrated: the offset of
+    depth is known.
     """
     if result.status is Status.FAILED:
         return result
@@ -65,7 +79,9 @@ def with_bias(result: Result, calibrated: bool) -> Result:
 
 
 class _Axes(NamedTuple):
-    """Eigenvalues (6,) and eigenvectors (6, 6) of the centred A, which of them are observable, and G of System.centred()."""
+    """Eigenvalues (6,) and eigenvectors (6, 6) of the centred A, which of them are observable, and
+    G of System.centred().
+    """
 
     values: np.ndarray
     vectors: np.ndarray
@@ -79,7 +95,9 @@ class _Axes(NamedTuple):
         return cls(values, vectors, values > RANK_TOLERANCE * max(values[-1], 1e-30), G)
 
     def jackknife(self, sums: np.ndarray, nu: float, error: float) -> np.ndarray:
-        """The jackknife's variance along each axis (6,), as a multiple of that for pixels with independent errors of mean square `error`."""
+        """The jackknife's variance along each axis (6,), as a multiple of that for pixels with
+        independent errors of mean square `error`.
+        """
         A, b = self.G @ sums.take(SYMMETRIC, axis=1) @ self.G.T, sums[:, 21:27] @ self.G.T
         total, total_b = A.sum(axis=0), b.sum(axis=0)
         total += np.eye(6) * (
@@ -93,7 +111,9 @@ class _Axes(NamedTuple):
         return factor * (((nu + 3) / (nu + 1)) ** 2 if nu > 0 else 1.0)
 
     def information(self, system: System, factor: np.ndarray, error: float) -> System:
-        """`system` with A and b as information, if the variance along each axis is `factor` (6,) times that of independent errors."""
+        """`system` with A and b as information, if the variance along each axis is `factor` (6,)
+        times that of independent errors.
+        """
         G_inverse, right = (
             np.linalg.solve(self.G, self.vectors),
             self.vectors.T @ (self.G @ system.b),

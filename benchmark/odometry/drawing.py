@@ -17,7 +17,10 @@ SIZE_INCHES = 12, 6
 
 
 def figure(runs: list[Run]) -> Figure:
-    """All runs in one figure. If there is only one, its lost frames are black and its degenerate ones are marked."""
+    """All runs in one figure.
+
+    If there is only one, its lost frames are black and its degenerate ones are marked.
+    """
     drawing = Figure(figsize=SIZE_INCHES, layout="constrained")
     _fill(drawing, runs)
     return drawing
@@ -39,8 +42,10 @@ def show(runs: list[Run]) -> None:
 
 
 def _fill(drawing: Figure, runs: list[Run]) -> None:
-    """Draw all panels. The residual of a single run has the unit of its method; those of several are divided by their medians.
-    Uncertainty is a standard deviation where all presets have a noise model, else the smallest eigenvalue.
+    """Draw all panels. The residual of a single run has the unit of its method; those of several
+    are divided by their medians.
+    Uncertainty is a standard deviation where all presets have a noise model, else the smallest
+    eigenvalue.
     """
     grid, single = drawing.add_gridspec(2, 2, width_ratios=(1, 1.2)), len(runs) == 1
     _trajectories(drawing.add_subplot(grid[:, 0]), runs)
@@ -103,7 +108,9 @@ def _over_time(
 
 
 def _trajectories(axes: Axes, runs: list[Run]) -> None:
-    """Trajectories along the two axes with the most motion, in the world of the ground truth or, without it, of the first camera."""
+    """Trajectories along the two axes with the most motion, in the world of the ground truth or,
+    without it, of the first camera.
+    """
     truth, estimates_m = runs[0].truth, []
     for run in runs:
         try:

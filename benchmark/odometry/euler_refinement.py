@@ -1,7 +1,9 @@
-"""The motion of FOVIS as its authors' program (fovis 1.2) refines it: translation and Euler angles, both reprojection errors.
+"""The motion of FOVIS as its authors' program (fovis 1.2) refines it: translation and Euler angles,
+both reprojection errors.
 
-A. Huang et al., ISRR 2011, section 3.5. The steps are those of efficient second-order minimization (Benhimane, Malis 2004): derivatives
-are means of those at the current motion and those at no motion, where each frame's points take the place of the other's.
+A. Huang et al., ISRR 2011, section 3.5. The steps are those of efficient second-order minimization
+(Benhimane, Malis 2004): derivatives are means of those at the current motion and those at no
+motion, where each frame's points take the place of the other's.
 """
 
 import numpy as np
@@ -13,9 +15,11 @@ MIN_STEP_M, MIN_STEP_RAD = 1e-4, np.radians(0.01)
 
 @njit(cache=True)
 def refine_motion(T, k, points0, uv0, points1, uv1, iterations):
-    """T_reference_current (4, 4), refined from T. k (4,): fx, fy, cx, cy; points (n, 3) and uv (n, 2) of the reference (0) and the current frame (1).
+    """T_reference_current (4, 4), refined from T. k (4,): fx, fy, cx, cy; points (n, 3) and uv (n,
+    2) of the reference (0) and the current frame (1).
 
-    A step that increases the squared error is not taken and ends the iteration. Like the program, uses fx for both axes.
+    A step that increases the squared error is not taken and ends the iteration. Like the program,
+    uses fx for both axes.
     """
     best, angles = T.copy(), euler_angles(T)
     least = squared_error(best, k, points0, uv0, points1, uv1)
@@ -90,7 +94,8 @@ def _moved(T, p, back, out):
 
 @njit(cache=True)
 def _add(A, b, T, now, none, still, k, p, p_there, uv, back):
-    """Add the equations of the point p of one frame, seen at uv in the other, where p_there is the same point.
+    """Add the equations of the point p of one frame, seen at uv in the other, where p_there is the
+    same point.
 
     now, still: rotations() at the motion T and at none.
     """
@@ -110,7 +115,9 @@ def _add(A, b, T, now, none, still, k, p, p_there, uv, back):
 
 @njit(cache=True)
 def _slopes(T, turned, k, p, q, back, out):
-    """out (2, 6): derivatives of the projection of q = T p (with `back` T^-1 p) by translation and angles. turned: rotations() of T."""
+    """out (2, 6): derivatives of the projection of q = T p (with `back` T^-1 p) by translation and
+    angles. turned: rotations() of T.
+    """
     d = np.empty(3)
     for i in range(6):
         for a in range(3):

@@ -1,7 +1,8 @@
-"""The front end of FOVIS as its authors' program (fovis 1.2) has it: FAST corners with a threshold that follows their number.
+"""The front end of FOVIS as its authors' program (fovis 1.2) has it: FAST corners with a threshold
+that follows their number.
 
-A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB-D camera", ISRR 2011, sections 3.1 and 3.3. Names in
-quotes are options of the program, with their default.
+A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB-D camera", ISRR
+2011, sections 3.1 and 3.3. Names in quotes are options of the program, with their default.
 """
 
 import cv2
@@ -14,17 +15,22 @@ from .gcc_order import largest_first
 from .protocol import Frame
 from .solver import MIN_SIDE
 
-#: FAST's threshold in grey levels of the first frame ("fast-threshold"), and its limits (constants of the program).
+#: FAST's threshold in grey levels of the first frame ("fast-threshold"), and its limits (constants
+#: of the program).
 FIRST_THRESHOLD, MIN_THRESHOLD, MAX_THRESHOLD = 20, 5, 70
-#: Pixels of the full image for each corner ("target-pixels-per-feature"), and the change of the threshold, in grey levels, for each
-#: corner above this number ("fast-threshold-adaptive-gain").
+#: Pixels of the full image for each corner ("target-pixels-per-feature"), and the change of the
+#: threshold, in grey levels, for each corner above this number ("fast-threshold-adaptive-gain").
 PIXELS_PER_CORNER, GAIN = 250, 0.005
-#: Greys are rounded down, as libpng does it for the program. Those of whole colours are multiples of 0.001.
+#: Greys are rounded down, as libpng does it for the program. Those of whole colours are multiples
+#: of 0.001.
 ROUNDING = np.float32(0.0005)
 
 
 def fast_features(frame: Frame, camera: PinholeCamera, levels: int, threshold: int) -> Features:
-    """FAST corners with depth, at most PER_BUCKET for each bucket of each level. `next_threshold` is set for the next frame."""
+    """FAST corners with depth, at most PER_BUCKET for each bucket of each level.
+
+    `next_threshold` is set for the next frame.
+    """
     images = [np.clip(frame.grey + ROUNDING, 0, 255).astype(np.uint8)]
     while len(images) < levels and min(images[-1].shape) >= 2 * MIN_SIDE:
         images.append(halved(images[-1]))
@@ -38,9 +44,11 @@ def fast_features(frame: Frame, camera: PinholeCamera, levels: int, threshold: i
 
 
 def halved(image: np.ndarray) -> np.ndarray:
-    """(h // 2, w // 2) uint8: the binomial mean of 5x5 pixels around each even pixel, rounded down after the rows and after the columns.
+    """(h // 2, w // 2) uint8: the binomial mean of 5x5 pixels around each even pixel, rounded down
+    after the rows and after the columns.
 
-    At the left and upper border the program weights three pixels 1, 4, 3; the other borders are reflected.
+    At the left and upper border the program weights three pixels 1, 4, 3; the other borders are
+    reflected.
     """
     h, w = image.shape
     for n in (w // 2, h // 2):  # along the rows, then, of the transpose, along the columns
@@ -53,7 +61,9 @@ def halved(image: np.ndarray) -> np.ndarray:
 
 
 def fast_corners(image: np.ndarray, threshold: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (n, 2) and scores (n,) of FAST; the score is the highest threshold at which a pixel is still a corner."""
+    """Pixels (n, 2) and scores (n,) of FAST; the score is the highest threshold at which a pixel is
+    still a corner.
+    """
     corners = cv2.FastFeatureDetector.create(threshold, True).detect(image)
     return np.array([c.pt for c in corners], np.int64).reshape(-1, 2), np.array(
         [c.response for c in corners]

@@ -1,7 +1,8 @@
 """Corner detection and matching with depth: the front end of FOVIS.
 
-A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB-D camera", ISRR 2011, sections 3.1 to 3.4.
-Each pyramid level is a 5x5 Gaussian of the even pixels of the level before, so (u, v) on level n is (u, v) 2^n in the image.
+A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB-D camera", ISRR
+2011, sections 3.1 to 3.4. Each pyramid level is a 5x5 Gaussian of the even pixels of the level
+before, so (u, v) on level n is (u, v) 2^n in the image.
 """
 
 from collections.abc import Callable
@@ -21,9 +22,11 @@ from .solver import MIN_SIDE, Level
 REACH = 4
 #: Mean grey value of a description.
 MID_GREY = 128.0
-#: Minimum eigenvalue of a corner's structure tensor (gradients per pixel of an image in 0..1, squared): two grey levels.
+#: Minimum eigenvalue of a corner's structure tensor (gradients per pixel of an image in 0..1,
+#: squared): two grey levels.
 MIN_EIGENVALUE = (2 / 255) ** 2
-#: Scale of the structure tensor: half the 7x7 mean of products of Sobel sums, which are up to 4 x 255.
+#: Scale of the structure tensor: half the 7x7 mean of products of Sobel sums, which are up to 4 x
+#: 255.
 SOBEL_SQUARES = np.float32(1 / (2 * 49 * 1020.0**2))
 #: Side in pixels of a bucket, and the maximum number of corners in it; the strongest are used.
 BUCKET_PX, PER_BUCKET = 80, 25
@@ -31,8 +34,10 @@ BUCKET_PX, PER_BUCKET = 80, 25
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Corners of one frame, sorted by level, then row. images: grey (h, w) uint8, fine to coarse; uv (n, 2): pixels of the full
-    image; level (n,); points_m (n, 3): in the camera's frame; descriptions (n, 81) uint8; next_threshold: of FAST, for the next frame.
+    """Corners of one frame, sorted by level, then row. images: grey (h, w) uint8, fine to coarse;
+    uv (n, 2): pixels of the full
+    image; level (n,); points_m (n, 3): in the camera's frame; descriptions (n, 81) uint8;
+    next_threshold: of FAST, for the next frame.
     """
 
     images: list[np.ndarray]
@@ -54,7 +59,9 @@ class Features:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Matched corners: pixels uv (n, 2) and points_m (n, 3) in both frames, the pyramid level (n,) and a weight (n,) of their residuals."""
+    """Matched corners: pixels uv (n, 2) and points_m (n, 3) in both frames, the pyramid level (n,)
+    and a weight (n,) of their residuals.
+    """
 
     uv0: np.ndarray
     points0_m: np.ndarray
@@ -72,7 +79,9 @@ class Matches:
 
 
 def features(frame: Frame, camera: PinholeCamera, levels: int, count: int) -> Features:
-    """About `count` corners with depth over all levels, at most PER_BUCKET per bucket: maxima of the structure tensor's smaller eigenvalue."""
+    """About `count` corners with depth over all levels, at most PER_BUCKET per bucket: maxima of
+    the structure tensor's smaller eigenvalue.
+    """
     images: list[np.ndarray] = [cv2.convertScaleAbs(frame.grey)]
     while len(images) < levels and min(images[-1].shape) >= 2 * MIN_SIDE:
         images.append(cv2.pyrDown(images[-1]))
@@ -93,7 +102,8 @@ def assembled(
     describe: Callable[[np.ndarray, np.ndarray], np.ndarray],
     next_threshold: int = 0,
 ) -> Features:
-    """The features of the corners that have depth; corners (n, 2): pixels of each level, whose patch is inside the image.
+    """The features of the corners that have depth; corners (n, 2): pixels of each level, whose
+    patch is inside the image.
 
     describe: as describe().
     """
@@ -124,7 +134,9 @@ def points(camera: PinholeCamera, uv: np.ndarray, z_m: np.ndarray) -> np.ndarray
 
 
 def eigenvalue_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (n, 2) and scores (n,) of local maxima of the structure tensor's smaller eigenvalue (Shi, Tomasi 1994)."""
+    """Pixels (n, 2) and scores (n,) of local maxima of the structure tensor's smaller eigenvalue
+    (Shi, Tomasi 1994).
+    """
     scores = smaller_eigenvalues(image)
     peaks = (scores == cv2.dilate(scores, np.ones((7, 7), np.uint8))) & (scores > MIN_EIGENVALUE)
     v, u = np.divmod(np.flatnonzero(peaks), image.shape[1])
@@ -133,10 +145,12 @@ def eigenvalue_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(cache=True, fastmath=True)
 def smaller_eigenvalues(image):
-    """(h, w) float32: smaller eigenvalue of the structure tensor, the 7x7 mean of products of Sobel gradients per pixel of an image
+    """(h, w) float32: smaller eigenvalue of the structure tensor, the 7x7 mean of products of Sobel
+    gradients per pixel of an image
     in 0..1.
 
-    Same as cv2.cornerMinEigenVal(image, 7) in less than half the time; 0 within 4 pixels of the border.
+    Same as cv2.cornerMinEigenVal(image, 7) in less than half the time; 0 within 4 pixels of the
+    border.
     """
     h, w = image.shape
     out = np.zeros((h, w), np.float32)
@@ -220,8 +234,9 @@ def match(
 ) -> Matches:
     """Mutual best matches (sum of absolute differences) within search_px of the expected positions.
 
-    expected_uv (n, 2): positions of the reference's corners in the current image. Positions are refined to subpixel accuracy until
-    a step is shorter than precision_px, and those where this fails are left out; depth is interpolated there.
+    expected_uv (n, 2): positions of the reference's corners in the current image. Positions are
+    refined to subpixel accuracy until a step is shorter than precision_px, and those where this
+    fails are left out; depth is interpolated there.
     """
     pairs = mutual_best(
         reference.descriptions,
@@ -248,7 +263,8 @@ def match(
 
 @njit(cache=True)
 def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, search_px):
-    """(n0,): index of the match in image 1 of each corner of image 0, -1 without a match. Only corners of the same level match; those of
+    """(n0,): index of the match in image 1 of each corner of image 0, -1 without a match. Only
+    corners of the same level match; those of
     image 1 are sorted by level, then row."""
     n0, n1 = len(level0), len(level1)
     best0, best1 = np.full(n0, 1 << 30), np.full(n1, 1 << 30)
@@ -276,7 +292,10 @@ def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, 
 
 @njit(cache=True)
 def difference(one, other, limit):
-    """The sum of absolute differences of two descriptions. If it reaches the limit, the result is any number that does."""
+    """The sum of absolute differences of two descriptions.
+
+    If it reaches the limit, the result is any number that does.
+    """
     score, size, at_once = 0, len(one), 3 * (2 * REACH + 1)
     for begin in range(0, size, at_once):
         part = np.int32(0)  # int() of a byte is unsigned in compiled code
@@ -290,7 +309,9 @@ def difference(one, other, limit):
 
 @njit(cache=True)
 def _window(image, u, v, across, out):
-    """out (n, n): the image around (u, v), bilinear, at steps of a pixel; across (n + 1, n) is a work array."""
+    """out (n, n): the image around (u, v), bilinear, at steps of a pixel; across (n + 1, n) is a
+    work array.
+    """
     n = len(out)
     j, i = int(u), int(v)
     s, t = u - j, v - i
@@ -306,10 +327,11 @@ def _window(image, u, v, across, out):
 
 @njit(cache=True)
 def refine(image0, image1, uv0, uv1, at, scale, precision_px, lost):
-    """Refine uv1[at] (pixels of the full image, `scale` times those of image1) so that the patch of image1 matches that of image0 around uv0.
+    """Refine uv1[at] (pixels of the full image, `scale` times those of image1) so that the patch of
+    image1 matches that of image0 around uv0.
 
-    Efficient second-order minimization (Benhimane, Malis 2004) of the squared difference after subtracting its mean; at most 6
-    steps and 1.5 pixels, and only while the difference decreases.
+    Efficient second-order minimization (Benhimane, Malis 2004) of the squared difference after
+    subtracting its mean; at most 6 steps and 1.5 pixels, and only while the difference decreases.
     """
     h, w = image1.shape
     size = 2 * REACH + 1
@@ -396,7 +418,8 @@ def consistent(
     max_m: float,
     descending: Callable[[np.ndarray], np.ndarray] = stable_descending,
 ) -> np.ndarray:
-    """(n,) bool: a greedy clique of matches whose pairwise distances in both frames differ by less than max_m (section 3.4).
+    """(n,) bool: a greedy clique of matches whose pairwise distances in both frames differ by less
+    than max_m (section 3.4).
 
     descending: as stable_descending(), for the numbers of matches with which each agrees.
     """
@@ -406,7 +429,9 @@ def consistent(
 
 @njit(cache=True)
 def agreement(points0_m, points1_m, max_m):
-    """(n, n) bool: whether the distance of two matches differs by less than max_m between the frames; False for a match with itself."""
+    """(n, n) bool: whether the distance of two matches differs by less than max_m between the
+    frames; False for a match with itself.
+    """
     n = len(points0_m)
     agree = np.zeros((n, n), np.bool_)
     for i in range(n):

@@ -1,7 +1,8 @@
-"""FOVIS: A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB-D camera", ISRR 2011.
+"""FOVIS: A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB-D
+camera", ISRR 2011.
 
-Corners are matched by appearance. Matches with consistent distances are inliers, and the motion minimizes their reprojection
-error in both images (section 3.5).
+Corners are matched by appearance. Matches with consistent distances are inliers, and the motion
+minimizes their reprojection error in both images (section 3.5).
 """
 
 import math
@@ -27,16 +28,19 @@ from .protocol import Frame, Result, Status, failure
 from .small_rotation import rotation_between, small_image
 from .solver import Limits, Pass, Stop, System, solve
 
-#: The initial rotation is estimated on small images: their rows, the iterations, and the size of the Gaussian blur.
+#: The initial rotation is estimated on small images: their rows, the iterations, and the size of
+#: the Gaussian blur.
 SMALL_ROWS, ROTATION_ITERATIONS, BLUR = 30, 30, 5
-#: A preliminary motion is iterated until a step is shorter than this (metres, radians; half a pixel).
+#: A preliminary motion is iterated until a step is shorter than this (metres, radians; half a
+#: pixel).
 ROUGH_STEP = 1e-3
 #: Maximum number of evaluations of the geometric term.
 MAX_EVALUATIONS = 3
-#: If a smaller share of the matches agrees (unrelated images: up to 0.07, furnished rooms: 0.4 and more), there may have been a sudden
-#: rotation, which is then estimated from small images.
+#: If a smaller share of the matches agrees (unrelated images: up to 0.07, furnished rooms: 0.4 and
+#: more), there may have been a sudden rotation, which is then estimated from small images.
 LOW_AGREEMENT = 0.25
-#: If a larger share agrees near the prediction (noisy frames: 0.42 and more), the wide search is skipped.
+#: If a larger share agrees near the prediction (noisy frames: 0.42 and more), the wide search is
+#: skipped.
 HIGH_AGREEMENT = 0.35
 
 
@@ -44,8 +48,9 @@ HIGH_AGREEMENT = 0.35
 class FovisSettings:
     """The defaults are those of the authors' program (fovis 1.2).
 
-    authors: each stage is that of the program: corners (fast_features), first rotation (small_rotation), descriptions and positions
-    (byte_patches), the order of matches (gcc_order) and the steps of the refinement (euler_refinement).
+    authors: each stage is that of the program: corners (fast_features), first rotation
+    (small_rotation), descriptions and positions (byte_patches), the order of matches (gcc_order)
+    and the steps of the refinement (euler_refinement).
     """
 
     levels: int = 3
@@ -59,7 +64,8 @@ class FovisSettings:
     )
     max_distance_m: float = 0.1  # maximum difference of two consistent distances
     max_error_px: float = 1.5  # maximum error of an inlier
-    #: Minimum share of inliers; unrelated images have up to 0.07. With `authors`, of the status OK only.
+    #: Minimum share of inliers; unrelated images have up to 0.07. With `authors`, of the status OK
+    #: only.
     min_agreement: float = 0.1
     min_inliers: int = 10
     nu: float = (
@@ -139,7 +145,9 @@ class Fovis:
         search_px: float,
         depth: DepthTerm | None,
     ) -> "Candidate":
-        """Match corners within `search_px` of the positions predicted by `start`; only the last search refines them fully."""
+        """Match corners within `search_px` of the positions predicted by `start`; only the last
+        search refines them fully.
+        """
         s, camera = self.settings, reference.camera
         expected_uv = camera.project(start.inverse().apply(reference.points_m))
         last = search_px == s.searches_px[-1]
@@ -180,7 +188,8 @@ class Fovis:
         depth: DepthTerm | None = None,
         min_step: float = ROUGH_STEP,
     ) -> SE3:
-        """The motion without its uncertainty, iterated from T until a step is shorter than min_step. With `depth`, the geometric term
+        """The motion without its uncertainty, iterated from T until a step is shorter than
+        min_step. With `depth`, the geometric term
         is added, and evaluated again after the points have moved."""
         s, total_twist = self.settings, np.zeros(6)
         prior = np.full(6, s.limits.prior_m**-2 if s.limits.prior_m else 1e-9)
@@ -232,7 +241,9 @@ class Fovis:
 
 
 class Candidate(NamedTuple):
-    """A preliminary motion, its inliers, and their share of all matches; reason: why there is no motion."""
+    """A preliminary motion, its inliers, and their share of all matches; reason: why there is no
+    motion.
+    """
 
     T: SE3
     inliers: Matches
@@ -244,8 +255,8 @@ class Candidate(NamedTuple):
 class ReprojectionTerm:
     """Equations in pixels: the reprojection errors of each frame's points in the other image.
 
-    loose: the inverse depth of each match has an unknown factor, which is eliminated (as for the tiles of `photometric`). A corner
-    in a mirror or behind glass then still constrains the motion.
+    loose: the inverse depth of each match has an unknown factor, which is eliminated (as for the
+    tiles of `photometric`). A corner in a mirror or behind glass then still constrains the motion.
     """
 
     def __init__(
@@ -273,14 +284,19 @@ class ReprojectionTerm:
     def solved(
         self, T: SE3, A: np.ndarray, b: np.ndarray, min_step: float
     ) -> tuple[SE3, np.ndarray]:
-        """The optimal pose and the twist (6,) from T to it. A x = b are further equations (information) for this twist x."""
+        """The optimal pose and the twist (6,) from T to it.
+
+        A x = b are further equations (information) for this twist x.
+        """
         s = self.settings
         rule = (self.loose, s.nu, self.sigma, A, b, s.iterations, min_step)
         found, total_twist, self.sigma = least_squares(T.matrix, self.seen, *rule)
         return SE3(found[:3, :3], found[:3, 3]), total_twist
 
     def inlier_weights(self, geometry: System, T: SE3) -> np.ndarray:
-        """Weights (n,), 0..1, of the residuals, at the solution T of the loose equations: small where depth is an outlier."""
+        """Weights (n,), 0..1, of the residuals, at the solution T of the loose equations: small
+        where depth is an outlier.
+        """
         _, residual, J = reprojections(T.matrix, *self.seen)
         factor, stiff = free_depth(T.translation, J, residual, (self.sigma / LOOSE) ** 2)
         ambiguity = scale_ambiguity(geometry, T.translation)
@@ -290,7 +306,8 @@ class ReprojectionTerm:
 
 @njit(cache=True)
 def reprojections(T, k, points0, uv0, points1, uv1, weight):
-    """(arms (4 n, 3), residuals (4 n,), Jacobian (4 n, 6) by a twist), per match: u and v in the reference's image, u and v in the
+    """(arms (4 n, 3), residuals (4 n,), Jacobian (4 n, 6) by a twist), per match: u and v in the
+    reference's image, u and v in the
     current one.
 
     T (4, 4) is T_reference_current; arms are the points in the reference's frame.
@@ -331,9 +348,11 @@ def reprojections(T, k, points0, uv0, points1, uv1, weight):
 
 @njit(cache=True)
 def least_squares(T, seen, loose, nu, sigma, A, b, iterations, min_step):
-    """(T, the twist (6,) to it, scale of Student's t), by Gauss-Newton from T (4, 4); A x = b are further equations for that twist.
+    """(T, the twist (6,) to it, scale of Student's t), by Gauss-Newton from T (4, 4); A x = b are
+    further equations for that twist.
 
-    seen: the arguments of reprojections() after the pose. Units are those of the residuals' mean square.
+    seen: the arguments of reprojections() after the pose. Units are those of the residuals' mean
+    square.
     """
     gone = np.zeros(6)
     for _ in range(iterations):
@@ -376,10 +395,11 @@ def moved(T, twist):
 
 @njit(cache=True)
 def free_depth(t, J, residual, prior):
-    """(factor (n,) of each match's inverse depth, g^T g (n,)), where g is the derivative of the match's 4 residuals by that factor.
+    """(factor (n,) of each match's inverse depth, g^T g (n,)), where g is the derivative of the
+    match's 4 residuals by that factor.
 
-    Modifies J and residual so that their squares are the equations with the factor eliminated (Schur complement). t (3,) is the
-    translation of T_reference_current.
+    Modifies J and residual so that their squares are the equations with the factor eliminated
+    (Schur complement). t (3,) is the translation of T_reference_current.
     """
     n, g = len(residual) // 4, np.empty(4)
     factor, stiff = np.empty(n), np.empty(n)
@@ -404,7 +424,9 @@ def free_depth(t, J, residual, prior):
 
 
 def _estimate_rotation(reference: Features, current: Features, guess: SE3) -> SE3:
-    """The guess with a rotation estimated from small images (section 3.2); the guess itself if the estimation fails."""
+    """The guess with a rotation estimated from small images (section 3.2); the guess itself if the
+    estimation fails.
+    """
     camera, rows = reference.camera, min(SMALL_ROWS, reference.camera.height)
     scale = rows / camera.height
     small0, small1 = (

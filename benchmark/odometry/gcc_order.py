@@ -1,8 +1,10 @@
-"""Orders of equal values as in the C++ library of GCC, with which the authors' program of FOVIS is built.
+"""Orders of equal values as in the C++ library of GCC, with which the authors' program of FOVIS is
+built.
 
-Scores of corners and numbers of consistent matches are integers, and many are equal. Which of the equal ones come first follows from
-the exchanges of quicksort: with the median of three as pivot and, for short ranges, insertion (D. Musser, 1997, "Introspective sorting
-and selection algorithms").
+Scores of corners and numbers of consistent matches are integers, and many are equal. Which of the
+equal ones come first follows from the exchanges of quicksort: with the median of three as pivot
+and, for short ranges, insertion (D. Musser, 1997, "Introspective sorting and selection
+algorithms").
 """
 
 import numpy as np
@@ -14,7 +16,9 @@ SHORT_SELECTION, SHORT = 3, 16
 
 @njit(cache=True)
 def largest_first(values, count):
-    """(n,): indices of the values (n,), of which the first `count` are the largest; the rest is in no order."""
+    """(n,): indices of the values (n,), of which the first `count` are the largest; the rest is in
+    no order.
+    """
     order, first, last = np.arange(len(values)), 0, len(values)
     if count >= last:
         return order
@@ -46,7 +50,9 @@ def descending(values):
 
 @njit(cache=True)
 def _partition(order, values, first, last):
-    """Exchange indices in order[first:last] so that no value behind the returned position is greater than one before it."""
+    """Exchange indices in order[first:last] so that no value behind the returned position is
+    greater than one before it.
+    """
     a, b, c = first + 1, first + (last - first) // 2, last - 1
     if values[order[b]] >= values[order[a]]:
         a, b = b, a

@@ -1,7 +1,8 @@
 """ICP and ICP+RGB-D.
 
-ICP: point-to-plane with projective association, R. Newcombe et al., "KinectFusion", ISMAR 2011, section 3.5. ICP+RGB-D: with
-the photometric term, T. Whelan et al., "Robust real-time visual odometry for dense RGB-D mapping", ICRA 2013, section IV.
+ICP: point-to-plane with projective association, R. Newcombe et al., "KinectFusion", ISMAR 2011,
+section 3.5. ICP+RGB-D: with the photometric term, T. Whelan et al., "Robust real-time visual
+odometry for dense RGB-D mapping", ICRA 2013, section IV.
 """
 
 import math
@@ -39,9 +40,9 @@ from .solver import (
     solve,
 )
 
-#: A guess is poor if the RMS distance between the surfaces there is at least this (a prediction has 0.5 to 12 mm, clean and
-#: noisy; a guess with an error of 5 degrees has 20 mm and more). A rotation is then estimated first, on a coarse level and
-#: with wide gates for distance and angle.
+#: A guess is poor if the RMS distance between the surfaces there is at least this (a prediction has
+#: 0.5 to 12 mm, clean and noisy; a guess with an error of 5 degrees has 20 mm and more). A rotation
+#: is then estimated first, on a coarse level and with wide gates for distance and angle.
 POOR_M = 0.015
 WIDE_DISTANCE_M, WIDE_ANGLE_DEG, WIDE_NU, WIDE_LEVEL, WIDE_STRIDE, WIDE_ITERATIONS = (
     1.0,
@@ -53,31 +54,36 @@ WIDE_DISTANCE_M, WIDE_ANGLE_DEG, WIDE_NU, WIDE_LEVEL, WIDE_STRIDE, WIDE_ITERATIO
 )
 WIDE_STOP, WIDE_LIMITS = Stop(min_step=1e-3), Limits(min_inliers=0.01)
 ROUGH_ANGLE_DEG, ROUGH_NOISE = 30.0, 0.25
-#: Below this eigenvalue (a share of a trace of three directions) a noisy frame is degenerate: one in a thousand points constrains the
-#: direction, at the border of an object that is leaving the view, where normals have more errors than those of noise.
+#: Below this eigenvalue (a share of a trace of three directions) a noisy frame is degenerate: one
+#: in a thousand points constrains the direction, at the border of an object that is leaving the
+#: view, where normals have more errors than those of noise.
 ROUGH_EIGENVALUE = 1 / 3000
 #: Weight of the photometric term where its equations are not information (Whelan 2013).
 WEIGHT_RGBD = 0.1
-#: Where the images do not fit at the prediction, planes alone are trusted if this many times as many points match. At the same motion the
-#: counts differ by less than 0.1 %.
+#: Where the images do not fit at the prediction, planes alone are trusted if this many times as
+#: many points match. At the same motion the counts differ by less than 0.1 %.
 MORE_INLIERS = 1.01
-#: For noisy frames whose offset of depth is not known. ROUGH_ERROR: relative error of a motion from planes, because depth is biased, and noise
-#: shortens the motion: of each component between two frames, of its length against a model. ROUGH_PRIOR_M, for all noisy frames: standard deviation of
+#: For noisy frames whose offset of depth is not known. ROUGH_ERROR: relative error of a motion from
+#: planes, because depth is biased, and noise shortens the motion: of each component between two
+#: frames, of its length against a model. ROUGH_PRIOR_M, for all noisy frames: standard deviation of
 #: the motion about its prediction, for frames where the image alone constrains the motion.
 ROUGH_ERROR, ROUGH_PRIOR_M = 0.1, 0.01
-#: Number of pixels of a noisy image that share one error, next to planes whose offset of depth is known: fewer than on clean frames, whose errors are
-#: those of interpolation. With 12 motions are as accurate, but NEES is up to 4.4 instead of 1.9; with 75 errors over a second are 4 to 13 % larger
-#: (noisy living room kt1, kt2, office kt2).
+#: Number of pixels of a noisy image that share one error, next to planes whose offset of depth is
+#: known: fewer than on clean frames, whose errors are those of interpolation. With 12 motions are
+#: as accurate, but NEES is up to 4.4 instead of 1.9; with 75 errors over a second are 4 to 13 %
+#: larger (noisy living room kt1, kt2, office kt2).
 CALIBRATED_SPREAD = 24.0
 
 
 @dataclass(frozen=True)
 class IcpSettings:
-    """Settings of the geometric term and of the odometer. Tuples run from fine to coarse. The defaults are Kintinuous' (KinectFusion).
+    """Settings of the geometric term and of the odometer. Tuples run from fine to coarse. The
+    defaults are Kintinuous' (KinectFusion).
 
-    A frame is noisy (from a sensor) if its normals three pixels apart differ by more than MAX_ROUGHNESS. Its normals are then
-    computed over rough_step pixels, all points within ROUGH_ANGLE_DEG match with equal weights, and the share ROUGH_NOISE of
-    the disagreement of normals counts as noise.
+    A frame is noisy (from a sensor) if its normals three pixels apart differ by more than
+    MAX_ROUGHNESS. Its normals are then computed over rough_step pixels, all points within
+    ROUGH_ANGLE_DEG match with equal weights, and the share ROUGH_NOISE of the disagreement of
+    normals counts as noise.
     """
 
     iterations: tuple[int, ...] = (10, 5, 4)  # maximum on each level; 0: level not used
@@ -85,7 +91,9 @@ class IcpSettings:
     bilateral: bool = True  # depth filter, 13 x 13, 4.5 px, 30 mm
     max_angle_deg: float = 20.0
     nu: float = 0.0  # degrees of freedom of Student's t; 0: least squares
-    two_normals: bool = False  # products of the residuals along the normals of both images, as information; not squares along one normal
+    # products of the residuals along the normals of both images, as information; not squares along
+    # one normal
+    two_normals: bool = False
     rough_step: int = 0  # pixels; 0: no frame counts as noisy
     stop: Stop = Stop()
     limits: Limits = Limits(min_eigenvalue=MIN_EIGENVALUE)
@@ -93,7 +101,9 @@ class IcpSettings:
 
 
 class PlaneTerm:
-    """Point-to-plane equations in metres on level n. noise_share: share of the disagreement of two normals that counts as noise."""
+    """Point-to-plane equations in metres on level n. noise_share: share of the disagreement of two
+    normals that counts as noise.
+    """
 
     def __init__(
         self,
@@ -144,7 +154,8 @@ class PlaneTerm:
         if s.two_normals:
             if iteration == 0:
                 self.disagreement = self._disagreement()
-            # The disagreement of two corresponding normals is noise. With the depth steps of a sensor, as much noise again can be common to both.
+            # The disagreement of two corresponding normals is noise. With the depth steps of a
+            # sensor, as much noise again can be common to both.
             system = jackknife_information(
                 system.less_noise(self.noise_share * self.disagreement * system.weight),
                 self.sums,
@@ -193,17 +204,25 @@ class Icp(PyramidOdometer):
         return self.settings.rough_step > 0 and levels[0].normal_step == self.settings.rough_step
 
     def biased(self, reference: list[Level], current: list[Level]) -> bool:
-        """Whether planes give a biased motion: those of two noisy frames whose offset of depth is not known. A model's are averages."""
+        """Whether planes give a biased motion: those of two noisy frames whose offset of depth is
+        not known. A model's are averages.
+        """
         return self.rough(current) and not (reference[-1].rendered or current[0].calibrated)
 
     def plane_settings(self, levels: list[Level]) -> tuple[IcpSettings, float]:
-        """The settings of the planes of a frame, and the share of the disagreement of normals that counts as noise."""
+        """The settings of the planes of a frame, and the share of the disagreement of normals that
+        counts as noise.
+        """
         if not self.rough(levels):
             return self.settings, 1.0
         return replace(self.settings, max_angle_deg=ROUGH_ANGLE_DEG, nu=0.0), ROUGH_NOISE
 
     def align(self, reference: list[Level], current: list[Level], guess: SE3) -> Result:
-        """The alignment from the guess. In `best`, if the guess is poor, also from an estimated rotation; the one with more inliers is returned."""
+        """The alignment from the guess.
+
+        In `best`, if the guess is poor, also from an estimated rotation; the one with more inliers
+        is returned.
+        """
         result, distance_m = self._align_from(reference, current, guess)
         if distance_m >= POOR_M and self.settings.two_normals:
             rotated = estimate_rotation(reference, current, self.settings, guess)
@@ -216,7 +235,9 @@ class Icp(PyramidOdometer):
     def _align_from(
         self, reference: list[Level], current: list[Level], guess: SE3
     ) -> tuple[Result, float]:
-        """The alignment from a guess, and the RMS distance in metres between the surfaces at the guess."""
+        """The alignment from a guess, and the RMS distance in metres between the surfaces at the
+        guess.
+        """
         (s, noise_share), schedule = self.plane_settings(current), self.schedule(reference)
         terms = [PlaneTerm(reference[n], current[n], s, n, noise_share) for n, _ in schedule]
         passes = [
@@ -259,14 +280,17 @@ _PAPER = PhotometricSettings(iterations=(10, 5, 4), min_gradients=(12, 5, 3), ma
 
 
 class IcpRgbd(Icp):
-    """Settings: of the geometric term, whose stop and limits are used, and whose iterations are those of planes alone; of the photometric
-    term, whose iterations are those of both terms; and the weight of the photometric term on the right-hand side.
+    """Settings: of the geometric term, whose stop and limits are used, and whose iterations are
+    those of planes alone; of the photometric
+    term, whose iterations are those of both terms; and the weight of the photometric term on the
+    right-hand side.
     """
 
     name, reads_grey = "icp_rgbd", True
     PRESETS = {
         "paper": (IcpSettings(), _PAPER, WEIGHT_RGBD**2),
-        # a mistake in the code that the paper used: the matrix is weighted by w^2, the right-hand side by w
+        # a mistake in the code that the paper used: the matrix is weighted by w^2, the right-hand
+        # side by w
         "kintinuous2013": (IcpSettings(), _PAPER, WEIGHT_RGBD),
         "best": (
             replace(Icp.PRESETS["best"], iterations=(0, 4, 3, 0), strides=(1, 2, 1, 1)),
@@ -288,10 +312,12 @@ class IcpRgbd(Icp):
     def _align_from(
         self, reference: list[Level], current: list[Level], guess: SE3
     ) -> tuple[Result, float]:
-        """The geometric term alone is used where the images have no contrast or are unrelated, and on clean frames where it is more
-        certain than the images in every direction. Where both terms are information, each is weighted by its own variance,
-        independent of units. If the images do not fit at the guess, the alignment starts from a corrected guess, from the guess itself, and
-        from the guess without images; the one with the most matching points is returned.
+        """The geometric term alone is used where the images have no contrast or are unrelated, and
+        on clean frames where it is more
+        certain than the images in every direction. Where both terms are information, each is
+        weighted by its own variance, independent of units. If the images do not fit at the guess,
+        the alignment starts from a corrected guess, from the guess itself, and from the guess
+        without images; the one with the most matching points is returned.
         """
         if no_contrast(reference, current):
             return self.alone._align_from(reference, current, guess)
@@ -312,7 +338,8 @@ class IcpRgbd(Icp):
                 alone, reference, current, schedule[-1:]
             ):
                 return alone, distance_m
-        # biased planes, and those against a model, get a relative error that is larger than their noise
+        # biased planes, and those against a model, get a relative error that is larger than their
+        # noise
         rule, noise_share = (
             (self.settings, 1.0) if biased or rendered else self.plane_settings(current)
         )
@@ -328,7 +355,9 @@ class IcpRgbd(Icp):
                 start = start._replace(guess=result.T_reference_camera)
         if not biased:
             result, finest = self._jointly(reference, current, start, planes)
-            if start.poor:  # a sudden motion, or contrast that moves in another way than the surfaces: mirrors close by
+            # a sudden motion, or contrast that moves in another way than the surfaces: mirrors
+            # close by
+            if start.poor:
                 again = self._jointly(reference, current, start._replace(guess=guess), planes)
                 result, finest = max((result, finest), again, key=lambda found: found[0].inliers)
                 alone, _ = self.alone._align_from(reference, current, guess)
@@ -345,7 +374,9 @@ class IcpRgbd(Icp):
         current: list[Level],
         schedule: list[tuple[int, int]],
     ) -> bool:
-        """Whether planes alone have more information than the images in every direction, on the levels of `schedule`."""
+        """Whether planes alone have more information than the images in every direction, on the
+        levels of `schedule`.
+        """
         passes, _ = photometric_passes(reference, current, self.photometric, schedule)
         image = passes[-1].linearise(alone.T_reference_camera, 0)
         return image.is_information and bool(np.linalg.eigvalsh(alone.information - image.A)[0] > 0)
@@ -357,7 +388,9 @@ class IcpRgbd(Icp):
         start: Start,
         planes: dict[int, PlaneTerm],
     ) -> tuple[Result, PhotometricTerm]:
-        """Both terms in all passes: for depth without bias, and against a model, whose planes are better than those of a noisy frame."""
+        """Both terms in all passes: for depth without bias, and against a model, whose planes are
+        better than those of a noisy frame.
+        """
         rough, rendered = self.rough(current), reference[-1].rendered
         settings = (
             replace(self.photometric, spread=CALIBRATED_SPREAD)
@@ -382,7 +415,9 @@ class IcpRgbd(Icp):
         start: Start,
         planes: dict[int, PlaneTerm],
     ) -> tuple[Result, PhotometricTerm]:
-        """As `Rgbd`, with the planes in the last pass: for biased depth, and for a guess after a poor prediction."""
+        """As `Rgbd`, with the planes in the last pass: for biased depth, and for a guess after a
+        poor prediction.
+        """
         biased, n = self.biased(reference, current), start.schedule[-1][0]
         settings = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread)
         depth = DepthTerm(reference[n], current[n])
@@ -395,7 +430,9 @@ class IcpRgbd(Icp):
     def _with_planes(
         self, photometric: Pass, plane: PlaneTerm, error: Callable[[SE3], np.ndarray] | None = None
     ) -> Pass:
-        """The pass with the equations of the planes, whose motion has a further error (System.with_error)."""
+        """The pass with the equations of the planes, whose motion has a further error
+        (System.with_error).
+        """
 
         def joint(T: SE3, iteration: int) -> System:
             geometry, image = plane(T, iteration), photometric.linearise(T, iteration)
@@ -415,7 +452,9 @@ def _length(T: SE3) -> np.ndarray:
 
 
 def _components(T: SE3) -> np.ndarray:
-    """(6, 6): an error of each component of the motion T, relative to the norm of its translation or rotation."""
+    """(6, 6): an error of each component of the motion T, relative to the norm of its translation
+    or rotation.
+    """
     twist = T.log()
     return ROUGH_ERROR * np.diag(
         np.repeat([np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])], 3)

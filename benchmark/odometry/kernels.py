@@ -1,11 +1,12 @@
 """The compiled loops over pixels.
 
-They use one thread: a pass takes half a millisecond, and the barriers of a thread pool on a busy machine take many times as
-long. The results therefore do not depend on a number of threads.
+They use one thread: a pass takes half a millisecond, and the barriers of a thread pool on a busy
+machine take many times as long. The results therefore do not depend on a number of threads.
 
-The pixels to use are collected in lists once per frame; an iteration only loops over the lists. Residuals are computed before
-the normal equations, so that a scale can be estimated in between. Twists are (translation, rotation), applied from the left in
-the reference camera's frame: T_ref_cur <- exp(x) T_ref_cur.
+The pixels to use are collected in lists once per frame; an iteration only loops over the lists.
+Residuals are computed before the normal equations, so that a scale can be estimated in between.
+Twists are (translation, rotation), applied from the left in the reference camera's frame: T_ref_cur
+<- exp(x) T_ref_cur.
 """
 
 import math
@@ -28,7 +29,8 @@ def halve_grey(grey):
 
 @njit(cache=True)
 def halve_depth(z):
-    """2x2 mean of inverse depth (exact on planes) if the four differ by less than 5 %, else the nearest depth; 0 = missing.
+    """2x2 mean of inverse depth (exact on planes) if the four differ by less than 5 %, else the
+    nearest depth; 0 = missing.
 
     If some are missing, the mean of a diagonal, which has the same centre.
     """
@@ -58,7 +60,9 @@ def halve_depth(z):
 
 @njit(cache=True)
 def halve_depth_median(z):
-    """Median of the 3x3 neighbourhood of every second pixel, of the pixels with depth; 0 if fewer than half have depth."""
+    """Median of the 3x3 neighbourhood of every second pixel, of the pixels with depth; 0 if fewer
+    than half have depth.
+    """
     h, w = z.shape
     out, seen = np.zeros((h // 2, w // 2), np.float32), np.empty(9, np.float32)
     for v in range(out.shape[0]):
@@ -81,7 +85,9 @@ def halve_depth_median(z):
 
 @njit(cache=True)
 def _facing(k, v, u, left, right, above, below, e, r, a, b):
-    """Unit normal at (v, u) of the surface through depths e, r (in columns left, right) and a, b (in rows above, below); 0 if undefined."""
+    """Unit normal at (v, u) of the surface through depths e, r (in columns left, right) and a, b
+    (in rows above, below); 0 if undefined.
+    """
     fx, fy, cx, cy = k
     x1, y1, z1 = ((right - cx) * r - (left - cx) * e) / fx, (v - cy) * (r - e) / fy, r - e
     x2, y2, z2 = (u - cx) * (b - a) / fx, ((below - cy) * b - (above - cy) * a) / fy, b - a
@@ -92,7 +98,9 @@ def _facing(k, v, u, left, right, above, below, e, r, a, b):
 
 @njit(cache=True)
 def normals(z, k, s):
-    """Unit normals (h, w, 3) by differences over +-s pixels, one-sided where a neighbour is missing; 0 at depth edges."""
+    """Unit normals (h, w, 3) by differences over +-s pixels, one-sided where a neighbour is
+    missing; 0 at depth edges.
+    """
     h, w = z.shape
     out = np.zeros((h, w, 3), np.float32)
     for v in range(s, h - s):
@@ -120,10 +128,12 @@ def normals(z, k, s):
 
 @njit(cache=True)
 def gradient_points(k, grey, z, min_gradient, max_depth, across, down, sparse):
-    """Lists of the pixels with a gradient (central differences) and depth: point (n, 3), grey value, Jacobian (n, 6) of the inverse
+    """Lists of the pixels with a gradient (central differences) and depth: point (n, 3), grey
+    value, Jacobian (n, 6) of the inverse
     compositional residual, and the index among across x down tiles, row by row.
 
-    Depth edges are included: without them a plain room has too few pixels (ATE 2 to 15 times as large).
+    Depth edges are included: without them a plain room has too few pixels (ATE 2 to 15 times as
+    large).
     """
     h, w = z.shape
     fx, fy, cx, cy = k
@@ -151,11 +161,12 @@ def gradient_points(k, grey, z, min_gradient, max_depth, across, down, sparse):
 def grey_residuals(
     T, k, points, greys, grey, z, max_dz, residual, J, mean, tiles, factor, parallax
 ):
-    """residual = grey(warped) - greys, bilinear; NaN outside the image, without depth, or if occluded.
+    """residual = grey(warped) - greys, bilinear; NaN outside the image, without depth, or if
+    occluded.
 
-    T (4, 4) is T_current_reference; grey and z are the current image's. With `factor`, the inverse depth of a tile is multiplied
-    by its factor, and parallax (n,) is the derivative of the residual by it. With `mean`, the mean Jacobian of both images is
-    written there.
+    T (4, 4) is T_current_reference; grey and z are the current image's. With `factor`, the inverse
+    depth of a tile is multiplied by its factor, and parallax (n,) is the derivative of the residual
+    by it. With `mean`, the mean Jacobian of both images is written there.
     """
     h, w = grey.shape
     fx, fy, cx, cy = k
@@ -201,7 +212,8 @@ def grey_residuals(
 
 @njit(cache=True)
 def flat_points(k, z, normals, stride, across, down):
-    """The number of pixels in every stride-th row and column, and lists of those with a normal: point (n, 3), normal (n, 3) and
+    """The number of pixels in every stride-th row and column, and lists of those with a normal:
+    point (n, 3), normal (n, 3) and
     the index among across x down blocks of the image, row by row.
     """
     h, w = z.shape
@@ -235,7 +247,8 @@ def _plane_row(J, x, y, z, nx, ny, nz):
 def plane_residuals(
     T, k, points, directions, z, normals, max_distance, min_cosine, residual, J, residual1, J1
 ):
-    """Projective association: residual = n . (p0 - T p1) in metres, NaN without a match; T is T_reference_current.
+    """Projective association: residual = n . (p0 - T p1) in metres, NaN without a match; T is
+    T_reference_current.
 
     z and normals are the reference's.
     """
@@ -299,11 +312,13 @@ def _add_pair(o, J, r, J1, q, weight, x, y, z):
 
 @njit(cache=True)
 def block_sums(points, J, residual, J1, residual1, sigma, nu, blocks, out):
-    """out (blocks, 34), sums per block: 21 of the upper triangle of J^T W J1, 6 of J^T W r1, both symmetrized, w r^2, w,
+    """out (blocks, 34), sums per block: 21 of the upper triangle of J^T W J1, 6 of J^T W r1, both
+    symmetrized, w r^2, w,
     count, w p, w |p|^2.
 
-    Student-t weights (Kerl 2013, eq. 12); nu <= 0: plain least squares. J1 = J gives the usual squares. With J1 of the other
-    image they are products of independent noise; squares of noise would bias the motion to zero and add false information.
+    Student-t weights (Kerl 2013, eq. 12); nu <= 0: plain least squares. J1 = J gives the usual
+    squares. With J1 of the other image they are products of independent noise; squares of noise
+    would bias the motion to zero and add false information.
     """
     out[:] = 0
     for i in range(len(residual)):
@@ -328,7 +343,9 @@ def sums(points, J, residual, J1, residual1, sigma, nu):
 
 @njit(cache=True)
 def tile_sums(points, J, parallax, residual, sigma, nu, tiles, out):
-    """out (tiles, 42): sums() of squares per tile, then J^T w g (6), g^T w g and g^T w r of its parallax g."""
+    """out (tiles, 42): sums() of squares per tile, then J^T w g (6), g^T w g and g^T w r of its
+    parallax g.
+    """
     out[:] = 0
     for i in range(len(residual)):
         r = residual[i]
@@ -351,7 +368,9 @@ def tile_sums(points, J, parallax, residual, sigma, nu, tiles, out):
 
 @njit(cache=True)
 def _normal(z, v, u, k):
-    """Unit normal by differences over a pixel to each side; its z is 0 at depth edges and where depth is missing."""
+    """Unit normal by differences over a pixel to each side; its z is 0 at depth edges and where
+    depth is missing.
+    """
     d, e, r, a, b = z[v, u], z[v, u - 1], z[v, u + 1], z[v - 1, u], z[v + 1, u]
     if not (d > 0 and e > 0 and r > 0 and a > 0 and b > 0):
         return 0.0, 0.0, 0.0
@@ -362,7 +381,9 @@ def _normal(z, v, u, k):
 
 @njit(cache=True)
 def depth_points(k, z, stride):
-    """Lists of point (n, 3) and normal (n, 3) of the pixels with a normal in every stride-th row and column."""
+    """Lists of point (n, 3) and normal (n, 3) of the pixels with a normal in every stride-th row
+    and column.
+    """
     fx, fy, cx, cy = k
     size, n = -(-z.shape[0] // stride) * -(-z.shape[1] // stride), 0
     points, directions = np.empty((size, 3), np.float32), np.empty((size, 3), np.float32)
@@ -380,9 +401,11 @@ def depth_points(k, z, stride):
 
 @njit(cache=True)
 def depth_sums(T, k, points, directions, z, max_distance, min_cosine, sigma, nu, residual, cosine):
-    """sums() of point-to-plane products; writes residual = n . (p0 - T p1) in metres (NaN without a match) and cosine of the normals.
+    """sums() of point-to-plane products; writes residual = n . (p0 - T p1) in metres (NaN without a
+    match) and cosine of the normals.
 
-    Projective association; T is T_reference_current, z (h, w) the reference's, whose normals are computed only where needed.
+    Projective association; T is T_reference_current, z (h, w) the reference's, whose normals are
+    computed only where needed.
     """
     h, w = z.shape
     fx, fy, cx, cy = k
@@ -422,7 +445,10 @@ def depth_sums(T, k, points, directions, z, max_distance, min_cosine, sigma, nu,
 
 @njit(cache=True)
 def student_scale(residual, nu, start, rounds):
-    """Scale of Student's t by fixed-point iteration (Kerl 2013, eq. 13), on some 5000 of the residuals."""
+    """Scale of Student's t by fixed-point iteration (Kerl 2013, eq.
+
+    13), on some 5000 of the residuals.
+    """
     step = max(1, len(residual) // 5000) | 1
     sigma = start
     for _ in range(rounds):
@@ -442,7 +468,8 @@ def student_scale(residual, nu, start, rounds):
 
 @njit(cache=True)
 def take_brightness(residual, greys, nu, sigma, rounds):
-    """(sigma, gain): subtracts a gain (minus 1) and an offset of `greys` from the residual (n,). They are estimated with Student-t
+    """(sigma, gain): subtracts a gain (minus 1) and an offset of `greys` from the residual (n,).
+    They are estimated with Student-t
     weights on some 5000 residuals, like the scale (student_scale)."""
     step = max(1, len(residual) // 5000) | 1
     gain, offset, before = 0.0, 0.0, sigma

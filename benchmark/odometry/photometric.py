@@ -1,19 +1,22 @@
 """RGB-D and DVO: the photometric error of the whole image, and its term on one pyramid level.
 
-RGB-D: F. Steinbruecker, J. Sturm, D. Cremers, "Real-time visual odometry from dense RGB-D images", ICCV 2011, plain least
-squares, as Kintinuous runs it. DVO: C. Kerl, J. Sturm, D. Cremers, "Robust odometry estimation for RGB-D cameras", ICRA
-2013, inverse compositional, Student-t weights (section III), coarse to fine on levels 3 to 1.
+RGB-D: F. Steinbruecker, J. Sturm, D. Cremers, "Real-time visual odometry from dense RGB-D images",
+ICCV 2011, plain least squares, as Kintinuous runs it. DVO: C. Kerl, J. Sturm, D. Cremers, "Robust
+odometry estimation for RGB-D cameras", ICRA 2013, inverse compositional, Student-t weights (section
+III), coarse to fine on levels 3 to 1.
 
-Glass and mirrors have depth, but the image in them has another parallax, which biases a photometric odometer (a window that
-fills a third of the view halves the estimated motion). Each tile therefore has a factor of its inverse depth, near 1, as a
-further unknown. It is eliminated from the equations of motion (Schur complement). At first its prior is loose, and the motion
-is that of a monocular camera; a few point-to-plane equations determine its scale and its degenerate directions (`depth_term`).
-Then the prior is firm in tiles whose factor is near 1, and the other tiles are outliers (Geman, McClure 1987): intensities
-alone determine the motion, and depth only selects the tiles. Where depth does not determine the length of the motion, the
-median factor replaces 1.
+Glass and mirrors have depth, but the image in them has another parallax, which biases a photometric
+odometer (a window that fills a third of the view halves the estimated motion). Each tile therefore
+has a factor of its inverse depth, near 1, as a further unknown. It is eliminated from the equations
+of motion (Schur complement). At first its prior is loose, and the motion is that of a monocular
+camera; a few point-to-plane equations determine its scale and its degenerate directions
+(`depth_term`). Then the prior is firm in tiles whose factor is near 1, and the other tiles are
+outliers (Geman, McClure 1987): intensities alone determine the motion, and depth only selects the
+tiles. Where depth does not determine the length of the motion, the median factor replaces 1.
 
-The brightness of two images differs by a gain and an offset (S. Klose, P. Heise, A. Knoll, "Efficient compositional approaches
-for real-time robust direct visual odometry from RGB-D data", IROS 2013), estimated with the residuals' scale before each step.
+The brightness of two images differs by a gain and an offset (S. Klose, P. Heise, A. Knoll,
+"Efficient compositional approaches for real-time robust direct visual odometry from RGB-D data",
+IROS 2013), estimated with the residuals' scale before each step.
 """
 
 import math
@@ -48,20 +51,23 @@ Found = TypeVar("Found")
 NONE = np.empty(0)
 #: An image with a smaller standard deviation (grey levels) is black, white or covered.
 MIN_CONTRAST = 1.0
-#: Minimum correlation of the warped image with the reference. After alignment, unrelated images have 0.00 to 0.04 (smooth ones
-#: up to 0.2), the official frames 0.99.
+#: Minimum correlation of the warped image with the reference. After alignment, unrelated images
+#: have 0.00 to 0.04 (smooth ones up to 0.2), the official frames 0.99.
 MIN_CORRELATION = 0.25
-#: MIN_FIT: minimum correlation of the coarsest images at the guess (clean frames have 0.94 and more; a guess with an error of
-#: some 5 degrees mostly has less). ITERATIONS_FACTOR: multiplies the iterations where they do not fit at the guess: even a rotation
-#: estimated from the images has an error of a few degrees.
-#: MIN_VISIBLE: a correlation over a smaller share of the pixels does not tell: a wrong guess that passes has up to 0.4, most good ones more than 0.5.
+#: MIN_FIT: minimum correlation of the coarsest images at the guess (clean frames have 0.94 and
+#: more; a guess with an error of some 5 degrees mostly has less). ITERATIONS_FACTOR: multiplies the
+#: iterations where they do not fit at the guess: even a rotation estimated from the images has an
+#: error of a few degrees. MIN_VISIBLE: a correlation over a smaller share of the pixels does not
+#: tell: a wrong guess that passes has up to 0.4, most good ones more than 0.5.
 MIN_FIT, ITERATIONS_FACTOR, MIN_VISIBLE = 0.9, 4, 0.5
-#: Maximum number of registrations from one start, and by which factor the fit of a pose has to be larger than that of the guess: on noisy frames
-#: poses with up to 1.15 times the fit of a good guess are farther from the truth than it; a wrong guess has less than half.
+#: Maximum number of registrations from one start, and by which factor the fit of a pose has to be
+#: larger than that of the guess: on noisy frames poses with up to 1.15 times the fit of a good
+#: guess are farther from the truth than it; a wrong guess has less than half.
 ROUNDS, CLEARLY = 5, 1.5
 #: A correlation of fewer pixels is not significant.
 MIN_PIXELS = 30
-#: If tiles whose depth is an outlier hold the majority of the image's information, the inliers may be the parts with wrong depth.
+#: If tiles whose depth is an outlier hold the majority of the image's information, the inliers may
+#: be the parts with wrong depth.
 MIN_INLIER_SHARE = 0.5
 #: Tiles of the image (columns, rows).
 ACROSS, DOWN = 16, 12
@@ -84,10 +90,12 @@ def no_contrast(*frames: list[Level]) -> bool:
 
 @dataclass(frozen=True)
 class PhotometricSettings:
-    """Settings of the photometric term, and of an odometer with no other term. Tuples run from fine to coarse; gradients are in
+    """Settings of the photometric term, and of an odometer with no other term. Tuples run from fine
+    to coarse; gradients are in
     grey levels per pixel.
 
-    The defaults are Steinbruecker 2011 as Kintinuous runs it; docs/odometry.md explains what differs in `best`.
+    The defaults are Steinbruecker 2011 as Kintinuous runs it; docs/odometry.md explains what
+    differs in `best`.
     """
 
     iterations: tuple[int, ...] = (10, 7, 7, 7)  # maximum on each level; 0: level not used
@@ -95,10 +103,16 @@ class PhotometricSettings:
     max_depth_m: float = 6.0
     max_dz_m: float = 0.07  # between warped and measured depth; more is an occlusion
     nu: float = 0.0  # degrees of freedom of Student's t (Kerl 2013: 5); 0: least squares
-    scale_once: bool = False  # scale of Student's t: estimated once per level, except the coarsest (Kerl 2013); not with tiles
+    # scale of Student's t: estimated once per level, except the coarsest (Kerl 2013); not with
+    # tiles
+    scale_once: bool = False
     mean_gradient: bool = False  # of both images (efficient second-order minimization, Malis 2004)
-    spread: float = 0.0  # least number of pixels that share one error; with tiles more where their blocks disagree; 0: no noise model
-    tiles: bool = False  # a depth factor per tile, gain and offset per pair; coarse levels then estimate only the rotation
+    # least number of pixels that share one error; with tiles more where their blocks disagree; 0:
+    # no noise model
+    spread: float = 0.0
+    # a depth factor per tile, gain and offset per pair; coarse levels then estimate only the
+    # rotation
+    tiles: bool = False
     median_depth: bool = False  # depth pyramid by 3x3 median (Kerl 2013) instead of means
     stop: Stop = Stop()
     limits: Limits = Limits(min_inliers=0.001)
@@ -106,7 +120,9 @@ class PhotometricSettings:
 
 
 class Tiles:
-    """Factors (ACROSS * DOWN,) of the tiles' inverse depth, row by row, in one alignment on one level."""
+    """Factors (ACROSS * DOWN,) of the tiles' inverse depth, row by row, in one alignment on one
+    level.
+    """
 
     def __init__(self) -> None:
         self.factor = np.ones(ACROSS * DOWN)
@@ -124,7 +140,8 @@ class Tiles:
         self._T = T
 
     def eliminated(self, sums: np.ndarray, firm: bool) -> System:
-        """Equations of the motion, from kernels.tile_sums() (tiles, 42), with the factors eliminated. Their count is that of the
+        """Equations of the motion, from kernels.tile_sums() (tiles, 42), with the factors
+        eliminated. Their count is that of the
         pixels whose depth is an inlier.
 
         firm: tiles whose depth is an outlier are weighted by the scale ambiguity.
@@ -153,13 +170,17 @@ class Tiles:
         )
 
     def inlier_share(self) -> float:
-        """Share, 0..1, of the information about the translation that is in tiles whose depth is an inlier, in the last equations."""
+        """Share, 0..1, of the information about the translation that is in tiles whose depth is an
+        inlier, in the last equations.
+        """
         sums, weights, *_ = self._eliminated
         information = sums[:, SYMMETRIC.diagonal()[:3]].sum(axis=1)
         return float(weights @ information / max(information.sum(), 1e-30))
 
     def block_sums(self) -> np.ndarray:
-        """A (upper triangle) and b of the last equations, by block of the image (certainty.ACROSS * certainty.DOWN, 27)."""
+        """A (upper triangle) and b of the last equations, by block of the image (certainty.ACROSS *
+        certainty.DOWN, 27).
+        """
         (sums, _, scales, share, slopes, tile_rhs), (row, column) = self._eliminated, UPPER
         tiles = scales[:, None] * sums[:, :27]
         tiles[:, :21] -= share[:, row] * slopes[:, column]
@@ -175,9 +196,11 @@ class Tiles:
 
 
 class PhotometricTerm:
-    """Equations in grey levels on level n. sigma is kept between calls; scale_once: only the first call estimates it.
+    """Equations in grey levels on level n. sigma is kept between calls; scale_once: only the first
+    call estimates it.
 
-    With tiles, every second pixel is used, in a chessboard pattern, because neighbours share their error.
+    With tiles, every second pixel is used, in a chessboard pattern, because neighbours share their
+    error.
     """
 
     def __init__(
@@ -209,7 +232,10 @@ class PhotometricTerm:
         self.sums = np.empty((ACROSS * DOWN, 42))
 
     def __call__(self, T: SE3, iteration: int, firm: bool = False) -> System:
-        """firm: the prior on depth is firm in inlier tiles. Otherwise it is loose, and the equations of the geometric term, if any, are added."""
+        """firm: the prior on depth is firm in inlier tiles.
+
+        Otherwise it is loose, and the equations of the geometric term, if any, are added.
+        """
         level, nu = self.current, self.settings.nu
         if self.tiles:
             self.tiles.update(T)
@@ -245,13 +271,17 @@ class PhotometricTerm:
         return system
 
     def fit(self, T: SE3) -> tuple[float, float]:
-        """correlation() at T_reference_current (0 if there are too few pixels), and the share of the pixels that are visible."""
+        """correlation() at T_reference_current (0 if there are too few pixels), and the share of
+        the pixels that are visible.
+        """
         self(T, 0)
         visible = np.count_nonzero(np.isfinite(self.residual)) / max(len(self.residual), 1)
         return float(np.nan_to_num(self.correlation())), visible
 
     def correlation(self) -> float:
-        """Correlation of the images as aligned at the last call, from some 5000 pixels; NaN if there are too few."""
+        """Correlation of the images as aligned at the last call, from some 5000 pixels; NaN if
+        there are too few.
+        """
         step = len(self.residual) // 5000 + 1
         residual, grey = self.residual[::step], self.greys[::step]
         visible = np.isfinite(residual)
@@ -265,7 +295,8 @@ class PhotometricTerm:
             )
 
     def unrelated(self) -> str:
-        """The reason why these cannot be two images of one place, after the last call; empty if they can be.
+        """The reason why these cannot be two images of one place, after the last call; empty if
+        they can be.
 
         This check is necessary because an alignment converges for unrelated images, too.
         """
@@ -277,7 +308,9 @@ class PhotometricTerm:
         )
 
     def checked(self, result: Result) -> Result:
-        """The result; DEGENERATE if depth contradicts the greater part of the image (MIN_INLIER_SHARE) at the last call."""
+        """The result; DEGENERATE if depth contradicts the greater part of the image
+        (MIN_INLIER_SHARE) at the last call.
+        """
         if (
             not self.tiles
             or result.status is not Status.OK
@@ -298,16 +331,19 @@ def photometric_passes(
     schedule: list[tuple[int, int]],
     depth: DepthTerm | None = None,
 ) -> tuple[list[Pass], PhotometricTerm]:
-    """The passes for solve() on the levels of `schedule`, (level, iterations) from coarse to fine, and the finest term.
+    """The passes for solve() on the levels of `schedule`, (level, iterations) from coarse to fine,
+    and the finest term.
 
-    With `settings.tiles` the coarse levels estimate only the rotation, which does not depend on depth. The finest level has two
-    passes: first with a loose prior on the tiles' depth and the equations of `depth`, then with a firm prior.
+    With `settings.tiles` the coarse levels estimate only the rotation, which does not depend on
+    depth. The finest level has two passes: first with a loose prior on the tiles' depth and the
+    equations of `depth`, then with a firm prior.
     """
     s, passes = settings, []
     for n, iterations in schedule:
         if s.tiles and n == schedule[-1][0]:
             term = PhotometricTerm(reference[n], current[n], s, n, tiles=Tiles(), depth=depth)
-            # the error may increase for a step while the factors converge, and when their prior changes
+            # the error may increase for a step while the factors converge, and when their prior
+            # changes
             stop = Stop(s.stop.min_step)
             passes.append(Pass(term, iterations, term.pixels, stop))
             passes.append(
@@ -328,11 +364,13 @@ def photometric_passes(
 
 
 def with_rotation(reference: Level, current: Level, guess: SE3, fit: Callable[[SE3], float]) -> SE3:
-    """The guess, or, if its `fit` is clearly larger, the best pose with a rotation estimated from half-size images.
+    """The guess, or, if its `fit` is clearly larger, the best pose with a rotation estimated from
+    half-size images.
 
-    A first estimate is from the images alone. Then the reference is registered as it would be seen from the best pose so far, by the depth of the
-    current frame, as long as this improves the fit: otherwise the parallax of a far keyframe is taken for a rotation, and a large
-    rotation is found only in part.
+    A first estimate is from the images alone. Then the reference is registered as it would be seen
+    from the best pose so far, by the depth of the current frame, as long as this improves the fit:
+    otherwise the parallax of a far keyframe is taken for a rotation, and a large rotation is found
+    only in part.
     """
     alone = _register(reference.grey, current.grey, reference.camera)
     starts = [guess, *([] if alone is None else [SE3(alone, guess.translation)])]
@@ -352,7 +390,9 @@ def with_rotation(reference: Level, current: Level, guess: SE3, fit: Callable[[S
 
 
 def _seen_from(reference: Level, current: Level, T_reference_current: SE3) -> np.ndarray:
-    """(h, w) grey values of the reference at the points of the current frame; the mean where there are none."""
+    """(h, w) grey values of the reference at the points of the current frame; the mean where there
+    are none.
+    """
     camera, depth_z_m = current.camera, current.depth_z_m
     place = camera.project(T_reference_current.apply(camera.unproject(depth_z_m)))
     place[~(depth_z_m > 0)] = np.nan
@@ -365,10 +405,12 @@ def _seen_from(reference: Level, current: Level, T_reference_current: SE3) -> np
 
 
 def _register(one: np.ndarray, other: np.ndarray, camera: PinholeCamera) -> np.ndarray | None:
-    """(3, 3) R_one_other from the half-size images alone; None if it cannot be estimated. camera: of the images.
+    """(3, 3) R_one_other from the half-size images alone; None if it cannot be estimated. camera:
+    of the images.
 
-    Phase correlation gives an image shift; the maximum of the correlation over shift and in-plane rotation refines it
-    (G. Evangelidis, E. Psarakis, "Parametric image alignment using enhanced correlation coefficient maximization", PAMI 2008).
+    Phase correlation gives an image shift; the maximum of the correlation over shift and in-plane
+    rotation refines it (G. Evangelidis, E. Psarakis, "Parametric image alignment using enhanced
+    correlation coefficient maximization", PAMI 2008).
     """
     one, other, camera = kernels.halve_grey(one), kernels.halve_grey(other), camera.halved()
     shift, _ = cv2.phaseCorrelate(one, other, cv2.createHanningWindow(one.shape[::-1], cv2.CV_32F))
@@ -387,8 +429,10 @@ def _register(one: np.ndarray, other: np.ndarray, camera: PinholeCamera) -> np.n
 
 
 class Start(NamedTuple):
-    """Where an alignment starts: guess, schedule, and the term of the coarsest images, if they did not fit at the prediction (poor), or if
-    only the result is checked (afterwards). predicted: the prediction, if the guess is another pose.
+    """Where an alignment starts: guess, schedule, and the term of the coarsest images, if they did
+    not fit at the prediction (poor), or if
+    only the result is checked (afterwards). predicted: the prediction, if the guess is another
+    pose.
     """
 
     guess: SE3
@@ -400,8 +444,10 @@ class Start(NamedTuple):
     def aligned(
         self, align: Callable[["Start"], Found], result_of: Callable[[Found], Result]
     ) -> Found:
-        """What `align` finds from this start; or from the prediction, if that is another pose and the coarsest images fit clearly better at its
-        result: on a bare wall a wrong pose can fit better than a good prediction, before both are aligned.
+        """What `align` finds from this start; or from the prediction, if that is another pose and
+        the coarsest images fit clearly better at its
+        result: on a bare wall a wrong pose can fit better than a good prediction, before both are
+        aligned.
         """
         found = align(self)
         if self.predicted is None or result_of(found).status is Status.FAILED:
@@ -412,13 +458,17 @@ class Start(NamedTuple):
         )
 
     def _fit(self, result: Result) -> float:
-        """How well the coarsest images fit at a result: their correlation times the share of visible pixels; 0 for a failure."""
+        """How well the coarsest images fit at a result: their correlation times the share of
+        visible pixels; 0 for a failure.
+        """
         if self.poor is None or result.status is Status.FAILED:
             return 0.0
         return max(math.prod(self.poor.fit(result.T_reference_camera)), 0.0)
 
     def checked(self, result: Result) -> Result:
-        """The result; DEGENERATE if the coarsest images do not fit, or, after a poor prediction, if it did not converge."""
+        """The result; DEGENERATE if the coarsest images do not fit, or, after a poor prediction, if
+        it did not converge.
+        """
         term = self.poor or self.afterwards
         if term is None or result.status is Status.FAILED:
             return result
@@ -439,8 +489,10 @@ def initialise(
     schedule: list[tuple[int, int]],
     guess: SE3,
 ) -> Start:
-    """If the coarsest images do not fit at the guess, or few pixels are visible, there may have been a sudden motion. A rotation is then estimated
-    from these images; if they fit clearly better there, the alignment starts from it too. All levels get more iterations. Without tiles only the result is checked.
+    """If the coarsest images do not fit at the guess, or few pixels are visible, there may have
+    been a sudden motion. A rotation is then estimated
+    from these images; if they fit clearly better there, the alignment starts from it too. All
+    levels get more iterations. Without tiles only the result is checked.
     """
     n = schedule[0][0]
     term = PhotometricTerm(reference[n], current[n], settings, n)

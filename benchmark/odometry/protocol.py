@@ -1,4 +1,6 @@
-"""The protocol of all odometers (built-in, third-party and user-provided): their arguments and results."""
+"""The protocol of all odometers (built-in, third-party and user-provided): their arguments and
+results.
+"""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -11,8 +13,8 @@ from iclnuim.geometry.se3 import SE3
 
 #: A frame with depth in less than this share of its pixels is not tracked.
 MIN_DEPTH_SHARE = 0.02
-#: Depth whose range is less than this counts as one value (noise of 0.1 mm has a range of 0.9 mm). On a wall 2 m away this range is a tilt
-#: of 0.02 degrees.
+#: Depth whose range is less than this counts as one value (noise of 0.1 mm has a range of 0.9 mm).
+#: On a wall 2 m away this range is a tilt of 0.02 degrees.
 FLAT_M = 1e-3
 
 #: A motion with a larger error counts as wrong.
@@ -21,7 +23,8 @@ WRONG_M, WRONG_DEG = 0.02, 1.0
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """grey (h, w) float32 in 0..255, depth_z_m (h, w) float32 planar depth in metres with 0 = missing, and the time stamp.
+    """grey (h, w) float32 in 0..255, depth_z_m (h, w) float32 planar depth in metres with 0 =
+    missing, and the time stamp.
 
     calibrated: the constant offset of the sensor's inverse depth has been subtracted.
     """
@@ -35,7 +38,8 @@ class Frame:
     def of(
         cls, image: np.ndarray, depth_z_m: np.ndarray, stamp_s: float, *, depth_offset: float = 0.0
     ) -> "Frame":
-        """A frame from a colour (h, w, 3) or grey image (h, w) in 0..255; NaN, infinite and negative depth count as missing.
+        """A frame from a colour (h, w, 3) or grey image (h, w) in 0..255; NaN, infinite and
+        negative depth count as missing.
 
         depth_offset (1/m), if it is not 0, is subtracted from inverse depth.
 
@@ -54,7 +58,9 @@ class Frame:
         return cls(np.ascontiguousarray(image), depth_z_m, float(stamp_s), bool(depth_offset))
 
     def fault(self, camera: PinholeCamera) -> str:
-        """The reason why this frame cannot be tracked with `camera`; empty if tracking can be attempted."""
+        """The reason why this frame cannot be tracked with `camera`; empty if tracking can be
+        attempted.
+        """
         if self.depth_z_m.shape != (camera.height, camera.width):
             h, w = self.depth_z_m.shape
             return f"size: {w}x{h} instead of {camera.width}x{camera.height}"
@@ -64,12 +70,15 @@ class Frame:
         )
 
     def repeats(self, other: "Frame") -> bool:
-        """Whether image and depth are exactly those of `other`: the camera is at rest in a rendered scene, or its driver repeats a frame."""
+        """Whether image and depth are exactly those of `other`: the camera is at rest in a rendered
+        scene, or its driver repeats a frame.
+        """
         same_depth = np.array_equal(self.depth_z_m, other.depth_z_m)
         return same_depth and np.array_equal(self.grey, other.grey)
 
     def flat(self) -> bool:
-        """Whether all depth has one value to within FLAT_M, in every second row and column. Such depth is not measured, or is of a wall
+        """Whether all depth has one value to within FLAT_M, in every second row and column. Such
+        depth is not measured, or is of a wall
         exactly parallel to the image, so motion along the wall is unobservable."""
         some = self.depth_z_m[::2, ::2]
         nearest = some.min(initial=np.inf, where=some > 0)
@@ -77,9 +86,10 @@ class Frame:
 
 
 class Status(Enum):
-    """OK and DEGENERATE have a pose. DEGENERATE: the motion is under-constrained in some direction, depth disagrees with it, all depth has
-    one value, the frame repeats the one before, the pose before it was a DEGENERATE outlier, or the alignment did not converge after an
-    uncertain pose. FAILED has no pose: the frame is lost.
+    """OK and DEGENERATE have a pose. DEGENERATE: the motion is under-constrained in some direction,
+    depth disagrees with it, all depth has
+    one value, the frame repeats the one before, the pose before it was a DEGENERATE outlier, or the
+    alignment did not converge after an uncertain pose. FAILED has no pose: the frame is lost.
     """
 
     OK = "ok"
@@ -89,14 +99,16 @@ class Status(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """Result of one alignment. All fields except the pose are optional; `failure(reason)` makes a result without a pose.
+    """Result of one alignment. All fields except the pose are optional; `failure(reason)` makes a
+    result without a pose.
 
-    residual: root mean square in the method's unit (grey levels or metres). inliers: share of the pixels used.
-    information (6, 6): of a twist (translation, rotation) in the reference camera's frame. smallest_eigenvalue: of the
-    centred, length-scaled translation block, as a share of its trace (at most 1/3). largest_sigma_m: standard deviation
-    in the least certain direction, NaN without a noise model. matches: number of features used, 0 without features.
-    under_constrained: number of directions in which the constant-velocity prediction outweighs the images. converged: False
-    if the maximum number of iterations was reached.
+    residual: root mean square in the method's unit (grey levels or metres). inliers: share of the
+    pixels used. information (6, 6): of a twist (translation, rotation) in the reference camera's
+    frame. smallest_eigenvalue: of the centred, length-scaled translation block, as a share of its
+    trace (at most 1/3). largest_sigma_m: standard deviation in the least certain direction, NaN
+    without a noise model. matches: number of features used, 0 without features. under_constrained:
+    number of directions in which the constant-velocity prediction outweighs the images. converged:
+    False if the maximum number of iterations was reached.
     """
 
     T_reference_camera: SE3
@@ -120,11 +132,12 @@ def failure(reason: str) -> Result:
 
 
 class Odometer(Protocol):
-    """prepare() is called once per frame, align() once per pair; both depend only on their arguments.
+    """prepare() is called once per frame, align() once per pair; both depend only on their
+    arguments.
 
-    `reference` is what a frame is aligned against by default: a name in track.REFERENCES, such as "frame" (the one before). Code
-    that renders a model for an odometer passes a complete Frame to prepare(), unless the odometer is a `PyramidOdometer`, which
-    declares what it reads.
+    `reference` is what a frame is aligned against by default: a name in track.REFERENCES, such as
+    "frame" (the one before). Code that renders a model for an odometer passes a complete Frame to
+    prepare(), unless the odometer is a `PyramidOdometer`, which declares what it reads.
     """
 
     name: str
@@ -133,14 +146,18 @@ class Odometer(Protocol):
     def prepare(self, frame: Frame, camera: PinholeCamera) -> Any: ...
 
     def align(self, reference: Any, current: Any, guess: SE3) -> Result:
-        """T_reference_camera of `current` against `reference` (both from prepare()), starting from `guess`."""
+        """T_reference_camera of `current` against `reference` (both from prepare()), starting from
+        `guess`.
+        """
         ...
 
 
 @runtime_checkable
 class SequentialOdometer(Odometer, Protocol):
-    """An odometer that also uses the frame before. If `sequential`, Tracker calls prepare_after() instead of prepare() for every frame
-    but the first, and an alignment starts from initial_motion() instead of the constant-velocity prediction.
+    """An odometer that also uses the frame before. If `sequential`, Tracker calls prepare_after()
+    instead of prepare() for every frame
+    but the first, and an alignment starts from initial_motion() instead of the constant-velocity
+    prediction.
     """
 
     sequential: bool

@@ -1,4 +1,5 @@
-"""Runs of odometers for the Rerun viewer: ground truth and estimates, errors, residuals, uncertainty, and flags of lost, degenerate and
+"""Runs of odometers for the Rerun viewer: ground truth and estimates, errors, residuals,
+uncertainty, and flags of lost, degenerate and
 not converged frames."""
 
 from collections.abc import Sequence
@@ -23,8 +24,10 @@ _CURVES = ("residual", "inliers", "largest_sigma_m", "smallest_eigenvalue", "ite
 def record_runs(
     path: Path | str, folder: Path | str, runs: Sequence[Run], camera: PinholeCamera
 ) -> None:
-    """Record runs of a sequence as world/METHOD, error_m/METHOD, residual/METHOD and so on. flags/METHOD is a text log with a line for each
-    lost, degenerate or not converged frame. Estimates are aligned with the ground truth, if any, by SE(3). Raises WorkError without rerun-sdk.
+    """Record runs of a sequence as world/METHOD, error_m/METHOD, residual/METHOD and so on.
+    flags/METHOD is a text log with a line for each
+    lost, degenerate or not converged frame. Estimates are aligned with the ground truth, if any, by
+    SE(3). Raises WorkError without rerun-sdk.
     """
 
     def fill(recorder: Recorder) -> None:
@@ -72,7 +75,8 @@ def _flag(frame: Tracked) -> str:
 
 
 def _aligned(run: Run) -> tuple[SE3, dict[float, float]]:
-    """T_truth_world, and errors in metres by the estimate's stamps. Without ground truth, or if the alignment is undetermined, the identity
+    """T_truth_world, and errors in metres by the estimate's stamps. Without ground truth, or if the
+    alignment is undetermined, the identity
     and no errors."""
     try:
         if run.truth is None or all(frame.lost for frame in run.frames):

@@ -14,7 +14,8 @@ ODOMETERS = {
     "icp": (".icp", "Icp"),
     "icp_rgbd": (".icp", "IcpRgbd"),
 }
-#: third-party odometers: name -> (class in baselines.py, name of the method in the package, import name of the package)
+#: third-party odometers: name -> (class in baselines.py, name of the method in the package, import
+#: name of the package)
 BASELINES = {
     "baseline:opencv-rgbd": ("OpencvOdometer", "RgbdOdometry", "cv2.rgbd"),
     "baseline:opencv-icp": ("OpencvOdometer", "ICPOdometry", "cv2.rgbd"),
@@ -34,7 +35,10 @@ PACKAGES = {
 
 
 def odometer(name: str, preset: str = "best") -> Odometer:
-    """A new odometer. Raises InputError for an unknown name or preset, WorkError if a package is missing."""
+    """A new odometer.
+
+    Raises InputError for an unknown name or preset, WorkError if a package is missing.
+    """
     if name in BASELINES:
         kind, method, package = BASELINES[name]
         try:

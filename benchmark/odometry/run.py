@@ -1,4 +1,6 @@
-"""Runs of one or several odometers on a sequence: from frames to trajectories, errors, times and a table."""
+"""Runs of one or several odometers on a sequence: from frames to trajectories, errors, times and a
+table.
+"""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -20,17 +22,20 @@ from iclnuim.geometry.trajectory import Trajectory
 from .protocol import Frame, Odometer, Status
 from .track import Reference, Tracked, Tracker
 
-#: Per metre. With a larger offset the largest depth of a 16-bit image in millimetres (65.5 m) would be behind the camera.
+#: Per metre. With a larger offset the largest depth of a 16-bit image in millimetres (65.5 m) would
+#: be behind the camera.
 MAX_OFFSET = 0.015
 _SECOND = RelativeErrorSettings(1.0, "seconds")
 
 
 class Sequence:
-    """Image pairs of a folder in any TUM-like format, and their camera; frames are read one at a time.
+    """Image pairs of a folder in any TUM-like format, and their camera; frames are read one at a
+    time.
 
-    depth_offset (1/m) is subtracted from inverse depth. A structured-light camera measures disparity, and a constant error of its
-    disparity is such an offset. camera: by default the one found in the folder. Raises InputError if there are no images, no
-    camera is found, or no pair can be read with it.
+    depth_offset (1/m) is subtracted from inverse depth. A structured-light camera measures
+    disparity, and a constant error of its disparity is such an offset. camera: by default the one
+    found in the folder. Raises InputError if there are no images, no camera is found, or no pair
+    can be read with it.
     """
 
     def __init__(
@@ -49,7 +54,10 @@ class Sequence:
         self._require_one()
 
     def _require_one(self) -> None:
-        """Read pairs until one is good, usually the first. Raises the InputError of the first one if there is none."""
+        """Read pairs until one is good, usually the first.
+
+        Raises the InputError of the first one if there is none.
+        """
         first = None
         for pair in self.pairs:
             try:
@@ -76,13 +84,17 @@ class Sequence:
                 yield pair.stamp_s, f"image: {error}"
 
     def images(self, pair: ImagePair) -> tuple[np.ndarray, np.ndarray]:
-        """rgb (h, w, 3) uint8 and planar depth (h, w) float32 in metres, without the offset correction. Raises InputError."""
+        """rgb (h, w, 3) uint8 and planar depth (h, w) float32 in metres, without the offset
+        correction. Raises InputError.
+        """
         return read_images(pair, self.camera)
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """All frames of a sequence, tracked or lost. truth: right-handed ground-truth poses, if the folder has them."""
+    """All frames of a sequence, tracked or lost. truth: right-handed ground-truth poses, if the
+    folder has them.
+    """
 
     name: str
     frames: list[Tracked]
@@ -90,7 +102,10 @@ class Run:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The tracked frames only, without the poses that a policy filled in. Raises WorkError if there are none."""
+        """The tracked frames only, without the poses that a policy filled in.
+
+        Raises WorkError if there are none.
+        """
         tracked = [f for f in self.frames if not f.lost]
         if not tracked:
             raise WorkError(
@@ -119,9 +134,11 @@ class Run:
             return None
 
     def to_dict(self) -> dict:
-        """The values that `odometry --json` prints. Times are those of prepare() and align(), without reading the images.
+        """The values that `odometry --json` prints. Times are those of prepare() and align(),
+        without reading the images.
 
-        ATE is after SE(3) alignment, RPE over all pairs a second apart; both are None without ground truth or if undetermined.
+        ATE is after SE(3) alignment, RPE over all pairs a second apart; both are None without
+        ground truth or if undetermined.
         """
         ms = np.array([f.result.seconds for f in self.frames[1:]] or [0.0]) * 1e3
         lost = sum(f.lost for f in self.frames)
@@ -150,9 +167,10 @@ def run_together(
 ) -> list[Run]:
     """Run several odometers on a sequence (or its folder), or on its first `frames`.
 
-    Each frame is read once and passed to one odometer after the other, so that all run under the same machine load.
-    `progress(total, label)` returns an object with advance(). `against` returns the reference that frames are aligned against,
-    by default the one that each odometer declares. Raises InputError for an object that is not an odometer.
+    Each frame is read once and passed to one odometer after the other, so that all run under the
+    same machine load. `progress(total, label)` returns an object with advance(). `against` returns
+    the reference that frames are aligned against, by default the one that each odometer declares.
+    Raises InputError for an object that is not an odometer.
     """
     odometers = list(odometers)
     for o in odometers:
@@ -180,9 +198,11 @@ def run_together(
 
 
 def table(runs: Iterable[Run | dict]) -> str:
-    """A text table of runs or their to_dict(), one row each. ms and frames per second exclude reading the images; ATE and RPE over 1 s are RMSE.
+    """A text table of runs or their to_dict(), one row each. ms and frames per second exclude
+    reading the images; ATE and RPE over 1 s are RMSE.
 
-    Rows of `iclnuim run` may lack values: their ms are those of the whole process. Their notes are printed below the row.
+    Rows of `iclnuim run` may lack values: their ms are those of the whole process. Their notes are
+    printed below the row.
     """
     head = f"{'frames':>7}{'lost':>6}{'degen.':>8}{'ms':>8}{'ms 95%':>8}{'1/s':>7}{'ATE [mm]':>10}{'RPE [mm/s]':>12}"
     lines = [f"{'odometer':<26}{head}"]

@@ -1,6 +1,8 @@
-"""A first rotation from small images: the in-plane rotation and shift between two frames, taken as a rotation of the camera.
+"""A first rotation from small images: the in-plane rotation and shift between two frames, taken as
+a rotation of the camera.
 
-A. Huang et al., ISRR 2011, section 3.2, by efficient second-order minimization (E. Malis, ICRA 2004) of squared grey differences.
+A. Huang et al., ISRR 2011, section 3.2, by efficient second-order minimization (E. Malis, ICRA
+2004) of squared grey differences.
 """
 
 import math
@@ -10,16 +12,20 @@ from iclnuim.geometry import so3
 from iclnuim.geometry.camera import PinholeCamera
 from numba import njit
 
-#: The images are 2^-SMALL_LEVEL of the full size, and the motion is iterated so often (constants of the authors' program).
+#: The images are 2^-SMALL_LEVEL of the full size, and the motion is iterated so often (constants of
+#: the authors' program).
 SMALL_LEVEL, ITERATIONS = 4, 8
-#: Iterations end with a step shorter than this (pixels of the small images, radians), or this many after the smallest difference.
+#: Iterations end with a step shorter than this (pixels of the small images, radians), or this many
+#: after the smallest difference.
 MIN_STEP, MAX_WORSE = 1e-6, 4
 #: Grey value of what is outside the image.
 OUTSIDE = 128.0
 
 
 def small_image(coarse: np.ndarray, level: int) -> np.ndarray:
-    """(h, w) float32: the image of pyramid level `level` reduced to SMALL_LEVEL by means of square blocks."""
+    """(h, w) float32: the image of pyramid level `level` reduced to SMALL_LEVEL by means of square
+    blocks.
+    """
     side = 2 ** (SMALL_LEVEL - level)
     h, w = (n // side for n in coarse.shape)
     return (
@@ -32,7 +38,8 @@ def rotation_between(
 ) -> np.ndarray:
     """(3, 3) R_previous_current from two small_image().
 
-    As in the authors' program the shift is that of the image's corner, and both its components are divided by fx.
+    As in the authors' program the shift is that of the image's corner, and both its components are
+    divided by fx.
     """
     warp = planar_motion(previous, current)
     roll, shift = warp[:, :2], warp[:, 2] * 2**SMALL_LEVEL / camera.fx
@@ -45,7 +52,9 @@ def rotation_between(
 
 
 def planar_motion(template: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """(2, 3): in-plane rotation and shift in pixels from the template (h, w) to the image; the best of the iterations, from none."""
+    """(2, 3): in-plane rotation and shift in pixels from the template (h, w) to the image; the best
+    of the iterations, from none.
+    """
     warp, best, least, since = np.eye(3), np.eye(3), math.inf, 0
     for _ in range(ITERATIONS):
         rms, A, b = planar_equations(template, image, warp)
@@ -72,7 +81,8 @@ def _planar(u: float, v: float, angle: float) -> np.ndarray:
 
 @njit(cache=True)
 def planar_equations(template, image, warp):
-    """(RMS difference of grey, A (3, 3), b (3,)): equations for the shift and angle that improve a warp (3, 3) of the image onto the
+    """(RMS difference of grey, A (3, 3), b (3,)): equations for the shift and angle that improve a
+    warp (3, 3) of the image onto the
     template."""
     h, w = template.shape
     seen = np.empty((h, w))
@@ -110,7 +120,9 @@ def planar_equations(template, image, warp):
 
 @njit(cache=True)
 def _grey(image, u, v):
-    """Bilinear; within a pixel of the border the pixel towards the image's corner (0, 0), or else the opposite one; OUTSIDE beyond."""
+    """Bilinear; within a pixel of the border the pixel towards the image's corner (0, 0), or else
+    the opposite one; OUTSIDE beyond.
+    """
     h, w = image.shape
     j, i = math.floor(u), math.floor(v)
     if 0 <= u < w - 1 and 0 <= v < h - 1:

@@ -1,6 +1,8 @@
-"""Common to the built-in odometers: image pyramids, coarse-to-fine Gauss-Newton, and its normal equations.
+"""Common to the built-in odometers: image pyramids, coarse-to-fine Gauss-Newton, and its normal
+equations.
 
-Each level has its own camera. Levels are 2x2 means, so K is defined at pixel centres on every level.
+Each level has its own camera. Levels are 2x2 means, so K is defined at pixel centres on every
+level.
 """
 
 from collections.abc import Callable
@@ -20,7 +22,8 @@ from .protocol import Frame, Result, Status, failure
 RANK_TOLERANCE = 1e-9
 #: Below this eigenvalue the geometry is degenerate (furnished rooms: about 0.12; a bare wall: 0).
 MIN_EIGENVALUE = 0.05
-#: A motion farther than MAX_STEP_M from the prediction is a failure (Kintinuous); a standard deviation above MAX_SIGMA_M is degenerate.
+#: A motion farther than MAX_STEP_M from the prediction is a failure (Kintinuous); a standard
+#: deviation above MAX_SIGMA_M is degenerate.
 MAX_STEP_M, MAX_SIGMA_M = 0.3, 0.003
 ORIGIN = np.zeros(3)
 #: (6, 6): index of each element of a symmetric matrix in its upper triangle, stored row by row.
@@ -47,7 +50,9 @@ class Level:
         return {}
 
     def gradient_points(self, *rule: float) -> tuple:
-        """kernels.gradient_points() with the arguments `rule`, computed once: many frames are aligned with one keyframe."""
+        """kernels.gradient_points() with the arguments `rule`, computed once: many frames are
+        aligned with one keyframe.
+        """
         found = self._gradient_points
         if rule not in found:
             found[rule] = kernels.gradient_points(
@@ -57,15 +62,18 @@ class Level:
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """Unit normals towards the camera, in its frame; 0 at depth edges and where a neighbour is missing."""
+        """Unit normals towards the camera, in its frame; 0 at depth edges and where a neighbour is
+        missing.
+        """
         return kernels.normals(self.depth_z_m, self.camera.intrinsics, self.normal_step)
 
 
 class PyramidOdometer:
     """An odometer whose prepare() returns a list of Level, fine to coarse.
 
-    settings have `iterations`, the maximum number on each level, fine to coarse (0: the level is not used), and `reference`.
-    reads_normals, reads_grey: whether a rendered reference needs normals and grey values.
+    settings have `iterations`, the maximum number on each level, fine to coarse (0: the level is
+    not used), and `reference`. reads_normals, reads_grey: whether a rendered reference needs
+    normals and grey values.
     """
 
     reads_normals = reads_grey = False
@@ -79,7 +87,10 @@ class PyramidOdometer:
         self.finest = next(n for n, count in enumerate(self.iterations) if count)
 
     def schedule(self, levels: list[Level]) -> list[tuple[int, int]]:
-        """(level, iterations) from coarse to fine. If the images are too small for these levels, the coarsest one available."""
+        """(level, iterations) from coarse to fine.
+
+        If the images are too small for these levels, the coarsest one available.
+        """
         levels_used = [
             (n, self.iterations[n]) for n in reversed(range(len(levels))) if self.iterations[n]
         ]
@@ -94,7 +105,10 @@ def pyramid(
     median_depth: bool = False,
     normal_step: int = 1,
 ) -> list[Level]:
-    """Levels, fine to coarse. Depth is halved by kernels.halve_depth(), or by the 3x3 median of every second pixel."""
+    """Levels, fine to coarse.
+
+    Depth is halved by kernels.halve_depth(), or by the 3x3 median of every second pixel.
+    """
     grey, z = frame.grey, frame.depth_z_m
     result = [Level(grey, z, camera, normal_step, calibrated=frame.calibrated)]
     for _ in range(levels - 1):
@@ -109,7 +123,8 @@ def pyramid(
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Normal equations A x = b for a twist (6,) in the reference frame. error: weighted mean square; centre_m, length_m: mean and
+    """Normal equations A x = b for a twist (6,) in the reference frame. error: weighted mean
+    square; centre_m, length_m: mean and
     RMS radius of the points; is_information: A is an information matrix (inverse covariance).
     """
 
@@ -134,7 +149,9 @@ class System:
         )
 
     def less_noise(self, noise: float) -> "System":
-        """Subtract `noise` from every eigenvalue of the centred A (down to 0), and reduce b in proportion."""
+        """Subtract `noise` from every eigenvalue of the centred A (down to 0), and reduce b in
+        proportion.
+        """
         A, G = self.centred()
         values, vectors = np.linalg.eigh(A)
         remaining = np.maximum(values - noise, 0.0)
@@ -144,14 +161,17 @@ class System:
         return replace(self, A=G_inverse @ (vectors * remaining) @ vectors.T @ G_inverse.T, b=b)
 
     def as_information(self, spread: float, least_error: float = 1e-12) -> "System":
-        """A and b as information (1 / variance) if `spread` pixels share one error; spread 0: unchanged."""
+        """A and b as information (1 / variance) if `spread` pixels share one error; spread 0:
+        unchanged.
+        """
         if not spread:
             return self
         weight = 1.0 / (spread * max(self.error, least_error))
         return replace(self, A=self.A * weight, b=self.b * weight, is_information=True)
 
     def with_error(self, columns: np.ndarray) -> "System":
-        """These equations (information) if the twist that they measure has a further error: the columns (6, k) times k independent
+        """These equations (information) if the twist that they measure has a further error: the
+        columns (6, k) times k independent
         unknowns with a standard deviation of 1, which the Schur complement eliminates.
         """
         slopes = self.A @ columns
@@ -165,22 +185,30 @@ class System:
         return replace(self, b=self.b - self.A @ twist)
 
     def plus(self, other: "System", factor: float, factor_b: float) -> "System":
-        """Joint equations: A and b of the other are multiplied by `factor` and `factor_b` and added; all else is from this one."""
+        """Joint equations: A and b of the other are multiplied by `factor` and `factor_b` and
+        added; all else is from this one.
+        """
         return replace(self, A=self.A + other.A * factor, b=self.b + other.b * factor_b)
 
     def centred(self) -> tuple[np.ndarray, np.ndarray]:
-        """(A, G): A about the centre of the points, with rotations as lengths in metres; G is such that x = G^T x_centred."""
+        """(A, G): A about the centre of the points, with rotations as lengths in metres; G is such
+        that x = G^T x_centred.
+        """
         G = np.eye(6)
         G[3:, :3] = -so3.hat(self.centre_m)
         G[3:] /= self.length_m
         return G @ self.A @ G.T, G
 
     def length_of(self, twist: np.ndarray) -> float:
-        """Norm of a twist (6,) in metres: the displacement of the points' centre, and the rotation times their length."""
+        """Norm of a twist (6,) in metres: the displacement of the points' centre, and the rotation
+        times their length.
+        """
         return float(np.linalg.norm(_twist_at(self.centre_m, self.length_m) @ twist))
 
     def smallest_eigenvalue(self) -> float:
-        """The smallest eigenvalue of the translation block after eliminating rotation (Schur complement), as a share of the block's trace."""
+        """The smallest eigenvalue of the translation block after eliminating rotation (Schur
+        complement), as a share of the block's trace.
+        """
         A, _ = self.centred()
         trace = np.trace(A[:3, :3])
         if not trace > 0:
@@ -191,13 +219,15 @@ class System:
     def step(
         self, total_twist: np.ndarray, prior_m: float = 0.0, camera_m: np.ndarray = ORIGIN
     ) -> tuple[np.ndarray, int]:
-        """The Gauss-Newton step (6,), and the number of directions in which the prior outweighs the images.
+        """The Gauss-Newton step (6,), and the number of directions in which the prior outweighs the
+        images.
 
-        The prior has the standard deviation `prior_m` (as in Kerl 2013). It keeps under-constrained directions near the prediction;
-        total_twist (6,) is the accumulated motion from it. Without a prior such directions are not updated (solution remapping, Zhang, Kaess,
-        Singh 2016). The prior is on the motion of the camera, whose centre is at camera_m (3,): a prior on the motion of the points
-        would convert a rotation in front of a wall into a translation along it. Products of noise can give a direction negative
-        information, which counts as none.
+        The prior has the standard deviation `prior_m` (as in Kerl 2013). It keeps under-constrained
+        directions near the prediction; total_twist (6,) is the accumulated motion from it. Without
+        a prior such directions are not updated (solution remapping, Zhang, Kaess, Singh 2016). The
+        prior is on the motion of the camera, whose centre is at camera_m (3,): a prior on the
+        motion of the points would convert a rotation in front of a wall into a translation along
+        it. Products of noise can give a direction negative information, which counts as none.
         """
         A, G = self.centred()
         values, vectors = np.linalg.eigh(A)
@@ -218,14 +248,18 @@ class System:
         )
 
     def rotation_step(self) -> np.ndarray:
-        """The Gauss-Newton step (6,) for a pure rotation about the reference camera; 0 in directions without information."""
+        """The Gauss-Newton step (6,) for a pure rotation about the reference camera; 0 in
+        directions without information.
+        """
         values, vectors = np.linalg.eigh(self.A[3:, 3:])
         floor = max(values[-1] * RANK_TOLERANCE, 1e-30)
         projected = np.where(values > floor, vectors.T @ self.b[3:], 0.0)
         return np.concatenate([np.zeros(3), vectors @ (projected / np.maximum(values, floor))])
 
     def largest_sigma_m(self) -> float:
-        """Standard deviation in the least certain direction; rotations are multiplied by the points' length. NaN without a noise model."""
+        """Standard deviation in the least certain direction; rotations are multiplied by the
+        points' length. NaN without a noise model.
+        """
         if not self.is_information:
             return float("nan")
         smallest = np.linalg.eigvalsh(self.centred()[0])[0]
@@ -244,7 +278,9 @@ def small_twist(T_from: SE3, T_to: SE3) -> np.ndarray:
 
 
 def _twist_at(point_m: np.ndarray, length_m: float) -> np.ndarray:
-    """(6, 6) matrix that maps a twist about the origin to the displacement of the point and the rotation times a length, in metres."""
+    """(6, 6) matrix that maps a twist about the origin to the displacement of the point and the
+    rotation times a length, in metres.
+    """
     result = np.eye(6)
     result[:3, 3:] = -so3.hat(point_m)
     result[3:] *= length_m
@@ -253,7 +289,8 @@ def _twist_at(point_m: np.ndarray, length_m: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Stop:
-    """Stopping criteria of a level. Twists are in metres and radians; min_decrease has the unit of System.error.
+    """Stopping criteria of a level. Twists are in metres and radians; min_decrease has the unit of
+    System.error.
 
     undo: a step that increased the error is undone and ends the level (Kerl 2013).
     """
@@ -265,7 +302,8 @@ class Stop:
 
 @dataclass(frozen=True)
 class Limits:
-    """A smaller share of inliers is a failure; a smaller eigenvalue (share, as smallest_eigenvalue) is degenerate.
+    """A smaller share of inliers is a failure; a smaller eigenvalue (share, as smallest_eigenvalue)
+    is degenerate.
 
     prior_m: standard deviation of the motion about the constant-velocity prediction; 0: no prior.
     """
@@ -280,7 +318,8 @@ Linearise = Callable[[SE3, int], System]
 
 
 class Pass(NamedTuple):
-    """At most `iterations` on one level of `pixels`. rotation_only: the translation is fixed; centre: the prior is about the pose at
+    """At most `iterations` on one level of `pixels`. rotation_only: the translation is fixed;
+    centre: the prior is about the pose at
     which this pass begins, not about the guess.
     """
 
@@ -295,8 +334,8 @@ class Pass(NamedTuple):
 def solve(passes: list[Pass], guess: SE3, limits: Limits) -> Result:
     """Run all passes, coarse to fine, from `guess` (T_reference_current).
 
-    Passes without overlap are skipped; without overlap in the last one the alignment fails. The inliers of the result are those of
-    the last pass.
+    Passes without overlap are skipped; without overlap in the last one the alignment fails. The
+    inliers of the result are those of the last pass.
     """
     T, iterations_used, under_constrained, system, pixels, converged, total_twist = (
         guess,

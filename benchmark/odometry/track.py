@@ -1,6 +1,8 @@
-"""Tracking: from frames to a trajectory, with the choice of the reference frame and the handling of lost frames.
+"""Tracking: from frames to a trajectory, with the choice of the reference frame and the handling of
+lost frames.
 
-A frame is aligned against the one before or a keyframe; fusion/reference.py aligns it against a fused model.
+A frame is aligned against the one before or a keyframe; fusion/reference.py aligns it against a
+fused model.
 """
 
 import math
@@ -26,23 +28,29 @@ from .protocol import (
     failure,
 )
 
-#: Pose of a lost frame. hold: the last pose, and the reference does not change; constant-velocity: the last motion continues;
-#: restart: the last pose, and the lost frame is the new reference
+#: Pose of a lost frame. hold: the last pose, and the reference does not change; constant-velocity:
+#: the last motion continues; restart: the last pose, and the lost frame is the new reference
 POLICIES = ("hold", "constant-velocity", "restart")
-#: After this number of consecutive lost frames the reference is replaced, because it probably shows another place.
+#: After this number of consecutive lost frames the reference is replaced, because it probably shows
+#: another place.
 MAX_LOST = 5
-#: Decay per frame of a constant-velocity prediction in under-constrained directions (Result.under_constrained).
+#: Decay per frame of a constant-velocity prediction in under-constrained directions
+#: (Result.under_constrained).
 PREDICTION_DECAY = 0.95
-#: A motion is extrapolated over at most this time: a second later a camera in the hand has moved 0.7 to 0.95 of that (all eight trajectories).
+#: A motion is extrapolated over at most this time: a second later a camera in the hand has moved
+#: 0.7 to 0.95 of that (all eight trajectories).
 MAX_EXTRAPOLATION_S = 1.0
-#: A DEGENERATE pose is an outlier if it is farther than this from the path between the poses around it: a third of what counts as wrong.
+#: A DEGENERATE pose is an outlier if it is farther than this from the path between the poses around
+#: it: a third of what counts as wrong.
 OUTLIER_M, OUTLIER_DEG = WRONG_M / 3, WRONG_DEG / 3
-#: Output of an odometer's prepare() for a frame, or its equivalent for a rendered model, and T_world_camera of that frame.
+#: Output of an odometer's prepare() for a frame, or its equivalent for a rendered model, and
+#: T_world_camera of that frame.
 View = tuple[Any, SE3]
 
 
 class Reference:
-    """Chooses the view that the next frame is aligned against. This class returns the current frame, subclasses an earlier one.
+    """Chooses the view that the next frame is aligned against. This class returns the current
+    frame, subclasses an earlier one.
 
     tries_last: whether a frame that does not fit the view is aligned with the frame before instead.
     """
@@ -52,7 +60,9 @@ class Reference:
     def renew(
         self, frame: Frame, prepared: Any, T_world_camera: SE3, result: Result | None = None
     ) -> View:
-        """The view after a tracked frame. prepared: output of prepare(); result: output of align(), None for the first frame."""
+        """The view after a tracked frame. prepared: output of prepare(); result: output of align(),
+        None for the first frame.
+        """
         return self.restart(frame, prepared, T_world_camera)
 
     def restart(self, frame: Frame, prepared: Any, T_world_camera: SE3) -> View:
@@ -67,12 +77,14 @@ def rotated(T_world_one: SE3, T_world_other: SE3, min_deg: float) -> bool:
 
 
 class KeyframeReference(Reference):
-    """A keyframe is used while the camera is within max_m and max_deg of it: drift accumulates per keyframe, not per frame.
+    """A keyframe is used while the camera is within max_m and max_deg of it: drift accumulates per
+    keyframe, not per frame.
 
-    The next keyframe is a frame from half that distance on, not the last one. The baseline is then never too small to separate a
-    glass pane from the scene behind it by parallax. Errors of a keyframe stay. So it is a frame with the status OK, if there is one: the one
-    that adds the smallest variance per distance from the keyframe before, or the first one if variances are unknown. Raises InputError unless both
-    distances are positive.
+    The next keyframe is a frame from half that distance on, not the last one. The baseline is then
+    never too small to separate a glass pane from the scene behind it by parallax. Errors of a
+    keyframe stay. So it is a frame with the status OK, if there is one: the one that adds the
+    smallest variance per distance from the keyframe before, or the first one if variances are
+    unknown. Raises InputError unless both distances are positive.
     """
 
     def __init__(self, max_m: float = 0.2, max_deg: float = 10.0) -> None:
@@ -116,14 +128,18 @@ class KeyframeReference(Reference):
         return self.keyframe
 
     def _distance(self, view: View, T_world_camera: SE3) -> float:
-        """Distance of the camera from a view: the larger one of translation and rotation, as shares of max_m and max_deg."""
+        """Distance of the camera from a view: the larger one of translation and rotation, as shares
+        of max_m and max_deg.
+        """
         moved_m = float(np.linalg.norm(T_world_camera.translation - view[1].translation))
         turned_deg = math.degrees(so3.angle(view[1].rotation.T @ T_world_camera.rotation))
         return max(moved_m / self.max_m, turned_deg / self.max_deg)
 
 
 class MatchesReference(Reference):
-    """A reference frame is used while at least `min_matches` features match (Huang 2011, section 3.6; 150 in the authors' program)."""
+    """A reference frame is used while at least `min_matches` features match (Huang 2011, section
+    3.6; 150 in the authors' program).
+    """
 
     def __init__(self, min_matches: int = 150) -> None:
         self.min_matches = min_matches
@@ -142,10 +158,13 @@ class MatchesReference(Reference):
 
 
 class MatchedKeyframeReference(KeyframeReference):
-    """A keyframe as above, replaced by the current frame as soon as fewer than `min_share` of the matches of its first alignment are left:
-    points that move differently are few between close frames, and may be the majority between far ones. 0.75 is ORB-SLAM2's bound for RGB-D
-    cameras (R. Mur-Artal, J. D. Tardos, T-RO 2017; `thRefRatio` in its Tracking.cc). A frame that does not fit the keyframe is aligned with the
-    frame before, as in the authors' program of FOVIS; after MAX_LOST such frames in a row the current one is the keyframe.
+    """A keyframe as above, replaced by the current frame as soon as fewer than `min_share` of the
+    matches of its first alignment are left:
+    points that move differently are few between close frames, and may be the majority between far
+    ones. 0.75 is ORB-SLAM2's bound for RGB-D cameras (R. Mur-Artal, J. D. Tardos, T-RO 2017;
+    `thRefRatio` in its Tracking.cc). A frame that does not fit the keyframe is aligned with the
+    frame before, as in the authors' program of FOVIS; after MAX_LOST such frames in a row the
+    current one is the keyframe.
     """
 
     tries_last = True
@@ -173,9 +192,10 @@ class MatchedKeyframeReference(KeyframeReference):
 
 
 class EntropyReference(KeyframeReference):
-    """A keyframe is used while the ratio of the motion's entropy to that of the keyframe's first motion is at least min_ratio:
-    C. Kerl, J. Sturm, D. Cremers, "Dense visual SLAM for RGB-D cameras", IROS 2013, section IV-B. The next keyframe is the last
-    frame for which this was true.
+    """A keyframe is used while the ratio of the motion's entropy to that of the keyframe's first
+    motion is at least min_ratio:
+    C. Kerl, J. Sturm, D. Cremers, "Dense visual SLAM for RGB-D cameras", IROS 2013, section IV-B.
+    The next keyframe is the last frame for which this was true.
     """
 
     def __init__(self, min_ratio: float = 0.91) -> None:
@@ -203,7 +223,9 @@ class EntropyReference(KeyframeReference):
 
 
 def _entropy(result: Result | None) -> float:
-    """ln of the determinant of the covariance, without the constants of a normal distribution; NaN without information."""
+    """ln of the determinant of the covariance, without the constants of a normal distribution; NaN
+    without information.
+    """
     if result is None or not result.residual > 0:
         return math.nan
     is_information = math.isfinite(result.largest_sigma_m)
@@ -232,7 +254,10 @@ def reference(name: str) -> Reference:
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """A tracked frame. The world is the first camera. If `lost`, the pose comes from the policy and is not measured."""
+    """A tracked frame.
+
+    The world is the first camera. If `lost`, the pose comes from the policy and is not measured.
+    """
 
     stamp_s: float
     T_world_camera: SE3
@@ -244,13 +269,16 @@ class Tracked:
 
 
 class Tracker:
-    """Tracks frames one by one, with constant memory and time per frame. against: the reference; by default the odometer's own.
+    """Tracks frames one by one, with constant memory and time per frame. against: the reference; by
+    default the odometer's own.
 
-    Each alignment starts from a constant-velocity prediction, except after a lost frame, or from that of a SequentialOdometer. A frame that repeats the one before is not
-    aligned: it keeps the pose and is DEGENERATE, as is the next tracked frame after it, and a frame whose predecessor was a DEGENERATE outlier:
-    the motion between the two is wrong. So is a frame that has not converged after a pose with a standard deviation of more than
-    WRONG_M: it started from a motion that is not known; and one that has not converged and is farther from its prediction than what
-    counts as wrong. Raises InputError for an unknown policy.
+    Each alignment starts from a constant-velocity prediction, except after a lost frame, or from
+    that of a SequentialOdometer. A frame that repeats the one before is not aligned: it keeps the
+    pose and is DEGENERATE, as is the next tracked frame after it, and a frame whose predecessor was
+    a DEGENERATE outlier: the motion between the two is wrong. So is a frame that has not converged
+    after a pose with a standard deviation of more than WRONG_M: it started from a motion that is
+    not known; and one that has not converged and is farther from its prediction than what counts as
+    wrong. Raises InputError for an unknown policy.
     """
 
     def __init__(
@@ -275,9 +303,12 @@ class Tracker:
             math.nan,
         )  # the time of the pose T_view_camera, and how long the last motion took
         self.losses, self.repeated = 0, False
-        self.unfit = 0  # number of consecutive frames that do not fit the view and were aligned with the frame before
+        # number of consecutive frames that do not fit the view and were aligned with the frame
+        # before
+        self.unfit = 0
         self.assumed = False  # whether the pose of the view comes from the policy
-        # stamp and pose of the last frame that was OK, or of the assumed pose of the view since then; of the last tracked frame, if it was DEGENERATE
+        # stamp and pose of the last frame that was OK, or of the assumed pose of the view since
+        # then; of the last tracked frame, if it was DEGENERATE
         self.good: tuple[float, SE3] | None = None
         self.doubtful: tuple[float, SE3] | None = None
         self.uncertain = False  # whether the standard deviation of the last pose is above WRONG_M
@@ -324,7 +355,9 @@ class Tracker:
         return current, result
 
     def _against_last(self, previous: Any, current: Any, motion: SE3, lost: Result) -> Result:
-        """The alignment with the last frame of a frame that does not fit the view, DEGENERATE; `lost` if this fails as well."""
+        """The alignment with the last frame of a frame that does not fit the view, DEGENERATE;
+        `lost` if this fails as well.
+        """
         result = self.odometer.align(previous, current, motion)
         if result.status is Status.FAILED:
             return lost
@@ -344,7 +377,9 @@ class Tracker:
         return SE3.identity() if self.losses else self._predicted(stamp_s)
 
     def _doubt(self, stamp_s: float, frame: Frame, guess: SE3, result: Result) -> str:
-        """The reason why a pose that its odometer reports as OK is DEGENERATE; empty if there is none."""
+        """The reason why a pose that its odometer reports as OK is DEGENERATE; empty if there is
+        none.
+        """
         if frame.flat():  # such depth fits every motion that keeps its distance
             return "depth: the same value in all pixels"
         if self.assumed:
@@ -360,7 +395,9 @@ class Tracker:
         return ""
 
     def _after_outlier(self, stamp_s: float, T_world_camera: SE3) -> bool:
-        """Whether the last tracked pose was DEGENERATE and is not on the path from the last one that was OK to this one."""
+        """Whether the last tracked pose was DEGENERATE and is not on the path from the last one
+        that was OK to this one.
+        """
         if self.good is None or self.doubtful is None:
             return False
         (good_s, T_world_good), (doubtful_s, T_world_doubtful) = self.good, self.doubtful
@@ -428,7 +465,9 @@ def _apart(T_one: SE3, T_other: SE3, max_m: float, max_deg: float) -> bool:
 
 
 def _rigid(T: SE3) -> SE3:
-    """T with the nearest rotation matrix: in a chain of poses and inverses (transposes) rounding errors would accumulate."""
+    """T with the nearest rotation matrix: in a chain of poses and inverses (transposes) rounding
+    errors would accumulate.
+    """
     return SE3(so3.nearest_rotation(T.rotation), T.translation)
 
 

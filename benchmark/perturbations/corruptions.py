@@ -1,7 +1,9 @@
-"""The corruptions of X. Xu and others, "Customizable perturbation synthesis for robust SLAM benchmarking" (2024), with their definitions and constants.
+"""The corruptions of X. Xu and others, "Customizable perturbation synthesis for robust SLAM
+benchmarking" (2024), with their definitions and constants.
 
-Those of colour come from D. Hendrycks and T. Dietterich, "Benchmarking neural network robustness to common corruptions and perturbations",
-ICLR 2019. Differences: all random numbers depend only on seed and frame; depth stays in metres, so that negative noise does not wrap in 16 bits.
+Those of colour come from D. Hendrycks and T. Dietterich, "Benchmarking neural network robustness to
+common corruptions and perturbations", ICLR 2019. Differences: all random numbers depend only on
+seed and frame; depth stays in metres, so that negative noise does not wrap in 16 bits.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,8 @@
-"""Perturbations of the images. Each function takes a segment, a level in the unit given in perturbations.toml, and fixed settings by keyword."""
+"""Perturbations of the images.
+
+Each function takes a segment, a level in the unit given in perturbations.toml, and fixed settings
+by keyword.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,7 +29,9 @@ def flat_texture(segment: Segment, removed_percent: float) -> Segment:
 
 
 def holes(segment: Segment, percent: float, size_px: float) -> Segment:
-    """Depth is missing in patches of about size_px that cover this share of the image; each frame has other patches."""
+    """Depth is missing in patches of about size_px that cover this share of the image; each frame
+    has other patches.
+    """
 
     def change(number: int, colour: np.ndarray, depth_z_m: np.ndarray) -> Images:
         h, w = depth_z_m.shape
@@ -44,7 +50,9 @@ def range_cut(segment: Segment, max_m: float) -> Segment:
 
 
 def noise(segment: Segment, factor: float) -> Segment:
-    """The noise model `released` for depth and colour, with its standard deviations and offsets multiplied by `factor`."""
+    """The noise model `released` for depth and colour, with its standard deviations and offsets
+    multiplied by `factor`.
+    """
     depth, rgb = ReleasedDepthNoise(), ReleasedRgbNoise()
     scaled = {
         name: factor * getattr(depth, name)
@@ -63,7 +71,9 @@ def noise(segment: Segment, factor: float) -> Segment:
 
 
 def low_light(segment: Segment, stops: float) -> Segment:
-    """Radiance halved `stops` times, with the read and shot noise of the model `paper`; depth is unchanged."""
+    """Radiance halved `stops` times, with the read and shot noise of the model `paper`; depth is
+    unchanged.
+    """
     rgb = PaperRgbNoise(exposure=2.0**-stops)
     return segment.with_images(
         lambda number, colour, z: (
@@ -79,7 +89,9 @@ def exposure_steps(segment: Segment, stops: float, every: float) -> Segment:
 
 
 def exposure_hunting(segment: Segment, stops: float, hz: float) -> Segment:
-    """An oscillating automatic exposure: it swings by this number of stops up and down, `hz` times per second."""
+    """An oscillating automatic exposure: it swings by this number of stops up and down, `hz` times
+    per second.
+    """
     return _gained(
         segment, lambda number: stops * float(np.sin(2 * np.pi * hz * segment.stamps_s[number]))
     )
@@ -125,7 +137,9 @@ def misregistered(segment: Segment, shift_px: float) -> Segment:
 
 
 def calibration_off(segment: Segment, percent: float) -> Segment:
-    """The camera given to the method has focal lengths and a principal point that are too large by this percentage."""
+    """The camera given to the method has focal lengths and a principal point that are too large by
+    this percentage.
+    """
     c, factor = segment.camera, 1 + percent / 100
     values = {name: factor * getattr(c, name) for name in ("fx", "fy", "cx", "cy")}
     return replace(segment, camera=replace(c, **values))

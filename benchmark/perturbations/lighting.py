@@ -1,7 +1,9 @@
-"""Perturbations of light, air and lens: smoke, flicker, shadows that move, the dots of a projector, dirt.
+"""Perturbations of light, air and lens: smoke, flicker, shadows that move, the dots of a projector,
+dirt.
 
-All are computed in scene-linear light, of which 1 is white, with the exact depth and the true poses. Depth stays as it is, except in smoke.
-The room's own light stands for the reflectance of its surfaces where another light falls on them.
+All are computed in scene-linear light, of which 1 is white, with the exact depth and the true
+poses. Depth stays as it is, except in smoke. The room's own light stands for the reflectance of its
+surfaces where another light falls on them.
 """
 
 from collections.abc import Callable
@@ -14,7 +16,8 @@ from iclnuim.sensor.transfer import light_from_srgb8, srgb8
 
 from .segment import Images, Segment
 
-#: Contrast at which an object is still visible: 5 % defines the meteorological optical range (WMO-No. 8, Guide to Instruments).
+#: Contrast at which an object is still visible: 5 % defines the meteorological optical range
+#: (WMO-No. 8, Guide to Instruments).
 _VISIBLE = 0.05
 #: Width of the blurred edge of dirt, in standard deviations of its random field.
 _SOFT = 0.6
@@ -23,9 +26,11 @@ _CELLS = 64
 
 
 def smoke(segment: Segment, visibility_m: float, airlight: float, min_signal: float) -> Segment:
-    """Homogeneous smoke. Koschmieder's law: L exp(-b d) + airlight (1 - exp(-b d)) at distance d, where b = -ln(0.05) / visibility_m.
+    """Homogeneous smoke. Koschmieder's law: L exp(-b d) + airlight (1 - exp(-b d)) at distance d,
+    where b = -ln(0.05) / visibility_m.
 
-    The light of a depth sensor crosses the smoke twice: depth is missing where exp(-2 b d) is below min_signal.
+    The light of a depth sensor crosses the smoke twice: depth is missing where exp(-2 b d) is below
+    min_signal.
     """
     slant, extinction = (
         ray_lengths(segment.true_camera),
@@ -43,7 +48,8 @@ def smoke(segment: Segment, visibility_m: float, airlight: float, min_signal: fl
 
 
 def flicker(segment: Segment, percent: float, hz: float, readout_ms: float) -> Segment:
-    """Lamps on the mains: light varies as 1 + m sin(2 pi hz t), at twice the mains frequency, and each row of a rolling shutter has its own time.
+    """Lamps on the mains: light varies as 1 + m sin(2 pi hz t), at twice the mains frequency, and
+    each row of a rolling shutter has its own time.
 
     percent: m, the modulation, as a percentage. The exposure is short.
     """
@@ -60,9 +66,11 @@ def flicker(segment: Segment, percent: float, hz: float, readout_ms: float) -> S
 
 
 def moving_shadows(segment: Segment, percent: float, size_m: float, speed_m_s: float) -> Segment:
-    """Sunlight through leaves that move: shadows about size_m wide cross all surfaces at speed_m_s, and take this percentage of the light.
+    """Sunlight through leaves that move: shadows about size_m wide cross all surfaces at speed_m_s,
+    and take this percentage of the light.
 
-    The shadows are a random field on the floor plane, projected along the sun's direction on the exact surface points.
+    The shadows are a random field on the floor plane, projected along the sun's direction on the
+    exact surface points.
     """
     camera, pattern = segment.true_camera, _repeating(segment)
     rays = camera.rays().astype(np.float32)
@@ -83,9 +91,11 @@ def moving_shadows(segment: Segment, percent: float, size_m: float, speed_m_s: f
 
 
 def emitter_dots(segment: Segment, strength: float, baseline_m: float, pitch_px: float) -> Segment:
-    """The camera sees the dots of the depth sensor's projector, which move with the camera: they are `strength` times the room's light at 1 m.
+    """The camera sees the dots of the depth sensor's projector, which move with the camera: they
+    are `strength` times the room's light at 1 m.
 
-    A dot at the projector's pixel u appears at u - fx baseline / Z; irradiance falls with the squared distance. One dot per square of pitch_px.
+    A dot at the projector's pixel u appears at u - fx baseline / Z; irradiance falls with the
+    squared distance. One dot per square of pitch_px.
     """
     camera = segment.true_camera
     slant, dots = ray_lengths(camera), _dots(segment, int(pitch_px))
@@ -100,7 +110,9 @@ def emitter_dots(segment: Segment, strength: float, baseline_m: float, pitch_px:
 
 
 def lens_dirt(segment: Segment, percent: float, size_px: float, grey: float) -> Segment:
-    """Dirt on the lens, out of focus, covers this share of the colour image; it stays at the same pixels in every frame."""
+    """Dirt on the lens, out of focus, covers this share of the colour image; it stays at the same
+    pixels in every frame.
+    """
     h, w = segment.true_camera.height, segment.true_camera.width
     coarse = gaussian(
         segment.generator(segment.numbers[0]), (int(h // size_px) + 3, int(w // size_px) + 3)
@@ -136,7 +148,9 @@ def _repeating(segment: Segment) -> np.ndarray:
 
 
 def _dots(segment: Segment, pitch_px: int) -> np.ndarray:
-    """A pattern, _framed, with one dot of about 3 pixels at a random place in each square of pitch_px, with a maximum of 1."""
+    """A pattern, _framed, with one dot of about 3 pixels at a random place in each square of
+    pitch_px, with a maximum of 1.
+    """
     rng, side = segment.generator(segment.numbers[0]), _CELLS * pitch_px
     dots = np.zeros((side, side), np.float32)
     corners = np.arange(_CELLS) * pitch_px
@@ -147,7 +161,9 @@ def _dots(segment: Segment, pitch_px: int) -> np.ndarray:
 
 
 def _framed(pattern: np.ndarray) -> np.ndarray:
-    """(h + 1, w + 1) a pattern (h, w) that repeats in both directions, with its first row and column once more at the end."""
+    """(h + 1, w + 1) a pattern (h, w) that repeats in both directions, with its first row and
+    column once more at the end.
+    """
     return np.pad(pattern, ((0, 1), (0, 1)), mode="wrap")
 
 

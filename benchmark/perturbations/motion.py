@@ -1,7 +1,8 @@
-"""Perturbations of time: faster motion, missing frames, motion blur, rolling shutter, colour delayed against depth.
+"""Perturbations of time: faster motion, missing frames, motion blur, rolling shutter, colour
+delayed against depth.
 
-The image at a time between two frames is warped from the nearest frame, with its depth and the true poses (`Shift`). Reflections move
-with the surface that reflects.
+The image at a time between two frames is warped from the nearest frame, with its depth and the true
+poses (`Shift`). Reflections move with the surface that reflects.
 """
 
 from dataclasses import replace
@@ -50,7 +51,10 @@ def frozen_frames(segment: Segment, percent: float, run: float) -> Segment:
 
 
 def motion_blur(segment: Segment, exposure_ms: float) -> Segment:
-    """Colour is the mean radiance of an exposure around the stamp. An exposure longer than a frame lowers the frame rate. Depth stays sharp."""
+    """Colour is the mean radiance of an exposure around the stamp.
+
+    An exposure longer than a frame lowers the frame rate. Depth stays sharp.
+    """
     exposure_s, load = exposure_ms / 1e3, segment.load
     step_s = segment.stamps_s[segment.numbers[1]] - segment.stamps_s[segment.numbers[0]]
     keep = max(1, int(np.ceil(exposure_s / step_s - 1e-6)))
@@ -120,7 +124,8 @@ def _light_at(segment: Segment, stamp_s: float) -> np.ndarray:
 
 
 class Shift:
-    """For each pixel (h, w) of another view: the offset in pixels to its position in a frame's image, and its relative increase of depth
+    """For each pixel (h, w) of another view: the offset in pixels to its position in a frame's
+    image, and its relative increase of depth
     over that frame.
     """
 
@@ -178,7 +183,9 @@ class Shift:
 
 
 def _depth_at(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Depth between pixels: linear within a surface, that of the nearest pixel at edges; the border of the image is replicated."""
+    """Depth between pixels: linear within a surface, that of the nearest pixel at edges; the border
+    of the image is replicated.
+    """
     linear, nearest = (
         np.asarray(cv2.remap(depth_z_m, u, v, how, borderMode=cv2.BORDER_REPLICATE), np.float32)
         for how in (cv2.INTER_LINEAR, cv2.INTER_NEAREST)

@@ -1,4 +1,6 @@
-"""People who walk around the camera: surfaces that move independently of it, in depth and in colour."""
+"""People who walk around the camera: surfaces that move independently of it, in depth and in
+colour.
+"""
 
 import numpy as np
 
@@ -11,9 +13,11 @@ _AROUND, _PER_M = 12, 8
 
 
 def people(segment: Segment, count: float, radius_m: float, speed_m_s: float) -> Segment:
-    """This number of people walk one behind the other on a circle around the camera; the first crosses the view's centre half-way.
+    """This number of people walk one behind the other on a circle around the camera; the first
+    crosses the view's centre half-way.
 
-    Each is an upright cylinder with random clothes, whose axis is vertical (z of the world). The circle's centre is the camera's mean position.
+    Each is an upright cylinder with random clothes, whose axis is vertical (z of the world). The
+    circle's centre is the camera's mean position.
     """
     camera = segment.true_camera
     rays = camera.rays().astype(np.float32)
@@ -53,7 +57,8 @@ def people(segment: Segment, count: float, radius_m: float, speed_m_s: float) ->
 
 
 def _cylinder(directions: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """(h, w) parameter of the first intersection of each ray with a vertical cylinder about the origin; 0 where there is none in front.
+    """(h, w) parameter of the first intersection of each ray with a vertical cylinder about the
+    origin; 0 where there is none in front.
 
     directions: (h, w, 2) and start: (2,), their horizontal parts.
     """

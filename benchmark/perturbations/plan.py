@@ -97,7 +97,9 @@ class Bounds(Settings):
 
 @dataclass(frozen=True)
 class Calibration(Settings):
-    """Requirements on severities, measured with third-party odometers: minimum growth of the median error at 1 and at 2; at 5, more than half fail."""
+    """Requirements on severities, measured with third-party odometers: minimum growth of the median
+    error at 1 and at 2; at 5, more than half fail.
+    """
 
     group = "settings of [calibration] in a file of perturbations"
 
@@ -136,7 +138,9 @@ class Perturbation(Settings):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The content of the file: its text, number of frames of a segment, seed, starts by sequence, bounds, perturbations by name, and their fixed settings."""
+    """The content of the file: its text, number of frames of a segment, seed, starts by sequence,
+    bounds, perturbations by name, and their fixed settings.
+    """
 
     text: str
     frames: int
@@ -156,7 +160,9 @@ class Plan:
         )
 
     def starts_of(self, sequence: str, length: int) -> list[int]:
-        """First frames of the segments of a sequence with `length` frames: those in the file, or computed from its shares."""
+        """First frames of the segments of a sequence with `length` frames: those in the file, or
+        computed from its shares.
+        """
         shares = sorted(
             {int(share * max(0, length - self.frames)) for share in self.starts["shares"]}
         )

@@ -14,9 +14,11 @@ _LIGHT_M_S = 299_792_458.0
 def interference(
     segment: Segment, percent: float, window_px: float, search_px: float, baseline_m: float
 ) -> Segment:
-    """A second structured-light projector disturbs the matching of this share of the windows: in half of them depth is missing, and
-    in the others the disparity is wrong by up to search_px (A. Maimone and H. Fuchs, "Reducing interference between multiple structured
-    light depth sensors using motion", IEEE VR 2012). Other windows are disturbed in each frame.
+    """A second structured-light projector disturbs the matching of this share of the windows: in
+    half of them depth is missing, and
+    in the others the disparity is wrong by up to search_px (A. Maimone and H. Fuchs, "Reducing
+    interference between multiple structured light depth sensors using motion", IEEE VR 2012). Other
+    windows are disturbed in each frame.
     """
     scale = np.float32(segment.true_camera.fx * baseline_m)
 
@@ -40,7 +42,8 @@ def interference(
 
 
 def wrapped_phase(segment: Segment, mhz: float) -> Segment:
-    """A time-of-flight sensor with one modulation frequency measures distance modulo c / (2 f) (M. Hansard and others, "Time-of-Flight
+    """A time-of-flight sensor with one modulation frequency measures distance modulo c / (2 f) (M.
+    Hansard and others, "Time-of-Flight
     Cameras: Principles, Methods and Applications", Springer 2012).
     """
     slant, range_m = ray_lengths(segment.true_camera), np.float32(_LIGHT_M_S / (2e6 * mhz))

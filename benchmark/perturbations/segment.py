@@ -23,10 +23,11 @@ Images = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Frames `numbers` of a sequence in order. camera: the camera given to the method. guess_off_deg: rotation error of its initial guess.
+    """Frames `numbers` of a sequence in order. camera: the camera given to the method.
+    guess_off_deg: rotation error of its initial guess.
 
-    true_camera: the camera that took the images. load(number): images of any frame of the sequence. truth: the poses of all frames.
-    seed: with frame number and stream, it seeds all random numbers.
+    true_camera: the camera that took the images. load(number): images of any frame of the sequence.
+    truth: the poses of all frames. seed: with frame number and stream, it seeds all random numbers.
     """
 
     camera: PinholeCamera
@@ -42,7 +43,10 @@ class Segment:
     def of(
         cls, sequence: Sequence, truth: Trajectory, start: int, frames: int, seed: int
     ) -> "Segment":
-        """Frames start to start + frames of a sequence with planar depth. Raises InputError if it has fewer frames."""
+        """Frames start to start + frames of a sequence with planar depth.
+
+        Raises InputError if it has fewer frames.
+        """
         if start + frames > len(sequence.pairs):
             expected = f"at least {start + frames} frames"
             raise InputError(
@@ -58,7 +62,9 @@ class Segment:
         return frame_generator(self.seed, number, stream)
 
     def pose(self, stamp_s: float) -> SE3:
-        """T_world_camera at any time, interpolated by a screw motion between two frames; beyond the ends of the sequence, its first or last pose."""
+        """T_world_camera at any time, interpolated by a screw motion between two frames; beyond the
+        ends of the sequence, its first or last pose.
+        """
         return sample(self.truth, np.clip([stamp_s], *self.truth.stamps_s[[0, -1]]))[0]
 
     @property
@@ -67,7 +73,9 @@ class Segment:
         return self.numbers[len(self.numbers) // 2]
 
     def with_images(self, change: Callable[[int, np.ndarray, np.ndarray], Images]) -> "Segment":
-        """The segment with changed images: change(number, colour, depth) returns new arrays and must not modify its arguments."""
+        """The segment with changed images: change(number, colour, depth) returns new arrays and
+        must not modify its arguments.
+        """
         load = self.load
         return replace(self, load=lambda number: change(number, *load(number)))
 

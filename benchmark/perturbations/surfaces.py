@@ -1,7 +1,9 @@
-"""Objects put into the scene, geometrically exact in every frame: walls, panes, poles, bars, an object that moves with the camera; and gloss.
+"""Objects put into the scene, geometrically exact in every frame: walls, panes, poles, bars, an
+object that moves with the camera; and gloss.
 
-A pane, a pole or a bar would leave the view when the camera rotates. Every `_EVERY_S`, new ones are put in the plane in front of the camera
-at that time, so that about the same share of the view stays covered.
+A pane, a pole or a bar would leave the view when the camera rotates. Every `_EVERY_S`, new ones are
+put in the plane in front of the camera at that time, so that about the same share of the view stays
+covered.
 """
 
 from collections.abc import Callable
@@ -23,7 +25,9 @@ _WALL, _POLE = 170.0, 40.0
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Intersections of a frame's rays with a plane: planar depth (h, w), 0 or less where there is none, and metres right and down from the plane's centre."""
+    """Intersections of a frame's rays with a plane: planar depth (h, w), 0 or less where there is
+    none, and metres right and down from the plane's centre.
+    """
 
     depth_z_m: np.ndarray
     right_m: np.ndarray
@@ -139,7 +143,9 @@ def moving_object(
 
 
 def gloss(segment: Segment, percent: float, smooth_px: float) -> Segment:
-    """All surfaces reflect this share of distant surroundings and lose the same share of their own radiance. Normals come from depth smoothed over `smooth_px`."""
+    """All surfaces reflect this share of distant surroundings and lose the same share of their own
+    radiance. Normals come from depth smoothed over `smooth_px`.
+    """
     camera, share, side = segment.true_camera, np.float32(percent / 100), int(smooth_px)
 
     def change(number: int, colour: np.ndarray, depth_z_m: np.ndarray) -> Images:
@@ -174,7 +180,9 @@ def _with_planes(
     anchors: Callable[[Segment], list[int]],
     seen: Callable[[int, np.ndarray, np.ndarray, Hits, int], Images],
 ) -> Segment:
-    """The segment with a plane in front of the camera of each anchor; seen(number, colour, depth, hits, anchor) draws the object on it."""
+    """The segment with a plane in front of the camera of each anchor; seen(number, colour, depth,
+    hits, anchor) draws the object on it.
+    """
     numbers = anchors(segment)
 
     def change(number: int, colour: np.ndarray, depth_z_m: np.ndarray) -> Images:
@@ -215,7 +223,9 @@ def _bars(
 
 
 def _surroundings(segment: Segment, anchor: int, directions: np.ndarray) -> np.ndarray:
-    """(n, 3) uint8 colours of directions (n, 3) in an anchor's camera: its image, mapped to all directions and mirrored at its borders."""
+    """(n, 3) uint8 colours of directions (n, 3) in an anchor's camera: its image, mapped to all
+    directions and mirrored at its borders.
+    """
     image = segment.load(anchor)[0]
     h, w = image.shape[:2]
     azimuth = np.arctan2(directions[:, 0], directions[:, 2]) / np.pi  # -1..1

@@ -1,4 +1,5 @@
-"""Reads the trajectory that a system wrote, matches it to the stamps of the frames, and evaluates it; combines several runs into a row of `bench odometry`.
+"""Reads the trajectory that a system wrote, matches it to the stamps of the frames, and evaluates
+it; combines several runs into a row of `bench odometry`.
 
 Only the trajectory is evaluated; how the process ended is reported in a note.
 """
@@ -24,7 +25,8 @@ from .process import Ended
 from .staging import StagedSequence
 from .system import ResultSettings, System
 
-#: A pose matches a frame if their stamps differ by less than 1 ms and by less than a quarter of a frame: enough for six digits, or a float.
+#: A pose matches a frame if their stamps differ by less than 1 ms and by less than a quarter of a
+#: frame: enough for six digits, or a float.
 _MATCH_S, _MATCH_SHARE = 1e-3, 0.25
 #: Coverage below which a note reports it.
 _WHOLE = 0.9
@@ -33,7 +35,9 @@ _SECOND = RelativeErrorSettings(1.0, "seconds")
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Result of one trajectory of one run: number of frames with a pose, RMSE in metres (None if it cannot be computed), and notes."""
+    """Result of one trajectory of one run: number of frames with a pose, RMSE in metres (None if it
+    cannot be computed), and notes.
+    """
 
     matched: int
     ate_rmse_m: float | None
@@ -44,7 +48,9 @@ class Evaluation:
 def evaluate_run(
     sequence: StagedSequence, system: System, name: str, run: Path, ended: Ended
 ) -> Evaluation:
-    """Read the trajectory `name` that a run wrote into run/out, write it as run/matched/NAME.txt (TUM, with the stamps of the frames), and evaluate that file."""
+    """Read the trajectory `name` that a run wrote into run/out, write it as run/matched/NAME.txt
+    (TUM, with the stamps of the frames), and evaluate that file.
+    """
     result, notes = system.trajectories[name], _how(ended)
     file = run / "out" / result.file
     try:
@@ -80,7 +86,8 @@ def _last_line(log: Path) -> str:
 def _read(
     file: Path, matched: Path, result: ResultSettings, cut: bool
 ) -> tuple[Trajectory, list[str]]:
-    """Read a trajectory. Lines with NaN or infinity are frames that the system did not track; they are left out, and a note counts them.
+    """Read a trajectory. Lines with NaN or infinity are frames that the system did not track; they
+    are left out, and a note counts them.
     cut: the last line may be incomplete.
     """
     matched.mkdir(exist_ok=True)
@@ -109,7 +116,10 @@ def _not_finite(line: str) -> bool:
 def _matched(
     sequence: StagedSequence, system: System, result: ResultSettings, written: Trajectory
 ) -> tuple[Trajectory, list[str]]:
-    """The poses that match a frame, with the stamp of that frame, and notes. Raises InputError if less than half match."""
+    """The poses that match a frame, with the stamp of that frame, and notes.
+
+    Raises InputError if less than half match.
+    """
     own_s = sequence.stamps_s
     if result.counted:
         numbers = np.rint(frames_of_stamps(written.stamps_s, 1.0)).astype(int)
@@ -161,7 +171,8 @@ def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> 
 
 
 def row(name: str, frames: int, runs: Sequence[tuple[Ended, Evaluation]]) -> dict:
-    """Combine several runs into a row of `bench odometry`: medians over the runs that have a figure, quartiles of the ATE, and the notes of all runs.
+    """Combine several runs into a row of `bench odometry`: medians over the runs that have a
+    figure, quartiles of the ATE, and the notes of all runs.
 
     Times per frame are those of the whole process, including its start and reading the images.
     """

@@ -1,9 +1,11 @@
 """Runs a system on a sequence several times, in a folder that can be resumed:
 
-OUT/results.json                        the rows of all systems and sequences in OUT, as read by `bench odometry`
+OUT/results.json                        the rows of all systems and sequences in OUT, as read by
+                                        `bench odometry`
 OUT/SYSTEM/SEQUENCE/recipe.json         the system's file, its options, the sequence, versions
 OUT/SYSTEM/SEQUENCE/stage/              the view of the sequence for the system
-OUT/SYSTEM/SEQUENCE/run_1/, run_2/ ...  out/ (the system's working folder), log.txt, ended.json, matched/NAME.txt (the evaluated trajectory)
+OUT/SYSTEM/SEQUENCE/run_1/, run_2/ ...  out/ (the system's working folder), log.txt, ended.json,
+matched/NAME.txt (the evaluated trajectory)
 """
 
 import platform
@@ -63,9 +65,11 @@ class Experiment:
         return self.out.resolve().joinpath(*names)
 
     def prepare(self) -> dict[str, object]:
-        """Make folder, recipe and view, or open the existing ones. Returns the values of the command's placeholders except {out}.
+        """Make folder, recipe and view, or open the existing ones. Returns the values of the
+        command's placeholders except {out}.
 
-        Raises InputError if the folder contains another experiment, WorkError if something is missing or cannot be written.
+        Raises InputError if the folder contains another experiment, WorkError if something is
+        missing or cannot be written.
         """
         stage, settings = self.folder / "stage", self.system.settings
         program = self.system.found_program()
@@ -105,9 +109,11 @@ class Experiment:
     def run(
         self, runs: int, limit_s: float, on_run: Callable[[], object] = lambda: None
     ) -> list[dict]:
-        """Run the system until there are `runs` runs; returns the rows over all of them, one for each trajectory.
+        """Run the system until there are `runs` runs; returns the rows over all of them, one for
+        each trajectory.
 
-        A run that was killed at a shorter time limit is repeated. An interruption removes the current run and keeps the others.
+        A run that was killed at a shorter time limit is repeated. An interruption removes the
+        current run and keeps the others.
         """
         values = self.prepare()
         for place in (places := [self.folder / f"run_{number}" for number in range(1, runs + 1)]):
@@ -188,7 +194,8 @@ def _is_done(place: Path, limit_s: float) -> bool:
 
 
 def merged(comparisons: list[dict]) -> list[dict]:
-    """Merge rows of one sequence: of odometers with the same preset, and of systems, which have no preset, with any. The later of two rows with
+    """Merge rows of one sequence: of odometers with the same preset, and of systems, which have no
+    preset, with any. The later of two rows with
     one name replaces the earlier.
     """
     found: list[dict] = []

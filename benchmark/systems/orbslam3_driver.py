@@ -1,4 +1,5 @@
-"""Runs ORB-SLAM3 through pyorbslam3 on a staged sequence. Arguments: VOCABULARY SETTINGS STAGE OUT; writes OUT/live.txt and OUT/final.txt.
+"""Runs ORB-SLAM3 through pyorbslam3 on a staged sequence. Arguments: VOCABULARY SETTINGS STAGE OUT;
+writes OUT/live.txt and OUT/final.txt.
 
 It runs in any Python that has pyorbslam3 and OpenCV, so it imports nothing else.
 """

@@ -1,4 +1,7 @@
-"""Runs one command in its own process group with a time limit, and measures time and memory. No process of the group is left running."""
+"""Runs one command in its own process group with a time limit, and measures time and memory.
+
+No process of the group is left running.
+"""
 
 import os
 import signal
@@ -18,7 +21,8 @@ _SAMPLE_S = 0.05
 
 @dataclass(frozen=True)
 class Ended:
-    """Wall time and processor time in seconds, peak memory in bytes (sum over its processes, sampled every 50 ms), and how it ended:
+    """Wall time and processor time in seconds, peak memory in bytes (sum over its processes,
+    sampled every 50 ms), and how it ended:
     "exit 0", "SIGSEGV", "time limit".
     """
 
@@ -38,9 +42,11 @@ def run_command(
     limit_s: float,
     environment: Mapping[str, str] | None = None,
 ) -> Ended:
-    """Run a command in `folder`, with its output in `log`. Its process group is killed at the time limit, and when the command ends.
+    """Run a command in `folder`, with its output in `log`. Its process group is killed at the time
+    limit, and when the command ends.
 
-    Raises WorkError if it cannot be started. KeyboardInterrupt is re-raised after the group is killed.
+    Raises WorkError if it cannot be started. KeyboardInterrupt is re-raised after the group is
+    killed.
     """
     started = time.monotonic()
     with open(log, "wb") as output:
@@ -81,7 +87,9 @@ def _kill(group: int) -> None:
 
 
 class _Watch:
-    """A thread that samples the memory of a process and its children, and kills the group at the deadline."""
+    """A thread that samples the memory of a process and its children, and kills the group at the
+    deadline.
+    """
 
     def __init__(self, process: int, deadline: float) -> None:
         self.late, self.peak_bytes = False, 0

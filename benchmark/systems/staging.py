@@ -1,7 +1,8 @@
-"""Makes the view of a sequence for a system: links to the images under the names that it requires, lists of images, and its settings file.
+"""Makes the view of a sequence for a system: links to the images under the names that it requires,
+lists of images, and its settings file.
 
-Stamps have six digits. If the first stamp would be too close to 0, whole seconds are added, and subtracted from the result. The view does
-not contain the ground truth.
+Stamps have six digits. If the first stamp would be too close to 0, whole seconds are added, and
+subtracted from the result. The view does not contain the ground truth.
 """
 
 import gzip
@@ -46,7 +47,10 @@ _PACKED: dict[str, Callable] = {".xz": lzma.open, ".gz": gzip.open}
 
 @dataclass(frozen=True, eq=False)
 class StagedSequence:
-    """Images and camera for a system, and the ground truth for its evaluation. Stamps (n,) in seconds are those of the sequence; those of the view are `offset_s` later."""
+    """Images and camera for a system, and the ground truth for its evaluation.
+
+    Stamps (n,) in seconds are those of the sequence; those of the view are `offset_s` later.
+    """
 
     name: str
     pairs: tuple[ImagePair, ...]
@@ -57,7 +61,10 @@ class StagedSequence:
     def of(
         cls, folder: Path, camera: SequenceCamera | None = None, first: int | None = None
     ) -> "StagedSequence":
-        """The image pairs of a folder, or its `first` ones. Raises InputError if there are none, or the camera is unknown."""
+        """The image pairs of a folder, or its `first` ones.
+
+        Raises InputError if there are none, or the camera is unknown.
+        """
         pairs = find_pairs(folder)[:first]
         require_images(folder, pairs)
         return cls(
@@ -77,7 +84,10 @@ class StagedSequence:
 
     @cached_property
     def images_sha256(self) -> str:
-        """Hash of the content of all images and of their stamps, wherever they are. It takes about 0.4 ms a frame."""
+        """Hash of the content of all images and of their stamps, wherever they are.
+
+        It takes about 0.4 ms a frame.
+        """
         with ThreadPoolExecutor() as pool:  # hashing and reading do not need Python's global lock
             hashes = pool.map(
                 lambda p: (sha256(read_bytes(p.rgb)), sha256(read_bytes(p.depth))), self.pairs
@@ -89,7 +99,9 @@ class StagedSequence:
         return sha256("\n".join(lines).encode())
 
     def is_staged_in(self, stage: Path) -> bool:
-        """Whether all links of a view lead to these images: they may have been moved since it was written."""
+        """Whether all links of a view lead to these images: they may have been moved since it was
+        written.
+        """
         images = {os.path.abspath(path) for pair in self.pairs for path in (pair.rgb, pair.depth)}
         return all(os.readlink(path) in images for path in stage.rglob("*") if path.is_symlink())
 
@@ -113,7 +125,11 @@ class StagedSequence:
         }
 
     def write(self, settings: StageSettings, stage: Path) -> None:
-        """Write the view. Raises InputError if two frames have the same stamp in six digits, or if depth does not fit the requested units."""
+        """Write the view.
+
+        Raises InputError if two frames have the same stamp in six digits, or if depth does not fit
+        the requested units.
+        """
         offset_s = self.offset_s(settings)
         stamps = [f"{pair.stamp_s + offset_s:.6f}" for pair in self.pairs]
         if len(set(stamps)) < len(stamps):
@@ -148,7 +164,10 @@ class StagedSequence:
 
 
 def _place(image: Path, file: Path, own: float, units: float) -> None:
-    """Link to the image. Depth in other units per metre than `units`, or stored as an array, is converted to a new file."""
+    """Link to the image.
+
+    Depth in other units per metre than `units`, or stored as an array, is converted to a new file.
+    """
     if image.suffix == file.suffix and own == units:
         os.symlink(os.path.abspath(image), file)
     else:
@@ -156,7 +175,9 @@ def _place(image: Path, file: Path, own: float, units: float) -> None:
 
 
 def unpacked(options: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """The options with files as absolute paths; compressed files (.xz, .gz) are unpacked into `folder`. Raises WorkError if that fails."""
+    """The options with files as absolute paths; compressed files (.xz, .gz) are unpacked into
+    `folder`. Raises WorkError if that fails.
+    """
     found = {}
     for name, value in options.items():
         path = Path(value).expanduser()

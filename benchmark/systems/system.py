@@ -1,4 +1,6 @@
-"""A system, as described by its TOML file: its command, the view of a sequence that it requires, and the trajectories that it writes."""
+"""A system, as described by its TOML file: its command, the view of a sequence that it requires,
+and the trajectories that it writes.
+"""
 
 import os
 import re
@@ -102,7 +104,9 @@ class SystemSettings(Settings):
 
 @dataclass(frozen=True)
 class System:
-    """A system with the values of its options. content: the parsed file. here: the value of {here}, the folder of the file."""
+    """A system with the values of its options. content: the parsed file. here: the value of {here},
+    the folder of the file.
+    """
 
     name: str
     settings: SystemSettings
@@ -113,7 +117,10 @@ class System:
     here: Path
 
     def filled(self, texts: tuple[str, ...], values: Mapping[str, object]) -> list[str]:
-        """The texts with all placeholders {name} replaced. Raises InputError for an unknown placeholder."""
+        """The texts with all placeholders {name} replaced.
+
+        Raises InputError for an unknown placeholder.
+        """
         known = {
             **self.options,
             "here": str(self.here),
@@ -135,7 +142,10 @@ class System:
         return self.settings.title or self.name
 
     def found_program(self) -> str:
-        """Path of the program. Raises WorkError, which explains how to install it, if it is not found."""
+        """Path of the program.
+
+        Raises WorkError, which explains how to install it, if it is not found.
+        """
         name = self.options["program"] or self.filled(self.settings.command[:1], {})[0]
         path = sys.executable if name == "python" else shutil.which(os.path.expanduser(name))
         if path is None:
@@ -154,7 +164,9 @@ def built_in() -> list[str]:
 
 
 def user_folder() -> Path:
-    """Folder of the user's own systems: ICLNUIM_SYSTEMS, or iclnuim/systems below XDG_CONFIG_HOME, or ~/.config/iclnuim/systems."""
+    """Folder of the user's own systems: ICLNUIM_SYSTEMS, or iclnuim/systems below XDG_CONFIG_HOME,
+    or ~/.config/iclnuim/systems.
+    """
     if own := os.environ.get("ICLNUIM_SYSTEMS"):
         return Path(own).expanduser()
     return (
@@ -164,7 +176,8 @@ def user_folder() -> Path:
 
 
 def read_system(name: str, given: Mapping[str, str]) -> System:
-    """Read a system by the path of its TOML file, or by name from the user's folder or the built-in ones. given: values of its options.
+    """Read a system by the path of its TOML file, or by name from the user's folder or the built-in
+    ones. given: values of its options.
 
     Raises InputError for an unknown system, an invalid file, and missing or unknown options.
     """
@@ -207,7 +220,11 @@ def _file_of(name: str) -> Path:
 
 
 def _options(declared: Mapping[str, object], given: Mapping[str, str]) -> dict[str, str]:
-    """Option -> value. An option declared as "" must be given; without `program`, the first word of the command is the program."""
+    """Option -> value.
+
+    An option declared as "" must be given; without `program`, the first word of the command is the
+    program.
+    """
     if unknown := sorted(set(given) - set(declared)):
         raise InputError(
             f"options {', '.join(declared)}", found=", ".join(unknown), hint="{set} NAME=VALUE"

@@ -1,4 +1,7 @@
-"""Removes the smallest features of meshes: chamfers become edges, thin bars lose their rounding. Numpy only; metres."""
+"""Removes the smallest features of meshes: chamfers become edges, thin bars lose their rounding.
+
+Numpy only; metres.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +9,27 @@ import numpy as np
 
 from .mesh import Mesh, _compact, _drop_repeated_corners, cross
 
-#: At half the detail, features up to this size go; at a quarter three times it; at full detail none.
+#: At half the detail, features up to this size go; at a quarter three times it; at full detail
+#: none.
 FEATURE_M = 0.004
-#: Corners whose surfaces turn away from each other more than this cosine says are the two sides of something thin, and stay apart.
+#: Corners whose surfaces turn away from each other more than this cosine says are the two sides of
+#: something thin, and stay apart.
 _SAME_SIDE = -0.2
-#: Groups whose normals' mean is shorter than this go round a wire or a pin, which would be lost; at a box's corner it is 0.58.
+#: Groups whose normals' mean is shorter than this go round a wire or a pin, which would be lost; at
+#: a box's corner it is 0.58.
 _RING = 0.4
-#: Added to every limit of length: many lengths are equal by design, and rounding must not decide which of them is below it.
+#: Added to every limit of length: many lengths are equal by design, and rounding must not decide
+#: which of them is below it.
 _TIE_M = 3.3e-7
-#: Share of a cluster's faces' weight that draws its corner to the cluster's middle, where the faces leave it open.
+#: Share of a cluster's faces' weight that draws its corner to the cluster's middle, where the faces
+#: leave it open.
 _HOLD = 1e-3
 
 
 def feature_m(detail: float) -> float:
-    """The size in metres of the features that are removed at this level of detail; 0 at full detail and above."""
+    """The size in metres of the features that are removed at this level of detail; 0 at full detail
+    and above.
+    """
     return max(0.0, FEATURE_M * (1 / detail - 1))
 
 
@@ -31,11 +41,13 @@ def coarser(mesh: Mesh, within_m: float) -> Mesh:
 
 
 def _merged(mesh: Mesh, within_m: float) -> Mesh:
-    """`mesh` with vertices merged that are connected by edges and within `within_m` of each other; the new vertex is where the planes of the
+    """`mesh` with vertices merged that are connected by edges and within `within_m` of each other;
+    the new vertex is where the planes of the
     remaining faces meet.
 
-    So a chamfered box becomes its bounding box, not a smaller box. Round shapes stay round: a group around a wire, or wider than twice
-    `within_m`, is not merged, and neither are the two sides of a sheet.
+    So a chamfered box becomes its bounding box, not a smaller box. Round shapes stay round: a group
+    around a wire, or wider than twice `within_m`, is not merged, and neither are the two sides of a
+    sheet.
     """
     group = _groups(mesh, within_m)
     if within_m <= 0 or len(np.unique(group)) == len(mesh.verts):
@@ -108,9 +120,11 @@ def _vertex_normals(mesh: Mesh) -> np.ndarray:
 
 
 def _placed(mesh: Mesh, group: np.ndarray, kept: np.ndarray, within_m: float) -> np.ndarray:
-    """(N, 3): the position of each group's vertex, nearest to the planes of the remaining faces, weighted by area (quadric error).
+    """(N, 3): the position of each group's vertex, nearest to the planes of the remaining faces,
+    weighted by area (quadric error).
 
-    Garland and Heckbert, Surface simplification using quadric error metrics, SIGGRAPH 1997, section 4.
+    Garland and Heckbert, Surface simplification using quadric error metrics, SIGGRAPH 1997, section
+    4.
     """
     count = len(mesh.verts)
     members = np.bincount(group, minlength=count)

@@ -173,7 +173,9 @@ def _write(content: bytes, path: Path) -> None:
 def _rendered(
     views: Any, samples_dir: Path, path_samples: int | None, console: Console
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Yield (number, scene-linear RGB, planar Z) of the official views, rendered like the frames of `make`, or path traced with `path_samples`."""
+    """Yield (number, scene-linear RGB, planar Z) of the official views, rendered like the frames of
+    `make`, or path traced with `path_samples`.
+    """
 
     def listen(event: Event) -> None:
         if isinstance(event, Note):  # such as a bake, which takes minutes

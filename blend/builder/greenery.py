@@ -1,4 +1,7 @@
-"""Plants: the palm-like pot plant with long thin stems and big leaves, balcony shrubs. World or local metres, z up."""
+"""Plants: the palm-like pot plant with long thin stems and big leaves, balcony shrubs.
+
+World or local metres, z up.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,8 @@ from .shapes import lathe, ripples, sheet, smooth_profile, steps, tube
 def blade(
     path: np.ndarray, width: float, cup: float, detail: float, roll_deg: float = 0.0, rows: int = 15
 ) -> Mesh:
-    """A broad leaf along a midrib path (k,3): pointed, its halves lifted by `cup`, edges a little wavy; texture v
+    """A broad leaf along a midrib path (k,3): pointed, its halves lifted by `cup`, edges a little
+    wavy; texture v
     runs along the rib.
     """
     rib = smooth_profile(path, steps(rows, detail, 6))
@@ -75,7 +79,9 @@ def pot(rng: np.random.Generator, radius: float, height: float, detail: float) -
 
 
 def shrub(rng: np.random.Generator, size: tuple[float, float, float], detail: float) -> Mesh:
-    """A leafy bush in a box of `size` (x, y, z) above the origin: small folded leaves that face outwards, some left out at low detail."""
+    """A leafy bush in a box of `size` (x, y, z) above the origin: small folded leaves that face
+    outwards, some left out at low detail.
+    """
     parts, leaves = [], 420  # always drawn from the seed, so that later draws do not change
     d = rng.normal(size=(leaves, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)

@@ -1,4 +1,7 @@
-"""Hard furniture: table, chair, sideboard, television, lamp. Local frames: z up from 0, front towards -y."""
+"""Hard furniture: table, chair, sideboard, television, lamp.
+
+Local frames: z up from 0, front towards -y.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,9 @@ def board(
 
 
 def coffee_table(width: float, depth: float, top: float, detail: float) -> Mesh:
-    """Board on a stand: four splayed round legs, a stretcher frame and a lower slatted shelf; slots 0 top, 1 stand."""
+    """Board on a stand: four splayed round legs, a stretcher frame and a lower slatted shelf; slots
+    0 top, 1 stand.
+    """
     parts = [board((width, depth, 0.032), (0, 0, top - 0.016), 0.008, arcs=2)]
     n = steps(14, detail, 8)
     sx, sy = width / 2 - 0.10, depth / 2 - 0.085
@@ -53,7 +58,8 @@ def coffee_table(width: float, depth: float, top: float, detail: float) -> Mesh:
 
 
 def chair(detail: float) -> Mesh:
-    """A wooden chair with a bent back rest and an upholstered seat; slots 0 wood, 1 fabric. Seat centre above the
+    """A wooden chair with a bent back rest and an upholstered seat; slots 0 wood, 1 fabric. Seat
+    centre above the
     origin.
     """
     n = steps(12, detail, 6)
@@ -111,7 +117,8 @@ def chair(detail: float) -> Mesh:
 
 
 def sideboard(width: float, depth: float, height: float, detail: float) -> Mesh:
-    """A low media cupboard: carcass, two doors, three drawers, knobs, tapered legs; slots 0 wood, 1 metal, 2 dark
+    """A low media cupboard: carcass, two doors, three drawers, knobs, tapered legs; slots 0 wood, 1
+    metal, 2 dark
     inside.
     """
     low, t = 0.14, 0.022
@@ -203,7 +210,9 @@ def television(width: float, detail: float) -> Mesh:
 
 
 def foot_lamp(shade: tuple[float, float, float], detail: float) -> tuple[Mesh, Mesh, Mesh]:
-    """Foot lamp and its shade (radius, low z, high z): stand of steel, cloth drum (slots 0 cloth, 1 rim), bulb."""
+    """Foot lamp and its shade (radius, low z, high z): stand of steel, cloth drum (slots 0 cloth, 1
+    rim), bulb.
+    """
     n = steps(48, detail, 12)
     radius, low, high = shade
     socket = (low + high) / 2 - 0.05

@@ -30,7 +30,9 @@ def sun(
     colour: Place,
     angle_deg: float = 0.9,
 ) -> bpy.types.Object:
-    """A sun standing in direction azimuth (counter-clockwise from +x) and elevation; strength is irradiance in W/m2."""
+    """A sun standing in direction azimuth (counter-clockwise from +x) and elevation; strength is
+    irradiance in W/m2.
+    """
     a, e = np.radians([azimuth_deg, elevation_deg])
     direction = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
     data = bpy.data.lights.new(name, "SUN")
@@ -63,7 +65,9 @@ def lamp(
 
 
 def _unseen(light: bpy.types.Object) -> bpy.types.Object:
-    """Hide a lamp from the camera and from reflections: there, in floors and screens too, the emission of its fitting is visible instead."""
+    """Hide a lamp from the camera and from reflections: there, in floors and screens too, the
+    emission of its fitting is visible instead.
+    """
     light.visible_camera = light.visible_glossy = False
     return light
 
@@ -87,7 +91,8 @@ def daylight(
     power: float,
     colour: Place,
 ) -> bpy.types.Object:
-    """A soft rectangle outside a window for the light of sky and street that the painted surroundings do not emit;
+    """A soft rectangle outside a window for the light of sky and street that the painted
+    surroundings do not emit;
     invisible to the camera.
     """
     data = bpy.data.lights.new(name, "AREA")

@@ -1,7 +1,8 @@
-"""The living room: the positions of all objects. Lengths in metres in our world (z up), measured on the original.
+"""The living room: the positions of all objects. Lengths in metres in our world (z up), measured on
+the original.
 
-p_world = (-x, -z, y) of the POV world, so the floor is at z = 0.133, the sofa wall at y = +1.929, the window wall
-near y = -3.09.
+p_world = (-x, -z, y) of the POV world, so the floor is at z = 0.133, the sofa wall at y = +1.929,
+the window wall near y = -3.09.
 """
 
 from __future__ import annotations
@@ -36,7 +37,10 @@ from .wallpieces import casing, door, picture, plane, rail, skirting, spot, wind
 
 
 def build(seed: int = 0, detail: float = 1.0) -> None:
-    """Build the room in the current, empty Blender scene. The same seed and detail give the same bytes of geometry."""
+    """Build the room in the current, empty Blender scene.
+
+    The same seed and detail give the same bytes of geometry.
+    """
     stage = Stage(seed, palette(seed, detail), detail)
     for part, fill in enumerate(
         (_shell, _wall_pieces, _seating, _table, _media, _lamps, _plant, _textiles, _balcony)
@@ -79,7 +83,9 @@ def _shell(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 
 
 def _reveal(a: float, b: float, c: float, e: float, deep: float) -> list[Mesh]:
-    """The sides and the head of the window opening, outwards from the window wall; painted with slot 1."""
+    """The sides and the head of the window opening, outwards from the window wall; painted with
+    slot 1.
+    """
     sides = [
         plane((a, Y0 - deep, c), (0, deep, 0), (0, 0, e - c), 2.5),
         plane((b, Y0, c), (0, -deep, 0), (0, 0, e - c), 2.5),

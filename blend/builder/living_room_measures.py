@@ -1,4 +1,6 @@
-"""Dimensions of the living room in our world (metres, z up), measured in the original's depth images."""
+"""Dimensions of the living room in our world (metres, z up), measured in the original's depth
+images.
+"""
 
 X0, X1 = -2.425, 2.511
 Y0, Y1 = -3.091, 1.929

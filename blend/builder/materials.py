@@ -1,4 +1,5 @@
-"""Blender materials of the few kinds that light baking supports: diffuse under a Fresnel or constant gloss, pane,
+"""Blender materials of the few kinds that light baking supports: diffuse under a Fresnel or
+constant gloss, pane,
 thin cloth, emission.
 """
 
@@ -15,7 +16,8 @@ Colour: TypeAlias = tuple[float, float, float] | bpy.types.Image
 
 
 def image(name: str, rgb: np.ndarray, photo: bool = True) -> bpy.types.Image:
-    """A packed image from sRGB bytes (rows, columns, 3), row 0 at the bottom; JPEG for photo-like ones, PNG
+    """A packed image from sRGB bytes (rows, columns, 3), row 0 at the bottom; JPEG for photo-like
+    ones, PNG
     otherwise.
     """
     h, w = rgb.shape[:2]
@@ -69,7 +71,9 @@ def _shader(
 
 
 def _mirror(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket:
-    """All gloss of the rooms is a perfect mirror: it has no noise at one ray per pixel, unlike a rough surface (thin poles: see `polished`)."""
+    """All gloss of the rooms is a perfect mirror: it has no noise at one ray per pixel, unlike a
+    rough surface (thin poles: see `polished`).
+    """
     return _shader(tree, "ShaderNodeBsdfGlossy", (1.0, 1.0, 1.0), 0.0)
 
 
@@ -115,7 +119,8 @@ def glossy(name: str, colour: Colour, ior: float = 1.45) -> bpy.types.Material:
 def polished(name: str, colour: Colour, share: float) -> bpy.types.Material:
     """Diffuse with a mirror reflection of the same share at every angle: metals.
 
-    A thin pole that only mirrors shows another part of the room in each pixel, which is noise at one ray per pixel.
+    A thin pole that only mirrors shows another part of the room in each pixel, which is noise at
+    one ray per pixel.
     """
     material, tree = _new(name)
     below = _shader(tree, "ShaderNodeBsdfDiffuse", colour, 0.0)
@@ -123,7 +128,10 @@ def polished(name: str, colour: Colour, share: float) -> bpy.types.Material:
 
 
 def pane(name: str) -> bpy.types.Material:
-    """Window glass as a single sheet, slightly green. By day its reflection is negligible compared with the transmitted light."""
+    """Window glass as a single sheet, slightly green.
+
+    By day its reflection is negligible compared with the transmitted light.
+    """
     material, tree = _new(name)
     return _finish(material, _shader(tree, "ShaderNodeBsdfTransparent", (0.92, 0.94, 0.93)))
 

@@ -1,4 +1,5 @@
-"""Meshes as plain numpy arrays, from which Blender objects are made. This module does not use bpy, so the bytes are the same for every
+"""Meshes as plain numpy arrays, from which Blender objects are made. This module does not use bpy,
+so the bytes are the same for every
 Blender.
 """
 
@@ -14,7 +15,9 @@ WELD = 1e-6  # metres; points closer than this are merged to one vertex
 
 @dataclass(frozen=True)
 class Mesh:
-    """Vertices (N,3) in metres; faces (F,4), a triangle has -1 last; texture coordinates (F,4,2); slots (F,)."""
+    """Vertices (N,3) in metres; faces (F,4), a triangle has -1 last; texture coordinates (F,4,2);
+    slots (F,).
+    """
 
     verts: np.ndarray
     faces: np.ndarray
@@ -63,7 +66,9 @@ class Mesh:
     def box_mapped(
         self, tile_m: float, offset: tuple[float, float] = (0.0, 0.0), turn: bool = False
     ) -> Mesh:
-        """Texture coordinates by projection along each face's dominant axis; one texture tile covers tile_m metres."""
+        """Texture coordinates by projection along each face's dominant axis; one texture tile
+        covers tile_m metres.
+        """
         axis = np.abs(face_normals(self)).argmax(1)
         planes = np.array([[1, 2], [0, 2], [0, 1]])[axis]
         corners = self.verts[np.where(self.faces < 0, self.faces[:, :1], self.faces)]
@@ -76,7 +81,9 @@ class Mesh:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The same numbers as np.cross for (N,3) arrays, in a fraction of its time for the few rows of a small part."""
+    """The same numbers as np.cross for (N,3) arrays, in a fraction of its time for the few rows of
+    a small part.
+    """
     (a0, a1, a2), (b0, b1, b2) = a.T, b.T
     return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], -1)
 
@@ -104,7 +111,9 @@ def join(parts: Iterable[Mesh]) -> Mesh:
 
 
 def welded(mesh: Mesh) -> Mesh:
-    """Merge vertices at the same position; quads that lose a corner become triangles, faces without area are removed."""
+    """Merge vertices at the same position; quads that lose a corner become triangles, faces without
+    area are removed.
+    """
     first, index = _places(np.round(mesh.verts / WELD).astype(np.int64))
     faces = np.where(mesh.faces < 0, -1, index[mesh.faces])
     faces, uv, kept = _drop_repeated_corners(faces, mesh.uv)
@@ -112,7 +121,9 @@ def welded(mesh: Mesh) -> Mesh:
 
 
 def _places(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first index of each distinct row of keys (N,3), in the order of the rows, and (N,) the number of each row among them."""
+    """The first index of each distinct row of keys (N,3), in the order of the rows, and (N,) the
+    number of each row among them.
+    """
     order = np.lexsort(keys.T[::-1])
     ranked = keys[order]
     new = np.concatenate([[True], (ranked[1:] != ranked[:-1]).any(1)])
@@ -159,7 +170,8 @@ def facing(mesh: Mesh, z: float) -> Mesh:
 
 
 def grid(points: np.ndarray, uv: np.ndarray | None = None) -> Mesh:
-    """A surface from points (m,n,3); normal = d/dcolumn x d/drow; uv (m,n,2), by default 0..1 across; seams and poles
+    """A surface from points (m,n,3); normal = d/dcolumn x d/drow; uv (m,n,2), by default 0..1
+    across; seams and poles
     are welded.
     """
     m, n = points.shape[:2]

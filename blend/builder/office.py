@@ -1,6 +1,8 @@
-"""The office: the positions of all objects. Lengths in metres in our world (z up), measured on the original where it is visible.
+"""The office: the positions of all objects. Lengths in metres in our world (z up), measured on the
+original where it is visible.
 
-p_world = (-x, -z, y)/100 of the POV world: floor z = 3.0, the filing cabinets at the end y = -3.7, the bare wall x = -2.5.
+p_world = (-x, -z, y)/100 of the POV world: floor z = 3.0, the filing cabinets at the end y = -3.7,
+the bare wall x = -2.5.
 """
 
 from __future__ import annotations
@@ -33,7 +35,10 @@ from .wallpieces import casing, door, plane, skirting
 
 
 def build(seed: int = 0, detail: float = 1.0) -> None:
-    """Build the room in the current, empty Blender scene. The same seed and detail give the same bytes of geometry."""
+    """Build the room in the current, empty Blender scene.
+
+    The same seed and detail give the same bytes of geometry.
+    """
     stage = Stage(seed, palette(seed, detail), detail)
     parts = (
         _shell,

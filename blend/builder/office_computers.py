@@ -1,4 +1,7 @@
-"""Computers of the nineties: CRT monitor, keyboard, mouse, tower, cables. Local frames: z up, the user at -y."""
+"""Computers of the nineties: CRT monitor, keyboard, mouse, tower, cables.
+
+Local frames: z up, the user at -y.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +76,9 @@ def monitor(detail: float) -> Mesh:
 
 
 def keyboard(rng: np.random.Generator) -> Mesh:
-    """A full keyboard 0.46 x 0.17, thicker at the back; slots 0 case, 1 keys, 2 grey keys, 3 dark gap."""
+    """A full keyboard 0.46 x 0.17, thicker at the back; slots 0 case, 1 keys, 2 grey keys, 3 dark
+    gap.
+    """
     low, high = 0.010, 0.028
     case = block((0.462, 0.172, 0.02), (0, 0, 0), 0.004).mapped(lambda v: _wedge(v, low, high))
     bed = (

@@ -1,4 +1,7 @@
-"""Office desk, drawers beneath it, swivel chair. Local frames: z up from the floor, the user sits at -y."""
+"""Office desk, drawers beneath it, swivel chair.
+
+Local frames: z up from the floor, the user sits at -y.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,8 @@ from .solids import block
 
 
 def desk(width: float, depth: float, side_boards: bool = True) -> Mesh:
-    """Laminate top on a steel frame, wooden modesty board at +y, boards at both narrow sides; slots 0 laminate, 1 steel, 2 side
+    """Laminate top on a steel frame, wooden modesty board at +y, boards at both narrow sides; slots
+    0 laminate, 1 steel, 2 side
     board, 3 rubber.
     """
     x, y, leg, top = width / 2, depth / 2, 0.05, DESK_TOP
@@ -54,7 +58,9 @@ def desk(width: float, depth: float, side_boards: bool = True) -> Mesh:
 
 
 def drawers(detail: float) -> Mesh:
-    """A low case of three drawers on castors, 0.42 x 0.52 x 0.58, front at -y; slots 0 case, 1 steel, 2 rubber."""
+    """A low case of three drawers on castors, 0.42 x 0.52 x 0.58, front at -y; slots 0 case, 1
+    steel, 2 rubber.
+    """
     parts = [block((0.42, 0.5, 0.52), (0, 0.01, 0.32), 0.004)]
     for z, tall in ((0.505, 0.13), (0.365, 0.13), (0.18, 0.22)):
         parts.append(block((0.408, 0.018, tall), (0, -0.2495, z), 0.003))
@@ -69,7 +75,9 @@ def drawers(detail: float) -> Mesh:
 
 
 def swivel_chair(rng: np.random.Generator, detail: float) -> Mesh:
-    """Upholstered seat and back on a five-armed foot, no arm rests, the sitter looks along -y; slots 0 cloth, 1 plastic, 2 steel."""
+    """Upholstered seat and back on a five-armed foot, no arm rests, the sitter looks along -y;
+    slots 0 cloth, 1 plastic, 2 steel.
+    """
     n = steps(12, detail, 6)
     hub = lathe(
         [

@@ -33,7 +33,10 @@ def _computer(
     board: tuple,
     screen: str = "screen",
 ) -> None:
-    """Monitor at (x, y), rotated; before the rotation its user sits at -y. Keyboard at `board` (x, y, rotation) with a mouse."""
+    """Monitor at (x, y), rotated; before the rotation its user sits at -y.
+
+    Keyboard at `board` (x, y, rotation) with a mouse.
+    """
     stage.add(
         f"monitor_{key}",
         "monitor",
@@ -83,7 +86,9 @@ def _papers(stage: Stage, rng: np.random.Generator, key: str, spots: tuple) -> N
 
 
 def dress_a(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    """Desk A as in the original: trays, keyboard, a monitor with its back to the room and cables in front."""
+    """Desk A as in the original: trays, keyboard, a monitor with its back to the room and cables in
+    front.
+    """
     _computer(stage, "a", detail, rng, (-2.09, -1.985), -16, (-1.82, -2.36, 8))
     stage.add("trays_blue", "tray", tray(2).moved(-1.10, -2.06, TOP), "blue plastic")
     stage.add("trays_black", "tray", tray(3).moved(-1.35, -1.965, TOP), "black")
@@ -116,7 +121,9 @@ def dress_a(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 
 
 def dress_b(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    """The pair of desks: B2's monitor with a dark screen to the room, red folder, green jar; B1 with phone and a lit screen."""
+    """The pair of desks: B2's monitor with a dark screen to the room, red folder, green jar; B1
+    with phone and a lit screen.
+    """
     _computer(stage, "b2", detail, rng, (1.27, -1.51), 168, (1.36, -1.13, 176))
     stage.add(
         "folder_red",

@@ -12,7 +12,9 @@ SPREAD_DEG = 172.0  # the louvers block light to the top of the walls
 
 
 def light() -> None:
-    """One rectangle 1 mm beneath each luminaire's frame, invisible to the camera and in reflections, which show the emitting panels instead."""
+    """One rectangle 1 mm beneath each luminaire's frame, invisible to the camera and in
+    reflections, which show the emitting panels instead.
+    """
     for k, (x, y) in enumerate(LUMINAIRES, 1):
         data = bpy.data.lights.new(f"luminaire_light_{k}", "AREA")
         data.shape, data.size, data.size_y = "RECTANGLE", 0.94, 0.44

@@ -15,7 +15,9 @@ from .office_storage import BINDER_CELLS, BOOK_CELLS
 
 
 class _Painter:
-    """Paints images one after the other, each from its own stream of the seed, smaller for a coarse room."""
+    """Paints images one after the other, each from its own stream of the seed, smaller for a coarse
+    room.
+    """
 
     def __init__(self, seed: int, detail: float) -> None:
         self.seed, self.detail, self.stream = seed, detail, 0
@@ -50,7 +52,8 @@ def _shell(paint: _Painter) -> dict[str, bpy.types.Material]:
         "ceiling": matte(
             "ceiling", paint("mineral", tex.mineral, size(1536), (0.69, 0.695, 0.685))
         ),
-        # measured in 12 official frames: a bar reflects 0.27 of the wall's light, plus 0.015 (correlation 0.96)
+        # measured in 12 official frames: a bar reflects 0.27 of the wall's light, plus 0.015
+        # (correlation 0.96)
         "rail": polished("rail", (0.20, 0.20, 0.19), 0.27),
         "vent": matte("vent", (0.64, 0.64, 0.60)),
         "skirting": glossy("skirting", brown),

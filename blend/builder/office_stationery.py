@@ -1,4 +1,7 @@
-"""Objects on desks: papers, trays, phone, lamp, jar, folders, stapler. Local frames: z up from the surface below them."""
+"""Objects on desks: papers, trays, phone, lamp, jar, folders, stapler.
+
+Local frames: z up from the surface below them.
+"""
 
 from __future__ import annotations
 

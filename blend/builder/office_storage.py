@@ -1,4 +1,7 @@
-"""Filing cabinet, bookcase, rows of books and binders. Local frames: z up from the surface below them, front towards -y."""
+"""Filing cabinet, bookcase, rows of books and binders.
+
+Local frames: z up from the surface below them, front towards -y.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,9 @@ BOOK_CELLS, BINDER_CELLS = 24, 8
 
 
 def filing_cabinet(labels: tuple[int, int, int], detail: float) -> Mesh:
-    """Three drawers, 0.47 x 0.66 x 1.32 m; slots 0 paint, 1 steel, 2 labels (an image of six, `labels` says which)."""
+    """Three drawers, 0.47 x 0.66 x 1.32 m; slots 0 paint, 1 steel, 2 labels (an image of six,
+    `labels` says which).
+    """
     w, d, h = 0.468, 0.62, 1.32
     parts = [
         block((w, d, h), (0, 0.02, h / 2), 0.004, 1.1),
@@ -75,7 +80,9 @@ def bookcase(width: float, height: float, shelves: int) -> tuple[Mesh, list[floa
 
 
 def book_row(rng: np.random.Generator, width: float, tallest: float, fill: float = 0.9) -> Mesh:
-    """Books standing in a row from -width/2, their spines to -y, the last one leaning; slots 0 covers (atlas), 1 paper."""
+    """Books standing in a row from -width/2, their spines to -y, the last one leaning; slots 0
+    covers (atlas), 1 paper.
+    """
     parts, x = [], -width / 2
     while x < width / 2 - (1 - fill) * width - 0.05:
         thick = float(np.clip(rng.lognormal(-3.5, 0.45), 0.014, 0.062))
@@ -96,7 +103,9 @@ def book_row(rng: np.random.Generator, width: float, tallest: float, fill: float
 
 
 def binder_row(rng: np.random.Generator, count: int) -> Mesh:
-    """Lever-arch files side by side, spines to -y, starting at x = 0; slots 0 covers (atlas), 1 paper."""
+    """Lever-arch files side by side, spines to -y, starting at x = 0; slots 0 covers (atlas), 1
+    paper.
+    """
     parts, x = [], 0.0
     for _ in range(count):
         thick = float(rng.choice([0.052, 0.078]))
@@ -111,7 +120,9 @@ def binder_row(rng: np.random.Generator, count: int) -> Mesh:
 
 
 def _standing(size: tuple[float, float, float], cell: int) -> Mesh:
-    """One upright volume: cover of three sides with a rounded spine, page block; texture cell `cell` of the atlas."""
+    """One upright volume: cover of three sides with a rounded spine, page block; texture cell
+    `cell` of the atlas.
+    """
     w, d, h = size[0] / 2, size[1] / 2, size[2]
     r = min(0.3 * w, 0.006)
     outer = np.array([(-w, d), (-w, -d + r), (-w + r, -d), (w - r, -d), (w, -d + r), (w, d)])

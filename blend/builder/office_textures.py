@@ -1,4 +1,6 @@
-"""Surface colours of the office painted by code: carpet, ceiling panels, paint, prints. sRGB bytes, row 0 at the bottom."""
+"""Surface colours of the office painted by code: carpet, ceiling panels, paint, prints. sRGB bytes,
+row 0 at the bottom.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ LABELS = ("A-D", "E-H", "I-L", "M-P", "Q-T", "U-Z")
 
 
 def carpet(rng: np.random.Generator, size: int, tone: Colour) -> np.ndarray:
-    """2 x 2 m of half-metre carpet tiles: pile, uneven tiles, soiled in places along every second seam."""
+    """2 x 2 m of half-metre carpet tiles: pile, uneven tiles, soiled in places along every second
+    seam.
+    """
     shape = (size, size)
     t = np.arange(size) / size
     seam = np.minimum((4 * t) % 1, 1 - (4 * t) % 1) / 4  # of the tile's 2 m
@@ -156,7 +160,9 @@ def _write(rng: np.random.Generator, leaf: np.ndarray, list_like: bool, chart: b
 
 
 def spines(rng: np.random.Generator, size: tuple[int, int], books: int, binders: int) -> np.ndarray:
-    """An atlas of backs, one a column: titles as broken bands across books, white labels and a hole on binders."""
+    """An atlas of backs, one a column: titles as broken bands across books, white labels and a hole
+    on binders.
+    """
     h, w = size
     out, cell = np.zeros((h, w, 3)), w // (books + binders)
     dyes = np.array(
@@ -264,7 +270,9 @@ def still_life(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
 
 
 def rocks(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
-    """Pale cliffs with bushes over dark water under a blue sky with one cloud: the large picture on the bare wall."""
+    """Pale cliffs with bushes over dark water under a blue sky with one cloud: the large picture on
+    the bare wall.
+    """
     h, w = size
     y, x = np.mgrid[0:h, 0:w] / np.array([h, w]).reshape(2, 1, 1)
     puff = cloud(rng, size, 1.7, 2, 60)

@@ -1,4 +1,7 @@
-"""The shell of the office: suspended ceiling, luminaires, vents, wall pieces, coat stand. Normals of the walls point inwards."""
+"""The shell of the office: suspended ceiling, luminaires, vents, wall pieces, coat stand.
+
+Normals of the walls point inwards.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,8 @@ def is_luminaire(x: float, y: float) -> bool:
 
 
 def ceiling() -> tuple[Mesh, Mesh]:
-    """Mineral panels with openings for the luminaires, and the rails between them, slots: 0 rail, 1 flanks.
+    """Mineral panels with openings for the luminaires, and the rails between them, slots: 0 rail, 1
+    flanks.
 
     Flanks as dark as the rails would be rows of dots in most images: they are 1 mm high.
     """
@@ -56,7 +60,8 @@ def _strip(centre: tuple[float, float, float], size: tuple[float, float], low: f
 
 
 def luminaire() -> Mesh:
-    """Two panels 0.5 x 0.5 m about (0, 0): their light, flush with z = 0, in a frame 6 mm below it; slots 0 frame, 1 light (image).
+    """Two panels 0.5 x 0.5 m about (0, 0): their light, flush with z = 0, in a frame 6 mm below it;
+    slots 0 frame, 1 light (image).
 
     The louvers are painted: in the original's depth the light is flat.
     """
@@ -91,7 +96,9 @@ def vent(detail: float) -> Mesh:
 
 
 def slim_picture(width: float, height: float, mat: float) -> Mesh:
-    """A picture in a thin frame in the x-z plane facing -y, its back at y = 0; slots 0 frame, 1 mat, 2 print."""
+    """A picture in a thin frame in the x-z plane facing -y, its back at y = 0; slots 0 frame, 1
+    mat, 2 print.
+    """
     rim = frame(
         width,
         height,

@@ -9,7 +9,9 @@ FARTHEST_M = 200.0
 
 
 def open_with(place_m: tuple[float, float, float], down_deg: float, turn_deg: float) -> None:
-    """A camera at `place_m`, tilted `down_deg` up from straight down and rotated by `turn_deg` about z."""
+    """A camera at `place_m`, tilted `down_deg` up from straight down and rotated by `turn_deg`
+    about z.
+    """
     scene = bpy.context.scene
     scene.render.engine, scene.render.filepath = "CYCLES", "//"
     scene.view_settings.view_transform = "Standard"

@@ -1,4 +1,5 @@
-"""Pictures painted by code: a mountain landscape, a coast, the view from the balcony, the sky. sRGB bytes, row 0 at
+"""Pictures painted by code: a mountain landscape, a coast, the view from the balcony, the sky. sRGB
+bytes, row 0 at
 the bottom.
 """
 
@@ -46,7 +47,9 @@ def _mesa(rng: np.random.Generator, width: int, height: float, steep: float) -> 
 
 
 def landscape(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
-    """Rocky tableland under a blue cloudy sky, bushes and a river below: the large picture over the sofa."""
+    """Rocky tableland under a blue cloudy sky, bushes and a river below: the large picture over the
+    sofa.
+    """
     h, w = size
     y, x = np.mgrid[0:h, 0:w] / np.array([h, w]).reshape(2, 1, 1)
     out = (
@@ -129,7 +132,8 @@ def _town(rng: np.random.Generator, out: np.ndarray, horizon: float) -> np.ndarr
 
 
 def skyline(seed: int, count: int) -> np.ndarray:
-    """Height (count,) of the farthest hills in the balcony's view, as a share of its image: the surface ends there,
+    """Height (count,) of the farthest hills in the balcony's view, as a share of its image: the
+    surface ends there,
     and the sky begins.
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 55]))
@@ -141,7 +145,9 @@ def skyline(seed: int, count: int) -> np.ndarray:
 
 
 def view(rng: np.random.Generator, size: tuple[int, int], seed: int) -> np.ndarray:
-    """The view from the balcony: hazy hills up to the skyline, fields, a small town, gardens with trees."""
+    """The view from the balcony: hazy hills up to the skyline, fields, a small town, gardens with
+    trees.
+    """
     h, w = size
     y = np.arange(h)[:, None] / h + np.zeros((1, w))
     far = skyline(seed, w)

@@ -1,4 +1,7 @@
-"""Periodic noise and weaving patterns for textures, as numpy arrays in 0..1 or of unit spread. Every pattern tiles."""
+"""Periodic noise and weaving patterns for textures, as numpy arrays in 0..1 or of unit spread.
+
+Every pattern tiles.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,9 @@ def cloud(
     high: float = 1e9,
     stretch: tuple[float, float] = (1.0, 1.0),
 ) -> np.ndarray:
-    """Fractal noise (rows, columns), mean 0, spread 1: amplitude ~ f^-slope between low and high periods a tile."""
+    """Fractal noise (rows, columns), mean 0, spread 1: amplitude ~ f^-slope between low and high
+    periods a tile.
+    """
     gain = _gain(shape, slope, low, high, stretch)
     noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape)) * gain, s=shape)
     return (noise - noise.mean()) / max(noise.std(), 1e-12)
@@ -26,7 +31,9 @@ def cloud(
 def _gain(
     shape: tuple[int, int], slope: float, low: float, high: float, stretch: tuple[float, float]
 ) -> np.ndarray:
-    """The amplitude of each frequency of `cloud`; cached, because boards and threads use the same ones."""
+    """The amplitude of each frequency of `cloud`; cached, because boards and threads use the same
+    ones.
+    """
     fy = np.fft.fftfreq(shape[0], 1 / shape[0])[:, None] * stretch[0]
     fx = np.fft.rfftfreq(shape[1], 1 / shape[1])[None, :] * stretch[1]
     f = np.hypot(fy, fx)
@@ -44,7 +51,9 @@ def blend(a: ArrayLike, b: ArrayLike, t: np.ndarray) -> np.ndarray:
 
 
 def weave(rng: np.random.Generator, size: int, threads: int, irregular: float = 0.15) -> np.ndarray:
-    """Plain weave seen from above (size,size) in 0..1: dark gaps between threads, threads bright along their crowns."""
+    """Plain weave seen from above (size,size) in 0..1: dark gaps between threads, threads bright
+    along their crowns.
+    """
     y, x = np.mgrid[0:size, 0:size] / size * threads
     x = x + irregular * 1.2 * cloud(rng, (size, size), 1.2, 1, threads)
     y = y + irregular * 1.2 * cloud(rng, (size, size), 1.2, 1, threads)
@@ -58,7 +67,9 @@ def weave(rng: np.random.Generator, size: int, threads: int, irregular: float = 
 
 
 def grain(rng: np.random.Generator, shape: tuple[int, int], rings: float = 9.0) -> np.ndarray:
-    """Wood grain along the rows' direction (columns run along the board), in 0..1: 1 is the dark late wood."""
+    """Wood grain along the rows' direction (columns run along the board), in 0..1: 1 is the dark
+    late wood.
+    """
     wander = cloud(rng, shape, 1.8, 1, 24, (1.0, 5.0))
     figure = cloud(rng, shape, 1.5, 1, 6, (1.0, 6.0))
     rows = np.arange(shape[0])[:, None] / shape[0]

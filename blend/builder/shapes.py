@@ -1,4 +1,7 @@
-"""Solid shapes as meshes: rounded boxes, lathes, tubes, frames, sheets of cloth. Numpy only; lengths in metres."""
+"""Solid shapes as meshes: rounded boxes, lathes, tubes, frames, sheets of cloth.
+
+Numpy only; lengths in metres.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,9 @@ def steps(count: int, detail: float, least: int = 3) -> int:
 def _rounded_axis(
     half: float, radius: float, arcs: int, divisions: int
 ) -> tuple[np.ndarray, float]:
-    """Coordinates across one side of a rounded box: equal angles in the bevel, a holding line, then the flat."""
+    """Coordinates across one side of a rounded box: equal angles in the bevel, a holding line, then
+    the flat.
+    """
     flat = half - radius
     bevel = flat + radius * np.tan(np.linspace(0, np.pi / 4, arcs + 1))
     hold = max(flat - 0.35 * radius, 0.6 * flat)
@@ -33,7 +38,8 @@ def rounded_box(
     divisions: Sequence[int] = (1, 1, 1),
     tile_m: float = 1.0,
 ) -> Mesh:
-    """A box of `size` (3,) about the origin with rounded edges; the flats are cut into `divisions` so that they can
+    """A box of `size` (3,) about the origin with rounded edges; the flats are cut into `divisions`
+    so that they can
     be bent.
     """
     halves = np.asarray(size, float) / 2
@@ -59,7 +65,8 @@ def rounded_box(
 
 
 def lathe(profile: ArrayLike, segments: int, arc_deg: float = 360.0) -> Mesh:
-    """Turn a profile of (radius, z) rows, from bottom to top along the outside, about the z axis; u runs round, v
+    """Turn a profile of (radius, z) rows, from bottom to top along the outside, about the z axis; u
+    runs round, v
     along.
     """
     prof = np.asarray(profile, float)
@@ -130,7 +137,8 @@ def bar(start: ArrayLike, end: ArrayLike, radius: ArrayLike, sides: int = 8) -> 
 def frame(
     width: float, height: float, profile: Sequence[Sequence[float]], tile_m: float = 0.5
 ) -> Mesh:
-    """A mitred frame in the x-z plane facing -y: profile rows (inset from the outer edge, height towards the viewer),
+    """A mitred frame in the x-z plane facing -y: profile rows (inset from the outer edge, height
+    towards the viewer),
     from the outer back inwards.
     """
     parts = []
@@ -168,7 +176,9 @@ def sheet(points: np.ndarray, thickness: float, uv: np.ndarray | None = None) ->
 def ripples(
     points: np.ndarray, rng: np.random.Generator, wavelength: float, waves: int = 12
 ) -> np.ndarray:
-    """Smooth noise (N,) of unit size at points (N,3): a sum of random plane waves around one wavelength (metres)."""
+    """Smooth noise (N,) of unit size at points (N,3): a sum of random plane waves around one
+    wavelength (metres).
+    """
     direction = rng.normal(size=(waves, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     k = direction * (2 * np.pi / wavelength) * rng.uniform(0.6, 1.5, (waves, 1))

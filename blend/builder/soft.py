@@ -1,4 +1,7 @@
-"""Soft things: sofa, pillow, curtain, rug, throw. Local frames: z up from the floor, front towards -y."""
+"""Soft things: sofa, pillow, curtain, rug, throw.
+
+Local frames: z up from the floor, front towards -y.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +67,10 @@ def _back(rng: np.random.Generator, detail: float) -> Mesh:
 
 
 def sofa(rng: np.random.Generator, detail: float) -> Mesh:
-    """A two-seat sofa, slots: 0 fabric, 1 feet and the dark inside of the gaps. Centred in x, front at y = 0, back at y = DEPTH, floor at z = 0."""
+    """A two-seat sofa, slots: 0 fabric, 1 feet and the dark inside of the gaps.
+
+    Centred in x, front at y = 0, back at y = DEPTH, floor at z = 0.
+    """
     half, inner = LENGTH / 2, LENGTH / 2 - ARM
     n = steps(6, detail)
     arm = _placed_box((-half, 0.0, BELLY), (-inner, 0.698, ARM_TOP), 0.028, 2, (2, n, 3))
@@ -116,7 +122,8 @@ def sofa(rng: np.random.Generator, detail: float) -> Mesh:
 def pillow(
     rng: np.random.Generator, size: float, thick: float, detail: float, crease: float = 1.0
 ) -> Mesh:
-    """A scatter cushion standing on its lower edge (z = 0), centred in x, facing -y: dog ears, puckered seams, a dent
+    """A scatter cushion standing on its lower edge (z = 0), centred in x, facing -y: dog ears,
+    puckered seams, a dent
     from a hand.
     """
     n = steps(22, detail, 6) + 1
@@ -167,7 +174,8 @@ def _outline(x: np.ndarray, z: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]
 def curtain(
     rng: np.random.Generator, width: float, height: float, pleats: int, detail: float
 ) -> Mesh:
-    """A hanging pleated curtain, x from 0 to width, z from 0 to height, folds in y. One surface, so that light
+    """A hanging pleated curtain, x from 0 to width, z from 0 to height, folds in y. One surface, so
+    that light
     passes.
     """
     columns, rows = pleats * steps(10, detail, 5) + 1, steps(22, detail, 6)
@@ -191,7 +199,10 @@ def curtain(
 
 
 def rug(rng: np.random.Generator, width: float, length: float, detail: float) -> Mesh:
-    """A rug lying on z = 0, 9 mm thick with slightly wavy edges; no underside. Slots: 0 rug, 1 fringe."""
+    """A rug lying on z = 0, 9 mm thick with slightly wavy edges; no underside.
+
+    Slots: 0 rug, 1 fringe.
+    """
     nx, ny = steps(36, detail), steps(36, detail)
     x, y = np.meshgrid(
         np.linspace(-width / 2, width / 2, nx + 1), np.linspace(-length / 2, length / 2, ny + 1)
@@ -225,7 +236,8 @@ def rug(rng: np.random.Generator, width: float, length: float, detail: float) ->
 
 
 def throw(rng: np.random.Generator, detail: float) -> Mesh:
-    """A knitted throw hanging over a sofa's arm: lies on top (local z = ARM_TOP), falls on both sides. x across the
+    """A knitted throw hanging over a sofa's arm: lies on top (local z = ARM_TOP), falls on both
+    sides. x across the
     arm, y along it.
     """
     half, drop_out, drop_in, wide = ARM / 2 + 0.009, 0.40, 0.155, 0.42

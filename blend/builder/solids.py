@@ -1,4 +1,7 @@
-"""Cheap solids for things with many parts: blocks with chamfered edges, lofts, round plates. Numpy only; metres."""
+"""Cheap solids for things with many parts: blocks with chamfered edges, lofts, round plates.
+
+Numpy only; metres.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,9 @@ def block(
     tile_m: float = 1.0,
     turn: bool = False,
 ) -> Mesh:
-    """A box with chamfered edges, 44 triangles; texture by projection, its grain along x, or along the other axis with turn."""
+    """A box with chamfered edges, 44 triangles; texture by projection, its grain along x, or along
+    the other axis with turn.
+    """
     mesh = _chamfered(tuple(map(float, size)), float(chamfer))
     shift = (0.37 * centre[0] + 0.21 * centre[2], 0.61 * centre[1] + 0.13 * centre[2])
     return mesh.box_mapped(tile_m, shift, turn).moved(*centre)
@@ -117,7 +122,9 @@ def _away_from_origin(verts: np.ndarray, faces: np.ndarray) -> Mesh:
 def printed(
     centre: Place, across: Place, up: Place, window: Sequence[float] = (0, 0, 1, 1)
 ) -> Mesh:
-    """A rectangle about `centre` spanned by the full vectors across and up, showing the window (u0, v0, u1, v1) of an image."""
+    """A rectangle about `centre` spanned by the full vectors across and up, showing the window (u0,
+    v0, u1, v1) of an image.
+    """
     middle, right, high = (np.asarray(v, float) for v in (centre, across, up))
     s, t = np.meshgrid([-0.5, 0.5], [-0.5, 0.5])
     u0, v0, u1, v1 = window

@@ -1,4 +1,6 @@
-"""Puts numpy meshes into the Blender scene: one named object per thing, with instance id, class and sharp edges."""
+"""Puts numpy meshes into the Blender scene: one named object per thing, with instance id, class and
+sharp edges.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,10 @@ SHARP_DEG = 38.0  # edges with a larger angle between their faces are sharp
 
 
 class Stage:
-    """Adds objects to the current scene; instance ids count up from 1 in this order. Below full detail, small features are removed."""
+    """Adds objects to the current scene; instance ids count up from 1 in this order.
+
+    Below full detail, small features are removed.
+    """
 
     def __init__(
         self, seed: int, materials: dict[str, bpy.types.Material], detail: float = 1.0
@@ -37,7 +42,11 @@ class Stage:
 
 
 def to_blender(name: str, mesh: Mesh) -> bpy.types.Mesh:
-    """Make a Blender mesh. Vertices are rounded to a micrometre, so that every numpy and Blender version gives the same bytes."""
+    """Make a Blender mesh.
+
+    Vertices are rounded to a micrometre, so that every numpy and Blender version gives the same
+    bytes.
+    """
     is_tri = mesh.faces[:, 3] < 0
     sizes = np.where(is_tri, 3, 4)
     corners = mesh.faces.reshape(-1)
@@ -83,7 +92,9 @@ def _evaluated_meshes():
 
 
 def geometry_hash() -> str:
-    """SHA-256 over names, ids, classes, placements and the evaluated vertex and face arrays of the current scene."""
+    """SHA-256 over names, ids, classes, placements and the evaluated vertex and face arrays of the
+    current scene.
+    """
     digest = hashlib.sha256()
     for obj, data in _evaluated_meshes():
         digest.update(f"{obj.name}|{obj['instance_id']}|{obj['class_name']}|".encode())

@@ -1,4 +1,7 @@
-"""Small objects on tables: crockery, fruit, twigs, books. Local frames: z up from the surface below them."""
+"""Small objects on tables: crockery, fruit, twigs, books.
+
+Local frames: z up from the surface below them.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Parts of the walls: planes with openings, skirting, door, window, pictures, spots. World frame; normals of the walls point
+"""Parts of the walls: planes with openings, skirting, door, window, pictures, spots. World frame;
+normals of the walls point
 inwards.
 """
 
@@ -19,7 +20,8 @@ def plane(
     offset: tuple[float, float] = (0.0, 0.0),
     hole: tuple[float, float, float, float] | None = None,
 ) -> Mesh:
-    """A flat wall from `origin` along the vectors `across` and `up` (metres), normal across x up; hole = (a0, a1, b0,
+    """A flat wall from `origin` along the vectors `across` and `up` (metres), normal across x up;
+    hole = (a0, a1, b0,
     b1) in metres.
     """
     origin, across, up = (np.asarray(v, float) for v in (origin, across, up))
@@ -45,9 +47,10 @@ def skirting(
     cut: tuple[bool, bool],
     capped: bool = False,
 ) -> Mesh:
-    """A skirting board on the floor (z = 0) from start to end (x, y) with the room on its left; `cut`: mitred into an
-    inner corner. capped: close the other ends, where the board is thicker than what it meets: there is no wall behind it, and outside would be
-    seen past it.
+    """A skirting board on the floor (z = 0) from start to end (x, y) with the room on its left;
+    `cut`: mitred into an
+    inner corner. capped: close the other ends, where the board is thicker than what it meets: there
+    is no wall behind it, and outside would be seen past it.
     """
     a, b = np.array(start, float), np.array(end, float)
     along = (b - a) / np.linalg.norm(b - a)
@@ -111,7 +114,8 @@ def door(width: float, height: float, detail: float) -> Mesh:
 
 
 def casing(width: float, height: float, board: float, thick: float) -> Mesh:
-    """Boards round a doorway: outer width and height, in the x-z plane from z = 0, back at y = 0. A box behind the wall closes the doorway:
+    """Boards round a doorway: outer width and height, in the x-z plane from z = 0, back at y = 0. A
+    box behind the wall closes the doorway:
     outside would be seen through the gap round the leaf.
     """
     upright = rounded_box((board, thick, height - board), 0.004).moved(
@@ -128,7 +132,8 @@ def casing(width: float, height: float, board: float, thick: float) -> Mesh:
 
 
 def picture(width: float, height: float, mat: float) -> Mesh:
-    """A framed picture under glass in the x-z plane, centred, facing -y, its back at y = 0; slots: 0 wood, 1 mat, 2
+    """A framed picture under glass in the x-z plane, centred, facing -y, its back at y = 0; slots:
+    0 wood, 1 mat, 2
     print.
     """
     rim = frame(
@@ -198,7 +203,8 @@ def _bars(width: float, height: float, section: float, depth: float) -> Mesh:
 
 
 def window(x0: float, x1: float, z0: float, z1: float, detail: float) -> tuple[Mesh, Mesh]:
-    """French window in the plane y = 0, seen from +y: frame (slots 0 paint, 1 metal) and panes; the opening x0..x1,
+    """French window in the plane y = 0, seen from +y: frame (slots 0 paint, 1 metal) and panes; the
+    opening x0..x1,
     z0..z1.
     """
     width, height, cx, cz = x1 - x0, z1 - z0, (x0 + x1) / 2, (z0 + z1) / 2
@@ -225,7 +231,9 @@ def window(x0: float, x1: float, z0: float, z1: float, detail: float) -> tuple[M
 
 
 def rail(x0: float, x1: float, detail: float) -> Mesh:
-    """A curtain pole along x at y = z = 0 with end knobs and two brackets reaching back to y = -0.10."""
+    """A curtain pole along x at y = z = 0 with end knobs and two brackets reaching back to y =
+    -0.10.
+    """
     n = steps(12, detail, 6)
     pole = bar((x0, 0, 0), (x1, 0, 0), 0.011, n)
     knob = lathe(

@@ -1,4 +1,6 @@
-"""`iclnuim bake`: bakes the light map of a scene into the cache, where every render with baked light finds it."""
+"""`iclnuim bake`: bakes the light map of a scene into the cache, where every render with baked
+light finds it.
+"""
 
 import argparse
 from dataclasses import replace

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from iclnuim.benchmark.odometry.run import Sequence
     from matplotlib.figure import Figure
 
-#: Frames that each odometer tracks before the measurement, so that compiling and loading are not timed.
+#: Frames that each odometer tracks before the measurement, so that compiling and loading are not
+#: timed.
 _WARM_UP = 3
 
 
@@ -288,7 +289,10 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
 def _compare_odometers(
     sequence: "Sequence", names: list[str], preset: str, frames: int | None, progress: Callable
 ) -> dict:
-    """Run the odometers; returns `sequence`, `preset` and `runs` (Run.to_dict() of each). Raises InputError without ground truth."""
+    """Run the odometers; returns `sequence`, `preset` and `runs` (Run.to_dict() of each).
+
+    Raises InputError without ground truth.
+    """
     from iclnuim.benchmark.odometry.run import run_together
     from iclnuim.dataset.frames import sequence_name
 
@@ -306,7 +310,10 @@ def _compare_odometers(
 
 
 def _read_results(path: Path) -> list[dict]:
-    """Read results that were written with --json, also by version 0.1.0. Raises InputError for another file."""
+    """Read results that were written with --json, also by version 0.1.0.
+
+    Raises InputError for another file.
+    """
     results = read_json(path).get("races")
     if not isinstance(results, list):
         raise InputError("output of `iclnuim bench odometry --json`", path=path)
@@ -330,7 +337,9 @@ def _has_point(d: dict) -> bool:
 
 
 def _odometry_figure(results: list[dict]) -> "Figure":
-    """ATE over time per frame: a dot at the median and a line to the 95th percentile (several runs: a triangle, and the quartiles of the ATE); the Pareto front is dashed."""
+    """ATE over time per frame: a dot at the median and a line to the 95th percentile (several runs:
+    a triangle, and the quartiles of the ATE); the Pareto front is dashed.
+    """
     import numpy as np
     from iclnuim.report.charts import COLOURS
     from matplotlib.figure import Figure

@@ -113,7 +113,9 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
 
 
 def _check_values(curve: str, values: tuple[float, ...]) -> None:
-    """Raises InputError unless all steps are positive numbers, or numbers of levels, within the limit of the curve."""
+    """Raises InputError unless all steps are positive numbers, or numbers of levels, within the
+    limit of the curve.
+    """
     most = _LARGEST.get(curve, _LARGEST_STEP)
     for value in values:
         if curve == "levels" and not (value >= 0 and value.is_integer()):

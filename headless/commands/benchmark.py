@@ -1,4 +1,6 @@
-"""`iclnuim benchmark`: runs all experiments of the paper on our sequences and writes tables, findings and a report."""
+"""`iclnuim benchmark`: runs all experiments of the paper on our sequences and writes tables,
+findings and a report.
+"""
 
 import argparse
 import os
@@ -120,7 +122,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def _measure(args: argparse.Namespace, console: Console) -> list[str]:
-    """Measure the missing cells; returns a sentence for each cell that could not be measured. Raises InputError if no cell can be."""
+    """Measure the missing cells; returns a sentence for each cell that could not be measured.
+
+    Raises InputError if no cell can be.
+    """
     if unknown := [name for name in args.presets if name not in PRESETS]:
         raise InputError(
             f"presets of {', '.join(PRESETS)}", setting="presets", found=", ".join(unknown)
@@ -166,7 +171,9 @@ def _workers() -> int:
 def _films(
     sources: Sources, results: list[dict], first: int | None, console: Console
 ) -> dict[str, bytes]:
-    """The films OUT/films/SEQUENCE.webm of the measured sequences that exist, by sequence; missing films are made."""
+    """The films OUT/films/SEQUENCE.webm of the measured sequences that exist, by sequence; missing
+    films are made.
+    """
     from iclnuim.blender.output import blender_output_in
     from iclnuim.report.preview import write_web_film
 

@@ -1,4 +1,6 @@
-"""`iclnuim check-depth DIR`: compares the depth and ground truth of a run's frames with rays cast independently at the same geometry."""
+"""`iclnuim check-depth DIR`: compares the depth and ground truth of a run's frames with rays cast
+independently at the same geometry.
+"""
 
 import argparse
 from dataclasses import asdict
@@ -96,7 +98,9 @@ def _failed(e: DepthErrors, truth: TruthErrors | None) -> list[str]:
 def _casters(
     job: RenderJob, recipe: dict, picked: list[int], console: Console
 ) -> list[tuple[RayCaster, TruthCaster | None]]:
-    """For each frame, the casters for depth and (if the run has it) ground truth; all frames share them unless the scene moves."""
+    """For each frame, the casters for depth and (if the run has it) ground truth; all frames share
+    them unless the scene moves.
+    """
     with opened_scene("check-depth", job.scene, job.reading):
         from iclnuim.blender import preflight, scene
 

@@ -1,4 +1,6 @@
-"""`iclnuim compare A B`: compares frames byte for byte, or within a tolerance if processors or Blender versions differ."""
+"""`iclnuim compare A B`: compares frames byte for byte, or within a tolerance if processors or
+Blender versions differ.
+"""
 
 import argparse
 import json
@@ -16,9 +18,11 @@ from iclnuim.formats.png import read_depth16, read_rgb8, read_rgb16
 
 from ..options import common
 
-#: Tolerances of a pixel (colour of 0..255, depth in metres), and the largest share of pixels of a frame beyond them: rounding moves edges.
+#: Tolerances of a pixel (colour of 0..255, depth in metres), and the largest share of pixels of a
+#: frame beyond them: rounding moves edges.
 COLOUR_OF_255, DEPTH_M, SHARE = 3.0, 0.001, 0.01
-#: Channel -> tolerance; that of normals is per component of a unit normal. Labels of instances and classes have no tolerance.
+#: Channel -> tolerance; that of normals is per component of a unit normal. Labels of instances and
+#: classes have no tolerance.
 _TOLERANCES = {
     **dict.fromkeys(("RGB", "rgb"), COLOUR_OF_255),
     **dict.fromkeys(("Z", "depth"), DEPTH_M),
@@ -59,10 +63,12 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
-    """Compare the frames of two runs (EXR) or two sequences (PNG). Raises InputError if a folder is neither, or if their kinds differ.
+    """Compare the frames of two runs (EXR) or two sequences (PNG). Raises InputError if a folder is
+    neither, or if their kinds differ.
 
-    Keys: `different`: names of files that are in both folders and differ; `channels`: file -> channels that differ (none if only the
-    header differs); `largest_share`: share of pixels beyond the tolerance in the worst file (0 if bytes were compared).
+    Keys: `different`: names of files that are in both folders and differ; `channels`: file ->
+    channels that differ (none if only the header differs); `largest_share`: share of pixels beyond
+    the tolerance in the worst file (0 if bytes were compared).
     """
     origins = _origin(a), _origin(b)
     images = (
@@ -121,7 +127,9 @@ def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
 
 
 def _origin(folder: Path) -> tuple[str, str]:
-    """Blender's version and the processor's features in the recipe of the run in this folder, or of the run from which this sequence comes."""
+    """Blender's version and the processor's features in the recipe of the run in this folder, or of
+    the run from which this sequence comes.
+    """
     for name, inside in (("sequence.json", ()), ("recipe.json", ("source", "run"))):
         if (folder / name).is_file():
             with within(folder / name):
@@ -136,7 +144,10 @@ def _origin(folder: Path) -> tuple[str, str]:
 
 
 def _object_in(content: dict, *keys: str) -> dict:
-    """The object under nested keys; {} where a key is absent. Raises InputError for another value."""
+    """The object under nested keys; {} where a key is absent.
+
+    Raises InputError for another value.
+    """
     for key in keys:
         content = content.get(key, {})
         if not isinstance(content, dict):
@@ -159,7 +170,9 @@ def _other_channels(a: Path, b: Path) -> list[str] | None:
 
 
 def _shares(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, float]:
-    """Channel -> share of pixels that differ by more than its tolerance; 1 if one file lacks the channel, or the sizes differ."""
+    """Channel -> share of pixels that differ by more than its tolerance; 1 if one file lacks the
+    channel, or the sizes differ.
+    """
     shares = {}
     for name in a | b:
         same_size = name in a and name in b and a[name].shape == b[name].shape
@@ -172,7 +185,9 @@ def _shares(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, flo
 
 
 def _channels(file: Path, units_per_metre: float) -> dict[str, np.ndarray]:
-    """Channels of an image file: colour 0..255 clipped to a display's range, depth in metres, normals -1..1, labels."""
+    """Channels of an image file: colour 0..255 clipped to a display's range, depth in metres,
+    normals -1..1, labels.
+    """
     if file.suffix == ".exr":
         channels = read_exr(file)
         linear = np.stack([channels.pop(c).astype(np.float32) for c in "RGB"], -1)

@@ -1,4 +1,6 @@
-"""`iclnuim doctor`: reports what is installed, what is missing, what works without it, and the command that installs it."""
+"""`iclnuim doctor`: reports what is installed, what is missing, what works without it, and the
+command that installs it.
+"""
 
 import argparse
 import importlib.metadata
@@ -21,7 +23,9 @@ from ..options import common
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one check. found: what was found. good: whether it is sufficient. mend: how to install it. needed: whether the main commands need it."""
+    """Result of one check. found: what was found. good: whether it is sufficient. mend: how to
+    install it. needed: whether the main commands need it.
+    """
 
     name: str
     found: str
@@ -82,7 +86,8 @@ def examine() -> list[Finding]:
     program = "import bpy, _cycles; print('denoiser', _cycles.with_openimagedenoise)"
     has_denoiser = bpy.good and "denoiser True" in _output_of(sys.executable, "-c", program).stdout
     denoiser = "OpenImageDenoise" if has_denoiser else "none" if bpy.good else "unknown without bpy"
-    # OpenCV's odometers are in a contrib module, which other OpenCV packages and OpenCV 5 do not have
+    # OpenCV's odometers are in a contrib module, which other OpenCV packages and OpenCV 5 do not
+    # have
     program = "import cv2; print('rgbd', hasattr(cv2, 'rgbd'))"
     has_rgbd = "rgbd True" in _output_of(sys.executable, "-c", program).stdout
     rgbd = "cv2.rgbd" if has_rgbd else "this OpenCV has no cv2.rgbd"
@@ -132,7 +137,9 @@ def _conclusion(good: dict[str, bool], broken: list[Finding]) -> str:
 
 
 def _bpy() -> Finding:
-    """Check bpy by importing it in a separate process: without the system libraries it fails, and names the missing one."""
+    """Check bpy by importing it in a separate process: without the system libraries it fails, and
+    names the missing one.
+    """
     fix = how_to_get_bpy()
     if importlib.util.find_spec("bpy") is None:
         return Finding("bpy", "not installed", False, fix)

@@ -1,5 +1,7 @@
-"""`iclnuim evaluate`: computes the error of an estimated trajectory against the ground truth, absolute (ate) and relative (rpe),
-of a reconstructed surface (surface), and of rendered views (views). iclnuim.report.trajectory_report documents what --json prints and --csv writes.
+"""`iclnuim evaluate`: computes the error of an estimated trajectory against the ground truth,
+absolute (ate) and relative (rpe),
+of a reconstructed surface (surface), and of rendered views (views).
+iclnuim.report.trajectory_report documents what --json prints and --csv writes.
 """
 
 import argparse
@@ -182,7 +184,8 @@ def _files_and_times(parser: argparse.ArgumentParser) -> None:
 
 
 def spelled_out(argv: list[str]) -> list[str]:
-    """`GT EST` -> `ate GT EST`. `DIR EST` -> `ate GROUNDTRUTH EST` with the ground truth found in the folder; `ate DIR EST` and
+    """`GT EST` -> `ate GT EST`. `DIR EST` -> `ate GROUNDTRUTH EST` with the ground truth found in
+    the folder; `ate DIR EST` and
     `rpe DIR EST` likewise."""
     if argv[:1] in (["surface"], ["views"]):
         return argv
@@ -354,7 +357,9 @@ def _views_text(values: dict) -> str:
 
 
 def _seen_by(args: argparse.Namespace) -> "tuple[SeenBy | None, bool]":
-    """The camera and poses that decide over which part of the model completion is measured, and whether it is the whole model."""
+    """The camera and poses that decide over which part of the model completion is measured, and
+    whether it is the whole model.
+    """
     from iclnuim.benchmark.fusion.quality import SeenBy
     from iclnuim.geometry.camera import PinholeCamera
 
@@ -369,7 +374,9 @@ def _seen_by(args: argparse.Namespace) -> "tuple[SeenBy | None, bool]":
 
 
 def _as_given(surface: "TrueSurface", points: "np.ndarray", given: "SE3", fitted: "SE3") -> dict:
-    """The figures without the fit, and by how much the fit translated the centre of the reconstruction and rotated it."""
+    """The figures without the fit, and by how much the fit translated the centre of the
+    reconstruction and rotated it.
+    """
     T, middle = fitted @ given.inverse(), given.apply(points.mean(0))
     return {
         "distance_m": ErrorStatistics.of(surface.distance(given.apply(points))).to_dict(),
@@ -451,7 +458,9 @@ def _given_transform(args: argparse.Namespace) -> "SE3":
 def _fitted_transform(
     args: argparse.Namespace, given: "SE3", unit_m: float, console: Console
 ) -> "SE3":
-    """T_model_mesh fitted to picked pairs or to the whole trajectory; `given` if the options request neither."""
+    """T_model_mesh fitted to picked pairs or to the whole trajectory; `given` if the options
+    request neither.
+    """
     from iclnuim.benchmark.fusion.surface_error import (
         pairs_transform,
         read_pairs,

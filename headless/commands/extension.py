@@ -1,4 +1,6 @@
-"""`iclnuim extension`: builds the Blender extension as a zip: the package with its manifest, all scenes and all trajectories. The bytes are reproducible."""
+"""`iclnuim extension`: builds the Blender extension as a zip: the package with its manifest, all
+scenes and all trajectories. The bytes are reproducible.
+"""
 
 import argparse
 import tomllib
@@ -41,7 +43,10 @@ def _build(args: argparse.Namespace, console: Console) -> None:
 
 
 def build(out: Path) -> Path:
-    """Write `out`/iclnuim-VERSION.zip and return its path. Raises WorkError if it cannot be written."""
+    """Write `out`/iclnuim-VERSION.zip and return its path.
+
+    Raises WorkError if it cannot be written.
+    """
     package = Path(iclnuim.__file__).parent
     manifest = tomllib.loads((package / "blender_manifest.toml").read_text(encoding="utf-8"))
     try:

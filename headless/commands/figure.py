@@ -1,4 +1,6 @@
-"""`iclnuim figure N`: draws a figure of the paper from our rooms, our sequences and the cells of a benchmark."""
+"""`iclnuim figure N`: draws a figure of the paper from our rooms, our sequences and the cells of a
+benchmark.
+"""
 
 import argparse
 from pathlib import Path

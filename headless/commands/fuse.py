@@ -115,7 +115,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
 
 def _refuse_other_json(path: Path) -> None:
-    """Raises InputError if a file exists where the recipe is to be written and is not the recipe of a surface."""
+    """Raises InputError if a file exists where the recipe is to be written and is not the recipe of
+    a surface.
+    """
     if not is_file(path):
         return
     try:
@@ -128,7 +130,10 @@ def _refuse_other_json(path: Path) -> None:
 
 
 def _volume_settings(args: argparse.Namespace) -> VolumeSettings:
-    """The preset with the given options. The truncation distance, unless given, and the distance behind a surface grow with the voxels."""
+    """The preset with the given options.
+
+    The truncation distance, unless given, and the distance behind a surface grow with the voxels.
+    """
     base = PRESETS[args.preset]
     voxel_m = base.voxel_m if args.voxel is None else args.voxel
     truncation_m = (
@@ -139,7 +144,11 @@ def _volume_settings(args: argparse.Namespace) -> VolumeSettings:
 
 
 def _draw(mesh: "Mesh", loaded: LoadedTrajectory, path: Path) -> None:
-    """Draw the mesh. If the world is the frame of the first camera (y down), it is rotated z up, as far as the tilt of that camera allows."""
+    """Draw the mesh.
+
+    If the world is the frame of the first camera (y down), it is rotated z up, as far as the tilt
+    of that camera allows.
+    """
     from iclnuim.benchmark.fusion.pictures import picture
     from iclnuim.formats.png import write_png
     from iclnuim.geometry.axes import Z_UP_FROM_Y_DOWN

@@ -1,4 +1,6 @@
-"""`iclnuim odometry`: estimates camera motion from the images of a sequence, with one odometer or all of them."""
+"""`iclnuim odometry`: estimates camera motion from the images of a sequence, with one odometer or
+all of them.
+"""
 
 import argparse
 from functools import partial
@@ -98,7 +100,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
 
 def _note_separate_truth(run: "Run", console: Console) -> None:
-    """Print a note if the ground truth and the frames do not overlap in time, so that no error can be computed."""
+    """Print a note if the ground truth and the frames do not overlap in time, so that no error can
+    be computed.
+    """
     if run.truth is None or not run.frames:
         return
     (first, last), (begin, end) = (

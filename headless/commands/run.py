@@ -1,4 +1,6 @@
-"""`iclnuim run`: runs a system that estimates camera motion, ours or a third-party one, on sequences, measures its time and memory, and evaluates the trajectories that it wrote."""
+"""`iclnuim run`: runs a system that estimates camera motion, ours or a third-party one, on
+sequences, measures its time and memory, and evaluates the trajectories that it wrote.
+"""
 
 import argparse
 import signal
@@ -65,7 +67,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
-    """Exit code 0 even if a system failed on some sequences: its rows report the failures. 3 if it gave no pose at all."""
+    """Exit code 0 even if a system failed on some sequences: its rows report the failures.
+
+    3 if it gave no pose at all.
+    """
     system = read_system(args.system, _options(args))
     experiments = []
     for folder in args.folders:
@@ -98,7 +103,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def table(comparison: dict) -> str:
-    """A line for each trajectory of a system, with medians over its runs, followed by the notes about these runs."""
+    """A line for each trajectory of a system, with medians over its runs, followed by the notes
+    about these runs.
+    """
     head = f"{'runs':>6}{'covered':>9}{'ATE [mm]':>10}{'quartiles':>22}{'RPE [mm/s]':>12}{'wall [s]':>10}{'CPU [s]':>9}{'MB':>7}"
     lines = [comparison["sequence"], f"{'':<26}{head}"]
     for r in comparison["runs"]:
@@ -139,7 +146,9 @@ def seconds(text: str) -> float:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Treat SIGTERM and SIGHUP like Ctrl-C: the processes of the system are killed, and no incomplete run is left."""
+    """Treat SIGTERM and SIGHUP like Ctrl-C: the processes of the system are killed, and no
+    incomplete run is left.
+    """
     numbers = (
         (signal.SIGTERM, signal.SIGHUP)
         if threading.current_thread() is threading.main_thread()

@@ -1,4 +1,6 @@
-"""`iclnuim make`, `render`, `resume` and `task`: turn the options into a plan, and execute the plan on this machine or on Slurm."""
+"""`iclnuim make`, `render`, `resume` and `task`: turn the options into a plan, and execute the plan
+on this machine or on Slurm.
+"""
 
 import argparse
 import os
@@ -28,7 +30,8 @@ from ..farm.run_plan import FarmSettings, RunPlan, SlurmSettings, find_run, read
 from ..outputs import refuse_existing
 from ..sequence_options import add_sensor_options, log_settings, sequence_options
 
-#: Two seconds of consecutive frames: enough for odometers, fusion and errors over one second. They are the first frames, so that stamps begin at 1 s.
+#: Two seconds of consecutive frames: enough for odometers, fusion and errors over one second. They
+#: are the first frames, so that stamps begin at 1 s.
 QUICK_FRAMES = ":60"
 _STAGES = {
     "light": "first: write the run folder with its recipe, and bake the light into the cache",
@@ -84,7 +87,10 @@ def configure_task(parser: argparse.ArgumentParser) -> None:
 
 
 def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> None:
-    """Add the options of `render` or `make`, except those that distribute the work. `out`: the help text of --out."""
+    """Add the options of `render` or `make`, except those that distribute the work.
+
+    `out`: the help text of --out.
+    """
     parser.set_defaults(command=command)
     add, names = parser.add_argument, ", ".join(shipped.SCENE_NAMES)
     every = ", or all for all eight" if command == "make" else ""
@@ -161,7 +167,10 @@ def plan_from(args: argparse.Namespace) -> RunPlan:
 
 
 def _held_out(name: str, job: RenderJob) -> str:
-    """The number of views, the full name of a shipped trajectory, or the absolute path of a file. Raises InputError."""
+    """The number of views, the full name of a shipped trajectory, or the absolute path of a file.
+
+    Raises InputError.
+    """
     if name.isdecimal() and int(name) < 1:
         raise InputError(
             "a number of views of at least 1, or a trajectory", setting="held_out", found=name
@@ -185,7 +194,10 @@ def every_plan(args: argparse.Namespace) -> list[RunPlan]:
 
 
 def _job(args: argparse.Namespace) -> RenderJob:
-    """The render job given by the options. Raises InputError for an unknown sequence, scene or camera."""
+    """The render job given by the options.
+
+    Raises InputError for an unknown sequence, scene or camera.
+    """
     if args.sequence is None and not (args.scene and args.trajectory):
         raise InputError(
             "a SEQUENCE, or {scene} and {trajectory}", hint=", ".join(shipped.sequence_names())
@@ -239,7 +251,10 @@ def _begin(args: argparse.Namespace, console: Console) -> int:
 
 
 def _new_blend(blend: Path | None, plan: RunPlan, console: Console) -> Path | None:
-    """The file to save the scene in. One that exists is kept, with a note, if the run has begun; otherwise raises InputError."""
+    """The file to save the scene in.
+
+    One that exists is kept, with a note, if the run has begun; otherwise raises InputError.
+    """
     if blend is None or not os.path.lexists(blend):
         return blend
     if blend.is_dir() or not (plan.raw / "sequence.json").is_file():
@@ -260,7 +275,9 @@ def _resume(args: argparse.Namespace, console: Console) -> int:
 
 
 def _execute(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) -> int:
-    """Execute the missing parts of the plan, then those of its held-out views; returns the exit code. Raises InputError, WorkError."""
+    """Execute the missing parts of the plan, then those of its held-out views; returns the exit
+    code. Raises InputError, WorkError.
+    """
     read_as = read_trajectory(trajectory_file(plan.job)).read_as
     if read_as.repeated:
         console.note(f"{plan.job.trajectory}: {read_as.sentence}")
@@ -281,7 +298,8 @@ def _check_print_only(plan: RunPlan, print_only: bool) -> None:
 def _run(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) -> int:
     """Execute the missing parts of the plan; returns the exit code. Raises InputError, WorkError.
 
-    print_only: show the job scripts for Slurm instead. blend: also save the prepared scene to this file.
+    print_only: show the job scripts for Slurm instead. blend: also save the prepared scene to this
+    file.
     """
     _check_print_only(plan, print_only)
     plan.variants()  # raises for unknown noise models before any work begins
@@ -319,7 +337,10 @@ def _run(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) 
 
 
 def _task(args: argparse.Namespace, console: Console) -> int:
-    """Run one task of a render farm, as called by a scheduler. Tasks on many machines may share a folder."""
+    """Run one task of a render farm, as called by a scheduler.
+
+    Tasks on many machines may share a folder.
+    """
     if args.out is None:
         raise InputError("a folder that all tasks of the run share", setting="out")
     plan = plan_from(args)
@@ -342,7 +363,9 @@ def _task(args: argparse.Namespace, console: Console) -> int:
 
 
 def _flamenco(stage: str, console: Console, plan: RunPlan) -> Callable[[int], None]:
-    """Returns a callback that prints the lines which Flamenco's worker parses, as Blender prints them: `Time:` and `skipping` count as a step, `Saved:` names a picture to show."""
+    """Returns a callback that prints the lines which Flamenco's worker parses, as Blender prints
+    them: `Time:` and `skipping` count as a step, `Saved:` names a picture to show.
+    """
     last, images = time.monotonic(), plan.out / "clean/rgb"
 
     def on_frame(number: int) -> None:

@@ -1,4 +1,7 @@
-"""`iclnuim scene`: builds a shipped scene from code, or compares it with the official frames. Needs a checkout: blend/builder/command.py."""
+"""`iclnuim scene`: builds a shipped scene from code, or compares it with the official frames.
+
+Needs a checkout: blend/builder/command.py.
+"""
 
 import argparse
 import importlib

@@ -1,8 +1,10 @@
-"""`iclnuim dataset`, `convert`, `noise`, `inspect` and `pack`: make, convert, check and publish RGB-D sequences.
+"""`iclnuim dataset`, `convert`, `noise`, `inspect` and `pack`: make, convert, check and publish
+RGB-D sequences.
 
-`dataset` reads the EXR frames of a run; `convert` and `noise` read any sequence. All three write any format; `dataset` and `noise` can
-add sensor noise. `noise calibrate` fits the noise model to a real sensor. `inspect` reports problems of a sequence and draws it. `pack`
-writes the archive to publish.
+`dataset` reads the EXR frames of a run; `convert` and `noise` read any sequence. All three write
+any format; `dataset` and `noise` can add sensor noise. `noise calibrate` fits the noise model to a
+real sensor. `inspect` reports problems of a sequence and draws it. `pack` writes the archive to
+publish.
 """
 
 import argparse
@@ -346,7 +348,9 @@ def configure_pack(parser: argparse.ArgumentParser) -> None:
 
 
 def _check_archive(args: argparse.Namespace, out: Path) -> None:
-    """Raises InputError for another kind of archive, one inside the folder, and, if the user did not name it, for a file of another origin."""
+    """Raises InputError for another kind of archive, one inside the folder, and, if the user did
+    not name it, for a file of another origin.
+    """
     if not out.name.endswith(_ARCHIVES) and not is_stream(out):
         raise InputError(
             f"an archive named *{' or *'.join(_ARCHIVES)}",

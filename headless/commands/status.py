@@ -1,4 +1,6 @@
-"""`iclnuim status DIR`: reports what is finished in an output folder and what is missing, from its files alone."""
+"""`iclnuim status DIR`: reports what is finished in an output folder and what is missing, from its
+files alone.
+"""
 
 import argparse
 from contextlib import suppress
@@ -48,7 +50,11 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
 
 def state(folder: Path, frames: str | None) -> dict:
-    """State of a run. Without `frames`, the frames of the recorded command count. Raises InputError for a folder without a run."""
+    """State of a run.
+
+    Without `frames`, the frames of the recorded command count. Raises InputError for a folder
+    without a run.
+    """
     plan: RunPlan | None = None
     with suppress(InputError):  # None without a readable record
         plan = read_plan(find_run(folder))

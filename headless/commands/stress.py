@@ -1,4 +1,6 @@
-"""`iclnuim stress`: measures where methods fail: runs every method on frames perturbed with increasing severity, and writes figures and heat maps."""
+"""`iclnuim stress`: measures where methods fail: runs every method on frames perturbed with
+increasing severity, and writes figures and heat maps.
+"""
 
 import argparse
 import os
@@ -185,7 +187,9 @@ def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
 
 
 def _segment(text: str) -> int:
-    """The argparse type of a number of frames with a trajectory error: fewer than three positions always fit."""
+    """The argparse type of a number of frames with a trajectory error: fewer than three positions
+    always fit.
+    """
     if (frames := count(text)) < 3:
         raise argparse.ArgumentTypeError(f"expected at least 3 frames, found {frames}")
     return frames

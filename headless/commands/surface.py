@@ -1,4 +1,6 @@
-"""`iclnuim surface SCENE`: exports the scene as a surface model: all of it, or what a trajectory saw."""
+"""`iclnuim surface SCENE`: exports the scene as a surface model: all of it, or what a trajectory
+saw.
+"""
 
 import argparse
 from pathlib import Path
@@ -104,7 +106,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
 
 def poses_of(name: str, scene: str) -> SE3:
-    """The poses (k,) of a shipped trajectory (of the room `scene` if the name gives no room) or of a file."""
+    """The poses (k,) of a shipped trajectory (of the room `scene` if the name gives no room) or of
+    a file.
+    """
     own = name if "/" in name or scene not in shipped.SCENE_NAMES else f"{scene}/{name}"
     path = shipped.trajectory_file(own) if own in shipped.sequence_names() else Path(name)
     return read_trajectory(path).trajectory.T_world_camera

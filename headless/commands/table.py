@@ -1,4 +1,6 @@
-"""`iclnuim table N`: prints a table of the paper with our figures: Table I from the shipped trajectories, the others from a benchmark."""
+"""`iclnuim table N`: prints a table of the paper with our figures: Table I from the shipped
+trajectories, the others from a benchmark.
+"""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""`iclnuim trajectory`: info, convert, plot, make, camera, adopt, resample. Each action reports the coordinate frames of its input and output."""
+"""`iclnuim trajectory`: info, convert, plot, make, camera, adopt, resample.
+
+Each action reports the coordinate frames of its input and output.
+"""
 
 import argparse
 import json
@@ -155,7 +158,9 @@ def _configure_changes(actions: Actions) -> None:
 
 
 def _configure_make(actions: Actions) -> None:
-    """Add `make`: trajectories from their recipes, or one through a user-provided scene that keeps clear of its surfaces."""
+    """Add `make`: trajectories from their recipes, or one through a user-provided scene that keeps
+    clear of its surfaces.
+    """
     text = "make hand-held trajectories from their recipes: same recipe, same bytes"
     parser = action(
         actions, "make", text, "iclnuim trajectory make office/kt3 --out paths", run_make
@@ -408,7 +413,9 @@ def _refuse_other(target: Path) -> None:
 
 
 def tum_text(made: Trajectory) -> str:
-    """A TUM file with 1e-6 m and 1e-7 in the quaternion: so few digits that rounding differences between processors do not appear."""
+    """A TUM file with 1e-6 m and 1e-7 in the quaternion: so few digits that rounding differences
+    between processors do not appear.
+    """
     rows = np.column_stack(
         [made.stamps_s, made.positions_m, made.T_world_camera.quat_xyzw + 0.0]
     ).tolist()
@@ -514,7 +521,9 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
 
 
 def _check_near(places: np.ndarray, vertices: np.ndarray) -> None:
-    """Raises InputError for a viewpoint farther from the scene than the scene is large, and than _NEAR_M."""
+    """Raises InputError for a viewpoint farther from the scene than the scene is large, and than
+    _NEAR_M.
+    """
     low, high = vertices.min(0), vertices.max(0)
     limit_m = max(_NEAR_M, float(np.linalg.norm(high - low)))
     for place in places:
@@ -535,7 +544,10 @@ def _waypoints(texts: list[str]) -> list[Waypoint]:
 
 
 def _waypoint(text: str, path: str | None = None, line: int | None = None) -> Waypoint:
-    """Parse `x,y,z` or `x,y,z:x,y,z`; files may have spaces instead of commas. A seventh number is a pause in seconds."""
+    """Parse `x,y,z` or `x,y,z:x,y,z`; files may have spaces instead of commas.
+
+    A seventh number is a pause in seconds.
+    """
     try:
         numbers = [float(part) for part in re.split(r"[,:\s]+", text.strip())]
     except ValueError:

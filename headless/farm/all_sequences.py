@@ -1,4 +1,7 @@
-"""Makes all shipped sequences one after another, with one progress display. Each sequence can be resumed separately, and so can the whole."""
+"""Makes all shipped sequences one after another, with one progress display.
+
+Each sequence can be resumed separately, and so can the whole.
+"""
 
 from collections.abc import Callable, Sequence
 
@@ -11,7 +14,10 @@ from .run_plan import RunPlan
 
 
 class _Whole(Console):
-    """Console with one progress display for all plans. Missing frames of later plans are counted from their journals alone."""
+    """Console with one progress display for all plans.
+
+    Missing frames of later plans are counted from their journals alone.
+    """
 
     def __init__(self, console: Console, plans: Sequence[RunPlan]) -> None:
         super().__init__(console.quiet, console.as_json)
@@ -31,7 +37,8 @@ class _Whole(Console):
 def make_all(
     plans: Sequence[RunPlan], execute: Callable[[RunPlan, Console], int], console: Console
 ) -> int:
-    """Execute the plans one after another; returns the exit code. After an error the next plan is executed, after a stop it is not. Raises
+    """Execute the plans one after another; returns the exit code. After an error the next plan is
+    executed, after a stop it is not. Raises
     WorkError if some failed.
     """
     whole, failed = _Whole(console, plans), []

@@ -1,4 +1,7 @@
-"""Divides a run: missing frames into chunks, and the cores of a machine among workers. Only the output folder decides what is finished."""
+"""Divides a run: missing frames into chunks, and the cores of a machine among workers.
+
+Only the output folder decides what is finished.
+"""
 
 import os
 import re
@@ -15,7 +18,10 @@ Chunk = tuple[int, ...]
 
 
 def chunks_of(frames: Sequence[T], size: int) -> list[tuple[T, ...]]:
-    """Chunks of at most `size` frames (or other items), in the given order and as even as possible. No frames give no chunks."""
+    """Chunks of at most `size` frames (or other items), in the given order and as even as possible.
+
+    No frames give no chunks.
+    """
     if size < 1:
         raise InputError("chunks of at least 1 frame", found=size)
     count = ceil(len(frames) / size)
@@ -24,22 +30,28 @@ def chunks_of(frames: Sequence[T], size: int) -> list[tuple[T, ...]]:
 
 
 def size_for_seconds(seconds: float, seconds_a_frame: float) -> int:
-    """Number of frames that take `seconds`. On a cluster, chunks take several minutes, as starting a worker costs half a minute."""
+    """Number of frames that take `seconds`.
+
+    On a cluster, chunks take several minutes, as starting a worker costs half a minute.
+    """
     if seconds <= 0 or seconds_a_frame <= 0:
         raise InputError("times above 0 s", found=f"{seconds} s, {seconds_a_frame} s per frame")
     return max(1, min(100_000, round(seconds / seconds_a_frame)))
 
 
 def local_size(frames: int, workers: int) -> int:
-    """Chunk size on one machine: with several workers, each gets at least eight chunks, so that all end at a similar time. At its end, a chunk
+    """Chunk size on one machine: with several workers, each gets at least eight chunks, so that all
+    end at a similar time. At its end, a chunk
     waits until its last frame is closed.
     """
     return max(1, min(25, frames // (8 * workers) if workers > 1 else frames))
 
 
 def split(workers: int | None = None, cores: list[int] | None = None) -> list[list[int]]:
-    """The cores of each worker. Without a number of workers, each has two cores (`iclnuim bench farm` measures this). A worker never has a
-    single core, on which it would busy-wait: with more workers than pairs of cores, two workers share a pair. Raises InputError for still more.
+    """The cores of each worker. Without a number of workers, each has two cores (`iclnuim bench
+    farm` measures this). A worker never has a
+    single core, on which it would busy-wait: with more workers than pairs of cores, two workers
+    share a pair. Raises InputError for still more.
     """
     cores = own_cores() if cores is None else cores
     pairs = max(1, len(cores) // 2)

@@ -1,4 +1,6 @@
-"""Estimates the cost of a run from figures that tasks measured and stored in the cache, or from defaults; they also decide the size of chunks."""
+"""Estimates the cost of a run from figures that tasks measured and stored in the cache, or from
+defaults; they also decide the size of chunks.
+"""
 
 import json
 from collections.abc import Sequence
@@ -27,7 +29,9 @@ PAIR_BYTES = 4.6
 
 @dataclass(frozen=True)
 class Figures:
-    """frame_core_s: core-seconds per frame. start_s: seconds until a worker has prepared its scene. frames: number of measured frames, 0 for defaults."""
+    """frame_core_s: core-seconds per frame. start_s: seconds until a worker has prepared its scene.
+    frames: number of measured frames, 0 for defaults.
+    """
 
     frame_core_s: float
     start_s: float = START_S
@@ -47,7 +51,10 @@ def default(job: RenderJob) -> Figures:
 
 
 def measured(frames_core_s: Sequence[float], starts_s: Sequence[float], cores: int) -> Figures:
-    """Figures of a task's workers with `cores` cores each. The first frame of a worker includes preparation, so its time beyond the median counts as start."""
+    """Figures of a task's workers with `cores` cores each.
+
+    The first frame of a worker includes preparation, so its time beyond the median counts as start.
+    """
     if not frames_core_s or not starts_s:
         return Figures(0.0)
     middle = median(frames_core_s)
@@ -98,7 +105,9 @@ def _key(job: RenderJob) -> dict:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimate for the missing work. bake_core_hours: spent only if the cache does not have the light map. wall_minutes: without waiting in the queue."""
+    """Estimate for the missing work. bake_core_hours: spent only if the cache does not have the
+    light map. wall_minutes: without waiting in the queue.
+    """
 
     frames: int
     tasks: int

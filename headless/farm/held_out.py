@@ -1,4 +1,6 @@
-"""Held-out views of a run: they are chosen or checked before rendering, then rendered as a separate run with the same light, in a subfolder."""
+"""Held-out views of a run: they are chosen or checked before rendering, then rendered as a separate
+run with the same light, in a subfolder.
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -20,13 +22,16 @@ from ..isolation import opened_scene, run_isolated
 from .chunks import numbers_text
 from .run_plan import RunPlan
 
-#: Folder of the separate run below the output folder, file of its poses, and record of its settings with the figures of every view.
+#: Folder of the separate run below the output folder, file of its poses, and record of its settings
+#: with the figures of every view.
 FOLDER, POSES, RECORD = "held_out", "views.txt", "views.json"
 
 
 def prepare(plan: RunPlan, console: Console) -> None:
-    """Write the poses of the plan's held-out views, unless they exist. Raises InputError if a view is too close to a training view or shows
-    parts that no training view saw, if other views exist, or if the scene moves; WorkError without Blender or embreex.
+    """Write the poses of the plan's held-out views, unless they exist. Raises InputError if a view
+    is too close to a training view or shows
+    parts that no training view saw, if other views exist, or if the scene moves; WorkError without
+    Blender or embreex.
     """
     if plan.farm.engine != "local":
         raise InputError(
@@ -47,7 +52,9 @@ def prepare(plan: RunPlan, console: Console) -> None:
 
 
 def views_plan(plan: RunPlan) -> RunPlan:
-    """The plan for the run of the views, once the training frames exist: with the same light as these, no shutter, and no noisy sequence."""
+    """The plan for the run of the views, once the training frames exist: with the same light as
+    these, no shutter, and no noisy sequence.
+    """
     folder = plan.out / FOLDER
     settled = read_run(plan.raw).job
     light = {name: getattr(settled, name) for name in ("light", "samples", "denoise")}
@@ -79,7 +86,9 @@ def _file(name: str) -> Path:
 
 
 def _make(plan: RunPlan, identity: dict, console: Console) -> None:
-    """Choose or check the views and write them, in a separate process in which Blender opens the scene."""
+    """Choose or check the views and write them, in a separate process in which Blender opens the
+    scene.
+    """
     job, numbers = plan.job, np.array(plan.numbers)
     with opened_scene("held-out views", job.scene, job.reading):
         from iclnuim.blender import preflight, scene, surfaces

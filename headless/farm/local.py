@@ -1,4 +1,7 @@
-"""The local farm: distributes the chunks of a plan to worker processes. Crashed and hanging workers are replaced, and their frames are tried again."""
+"""The local farm: distributes the chunks of a plan to worker processes.
+
+Crashed and hanging workers are replaced, and their frames are tried again.
+"""
 
 import queue
 import time
@@ -39,8 +42,10 @@ def not_started(client: WorkerClient, code: int) -> WorkError:
 
 @dataclass
 class Outcome:
-    """done: frames rendered in this run. failed: frames that were given up -> log of the worker. stopped: whether a stop was requested.
-    deaths: number of workers that ended unexpectedly. black: frames that are entirely black -> likely cause.
+    """done: frames rendered in this run. failed: frames that were given up -> log of the worker.
+    stopped: whether a stop was requested.
+    deaths: number of workers that ended unexpectedly. black: frames that are entirely black ->
+    likely cause.
     """
 
     done: set[int] = field(default_factory=set)
@@ -52,7 +57,10 @@ class Outcome:
 
 @dataclass(eq=False)
 class Worker:
-    """A worker process of the farm, and the remaining frames of its chunk. Times are those of time.monotonic()."""
+    """A worker process of the farm, and the remaining frames of its chunk.
+
+    Times are those of time.monotonic().
+    """
 
     client: WorkerClient
     cores: list[int]
@@ -70,10 +78,12 @@ class Worker:
 
 
 class LocalFarm:
-    """Renders chunks with one worker per set of cores. `start(cores, inbox)` starts a worker process.
+    """Renders chunks with one worker per set of cores. `start(cores, inbox)` starts a worker
+    process.
 
-    `on_frame(number)` is called once for each frame, `on_event(worker, event)` for all events of all workers. `first`: an idle worker
-    that already runs on the first set of cores, and the inbox of its events.
+    `on_frame(number)` is called once for each frame, `on_event(worker, event)` for all events of
+    all workers. `first`: an idle worker that already runs on the first set of cores, and the inbox
+    of its events.
     """
 
     def __init__(
@@ -101,7 +111,10 @@ class LocalFarm:
         return list(self._workers.values())
 
     def run(self, chunks: list[Chunk]) -> Outcome:
-        """Render until every frame is done or given up, or a stop is requested. Raises WorkerError, WorkError."""
+        """Render until every frame is done or given up, or a stop is requested.
+
+        Raises WorkerError, WorkError.
+        """
         self._todo = deque(chunks)
         try:
             while not self._should_stop() and (self._todo or any(w.busy for w in self.workers)):
@@ -121,7 +134,9 @@ class LocalFarm:
         return self._outcome
 
     def _assign(self) -> None:
-        """Give a chunk to every idle worker, and start a worker on every free set of cores while there is work."""
+        """Give a chunk to every idle worker, and start a worker on every free set of cores while
+        there is work.
+        """
         for worker in self.workers:
             if self._todo and not worker.busy and not worker.client.asked_to_stop:
                 worker.give(self._todo.popleft())
@@ -198,7 +213,8 @@ class LocalFarm:
             self._failed_starts += 1
             if self._failed_starts >= MAX_FAILED_STARTS:
                 raise not_started(client, code)
-        # at most two frames were in work (one rendered, one closed): each is tried alone to find the cause; the rest stays together
+        # at most two frames were in work (one rendered, one closed): each is tried alone to find
+        # the cause; the rest stays together
         suspects, rest = (worker.left[:2], worker.left[2:]) if worker.ready else ([], worker.left)
         alone, attempts = len(worker.left) == 1, self._settings.attempts
         for number in suspects:

@@ -1,4 +1,6 @@
-"""Locks an output folder for one command at a time, also on shared file systems: a lock file with host, process and heartbeat."""
+"""Locks an output folder for one command at a time, also on shared file systems: a lock file with
+host, process and heartbeat.
+"""
 
 import json
 import os
@@ -12,12 +14,14 @@ from pathlib import Path
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import not_written, process_is_running
 
-#: The holder touches the lock file every BEAT_S seconds. For other hosts, a file that was not touched for STALE_S is stale.
+#: The holder touches the lock file every BEAT_S seconds. For other hosts, a file that was not
+#: touched for STALE_S is stale.
 BEAT_S, STALE_S = 5.0, 90.0
 
 
 class OutputLock:
-    """Lock, used as `with OutputLock(folder):`. Raises WorkError, which names the process that holds the lock already.
+    """Lock, used as `with OutputLock(folder):`. Raises WorkError, which names the process that
+    holds the lock already.
 
     The file is created by a hard link, which is atomic on NFS too.
     """
@@ -52,7 +56,9 @@ class OutputLock:
             self.path.unlink(missing_ok=True)
 
     def held(self) -> bool:
-        """Whether this process still holds the lock; it may have lost it after a suspension longer than STALE_S."""
+        """Whether this process still holds the lock; it may have lost it after a suspension longer
+        than STALE_S.
+        """
         return (self._holder() or {}).get("token") == self._mine["token"]
 
     def living_holder(self) -> dict | None:
@@ -98,7 +104,9 @@ class OutputLock:
         return self._age_s(self.path) < STALE_S
 
     def _age_s(self, path: Path) -> float:
-        """Seconds since a file was touched, both times from the file server's clock; 0 if it no longer exists."""
+        """Seconds since a file was touched, both times from the file server's clock; 0 if it no
+        longer exists.
+        """
         probe = self.path.with_name(f".clock-{self._mine['token']}")
         try:
             probe.touch()
@@ -109,7 +117,11 @@ class OutputLock:
             probe.unlink(missing_ok=True)
 
     def _remove_stale(self, holder: dict) -> None:
-        """Remove a stale lock. Only one process does this at a time, and it reads the lock again first; otherwise it could remove a new holder's lock."""
+        """Remove a stale lock.
+
+        Only one process does this at a time, and it reads the lock again first; otherwise it could
+        remove a new holder's lock.
+        """
         guard = self.path.with_name(f".{self.path.name}-removal")
         try:
             os.close(os.open(guard, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
@@ -131,7 +143,10 @@ class OutputLock:
 
 
 def _born(pid: int) -> str | None:
-    """Start time of a process on this host, as counted by the kernel; None if it has ended. Process numbers are reused, start times are not."""
+    """Start time of a process on this host, as counted by the kernel; None if it has ended.
+
+    Process numbers are reused, start times are not.
+    """
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         return None if fields[0] == "Z" else fields[19]

@@ -1,4 +1,6 @@
-"""Renders a run on this machine: one worker process opens its folder and bakes its light, then several workers render frames."""
+"""Renders a run on this machine: one worker process opens its folder and bakes its light, then
+several workers render frames.
+"""
 
 import itertools
 import os
@@ -43,8 +45,9 @@ E = TypeVar("E", bound=Event)
 class Workers:
     """Starts the worker processes of a run folder, and prints each of their notes once.
 
-    shared: tasks on other machines use the folder too. Logs and journal are then named after this task, and a worker uses no more cores
-    than the scheduler granted. It is bound to them only if the scheduler has bound this process.
+    shared: tasks on other machines use the folder too. Logs and journal are then named after this
+    task, and a worker uses no more cores than the scheduler granted. It is bound to them only if
+    the scheduler has bound this process.
     """
 
     job: RenderJob
@@ -88,10 +91,12 @@ class Workers:
 
 
 class LocalRun:
-    """A run folder on this machine, as a context manager. One worker process makes or resumes it, and bakes its light. Then several workers
+    """A run folder on this machine, as a context manager. One worker process makes or resumes it,
+    and bakes its light. Then several workers
     render, or only the first one if it uses all cores.
 
-    run, job: as decided by the worker, for example without baked light if the scene moves. shared: see Workers.
+    run, job: as decided by the worker, for example without baked light if the scene moves. shared:
+    see Workers.
     """
 
     def __init__(
@@ -125,7 +130,9 @@ class LocalRun:
         client.close(keep_log=not clean)
 
     def bake(self) -> bool:
-        """Bake the light of the job into the cache, if the job uses baked light; returns whether it was baked now."""
+        """Bake the light of the job into the cache, if the job uses baked light; returns whether it
+        was baked now.
+        """
         if self.job.light != "baked":
             return False
         self._client.send({"bake": True})
@@ -141,9 +148,11 @@ class LocalRun:
         cores: list[list[int]] | None = None,
         blend: Path | None = None,
     ) -> Outcome:
-        """Render the missing frames of `numbers`. Raises InputError, WorkError; the outcome lists frames that were given up.
+        """Render the missing frames of `numbers`. Raises InputError, WorkError; the outcome lists
+        frames that were given up.
 
-        cores: the cores of each worker, if not decided by the plan's number of workers. blend: also save the prepared scene to this file.
+        cores: the cores of each worker, if not decided by the plan's number of workers. blend: also
+        save the prepared scene to this file.
         """
         stop, job = should_stop or self.should_stop, self.job
         cores, missing = cores or split(self.plan.farm.workers), self.run.missing(numbers)
@@ -182,7 +191,10 @@ class LocalRun:
         return self.farm.run(chunks_of(missing, local_size(len(numbers), len(cores))))
 
     def _wait(self, kind: type[E]) -> E:
-        """Wait for one event; an error of the worker is raised here. A request to stop ends the wait at once, as nothing is lost."""
+        """Wait for one event; an error of the worker is raised here.
+
+        A request to stop ends the wait at once, as nothing is lost.
+        """
         while not self.should_stop():
             try:
                 client, event = self._inbox.get(timeout=0.2)
@@ -206,7 +218,10 @@ class LocalRun:
 def open_run(
     plan: RunPlan, console: Console, should_stop: Callable[[], bool]
 ) -> Iterator[LocalRun]:
-    """Make or resume the run of `plan`, locked for this command. Raises InputError, or WorkError that names another process using the folder."""
+    """Make or resume the run of `plan`, locked for this command.
+
+    Raises InputError, or WorkError that names another process using the folder.
+    """
     split(plan.farm.workers)
     load_trajectory(plan.job)
     worker_command()
@@ -251,7 +266,9 @@ def report(outcome: Outcome, console: Console) -> int:
 
 @contextmanager
 def stop_on_signals() -> Iterator[Callable[[], bool]]:
-    """Handle Ctrl-C and SIGTERM: the first requests a stop after the current frame, the second ends the process at once. Frames stay valid."""
+    """Handle Ctrl-C and SIGTERM: the first requests a stop after the current frame, the second ends
+    the process at once. Frames stay valid.
+    """
     received: list[int] = []
 
     def note(number: int, _frame: object) -> None:

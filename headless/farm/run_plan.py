@@ -1,4 +1,7 @@
-"""The plan of a run: job, frames, sequences, and how the work is distributed. `resume` reads its record in the run folder."""
+"""The plan of a run: job, frames, sequences, and how the work is distributed.
+
+`resume` reads its record in the run folder.
+"""
 
 import json
 import re
@@ -87,7 +90,10 @@ class FarmSettings(Settings):
 
 @dataclass(frozen=True)
 class SlurmSettings(Settings):
-    """Resources of a task. The keys of the TOML file are these names; command-line options take precedence over the file."""
+    """Resources of a task.
+
+    The keys of the TOML file are these names; command-line options take precedence over the file.
+    """
 
     group: ClassVar[str] = "Slurm's settings"
 
@@ -130,7 +136,10 @@ class SlurmSettings(Settings):
 
 
 def minutes(text: str | int) -> int:
-    """Minutes of a time in Slurm's formats M, M:S, H:M:S, D-H, D-H:M, D-H:M:S, rounded up. Raises InputError."""
+    """Minutes of a time in Slurm's formats M, M:S, H:M:S, D-H, D-H:M, D-H:M:S, rounded up.
+
+    Raises InputError.
+    """
     form = re.fullmatch(r"(?:(\d+)-)?(\d+)(?::(\d+))?(?::(\d+))?", str(text))
     if form is None:
         raise InputError("a time such as 30, 2:00:00 or 1-12", setting="time", found=text)
@@ -161,10 +170,12 @@ def read_settings(path: Path) -> SlurmSettings:
 
 @dataclass(frozen=True)
 class RunPlan:
-    """Render frames `numbers` of `job` into the run folder `raw`, and with `sequences` write the sequences clean/ and noisy/ next to it.
+    """Render frames `numbers` of `job` into the run folder `raw`, and with `sequences` write the
+    sequences clean/ and noisy/ next to it.
 
-    working_folder: folder in which the command was called; it may contain the user's own noise model. held_out: number of held-out views,
-    or their trajectory, "" for none. noisy: whether noisy/ is written too.
+    working_folder: folder in which the command was called; it may contain the user's own noise
+    model. held_out: number of held-out views, or their trajectory, "" for none. noisy: whether
+    noisy/ is written too.
     """
 
     job: RenderJob
@@ -195,14 +206,19 @@ class RunPlan:
         return () if self.sequences is None else self.sequences.formats
 
     def variants(self) -> dict[Path, SequenceSettings]:
-        """Folder -> settings, for each sequence. Raises InputError for an unknown noise model or parameter."""
+        """Folder -> settings, for each sequence.
+
+        Raises InputError for an unknown noise model or parameter.
+        """
         if self.sequences is None:
             return {}
         clean, noisy = self.sequences.without_noise(), self.sequences.sequence_settings()
         return {self.out / "clean": clean, **({self.out / "noisy": noisy} if self.noisy else {})}
 
     def missing(self) -> list[int]:
-        """Frames that are neither rendered nor written to the sequences, according to the files of the folder."""
+        """Frames that are neither rendered nor written to the sequences, according to the files of
+        the folder.
+        """
         if not (self.raw / "sequence.json").is_file():
             return list(self.numbers)
         run, made = read_run(self.raw), set()
@@ -230,9 +246,11 @@ class RunPlan:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], raw: Path) -> "RunPlan":
-        """The plan of a record, for the current folder of the run. Raises InputError for unknown keys and invalid values.
+        """The plan of a record, for the current folder of the run. Raises InputError for unknown
+        keys and invalid values.
 
-        The folder in which the command was called is added to the search path, for the user's own noise model.
+        The folder in which the command was called is added to the search path, for the user's own
+        noise model.
         """
         if content.get("schema_version") == 1:
             return _from_version_1(content, raw)
@@ -278,7 +296,10 @@ class RunPlan:
 
 
 def find_run(folder: Path) -> Path:
-    """The run folder (that of the frames) for a value of --out. Raises InputError if no command was recorded."""
+    """The run folder (that of the frames) for a value of --out.
+
+    Raises InputError if no command was recorded.
+    """
     for raw in (folder, folder / "raw"):
         if (raw / RECORD).is_file():
             return raw
@@ -288,7 +309,10 @@ def find_run(folder: Path) -> Path:
 
 
 def read_plan(raw: Path) -> RunPlan:
-    """Read the recorded plan of a run folder. Raises InputError, which names the record, if it is invalid."""
+    """Read the recorded plan of a run folder.
+
+    Raises InputError, which names the record, if it is invalid.
+    """
     try:
         return RunPlan.from_dict(read_json(raw / RECORD), raw)
     except KeyError as error:
@@ -303,7 +327,9 @@ def _find_modules_of(record: Mapping[str, Any]) -> None:
 
 
 def _from_version_1(record: Mapping[str, Any], raw: Path) -> RunPlan:
-    """The plan of a run begun by iclnuim 0.1.0: the job comes from its recipe, the rest from the recorded options."""
+    """The plan of a run begun by iclnuim 0.1.0: the job comes from its recipe, the rest from the
+    recorded options.
+    """
     if not (raw / "sequence.json").is_file():
         expected = "a run that has begun to render; version 0.1.0 only submitted this one"
         raise InputError(expected, path=raw, hint="running its command again")

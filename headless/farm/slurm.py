@@ -1,4 +1,6 @@
-"""Slurm: submits light, arrays of frame tasks and the data set to an existing Slurm cluster with submitit. Each stage depends on the previous one."""
+"""Slurm: submits light, arrays of frame tasks and the data set to an existing Slurm cluster with
+submitit. Each stage depends on the previous one.
+"""
 
 import json
 import re
@@ -23,9 +25,11 @@ from .estimate import known as known_figures
 from .run_plan import RunPlan, SlurmSettings, minutes, read_plan
 from .tasks import Task
 
-#: Maximum number of times that a task is requeued at its time limit; each time it has finished some frames.
+#: Maximum number of times that a task is requeued at its time limit; each time it has finished some
+#: frames.
 MAX_TIMEOUTS = 20
-#: A task requeues itself this many seconds before its time limit, or at three quarters of a short limit.
+#: A task requeues itself this many seconds before its time limit, or at three quarters of a short
+#: limit.
 NOTICE_S = 60
 #: Slurm's default, used if Slurm is not queried.
 MAX_ARRAY_SIZE = 1001
@@ -54,7 +58,8 @@ class Submitted:
 
 @dataclass(frozen=True)
 class Batch:
-    """stages: the jobs to submit, in the order of their dependencies, with the frames of each array's tasks. estimate: their expected cost.
+    """stages: the jobs to submit, in the order of their dependencies, with the frames of each
+    array's tasks. estimate: their expected cost.
     waiting: tasks that already wait or run -> their state.
     """
 
@@ -64,7 +69,10 @@ class Batch:
 
 
 def run(plan: RunPlan, print_only: bool, console: Console) -> int:
-    """Submit the missing work, and print the submitted jobs and the next commands. `print_only`: print the job scripts, submit nothing. Raises InputError, WorkError."""
+    """Submit the missing work, and print the submitted jobs and the next commands.
+
+    `print_only`: print the job scripts, submit nothing. Raises InputError, WorkError.
+    """
     if print_only:
         return _show(plan, console)
     if not all(shutil.which(name) for name in ("sbatch", "srun", "squeue", "scontrol")):
@@ -113,7 +121,10 @@ def _show(plan: RunPlan, console: Console) -> int:
 
 
 def prepare(plan: RunPlan, query: bool = True) -> Batch:
-    """The work that is neither finished nor in the queue. `query`: query Slurm, else assume an empty queue. Raises InputError, WorkError."""
+    """The work that is neither finished nor in the queue.
+
+    `query`: query Slurm, else assume an empty queue. Raises InputError, WorkError.
+    """
     _refuse_other_job(plan)
     jobs = recorded(plan.raw) if query else []
     waiting = in_queue(jobs)
@@ -141,7 +152,10 @@ def prepare(plan: RunPlan, query: bool = True) -> Batch:
 
 
 def submit(plan: RunPlan, batch: Batch) -> list[Submitted]:
-    """Submit the batch; if a job fails to submit, the earlier ones are cancelled. Raises WorkError with Slurm's message."""
+    """Submit the batch; if a job fails to submit, the earlier ones are cancelled.
+
+    Raises WorkError with Slurm's message.
+    """
     executor = _executor(plan)
     from submitit.core.utils import FailedJobError, FailedSubmissionError
 
@@ -201,7 +215,10 @@ def _executor(plan: RunPlan) -> Any:
 def _parameters(
     settings: SlurmSettings, stage: str, expected: Estimate, dependency: str | None
 ) -> dict:
-    """sbatch options under submitit's names. The time limit of a task is four times its estimate, at least half an hour."""
+    """sbatch options under submitit's names.
+
+    The time limit of a task is four times its estimate, at least half an hour.
+    """
     task = {
         "light": expected.light_minutes,
         "frames": expected.task_minutes,
@@ -227,7 +244,8 @@ def _parameters(
         ],  # since 22.05 srun does not take it from sbatch
         "wckey": None,
         "setup": setup or None,
-        # a task that was preempted, or whose node failed, is requeued; one whose light task failed is cancelled
+        # a task that was preempted, or whose node failed, is requeued; one whose light task failed
+        # is cancelled
         "additional_parameters": {"requeue": True, "kill-on-invalid-dep": "yes", **settings.extra},
         **{name: value for name, value in given.items() if value},
         **({"dependency": dependency} if dependency else {}),
@@ -235,7 +253,10 @@ def _parameters(
 
 
 def _dependency(stage: str, new: list[Submitted], batch: Batch) -> str | None:
-    """Frame tasks depend on the success of the light task. The data set runs after all others, successful or not, and reports missing frames."""
+    """Frame tasks depend on the success of the light task.
+
+    The data set runs after all others, successful or not, and reports missing frames.
+    """
     if stage == "light":
         return None
     if stage == "frames":
@@ -247,7 +268,10 @@ def _dependency(stage: str, new: list[Submitted], batch: Batch) -> str | None:
 
 
 def _refuse_other_job(plan: RunPlan) -> None:
-    """Raise InputError before submitting, if the folder has a run of another job. A worker may have disabled denoising, or chosen path tracing for a scene that moves."""
+    """Raise InputError before submitting, if the folder has a run of another job.
+
+    A worker may have disabled denoising, or chosen path tracing for a scene that moves.
+    """
     if not (plan.raw / "sequence.json").is_file():
         return
     begun, requested = read_run(plan.raw).recipe["job"], plan.job.to_dict()
@@ -275,7 +299,10 @@ def _refuse_other_plan(plan: RunPlan) -> None:
 
 
 def in_queue(jobs: list[Submitted]) -> dict[str, str]:
-    """Tasks of `jobs` that wait or run -> their state. Raises WorkError if Slurm does not answer."""
+    """Tasks of `jobs` that wait or run -> their state.
+
+    Raises WorkError if Slurm does not answer.
+    """
     if not jobs:
         return {}
     lines = _query(

@@ -1,7 +1,8 @@
-"""The tasks of a render by a scheduler: light, some frames, the data set. They share a run folder without locks on frames.
+"""The tasks of a render by a scheduler: light, some frames, the data set. They share a run folder
+without locks on frames.
 
-A frame file is complete or absent, and has the same bytes on every machine, so two tasks may render the same frame. Only the data set,
-whose journals have one writer, holds the lock of the folder.
+A frame file is complete or absent, and has the same bytes on every machine, so two tasks may render
+the same frame. Only the data set, whose journals have one writer, holds the lock of the folder.
 """
 
 import logging
@@ -31,13 +32,16 @@ from .run_plan import RunPlan
 
 
 class SequenceStage:
-    """Writes the sequences of a plan from finished frames, while other frames are still being rendered.
+    """Writes the sequences of a plan from finished frames, while other frames are still being
+    rendered.
 
-    Create it before the run is opened: it forks its processes, while there are no threads (frame_pool.py). Call `begin(run)` when the run
-    exists, then `add(number)` for each rendered frame; `complete()` waits for all frames, then writes lists and recipes.
+    Create it before the run is opened: it forks its processes, while there are no threads
+    (frame_pool.py). Call `begin(run)` when the run exists, then `add(number)` for each rendered
+    frame; `complete()` waits for all frames, then writes lists and recipes.
 
-    Images are made on `workers` cores. Journals are written, image pairs read back, and raw frames removed on the caller's thread, during
-    its calls. The first error ends the stage; `close` and `complete` raise it.
+    Images are made on `workers` cores. Journals are written, image pairs read back, and raw frames
+    removed on the caller's thread, during its calls. The first error ends the stage; `close` and
+    `complete` raise it.
     """
 
     def __init__(
@@ -55,7 +59,8 @@ class SequenceStage:
             self.close()
 
     def begin(self, raw: RunFolder) -> None:
-        """Begin or resume the sequences of this run. Raises InputError if a folder contains other sequences, WorkError if another process is
+        """Begin or resume the sequences of this run. Raises InputError if a folder contains other
+        sequences, WorkError if another process is
         writing them.
         """
         plan = self._plan
@@ -68,7 +73,9 @@ class SequenceStage:
         self._lacking = set(self._writer.missing)
 
     def add(self, number: int) -> None:
-        """Add a frame whose raw file exists; if the sequences already contain it, its raw file is removed."""
+        """Add a frame whose raw file exists; if the sequences already contain it, its raw file is
+        removed.
+        """
         if number in self._lacking:
             self._lacking.remove(number)
             self._pool.add(number)
@@ -76,7 +83,9 @@ class SequenceStage:
             self._drop(number)
 
     def add_finished(self, numbers: Iterable[int]) -> list[int]:
-        """Add those of `numbers` that are already rendered; returns the frames that are still missing."""
+        """Add those of `numbers` that are already rendered; returns the frames that are still
+        missing.
+        """
         there = sorted(set(self._raw.frame_numbers()).intersection(numbers))
         finished = set(there).difference(self._raw.missing(there))
         for number in sorted(finished):
@@ -94,7 +103,10 @@ class SequenceStage:
         self._pool.close()
 
     def complete(self, note: Callable[[str], object] = lambda text: None) -> None:
-        """After all frames: write lists and recipes, then bags and logs. `note` receives what is lost in the formats. Raises InputError, WorkError."""
+        """After all frames: write lists and recipes, then bags and logs.
+
+        `note` receives what is lost in the formats. Raises InputError, WorkError.
+        """
         self.close()
         for sentence in self._writer.losses():
             note(sentence)
@@ -112,7 +124,10 @@ class SequenceStage:
 
 
 class _ImageMaker:
-    """Makes the images of a frame. Each process reads the run and the sequences at its first frame, when they exist."""
+    """Makes the images of a frame.
+
+    Each process reads the run and the sequences at its first frame, when they exist.
+    """
 
     def __init__(self, plan: RunPlan) -> None:
         self._plan = plan
@@ -129,7 +144,10 @@ class _ImageMaker:
 
 
 def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lambda: False) -> None:
-    """The first task: make the run folder with its recipe, and bake the light map into the cache. Raises InputError, WorkError."""
+    """The first task: make the run folder with its recipe, and bake the light map into the cache.
+
+    Raises InputError, WorkError.
+    """
     with LocalRun(plan, console, should_stop, shared=True) as run:
         run.bake()
 
@@ -140,7 +158,10 @@ def frames(
     on_frame: Callable[[int], None],
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Outcome:
-    """The second task: render the missing frames of the plan. Raises InputError, WorkError; the outcome lists frames that were given up."""
+    """The second task: render the missing frames of the plan.
+
+    Raises InputError, WorkError; the outcome lists frames that were given up.
+    """
     if not (plan.raw / "sequence.json").is_file():
         light(plan, console, should_stop)
     missing = plan.missing()
@@ -157,7 +178,10 @@ def frames(
 
 
 def dataset(plan: RunPlan, on_frame: Callable[[int], None], patience_s: float = 2 * STALE_S) -> int:
-    """The last task: write both sequences; returns their number of frames. Raises WorkError if frames are missing, after all others are written."""
+    """The last task: write both sequences; returns their number of frames.
+
+    Raises WorkError if frames are missing, after all others are written.
+    """
     run = read_run(plan.raw)
     with ExitStack() as stack:
         stage = stack.enter_context(SequenceStage(plan, len(granted_cores()), on_frame))
@@ -191,7 +215,10 @@ def run(
     on_frame: Callable[[int], None],
     should_stop: Callable[[], bool] = lambda: False,
 ) -> int:
-    """Run the task `light`, `frames` or `dataset`; returns its exit code. Raises InputError, WorkError."""
+    """Run the task `light`, `frames` or `dataset`; returns its exit code.
+
+    Raises InputError, WorkError.
+    """
     if stage == "frames":
         return report(frames(plan, console, on_frame, should_stop), console)
     if stage == "light":
@@ -203,7 +230,9 @@ def run(
 
 @dataclass(frozen=True)
 class Task:
-    """One task for Slurm: a stage of the plan in `record`, for the run folder `raw`. frames: those of a frame task."""
+    """One task for Slurm: a stage of the plan in `record`, for the run folder `raw`. frames: those
+    of a frame task.
+    """
 
     record: Mapping[str, Any]
     raw: str
@@ -211,7 +240,10 @@ class Task:
     frames: tuple[int, ...] = ()
 
     def __call__(self) -> int:
-        """Run the task on a node; returns the exit code 0. Errors are raised, so that Slurm counts the task as failed."""
+        """Run the task on a node; returns the exit code 0.
+
+        Errors are raised, so that Slurm counts the task as failed.
+        """
         console, plan = Console(), RunPlan.from_dict(self.record, Path(self.raw))
         if self.frames:
             plan = replace(plan, numbers=self.frames)
@@ -221,7 +253,9 @@ class Task:
         return run(self.stage, plan, console, lambda number: progress.advance())
 
     def checkpoint(self) -> object:
-        """Called by submitit before the time limit, or at a preemption: submits the same task again, which skips finished frames."""
+        """Called by submitit before the time limit, or at a preemption: submits the same task
+        again, which skips finished frames.
+        """
         from submitit.helpers import DelayedSubmission
 
         logging.getLogger("submitit").info("requeued; finished frames are kept")

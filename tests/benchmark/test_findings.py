@@ -1,4 +1,6 @@
-"""The rules of the findings: what they say of the printed figures, and that each follows the figures."""
+"""The rules of the findings: what they say of the printed figures, and that each follows the
+figures.
+"""
 
 import numpy as np
 import pytest
@@ -23,8 +25,8 @@ from iclnuim.benchmark.experiments.lookup import Ours, Printed
 from made_up import only, result, results, with_errors
 from scipy import stats
 
-#: What the paper's own text says of its tables, by finding; None: its tables have no figures for it. The sentence of 1 is not borne out by Table II
-#: (kt1's mean is less than kt2's).
+#: What the paper's own text says of its tables, by finding; None: its tables have no figures for
+#: it. The sentence of 1 is not borne out by Table II (kt1's mean is less than kt2's).
 IN_THE_PAPER = {1: False, 3: None, 5: None, 11: None} | dict.fromkeys(
     (2, 4, 6, 7, 8, 9, 10, 12, 13, 14, 15, 16, 17), True
 )
@@ -35,7 +37,8 @@ def test_a_rule_says_of_the_printed_figures_what_the_paper_says(number):
     assert apply_rule(RULES[number][0], Printed())[0] is IN_THE_PAPER[number]
 
 
-#: Finding -> cells whose errors are made a thousand times larger, so that it holds or cannot hold any more.
+#: Finding -> cells whose errors are made a thousand times larger, so that it holds or cannot hold
+#: any more.
 FLIPPED = {
     7: ({"odometer": "fovis"}, {"odometer": "icp", "reference": "model"}),
     8: ({"odometer": "dvo"}, {"odometer": "icp", "reference": "model"}),
@@ -56,7 +59,10 @@ def test_a_verdict_follows_the_figures(number):
 
 @pytest.mark.parametrize(("share", "found"), [(0.4, HOLDS), (0.6, FAILS), (None, MISSING)])
 def test_only_frames_without_reflections_show_whether_these_are_the_reason(share, found):
-    """Ten times worse than geometric methods; without reflections a share of that. None: one of the eight cells is missing."""
+    """Ten times worse than geometric methods; without reflections a share of that.
+
+    None: one of the eight cells is missing.
+    """
     office = [
         result(cell, 0.1 if cell.odometer in PHOTOMETRIC else 0.01, 0.01) for cell in all_cells()
     ]

@@ -1,4 +1,6 @@
-"""The report: one file that needs no other, and in a real browser sorts, filters, opens its cells and obeys the keyboard."""
+"""The report: one file that needs no other, and in a real browser sorts, filters, opens its cells
+and obeys the keyboard.
+"""
 
 import json
 import re

@@ -1,4 +1,6 @@
-"""The paper's tables beside our figures, in every format, and the command that makes them of what was measured."""
+"""The paper's tables beside our figures, in every format, and the command that makes them of what
+was measured.
+"""
 
 import csv
 import io

@@ -1,4 +1,6 @@
-"""The commands of docs/benchmark.md from nothing to one row of each table; killed in the middle, the same tables come out, to the byte."""
+"""The commands of docs/benchmark.md from nothing to one row of each table; killed in the middle,
+the same tables come out, to the byte.
+"""
 
 import os
 import re

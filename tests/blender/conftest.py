@@ -1,4 +1,6 @@
-"""Tiny analytic scenes; the render command in a process of its own as users run it, and the same frame loop in this process."""
+"""Tiny analytic scenes; the render command in a process of its own as users run it, and the same
+frame loop in this process.
+"""
 
 import subprocess
 import sys
@@ -14,7 +16,9 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="session")
 def cornered_room(tmp_path_factory) -> Path:
-    """A .blend with a floor z = 0, a wall y = 2, a ramp and a point light: every depth follows from a formula or a ray."""
+    """A .blend with a floor z = 0, a wall y = 2, a ramp and a point light: every depth follows from
+    a formula or a ray.
+    """
     path = tmp_path_factory.mktemp("scene") / "cornered_room.blend"
     bpy.ops.wm.read_factory_settings(use_empty=True)
     quads = {
@@ -35,7 +39,9 @@ def cornered_room(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def forward_path(tmp_path_factory) -> Path:
-    """A TUM file of 12 poses that look along +y, slightly down and rolled, moving right by a centimetre a frame."""
+    """A TUM file of 12 poses that look along +y, slightly down and rolled, moving right by a
+    centimetre a frame.
+    """
     from iclnuim.geometry import so3
     from iclnuim.geometry.se3 import SE3
 
@@ -57,7 +63,9 @@ def forward_path(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def render(cornered_room, forward_path):
-    """`render(out, *options)` runs the script as a user would, small and path-traced; returns the finished process."""
+    """`render(out, *options)` runs the script as a user would, small and path-traced; returns the
+    finished process.
+    """
 
     def run(
         out: Path,
@@ -99,9 +107,11 @@ def render(cornered_room, forward_path):
 
 @pytest.fixture(scope="session")
 def render_here(cornered_room, forward_path):
-    """`render_here(out, frames, **settings)` renders in this process, where Blender is loaded already; returns what was noted.
+    """`render_here(out, frames, **settings)` renders in this process, where Blender is loaded
+    already; returns what was noted.
 
-    The bytes are those of the command: tests of the command itself, and of whole processes, use `render`.
+    The bytes are those of the command: tests of the command itself, and of whole processes, use
+    `render`.
     """
     from iclnuim.blender import worker
     from iclnuim.geometry.camera import PinholeCamera

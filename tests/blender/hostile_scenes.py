@@ -1,4 +1,6 @@
-"""Scene files that name a file outside their folder: one for every way in which Blender's importers, and a .blend, can."""
+"""Scene files that name a file outside their folder: one for every way in which Blender's
+importers, and a .blend, can.
+"""
 
 import json
 import shutil
@@ -21,7 +23,9 @@ def write(path: Path, content: str | bytes) -> Path:
 
 
 class Maker:
-    """Files of one way: `inside`, the scene's folder, and `secret(kind)`, a file outside named after the way."""
+    """Files of one way: `inside`, the scene's folder, and `secret(kind)`, a file outside named
+    after the way.
+    """
 
     def __init__(self, bpy, root: Path, way: str) -> None:
         self.bpy, self.way = bpy, way

@@ -1,4 +1,5 @@
-"""A process that opens scene files one after another and evaluates and renders each, to be watched: OPENED.jsonl `plain` or `checked`, files.
+"""A process that opens scene files one after another and evaluates and renders each, to be watched:
+OPENED.jsonl `plain` or `checked`, files.
 
 plain: by Blender alone, as if all were allowed. checked: as every command opens them.
 """

@@ -70,7 +70,9 @@ def lamp(bpy, kind="POINT", energy=50.0, location=(0, -1, 2.2)):
 
 
 def small_room(bpy, folder: Path):
-    """A floor, two walls, two boxes and a lamp, 5 x 4 x 2.5 m, with a textured floor; a camera that moves."""
+    """A floor, two walls, two boxes and a lamp, 5 x 4 x 2.5 m, with a textured floor; a camera that
+    moves.
+    """
     scene = fresh(bpy)
     (folder / "tex").mkdir(parents=True, exist_ok=True)
     image = picture(bpy, folder / "tex/floor.png")
@@ -138,5 +140,7 @@ EXPORTS = {
 
 
 def points_of(surface):
-    """The surface's triangle corners as a sorted list of rounded points: equal for equal surfaces, however they are split."""
+    """The surface's triangle corners as a sorted list of rounded points: equal for equal surfaces,
+    however they are split.
+    """
     return np.unique(np.round(surface.vertices[np.unique(surface.triangles)], 4) + 0.0, axis=0)

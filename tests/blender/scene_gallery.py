@@ -1,6 +1,8 @@
-"""A gallery of awkward scenes, each a few polygons: what foreign files do that light maps and depth must survive or refuse. Needs bpy.
+"""A gallery of awkward scenes, each a few polygons: what foreign files do that light maps and depth
+must survive or refuse. Needs bpy.
 
-Every function of GALLERY fills the emptied Blender scene, around a room of 4 x 4 x 2.5 m seen from one of its corners.
+Every function of GALLERY fills the emptied Blender scene, around a room of 4 x 4 x 2.5 m seen from
+one of its corners.
 """
 
 from __future__ import annotations
@@ -14,16 +16,18 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-#: Position and quaternion (x y z w) of a camera in a corner of the room that looks across it, slightly down.
+#: Position and quaternion (x y z w) of a camera in a corner of the room that looks across it,
+#: slightly down.
 POSE = "0.000000 -1.6 -1.6 1.5 -0.727534 0.301354 -0.235865 0.569428"
 
 
 @dataclass(frozen=True)
 class Scene:
-    """fill: fills the empty scene, or writes a file at the path it is given and returns that. light: what the frames must be made by.
+    """fill: fills the empty scene, or writes a file at the path it is given and returns that.
+    light: what the frames must be made by.
 
-    light is `baked`, `path`, or `either`; note: words that a note or error must have; refused: the file must be refused; map_samples: of the
-    light map.
+    light is `baked`, `path`, or `either`; note: words that a note or error must have; refused: the
+    file must be refused; map_samples: of the light map.
     """
 
     fill: Callable[[Path], Path | None]
@@ -203,7 +207,9 @@ def lamp_in_hidden_collection(folder: Path) -> None:
 
 @scene()
 def lamp_in_excluded_collection(folder: Path) -> None:
-    """A lamp in a collection that the view layer excludes gives no light, and is no light of the scene."""
+    """A lamp in a collection that the view layer excludes gives no light, and is no light of the
+    scene.
+    """
     room()
     hidden = collection("excluded")
     moved(lamp((-1.0, -1.0, 2.0), watts=500.0), hidden)
@@ -390,7 +396,9 @@ def link_in_an_instance(folder: Path) -> None:
 
 @scene(light="path", note="no light reaches")
 def lamp_outside(folder: Path) -> None:
-    """A closed room whose only lamp stands outside, seen with hair so that no light is baked: black."""
+    """A closed room whose only lamp stands outside, seen with hair so that no light is baked:
+    black.
+    """
     room(lit=False)
     lamp((0, 0, 5))
     hair_in(bpy.context.scene)
@@ -521,7 +529,9 @@ def coincident_faces(folder: Path) -> None:
 
 @scene(note="in the plane of others")
 def flush_rug(folder: Path) -> None:
-    """A rug and a poster in the very planes of floor and wall; the box stands on the floor and stays."""
+    """A rug and a poster in the very planes of floor and wall; the box stands on the floor and
+    stays.
+    """
     room()
     rug = material("rug", (0.2, 0.3, 0.7))
     mesh("rug", [(-1.2, -1, 0), (0.2, -1, 0), (0.2, 1, 0), (-1.2, 1, 0)], [(0, 1, 2, 3)], rug)
@@ -530,7 +540,9 @@ def flush_rug(folder: Path) -> None:
 
 @scene(note="overlap larger ones")
 def overlapping_faces(folder: Path) -> None:
-    """Faces of one object that overlap in one plane, as a cross; a box let into another, flush with its sides."""
+    """Faces of one object that overlap in one plane, as a cross; a box let into another, flush with
+    its sides.
+    """
     room()
     blue = material("blue", (0.2, 0.3, 0.7))
     bars = [
@@ -692,7 +704,9 @@ def holdout_and_catcher(folder: Path) -> None:
 
 @scene(map_samples=16)
 def levels_for_rendering(folder: Path) -> None:
-    """A curve, a metaball, a screw and an instanced subdivision that are coarser in the viewport than in renders."""
+    """A curve, a metaball, a screw and an instanced subdivision that are coarser in the viewport
+    than in renders.
+    """
     room(furnished=False)
     blue = material("blue", (0.2, 0.3, 0.7))
     curve = bpy.data.curves.new("curve", "CURVE")
@@ -810,7 +824,9 @@ def colour_changes_in_a_group(folder: Path) -> None:
 
 @scene(note="displaced")
 def displaced_instances(folder: Path) -> None:
-    """A displaced thing that only an instance shows, one in a collection that is excluded, and a file that simplifies."""
+    """A displaced thing that only an instance shows, one in a collection that is excluded, and a
+    file that simplifies.
+    """
     room(furnished=False)
     pieces = [displaced_piece(name) for name in ("piece", "excluded")]
     instanced(pieces[0], (0.6, 0.4, 0.2))
@@ -847,7 +863,9 @@ def random_colour_of_instances(folder: Path) -> None:
 
 @scene()
 def view_layers(folder: Path) -> None:
-    """Collections that are held out, or seen in reflections and by light alone; a second view layer, without the box, is looked at."""
+    """Collections that are held out, or seen in reflections and by light alone; a second view
+    layer, without the box, is looked at.
+    """
     room()
     for name, x in (("holdout", -1.2), ("indirect_only", -0.2)):
         moved(
@@ -893,7 +911,9 @@ def displaced_in_a_library(folder: Path) -> None:
 
 @scene(note="displaced surfaces (piece)")
 def displaced_twice_in_a_library(folder: Path) -> Path:
-    """A linked collection, seen as two instances, one of them mirrored; a texture by Generated coordinates moves its vertices."""
+    """A linked collection, seen as two instances, one of them mirrored; a texture by Generated
+    coordinates moves its vertices.
+    """
     library = collection("library")
     moved(displaced_piece(), library)
     moved(
@@ -942,7 +962,9 @@ def standing(
 
 @scene(map_samples=16)
 def instances_in_instances(folder: Path) -> None:
-    """A collection of instances below a mirrored parent; things on the faces and on the vertices of others, themselves mirrored."""
+    """A collection of instances below a mirrored parent; things on the faces and on the vertices of
+    others, themselves mirrored.
+    """
     room(furnished=False)
     inner, outer = bpy.data.collections.new("inner"), bpy.data.collections.new("outer")
     moved(box("post", (-0.1, -0.1, 0), (0.25, 0.1, 0.4), material("green", (0.2, 0.6, 0.2))), inner)
@@ -994,7 +1016,9 @@ def smooth_twins_of_other_proportions(folder: Path) -> None:
 
 @scene(map_samples=16)
 def instanced_lamps_and_shear(folder: Path) -> None:
-    """A collection with a turned box and a lamp stands twice, once below a parent that is longer than wide: no other lamp is there."""
+    """A collection with a turned box and a lamp stands twice, once below a parent that is longer
+    than wide: no other lamp is there.
+    """
     room(furnished=False, lit=False)
     library = bpy.data.collections.new("library")
     piece = box("piece", (-0.2, -0.2, 0), (0.2, 0.2, 0.6), material("green", (0.2, 0.6, 0.2)))
@@ -1042,7 +1066,9 @@ def grease_pencil(folder: Path) -> None:
 
 @scene()
 def settings_that_spoil(folder: Path) -> None:
-    """Render settings of a file that would hide surfaces, change light or samples, or move the camera."""
+    """Render settings of a file that would hide surfaces, change light or samples, or move the
+    camera.
+    """
     room()
     scene, render, layer = (
         bpy.context.scene,

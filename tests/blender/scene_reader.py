@@ -1,4 +1,6 @@
-"""A process that opens scene files one after another and says in JSON what became of each: for tests that may crash Blender."""
+"""A process that opens scene files one after another and says in JSON what became of each: for
+tests that may crash Blender.
+"""
 
 import json
 import sys

@@ -14,7 +14,9 @@ COARSE = {"light": "baked", "map_size": 32, "map_samples": 2}
 
 
 def matt_room(path, sun_deg=30.0, strength=2.0, colours=((0.8, 0.3, 0.2), (0.5, 0.5, 0.5))):
-    """An open corner of two matt sheets lit by a sun from the right, with a UV map and a modifier of its own; saved to `path`."""
+    """An open corner of two matt sheets lit by a sun from the right, with a UV map and a modifier
+    of its own; saved to `path`.
+    """
     bpy.ops.wm.read_factory_settings(use_empty=True)
     quads = {
         "floor": [(-3, -3, 0), (3, -3, 0), (3, 3, 0), (-3, 3, 0)],
@@ -79,7 +81,9 @@ def test_baked_light_is_what_path_tracing_converges_to(pictures):
 
 
 def test_direct_light_follows_the_formula_where_nothing_else_shines(pictures):
-    """The wall faces away from no sun and sees it at 90 degrees: no direct light; the floor gets E cos / pi of its colour."""
+    """The wall faces away from no sun and sees it at 90 degrees: no direct light; the floor gets E
+    cos / pi of its colour.
+    """
     baked, _, _ = pictures
     floor = baked[-4:, 20:44].reshape(-1, 3).mean(0)
     direct = np.array([0.8, 0.3, 0.2]) * 2.0 * math.cos(math.radians(30)) / math.pi
@@ -212,7 +216,9 @@ def test_reflections_of_a_bright_spot_are_clamped_as_path_tracing_clamps_them(tm
 def test_a_bake_says_beforehand_how_long_it_takes_and_one_without_reflections_why(
     room, tmp_path, monkeypatch
 ):
-    """The time is that of the cached map with reflections; without one it is estimated from the texels."""
+    """The time is that of the cached map with reflections; without one it is estimated from the
+    texels.
+    """
     from iclnuim.blender import light_map, scene, settings
     from iclnuim.formats.files import write_json
     from iclnuim.job import RenderJob
@@ -275,7 +281,10 @@ def test_bake_prints_its_figures_and_nothing_else(room, tmp_path, command_here):
 
 
 def test_a_point_seen_from_one_place_of_64_is_found(tmp_path):
-    """63 places are below a floor, one is above it. Points that were called hidden get a quarter of the samples, or no texels."""
+    """63 places are below a floor, one is above it.
+
+    Points that were called hidden get a quarter of the samples, or no texels.
+    """
     from iclnuim.blender import light_sampling
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
@@ -294,7 +303,10 @@ def test_a_point_seen_from_one_place_of_64_is_found(tmp_path):
 
 
 def test_the_sky_is_the_same_with_the_lamps_and_with_the_surfaces(tmp_path):
-    """The last gathering samples the sky with its own rays. A grey sky over an open corner, seen past an emitting wall."""
+    """The last gathering samples the sky with its own rays.
+
+    A grey sky over an open corner, seen past an emitting wall.
+    """
     from iclnuim.blender import light_sampling
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
@@ -321,7 +333,9 @@ def test_the_sky_is_the_same_with_the_lamps_and_with_the_surfaces(tmp_path):
 
 
 def test_hidden_texels_get_fewer_samples_and_the_same_light(tmp_path, monkeypatch):
-    """The back of the wall is seen by no place in front of it; the sun that lights it is low behind it."""
+    """The back of the wall is seen by no place in front of it; the sun that lights it is low behind
+    it.
+    """
     from iclnuim.blender import light_map, light_sampling, settings, surfaces
     from iclnuim.job import RenderJob
 
@@ -355,12 +369,15 @@ def test_hidden_texels_get_fewer_samples_and_the_same_light(tmp_path, monkeypatc
     back = (normals[:, 1] > 0.5) & (points_m[:, 2] > 0.1)
     lit = (points_m[:, 2] > 0.1) & (normals[:, 1] < -0.5)
     assert light[:, lit].max() == 0
-    # irradiance 2 at 60 degrees from the zenith on an upright wall: 2 sin 60, as the radiance of a white surface / pi
+    # irradiance 2 at 60 degrees from the zenith on an upright wall: 2 sin 60, as the radiance of a
+    # white surface / pi
     assert light[:, back] == pytest.approx(2 * math.sin(math.radians(60)) / math.pi, rel=0.01)
 
 
 def _point_lamps(count):
-    """Point lamps without size at different places above the corner, with different powers; their names and powers in W."""
+    """Point lamps without size at different places above the corner, with different powers; their
+    names and powers in W.
+    """
     for lamp in [o for o in bpy.data.objects if o.type == "LIGHT"]:
         bpy.data.objects.remove(lamp)
     lamps = []
@@ -375,7 +392,10 @@ def _point_lamps(count):
 
 
 def test_small_lamps_share_passes_and_each_gets_the_same_number_of_samples(tmp_path):
-    """Seven lamps take passes of four, two and one. The light of a point lamp on a visible point is the same for every sample, so it has no noise."""
+    """Seven lamps take passes of four, two and one.
+
+    The light of a point lamp on a visible point is the same for every sample, so it has no noise.
+    """
     from iclnuim.blender import light_sampling
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
@@ -389,7 +409,8 @@ def test_small_lamps_share_passes_and_each_gets_the_same_number_of_samples(tmp_p
         points_m, np.tile([0.0, 0.0, 1.0], (2000, 1)), 32, 1, list(bpy.data.materials)
     )
     ways = np.array([lamp.location for lamp in lamps])[:, None] - points_m
-    # radiant intensity of a point lamp is power / (4 pi), radiance of a white surface is irradiance / pi
+    # radiant intensity of a point lamp is power / (4 pi), radiance of a white surface is irradiance
+    # / pi
     squared = (ways**2).sum(-1)
     power = np.array([lamp.data.energy for lamp in lamps])[:, None]
     expected = (power * ways[..., 2] / squared**1.5).sum(0) / (4 * np.pi) / np.pi
@@ -416,7 +437,11 @@ def test_large_lamps_share_passes_only_with_one_sample_each(tmp_path):
 
 
 def test_the_halves_of_the_samples_have_independent_noise(tmp_path):
-    """They are baked at once. In the penumbra of a large lamp behind a wall, the product of both halves' errors is zero in the mean."""
+    """They are baked at once.
+
+    In the penumbra of a large lamp behind a wall, the product of both halves' errors is zero in the
+    mean.
+    """
     from iclnuim.blender import light_sampling
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
@@ -433,7 +458,9 @@ def test_the_halves_of_the_samples_have_independent_noise(tmp_path):
 
 
 def _sky_of(*nodes):
-    """A world whose Background has the colour of the last node; each node gets its vector from the one before."""
+    """A world whose Background has the colour of the last node; each node gets its vector from the
+    one before.
+    """
     bpy.context.scene.world = sky = bpy.data.worlds.new("sky")
     sky.use_nodes = True
     tree = sky.node_tree

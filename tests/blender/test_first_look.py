@@ -1,4 +1,6 @@
-"""A user-provided scene's first look: the preview, the choice between baked light and path tracing, and that neither changes a frame."""
+"""A user-provided scene's first look: the preview, the choice between baked light and path tracing,
+and that neither changes a frame.
+"""
 
 import json
 

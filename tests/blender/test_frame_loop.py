@@ -1,4 +1,6 @@
-"""The render command: exact depth, equal bytes however a frame is made, resume, stop, kill, and refusals in words."""
+"""The render command: exact depth, equal bytes however a frame is made, resume, stop, kill, and
+refusals in words.
+"""
 
 import json
 import os
@@ -41,7 +43,9 @@ def job_of(run, **settings):
 
 
 def analytic_depth(camera, T):
-    """Planar Z of the cornered room without its ramp: the nearer of floor and wall; NaN near the ramp."""
+    """Planar Z of the cornered room without its ramp: the nearer of floor and wall; NaN near the
+    ramp.
+    """
     rays = camera.rays() @ T.rotation.T
     x, y, z = T.translation
     with np.errstate(divide="ignore"):
@@ -78,7 +82,9 @@ def test_depth_is_the_same_bits_at_any_sample_count_and_with_antialiasing(
 def test_an_image_larger_than_the_tiles_of_cycles_is_not_black(
     render_here, whole_run, tmp_path, width, height
 ):
-    """2048 x 2048 pixels by default, 8192 x 8192 at most: in tiles, Cycles has no passes in memory, and the frame would be black."""
+    """2048 x 2048 pixels by default, 8192 x 8192 at most: in tiles, Cycles has no passes in memory,
+    and the frame would be black.
+    """
     camera = PinholeCamera(width, height, 1600, 1600, (width - 1) / 2, (height - 1) / 2)
     render_here(
         tmp_path / "large", "3", job=job_of(whole_run, camera=camera, samples=1, denoise=False)
@@ -154,7 +160,9 @@ def test_background_is_zero(render_here, tmp_path, forward_path):
 
 @pytest.fixture(scope="module")
 def long_path(tmp_path_factory):
-    """A TUM file of 400 poses that look along +y: with small frames none of the tests that end it early sees its end."""
+    """A TUM file of 400 poses that look along +y: with small frames none of the tests that end it
+    early sees its end.
+    """
     path = tmp_path_factory.mktemp("path") / "long.txt"
     half = np.sqrt(0.5)
     np.savetxt(
@@ -194,7 +202,9 @@ def test_a_signal_stops_after_the_frame_in_work_and_leaves_all_valid(
 
 
 def killed_and_resumed(render, out, kills, seed, *options, **paths):
-    """Kill -9 at random moments until done; every frame's modification time is taken as soon as it is seen."""
+    """Kill -9 at random moments until done; every frame's modification time is taken as soon as it
+    is seen.
+    """
     rng = np.random.default_rng(seed)
     first_seen = {}
     for _ in range(kills):

@@ -1,4 +1,6 @@
-"""Instances, classes and normals against rays cast by Embree, in a scene made to be awkward and in the shipped ones."""
+"""Instances, classes and normals against rays cast by Embree, in a scene made to be awkward and in
+the shipped ones.
+"""
 
 import csv
 import json
@@ -44,7 +46,9 @@ def normal_from16(image):
 
 @pytest.fixture(scope="module")
 def awkward_scene(tmp_path_factory):
-    """A floor without material, a smooth polished ball with an id of its own, a single sheet seen from behind, a tilted and stretched box twice by instancing."""
+    """A floor without material, a smooth polished ball with an id of its own, a single sheet seen
+    from behind, a tilted and stretched box twice by instancing.
+    """
     import bmesh
 
     path = tmp_path_factory.mktemp("awkward") / "awkward.blend"
@@ -89,7 +93,9 @@ def awkward_scene(tmp_path_factory):
 
 
 def judge_of_open_scene():
-    """Embree on the open scene: whose surface a pixel's centre sees, and its interpolated normal in the camera's frame."""
+    """Embree on the open scene: whose surface a pixel's centre sees, and its interpolated normal in
+    the camera's frame.
+    """
     from iclnuim.blender import model
     from iclnuim.raycast.checks import TruthCaster
 
@@ -311,7 +317,9 @@ def test_every_class_of_the_shipped_rooms_has_a_number_and_a_label(repository):
 def test_depth_where_a_pane_is_seen_is_its_own_none_or_that_of_what_stands_behind(
     render_here, cornered_room, forward_path, tmp_path, capsys
 ):
-    """A pane y = 1 before half of the wall; colour, instances and check-depth are told what was asked for."""
+    """A pane y = 1 before half of the wall; colour, instances and check-depth are told what was
+    asked for.
+    """
     from iclnuim.headless.cli import main
 
     bpy.ops.wm.open_mainfile(filepath=str(cornered_room))

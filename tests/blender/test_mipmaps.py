@@ -1,4 +1,6 @@
-"""Mipmaps against formulas: levels of textures, density of textures on faces, and frames of a plane with a fine pattern."""
+"""Mipmaps against formulas: levels of textures, density of textures on faces, and frames of a plane
+with a fine pattern.
+"""
 
 import json
 
@@ -33,7 +35,10 @@ def checks(period=1, size=TEXELS):
 
 
 def textured(image, shader="Emission", **settings):
-    """A material with an image as its colour, read through the UV map. Returns the material and its Image Texture node."""
+    """A material with an image as its colour, read through the UV map.
+
+    Returns the material and its Image Texture node.
+    """
     material = bpy.data.materials.new("material")
     material.use_nodes = True
     tree = material.node_tree
@@ -223,7 +228,9 @@ def test_textures_that_are_read_in_another_way_are_left(empty, settings):
 
 @pytest.fixture(scope="module")
 def patterned(tmp_path_factory):
-    """Scenes of a plane two metres in front of the camera, by the number of texels within a pixel and the shader, and the camera's path."""
+    """Scenes of a plane two metres in front of the camera, by the number of texels within a pixel
+    and the shader, and the camera's path.
+    """
     folder = tmp_path_factory.mktemp("patterned")
     files = {}
     for texels, shader in (*((texels, "Emission") for texels in (0.25, 7.3)), (7.3, "BsdfDiffuse")):
@@ -270,7 +277,9 @@ def test_a_distant_pattern_is_its_mean_and_a_close_one_is_unchanged(
 def test_from_one_level_to_the_next_more_and_more_cells_of_the_surface_change(
     render_here, patterned, tmp_path
 ):
-    """Cells 32 texels wide read level 0 if their footprint times noise between 0.71 and 1.41 is less than 2 texels: half of them at 2 / 1.06."""
+    """Cells 32 texels wide read level 0 if their footprint times noise between 0.71 and 1.41 is
+    less than 2 texels: half of them at 2 / 1.06.
+    """
     coarser = []
     for texels in (1.1, 1.76, 3.25):
         bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -298,7 +307,9 @@ def test_from_one_level_to_the_next_more_and_more_cells_of_the_surface_change(
 def frames_of_tiles(
     render_here, folder, patterned, repeats, offset, extension, mapping_in_the_shader
 ):
-    """A frame of a plane whose texture is turned, repeated and moved, with positions in the texture as attributes or computed by nodes."""
+    """A frame of a plane whose texture is turned, repeated and moved, with positions in the texture
+    as attributes or computed by nodes.
+    """
     bpy.ops.wm.read_factory_settings(use_empty=True)
     values = np.random.default_rng(3).random((48, TEXELS, 3))  # not square
     image = new_image(values)

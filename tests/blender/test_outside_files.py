@@ -1,4 +1,6 @@
-"""Files that a scene names: what lies outside its folder is not opened, what is missing is said, and all that is read counts in the hash."""
+"""Files that a scene names: what lies outside its folder is not opened, what is missing is said,
+and all that is read counts in the hash.
+"""
 
 import json
 import re
@@ -26,7 +28,8 @@ SAMPLE = (
     "blend_mesh_cache",
     "blend_nodes_obj",
 )
-#: Refused too, though Blender by itself is not seen to open these: it would in a window, aloud, in another version, or beside a real cache.
+#: Refused too, though Blender by itself is not seen to open these: it would in a window, aloud, in
+#: another version, or beside a real cache.
 NOT_SEEN = {
     "gltf_image_file_url", "obj_map_absolute", "obj_mtllib_absolute", "usd_clip", "usd_dome", "blend_tiles", "blend_clip", "blend_sound",
     "blend_nodes_obj_inner", "blend_nodes_bake", "blend_osl", "blend_ocean", "blend_point_cache", "blend_fluid",
@@ -34,7 +37,9 @@ NOT_SEEN = {
 
 
 def opened(files: dict[str, Path], mode: str) -> tuple[set[str], list[dict]]:
-    """The ways whose file outside was opened, by any process and under any name, and the reader's rows."""
+    """The ways whose file outside was opened, by any process and under any name, and the reader's
+    rows.
+    """
     root = next(iter(files.values())).parents[2]
     trace, rows = root / f"{mode}.trace", root / f"{mode}.jsonl"
     watch = ["strace", "-f", "-y", "-qq", "-e", "trace=open,openat,openat2,creat", "-o", str(trace)]

@@ -1,4 +1,6 @@
-"""Scenes of one's own: what every format gives, how axes and units are told, what is mended, and what is refused."""
+"""Scenes of one's own: what every format gives, how axes and units are told, what is mended, and
+what is refused.
+"""
 
 import json
 import math

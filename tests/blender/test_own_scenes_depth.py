@@ -1,4 +1,6 @@
-"""Own scenes rendered as a user would: depth against Embree, Principled surfaces against a white furnace, crashes in words."""
+"""Own scenes rendered as a user would: depth against Embree, Principled surfaces against a white
+furnace, crashes in words.
+"""
 
 import json
 import subprocess
@@ -22,7 +24,9 @@ def iclnuim(*arguments):
 
 
 def rich_room(folder: Path) -> Path:
-    """The small room with what exporters and importers trip over: a modifier, a mirrored twin, instances, a displaced sheet."""
+    """The small room with what exporters and importers trip over: a modifier, a mirrored twin,
+    instances, a displaced sheet.
+    """
     made.small_room(bpy, folder)
     crate = bpy.data.objects["crate"]
     crate.modifiers.new("round", "BEVEL").width = 0.05
@@ -119,7 +123,9 @@ def test_depth_of_an_imported_scene_is_that_of_rays_cast_by_embree(
     "settings", [{}, {"Roughness": 0.9}, {"Roughness": 0.1, "IOR": 1.8}, {"Metallic": 0.4}]
 )
 def test_a_white_principled_ball_cannot_be_told_from_a_white_furnace(tmp_path, settings):
-    """Irradiance 1 in the map, radiance 1 around: what the diffuse share lacks the gloss must give, at every angle."""
+    """Irradiance 1 in the map, radiance 1 around: what the diffuse share lacks the gloss must give,
+    at every angle.
+    """
     from iclnuim.blender import compat, lit_scene
 
     scene = made.fresh(bpy)

@@ -1,4 +1,6 @@
-"""Damaged scene files: each is opened or refused in words; where Blender itself crashes, that is the parent's to say."""
+"""Damaged scene files: each is opened or refused in words; where Blender itself crashes, that is
+the parent's to say.
+"""
 
 import json
 import re
@@ -46,7 +48,9 @@ def originals(tmp_path_factory):
 
 
 def damaged(rng, data: bytes, text: bool) -> bytes:
-    """A few bytes changed in place, a word of a text replaced, or a stretch cut, doubled or lost at the end."""
+    """A few bytes changed in place, a word of a text replaced, or a stretch cut, doubled or lost at
+    the end.
+    """
     changed = bytearray(data)
     way = rng.integers(8)
     at, length = int(rng.integers(len(data))), int(rng.integers(1, 300))
@@ -68,7 +72,9 @@ def damaged(rng, data: bytes, text: bool) -> bytes:
 
 
 def outcomes(files: list[Path], answers: Path) -> tuple[list[dict], list[str]]:
-    """What became of each file, and the files that Blender crashed on; it is started again behind those."""
+    """What became of each file, and the files that Blender crashed on; it is started again behind
+    those.
+    """
     crashed, left = [], [str(f) for f in files]
     while left:
         done = subprocess.run(

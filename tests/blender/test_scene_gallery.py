@@ -1,4 +1,7 @@
-"""Awkward scenes of the gallery are baked right, path traced with a reason, or refused in a line. All of them: pytest -m slow."""
+"""Awkward scenes of the gallery are baked right, path traced with a reason, or refused in a line.
+
+All of them: pytest -m slow.
+"""
 
 import json
 import sys
@@ -124,7 +127,8 @@ def test_depth_and_ground_truth_are_those_of_rays(name, rendered, command_here):
     }  # fmt: skip
 
 
-#: Of these, plain Cycles is the judge, with the bounces and settings of the file; without caustics, glass and transparency it agrees.
+#: Of these, plain Cycles is the judge, with the bounces and settings of the file; without caustics,
+#: glass and transparency it agrees.
 PLAIN = {
     "plain_room", "displaced_twice_in_a_library", "displaced_instances", "instances_in_instances", "instanced_lamps_and_shear", "background_set", "mirrored_object",
     "levels_for_rendering", "is_viewport", "instances_on_a_point_cloud", "lamp_in_excluded_collection", "mixed_normals", "point_lamp_without_size",
@@ -190,7 +194,9 @@ def test_what_instances_and_nodes_show_stands_against_a_light_map(name, tmp_path
 
 
 def test_sun_and_sky_shine_through_window_glass(rendered):
-    """Cycles lets them through glass as caustics only, which are not sampled: the room was as dark as without a window."""
+    """Cycles lets them through glass as caustics only, which are not sampled: the room was as dark
+    as without a window.
+    """
     glazed, opened = (
         rendered(name, "path", samples=16)[0] for name in ("sun_through_thin_glass", "open_window")
     )

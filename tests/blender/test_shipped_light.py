@@ -1,4 +1,6 @@
-"""The light that travels with the built-in rooms: it fits them, is small, and is left aside where anything else is asked for."""
+"""The light that travels with the built-in rooms: it fits them, is small, and is left aside where
+anything else is asked for.
+"""
 
 import shutil
 
@@ -17,7 +19,9 @@ ROOMS = shipped.SCENE_NAMES
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_it_fits_the_room_as_it_is(room):
-    """Where this fails, the room was built anew: `python tools/ship_light.py ROOM` bakes its light again."""
+    """Where this fails, the room was built anew: `python tools/ship_light.py ROOM` bakes its light
+    again.
+    """
     folder = shipped_light(shipped_job(f"{room}/kt0"))
     assert folder == shipped.folder("blend") / "light" / room
     recipe, layout = light_map.read_recipe(folder), light_map.load_layout(folder)

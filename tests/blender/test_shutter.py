@@ -1,4 +1,6 @@
-"""Motion blur and rolling shutter of rendered frames against the pinhole formula: a bright edge that the camera passes."""
+"""Motion blur and rolling shutter of rendered frames against the pinhole formula: a bright edge
+that the camera passes.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +13,9 @@ MOTION_PX = F * STEP_M / DISTANCE_M
 
 @pytest.fixture(scope="module")
 def edge(tmp_path_factory):
-    """A sheet that glows evenly, from x = -9 to EDGE_M, before black; and a path that steps STEP_M to the right each frame."""
+    """A sheet that glows evenly, from x = -9 to EDGE_M, before black; and a path that steps STEP_M
+    to the right each frame.
+    """
     folder = tmp_path_factory.mktemp("edge")
     bpy.ops.wm.read_factory_settings(use_empty=True)
     mesh = bpy.data.meshes.new("sheet")

@@ -1,4 +1,6 @@
-"""Every sequence format into every other and back: what the table in docs/conventions.md says that it holds is held."""
+"""Every sequence format into every other and back: what the table in docs/conventions.md says that
+it holds is held.
+"""
 
 import re
 
@@ -67,7 +69,9 @@ def test_the_table_says_what_the_formats_declare(table):
 
 
 def check_held(table, source, target, there, name):
-    """`there`: the folder of `target` made of `source`; both are a format's row of the table and its folder."""
+    """`there`: the folder of `target` made of `source`; both are a format's row of the table and
+    its folder.
+    """
     (row_a, a), row_b = source, target
     before, after = find_pairs(a), find_pairs(there)
     if row_a["poses"].startswith("none for image 0") and row_b["poses"] == "one a frame":

@@ -1,4 +1,6 @@
-"""Frames on all cores: processes and threads do the same, and nothing of a pool outlives its parent."""
+"""Frames on all cores: processes and threads do the same, and nothing of a pool outlives its
+parent.
+"""
 
 import os
 import pickle

@@ -20,7 +20,9 @@ from iclnuim.geometry.trajectory import Trajectory
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory):
-    """Twelve frames of a moving camera in a box-shaped room, ray-traced: poses and depth belong together."""
+    """Twelve frames of a moving camera in a box-shaped room, ray-traced: poses and depth belong
+    together.
+    """
     folder = tmp_path_factory.mktemp("sound")
     camera = PinholeCamera.parse("96x72")
     t = np.linspace(0, 1, 12)[:, None]

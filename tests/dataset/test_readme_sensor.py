@@ -1,4 +1,6 @@
-"""The user-provided noise model of docs/sensor.md does what the page says, under the name that its command uses."""
+"""The user-provided noise model of docs/sensor.md does what the page says, under the name that its
+command uses.
+"""
 
 import re
 import sys

@@ -1,4 +1,6 @@
-"""Rendered views against the frames of a sequence: found by name in every format, figures by group, refused in one line."""
+"""Rendered views against the frames of a sequence: found by name in every format, figures by group,
+refused in one line.
+"""
 
 import json
 import shutil
@@ -18,7 +20,9 @@ from iclnuim.formats.png import read_depth16, write_png
 
 @pytest.fixture
 def views(all_formats, tmp_path):
-    """What a system rendered of the sequence tum: one grey level too bright, 0.1 m too far, holes in a quarter of the depth; in camera.json's units."""
+    """What a system rendered of the sequence tum: one grey level too bright, 0.1 m too far, holes
+    in a quarter of the depth; in camera.json's units.
+    """
     truth, out = all_formats / "tum", tmp_path / "views"
     for pair in find_pairs(truth):
         for kind in ("rgb", "depth"):

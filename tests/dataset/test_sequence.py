@@ -1,4 +1,6 @@
-"""Frames to TUM sequences: readable by others, the same bytes in any order, nothing wraps, nothing is mixed."""
+"""Frames to TUM sequences: readable by others, the same bytes in any order, nothing wraps, nothing
+is mixed.
+"""
 
 import json
 
@@ -114,7 +116,9 @@ def test_independent_readers_pair_every_frame(run, tmp_path):
 
 
 def _tum_rule(first, second, most_s=0.02):
-    """The association rule of the TUM benchmark: of all pairs closer than 20 ms the closest first, each stamp once."""
+    """The association rule of the TUM benchmark: of all pairs closer than 20 ms the closest first,
+    each stamp once.
+    """
     close = sorted((abs(a - b), a, b) for a in first for b in second if abs(a - b) < most_s)
     pairs = []
     for _, a, b in close:

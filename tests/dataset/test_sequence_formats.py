@@ -113,7 +113,9 @@ def depth_of(frame):
 
 
 def test_replica_as_nice_slam_reads_it(all_formats, truth):
-    """Images in the order of their names, a line of 16 numbers each, camera to world; scale and K from cam_params.json."""
+    """Images in the order of their names, a line of 16 numbers each, camera to world; scale and K
+    from cam_params.json.
+    """
     folder = all_formats / "replica"
     camera = json.loads((folder / "cam_params.json").read_text())["camera"]
     assert [camera[key] for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")] == [
@@ -176,7 +178,9 @@ def test_scannets_own_colour_of_twice_the_size_is_seen_by_the_depth_camera(all_f
 
 
 def test_eth3d_as_bad_slam_reads_it(all_formats):
-    """One line fx fy cx cy, pixel centres at whole numbers; associated.txt: colour first; images named by stamps."""
+    """One line fx fy cx cy, pixel centres at whole numbers; associated.txt: colour first; images
+    named by stamps.
+    """
     folder = all_formats / "eth3d"
     assert [float(value) for value in (folder / "calibration.txt").read_text().split()] == [
         48,
@@ -235,7 +239,9 @@ def test_rtabmap_finds_a_stamp_in_every_name(all_formats):
 
 
 def colmap_points(model):
-    """(n, 3) points of points3D.txt, and by COLMAP's own formulas the distance in pixels of each observation from its point."""
+    """(n, 3) points of points3D.txt, and by COLMAP's own formulas the distance in pixels of each
+    observation from its point.
+    """
     from scipy.spatial.transform import Rotation
 
     lines = [

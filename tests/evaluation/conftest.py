@@ -13,7 +13,9 @@ from paired_poses import Pairs  # noqa: E402
 
 @pytest.fixture(scope="session")
 def wander():
-    """wander(seed, noise, n): paired poses of a random walk; the estimate is moved as a whole and noisy by pose."""
+    """wander(seed, noise, n): paired poses of a random walk; the estimate is moved as a whole and
+    noisy by pose.
+    """
 
     def make(seed, noise=0.05, n=None, rate_hz=30.0):
         rng = np.random.default_rng(seed)

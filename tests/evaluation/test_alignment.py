@@ -94,7 +94,8 @@ def test_a_path_in_a_plane_is_aligned(wander):
         assert not result.mirror.mirrored
 
 
-# -- what is refused ---------------------------------------------------------------------------------------------------
+# -- what is refused
+# ---------------------------------------------------------------------------------------------------
 
 
 def line(pairs, length_m, wobble_m):
@@ -166,7 +167,8 @@ def test_alignment_settings_out_of_range_are_refused(settings):
         AlignmentSettings(**settings)
 
 
-# -- mirrored ----------------------------------------------------------------------------------------------------------
+# -- mirrored
+# ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", ["none", "origin", "se3", "sim3"])

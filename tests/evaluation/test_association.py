@@ -1,4 +1,6 @@
-"""Stamps paired by the TUM rule: closest first, ties by the first stamp, then by the second, each used once."""
+"""Stamps paired by the TUM rule: closest first, ties by the first stamp, then by the second, each
+used once.
+"""
 
 import numpy as np
 import pytest

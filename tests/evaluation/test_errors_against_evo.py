@@ -1,4 +1,6 @@
-"""ATE and RPE equal evo's, an independent judge, on a thousand random cases each; on a quarter of them where nothing slow is asked for."""
+"""ATE and RPE equal evo's, an independent judge, on a thousand random cases each; on a quarter of
+them where nothing slow is asked for.
+"""
 
 import pytest
 from iclnuim.errors import InputError

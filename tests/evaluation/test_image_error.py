@@ -1,11 +1,14 @@
-"""PSNR and SSIM against scikit-image: by figures that it gave, and, where it is installed, by itself."""
+"""PSNR and SSIM against scikit-image: by figures that it gave, and, where it is installed, by
+itself.
+"""
 
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.evaluation.image_error import psnr_db, ssim
 
-#: height, width, standard deviation of the noise -> scikit-image 0.26: SSIM by default, SSIM of Wang et al., PSNR in dB
+#: height, width, standard deviation of the noise -> scikit-image 0.26: SSIM by default, SSIM of
+#: Wang et al., PSNR in dB
 MEASURED = {
     (48, 64, 5): (0.8838612463592753, 0.8459340661506386, 34.16552594980252),
     (11, 11, 20): (0.8945181487638516, 0.8237468193818022, 22.570670872409863),

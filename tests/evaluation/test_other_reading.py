@@ -1,4 +1,6 @@
-"""An estimate with inverted poses or with the scalar first is recognised, the advice helps, and other bad estimates are called neither."""
+"""An estimate with inverted poses or with the scalar first is recognised, the advice helps, and
+other bad estimates are called neither.
+"""
 
 import json
 
@@ -70,7 +72,8 @@ def test_inverted_poses_are_recognised_and_following_the_advice_helps(evaluate, 
 def test_quaternions_with_the_scalar_first_are_recognised_and_following_the_advice_helps(
     evaluate, walk, metric
 ):
-    # in the world of the truth, where the rotation of an estimate means something without an alignment
+    # in the world of the truth, where the rotation of an estimate means something without an
+    # alignment
     poses = walk.T_world_camera @ SE3.exp(
         np.random.default_rng(1).normal(0, NOISE_M, (len(walk), 6))
     )

@@ -1,4 +1,6 @@
-"""An estimate in another unit of length is recognised, the advice helps, and a bad estimate in metres is not called one in another unit."""
+"""An estimate in another unit of length is recognised, the advice helps, and a bad estimate in
+metres is not called one in another unit.
+"""
 
 import json
 

@@ -15,7 +15,9 @@ from paired_poses import Pairs, relative_error_of_pairs
 
 
 def seconds_by_loop(stamps_s, delta_s, tolerance, all_pairs):
-    """Of each pose the later one nearest to delta from it, if within tolerance; or start where the last ended."""
+    """Of each pose the later one nearest to delta from it, if within tolerance; or start where the
+    last ended.
+    """
     found, i = [], 0
     while i < len(stamps_s) - 1:
         off = [abs(stamps_s[j] - stamps_s[i] - delta_s) for j in range(i + 1, len(stamps_s))]

@@ -1,4 +1,6 @@
-"""A constant time offset is found where it is, advised only where it makes the error far smaller, and evo agrees with what is advised."""
+"""A constant time offset is found where it is, advised only where it makes the error far smaller,
+and evo agrees with what is advised.
+"""
 
 import json
 

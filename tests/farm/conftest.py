@@ -1,4 +1,6 @@
-"""The real Slurm on this machine's loopback address: munged, slurmctld and one slurmd, in a folder of their own."""
+"""The real Slurm on this machine's loopback address: munged, slurmctld and one slurmd, in a folder
+of their own.
+"""
 
 import contextlib
 import getpass

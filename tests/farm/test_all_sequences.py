@@ -1,4 +1,6 @@
-"""`iclnuim make all`: every sequence in its turn, one progress, resumable, and what fails does not stop the others."""
+"""`iclnuim make all`: every sequence in its turn, one progress, resumable, and what fails does not
+stop the others.
+"""
 
 import argparse
 

@@ -1,4 +1,6 @@
-"""Chaos: workers and commands killed, stopped, and without space; the same command again; the same bytes at the end, no frame made twice."""
+"""Chaos: workers and commands killed, stopped, and without space; the same command again; the same
+bytes at the end, no frame made twice.
+"""
 
 import os
 import shutil
@@ -20,7 +22,8 @@ from iclnuim.tools.plain_blender import PlainBlender
 
 ROOM = str(Path(__file__).resolve().parents[1] / "room.obj")
 SMALL = ("--scene", ROOM, "--light", "path", "--samples", "1", "--no-denoise", "--camera", "80x60")
-#: Enough for two disturbances: three frames before each, and what two workers do in the third of a second until it happens.
+#: Enough for two disturbances: three frames before each, and what two workers do in the third of a
+#: second until it happens.
 SOME = ("--frames", "0:60")
 
 
@@ -39,7 +42,9 @@ def wait_for(out: Path, count: int, parent: subprocess.Popen, seconds: float = 4
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
-    """(folder of SOME frames; process, exit code and words of each command): a second one was started while the first worked."""
+    """(folder of SOME frames; process, exit code and words of each command): a second one was
+    started while the first worked.
+    """
     out = tmp_path_factory.mktemp("undisturbed") / "out"
     first = make(out, *SOME).start()
     wait_for(out, 1, first)

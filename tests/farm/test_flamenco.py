@@ -1,4 +1,6 @@
-"""The job type for Flamenco 3, compiled in Node with a stub of the Manager; its command lines are run by the real command."""
+"""The job type for Flamenco 3, compiled in Node with a stub of the Manager; its command lines are
+run by the real command.
+"""
 
 import argparse
 import json

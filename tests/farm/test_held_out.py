@@ -1,4 +1,6 @@
-"""`make --held-out`: what is asked for is a number or a trajectory, recorded, resumed, a run of its own by the same light; refused in one line."""
+"""`make --held-out`: what is asked for is a number or a trajectory, recorded, resumed, a run of its
+own by the same light; refused in one line.
+"""
 
 import argparse
 import json
@@ -25,7 +27,9 @@ def plan_of(out, *words) -> RunPlan:
 
 
 def begin(plan, light="baked"):
-    """The training run's folder with its recipe, as a worker settled it, and views that were chosen."""
+    """The training run's folder with its recipe, as a worker settled it, and views that were
+    chosen.
+    """
     recipe = {
         "job": plan.job.changed(light=light).to_dict(),
         "trajectory_sha256": "a",
@@ -121,7 +125,9 @@ def test_status_counts_them(tmp_path):
 
 @pytest.mark.slow
 def test_make_renders_views_that_see_what_training_saw(tmp_path, command_here):
-    """Judged by the images: nearly every pixel of a view is where some training frame has the same depth, in the same colour."""
+    """Judged by the images: nearly every pixel of a view is where some training frame has the same
+    depth, in the same colour.
+    """
     from iclnuim.dataset.frames import find_pairs, read_camera, read_images, read_truth
 
     words = ["make", "kt2", "--quick", "--camera", "160x120", "-o", tmp_path, "--quiet"]

@@ -1,4 +1,6 @@
-"""Workers that die, hang or fail: their frames are tried again elsewhere, given up after three times, and the rest is done."""
+"""Workers that die, hang or fail: their frames are tried again elsewhere, given up after three
+times, and the rest is done.
+"""
 
 import json
 import os
@@ -14,7 +16,8 @@ from iclnuim.headless.farm.local import LocalFarm
 from iclnuim.headless.farm.run_plan import FarmSettings
 from iclnuim.worker_events import WorkerClient
 
-#: A worker that speaks the protocol but renders nothing: it touches OUT/N and follows OUT/orders.json, frame -> what goes wrong how often.
+#: A worker that speaks the protocol but renders nothing: it touches OUT/N and follows
+#: OUT/orders.json, frame -> what goes wrong how often.
 PRETENDER = textwrap.dedent("""
     import json, os, signal, sys, time
     from pathlib import Path
@@ -50,7 +53,9 @@ PRETENDER = textwrap.dedent("""
 
 @pytest.fixture
 def farm(tmp_path):
-    """`farm(frames, orders, **care)` -> outcome, frames in the order heard of, worker processes started."""
+    """`farm(frames, orders, **care)` -> outcome, frames in the order heard of, worker processes
+    started.
+    """
     script = tmp_path / "pretender.py"
     script.write_text(PRETENDER)
 

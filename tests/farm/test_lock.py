@@ -1,4 +1,6 @@
-"""One command at a time on a folder: living holders are respected, dead ones buried, and of many that try one gets it."""
+"""One command at a time on a folder: living holders are respected, dead ones buried, and of many
+that try one gets it.
+"""
 
 import json
 import multiprocessing

@@ -1,4 +1,6 @@
-"""The plan: every missing frame in exactly one chunk, whatever the sizes; the cores of a machine shared without rest."""
+"""The plan: every missing frame in exactly one chunk, whatever the sizes; the cores of a machine
+shared without rest.
+"""
 
 import pytest
 from hypothesis import given

@@ -65,7 +65,8 @@ def test_a_refused_command_leaves_the_record_of_the_run_as_it_was(repository, tm
 
 @pytest.fixture
 def begun(repository, tmp_path):
-    """A copy of the folders that iclnuim 0.1.0 began, with the option --camera 64x48 --light path --samples 1 --frames 0:4, and --stuck-after 90
+    """A copy of the folders that iclnuim 0.1.0 began, with the option --camera 64x48 --light path
+    --samples 1 --frames 0:4, and --stuck-after 90
     and --depth-noise kinect2012 of make; some files removed."""
     shutil.copytree(repository / "tests/farm/begun_by_0_1_0", tmp_path / "begun")
     return tmp_path / "begun"

@@ -1,4 +1,6 @@
-"""`iclnuim compare`: bytes on one kind of processor, tolerance across kinds, and it says which and why."""
+"""`iclnuim compare`: bytes on one kind of processor, tolerance across kinds, and it says which and
+why.
+"""
 
 import json
 

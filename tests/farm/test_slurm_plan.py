@@ -56,7 +56,9 @@ def begun(job, raw, frames):
 
 @pytest.fixture
 def pretended(tmp_path, monkeypatch):
-    """`pretended(queue="13_0 RUNNING")` puts commands on the PATH that answer as a Slurm would; each sbatch is kept."""
+    """`pretended(queue="13_0 RUNNING")` puts commands on the PATH that answer as a Slurm would;
+    each sbatch is kept.
+    """
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
     (tmp_path / "bin").mkdir()
 

@@ -1,4 +1,6 @@
-"""Runs handed over to a real Slurm: whatever is cancelled or dies on the way, after `resume` the bytes are those of a local run."""
+"""Runs handed over to a real Slurm: whatever is cancelled or dies on the way, after `resume` the
+bytes are those of a local run.
+"""
 
 import json
 import subprocess

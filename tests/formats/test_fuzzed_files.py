@@ -1,4 +1,6 @@
-"""Damaged files of each format, five hundred and, slow, two thousand: each gives a valid result or InputError, never anything else."""
+"""Damaged files of each format, five hundred and, slow, two thousand: each gives a valid result or
+InputError, never anything else.
+"""
 
 import json
 from pathlib import Path
@@ -145,7 +147,8 @@ def damaged(data: bytes, seed: list[int], files: int):
 def read_all(
     path, data: bytes, seed: list[int], files: int, read, check, folder=None
 ) -> tuple[int, int]:
-    """Reads all damaged versions; how many were taken and how many refused. A numpy warning counts as a failure. An error names the file, or
+    """Reads all damaged versions; how many were taken and how many refused. A numpy warning counts
+    as a failure. An error names the file, or
     one in its `folder`.
     """
     taken = refused = 0

@@ -1,4 +1,6 @@
-"""JPEG and NumPy images: through OpenCV and through OpenImageIO, which Blender has; damaged ones refused in a line."""
+"""JPEG and NumPy images: through OpenCV and through OpenImageIO, which Blender has; damaged ones
+refused in a line.
+"""
 
 import numpy as np
 import pytest

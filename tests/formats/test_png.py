@@ -1,4 +1,6 @@
-"""PNG: lossless with either compressor and reader, readable by an independent one, and broken files refused in one line."""
+"""PNG: lossless with either compressor and reader, readable by an independent one, and broken files
+refused in one line.
+"""
 
 import random
 

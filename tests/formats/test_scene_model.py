@@ -1,4 +1,6 @@
-"""A scene's surface in files: other programs read the same triangles, and cutting changes nothing but their number."""
+"""A scene's surface in files: other programs read the same triangles, and cutting changes nothing
+but their number.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""What is wrong with a trajectory file is said in one line: file, line, what was expected and found, what to try."""
+"""What is wrong with a trajectory file is said in one line: file, line, what was expected and
+found, what to try.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""Each trajectory format as others write it: axes, units, stamps, and how a file is told to be of a format."""
+"""Each trajectory format as others write it: axes, units, stamps, and how a file is told to be of a
+format.
+"""
 
 import gc
 import sys

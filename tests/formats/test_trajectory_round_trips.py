@@ -14,7 +14,8 @@ from iclnuim.formats.trajectory_file import stamp_text
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
-#: A name under which each format that can be written is recognised; a new format joins these tests by its entry in FORMATS.
+#: A name under which each format that can be written is recognised; a new format joins these tests
+#: by its entry in FORMATS.
 NAMES = {
     name: f"path{known.endings[-1]}" if known.endings else f"path_{known.word}.txt"
     for name, known in FORMATS.items()

@@ -1,4 +1,6 @@
-"""Marching cubes: closed surfaces, their place, what leaves in parts, and the file that others read."""
+"""Marching cubes: closed surfaces, their place, what leaves in parts, and the file that others
+read.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""An odometer that has nothing but the protocol, against every reference; a failure that it reports; grain."""
+"""An odometer that has nothing but the protocol, against every reference; a failure that it
+reports; grain.
+"""
 
 from functools import cache
 

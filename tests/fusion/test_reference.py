@@ -1,4 +1,6 @@
-"""Tracking against the model: what an odometer is shown, and that it drifts less than from frame to frame."""
+"""Tracking against the model: what an odometer is shown, and that it drifts less than from frame to
+frame.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""Distances in double precision; accuracy, completion, F and Depth L1 of what a trajectory saw, and the traps that they avoid."""
+"""Distances in double precision; accuracy, completion, F and Depth L1 of what a trajectory saw, and
+the traps that they avoid.
+"""
 
 import numpy as np
 import pytest
@@ -80,7 +82,9 @@ def ahead(looking_at):
 
 
 def brute_force(points, corners):
-    """(n,) distances in double precision: to planes where the foot is inside, else to the three edges."""
+    """(n,) distances in double precision: to planes where the foot is inside, else to the three
+    edges.
+    """
     a, b, c = np.moveaxis(corners, 1, 0)
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -137,7 +141,9 @@ def test_what_lies_behind_the_camera_or_is_hidden_never_counts(surface, ahead):
 
 
 def test_rays_to_samples_and_rendered_depth_agree_on_what_was_seen(surface, ahead):
-    """The judge is a depth image: a point is seen where the plane of the surface in its pixel has its depth."""
+    """The judge is a depth image: a point is seen where the plane of the surface in its pixel has
+    its depth.
+    """
     camera = PinholeCamera.parse("640x480")
     points = sampled(*ROOM, 60_000, 2)
     by_rays = seen_points(surface.caster, points, camera, ahead.T_world_camera, 8.0, int)
@@ -158,7 +164,9 @@ def test_rays_to_samples_and_rendered_depth_agree_on_what_was_seen(surface, ahea
 
 
 def area_in_depth_m2(caster, camera, pose, far_m):
-    """What a depth image shows of the surface: each pixel z^2 / (fx fy |n . ray|), its ray with z = 1. Without any tolerance of depth."""
+    """What a depth image shows of the surface: each pixel z^2 / (fx fy |n . ray|), its ray with z =
+    1. Without any tolerance of depth.
+    """
     rays = camera.rays() @ pose.rotation.T
     hits = caster.cast(pose.translation, rays)
     towards = np.abs((hits.normal * rays).sum(-1))
@@ -204,7 +212,9 @@ def test_half_a_reconstruction_scores_half_however_large_its_triangles_are(surfa
 
 
 def waved(cells):
-    """The room's walls, 8 mm too far out in waves, of squares of any size; and a chest of large triangles."""
+    """The room's walls, 8 mm too far out in waves, of squares of any size; and a chest of large
+    triangles.
+    """
     points, triangles = box((-2, -2, 0), (2, 2, 2.5), 40 * cells)
     return points + 0.008 * np.sin(7 * points[:, [1, 2, 0]]) ** 2, triangles
 
@@ -245,7 +255,9 @@ def test_twice_the_samples_or_another_seed_move_no_figure_by_half_a_percent(surf
 
 
 def test_distances_to_samples_are_those_of_the_published_scripts(surface):
-    """Accuracy, completion and its ratio after their definition: means over the nearest of the other cloud, by open3d's tree."""
+    """Accuracy, completion and its ratio after their definition: means over the nearest of the
+    other cloud, by open3d's tree.
+    """
     import open3d
 
     points, triangles = waved(1)

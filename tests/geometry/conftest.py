@@ -14,7 +14,9 @@ def directions(rng: np.random.Generator, count: int = COUNT) -> np.ndarray:
 
 
 def rotation_vectors_of(kind: str) -> np.ndarray:
-    """(COUNT, 3), radians: uniform over the group, normal in the tangent space, near identity, near half a turn."""
+    """(COUNT, 3), radians: uniform over the group, normal in the tangent space, near identity, near
+    half a turn.
+    """
     rng = np.random.default_rng([2, len(kind)])
     if kind == "uniform":
         quat = rng.normal(size=(COUNT, 4))

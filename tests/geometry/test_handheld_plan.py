@@ -1,4 +1,6 @@
-"""Hand-held trajectories through free space: round obstacles, through doors, never nearer than asked; distances here follow from formulas."""
+"""Hand-held trajectories through free space: round obstacles, through doors, never nearer than
+asked; distances here follow from formulas.
+"""
 
 import numpy as np
 import pytest
@@ -15,7 +17,9 @@ def box_distance(points, low, high):
 
 
 def clearance(points, door=True):
-    """In a room of 6 x 4 x 2.5 m with a wall across at x = 3 that has a door of 1 m at y = 3..4, or none."""
+    """In a room of 6 x 4 x 2.5 m with a wall across at x = 3 that has a door of 1 m at y = 3..4, or
+    none.
+    """
     walls = np.minimum(points - LOW, HIGH - points).min(1)
     end = 3.0 if door else 4.0
     return np.minimum(

@@ -1,4 +1,6 @@
-"""The pinhole camera: pixel centres, depth, Blender's settings there and back, the pyramid's next level."""
+"""The pinhole camera: pixel centres, depth, Blender's settings there and back, the pyramid's next
+level.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""How a scene file's axes and units are taken: options as matrices, guesses that follow the scene when it is turned or scaled."""
+"""How a scene file's axes and units are taken: options as matrices, guesses that follow the scene
+when it is turned or scaled.
+"""
 
 import numpy as np
 import pytest
@@ -104,7 +106,9 @@ def boxes(lows, highs):
 
 
 def kitchen(width, depth, height, ceiling=True):
-    """z up: a floor, walls and a ceiling of two triangles each; along one wall cupboards of many panels with handles; a table."""
+    """z up: a floor, walls and a ceiling of two triangles each; along one wall cupboards of many
+    panels with handles; a table.
+    """
     lows, highs = [], []
     for x in np.arange(0.0, width - 0.6, 0.6):
         for z, top, back in ((0.1, 0.85, 0.6), (1.4, 2.1, 0.35)):

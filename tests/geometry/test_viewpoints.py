@@ -1,4 +1,6 @@
-"""Viewpoints that are chosen: at eye height above the floor, in one connected part of the scene, or refused with advice."""
+"""Viewpoints that are chosen: at eye height above the floor, in one connected part of the scene, or
+refused with advice.
+"""
 
 from itertools import pairwise
 

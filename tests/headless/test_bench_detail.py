@@ -1,4 +1,6 @@
-"""`iclnuim bench detail`: the knee of a curve, what an error counts, and the command from end to end at its smallest."""
+"""`iclnuim bench detail`: the knee of a curve, what an error counts, and the command from end to
+end at its smallest.
+"""
 
 import json
 import subprocess

@@ -1,4 +1,6 @@
-"""`iclnuim bench detail-odometry`: which level is sufficient, and the command from end to end at its smallest."""
+"""`iclnuim bench detail-odometry`: which level is sufficient, and the command from end to end at
+its smallest.
+"""
 
 import json
 
@@ -9,7 +11,9 @@ pytest.importorskip("embreex")
 
 
 def builds(errors_m, seeds_m=(0.001,), kind="clean"):
-    """Rooms at the levels 0.5, 0.7, 1, 1.4 with these errors of one method, and at level 1 with other seeds."""
+    """Rooms at the levels 0.5, 0.7, 1, 1.4 with these errors of one method, and at level 1 with
+    other seeds.
+    """
     from iclnuim.tools.detail_odometry import Build
 
     def build(detail, seed, ate_m):

@@ -1,4 +1,6 @@
-"""`iclnuim compare`: recipes of which a part has another type are refused in one line with their file."""
+"""`iclnuim compare`: recipes of which a part has another type are refused in one line with their
+file.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""The commands dataset, noise, inspect and pack as a user types them; postprocess as a script calls it."""
+"""The commands dataset, noise, inspect and pack as a user types them; postprocess as a script calls
+it.
+"""
 
 import json
 

@@ -1,4 +1,6 @@
-"""`iclnuim doctor` and the errors of commands without Blender: what is missing, what works without it, and what installs it."""
+"""`iclnuim doctor` and the errors of commands without Blender: what is missing, what works without
+it, and what installs it.
+"""
 
 import json
 import sys

@@ -160,7 +160,8 @@ def test_a_mirrored_estimate_is_named_with_what_to_do_and_that_helps(files, caps
     )
     _, out, _ = call(capsys, "ate", files / "truth.txt", files / "mirrored.txt", "--json")
     assert json.loads(out)["mirror"]["mirrored"] and "mirrored" in json.loads(out)["warnings"][0]
-    # written as gt.freiburg from mirrored poses: left-handed twice over, so right-handed once taken as plain TUM
+    # written as gt.freiburg from mirrored poses: left-handed twice over, so right-handed once taken
+    # as plain TUM
     taken_left = call(
         capsys, "ate", files / "truth.txt", files / "mirrored_ids.txt", "--from", "gt.freiburg"
     )[1]

@@ -11,7 +11,9 @@ RENDER = ["kt2", "--frames", "0:1", "--camera", "64x48", "--light", "path", "--s
 
 @pytest.fixture
 def sabotaged(tmp_path):
-    """`sabotaged(module, name, *argv)` runs Python in which that function of that module raises; returns the finished process."""
+    """`sabotaged(module, name, *argv)` runs Python in which that function of that module raises;
+    returns the finished process.
+    """
 
     def run(module, name, *argv):
         folder = tmp_path / "sabotage"

@@ -1,4 +1,6 @@
-"""How far a frame is from a reference, free of the reference's noise, and how a surface point changes between frames."""
+"""How far a frame is from a reference, free of the reference's noise, and how a surface point
+changes between frames.
+"""
 
 import numpy as np
 import pytest

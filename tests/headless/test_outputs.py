@@ -1,4 +1,6 @@
-"""What a command writes replaces nothing that it reads, and reaches pipes, links and closed terminals as it should."""
+"""What a command writes replaces nothing that it reads, and reaches pipes, links and closed
+terminals as it should.
+"""
 
 import json
 import os

@@ -1,4 +1,6 @@
-"""`iclnuim bench textures`: filtered textures are closer to many rays a pixel, and change less from frame to frame."""
+"""`iclnuim bench textures`: filtered textures are closer to many rays a pixel, and change less from
+frame to frame.
+"""
 
 import json
 

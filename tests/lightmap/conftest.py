@@ -6,7 +6,9 @@ from iclnuim.lightmap.surfaces import Surfaces, join
 
 
 def polygons(corners_m, faces) -> Surfaces:
-    """Surfaces of one object from (V, 3) vertices and faces (tuples), flat-shaded, fans of triangles."""
+    """Surfaces of one object from (V, 3) vertices and faces (tuples), flat-shaded, fans of
+    triangles.
+    """
     corners_m = np.asarray(corners_m, float)
     vertex = np.concatenate([np.asarray(f) for f in faces])
     start = np.cumsum([0] + [len(f) for f in faces])

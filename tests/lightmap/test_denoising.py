@@ -1,4 +1,6 @@
-"""Noise goes, light stays: edges of shadows, borders of charts, and the energy of rare bright paths."""
+"""Noise goes, light stays: edges of shadows, borders of charts, and the energy of rare bright
+paths.
+"""
 
 import numpy as np
 from iclnuim.lightmap.denoise import denoise, fill, grown, luminance, next_to_known

@@ -1,4 +1,6 @@
-"""A map's layout: charts apart from each other, every corner in the map, every texel's point on its surface."""
+"""A map's layout: charts apart from each other, every corner in the map, every texel's point on its
+surface.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""FOVIS on a corner of three planes whose cells have random greys: corners with a depth everywhere, and a motion that we know."""
+"""FOVIS on a corner of three planes whose cells have random greys: corners with a depth everywhere,
+and a motion that we know.
+"""
 
 from dataclasses import replace
 
@@ -30,7 +32,9 @@ CELL_M = 0.12
 
 
 def seen(T_world_camera: SE3, brighter: float = 0.0) -> Frame:
-    """n . x = 2 m for each plane; the image is the mean of 2x2 rays a pixel, a little blurred as a lens does it."""
+    """n . x = 2 m for each plane; the image is the mean of 2x2 rays a pixel, a little blurred as a
+    lens does it.
+    """
     fine = PinholeCamera(
         2 * CAMERA.width,
         2 * CAMERA.height,

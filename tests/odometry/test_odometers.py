@@ -1,4 +1,6 @@
-"""Odometers on frames made by formula: a textured corner of three planes seen by a camera that moves as we tell it."""
+"""Odometers on frames made by formula: a textured corner of three planes seen by a camera that
+moves as we tell it.
+"""
 
 import numpy as np
 import pytest
@@ -113,7 +115,9 @@ def test_the_first_pose_after_many_lost_frames_is_reported_as_none_knows_where_t
 
 
 def test_a_hundred_lost_frames_leave_the_pose_a_rigid_motion():
-    """Each lost frame is a new reference; rounding errors of the rotation must not grow from one to the next."""
+    """Each lost frame is a new reference; rounding errors of the rotation must not grow from one to
+    the next.
+    """
 
     class Lost:
         name, reference, turn = "lost", "frame", path(3)[2]
@@ -144,7 +148,9 @@ def test_a_black_image_leaves_the_joint_odometer_its_geometry():
 
 @pytest.mark.parametrize(("shift_px", "columns"), [(9, slice(30, 130)), (14, slice(60, 150))])
 def test_a_mirror_over_half_of_the_view_leaves_the_joint_odometer_its_geometry(shift_px, columns):
-    """Contrast that moves in another way than the surfaces: the images do not fit at any prediction."""
+    """Contrast that moves in another way than the surfaces: the images do not fit at any
+    prediction.
+    """
     poses, frames = path(4), []
     for i, pose in enumerate(poses):
         frame = seen(pose)
@@ -158,7 +164,9 @@ def test_a_mirror_over_half_of_the_view_leaves_the_joint_odometer_its_geometry(s
 
 @pytest.mark.parametrize("name", DENSE)
 def test_the_error_of_a_camera_that_sways_does_not_grow_with_the_number_of_frames(name):
-    """Noisy frames within the range of one keyframe; frame to frame, the errors of all steps add up."""
+    """Noisy frames within the range of one keyframe; frame to frame, the errors of all steps add
+    up.
+    """
     rng = np.random.default_rng(4)
     poses = [SE3.exp(4 * np.sin(0.35 * i) * TWIST) for i in range(80)]
     frames = []

@@ -1,4 +1,6 @@
-"""What an odometer knows of its own error: on textured and bare planes, clean and noisy, with things in the way."""
+"""What an odometer knows of its own error: on textured and bare planes, clean and noisy, with
+things in the way.
+"""
 
 from dataclasses import replace
 
@@ -45,7 +47,9 @@ def after(i):
 
 
 def view(i, planes, noise=0.0, camera=CAMERA):
-    """The i-th frame of a steady motion before planes at 2 m; depth noise is a share, from a seed of its own."""
+    """The i-th frame of a steady motion before planes at 2 m; depth noise is a share, from a seed
+    of its own.
+    """
     T, rng = after(i), np.random.default_rng([5, i])
     rays = camera.rays() @ T.rotation.T
     nearest = np.full(rays.shape[:2], np.inf)
@@ -91,7 +95,9 @@ def test_a_bare_wall_is_flagged_with_and_without_noise_and_a_room_is_not(noise):
 def test_a_motion_that_rests_on_the_last_border_of_two_faces_is_flagged_on_noisy_frames(
     side, floor, expected
 ):
-    """A wall, and at the image's border a few pixels of a face to the side and one below, which set the motion along the wall."""
+    """A wall, and at the image's border a few pixels of a face to the side and one below, which set
+    the motion along the wall.
+    """
     planes = (WALL[0], (np.sqrt(1 - side**2), 0.0, side), (0.0, np.sqrt(1 - floor**2), floor))
     result = run("icp", [view(i, planes, 0.001, BIG) for i in range(2)], BIG)[1].result
     assert result.status is expected
@@ -119,7 +125,9 @@ def test_planes_of_a_sensor_join_last_unless_its_offset_is_known_or_they_are_of_
 
 
 def test_the_least_share_of_matching_pixels_of_a_noisy_frame_is_that_of_images(monkeypatch):
-    """Planes have points everywhere, but few pixels of a wall have contrast: with the planes' share such a frame was lost, and a wrong motion followed."""
+    """Planes have points everywhere, but few pixels of a wall have contrast: with the planes' share
+    such a frame was lost, and a wrong motion followed.
+    """
     method, limits = odometer("icp_rgbd"), []
     monkeypatch.setattr(
         icp, "solve", lambda passes, guess, some: limits.append(some) or solve(passes, guess, some)
@@ -156,7 +164,9 @@ def test_with_a_known_offset_icp_rgbd_is_as_accurate_as_the_better_one_of_its_pa
 
 @pytest.mark.parametrize(("calibrated", "share"), [(False, 0.005), (True, 0.002)])
 def test_the_stated_deviation_of_a_noisy_frame_allows_for_the_bias_of_its_depth(calibrated, share):
-    """Many pixels with independent errors do not make the length of a motion more certain than the sensor's scale."""
+    """Many pixels with independent errors do not make the length of a motion more certain than the
+    sensor's scale.
+    """
     frames = [replace(view(i, ROOM, 0.001, BIG), calibrated=calibrated) for i in (0, 8)]
     result = run("icp", frames, BIG)[1].result
     t = result.T_reference_camera.translation
@@ -225,7 +235,9 @@ def test_information_is_of_errors_that_pixels_share_and_of_those_that_they_do_no
 
 @pytest.mark.parametrize("name", ["rgbd", "dvo"])
 def test_noise_that_pixels_do_not_share_is_not_taken_for_noise_that_they_share(name):
-    """The mean NEES per degree of freedom is near 1 with exact depth and noise that is independent in every pixel."""
+    """The mean NEES per degree of freedom is near 1 with exact depth and noise that is independent
+    in every pixel.
+    """
 
     def noisy(i):
         frame = view(i, ROOM, camera=BIG)
@@ -242,7 +254,9 @@ def test_noise_that_pixels_do_not_share_is_not_taken_for_noise_that_they_share(n
 
 @pytest.mark.parametrize("moves", [False, True])
 def test_the_image_is_less_certain_only_in_directions_in_which_its_blocks_disagree(moves):
-    """Independent errors; one of the blocks may see something that moves sideways (the second component of the twist)."""
+    """Independent errors; one of the blocks may see something that moves sideways (the second
+    component of the twist).
+    """
     rng, blocks = np.random.default_rng(3), np.repeat(np.arange(ACROSS * DOWN, dtype=np.int16), 400)
     J = rng.normal(size=(len(blocks), 6)).astype(np.float32)
     r = rng.normal(size=len(blocks)).astype(np.float32) + moves * 2 * J[:, 1] * (blocks == 5)
@@ -297,7 +311,9 @@ def blank():
 
 
 def beside_the_camera(i):
-    """A corner with little contrast, and in the middle tenth of the view a textured object that keeps its distance of 1 m from the camera."""
+    """A corner with little contrast, and in the middle tenth of the view a textured object that
+    keeps its distance of 1 m from the camera.
+    """
     corner, (x, y, _) = view(i, ROOM, camera=BIG), np.moveaxis(BIG.rays(), -1, 0)
     near = np.maximum(abs(x) * BIG.fx / BIG.width, abs(y) * BIG.fy / BIG.height) < np.sqrt(0.1) / 2
     texture = 128 + 60 * np.sin(40 * x) * np.sin(50 * y) + 40 * np.sin(90 * x + 20 * y)
@@ -309,13 +325,18 @@ def beside_the_camera(i):
 
 
 def test_an_object_that_moves_along_does_not_outvote_the_planes_with_its_texture():
-    """Most of the contrast is on the object. Blocks of the image disagree about the motion, and planes decide."""
+    """Most of the contrast is on the object.
+
+    Blocks of the image disagree about the motion, and planes decide.
+    """
     found = run("icp_rgbd", [beside_the_camera(i) for i in range(6)], BIG)
     assert error_m(found) < 0.002
 
 
 def test_a_motion_that_depth_contradicts_is_as_uncertain_as_it_is_off():
-    """A motion with a stated deviation of 0.1 mm: unchanged if it is correct; if it is 4 mm off, the enlarged uncertainty covers its error."""
+    """A motion with a stated deviation of 0.1 mm: unchanged if it is correct; if it is 4 mm off,
+    the enlarged uncertainty covers its error.
+    """
     levels = [Dvo(Dvo.PRESETS["best"]).prepare(view(i, ROOM, 0.001, BIG), BIG)[1] for i in range(2)]
     for off_m in (0.0, 0.004):
         error = np.array([off_m, 0, 0, 0, 0, 0])
@@ -363,7 +384,9 @@ def test_student_weights_withstand_something_that_moves_through_the_picture():
 
 
 def behind_glass(i, to_m=-0.9):
-    """A corner whose left part, x < -0.9 m, is glass: its depth is the corner's, its light that of a wall 6 m off."""
+    """A corner whose left part, x < -0.9 m, is glass: its depth is the corner's, its light that of
+    a wall 6 m off.
+    """
     frame, T = view(i, ROOM, camera=BIG), after(i)
     rays = BIG.rays() @ T.rotation.T
     x, y, z = np.moveaxis(T.translation + rays * frame.depth_z_m[..., None].astype(float), -1, 0)
@@ -603,7 +626,9 @@ def test_a_matched_keyframe_after_lost_frames_counts_its_own_matches():
 
 
 def tracked_by(result_of, count, lost=(), against=None):
-    """`count` tracked frames, of which those in `lost` have no image, if an odometer aligns frame `other` with frame `one` with result_of(one, other)."""
+    """`count` tracked frames, of which those in `lost` have no image, if an odometer aligns frame
+    `other` with frame `one` with result_of(one, other).
+    """
 
     class Stub:
         name, reference = "stub", "frame"
@@ -795,7 +820,9 @@ def test_a_coarse_level_without_overlap_is_left_out_and_the_finest_is_not():
 
 
 def celled(i):
-    """The corner in cells of random greys, which have corners to match, a little blurred by the pixels' 3x3 means."""
+    """The corner in cells of random greys, which have corners to match, a little blurred by the
+    pixels' 3x3 means.
+    """
     frame, T = view(i, ROOM), after(i)
     fine = PinholeCamera(
         480, 360, 3 * CAMERA.fx, 3 * CAMERA.fy, 3 * CAMERA.cx + 1, 3 * CAMERA.cy + 1
@@ -873,7 +900,9 @@ def test_exact_depth_of_a_plane_observes_scale_across_it_and_none_along_it():
 
 
 class Noting:
-    """An odometer that knows the true pose of each frame by its stamp, and notes the guesses it is given."""
+    """An odometer that knows the true pose of each frame by its stamp, and notes the guesses it is
+    given.
+    """
 
     name, reference = "noting", "frame"
 
@@ -936,7 +965,8 @@ def test_repeated_frames_keep_the_pose_and_are_reported_and_the_motion_goes_on_a
     steady = run(name, [view(k, ROOM, camera=BIG) for k in range(len(stuck))], BIG)
     moved = found[-1].T_world_camera.translation - steady[-1].T_world_camera.translation
     assert np.linalg.norm(moved) < 0.002
-    # of fovis with its keyframe one alignment of these few corners is off by 10 mm, with and without repeated frames
+    # of fovis with its keyframe one alignment of these few corners is off by 10 mm, with and
+    # without repeated frames
     against = MatchesReference() if name == "fovis" else None
     assert error_m(list(track(odometer(name), BIG, frames, against=against))) < (
         0.01 if name == "fovis" else 0.002

@@ -11,7 +11,7 @@ pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.benchmark.odometry.registry import NAMES, ODOMETERS, odometer  # noqa: E402
 from iclnuim.benchmark.odometry.run import Sequence  # noqa: E402
 from iclnuim.errors import WorkError  # noqa: E402
-from iclnuim.headless import sequence_options  # noqa: E402
+from iclnuim.headless import method_options  # noqa: E402
 from iclnuim.headless.cli import main  # noqa: E402
 
 
@@ -160,7 +160,7 @@ def test_a_missing_package_is_one_line_that_names_the_command(
     stretch, command, module, monkeypatch, capsys
 ):
     monkeypatch.setattr(
-        sequence_options, "find_spec", lambda name: None if name == module else object()
+        method_options, "find_spec", lambda name: None if name == module else object()
     )
     assert main([*command, str(stretch)]) == 3
     line = capsys.readouterr().err
@@ -173,7 +173,7 @@ def test_a_comparison_leaves_out_what_is_not_installed_and_says_so(stretch, caps
             raise WorkError(f"{name} needs open3d; try: pip install open3d-cpu")
         return odometer(name, preset)
 
-    monkeypatch.setattr(sequence_options, "odometer", without_open3d)
+    monkeypatch.setattr(method_options, "odometer", without_open3d)
     assert main(["bench", "odometry", str(stretch), "--first", "3", "--only", "p"]) == 0
     out, err = capsys.readouterr()
     assert "left out: baseline:open3d-plane needs open3d; try: pip install open3d-cpu" in err

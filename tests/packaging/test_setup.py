@@ -1,4 +1,6 @@
-"""setup.sh chooses a Python that has Blender's package, and says what to do before it installs anything where there is none."""
+"""setup.sh chooses a Python that has Blender's package, and says what to do before it installs
+anything where there is none.
+"""
 
 import os
 import shutil
@@ -8,7 +10,8 @@ from pathlib import Path
 import pytest
 
 TOOLS = ("sh", "dirname", "sed", "mktemp", "rm", "mkdir", "cp", "tr", "cat", "id")
-#: A Python of some version: it answers setup.sh's question, makes "environments", and notes what it is told to do.
+#: A Python of some version: it answers setup.sh's question, makes "environments", and notes what it
+#: is told to do.
 PYTHON = """#!/bin/sh
 case "$*" in
   *version_info*) echo {version} ;;

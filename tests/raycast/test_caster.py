@@ -1,4 +1,6 @@
-"""Arrays that no rays can be cast at, and depth that cannot be compared with rays, are refused in one line."""
+"""Arrays that no rays can be cast at, and depth that cannot be compared with rays, are refused in
+one line.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""Held-out views in rooms whose visibility is known by hand: what is new, what was seen, what is refused, what is chosen."""
+"""Held-out views in rooms whose visibility is known by hand: what is new, what was seen, what is
+refused, what is chosen.
+"""
 
 import numpy as np
 import pytest
@@ -38,7 +40,9 @@ def looking(yaw_deg, *places):
 
 
 def unseen_by_hand(view, training):
-    """In an empty box nothing hides anything: share of all pixels whose point on the walls is in no training image."""
+    """In an empty box nothing hides anything: share of all pixels whose point on the walls is in no
+    training image.
+    """
     rays = CAMERA.rays().reshape(-1, 3) @ view.rotation.T
     walls = np.where(rays > 0, CORNERS.max(0), CORNERS.min(0))
     points = view.translation + ((walls - view.translation) / rays).min(1, keepdims=True) * rays
@@ -57,7 +61,8 @@ def test_what_was_not_seen_is_what_the_images_of_training_do_not_reach(room):
             found.unseen == pytest.approx(unseen_by_hand(view[0], training), abs=0.001)
             and found.unseen <= 0.01
         )
-    # -1.23, not -1.2: there, a column of points is exactly on the border of a training image, on one side or the other by rounding
+    # -1.23, not -1.2: there, a column of points is exactly on the border of a training image, on
+    # one side or the other by rounding
     for view in (looking(25, (0, 0, 0)), looking(0, (0.0, -1.23, 0))):
         share = unseen_by_hand(view[0], training)
         with pytest.raises(

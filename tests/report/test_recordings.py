@@ -1,4 +1,6 @@
-"""Recordings for Rerun, read back by Rerun's own reader: images to the byte, poses, curves, flags, a surface with its errors; refused in one line."""
+"""Recordings for Rerun, read back by Rerun's own reader: images to the byte, poses, curves, flags,
+a surface with its errors; refused in one line.
+"""
 
 import subprocess
 import sys
@@ -46,7 +48,9 @@ def sequence(tmp_path_factory):
 
 
 def read(path):
-    """entity -> component -> [(stamp in seconds or None, value)] by whichever reader this version of rerun has; stamps in order."""
+    """entity -> component -> [(stamp in seconds or None, value)] by whichever reader this version
+    of rerun has; stamps in order.
+    """
     rerun = pytest.importorskip("rerun", reason="recordings: pip install rerun-sdk")
     if rerun.__version__.startswith("0.23"):
         return _read_by_dataframe(rerun.dataframe.load_recording(path))

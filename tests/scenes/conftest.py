@@ -12,7 +12,9 @@ import pytest
 
 @dataclass(frozen=True)
 class Room:
-    """Objects by name -> (id, class), surface (vertices, triangles, owners, names), geometry hash, triangles."""
+    """Objects by name -> (id, class), surface (vertices, triangles, owners, names), geometry hash,
+    triangles.
+    """
 
     objects: dict
     surface: object
@@ -40,7 +42,9 @@ def blender():
 
 @pytest.fixture(scope="module")
 def small_textures():
-    """Textures of 64 pixels for as long as the module's tests run: what is built is judged by its surfaces."""
+    """Textures of 64 pixels for as long as the module's tests run: what is built is judged by its
+    surfaces.
+    """
     from iclnuim.blend.builder import living_room_palette, office_palette
 
     full = living_room_palette._sizes(1.0)
@@ -65,7 +69,9 @@ def build(blender):
 
 @pytest.fixture(scope="session")
 def commanded(blender, tmp_path_factory) -> tuple[Room, dict, Path]:
-    """What `iclnuim scene build living_room` leaves in the session, the figures that it prints, and its file."""
+    """What `iclnuim scene build living_room` leaves in the session, the figures that it prints, and
+    its file.
+    """
     from iclnuim.headless import cli
 
     file = tmp_path_factory.mktemp("commanded") / "room.blend"
@@ -94,7 +100,8 @@ def opened(blender, repository) -> Room:
 
 @pytest.fixture(scope="session")
 def rays(built):
-    """`rays(origins, directions)` -> (distance, owner name index or -1, cosine between ray and face normal) by
+    """`rays(origins, directions)` -> (distance, owner name index or -1, cosine between ray and face
+    normal) by
     Embree.
     """
     o3d = pytest.importorskip("open3d")

@@ -36,7 +36,9 @@ def round_the_door(m, room):
 
 
 def under_the_skirting(m):
-    """Points (n, 3) at the foot of the three walls without a window, 12 mm behind the front of the skirting."""
+    """Points (n, 3) at the foot of the three walls without a window, 12 mm behind the front of the
+    skirting.
+    """
     x, y = np.linspace(m.X0, m.X1, 300)[2:-2], np.linspace(m.Y0, m.Y1, 300)[2:-2]
     feet = [(x, m.Y1), (m.X0, y), (m.X1, y)]
     return np.concatenate(
@@ -45,7 +47,9 @@ def under_the_skirting(m):
 
 
 def past_the_skirting(m, room):
-    """Points (n, 3) on the lines where the skirting meets the casing of the door, up to its height, before and behind its front."""
+    """Points (n, 3) on the lines where the skirting meets the casing of the door, up to its height,
+    before and behind its front.
+    """
     height = m.SKIRT_TOP if room == "living_room" else 0.06
     z = m.Z0 + np.linspace(0.002, height - 0.03, 40)
     places = [(x, m.Y1 - 0.0255 + d) for x in m.DOOR[:2] for d in np.linspace(0.0, 0.02, 9)]

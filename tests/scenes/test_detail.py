@@ -1,4 +1,6 @@
-"""The level of detail: fewer triangles and larger error step by step, for every shipped scene; full detail is untouched; chamfers go, thin and round things stay."""
+"""The level of detail: fewer triangles and larger error step by step, for every shipped scene; full
+detail is untouched; chamfers go, thin and round things stay.
+"""
 
 import numpy as np
 import pytest
@@ -48,7 +50,9 @@ def test_nothing_goes_at_full_detail_and_more_and_more_below():
 def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(
     room, small_textures, repository
 ):
-    """Full detail is the shipped file: test_living_room.py and test_office.py compare it with what the code builds."""
+    """Full detail is the shipped file: test_living_room.py and test_office.py compare it with what
+    the code builds.
+    """
     from iclnuim.blend.builder import build_scene
     from iclnuim.blender import scene, surfaces
     from iclnuim.formats.trajectories import read_trajectory

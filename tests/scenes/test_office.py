@@ -1,4 +1,6 @@
-"""The office: what the code builds, what the file holds, how it agrees with the original, and that paths pass through."""
+"""The office: what the code builds, what the file holds, how it agrees with the original, and that
+paths pass through.
+"""
 
 import re
 from dataclasses import dataclass
@@ -37,7 +39,9 @@ OPAQUE = {
 
 @dataclass(frozen=True)
 class Office:
-    """Objects by name -> (id, class), surface (vertices, triangles, owners, names), hash, triangles, caster."""
+    """Objects by name -> (id, class), surface (vertices, triangles, owners, names), hash,
+    triangles, caster.
+    """
 
     objects: dict
     surface: object
@@ -192,7 +196,8 @@ def test_our_office_paths_keep_25_cm_from_every_surface(office, repository, kt):
 
 
 def test_the_offices_ceiling_is_as_flat_as_the_originals(office):
-    """Official depth has the light of the luminaires flush with the panels, and nothing lower than 10.3 mm: with more relief, the noise model spoils
+    """Official depth has the light of the luminaires flush with the panels, and nothing lower than
+    10.3 mm: with more relief, the noise model spoils
     the depth of all corners there."""
     names = [name for name in office.objects if name.startswith(("ceiling", "luminaire", "vent"))]
     heights = {}

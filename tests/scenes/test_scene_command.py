@@ -32,7 +32,9 @@ def test_bad_input_ends_with_code_2_and_one_line(blender, arguments, said):
     "room", [pytest.param(name, marks=pytest.mark.slow) for name in ("living_room", "office")]
 )
 def test_our_frames_feed_an_odometer_as_the_official_ones_do(samples, blender, tmp_path, room):
-    """Corners as the mean of three views: in one view their number depends on how edges are sampled (blend/README.md)."""
+    """Corners as the mean of three views: in one view their number depends on how edges are sampled
+    (blend/README.md).
+    """
     pytest.importorskip("cv2")
     done = scene(
         "compare",

@@ -31,7 +31,9 @@ def caster_of(path):
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):
-    """A closed box of a room, 4 x 4 x 3 m, a cupboard before its far wall, and a path of poses that look at that wall."""
+    """A closed box of a room, 4 x 4 x 3 m, a cupboard before its far wall, and a path of poses that
+    look at that wall.
+    """
     folder = tmp_path_factory.mktemp("room")
     bpy.ops.wm.read_factory_settings(use_empty=True)
     for name, size, location, inside in (

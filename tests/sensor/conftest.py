@@ -12,7 +12,8 @@ def camera():
 
 @pytest.fixture
 def plane():
-    """plane(camera, angle, depth): depth image (float32) of a plane turned about the camera's y axis, `depth` metres
+    """plane(camera, angle, depth): depth image (float32) of a plane turned about the camera's y
+    axis, `depth` metres
     away along the optical axis, its normal at `angle` degrees from that axis."""
 
     def make(camera, angle_deg, depth_m):

@@ -1,4 +1,6 @@
-"""The paper's depth noise (equation 3, the step along the normal): every sigma comes back out, nothing bleeds."""
+"""The paper's depth noise (equation 3, the step along the normal): every sigma comes back out,
+nothing bleeds.
+"""
 
 import numpy as np
 import pytest
@@ -116,12 +118,14 @@ def test_equal_steps_along_the_normal_move_a_slanted_plane_as_a_whole(
     model = PaperDepthNoise(sigma_theta_m=0.05, **none, **NO_SHIFT, **NO_STEPS)
     step_m = 0.05 * gaussian(generator, (1,))[0]
     depth = plane(camera, angle_deg, 2.0)
-    # the plane lies 2 cos(angle) from the camera; moved along its normal it meets the optical axis this much farther
+    # the plane lies 2 cos(angle) from the camera; moved along its normal it meets the optical axis
+    # this much farther
     moved = plane(camera, angle_deg, 2.0 + step_m / np.cos(np.radians(angle_deg)))
     if axis == "v":
         depth, moved = depth.T, moved.T
     noisy = model.apply(depth, camera, generator).astype(float)
-    # each point lands on the pixel nearest to its ray, so depth is off by half a pixel's slope at most
+    # each point lands on the pixel nearest to its ray, so depth is off by half a pixel's slope at
+    # most
     half_pixel = 0.5 * np.abs(np.stack(np.gradient(moved.astype(float)))).max(0)
     inner, landed = np.s_[20:-20, 20:-20], noisy > 0
     assert landed[inner].mean() > 0.6
@@ -189,7 +193,8 @@ def test_edges_borders_and_missing_pixels_never_bleed(lateral):
             and (noisy[:, -1] > 0).all()
         )
         assert (noisy[90:100, 30:50] == 0).all()
-        # an edge moves by the shift alone: 4.32 sigma of half a pixel, two and a half pixels at most
+        # an edge moves by the shift alone: 4.32 sigma of half a pixel, two and a half pixels at
+        # most
         assert near[34:58, 44:76].all() and far[:26].all() and far[:, 105:].all()
 
 

@@ -1,4 +1,6 @@
-"""Which instants make up a frame: centred, close enough in pixels, and every row within a tenth of a pixel of its own."""
+"""Which instants make up a frame: centred, close enough in pixels, and every row within a tenth of
+a pixel of its own.
+"""
 
 import numpy as np
 import pytest

@@ -59,7 +59,9 @@ def folder(truth, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def look_at():
-    """look_at(stamp_s): what the scene shows then, sRGB and depth; the judge of what is made between frames."""
+    """look_at(stamp_s): what the scene shows then, sRGB and depth; the judge of what is made
+    between frames.
+    """
 
     def seen(stamp_s):
         light, depth_z_m = look(pose_at(stamp_s))

@@ -16,7 +16,9 @@ BOUNDS = Bounds()
 
 
 def poses(truth, jumps_m=(), bad=(), missing=()):
-    """A method's word on every frame of `truth`: along it but for jumps (frame, metres), flagged in `bad`, lost in `missing`."""
+    """A method's word on every frame of `truth`: along it but for jumps (frame, metres), flagged in
+    `bad`, lost in `missing`.
+    """
     offset = np.zeros((len(truth), 3))
     for frame, metres in jumps_m:
         offset[frame:, 0] += metres
@@ -42,7 +44,8 @@ def poses(truth, jumps_m=(), bad=(), missing=()):
                 "success": True,
             },
         ),
-        # a jump of 3 cm is wrong in its step alone; one of 6 cm also over the second before frames 28 to 39
+        # a jump of 3 cm is wrong in its step alone; one of 6 cm also over the second before frames
+        # 28 to 39
         (
             {"jumps_m": [(10, 0.03)]},
             False,

@@ -1,4 +1,6 @@
-"""Curves: a step changes what it says, all steps see the same frames, and a camera that does not wait loses frames."""
+"""Curves: a step changes what it says, all steps see the same frames, and a camera that does not
+wait loses frames.
+"""
 
 import json
 

@@ -1,4 +1,6 @@
-"""`iclnuim stress` from folder to pages: cells are made once, made again where they differ, and the same whenever they are made."""
+"""`iclnuim stress` from folder to pages: cells are made once, made again where they differ, and the
+same whenever they are made.
+"""
 
 import argparse
 import json
@@ -105,7 +107,9 @@ def test_the_hash_of_code_ignores_comments_and_layout(tmp_path, text, same):
 def test_cells_of_a_file_are_reported_without_being_measured(
     command_here, folder, tmp_path, monkeypatch
 ):
-    """The published cells give the same table in a folder without sequences, and next to other cells."""
+    """The published cells give the same table in a folder without sequences, and next to other
+    cells.
+    """
     words = ("--only", "holes", "--severities", "1,5", *SMALL, "--quiet")
     assert command_here("stress", folder, "-o", tmp_path / "first", *words)[0] == 0
     code, table, _ = command_here(

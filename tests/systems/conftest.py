@@ -18,7 +18,9 @@ FRAMES = 60
 
 @pytest.fixture(scope="session")
 def make_sequence(repository):
-    """make_sequence(folder, first_s=1): associations, camera.json and groundtruth.txt along the shipped kt2."""
+    """make_sequence(folder, first_s=1): associations, camera.json and groundtruth.txt along the
+    shipped kt2.
+    """
     poses = read_trajectory(
         repository / "trajectories/living_room/kt2.txt"
     ).trajectory.T_world_camera[: 2 * FRAMES : 2]
@@ -50,7 +52,9 @@ def sequence(make_sequence, tmp_path_factory):
 
 @pytest.fixture
 def fake(tmp_path, sequence):
-    """fake(mode, more lines of the file ...) -> the path of a system's file that runs fake_system.py in that mode."""
+    """fake(mode, more lines of the file ...) -> the path of a system's file that runs
+    fake_system.py in that mode.
+    """
 
     def make(mode, *tables, arguments=(), truth=sequence / "groundtruth.txt"):
         script = Path(__file__).parent / "fake_system.py"

@@ -1,4 +1,6 @@
-"""A stand-in for a SLAM system: writes what is true of the staged frames, spoilt as its first argument says. MODE STAGE OUT TRUTH OFFSET."""
+"""A stand-in for a SLAM system: writes what is true of the staged frames, spoilt as its first
+argument says. MODE STAGE OUT TRUTH OFFSET.
+"""
 
 import json
 import os

@@ -1,4 +1,6 @@
-"""What `iclnuim run` has written becomes cells of `iclnuim benchmark`, and what a cell is measured on is told apart."""
+"""What `iclnuim run` has written becomes cells of `iclnuim benchmark`, and what a cell is measured
+on is told apart.
+"""
 
 import json
 from dataclasses import replace

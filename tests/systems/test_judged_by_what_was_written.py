@@ -220,7 +220,9 @@ def test_an_interrupted_run_leaves_no_process_and_no_half_run(fake, sequence, tm
 def test_a_trajectory_that_was_matched_has_the_frames_own_stamps(
     run, fake, make_sequence, tmp_path
 ):
-    """Of a sequence from 0 s on the view begins at 1 s, and a system that stops at a stamp of 0 runs."""
+    """Of a sequence from 0 s on the view begins at 1 s, and a system that stops at a stamp of 0
+    runs.
+    """
     folder = make_sequence(tmp_path / "kt2/zero", 0.0)
     rows, _ = run(fake("stops at zero"), folder=folder)
     assert rows["stops_at_zero"]["ate_rmse_m"] < 1e-4

@@ -11,7 +11,10 @@ from iclnuim.geometry.camera import PinholeCamera
 
 @dataclass(frozen=True)
 class RayRoom:
-    """A scene's surfaces as one BVH tree; `names[owners[face]]` is the object a face belongs to. World metres."""
+    """A scene's surfaces as one BVH tree; `names[owners[face]]` is the object a face belongs to.
+
+    World metres.
+    """
 
     tree: object
     owners: np.ndarray
@@ -23,7 +26,9 @@ class RayRoom:
         return np.array([f[3] for f in found]), [self.names[self.owners[f[2]]] for f in found]
 
     def cast(self, T_world_camera, camera: PinholeCamera):
-        """Planar depth (n,) (0: nothing hit), normals and points (n, 3) in the world, owner (n,) (-1: nothing hit)."""
+        """Planar depth (n,) (0: nothing hit), normals and points (n, 3) in the world, owner (n,)
+        (-1: nothing hit).
+        """
         directions = camera.rays().reshape(-1, 3) @ T_world_camera.rotation.T
         origin = T_world_camera.translation.tolist()
         hits = [self.tree.ray_cast(origin, d) for d in directions.tolist()]

@@ -1,4 +1,6 @@
-"""The generator of hand-held motion: laws of its spline, pace and noise; recipes are checked; the command."""
+"""The generator of hand-held motion: laws of its spline, pace and noise; recipes are checked; the
+command.
+"""
 
 import json
 

@@ -1,4 +1,6 @@
-"""The paths in their rooms: clear of every surface; kt0's wall leaves ICP free, furnished views do not."""
+"""The paths in their rooms: clear of every surface; kt0's wall leaves ICP free, furnished views do
+not.
+"""
 
 import json
 
@@ -10,13 +12,15 @@ from iclnuim.geometry.se3 import SE3
 
 CLEARANCE_M = 0.25
 CAMERA = PinholeCamera.parse("80x60")
-#: Frames of kt0 that see nothing but the bare wall and the thin plant (living room) or the coat stand (office).
+#: Frames of kt0 that see nothing but the bare wall and the thin plant (living room) or the coat
+#: stand (office).
 STRETCH = {"living_room": slice(505, 901), "office": slice(560, 1096)}
 DEPTH_RANGE_M = 13.107
 
 
 def smallest_eigenvalue(points, normals):
-    """lambda_min / N of the translation block of the point-to-plane matrix, points centred, of RMS distance 1.
+    """lambda_min / N of the translation block of the point-to-plane matrix, points centred, of RMS
+    distance 1.
 
     Rows (n, (p - c) x n / s); the rotations are eliminated by the Schur complement.
     """
@@ -106,7 +110,9 @@ def test_furnished_views_hold_icp(living_room, path_of):
 
 @pytest.mark.parametrize(("kt", "low", "high"), [("kt2", 0.05, 0.2), ("window", 0.25, 0.45)])
 def test_the_window_takes_no_more_of_kt2_than_of_the_originals(living_room, path_of, kt, low, high):
-    """Of the original's kt2 the pane takes up to 25 %, and 3.4 % in the mean; `window` is the hard case."""
+    """Of the original's kt2 the pane takes up to 25 %, and 3.4 % in the mean; `window` is the hard
+    case.
+    """
     path, pane, small = (
         path_of(f"living_room/{kt}"),
         living_room.names.index("window_pane"),
@@ -159,7 +165,9 @@ def test_kt0_of_the_office_passes_for_seconds_close_under_the_ceiling_and_looks_
 
 
 def test_kt0_of_the_office_rises_and_moves_backwards_along_a_mirroring_bar(path_of):
-    """DVO follows the mirrored desks there; on two other paths under the ceiling it did not (docs/systems.md)."""
+    """DVO follows the mirrored desks there; on two other paths under the ceiling it did not
+    (docs/systems.md).
+    """
     path = path_of("office/kt0")
     position_m, forward = path.positions_m[1300:1361], path.T_world_camera.rotation[1300:1361, :, 2]
     beside_the_bar_m = -0.5 - position_m[:, 0]

@@ -1,4 +1,6 @@
-"""The shipped trajectories: Table I, hand-held motion, kt3's loop; their recipes make the same bytes."""
+"""The shipped trajectories: Table I, hand-held motion, kt3's loop; their recipes make the same
+bytes.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +13,8 @@ from iclnuim.headless.commands.trajectory import tum_text
 from scipy.signal import welch
 from scipy.spatial.transform import Rotation
 
-#: Table I of the paper: frames, metres; and rotation rates measured on the official poses: mean, largest, degrees/s
+#: Table I of the paper: frames, metres; and rotation rates measured on the official poses: mean,
+#: largest, degrees/s
 TABLE_1 = {
     "living_room/kt0": (1510, 6.54, 14.0, 53.0),
     "living_room/kt1": (967, 2.05, 13.5, 63.0),
@@ -23,7 +26,8 @@ TABLE_1 = {
     "office/kt3": (1242, 7.83, 11.7, 72.0),
     "living_room/window": (882, 8.43, 16.0, 67.0),  # the former kt2
 }
-#: Height of the highest pose, and share of poses between 0.9 and 1.7 m; office kt0 rises close under the ceiling, as the original does.
+#: Height of the highest pose, and share of poses between 0.9 and 1.7 m; office kt0 rises close
+#: under the ceiling, as the original does.
 HIGHEST = {"office/kt0": (2.32, 0.75)}
 FLOOR_Z_M = {"living_room": 0.133, "office": 3.0}
 each_path = pytest.mark.parametrize("name", TABLE_1)

@@ -1,4 +1,5 @@
-"""Run inside a Blender without a window: installs the zip into a clean profile, presses every button, prints findings as JSON.
+"""Run inside a Blender without a window: installs the zip into a clean profile, presses every
+button, prints findings as JSON.
 
 usage: gui_driver_background.py ZIP OUT ESTIMATE   (after `--` where a blender binary runs it)
 """
@@ -69,7 +70,9 @@ def in_an_older_blender(package) -> str:
 
 
 def own_file(found: dict, button, out: str) -> None:
-    """A user-provided room as .obj: shown, lit, baked, rendered; what the panel reports of its light map before and after."""
+    """A user-provided room as .obj: shown, lit, baked, rendered; what the panel reports of its
+    light map before and after.
+    """
     settings = bpy.context.scene.iclnuim
     inputs, state = (importlib.import_module(f"{MODULE}.ui.{name}") for name in ("inputs", "state"))
     before = {name: getattr(settings, name) for name in ("scene_source", "light", "out", "frames")}

@@ -1,9 +1,12 @@
 """Run inside a Blender with a window: drives the panel by a script, with a screenshot of each step.
 
-usage: xvfb-run -s "-screen 0 1600x1200x24" blender --factory-startup -P gui_driver_window.py -- ZIP OUT ESTIMATE SHOTS [SETTINGS]
+usage: xvfb-run -s "-screen 0 1600x1200x24" blender --factory-startup -P gui_driver_window.py -- ZIP
+OUT ESTIMATE SHOTS [SETTINGS]
 
-SETTINGS is JSON: settings of the panel after the preset `Quick look`, "open_all" to draw every sub-panel open, and "parts", names of what is
-done after a look at the scene (PARTS below; default: all). Ends the Blender and leaves SHOTS/result.json: what was pressed and said, ticks of a timer during the renders, time to draw, what stayed behind.
+SETTINGS is JSON: settings of the panel after the preset `Quick look`, "open_all" to draw every
+sub-panel open, and "parts", names of what is done after a look at the scene (PARTS below; default:
+all). Ends the Blender and leaves SHOTS/result.json: what was pressed and said, ticks of a timer
+during the renders, time to draw, what stayed behind.
 """
 
 import gc

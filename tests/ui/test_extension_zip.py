@@ -1,4 +1,6 @@
-"""The extension's zip: complete, valid by Blender's own validator, the same bytes each time, and at home in Blender."""
+"""The extension's zip: complete, valid by Blender's own validator, the same bytes each time, and at
+home in Blender.
+"""
 
 import json
 import subprocess

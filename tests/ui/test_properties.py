@@ -1,4 +1,6 @@
-"""The panel's properties: made of the declarations and registries, so that a new entry appears without a line in the panel."""
+"""The panel's properties: made of the declarations and registries, so that a new entry appears
+without a line in the panel.
+"""
 
 import dataclasses
 import json

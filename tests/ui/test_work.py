@@ -1,4 +1,6 @@
-"""The state machine of work in a worker process, without Blender: progress, cancel, crash, two at once, and what is reported."""
+"""The state machine of work in a worker process, without Blender: progress, cancel, crash, two at
+once, and what is reported.
+"""
 
 import pytest
 from iclnuim import worker_events

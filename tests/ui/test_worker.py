@@ -1,4 +1,6 @@
-"""The panel's work with a real worker process: killed, or abandoned by its window, finished frames stay and the next run continues."""
+"""The panel's work with a real worker process: killed, or abandoned by its window, finished frames
+stay and the next run continues.
+"""
 
 import time
 from pathlib import Path
@@ -24,7 +26,9 @@ def crate(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def begin(crate):
-    """`begin(out, frames, ...)`: a worker process that has been told to render them, and the panel's work with it."""
+    """`begin(out, frames, ...)`: a worker process that has been told to render them, and the
+    panel's work with it.
+    """
 
     def run(
         out: Path, frames: list[int], sequences: dict | None = None, **changes

@@ -1,7 +1,9 @@
-"""Finds references to other files in a .blend by parsing its blocks before Blender opens it, because Blender reads libraries while it opens a file.
+"""Finds references to other files in a .blend by parsing its blocks before Blender opens it,
+because Blender reads libraries while it opens a file.
 
-A .blend consists of a header and blocks. The block DNA1 describes the C structs in all other blocks. Source: Blender's
-doc/blender_file_format. Fields have their DNA names, which files keep even if the source code has renamed them.
+A .blend consists of a header and blocks. The block DNA1 describes the C structs in all other
+blocks. Source: Blender's doc/blender_file_format. Fields have their DNA names, which files keep
+even if the source code has renamed them.
 """
 
 import gzip
@@ -15,7 +17,8 @@ from typing import Any
 
 from ..errors import InputError
 
-#: Structs and fields with paths that Blender does not read: former locations of the file, output paths, the sequencer, the window's layout.
+#: Structs and fields with paths that Blender does not read: former locations of the file, output
+#: paths, the sequencer, the window's layout.
 _NOT_READ = {
     "FileGlobal", "LibraryWeakReference", "ImagePackedFile", "RenderData", "BakeData", "DynamicPaintSurface", "NodeImageMultiFile",
     "NodeImageMultiFileSocket", "Strip", "StripElem", "StripProxy", "Editing", "FileSelectParams", "Text", "UserDef", "Script",
@@ -132,7 +135,9 @@ class _Blend:
         return self._layout(dna)
 
     def _layout(self, dna: bytes) -> tuple[list[tuple[str, int]], dict[str, dict[str, _Field]]]:
-        """(kind, size) of the structs by number, and a mapping kind -> name (with its stars) -> field."""
+        """(kind, size) of the structs by number, and a mapping kind -> name (with its stars) ->
+        field.
+        """
         texts, at = [], 0
         for tag in (b"NAME", b"TYPE"):
             at = dna.index(tag, at) + 8
@@ -162,7 +167,9 @@ class _Blend:
         return structs, fields
 
     def _paths(self, kind: str, within: tuple[str, ...] = ()) -> list[tuple[str, int, int]]:
-        """(struct.field, offset, length) of the paths in a struct and in the structs it contains; results are cached."""
+        """(struct.field, offset, length) of the paths in a struct and in the structs it contains;
+        results are cached.
+        """
         if kind in self.paths:
             return self.paths[kind]
         if kind in within:
@@ -224,7 +231,9 @@ class _Blend:
         return any(self._pointer(data, field.offset) in to for field in found)
 
     def _place(self, kind: str, data: bytes) -> str:
-        """A description such as `Image floor`; a struct that is not a datablock has no name: `Mesh Cache Modifier Data`."""
+        """A description such as `Image floor`; a struct that is not a datablock has no name: `Mesh
+        Cache Modifier Data`.
+        """
         words = re.sub("(?<=[a-z])(?=[A-Z])", " ", kind.removeprefix("b"))
         if (block := self.fields[kind].get("id")) is None or block.kind != "ID":
             return words
@@ -234,7 +243,8 @@ class _Blend:
 
 
 def names(file: Path) -> Iterator[tuple[str, str, str]]:
-    """(place, what, name); what is "file", "required" (reported if it is missing), "folder", or "computed" if the path is not known in advance.
+    """(place, what, name); what is "file", "required" (reported if it is missing), "folder", or
+    "computed" if the path is not known in advance.
 
     Raises InputError for a file that is not a valid .blend.
     """

@@ -1,4 +1,6 @@
-"""Cameras of the open scene: keyframes with a trajectory's exact poses; an animated camera as a trajectory, its lens as a pinhole camera."""
+"""Cameras of the open scene: keyframes with a trajectory's exact poses; an animated camera as a
+trajectory, its lens as a pinhole camera.
+"""
 
 import bpy
 import mathutils
@@ -15,10 +17,12 @@ NAME = "ICL-NUIM camera"
 
 
 def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
-    """Add an active camera that follows the poses (n,), pose i at frame i, with the intrinsics of `camera`: exactly its K, without depth of
+    """Add an active camera that follows the poses (n,), pose i at frame i, with the intrinsics of
+    `camera`: exactly its K, without depth of
     field, with clipping at 1 mm and 10 km.
 
-    Interpolation is linear and the signs of the quaternions are continuous, so that the timeline plays the motion correctly.
+    Interpolation is linear and the signs of the quaternions are continuous, so that the timeline
+    plays the motion correctly.
     """
     scene = bpy.context.scene
     thing = bpy.data.objects.new(NAME, bpy.data.cameras.new(NAME))
@@ -56,7 +60,9 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
 
 
 def _locations_and_quaternions(T_world_cv: SE3) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3) locations and (n, 4) quaternions, scalar first, decomposed by mathutils as Blender itself does."""
+    """(n, 3) locations and (n, 4) quaternions, scalar first, decomposed by mathutils as Blender
+    itself does.
+    """
     locations: list[mathutils.Vector] = []
     quaternions: list[mathutils.Quaternion] = []
     for matrix in axes.world_blender_from_world_cv(T_world_cv).matrix:
@@ -87,7 +93,8 @@ def active(scene: bpy.types.Scene, name: str | None = None) -> bpy.types.Object:
 
 
 def trajectory(scene: bpy.types.Scene, camera: bpy.types.Object | None = None) -> Trajectory:
-    """The poses of the camera at every frame of the timeline, with stamps from 1 s on at the scene's frame rate. The current frame is restored.
+    """The poses of the camera at every frame of the timeline, with stamps from 1 s on at the
+    scene's frame rate. The current frame is restored.
 
     If no `camera` is given, markers that change the active camera are followed.
     """
@@ -103,7 +110,9 @@ def trajectory(scene: bpy.types.Scene, camera: bpy.types.Object | None = None) -
 
 
 def timeline_note(scene: bpy.types.Scene) -> str | None:
-    """A warning if the poses of `trajectory` and the scene's motion would be rendered at different times: pose 0 is rendered at frame 0."""
+    """A warning if the poses of `trajectory` and the scene's motion would be rendered at different
+    times: pose 0 is rendered at frame 0.
+    """
     moves = preflight.moving_names(scene) if scene.frame_start else []
     if not moves:
         return None
@@ -114,7 +123,9 @@ def timeline_note(scene: bpy.types.Scene) -> str | None:
 
 
 def _poses(matrices: np.ndarray) -> SE3:
-    """Rigid poses of matrices (n, 4, 4) that may scale or mirror: view and up directions are kept, and the right direction is computed from them."""
+    """Rigid poses of matrices (n, 4, 4) that may scale or mirror: view and up directions are kept,
+    and the right direction is computed from them.
+    """
     back = matrices[:, :3, 2] / np.linalg.norm(matrices[:, :3, 2], axis=1, keepdims=True)
     right = np.cross(matrices[:, :3, 1], back)
     right /= np.linalg.norm(right, axis=1, keepdims=True)

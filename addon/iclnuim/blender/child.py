@@ -1,13 +1,15 @@
-"""The worker process of farm and panel. It reads JSON commands and writes JSON events, one per line, and builds its scene once.
+"""The worker process of farm and panel. It reads JSON commands and writes JSON events, one per
+line, and builds its scene once.
 
     python .../child.py JOB.json OUT
     blender -b --factory-startup --python-exit-code 3 -P .../child.py -- JOB.json OUT
 
-JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10, "journal": FILE,
-"asked": [..]}. Commands:
-{"frames": [..]}, optionally with "sequences": {..} to be made from them (dataset.sequence.writer_of), {"bake": true}, {"blend": FILE} for a copy
-of the prepared scene, {"stop": true}. At the end of input, or when the parent has ended, the current frame is finished and the process ends.
-Events are those of worker_events.py. Exit codes: 0 done, 2 and 3 as on the command line, 130 stopped.
+JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10,
+"journal": FILE, "asked": [..]}. Commands: {"frames": [..]}, optionally with "sequences": {..} to be
+made from them (dataset.sequence.writer_of), {"bake": true}, {"blend": FILE} for a copy of the
+prepared scene, {"stop": true}. At the end of input, or when the parent has ended, the current frame
+is finished and the process ends. Events are those of worker_events.py. Exit codes: 0 done, 2 and 3
+as on the command line, 130 stopped.
 """
 
 from __future__ import annotations
@@ -32,14 +34,17 @@ if TYPE_CHECKING:
     from iclnuim.worker_events import Event
 #: Time for a process whose parent has ended to finish its frame.
 GRACE_S = 60.0
-#: Interval of the heartbeat, which distinguishes a stopped process from one that renders a long frame.
+#: Interval of the heartbeat, which distinguishes a stopped process from one that renders a long
+#: frame.
 ALIVE_S = 2.0
 
 
 class EventStream:
-    """Writes one JSON object per line to the original standard output. All other output is redirected to standard error.
+    """Writes one JSON object per line to the original standard output. All other output is
+    redirected to standard error.
 
-    With a `journal`, finished frames are first appended to that file, one line each; lines are complete even if several processes write.
+    With a `journal`, finished frames are first appended to that file, one line each; lines are
+    complete even if several processes write.
     """
 
     def __init__(self) -> None:
@@ -59,7 +64,10 @@ class EventStream:
 
 
 class Commands:
-    """Reads standard input in a thread. `stopped` is set by {"stop": true}, by the end of input, and when the parent has ended."""
+    """Reads standard input in a thread.
+
+    `stopped` is set by {"stop": true}, by the end of input, and when the parent has ended.
+    """
 
     def __init__(self) -> None:
         self.stopped = threading.Event()
@@ -163,7 +171,10 @@ def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> i
 def _render(
     session: worker.Session, command: dict, emit: EventStream, should_stop: Callable[[], bool]
 ) -> tuple[int, bool]:
-    """Render frames, then write sequences from them. Errors in the settings of the sequences are raised before the first frame."""
+    """Render frames, then write sequences from them.
+
+    Errors in the settings of the sequences are raised before the first frame.
+    """
     from iclnuim.dataset.sequence import writer_of
     from iclnuim.worker_events import Missing, Written
 
@@ -177,13 +188,16 @@ def _render(
 
 
 def _share_the_machine(options: dict) -> None:
-    """Set the process's cores and priority before Blender counts the cores, and request a signal when the parent ends."""
+    """Set the process's cores and priority before Blender counts the cores, and request a signal
+    when the parent ends.
+    """
     if options.get("cores") and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, set(options["cores"]))
     if options.get("nice") and hasattr(os, "nice"):
         os.nice(options["nice"])
     if sys.platform == "linux":
-        # a stopped process continues when its parent is killed, so that it can end (PR_SET_PDEATHSIG)
+        # a stopped process continues when its parent is killed, so that it can end
+        # (PR_SET_PDEATHSIG)
         with suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(1, int(signal.SIGCONT), 0, 0, 0)
 

@@ -1,4 +1,5 @@
-"""Differences between Blender versions, one function for each, and helpers that several modules share.
+"""Differences between Blender versions, one function for each, and helpers that several modules
+share.
 
 Each function checks for the feature, not for the version.
 """
@@ -36,7 +37,10 @@ def version_line() -> str:
 
 @contextmanager
 def temporarily(thing: object, **settings: object) -> Iterator[None]:
-    """Change settings of a Blender struct temporarily. Settings that this version does not have are ignored."""
+    """Change settings of a Blender struct temporarily.
+
+    Settings that this version does not have are ignored.
+    """
     before = {name: getattr(thing, name) for name in settings if hasattr(thing, name)}
     try:
         for name in before:
@@ -50,7 +54,10 @@ def temporarily(thing: object, **settings: object) -> Iterator[None]:
 def matt_material(
     name: str, colour: tuple[float, ...] | None = None
 ) -> tuple[bpy.types.Material, bpy.types.Node]:
-    """A new material with a Diffuse BSDF, and that node. From 5.0 on every material has a node tree."""
+    """A new material with a Diffuse BSDF, and that node.
+
+    From 5.0 on every material has a node tree.
+    """
     material = bpy.data.materials.new(name)
     if material.node_tree is None:
         material.use_nodes = True
@@ -118,7 +125,10 @@ def bake(thing: bpy.types.Object, **options: object) -> None:
 
 
 def set_multilayer_exr(image_settings: bpy.types.ImageFormatSettings) -> None:
-    """Set 32-bit float multilayer EXR, not compressed. From 5.0 on the media type must be set before the format."""
+    """Set 32-bit float multilayer EXR, not compressed.
+
+    From 5.0 on the media type must be set before the format.
+    """
     if hasattr(image_settings, "media_type"):
         image_settings.media_type = "MULTI_LAYER_IMAGE"
     image_settings.file_format, image_settings.color_depth = "OPEN_EXR_MULTILAYER", "32"
@@ -126,7 +136,10 @@ def set_multilayer_exr(image_settings: bpy.types.ImageFormatSettings) -> None:
 
 
 def fcurves(datablock: bpy.types.ID, action: bpy.types.Action) -> Any:
-    """The F-curves of `action` for `datablock`. From 4.4 on they are in layers, strips and channel bags of a slot."""
+    """The F-curves of `action` for `datablock`.
+
+    From 4.4 on they are in layers, strips and channel bags of a slot.
+    """
     animation = datablock.animation_data_create()
     animation.action = action
     if not hasattr(action, "slots"):
@@ -144,10 +157,13 @@ def fcurves(datablock: bpy.types.ID, action: bpy.types.Action) -> Any:
 
 @contextmanager
 def passes_in_memory(wanted: bool) -> Iterator[dict[str, np.ndarray] | None]:
-    """Yields a dictionary that gets the channels (h, w) of the render in the `with` block, top row first, named as in Blender's multilayer EXR; None
-    if they are not wanted, if this version does not allow it, or if the image is larger than a tile.
+    """Yields a dictionary that gets the channels (h, w) of the render in the `with` block, top row
+    first, named as in Blender's multilayer EXR; None
+    if they are not wanted, if this version does not allow it, or if the image is larger than a
+    tile.
 
-    The Python part of Cycles is intercepted: once the render has ended, passes are no longer accessible from Python.
+    The Python part of Cycles is intercepted: once the render has ended, passes are no longer
+    accessible from Python.
     """
     cycles: Any = sys.modules.get("cycles.engine")
     original = getattr(cycles, "render", None)
@@ -208,7 +224,10 @@ def leave_out_experiments(scene: bpy.types.Scene) -> None:
 
 
 def import_fbx(path: str) -> object:
-    """Import FBX by Blender's importer (from 4.5 on), or else by that of the add-on. Raises AttributeError if there is none."""
+    """Import FBX by Blender's importer (from 4.5 on), or else by that of the add-on.
+
+    Raises AttributeError if there is none.
+    """
     for group, name in (("wm", "fbx_import"), ("import_scene", "fbx")):
         reader = getattr(getattr(bpy.ops, group), name)
         if _is_there(reader):
@@ -230,7 +249,10 @@ def import_usd(path: str) -> object:
 
 
 def usd_library() -> Any:
-    """Blender's USD library for Python, or None. In the package bpy it must first be added to the import path."""
+    """Blender's USD library for Python, or None.
+
+    In the package bpy it must first be added to the import path.
+    """
     getattr(bpy.utils, "expose_bundled_modules", list)()
     try:
         import pxr.Ar
@@ -250,7 +272,10 @@ def _is_there(operator: Any) -> bool:
 
 
 def curves_of(action: bpy.types.Action) -> list[bpy.types.FCurve]:
-    """All F-curves of an action, of all slots. Nothing is changed. See `fcurves` about layers and slots."""
+    """All F-curves of an action, of all slots.
+
+    Nothing is changed. See `fcurves` about layers and slots.
+    """
     if not hasattr(action, "layers"):
         return list(action.fcurves)
     return [

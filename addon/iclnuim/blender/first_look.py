@@ -1,4 +1,7 @@
-"""The preview of a user-provided scene: one small frame, path traced and denoised. Its render time decides between baked and path-traced light."""
+"""The preview of a user-provided scene: one small frame, path traced and denoised.
+
+Its render time decides between baked and path-traced light.
+"""
 
 import tempfile
 import time
@@ -15,17 +18,20 @@ from ..job import RenderJob, bake_core_s
 from ..sensor.transfer import srgb8
 from . import camera, compat, frames, light_map, scene, settings
 
-#: Core-seconds of a path-traced sample of 640 x 480 pixels where bake_core_s was measured. If a sample takes longer, a bake does too.
+#: Core-seconds of a path-traced sample of 640 x 480 pixels where bake_core_s was measured. If a
+#: sample takes longer, a bake does too.
 _SAMPLE_CORE_S = 3.0
 #: Name of the preview in the run folder.
 PREVIEW = "preview.png"
-#: Its longer side in pixels, its maximum number of samples, and the time for them; at least two samples are rendered.
+#: Its longer side in pixels, its maximum number of samples, and the time for them; at least two
+#: samples are rendered.
 _SIDE_PX, _MAX_SAMPLES, _SAMPLES_S = 320, 16, 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """rgb (h, w, 3): scene-linear, of frame `number`; black: the likely cause if it is black. Estimates from its render time, in seconds: path_s and
+    """rgb (h, w, 3): scene-linear, of frame `number`; black: the likely cause if it is black.
+    Estimates from its render time, in seconds: path_s and
     baked_s for a frame of the job, bake_s for the bake.
     """
 
@@ -45,7 +51,8 @@ class Look:
 
 
 def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | None) -> Look:
-    """Render a small preview of frame `number` of the open scene. Settings, camera and materials of the scene are changed: open the scene again to
+    """Render a small preview of frame `number` of the open scene. Settings, camera and materials of
+    the scene are changed: open the scene again to
     render the job.
     """
     path = scene.with_light(job, "path")
@@ -84,7 +91,8 @@ def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | Non
 
 
 def choose(job: RenderJob, out: Path, look: Look | None, frame_count: int) -> tuple[RenderJob, str]:
-    """The job with baked light or path tracing, whichever takes less time for this number of frames, and a sentence about the choice.
+    """The job with baked light or path tracing, whichever takes less time for this number of
+    frames, and a sentence about the choice.
 
     A run that was started in `out` keeps its light.
     """

@@ -1,7 +1,9 @@
-"""Rendering of one frame to arrays: scene-linear RGB, exact planar Z, motion blur and rolling shutter. Passes are taken from Cycles in memory where
+"""Rendering of one frame to arrays: scene-linear RGB, exact planar Z, motion blur and rolling
+shutter. Passes are taken from Cycles in memory where
 possible, otherwise from Blender's multilayer EXR, with the same values.
 
-For motion blur and rolling shutter, many cheap renders at poses inside the exposure are averaged in linear light, band by band.
+For motion blur and rolling shutter, many cheap renders at poses inside the exposure are averaged in
+linear light, band by band.
 """
 
 import math
@@ -29,9 +31,11 @@ _TOO_NEAR_M = 0.05
 
 
 def render(number: float, raw_file: Path, in_memory: bool = False) -> Raw:
-    """Render frame `number` of the open scene, which may be between two frames, to `raw_file`, an EXR written by Blender.
+    """Render frame `number` of the open scene, which may be between two frames, to `raw_file`, an
+    EXR written by Blender.
 
-    Returns that file, or with `in_memory`, if this Blender allows it, the channels, without writing a file. Raises WorkError if Blender fails.
+    Returns that file, or with `in_memory`, if this Blender allows it, the channels, without writing
+    a file. Raises WorkError if Blender fails.
     """
     scene = bpy.context.scene
     scene.frame_set(math.floor(number), subframe=number % 1)
@@ -52,7 +56,8 @@ def channels_of(raw: Raw) -> dict[str, np.ndarray]:
 
 
 def read(raw: Raw, raw_depth: Raw) -> tuple[np.ndarray, np.ndarray]:
-    """(h, w, 3) scene-linear RGB of `raw` and (h, w) planar Z in metres, 0 for background, of `raw_depth` (often the same).
+    """(h, w, 3) scene-linear RGB of `raw` and (h, w) planar Z in metres, 0 for background, of
+    `raw_depth` (often the same).
 
     Raises WorkError for a truncated file: Blender does not report a full disk.
     """
@@ -68,7 +73,9 @@ def read(raw: Raw, raw_depth: Raw) -> tuple[np.ndarray, np.ndarray]:
 
 
 def why_black(rgb: np.ndarray, depth_z_m: np.ndarray) -> str | None:
-    """The likely cause if less than 1 % of the pixels of an image (h, w, 3) are not black; None for all other images."""
+    """The likely cause if less than 1 % of the pixels of an image (h, w, 3) are not black; None for
+    all other images.
+    """
     # many times as fast as a maximum over the last axis
     brightest = np.maximum(np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2])
     if (brightest > _BLACK).mean() >= 0.01:
@@ -82,7 +89,10 @@ def why_black(rgb: np.ndarray, depth_z_m: np.ndarray) -> str | None:
 
 
 def channel_ending(channels: dict[str, np.ndarray], *names: str) -> np.ndarray:
-    """The channel with one of these names, in any view layer. Raises WorkError unless there is exactly one."""
+    """The channel with one of these names, in any view layer.
+
+    Raises WorkError unless there is exactly one.
+    """
     found = [array for key, array in channels.items() if key.endswith(names)]
     if len(found) != 1:
         raise WorkError(
@@ -94,7 +104,8 @@ def channel_ending(channels: dict[str, np.ndarray], *names: str) -> np.ndarray:
 def shoot(
     job: RenderJob, number: int, trajectory: Trajectory, depth_z_m: np.ndarray, raw_file: Path
 ) -> np.ndarray:
-    """Render (h, w, 3) scene-linear RGB of frame `number` of the open scene through the shutter; depth_z_m (h, w) is the depth at its stamp.
+    """Render (h, w, 3) scene-linear RGB of frame `number` of the open scene through the shutter;
+    depth_z_m (h, w) is the depth at its stamp.
 
     Before the start and after the end of the trajectory the camera does not move.
     """
@@ -112,7 +123,8 @@ def shoot(
         motions_px.append(moved * duration / (last - first) if moved else 0.0)
     rgb = np.empty((camera.height, camera.width, 3), np.float32)
     for band in plan(job.exposure, camera.height, *motions_px):
-        # only the band's rows. Blender rounds to whole rows: a quarter of a row is added so that rounding gives exactly these
+        # only the band's rows. Blender rounds to whole rows: a quarter of a row is added so that
+        # rounding gives exactly these
         low, high = (
             (camera.height - row + 0.25) / camera.height for row in (band.bottom, band.top)
         )
@@ -131,7 +143,10 @@ def shoot(
 
 
 def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np.ndarray:
-    """Mean light of a band's instants. Each has a different random seed, which is the same whenever the frame is rendered."""
+    """Mean light of a band's instants.
+
+    Each has a different random seed, which is the same whenever the frame is rendered.
+    """
     cycles = bpy.context.scene.cycles
     seed, total = cycles.seed, np.zeros(())
     for k, offset in enumerate(band.offsets_s):

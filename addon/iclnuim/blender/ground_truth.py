@@ -1,7 +1,9 @@
-"""Ground truth in addition to colour and depth: the instance and the surface normal at each pixel's centre, and the table of objects.
+"""Ground truth in addition to colour and depth: the instance and the surface normal at each pixel's
+centre, and the table of objects.
 
-Both are taken from each pixel's first ray, like Z. Cycles' Normal pass is the mean of the normals of the closures, and
-gloss bends them at grazing angles; so every material also outputs the shading normal, by a shader output variable (AOV).
+Both are taken from each pixel's first ray, like Z. Cycles' Normal pass is the mean of the normals
+of the closures, and gloss bends them at grazing angles; so every material also outputs the shading
+normal, by a shader output variable (AOV).
 """
 
 from dataclasses import dataclass
@@ -21,7 +23,8 @@ SCHEMA_VERSION = 1
 _DIGITS = 6  # micrometres
 _AOV = "ShadingNormal"
 _MAX_OBJECTS = 32767  # the maximum of Blender's pass index
-#: The 40 labels of NYU Depth v2 as reduced by Gupta, Arbelaez and Malik (CVPR 2013), from number 1 on.
+#: The 40 labels of NYU Depth v2 as reduced by Gupta, Arbelaez and Malik (CVPR 2013), from number 1
+#: on.
 NYU40 = (
     "wall", "floor", "cabinet", "bed", "chair", "sofa", "table", "door", "window", "bookshelf",
     "picture", "counter", "blinds", "desk", "shelves", "curtain", "dresser", "pillow", "mirror", "floor mat",
@@ -29,11 +32,13 @@ NYU40 = (
     "person", "night stand", "toilet", "sink", "lamp", "bathtub", "bag", "otherstructure", "otherfurniture", "otherprop",
 )  # fmt: skip
 UNLABELLED = "unlabelled"
-#: Kinds in user-provided scenes that are not in the table are numbered from here on, in alphabetical order.
+#: Kinds in user-provided scenes that are not in the table are numbered from here on, in
+#: alphabetical order.
 FIRST_OWN = 1000
 
-#: Our kinds and their NYU40 label, None if NYU40 has no label for it (things outside the window). Their order is their number: append new kinds
-#: at the end, so that existing label images keep their meaning.
+#: Our kinds and their NYU40 label, None if NYU40 has no label for it (things outside the window).
+#: Their order is their number: append new kinds at the end, so that existing label images keep
+#: their meaning.
 _LABELS = {
     "wall": "wall", "floor": "floor", "ceiling": "ceiling", "door": "door", "window": "window", "moulding": "otherstructure",
     "railing": "otherstructure", "backdrop": None, "sofa": "sofa", "chair": "chair", "table": "table", "cabinet": "cabinet",
@@ -49,7 +54,9 @@ _LABELS = {
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind (class) of object: its number in label images, its name, and its NYU40 label (0 and `unlabelled` if there is none)."""
+    """A kind (class) of object: its number in label images, its name, and its NYU40 label (0 and
+    `unlabelled` if there is none).
+    """
 
     id: int
     name: str
@@ -69,7 +76,10 @@ NO_KIND = Kind(0, UNLABELLED, 0, UNLABELLED)
 
 
 def kinds_of(names: list[str | None]) -> dict[str | None, Kind]:
-    """The kind of every name; None and an empty name have no kind. NYU40's labels are also accepted as names."""
+    """The kind of every name; None and an empty name have no kind.
+
+    NYU40's labels are also accepted as names.
+    """
     found: dict[str | None, Kind] = {n: KINDS.get(n, NO_KIND) if n else NO_KIND for n in names}
     for number, name in enumerate(sorted({n for n in names if n and n not in KINDS}), FIRST_OWN):
         found[name] = _kind(number, name, name if name in NYU40 else None)
@@ -77,10 +87,12 @@ def kinds_of(names: list[str | None]) -> dict[str | None, Kind]:
 
 
 def number_objects() -> None:
-    """Give every object that has a surface a unique pass index. Call it before light is baked: copies keep the index.
+    """Give every object that has a surface a unique pass index. Call it before light is baked:
+    copies keep the index.
 
-    A custom property `instance_id` of the scene is used if it is a whole number that no other object has; the other objects get the remaining
-    numbers, in alphabetical order. Instances of one object share its number. Raises InputError for more than 32767 objects.
+    A custom property `instance_id` of the scene is used if it is a whole number that no other
+    object has; the other objects get the remaining numbers, in alphabetical order. Instances of one
+    object share its number. Raises InputError for more than 32767 objects.
     """
     things = sorted(
         (o for o in bpy.context.scene.objects if o.type in SURFACE_TYPES), key=lambda o: o.name
@@ -108,7 +120,10 @@ def number_objects() -> None:
 
 
 def add_passes() -> None:
-    """Make Cycles write instances and normals into its frames. Call it after all changes of light and materials."""
+    """Make Cycles write instances and normals into its frames.
+
+    Call it after all changes of light and materials.
+    """
     layer = bpy.context.scene.view_layers[0]
     layer.use_pass_object_index = layer.use_pass_normal = True
     variable = layer.aovs.add()
@@ -122,7 +137,9 @@ def add_passes() -> None:
 
 
 def read(raw: Raw, T_world_camera: SE3) -> dict[str, np.ndarray]:
-    """The ground-truth channels of Blender's one-sample frame: instance, and unit normals in the cv camera's frame, (h, w) float32 each."""
+    """The ground-truth channels of Blender's one-sample frame: instance, and unit normals in the cv
+    camera's frame, (h, w) float32 each.
+    """
     channels = channels_of(raw)
     index = channel_ending(
         channels, "IndexOB.X", "Object Index.X"
@@ -140,10 +157,12 @@ def read(raw: Raw, T_world_camera: SE3) -> dict[str, np.ndarray]:
 
 
 def objects_table() -> dict:
-    """The table of all rendered objects, by number. Call it after number_objects(). An instanced object has a row for each instance.
+    """The table of all rendered objects, by number. Call it after number_objects(). An instanced
+    object has a row for each instance.
 
-    `T_world_object`: Blender's matrix by rows, which may contain a scale. `box_world_m`: minimum and maximum x, y, z. `box_m`: the smallest
-    upright box: centre and quaternion (x y z w) in the world, with its x axis along the longer horizontal side; full side lengths.
+    `T_world_object`: Blender's matrix by rows, which may contain a scale. `box_world_m`: minimum
+    and maximum x, y, z. `box_m`: the smallest upright box: centre and quaternion (x y z w) in the
+    world, with its x axis along the longer horizontal side; full side lengths.
     """
     with surfaces.rendered_parts() as (found, _):
         kinds = kinds_of([_class_name(part.source) for part in found])

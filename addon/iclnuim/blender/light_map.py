@@ -1,11 +1,14 @@
 """Baked light: find or bake the light map of the open scene, and show the scene lit by it.
 
-The map contains irradiance, direct and indirect, without surface colour. Direct light is sampled lamp by lamp. Indirect light is gathered: rays
-end at the first surface and read the light there from a map. A coarse map is computed in this way, bounce after bounce, and is used for the
-last gathering, into the fine map, together with the sky. So no ray is longer than one bounce, and no ray has to hit a lamp by chance.
+The map contains irradiance, direct and indirect, without surface colour. Direct light is sampled
+lamp by lamp. Indirect light is gathered: rays end at the first surface and read the light there
+from a map. A coarse map is computed in this way, bounce after bounce, and is used for the last
+gathering, into the fine map, together with the sky. So no ray is longer than one bounce, and no ray
+has to hit a lamp by chance.
 
-On disk a map is one folder in the cache, which is complete or absent. Notes map scene files to folders, so that the panel can find a map
-without opening the scene. The light maps of the built-in rooms at the default size are shipped in blend/light.
+On disk a map is one folder in the cache, which is complete or absent. Notes map scene files to
+folders, so that the panel can find a map without opening the scene. The light maps of the built-in
+rooms at the default size are shipped in blend/light.
 """
 
 import functools
@@ -37,27 +40,31 @@ from .lit_scene import LitScene, MapLayout
 from .surfaces import Part
 
 MAP, LAYOUT, RECIPE = LIGHT_FILES
-#: Cycles' bounces for a frame with baked light: diffuse light is in the map; two reflections are enough for mirrors and gloss.
+#: Cycles' bounces for a frame with baked light: diffuse light is in the map; two reflections are
+#: enough for mirrors and gloss.
 BOUNCES = {
     "max_bounces": 8, "diffuse_bounces": 0, "glossy_bounces": 2, "transmission_bounces": 8, "transparent_max_bounces": 16,
 }  # fmt: skip
 _VIEWPOINTS = 64
-#: The back of a surface gets no texels if less than this share of it is visible, relative to the front: it is seen only through cracks.
+#: The back of a surface gets no texels if less than this share of it is visible, relative to the
+#: front: it is seen only through cracks.
 _GLIMPSE = 0.02
-#: Side and samples of the coarse map. A gathered ray averages over its texels, so that with twice the samples frames are no closer to those of
-#: many samples (addon/README.md).
+#: Side and samples of the coarse map. A gathered ray averages over its texels, so that with twice
+#: the samples frames are no closer to those of many samples (addon/README.md).
 _COARSE_SIZE, _COARSE_SAMPLES = 1024, 8
 _MAX_BOUNCES = 8
-#: Hidden texels get the samples divided by this, for all lamps together: they are not shown, and a gathered ray averages over many of them.
+#: Hidden texels get the samples divided by this, for all lamps together: they are not shown, and a
+#: gathered ray averages over many of them.
 _HIDDEN_SHARE = 4
 _STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
-#: A dark texel is hidden without further tests if its chart has at least this number of texels, and none of them within this number of steps
-#: was found visible by the first tests.
+#: A dark texel is hidden without further tests if its chart has at least this number of texels, and
+#: none of them within this number of steps was found visible by the first tests.
 _LARGE_CHART, _NEAR_STEPS = 64, 4
 
 
 def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
-    """Find the light map of the open scene with the job's size, samples and seed, shipped or in the cache, or bake it. Returns its folder, and
+    """Find the light map of the open scene with the job's size, samples and seed, shipped or in the
+    cache, or bake it. Returns its folder, and
     whether it was baked.
 
     The scene is not changed. The coarse map is never larger than the map itself.
@@ -91,7 +98,9 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
 
 
 def _beforehand(job: RenderJob) -> str:
-    """A message with the estimated time of the bake: the time of the scene's map with the other setting of `lambertian`, or from its texels."""
+    """A message with the estimated time of the bake: the time of the scene's map with the other
+    setting of `lambertian`, or from its texels.
+    """
     known = find(cache_folder(), job.changed(lambertian=not job.lambertian))
     estimate = bake_core_s(job) / bpy.context.scene.render.threads
     seconds = read_recipe(known[0]).get("seconds", estimate) if known else estimate
@@ -101,7 +110,9 @@ def _beforehand(job: RenderJob) -> str:
 
 
 def apply(folder: Path, limit: float | None = None) -> LitScene:
-    """Show the open scene lit by the light map in `folder`, in memory; the result can be reverted. limit: as in lit_scene.baked_copy."""
+    """Show the open scene lit by the light map in `folder`, in memory; the result can be reverted.
+    limit: as in lit_scene.baked_copy.
+    """
     with surfaces.as_rendered(bpy.context.scene) as depsgraph:
         image = bpy.data.images.load(str(folder / MAP), check_existing=False)
         image.colorspace_settings.name = "Non-Color"
@@ -167,7 +178,9 @@ def _make(
 
 @contextmanager
 def _bounced(found: list[Part], coarse: "_Points", first: np.ndarray) -> Iterator[None]:
-    """The scene lit by the coarse map with all bounces except the last; `first` is the direct light."""
+    """The scene lit by the coarse map with all bounces except the last; `first` is the direct
+    light.
+    """
     cycles = bpy.context.scene.cycles
     light = coarse.map(first)
     image = bpy.data.images.new(
@@ -205,9 +218,11 @@ def _seen(layout: Layout, places: np.ndarray, seed: int) -> np.ndarray:
 def _seen_sides(
     layout: Layout, light: np.ndarray, shows: np.ndarray, translucent: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(F, 2) whether a side needs light, and (F, 2) how much of an image it may fill, from `light` (N,) of lamps at cameras' places.
+    """(F, 2) whether a side needs light, and (F, 2) how much of an image it may fill, from `light`
+    (N,) of lamps at cameras' places.
 
-    A side needs light if a camera in free space can see it, and also if it is the other side of visible translucent cloth.
+    A side needs light if a camera in free space can see it, and also if it is the other side of
+    visible translucent cloth.
     """
     share = layout.per_side(light > 0)
     # the square root reduces the effect of a lamp close to the surface
@@ -219,7 +234,9 @@ def _seen_sides(
 
 
 def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(F,) faces that show baked light, (F,) faces that let light through, (F,) faces that reflect light to others."""
+    """(F,) faces that show baked light, (F,) faces that let light through, (F,) faces that reflect
+    light to others.
+    """
     rows = []
     for part in found:
         table = np.array([lit_scene.kind(m) for m in part.mesh.materials] or [lit_scene.kind(None)])
@@ -254,9 +271,11 @@ class _Points:
         self._into_view(places)
 
     def _into_view(self, places: np.ndarray) -> None:
-        """Move the point of each hidden texel next to a visible one to the first visible point on the line to that texel.
+        """Move the point of each hidden texel next to a visible one to the first visible point on
+        the line to that texel.
 
-        So the light close to a contact of two surfaces is sampled there, and not at a texel farther away.
+        So the light close to a contact of two surfaces is sampled there, and not at a texel farther
+        away.
         """
         hidden, near = next_to_known(self.visible, self.chart)
         hidden_row, near_row = (
@@ -308,7 +327,9 @@ class _Points:
         return self.layout.per_side(steps.ravel()[self.layout.texels.index])
 
     def map(self, light: np.ndarray) -> np.ndarray:
-        """The map (size, size, 3): denoised, with hidden texels next to visible ones and gutters filled."""
+        """The map (size, size, 3): denoised, with hidden texels next to visible ones and gutters
+        filled.
+        """
         image = self.layout.texels.image
         smooth = denoise(image(light[0]), image(light[1]), self.chart, self.facing, self.visible)
         filled, reached = fill(smooth, self.visible, self.chart, 2)
@@ -322,9 +343,11 @@ def is_whole(folder: Path) -> bool:
 
 
 def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> None:
-    """Write a map (rows, columns, 3), row 0 at the bottom, to a temporary folder and rename it, so that two processes cannot interfere.
+    """Write a map (rows, columns, 3), row 0 at the bottom, to a temporary folder and rename it, so
+    that two processes cannot interfere.
 
-    Light above the range of half floats, as close to a lamp of radius 0, is clipped. Raises WorkError for NaN.
+    Light above the range of half floats, as close to a lamp of radius 0, is clipped. Raises
+    WorkError for NaN.
     """
     if np.isnan(light).any():
         problem = "the light map contains NaN and is not stored"
@@ -375,7 +398,9 @@ def read_recipe(folder: Path) -> dict:
 
 
 def find(cache: Path, job: RenderJob) -> tuple[Path, int, float] | None:
-    """(folder, size in bytes, age in seconds) of the shipped or noted light map for the job's scene, settings and Blender; None if there is none."""
+    """(folder, size in bytes, age in seconds) of the shipped or noted light map for the job's
+    scene, settings and Blender; None if there is none.
+    """
     try:
         folder = shipped_light(job) or cache / "light" / str(
             read_json(_note_file(cache, job))["map"]

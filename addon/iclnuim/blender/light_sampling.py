@@ -1,13 +1,16 @@
-"""Light at arbitrary points of the open scene, by Cycles' baking: irradiance of each light source, and whether cameras can see the point.
+"""Light at arbitrary points of the open scene, by Cycles' baking: irradiance of each light source,
+and whether cameras can see the point.
 
-A target object with one tiny white triangle per point, which no ray can hit, is baked into a list of pixels. So the points are exactly
-the requested ones, whatever meshes, UV maps and materials the scene has, and both sides of a sheet can be sampled.
+A target object with one tiny white triangle per point, which no ray can hit, is baked into a list
+of pixels. So the points are exactly the requested ones, whatever meshes, UV maps and materials the
+scene has, and both sides of a sheet can be sampled.
 
-Light sources are sampled one after another: the lamps, the sky, then the light from lit surfaces. Lamps sampled together usually give far more
-noise than separate ones: with a single lamp a sample is wasted only in its penumbra. So small lamps need few samples; windows, skies and
-surfaces need many. A power of two of small lamps can share a pass without more noise: each gets the same number of a point's samples, because
-Cycles' samples are stratified in powers of two. Large lamps can do so only if each has a single sample: several samples on one lamp are
-stratified less in a shared pass.
+Light sources are sampled one after another: the lamps, the sky, then the light from lit surfaces.
+Lamps sampled together usually give far more noise than separate ones: with a single lamp a sample
+is wasted only in its penumbra. So small lamps need few samples; windows, skies and surfaces need
+many. A power of two of small lamps can share a pass without more noise: each gets the same number
+of a point's samples, because Cycles' samples are stratified in powers of two. Large lamps can do so
+only if each has a single sample: several samples on one lamp are stratified less in a shared pass.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,7 +28,8 @@ from .compat import temporarily
 from .sky import gives_light, sampled_at_image_size
 from .surfaces import rendered_lamps
 
-#: Distance of points from their surface, so that a ray from the point cannot hit the surface itself.
+#: Distance of points from their surface, so that a ray from the point cannot hit the surface
+#: itself.
 LIFT_M = 2e-4
 _TRIANGLE_M = 5e-5
 _ROW = 1024
@@ -37,18 +41,22 @@ _PASSES = 12
 _SMALL_M, _SMALL_RAD = 0.15, 0.1
 #: The number of samples is divided by this for a small lamp.
 _SMALL_SHARE = 8
-#: If there are more large lamps than this, they share the samples of this number of lamps: each contributes a smaller part of the light.
+#: If there are more large lamps than this, they share the samples of this number of lamps: each
+#: contributes a smaller part of the light.
 _LARGE = 3
 #: A place is in free space if less than this share of its rays ends at the back of a surface.
 _BACKS = 0.1
-#: Free places are used if at least this share of the rays of the most enclosed place hits surfaces: they are inside rooms, if there are any. If
-#: less than half of the places qualify, the scene is open and these few are niches: then the second, lower share is used.
+#: Free places are used if at least this share of the rays of the most enclosed place hits surfaces:
+#: they are inside rooms, if there are any. If less than half of the places qualify, the scene is
+#: open and these few are niches: then the second, lower share is used.
 _ENCLOSED, _IN_THE_OPEN = 0.9, 0.25
 _RAYS = 48
 _NEAREST_M, _FARTHEST_M = 0.1, 4.0
-#: Samples of a point in the rounds of `seen`; the second is for points without light after the first.
+#: Samples of a point in the rounds of `seen`; the second is for points without light after the
+#: first.
 _TESTS = (4, 64)
-#: Power of test lamps (W), and the radiance that separates their light from that of emitting surfaces, which baking cannot exclude.
+#: Power of test lamps (W), and the radiance that separates their light from that of emitting
+#: surfaces, which baking cannot exclude.
 _POWER, _GLOW = 1e9, 1e4
 #: Cycles' settings for all direct light: a fixed number of samples, no bounces.
 _CYCLES = {
@@ -71,7 +79,8 @@ def direct(
     sky: bool = True,
     together: bool = False,
 ) -> np.ndarray:
-    """(2, n, 3) direct light from lamps and, with `sky`, from the sky, by two independent halves of the samples, without the emission of `materials`.
+    """(2, n, 3) direct light from lamps and, with `sky`, from the sky, by two independent halves of
+    the samples, without the emission of `materials`.
 
     together: all lamps share one pass, which is faster and noisier.
     """
@@ -91,7 +100,8 @@ def direct(
 def gathered(
     points_m: np.ndarray, normals: np.ndarray, samples: int, seed: int, sky: bool = False
 ) -> np.ndarray:
-    """(2, n, 3) light from the surfaces of the open scene, by two halves of the samples: their emission, including baked light shown as emission.
+    """(2, n, 3) light from the surfaces of the open scene, by two halves of the samples: their
+    emission, including baked light shown as emission.
 
     With `sky`, also that of the sky, for which the same rays are used.
     """
@@ -103,7 +113,9 @@ def gathered(
 
 @dataclass(frozen=True)
 class _Pass:
-    """Lamps, whether the world emits light, samples of each half, whether each lamp gets the same number of samples, and the seed."""
+    """Lamps, whether the world emits light, samples of each half, whether each lamp gets the same
+    number of samples, and the seed.
+    """
 
     lamps: list[bpy.types.Object]
     world: bool
@@ -113,7 +125,10 @@ class _Pass:
 
 
 def _sampled(points_m: np.ndarray, normals: np.ndarray, passes: list[_Pass]) -> np.ndarray:
-    """(2, n, 3) the sum of the passes, by two halves of the samples. Both are baked at once, as different points in the same place."""
+    """(2, n, 3) the sum of the passes, by two halves of the samples.
+
+    Both are baked at once, as different points in the same place.
+    """
     light = np.zeros((2, len(points_m), 3), np.float32)
     for part in batches(len(points_m), AT_ONCE // 2):
         with target(np.tile(points_m[part], (2, 1)), np.tile(normals[part], (2, 1))) as irradiance:
@@ -124,7 +139,10 @@ def _sampled(points_m: np.ndarray, normals: np.ndarray, passes: list[_Pass]) -> 
 
 
 def _sources() -> tuple[list[bpy.types.Object], list[bpy.types.Object]]:
-    """The lamps, and the portals, through which the sky is sampled. Lamps without light are left out, as Cycles gives them no samples."""
+    """The lamps, and the portals, through which the sky is sampled.
+
+    Lamps without light are left out, as Cycles gives them no samples.
+    """
     lamps = rendered_lamps(bpy.context.scene)
     portals = [lamp for lamp in lamps if lamp.data.type == "AREA" and lamp.data.cycles.is_portal]
     shining = [lamp for lamp in lamps if lamp.data.energy != 0 and any(lamp.data.color)]
@@ -132,7 +150,9 @@ def _sources() -> tuple[list[bpy.types.Object], list[bpy.types.Object]]:
 
 
 def _lamp_passes(lamps: list[bpy.types.Object], samples: int) -> list[_Pass]:
-    """The passes for all lamps, without seeds. samples: those of each half for a large lamp, if there are few."""
+    """The passes for all lamps, without seeds. samples: those of each half for a large lamp, if
+    there are few.
+    """
     together = [lamps[first::_PASSES] for first in range(min(_PASSES, len(lamps)))]
     crowds = [group for group in together if len(group) > 1]
     single = [group[0] for group in together if len(group) == 1]
@@ -169,7 +189,9 @@ def _is_small(lamp: bpy.types.Light) -> bool:
 
 @contextmanager
 def only(lamps: list[bpy.types.Object], world: bool, evenly: bool = False) -> Iterator[None]:
-    """The open scene with only these lamps, with or without its world, temporarily. evenly: without the light tree, which prefers strong lamps."""
+    """The open scene with only these lamps, with or without its world, temporarily. evenly: without
+    the light tree, which prefers strong lamps.
+    """
     scene = bpy.context.scene
     with ExitStack() as stack:
         for thing in scene.objects:
@@ -202,7 +224,9 @@ def without_glow(materials: list[bpy.types.Material]) -> Iterator[None]:
 def viewpoints(
     depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, seed: int
 ) -> np.ndarray:
-    """(up to count, 3) places in metres distributed over the scene's free space: in rooms, not inside solids or behind walls."""
+    """(up to count, 3) places in metres distributed over the scene's free space: in rooms, not
+    inside solids or behind walls.
+    """
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(_RAYS, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -217,7 +241,8 @@ def viewpoints(
         if lamp.data.type != "SUN"
     ]
     if lamps and not any(_sees_one(depsgraph, place, lamps) for place in free):
-        # the normals of the walls may point outward: then places with a view of a lamp are inside the room
+        # the normals of the walls may point outward: then places with a view of a lamp are inside
+        # the room
         seeing = [place for place in places if _sees_one(depsgraph, place, lamps)]
         free = np.concatenate([free, seeing or np.zeros((0, 3))])
     return free if len(free) <= count else farthest_points(free, count)
@@ -226,7 +251,9 @@ def viewpoints(
 def _place_before(
     depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, rng: np.random.Generator
 ) -> np.ndarray:
-    """A random place on a ray from a random triangle, in front of it or behind it; each object has the same probability."""
+    """A random place on a ray from a random triangle, in front of it or behind it; each object has
+    the same probability.
+    """
     faces = np.searchsorted(
         surfaces.face_object, [k := rng.integers(surfaces.face_object[-1] + 1), k + 1]
     )
@@ -260,7 +287,9 @@ def _sees_one(depsgraph: bpy.types.Depsgraph, place: np.ndarray, lamps: list[Vec
 
 
 def _front_hits(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: np.ndarray) -> int:
-    """The number of rays that end at the front of a surface; 0 for a place that is not in free space."""
+    """The number of rays that end at the front of a surface; 0 for a place that is not in free
+    space.
+    """
     scene, origin = depsgraph.scene, Vector(place)
     backs = fronts = 0
     for direction in directions:
@@ -281,12 +310,15 @@ def seen(
     seed: int,
     hidden: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
-    """(n,) light of point lamps at the places on each point; 0 if no light reaches its front. Light passes through glass.
+    """(n,) light of point lamps at the places on each point; 0 if no light reaches its front. Light
+    passes through glass.
 
-    This light decreases with distance and angle like the number of pixels that a surface fills in the images of cameras at these places. Cycles
-    distributes the samples of a point evenly over the lamps, so that one sample for each place finds nearly all visible points.
+    This light decreases with distance and angle like the number of pixels that a surface fills in
+    the images of cameras at these places. Cycles distributes the samples of a point evenly over the
+    lamps, so that one sample for each place finds nearly all visible points.
 
-    hidden: from the points that a few samples found, (n,) bool, those of the others that need no more samples.
+    hidden: from the points that a few samples found, (n,) bool, those of the others that need no
+    more samples.
     """
     light = np.zeros(len(points_m), np.float32)
     if not len(places_m):
@@ -325,10 +357,12 @@ def _only_lamps(scene: bpy.types.Scene, places_m: np.ndarray) -> Iterator[None]:
 
 @contextmanager
 def target(points_m: np.ndarray, normals: np.ndarray) -> Iterator[Callable[[int, int], np.ndarray]]:
-    """Adds a target at points (n, 3) in metres with unit normals (n, 3) to the open scene, until the end of the `with` block.
+    """Adds a target at points (n, 3) in metres with unit normals (n, 3) to the open scene, until
+    the end of the `with` block.
 
-    Yields a function `irradiance(samples, seed)`: (n, 3) direct light from lamps, world and emitting surfaces on a white surface at each point,
-    as the radiance that it reflects. It raises WorkError if Cycles fails.
+    Yields a function `irradiance(samples, seed)`: (n, 3) direct light from lamps, world and
+    emitting surfaces on a white surface at each point, as the radiance that it reflects. It raises
+    WorkError if Cycles fails.
     """
     scene, count = bpy.context.scene, len(points_m)
     rows = -(-count // _ROW)
@@ -368,7 +402,10 @@ def batches(count: int, at_once: int = AT_ONCE) -> list[slice]:
 
 
 def _target_mesh(points_m: np.ndarray, normals: np.ndarray, rows: int) -> bpy.types.Mesh:
-    """One triangle per point, facing along its normal. Its texture triangle covers only the centre of the point's own pixel."""
+    """One triangle per point, facing along its normal.
+
+    Its texture triangle covers only the centre of the point's own pixel.
+    """
     n = len(points_m)
     side = np.where(np.abs(normals[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     x = np.cross(side, normals)

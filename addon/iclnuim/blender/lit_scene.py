@@ -1,11 +1,13 @@
-"""Shows the open scene with a light map, in memory only: every surface is replaced by a copy with the map's UVs and materials that show baked
+"""Shows the open scene with a light map, in memory only: every surface is replaced by a copy with
+the map's UVs and materials that show baked
 light.
 
-In such a material every diffuse part is replaced by emission of its colour times the light map; the rest is still ray traced. For a Principled
-surface, the diffuse part becomes emission; gloss, metal and glass are still ray traced. Cycles reduces the diffuse base by the albedo of the
-gloss above it, as seen from the camera. For a rough surface at grazing angles, this albedo is far from Fresnel reflection. Here it is a formula
-of roughness and angle, fitted to renders by Cycles 4.5 in a white furnace (20 materials, 19 angles each): its error is 0.008 RMS and
-at most 0.036, beyond 80 degrees.
+In such a material every diffuse part is replaced by emission of its colour times the light map; the
+rest is still ray traced. For a Principled surface, the diffuse part becomes emission; gloss, metal
+and glass are still ray traced. Cycles reduces the diffuse base by the albedo of the gloss above it,
+as seen from the camera. For a rough surface at grazing angles, this albedo is far from Fresnel
+reflection. Here it is a formula of roughness and angle, fitted to renders by Cycles 4.5 in a white
+furnace (20 materials, 19 angles each): its error is 0.008 RMS and at most 0.036, beyond 80 degrees.
 """
 
 from collections.abc import Iterable
@@ -52,7 +54,8 @@ _A_MINUS_B = tuple(np.polynomial.polynomial.polysub(_A, _B).tolist())
 
 @dataclass(frozen=True, eq=False)
 class MapLayout:
-    """The positions of the corners (C,) of all parts in the map: uv (2, C, 2) for front and back, 0..1; has (2, C): whether the side has texels.
+    """The positions of the corners (C,) of all parts in the map: uv (2, C, 2) for front and back,
+    0..1; has (2, C): whether the side has texels.
 
     part_corners: the number of corners of each part.
     """
@@ -64,7 +67,9 @@ class MapLayout:
 
 @dataclass(eq=False)
 class LitScene:
-    """The datablocks that were added and the objects that were hidden, so that `revert` can undo this."""
+    """The datablocks that were added and the objects that were hidden, so that `revert` can undo
+    this.
+    """
 
     made: list[bpy.types.ID] = field(default_factory=list)
     hidden: list[tuple[bpy.types.Object, str, bool]] = field(default_factory=list)
@@ -84,7 +89,8 @@ def show(
     gathering: bool = False,
     limit: float | None = None,
 ) -> LitScene:
-    """Show the parts lit by `image`, to a camera or for gathering light from them; limit: as in baked_copy. The parts' meshes are used, not copied.
+    """Show the parts lit by `image`, to a camera or for gathering light from them; limit: as in
+    baked_copy. The parts' meshes are used, not copied.
 
     Raises WorkError if the layout is for another scene."""
     corners = tuple(len(part.mesh.loops) for part in found)
@@ -126,7 +132,8 @@ def show(
 
 
 def set_pixels(image: bpy.types.Image, light: np.ndarray) -> None:
-    """Write new light (rows, columns, 3), row 0 at the bottom, into an image of the same size. Baking uses it; a render with persistent data would
+    """Write new light (rows, columns, 3), row 0 at the bottom, into an image of the same size.
+    Baking uses it; a render with persistent data would
     not.
     """
     pixels = np.ones((*light.shape[:2], 4), np.float32)
@@ -136,7 +143,11 @@ def set_pixels(image: bpy.types.Image, light: np.ndarray) -> None:
 
 
 def _add_uvs(mesh: bpy.types.Mesh, layout: MapLayout, corners: slice) -> bool:
-    """Add the UV maps. Returns whether the back has texels. A side without a chart is never visible and gets the position of the other side."""
+    """Add the UV maps.
+
+    Returns whether the back has texels. A side without a chart is never visible and gets the
+    position of the other side.
+    """
     two_sided = bool(layout.has[BACK, corners].any())
     for side, name in ((FRONT, FRONT_UV), (BACK, BACK_UV))[: 1 + two_sided]:
         has = layout.has[side, corners]
@@ -167,7 +178,8 @@ def _copy_settings(source: bpy.types.Object, target: bpy.types.Object) -> None:
 
 
 def kind(material: Material | None) -> tuple[bool, bool, bool]:
-    """Whether a material shows light on the side that is seen, whether light passes through from the other side, and whether it reflects light to
+    """Whether a material shows light on the side that is seen, whether light passes through from
+    the other side, and whether it reflects light to
     others.
 
     No material, or one without nodes, is diffuse.
@@ -189,10 +201,12 @@ def baked_copy(
     gathering: bool = False,
     limit: float | None = None,
 ) -> Material:
-    """A copy of the material that shows `image` through the UV map FRONT_UV and, if two_sided, BACK_UV. The original is not changed.
+    """A copy of the material that shows `image` through the UV map FRONT_UV and, if two_sided,
+    BACK_UV. The original is not changed.
 
-    gathering: the light that falls on other surfaces, instead of the view of a camera. limit: maximum of the light that is seen in reflections
-    and through glass, like Cycles' clamp of indirect light; otherwise bright spots next to lamps would cause fireflies in gloss.
+    gathering: the light that falls on other surfaces, instead of the view of a camera. limit:
+    maximum of the light that is seen in reflections and through glass, like Cycles' clamp of
+    indirect light; otherwise bright spots next to lamps would cause fireflies in gloss.
     """
     name = f"{material.name if material else 'no material'} (baked)"
     if material is None or _tree(material) is None:  # the appearance in Cycles
@@ -210,8 +224,10 @@ def baked_copy(
 
 
 def let_light_through(materials: Iterable[Material]) -> list[str]:
-    """Let light of lamps and sky pass straight through glass, reduced by its colour and reflection: caustics are not sampled, so otherwise no
-    light would pass. Its appearance to cameras and in reflections does not change. Returns the names of the changed materials.
+    """Let light of lamps and sky pass straight through glass, reduced by its colour and reflection:
+    caustics are not sampled, so otherwise no
+    light would pass. Its appearance to cameras and in reflections does not change. Returns the
+    names of the changed materials.
     """
     changed, done = [], set()
     for material in materials:
@@ -297,7 +313,10 @@ def _bake_tree(
 
 
 def _shine(tree: NodeTree, colour: NodeSocket, share: Source, limit: float | None) -> NodeSocket:
-    """Emission of the colour times the share. For all rays except camera rays it is at most `limit` in each channel."""
+    """Emission of the colour times the share.
+
+    For all rays except camera rays it is at most `limit` in each channel.
+    """
     if limit is not None:
         colour, share = scaled(tree, colour, share), 1.0
         seen = tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
@@ -306,7 +325,10 @@ def _shine(tree: NodeTree, colour: NodeSocket, share: Source, limit: float | Non
 
 
 def _light_sockets(tree: NodeTree, image: Image, two_sided: bool) -> tuple[NodeSocket, NodeSocket]:
-    """Sockets of the light on the side that is seen, and on the other side. Each reads the map once: the position is chosen, not the colour."""
+    """Sockets of the light on the side that is seen, and on the other side.
+
+    Each reads the map once: the position is chosen, not the colour.
+    """
     seen = other = add_node(tree, "UVMap", uv_map=FRONT_UV)
     if two_sided:
         facing = tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
@@ -341,7 +363,9 @@ def _reflects(principled: Node) -> bool:
 
 
 def _bake_principled(tree: NodeTree, node: Node, light: NodeSocket, limit: float | None) -> None:
-    """Principled = its unchanged gloss, metal and glass, plus the light map times its diffuse share."""
+    """Principled = its unchanged gloss, metal and glass, plus the light map times its diffuse
+    share.
+    """
     colour, share = (
         vectors(tree, "MULTIPLY", node.inputs["Base Color"], light),
         _diffuse_share(tree, node),
@@ -355,9 +379,11 @@ def _bake_principled(tree: NodeTree, node: Node, light: NodeSocket, limit: float
 
 
 def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket, limit: float | None) -> None:
-    """The material for gathering: gloss and metal reflect light to other surfaces as if they were diffuse.
+    """The material for gathering: gloss and metal reflect light to other surfaces as if they were
+    diffuse.
 
-    (metal colour + (1 - metal) (colour (1 - albedo) + albedo)) (1 - glass) alpha x light, plus its emission.
+    (metal colour + (1 - metal) (colour (1 - albedo) + albedo)) (1 - glass) alpha x light, plus its
+    emission.
     """
     gloss = product(tree, _gloss(tree, node), one_minus(tree, constant_or_input(node, "Metallic")))
     base = scaled(tree, vectors(tree, "ADD", node.inputs["Base Color"]), one_minus(tree, gloss))
@@ -377,7 +403,9 @@ def _bake_for_gathering(tree: NodeTree, node: Node, light: NodeSocket, limit: fl
 
 
 def _diffuse_share(tree: NodeTree, node: Node) -> Source:
-    """(1 - metal)(1 - glass) alpha (1 - gloss)(1 - coat): the share of the diffuse base, seen from the camera."""
+    """(1 - metal)(1 - glass) alpha (1 - gloss)(1 - coat): the share of the diffuse base, seen from
+    the camera.
+    """
     coat = constant_or_input(node, "Coat Weight")
     if coat != 0.0:
         f0, normal = _f0(node.inputs["Coat IOR"]), node.inputs["Coat Normal"]
@@ -423,7 +451,9 @@ def _f0(ior: NodeSocket) -> float:
 
 
 def _without_diffuse(tree: NodeTree, node: Node) -> NodeSocket:
-    """The node's closures except the diffuse one: with a black base, mixed with the same node as pure metal and as pure glass."""
+    """The node's closures except the diffuse one: with a black base, mixed with the same node as
+    pure metal and as pure glass.
+    """
     result = node.outputs[0]
     for name in ("Transmission Weight", "Metallic"):
         if constant(node.inputs[name]) == 0.0:

@@ -1,19 +1,24 @@
-"""Textures filtered for the distance at which they are seen, in memory only: Cycles reads one texel per ray, however many lie within a pixel.
+"""Textures filtered for the distance at which they are seen, in memory only: Cycles reads one texel
+per ray, however many lie within a pixel.
 
-Each texture is replaced by an image that also holds smaller versions of itself (levels of mipmaps, Williams 1983), each half as wide as the one before.
-A pixel reads the finest level whose texels are at least as wide as half of the pixel's width on the surface, its footprint. This width is computed
-from the length of the ray and from how densely the texture covers each face. Foreshortening is not considered: it would blur surfaces seen
-at a grazing angle along both directions.
+Each texture is replaced by an image that also holds smaller versions of itself (levels of mipmaps,
+Williams 1983), each half as wide as the one before. A pixel reads the finest level whose texels are
+at least as wide as half of the pixel's width on the surface, its footprint. This width is computed
+from the length of the ray and from how densely the texture covers each face. Foreshortening is not
+considered: it would blur surfaces seen at a grazing angle along both directions.
 
-The footprint is multiplied by noise that is fixed on the surface, over one octave: at a constant footprint the level would change on a line that is
-visible as a jump of contrast, and that stays in its place in the image while the surface moves.
+The footprint is multiplied by noise that is fixed on the surface, over one octave: at a constant
+footprint the level would change on a line that is visible as a jump of contrast, and that stays in
+its place in the image while the surface moves.
 
-Image: side by side, from right to left, levels 0, 1, ..., each with margins. Level k is smaller by s = 2^-k, and begins at s times the width of
-level 0, so a position in it is s p in units of the image's width, if p is the position in level 0. No position is outside, so the image is not
+Image: side by side, from right to left, levels 0, 1, ..., each with margins. Level k is smaller by
+s = 2^-k, and begins at s times the width of level 0, so a position in it is s p in units of the
+image's width, if p is the position in level 0. No position is outside, so the image is not
 repeated: that would take Cycles a division for every coordinate.
 
-Cycles takes time for each node and for each constant of a node. Therefore p and the pixel's width at a distance of 1 are attributes of the
-meshes wherever possible, and the repetition of a texture is left out if each face lies within one repeat.
+Cycles takes time for each node and for each constant of a node. Therefore p and the pixel's width
+at a distance of 1 are attributes of the meshes wherever possible, and the repetition of a texture
+is left out if each face lies within one repeat.
 """
 
 import math
@@ -30,24 +35,30 @@ from .compat import nodes_of
 from .shader_nodes import add_node, calculate, vectors
 from .surfaces import array_of
 
-#: Version in recipes: higher if the same texture is filtered to other pixels. From 2 on, levels are mixed by noise; 3 has larger cells of it.
+#: Version in recipes: higher if the same texture is filtered to other pixels. From 2 on, levels are
+#: mixed by noise; 3 has larger cells of it.
 VERSION = 3
 #: Levels of a texture, including itself; the coarsest is smaller by 2^(LEVELS - 1).
 LEVELS = 6
 #: Larger textures are not filtered: their copies would take gigabytes while they are made.
 MAX_TEXELS = 4096 * 4096
-#: Width of a cell with one value of the noise, in texels of level 0: two to four pixels where level 3 is read. If a pixel holds more than one cell,
-#: each frame sees another one of them, and texture cannot be tracked (frames 560 to 1059 of noisy office kt3, ORB-SLAM3: 66 mm with 8, 14 with 32).
+#: Width of a cell with one value of the noise, in texels of level 0: two to four pixels where level
+#: 3 is read. If a pixel holds more than one cell, each frame sees another one of them, and texture
+#: cannot be tracked (frames 560 to 1059 of noisy office kt3, ORB-SLAM3: 66 mm with 8, 14 with 32).
 _CELL = 32
-#: The footprint is multiplied by this and by 1 to 2, depending on the noise: an octave about the footprint itself.
+#: The footprint is multiplied by this and by 1 to 2, depending on the noise: an octave about the
+#: footprint itself.
 _LEAST_FOOTPRINT = math.sqrt(0.5)
 #: Rows of a level that are computed at once, so that they stay in the processor's cache.
 _BAND = 16
-#: Prefix of the face attributes with the square root of the area in a UV map per square metre; the map's name follows.
+#: Prefix of the face attributes with the square root of the area in a UV map per square metre; the
+#: map's name follows.
 _DENSITY = "UV per metre "
-#: Prefixes of attributes that depend on a texture, too: positions p, and the footprint of a pixel at a distance of 1 m.
+#: Prefixes of attributes that depend on a texture, too: positions p, and the footprint of a pixel
+#: at a distance of 1 m.
 _POSITION, _FOOTPRINT = "mipmap position ", "mipmap footprint "
-#: A face lies within one repeat of a texture if it does so up to this share of the repeat. The margins are wider.
+#: A face lies within one repeat of a texture if it does so up to this share of the repeat. The
+#: margins are wider.
 _OVER = 1e-4
 #: Light of all 8-bit sRGB values, and sRGB values of 16-bit light.
 _LINEAR = light_from_srgb(np.linspace(0, 1, 256)).astype(np.float32)
@@ -56,7 +67,8 @@ _SRGB = srgb_from_light(np.linspace(0, 1, 65536)).astype(np.float32)
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """An Image Texture node, its material, the UV map that it reads (empty: the active one), and the scale of the mapping between them.
+    """An Image Texture node, its material, the UV map that it reads (empty: the active one), and
+    the scale of the mapping between them.
 
     mapped: whether there is a mapping.
     """
@@ -69,16 +81,20 @@ class Texture:
 
     @property
     def name(self) -> str:
-        """A name of its UV map and size, on which the attributes with positions and footprints depend."""
+        """A name of its UV map and size, on which the attributes with positions and footprints
+        depend.
+        """
         width, height = self.node.image.size
         return f"{width} x {height} {self.node.extension} {self.uv_map}"
 
 
 def filter_textures(camera: PinholeCamera) -> list[Image]:
-    """Filter the textures of the open scene for a camera. Returns the images made, which are in memory only.
+    """Filter the textures of the open scene for a camera. Returns the images made, which are in
+    memory only.
 
-    Left unfiltered: textures that are not read through a UV map, whose alpha or raw data is used, that end at their borders, that displace
-    surfaces, or that have more than MAX_TEXELS; textures of libraries; and faces made by Geometry Nodes without the UV map.
+    Left unfiltered: textures that are not read through a UV map, whose alpha or raw data is used,
+    that end at their borders, that displace surfaces, or that have more than MAX_TEXELS; textures
+    of libraries; and faces made by Geometry Nodes without the UV map.
     """
     made: dict[tuple[Image, str], Image] = {}
     noise: dict[tuple[int, ...], Image] = {}
@@ -148,7 +164,8 @@ def _can_be_filtered(node: Node) -> bool:
 
 
 def _uv_map(socket: NodeSocket) -> tuple[str, float, bool] | None:
-    """The name of the UV map that an input reads, the scale of the mapping nodes between them, and whether there are any; None if it reads
+    """The name of the UV map that an input reads, the scale of the mapping nodes between them, and
+    whether there are any; None if it reads
     something else.
     """
     if not socket.is_linked:
@@ -192,7 +209,10 @@ def _largest(objects: Iterable[Object]) -> dict[Mesh, Object]:
 
 
 def _measure_density(objects: Iterable[Object], found: list[Texture]) -> None:
-    """Add the face attributes to the meshes that use the textures. A mesh with several objects gets the density of the largest."""
+    """Add the face attributes to the meshes that use the textures.
+
+    A mesh with several objects gets the density of the largest.
+    """
     wanted: dict[Material, set[str]] = {}
     for texture in found:
         wanted.setdefault(texture.material, set()).add(texture.uv_map)
@@ -220,9 +240,11 @@ def _set_attribute(mesh: Mesh, name: str, kind: str, domain: str, values: np.nda
 
 
 def _place(objects: Iterable[Object], found: list[Texture], pixel: float) -> dict[Node, bool]:
-    """Add attributes with positions and footprints to the meshes that use the textures, where these do not depend on mappings or modifiers.
+    """Add attributes with positions and footprints to the meshes that use the textures, where these
+    do not depend on mappings or modifiers.
 
-    Returns whether each face lies within one repeat, for the nodes whose textures are placed on all surfaces with the material.
+    Returns whether each face lies within one repeat, for the nodes whose textures are placed on all
+    surfaces with the material.
     """
     objects = list(objects)
     if any(modifier.type == "NODES" for thing in objects for modifier in thing.modifiers):
@@ -263,7 +285,8 @@ def _is_plain(thing: Object, uv_map: str) -> bool:
 
 
 def _add_positions(thing: Object, layer: bpy.types.MeshUVLoopLayer, texture: Texture) -> bool:
-    """Add the positions p in level 0 of the texture's image to the corners of a mesh; those of a face are shifted by whole repeats to the first
+    """Add the positions p in level 0 of the texture's image to the corners of a mesh; those of a
+    face are shifted by whole repeats to the first
     one. Returns whether each face with the material lies within one repeat."""
     mesh, size = thing.data, np.array(texture.node.image.size)
     if not len(mesh.polygons):
@@ -289,7 +312,9 @@ def _add_positions(thing: Object, layer: bpy.types.MeshUVLoopLayer, texture: Tex
 
 
 def density(thing: Object, layer: bpy.types.MeshUVLoopLayer) -> np.ndarray:
-    """(F,) the square root of the area in the UV map per square metre, of each face of a mesh object. 0 for faces without area."""
+    """(F,) the square root of the area in the UV map per square metre, of each face of a mesh
+    object. 0 for faces without area.
+    """
     mesh = thing.data
     mesh.calc_loop_triangles()
     linear = np.array(thing.matrix_world)[:3, :3]
@@ -312,7 +337,8 @@ def density(thing: Object, layer: bpy.types.MeshUVLoopLayer) -> np.ndarray:
 
 
 def with_mipmaps(image: Image, extension: str) -> Image:
-    """An image with all levels of `image` side by side. Levels are averages of light, not of encoded values.
+    """An image with all levels of `image` side by side. Levels are averages of light, not of
+    encoded values.
 
     extension: REPEAT or EXTEND, which determines the margins."""
     width, height = image.size
@@ -341,7 +367,9 @@ def with_mipmaps(image: Image, extension: str) -> Image:
 
 
 def _noise(width: int, height: int) -> Image:
-    """An image whose alpha is noise between 0 and 1 in cells, for an image with levels of this size."""
+    """An image whose alpha is noise between 0 and 1 in cells, for an image with levels of this
+    size.
+    """
     made = bpy.data.images.new("footprint noise", width // _CELL, height // _CELL, alpha=True)
     made.colorspace_settings.name, made.alpha_mode = "Non-Color", "CHANNEL_PACKED"
     pixels = np.ones((math.prod(made.size), 4), np.float32)
@@ -352,13 +380,17 @@ def _noise(width: int, height: int) -> Image:
 
 
 def margins(size: int) -> tuple[int, int]:
-    """Texels of the repeated texture before and after a side, so that every level has whole texels and at least one texel of margin."""
+    """Texels of the repeated texture before and after a side, so that every level has whole texels
+    and at least one texel of margin.
+    """
     unit = 2 ** (LEVELS - 1)
     return unit, unit + -size % unit
 
 
 def _fill(target: np.ndarray, texture: np.ndarray, extension: str) -> None:
-    """Fill the target with the texture, and its margins with the texture repeated, or with its borders."""
+    """Fill the target with the texture, and its margins with the texture repeated, or with its
+    borders.
+    """
     (top, _), (left, _) = (margins(size) for size in texture.shape[:2])
     target[top : top + texture.shape[0], left : left + texture.shape[1]] = texture
     for rows, size in ((target, texture.shape[0]), (target.swapaxes(0, 1), texture.shape[1])):
@@ -374,7 +406,9 @@ def _light(encoded: np.ndarray) -> np.ndarray:
 
 
 def halved(level: np.ndarray, light: Callable[[np.ndarray], np.ndarray] = np.asarray) -> np.ndarray:
-    """light(level), (2 n, 2 m, 3) -> (n, m, 3), filtered by the binomial (1, 3, 3, 1) / 8: then all levels have a filter of the same width."""
+    """light(level), (2 n, 2 m, 3) -> (n, m, 3), filtered by the binomial (1, 3, 3, 1) / 8: then all
+    levels have a filter of the same width.
+    """
     rows, columns = level.shape[0] // 2, level.shape[1] // 2
     half = np.empty((rows, columns, 3), np.float32)
     for top in range(0, rows, _BAND):
@@ -394,9 +428,11 @@ def halved(level: np.ndarray, light: Callable[[np.ndarray], np.ndarray] = np.asa
 def _read_levels(
     texture: Texture, levels: Image, noise: Image, pixel: float, whole: bool | None
 ) -> None:
-    """Let the node read the level for the pixel's width on the surface. pixel: width of a pixel at a distance of 1, in the same unit.
+    """Let the node read the level for the pixel's width on the surface. pixel: width of a pixel at
+    a distance of 1, in the same unit.
 
-    whole: None if positions are to be computed from the UV map; otherwise they are attributes, and each face lies within one repeat or not.
+    whole: None if positions are to be computed from the UV map; otherwise they are attributes, and
+    each face lies within one repeat or not.
     """
     node = texture.node
     tree: NodeTree = node.id_data
@@ -449,7 +485,9 @@ def _attribute(tree: NodeTree, name: str) -> Node:
 
 
 def _steps(tree: NodeTree, footprint: NodeSocket) -> NodeSocket:
-    """2^-k in all channels, where 2^k is the power of two below the footprint (in texels of level 0, divided by 2^LEVELS)."""
+    """2^-k in all channels, where 2^k is the power of two below the footprint (in texels of level
+    0, divided by 2^LEVELS).
+    """
     ramp = tree.nodes.new("ShaderNodeValToRGB")
     tree.links.new(footprint, ramp.inputs["Fac"])
     steps = ramp.color_ramp

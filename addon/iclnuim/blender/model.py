@@ -1,4 +1,6 @@
-"""The open scene as a surface with textures: all evaluated surfaces that are visible to cameras, in world coordinates."""
+"""The open scene as a surface with textures: all evaluated surfaces that are visible to cameras, in
+world coordinates.
+"""
 
 import bpy
 import numpy as np
@@ -9,7 +11,8 @@ from ..sensor.transfer import srgb8
 from . import ground_truth, surfaces
 from .surfaces import Part, array_of
 
-#: Maximum difference of unit normals: a flat face whose triangles differ more (0.006 degrees) is not planar.
+#: Maximum difference of unit normals: a flat face whose triangles differ more (0.006 degrees) is
+#: not planar.
 _PLANE = 1e-4
 _GREY = (0.8, 0.8, 0.8)
 #: Shader nodes and inputs in which a material's colour is searched, in this order.
@@ -20,11 +23,13 @@ _SHADERS = {
 
 
 def scene_model(stretched: bool = False) -> SceneModel:
-    """The open scene as a SceneModel. Objects have the instance numbers of the frames; held-out objects have 0. Raises InputError for a scene
+    """The open scene as a SceneModel. Objects have the instance numbers of the frames; held-out
+    objects have 0. Raises InputError for a scene
     without surfaces.
 
-    stretched: normals of meshes that several objects share are scaled by their matrices and are not unit vectors: Cycles interpolates these in
-    the mesh's space, and those of other meshes in the world.
+    stretched: normals of meshes that several objects share are scaled by their matrices and are not
+    unit vectors: Cycles interpolates these in the mesh's space, and those of other meshes in the
+    world.
     """
     ground_truth.number_objects()
     with surfaces.rendered_parts() as (found, _):
@@ -67,8 +72,10 @@ def _number(part: Part) -> int:
 
 
 def _shade_as_cycles(part: Part, corners_m: np.ndarray, normals: np.ndarray) -> None:
-    """Change normals (m, 3, 3) where Cycles does not use the normals of Blender's corners: flat faces that are not planar are shaded per
-    triangle, smooth faces in a mesh with flat faces by their vertices. Meshes with custom normals or sharp edges are not changed.
+    """Change normals (m, 3, 3) where Cycles does not use the normals of Blender's corners: flat
+    faces that are not planar are shaded per
+    triangle, smooth faces in a mesh with flat faces by their vertices. Meshes with custom normals
+    or sharp edges are not changed.
     """
     mesh, sharp = part.mesh, part.mesh.attributes.get("sharp_edge")
     if mesh.has_custom_normals or (

@@ -1,4 +1,6 @@
-"""The axes and units of an imported scene: its objects are rotated, scaled and mirrored to metres, z up."""
+"""The axes and units of an imported scene: its objects are rotated, scaled and mirrored to metres,
+z up.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,10 +25,12 @@ _SILENT = {".obj": "y", ".ply": "z"}
 def orient(
     path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object]
 ) -> tuple[str, bool]:
-    """Transform the `objects` imported from `path` to metres, z up. If needed, they become children of an empty.
+    """Transform the `objects` imported from `path` to metres, z up. If needed, they become children
+    of an empty.
 
-    Returns a sentence that describes how the file is read, including guesses, and whether it should be reported because this is not the
-    format's default. Raises InputError for a file without surfaces if axes or unit must be guessed.
+    Returns a sentence that describes how the file is read, including guesses, and whether it should
+    be reported because this is not the format's default. Raises InputError for a file without
+    surfaces if axes or unit must be guessed.
     """
     kind, reasons = path.suffix.lower(), []
     imported = axes.Z_UP_FROM_Y_UP if kind in _Y_UP else np.eye(3)
@@ -74,7 +78,10 @@ def _size(extent_m: np.ndarray, up: str) -> str:
 
 
 def _size_warning(path: Path, objects: Sequence[bpy.types.Object], unit_m: float) -> str | None:
-    """A warning if the scene does not have the size of a room. Bounding boxes are checked first, to avoid reading all triangles."""
+    """A warning if the scene does not have the size of a room.
+
+    Bounding boxes are checked first, to avoid reading all triangles.
+    """
     bpy.context.view_layer.update()
     shown = [o for o in objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render]
     corners = np.array(
@@ -98,7 +105,8 @@ def _size_warning(path: Path, objects: Sequence[bpy.types.Object], unit_m: float
 
 
 def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
-    """Apply the matrix to the vertices of meshes without parents, animation or second users, so that an OBJ or PLY has no mirrored objects.
+    """Apply the matrix to the vertices of meshes without parents, animation or second users, so
+    that an OBJ or PLY has no mirrored objects.
     If there are other objects, all become children of one empty.
     """
     here = set(objects)
@@ -117,7 +125,8 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
         thing.parent, thing.parent_type = root, "OBJECT"
         thing.matrix_parent_inverse.identity()
     scale = abs(float(np.linalg.det(matrix))) ** (1 / 3)
-    # the same image at another scale: power grows with the area, radii with the length; a sun has neither
+    # the same image at another scale: power grows with the area, radii with the length; a sun has
+    # neither
     for lamp in {o.data for o in objects if o.type == "LIGHT"} if abs(scale - 1) > 1e-6 else ():
         if lamp.type != "SUN":
             lamp.energy *= scale**2
@@ -128,7 +137,8 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
 def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:
     mesh, whole = thing.data, mathutils.Matrix(matrix).to_4x4() @ thing.matrix_basis
     shading, mirrored = array_of(mesh.corner_normals, "vector", 3), whole.determinant() < 0
-    # in a file that was mirrored only by a change of sign, normals still point outside, but faces are wound inside out
+    # in a file that was mirrored only by a change of sign, normals still point outside, but faces
+    # are wound inside out
     normals, sizes = (
         array_of(mesh.polygons, "normal", 3),
         array_of(mesh.polygons, "loop_total", 1, np.int32),

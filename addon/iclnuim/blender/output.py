@@ -1,4 +1,7 @@
-"""Redirects Blender's output from standard output and standard error to a log. It does not import bpy, because that import may print."""
+"""Redirects Blender's output from standard output and standard error to a log.
+
+It does not import bpy, because that import may print.
+"""
 
 import ctypes
 import os
@@ -10,10 +13,11 @@ from pathlib import Path
 
 @contextmanager
 def blender_output_in(log: Path, errors: bool = True) -> Iterator[None]:
-    """Send Blender's output to `log`: from C it prints dozens of lines per frame to file descriptor 1, and USD prints warnings to 2.
+    """Send Blender's output to `log`: from C it prints dozens of lines per frame to file descriptor
+    1, and USD prints warnings to 2.
 
-    Python's sys.stdout and sys.stderr are not redirected. errors: if False, descriptor 2 is not redirected either, for a process that has its
-    own log there.
+    Python's sys.stdout and sys.stderr are not redirected. errors: if False, descriptor 2 is not
+    redirected either, for a process that has its own log there.
     """
     _flush()
     names = ("stdout", "stderr")[: 1 + errors]
@@ -45,7 +49,9 @@ def _is_on(stream: object, number: int) -> bool:
 
 
 def _flush() -> None:
-    """Flush Python's buffers and the C library's, which may still contain Blender's lines when descriptors change."""
+    """Flush Python's buffers and the C library's, which may still contain Blender's lines when
+    descriptors change.
+    """
     sys.stdout.flush()
     sys.stderr.flush()
     with suppress(OSError, AttributeError, TypeError):

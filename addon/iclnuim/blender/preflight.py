@@ -13,12 +13,16 @@ FAR_M = 1000.0
 _SIMULATED = {
     "CLOTH", "SOFT_BODY", "FLUID", "OCEAN", "DYNAMIC_PAINT", "MESH_SEQUENCE_CACHE", "EXPLODE", "BUILD", "WAVE",
 }  # fmt: skip
-#: Diffuse shaders that baked light cannot replace; maximum number of UV maps, so that two more for the light map are possible.
+#: Diffuse shaders that baked light cannot replace; maximum number of UV maps, so that two more for
+#: the light map are possible.
 _NO_LIGHT_MAP, _MAX_UV_MAPS = {"BSDF_TOON", "BSDF_SHEEN"}, 6
 
 
 def findings(baked: bool) -> list[str]:
-    """The findings in the open scene, one sentence each. `baked` includes limitations of baked light. Nothing is changed."""
+    """The findings in the open scene, one sentence each.
+
+    `baked` includes limitations of baked light. Nothing is changed.
+    """
     scene, view = bpy.context.scene, bpy.context.scene.view_settings
     glass, mixed, bumps = [], [], []
     for material in (m for m in bpy.data.materials if m.users and m.node_tree):
@@ -77,7 +81,9 @@ def _used(node: bpy.types.Node, socket: str, neutral: float) -> bool:
 
 
 def moving_names(scene: bpy.types.Scene) -> list[str]:
-    """Names of objects and lights that move or change, in order, without cameras; the world is `the sky`."""
+    """Names of objects and lights that move or change, in order, without cameras; the world is `the
+    sky`.
+    """
     shown = [o for o in scene.objects if o.type != "CAMERA" and (not o.hide_render or _varies(o))]
     moving = {
         o.name for o in shown if (o.type != "EMPTY" or o.instance_collection) and _moves(o, set())
@@ -101,7 +107,8 @@ def moving_names(scene: bpy.types.Scene) -> list[str]:
 
 
 def _timed_names(scene: bpy.types.Scene) -> set[str]:
-    """Objects whose geometry depends on the frame although they are not animated, for example by Scene Time in Geometry Nodes.
+    """Objects whose geometry depends on the frame although they are not animated, for example by
+    Scene Time in Geometry Nodes.
 
     Scenes with simulations are not evaluated: they would lose their state.
     """
@@ -150,7 +157,9 @@ def _varies_inside(tree: bpy.types.NodeTree | None) -> bool:
 
 
 def _moves(thing: bpy.types.Object, seen: set[bpy.types.Object]) -> bool:
-    """Whether an object moves: by its animation, its data, its shape keys, a simulation, or another object that it depends on."""
+    """Whether an object moves: by its animation, its data, its shape keys, a simulation, or another
+    object that it depends on.
+    """
     if thing in seen:
         return False
     seen.add(thing)
@@ -190,7 +199,9 @@ def _spread(curve: bpy.types.FCurve) -> float:
 
 
 def strand_names(scene: bpy.types.Scene) -> list[str]:
-    """Objects that render as hair, curves or points, which have no faces for a light map, including instances and results of Geometry Nodes."""
+    """Objects that render as hair, curves or points, which have no faces for a light map, including
+    instances and results of Geometry Nodes.
+    """
     with surfaces.as_rendered(scene) as depsgraph:
         return sorted({i.object.name for i in depsgraph.object_instances if _shows_strands(i)})
 
@@ -262,7 +273,9 @@ def light_linking_names(scene: bpy.types.Scene) -> list[str]:
 
 
 def unmappable_names(scene: bpy.types.Scene) -> list[str]:
-    """Objects that cannot have a light map: because of unsupported shaders, too many UV maps, or materials that differ between instances."""
+    """Objects that cannot have a light map: because of unsupported shaders, too many UV maps, or
+    materials that differ between instances.
+    """
     found: dict[tuple[str, str, bool], bool] = {}
     with surfaces.as_rendered(scene) as depsgraph:
         for instance in depsgraph.object_instances:

@@ -1,4 +1,5 @@
-"""Repairs a user-provided scene so that it can be rendered: invalid numbers, missing images, vertex colours without a material, displacement by
+"""Repairs a user-provided scene so that it can be rendered: invalid numbers, missing images, vertex
+colours without a material, displacement by
 materials, coincident faces, drivers written in Python.
 
 Everything is done in memory. Functions that return sentences report what was found and changed.
@@ -24,12 +25,14 @@ _ATTRIBUTE = "displaced position"
 _MAX_COORDINATE = 1e7
 #: A face with less area than this (file units squared) is degenerate: a line or a point.
 _MIN_AREA = 1e-14
-#: Corners closer than this are at the same position. Maximum number of coincident faces that are checked for visibility.
+#: Corners closer than this are at the same position. Maximum number of coincident faces that are
+#: checked for visibility.
 _SAME_PLACE_M, _PROBES = 1e-5, 64
-#: An object with at least this share of its surface in the plane of another object is moved by this distance in front of it. Smaller areas are
-#: ignored, and at most this number of pairs is checked.
+#: An object with at least this share of its surface in the plane of another object is moved by this
+#: distance in front of it. Smaller areas are ignored, and at most this number of pairs is checked.
 _LARGE, _RAISED_M, _SMALLEST_M2, _PAIRS = 0.1, 5e-5, 1e-4, 2000
-#: Maximum number of faces that are checked for overlap: the largest of those that share a plane with others.
+#: Maximum number of faces that are checked for overlap: the largest of those that share a plane
+#: with others.
 _OVERLAPS = 1000
 
 
@@ -65,7 +68,9 @@ def sanitize(scene: bpy.types.Scene) -> list[str]:
 
 
 def without_false_glass(path: Path) -> list[str]:
-    """Make materials of the OBJ at `path` opaque if only `Tf` makes them glass: 3ds Max writes `Tf 1 1 1` for all, with `d 1` and `illum 2`."""
+    """Make materials of the OBJ at `path` opaque if only `Tf` makes them glass: 3ds Max writes `Tf
+    1 1 1` for all, with `d 1` and `illum 2`.
+    """
     named = re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", path.read_bytes(), re.MULTILINE)
     libraries = {path.parent / os.fsdecode(name).strip('"') for name in named} | {
         path.with_suffix(".mtl")
@@ -116,7 +121,9 @@ def _without_lost_vertices(mesh: bpy.types.Mesh) -> int:
 
 
 def _missing_images() -> str:
-    """Remove missing or unreadable images from the materials, so that their plain values are shown instead of magenta. Returns the names."""
+    """Remove missing or unreadable images from the materials, so that their plain values are shown
+    instead of magenta. Returns the names.
+    """
     missing = [image for image in bpy.data.images if _is_missing(image)]
     owners = [*bpy.data.materials, *bpy.data.worlds, *bpy.data.lights]
     trees = [
@@ -145,7 +152,10 @@ def _is_missing(image: bpy.types.Image) -> bool:
 
 
 def _show_vertex_colours(scene: bpy.types.Scene) -> bool:
-    """Show the vertex colours of meshes without any material, such as a scan as PLY. Returns whether there are any."""
+    """Show the vertex colours of meshes without any material, such as a scan as PLY.
+
+    Returns whether there are any.
+    """
     bare = [
         o
         for o in scene.objects
@@ -172,7 +182,9 @@ def _names(things: Iterable) -> str:
 
 
 def displace_meshes(scene: bpy.types.Scene) -> list[str]:
-    """Give every object with displacement in its materials a separate mesh, evaluated and displaced, also if the object is only instanced."""
+    """Give every object with displacement in its materials a separate mesh, evaluated and
+    displaced, also if the object is only instanced.
+    """
     materials = {m for m in bpy.data.materials if _displaces(m)}
     adaptive = _without_adaptive_subdivision()
     things = [o for o in bpy.data.objects if o.type == "MESH" and o.users]
@@ -184,7 +196,8 @@ def displace_meshes(scene: bpy.types.Scene) -> list[str]:
                 for thing in moved:
                     _displace(scene, thing)
     for material in materials:
-        # the meshes are displaced now, so the material no longer displaces; on objects without a separate mesh it becomes a bump map
+        # the meshes are displaced now, so the material no longer displaces; on objects without a
+        # separate mesh it becomes a bump map
         material.displacement_method = "BUMP"
         if all(o in moved for o in bpy.data.objects if material.name in o.material_slots):
             compat.unlink(material.node_tree.get_output_node("CYCLES").inputs["Displacement"])
@@ -197,7 +210,9 @@ def displace_meshes(scene: bpy.types.Scene) -> list[str]:
 
 @contextmanager
 def _in_view(scene: bpy.types.Scene, things: list[bpy.types.Object]) -> Iterator[None]:
-    """Make all these objects rendered objects of the scene temporarily, so that instanced or unused ones are evaluated and baked, too."""
+    """Make all these objects rendered objects of the scene temporarily, so that instanced or unused
+    ones are evaluated and baked, too.
+    """
     with ExitStack() as stack:
         for thing in things:
             stack.enter_context(temporarily(thing, hide_render=False, hide_viewport=False))
@@ -209,7 +224,9 @@ def _in_view(scene: bpy.types.Scene, things: list[bpy.types.Object]) -> Iterator
 
 @contextmanager
 def _without_others(things: list[bpy.types.Object]) -> Iterator[None]:
-    """Hide all other objects and instances temporarily: baking identifies an object by its name, which its instances share."""
+    """Hide all other objects and instances temporarily: baking identifies an object by its name,
+    which its instances share.
+    """
     here = set(things)
     with ExitStack() as stack:
         for thing in bpy.data.objects:
@@ -226,7 +243,9 @@ def _displaces(material: bpy.types.Material) -> bool:
 
 
 def _without_adaptive_subdivision() -> list[str]:
-    """Disable adaptive subdivision: it depends on the camera and would give every frame a different surface."""
+    """Disable adaptive subdivision: it depends on the camera and would give every frame a different
+    surface.
+    """
     found = []
     for thing in bpy.data.objects:
         for owner in (*thing.modifiers, getattr(thing, "cycles", None)):
@@ -282,9 +301,11 @@ def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
 
 
 def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
-    """Of equal faces at the same position, keep only the first. Objects that overlap larger ones in one plane, and other faces that overlap larger
-    ones, are moved in front of them: otherwise each face would shadow the other, and Cycles shows both black. Moving objects, glass, volumes,
-    instances, and faces that are never visible, between touching boxes, are not changed.
+    """Of equal faces at the same position, keep only the first. Objects that overlap larger ones in
+    one plane, and other faces that overlap larger
+    ones, are moved in front of them: otherwise each face would shadow the other, and Cycles shows
+    both black. Moving objects, glass, volumes, instances, and faces that are never visible, between
+    touching boxes, are not changed.
     """
     moving = set(preflight.moving_names(scene))
     with as_rendered(scene) as depsgraph:
@@ -323,7 +344,9 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
 def _edit_faces(
     thing: bpy.types.Object, left_out: Iterable[int], lifted: Iterable[int], directions: np.ndarray
 ) -> None:
-    """Remove faces of a mesh, and move others separately along `directions` (n, 3), unit vectors in the world."""
+    """Remove faces of a mesh, and move others separately along `directions` (n, 3), unit vectors in
+    the world.
+    """
     to_object = thing.matrix_world.inverted_safe().to_3x3()
     edited = bmesh.new()
     edited.from_mesh(thing.data)
@@ -339,9 +362,10 @@ def _edit_faces(
 
 
 class _Faces:
-    """The faces of evaluated meshes in the world, in one list: keys (F,), centres_m (F, 3), normals (F, 3), area_m2 (F,), see _faces_in_world;
-    owner (F,): index into things; plane (F,): equal for faces in the same plane; spread_m2 (F,): area of all faces of the same owner in the
-    same plane.
+    """The faces of evaluated meshes in the world, in one list: keys (F,), centres_m (F, 3), normals
+    (F, 3), area_m2 (F,), see _faces_in_world;
+    owner (F,): index into things; plane (F,): equal for faces in the same plane; spread_m2 (F,):
+    area of all faces of the same owner in the same plane.
     """
 
     def __init__(self, depsgraph: bpy.types.Depsgraph, things: list[bpy.types.Object]) -> None:
@@ -391,7 +415,9 @@ class _Faces:
         ]
 
         def is_seen(row: int, direction: np.ndarray) -> bool:
-            """Whether a ray from the face leaves the two objects that share it, instead of hitting a back face of one of them."""
+            """Whether a ray from the face leaves the two objects that share it, instead of hitting
+            a back face of one of them.
+            """
             for k in (owner[row], owner[first[group[row]]]):
                 hit = self.cast(
                     k, self.centres_m[row] + 10 * _SAME_PLACE_M * direction, direction, 1e4
@@ -410,7 +436,9 @@ class _Faces:
         )
 
     def sheets(self, again: np.ndarray) -> dict[bpy.types.Object, Vector]:
-        """Sheets that are in the plane of larger objects and face the same direction -> their translation in metres."""
+        """Sheets that are in the plane of larger objects and face the same direction -> their
+        translation in metres.
+        """
         raised: dict[bpy.types.Object, Vector] = {}
         for face, over in self._sharing_planes():
             one, other = self.things[self.owner[face]].original, self.things[over].original
@@ -426,7 +454,9 @@ class _Faces:
         return raised
 
     def _sharing_planes(self) -> Iterator[tuple[int, int]]:
-        """Pairs of a face, the largest of its object in its plane, and another object with more area in that plane; a limited number of pairs."""
+        """Pairs of a face, the largest of its object in its plane, and another object with more
+        area in that plane; a limited number of pairs.
+        """
         order = np.lexsort((-self.area_m2, self.owner, self.plane))
         large = self.spread_m2 > _LARGE * np.bincount(self.owner, self.area_m2)[self.owner]
         order = order[((self.area_m2 > _SMALLEST_M2) & large)[order]]
@@ -450,7 +480,9 @@ class _Faces:
         yield from pairs[:: 1 + len(pairs) // _PAIRS]
 
     def _smaller(self, a: int, b: int) -> int:
-        """Which of two faces in one plane should be in front: the one with less area in it, such as a rug on a floor of many tiles."""
+        """Which of two faces in one plane should be in front: the one with less area in it, such as
+        a rug on a floor of many tiles.
+        """
         area = self.area_m2 if self.owner[a] == self.owner[b] else self.spread_m2
         return int(min(a, b, key=lambda row: (round(float(area[row]), 6), self.area_m2[row], -row)))
 
@@ -468,7 +500,10 @@ class _Faces:
         return hit if at else None
 
     def _is_sheet(self, face: int) -> bool:
-        """Whether the object of a face is a sheet. A box on the floor is not: a ray to one side of its face passes through it."""
+        """Whether the object of a face is a sheet.
+
+        A box on the floor is not: a ray to one side of its face passes through it.
+        """
         outline = self._outline(face)
         ears = geometry.tessellate_polygon([[Vector(corner) for corner in outline]])
         place_m = (
@@ -482,7 +517,8 @@ class _Faces:
     def overlapping(
         self, again: np.ndarray, raised: Iterable[bpy.types.Object]
     ) -> tuple[np.ndarray, set[str]]:
-        """Rows of faces that overlap larger ones that face the same direction, and names of sheets that overlap others that face the opposite
+        """Rows of faces that overlap larger ones that face the same direction, and names of sheets
+        that overlap others that face the opposite
         direction. Only the _OVERLAPS largest faces that share a plane with others are checked.
         """
         shared = (np.bincount(self.plane)[self.plane] > 1) & (self.area_m2 > _SMALLEST_M2)
@@ -514,7 +550,9 @@ class _Faces:
         )
 
     def _pairs(self, rows: np.ndarray) -> Iterator[tuple[int, int]]:
-        """Pairs of overlapping faces among faces in one plane: a sample point of one is inside the other."""
+        """Pairs of overlapping faces among faces in one plane: a sample point of one is inside the
+        other.
+        """
         flat = np.delete(np.arange(3), np.abs(self.normals[rows[0]]).argmax())
         outlines = [self._outline(int(row))[:, flat] for row in rows]
         low, high = (
@@ -540,7 +578,9 @@ class _Faces:
 
 
 def _places_in(outline: np.ndarray) -> np.ndarray:
-    """Sample points (n, 2) in a polygon (k, 2): near its corners, at the centres of its first and last triangle, and at its own centre."""
+    """Sample points (n, 2) in a polygon (k, 2): near its corners, at the centres of its first and
+    last triangle, and at its own centre.
+    """
     ears = geometry.tessellate_polygon([[Vector((*corner, 0.0)) for corner in outline]])
     picked = np.array([outline[list(ear)] for ear in (*ears[:1], *ears[1:][-1:])]).reshape(-1, 3, 2)
     centres = picked.mean(1, keepdims=True)
@@ -549,7 +589,9 @@ def _places_in(outline: np.ndarray) -> np.ndarray:
 
 
 def _within(outline: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(n,) whether the points `places` (n, 2) are inside a polygon (k, 2): a ray along x crosses it an odd number of times."""
+    """(n,) whether the points `places` (n, 2) are inside a polygon (k, 2): a ray along x crosses it
+    an odd number of times.
+    """
     (x0, y0), (x1, y1) = outline.T[:, :, None], np.roll(outline, -1, 0).T[:, :, None]
     x, y = places.T[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -573,7 +615,9 @@ def _cast(
     direction: np.ndarray,
     reach_m: float,
 ) -> tuple[np.ndarray, Vector, int] | None:
-    """The hit of a ray in the world with one object: position (3,) in metres, unit normal, face; None if there is no hit."""
+    """The hit of a ray in the world with one object: position (3,) in metres, unit normal, face;
+    None if there is no hit.
+    """
     inverse, matrix = thing.matrix_world.inverted_safe(), thing.matrix_world
     step = inverse.to_3x3() @ Vector(reach_m * direction)
     if not step.length:
@@ -617,7 +661,8 @@ def _is_opaque(thing: bpy.types.Object) -> bool:
 def _faces_in_world(
     thing: bpy.types.Object,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The faces of an evaluated mesh: keys (F,), equal for faces with the same corners in any order, 0 for faces without area; (F, 3) centres in
+    """The faces of an evaluated mesh: keys (F,), equal for faces with the same corners in any
+    order, 0 for faces without area; (F, 3) centres in
     metres; (F, 3) unit normals; (F,) areas in square metres.
     """
     mesh, matrix = thing.data, np.array(thing.matrix_world)
@@ -646,7 +691,9 @@ def _faces_in_world(
 
 
 def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:
-    """Remove drivers that need Python from objects, their data, shape keys and materials, before they are evaluated. Returns their number."""
+    """Remove drivers that need Python from objects, their data, shape keys and materials, before
+    they are evaluated. Returns their number.
+    """
     removed = 0
     for block in {block for thing in things if thing is not None for block in _blocks_of(thing)}:
         animation = getattr(block, "animation_data", None)

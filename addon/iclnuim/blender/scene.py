@@ -1,4 +1,5 @@
-"""Opening a scene: a shipped scene, or a user-provided file of any supported format, which is converted to metres and z up, repaired and lit.
+"""Opening a scene: a shipped scene, or a user-provided file of any supported format, which is
+converted to metres and z up, repaired and lit.
 
 The file itself is never written.
 """
@@ -37,7 +38,8 @@ IMPORTERS: dict[str, Callable[[str], object]] = {
     **{kind: compat.import_usd for kind in (".usd", ".usda", ".usdc", ".usdz")},
 }
 KINDS = (".blend", *IMPORTERS)
-#: Maximum number of triangles for baked light. A light map has about as many texels, and a layout of more triangles takes minutes.
+#: Maximum number of triangles for baked light. A light map has about as many texels, and a layout
+#: of more triangles takes minutes.
 MAX_BAKED = 2_000_000
 #: For lamps inside: number of random places, and number of rays from each.
 _PLACES, _RAYS = 400, 48
@@ -51,14 +53,20 @@ _SMALLEST_EMITTER_M = 0.03
 
 
 def open_empty() -> None:
-    """Open an empty scene with factory settings, without the user's start-up file. Scripts in .blend files do not run."""
+    """Open an empty scene with factory settings, without the user's start-up file.
+
+    Scripts in .blend files do not run.
+    """
     compat.require_supported_version()
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.context.preferences.filepaths.use_scripts_auto_execute = False
 
 
 def open_scene(name: str, reading: SceneReading | None = None) -> list[str]:
-    """Open a shipped scene or a file. Returns notes for the user. Raises InputError if it cannot be opened."""
+    """Open a shipped scene or a file.
+
+    Returns notes for the user. Raises InputError if it cannot be opened.
+    """
     open_empty()
     if is_shipped(name):
         bpy.ops.wm.open_mainfile(filepath=str(shipped_file(name)), load_ui=False, use_scripts=False)
@@ -91,7 +99,11 @@ def shipped_file(name: str) -> Path:
 
 
 def open_file(path: Path, reading: SceneReading) -> list[str]:
-    """Open a file in the empty session. Returns notes for the user; the first describes how it was read. Raises InputError if it cannot be used."""
+    """Open a file in the empty session.
+
+    Returns notes for the user; the first describes how it was read. Raises InputError if it cannot
+    be used.
+    """
     missing = scene_paths.check(path, reading)
     load(path)
     scene_paths.check_open(path, reading)
@@ -123,7 +135,9 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
 
 
 def _neutral_settings(path: Path, scene: bpy.types.Scene) -> None:
-    """Reset settings of the scene in the file at `path` that would change or hide surfaces, and set those that its importer does not set."""
+    """Reset settings of the scene in the file at `path` that would change or hide surfaces, and set
+    those that its importer does not set.
+    """
     scene.cycles.shading_system = False  # shaders in OSL are scripts, which may read files
     scene.render.use_simplify = False
     cameras = [o for o in scene.objects if o.type == "CAMERA"]
@@ -155,7 +169,9 @@ def _with_background_sets(scene: bpy.types.Scene) -> None:
 
 
 def _without_grease_pencil() -> list[str]:
-    """Hide Grease Pencil: Blender draws it over the image by another engine, which rounds the depth of all pixels."""
+    """Hide Grease Pencil: Blender draws it over the image by another engine, which rounds the depth
+    of all pixels.
+    """
     drawings = [
         o for o in bpy.data.objects if o.type in ("GREASEPENCIL", "GPENCIL") and not o.hide_render
     ]
@@ -170,7 +186,10 @@ def _without_grease_pencil() -> list[str]:
 
 
 def _look_at_rendered_layer(scene: bpy.types.Scene) -> None:
-    """Make the first view layer, which is rendered, the active one too. Holdouts and indirect-only settings of its collections are moved to objects."""
+    """Make the first view layer, which is rendered, the active one too.
+
+    Holdouts and indirect-only settings of its collections are moved to objects.
+    """
     layer = scene.view_layers[0]
     if bpy.context.window is not None:
         bpy.context.window.view_layer = layer
@@ -197,14 +216,20 @@ def _light_passes_glass() -> list[str]:
 
 
 def with_possible_light(job: RenderJob) -> tuple[RenderJob, list[str]]:
-    """The job with the light that the open scene allows, and a note if that is not the requested light."""
+    """The job with the light that the open scene allows, and a note if that is not the requested
+    light.
+    """
     if job.light == "path" or (obstacle := reason_against_baking(bpy.context.scene)) is None:
         return job, []
     return with_light(job, "path"), [f"{obstacle}: path traced instead of baked light"]
 
 
 def with_light(job: RenderJob, light: str) -> RenderJob:
-    """The job with this light. Samples that were set with light "auto" are kept. Denoising is disabled if this Blender has no denoiser."""
+    """The job with this light.
+
+    Samples that were set with light "auto" are kept. Denoising is disabled if this Blender has no
+    denoiser.
+    """
     job = replace(job, light=light) if job.light == "auto" else job.changed(light=light)
     return job if compat.has_denoiser() else job.changed(denoise=False)
 
@@ -231,7 +256,9 @@ def reason_against_baking(scene: bpy.types.Scene) -> str | None:
 
 
 def _shown_materials(scene: bpy.types.Scene) -> set[bpy.types.Material | None]:
-    """The materials of all surfaces, including instanced collections; None for a surface without a material."""
+    """The materials of all surfaces, including instanced collections; None for a surface without a
+    material.
+    """
     things = {*scene.objects, *(o for c in bpy.data.collections for o in c.all_objects)}
     shown = [thing for thing in things if thing.type in surfaces.SURFACE_TYPES]
     bare = {None for thing in shown if not thing.material_slots}
@@ -239,7 +266,10 @@ def _shown_materials(scene: bpy.types.Scene) -> set[bpy.types.Material | None]:
 
 
 def checked_file(name: str) -> Path:
-    """The full path of a user-provided file. Raises InputError if it does not exist or its format is not supported."""
+    """The full path of a user-provided file.
+
+    Raises InputError if it does not exist or its format is not supported.
+    """
     path = Path(name).expanduser().resolve()
     if path.suffix.lower() not in KINDS:
         raise InputError(
@@ -255,7 +285,10 @@ def checked_file(name: str) -> Path:
 
 
 def load(path: Path) -> None:
-    """Import the file into the open session. A .blend replaces the session, and its scripts are not run. Raises InputError."""
+    """Import the file into the open session.
+
+    A .blend replaces the session, and its scripts are not run. Raises InputError.
+    """
     if path.suffix.lower() == ".ply":
         check_ply(path)
     logging.disable(
@@ -275,7 +308,8 @@ def load(path: Path) -> None:
             "a Blender that can import this format", path=path, found=without
         ) from None
     except (RuntimeError, TypeError, UnicodeDecodeError) as error:
-        # the last line of the importer's message; for an importer in Python the message contains a traceback
+        # the last line of the importer's message; for an importer in Python the message contains a
+        # traceback
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         messages = [line for line in lines if not line.startswith(("Location:", "File "))]
         last = (messages or lines or ["no reason given"])[-1].removeprefix("Error: ")
@@ -289,7 +323,9 @@ def load(path: Path) -> None:
 
 
 def _light_up(scene: bpy.types.Scene) -> list[str]:
-    """Add light to a scene that has none: a uniform white sky, and lamps inside rooms that the sky does not reach. Returns a note if light was added."""
+    """Add light to a scene that has none: a uniform white sky, and lamps inside rooms that the sky
+    does not reach. Returns a note if light was added.
+    """
     if _has_light(scene):
         return []
     world = bpy.data.worlds.new("Neutral light")
@@ -380,7 +416,9 @@ def _light_inside(scene: bpy.types.Scene) -> int:
 def _look_round(
     depsgraph: bpy.types.Depsgraph, place: np.ndarray, rays: np.ndarray
 ) -> tuple[float, float, float]:
-    """The share of rays that reach the sky, the share that end at a back face, and the distance of the nearest surface in metres."""
+    """The share of rays that reach the sky, the share that end at a back face, and the distance of
+    the nearest surface in metres.
+    """
     sky = backs = 0
     nearest = np.inf
     origin = Vector(place)

@@ -1,4 +1,6 @@
-"""A key of everything that determines a scene's light: surfaces, materials, images, lamps, world, bounces. Equal scenes have equal keys."""
+"""A key of everything that determines a scene's light: surfaces, materials, images, lamps, world,
+bounces. Equal scenes have equal keys.
+"""
 
 import hashlib
 from pathlib import Path
@@ -122,7 +124,9 @@ def _lamp(thing: bpy.types.Object) -> dict:
 
 
 def _tree(tree: bpy.types.NodeTree | None) -> list:
-    """The nodes with their settings and unlinked inputs, and the links between them, without layout and selection."""
+    """The nodes with their settings and unlinked inputs, and the links between them, without layout
+    and selection.
+    """
     if tree is None:
         return []
     nodes = [_node(node) for node in sorted(tree.nodes, key=lambda n: n.name)]
@@ -169,7 +173,9 @@ def _value(value: Any) -> Any:
 
 
 def _image(image: bpy.types.Image) -> str:
-    """A hash of name, colour space and content: the packed or referenced file, or the pixels of an image that is only in memory."""
+    """A hash of name, colour space and content: the packed or referenced file, or the pixels of an
+    image that is only in memory.
+    """
     file = Path(bpy.path.abspath(image.filepath, library=image.library)) if image.filepath else None
     if image.packed_file is not None:
         content = image.packed_file.data

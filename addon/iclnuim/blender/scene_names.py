@@ -1,4 +1,6 @@
-"""Finds references to other files in a scene file of any format that Blender opens, without opening these files."""
+"""Finds references to other files in a scene file of any format that Blender opens, without opening
+these files.
+"""
 
 import functools
 import html
@@ -28,10 +30,12 @@ _LAYERS = (".usd", ".usda", ".usdc", ".usdz", ".sdf", ".mtlx")
 
 @dataclass(frozen=True)
 class Named:
-    """A reference. place: its position in the file. report_missing: report it if the file is missing.
+    """A reference. place: its position in the file. report_missing: report it if the file is
+    missing.
 
-    kind: the format that the file will be read as, whatever its ending. folder: all files of this folder may be read. blenders: the path has
-    Blender's syntax. computed: the path is not known in advance.
+    kind: the format that the file will be read as, whatever its ending. folder: all files of this
+    folder may be read. blenders: the path has Blender's syntax. computed: the path is not known in
+    advance.
     """
 
     place: str
@@ -44,10 +48,12 @@ class Named:
 
 
 def named_in(file: Path, kind: str = "") -> Iterator[Named]:
-    """The references in a file, read as a file of that kind (`.mtl`), or else by its ending and its first bytes. If the file cannot be read, there
+    """The references in a file, read as a file of that kind (`.mtl`), or else by its ending and its
+    first bytes. If the file cannot be read, there
     are none, because Blender's importer will report the error; for a .blend, raises InputError.
 
-    The result is cached until the file changes: scenes are checked before they are opened, and hashed afterwards.
+    The result is cached until the file changes: scenes are checked before they are opened, and
+    hashed afterwards.
     """
     with suppress(OSError):
         state = file.stat()
@@ -95,7 +101,8 @@ def _in_obj(file: Path) -> Iterator[Named]:
 
 def _in_mtl(file: Path) -> Iterator[Named]:
     for line, arguments in _lines(file, _MAP):
-        # `-bm 0.5 my wood.png`: only Blender's parser decides where the options end, so the name may begin at any word
+        # `-bm 0.5 my wood.png`: only Blender's parser decides where the options end, so the name
+        # may begin at any word
         options = re.finditer(r"\S+", arguments) if arguments.startswith("-") else ()
         for start in [0, *(word.start() for word in options)]:
             yield Named(line, arguments[start:])
@@ -140,7 +147,9 @@ def _in_gltf(file: Path) -> Iterator[Named]:
 
 
 def _in_fbx(file: Path) -> Iterator[Named]:
-    """All texts of the file, because it depends on the program that wrote it which of them are paths."""
+    """All texts of the file, because it depends on the program that wrote it which of them are
+    paths.
+    """
     with (
         open(file, "rb") as opened,
         mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content,

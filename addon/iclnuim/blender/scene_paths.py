@@ -1,4 +1,6 @@
-"""References of a scene to other files: files outside the scene's folder are refused unless allowed, and all are included in the scene's hash."""
+"""References of a scene to other files: files outside the scene's folder are refused unless
+allowed, and all are included in the scene's hash.
+"""
 
 import functools
 import glob
@@ -17,7 +19,8 @@ from ..geometry.scene_axes import SceneReading
 from . import scene_names
 from .scene_names import Named
 
-#: Variants of a name that importers may use; each function is applied to the results of the previous ones.
+#: Variants of a name that importers may use; each function is applied to the results of the
+#: previous ones.
 _SPELLINGS = (
     unquote,
     lambda name: name.partition("\0")[0],  # C strings end here
@@ -35,7 +38,8 @@ _NUMBER = re.compile(r"<UDIM>|<UVTILE>|(?<=[._])#+(?=\.)")
 
 
 def check(path: Path, reading: SceneReading) -> list[str]:
-    """Check the references of a scene before it is opened. Returns a sentence about missing files, if any. Raises InputError for references
+    """Check the references of a scene before it is opened. Returns a sentence about missing files,
+    if any. Raises InputError for references
     outside its folder.
     """
     missing = []
@@ -53,7 +57,9 @@ def check(path: Path, reading: SceneReading) -> list[str]:
 
 
 def check_open(path: Path, reading: SceneReading) -> None:
-    """Check the references of the open scene: textures, libraries, volumes, caches, fonts and sounds. Raises InputError."""
+    """Check the references of the open scene: textures, libraries, volumes, caches, fonts and
+    sounds. Raises InputError.
+    """
     for block, file in _referenced():
         for target in _frames(block, file):
             if not _allowed(path, target, reading):
@@ -61,7 +67,9 @@ def check_open(path: Path, reading: SceneReading) -> None:
 
 
 def sha256(path: Path) -> str:
-    """The hash of the file and of every other file that it, the open scene, or one of these files refers to."""
+    """The hash of the file and of every other file that it, the open scene, or one of these files
+    refers to.
+    """
     named = {
         file for _, _, there in _walk(path) for target in there for file in _files(path, target)
     }
@@ -73,7 +81,8 @@ def sha256(path: Path) -> str:
 
 
 def _walk(path: Path) -> Iterator[tuple[Path, Named, list[Path]]]:
-    """(file, reference, existing files) for all references of the scene and, recursively, of the files it refers to.
+    """(file, reference, existing files) for all references of the scene and, recursively, of the
+    files it refers to.
 
     A file is opened only after the reference to it was yielded, so that the caller can refuse it.
     """
@@ -109,7 +118,8 @@ def _walk(path: Path) -> Iterator[tuple[Path, Named, list[Path]]]:
 
 
 def _targets(folder: Path, named: Named) -> list[Path]:
-    """The paths that a name may refer to. In Blender's paths `//` is the file's folder, else they start in the working folder; Blender truncates
+    """The paths that a name may refer to. In Blender's paths `//` is the file's folder, else they
+    start in the working folder; Blender truncates
     paths that are too long.
     """
     own = named.blenders and named.name.startswith("//")
@@ -120,7 +130,9 @@ def _targets(folder: Path, named: Named) -> list[Path]:
 
 
 def _last_resorts(folder: Path, named: Named) -> Iterator[Path]:
-    """Further paths that importers try for a missing file: the working folder, the last parts of the name, spaces instead of underscores."""
+    """Further paths that importers try for a missing file: the working folder, the last parts of
+    the name, spaces instead of underscores.
+    """
     for name in _spelled(named.name):
         parts = name.split("/")
         yield from (Path(name), folder / name.replace("_", " "))
@@ -135,7 +147,9 @@ def _spelled(name: str) -> list[str]:
 
 
 def _matches(target: Path, folder: bool, links: Callable[[Path], list[Path]]) -> list[Path]:
-    """The existing files of a name: the file (or folder), tiles and frames of a pattern, and symbolic links with similar names next to it."""
+    """The existing files of a name: the file (or folder), tiles and frames of a pattern, and
+    symbolic links with similar names next to it.
+    """
     with suppress(OSError, ValueError):
         if _NUMBER.search(target.name):
             return sorted(target.parent.glob(_NUMBER.sub("*", glob.escape(target.name))))
@@ -172,7 +186,9 @@ def _resolved(target: Path) -> Path:
 
 
 def _referenced() -> Iterator[tuple[bpy.types.ID, Path]]:
-    """(block, absolute path) of every external file of the open session, except scripts, which are never read."""
+    """(block, absolute path) of every external file of the open session, except scripts, which are
+    never read.
+    """
     data = bpy.data
     kinds = (
         data.images,

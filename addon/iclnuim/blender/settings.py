@@ -1,4 +1,6 @@
-"""Render settings: everything that determines a pixel is set here, so that the opened file's own settings have no effect."""
+"""Render settings: everything that determines a pixel is set here, so that the opened file's own
+settings have no effect.
+"""
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -11,13 +13,15 @@ from . import compat
 
 #: Inputs of a Principled surface without gloss.
 _MATT = {"Specular IOR Level": 0.0, "Metallic": 0.0, "Coat Weight": 0.0, "Sheen Weight": 0.0}
-#: Cycles' first ray, which gives Z, misses the pixel centre by half a step of the filter's table: 8e-5 px with the narrow
-#: filter, 5e-4 px and more with a wide one. A BOX filter is one pixel wide, whatever its width setting is.
+#: Cycles' first ray, which gives Z, misses the pixel centre by half a step of the filter's table:
+#: 8e-5 px with the narrow filter, 5e-4 px and more with a wide one. A BOX filter is one pixel wide,
+#: whatever its width setting is.
 CENTRE_FILTER_PX, WIDE_FILTER_PX = 0.01, 1.5
-#: Cycles' settings of every frame. The bounces are those of path tracing: more change these rooms by less than the noise. With a fixed seed all
-#: frames would have the same noise pattern. sample_clamp_indirect limits the light of a path with bounces, to avoid fireflies. In tiles (by
-#: default of images over 2048 x 2048 pixels), Cycles has no passes in memory: frames would be black. From 5.2 on tiles cannot be turned off, only
-#: be as large as possible.
+#: Cycles' settings of every frame. The bounces are those of path tracing: more change these rooms
+#: by less than the noise. With a fixed seed all frames would have the same noise pattern.
+#: sample_clamp_indirect limits the light of a path with bounces, to avoid fireflies. In tiles (by
+#: default of images over 2048 x 2048 pixels), Cycles has no passes in memory: frames would be
+#: black. From 5.2 on tiles cannot be turned off, only be as large as possible.
 _CYCLES = {
     "device": "CPU", "shading_system": False, "sample_offset": 0, "use_adaptive_sampling": False, "time_limit": 0.0,
     "use_animated_seed": True, "max_bounces": 8, "diffuse_bounces": 4, "glossy_bounces": 4, "transmission_bounces": 8,
@@ -28,7 +32,8 @@ _CYCLES = {
     "use_auto_tile": False, "tile_size": compat.LARGEST_TILE_PX, "sampling_pattern": "AUTOMATIC",
     "scrambling_distance": 1.0, "auto_scrambling_distance": False,
 }  # fmt: skip
-#: Settings of the view layer: files hide surfaces or the sky with these, or set another number of samples.
+#: Settings of the view layer: files hide surfaces or the sky with these, or set another number of
+#: samples.
 _LAYER = {
     "samples": 0,
     "use_solid": True,
@@ -49,7 +54,8 @@ _RENDER = {
 
 
 def apply(job: RenderJob, threads: int | None = None) -> None:
-    """Set up Cycles on the CPU for `job`, with linear 32-bit multilayer EXR with Z. Raises WorkError if a required denoiser is missing.
+    """Set up Cycles on the CPU for `job`, with linear 32-bit multilayer EXR with Z. Raises
+    WorkError if a required denoiser is missing.
 
     Rays go through the pixel centre; with antialias they are spread over neighbouring pixels.
     """
@@ -94,7 +100,9 @@ def assign(thing: object, values: Mapping[str, object]) -> None:
 
 @contextmanager
 def without_volumes() -> Iterator[None]:
-    """Make the volumes of the open scene empty temporarily: a ray that scatters in a volume has no Z."""
+    """Make the volumes of the open scene empty temporarily: a ray that scatters in a volume has no
+    Z.
+    """
     with ExitStack() as stack:
         for thing in (o for o in bpy.data.objects if o.type == "VOLUME"):
             stack.enter_context(compat.temporarily(thing, hide_render=True))
@@ -110,10 +118,11 @@ def without_volumes() -> Iterator[None]:
 
 
 def remove_gloss() -> None:
-    """Remove view-dependent reflection from every material of the open scene, to measure the effect of reflections on an odometer.
+    """Remove view-dependent reflection from every material of the open scene, to measure the effect
+    of reflections on an odometer.
 
-    A mix or sum with a Glossy BSDF is replaced by its other part; a metal becomes a matt surface of its colour; specular, metallic, coat and
-    sheen of a Principled surface are set to 0.
+    A mix or sum with a Glossy BSDF is replaced by its other part; a metal becomes a matt surface of
+    its colour; specular, metallic, coat and sheen of a Principled surface are set to 0.
     """
     for tree in [m.node_tree for m in bpy.data.materials if m.use_nodes and m.node_tree]:
         for node in [n for n in tree.nodes if n.type in ("MIX_SHADER", "ADD_SHADER")]:

@@ -7,12 +7,15 @@ from bpy.types import Node, NodeSocket, NodeTree
 
 from .compat import unlink
 
-#: A source for a node's input: a constant, an output, or another input, whose link or value is used.
+#: A source for a node's input: a constant, an output, or another input, whose link or value is
+#: used.
 Source: TypeAlias = float | tuple[float, ...] | NodeSocket
 
 
 def feed(tree: NodeTree, source: Source, target: NodeSocket) -> None:
-    """Connect `target` to an output, set it to a constant, or copy the link or value of another input; colours and numbers are converted."""
+    """Connect `target` to an output, set it to a constant, or copy the link or value of another
+    input; colours and numbers are converted.
+    """
     if isinstance(source, NodeSocket) and (source.is_output or source.is_linked):
         tree.links.new(source if source.is_output else source.links[0].from_socket, target)
         return

@@ -1,4 +1,6 @@
-"""The sky of the open scene as a source of light: whether it gives any, and the size of the map by which Cycles samples it."""
+"""The sky of the open scene as a source of light: whether it gives any, and the size of the map by
+which Cycles samples it.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +11,9 @@ from . import compat
 
 
 def gives_light(world: bpy.types.World | None) -> bool:
-    """Whether the sky may give light: False without a world, and for a Background of strength 0 or black colour."""
+    """Whether the sky may give light: False without a world, and for a Background of strength 0 or
+    black colour.
+    """
     if world is None:
         return False
     if not world.use_nodes:
@@ -35,8 +39,8 @@ def _is_black(shader: bpy.types.Node) -> bool:
 def sampled_at_image_size(world: bpy.types.World | None) -> Iterator[None]:
     """Let Cycles sample a sky that is an image by a map of the image's width, temporarily.
 
-    Cycles' automatic map is 4096 wide. It is made anew for each bake, and every sample searches it; texels finer than those of the image do
-    not place samples better.
+    Cycles' automatic map is 4096 wide. It is made anew for each bake, and every sample searches it;
+    texels finer than those of the image do not place samples better.
     """
     width = _image_width(world)
     if world is None or width is None:
@@ -47,7 +51,9 @@ def sampled_at_image_size(world: bpy.types.World | None) -> Iterator[None]:
 
 
 def _image_width(world: bpy.types.World | None) -> int | None:
-    """The largest width of the images of a sky that only consists of equirectangular ones; None for another sky, whose detail is not known."""
+    """The largest width of the images of a sky that only consists of equirectangular ones; None for
+    another sky, whose detail is not known.
+    """
     if world is None or not world.use_nodes or world.cycles.sampling_method != "AUTOMATIC":
         return None
     nodes = compat.nodes_of(world.node_tree)

@@ -1,4 +1,6 @@
-"""The surfaces of the open scene as rendered: as triangles in the world, and as mesh objects that can have light maps."""
+"""The surfaces of the open scene as rendered: as triangles in the world, and as mesh objects that
+can have light maps.
+"""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -14,7 +16,8 @@ from ..lightmap.surfaces import Surfaces, join
 from .compat import temporarily
 
 SURFACE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
-#: Properties for the level of detail in the viewport and in renders: subdivision and multiresolution, screws, curves, metaballs, oceans.
+#: Properties for the level of detail in the viewport and in renders: subdivision and
+#: multiresolution, screws, curves, metaballs, oceans.
 _LEVELS = (
     ("levels", "render_levels"), ("steps", "render_steps"), ("resolution_u", "render_resolution_u"),
     ("resolution_v", "render_resolution_v"), ("resolution", "render_resolution"), ("viewport_resolution", "resolution"),
@@ -23,7 +26,8 @@ _LEVELS = (
 
 @dataclass(frozen=True)
 class Surface:
-    """vertices (n, 3) in metres, our world; triangles (m, 3) indices; owners (m,) index into names, one per object; held_out (m,): whether the
+    """vertices (n, 3) in metres, our world; triangles (m, 3) indices; owners (m,) index into names,
+    one per object; held_out (m,): whether the
     object is a holdout: frames have no depth there.
     """
 
@@ -36,10 +40,11 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One rendered object or instance: a copy of its evaluated mesh, its matrix, and the object it was made from.
+    """One rendered object or instance: a copy of its evaluated mesh, its matrix, and the object it
+    was made from.
 
-    `origin`: the object to hide when the part replaces it. `single`: the part is everything that this object shows. `shared`: other parts have
-    the same mesh.
+    `origin`: the object to hide when the part replaces it. `single`: the part is everything that
+    this object shows. `shared`: other parts have the same mesh.
     """
 
     name: str
@@ -59,7 +64,8 @@ class Part:
 
 
 def triangles(panes: bool = True) -> Surface:
-    """All surfaces that camera rays can hit, evaluated as for a render (modifiers, instances), without hidden objects.
+    """All surfaces that camera rays can hit, evaluated as for a render (modifiers, instances),
+    without hidden objects.
 
     panes: include surfaces that only have a Transparent BSDF.
     """
@@ -94,7 +100,9 @@ def triangles(panes: bool = True) -> Surface:
 
 
 def triangle_count() -> int:
-    """The number of triangles that the open scene renders, including every instance, without curves and texts."""
+    """The number of triangles that the open scene renders, including every instance, without curves
+    and texts.
+    """
     with as_rendered(bpy.context.scene) as depsgraph:
         shown = ((i.object, i.is_instance) for i in depsgraph.object_instances if i.show_self)
         seen = (
@@ -108,7 +116,8 @@ def triangle_count() -> int:
 
 @contextmanager
 def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
-    """The scene evaluated as for rendering: visibility, modifiers, curves and metaballs have their settings for rendering instead of those for the
+    """The scene evaluated as for rendering: visibility, modifiers, curves and metaballs have their
+    settings for rendering instead of those for the
     viewport, also for objects that are only instanced.
     """
     with ExitStack() as stack:
@@ -143,7 +152,9 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
 
 
 def _levels(thing: Any) -> dict[str, object]:
-    """Viewport properties for the level of detail of a modifier, curve or metaball, and their values in renders. 0 usually means no change."""
+    """Viewport properties for the level of detail of a modifier, curve or metaball, and their
+    values in renders. 0 usually means no change.
+    """
     both = [
         (shown, rendered)
         for shown, rendered in _LEVELS
@@ -156,7 +167,10 @@ def _levels(thing: Any) -> dict[str, object]:
 def layers_below(
     layer: bpy.types.LayerCollection, rendered: bool = False
 ) -> list[bpy.types.LayerCollection]:
-    """All layer collections below `layer`, or only those that render. The top one is never hidden."""
+    """All layer collections below `layer`, or only those that render.
+
+    The top one is never hidden.
+    """
     shown = [
         c for c in layer.children if not (rendered and (c.exclude or c.collection.hide_render))
     ]
@@ -164,7 +178,10 @@ def layers_below(
 
 
 def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
-    """Every rendered surface, with instances made real, in Blender's order. The caller must remove the meshes."""
+    """Every rendered surface, with instances made real, in Blender's order.
+
+    The caller must remove the meshes.
+    """
     found: list[Part] = []
     data: list[int] = []
     for instance in depsgraph.object_instances:
@@ -172,7 +189,8 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
         hidden = thing.original.hide_render and not instance.is_instance
         if not instance.show_self or thing.type not in SURFACE_TYPES or hidden:
             continue
-        # an instance made by Geometry Nodes is not an object: it has a mesh and materials, but the name of the object
+        # an instance made by Geometry Nodes is not an object: it has a mesh and materials, but the
+        # name of the object
         by_nodes = instance.is_instance and instance.parent.original == thing.original
         if by_nodes and isinstance(thing.data, bpy.types.Mesh):
             mesh = thing.data.copy()
@@ -185,7 +203,8 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
         mesh.calc_loop_triangles()
         shown = mesh.materials if by_nodes else [slot.material for slot in thing.material_slots]
         for number, material in enumerate(shown):
-            # materials may be linked to the object instead of its data; clearing the mesh's materials would reset the faces' indices
+            # materials may be linked to the object instead of its data; clearing the mesh's
+            # materials would reset the faces' indices
             material = material and material.original
             if number < len(mesh.materials):
                 mesh.materials[number] = material
@@ -211,7 +230,10 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
 
 @contextmanager
 def rendered_parts() -> Iterator[tuple[list[Part], bpy.types.Depsgraph]]:
-    """The parts of the open scene as rendered. Their meshes are removed at the end of the `with` block."""
+    """The parts of the open scene as rendered.
+
+    Their meshes are removed at the end of the `with` block.
+    """
     with as_rendered(bpy.context.scene) as depsgraph:
         found = parts(depsgraph)
         try:
@@ -257,7 +279,9 @@ def world_normals(part: Part, found: Any) -> np.ndarray:
 
 
 def _normal_matrix(linear: np.ndarray) -> np.ndarray:
-    """(3, 3): rows of normals times this matrix are normals in the world, up to scale; for a singular matrix it is made from the cofactors."""
+    """(3, 3): rows of normals times this matrix are normals in the world, up to scale; for a
+    singular matrix it is made from the cofactors.
+    """
     if np.linalg.matrix_rank(linear) == 3:
         return np.linalg.inv(linear)
     x, y, z = linear.T
@@ -280,7 +304,8 @@ def rendered_lamps(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 
 def put(thing: bpy.types.Object, matrix: mathutils.Matrix) -> list[bpy.types.Object]:
-    """Set the world matrix of an object without a parent. An object's own matrix cannot shear: in that case it gets an empty as a parent, which is
+    """Set the world matrix of an object without a parent. An object's own matrix cannot shear: in
+    that case it gets an empty as a parent, which is
     returned.
     """
     matrix = matrix.copy()
@@ -324,7 +349,9 @@ def material_of_face(part: Part) -> np.ndarray:
 
 
 def solid(part: Part) -> np.ndarray:
-    """(m,) whether a camera ray ends at the triangle; it does not at the bounds of a volume without a surface."""
+    """(m,) whether a camera ray ends at the triangle; it does not at the bounds of a volume without
+    a surface.
+    """
     ends = [
         not (o and o.inputs["Volume"].is_linked and not o.inputs["Surface"].is_linked)
         for o in _outputs(part)
@@ -354,7 +381,9 @@ def _of_triangles(part: Part, of_materials: list[bool]) -> np.ndarray:
 
 
 def array_of(collection: Any, name: str, width: int = 1, kind: type = np.float32) -> np.ndarray:
-    """(n, width), or (n,) for width 1: an attribute of all vertices, corners or faces of a mesh, in Blender's type."""
+    """(n, width), or (n,) for width 1: an attribute of all vertices, corners or faces of a mesh, in
+    Blender's type.
+    """
     values: np.ndarray = np.empty(len(collection) * width, kind)
     collection.foreach_get(name, values)
     return values.reshape(-1, width) if width > 1 else values

@@ -1,6 +1,8 @@
-"""The frame loop: renders any trajectory through any scene, one EXR per frame, and can be resumed at any frame.
+"""The frame loop: renders any trajectory through any scene, one EXR per frame, and can be resumed
+at any frame.
 
-A `Session` is used by the command line, the farm and the panel. It reports events through `emit`, see worker_events.py.
+A `Session` is used by the command line, the farm and the panel. It reports events through `emit`,
+see worker_events.py.
 """
 
 import os
@@ -52,10 +54,12 @@ Emit = Callable[[Event], None]
 
 
 class Session:
-    """Opens a run in `out` and renders any of its frames. The scene is built at the first frame and kept.
+    """Opens a run in `out` and renders any of its frames. The scene is built at the first frame and
+    kept.
 
-    `threads` for Cycles; default: all cores of this process. `requested`: the requested frames: for a user-provided scene, the first one is
-    rendered as a preview, and light "auto" is chosen for their number. Use it as a context manager: Blender's output goes to a log meanwhile.
+    `threads` for Cycles; default: all cores of this process. `requested`: the requested frames: for
+    a user-provided scene, the first one is rendered as a preview, and light "auto" is chosen for
+    their number. Use it as a context manager: Blender's output goes to a log meanwhile.
     """
 
     def __init__(
@@ -118,7 +122,8 @@ class Session:
             self.emit(events.Ready())
 
     def bake(self) -> tuple[Path, bool]:
-        """Find or bake the light map. Returns its folder and whether it was baked; in that case the scene must be built again, preferably in a new
+        """Find or bake the light map. Returns its folder and whether it was baked; in that case the
+        scene must be built again, preferably in a new
         process, which needs less memory.
         """
         opened, self._ready, self._opened = self._opened, False, False
@@ -136,10 +141,12 @@ class Session:
     def render(
         self, requested: str | Sequence[int], should_stop: Callable[[], bool]
     ) -> tuple[int, bool]:
-        """Render the missing frames of those requested, given as a slice or numbers. Returns how many were rendered, and whether none is missing.
+        """Render the missing frames of those requested, given as a slice or numbers. Returns how
+        many were rendered, and whether none is missing.
 
-        The file of each frame is written while Cycles renders the next: at most one is open in addition to the current one. Raises InputError
-        for a frame that the trajectory does not have, WorkError.
+        The file of each frame is written while Cycles renders the next: at most one is open in
+        addition to the current one. Raises InputError for a frame that the trajectory does not
+        have, WorkError.
         """
         count = len(self.trajectory)
         numbers = frame_slice(requested, count) if isinstance(requested, str) else requested
@@ -180,7 +187,10 @@ class Session:
         return rendered, rendered == len(missing)
 
     def _build(self) -> dict | None:
-        """Open the scene unless it is open, light it, keyframe the camera, and set all settings. With ground truth, returns the table of objects."""
+        """Open the scene unless it is open, light it, keyframe the camera, and set all settings.
+
+        With ground truth, returns the table of objects.
+        """
         job, table = self.job, None
         _set_up(job, self.emit, self.threads, self._opened)
         if job.ground_truth:
@@ -195,7 +205,8 @@ class Session:
             self._mipmaps = mipmaps.filter_textures(job.camera)
         if lit_by is not None:
             cycles = bpy.context.scene.cycles
-            # path tracing clamps indirect light in the same way; not for built-in rooms, so that their frames do not change
+            # path tracing clamps indirect light in the same way; not for built-in rooms, so that
+            # their frames do not change
             light_map.apply(
                 lit_by, None if scene.is_shipped(job.scene) else cycles.sample_clamp_indirect
             )
@@ -218,7 +229,9 @@ class Session:
         blurred: np.ndarray | None,
         cycles_seconds: float,
     ) -> None:
-        """Convert Blender's raw frame to the finished file, with ground truth if the job has it, and emit the event immediately."""
+        """Convert Blender's raw frame to the finished file, with ground truth if the job has it,
+        and emit the event immediately.
+        """
         begun = time.perf_counter()
         if self.run.is_finished(
             number
@@ -265,7 +278,9 @@ def recipe(job: RenderJob) -> dict:
 
 
 def _opened(job: RenderJob, emit: Emit) -> RenderJob:
-    """Open a user-provided scene before its run is opened: its textures are part of the recipe, and moving objects affect the choice of light."""
+    """Open a user-provided scene before its run is opened: its textures are part of the recipe, and
+    moving objects affect the choice of light.
+    """
     with output.blender_output_in(Path(os.devnull), errors=False):
         notes = scene.open_scene(job.scene, job.reading)
         job, more = scene.with_possible_light(job)
@@ -276,7 +291,8 @@ def _opened(job: RenderJob, emit: Emit) -> RenderJob:
 def bake_light(
     job: RenderJob, emit: Emit, threads: int | None = None, opened: bool = False
 ) -> tuple[Path, bool]:
-    """Open the job's scene, unless it is open, and find or bake its light map. Returns its folder, and whether it was baked.
+    """Open the job's scene, unless it is open, and find or bake its light map. Returns its folder,
+    and whether it was baked.
 
     Raises InputError for a scene whose light cannot be baked.
     """
@@ -310,11 +326,13 @@ def _note_all(emit: Emit, texts: list[str]) -> None:
 def _render(
     job: RenderJob, number: int, name: Path, volumes: bool
 ) -> tuple[frames.Raw, frames.Raw, frames.Raw | None]:
-    """Render a frame. Returns Blender's frames with RGB and with Z, usually the same, and with Z behind glass if the job needs it. They may be files:
+    """Render a frame. Returns Blender's frames with RGB and with Z, usually the same, and with Z
+    behind glass if the job needs it. They may be files:
     the caller alternates names while another frame is being written.
 
-    A separate render with one sample gives Z if the filter is wide or the scene has `volumes`, else Z is that of the first sample. It also gives
-    normals, which otherwise are a mean over the samples.
+    A separate render with one sample gives Z if the filter is wide or the scene has `volumes`, else
+    Z is that of the first sample. It also gives normals, which otherwise are a mean over the
+    samples.
     """
     scene, raw_behind = bpy.context.scene, None
     raw = raw_depth = frames.render(number, name.with_suffix(".exr"), in_memory=True)
@@ -335,7 +353,8 @@ def _render(
 
 
 def _work_folder(run: RunFolder) -> Path:
-    """A folder for Blender's raw frames, named after this process. Folders of processes of this host that have ended are removed.
+    """A folder for Blender's raw frames, named after this process. Folders of processes of this
+    host that have ended are removed.
 
     It is in the run folder, or in ICLNUIM_SCRATCH, for example a node's local disk.
     """
@@ -352,14 +371,18 @@ def _work_folder(run: RunFolder) -> Path:
 
 
 def _features() -> list[str]:
-    """Processor features that select Cycles' kernels: frames are guaranteed to have equal bytes only on processors with equal features."""
+    """Processor features that select Cycles' kernels: frames are guaranteed to have equal bytes
+    only on processors with equal features.
+    """
     return sorted(
         set(_cpuinfo("flags").split()) & {"sse4_2", "avx", "avx2", "fma", "f16c", "avx512f"}
     )
 
 
 def _cpuinfo(key: str) -> str:
-    """An entry of /proc/cpuinfo for the first processor; empty if there is none (not Linux, another architecture)."""
+    """An entry of /proc/cpuinfo for the first processor; empty if there is none (not Linux, another
+    architecture).
+    """
     if sys.platform == "linux":
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith(key):

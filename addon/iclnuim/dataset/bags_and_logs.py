@@ -1,8 +1,9 @@
-"""A sequence in one file: ROS 1 and ROS 2 bags, written by the optional package rosbags (no ROS needed), and .klg logs.
+"""A sequence in one file: ROS 1 and ROS 2 bags, written by the optional package rosbags (no ROS
+needed), and .klg logs.
 
-Topics of bags: /camera/rgb/image_color (rgb8), /camera/depth/image (32FC1, metres, NaN = missing), a camera_info for each, and with
-ground truth /ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Stamps are those of each image of the sequence, to the
-nanosecond.
+Topics of bags: /camera/rgb/image_color (rgb8), /camera/depth/image (32FC1, metres, NaN = missing),
+a camera_info for each, and with ground truth /ground_truth/pose (world <- camera, x right, y down,
+z forward) and /tf. Stamps are those of each image of the sequence, to the nanosecond.
 """
 
 import struct
@@ -53,7 +54,10 @@ class LogSettings(Settings):
     def write(
         self, folder: Path, out: Path, note: Callable[[str], object] = lambda text: None
     ) -> list[Path]:
-        """Write bags and logs next to `out` from the sequence in `folder`. Returns their paths. Existing ones stay, which `note` says."""
+        """Write bags and logs next to `out` from the sequence in `folder`.
+
+        Returns their paths. Existing ones stay, which `note` says.
+        """
         beside = out.resolve()
         klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
         wanted = [klg, ros1, ros2] if self.rosbag else [klg] if self.klg else []
@@ -81,7 +85,8 @@ def write_rosbag(
     settings: LogSettings | None = None,
     on_frame: Callable[[int], None] = lambda number: None,
 ) -> int:
-    """Write the pairs of a sequence as a bag: a file for `ros` 1, a folder for `ros` 2. Returns the number of pairs.
+    """Write the pairs of a sequence as a bag: a file for `ros` 1, a folder for `ros` 2. Returns the
+    number of pairs.
 
     Raises InputError if `out` exists already, WorkError without the package rosbags.
     """
@@ -244,12 +249,14 @@ class _Bag:
 def write_klg(
     folder: Path, file: Path, on_frame: Callable[[int], None] = lambda number: None
 ) -> int:
-    """Write the pairs of a sequence as one log for ElasticFusion and Kintinuous, and its camera next to it. Returns the number of pairs. Raises
+    """Write the pairs of a sequence as one log for ElasticFusion and Kintinuous, and its camera
+    next to it. Returns the number of pairs. Raises
     the errors of the readers, and InputError if the camera's file exists with another content.
 
-    Little-endian: int32 frames; for each int64 stamp in microseconds, int32 bytes of depth, int32 bytes of colour, depth (16 bit,
-    millimetres, zlib), colour (RGB, three bytes per pixel, not compressed: the programs detect this by its size). The camera is in a separate
-    file .cal with one line `fx fy cx cy`: ElasticFusion -l X.klg -cal X.cal.
+    Little-endian: int32 frames; for each int64 stamp in microseconds, int32 bytes of depth, int32
+    bytes of colour, depth (16 bit, millimetres, zlib), colour (RGB, three bytes per pixel, not
+    compressed: the programs detect this by its size). The camera is in a separate file .cal with
+    one line `fx fy cx cy`: ElasticFusion -l X.klg -cal X.cal.
     """
     pairs = find_pairs(Path(folder))
     camera = read_camera(Path(folder), pairs[0].rgb)

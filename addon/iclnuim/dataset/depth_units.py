@@ -1,4 +1,6 @@
-"""Conversion between depth in metres and the 16-bit units of a depth image, and counts of pixels that cannot be stored."""
+"""Conversion between depth in metres and the 16-bit units of a depth image, and counts of pixels
+that cannot be stored.
+"""
 
 import numpy as np
 
@@ -16,7 +18,10 @@ KINDS = ("background", "nan", "infinite", "negative", "beyond_range", *_AFTER_NO
 def depth16_from_metres(
     depth_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METRE
 ) -> np.ndarray:
-    """(h, w) planar metres -> uint16, rounded. Values outside 0..65535 units become 0 and never wrap around."""
+    """(h, w) planar metres -> uint16, rounded.
+
+    Values outside 0..65535 units become 0 and never wrap around.
+    """
     with np.errstate(invalid="ignore", over="ignore"):
         units = depth_z_m * np.float32(units_per_metre)
         np.rint(units, out=units)
@@ -57,7 +62,9 @@ def count_invalid(
 def invalid_after_noise(
     depth_z_m: np.ndarray, noisy_z_m: np.ndarray, units_per_metre: float = UNITS_PER_METRE
 ) -> dict[str, int]:
-    """Number of pixels with valid depth that noise moved out of range or made invalid (NaN, infinite, negative); {} if there are none."""
+    """Number of pixels with valid depth that noise moved out of range or made invalid (NaN,
+    infinite, negative); {} if there are none.
+    """
     if not count_invalid(noisy_z_m, units_per_metre).keys() - {"background"}:
         return {}
     good = (depth_z_m > 0) & (depth_z_m <= np.float32((LARGEST_UNIT + 0.5) / units_per_metre))

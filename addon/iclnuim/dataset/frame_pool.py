@@ -1,7 +1,8 @@
-"""A worker pool that processes frames on all cores: in forked processes where that is safe, else in threads.
+"""A worker pool that processes frames on all cores: in forked processes where that is safe, else in
+threads.
 
-Threads need Python's global lock between array operations: four threads compute noise no faster than one, four
-processes four times as fast.
+Threads need Python's global lock between array operations: four threads compute noise no faster
+than one, four processes four times as fast.
 """
 
 import contextlib
@@ -23,17 +24,20 @@ from typing import Any
 from ..errors import IclnuimError, WorkError
 
 _PR_SET_PDEATHSIG = 1
-#: In a forked process: the function called for each frame. It is inherited by the fork and need not be pickled.
+#: In a forked process: the function called for each frame. It is inherited by the fork and need not
+#: be pickled.
 _WORK: ContextVar[Callable[[int], Any]] = ContextVar("work")
 
 
 class FramePool:
-    """`with FramePool(...) as pool:` call `add(number)` for frames at any time, and `close()` after the last one. `work(number)` runs in the pool,
+    """`with FramePool(...) as pool:` call `add(number)` for frames at any time, and `close()` after
+    the last one. `work(number)` runs in the pool,
     `finish(result)` in the caller's thread, inside `add`, `collect` and `close`.
 
-    The first error of `work` or `finish` stops the pool: frames in progress are finished, those not started are dropped, and `close` raises
-    the error. Processes use `work` in the state it had when the pool was made, and its results are pickled. They end when the process that
-    made them ends, for any reason.
+    The first error of `work` or `finish` stops the pool: frames in progress are finished, those not
+    started are dropped, and `close` raises the error. Processes use `work` in the state it had when
+    the pool was made, and its results are pickled. They end when the process that made them ends,
+    for any reason.
     """
 
     def __init__(
@@ -118,7 +122,9 @@ def cores() -> int:
 
 
 def _can_fork() -> bool:
-    """Whether a fork is safe: on Linux, without other threads, whose locks a fork would copy in their current state, and without Blender."""
+    """Whether a fork is safe: on Linux, without other threads, whose locks a fork would copy in
+    their current state, and without Blender.
+    """
     return sys.platform == "linux" and "bpy" not in sys.modules and threading.active_count() == 1
 
 
@@ -134,7 +140,9 @@ def _forked(work: Callable[[int], Any], workers: int) -> Executor:
 
 
 def _begin(work: Callable[[int], Any], parent: int) -> None:
-    """Initialise a forked process: it ignores Ctrl-C, which the parent handles, and it ends when the parent ends."""
+    """Initialise a forked process: it ignores Ctrl-C, which the parent handles, and it ends when
+    the parent ends.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
@@ -144,7 +152,10 @@ def _begin(work: Callable[[int], Any], parent: int) -> None:
 
 
 def _in_fork(number: int) -> Any:
-    """Call the work in a forked process. An error that may not be picklable is raised as RuntimeError with its text."""
+    """Call the work in a forked process.
+
+    An error that may not be picklable is raised as RuntimeError with its text.
+    """
     try:
         return _WORK.get()(number)
     except IclnuimError:

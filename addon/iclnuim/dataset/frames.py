@@ -1,4 +1,5 @@
-"""Sources of a sequence's frames: the EXR frames of a render run, or the image pairs of a user-provided sequence, whose pairs, camera and ground
+"""Sources of a sequence's frames: the EXR frames of a render run, or the image pairs of a
+user-provided sequence, whose pairs, camera and ground
 truth are found here.
 """
 
@@ -36,14 +37,18 @@ TruthFile = tuple[str, bytes]
 
 @dataclass(frozen=True, eq=False)
 class FrameSource:
-    """Frames from which a sequence is made. `numbers` (n,), ascending, are their numbers, which also seed their noise.
+    """Frames from which a sequence is made. `numbers` (n,), ascending, are their numbers, which
+    also seed their noise.
 
-    `load(number)` returns scene-linear RGB (h, w, 3) and planar depth in metres (h, w), as stored on disk. `stamps_s` has the stamps of all
-    frames of the source, also of those not in `numbers`. `truth_of(numbers)` returns the ground truth of these frames, or None. `origin` is
-    written into the recipe. `truth_images`: instances, classes and normals, if the run has them. `names` and `truth_file(numbers)`: names of
-    the images, and format and bytes of a ground-truth file, which a sequence in the same format keeps. `originals`: files that a sequence
-    without noise copies byte for byte, if it stores images in the same way. `digest(number)`: SHA-256 of a frame's files, whose images are made
-    again if it changes; "" if `origin` tells. `volatile`: `load` is a function of the user, which may have changed since a sequence was started.
+    `load(number)` returns scene-linear RGB (h, w, 3) and planar depth in metres (h, w), as stored
+    on disk. `stamps_s` has the stamps of all frames of the source, also of those not in `numbers`.
+    `truth_of(numbers)` returns the ground truth of these frames, or None. `origin` is written into
+    the recipe. `truth_images`: instances, classes and normals, if the run has them. `names` and
+    `truth_file(numbers)`: names of the images, and format and bytes of a ground-truth file, which a
+    sequence in the same format keeps. `originals`: files that a sequence without noise copies byte
+    for byte, if it stores images in the same way. `digest(number)`: SHA-256 of a frame's files,
+    whose images are made again if it changes; "" if `origin` tells. `volatile`: `load` is a
+    function of the user, which may have changed since a sequence was started.
     """
 
     camera: PinholeCamera
@@ -63,7 +68,10 @@ class FrameSource:
 
 @dataclass(frozen=True)
 class ImagePair:
-    """A colour and a depth image of the same time. The number is that in the file's name if these numbers increase, else the row."""
+    """A colour and a depth image of the same time.
+
+    The number is that in the file's name if these numbers increase, else the row.
+    """
 
     number: int
     stamp_s: float
@@ -106,7 +114,9 @@ def find_pairs(folder: Path) -> list[ImagePair]:
 
 
 def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
-    """The images in the folders of the pairs that are in none, by kind: they have no partner, or are in no list."""
+    """The images in the folders of the pairs that are in none, by kind: they have no partner, or
+    are in no list.
+    """
     used = {RGB: {real_path(p.rgb) for p in pairs}, DEPTH: {real_path(p.depth) for p in pairs}}
     found = {}
     for kind, paths in used.items():
@@ -129,7 +139,8 @@ def require_images(folder: Path, pairs: Iterable[ImagePair]) -> None:
 
 
 def rendered_job(folder: Path) -> dict:
-    """The job of the run that a sequence was made from, according to its recipe.json; {} for images of other origin.
+    """The job of the run that a sequence was made from, according to its recipe.json; {} for images
+    of other origin.
 
     Raises InputError if the recipe is not JSON."""
     path = Path(folder) / "recipe.json"
@@ -140,7 +151,8 @@ def rendered_job(folder: Path) -> dict:
 
 
 def sequence_name(folder: Path) -> str:
-    """The name of a sequence in results: for example `living_room/kt2/clean` if its recipe contains the sequence, else its last two folders.
+    """The name of a sequence in results: for example `living_room/kt2/clean` if its recipe contains
+    the sequence, else its last two folders.
 
     Raises InputError if the recipe is not JSON."""
     folder = Path(folder).resolve()
@@ -172,7 +184,9 @@ _CAMERA_HINT = "a camera.json in this folder with width, height, fx, fy, cx, cy,
 
 
 def read_camera(folder: Path, image: Path) -> SequenceCamera:
-    """The camera in the sequence's files; else the benchmark's camera if the image has 640 x 480 pixels."""
+    """The camera in the sequence's files; else the benchmark's camera if the image has 640 x 480
+    pixels.
+    """
     with within(folder):
         there = format_of(folder).reader.camera(folder, image)
     if there is not None:
@@ -185,14 +199,19 @@ def read_camera(folder: Path, image: Path) -> SequenceCamera:
 
 
 def read_depth_m(path: Path, units_per_metre: float) -> np.ndarray:
-    """Read (h, w) float32 planar metres, 0 = missing, from a 16-bit PNG or an array of metres. Raises InputError."""
+    """Read (h, w) float32 planar metres, 0 = missing, from a 16-bit PNG or an array of metres.
+
+    Raises InputError.
+    """
     if path.suffix == ARRAY:
         return read_array(path)
     return metres_from_depth16(read_depth16(path), units_per_metre)
 
 
 def read_images(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np.ndarray]:
-    """Read colour (h, w, 3) uint8 and planar depth (h, w) float32 in metres of a pair, both of the camera's size. Raises InputError."""
+    """Read colour (h, w, 3) uint8 and planar depth (h, w) float32 in metres of a pair, both of the
+    camera's size. Raises InputError.
+    """
     colour, depth_z_m = (
         read_colour8(pair.rgb),
         read_depth_m(pair.depth, camera.depth_units_per_metre),
@@ -215,8 +234,8 @@ def read_images(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np
 def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
     """The EXR frames of a run folder (exr/000000.exr, groundtruth.txt, camera.json, sequence.json).
 
-    `frames` is a slice of the poses of the trajectory; of these, the existing frames are used. Raises InputError if the folder is not a run
-    folder or has no such frames.
+    `frames` is a slice of the poses of the trajectory; of these, the existing frames are used.
+    Raises InputError if the folder is not a run folder or has no such frames.
     """
     folder = Path(folder)
     there = {int(p.stem) for p in (folder / "exr").glob("*.exr") if p.stem.isdecimal()}
@@ -245,7 +264,8 @@ def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
 
 
 def frames_of_run(run: RunFolder, numbers: Iterable[int]) -> FrameSource:
-    """Frames of a run, which may not be rendered yet. Poses and stamps are those in the run's folder: a run that was started by an earlier release
+    """Frames of a run, which may not be rendered yet. Poses and stamps are those in the run's
+    folder: a run that was started by an earlier release
     with other stamps keeps them.
     """
     return _run_source(run.path, run.camera, run.truth(), numbers, {"run": run.recipe})
@@ -271,9 +291,11 @@ def _run_source(
 
 
 def read_frame(path: Path, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
-    """Read (h, w, 3) half or float scene-linear RGB and (h, w) float32 planar metres of one EXR frame.
+    """Read (h, w, 3) half or float scene-linear RGB and (h, w) float32 planar metres of one EXR
+    frame.
 
-    Raises InputError if a channel is missing, the size is not the camera's, or Z has only half precision.
+    Raises InputError if a channel is missing, the size is not the camera's, or Z has only half
+    precision.
     """
     channels = read_exr(path)
     missing = [name for name in "RGBZ" if name not in channels]
@@ -295,8 +317,9 @@ def image_frames(
 ) -> FrameSource:
     """The pairs of a user-provided sequence in any known format, with or without lists.
 
-    `frames` is a slice of the pairs. RGB is the 8-bit colour, converted to linear by the inverse of the sRGB transfer function. Raises
-    InputError if there are no pairs, or the camera is neither given nor in the folder.
+    `frames` is a slice of the pairs. RGB is the 8-bit colour, converted to linear by the inverse of
+    the sRGB transfer function. Raises InputError if there are no pairs, or the camera is neither
+    given nor in the folder.
     """
     folder = Path(folder)
     pairs = sorted(find_pairs(folder), key=lambda pair: pair.number)
@@ -331,13 +354,17 @@ def image_frames(
 def original_frames(
     folder: Path | str, frames: str = "::", camera: SequenceCamera | None = None
 ) -> FrameSource:
-    """Like image_frames; a sequence without noise copies the files byte for byte if it stores images in the same way."""
+    """Like image_frames; a sequence without noise copies the files byte for byte if it stores
+    images in the same way.
+    """
     source = image_frames(folder, frames, camera)
     return replace(source, originals={pair.number: pair for pair in find_pairs(Path(folder))})
 
 
 class _TruthOfSome:
-    """The ground truth of all frames of a sequence, or of some frames: the poses within half a step of one of them."""
+    """The ground truth of all frames of a sequence, or of some frames: the poses within half a step
+    of one of them.
+    """
 
     def __init__(self, folder: Path, stamps_s: dict[int, float]) -> None:
         self.stamps_s, self._path = stamps_s, find_truth(folder)
@@ -361,7 +388,10 @@ class _TruthOfSome:
         return self._loaded.trajectory[rows] if self._loaded and len(rows) else None
 
     def file(self, numbers: tuple[int, ...]) -> TruthFile | None:
-        """Format and bytes of the ground-truth file; of some frames, its comments and their lines. None if it does not have one pose per line."""
+        """Format and bytes of the ground-truth file; of some frames, its comments and their lines.
+
+        None if it does not have one pose per line.
+        """
         if (
             self._loaded is None
             or self._path is None
@@ -397,7 +427,8 @@ def _kept(pair: ImagePair, paths: Mapping[str, str]) -> SequenceFrame:
 
 
 def _kept_paths(folder: Path, pairs: list[ImagePair]) -> dict[int, dict[str, str]]:
-    """The paths of a sequence's images by frame number and kind; {} if its format does not keep names, or if the names cannot be used in another
+    """The paths of a sequence's images by frame number and kind; {} if its format does not keep
+    names, or if the names cannot be used in another
     folder: outside the sequence, not unique, or with blanks.
     """
     if not format_of(folder).keeps_names:

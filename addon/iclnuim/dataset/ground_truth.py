@@ -1,4 +1,6 @@
-"""Ground-truth images in addition to colour and depth: instance/, class/, normal/, and the table of objects and classes."""
+"""Ground-truth images in addition to colour and depth: instance/, class/, normal/, and the table of
+objects and classes.
+"""
 
 from functools import cached_property
 from pathlib import Path
@@ -12,10 +14,12 @@ from ..formats.files import atomic_write_text, read_json, write_json
 #: Folders of a sequence, in addition to rgb and depth. All three contain 16-bit PNG.
 KINDS = ("instance", "class", "normal")
 OBJECTS = "objects.json"
-#: Float channels of an EXR frame. Where a ray hits nothing, instance is 0 and normal (0, 0, 0). Normals are in the cv camera's frame.
+#: Float channels of an EXR frame. Where a ray hits nothing, instance is 0 and normal (0, 0, 0).
+#: Normals are in the cv camera's frame.
 INSTANCE, NORMAL = "instance", ("normal.X", "normal.Y", "normal.Z")
 CHANNELS = (INSTANCE, *NORMAL)
-#: A component c of a normal is stored as NORMAL_ZERO + c * NORMAL_STEPS; 0 0 0 where nothing is seen. Rounding rotates it by at most 0.0015 degrees.
+#: A component c of a normal is stored as NORMAL_ZERO + c * NORMAL_STEPS; 0 0 0 where nothing is
+#: seen. Rounding rotates it by at most 0.0015 degrees.
 NORMAL_ZERO, NORMAL_STEPS = 32768, 32767
 
 
@@ -26,7 +30,10 @@ def normal16(normal: np.ndarray) -> np.ndarray:
 
 
 class TruthImages:
-    """The ground truth of a run's frames. The table of objects is read at first use, so it may be written after this object is made."""
+    """The ground truth of a run's frames.
+
+    The table of objects is read at first use, so it may be written after this object is made.
+    """
 
     def __init__(self, run: Path) -> None:
         self.run = Path(run)
@@ -48,7 +55,10 @@ class TruthImages:
         return found
 
     def images(self, number: int) -> dict[str, np.ndarray]:
-        """(h, w) uint16 instance and class, (h, w, 3) uint16 normal of a frame. Raises InputError if its channels are missing."""
+        """(h, w) uint16 instance and class, (h, w, 3) uint16 normal of a frame.
+
+        Raises InputError if its channels are missing.
+        """
         path = self.run / "exr" / f"{number:06}.exr"
         channels = read_exr(path)
         missing = [name for name in CHANNELS if name not in channels]
@@ -61,7 +71,9 @@ class TruthImages:
         return {"instance": instance, "class": self._class_of[instance], "normal": normal}
 
     def write_tables(self, folder: Path) -> None:
-        """Write objects.json, and classes.csv: the names of the numbers in class/, and their NYU40 labels."""
+        """Write objects.json, and classes.csv: the names of the numbers in class/, and their NYU40
+        labels.
+        """
         write_json(folder / OBJECTS, self.objects)
         rows = [
             f"{c['id']},{c['name']},{c['nyu40_id']},{c['nyu40']}" for c in self.objects["classes"]

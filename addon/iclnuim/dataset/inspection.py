@@ -34,7 +34,8 @@ from .layout import DISTORTED, SequenceCamera
 
 T = TypeVar("T")
 
-#: Number of colour and of depth images whose pixels are read, and maximum distance of a pose from its frame, as a share of the time between frames.
+#: Number of colour and of depth images whose pixels are read, and maximum distance of a pose from
+#: its frame, as a share of the time between frames.
 _SAMPLES, _SLACK = 24, 0.5
 #: Larger residuals are caused by other surfaces, not by errors of the pose.
 _SAME_SURFACE_M = 0.3
@@ -51,7 +52,10 @@ class Inspection:
     odd: list[str] = field(default_factory=list)
 
     def attempt(self, work: Callable[..., T], *arguments: object) -> T | None:
-        """The result of work(*arguments). After an InputError None; the message is added to `wrong`."""
+        """The result of work(*arguments).
+
+        After an InputError None; the message is added to `wrong`.
+        """
         try:
             return work(*arguments)
         except InputError as error:
@@ -60,7 +64,10 @@ class Inspection:
 
 
 def inspect_sequence(folder: Path | str) -> Inspection:
-    """Inspect a sequence in any known format. It never raises an error because of a file's content."""
+    """Inspect a sequence in any known format.
+
+    It never raises an error because of a file's content.
+    """
     folder = Path(folder)
     result = Inspection(folder)
     pairs = result.attempt(find_pairs, folder)
@@ -198,7 +205,10 @@ def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]
 def _depth(
     result: Inspection, pairs: list[ImagePair], camera: SequenceCamera
 ) -> list[tuple[float, np.ndarray]]:
-    """Check the range and holes of depth in some frames. Returns these depth images with their stamps."""
+    """Check the range and holes of depth in some frames.
+
+    Returns these depth images with their stamps.
+    """
     per_metre, c = camera.depth_units_per_metre, camera.pinhole
     depths: list[tuple[float, np.ndarray]] = []
     others: list[tuple[str, tuple[int, ...]]] = []
@@ -311,7 +321,9 @@ def _handedness(
 
 
 def _fit_m(depths: list[tuple[float, np.ndarray]], T: SE3, camera: PinholeCamera) -> float:
-    """Median distance along z in metres between each of n depth images, transformed by the poses (n,), and the next; NaN without overlap."""
+    """Median distance along z in metres between each of n depth images, transformed by the poses
+    (n,), and the next; NaN without overlap.
+    """
     found = [
         carried_residual(a, b, T[i + 1].inverse() @ T[i], camera, _STEP_PX).ravel()
         for i, ((_, a), (_, b)) in enumerate(itertools.pairwise(depths))
@@ -328,7 +340,9 @@ def carried_residual(
     camera: PinholeCamera,
     step_px: int = 1,
 ) -> np.ndarray:
-    """Measured minus expected z in b, in metres, of every `step_px`-th row and column of a; NaN where one of them has no depth."""
+    """Measured minus expected z in b, in metres, of every `step_px`-th row and column of a; NaN
+    where one of them has no depth.
+    """
     points = camera.unproject(depth_a_z_m)[::step_px, ::step_px]
     shape = points.shape[:2]
     points = T_b_a.apply(points.reshape(-1, 3))

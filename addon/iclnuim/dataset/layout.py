@@ -1,4 +1,5 @@
-"""The description of a sequence format: the paths of its images, its text files, and how a folder in this format is detected and read.
+"""The description of a sequence format: the paths of its images, its text files, and how a folder
+in this format is detected and read.
 
 Each format is a module in layouts/ and an entry of the registry in sequence_formats.py.
 """
@@ -28,13 +29,15 @@ from .depth_units import UNITS_PER_METRE, check_units
 RGB, DEPTH = "rgb", "depth"
 CAMERA = "camera.json"
 DISTORTED = "the lens distortion in the camera's file is ignored: images are read as those of a pinhole camera"
-#: Maximum distance in time between a pose and its frame, as a share of the usual step between frames.
+#: Maximum distance in time between a pose and its frame, as a share of the usual step between
+#: frames.
 _SLACK = 0.5
 
 
 @dataclass(frozen=True)
 class SequenceFrame:
-    """One pair to be written: the frame's number and its stamp in seconds. For a user-provided sequence also, by kind of image (rgb, depth): the
+    """One pair to be written: the frame's number and its stamp in seconds. For a user-provided
+    sequence also, by kind of image (rgb, depth): the
     path in that folder, and the text of the stamp in its lists ("" if there is none).
     """
 
@@ -48,12 +51,15 @@ class SequenceFrame:
         return self.written.get(kind) or stamp_text(self.stamp_s)
 
     def nanoseconds(self, kind: str = RGB) -> int:
-        """The stamp in nanoseconds, from its shortest decimal text: 1305031102.175304 s does not become ...303936 ns."""
+        """The stamp in nanoseconds, from its shortest decimal text: 1305031102.175304 s does not
+        become ...303936 ns.
+        """
         return round(Decimal(self.written.get(kind) or repr(self.stamp_s)) * 10**9)
 
 
 class Row(NamedTuple):
-    """A pair that was found: stamp in seconds, images, the texts of their stamps in the lists, and the frame's number if the format has one.
+    """A pair that was found: stamp in seconds, images, the texts of their stamps in the lists, and
+    the frame's number if the format has one.
     Otherwise the number is that in the colour image's name, or the row.
     """
 
@@ -66,8 +72,10 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class SequenceCamera:
-    """The pinhole camera, and the depth units per metre. assumed: no file contains the camera. colour: the camera of the colour images if it
-    differs; it has the same pose. distorted: the file also gives a lens distortion, which is ignored.
+    """The pinhole camera, and the depth units per metre. assumed: no file contains the camera.
+    colour: the camera of the colour images if it
+    differs; it has the same pose. distorted: the file also gives a lens distortion, which is
+    ignored.
     """
 
     pinhole: PinholeCamera
@@ -83,10 +91,12 @@ class SequenceCamera:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """The content of the text files: frames in order, camera, ground truth (or None), and the format and bytes of a ground-truth file, which is
+    """The content of the text files: frames in order, camera, ground truth (or None), and the
+    format and bytes of a ground-truth file, which is
     copied unchanged to a sequence in that format.
 
-    surface(number): colour (h, w, 3) uint8 and depth (h, w) in metres of a frame, as close to the true surface as possible.
+    surface(number): colour (h, w, 3) uint8 and depth (h, w) in metres of a frame, as close to the
+    true surface as possible.
     """
 
     camera: PinholeCamera
@@ -108,7 +118,10 @@ class Contents:
 
     @cached_property
     def poses(self) -> SE3:
-        """(n,) camera to world, one for each frame. Raises InputError if there are none (`check_poses`)."""
+        """(n,) camera to world, one for each frame.
+
+        Raises InputError if there are none (`check_poses`).
+        """
         truth = self.truth
         if truth is None:
             raise InputError("poses", found="none")
@@ -125,8 +138,9 @@ class Contents:
 class Reader:
     """How a folder in a format is detected and read.
 
-    found: whether a folder has the format; rows: its pairs in the order of time; camera(folder, colour image): None if no file contains it;
-    truth: the file or folder with its poses, None if there is none. All raise InputError for files that cannot be read.
+    found: whether a folder has the format; rows: its pairs in the order of time; camera(folder,
+    colour image): None if no file contains it; truth: the file or folder with its poses, None if
+    there is none. All raise InputError for files that cannot be read.
     """
 
     found: Callable[[Path], bool]
@@ -137,14 +151,17 @@ class Reader:
 
 @dataclass(frozen=True)
 class SequenceFormat:
-    """A sequence format. `image` returns the path of a frame's image (rgb, depth, or a kind of ground truth); its ending determines how the image
-    is stored (.png, .jpg, .npy in metres). `write_texts` writes all files that are not images; `check` raises InputError for contents that the
-    format cannot represent.
+    """A sequence format. `image` returns the path of a frame's image (rgb, depth, or a kind of
+    ground truth); its ending determines how the image
+    is stored (.png, .jpg, .npy in metres). `write_texts` writes all files that are not images;
+    `check` raises InputError for contents that the format cannot represent.
 
-    stamps: how stamps are stored: "text" (exact text), "ns" (whole nanoseconds), "ids" (frame numbers), or not at all: only frame "numbers" in
-    names, or the order of the "rows". fixed_units: the depth units per metre that programs for this format assume; None: the requested units.
-    every_pose: each frame must have a pose. keeps_names: images from a sequence in such a format keep their paths. fixed_camera: the only
-    camera that programs for this format support. zero_stamp: whether these programs accept a stamp of 0. depth_stamps: whether a depth image can
+    stamps: how stamps are stored: "text" (exact text), "ns" (whole nanoseconds), "ids" (frame
+    numbers), or not at all: only frame "numbers" in names, or the order of the "rows". fixed_units:
+    the depth units per metre that programs for this format assume; None: the requested units.
+    every_pose: each frame must have a pose. keeps_names: images from a sequence in such a format
+    keep their paths. fixed_camera: the only camera that programs for this format support.
+    zero_stamp: whether these programs accept a stamp of 0. depth_stamps: whether a depth image can
     have another stamp than its colour image. remarks(contents): further sentences for `losses`.
     """
 
@@ -179,7 +196,8 @@ class SequenceFormat:
         self.check(contents)
 
     def losses(self, contents: Contents, source_units: float) -> list[str]:
-        """The losses when these contents are written in this format, one sentence each. `source_units`: depth units per metre of the source, 0 for
+        """The losses when these contents are written in this format, one sentence each.
+        `source_units`: depth units per metre of the source, 0 for
         exact depth.
         """
         frames, found = contents.frames, []
@@ -257,7 +275,10 @@ def check_poses(name: str, contents: Contents) -> None:
 
 
 def write_truth(path: Path, contents: Contents, format: str) -> None:
-    """Write the ground-truth file, if there is ground truth. A file that is already in this format is copied byte for byte."""
+    """Write the ground-truth file, if there is ground truth.
+
+    A file that is already in this format is copied byte for byte.
+    """
     kept_format, data = contents.truth_file or ("", b"")
     if contents.truth is not None:
         make_folder(path.parent)
@@ -268,7 +289,10 @@ def write_truth(path: Path, contents: Contents, format: str) -> None:
 
 
 def camera_file(folder: Path) -> SequenceCamera | None:
-    """The camera in the folder's camera.json, which we write in several formats. None if there is no such file."""
+    """The camera in the folder's camera.json, which we write in several formats.
+
+    None if there is no such file.
+    """
     if not (folder / CAMERA).is_file():
         return None
     with within(folder / CAMERA):
@@ -289,7 +313,10 @@ def _camera_of(settings: dict) -> SequenceCamera:
 
 
 def pinhole_of(image: Path, fx: float, fy: float, cx: float, cy: float) -> PinholeCamera:
-    """The camera with an image's size. In the original files fy < 0, which means that y points up."""
+    """The camera with an image's size.
+
+    In the original files fy < 0, which means that y points up.
+    """
     header = image_header(image)
     return PinholeCamera(header.width, header.height, fx, abs(fy), cx, cy)
 

@@ -1,4 +1,7 @@
-"""The archive for publication: a sequence's files, checksums, licence, preview, recipe. The same files give the same bytes."""
+"""The archive for publication: a sequence's files, checksums, licence, preview, recipe.
+
+The same files give the same bytes.
+"""
 
 import gzip
 import io
@@ -37,10 +40,12 @@ def pack(
     extra: Mapping[str, bytes] | None = None,
     on_file: Callable[[str], None] = lambda name: None,
 ) -> int:
-    """Write `archive` (.tar.gz) with the files of `folder`, in a top folder of its name, and `extra` files by name. Returns the number of files.
+    """Write `archive` (.tar.gz) with the files of `folder`, in a top folder of its name, and
+    `extra` files by name. Returns the number of files.
 
-    SHA256SUMS can be checked with `sha256sum -c`. Raises InputError for a folder without a finished recipe, with images that are missing or
-    not those that were made, or for an unknown licence; WorkError if the archive cannot be written.
+    SHA256SUMS can be checked with `sha256sum -c`. Raises InputError for a folder without a finished
+    recipe, with images that are missing or not those that were made, or for an unknown licence;
+    WorkError if the archive cannot be written.
     """
     folder = Path(folder)
     check_packable(folder, licence)
@@ -77,7 +82,10 @@ def pack(
 
 
 class _Images:
-    """The images of a sequence by their hashes in its journal, and those found so far. Without a journal nothing is checked."""
+    """The images of a sequence by their hashes in its journal, and those found so far.
+
+    Without a journal nothing is checked.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.found = folder, Counter[str]()
@@ -98,7 +106,10 @@ class _Images:
             raise InputError(expected, path=self.folder / name, found="another image", hint=_AGAIN)
 
     def check_all(self) -> None:
-        """Raises InputError if an image was not found. Frames may share images; then the last of them counts as missing."""
+        """Raises InputError if an image was not found.
+
+        Frames may share images; then the last of them counts as missing.
+        """
         for number, kind, digest in self.made:
             self.found[digest] -= 1
             if self.found[digest] < 0:

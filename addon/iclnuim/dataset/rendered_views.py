@@ -1,4 +1,5 @@
-"""Evaluation of views rendered by a mapping system against the true frames of a sequence: PSNR, SSIM, LPIPS, Depth L1, separately for keyframes
+"""Evaluation of views rendered by a mapping system against the true frames of a sequence: PSNR,
+SSIM, LPIPS, Depth L1, separately for keyframes
 and other frames.
 """
 
@@ -25,9 +26,11 @@ _ENDINGS = {RGB: (".png", JPEG, ".jpeg"), DEPTH: (".png", ARRAY)}
 
 @dataclass(frozen=True)
 class ViewError:
-    """The figures of one view. name: its image's name without the ending; keyframe: whether it is a keyframe. psnr_db is inf for equal images;
-    lpips is None if its package is missing. With rendered depth: depth_l1_m, the mean |depth - true depth| over pixels with true depth, where
-    a hole has depth 0, and depth_missing, the share of holes among these pixels.
+    """The figures of one view. name: its image's name without the ending; keyframe: whether it is a
+    keyframe. psnr_db is inf for equal images;
+    lpips is None if its package is missing. With rendered depth: depth_l1_m, the mean |depth - true
+    depth| over pixels with true depth, where a hole has depth 0, and depth_missing, the share of
+    holes among these pixels.
     """
 
     name: str
@@ -47,7 +50,10 @@ class ViewErrors:
     missing: tuple[str, ...] = ()
 
     def mean(self, keyframe: bool | None = None) -> dict[str, float]:
-        """Means over all views, over keyframes (True), or over the others (False). Figures that no view has are left out; {} without views."""
+        """Means over all views, over keyframes (True), or over the others (False).
+
+        Figures that no view has are left out; {} without views.
+        """
         chosen = [view for view in self.views if keyframe is None or view.keyframe == keyframe]
         found = {
             name: [v for view in chosen if (v := getattr(view, name)) is not None]
@@ -83,14 +89,17 @@ def view_errors(
     settings: ViewSettings | None = None,
     progress: Callable[[int], Callable[[], object]] = lambda count: lambda: None,
 ) -> ViewErrors:
-    """Compare rendered images in `folder` with the frames of the sequence `truth`, in any format. Images have the names of the frames.
+    """Compare rendered images in `folder` with the frames of the sequence `truth`, in any format.
+    Images have the names of the frames.
 
-    The rendered colour of rgb/000012.png is rgb/000012 or 000012 in `folder`, as .png or .jpg. Its depth, if any, is depth/000012, as .png in
-    the units of camera.json in `folder` or else of `truth`, or as .npy in metres. keyframes: a file with one line per keyframe, which starts
-    with its image's name, its frame number or its stamp, for example a trajectory of keyframes. progress(count) returns a function that is
-    called after each view.
+    The rendered colour of rgb/000012.png is rgb/000012 or 000012 in `folder`, as .png or .jpg. Its
+    depth, if any, is depth/000012, as .png in the units of camera.json in `folder` or else of
+    `truth`, or as .npy in metres. keyframes: a file with one line per keyframe, which starts with
+    its image's name, its frame number or its stamp, for example a trajectory of keyframes.
+    progress(count) returns a function that is called after each view.
 
-    Raises InputError if there is no view, images differ in size, or a keyframe is not a frame of the sequence; WorkError if LPIPS cannot start.
+    Raises InputError if there is no view, images differ in size, or a keyframe is not a frame of
+    the sequence; WorkError if LPIPS cannot start.
     """
     folder, truth, settings = Path(folder), Path(truth), settings or ViewSettings()
     pairs = find_pairs(truth)
@@ -159,7 +168,9 @@ def _by_stamp(word: str, stamps_s: np.ndarray) -> int | None:
 
 
 def _find(folder: Path, truth: Path, image: Path, kind: str) -> Path | None:
-    """The file of the view of a true image: at the same relative path, in rgb/ or depth/, or, for colour, in the folder itself."""
+    """The file of the view of a true image: at the same relative path, in rgb/ or depth/, or, for
+    colour, in the folder itself.
+    """
     places = [folder / kind / image.stem]
     if image.is_relative_to(truth):
         places.insert(0, folder / image.relative_to(truth).with_suffix(""))
@@ -195,7 +206,9 @@ def has_lpips() -> bool:
 
 @cache
 def _lpips() -> Callable[[np.ndarray, np.ndarray], float]:
-    """A function that computes LPIPS of two images (h, w, 3) uint8 (Zhang et al., CVPR 2018), with AlexNet, by its package. Raises WorkError."""
+    """A function that computes LPIPS of two images (h, w, 3) uint8 (Zhang et al., CVPR 2018), with
+    AlexNet, by its package. Raises WorkError.
+    """
     import lpips
     import torch
 

@@ -1,7 +1,10 @@
-"""The folder of a render run: its files, which frames are finished, and a check that frames of different recipes are not mixed.
+"""The folder of a render run: its files, which frames are finished, and a check that frames of
+different recipes are not mixed.
 
-OUT/exr/000000.exr ...   R, G, B (scene-linear, half) and Z (float, planar metres, background 0); with ground truth also
-                         instance and normal.X, .Y, .Z (float, cv camera's frame), and OUT/objects.json
+OUT/exr/000000.exr ...   R, G, B (scene-linear, half) and Z (float, planar metres, background 0);
+                         with ground truth also
+                         instance and normal.X, .Y, .Z (float, cv camera's frame), and
+                         OUT/objects.json
 OUT/groundtruth.txt      TUM poses of every frame of the trajectory, our world
 OUT/camera.json          the pinhole camera
 OUT/sequence.json        the recipe: effective settings, seed, versions, source commit
@@ -27,7 +30,8 @@ from ..geometry.trajectory import Trajectory
 from ..job import RenderJob
 from .ground_truth import CHANNELS
 
-#: Bytes per pixel of a finished frame (half RGB, float Z, not compressed), and of its ground truth (floats).
+#: Bytes per pixel of a finished frame (half RGB, float Z, not compressed), and of its ground truth
+#: (floats).
 BYTES_PER_PIXEL, TRUTH_BYTES_PER_PIXEL = 10, 4 * len(CHANNELS)
 
 
@@ -40,7 +44,9 @@ class RunFolder:
 
     @property
     def key(self) -> str:
-        """Key of 16 hex digits of everything that determines the pixels; it is in each frame's header."""
+        """Key of 16 hex digits of everything that determines the pixels; it is in each frame's
+        header.
+        """
         return run_key(self.recipe)
 
     @property
@@ -72,7 +78,9 @@ class RunFolder:
         )
 
     def is_finished(self, number: int) -> bool:
-        """Whether a frame's file can be read to the end, has the right size and channels, and was made by this recipe."""
+        """Whether a frame's file can be read to the end, has the right size and channels, and was
+        made by this recipe.
+        """
         file = self.frame_file(number)
         if not file.is_file():
             return False
@@ -111,7 +119,9 @@ class RunFolder:
         depth_z_m: np.ndarray,
         further: Mapping[str, np.ndarray] | None = None,
     ) -> None:
-        """Write (h, w, 3) scene-linear RGB and (h, w) planar metres, 0 where no surface is hit, and further channels unchanged, atomically."""
+        """Write (h, w, 3) scene-linear RGB and (h, w) planar metres, 0 where no surface is hit, and
+        further channels unchanged, atomically.
+        """
         half = np.clip(rgb, 0, 65504).astype(np.float16)
         channels = {name: half[..., i] for i, name in enumerate("RGB")} | {
             "Z": np.asarray(depth_z_m, np.float32)
@@ -136,8 +146,8 @@ def load_trajectory(job: RenderJob) -> Trajectory:
 def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
     """Make the folder with ground truth, camera and recipe, or open the existing run.
 
-    Raises InputError if the folder contains another recipe (the message lists the settings that differ) or other files, WorkError if it
-    cannot be written.
+    Raises InputError if the folder contains another recipe (the message lists the settings that
+    differ) or other files, WorkError if it cannot be written.
     """
     path = Path(path)
     existing = path / "sequence.json"
@@ -152,7 +162,8 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
         )
         refuse_other("run", existing, there, requested, hint, _changed(begun, recipe))
     elif path.is_dir() and any(path.iterdir()):
-        # a run that was killed before its recipe was written leaves an empty exr/, camera.json, groundtruth.txt and temporary files
+        # a run that was killed before its recipe was written leaves an empty exr/, camera.json,
+        # groundtruth.txt and temporary files
         left = ("exr", "camera.json", "groundtruth.txt")
         if any((path / "exr").glob("*")) or any(
             p.name not in left and p.name[0] != "." for p in path.iterdir()
@@ -186,7 +197,9 @@ def read_run(path: Path) -> RunFolder:
 
 
 def _changed(begun: dict, requested: dict) -> dict[str, str]:
-    """Descriptions for messages: of mipmaps, and of files whose name is the same in both recipes, for the case that their hash differs."""
+    """Descriptions for messages: of mipmaps, and of files whose name is the same in both recipes,
+    for the case that their hash differs.
+    """
     there, job = (
         recipe["job"] if isinstance(recipe.get("job"), dict) else {}
         for recipe in (begun, requested)
@@ -212,7 +225,8 @@ def refuse_other(
     hint: str,
     changed: Mapping[str, str] | None = None,
 ) -> None:
-    """Raises InputError if `what` was started at `place` with values `there` that differ from those requested. The message lists every value
+    """Raises InputError if `what` was started at `place` with values `there` that differ from those
+    requested. The message lists every value
     that differs. `changed`: texts to use instead for some values, by key.
     """
     different = []
@@ -229,9 +243,11 @@ def refuse_other(
 
 
 def run_identity(recipe: dict) -> dict:
-    """The values that determine the pixels of a run. Scene and trajectory are represented by their hashes, not by name or path.
+    """The values that determine the pixels of a run. Scene and trajectory are represented by their
+    hashes, not by name or path.
 
-    Runs without mipmaps are those of recipes from before this setting. `texture_filter` of the recipe is the version of mipmaps, from the second on.
+    Runs without mipmaps are those of recipes from before this setting. `texture_filter` of the
+    recipe is the version of mipmaps, from the second on.
     """
     job = recipe["job"] if isinstance(recipe.get("job"), dict) else {}
     if job.get("mipmaps"):

@@ -1,7 +1,9 @@
-"""Writes a sequence from frames, with noise: in any order, on any number of cores, resumable, with its recipe.
+"""Writes a sequence from frames, with noise: in any order, on any number of cores, resumable, with
+its recipe.
 
-`frames.jsonl` has one line per finished frame, with the hashes of its images, so that a stopped sequence can be resumed. recipe.json contains
-everything that determines the pixels, the versions of the programs, and counts. The same recipe gives the same bytes.
+`frames.jsonl` has one line per finished frame, with the hashes of its images, so that a stopped
+sequence can be resumed. recipe.json contains everything that determines the pixels, the versions of
+the programs, and counts. The same recipe gives the same bytes.
 """
 
 import contextlib
@@ -58,7 +60,8 @@ _IDENTITY = (
     "seed",
     "depth_units_per_metre",
 )
-#: format_in_folder: the format in the folder itself, to which formats in subfolders were added later.
+#: format_in_folder: the format in the folder itself, to which formats in subfolders were added
+#: later.
 _KEYS = (
     "kind", *_IDENTITY, "formats", "format_in_folder", "versions", "source_commit", "finished", "frames", "invalid_depth_pixels",
 )  # fmt: skip
@@ -77,7 +80,9 @@ Places = dict[str, list[Place]]
 
 @dataclass(frozen=True)
 class WrittenSequence:
-    """Folders (one per format), number of frames made now and of frames found finished, and number of pixels without depth by kind."""
+    """Folders (one per format), number of frames made now and of frames found finished, and number
+    of pixels without depth by kind.
+    """
 
     folders: tuple[Path, ...]
     made: int
@@ -87,8 +92,10 @@ class WrittenSequence:
 
 @dataclass(frozen=True)
 class JournalEntry:
-    """Frame number, SHA-256 of both images as PNG, number of depth pixels that became 0 by kind, SHA-256 of ground-truth images by kind, and of
-    images that are stored in another way, by the key of `_stored_as`. source_sha256: FrameSource.digest() of the frame.
+    """Frame number, SHA-256 of both images as PNG, number of depth pixels that became 0 by kind,
+    SHA-256 of ground-truth images by kind, and of
+    images that are stored in another way, by the key of `_stored_as`. source_sha256:
+    FrameSource.digest() of the frame.
     """
 
     frame: int
@@ -117,7 +124,10 @@ class JournalEntry:
 
 
 def read_entries(path: Path) -> dict[int, JournalEntry]:
-    """The entries of a journal's complete lines, the latest of each frame. The file is not changed, because a process may be writing it."""
+    """The entries of a journal's complete lines, the latest of each frame.
+
+    The file is not changed, because a process may be writing it.
+    """
     whole = path.read_bytes().rpartition(b"\n")[0] if path.is_file() else b""
     found = {}
     for line in whole.decode("utf-8", "replace").split("\n"):
@@ -135,13 +145,16 @@ def write_sequence(
     workers: int | None = None,
     on_frame: Callable[[int], None] = lambda number: None,
 ) -> WrittenSequence:
-    """Write `source` as a sequence into `out`, or resume the one that was started there; see SequenceWriter."""
+    """Write `source` as a sequence into `out`, or resume the one that was started there; see
+    SequenceWriter.
+    """
     writer = SequenceWriter(source, {Path(out): settings or SequenceSettings()}, formats)
     return writer.write(workers, on_frame)[0]
 
 
 class SequenceImages:
-    """Makes the images of frames for sequences (folder -> settings) that a SequenceWriter has started, in any process. It reads the state of the
+    """Makes the images of frames for sequences (folder -> settings) that a SequenceWriter has
+    started, in any process. It reads the state of the
     sequences at construction, and writes only images.
     """
 
@@ -159,18 +172,22 @@ class SequenceImages:
         ]
 
     def make(self, number: int) -> list[JournalEntry | None]:
-        """Write the missing images of a frame, on any thread. Returns an entry for each sequence, None if no image was missing; pass them to
-        `SequenceWriter.note` on one thread. Raises InputError for a frame that cannot be read, WorkError if an image cannot be written.
+        """Write the missing images of a frame, on any thread. Returns an entry for each sequence,
+        None if no image was missing; pass them to
+        `SequenceWriter.note` on one thread. Raises InputError for a frame that cannot be read,
+        WorkError if an image cannot be written.
         """
         frame = _Frame(self.source, number)
         return [images.make(frame) for images in self._images]
 
 
 class SequenceWriter:
-    """Writes the same frames with one or several settings, folder -> settings (clean and noisy). Each frame is read once.
+    """Writes the same frames with one or several settings, folder -> settings (clean and noisy).
+    Each frame is read once.
 
-    If there are several formats, each has a separate subfolder. Frames whose images have the hashes in the journal are skipped.
-    Raises InputError if a folder contains other files or another sequence, WorkError if it cannot be made, or another process is writing it.
+    If there are several formats, each has a separate subfolder. Frames whose images have the hashes
+    in the journal are skipped. Raises InputError if a folder contains other files or another
+    sequence, WorkError if it cannot be made, or another process is writing it.
     """
 
     def __init__(
@@ -211,10 +228,12 @@ class SequenceWriter:
         on_frame: Callable[[int], None] = lambda number: None,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> list[WrittenSequence]:
-        """Make the missing frames, then lists and recipe of all frames. Returns [] if `should_stop()` was true after a frame.
+        """Make the missing frames, then lists and recipe of all frames. Returns [] if
+        `should_stop()` was true after a frame.
 
-        `on_frame(number)` is called after each frame. The first error stops the work; finished frames stay. Raises InputError for a frame that
-        cannot be read, WorkError for one that cannot be written, and if another process is writing one of the sequences.
+        `on_frame(number)` is called after each frame. The first error stops the work; finished
+        frames stay. Raises InputError for a frame that cannot be read, WorkError for one that
+        cannot be written, and if another process is writing one of the sequences.
         """
 
         def noted(entries: list[JournalEntry | None]) -> None:
@@ -252,7 +271,8 @@ class SequenceWriter:
         return [target.completed(self._surface) for target in self.targets]
 
     def _surface(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Colour (h, w, 3) uint8 and depth (h, w) in metres of a frame: from the source, without noise, or, if a run's frames were deleted, from the
+        """Colour (h, w, 3) uint8 and depth (h, w) in metres of a frame: from the source, without
+        noise, or, if a run's frames were deleted, from the
         first sequence, the clean one.
         """
         try:
@@ -270,7 +290,8 @@ def complete_frames(
     formats: Iterable[str],
     hashes: bool = True,
 ) -> set[int]:
-    """The frames of the source whose images in every folder have the hashes in the journal, or, without `hashes`, exist and are in it. Nothing is
+    """The frames of the source whose images in every folder have the hashes in the journal, or,
+    without `hashes`, exist and are in it. Nothing is
     written.
     """
     chosen, there = [sequence_format(name) for name in formats], []
@@ -304,10 +325,12 @@ def complete_frames(
 
 
 def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceWriter:
-    """The writer of sequences of a run's frames, which may not be rendered yet. Folders and recipes are made now.
+    """The writer of sequences of a run's frames, which may not be rendered yet. Folders and recipes
+    are made now.
 
-    `wanted`, as a worker receives it: {"formats": [format, ...], "variants": {FOLDER: {"depth": model, "rgb": model, "seed": n,
-    "depth_units": units per metre, default 5000}}}. Raises InputError, WorkError.
+    `wanted`, as a worker receives it: {"formats": [format, ...], "variants": {FOLDER: {"depth":
+    model, "rgb": model, "seed": n, "depth_units": units per metre, default 5000}}}. Raises
+    InputError, WorkError.
     """
     sequences = {}
     for folder, v in wanted["variants"].items():
@@ -320,14 +343,18 @@ def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceW
 
 
 def keep_freed_memory() -> None:
-    """Make glibc keep freed memory for the next array. After a large block was freed, glibc does not return freed blocks up to that size to the
-    system, so they need not be requested again page by page: noise takes two thirds of the time. No effect with other C libraries.
+    """Make glibc keep freed memory for the next array. After a large block was freed, glibc does
+    not return freed blocks up to that size to the
+    system, so they need not be requested again page by page: noise takes two thirds of the time. No
+    effect with other C libraries.
     """
     np.empty(30 << 20, np.uint8)
 
 
 class _Images:
-    """One sequence: the paths of its images, the entries of its journal at construction, and how images are made."""
+    """One sequence: the paths of its images, the entries of its journal at construction, and how
+    images are made.
+    """
 
     def __init__(
         self,
@@ -366,7 +393,10 @@ class _Images:
         )
 
     def _copied_originals(self, number: int) -> tuple[dict[str, str], Places]:
-        """Copy the originals to the places that store images in the same way. Returns SHA-256 by `_stored_as`, and the remaining places."""
+        """Copy the originals to the places that store images in the same way.
+
+        Returns SHA-256 by `_stored_as`, and the remaining places.
+        """
         places: Places = dict(self.places[number])
         digests: dict[str, str] = {}
         if not self.settings.is_clean or number not in self.source.originals:
@@ -407,7 +437,8 @@ class _Target(_Images):
         write_json(self.out / "recipe.json", self.recipe)
         data = self.journal.read_bytes() if self.journal.is_file() else b""
         if not data.endswith(b"\n") and data:
-            # remove a line truncated by a crash, in place: if the file were rewritten, a kill could lose all entries
+            # remove a line truncated by a crash, in place: if the file were rewritten, a kill could
+            # lose all entries
             os.truncate(self.journal, data.rfind(b"\n") + 1)
         images = (
             place.path
@@ -437,7 +468,8 @@ class _Target(_Images):
         self.entries[entry.frame] = entry
 
     def completed(self, surface: Callable[[int], tuple[np.ndarray, np.ndarray]]) -> WrittenSequence:
-        """Write text files and recipe, after all requested frames are made. The journal is rewritten with one line per frame, in order: the same
+        """Write text files and recipe, after all requested frames are made. The journal is
+        rewritten with one line per frame, in order: the same
         frames give the same file, however often the work was interrupted.
         """
         numbers = tuple(sorted(self.finished.union(self.source.numbers)))
@@ -468,7 +500,8 @@ class _Target(_Images):
     def _checked_recipe(self) -> dict:
         """The recipe of the sequence while it is unfinished, new or resumed. Nothing is written.
 
-        Raises InputError if the path is a file, or the folder contains other files or a sequence of another recipe.
+        Raises InputError if the path is a file, or the folder contains other files or a sequence of
+        another recipe.
         """
         name, module = first_library("PNG", *COMPRESSORS)
         library = str(getattr(module, "ZLIB_RUNTIME_VERSION", None) or module.__version__)
@@ -508,7 +541,9 @@ class _Target(_Images):
         return recipe
 
     def _refuse_changed(self, formats: list[SequenceFormat]) -> None:
-        """Raises InputError if the source now gives other images of the first or the last finished frame."""
+        """Raises InputError if the source now gives other images of the first or the last finished
+        frame.
+        """
         for number in sorted({min(self.finished), max(self.finished)}):
             with tempfile.TemporaryDirectory() as folder:
                 again = self._made_again(number, Path(folder), formats)
@@ -557,7 +592,9 @@ class _Frame:
 
 
 def _layout(out: Path, formats: list[SequenceFormat]) -> list[tuple[SequenceFormat, Path]]:
-    """Formats and their folders: a single format is in `out` itself, several formats are in a subfolder each."""
+    """Formats and their folders: a single format is in `out` itself, several formats are in a
+    subfolder each.
+    """
     return [(format, out if len(formats) == 1 else out / format.name) for format in formats]
 
 
@@ -597,12 +634,15 @@ def _paths(places: Places) -> list[Path]:
 
 
 def _same_image(a: Path, b: Path) -> bool:
-    """Whether two image files of the same format are equal; PNGs may be compressed in different ways."""
+    """Whether two image files of the same format are equal; PNGs may be compressed in different
+    ways.
+    """
     return a.read_bytes() == b.read_bytes() or (a.suffix == ".png" and same_pixels(a, b))
 
 
 def _stored_as(kind: str, place: Place, units: float) -> str:
-    """A key of how an image is stored: its kind, with its ending if it is not PNG, and its scale if it is not that of the sequence. Files with the
+    """A key of how an image is stored: its kind, with its ending if it is not PNG, and its scale if
+    it is not that of the sequence. Files with the
     same key have the same content.
     """
     scale = (
@@ -614,7 +654,9 @@ def _stored_as(kind: str, place: Place, units: float) -> str:
 
 
 def _encoder(kind: str, image: np.ndarray) -> Callable[[Place], None]:
-    """A function that writes the image to a place, in the format of its ending; depth is given in metres."""
+    """A function that writes the image to a place, in the format of its ending; depth is given in
+    metres.
+    """
 
     def write(place: Place) -> None:
         if place.path.suffix == JPEG:
@@ -632,7 +674,10 @@ def _encoder(kind: str, image: np.ndarray) -> Callable[[Place], None]:
 def _write_images(
     kind: str, places: list[Place], units: float, write: Callable[[Place], None]
 ) -> dict[str, str]:
-    """Write an image to all its places; it is encoded once for each key of `_stored_as`. Returns SHA-256 by key."""
+    """Write an image to all its places; it is encoded once for each key of `_stored_as`.
+
+    Returns SHA-256 by key.
+    """
     found: dict[str, Place] = {}
     for place in places:
         key = _stored_as(kind, place, units)
@@ -654,7 +699,9 @@ def _copy(original: Path, place: Place) -> None:
 
 
 def _is_plain(path: Path, kind: str, camera: PinholeCamera) -> bool:
-    """Whether a file can be copied: valid, of the camera's size, and 8-bit RGB, 16-bit grey, or metres. Raises InputError if it is damaged."""
+    """Whether a file can be copied: valid, of the camera's size, and 8-bit RGB, 16-bit grey, or
+    metres. Raises InputError if it is damaged.
+    """
     header = image_header(path, whole=True)
     right = {"RGB": 8} if kind == RGB else {"grey": 16, "grey, metres": 32}
     return (header.width, header.height) == (camera.width, camera.height) and right.get(
@@ -669,7 +716,9 @@ def _is_complete(
     files: Places,
     units: float,
 ) -> bool:
-    """Whether all images of a frame have the hashes in the journal, and were made from the same files of the source."""
+    """Whether all images of a frame have the hashes in the journal, and were made from the same
+    files of the source.
+    """
     entry = entries.get(number)
     if entry is None or (entry.source_sha256 and entry.source_sha256 != source.digest(number)):
         return False
@@ -684,7 +733,10 @@ def _is_complete(
 
 
 def read_recipe(path: Path) -> dict:
-    """Read a sequence's recipe. Raises InputError for another kind, a newer schema or unknown keys."""
+    """Read a sequence's recipe.
+
+    Raises InputError for another kind, a newer schema or unknown keys.
+    """
     recipe = read_json(path)
     version = recipe.get("schema_version")
     if recipe.get("kind") != "sequence" or not isinstance(version, int):
@@ -702,7 +754,10 @@ def read_recipe(path: Path) -> dict:
 
 
 def _refuse_other_sequence(file: Path, old: dict, new: dict) -> None:
-    """Raises InputError if the recipes differ. If the noise model differs, only its name is reported, not all of its settings."""
+    """Raises InputError if the recipes differ.
+
+    If the noise model differs, only its name is reported, not all of its settings.
+    """
     there, requested = _identity(old), _identity(new)
     here, wanted_here = _format_in_folder(old), _format_in_folder(new)
     if here and wanted_here:  # their files may have the same names
@@ -719,13 +774,18 @@ def _refuse_other_sequence(file: Path, old: dict, new: dict) -> None:
 
 
 def _format_in_folder(recipe: dict) -> str:
-    """The format whose files are in the sequence's folder itself; "" if each format has a subfolder."""
+    """The format whose files are in the sequence's folder itself; "" if each format has a
+    subfolder.
+    """
     formats = recipe.get("formats", ())
     return formats[0] if len(formats) == 1 else recipe.get("format_in_folder", "")
 
 
 def _identity(recipe: dict) -> dict:
-    """The values that determine the pixels, with each noise setting separately. A run is represented by its key."""
+    """The values that determine the pixels, with each noise setting separately.
+
+    A run is represented by its key.
+    """
     identity = {"iclnuim": recipe.get("versions", {}).get("iclnuim")}
     for key in _IDENTITY:
         value = recipe.get(key)

@@ -1,5 +1,7 @@
-"""Settings that determine a sequence: SequenceOptions as plain values (for the command line, the panel, workers and recipes), and
-SequenceSettings as noise models, which convert a frame's RGB and depth to the pixels that are written.
+"""Settings that determine a sequence: SequenceOptions as plain values (for the command line, the
+panel, workers and recipes), and
+SequenceSettings as noise models, which convert a frame's RGB and depth to the pixels that are
+written.
 """
 
 from collections.abc import Mapping
@@ -29,7 +31,10 @@ def _summaries(models: Mapping[str, type[NoiseModel]]) -> Choices:
 
 @dataclass(frozen=True)
 class SequenceSettings:
-    """The settings that determine the pixels of a sequence, given its frames. `seed` also applies to user-provided noise."""
+    """The settings that determine the pixels of a sequence, given its frames.
+
+    `seed` also applies to user-provided noise.
+    """
 
     depth: Noise = field(default_factory=lambda: depth_model("none"))
     rgb: Noise = field(default_factory=lambda: rgb_model("none"))
@@ -63,7 +68,10 @@ class SequenceSettings:
 
 @dataclass(frozen=True)
 class SequenceOptions(Settings):
-    """Noise models by name with their settings, seed, depth units and formats. `sequence_settings` makes the noise models."""
+    """Noise models by name with their settings, seed, depth units and formats.
+
+    `sequence_settings` makes the noise models.
+    """
 
     group: ClassVar[str] = "a sequence"
 
@@ -119,9 +127,11 @@ def noisy_images(
     number: int,
     settings: SequenceSettings,
 ) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
-    """The images of one frame: (h, w, 3) uint8 colour, (h, w) uint16 depth, and the number of depth pixels that became 0, by kind.
+    """The images of one frame: (h, w, 3) uint8 colour, (h, w) uint16 depth, and the number of depth
+    pixels that became 0, by kind.
 
-    The result depends only on the arguments. Raises InputError if user-provided noise returns another shape or type.
+    The result depends only on the arguments. Raises InputError if user-provided noise returns
+    another shape or type.
     """
     image, noisy_z_m, invalid = noisy_metres(rgb, depth_z_m, camera, number, settings)
     return image, depth16_from_metres(noisy_z_m, settings.depth_units_per_metre), invalid

@@ -1,4 +1,5 @@
-"""Settings files of SLAM systems for a sequence: its camera, frame rate and depth units. All other values are those of each system's own files
+"""Settings files of SLAM systems for a sequence: its camera, frame rate and depth units. All other
+values are those of each system's own files
 for TUM sequences.
 
 A new settings file is a function and a line in SLAM_SETTINGS.
@@ -8,9 +9,10 @@ from collections.abc import Callable
 
 from ..geometry.camera import PinholeCamera
 
-#: As in ORB-SLAM's files for TUM sequences: focal length times baseline (px m) in images of 640 columns, and the baselines up to which points are near.
-#: The baseline of a depth camera is arbitrary: both only set this distance (3.3 m for the benchmark's camera). Beyond it, a keyframe takes only
-#: its 100 nearest points, many of which are errors of noisy depth at edges.
+#: As in ORB-SLAM's files for TUM sequences: focal length times baseline (px m) in images of 640
+#: columns, and the baselines up to which points are near. The baseline of a depth camera is
+#: arbitrary: both only set this distance (3.3 m for the benchmark's camera). Beyond it, a keyframe
+#: takes only its 100 nearest points, many of which are errors of noisy depth at edges.
 _FOCAL_BASELINE, _NEAR_BASELINES = 40.0, 40.0
 _ORB = """ORBextractor.nFeatures: 1000
 ORBextractor.scaleFactor: 1.2
@@ -32,7 +34,9 @@ Viewer.ViewpointF: 500.0
 
 
 def orb_slam3(c: PinholeCamera, rate_hz: float, units: float) -> str:
-    """YAML in OpenCV's format, for `rgbd_tum VOCABULARY THIS_FILE SEQUENCE SEQUENCE/associations.txt`."""
+    """YAML in OpenCV's format, for `rgbd_tum VOCABULARY THIS_FILE SEQUENCE
+    SEQUENCE/associations.txt`.
+    """
     return f"""%YAML:1.0
 # ORB-SLAM3, RGB-D: rgbd_tum VOCABULARY orb_slam3.yaml SEQUENCE SEQUENCE/associations.txt
 File.version: "1.0"
@@ -118,7 +122,9 @@ Feature:
 
 
 def camera_info(c: PinholeCamera, rate_hz: float, units: float) -> str:
-    """The camera_info YAML of ROS, with RTAB-Map's local_transform (from x forward, z up to the camera's axes). It has no rate or units."""
+    """The camera_info YAML of ROS, with RTAB-Map's local_transform (from x forward, z up to the
+    camera's axes). It has no rate or units.
+    """
     fx, fy, cx, cy = (float(v) for v in (c.fx, c.fy, c.cx, c.cy))
     return f"""%YAML:1.0
 ---
@@ -157,7 +163,8 @@ def _whole(rate_hz: float) -> int:
     return max(1, round(rate_hz))
 
 
-#: name -> function of (camera, frames per second, depth units per metre) that returns the file's text
+#: name -> function of (camera, frames per second, depth units per metre) that returns the file's
+#: text
 SLAM_SETTINGS: dict[str, Callable[[PinholeCamera, float, float], str]] = {
     "orb_slam3": orb_slam3,
     "orb_slam2": orb_slam2,

@@ -1,7 +1,9 @@
-"""Absolute trajectory error (ATE): the difference of each aligned estimated pose to the ground-truth pose at the same time.
+"""Absolute trajectory error (ATE): the difference of each aligned estimated pose to the
+ground-truth pose at the same time.
 
-Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, section VII; the paper's Table II has such
-errors. This module also has the six statistics of any list of errors, and the scores that include missing frames.
+Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, section VII; the
+paper's Table II has such errors. This module also has the six statistics of any list of errors, and
+the scores that include missing frames.
 """
 
 from dataclasses import asdict, dataclass, field
@@ -14,14 +16,16 @@ from ..geometry.trajectory import Trajectory
 from .align import Alignment, AlignmentSettings, MirrorCheck, align, check_mirror
 from .associate import Association, AssociationSettings, pair_up
 
-#: Recall is the share of ground-truth frames within these distances; the last is also the limit of the area under the error
-#: curve.
+#: Recall is the share of ground-truth frames within these distances; the last is also the limit of
+#: the area under the error curve.
 RECALL_M = (0.01, 0.05, 0.10)
 
 
 @dataclass(frozen=True)
 class ErrorStatistics:
-    """Statistics of errors in one unit. std is the population's (divided by n), so that rmse^2 = mean^2 + std^2."""
+    """Statistics of errors in one unit. std is the population's (divided by n), so that rmse^2 =
+    mean^2 + std^2.
+    """
 
     rmse: float
     mean: float
@@ -43,7 +47,8 @@ class ErrorStatistics:
 
 @dataclass(frozen=True, eq=False)
 class PoseErrors:
-    """Errors of m compared poses or RPE pairs: translation_error_m (m,), rotation_error_rad (m,) in 0..pi.
+    """Errors of m compared poses or RPE pairs: translation_error_m (m,), rotation_error_rad (m,) in
+    0..pi.
 
     reference (n,): the associated poses of the ground truth, stamps_s (n,) their stamps.
     """
@@ -68,8 +73,9 @@ class PoseErrors:
 class Completeness:
     """Scores over all ground-truth frames, each 0..1. A frame without an estimate counts as missed.
 
-    coverage: share of frames with an estimate. recall: share of frames within 1, 5 and 10 cm (RECALL_M). area_under_curve: mean
-    recall over all thresholds from 0 to 10 cm, so 1 is perfect. An estimator that stops early keeps its ATE but has lower scores.
+    coverage: share of frames with an estimate. recall: share of frames within 1, 5 and 10 cm
+    (RECALL_M). area_under_curve: mean recall over all thresholds from 0 to 10 cm, so 1 is perfect.
+    An estimator that stops early keeps its ATE but has lower scores.
     """
 
     coverage: float
@@ -81,7 +87,8 @@ class Completeness:
         """errors_m (m,): one for each frame with an estimate; frames >= m: number of all frames."""
         limit = RECALL_M[-1]
         recall = {bound: float(np.count_nonzero(errors_m <= bound)) / frames for bound in RECALL_M}
-        # integral of the recall, a step function: each frame adds the interval from its error to the limit
+        # integral of the recall, a step function: each frame adds the interval from its error to
+        # the limit
         area = float(np.maximum(0.0, 1.0 - errors_m / limit).sum()) / frames
         return cls(len(errors_m) / frames, recall, area)
 
@@ -104,14 +111,18 @@ class AbsoluteErrorSettings:
 
 @dataclass(frozen=True, eq=False)
 class AbsoluteError(PoseErrors):
-    """Errors of n pairs, with their poses: reference and aligned (n,), both in the reference's world; and the alignment."""
+    """Errors of n pairs, with their poses: reference and aligned (n,), both in the reference's
+    world; and the alignment.
+    """
 
     aligned: SE3
     alignment: Alignment
 
     @property
     def completeness(self) -> Completeness:
-        """Scores over all ground-truth frames; if a frame has several estimates, the closest in time is used."""
+        """Scores over all ground-truth frames; if a frame has several estimates, the closest in
+        time is used.
+        """
         pairs = self.association
         return Completeness.of(
             self.translation_error_m[pairs.closest_per_first()], pairs.first_count
@@ -123,7 +134,8 @@ def absolute_error(
 ) -> AbsoluteError:
     """ATE of an estimate: |t_ref - t_est| and the angle of R_ref^T R_est after alignment.
 
-    Raises InputError if no stamps match, or the trajectories do not determine the requested alignment.
+    Raises InputError if no stamps match, or the trajectories do not determine the requested
+    alignment.
     """
     settings = settings or AbsoluteErrorSettings()
     association = pair_up(reference, estimate, settings.association)

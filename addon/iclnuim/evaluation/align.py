@@ -1,9 +1,10 @@
-"""Alignment of an estimated trajectory with the reference (origin, yaw only, SE(3), Sim(3)), and detection of undetermined alignments.
+"""Alignment of an estimated trajectory with the reference (origin, yaw only, SE(3), Sim(3)), and
+detection of undetermined alignments.
 
-Least squares after Umeyama, "Least-squares estimation of transformation parameters between two point patterns", PAMI
-1991 (equation numbers below). For SE(3) this is the same minimum as Horn, "Closed-form solution of absolute orientation using
-unit quaternions", JOSA A 1987. x are the positions of the estimate, y those of the reference, both (n, 3) in metres and
-already paired.
+Least squares after Umeyama, "Least-squares estimation of transformation parameters between two
+point patterns", PAMI 1991 (equation numbers below). For SE(3) this is the same minimum as Horn,
+"Closed-form solution of absolute orientation using unit quaternions", JOSA A 1987. x are the
+positions of the estimate, y those of the reference, both (n, 3) in metres and already paired.
 """
 
 from dataclasses import dataclass
@@ -21,8 +22,9 @@ METHODS = {
     "se3": "rotation and translation",
     "sim3": "rotation, translation and scale",
 }
-#: A trajectory whose extent in a direction is below this, or below this share of its longest extent, does not determine a
-#: rotation: files have a resolution of about 0.1 mm, and the tremor of a hand is of millimetres.
+#: A trajectory whose extent in a direction is below this, or below this share of its longest
+#: extent, does not determine a rotation: files have a resolution of about 0.1 mm, and the tremor of
+#: a hand is of millimetres.
 MIN_EXTENT_M = 1e-4
 MIN_EXTENT_SHARE = 1e-3
 _MIN_MIRROR_POSES = 10
@@ -53,8 +55,9 @@ class AlignmentSettings(Settings):
 class Alignment:
     """p_reference = scale * R p_estimate + t, with (R, t) = T_reference_estimate.
 
-    extents_m (3,): standard deviations of the reference's positions along their principal directions, longest first,
-    over the `poses_used` first pairs. residual_rms_m: RMS distance of those pairs after the alignment.
+    extents_m (3,): standard deviations of the reference's positions along their principal
+    directions, longest first, over the `poses_used` first pairs. residual_rms_m: RMS distance of
+    those pairs after the alignment.
     """
 
     method: str
@@ -70,13 +73,17 @@ class Alignment:
 
     @property
     def rotation_is_noise(self) -> bool:
-        """Whether the second extent is below the remaining error: the rotation about the trajectory's line then only depends on the error."""
+        """Whether the second extent is below the remaining error: the rotation about the
+        trajectory's line then only depends on the error.
+        """
         return self.method in ("se3", "sim3") and self.residual_rms_m > self.extents_m[1]
 
 
 @dataclass(frozen=True)
 class MirrorCheck:
-    """The RMS errors after the best rotation and after the best reflection, and the extent of the reference."""
+    """The RMS errors after the best rotation and after the best reflection, and the extent of the
+    reference.
+    """
 
     rotation_rms_m: float = 0.0
     reflection_rms_m: float = 0.0
@@ -84,7 +91,9 @@ class MirrorCheck:
 
     @property
     def mirrored(self) -> bool:
-        """Whether a reflection fits much better: its squared error is below a quarter of the rotation's, which is above rounding."""
+        """Whether a reflection fits much better: its squared error is below a quarter of the
+        rotation's, which is above rounding.
+        """
         fits = self.reflection_rms_m < 0.25 * self.extent_m
         return (
             fits
@@ -96,8 +105,8 @@ class MirrorCheck:
 def align(reference: SE3, estimate: SE3, settings: AlignmentSettings | None = None) -> Alignment:
     """The transformation that aligns associated estimated poses (n,) with the reference's (n,).
 
-    Raises InputError if it is undetermined, because there are too few poses, or the trajectory is straight or does not move. The
-    hint is an alignment that needs less.
+    Raises InputError if it is undetermined, because there are too few poses, or the trajectory is
+    straight or does not move. The hint is an alignment that needs less.
     """
     settings = settings or AlignmentSettings()
     if reference.shape != estimate.shape or len(reference) == 0:
@@ -121,9 +130,11 @@ def align(reference: SE3, estimate: SE3, settings: AlignmentSettings | None = No
 def umeyama(
     x: np.ndarray, y: np.ndarray, with_scale: bool = False, reflect: bool = False
 ) -> tuple[SE3, float]:
-    """The rotation R, translation t and scale c (1 without `with_scale`) that minimise |y - (c R x + t)|^2.
+    """The rotation R, translation t and scale c (1 without `with_scale`) that minimise |y - (c R x
+    + t)|^2.
 
-    With `reflect`, the best improper R (determinant -1) instead; the SE3 that contains it is not a rigid motion.
+    With `reflect`, the best improper R (determinant -1) instead; the SE3 that contains it is not a
+    rigid motion.
     """
     mean_x, mean_y = x.mean(axis=0), y.mean(axis=0)  # equations 34, 35
     centred_x, centred_y = x - mean_x, y - mean_y
@@ -141,10 +152,11 @@ def umeyama(
 
 
 def check_mirror(reference_m: np.ndarray, estimate_m: np.ndarray) -> MirrorCheck:
-    """Fit paired positions (n, 3) by a rotation and by a reflection, both with scale: only the handedness differs.
+    """Fit paired positions (n, 3) by a rotation and by a reflection, both with scale: only the
+    handedness differs.
 
-    A trajectory in a plane fits both equally well and is never reported as mirrored. Neither is one of a few poses, which can fit
-    by chance.
+    A trajectory in a plane fits both equally well and is never reported as mirrored. Neither is one
+    of a few poses, which can fit by chance.
     """
     if len(reference_m) < _MIN_MIRROR_POSES or principal_extents(estimate_m)[0] == 0.0:
         return MirrorCheck()
@@ -192,8 +204,11 @@ def _yaw(x: np.ndarray, y: np.ndarray, up: int) -> SE3:
 def _refuse_undetermined(
     reference_m: np.ndarray, estimate_m: np.ndarray, used: int, method: str
 ) -> None:
-    """Raise InputError unless both trajectories have extents in two directions; the third can be 0 (a trajectory in a plane)."""
-    # for Sim(3) the estimate's unit of length is unknown, so only the ratio of its extents is checked
+    """Raise InputError unless both trajectories have extents in two directions; the third can be 0
+    (a trajectory in a plane).
+    """
+    # for Sim(3) the estimate's unit of length is unknown, so only the ratio of its extents is
+    # checked
     min_estimate_m = MIN_EXTENT_M if method == "se3" else 0.0
     both = (
         ("a reference", reference_m, MIN_EXTENT_M),

@@ -1,7 +1,8 @@
-"""Association of the poses of two lists by their stamps: greedy one-to-one as in the TUM tools, or nearest.
+"""Association of the poses of two lists by their stamps: greedy one-to-one as in the TUM tools, or
+nearest.
 
-Both take O(n log n) for any window. Stamps are in seconds and strictly increasing; for a pair |first - (second + offset)| <
-max_difference.
+Both take O(n log n) for any window. Stamps are in seconds and strictly increasing; for a pair
+|first - (second + offset)| < max_difference.
 """
 
 import heapq
@@ -15,8 +16,8 @@ from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
 from .time_offset import best_offset
 
-#: If a round of mutual best matches pairs fewer than 1 in this number of stamps, the heap does the rest: a long chain would
-#: need one round per pair.
+#: If a round of mutual best matches pairs fewer than 1 in this number of stamps, the heap does the
+#: rest: a long chain would need one round per pair.
 _SLOW_ROUND = 16
 
 
@@ -80,11 +81,13 @@ class Association:
 def associate(
     first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSettings | None = None
 ) -> Association:
-    """Pair two lists of stamps, (n,) and (m,) in seconds, strictly increasing. The result may be empty.
+    """Pair two lists of stamps, (n,) and (m,) in seconds, strictly increasing. The result may be
+    empty.
 
-    `greedy`: of all pairs within the window the one with the smallest difference is chosen (ties: smaller first, then
-    smaller second stamp), both stamps are removed, and this is repeated, as in `associate.py` of the TUM RGB-D tools. `nearest`:
-    each second stamp is paired with the nearest first one (ties: the smaller); a first stamp can be in several pairs.
+    `greedy`: of all pairs within the window the one with the smallest difference is chosen (ties:
+    smaller first, then smaller second stamp), both stamps are removed, and this is repeated, as in
+    `associate.py` of the TUM RGB-D tools. `nearest`: each second stamp is paired with the nearest
+    first one (ties: the smaller); a first stamp can be in several pairs.
     """
     settings = settings or AssociationSettings()
     first_s, second_s = _checked(first_s), _checked(second_s) + settings.offset_s
@@ -103,7 +106,10 @@ def associate(
 def pair_up(
     reference: Trajectory, estimate: Trajectory, settings: AssociationSettings | None = None
 ) -> Association:
-    """Associate by time. Raises InputError if the trajectories do not overlap in time, or have no pair within the window."""
+    """Associate by time.
+
+    Raises InputError if the trajectories do not overlap in time, or have no pair within the window.
+    """
     settings = settings or AssociationSettings()
     reference_s, estimate_s = reference.stamps_s, estimate.stamps_s
     association = associate(reference_s, estimate_s, settings)
@@ -141,7 +147,9 @@ def _checked(stamps_s: np.ndarray) -> np.ndarray:
 
 
 def nearest(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each x, the index of the nearest y (ties: the smaller y) and the distance. y is sorted and not empty."""
+    """For each x, the index of the nearest y (ties: the smaller y) and the distance. y is sorted
+    and not empty.
+    """
     right = np.searchsorted(y, x)
     left = np.maximum(right - 1, 0)
     right = np.minimum(right, len(y) - 1)
@@ -154,8 +162,9 @@ def _greedy(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Greedy pairs in rounds of mutual best matches.
 
-    Two free stamps that are each other's best match are a pair of the greedy order, because no pair that contains one of them has
-    a smaller difference. A stamp without a free stamp in its window never gets a pair.
+    Two free stamps that are each other's best match are a pair of the greedy order, because no pair
+    that contains one of them has a smaller difference. A stamp without a free stamp in its window
+    never gets a pair.
     """
     i, j = np.arange(len(first_s)), np.arange(len(second_s))
     found: list[tuple[np.ndarray, np.ndarray]] = []
@@ -179,7 +188,9 @@ def _greedy(
 def _greedy_by_heap(
     first_s: np.ndarray, second_s: np.ndarray, limit_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same pairs one by one: the closest free pair is adjacent in the merged list of free stamps."""
+    """The same pairs one by one: the closest free pair is adjacent in the merged list of free
+    stamps.
+    """
     stamps_s = np.concatenate([first_s, second_s])
     order = np.argsort(stamps_s, kind="stable")
     count, owner, stamp = len(first_s), order.tolist(), stamps_s[order].tolist()

@@ -38,7 +38,8 @@ class ViewSettings(Settings):
 
 
 def psnr_db(image: np.ndarray, truth: np.ndarray) -> float:
-    """Peak signal-to-noise ratio of 8-bit images (h, w) or (h, w, 3), in dB, over all pixels and channels; inf if they are equal.
+    """Peak signal-to-noise ratio of 8-bit images (h, w) or (h, w, 3), in dB, over all pixels and
+    channels; inf if they are equal.
 
     Raises InputError for images of different size, or that are not uint8.
     """
@@ -48,12 +49,15 @@ def psnr_db(image: np.ndarray, truth: np.ndarray) -> float:
 
 
 def ssim(image: np.ndarray, truth: np.ndarray, window: str = "gaussian") -> float:
-    """Mean structural similarity of 8-bit images (h, w) or (h, w, 3), averaged over the channels; 1 if they are equal.
+    """Mean structural similarity of 8-bit images (h, w) or (h, w, 3), averaged over the channels; 1
+    if they are equal.
 
-    Wang et al., IEEE Transactions on Image Processing 13(4), 2004, equation 13. window: `gaussian`, the authors' (11 x 11, sigma 1.5,
-    population variance), or `uniform`, 7 x 7 with sample variance. Windows that are not inside the image are not used. The results equal
-    scikit-image's structural_similarity: with gaussian_weights=True, sigma=1.5, use_sample_covariance=False, or with its defaults.
-    Raises InputError for images of different size or smaller than the window, or that are not uint8.
+    Wang et al., IEEE Transactions on Image Processing 13(4), 2004, equation 13. window: `gaussian`,
+    the authors' (11 x 11, sigma 1.5, population variance), or `uniform`, 7 x 7 with sample
+    variance. Windows that are not inside the image are not used. The results equal scikit-image's
+    structural_similarity: with gaussian_weights=True, sigma=1.5, use_sample_covariance=False, or
+    with its defaults. Raises InputError for images of different size or smaller than the window, or
+    that are not uint8.
     """
     image, truth = _both(image, truth)
     weights, sample = _WINDOWS[window]

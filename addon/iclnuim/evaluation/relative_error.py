@@ -1,7 +1,9 @@
-"""Relative pose error (RPE): the error of the motion between two poses that are a given number of frames, seconds or metres apart.
+"""Relative pose error (RPE): the error of the motion between two poses that are a given number of
+frames, seconds or metres apart.
 
-Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, section VII: E_i = (Q_i^-1 Q_j)^-1
-(P_i^-1 P_j) with Q the ground truth and P the estimate; (i, j) is called an RPE pair.
+Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, section VII: E_i =
+(Q_i^-1 Q_j)^-1 (P_i^-1 P_j) with Q the ground truth and P the estimate; (i, j) is called an RPE
+pair.
 """
 
 import re
@@ -62,7 +64,9 @@ class RelativeErrorSettings(Settings):
 
 @dataclass(frozen=True, eq=False)
 class RelativeError(PoseErrors):
-    """Errors of m RPE pairs, from pose start (m,) to pose end (m,), which index `reference` and `stamps_s`."""
+    """Errors of m RPE pairs, from pose start (m,) to pose end (m,), which index `reference` and
+    `stamps_s`.
+    """
 
     start: np.ndarray
     end: np.ndarray
@@ -116,7 +120,10 @@ def relative_error(
 def rpe_pairs(
     stamps_s: np.ndarray, positions_m: np.ndarray, settings: RelativeErrorSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Start and end indices (m,), start < end, for stamps (n,) and positions (n, 3). Raises InputError if there are none."""
+    """Start and end indices (m,), start < end, for stamps (n,) and positions (n, 3).
+
+    Raises InputError if there are none.
+    """
     if settings.unit == "frames":
         step = 1 if settings.all_pairs else int(settings.delta)
         start = np.arange(0, max(0, len(stamps_s) - int(settings.delta)), step)
@@ -141,7 +148,8 @@ def rpe_pairs(
 def _pairs_by_measure(
     measure: np.ndarray, settings: RelativeErrorSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """For every pose, the later one whose measure is closest to that of the first + delta (ties: the earlier), within tolerance.
+    """For every pose, the later one whose measure is closest to that of the first + delta (ties:
+    the earlier), within tolerance.
 
     measure (n,): time or distance; it does not decrease.
     """
@@ -162,7 +170,9 @@ def _pairs_by_measure(
 
 
 def _end_to_end(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """End-to-end pairs, from pairs sorted by start: the first one, then always the next one that starts at or after the end of the last."""
+    """End-to-end pairs, from pairs sorted by start: the first one, then always the next one that
+    starts at or after the end of the last.
+    """
     chosen, row = [], 0
     following = np.searchsorted(start, end).tolist()
     while row < len(start):
@@ -172,7 +182,9 @@ def _end_to_end(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _end_to_end_by_length(positions_m: np.ndarray, delta_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """End-to-end pairs: a pair ends at the first pose that is at least delta_m of travelled distance from its start."""
+    """End-to-end pairs: a pair ends at the first pose that is at least delta_m of travelled
+    distance from its start.
+    """
     ends, travelled_m = [0], 0.0
     for index, step_m in enumerate(
         np.linalg.norm(np.diff(positions_m, axis=0), axis=1).tolist(), 1

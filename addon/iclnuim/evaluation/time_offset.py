@@ -1,7 +1,9 @@
-"""The constant time offset at which an estimate fits the ground truth best. Systems that change stamps, bags and clocks shift all stamps.
+"""The constant time offset at which an estimate fits the ground truth best. Systems that change
+stamps, bags and clocks shift all stamps.
 
-The residual of a rigid alignment of the paired positions is computed for all offsets of whole frames at once: the sums of the
-least-squares fit (Umeyama, PAMI 1991, equations 34 to 40) are correlations of the two trajectories, and FFTs compute them for all offsets.
+The residual of a rigid alignment of the paired positions is computed for all offsets of whole
+frames at once: the sums of the least-squares fit (Umeyama, PAMI 1991, equations 34 to 40) are
+correlations of the two trajectories, and FFTs compute them for all offsets.
 """
 
 import numpy as np
@@ -9,16 +11,19 @@ import numpy as np
 from ..geometry.trajectory import Trajectory
 from .align import MIN_EXTENT_M, principal_extents, umeyama
 
-#: Fewer poses can fit by chance. An offset is only considered if at least this share of the estimate overlaps the ground truth.
+#: Fewer poses can fit by chance. An offset is only considered if at least this share of the
+#: estimate overlaps the ground truth.
 _MIN_POSES, _MIN_SHARE = 10, 0.5
 #: Maximum number of frames of a search.
 _MAX_FRAMES = 1 << 18
 
 
 def best_offset(reference: Trajectory, estimate: Trajectory) -> tuple[float, float] | None:
-    """The offset in seconds to add to the estimate's stamps for the best rigid alignment, and the remaining RMS in metres.
+    """The offset in seconds to add to the estimate's stamps for the best rigid alignment, and the
+    remaining RMS in metres.
 
-    None if the trajectories do not determine it: they are too short, do not move, or span more than _MAX_FRAMES.
+    None if the trajectories do not determine it: they are too short, do not move, or span more than
+    _MAX_FRAMES.
     """
     if (
         min(len(reference), len(estimate)) < _MIN_POSES
@@ -41,7 +46,9 @@ def best_offset(reference: Trajectory, estimate: Trajectory) -> tuple[float, flo
 
 
 def _rms_by_lag(rows: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lags (m,) in frames with enough pairs, and the RMS (m,) after a rigid alignment of x[k] and y[rows[k] + lag]."""
+    """Lags (m,) in frames with enough pairs, and the RMS (m,) after a rigid alignment of x[k] and
+    y[rows[k] + lag].
+    """
     length, frames = int(rows[-1]) + 1, len(y)
     gridded = np.zeros((length, 5))
     gridded[rows] = np.column_stack([np.ones(len(x)), x, (x * x).sum(axis=1)])
@@ -77,7 +84,9 @@ def _positions(trajectory: Trajectory, stamps_s: np.ndarray) -> np.ndarray:
 
 
 def _rms(reference: Trajectory, estimate: Trajectory, offset_s: float) -> float:
-    """RMS after a rigid alignment of the estimate's poses within the reference's time span; infinite if they are too few."""
+    """RMS after a rigid alignment of the estimate's poses within the reference's time span;
+    infinite if they are too few.
+    """
     stamps_s = estimate.stamps_s + offset_s
     slack_s = 1e-6
     inside = (stamps_s >= reference.stamps_s[0] - slack_s) & (
@@ -103,7 +112,9 @@ def _refined(reference: Trajectory, estimate: Trajectory, offset_s: float, step_
 
 
 def _rounded(reference: Trajectory, estimate: Trajectory, offset_s: float) -> tuple[float, float]:
-    """The offset with the fewest digits that fits equally well within the noise of n poses, and its RMS."""
+    """The offset with the fewest digits that fits equally well within the noise of n poses, and its
+    RMS.
+    """
     best_m = _rms(reference, estimate, offset_s)
     limit_m = best_m * (1 + 2 / len(estimate)) + 1e-6
     for digits in range(7):

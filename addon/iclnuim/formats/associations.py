@@ -1,7 +1,9 @@
-"""Lists of images: `associations.txt` in either order, detected by content, and `rgb.txt` / `depth.txt`.
+"""Lists of images: `associations.txt` in either order, detected by content, and `rgb.txt` /
+`depth.txt`.
 
-TUM order: `stamp rgb/... stamp depth/...` in seconds. ICL-NUIM order: `id depth/... id rgb/...` with frame numbers. Whole numbers that are also
-the names of the images (`600 rgb/600.png`) are frame numbers in every list: systems that read TUM's order need the columns of the original swapped.
+TUM order: `stamp rgb/... stamp depth/...` in seconds. ICL-NUIM order: `id depth/... id rgb/...`
+with frame numbers. Whole numbers that are also the names of the images (`600 rgb/600.png`) are
+frame numbers in every list: systems that read TUM's order need the columns of the original swapped.
 """
 
 import math
@@ -25,7 +27,8 @@ PAIRS = "4 columns: stamp rgb/... stamp depth/... (TUM) or id depth/... id rgb/.
 class ImageList:
     """Stamps in seconds, and paths as written in the file, relative to its folder.
 
-    written: the exact text of the stamps in the file, so that a list that is written again has the same text; "" or () if they are not seconds.
+    written: the exact text of the stamps in the file, so that a list that is written again has the
+    same text; "" or () if they are not seconds.
     """
 
     stamps_s: tuple[float, ...]
@@ -48,7 +51,9 @@ class ImageList:
 
     @property
     def is_numbered(self) -> bool:
-        """Whether the stamps are written as whole numbers and are the names of the images: frame numbers."""
+        """Whether the stamps are written as whole numbers and are the names of the images: frame
+        numbers.
+        """
         return bool(self.written) and all(
             text.isdecimal()
             and int(text) <= LARGEST_NUMBER
@@ -61,7 +66,10 @@ class ImageList:
         return ImageList(tuple(stamps_of_frames(self.stamps_s).tolist()), self.paths)
 
     def frame_numbers(self) -> list[int]:
-        """The frame numbers: stamp = 1 + number / 30 s. Raises InputError for stamps between frames."""
+        """The frame numbers: stamp = 1 + number / 30 s.
+
+        Raises InputError for stamps between frames.
+        """
         frames = frames_of_stamps(self.stamps_s)
         numbers = np.rint(frames)
         bad = np.flatnonzero(
@@ -78,7 +86,10 @@ class ImageList:
 
 @dataclass(frozen=True)
 class Associations:
-    """Pairs of a colour and a depth image. `order`: the order of the columns in the file, "tum" or "icl-nuim"."""
+    """Pairs of a colour and a depth image.
+
+    `order`: the order of the columns in the file, "tum" or "icl-nuim".
+    """
 
     rgb: ImageList
     depth: ImageList
@@ -95,7 +106,8 @@ class Associations:
 
 
 def read_associations(path: str | os.PathLike[str]) -> Associations:
-    """Read associations in either order; the paths show which column is depth. Whole numbers in ICL-NUIM's order, and those that are the names of
+    """Read associations in either order; the paths show which column is depth. Whole numbers in
+    ICL-NUIM's order, and those that are the names of
     the images, are frame numbers, stamp = 1 + id / 30 s. Raises InputError with file and line.
     """
     rows = _rows(path, 4, PAIRS)
@@ -114,7 +126,9 @@ def read_associations(path: str | os.PathLike[str]) -> Associations:
 
 
 def read_image_lists(*paths: str | os.PathLike[str]) -> tuple[ImageList, ...]:
-    """Read `rgb.txt` and `depth.txt`: stamps in seconds, or, if all are the names of the images, frame numbers. Raises InputError."""
+    """Read `rgb.txt` and `depth.txt`: stamps in seconds, or, if all are the names of the images,
+    frame numbers. Raises InputError.
+    """
     lists = tuple(read_image_list(path) for path in paths)
     return (
         tuple(one.by_frame_number() for one in lists)
@@ -126,7 +140,9 @@ def read_image_lists(*paths: str | os.PathLike[str]) -> tuple[ImageList, ...]:
 def write_associations(
     path: str | os.PathLike[str], pairs: Associations, order: str = "tum"
 ) -> None:
-    """Write associations in TUM's order with seconds, or in ICL-NUIM's order with frame numbers, atomically."""
+    """Write associations in TUM's order with seconds, or in ICL-NUIM's order with frame numbers,
+    atomically.
+    """
     numbered = order == "icl-nuim"
     first, second = (pairs.depth, pairs.rgb) if numbered else (pairs.rgb, pairs.depth)
     stamps = (
@@ -139,7 +155,10 @@ def write_associations(
 
 
 def read_image_list(path: str | os.PathLike[str]) -> ImageList:
-    """Read `rgb.txt` or `depth.txt`: stamps in seconds, increasing. Raises InputError with file and line."""
+    """Read `rgb.txt` or `depth.txt`: stamps in seconds, increasing.
+
+    Raises InputError with file and line.
+    """
     return _image_list(path, _rows(path, 2, "2 columns: stamp path"), 0, increasing=True)
 
 

@@ -1,6 +1,8 @@
-"""COLMAP's images.txt: lines `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, each followed by a line of image points.
+"""COLMAP's images.txt: lines `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, each followed by a
+line of image points.
 
-Its images have no stamps. The last number in a name is the frame's number, or its stamp in nanoseconds, or, with a decimal point, in seconds.
+Its images have no stamps. The last number in a name is the frame's number, or its stamp in
+nanoseconds, or, with a decimal point, in seconds.
 """
 
 import os
@@ -20,7 +22,9 @@ _STAMP = re.compile(r"(\d+(?:\.\d+)?)(?:\.[A-Za-z]\w*)?$", re.ASCII)
 
 @dataclass(frozen=True)
 class _Images:
-    """The images of a file in the order of time: their names, line numbers, and values (n, 8) as returned by `rows`."""
+    """The images of a file in the order of time: their names, line numbers, and values (n, 8) as
+    returned by `rows`.
+    """
 
     names: list[str]
     lines: list[int]
@@ -35,7 +39,8 @@ def names_an_image(line: str) -> bool:
 
 
 def rows(source: Source) -> Table:
-    """(n, 8) in the order of time: frame number (or stamp if the images are named by stamps), translation, quaternion (scalar last).
+    """(n, 8) in the order of time: frame number (or stamp if the images are named by stamps),
+    translation, quaternion (scalar last).
 
     Lines of image points are left out: all their fields are numbers.
     """

@@ -1,9 +1,11 @@
-"""Reading and writing of EXR images by the OpenEXR package, or inside Blender by OpenImageIO. The pixels are equal.
+"""Reading and writing of EXR images by the OpenEXR package, or inside Blender by OpenImageIO. The
+pixels are equal.
 
-Compression is zip: one 640 x 480 frame of half R, G, B and float Z takes 1.8 MB, 30 ms to write and 7.5 ms to read (piz: 2.0 MB,
-48 ms, 13 ms). OpenImageIO would be sufficient, but it writes the header's attributes in other bytes, and reads 1.6 to 2.3 times as slowly.
-The libraries print to standard error for a damaged file, and do not verify the size in the header. Therefore every header is checked here
-first, without the libraries. Layout: OpenEXR's "File Layout" page.
+Compression is zip: one 640 x 480 frame of half R, G, B and float Z takes 1.8 MB, 30 ms to write and
+7.5 ms to read (piz: 2.0 MB, 48 ms, 13 ms). OpenImageIO would be sufficient, but it writes the
+header's attributes in other bytes, and reads 1.6 to 2.3 times as slowly. The libraries print to
+standard error for a damaged file, and do not verify the size in the header. Therefore every header
+is checked here first, without the libraries. Layout: OpenEXR's "File Layout" page.
 """
 
 import os
@@ -34,7 +36,9 @@ _AGAIN = "rendering or copying this frame again"
 
 @dataclass(frozen=True)
 class ExrPart:
-    """One part of a file. channels: name -> "half" or "float", in file order; size in pixels; text attributes."""
+    """One part of a file. channels: name -> "half" or "float", in file order; size in pixels; text
+    attributes.
+    """
 
     channels: dict[str, str]
     width: int
@@ -45,7 +49,8 @@ class ExrPart:
 
 @dataclass(frozen=True)
 class ExrHeader:
-    """All parts of a file, their common size and all of their channels. There is one part, unless the writer splits passes into parts, as Blender 5
+    """All parts of a file, their common size and all of their channels. There is one part, unless
+    the writer splits passes into parts, as Blender 5
     does.
     """
 
@@ -56,7 +61,8 @@ class ExrHeader:
 
 
 def read_exr(path: str | os.PathLike[str], backend: str | None = None) -> dict[str, np.ndarray]:
-    """Read every channel of every part by its full name: (height, width), float16 or float32 as stored.
+    """Read every channel of every part by its full name: (height, width), float16 or float32 as
+    stored.
 
     Raises InputError if the file is missing, truncated, not a flat EXR, or of an implausible size.
     """
@@ -93,13 +99,16 @@ def write_exr(
     backend: str | None = None,
     compressed: bool = True,
 ) -> None:
-    """Write (height, width) float16 or float32 arrays under their names, and text attributes into the header.
+    """Write (height, width) float16 or float32 arrays under their names, and text attributes into
+    the header.
 
-    compressed: compress by ZIP, which reduces a rendered frame from 3.1 to 2.3 MB and takes seven times as long as writing uncompressed.
+    compressed: compress by ZIP, which reduces a rendered frame from 3.1 to 2.3 MB and takes seven
+    times as long as writing uncompressed.
 
     The same pixels and attributes give the same bytes: date and host are not written.
 
-    The file is written atomically. Raises InputError for other arrays, WorkError if it cannot be written.
+    The file is written atomically. Raises InputError for other arrays, WorkError if it cannot be
+    written.
     """
     channels = {name: np.ascontiguousarray(values) for name, values in sorted(channels.items())}
     shapes = {values.shape for values in channels.values()}
@@ -176,7 +185,8 @@ def _write_oiio(
 
 
 def exr_header(path: str | os.PathLike[str], whole: bool = False) -> ExrHeader:
-    """The header of `path`. `whole`: also check that each chunk listed in the header is inside the file. No pixel is read.
+    """The header of `path`. `whole`: also check that each chunk listed in the header is inside the
+    file. No pixel is read.
 
     Raises InputError unless it is a flat EXR of half and float channels of one plausible size.
     """
@@ -198,7 +208,10 @@ def _cut() -> InputError:
 
 
 class _Cursor:
-    """Reads little-endian values one after the other. Raises InputError for a truncated file at the end of the data."""
+    """Reads little-endian values one after the other.
+
+    Raises InputError for a truncated file at the end of the data.
+    """
 
     def __init__(self, data: bytes, place: int) -> None:
         self.data, self.place = data, place
@@ -309,7 +322,10 @@ def _channels(raw: bytes) -> dict[str, str]:
 
 
 def _check_chunks(file: BinaryIO, header: ExrHeader, table: int, multipart: bool) -> None:
-    """Check that all chunks are inside the file. Each part's offset table follows the headers; a chunk is [part] y size bytes."""
+    """Check that all chunks are inside the file.
+
+    Each part's offset table follows the headers; a chunk is [part] y size bytes.
+    """
     lead, end = 12 if multipart else 8, file.seek(0, os.SEEK_END)
     for part in header.parts:
         count = -(-part.height // _ROWS_A_CHUNK[part.compression])

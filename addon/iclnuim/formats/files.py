@@ -1,4 +1,6 @@
-"""Atomic writing of files (a file is complete or absent), and reading of text with errors that give file and line."""
+"""Atomic writing of files (a file is complete or absent), and reading of text with errors that give
+file and line.
+"""
 
 import errno
 import hashlib
@@ -32,10 +34,12 @@ _OPEN_FILES = ("/dev/stdout", "/dev/stderr", "/dev/fd/", "/proc/")
 
 
 def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:
-    """Call `write` with a temporary file in the folder of `path` (same ending), then rename it to `path`.
+    """Call `write` with a temporary file in the folder of `path` (same ending), then rename it to
+    `path`.
 
-    If anything fails, `path` is unchanged. A symbolic link stays, and its target is written. A pipe or a device (/dev/stdout) receives
-    the finished content. An OSError is raised as a WorkError with the path.
+    If anything fails, `path` is unchanged. A symbolic link stays, and its target is written. A pipe
+    or a device (/dev/stdout) receives the finished content. An OSError is raised as a WorkError
+    with the path.
     """
     path = Path(path)
     if is_stream(path):
@@ -57,7 +61,8 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
 
 @contextmanager
 def locked(path: Path, wait: bool = False) -> Iterator[None]:
-    """Keep other processes out of a folder or file that exists, until the end of the block or of the process. It leaves no file. Without effect
+    """Keep other processes out of a folder or file that exists, until the end of the block or of
+    the process. It leaves no file. Without effect
     where the system or the file system has no such locks (Windows, some network file systems).
 
     Raises WorkError if another process has locked it, or, with `wait`, waits for that process.
@@ -84,12 +89,17 @@ def locked(path: Path, wait: bool = False) -> Iterator[None]:
 
 
 def real_path(path: str | os.PathLike[str]) -> Path:
-    """The path without symbolic links. Those of a loop stay, where Path.resolve() raises RuntimeError before Python 3.13."""
+    """The path without symbolic links.
+
+    Those of a loop stay, where Path.resolve() raises RuntimeError before Python 3.13.
+    """
     return Path(os.path.realpath(path))
 
 
 def is_stream(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a pipe, a device, or a name of an open file, which must not be replaced by a file."""
+    """Whether a path is a pipe, a device, or a name of an open file, which must not be replaced by
+    a file.
+    """
     path = Path(path)
     return (
         path.as_posix().startswith(_OPEN_FILES)
@@ -111,7 +121,10 @@ def _write_stream(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def not_written(path: str | os.PathLike[str], error: OSError) -> WorkError:
-    """The error for a file that could not be written. The OSError of a full disk does not contain the file's name."""
+    """The error for a file that could not be written.
+
+    The OSError of a full disk does not contain the file's name.
+    """
     hint = (
         "freeing space there, then the same command again"
         if error.errno in (errno.ENOSPC, errno.EDQUOT)
@@ -132,7 +145,10 @@ def make_folder(folder: Path, hint: str | None = None) -> None:
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
-    """Yield a new folder with a temporary name. At the end it replaces `folder`; if anything fails, it is removed."""
+    """Yield a new folder with a temporary name.
+
+    At the end it replaces `folder`; if anything fails, it is removed.
+    """
     temporary = folder.with_name(f".{folder.name}.part")
     shutil.rmtree(temporary, ignore_errors=True)
     make_folder(temporary)
@@ -145,7 +161,8 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 
 def process_is_running(process: int) -> bool:
-    """Whether a process of this host is running: one that has ended is not, even if its parent has not noticed that yet. Always True on
+    """Whether a process of this host is running: one that has ended is not, even if its parent has
+    not noticed that yet. Always True on
     Windows, where os.kill would end it.
     """
     if os.name == "nt":
@@ -169,7 +186,10 @@ def _is_zombie(process: int) -> bool:
 
 
 def writer_has_ended(temporary: Path) -> bool:
-    """Whether a temporary file of `atomic_write` was left by a process of this host that has ended. Those of other hosts may be in use."""
+    """Whether a temporary file of `atomic_write` was left by a process of this host that has ended.
+
+    Those of other hosts may be in use.
+    """
     try:
         process, host, _ = temporary.name.split(".")[-3].split("-")
         return host == _HOST and not process_is_running(int(process))
@@ -200,7 +220,8 @@ def read_json(path: str | os.PathLike[str]) -> dict:
 def content_of_json(
     text: str, what: str = "JSON", path: str | os.PathLike[str] | None = None
 ) -> Any:
-    """The content of JSON text. Raises InputError, with the line in `path` if that is given, also for numbers that are not finite or have
+    """The content of JSON text. Raises InputError, with the line in `path` if that is given, also
+    for numbers that are not finite or have
     hundreds of digits.
     """
     try:
@@ -247,7 +268,10 @@ def is_file(path: str | os.PathLike[str]) -> bool:
 
 
 def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
-    """Read UTF-8 text. Raises InputError for a missing, unreadable, empty or binary file, and for a saved web page."""
+    """Read UTF-8 text.
+
+    Raises InputError for a missing, unreadable, empty or binary file, and for a saved web page.
+    """
     data = read_bytes(path, what)
     if not data.strip():
         raise InputError(what, path=path, found="an empty file")
@@ -296,7 +320,9 @@ def check_picture(path: str | os.PathLike[str]) -> None:
 
 
 def check_file(path: str | os.PathLike[str]) -> None:
-    """Raises InputError if a file cannot be written because its folder does not exist or it is a folder itself, WorkError if the folder is read-only."""
+    """Raises InputError if a file cannot be written because its folder does not exist or it is a
+    folder itself, WorkError if the folder is read-only.
+    """
     folder = os.path.dirname(os.fspath(path))
     if folder and not os.path.isdir(folder):
         raise InputError("a folder to write into", path=folder, found="no such folder")

@@ -1,4 +1,6 @@
-"""Images of user-provided sequences: colour as PNG or JPEG, depth as 16-bit PNG or as an array of metres (.npy). The format is detected by content."""
+"""Images of user-provided sequences: colour as PNG or JPEG, depth as 16-bit PNG or as an array of
+metres (.npy). The format is detected by content.
+"""
 
 import io
 import os
@@ -21,7 +23,8 @@ _MAX_PIXELS = 1 << 28
 
 
 def image_header(path: str | os.PathLike[str], whole: bool = False) -> PngHeader:
-    """Size and kind of a PNG, JPEG or .npy image. `whole`: read the file to its end and verify its checksums, if it has any.
+    """Size and kind of a PNG, JPEG or .npy image. `whole`: read the file to its end and verify its
+    checksums, if it has any.
 
     Raises InputError if `path` is none of these, or damaged.
     """
@@ -35,7 +38,10 @@ def image_header(path: str | os.PathLike[str], whole: bool = False) -> PngHeader
 
 
 def read_colour8(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
-    """Read a PNG or JPEG as (height, width, 3) uint8 in the order R, G, B. Raises InputError for other files."""
+    """Read a PNG or JPEG as (height, width, 3) uint8 in the order R, G, B.
+
+    Raises InputError for other files.
+    """
     if not _start(path).startswith(_JPEG):
         return png.read_rgb8(path, backend)
     data = read_bytes(path, "an image")
@@ -57,7 +63,9 @@ def read_colour8(path: str | os.PathLike[str], backend: str | None = None) -> np
 def seen_by(
     image: np.ndarray, K: np.ndarray, K_new: np.ndarray, width: int, height: int
 ) -> np.ndarray:
-    """Resample the image (h, w, 3) uint8 of a camera K to a camera K_new with the same pose: (height, width, 3), black outside. Needs OpenCV."""
+    """Resample the image (h, w, 3) uint8 of a camera K to a camera K_new with the same pose:
+    (height, width, 3), black outside. Needs OpenCV.
+    """
     _, cv2 = first_library("colour of another size than depth", "cv2")
     scale = K[[0, 1], [0, 1]] / K_new[[0, 1], [0, 1]]
     if (scale > 1).any():  # downsampling: pixels are averaged
@@ -69,7 +77,10 @@ def seen_by(
 
 
 def read_array(path: str | os.PathLike[str]) -> np.ndarray:
-    """Read (height, width) float32 from a NumPy file. Raises InputError for other arrays, and for Python objects, which are never loaded."""
+    """Read (height, width) float32 from a NumPy file.
+
+    Raises InputError for other arrays, and for Python objects, which are never loaded.
+    """
     expected, data = (
         "a NumPy array of depth, height x width, in metres",
         read_bytes(path, "an image"),
@@ -151,7 +162,10 @@ def _start(path: str | os.PathLike[str]) -> bytes:
 
 
 def _jpeg_header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
-    """Size and kind from the frame header (SOF). Raises InputError if the file has no end marker or is damaged."""
+    """Size and kind from the frame header (SOF).
+
+    Raises InputError if the file has no end marker or is damaged.
+    """
     place, cut = 2, InputError("a whole JPEG image", path=path, found="a truncated or damaged file")
     if b"\xff\xd9" not in data[-64:]:
         raise cut

@@ -1,4 +1,6 @@
-"""The image libraries that may be installed: OpenEXR and OpenCV with pip, OpenImageIO inside Blender."""
+"""The image libraries that may be installed: OpenEXR and OpenCV with pip, OpenImageIO inside
+Blender.
+"""
 
 import contextlib
 import functools
@@ -12,7 +14,10 @@ from ..errors import WorkError
 
 
 def first_library(what: str, *packages: str) -> tuple[str, ModuleType]:
-    """Name and module of the first of `packages` (module names) that can be imported. Raises WorkError if there is none."""
+    """Name and module of the first of `packages` (module names) that can be imported.
+
+    Raises WorkError if there is none.
+    """
     for package in packages:
         module = _module(package)
         if module is not None:
@@ -25,7 +30,9 @@ def first_library(what: str, *packages: str) -> tuple[str, ModuleType]:
 
 @functools.cache
 def _module(package: str) -> ModuleType | None:
-    """Import from sys.path, or from the bpy wheel, which contains OpenImageIO in bpy/X.Y/python/lib/python3.XX/site-packages."""
+    """Import from sys.path, or from the bpy wheel, which contains OpenImageIO in
+    bpy/X.Y/python/lib/python3.XX/site-packages.
+    """
     with contextlib.suppress(ImportError):
         return importlib.import_module(package)
     bundled = (

@@ -1,7 +1,7 @@
 """Reading and writing of PLY files: meshes and point clouds, binary or ASCII.
 
-It uses only numpy, because it also runs inside Blender. Blender's PLY reader does not check the vertex numbers of faces, so `check_ply`
-checks a file before.
+It uses only numpy, because it also runs inside Blender. Blender's PLY reader does not check the
+vertex numbers of faces, so `check_ply` checks a file before.
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,9 @@ _INDICES = ("vertex_indices", "vertex_index")
 
 @dataclass(frozen=True, eq=False)
 class PlyModel:
-    """points (n, 3) float64 in the file's unit; triangles (m, 3) int64, m = 0 for a point cloud; colours (n, 3) uint8 or (n, 0)."""
+    """points (n, 3) float64 in the file's unit; triangles (m, 3) int64, m = 0 for a point cloud;
+    colours (n, 3) uint8 or (n, 0).
+    """
 
     points: np.ndarray
     triangles: np.ndarray
@@ -41,7 +43,9 @@ class PlyModel:
 
 @dataclass
 class _Element:
-    """An element such as `vertex` or `face`: its count, and its properties as (name, type, type of the list's length or None)."""
+    """An element such as `vertex` or `face`: its count, and its properties as (name, type, type of
+    the list's length or None).
+    """
 
     name: str
     count: int
@@ -51,7 +55,8 @@ class _Element:
 def read_ply(path: Path) -> PlyModel:
     """Read the vertices of a file and its faces as triangles (polygons become triangle fans).
 
-    Raises InputError for a file that is not a PLY, is truncated, or whose faces use vertices that do not exist.
+    Raises InputError for a file that is not a PLY, is truncated, or whose faces use vertices that
+    do not exist.
     """
     vertices, polygons = _checked(path)
     if any(name not in vertices for name in "xyz"):
@@ -88,10 +93,12 @@ def write_ply(
     face_values: Mapping[str, np.ndarray] | None = None,
     comment: str | None = None,
 ) -> None:
-    """Write binary little-endian PLY: float x y z (n, 3), float nx ny nz, uchar red green blue; faces of triangles (m, 3) with further int
+    """Write binary little-endian PLY: float x y z (n, 3), float nx ny nz, uchar red green blue;
+    faces of triangles (m, 3) with further int
     values (m,) by name. Without triangles there is no face element.
 
-    Raises InputError for arrays of other shapes and for indices of no vertex, WorkError if it cannot be written.
+    Raises InputError for arrays of other shapes and for indices of no vertex, WorkError if it
+    cannot be written.
     """
     points = np.asarray(points)
     check_mesh(points, np.zeros((0, 3), int) if triangles is None else np.asarray(triangles))
@@ -206,7 +213,10 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
 
 
 def _doubles(path: Path, lines: list[bytes], elements: list[_Element]) -> bytes:
-    """Convert the numbers of an ASCII file to binary data of doubles. The types of the elements are changed to double accordingly."""
+    """Convert the numbers of an ASCII file to binary data of doubles.
+
+    The types of the elements are changed to double accordingly.
+    """
     found: list[np.ndarray] = []
     for element in elements:
         if len(lines) < element.count:
@@ -235,7 +245,8 @@ def _doubles(path: Path, lines: list[bytes], elements: list[_Element]) -> bytes:
 def _rows_of(
     path: Path, data: bytes, at: int, order: str, element: _Element
 ) -> tuple[int, list[np.ndarray]]:
-    """The offset of the end of the element, and its rows as structured arrays, a new one wherever lists change their length. Rows are read
+    """The offset of the end of the element, and its rows as structured arrays, a new one wherever
+    lists change their length. Rows are read
     together as long as their lists have the length of the first row's.
     """
     found, done, ahead = [], 0, 64

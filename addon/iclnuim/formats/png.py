@@ -1,9 +1,11 @@
 """Reading and writing of PNG images, 8-bit colour and 16-bit depth.
 
-They are read by OpenCV, or inside Blender by OpenImageIO, and compressed by libdeflate (package deflate) at level 1, or, without it, by Python's
-zlib. Every row has the filter Sub. A noisy 640 x 480 colour image takes 6 ms and 0.54 MB (zlib: 10 ms, 0.56 MB; OpenCV at its fastest: 14 ms,
-0.50 MB), a noisy depth image 2.2 ms and 0.21 MB (5.5 ms, 0.23 MB; 8 ms, 0.24 MB). libdeflate gives the same bytes on every processor.
-Layout: W3C, Portable Network Graphics, sections 5 (chunks) and 9 (filters).
+They are read by OpenCV, or inside Blender by OpenImageIO, and compressed by libdeflate (package
+deflate) at level 1, or, without it, by Python's zlib. Every row has the filter Sub. A noisy 640 x
+480 colour image takes 6 ms and 0.54 MB (zlib: 10 ms, 0.56 MB; OpenCV at its fastest: 14 ms, 0.50
+MB), a noisy depth image 2.2 ms and 0.21 MB (5.5 ms, 0.23 MB; 8 ms, 0.24 MB). libdeflate gives the
+same bytes on every processor. Layout: W3C, Portable Network Graphics, sections 5 (chunks) and 9
+(filters).
 """
 
 import os
@@ -52,12 +54,18 @@ def png_header(path: str | os.PathLike[str]) -> PngHeader:
 
 
 def check_png(path: str | os.PathLike[str]) -> PngHeader:
-    """Read the whole file and check every chunk's checksum, without decoding. Raises InputError if it is damaged."""
+    """Read the whole file and check every chunk's checksum, without decoding.
+
+    Raises InputError if it is damaged.
+    """
     return _checked(path)[1]
 
 
 def read_rgb8(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
-    """Read (height, width, 3) uint8 in the order R, G, B; alpha is dropped, grey is repeated. Raises InputError for other files."""
+    """Read (height, width, 3) uint8 in the order R, G, B; alpha is dropped, grey is repeated.
+
+    Raises InputError for other files.
+    """
     return _read(path, "an 8-bit colour PNG", 8, _COLOURS.values(), 3, backend)
 
 
@@ -67,14 +75,18 @@ def read_depth16(path: str | os.PathLike[str], backend: str | None = None) -> np
 
 
 def read_rgb16(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
-    """Read (height, width, 3) uint16 in the order R, G, B: three values per pixel, such as normals. Raises InputError for other files."""
+    """Read (height, width, 3) uint16 in the order R, G, B: three values per pixel, such as normals.
+
+    Raises InputError for other files.
+    """
     return _read(path, "a 16-bit RGB PNG", 16, ("RGB",), 3, backend)
 
 
 def write_png(
     path: str | os.PathLike[str], image: np.ndarray, compressor: str | None = None
 ) -> None:
-    """Write (h, w, 3) uint8 or uint16 RGB or (h, w) uint16, atomically. The same pixels and compressor give the same bytes.
+    """Write (h, w, 3) uint8 or uint16 RGB or (h, w) uint16, atomically. The same pixels and
+    compressor give the same bytes.
 
     Raises InputError for other arrays, WorkError if it cannot be written.
     """
@@ -100,7 +112,10 @@ def write_png(
 
 
 def same_pixels(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:
-    """Whether two PNG files contain the same image, however it is compressed. Raises InputError if one is damaged."""
+    """Whether two PNG files contain the same image, however it is compressed.
+
+    Raises InputError if one is damaged.
+    """
     headers = _checked(a)[1], _checked(b)[1]
     kinds = {(8, "RGB"): read_rgb8, (16, "RGB"): read_rgb16, (16, "grey"): read_depth16}
     read = kinds.get((headers[0].bits, headers[0].colour))
@@ -108,7 +123,9 @@ def same_pixels(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:
 
 
 def _filtered(image: np.ndarray) -> np.ndarray:
-    """(h, 1 + bytes of a row): each row as differences from the pixel to the left, after the number of this filter."""
+    """(h, 1 + bytes of a row): each row as differences from the pixel to the left, after the number
+    of this filter.
+    """
     rows = (
         np.ascontiguousarray(image, image.dtype.newbyteorder(">"))
         .view(np.uint8)
@@ -136,7 +153,8 @@ def _chunk(kind: bytes, content: bytes) -> tuple[bytes, ...]:
 
 
 def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
-    """The content of the file and its header, after a check that every chunk is complete and has the right checksum. OpenCV would decode half a
+    """The content of the file and its header, after a check that every chunk is complete and has
+    the right checksum. OpenCV would decode half a
     file without an error.
     """
     data = read_bytes(path, "a PNG image")

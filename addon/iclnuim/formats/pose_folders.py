@@ -1,4 +1,6 @@
-"""Poses as matrices: ScanNet's folder with one file per frame, and transforms.json of NeRF programs."""
+"""Poses as matrices: ScanNet's folder with one file per frame, and transforms.json of NeRF
+programs.
+"""
 
 import re
 from collections.abc import Sequence
@@ -19,7 +21,10 @@ def is_scannet(source: Source) -> bool:
 
 
 def scannet_rows(source: Source) -> Table:
-    """(n, 13): the number in the file's name, and three rows of its matrix. Files of lost frames (-inf) are left out."""
+    """(n, 13): the number in the file's name, and three rows of its matrix.
+
+    Files of lost frames (-inf) are left out.
+    """
     paths = {int(path.stem): path for path in source.path.glob("*.txt") if path.stem.isdecimal()}
     found = []
     for number in sorted(paths):
@@ -32,14 +37,18 @@ def scannet_rows(source: Source) -> Table:
 
 
 def numbers_of_names(names: Sequence[str]) -> list[int]:
-    """The frame numbers at the ends of images' names, without their endings; if they are not all there and distinct, the places in the list."""
+    """The frame numbers at the ends of images' names, without their endings; if they are not all
+    there and distinct, the places in the list.
+    """
     found = [re.search(r"(\d{1,15})$", PurePath(name).stem, re.ASCII) for name in names]
     numbers = [int(number[1]) for number in found if number]
     return numbers if len(set(numbers)) == len(names) else list(range(len(names)))
 
 
 def nerf_rows(source: Source) -> Table:
-    """(n, 13): the number at the end of the image's name, or else the frame's index in the list, and three rows of its matrix."""
+    """(n, 13): the number at the end of the image's name, or else the frame's index in the list,
+    and three rows of its matrix.
+    """
     frames = read_json(source.path).get("frames")
     if (
         not isinstance(frames, list)
@@ -68,7 +77,10 @@ def _numbers(path: Path, values: list) -> np.ndarray:
 
 
 def _rows_of(path: Path, values: np.ndarray) -> list[float]:
-    """The first three rows of a matrix. Raises InputError unless there are 16 numbers that end in 0 0 0 1."""
+    """The first three rows of a matrix.
+
+    Raises InputError unless there are 16 numbers that end in 0 0 0 1.
+    """
     if (
         len(values) != 16
         or not np.abs(values[12:] - (0, 0, 0, 1)).max() < 1e-6

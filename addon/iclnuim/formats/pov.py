@@ -1,8 +1,10 @@
-"""ICL-NUIM's POV-Ray files: LEFT-handed, y up; metres in the living room, centimetres in the office (unit_m = 0.01).
+"""ICL-NUIM's POV-Ray files: LEFT-handed, y up; metres in the living room, centimetres in the office
+(unit_m = 0.01).
 
-Commands have one pose per line: `... +Oscene_00_0012.png ... Declare=val00=... Declare=val32=...`. The matrix multiplies row vectors: rows 0
-to 2 are the images of the camera's x, y, z axes, row 3 is the position.
-Camera files, one per frame in a folder, contain `cam_pos = [91, 465, -292]';` and so on; z = dir/|dir|, x = up x z normalised, y = z x x.
+Commands have one pose per line: `... +Oscene_00_0012.png ... Declare=val00=... Declare=val32=...`.
+The matrix multiplies row vectors: rows 0 to 2 are the images of the camera's x, y, z axes, row 3 is
+the position. Camera files, one per frame in a folder, contain `cam_pos = [91, 465, -292]';` and so
+on; z = dir/|dir|, x = up x z normalised, y = z x x.
 """
 
 import math
@@ -31,7 +33,9 @@ COMMAND_LINE = (
 
 
 def command_rows(source: Source) -> Table:
-    """(n, 13): the number in the image's name (+O), and val00 to val32; (n, 12) without the number if not all lines have one."""
+    """(n, 13): the number in the image's name (+O), and val00 to val32; (n, 12) without the number
+    if not all lines have one.
+    """
     lines = [
         (number, line) for number, line in data_lines(source.text) if "declare" in line.lower()
     ]
@@ -45,7 +49,10 @@ def command_rows(source: Source) -> Table:
 
 
 def _declared(source: Source, number: int, line: str) -> list[float]:
-    """The twelve values of one command in order. Raises InputError naming the first that is missing or no number."""
+    """The twelve values of one command in order.
+
+    Raises InputError naming the first that is missing or no number.
+    """
     pairs = _DECLARE.findall(line)
     values = {name.lower(): text for name, text in pairs}
     for name in _NAMES:
@@ -63,7 +70,9 @@ def _declared(source: Source, number: int, line: str) -> list[float]:
 
 
 def camera_rows(source: Source) -> Table:
-    """(n, 13): the last number in the file's name, the camera's axes and position as val00 to val32 of a command."""
+    """(n, 13): the last number in the file's name, the camera's axes and position as val00 to val32
+    of a command.
+    """
     files = (
         _numbered(source.path)
         if source.path.is_dir()
@@ -74,7 +83,9 @@ def camera_rows(source: Source) -> Table:
 
 
 def _numbered(folder: Path) -> list[tuple[int, Path]]:
-    """(frame number, file) of all text files whose name ends in a number, in the order of the numbers."""
+    """(frame number, file) of all text files whose name ends in a number, in the order of the
+    numbers.
+    """
     found = [
         (number, path) for path in folder.glob("*.txt") if (number := _number(path)) is not None
     ]
@@ -99,7 +110,10 @@ def _number(path: Path) -> int | None:
 
 
 def _camera(path: Path) -> list[float]:
-    """Twelve numbers: the camera's x, y, z axes and position in the POV world. Raises InputError naming the file."""
+    """Twelve numbers: the camera's x, y, z axes and position in the POV world.
+
+    Raises InputError naming the file.
+    """
     text = read_text(path, "a POV-Ray camera file")
     position, direction, up = (
         _vector(path, text, name) for name in ("cam_pos", "cam_dir", "cam_up")

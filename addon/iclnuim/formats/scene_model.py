@@ -1,5 +1,7 @@
-"""A scene as a surface: triangles with shading normals, texture coordinates, materials and instances. Functions select and subdivide triangles
-and write PLY (binary, with normals and instances) or OBJ with MTL and textures. World: metres, z up.
+"""A scene as a surface: triangles with shading normals, texture coordinates, materials and
+instances. Functions select and subdivide triangles
+and write PLY (binary, with normals and instances) or OBJ with MTL and textures. World: metres, z
+up.
 """
 
 import re
@@ -20,7 +22,9 @@ _FACE = "f {}/{}/{} {}/{}/{} {}/{}/{}"
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """The appearance of a material: its name, its colour (3,) in sRGB 0..1, and its texture (h, w, 3) uint8, row 0 at the top, or None."""
+    """The appearance of a material: its name, its colour (3,) in sRGB 0..1, and its texture (h, w,
+    3) uint8, row 0 at the top, or None.
+    """
 
     name: str
     colour: tuple[float, float, float]
@@ -29,8 +33,10 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class SceneModel:
-    """m triangles. corners_m (m, 3, 3) in metres, world, counter-clockwise seen from the front; normals (m, 3, 3): unit shading normals of the
-    corners; uv (m, 3, 2), v upwards; material (m,): index into looks; instance (m,): number in label images; names: instance -> name.
+    """m triangles. corners_m (m, 3, 3) in metres, world, counter-clockwise seen from the front;
+    normals (m, 3, 3): unit shading normals of the
+    corners; uv (m, 3, 2), v upwards; material (m,): index into looks; instance (m,): number in
+    label images; names: instance -> name.
     """
 
     corners_m: np.ndarray
@@ -54,7 +60,8 @@ class SceneModel:
         return replace(self, **{name: getattr(self, name)[rows] for name in _ARRAYS})
 
     def cut(self, longest_m: float) -> "tuple[SceneModel, np.ndarray]":
-        """The same surface subdivided into k triangles without an edge longer than `longest_m`, and the index (k,) of each one's original triangle.
+        """The same surface subdivided into k triangles without an edge longer than `longest_m`, and
+        the index (k,) of each one's original triangle.
 
         The longest edge is bisected repeatedly.
         """
@@ -74,7 +81,9 @@ class SceneModel:
         return replace(self, **joined), np.concatenate(origins or [origin])
 
     def _bisected(self, edge: np.ndarray) -> "SceneModel":
-        """Split each triangle into two, at the middle of the edge that starts at corner `edge` (m,)."""
+        """Split each triangle into two, at the middle of the edge that starts at corner `edge`
+        (m,).
+        """
         order = (edge[:, None] + np.arange(3)) % 3
         halves: dict[str, Any] = {}
         for name in _OF_CORNERS:
@@ -97,7 +106,8 @@ _ARRAYS = (*_OF_CORNERS, "material", "instance")
 
 
 def write_ply(path: Path, model: SceneModel) -> None:
-    """Write binary little-endian PLY: vertices x y z nx ny nz (float), one per position and shading normal; faces vertex_indices, instance (int).
+    """Write binary little-endian PLY: vertices x y z nx ny nz (float), one per position and shading
+    normal; faces vertex_indices, instance (int).
 
     Raises WorkError if it cannot be written.
     """
@@ -115,10 +125,12 @@ def write_ply(path: Path, model: SceneModel) -> None:
 
 
 def write_obj(path: Path, model: SceneModel) -> None:
-    """Write NAME.obj, NAME.mtl and a folder NAME_textures of PNG files, with a group of faces for every object (o NAME) and material.
+    """Write NAME.obj, NAME.mtl and a folder NAME_textures of PNG files, with a group of faces for
+    every object (o NAME) and material.
 
-    Plain colours are written as textures of 2 x 2 pixels: some programs interpret Kd as linear light, others as sRGB, but all read images in
-    the same way. Raises WorkError if they cannot be written.
+    Plain colours are written as textures of 2 x 2 pixels: some programs interpret Kd as linear
+    light, others as sRGB, but all read images in the same way. Raises WorkError if they cannot be
+    written.
     """
     path = Path(path)
     files = _file_names(model)
@@ -135,7 +147,9 @@ def write_obj(path: Path, model: SceneModel) -> None:
 
 
 def obj_parts(path: Path) -> tuple[Path, Path]:
-    """The file of the materials and the folder of the textures that write_obj writes next to an OBJ file."""
+    """The file of the materials and the folder of the textures that write_obj writes next to an OBJ
+    file.
+    """
     return path.with_suffix(".mtl"), path.with_name(f"{path.stem}_textures")
 
 

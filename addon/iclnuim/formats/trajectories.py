@@ -1,7 +1,8 @@
-"""The registry of trajectory formats: detected by name and content, read, and for most formats written.
+"""The registry of trajectory formats: detected by name and content, read, and for most formats
+written.
 
-All formats have one pose per line or block and are described by their columns. A new format is one entry of FORMATS; the command line, the
-panel and the documentation list these entries.
+All formats have one pose per line or block and are described by their columns. A new format is one
+entry of FORMATS; the command line, the panel and the documentation list these entries.
 """
 
 import os
@@ -33,7 +34,8 @@ __all__ = ["ANCHORED_WORLD", "FORMATS", "TUM_HEADER", "FileOptions", "LoadedTraj
 __all__ += ["format_for_name", "read_trajectory", "trajectory_text", "write_trajectory"]
 
 ANCHORED_WORLD = "the original's anchored frame made right-handed (the first camera's axes: x right, y down, z forward)"
-#: Start of the official files: living room, office. Office kt0, whose first image is missing, starts 9 mm away.
+#: Start of the official files: living room, office. Office kt0, whose first image is missing,
+#: starts 9 mm away.
 OFFICIAL_STARTS_Z_M = (-2.25, -2.5)
 START_TOLERANCE_M = 0.02
 
@@ -47,17 +49,23 @@ Columns = tuple[Sequence[int], Sequence[int]]
 class TrajectoryFormat:
     """A trajectory format: its columns, and the meaning of the stamps and poses in them.
 
-    sniff: whether a file has this format. sentence: how a file was read; {rate} is replaced by the frame rate, {how} by the result of `how`.
-    expected: description of a line, for errors. counts: allowed numbers of columns of a line; if 12 or 13 are allowed, the first of 13 is the
-    frame number. columns: the columns of x y z, and of qx qy qz qw or r00 r01 ... r22. A column before them contains stamps with `ticks` per
-    second (unless the rows set another number), or frame numbers if both are None. Without such a column, lines are counted from `first`.
-    hint: for the error of invalid frame numbers. frame: the function that converts the file's poses to right-handed cv camera poses (None if
-    they are that already), and the world of the trajectory. handedness: of the file's poses; default: left if `frame` has a function, else
-    right. inverse: the file's poses are world to camera. rows: reads the columns of a file whose lines are not simple rows.
+    sniff: whether a file has this format. sentence: how a file was read; {rate} is replaced by the
+    frame rate, {how} by the result of `how`. expected: description of a line, for errors. counts:
+    allowed numbers of columns of a line; if 12 or 13 are allowed, the first of 13 is the frame
+    number. columns: the columns of x y z, and of qx qy qz qw or r00 r01 ... r22. A column before
+    them contains stamps with `ticks` per second (unless the rows set another number), or frame
+    numbers if both are None. Without such a column, lines are counted from `first`. hint: for the
+    error of invalid frame numbers. frame: the function that converts the file's poses to
+    right-handed cv camera poses (None if they are that already), and the world of the trajectory.
+    handedness: of the file's poses; default: left if `frame` has a function, else right. inverse:
+    the file's poses are world to camera. rows: reads the columns of a file whose lines are not
+    simple rows.
 
-    Writing: line: a printf format of all columns in order; "" if the format is only read. given: stamps or frame numbers (None if the format
-    has none), and poses to write. header: may contain {unit} or {symbol} of the positions. goes_to: description of the written file. endings, word: file names that
-    select this format: endings, or a word in the name of a file that ends in `texts`.
+    Writing: line: a printf format of all columns in order; "" if the format is only read. given:
+    stamps or frame numbers (None if the format has none), and poses to write. header: may contain
+    {unit} or {symbol} of the positions. goes_to: description of the written file. endings, word:
+    file names that select this format: endings, or a word in the name of a file that ends in
+    `texts`.
     """
 
     name: str
@@ -111,7 +119,10 @@ class TrajectoryFormat:
         )
 
     def write(self, trajectory: Trajectory, options: FileOptions) -> str:
-        """The text of a file in this format. Raises InputError if the format cannot represent the trajectory."""
+        """The text of a file in this format.
+
+        Raises InputError if the format cannot represent the trajectory.
+        """
         stamps, poses = self.given(trajectory, options)
         position, orientation = self.columns
         quaternions = len(orientation) == 4
@@ -140,10 +151,12 @@ def read_trajectory(
     rate_hz: float = FRAME_RATE_HZ,
     unit_m: float = 1.0,
 ) -> LoadedTrajectory:
-    """Read a right-handed trajectory of cv camera poses (camera to world, metres), and how the file was read.
+    """Read a right-handed trajectory of cv camera poses (camera to world, metres), and how the file
+    was read.
 
-    `format` is a name of FORMATS; without it, the format is detected by name and content. `rate_hz` is used if a file has frame numbers.
-    `unit_m` is the file's unit of length in metres (0.01 for the office's POV-Ray files).
+    `format` is a name of FORMATS; without it, the format is detected by name and content. `rate_hz`
+    is used if a file has frame numbers. `unit_m` is the file's unit of length in metres (0.01 for
+    the office's POV-Ray files).
 
     Raises InputError with file and line for a file that cannot be read.
     """
@@ -157,7 +170,10 @@ def write_trajectory(
     format: str,
     options: FileOptions | None = None,
 ) -> None:
-    """Write a trajectory file atomically. Raises InputError if the format cannot represent the trajectory."""
+    """Write a trajectory file atomically.
+
+    Raises InputError if the format cannot represent the trajectory.
+    """
     atomic_write_text(path, trajectory_text(trajectory, format, options))
 
 
@@ -186,7 +202,10 @@ def _sniffed(source: Source) -> TrajectoryFormat:
 
 
 def format_for_name(path: str | os.PathLike[str]) -> str:
-    """The format of a file to be written, by its name. Raises InputError if no format has such names."""
+    """The format of a file to be written, by its name.
+
+    Raises InputError if no format has such names.
+    """
     name = os.path.basename(os.fspath(path)).lower()
     for format, known in FORMATS.items():
         if name.endswith(known.endings) or (
@@ -205,9 +224,11 @@ def _known(format: str) -> TrajectoryFormat:
 
 
 def is_freiburg(source: Source) -> bool:
-    """Whether a file is named `*.gt.freiburg`, or has frame ids and starts like the official files, unless its header contains "right-handed".
+    """Whether a file is named `*.gt.freiburg`, or has frame ids and starts like the official files,
+    unless its header contains "right-handed".
 
-    No other file is read as left-handed: poses do not show their handedness, and whole-number stamps alone are not sufficient.
+    No other file is read as left-handed: poses do not show their handedness, and whole-number
+    stamps alone are not sufficient.
     """
     if source.name.endswith(".gt.freiburg"):
         return True
@@ -221,17 +242,20 @@ def is_freiburg(source: Source) -> bool:
 
 
 def starts_as_official(position_m: np.ndarray) -> bool:
-    """Whether a first position (3,) is that of the official living-room or office files, within 2 cm on each axis."""
+    """Whether a first position (3,) is that of the official living-room or office files, within 2
+    cm on each axis.
+    """
     return any(
         np.abs(position_m - (0.0, 0.0, z)).max() <= START_TOLERANCE_M for z in OFFICIAL_STARTS_Z_M
     )
 
 
 def _anchored(trajectory: Trajectory, anchor: int, options: FileOptions) -> tuple[list[int], SE3]:
-    """n frame numbers, starting at 1 or later, and their left-handed poses, with the pose of image `anchor` at (0, 0, start_z_m).
+    """n frame numbers, starting at 1 or later, and their left-handed poses, with the pose of image
+    `anchor` at (0, 0, start_z_m).
 
-    T(i) = [I, (0, 0, start)] T_pov(anchor)^-1 T_pov(i). If image `anchor` is missing, the first written image is used instead. Poses that
-    already start like the official files are not moved.
+    T(i) = [I, (0, 0, start)] T_pov(anchor)^-1 T_pov(i). If image `anchor` is missing, the first
+    written image is used instead. Poses that already start like the official files are not moved.
     """
     numbers = trajectory_file.frame_numbers(trajectory.stamps_s, options.rate_hz)
     kept = numbers >= 1
@@ -251,7 +275,10 @@ def _anchored(trajectory: Trajectory, anchor: int, options: FileOptions) -> tupl
 
 
 def _given_sim(trajectory: Trajectory, options: FileOptions) -> Given:
-    """Left-handed poses without numbers. Raises InputError if frames are missing, because blocks have no frame number."""
+    """Left-handed poses without numbers.
+
+    Raises InputError if frames are missing, because blocks have no frame number.
+    """
     numbers, left = _anchored(trajectory, 0, options)
     if numbers[-1] != len(numbers):
         found = f"{len(numbers)} frames up to {numbers[-1]}"
@@ -299,7 +326,9 @@ def _square_rows(source: Source) -> Table:
 
 
 def _commented_first(source: Source) -> Source:
-    """The same source with its first line of data, which contains the names of the columns, made a comment. Raises InputError without it."""
+    """The same source with its first line of data, which contains the names of the columns, made a
+    comment. Raises InputError without it.
+    """
     number, names = next(iter(data_lines(source.text)), (0, ""))
     if not names.lower().startswith(_VSLAM_LAB_STAMP):
         found = names or "comments alone"
@@ -317,7 +346,11 @@ def _vslam_lab_rows(source: Source) -> Table:
 
 
 def _euroc_rows(source: Source) -> Table:
-    """(n, 8) or (n, 17). Raises InputError for stamps that are not whole nanoseconds, and for names of columns that have qw last."""
+    """(n, 8) or (n, 17).
+
+    Raises InputError for stamps that are not whole nanoseconds, and for names of columns that have
+    qw last.
+    """
     if re.search(r"q\w*x\b.*q\w*w\b", source.header):
         found = source.header.strip().splitlines()[-1]
         raise InputError(
@@ -351,7 +384,9 @@ def _numbering(source: Source, table: Table, trajectory: Trajectory) -> str:
 
 
 def _tum_stamps(source: Source, table: Table, trajectory: Trajectory) -> str:
-    """The unit of the stamps and the world; for whole seconds, a note that they may be frame numbers."""
+    """The unit of the stamps and the world; for whole seconds, a note that they may be frame
+    numbers.
+    """
     text = f"{_numbering(source, table, trajectory)}, right-handed camera-to-world poses in {OWN_WORLD}"
     stamps_s = trajectory.stamps_s
     if table.ticks == 1.0 and len(stamps_s) > 1 and (stamps_s == np.rint(stamps_s)).all():
@@ -365,7 +400,9 @@ def _why_freiburg(source: Source, table: Table, trajectory: Trajectory) -> str:
 
 
 def _unit_warning(source: Source, table: Table, trajectory: Trajectory) -> str:
-    """A warning for a POV-world file whose positions are probably in centimetres, else an empty text."""
+    """A warning for a POV-world file whose positions are probably in centimetres, else an empty
+    text.
+    """
     far_m = np.abs(trajectory.positions_m).max()
     far = far_m > trajectory_file.FAR_M
     return f"; positions reach {far_m:.0f} m: they may be centimetres (unit cm)" if far else ""
@@ -389,7 +426,8 @@ _POV_HEADER = (
     "# frame r00 r01 r02 tx r10 r11 r12 ty r20 r21 r22 tz ; T_pov_cam, LEFT-handed POV-Ray world (y up), "
     "camera x right y up z forward, {unit}\n"
 )
-#: The columns of the position and of r00 r01 ... r22 in the rows of a 3x4 matrix, and in val00 val01 ... val32 of POV-Ray.
+#: The columns of the position and of r00 r01 ... r22 in the rows of a 3x4 matrix, and in val00
+#: val01 ... val32 of POV-Ray.
 _MATRIX_COLUMNS: Columns = (3, 7, 11), (0, 1, 2, 4, 5, 6, 8, 9, 10)
 _POV_COLUMNS: Columns = (9, 10, 11), (0, 3, 6, 1, 4, 7, 2, 5, 8)
 _ANCHORED, _POV = (axes.mirrored_y, ANCHORED_WORLD), (axes.world_cv_from_pov, OUR_WORLD)
@@ -469,7 +507,9 @@ _ALL = (
         goes_to="gt.freiburg: frame ids, LEFT-handed y-up poses, moved to the original's start, image 0 left out",
         endings=(".gt.freiburg",),
     ),
-    TrajectoryFormat(  # ICL-NUIM's own format, anchored at image 0, without an index: block k, from 0, belongs to image k + 1
+    # ICL-NUIM's own format, anchored at image 0, without an index: block k, from 0, belongs to
+    # image k + 1
+    TrajectoryFormat(
         name="gt.sim",
         sniff=lambda source: (
             source.name.endswith(".gt.sim") or (source.columns == 4 and source.starts_with_numbers)
@@ -544,7 +584,8 @@ _ALL = (
         endings=(".kitti",),
         word="kitti",
     ),
-    TrajectoryFormat(  # rows of 4x4 matrices: the data set Replica as rendered for neural mapping systems
+    # rows of 4x4 matrices: the data set Replica as rendered for neural mapping systems
+    TrajectoryFormat(
         name="replica",
         sniff=lambda source: source.columns == 16 and source.starts_with_numbers,
         counts=(16,),
@@ -597,13 +638,16 @@ _ALL = (
         goes_to="TUM: seconds, right-handed camera-to-world poses, world unchanged",
         endings=(".tum", ".txt"),
     ),
-    TrajectoryFormat(  # frame numbers as stamps, as written by odometers on ICL-NUIM; never detected, only used by name
+    # frame numbers as stamps, as written by odometers on ICL-NUIM; never detected, only used by
+    # name
+    TrajectoryFormat(
         name="tum-ids",
         sniff=lambda source: False,
         hint="{from} tum",
         sentence=f"TUM with frame numbers: stamps 1 + number/{{rate}} s, right-handed poses in {OWN_WORLD}",
     ),
-    TrajectoryFormat(  # as written by systems that estimate the world's pose in the camera; only used by name
+    # as written by systems that estimate the world's pose in the camera; only used by name
+    TrajectoryFormat(
         name="tum-inverse",
         sniff=lambda source: False,
         rows=_tum_rows,

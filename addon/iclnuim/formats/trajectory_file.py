@@ -1,4 +1,5 @@
-"""Shared parts of the readers and writers of trajectory files: the file, its numbers in columns, the options, the result, and checks whose
+"""Shared parts of the readers and writers of trajectory files: the file, its numbers in columns,
+the options, the result, and checks whose
 errors give the line. Numbers are read by numpy; the invalid line is searched only after an error.
 """
 
@@ -27,15 +28,18 @@ from .files import data_lines, read_text
 
 OWN_WORLD = "the file's own world"
 OUR_WORLD = "our world (metres, z up)"
-#: Larger numbers (a thousand kilometres, three thousand years, a thousand million frames) are rejected as damaged.
+#: Larger numbers (a thousand kilometres, three thousand years, a thousand million frames) are
+#: rejected as damaged.
 LARGEST_POSITION_M = 1e6
 LARGEST_STAMP_S = 1e11
 LARGEST_FRAME = 10**9
-#: Rooms are a few metres wide: a POV-world trajectory that is this far from the origin was probably written in centimetres.
+#: Rooms are a few metres wide: a POV-world trajectory that is this far from the origin was probably
+#: written in centimetres.
 FAR_M = 50.0
 #: A stamp may differ from its frame's time by this share of a frame.
 STAMP_SLACK = 0.01
-#: Stamps whose median step is longer are nanoseconds (10,000 frames per second), not seconds (one frame per day).
+#: Stamps whose median step is longer are nanoseconds (10,000 frames per second), not seconds (one
+#: frame per day).
 LONGEST_STEP_S = 1e5
 #: Whole numbers whose median step is shorter (10,000 frames per second) are no nanoseconds.
 SHORTEST_STEP_NS = 1e5
@@ -43,7 +47,8 @@ SHORTEST_STEP_NS = 1e5
 
 @dataclass(frozen=True)
 class ReadAs:
-    """How a file was read: format, handedness of its poses, world of the resulting trajectory, and a sentence for the user. repeated: number of
+    """How a file was read: format, handedness of its poses, world of the resulting trajectory, and
+    a sentence for the user. repeated: number of
     stamps that were left out because they repeat the previous one.
     """
 
@@ -64,7 +69,8 @@ class LoadedTrajectory:
 
 @dataclass(frozen=True)
 class FileOptions:
-    """Information that a file does not contain: frames per second if it has frame numbers, and its unit of length in metres. start_z_m: where
+    """Information that a file does not contain: frames per second if it has frame numbers, and its
+    unit of length in metres. start_z_m: where
     trajectories in the anchored formats start when they are written.
     """
 
@@ -99,7 +105,10 @@ class Source:
 
     @cached_property
     def text(self) -> str:
-        """The text of the file. Raises InputError for a missing, empty or binary file or a web page."""
+        """The text of the file.
+
+        Raises InputError for a missing, empty or binary file or a web page.
+        """
         return read_text(self.path, "a trajectory file")
 
     @cached_property
@@ -134,7 +143,8 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Values (n, columns), and a function that returns file and line (from 1) of a row. `ticks`: ticks per second of the stamps in column 0, or None
+    """Values (n, columns), and a function that returns file and line (from 1) of a row. `ticks`:
+    ticks per second of the stamps in column 0, or None
     if unknown.
     """
 
@@ -150,7 +160,8 @@ class Table:
 def read_table(
     source: Source, columns: tuple[int, ...], expected: str, delimiter: str | None = None
 ) -> Table:
-    """Read all lines that are neither blank nor comments (#). Each must have one of the given numbers of columns, all finite.
+    """Read all lines that are neither blank nor comments (#). Each must have one of the given
+    numbers of columns, all finite.
 
     Raises InputError with the first invalid line; `expected` describes a valid line.
     """
@@ -202,7 +213,9 @@ def is_number(field: str) -> bool:
 
 
 def stamp_ticks(stamps: np.ndarray) -> float:
-    """Ticks per second of stamps (n,): 1, or 1e9 if the median step, or a single stamp, is far too large for seconds."""
+    """Ticks per second of stamps (n,): 1, or 1e9 if the median step, or a single stamp, is far too
+    large for seconds.
+    """
     steps = np.diff(stamps)
     steps = steps[steps > 0]
     long = (
@@ -214,11 +227,12 @@ def stamp_ticks(stamps: np.ndarray) -> float:
 def seconds_of(
     table: Table, values: np.ndarray, ticks: float | None, rate_hz: float, hint: str | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(m,) seconds of a file's stamps (`ticks` per second), or of its frame numbers if `ticks` is None, and the rows (m,) they belong to. A stamp that
+    """(m,) seconds of a file's stamps (`ticks` per second), or of its frame numbers if `ticks` is
+    None, and the rows (m,) they belong to. A stamp that
     repeats the previous one is left out: some systems write it for a frame that they lost.
 
-    Raises InputError for implausible or decreasing stamps, for a repeated frame number, and if most stamps repeat. `hint`: for the error of an
-    invalid frame number.
+    Raises InputError for implausible or decreasing stamps, for a repeated frame number, and if most
+    stamps repeat. `hint`: for the error of an invalid frame number.
     """
     if ticks:
         what, values = "stamp", values / ticks
@@ -254,7 +268,10 @@ def seconds_of(
 
 
 def poses_of(table: Table, positions_m: np.ndarray, orientation: list[int]) -> SE3:
-    """Poses of positions (n, 3) and of the table's columns qx qy qz qw, or r00 r01 ... r22. Raises InputError with the line."""
+    """Poses of positions (n, 3) and of the table's columns qx qy qz qw, or r00 r01 ... r22.
+
+    Raises InputError with the line.
+    """
     largest = np.abs(positions_m).max(axis=1)
     absurd = np.flatnonzero(~(largest <= LARGEST_POSITION_M))
     if absurd.size:
@@ -266,7 +283,10 @@ def poses_of(table: Table, positions_m: np.ndarray, orientation: list[int]) -> S
 
 
 def _rotations(table: Table, values: np.ndarray) -> np.ndarray:
-    """Rotations (n, 3, 3) of rows qx qy qz qw or r00 r01 ... r22. An error has the line of the first invalid row."""
+    """Rotations (n, 3, 3) of rows qx qy qz qw or r00 r01 ... r22.
+
+    An error has the line of the first invalid row.
+    """
 
     def build(rows: np.ndarray) -> np.ndarray:
         return (
@@ -287,7 +307,9 @@ def _rotations(table: Table, values: np.ndarray) -> np.ndarray:
 
 
 def check_writable(trajectory: Trajectory) -> None:
-    """Raises InputError for a trajectory that no reader would accept: no poses, or implausible numbers."""
+    """Raises InputError for a trajectory that no reader would accept: no poses, or implausible
+    numbers.
+    """
     if len(trajectory) == 0:
         raise InputError("at least one pose to write", found="none")
     positions_m, stamps_s = trajectory.positions_m, trajectory.stamps_s
@@ -301,7 +323,9 @@ def check_writable(trajectory: Trajectory) -> None:
 
 
 def stamp_text(stamp_s: float) -> str:
-    """The text of a stamp in seconds: six digits after the decimal point, up to nine if six are not exact."""
+    """The text of a stamp in seconds: six digits after the decimal point, up to nine if six are not
+    exact.
+    """
     text = f"{stamp_s:.{STAMP_DIGITS}f}"
     if float(text) == stamp_s:
         return text
@@ -309,7 +333,9 @@ def stamp_text(stamp_s: float) -> str:
 
 
 def stamp_text_of_ns(nanoseconds: int) -> str:
-    """The text in seconds of a stamp in nanoseconds, with six to nine digits after the decimal point."""
+    """The text in seconds of a stamp in nanoseconds, with six to nine digits after the decimal
+    point.
+    """
     return _nine_digits(Decimal(nanoseconds).scaleb(-9))
 
 
@@ -319,7 +345,10 @@ def _nine_digits(stamp_s: Decimal) -> str:
 
 
 def frame_numbers(stamps_s: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Frame numbers (n,) of stamps (n,): (stamp - 1) * rate. Raises InputError if a stamp is between two frames or before frame 0."""
+    """Frame numbers (n,) of stamps (n,): (stamp - 1) * rate.
+
+    Raises InputError if a stamp is between two frames or before frame 0.
+    """
     frames = frames_of_stamps(stamps_s, rate_hz)
     numbers = np.rint(frames)
     between = ~(np.abs(frames - numbers) <= STAMP_SLACK)

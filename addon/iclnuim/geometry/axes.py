@@ -9,14 +9,16 @@
 | blender camera | x right, y up, looks along -z | right |
 | NED world, NED camera | x north, y east, z down; x forward, y right, z down | right |
 
-A left-handed pose is stored as SE3, too (its rotation part is a proper rotation). Only these functions convert between the two kinds.
+A left-handed pose is stored as SE3, too (its rotation part is a proper rotation). Only these
+functions convert between the two kinds.
 """
 
 import numpy as np
 
 from .se3 import SE3
 
-#: p_world = WORLD_FROM_POV @ p_pov, that is (x, y, z) -> (-x, -z, y). Determinant -1: it also changes the handedness.
+#: p_world = WORLD_FROM_POV @ p_pov, that is (x, y, z) -> (-x, -z, y). Determinant -1: it also
+#: changes the handedness.
 WORLD_FROM_POV = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 #: cv camera <-> pov camera: y changes sign (and therefore the handedness changes).
 CV_FROM_POV_CAMERA = np.diag([1.0, -1.0, 1.0])
@@ -24,7 +26,8 @@ CV_FROM_POV_CAMERA = np.diag([1.0, -1.0, 1.0])
 CV_FROM_BLENDER_CAMERA = np.diag([1.0, -1.0, -1.0])
 #: y up <-> z up, both right-handed, as Blender's importers do it: (x, y, z) -> (x, -z, y).
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-#: a world with the axes of a level cv camera (y down, z forward), both right-handed: (x, y, z) -> (x, z, -y).
+#: a world with the axes of a level cv camera (y down, z forward), both right-handed: (x, y, z) ->
+#: (x, z, -y).
 Z_UP_FROM_Y_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 #: p_world = WORLD_FROM_NED @ p_ned: north is our y, east our x, down our -z. Its own inverse.
 WORLD_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -43,7 +46,8 @@ def pov_from_world_cv(T_world_cv: SE3) -> SE3:
 
 
 def mirrored_y(T: SE3) -> SE3:
-    """S T S, S = diag(1, -1, 1): left-handed y-up poses of `*.gt.freiburg` <-> right-handed y-down. Its own inverse.
+    """S T S, S = diag(1, -1, 1): left-handed y-up poses of `*.gt.freiburg` <-> right-handed y-down.
+    Its own inverse.
 
     On numbers: ty -> -ty and (qx, qy, qz, qw) -> (-qx, qy, -qz, qw).
     """

@@ -1,4 +1,5 @@
-"""The pinhole camera, with pixel centres at integer indices, and the Blender settings that reproduce it exactly.
+"""The pinhole camera, with pixel centres at integer indices, and the Blender settings that
+reproduce it exactly.
 
 Camera frame: cv (x right, y down, z forward). Depth is planar: z along the optical axis, in metres.
 """
@@ -18,10 +19,11 @@ _CENTRE = "principal point, from the centre of the {} pixel"
 
 @dataclass(frozen=True)
 class PinholeCamera(Settings):
-    """K = [fx 0 cx; 0 fy cy; 0 0 1] in pixels; the ray of pixel (u, v) is through its centre, u < width, v < height.
+    """K = [fx 0 cx; 0 fy cy; 0 0 1] in pixels; the ray of pixel (u, v) is through its centre, u <
+    width, v < height.
 
-    The defaults are the benchmark's (paper, equation 1). Its printed fy = -480 means a y axis that points up; in cv axes it is
-    +480. fx is POV-Ray's exact 640/1.33, printed as 481.20.
+    The defaults are the benchmark's (paper, equation 1). Its printed fy = -480 means a y axis that
+    points up; in cv axes it is +480. fx is POV-Ray's exact 640/1.33, printed as 481.20.
     """
 
     group: ClassVar[str] = "a camera"
@@ -66,7 +68,9 @@ class PinholeCamera(Settings):
 
     @classmethod
     def parse(cls, text: str) -> "PinholeCamera":
-        """`WIDTHxHEIGHT,FX,FY,CX,CY`, the last four optional: by default the benchmark's view, scaled to the width."""
+        """`WIDTHxHEIGHT,FX,FY,CX,CY`, the last four optional: by default the benchmark's view,
+        scaled to the width.
+        """
         parts = text.strip().split(",")
         size = re.fullmatch(r"(\d{1,9})x(\d{1,9})", parts[0])
         if not size or len(parts) not in (1, 5):
@@ -110,18 +114,23 @@ class PinholeCamera(Settings):
         return self.rays() * depth_z_m[..., None]
 
     def project(self, points_camera: np.ndarray) -> np.ndarray:
-        """(..., 3) points in the camera frame -> (..., 2) pixel coordinates (u, v); NaN where z <= 0."""
+        """(..., 3) points in the camera frame -> (..., 2) pixel coordinates (u, v); NaN where z <=
+        0.
+        """
         p = np.asarray(points_camera, float)
         z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
         return np.stack([self.fx * p[..., 0] / z + self.cx, self.fy * p[..., 1] / z + self.cy], -1)
 
     def halved(self) -> "PinholeCamera":
-        """The camera of the next level of a 2x2-mean pyramid, defined at its pixel centres: cx' = (cx + 0.5)/2 - 0.5."""
+        """The camera of the next level of a 2x2-mean pyramid, defined at its pixel centres: cx' =
+        (cx + 0.5)/2 - 0.5.
+        """
         cx, cy = ((c + 0.5) / 2 - 0.5 for c in (self.cx, self.cy))
         return PinholeCamera(self.width // 2, self.height // 2, self.fx / 2, self.fy / 2, cx, cy)
 
 
-#: Blender's limits (the hard minimum and maximum of its properties resolution_x and pixel_aspect_x).
+#: Blender's limits (the hard minimum and maximum of its properties resolution_x and
+#: pixel_aspect_x).
 MIN_RENDERED_PX, MAX_PIXEL_ASPECT = 4, 200
 
 
@@ -143,9 +152,10 @@ class BlenderCamera:
 def blender_from_pinhole(camera: PinholeCamera, sensor_width_mm: float = 36.0) -> BlenderCamera:
     """The exact Blender settings for a K, also with fx != fy and an off-centre principal point.
 
-    Blender's shifts are in units of the image width (horizontal fit). It has one focal length, so the ratio of fx and fy is set
-    as the pixel aspect; both aspects have to be 1 or more. The sensor is wider for a lens that would be shorter than 1 mm, which Blender
-    does not allow. Raises InputError for a camera beyond its other limits.
+    Blender's shifts are in units of the image width (horizontal fit). It has one focal length, so
+    the ratio of fx and fy is set as the pixel aspect; both aspects have to be 1 or more. The sensor
+    is wider for a lens that would be shorter than 1 mm, which Blender does not allow. Raises
+    InputError for a camera beyond its other limits.
     """
     if min(camera.width, camera.height) < MIN_RENDERED_PX:
         found = f"{camera.width} x {camera.height}"

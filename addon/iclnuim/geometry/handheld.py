@@ -1,11 +1,14 @@
-"""Hand-held camera motion from a recipe: viewpoints, pace, shake and a seed -> a trajectory of given frames and length.
+"""Hand-held camera motion from a recipe: viewpoints, pace, shake and a seed -> a trajectory of
+given frames and length.
 
-The camera follows a smooth curve through the viewpoints, looks at their targets, slows down and rests, and shakes. The shake is
-the sum of bands of random motion whose power decreases with frequency: sway of the body (some 0.25..1 Hz) and tremor of the
-hands (some 1..12 Hz; physiological tremor has up to about 12 Hz). For camera shake modelled on tremor see F. Gavant, L.
-Alacoque, A. Dupret, D. David, "A physiological camera shake model for image stabilization systems", IEEE Sensors 2011.
-Amplitudes and slopes follow measurements of the official living-room kt0 and kt2: in 1..12 Hz some 3 to 5 mm and 0.3 to 0.45
-degrees RMS over the three axes together, with power proportional to f^-2.3 in position and f^-3 in rotation.
+The camera follows a smooth curve through the viewpoints, looks at their targets, slows down and
+rests, and shakes. The shake is the sum of bands of random motion whose power decreases with
+frequency: sway of the body (some 0.25..1 Hz) and tremor of the hands (some 1..12 Hz; physiological
+tremor has up to about 12 Hz). For camera shake modelled on tremor see F. Gavant, L. Alacoque, A.
+Dupret, D. David, "A physiological camera shake model for image stabilization systems", IEEE Sensors
+2011. Amplitudes and slopes follow measurements of the official living-room kt0 and kt2: in 1..12 Hz
+some 3 to 5 mm and 0.3 to 0.45 degrees RMS over the three axes together, with power proportional to
+f^-2.3 in position and f^-3 in rotation.
 """
 
 from dataclasses import dataclass
@@ -19,7 +22,8 @@ from . import so3
 from .se3 import SE3
 from .trajectory import FRAME_RATE_HZ, Trajectory
 
-#: Limits of the factor by which the viewpoints are scaled about their mean to get the length; outside them the recipe is invalid.
+#: Limits of the factor by which the viewpoints are scaled about their mean to get the length;
+#: outside them the recipe is invalid.
 SCALE_LIMITS = (0.85, 1.15)
 #: Maximum rotation between two viewpoints; a larger one has an ambiguous direction.
 MAX_YAW_STEP_DEG = 150.0
@@ -30,7 +34,9 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Viewpoint(Settings):
-    """A position of the camera, its target (both in the world), the duration of its rest there, and its roll."""
+    """A position of the camera, its target (both in the world), the duration of its rest there, and
+    its roll.
+    """
 
     group: ClassVar[str] = "a viewpoint"
 
@@ -51,7 +57,9 @@ class Viewpoint(Settings):
 
 @dataclass(frozen=True)
 class Pace(Settings):
-    """Normal speeds of motion and rotation, whose ratio determines the share of time of each segment; and the duration of a start or stop."""
+    """Normal speeds of motion and rotation, whose ratio determines the share of time of each
+    segment; and the duration of a start or stop.
+    """
 
     group: ClassVar[str] = "a pace"
 
@@ -64,7 +72,9 @@ class Pace(Settings):
 
 @dataclass(frozen=True)
 class Shake(Settings):
-    """One band of random motion: RMS over the three axes together; power is proportional to frequency^-slope."""
+    """One band of random motion: RMS over the three axes together; power is proportional to
+    frequency^-slope.
+    """
 
     group: ClassVar[str] = "a shake"
 
@@ -91,7 +101,9 @@ class Shake(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe(Settings):
-    """A complete trajectory at 30 Hz (trajectories/README.md): its frames, its length including shake, and the parameters of its motion."""
+    """A complete trajectory at 30 Hz (trajectories/README.md): its frames, its length including
+    shake, and the parameters of its motion.
+    """
 
     group: ClassVar[str] = "a recipe"
 
@@ -124,7 +136,8 @@ class Motion:
 def make(recipe: Recipe) -> Motion:
     """The recipe's motion: world z up, poses T_world_camera of the cv camera, stamps 1 + i / 30 s.
 
-    The length, including shake, equals the recipe's to 0.1 mm. Raises InputError if no scale within SCALE_LIMITS gives it.
+    The length, including shake, equals the recipe's to 0.1 mm. Raises InputError if no scale within
+    SCALE_LIMITS gives it.
     """
     smooth, shake_m, shake_rad = _parts(recipe)
     centre = np.array([v.position_m for v in recipe.viewpoints]).mean(axis=0)
@@ -135,20 +148,26 @@ def make(recipe: Recipe) -> Motion:
 
 
 def natural_length_m(recipe: Recipe) -> float:
-    """The length including shake if the viewpoints are not scaled; the length in the recipe is not used."""
+    """The length including shake if the viewpoints are not scaled; the length in the recipe is not
+    used.
+    """
     smooth, shake_m, _ = _parts(recipe)
     return float(np.linalg.norm(np.diff(smooth[:, :3] + shake_m, axis=0), axis=1).sum())
 
 
 def unhurried_s(recipe: Recipe) -> float:
-    """Duration in seconds at the recipe's pace, including rests and the last stop; the number of frames in the recipe is not used."""
+    """Duration in seconds at the recipe's pace, including rests and the last stop; the number of
+    frames in the recipe is not used.
+    """
     return float(
         _knots(recipe)[0][-1] + sum(v.dwell_s for v in recipe.viewpoints) + recipe.pace.ease_s
     )
 
 
 def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The smooth motion (n, 6) as in `_knots`, and the shake: (n, 3) metres in the world, (n, 3) radians about the camera's axes."""
+    """The smooth motion (n, 6) as in `_knots`, and the shake: (n, 3) metres in the world, (n, 3)
+    radians about the camera's axes.
+    """
     rng = np.random.default_rng(recipe.seed)
     times_s = np.arange(recipe.frames) / FRAME_RATE_HZ
     knots, values = _knots(recipe)
@@ -167,7 +186,9 @@ def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _knots(recipe: Recipe) -> tuple[np.ndarray, np.ndarray]:
-    """Knots (n,) in seconds at the normal pace; values (n, 6): position in metres, yaw (unwrapped), pitch, roll."""
+    """Knots (n,) in seconds at the normal pace; values (n, 6): position in metres, yaw (unwrapped),
+    pitch, roll.
+    """
     positions = np.array([v.position_m for v in recipe.viewpoints])
     gazes = np.array([v.look_at_m for v in recipe.viewpoints]) - positions
     across = np.hypot(gazes[:, 0], gazes[:, 1])
@@ -194,7 +215,9 @@ def _knots(recipe: Recipe) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _scale_for_length(smooth_m: np.ndarray, shake_m: np.ndarray, length_m: float) -> float:
-    """The factor on `smooth_m` for which the trajectory has the length `length_m`, by bisection; rounded to 1e-6."""
+    """The factor on `smooth_m` for which the trajectory has the length `length_m`, by bisection;
+    rounded to 1e-6.
+    """
 
     def length(scale: float) -> float:
         return float(np.linalg.norm(np.diff(scale * smooth_m + shake_m, axis=0), axis=1).sum())
@@ -212,7 +235,9 @@ def _scale_for_length(smooth_m: np.ndarray, shake_m: np.ndarray, length_m: float
 
 
 def rotation_world_camera(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
-    """Rotations (n, 3, 3) from yaw (from world x towards y), pitch (upwards) and clockwise roll about the viewing direction, in radians."""
+    """Rotations (n, 3, 3) from yaw (from world x towards y), pitch (upwards) and clockwise roll
+    about the viewing direction, in radians.
+    """
     sy, cy, sp, cp = np.sin(yaw), np.cos(yaw), np.sin(pitch), np.cos(pitch)
     forward = np.stack([cy * cp, sy * cp, sp], -1)
     right = np.stack([sy, -cy, np.zeros_like(yaw)], -1)
@@ -225,9 +250,11 @@ def rotation_world_camera(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) 
 
 
 def natural_spline(knots: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """The natural cubic spline through `values` (n, d) at increasing `knots` (n,), n >= 2, evaluated `at` (m,): (m, d).
+    """The natural cubic spline through `values` (n, d) at increasing `knots` (n,), n >= 2,
+    evaluated `at` (m,): (m, d).
 
-    It is C2, with zero curvature at its ends; outside them the first and last pieces are extrapolated.
+    It is C2, with zero curvature at its ends; outside them the first and last pieces are
+    extrapolated.
     """
     h = np.diff(knots)
     slopes = np.diff(values, axis=0) / h[:, None]
@@ -240,7 +267,9 @@ def natural_spline(knots: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.
 
 
 def _spline_curvatures(h: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """Second derivatives (n, d) at the knots, by plain elimination, which does the same operations on every machine."""
+    """Second derivatives (n, d) at the knots, by plain elimination, which does the same operations
+    on every machine.
+    """
     n = len(h) + 1
     curvatures = np.zeros((n, slopes.shape[1]))
     diagonal = np.zeros(n)
@@ -260,11 +289,12 @@ def _spline_curvatures(h: np.ndarray, slopes: np.ndarray) -> np.ndarray:
 def eased_progress(
     legs: np.ndarray, dwells_s: np.ndarray, ease_s: float, times_s: np.ndarray
 ) -> np.ndarray:
-    """Progress along the trajectory at `times_s` (m,): from 0 to sum(legs), at a constant rate, and at rest during each dwell.
+    """Progress along the trajectory at `times_s` (m,): from 0 to sum(legs), at a constant rate, and
+    at rest during each dwell.
 
-    `legs` (n-1,) are the lengths between n stops in any unit, `dwells_s` (n,) the rests at the stops. Starts and stops
-    take `ease_s` and follow a quintic step, so that the progress is C3 in time. Raises InputError if the rests leave no time
-    for motion.
+    `legs` (n-1,) are the lengths between n stops in any unit, `dwells_s` (n,) the rests at the
+    stops. Starts and stops take `ease_s` and follow a quintic step, so that the progress is C3 in
+    time. Raises InputError if the rests leave no time for motion.
     """
     duration_s = times_s[-1] - times_s[0]
     moving_s = duration_s - ease_s - dwells_s.sum()
@@ -301,10 +331,11 @@ def band_noise(
     channels: int,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """(count, channels) periodic random motion, with power proportional to f^-slope in low..high Hz, and RMS 1 in each channel.
+    """(count, channels) periodic random motion, with power proportional to f^-slope in low..high
+    Hz, and RMS 1 in each channel.
 
-    It is a sum of cosines with random phases at the frequencies k / duration, so that the RMS is exact. Raises InputError if
-    the band contains no such frequency.
+    It is a sum of cosines with random phases at the frequencies k / duration, so that the RMS is
+    exact. Raises InputError if the band contains no such frequency.
     """
     frequencies_hz = np.arange(count // 2 + 1) * rate_hz / count
     inside = (

@@ -1,4 +1,6 @@
-"""Planning of a hand-held trajectory through waypoints in a scene: a route around obstacles, viewing directions and pace, as a recipe of handheld."""
+"""Planning of a hand-held trajectory through waypoints in a scene: a route around obstacles,
+viewing directions and pace, as a recipe of handheld.
+"""
 
 import heapq
 from collections.abc import Callable
@@ -24,16 +26,20 @@ SHAKES = (
 )
 #: Pitch downwards if a waypoint has no target: the camera then looks ahead along the route.
 _DOWN_RAD = 0.1
-#: Margins added to the requested clearance when the route is planned, tried in this order: spline and shake leave the route.
+#: Margins added to the requested clearance when the route is planned, tried in this order: spline
+#: and shake leave the route.
 MARGINS_M = (0.15, 0.05, 0.0)
-#: Spacings of viewpoints on the route, tried in this order: with smaller ones the spline stays closer to the route.
+#: Spacings of viewpoints on the route, tried in this order: with smaller ones the spline stays
+#: closer to the route.
 _SPACINGS_M = (1.5, 0.6, 0.3, 0.15)
 _MAX_YAW_STEP_RAD = np.radians(80.0)
 
 
 @dataclass(frozen=True, eq=False)
 class FreeSpace:
-    """clearance_m (i, j, k) at the cell centres low_m + cell_m * (i, j, k), and the function `measure` that computes it."""
+    """clearance_m (i, j, k) at the cell centres low_m + cell_m * (i, j, k), and the function
+    `measure` that computes it.
+    """
 
     low_m: np.ndarray
     cell_m: float
@@ -52,9 +58,11 @@ class FreeSpace:
         return cls(low_m, cell_m, measure(points).reshape(shape), measure)
 
     def route(self, start_m: np.ndarray, end_m: np.ndarray, clear_m: float) -> np.ndarray:
-        """(n, 3) corners, including start and end, of a route with a distance of at least `clear_m` to every surface.
+        """(n, 3) corners, including start and end, of a route with a distance of at least `clear_m`
+        to every surface.
 
-        It is straight if possible, else the shortest route by A* on the cells, then straightened. Raises InputError if there is none.
+        It is straight if possible, else the shortest route by A* on the cells, then straightened.
+        Raises InputError if there is none.
         """
         if self._is_clear(start_m, end_m, clear_m):
             return np.stack([start_m, end_m])
@@ -131,7 +139,9 @@ class FreeSpace:
 
 
 def _is_reachable(free: np.ndarray, first: int, goal: int, steps: np.ndarray) -> bool:
-    """Whether `goal` is reachable from `first` through free cells by steps (n,) between flat indices."""
+    """Whether `goal` is reachable from `first` through free cells by steps (n,) between flat
+    indices.
+    """
     seen, frontier = np.zeros(free.size, bool), np.array([first])
     while len(frontier) and not seen[goal]:
         frontier = np.unique(frontier[:, None] + steps)
@@ -172,7 +182,9 @@ class Waypoint:
 
 @dataclass(frozen=True)
 class Plan:
-    """A recipe whose trajectory has the required clearance, its motion, and its minimum clearance in metres."""
+    """A recipe whose trajectory has the required clearance, its motion, and its minimum clearance
+    in metres.
+    """
 
     recipe: Recipe
     motion: handheld.Motion
@@ -182,7 +194,8 @@ class Plan:
 def plan(
     waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: PlanSettings | None = None
 ) -> Plan:
-    """Hand-held motion through the waypoints with the required clearance to every surface. Raises InputError if there is none.
+    """Hand-held motion through the waypoints with the required clearance to every surface. Raises
+    InputError if there is none.
 
     scene: the name of the scene in the recipe.
     """
@@ -225,7 +238,9 @@ def plan(
 def _viewpoints(
     waypoints: list[Waypoint], routes: list[np.ndarray], spacing_m: float
 ) -> tuple[Viewpoint, ...]:
-    """The waypoints with points of the routes between them; the viewing direction rotates uniformly from one to the next."""
+    """The waypoints with points of the routes between them; the viewing direction rotates uniformly
+    from one to the next.
+    """
     gazes = _gazes(waypoints, routes)
     found = [_viewpoint(waypoints[0].position_m, *gazes[0], waypoints[0].dwell_s)]
     for k, route in enumerate(routes):
@@ -266,7 +281,9 @@ def _gazes(waypoints: list[Waypoint], routes: list[np.ndarray]) -> list[tuple[fl
 
 
 def _along(route: np.ndarray, spacing_m: float, min_count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Shares (n,) of the route's length and the points (n, 3) there: its corners, and more points where these are far apart."""
+    """Shares (n,) of the route's length and the points (n, 3) there: its corners, and more points
+    where these are far apart.
+    """
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(route, axis=0), axis=1))])
     whole = max(float(reached[-1]), 1e-9)
     count = max(min_count, int(np.ceil(whole / spacing_m)))
@@ -284,7 +301,9 @@ def _along(route: np.ndarray, spacing_m: float, min_count: int) -> tuple[np.ndar
 def _viewpoint(
     position_m: np.ndarray | tuple, yaw: float, pitch: float, dwell_s: float
 ) -> Viewpoint:
-    """A viewpoint rounded to 0.1 mm, so that the written recipe is short and gives the same trajectory."""
+    """A viewpoint rounded to 0.1 mm, so that the written recipe is short and gives the same
+    trajectory.
+    """
     ahead = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
     place = np.array(position_m, float)
     return Viewpoint(rounded(place), rounded(place + 2.0 * ahead), dwell_s)
@@ -297,7 +316,9 @@ def rounded(point: np.ndarray) -> Point:
 
 
 def _recipe(viewpoints: tuple[Viewpoint, ...], scene: str, settings: PlanSettings) -> Recipe:
-    """A recipe with the length and duration that the viewpoints have at this pace, so that they are not scaled."""
+    """A recipe with the length and duration that the viewpoints have at this pace, so that they are
+    not scaled.
+    """
     factor = settings.shake
     shakes = (
         replace(s, position_mm=factor * s.position_mm, rotation_deg=factor * s.rotation_deg)

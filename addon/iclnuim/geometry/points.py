@@ -1,4 +1,7 @@
-"""Sets of points in metres: the smallest upright box around them, and farthest-point sampling. Numpy only."""
+"""Sets of points in metres: the smallest upright box around them, and farthest-point sampling.
+
+Numpy only.
+"""
 
 from dataclasses import dataclass
 
@@ -7,13 +10,16 @@ import numpy as np
 from ..errors import InputError
 from .se3 import SE3
 
-#: Number of directions in which the outline of the points is searched. A corner blunter than a step can be missed; the box still contains it.
+#: Number of directions in which the outline of the points is searched. A corner blunter than a step
+#: can be missed; the box still contains it.
 _DIRECTIONS = 720
 
 
 @dataclass(frozen=True)
 class Box:
-    """T_world_box: pose of the box's centre, x along the longer horizontal side, z up; size_m (3,): lengths of its sides."""
+    """T_world_box: pose of the box's centre, x along the longer horizontal side, z up; size_m (3,):
+    lengths of its sides.
+    """
 
     T_world_box: SE3
     size_m: np.ndarray
@@ -25,7 +31,8 @@ class Box:
 
 
 def upright_box(points_m: np.ndarray) -> Box:
-    """The upright box with the smallest horizontal area that contains all points (n, 3). One of its sides is along a side of the outline.
+    """The upright box with the smallest horizontal area that contains all points (n, 3). One of its
+    sides is along a side of the outline.
 
     Raises InputError if there are no points.
     """
@@ -41,7 +48,10 @@ def upright_box(points_m: np.ndarray) -> Box:
 
 
 def farthest_points(points: np.ndarray, count: int, first: int = 0) -> np.ndarray:
-    """Farthest-point sampling: (count, 3) of points (n, 3), or all n if there are fewer. Starts at `first`."""
+    """Farthest-point sampling: (count, 3) of points (n, 3), or all n if there are fewer.
+
+    Starts at `first`.
+    """
     chosen = [first]
     distance = np.linalg.norm(points - points[first], axis=1)
     while len(chosen) < min(count, len(points)):
@@ -56,7 +66,8 @@ def _about_z(yaw: float) -> np.ndarray:
 
 
 def _yaw(points: np.ndarray) -> float:
-    """Angle in radians of the smallest rectangle around (n, 2) points, along one side of their outline; of equal areas the smallest angle.
+    """Angle in radians of the smallest rectangle around (n, 2) points, along one side of their
+    outline; of equal areas the smallest angle.
 
     The corners of the outline are the points that are farthest in some direction.
     """

@@ -1,4 +1,6 @@
-"""Axes and units of a scene file: the settings for reading it, the resulting matrix, and a guess for files that do not define them."""
+"""Axes and units of a scene file: the settings for reading it, the resulting matrix, and a guess
+for files that do not define them.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,15 +22,18 @@ UP = {
     "-x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]),
 }
 UNITS_M = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-#: Metres are plausible if the largest extent and the height are within these limits; else the unit is guessed from the height of a room.
+#: Metres are plausible if the largest extent and the height are within these limits; else the unit
+#: is guessed from the height of a room.
 PLAUSIBLE_M, MAX_HEIGHT_M = (0.2, 60.0), 15.0
 #: Height of rooms, its spread (about a quarter), and its minimum and maximum.
 ROOM_HEIGHT_M, _SPREAD, _HEIGHTS_M = 2.6, 0.25, (1.9, 12.0)
-#: A height that differs by more than this number of spreads is not that of a room, and only the shape is used.
+#: A height that differs by more than this number of spreads is not that of a room, and only the
+#: shape is used.
 _MAX_SPREADS = 2.8
 LAYERS = 20
-#: An axis other than the format's usual one is chosen as up if its evidence is larger by this factor. x, which few programs use, needs
-#: CLEARLY_X; a unit other than metres needs CLEARLY_UNIT in addition.
+#: An axis other than the format's usual one is chosen as up if its evidence is larger by this
+#: factor. x, which few programs use, needs CLEARLY_X; a unit other than metres needs CLEARLY_UNIT
+#: in addition.
 CLEARLY, CLEARLY_X, CLEARLY_UNIT = 1.5, 4.0, 4.0
 
 
@@ -44,7 +49,9 @@ def parse_unit(text: str) -> float:
 
 @dataclass(frozen=True)
 class SceneReading(Settings):
-    """Settings for reading a scene file; None: as defined by the file, or a guess, which is reported."""
+    """Settings for reading a scene file; None: as defined by the file, or a guess, which is
+    reported.
+    """
 
     group: ClassVar[str] = "the scene's reading"
 
@@ -89,8 +96,9 @@ class SceneReading(Settings):
 class Shape:
     """Measures of a scene for the guess, along the file's axes and without backdrops.
 
-    low (3,), extent (3,): its box. level (3, LAYERS): for each axis, the area perpendicular to it, in layers from its low to its high end, as a
-    share of the cross-section. askew (3,): the share of surfaces that are neither perpendicular nor parallel to the axis.
+    low (3,), extent (3,): its box. level (3, LAYERS): for each axis, the area perpendicular to it,
+    in layers from its low to its high end, as a share of the cross-section. askew (3,): the share
+    of surfaces that are neither perpendicular nor parallel to the axis.
     """
 
     low: np.ndarray
@@ -100,16 +108,20 @@ class Shape:
 
 
 def linear(up: str, unit_m: float, mirror: str) -> np.ndarray:
-    """(3, 3): M with p_world = M p_file, in metres and z up. The determinant is negative if an axis is mirrored."""
+    """(3, 3): M with p_world = M p_file, in metres and z up.
+
+    The determinant is negative if an axis is mirrored.
+    """
     flip = np.diag([-1.0 if axis == mirror else 1.0 for axis in "xyz"])
     return unit_m * UP[up] @ flip
 
 
 def shape_of(vertices: np.ndarray, triangles: np.ndarray) -> Shape:
-    """The shape of vertices (n, 3) and triangles (m, 3). Parts far from the detail are not used, such as a landscape behind a window.
+    """The shape of vertices (n, 3) and triangles (m, 3). Parts far from the detail are not used,
+    such as a landscape behind a window.
 
-    The extent is that of 98 % of the area, so that floor and ceiling count even with few vertices. A surface is perpendicular to an axis within
-    some 15 degrees.
+    The extent is that of 98 % of the area, so that floor and ceiling count even with few vertices.
+    A surface is perpendicular to an axis within some 15 degrees.
     """
     corners = vertices[triangles.reshape(-1)].reshape(-1, 3, 3)
     low, high = np.percentile(corners.reshape(-1, 3), (2, 98), axis=0)
@@ -149,10 +161,12 @@ def _ends(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def guess_up(shape: Shape, usual: str, unit_m: float | None = None) -> str:
-    """The axis that points up: floors, ceilings and table tops are large, scenes are wider than high, and rooms are some 2.6 m high.
+    """The axis that points up: floors, ceilings and table tops are large, scenes are wider than
+    high, and rooms are some 2.6 m high.
 
-    The evidence is the horizontal area per height, times the likelihood of the height for a room, in `unit_m` or the guessed unit. The format's
-    `usual` axis is chosen unless another is clearly better.
+    The evidence is the horizontal area per height, times the likelihood of the height for a room,
+    in `unit_m` or the guessed unit. The format's `usual` axis is chosen unless another is clearly
+    better.
     """
 
     def evidence(axis: str) -> float:
@@ -169,7 +183,8 @@ def guess_up(shape: Shape, usual: str, unit_m: float | None = None) -> str:
 
 
 def guess_unit_m(shape: Shape, up: str) -> float:
-    """Metres if the scene then has a plausible size, else the unit for which its height is closest to that of a room; metres if there is none.
+    """Metres if the scene then has a plausible size, else the unit for which its height is closest
+    to that of a room; metres if there is none.
 
     A scene as high as two storeys, with tables as high as a person, is a room in feet.
     """
@@ -192,7 +207,9 @@ def guess_unit_m(shape: Shape, up: str) -> float:
 
 
 def is_plausible(extent_m: np.ndarray, up: str) -> bool:
-    """Whether a scene of this extent (3,) in metres is plausible: from an object on a table to a building."""
+    """Whether a scene of this extent (3,) in metres is plausible: from an object on a table to a
+    building.
+    """
     low, high = PLAUSIBLE_M
     return bool(low <= extent_m.max() <= high and extent_m["xyz".index(up[-1])] <= MAX_HEIGHT_M)
 

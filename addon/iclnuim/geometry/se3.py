@@ -23,7 +23,8 @@ def read_only(array: np.ndarray) -> np.ndarray:
 class SE3:
     """Rotation (..., 3, 3) and translation (..., 3) in metres, float64, read-only.
 
-    The constructor does not check that the rotation is one; `from_matrix` and the `from_quat_*` functions do.
+    The constructor does not check that the rotation is one; `from_matrix` and the `from_quat_*`
+    functions do.
     """
 
     rotation: np.ndarray
@@ -44,7 +45,11 @@ class SE3:
 
     @classmethod
     def from_matrix(cls, matrix: np.ndarray) -> "SE3":
-        """From (..., 3, 4) or (..., 4, 4). A rotation with rounding errors becomes the nearest rotation; raises InputError for larger errors."""
+        """From (..., 3, 4) or (..., 4, 4).
+
+        A rotation with rounding errors becomes the nearest rotation; raises InputError for larger
+        errors.
+        """
         m = np.asarray(matrix, float)
         if m.shape[-2:] not in ((3, 4), (4, 4)):
             raise InputError("matrices (..., 3, 4) or (..., 4, 4)", found=m.shape)
@@ -56,12 +61,18 @@ class SE3:
 
     @classmethod
     def from_quat_xyzw(cls, quat_xyzw: np.ndarray, translation: np.ndarray) -> "SE3":
-        """From quaternions (..., 4), scalar last, and translations (..., 3). Lengths within so3.QUAT_NORM_TOLERANCE of one are normalised."""
+        """From quaternions (..., 4), scalar last, and translations (..., 3).
+
+        Lengths within so3.QUAT_NORM_TOLERANCE of one are normalised.
+        """
         return cls(so3.matrix_from_quat_xyzw(quat_xyzw), translation)
 
     @classmethod
     def exp(cls, twist: np.ndarray) -> "SE3":
-        """From twists (..., 6): translational part first (metres), rotation vector last (radians). Raises InputError for other shapes."""
+        """From twists (..., 6): translational part first (metres), rotation vector last (radians).
+
+        Raises InputError for other shapes.
+        """
         twist = np.asarray(twist, float)
         if twist.shape[-1:] != (6,):
             raise InputError("twists (..., 6)", found=twist.shape)
@@ -110,19 +121,26 @@ class SE3:
         return SE3(rotation, np.broadcast_to(translation, rotation.shape[:-1]))
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """Transform points (..., n, 3) or (3,) in metres: p_a = T_a_b.apply(p_b). A single pose applies to points of any leading shape."""
+        """Transform points (..., n, 3) or (3,) in metres: p_a = T_a_b.apply(p_b).
+
+        A single pose applies to points of any leading shape.
+        """
         points = np.asarray(points, float)
         if points.ndim == 1:
             return (self.rotation @ points[..., None])[..., 0] + self.translation
         return points @ np.swapaxes(self.rotation, -1, -2) + self.translation[..., None, :]
 
     def interpolate(self, other: "SE3", share: np.ndarray | float) -> "SE3":
-        """The screw motion from self (share 0) to other (share 1): self exp(share log(self^-1 other))."""
+        """The screw motion from self (share 0) to other (share 1): self exp(share log(self^-1
+        other)).
+        """
         twist = (self.inverse() @ other).log()
         return self @ SE3.exp(np.asarray(share, float)[..., None] * twist)
 
     def is_rigid(self) -> np.ndarray:
-        """(...) whether all numbers are finite and the rotations are rotation matrices, to a thousandth."""
+        """(...) whether all numbers are finite and the rotations are rotation matrices, to a
+        thousandth.
+        """
         R = self.rotation
         with np.errstate(invalid="ignore", over="ignore"):
             orthonormal = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max((-1, -2)) < 1e-3

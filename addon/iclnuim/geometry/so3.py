@@ -1,4 +1,5 @@
-"""Rotations in three dimensions: matrix, quaternion and rotation vector, over arrays of any leading shape.
+"""Rotations in three dimensions: matrix, quaternion and rotation vector, over arrays of any leading
+shape.
 
 Numerically stable for angles near 0 (by series) and near pi (by quaternions).
 All results are float64. Quaternions are Hamilton's, order named by each function.
@@ -8,7 +9,8 @@ import numpy as np
 
 from ..errors import InputError
 
-#: A quaternion whose length differs from one by at most this is normalised, else an error. Three printed decimals are enough.
+#: A quaternion whose length differs from one by at most this is normalised, else an error. Three
+#: printed decimals are enough.
 QUAT_NORM_TOLERANCE = 1e-2
 #: A matrix with R^T R = I up to this (largest entry) becomes the nearest rotation, else an error.
 MATRIX_TOLERANCE = 1e-3
@@ -27,7 +29,8 @@ def hat(w: np.ndarray) -> np.ndarray:
 def unit_quaternion(quat: np.ndarray) -> np.ndarray:
     """(..., 4) in either order -> normalised to length one.
 
-    Raises InputError for another shape, and if a length differs from one by more than QUAT_NORM_TOLERANCE or is not finite.
+    Raises InputError for another shape, and if a length differs from one by more than
+    QUAT_NORM_TOLERANCE or is not finite.
     """
     quat = np.asarray(quat, float)
     if not quat.ndim or quat.shape[-1] != 4:
@@ -59,8 +62,8 @@ def matrix_from_quat_xyzw(quat_xyzw: np.ndarray) -> np.ndarray:
 def quat_xyzw_from_matrix(rotation: np.ndarray) -> np.ndarray:
     """(..., 3, 3) -> (..., 4), scalar last, scalar >= 0.
 
-    Computes the four outer products of the quaternion with itself and uses the best conditioned one (Shepperd 1978), so that
-    all angles have full precision.
+    Computes the four outer products of the quaternion with itself and uses the best conditioned one
+    (Shepperd 1978), so that all angles have full precision.
     """
     m = np.asarray(rotation, float)
     d0, d1, d2 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
@@ -128,9 +131,11 @@ def exp_coefficients(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) approximate rotation (such as from few printed digits or float32) -> the nearest rotation.
+    """(..., 3, 3) approximate rotation (such as from few printed digits or float32) -> the nearest
+    rotation.
 
-    Raises InputError if R^T R differs from the identity by more than MATRIX_TOLERANCE, or if det R < 0.
+    Raises InputError if R^T R differs from the identity by more than MATRIX_TOLERANCE, or if det R
+    < 0.
     """
     m = np.asarray(matrix, float)
     with np.errstate(

@@ -10,19 +10,24 @@ from . import so3
 from .se3 import SE3
 
 FRAME_RATE_HZ = 30.0
-#: Stamp of frame 0 (not 0, which means no stamp in ROS and RTAB-Map), and number of decimals of written stamps.
+#: Stamp of frame 0 (not 0, which means no stamp in ROS and RTAB-Map), and number of decimals of
+#: written stamps.
 FIRST_STAMP_S, STAMP_DIGITS = 1.0, 6
 #: More than eleven hours at 240 Hz. A larger number of frames is due to a wrong stamp.
 MAX_FRAMES = 10_000_000
 
 
 def stamps_of_frames(numbers: npt.ArrayLike, rate_hz: float = FRAME_RATE_HZ) -> np.ndarray:
-    """Stamps in seconds of frames numbered from 0: 1 + number / rate, to the microsecond. All generated stamps are computed here."""
+    """Stamps in seconds of frames numbered from 0: 1 + number / rate, to the microsecond.
+
+    All generated stamps are computed here.
+    """
     return np.round(FIRST_STAMP_S + np.asarray(numbers, float) / rate_hz, STAMP_DIGITS)
 
 
 def frames_of_stamps(stamps_s: npt.ArrayLike, rate_hz: float = FRAME_RATE_HZ) -> np.ndarray:
-    """Frame numbers of stamps, the inverse of stamps_of_frames(); fractions between frames. If a stamp is below 1 s, all are relative to
+    """Frame numbers of stamps, the inverse of stamps_of_frames(); fractions between frames. If a
+    stamp is below 1 s, all are relative to
     0 s, as in release 0.1."""
     stamps_s = np.asarray(stamps_s, float)
     start_s = (
@@ -34,7 +39,8 @@ def frames_of_stamps(stamps_s: npt.ArrayLike, rate_hz: float = FRAME_RATE_HZ) ->
 
 
 def frame_rate_hz(stamps_s: npt.ArrayLike) -> float:
-    """Frame rate from the mean step without gaps; a whole number if that is correct to a microsecond, to which stamps are rounded.
+    """Frame rate from the mean step without gaps; a whole number if that is correct to a
+    microsecond, to which stamps are rounded.
     For fewer than two stamps, the benchmark's rate.
     """
     steps_s = np.diff(np.asarray(stamps_s, float))
@@ -53,7 +59,9 @@ def frame_rate_hz(stamps_s: npt.ArrayLike) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Stamps (n,) in seconds, strictly increasing, and camera-to-world poses T_world_camera (n,) of the cv camera."""
+    """Stamps (n,) in seconds, strictly increasing, and camera-to-world poses T_world_camera (n,) of
+    the cv camera.
+    """
 
     stamps_s: np.ndarray
     T_world_camera: SE3
@@ -75,7 +83,10 @@ class Trajectory:
 
     @classmethod
     def at_rate(cls, T_world_camera: SE3, rate_hz: float = FRAME_RATE_HZ) -> "Trajectory":
-        """Pose i gets the stamp 1 + i / rate. Raises InputError for a single pose without a leading axis."""
+        """Pose i gets the stamp 1 + i / rate.
+
+        Raises InputError for a single pose without a leading axis.
+        """
         if len(T_world_camera.shape) != 1:
             raise InputError("poses (n,)", found=f"poses {T_world_camera.shape}")
         return cls(stamps_of_frames(np.arange(len(T_world_camera)), rate_hz), T_world_camera)
@@ -107,7 +118,10 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class TrajectoryStatistics:
-    """The values of the paper's Table I, and more. Speeds in m/s, rotation rates in degrees/s; a gap is a step of more than 1.5 median steps."""
+    """The values of the paper's Table I, and more.
+
+    Speeds in m/s, rotation rates in degrees/s; a gap is a step of more than 1.5 median steps.
+    """
 
     frames: int
     length_m: float
@@ -140,7 +154,8 @@ def statistics(trajectory: Trajectory) -> TrajectoryStatistics:
 
 
 def adopt(source: Trajectory, T_world_start: SE3, scale: float = 1.0) -> Trajectory:
-    """Equation 2: T_pov_cam = T_pov_kintinuous . T_kintinuous_cam, after uniform scaling of the source.
+    """Equation 2: T_pov_cam = T_pov_kintinuous . T_kintinuous_cam, after uniform scaling of the
+    source.
 
     T_pov_kintinuous maps the source's first pose to `T_world_start`, the first pose in the scene.
     """
@@ -153,7 +168,9 @@ def adopt(source: Trajectory, T_world_start: SE3, scale: float = 1.0) -> Traject
 
 
 def sample(trajectory: Trajectory, stamps_s: np.ndarray) -> SE3:
-    """Poses at any stamps within the trajectory's time span, by screw motions between neighbours (SE(3) interpolation)."""
+    """Poses at any stamps within the trajectory's time span, by screw motions between neighbours
+    (SE(3) interpolation).
+    """
     stamps_s = np.asarray(stamps_s, float)
     given_s = trajectory.stamps_s
     if len(given_s) < 2:
@@ -173,7 +190,9 @@ def sample(trajectory: Trajectory, stamps_s: np.ndarray) -> SE3:
 
 
 def resample(trajectory: Trajectory, rate_hz: float) -> Trajectory:
-    """The same motion at another frame rate, 15 to 240 Hz; starts at the first stamp and stays within the time span."""
+    """The same motion at another frame rate, 15 to 240 Hz; starts at the first stamp and stays
+    within the time span.
+    """
     if not 15.0 <= rate_hz <= 240.0:
         raise InputError("a rate of 15 to 240 Hz", found=rate_hz)
     if len(trajectory) < 2:
@@ -192,7 +211,9 @@ def resample(trajectory: Trajectory, rate_hz: float) -> Trajectory:
 
 
 def frame_slice(text: str, count: int) -> range:
-    """Frame numbers of `A:B:S`, a Python slice of `count` frames (B excluded, all parts optional), or of a single number."""
+    """Frame numbers of `A:B:S`, a Python slice of `count` frames (B excluded, all parts optional),
+    or of a single number.
+    """
     parts = text.strip().split(":")
     try:
         numbers = [int(p) if p.strip() else None for p in parts]

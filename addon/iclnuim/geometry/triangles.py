@@ -6,7 +6,9 @@ from ..errors import InputError
 
 
 def check_mesh(vertices: np.ndarray, triangles: np.ndarray) -> None:
-    """Raises InputError unless vertices are (n, 3), triangles (m, 3) of integers, and all indices are those of a vertex."""
+    """Raises InputError unless vertices are (n, 3), triangles (m, 3) of integers, and all indices
+    are those of a vertex.
+    """
     if (
         vertices.ndim != 2
         or vertices.shape[1] != 3

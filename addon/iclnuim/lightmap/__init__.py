@@ -1,1 +1,3 @@
-"""Light maps in numbers: charts of a scene's surfaces, their packing, the points behind texels, and noise removal. Numpy only."""
+"""Light maps in numbers: charts of a scene's surfaces, their packing, the points behind texels, and
+noise removal. Numpy only.
+"""

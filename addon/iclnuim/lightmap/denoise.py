@@ -1,9 +1,11 @@
-"""Image processing of a light map: denoising that keeps the edges of shadows, filling of empty texels, measurement of contrast.
+"""Image processing of a light map: denoising that keeps the edges of shadows, filling of empty
+texels, measurement of contrast.
 
-The denoiser uses edge-avoiding wavelets (Dammertz et al. 2010) controlled by the estimated noise (Schied et al. 2017): two independent halves
-of the samples give the variance of each texel. The weight of a neighbour depends on whether their difference can be noise; only neighbours in
-the same chart are used. Each half is smoothed with weights from the other (Rousselle et al. 2012), so that a firefly does not increase its own
-weight.
+The denoiser uses edge-avoiding wavelets (Dammertz et al. 2010) controlled by the estimated noise
+(Schied et al. 2017): two independent halves of the samples give the variance of each texel. The
+weight of a neighbour depends on whether their difference can be noise; only neighbours in the same
+chart are used. Each half is smoothed with weights from the other (Rousselle et al. 2012), so that a
+firefly does not increase its own weight.
 """
 
 import numpy as np
@@ -13,7 +15,8 @@ _LEVELS = 5
 _SIGMAS = 2.0
 _KERNEL = {-1: 0.25, 0: 0.5, 1: 0.25}
 _NORMAL_POWER = 32
-#: A texel is a firefly (a rare bright path in one half) if its halves differ by more than this factor times the median of its neighbours.
+#: A texel is a firefly (a rare bright path in one half) if its halves differ by more than this
+#: factor times the median of its neighbours.
 _ODD = 6.0
 #: Neighbours of a texel at the corner of a chart.
 _CORNER = 3
@@ -27,7 +30,9 @@ def denoise(
     normals: np.ndarray,
     usable: np.ndarray,
 ) -> np.ndarray:
-    """Denoised light (h, w, 3) from two halves (h, w, 3); chart (h, w) with -1 outside, normals (h, w, 3), usable (h, w) bool."""
+    """Denoised light (h, w, 3) from two halves (h, w, 3); chart (h, w) with -1 outside, normals (h,
+    w, 3), usable (h, w) bool.
+    """
     half_a, half_b = _without_fireflies(half_a, half_b, chart, usable)
     variance = _variance(half_a, half_b, chart, usable)
     spread = (variance, variance.copy())
@@ -43,10 +48,12 @@ def denoise(
 
 
 def _within_neighbours(light: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """`light` (h, w, 3) with each usable texel limited to the range of its neighbours, by channel (conservative smoothing).
+    """`light` (h, w, 3) with each usable texel limited to the range of its neighbours, by channel
+    (conservative smoothing).
 
-    A texel that is brighter or darker than all around it is a firefly that both halves found, or a point with another view than theirs. At
-    the corner of a chart it has three neighbours; with fewer it is kept.
+    A texel that is brighter or darker than all around it is a firefly that both halves found, or a
+    point with another view than theirs. At the corner of a chart it has three neighbours; with
+    fewer it is kept.
     """
     lowest, highest = np.full_like(light, np.inf), np.full_like(light, -np.inf)
     count = np.zeros(usable.shape, np.uint8)
@@ -67,9 +74,11 @@ def luminance(light: np.ndarray) -> np.ndarray:
 def _without_fireflies(
     half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, usable: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the halves differ far more than their neighbours do, both get the darker value. Edges of light agree in both halves and stay.
+    """Where the halves differ far more than their neighbours do, both get the darker value. Edges
+    of light agree in both halves and stay.
 
-    The light that is cut off is correct energy, found by few paths: it is distributed over the neighbourhood, so that none is lost.
+    The light that is cut off is correct energy, found by few paths: it is distributed over the
+    neighbourhood, so that none is lost.
     """
     a, b = luminance(half_a), luminance(half_b)
     gap = np.abs(a - b).astype(np.float32)
@@ -85,7 +94,9 @@ def _without_fireflies(
 
 
 def _spread(light: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Distribute light (h, w, 3) over the usable texels of its chart, within about 2^_LEVELS texels."""
+    """Distribute light (h, w, 3) over the usable texels of its chart, within about 2^_LEVELS
+    texels.
+    """
     share = usable.astype(np.float32)[..., None]
     light = light.astype(np.float32) * share
     for step in [1 << level for level in range(_LEVELS)]:
@@ -103,7 +114,9 @@ def _spread(light: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndar
 def _variance(
     half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray, usable: np.ndarray
 ) -> np.ndarray:
-    """Variance of one half's luminance: (a - b)^2 / 2, averaged over the neighbourhood, because a single difference is a poor estimate."""
+    """Variance of one half's luminance: (a - b)^2 / 2, averaged over the neighbourhood, because a
+    single difference is a poor estimate.
+    """
     raw = np.where(usable, luminance(half_a - half_b) ** 2 / 2, 0).astype(np.float32)
     total, count = raw, usable.astype(np.float32)
     for step in (1, 2):
@@ -127,7 +140,10 @@ def _wavelet(
     mask: np.ndarray,
     step: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """One level of the filter: nine neighbours `step` texels apart, with weights from `guide`. Returns light and its variance."""
+    """One level of the filter: nine neighbours `step` texels apart, with weights from `guide`.
+
+    Returns light and its variance.
+    """
     here = np.flatnonzero(mask)
     h, w = mask.shape
     row, column = here // w, here % w
@@ -168,12 +184,16 @@ def shifted(image: np.ndarray, dy: int, dx: int, outside: float | int) -> np.nda
 
 
 def _same_chart(chart: np.ndarray, dy: int, dx: int) -> np.ndarray:
-    """(h, w) bool: whether the neighbour at (dy, dx) is in the same chart; chart (h, w), -1 outside."""
+    """(h, w) bool: whether the neighbour at (dy, dx) is in the same chart; chart (h, w), -1
+    outside.
+    """
     return shifted(chart, dy, dx, -2) == chart
 
 
 def next_to_known(known: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Flat indices of unknown texels that have a known neighbour in the same chart, and flat indices of the nearest such neighbour."""
+    """Flat indices of unknown texels that have a known neighbour in the same chart, and flat
+    indices of the nearest such neighbour.
+    """
     place = np.arange(known.size).reshape(known.shape)
     nearest = np.full(known.shape, -1)
     for dy, dx in sorted(_NEIGHBOURS, key=lambda step: abs(step[0]) + abs(step[1])):
@@ -184,7 +204,9 @@ def next_to_known(known: np.ndarray, chart: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def grown(mask: np.ndarray, chart: np.ndarray, steps: int) -> np.ndarray:
-    """(h, w) bool: the texels of `mask` (h, w), and those within `steps` neighbours of them in the same chart; chart (h, w), -1 outside."""
+    """(h, w) bool: the texels of `mask` (h, w), and those within `steps` neighbours of them in the
+    same chart; chart (h, w), -1 outside.
+    """
     same = [(step, (chart >= 0) & _same_chart(chart, *step)) for step in _NEIGHBOURS]
     for _ in range(steps):
         mask = np.logical_or.reduce(
@@ -198,8 +220,8 @@ def fill(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fill unknown texels with the mean of their known neighbours in the same chart, `steps` times.
 
-    light (h, w, 3), known (h, w) bool, chart (h, w) int with -1 outside charts: these texels use neighbours of any chart.
-    Returns the new light and the new mask of known texels.
+    light (h, w, 3), known (h, w) bool, chart (h, w) int with -1 outside charts: these texels use
+    neighbours of any chart. Returns the new light and the new mask of known texels.
     """
     light, known = light.copy(), known.copy()
     for _ in range(steps):
@@ -225,10 +247,12 @@ def fill(
 
 
 def contrast(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray) -> np.ndarray:
-    """(h, w) squared differences of brightness to the neighbouring texels of a chart, from two independent halves (h, w, 3) of the light.
+    """(h, w) squared differences of brightness to the neighbouring texels of a chart, from two
+    independent halves (h, w, 3) of the light.
 
-    Brightness is the square root of light, similar to the values of an image. The product of both halves' differences has no bias from their
-    noise; single values may be negative. chart (h, w), -1 outside.
+    Brightness is the square root of light, similar to the values of an image. The product of both
+    halves' differences has no bias from their noise; single values may be negative. chart (h, w),
+    -1 outside.
     """
     a, b = (np.sqrt(np.maximum(luminance(half), 0)) for half in (half_a, half_b))
     total = np.zeros(chart.shape)

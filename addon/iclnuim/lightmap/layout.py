@@ -1,9 +1,11 @@
-"""The layout of a light map: surfaces are cut into charts, and the charts are packed into one square map; their texel density, and which sides
+"""The layout of a light map: surfaces are cut into charts, and the charts are packed into one
+square map; their texel density, and which sides
 get texels.
 
-A chart consists of connected faces with similar normals, flattened by parallel projection: lengths are foreshortened by at most cos(LIMIT),
-straight lines stay straight, and flat walls are not distorted. Texel density is found by bisection; charts are placed in rows of decreasing
-height. Narrow faces get more texels: bevels, folds and mouldings, where light changes fast.
+A chart consists of connected faces with similar normals, flattened by parallel projection: lengths
+are foreshortened by at most cos(LIMIT), straight lines stay straight, and flat walls are not
+distorted. Texel density is found by bisection; charts are placed in rows of decreasing height.
+Narrow faces get more texels: bevels, folds and mouldings, where light changes fast.
 """
 
 from dataclasses import dataclass
@@ -15,12 +17,14 @@ from .surfaces import BACK, FRONT, Sides, Surfaces, Texels, cross, select, texel
 
 #: A face belongs to a chart if its normal is within this angle of the chart's axis.
 LIMIT_DEG = 50.0
-#: Number of rotations tried for each chart, starting with that of its longest edge, to find a small bounding rectangle.
+#: Number of rotations tried for each chart, starting with that of its longest edge, to find a small
+#: bounding rectangle.
 _ROTATIONS = 12
 #: Empty texels between charts; they are filled with their neighbours' light afterwards.
 GUTTER = 1
 _BISECTIONS = 14
-#: A part of a chart that is narrower than a texel is widened towards one texel, by at most this factor.
+#: A part of a chart that is narrower than a texel is widened towards one texel, by at most this
+#: factor.
 _MAX_STRETCH = 3.0
 #: Limits of a chart's factor on texels per metre because of its visibility, relative to the median.
 SPARSEST, DENSEST = 0.3, 1.6
@@ -30,7 +34,9 @@ EVENEST, SHARPEST = 0.6, 3.0
 
 @dataclass(frozen=True, eq=False)
 class Charts:
-    """chart (F,): number of each face's chart; flat_m (C, 2): flattened corners in metres from (0, 0); size_m (K, 2) of each chart's rectangle."""
+    """chart (F,): number of each face's chart; flat_m (C, 2): flattened corners in metres from (0,
+    0); size_m (K, 2) of each chart's rectangle.
+    """
 
     chart: np.ndarray
     flat_m: np.ndarray
@@ -38,7 +44,9 @@ class Charts:
 
 
 def chart(surfaces: Surfaces) -> Charts:
-    """Cut the surfaces into charts of faces that are connected by edges and have the same axis; charts are numbered by their first face."""
+    """Cut the surfaces into charts of faces that are connected by edges and have the same axis;
+    charts are numbered by their first face.
+    """
     vectors = surfaces.area_vectors()
     axis, face, vertex = (
         _axes(vectors, surfaces.face_object),
@@ -70,7 +78,10 @@ def _axes(vectors: np.ndarray, face_object: np.ndarray) -> np.ndarray:
 
 
 def _object_axes(vectors: np.ndarray) -> np.ndarray:
-    """Axes (A, 3) so that every face is near one of them. Greedy: the next axis is always the direction with the largest remaining area."""
+    """Axes (A, 3) so that every face is near one of them.
+
+    Greedy: the next axis is always the direction with the largest remaining area.
+    """
     area = np.linalg.norm(vectors, axis=1)
     normals = vectors / np.maximum(area, 1e-20)[:, None]
     cells = np.unique(np.round(normals * 6).astype(int), axis=0, return_inverse=True)[1].reshape(-1)
@@ -86,7 +97,9 @@ def _object_axes(vectors: np.ndarray) -> np.ndarray:
 
 
 def components(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(count,): the lowest member of each element's connected component, where a[i] and b[i] are connected."""
+    """(count,): the lowest member of each element's connected component, where a[i] and b[i] are
+    connected.
+    """
     label = np.arange(count)
     while True:
         low = np.minimum(label[a], label[b])
@@ -102,7 +115,8 @@ def components(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _flatten(
     surfaces: Surfaces, number: np.ndarray, vectors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Project each chart along its mean normal, and rotate it so that its bounding rectangle is small; the first rotation aligns it with its
+    """Project each chart along its mean normal, and rotate it so that its bounding rectangle is
+    small; the first rotation aligns it with its
     longest projected edge.
     """
     count = int(number.max(initial=-1)) + 1
@@ -145,10 +159,12 @@ def _smallest_rectangle(
 def pack(
     surfaces: Surfaces, charts: Charts, size: int, weight: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Pack the charts into a map of size x size texels at the highest density at which all fit; `weight` (K,) is a factor for each chart.
+    """Pack the charts into a map of size x size texels at the highest density at which all fit;
+    `weight` (K,) is a factor for each chart.
 
-    Returns corners (C, 2), with the centre of texel i at i + 0.5, and texels per metre. A chart's rectangle extends from its first texel's
-    centre to its last texel's centre. Raises InputError if even the smallest charts, 2 x 2 texels each, do not fit.
+    Returns corners (C, 2), with the centre of texel i at i + 0.5, and texels per metre. A chart's
+    rectangle extends from its first texel's centre to its last texel's centre. Raises InputError if
+    even the smallest charts, 2 x 2 texels each, do not fit.
     """
     ruler = Ruler(charts, of_corner := charts.chart[surfaces.face_of_corner])
     plain = np.zeros(len(weight), bool)
@@ -188,7 +204,8 @@ def _texels(extent: np.ndarray) -> np.ndarray:
 
 
 def _place(extent: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Place charts in rows of decreasing height, with their longer side horizontal. Returns their origins and whether they were rotated by 90
+    """Place charts in rows of decreasing height, with their longer side horizontal. Returns their
+    origins and whether they were rotated by 90
     degrees; None if they do not fit.
     """
     cells = _texels(extent) + GUTTER
@@ -209,7 +226,10 @@ def _place(extent: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray] | Non
 
 
 class Ruler:
-    """Computes the sizes of charts at any density. Along each axis of a chart, the corners' coordinates divide it into intervals."""
+    """Computes the sizes of charts at any density.
+
+    Along each axis of a chart, the corners' coordinates divide it into intervals.
+    """
 
     def __init__(self, charts: Charts, chart_of_corner: np.ndarray) -> None:
         self.chart_of_corner, self.count = chart_of_corner, len(charts.size_m)
@@ -224,7 +244,8 @@ class Ruler:
             gaps[self.first] = 0.0
 
     def measure(self, density: np.ndarray, plain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(C, 2) coordinates in texels from each chart's first texel, and (K, 2) extents; density (K,) in texels per metre.
+        """(C, 2) coordinates in texels from each chart's first texel, and (K, 2) extents; density
+        (K,) in texels per metre.
 
         Narrow intervals of charts that are `plain` (K,) are not widened.
         """
@@ -254,7 +275,8 @@ def folded(surfaces: Surfaces, charts: Charts, coordinates: np.ndarray) -> np.nd
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The charts of the sides of `surfaces` that have texels, packed into a square map. corners (C', 2) of the sides, in texels; density in texels
+    """The charts of the sides of `surfaces` that have texels, packed into a square map. corners
+    (C', 2) of the sides, in texels; density in texels
     per metre.
     """
 
@@ -275,7 +297,9 @@ class Layout:
         return self.texels.points(self.sides.surfaces)
 
     def uv(self) -> tuple[np.ndarray, np.ndarray]:
-        """For the corners (C,) of all surfaces: (2, C, 2) position in the map, 0..1, of front and back; (2, C) whether the side has texels."""
+        """For the corners (C,) of all surfaces: (2, C, 2) position in the map, 0..1, of front and
+        back; (2, C) whether the side has texels.
+        """
         count = len(self.surfaces.corners_m)
         uv, has = np.zeros((2, count, 2)), np.zeros((2, count), bool)
         side = self.sides.side[self.sides.surfaces.face_of_corner]
@@ -286,7 +310,9 @@ class Layout:
         return uv, has
 
     def per_side(self, values: np.ndarray) -> np.ndarray:
-        """(F, 2): mean of the texel values (N,) over the chart of each side; 0 for sides without texels."""
+        """(F, 2): mean of the texel values (N,) over the chart of each side; 0 for sides without
+        texels.
+        """
         chart, count = self.texels.chart, len(self.charts.size_m)
         mean = np.bincount(chart, values, count) / np.maximum(
             np.bincount(chart, minlength=count), 1
@@ -310,8 +336,9 @@ def lay_out(
 ) -> Layout:
     """The layout of a map of size x size texels for the sides `wanted` (F, 2).
 
-    `exposure` (F, 2): how much of a camera's image a square metre of each side may fill; the number of texels is proportional to it.
-    `contrast` (F, 2): squared change of light between neighbouring texels; edges of shadows get more texels.
+    `exposure` (F, 2): how much of a camera's image a square metre of each side may fill; the number
+    of texels is proportional to it. `contrast` (F, 2): squared change of light between neighbouring
+    texels; edges of shadows get more texels.
     """
     sides = select(surfaces, wanted)
     charts = chart(sides.surfaces)

@@ -1,7 +1,8 @@
-"""The surfaces of a scene as arrays in world coordinates, and the surface point of each texel of a light map.
+"""The surfaces of a scene as arrays in world coordinates, and the surface point of each texel of a
+light map.
 
-A texel whose centre is inside a chart has the point at its centre. A texel outside, which interpolation reaches, has the nearest point on the
-chart's boundary.
+A texel whose centre is inside a chart has the point at its centre. A texel outside, which
+interpolation reaches, has the nearest point on the chart's boundary.
 """
 
 from dataclasses import dataclass
@@ -9,18 +10,21 @@ from dataclasses import dataclass
 import numpy as np
 
 FRONT, BACK = 0, 1
-#: Points on a boundary are moved inwards by this share of a texel, so that they are not inside an adjacent surface.
+#: Points on a boundary are moved inwards by this share of a texel, so that they are not inside an
+#: adjacent surface.
 _INWARDS = 0.1
 _PAIRS_AT_ONCE = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """Polygons of all objects. The corners of a face are consecutive, counter-clockwise seen from the front.
+    """Polygons of all objects. The corners of a face are consecutive, counter-clockwise seen from
+    the front.
 
-    corners_m (C, 3) and normals (C, 3), the unit shading normals, in the world; vertex (C,): equal for corners of one object at the same
-    position; face_start (F+1,): the corners of face f are face_start[f]:face_start[f+1]; triangles (T, 3) corner indices and
-    triangle_face (T,); face_object (F,).
+    corners_m (C, 3) and normals (C, 3), the unit shading normals, in the world; vertex (C,): equal
+    for corners of one object at the same position; face_start (F+1,): the corners of face f are
+    face_start[f]:face_start[f+1]; triangles (T, 3) corner indices and triangle_face (T,);
+    face_object (F,).
     """
 
     corners_m: np.ndarray
@@ -58,9 +62,11 @@ class Surfaces:
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """Sides of faces that get texels, as separate surfaces: the back of a face has flipped normals and the same corners.
+    """Sides of faces that get texels, as separate surfaces: the back of a face has flipped normals
+    and the same corners.
 
-    face (S,) and side (S,): face and side that each was made from; corner (C',): original index of each corner of `surfaces`.
+    face (S,) and side (S,): face and side that each was made from; corner (C',): original index of
+    each corner of `surfaces`.
     """
 
     surfaces: Surfaces
@@ -90,7 +96,10 @@ def join(parts: list[Surfaces]) -> Surfaces:
 
 
 def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
-    """The sides `wanted` (F, 2), fronts first. Corners of a side keep the order they have on the face; triangles of backs are reversed."""
+    """The sides `wanted` (F, 2), fronts first.
+
+    Corners of a side keep the order they have on the face; triangles of backs are reversed.
+    """
     sides = [np.flatnonzero(wanted[:, side]) for side in (FRONT, BACK)]
     face = np.concatenate(sides)
     side = np.repeat([FRONT, BACK], [len(s) for s in sides])
@@ -129,13 +138,17 @@ def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product (...,) of vectors (..., 2) in the plane: twice the signed area of their triangle."""
+    """Cross product (...,) of vectors (..., 2) in the plane: twice the signed area of their
+    triangle.
+    """
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 @dataclass(frozen=True, eq=False)
 class Texels:
-    """index (N,) = row * size + column, increasing; triangle (N,) and barycentric weights (N, 3) of each texel's surface point; chart (N,)."""
+    """index (N,) = row * size + column, increasing; triangle (N,) and barycentric weights (N, 3) of
+    each texel's surface point; chart (N,).
+    """
 
     size: int
     index: np.ndarray
@@ -158,7 +171,9 @@ class Texels:
 
 
 def texels(surfaces: Surfaces, chart: np.ndarray, corners_map: np.ndarray, size: int) -> Texels:
-    """All texels that are used by interpolation between texel centres. chart (F,), corners_map (C, 2) in texels."""
+    """All texels that are used by interpolation between texel centres. chart (F,), corners_map (C,
+    2) in texels.
+    """
     triangles = corners_map[surfaces.triangles] - 0.5
     rim = _rims(surfaces, chart)
     low = np.clip(np.floor(triangles.min(1)).astype(int), 0, size - 1)
@@ -189,7 +204,9 @@ def _rims(surfaces: Surfaces, chart: np.ndarray) -> np.ndarray:
 def _nearest(
     triangles: np.ndarray, rows: np.ndarray, low: np.ndarray, high: np.ndarray, size: int
 ) -> tuple:
-    """For every triangle of `rows` and every texel near it: texel, triangle, weights of the nearest point, and distance in texels."""
+    """For every triangle of `rows` and every texel near it: texel, triangle, weights of the nearest
+    point, and distance in texels.
+    """
     span = high[rows] - low[rows] + 1
     counts = span.prod(1)
     triangle = np.repeat(rows, counts)
@@ -207,7 +224,10 @@ def _nearest(
 
 
 def _inside(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Barycentric weights (n, 3) of points p (n, 2) in triangles (n, 3, 2). Outside, one is below 0; for a degenerate triangle, all are."""
+    """Barycentric weights (n, 3) of points p (n, 2) in triangles (n, 3, 2).
+
+    Outside, one is below 0; for a degenerate triangle, all are.
+    """
     a, b, c = corners[:, 0] - p, corners[:, 1] - p, corners[:, 2] - p
     parts = np.stack([cross(b, c), cross(c, a), cross(a, b)], -1)
     area = parts.sum(1, keepdims=True)
@@ -230,9 +250,11 @@ def _on_rim(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 
 def _inwards(weights: np.ndarray, corners: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """Weights (n, 3) of points closer than _INWARDS to a boundary edge are changed: the points are moved perpendicular to it, to that distance.
+    """Weights (n, 3) of points closer than _INWARDS to a boundary edge are changed: the points are
+    moved perpendicular to it, to that distance.
 
-    In a narrow triangle a point may cross another, inner edge; the neighbouring triangle continues there in nearly the same plane.
+    In a narrow triangle a point may cross another, inner edge; the neighbouring triangle continues
+    there in nearly the same plane.
     """
     edge = np.roll(corners, -2, 1) - np.roll(corners, -1, 1)  # edge k is opposite corner k
     squared = np.maximum((edge**2).sum(2), 1e-12)

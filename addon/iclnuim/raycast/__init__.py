@@ -1,1 +1,3 @@
-"""Ray casting (Embree, by embreex), distances to triangles (libigl), visibility, and independent checks of rendered depth."""
+"""Ray casting (Embree, by embreex), distances to triangles (libigl), visibility, and independent
+checks of rendered depth.
+"""

@@ -1,4 +1,7 @@
-"""Ray casting of triangles, their visibility from cameras, and viewpoints in free space. This is the only module that uses Embree (embreex)."""
+"""Ray casting of triangles, their visibility from cameras, and viewpoints in free space.
+
+This is the only module that uses Embree (embreex).
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,7 +19,8 @@ from ..geometry.triangles import check_mesh
 
 #: A centroid is visible if the ray to it reaches this share of its length.
 _ARRIVED = 1 - 1e-4
-#: The same for a point on the surface in double precision: Embree uses single precision. At 3 m a point 0.1 mm behind a surface is visible.
+#: The same for a point on the surface in double precision: Embree uses single precision. At 3 m a
+#: point 0.1 mm behind a surface is visible.
 _REACHED = 1 - 3e-5
 FRONT, BACK = 0, 1
 #: Viewpoints: number of candidates, and of rays from each.
@@ -25,9 +29,10 @@ _CANDIDATES, _RAYS = 3000, 64
 _EYES_M = (1.2, 1.7)
 #: Maximum step of a person on a floor, including stairs; furniture is higher.
 _STEP_M = 0.2
-#: _BACKS: maximum share of rays from a free place that hit back faces. _ENCLOSED: a place is in a room if the share of horizontal rays that
-#: hit a surface is at least this share of the largest one. _FEW: if no more than this share of the places is free, the walls show their back
-#: faces to the room, and back faces are ignored.
+#: _BACKS: maximum share of rays from a free place that hit back faces. _ENCLOSED: a place is in a
+#: room if the share of horizontal rays that hit a surface is at least this share of the largest
+#: one. _FEW: if no more than this share of the places is free, the walls show their back faces to
+#: the room, and back faces are ignored.
 _BACKS, _ENCLOSED, _FEW = 0.1, 0.6, 0.2
 
 
@@ -35,8 +40,9 @@ _BACKS, _ENCLOSED, _FEW = 0.1, 0.6, 0.2
 class Hits:
     """First hits of rays of leading shape (...).
 
-    distance (...): in lengths of the ray's direction, inf without a hit. triangle (...): int64, -1 without a hit.
-    uv (..., 2): barycentric weights of the triangle's second and third corner. normal (..., 3): unit normal of the triangle.
+    distance (...): in lengths of the ray's direction, inf without a hit. triangle (...): int64, -1
+    without a hit. uv (..., 2): barycentric weights of the triangle's second and third corner.
+    normal (..., 3): unit normal of the triangle.
     """
 
     distance: np.ndarray
@@ -46,7 +52,8 @@ class Hits:
 
 
 class RayCaster:
-    """Casts rays at triangles (m, 3), indices into vertices (n, 3) in metres, world. held_out (m,): triangles without depth that still occlude.
+    """Casts rays at triangles (m, 3), indices into vertices (n, 3) in metres, world. held_out (m,):
+    triangles without depth that still occlude.
 
     Raises InputError if there are no triangles or invalid indices, WorkError if embreex is missing.
     """
@@ -74,7 +81,9 @@ class RayCaster:
         return cls(model.corners_m.reshape(-1, 3), np.arange(3 * len(model)).reshape(-1, 3))
 
     def cast(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
-        """Cast rays with directions (..., 3), of any length, from origins (..., 3) or one origin (3,)."""
+        """Cast rays with directions (..., 3), of any length, from origins (..., 3) or one origin
+        (3,).
+        """
         shape = directions.shape[:-1]
         origins, directions = (
             _packed(np.broadcast_to(a, (*shape, 3)).reshape(-1, 3)) for a in (origins, directions)
@@ -96,7 +105,10 @@ class RayCaster:
     def depth(
         self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)
     ) -> np.ndarray:
-        """(h, w) planar Z in metres, 0 without a hit. Rays have z = 1, so the distance along them is Z."""
+        """(h, w) planar Z in metres, 0 without a hit.
+
+        Rays have z = 1, so the distance along them is Z.
+        """
         rays = camera.rays() + (offset_px[0] / camera.fx, offset_px[1] / camera.fy, 0.0)
         hits = self.cast(T_world_camera.translation, rays @ T_world_camera.rotation.T)
         met = hits.triangle >= 0
@@ -110,9 +122,11 @@ def _packed(numbers: np.ndarray) -> np.ndarray:
 
 
 class Visibility:
-    """Visibility of the triangles of a model from all poses added so far: `seen` (m, 2), front and back of each.
+    """Visibility of the triangles of a model from all poses added so far: `seen` (m, 2), front and
+    back of each.
 
-    It is computed by rays through pixels, and by rays to the centroids of triangles that no pixel hit.
+    It is computed by rays through pixels, and by rays to the centroids of triangles that no pixel
+    hit.
     """
 
     def __init__(self, model: SceneModel) -> None:
@@ -125,7 +139,9 @@ class Visibility:
     def along(
         self, camera: PinholeCamera, T_world_camera: SE3, on_pose: Callable[[], object]
     ) -> None:
-        """Add poses (n,): the triangles at pixel centres, then those whose centroid is in the image and not occluded."""
+        """Add poses (n,): the triangles at pixel centres, then those whose centroid is in the image
+        and not occluded.
+        """
         for k in range(len(T_world_camera)):
             T = T_world_camera[k]
             rays = camera.rays().reshape(-1, 3) @ T.rotation.T
@@ -139,7 +155,9 @@ class Visibility:
             on_pose()
 
     def _in_image(self, camera: PinholeCamera, T_world_camera: SE3) -> np.ndarray:
-        """(k,) triangles whose side towards the camera was not seen yet, and whose centroid projects into the image."""
+        """(k,) triangles whose side towards the camera was not seen yet, and whose centroid
+        projects into the image.
+        """
         towards = (
             np.einsum("ij,ij->i", self._centroid - T_world_camera.translation, self._normal) < 0
         )
@@ -160,7 +178,8 @@ def seen_points(
     on_pose: Callable[[], object],
     sides: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(n,) bool: the points (n, 3) on the surface that at least one pose (k,) saw: inside its image, in front of it, at a depth of at most
+    """(n,) bool: the points (n, 3) on the surface that at least one pose (k,) saw: inside its
+    image, in front of it, at a depth of at most
     far_m, and not occluded. With normals `sides` (n, 3): seen from that side of the surface.
     """
     seen = np.zeros(len(points_m), bool)
@@ -179,7 +198,9 @@ def seen_points(
 def _in_image(
     points_m: np.ndarray, camera: PinholeCamera, T_world_camera: SE3, far_m: float = np.inf
 ) -> np.ndarray:
-    """(n,) bool: in front of the camera, at a depth of at most far_m, and inside the image; points (n, 3) in the world."""
+    """(n,) bool: in front of the camera, at a depth of at most far_m, and inside the image; points
+    (n, 3) in the world.
+    """
     points = T_world_camera.inverse().apply(points_m)
     inside = (points[:, 2] > 1e-3) & (points[:, 2] <= far_m)
     u, v = camera.project(points[inside]).T
@@ -190,7 +211,10 @@ def _in_image(
 def viewpoints(
     space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed: int
 ) -> list[Waypoint]:
-    """`count` waypoints above one connected floor, ordered for short routes. Raises InputError if there are not enough free places."""
+    """`count` waypoints above one connected floor, ordered for short routes.
+
+    Raises InputError if there are not enough free places.
+    """
     if not 2 <= count <= 100:
         raise InputError("2 to 100 viewpoints", found=count)
     rng = np.random.default_rng(seed)
@@ -223,9 +247,11 @@ def viewpoints(
 def _camera_places(
     space: FreeSpace, caster: RayCaster, clear_m: float, rays: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """(n, 3) places where a person can hold a camera: those in rooms, above the largest connected floor.
+    """(n, 3) places where a person can hold a camera: those in rooms, above the largest connected
+    floor.
 
-    Table tops are separate floors, because the step to them is too high. So are rooms that are not connected.
+    Table tops are separate floors, because the step to them is too high. So are rooms that are not
+    connected.
     """
     from scipy import ndimage
 
@@ -256,7 +282,10 @@ def _camera_places(
 
 
 def _in_rooms(places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.ndarray:
-    """(n,) whether a place is surrounded by walls. Back faces mean that it is inside an object, unless all walls show their back faces."""
+    """(n,) whether a place is surrounded by walls.
+
+    Back faces mean that it is inside an object, unless all walls show their back faces.
+    """
     distance, back = _cast_from(caster, places, rays)
     met, free = np.isfinite(distance), back.mean(1) < _BACKS
     free = free if free.mean() > _FEW else np.ones(len(places), bool)
@@ -267,7 +296,9 @@ def _in_rooms(places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.nda
 def _cast_from(
     caster: RayCaster, places: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """From places (n, 3) along unit directions (d, 3): distance (n, d), inf without a hit, and whether a back face was hit (n, d)."""
+    """From places (n, 3) along unit directions (d, 3): distance (n, d), inf without a hit, and
+    whether a back face was hit (n, d).
+    """
     shape = (len(places), len(directions), 3)
     hits = caster.cast(np.broadcast_to(places[:, None], shape), np.broadcast_to(directions, shape))
     distance = hits.distance.astype(float)
@@ -275,7 +306,9 @@ def _cast_from(
 
 
 def _gaze(place: np.ndarray, places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.ndarray:
-    """A target across the room: in the direction of the centre of all viewpoints or of a large distance, slightly downwards."""
+    """A target across the room: in the direction of the centre of all viewpoints or of a large
+    distance, slightly downwards.
+    """
     middle = places.mean(0) - place
     level = rays[np.abs(rays[:, 2]) < 0.3]
     far = np.minimum(_cast_from(caster, place[None], level)[0][0], 10.0)

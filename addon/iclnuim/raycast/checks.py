@@ -1,4 +1,6 @@
-"""Independent check of rendered depth, instances and normals: Embree casts the same rays at the same triangles."""
+"""Independent check of rendered depth, instances and normals: Embree casts the same rays at the
+same triangles.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +14,8 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from .caster import RayCaster
 
-#: A pixel is on an edge if depth at this offset from its centre differs from the plane at the centre
+#: A pixel is on an edge if depth at this offset from its centre differs from the plane at the
+#: centre
 EDGE_OFFSET_PX = 0.1
 #: by more than this share of depth.
 EDGE_TOLERANCE = 1e-4
@@ -26,7 +29,8 @@ PROMISED_DEG = 0.1
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """|Z - Z of the rays| in metres over the pixels that are not on an edge; `edge_share` and `lost_share` are shares of all pixels.
+    """|Z - Z of the rays| in metres over the pixels that are not on an edge; `edge_share` and
+    `lost_share` are shares of all pixels.
 
     A pixel is `lost` if only one of the two has a surface there.
     """
@@ -42,9 +46,11 @@ class DepthErrors:
 
 @dataclass(frozen=True)
 class TruthErrors:
-    """Over pixels with a single surface, without outlines: shares of equal instances and of normals within PROMISED_DEG; angles in degrees.
+    """Over pixels with a single surface, without outlines: shares of equal instances and of normals
+    within PROMISED_DEG; angles in degrees.
 
-    outline_share, coincident_share: of the pixels with a surface, the share on outlines, and the share with coincident surfaces.
+    outline_share, coincident_share: of the pixels with a surface, the share on outlines, and the
+    share with coincident surfaces.
     """
 
     equal_instance_share: float
@@ -56,7 +62,9 @@ class TruthErrors:
 
 
 class GlassCaster(RayCaster):
-    """Depth for a job's `glass` setting: of the surfaces `behind` panes, or with `holes` where a pane is in front of them."""
+    """Depth for a job's `glass` setting: of the surfaces `behind` panes, or with `holes` where a
+    pane is in front of them.
+    """
 
     def __init__(self, surface: RayCaster, behind: RayCaster, holes: bool) -> None:
         self._surface, self._behind, self._holes = surface, behind, holes
@@ -76,7 +84,10 @@ class GlassCaster(RayCaster):
 def compare_depth(
     depth_z_m: np.ndarray, caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3
 ) -> np.ndarray:
-    """(h, w) signed error in metres; NaN on edges, +-inf where only one of the two has depth. Raises InputError for an image of another size."""
+    """(h, w) signed error in metres; NaN on edges, +-inf where only one of the two has depth.
+
+    Raises InputError for an image of another size.
+    """
     if depth_z_m.shape != (camera.height, camera.width):
         found = " x ".join(map(str, depth_z_m.shape[::-1]))
         raise InputError(f"{camera.width} x {camera.height} as in the camera", found=found)
@@ -90,7 +101,10 @@ def compare_depth(
 def _edges(
     caster: RayCaster, camera: PinholeCamera, T_world_camera: SE3, centre: np.ndarray
 ) -> np.ndarray:
-    """(h, w) bool: edges. On a plane 1/Z is linear in the image, so its second difference over a tenth of a pixel is 0."""
+    """(h, w) bool: edges.
+
+    On a plane 1/Z is linear in the image, so its second difference over a tenth of a pixel is 0.
+    """
     found, nothing_around = np.zeros(centre.shape, bool), np.ones(centre.shape, bool)
     for u, v in ((EDGE_OFFSET_PX, 0.0), (0.0, EDGE_OFFSET_PX)):
         sides = [caster.depth(camera, T_world_camera, (sign * u, sign * v)) for sign in (1, -1)]
@@ -119,7 +133,9 @@ def depth_summary(errors: list[np.ndarray]) -> DepthErrors:
 
 
 class TruthCaster:
-    """Computes the channels of ground-truth frames by casting rays at a scene model; normals are interpolated over triangles."""
+    """Computes the channels of ground-truth frames by casting rays at a scene model; normals are
+    interpolated over triangles.
+    """
 
     def __init__(self, model: SceneModel) -> None:
         self._model, self._caster = model, RayCaster.of_model(model)
@@ -128,7 +144,9 @@ class TruthCaster:
     def frame(
         self, camera: PinholeCamera, T_world_camera: SE3
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(h, w) planar Z in metres, 0 without a hit; (h, w) instance; (h, w, 3) unit normal of the visible side, in the cv camera's frame."""
+        """(h, w) planar Z in metres, 0 without a hit; (h, w) instance; (h, w, 3) unit normal of the
+        visible side, in the cv camera's frame.
+        """
         rays = camera.rays() @ T_world_camera.rotation.T
         hits = self._caster.cast(T_world_camera.translation, rays)
         triangle = np.maximum(hits.triangle, 0)
@@ -150,7 +168,8 @@ class TruthCaster:
     def compare(
         self, frame: dict[str, np.ndarray], camera: PinholeCamera, T_world_camera: SE3
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compare a frame's channels where there is a single surface: (n,) whether instances are equal, (n,) degrees between normals; and
+        """Compare a frame's channels where there is a single surface: (n,) whether instances are
+        equal, (n,) degrees between normals; and
         the number of pixels (3,) with a surface, an outline, and coincident surfaces.
         """
         depth_z_m, instance, normal = self.frame(camera, T_world_camera)

@@ -1,4 +1,6 @@
-"""Distances from points to triangles, exact in double precision (libigl's AABB tree), for meshes of any size with bounded memory."""
+"""Distances from points to triangles, exact in double precision (libigl's AABB tree), for meshes of
+any size with bounded memory.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,13 +11,16 @@ import numpy as np
 from ..errors import InputError, WorkError
 from ..geometry.triangles import check_mesh
 
-#: Maximum number of triangles in a tree, which then takes 0.4 GB; larger meshes are processed in slabs, one after the other.
+#: Maximum number of triangles in a tree, which then takes 0.4 GB; larger meshes are processed in
+#: slabs, one after the other.
 SLAB_TRIANGLES = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """For n points: distance_m (n,), the nearest triangle (n,) int64, and the nearest point on it, point_m (n, 3); both float64."""
+    """For n points: distance_m (n,), the nearest triangle (n,) int64, and the nearest point on it,
+    point_m (n, 3); both float64.
+    """
 
     distance_m: np.ndarray
     triangle: np.ndarray
@@ -23,9 +28,11 @@ class Nearest:
 
 
 class TriangleDistance:
-    """Distances to triangles (m, 3), indices into vertices (n, 3) in metres; at most `slab` of them in a tree.
+    """Distances to triangles (m, 3), indices into vertices (n, 3) in metres; at most `slab` of them
+    in a tree.
 
-    Raises InputError if there are no triangles or their indices are wrong, WorkError if libigl is missing.
+    Raises InputError if there are no triangles or their indices are wrong, WorkError if libigl is
+    missing.
     """
 
     def __init__(
@@ -63,7 +70,8 @@ class TriangleDistance:
             corners = self.vertices[part]
             low, high = corners.min((0, 1)), corners.max((0, 1))
             del corners
-            # skip points that are farther from the slab's box than from the triangles of an earlier slab
+            # skip points that are farther from the slab's box than from the triangles of an earlier
+            # slab
             candidates = np.flatnonzero(_distance_to_box(points_m, low, high) < found.distance_m)
             if not len(candidates):
                 continue
@@ -97,7 +105,9 @@ class TriangleDistance:
 def slabs(
     vertices: np.ndarray, triangles: np.ndarray, max_triangles: int = SLAB_TRIANGLES
 ) -> Iterator[np.ndarray]:
-    """Rows of triangles (m, 3), at most `max_triangles` at a time; each part is a slab perpendicular to the longest side of the mesh."""
+    """Rows of triangles (m, 3), at most `max_triangles` at a time; each part is a slab
+    perpendicular to the longest side of the mesh.
+    """
     if len(triangles) <= max_triangles:
         yield np.arange(len(triangles))
         return

@@ -1,4 +1,6 @@
-"""Held-out views: far from every training view, and showing only surfaces that training views saw; checked or chosen by ray casting."""
+"""Held-out views: far from every training view, and showing only surfaces that training views saw;
+checked or chosen by ray casting.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,12 +14,13 @@ from ..geometry.handheld import rotation_world_camera
 from ..geometry.se3 import SE3
 from .caster import RayCaster, seen_points
 
-#: A view is new if its distance to every training view is at least this, or the angle between their viewing directions is.
+#: A view is new if its distance to every training view is at least this, or the angle between their
+#: viewing directions is.
 MIN_DISTANCE_M, MIN_ANGLE_DEG = 0.5, 20.0
 #: Maximum share of a view's pixels whose surface no training view saw.
 MAX_UNSEEN = 0.01
-#: Approximate number of rays of a view: every 4th pixel of every 4th row of 640 x 480. A candidate is first checked with fewer rays and a
-#: subset of this number of training views.
+#: Approximate number of rays of a view: every 4th pixel of every 4th row of 640 x 480. A candidate
+#: is first checked with fewer rays and a subset of this number of training views.
 _RAYS, _ROUGH_RAYS, _ROUGH_VIEWS = 19_200, 800, 100
 #: Limit for chosen views. It is lower than MAX_UNSEEN, because rays do not go through all pixels.
 _CHOSEN_UNSEEN = 0.005
@@ -25,14 +28,16 @@ _CHOSEN_UNSEEN = 0.005
 _SIDES = 64
 #: Number of training views that are checked together.
 _BATCH = 8
-#: Maximum number of candidates per requested view, and minimum distance of a chosen view from any surface.
+#: Maximum number of candidates per requested view, and minimum distance of a chosen view from any
+#: surface.
 _ATTEMPTS, _CLEAR_M = 1000, 0.25
 _HINT = "a number of views, which are then chosen"
 
 
 @dataclass(frozen=True)
 class HeldOutView:
-    """distance_m and angle_deg (between viewing directions) to the most similar training view; unseen: share of its pixels whose surface
+    """distance_m and angle_deg (between viewing directions) to the most similar training view;
+    unseen: share of its pixels whose surface
     no training view saw.
     """
 
@@ -53,10 +58,12 @@ def check_held_out(
     T_world_training: SE3,
     on_view: Callable[[], object] = lambda: None,
 ) -> list[HeldOutView]:
-    """Compare views (n,) with training views (k,) of the same camera, all in the caster's world. About 19,200 rays represent a view's
+    """Compare views (n,) with training views (k,) of the same camera, all in the caster's world.
+    About 19,200 rays represent a view's
     pixels; a training view sees a surface only from its side.
 
-    Raises InputError if a view is not new, or more than MAX_UNSEEN of it was not seen by training views.
+    Raises InputError if a view is not new, or more than MAX_UNSEEN of it was not seen by training
+    views.
     """
     views = [T_world_view[k] for k in range(len(T_world_view))]
     nearest = [_nearest(view, T_world_training) for view in views]
@@ -85,10 +92,12 @@ def choose_held_out(
     seed: int = 0,
     on_view: Callable[[], object] = lambda: None,
 ) -> SE3:
-    """Choose `count` views (n,) that `check_held_out` accepts. They are also new relative to each other, at least 0.25 m from surfaces, and
+    """Choose `count` views (n,) that `check_held_out` accepts. They are also new relative to each
+    other, at least 0.25 m from surfaces, and
     visible from the position of a training view.
 
-    They have no roll relative to the z axis of the world. The same arguments give the same views. Raises InputError if too few are found.
+    They have no roll relative to the z axis of the world. The same arguments give the same views.
+    Raises InputError if too few are found.
     """
     rng, chosen = np.random.default_rng(seed), SE3.identity((0,))
     some = T_world_training[:: -(-len(T_world_training) // _ROUGH_VIEWS)]
@@ -109,7 +118,8 @@ def choose_held_out(
 
 
 def _candidate(caster: RayCaster, T_world_training: SE3, rng: np.random.Generator) -> SE3 | None:
-    """A view without roll of a point that a training view sees, from a position nearer to the point, or between two training views. None if
+    """A view without roll of a point that a training view sees, from a position nearer to the
+    point, or between two training views. None if
     the position is too close to a surface, or not visible from the training view.
     """
     training, other_training = (
@@ -140,7 +150,9 @@ def _candidate(caster: RayCaster, T_world_training: SE3, rng: np.random.Generato
 
 
 def _is_free(caster: RayCaster, place: np.ndarray, seen_from: np.ndarray) -> bool:
-    """Whether no surface is within _CLEAR_M of `place`, along rays in all directions, or between it and `seen_from`."""
+    """Whether no surface is within _CLEAR_M of `place`, along rays in all directions, or between it
+    and `seen_from`.
+    """
     k = np.arange(_SIDES) + 0.5  # spiral over the sphere
     azimuth, z = np.pi * (1 + 5**0.5) * k, 1 - 2 * k / _SIDES
     across = np.sqrt(1 - z * z)
@@ -154,7 +166,9 @@ def _is_new(view: SE3, others: SE3) -> bool:
 
 
 def _nearest(view: SE3, others: SE3) -> tuple[float, float]:
-    """Distance in metres and angle in degrees between the view and the most similar of the others (k,)."""
+    """Distance in metres and angle in degrees between the view and the most similar of the others
+    (k,).
+    """
     distance_m = np.linalg.norm(others.translation - view.translation, axis=-1)
     ahead, their_ahead = view.rotation[:, 2], others.rotation[..., 2]
     angle_deg = np.degrees(
@@ -167,7 +181,9 @@ def _nearest(view: SE3, others: SE3) -> tuple[float, float]:
 def _unseen(
     caster: RayCaster, camera: PinholeCamera, view: SE3, T_world_training: SE3, count: int = _RAYS
 ) -> float:
-    """Share of a view's pixels that show a side of a surface that no training view saw; pixels without a surface count as seen."""
+    """Share of a view's pixels that show a side of a surface that no training view saw; pixels
+    without a surface count as seen.
+    """
     step = max(1, int((camera.width * camera.height / count) ** 0.5))
     rays = camera.rays()[step // 2 :: step, step // 2 :: step].reshape(-1, 3) @ view.rotation.T
     hits = caster.cast(view.translation, rays)

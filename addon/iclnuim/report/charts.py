@@ -1,6 +1,8 @@
-"""Charts of trajectories: top view, position, speed and rotation rate over time, and the error of an estimate.
+"""Charts of trajectories: top view, position, speed and rotation rate over time, and the error of
+an estimate.
 
-They use Matplotlib without pyplot: no window, no global settings. Import this module only when needed; that takes half a second.
+They use Matplotlib without pyplot: no window, no global settings. Import this module only when
+needed; that takes half a second.
 """
 
 import os
@@ -19,14 +21,18 @@ from .trajectory_report import Report, title
 #: Distinguishable with colour blindness (Okabe and Ito's set, without yellow).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 REFERENCE_COLOUR, ESTIMATE_COLOUR, ROTATION_COLOUR = "0.75", "tab:blue", "tab:orange"
-#: A line is interrupted where stamps are more than this number of median steps apart, so that missing frames are visible.
+#: A line is interrupted where stamps are more than this number of median steps apart, so that
+#: missing frames are visible.
 GAP_STEPS = 5.0
 #: Up to this number of values, each one has a marker.
 FEW = 100
 
 
 def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
-    """Top view on the left; position, speed and rotation rate over time on the right. Each trajectory is in its own world, z up."""
+    """Top view on the left; position, speed and rotation rate over time on the right.
+
+    Each trajectory is in its own world, z up.
+    """
     figure = Figure(figsize=(13, 7), layout="constrained")
     grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.15))
     above = figure.add_subplot(grid[:, 0])
@@ -55,7 +61,9 @@ def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
 
 
 def positions_z_up_m(loaded: LoadedTrajectory) -> np.ndarray:
-    """(n, 3) positions; those in the anchored worlds of gt.freiburg and gt.sim (y down) are rotated to z up."""
+    """(n, 3) positions; those in the anchored worlds of gt.freiburg and gt.sim (y down) are rotated
+    to z up.
+    """
     positions_m = loaded.trajectory.positions_m
     return (
         positions_m @ Z_UP_FROM_Y_DOWN.T if loaded.read_as.frame == ANCHORED_WORLD else positions_m

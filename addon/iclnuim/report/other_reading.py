@@ -1,4 +1,6 @@
-"""Other readings of an estimate that fit the ground truth much better: its poses inverted, or its quaternions with the scalar first."""
+"""Other readings of an estimate that fit the ground truth much better: its poses inverted, or its
+quaternions with the scalar first.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,10 +13,11 @@ from ..evaluation.relative_error import RelativeError
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 
-#: Another reading, unit or time offset is only reported if the error is above WORTH_M, and is reduced below WORTH_SHARE of it.
+#: Another reading, unit or time offset is only reported if the error is above WORTH_M, and is
+#: reduced below WORTH_SHARE of it.
 WORTH_M, WORTH_SHARE = 1e-4, 0.5
-#: Rotations read in the wrong order are wrong by more than this, and in the right one by less than this share of it. Another convention of the
-#: camera's axes is wrong in every order.
+#: Rotations read in the wrong order are wrong by more than this, and in the right one by less than
+#: this share of it. Another convention of the camera's axes is wrong in every order.
 _WORTH_DEG, _TURN_SHARE = 1.0, 0.25
 
 Measure = Callable[[Trajectory], AbsoluteError | RelativeError]
@@ -22,7 +25,8 @@ Measure = Callable[[Trajectory], AbsoluteError | RelativeError]
 
 @dataclass(frozen=True)
 class OtherReading:
-    """A reading with much smaller errors. kind: `inverse` (world-to-camera poses) or `wxyz` (scalar first); RMSE in metres and degrees in
+    """A reading with much smaller errors. kind: `inverse` (world-to-camera poses) or `wxyz` (scalar
+    first); RMSE in metres and degrees in
     this reading, and as given.
     """
 
@@ -36,7 +40,9 @@ class OtherReading:
     def of(
         cls, estimate: Trajectory, given: AbsoluteError | RelativeError, measure: Measure
     ) -> "OtherReading | None":
-        """The reading of the estimate with much smaller errors by `measure` than those `given`; None if there is none."""
+        """The reading of the estimate with much smaller errors by `measure` than those `given`;
+        None if there is none.
+        """
         metres, degrees = given.translation_m.rmse, given.rotation_deg.rmse
         for kind, poses in (("inverse", SE3.inverse), ("wxyz", _scalar_first)):
             try:

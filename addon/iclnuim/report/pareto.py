@@ -4,7 +4,9 @@ from collections.abc import Sequence
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Indices of the points that no other point beats: none is at most as large in both quantities and smaller in one. Sorted by the first."""
+    """Indices of the points that no other point beats: none is at most as large in both quantities
+    and smaller in one. Sorted by the first.
+    """
     kept = [k for k, one in enumerate(points) if not any(_beats(other, one) for other in points)]
     return sorted(kept, key=lambda k: points[k])
 

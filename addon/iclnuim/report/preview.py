@@ -32,7 +32,10 @@ _APART = 15
 
 
 def draw_preview(folder: Path, out: Path, progress: Callable[[int, str], Any]) -> list[Path]:
-    """Write preview.png and preview.mp4 to `out`; returns their paths. `progress(total, label)` returns an object with advance()."""
+    """Write preview.png and preview.mp4 to `out`; returns their paths.
+
+    `progress(total, label)` returns an object with advance().
+    """
     pairs = find_pairs(folder)
     camera = read_camera(folder, pairs[0].rgb)
     spread = sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _ROWS)})
@@ -98,7 +101,9 @@ def _tiles(pair: ImagePair, camera: SequenceCamera, range_m: tuple[float, float]
 def _error_tiles(
     folder: Path, pairs: list[ImagePair], chosen: list[int], camera: SequenceCamera
 ) -> list[np.ndarray]:
-    """Difference to the depth of a frame half a second away, reprojected to this frame; grey where it is unknown."""
+    """Difference to the depth of a frame half a second away, reprojected to this frame; grey where
+    it is unknown.
+    """
     tiles, truth = [], read_truth(folder)
     for i in chosen:
         tile = np.full((camera.pinhole.height, camera.pinhole.width, 3), 40, np.uint8)
@@ -130,7 +135,8 @@ def _halved(image: np.ndarray) -> np.ndarray:
 
 
 def write_web_film(folder: Path, path: Path, first: int | None = None) -> None:
-    """Write a WebM film of colour and depth for web pages, at a quarter of the width and height, with at most 150 frames of a sequence or of its
+    """Write a WebM film of colour and depth for web pages, at a quarter of the width and height,
+    with at most 150 frames of a sequence or of its
     `first` ones."""
     pairs = find_pairs(folder)[:first]
     camera = read_camera(folder, pairs[0].rgb)

@@ -1,6 +1,7 @@
 """Recordings for the Rerun viewer (.rrd): the common parts, and the recording of a sequence.
 
-All recordings of one sequence (`of`) have the same id, so that the viewer shows them together: `rerun sequence.rrd run.rrd`.
+All recordings of one sequence (`of`) have the same id, so that the viewer shows them together:
+`rerun sequence.rrd run.rrd`.
 """
 
 import warnings
@@ -29,7 +30,8 @@ _PLANE_M = 0.3
 
 
 class Recorder:
-    """Writes a recording. 3D entities are below world/, in metres, z up; the timelines are `time` (stamps, seconds) and `frame`.
+    """Writes a recording. 3D entities are below world/, in metres, z up; the timelines are `time`
+    (stamps, seconds) and `frame`.
 
     `rerun`: the package, for its archetypes.
     """
@@ -86,7 +88,11 @@ class Recorder:
 
 
 def check_recording(path: Path) -> None:
-    """Check a path before long work. Raises InputError for a name without .rrd or a missing folder, WorkError without the package rerun-sdk."""
+    """Check a path before long work.
+
+    Raises InputError for a name without .rrd or a missing folder, WorkError without the package
+    rerun-sdk.
+    """
     if path.suffix != ENDING:
         raise InputError(
             f"a recording's name ending in {ENDING}", path=path, found=path.suffix or "no ending"
@@ -106,7 +112,8 @@ def _package() -> Any:
 
 
 def record(path: Path | str, of: Path | str, fill: Callable[[Recorder], None]) -> None:
-    """Write a recording, filled by `fill`, atomically. `of`: the folder of a sequence or the file that it belongs to. Raises the same errors as
+    """Write a recording, filled by `fill`, atomically. `of`: the folder of a sequence or the file
+    that it belongs to. Raises the same errors as
     check_recording, and WorkError if it cannot be written.
     """
     check_recording(path := Path(path))
@@ -135,9 +142,10 @@ def record_sequence(
     folder: Path | str,
     progress: Callable[[int], Callable[[], object]] = lambda count: lambda: None,
 ) -> None:
-    """Record colour and depth of a sequence in any format, its camera, and the ground-truth poses, if any. The PNG and JPEG files of colour are
-    included unchanged, depth in its units. progress(count) returns a function that is called after each frame. Raises InputError if a file
-    cannot be read, WorkError without rerun-sdk.
+    """Record colour and depth of a sequence in any format, its camera, and the ground-truth poses,
+    if any. The PNG and JPEG files of colour are
+    included unchanged, depth in its units. progress(count) returns a function that is called after
+    each frame. Raises InputError if a file cannot be read, WorkError without rerun-sdk.
     """
     path, folder = Path(path), Path(folder)
     pairs = find_pairs(folder)
@@ -174,7 +182,9 @@ def _images(recorder: Recorder, rgb: Path, depth: Path, units: float) -> None:
 
 
 def poses_at(stamps_s: np.ndarray, truth: Trajectory | None) -> Iterable[SE3 | None]:
-    """The ground-truth pose of each frame at stamps (n,), None if there is none within half a frame period."""
+    """The ground-truth pose of each frame at stamps (n,), None if there is none within half a frame
+    period.
+    """
     if truth is None or len(truth) < 2:
         return [None] * len(stamps_s)
     poses = sample(truth, stamps_s.clip(*truth.stamps_s[[0, -1]]))

@@ -1,31 +1,40 @@
-"""Trajectory errors of two files as a report: a dictionary for JSON, a table for the terminal, rows for CSV.
+"""Trajectory errors of two files as a report: a dictionary for JSON, a table for the terminal, rows
+for CSV.
 
 JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, shares 0..1):
 
     metric                "ate"
     reference, estimate   {path, poses, taken}: taken describes how the file was read
-    settings              {association {method, max_difference_s, offset_s}, alignment {method, first, up}}
-    pairs                 number of compared poses; largest_difference_s: largest difference of their stamps
+    settings              {association {method, max_difference_s, offset_s}, alignment {method,
+                          first, up}}
+    pairs                 number of compared poses; largest_difference_s: largest difference of
+                          their stamps
     translation_error_m   {rmse, mean, median, std, min, max}
     rotation_error_deg    the same six
     coverage, recall {1cm, 5cm, 10cm}, area_under_curve     over all ground-truth frames
-    alignment             {scale, translation_m [3], quat_xyzw [4], poses_used, extents_m [3], residual_rms_m}
+    alignment             {scale, translation_m [3], quat_xyzw [4], poses_used, extents_m [3],
+                          residual_rms_m}
     mirror                {mirrored, rotation_rms_m, reflection_rms_m}
-    time_offset           {offset_s, rmse_m, given_rmse_m} if a constant offset of the estimate's stamps fits much better, else null:
+    time_offset           {offset_s, rmse_m, given_rmse_m} if a constant offset of the estimate's
+                          stamps fits much better, else null:
                           translation error with the offset, and that of the same poses without it
-    unit                  {scale, rmse_m, given_rmse_m} if the estimate's positions, multiplied by a scale far from 1, fit much better, else
+    unit                  {scale, rmse_m, given_rmse_m} if the estimate's positions, multiplied by a
+                          scale far from 1, fit much better, else
                           null: translation error with the scale corrected, and without
-    reading               {kind, rmse_m, given_rmse_m, rotation_rmse_deg, given_rotation_rmse_deg} if the estimate fits much better with
-                          its poses inverted (kind inverse) or its quaternions read with the scalar first (wxyz), else null
+    reading               {kind, rmse_m, given_rmse_m, rotation_rmse_deg, given_rotation_rmse_deg}
+                          if the estimate fits much better with
+                          its poses inverted (kind inverse) or its quaternions read with the scalar
+                          first (wxyz), else null
     warnings              list of sentences, empty without warnings
 
-JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and alignment; settings
-contain {stretch {delta, unit, all_pairs, tolerance, measured_on}, association, correct_scale}; stretches is the number of
-RPE pairs, scale the factor applied.
+JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and
+alignment; settings contain {stretch {delta, unit, all_pairs, tolerance, measured_on}, association,
+correct_scale}; stretches is the number of RPE pairs, scale the factor applied.
 
-CSV of ate, one row per pair: reference_index, estimate_index, reference_stamp_s, time_difference_s, translation_error_m,
-rotation_error_deg, x_m, y_m, z_m (the aligned estimate). CSV of rpe, one row per RPE pair: start_index, end_index (in the
-ground truth), start_stamp_s, end_stamp_s, translation_error_m, rotation_error_deg.
+CSV of ate, one row per pair: reference_index, estimate_index, reference_stamp_s, time_difference_s,
+translation_error_m, rotation_error_deg, x_m, y_m, z_m (the aligned estimate). CSV of rpe, one row
+per RPE pair: start_index, end_index (in the ground truth), start_stamp_s, end_stamp_s,
+translation_error_m, rotation_error_deg.
 """
 
 import os
@@ -66,7 +75,9 @@ class Source:
 
 @dataclass(frozen=True)
 class BetterOffset:
-    """An offset in seconds that, added to the estimate's stamps, greatly reduces the error; RMSE in metres of the same poses with and without it."""
+    """An offset in seconds that, added to the estimate's stamps, greatly reduces the error; RMSE in
+    metres of the same poses with and without it.
+    """
 
     offset_s: float
     rmse_m: float
@@ -76,7 +87,9 @@ class BetterOffset:
     def of(
         cls, reference: Trajectory, estimate: Trajectory, settings: Settings, rmse_m: float
     ) -> "BetterOffset | None":
-        """The better offset; None if no constant offset has a much smaller error than `rmse_m`, measured with the same settings."""
+        """The better offset; None if no constant offset has a much smaller error than `rmse_m`,
+        measured with the same settings.
+        """
         found = best_offset(reference, estimate) if rmse_m > WORTH_M else None
         if found is None:
             return None
@@ -95,9 +108,11 @@ class BetterOffset:
         )
 
 
-#: Other scales than these are no drift of an odometer in metres, but another unit of length, or none.
+#: Other scales than these are no drift of an odometer in metres, but another unit of length, or
+#: none.
 _METRES = (0.5, 2.0)
-#: A scale fits if the remaining RMS is below this share of the reference's extent: a failed estimate can always be shrunk to a point.
+#: A scale fits if the remaining RMS is below this share of the reference's extent: a failed
+#: estimate can always be shrunk to a point.
 _FITS = 0.25
 #: A unit is named if its length in metres is within this share of the scale.
 _UNITS_M, _UNIT_SHARE = (
@@ -108,7 +123,9 @@ _UNITS_M, _UNIT_SHARE = (
 
 @dataclass(frozen=True)
 class OtherUnit:
-    """A scale that greatly reduces the error when the estimate's positions are multiplied by it; RMSE in metres with and without it."""
+    """A scale that greatly reduces the error when the estimate's positions are multiplied by it;
+    RMSE in metres with and without it.
+    """
 
     scale: float
     rmse_m: float
@@ -122,7 +139,9 @@ class OtherUnit:
         settings: Settings,
         given: AbsoluteError | RelativeError,
     ) -> "OtherUnit | None":
-        """The other scale, with the error under the same settings; None if no scale far from 1 fits, or the settings correct the scale."""
+        """The other scale, with the error under the same settings; None if no scale far from 1
+        fits, or the settings correct the scale.
+        """
         if given.mirror.rotation_rms_m >= _FITS * given.mirror.extent_m:
             return None
         try:
@@ -181,7 +200,10 @@ class Report:
 
     @classmethod
     def of(cls, reference: Source, estimate: Source, settings: Settings) -> "Report":
-        """Compute the ATE or RPE that the settings define. Raises InputError, with the estimate's path, if the two cannot be compared."""
+        """Compute the ATE or RPE that the settings define.
+
+        Raises InputError, with the estimate's path, if the two cannot be compared.
+        """
         both = reference.loaded.trajectory, estimate.loaded.trajectory
         try:
             result = _measured(*both, settings)
@@ -237,7 +259,9 @@ class Report:
         return found
 
     def _maybe_frame_numbers(self) -> bool:
-        """Whether the estimate was read as TUM, has whole numbers as stamps, and most of its poses match no ground-truth pose."""
+        """Whether the estimate was read as TUM, has whole numbers as stamps, and most of its poses
+        match no ground-truth pose.
+        """
         loaded = self.estimate.loaded
         stamps_s = loaded.trajectory.stamps_s
         whole = loaded.read_as.format == "tum" and bool((stamps_s == np.rint(stamps_s)).all())
@@ -330,7 +354,9 @@ def error_text(values: dict) -> str:
 
 
 def _cell(value: float) -> str:
-    """A column of 11 characters that begins with a blank: six decimals, or seven digits of a value from 1000 on."""
+    """A column of 11 characters that begins with a blank: six decimals, or seven digits of a value
+    from 1000 on.
+    """
     return f" {value:10.6f}" if abs(value) < 999.9999995 else f" {value:10.7g}"
 
 

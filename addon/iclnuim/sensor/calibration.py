@@ -1,6 +1,8 @@
-"""Noise parameters of a real sensor, estimated from a static scene under several exposures and from static walls.
+"""Noise parameters of a real sensor, estimated from a static scene under several exposures and from
+static walls.
 
-This is the inverse of the models `paper`: from images made by these models, their sigmas are estimated again.
+This is the inverse of the models `paper`: from images made by these models, their sigmas are
+estimated again.
 """
 
 import warnings
@@ -22,8 +24,10 @@ _BLOCK = 16
 
 @dataclass(frozen=True)
 class RgbCalibration:
-    """`response`: "linear", "srgb" or "gamma" (exponent `gamma`). `spreads`: for each response, the remaining difference between exposures, as a
-    share of the light. sigma_c and sigma_s, as shares of white, are settings of the RGB model `paper`.
+    """`response`: "linear", "srgb" or "gamma" (exponent `gamma`). `spreads`: for each response, the
+    remaining difference between exposures, as a
+    share of the light. sigma_c and sigma_s, as shares of white, are settings of the RGB model
+    `paper`.
     """
 
     response: str
@@ -35,7 +39,8 @@ class RgbCalibration:
 
 @dataclass(frozen=True)
 class DepthCalibration:
-    """sigma_d in disparity steps and sigma_s in pixels: the settings of the depth model `paper`. `fixed_sigma_s`: sigma_s was assumed, because
+    """sigma_d in disparity steps and sigma_s in pixels: the settings of the depth model `paper`.
+    `fixed_sigma_s`: sigma_s was assumed, because
     walls of one slope do not determine both.
     """
 
@@ -46,9 +51,11 @@ class DepthCalibration:
 
 
 def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> RgbCalibration:
-    """Estimate response and noise from `images[k]` (repeats, h, w, 3) uint8, taken at `exposures[k]` in any unit.
+    """Estimate response and noise from `images[k]` (repeats, h, w, 3) uint8, taken at
+    `exposures[k]` in any unit.
 
-    Raises InputError for fewer than two exposures, fewer than two repeats, equal repeats, or no values between black and white.
+    Raises InputError for fewer than two exposures, fewer than two repeats, equal repeats, or no
+    values between black and white.
     """
     gains = np.asarray(exposures, float)
     if len(gains) < 2 or len(images) != len(gains) or not (np.isfinite(gains) & (gains > 0)).all():
@@ -76,7 +83,8 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
         "gamma": lambda v: v**gamma,
     }  # v: share of white
     spreads = {name: _spread(gains, curve(means / 255), use) for name, curve in curves.items()}
-    # the free exponent can always fit a power law better: a named curve that is at most 5 % worse is preferred
+    # the free exponent can always fit a power law better: a named curve that is at most 5 % worse
+    # is preferred
     best = min(spreads, key=lambda name: spreads[name] * (1.05 if name == "gamma" else 1.0))
     light, variance = _noise_points(images, curves[best](np.arange(256.0) / 255))
     line = _line(light, variance, np.ones_like(light))
@@ -89,11 +97,13 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
 def calibrate_depth(
     walls: Sequence[np.ndarray], disparity_cm: float = KINECT_CM_PX, sigma_s_px: float = 0.5
 ) -> DepthCalibration:
-    """Estimate disparity noise and pixel shift from `walls[k]` (frames, h, w), planar metres of a static flat wall, 0 = missing.
+    """Estimate disparity noise and pixel shift from `walls[k]` (frames, h, w), planar metres of a
+    static flat wall, 0 = missing.
 
-    A plane is linear in disparity, so the residual is noise: variance = sigma_d^2 + sigma_s^2 g^2 + 1/12, where g is the slope in steps per
-    pixel and 1/12 is the variance of rounding. Walls with different slopes determine both sigmas; otherwise `sigma_s_px` is assumed. Raises
-    InputError if less than a tenth of a wall was measured, or if it is not flat or moves.
+    A plane is linear in disparity, so the residual is noise: variance = sigma_d^2 + sigma_s^2 g^2 +
+    1/12, where g is the slope in steps per pixel and 1/12 is the variance of rounding. Walls with
+    different slopes determine both sigmas; otherwise `sigma_s_px` is assumed. Raises InputError if
+    less than a tenth of a wall was measured, or if it is not flat or moves.
     """
     rows = [_wall(np.asarray(wall, float), disparity_cm / 100) for wall in walls]
     slope2, variance = (np.array(column) for column in zip(*rows, strict=True))
@@ -110,7 +120,10 @@ def calibrate_depth(
 
 
 def _gamma(exposures: np.ndarray, means: np.ndarray, use: np.ndarray) -> float:
-    """gamma of value = light^(1/gamma): the slope of log exposure over log value. Each pixel's mean is subtracted, then all are pooled."""
+    """gamma of value = light^(1/gamma): the slope of log exposure over log value.
+
+    Each pixel's mean is subtracted, then all are pooled.
+    """
     weights = use.astype(float)
     log_v, log_e = (
         np.log(np.where(use, means, 1)),
@@ -127,7 +140,9 @@ def _gamma(exposures: np.ndarray, means: np.ndarray, use: np.ndarray) -> float:
 
 
 def _spread(exposures: np.ndarray, light: np.ndarray, use: np.ndarray) -> float:
-    """The relative difference of light / exposure of a pixel between exposures; 0 for the true response."""
+    """The relative difference of light / exposure of a pixel between exposures; 0 for the true
+    response.
+    """
     scene = np.where(use, light / exposures[:, None], np.nan)[:, use.any(0)]
     return float(np.mean(np.nanstd(scene, 0) / np.nanmean(scene, 0)))
 
@@ -135,7 +150,10 @@ def _spread(exposures: np.ndarray, light: np.ndarray, use: np.ndarray) -> float:
 def _noise_points(
     images: Sequence[np.ndarray], light_of_value: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean light and variance over repeats, for groups of pixels of similar light. The variance of rounding to 8 bits is subtracted."""
+    """Mean light and variance over repeats, for groups of pixels of similar light.
+
+    The variance of rounding to 8 bits is subtracted.
+    """
     step = np.gradient(light_of_value)
     lights, variances = [], []
     for stack in images:
@@ -194,9 +212,11 @@ def _wall(depth_z_m: np.ndarray, disparity_m: float) -> tuple[float, float]:
 
 
 def _refuse_relief(error: np.ndarray, variance: float) -> None:
-    """Raises InputError if more than half of the variance of `error` (frames, h, w), NaN where not measured, is common to whole blocks of pixels.
+    """Raises InputError if more than half of the variance of `error` (frames, h, w), NaN where not
+    measured, is common to whole blocks of pixels.
 
-    A sensor's noise is independent over such distances. A surface that is not flat, or that moves, is not. Rounding may be common, too.
+    A sensor's noise is independent over such distances. A surface that is not flat, or that moves,
+    is not. Rounding may be common, too.
     """
     frames, high, wide = len(error), error.shape[1] // _BLOCK, error.shape[2] // _BLOCK
     blocks = error[:, : high * _BLOCK, : wide * _BLOCK].reshape(frames, high, _BLOCK, wide, _BLOCK)

@@ -1,4 +1,6 @@
-"""Depth noise models: the paper's, that of the released frames, none, Nguyen's Kinect model, and the Redwood simulation."""
+"""Depth noise models: the paper's, that of the released frames, none, Nguyen's Kinect model, and
+the Redwood simulation.
+"""
 
 from dataclasses import dataclass
 
@@ -10,7 +12,8 @@ from ..settings import parameter, same_as
 from . import depth_image as images
 from .noise_model import NoiseModel, gaussian
 
-#: Paper, equation 3, from the Kinect's baseline (Barron and Malik 2013): disparity = 35130 / Z with Z in centimetres.
+#: Paper, equation 3, from the Kinect's baseline (Barron and Malik 2013): disparity = 35130 / Z with
+#: Z in centimetres.
 KINECT_CM_PX = 35130.0
 _FITTED = (
     "the paper prints none; least-squares bilinear fit, over 0..75 degrees and 0.5..4.5 m, of the part of the axial "
@@ -26,7 +29,9 @@ _EDGE = "neighbours whose depth differs by more belong to another surface"
 
 @dataclass(frozen=True)
 class PaperDepthNoise(NoiseModel):
-    """Section V.A. sigma_theta = a + b angle + c z + d angle z, at least 0; `angle` is between normal and camera ray."""
+    """Section V.A. sigma_theta = a + b angle + c z + d angle z, at least 0; `angle` is between
+    normal and camera ray.
+    """
 
     name = "paper"
     summary = "the paper's model: lateral shift, disparity noise and quantisation"
@@ -98,8 +103,9 @@ class PaperDepthNoise(NoiseModel):
     ) -> np.ndarray:
         """Move each vertex along its normal by N(0, sigma_theta^2) and project it again.
 
-        A vertex is assigned to the pixel nearest to its projection. If there are several, the one nearest to the camera is kept. A pixel
-        without a vertex is missing. Vertices without a normal are missing.
+        A vertex is assigned to the pixel nearest to its projection. If there are several, the one
+        nearest to the camera is kept. A pixel without a vertex is missing. Vertices without a
+        normal are missing.
         """
         x, y = images.ray_slopes(camera)
         noise = gaussian(rng, depth_z_m.shape)
@@ -120,7 +126,9 @@ class PaperDepthNoise(NoiseModel):
 
 @dataclass(frozen=True)
 class ReleasedDepthNoise(NoiseModel):
-    """Differs from the paper: a wider shift with an offset of half a pixel, missing pixels interpolated as zeros, disparity biased by 1/2."""
+    """Differs from the paper: a wider shift with an offset of half a pixel, missing pixels
+    interpolated as zeros, disparity biased by 1/2.
+    """
 
     name = "released"
     summary = "the noise found in the released ICL-NUIM frames"
@@ -176,7 +184,8 @@ class NoDepthNoise(NoiseModel):
 
 @dataclass(frozen=True)
 class Kinect2012DepthNoise(NoiseModel):
-    """Axial sigma a + b (z - c)^2 + d / sqrt(z) t^2 / (pi/2 - t)^2, lateral sigma e + f t / (pi/2 - t).
+    """Axial sigma a + b (z - c)^2 + d / sqrt(z) t^2 / (pi/2 - t)^2, lateral sigma e + f t / (pi/2 -
+    t).
 
     t is the angle between normal and camera ray.
     """
@@ -226,7 +235,9 @@ class Kinect2012DepthNoise(NoiseModel):
 
 @dataclass(frozen=True)
 class RedwoodDepthNoise(NoiseModel):
-    """Shift rounded and snapped to even pixels, distortion by a map, disparity noise, rounding to 1/8 step."""
+    """Shift rounded and snapped to even pixels, distortion by a map, disparity noise, rounding to
+    1/8 step.
+    """
 
     name = "redwood"
     summary = "distortion and quantisation of the Redwood simulation, Choi et al. 2015"
@@ -272,8 +283,9 @@ class RedwoodDepthNoise(NoiseModel):
     ) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32.
 
-        `multipliers` (layers, rows, columns) is the sensor's distortion map: depth is divided by its value, which is nearest-neighbour
-        in the image and linearly interpolated over depth. None means a sensor without distortion.
+        `multipliers` (layers, rows, columns) is the sensor's distortion map: depth is divided by
+        its value, which is nearest-neighbour in the image and linearly interpolated over depth.
+        None means a sensor without distortion.
         """
         depth_z_m = self.snapped(images.as_depth(depth_z_m), rng)
         depth_z_m[depth_z_m >= self.far_m] = 0
@@ -290,7 +302,9 @@ class RedwoodDepthNoise(NoiseModel):
         return noisy_m
 
     def snapped(self, depth_z_m: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Depth at the rounded shifted position, with row and column rounded down to multiples of `snap_px`."""
+        """Depth at the rounded shifted position, with row and column rounded down to multiples of
+        `snap_px`.
+        """
         height, width = depth_z_m.shape
         u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng)
         column, row = (
@@ -342,10 +356,12 @@ def quantised(
     rng: np.random.Generator,
     bias: float = 0.0,
 ) -> np.ndarray:
-    """Convert depth to disparity, add N(bias, sigma_d^2), round to the nearest integer, and convert back to depth; 0 stays 0.
+    """Convert depth to disparity, add N(bias, sigma_d^2), round to the nearest integer, and convert
+    back to depth; 0 stays 0.
 
-    Equation 3 of the paper: floor(d + noise + 0.5) is already the rounding. (Rounding that sum again causes the bias of the
-    released frames.) Float32 in metres, (h, w). Pixels whose disparity is 0 or less are missing.
+    Equation 3 of the paper: floor(d + noise + 0.5) is already the rounding. (Rounding that sum
+    again causes the bias of the released frames.) Float32 in metres, (h, w). Pixels whose disparity
+    is 0 or less are missing.
     """
     disparity_m = np.float32(disparity_cm / 100)
     with np.errstate(divide="ignore"):
@@ -358,7 +374,10 @@ def quantised(
 
 
 def _projected(depth_z_m: np.ndarray, shift_u: np.ndarray, shift_v: np.ndarray) -> np.ndarray:
-    """Move each pixel's depth to the pixel nearest to its shifted position. Depth that leaves the image is dropped."""
+    """Move each pixel's depth to the pixel nearest to its shifted position.
+
+    Depth that leaves the image is dropped.
+    """
     height, width = depth_z_m.shape
     leaving = ((np.abs(shift_u) > 0.5) | (np.abs(shift_v) > 0.5)) & (depth_z_m > 0)
     result = depth_z_m.copy()

@@ -1,8 +1,9 @@
 """Interpolation and normals of depth images, computed in bands of rows. Depth 0 means missing.
 
-Normals are computed in the form that needs the fewest operations. With w = 1/Z, A = -fx Z dw/du and B = -fy Z dw/dv, the vector
-N = (-A, -B, 1 + A x + B y) is normal to the surface seen along the ray r = (x, y, 1), and N . r = 1. Therefore the cosine of the angle
-between normal and ray is 1 / (|N| |r|). This is exact on planes, whose w is linear in u and v.
+Normals are computed in the form that needs the fewest operations. With w = 1/Z, A = -fx Z dw/du and
+B = -fy Z dw/dv, the vector N = (-A, -B, 1 + A x + B y) is normal to the surface seen along the ray
+r = (x, y, 1), and N . r = 1. Therefore the cosine of the angle between normal and ray is 1 / (|N|
+|r|). This is exact on planes, whose w is linear in u and v.
 """
 
 from collections.abc import Iterator
@@ -13,7 +14,8 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.camera import PinholeCamera
 
-#: Rows of a band. Arrays of this size stay in the processor's cache; whole images took three times as long.
+#: Rows of a band. Arrays of this size stay in the processor's cache; whole images took three times
+#: as long.
 _ROWS = 48
 
 
@@ -23,7 +25,10 @@ def bands(height: int) -> Iterator[slice]:
 
 
 def as_depth(depth_z_m: np.ndarray) -> np.ndarray:
-    """(h, w) planar depth in metres as float32. Invalid values (infinite, NaN, negative) become 0."""
+    """(h, w) planar depth in metres as float32.
+
+    Invalid values (infinite, NaN, negative) become 0.
+    """
     depth_z_m = np.asarray(depth_z_m, np.float32)
     if depth_z_m.ndim != 2 or min(depth_z_m.shape) < 2:
         raise InputError("a depth image of at least 2 x 2 pixels", found=depth_z_m.shape)
@@ -35,9 +40,9 @@ def sample_within_surface(
 ) -> np.ndarray:
     """Bilinear depth at (u, v). Positions outside are clamped to the outermost pixel centres.
 
-    Only pixels on the same surface as the nearest pixel are used: pixels that are missing, or nearer or farther than it by more than
-    `edge_share`, get weight 0. So holes and surfaces behind an edge are not mixed in. The result is missing where the nearest pixel is
-    missing.
+    Only pixels on the same surface as the nearest pixel are used: pixels that are missing, or
+    nearer or farther than it by more than `edge_share`, get weight 0. So holes and surfaces behind
+    an edge are not mixed in. The result is missing where the nearest pixel is missing.
     """
     height, width = depth_z_m.shape
     result = np.empty_like(depth_z_m)
@@ -57,7 +62,10 @@ def sample_within_surface(
 
 
 def sample_with_zeros(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Plain bilinear depth at (u, v). Missing pixels and positions outside the image are interpolated as 0."""
+    """Plain bilinear depth at (u, v).
+
+    Missing pixels and positions outside the image are interpolated as 0.
+    """
     height, width = depth_z_m.shape
     framed = np.zeros((height + 3, width + 3), np.float32)
     framed[1:-2, 1:-2] = depth_z_m
@@ -73,7 +81,9 @@ def sample_with_zeros(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray) -> np
 def _corners(
     image: np.ndarray, u: np.ndarray, v: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """The four pixels around each position (upper left, upper right, lower left, lower right), and the weights of right and lower ones."""
+    """The four pixels around each position (upper left, upper right, lower left, lower right), and
+    the weights of right and lower ones.
+    """
     height, width = image.shape
     column = np.minimum(u.astype(np.int32), np.int32(width - 2))
     row = np.minimum(v.astype(np.int32), np.int32(height - 2))
@@ -93,7 +103,9 @@ def _blend(corners: list[np.ndarray], weights_u: np.ndarray, weights_v: np.ndarr
 def _mean_of_nearest_surface(
     depth_z_m: np.ndarray, weights: np.ndarray, edge_share: float
 ) -> np.ndarray:
-    """(4, n) depths and weights -> (n,) weighted means over the pixels on the same surface as the one of largest weight."""
+    """(4, n) depths and weights -> (n,) weighted means over the pixels on the same surface as the
+    one of largest weight.
+    """
     nearest = np.take_along_axis(depth_z_m, np.argmax(weights, 0)[None], 0)
     limit = np.float32(1 + edge_share)
     weights = weights * (
@@ -107,7 +119,10 @@ def _mean_of_nearest_surface(
 
 @dataclass(frozen=True)
 class Normals:
-    """Components of N, (h, w) each; N is not a unit vector. `secant` = 1 / cosine of the angle to the camera ray."""
+    """Components of N, (h, w) each; N is not a unit vector.
+
+    `secant` = 1 / cosine of the angle to the camera ray.
+    """
 
     x: np.ndarray
     y: np.ndarray
@@ -119,7 +134,9 @@ class Normals:
         return Normals(self.x[rows], self.y[rows], self.z[rows], self.secant[rows])
 
     def angle_rad(self) -> np.ndarray:
-        """The angle between normal and camera ray (h, w): 0 where the surface faces the camera, pi/2 where there is no normal."""
+        """The angle between normal and camera ray (h, w): 0 where the surface faces the camera,
+        pi/2 where there is no normal.
+        """
         return np.arccos(np.minimum(1 / self.secant, np.float32(1)))
 
 
@@ -133,13 +150,16 @@ def ray_slopes(camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
 def surface_normals(
     depth_z_m: np.ndarray, camera: PinholeCamera, backward: bool = False
 ) -> Normals:
-    """Normals from the neighbour on the side where 1/Z differs less; at an edge this is the neighbour on the pixel's own surface.
+    """Normals from the neighbour on the side where 1/Z differs less; at an edge this is the
+    neighbour on the pixel's own surface.
 
-    backward: always from the left and upper neighbours; there is no normal where one of them is missing or outside.
+    backward: always from the left and upper neighbours; there is no normal where one of them is
+    missing or outside.
     """
     height, width = depth_z_m.shape
     choose = (lambda before, after: before) if backward else _smaller
-    # 1/Z is infinite where depth is missing or outside the image: differences are infinite or NaN there, and there is no normal
+    # 1/Z is infinite where depth is missing or outside the image: differences are infinite or NaN
+    # there, and there is no normal
     inverse = np.full((height + 2, width + 2), np.inf, np.float32)
     normals = Normals(*(np.empty_like(depth_z_m) for _ in range(4)))
     x, y = ray_slopes(camera)
@@ -160,7 +180,9 @@ def surface_normals(
 
 
 def _smaller(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """np.where(|after| < |before|, after, before) for float32 in a third of its time, without branches: on a plane the choice is random."""
+    """np.where(|after| < |before|, after, before) for float32 in a third of its time, without
+    branches: on a plane the choice is random.
+    """
     before, after = (np.ascontiguousarray(step).view(np.int32) for step in (before, after))
     take_after = -(np.abs(after.view(np.float32)) < np.abs(before.view(np.float32))).astype(
         np.int32

@@ -1,7 +1,8 @@
 """Motion blur and rolling shutter: the instants of time that are rendered for each band of rows.
 
-Motion blur is the mean light over the exposure. With a rolling shutter, each row has a different time. Both are centred on the
-frame's stamp, whose pose is the ground truth. The paper lists the absence of both among its limitations (section V).
+Motion blur is the mean light over the exposure. With a rolling shutter, each row has a different
+time. Both are centred on the frame's stamp, whose pose is the ground truth. The paper lists the
+absence of both among its limitations (section V).
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,8 @@ from ..settings import Settings, setting
 
 #: Maximum motion between two instants of an exposure, so that no steps are visible in the mean.
 STEP_PX = 1.0
-#: All rows of a band are rendered at the same instant. Maximum error of a point's position caused by this.
+#: All rows of a band are rendered at the same instant. Maximum error of a point's position caused
+#: by this.
 ROW_ERROR_PX = 0.1
 _GRID_PX = 4
 _duration = partial(
@@ -26,7 +28,10 @@ _duration = partial(
 
 @dataclass(frozen=True)
 class Exposure(Settings):
-    """Exposure time of each row, and time to read all rows one after the other. 0: no blur, no rolling shutter."""
+    """Exposure time of each row, and time to read all rows one after the other.
+
+    0: no blur, no rolling shutter.
+    """
 
     group: ClassVar[str] = "exposure"
 
@@ -51,7 +56,10 @@ class Exposure(Settings):
 
 @dataclass(frozen=True)
 class Band:
-    """Rows top..bottom (bottom excluded). Their image is the mean light at the instants offsets_s, in seconds from the frame's stamp."""
+    """Rows top..bottom (bottom excluded).
+
+    Their image is the mean light at the instants offsets_s, in seconds from the frame's stamp.
+    """
 
     top: int
     bottom: int
@@ -61,7 +69,8 @@ class Band:
 def plan(
     exposure: Exposure, height: int, exposure_motion_px: float, readout_motion_px: float
 ) -> list[Band]:
-    """Bands of rows from top to bottom. The motions are the largest motion of any point during exposure and readout, in pixels.
+    """Bands of rows from top to bottom. The motions are the largest motion of any point during
+    exposure and readout, in pixels.
 
     The time of a row is that of its middle: ((row + 1/2) / height - 1/2) readout_s from the stamp.
     """
@@ -83,10 +92,12 @@ def plan(
 def motion_px(
     depth_z_m: np.ndarray, camera: PinholeCamera, T_here_camera: SE3, stamps_s: np.ndarray
 ) -> float:
-    """Upper estimate of the motion of a point in the image from the first to the last of the poses (n,): the largest speed between two poses.
+    """Upper estimate of the motion of a point in the image from the first to the last of the poses
+    (n,): the largest speed between two poses.
 
-    Points are every 4th pixel of the frame at T_here_camera = identity, with planar depth (h, w) in metres; where depth is 0, the point is at
-    infinity. A point is used while it is inside the image.
+    Points are every 4th pixel of the frame at T_here_camera = identity, with planar depth (h, w) in
+    metres; where depth is 0, the point is at infinity. A point is used while it is inside the
+    image.
     """
     depth = depth_z_m[::_GRID_PX, ::_GRID_PX]
     points = (

@@ -39,7 +39,9 @@ _ARGUMENTS = {"depth": ("depth_z_m", "camera", "rng"), "RGB": ("light", "rng")}
 
 
 class Noise(Protocol):
-    """A noise model of depth, apply(depth_z_m, camera, rng), or of RGB, apply(light, rng), as in depth.py and rgb.py."""
+    """A noise model of depth, apply(depth_z_m, camera, rng), or of RGB, apply(light, rng), as in
+    depth.py and rgb.py.
+    """
 
     name: str
 
@@ -49,12 +51,16 @@ class Noise(Protocol):
 
 
 def depth_model(name: str, settings: Mapping[str, Any] | None = None) -> Noise:
-    """The depth noise model of this name, or `module:function`, which is called as function(depth_z_m, camera, rng). Raises InputError."""
+    """The depth noise model of this name, or `module:function`, which is called as
+    function(depth_z_m, camera, rng). Raises InputError.
+    """
     return _model("depth", name, settings or {}, DEPTH_MODELS)
 
 
 def rgb_model(name: str, settings: Mapping[str, Any] | None = None) -> Noise:
-    """The RGB noise model of this name, or `module:function`, which is called as function(light, rng) -> uint8. Raises InputError."""
+    """The RGB noise model of this name, or `module:function`, which is called as function(light,
+    rng) -> uint8. Raises InputError.
+    """
     return _model("RGB", name, settings or {}, RGB_MODELS)
 
 
@@ -72,14 +78,19 @@ def _model(
 
 @dataclass(frozen=True)
 class UserNoise:
-    """A user's function with the same signature as a model's `apply`, and settings that are passed to it by keyword."""
+    """A user's function with the same signature as a model's `apply`, and settings that are passed
+    to it by keyword.
+    """
 
     name: str
     function: Callable[..., np.ndarray] = field(repr=False)
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def apply(self, *arguments: Any) -> np.ndarray:
-        """Call the function. An exception is raised again as InputError, with the line in the user's file."""
+        """Call the function.
+
+        An exception is raised again as InputError, with the line in the user's file.
+        """
         try:
             return self.function(*arguments, **self.settings)
         except InputError:
@@ -96,7 +107,10 @@ class UserNoise:
 def _user_noise(
     kind: str, name: str, settings: Mapping[str, Any], arguments: tuple[str, ...]
 ) -> UserNoise:
-    """Import `module:function`, which must accept `arguments` and the settings. Raises InputError if this fails."""
+    """Import `module:function`, which must accept `arguments` and the settings.
+
+    Raises InputError if this fails.
+    """
     module_name, _, function_name = name.partition(":")
     try:
         module = importlib.import_module(module_name)

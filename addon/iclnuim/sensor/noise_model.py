@@ -1,4 +1,6 @@
-"""The base class of the noise models, and their random numbers: a generator per (sequence seed, frame, stream), a fast Gaussian."""
+"""The base class of the noise models, and their random numbers: a generator per (sequence seed,
+frame, stream), a fast Gaussian.
+"""
 
 import functools
 from dataclasses import dataclass
@@ -11,14 +13,18 @@ from ..errors import InputError
 from ..geometry.se3 import read_only
 from ..settings import Settings
 
-#: Random streams of one frame. Append new ones at the end, so that the noise of existing sequences does not change.
+#: Random streams of one frame. Append new ones at the end, so that the noise of existing sequences
+#: does not change.
 DEPTH, RGB = 0, 1
 _LEVELS = 1 << 16
 
 
 @dataclass(frozen=True)
 class NoiseModel(Settings):
-    """`name` is the model's name in settings, `summary` one line for lists. A subclass has a method `apply` and is listed in models.py."""
+    """`name` is the model's name in settings, `summary` one line for lists.
+
+    A subclass has a method `apply` and is listed in models.py.
+    """
 
     name: ClassVar[str] = ""
     summary: ClassVar[str] = ""
@@ -29,7 +35,8 @@ class NoiseModel(Settings):
 
 
 def frame_generator(seed: int, frame: int, stream: int) -> np.random.Generator:
-    """The random generator of one image. Each frame is reproducible on its own, in any order, on any worker.
+    """The random generator of one image. Each frame is reproducible on its own, in any order, on
+    any worker.
 
     Raises InputError unless seed and frame are whole numbers of at least 0.
     """
@@ -41,9 +48,10 @@ def frame_generator(seed: int, frame: int, stream: int) -> np.random.Generator:
 def gaussian(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
     """float32 samples of N(0, 1).
 
-    A table of the inverse normal distribution at the middle of 65536 equal steps, scaled to variance 1. It is four times as fast as
-    `standard_normal`. numpy guarantees the stream of raw integers, but not that of `standard_normal`. The largest value is 4.32 sigma; of a
-    million samples of the continuous distribution 16 are larger.
+    A table of the inverse normal distribution at the middle of 65536 equal steps, scaled to
+    variance 1. It is four times as fast as `standard_normal`. numpy guarantees the stream of raw
+    integers, but not that of `standard_normal`. The largest value is 4.32 sigma; of a million
+    samples of the continuous distribution 16 are larger.
     """
     return _inverse_normal().take(rng.integers(0, _LEVELS, shape, dtype=np.uint16), mode="clip")
 

@@ -1,8 +1,10 @@
-"""RGB noise models: none, the paper's, and that of the released frames. All convert scene-linear light to an 8-bit image.
+"""RGB noise models: none, the paper's, and that of the released frames. All convert scene-linear
+light to an 8-bit image.
 
-The paper's noise is added to the light, before the sRGB transfer function: read and shot noise arise in the sensor, whose response the paper
-assumes to be linear, and only there their variances can be added. The noise of the released frames was measured on the final 8-bit values,
-and is added to these.
+The paper's noise is added to the light, before the sRGB transfer function: read and shot noise
+arise in the sensor, whose response the paper assumes to be linear, and only there their variances
+can be added. The noise of the released frames was measured on the final 8-bit values, and is added
+to these.
 """
 
 from dataclasses import dataclass
@@ -43,7 +45,9 @@ class NoRgbNoise(NoiseModel):
 
 @dataclass(frozen=True)
 class PaperRgbNoise(NoiseModel):
-    """Section V.B with the noise level function of its reference [5]: variance sigma_c^2 + I sigma_s^2, where I is linear light."""
+    """Section V.B with the noise level function of its reference [5]: variance sigma_c^2 + I
+    sigma_s^2, where I is linear light.
+    """
 
     name = "paper"
     summary = "the paper's model: intensity-dependent noise through a camera response"
@@ -75,7 +79,9 @@ class PaperRgbNoise(NoiseModel):
 
 @dataclass(frozen=True)
 class ReleasedRgbNoise(NoiseModel):
-    """Variance a + b I of the 8-bit value I; neighbours in a row are correlated; values are rounded down."""
+    """Variance a + b I of the 8-bit value I; neighbours in a row are correlated; values are rounded
+    down.
+    """
 
     name = "released"
     summary = "the noise found in the released ICL-NUIM frames"
@@ -123,17 +129,21 @@ class ReleasedRgbNoise(NoiseModel):
         return noisy
 
     def noise(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
-        """(h, w) float32 samples of N(0, 1), correlated along rows: a, b, c times each of three neighbours, of w + 2 in a row."""
+        """(h, w) float32 samples of N(0, 1), correlated along rows: a, b, c times each of three
+        neighbours, of w + 2 in a row.
+        """
         a, b, c = self.neighbour_weights()
         independent = gaussian(rng, (shape[0], shape[1] + 2))
         mixed = a * independent
-        # one row after the other in memory, which is twice as fast; the two sums at the end of each row are not used
+        # one row after the other in memory, which is twice as fast; the two sums at the end of each
+        # row are not used
         mixed.ravel()[:-1] += b * independent.ravel()[1:]
         mixed.ravel()[:-2] += c * independent.ravel()[2:]
         return mixed[:, :-2]
 
     def neighbour_weights(self) -> tuple[np.float32, np.float32, np.float32]:
-        """(a, b, c) with a^2 + b^2 + c^2 = 1, ab + bc = correlation at 1 px, ac = correlation at 2 px.
+        """(a, b, c) with a^2 + b^2 + c^2 = 1, ab + bc = correlation at 1 px, ac = correlation at 2
+        px.
 
         With s = a + c the first two give s^4 - (1 + 2 r2) s^2 + r1^2 = 0.
         """

@@ -14,8 +14,9 @@ _PIECE = 1 << 15
 def srgb8(light: np.ndarray) -> np.ndarray:
     """Scene-linear light, 1 = white, any shape -> uint8 of the same shape, rounded to the nearest.
 
-    Values are clipped to 0..1; NaN becomes 0. The light is first rounded to half precision (11 bits, an error of at most 1/20 of an 8-bit
-    step). Then a table of all half-precision numbers gives the exact value, without computing a power per pixel.
+    Values are clipped to 0..1; NaN becomes 0. The light is first rounded to half precision (11
+    bits, an error of at most 1/20 of an 8-bit step). Then a table of all half-precision numbers
+    gives the exact value, without computing a power per pixel.
     """
     with np.errstate(over="ignore"):
         half = np.ascontiguousarray(light, np.float16)
@@ -23,7 +24,8 @@ def srgb8(light: np.ndarray) -> np.ndarray:
 
 
 def srgb8_in_place(light: np.ndarray) -> np.ndarray:
-    """Like srgb8, for float32 light without NaN, which is overwritten. It uses a table of 65536 equal steps of light, each at most
+    """Like srgb8, for float32 light without NaN, which is overwritten. It uses a table of 65536
+    equal steps of light, each at most
     1/20 of an 8-bit step, and takes half the time of rounding to half precision.
     """
     np.clip(light, 0, 1, out=light)
@@ -33,7 +35,9 @@ def srgb8_in_place(light: np.ndarray) -> np.ndarray:
 
 
 def light_from_srgb8(image: np.ndarray) -> np.ndarray:
-    """uint8, any shape -> float32 scene-linear light of the same shape; srgb8 of it gives exactly the same image."""
+    """uint8, any shape -> float32 scene-linear light of the same shape; srgb8 of it gives exactly
+    the same image.
+    """
     if image.dtype != np.uint8:
         raise InputError("an 8-bit image", found=image.dtype)
     return _light_of_srgb8().take(image)
@@ -55,7 +59,9 @@ def light_from_srgb(value: np.ndarray) -> np.ndarray:
 
 
 def _looked_up(table: np.ndarray, codes: np.ndarray) -> np.ndarray:
-    """The entries of a table for codes of any shape, in pieces whose indices of 8 bytes stay in the processor's cache."""
+    """The entries of a table for codes of any shape, in pieces whose indices of 8 bytes stay in the
+    processor's cache.
+    """
     values = np.empty(codes.shape, table.dtype)
     codes, flat = codes.ravel(), values.ravel()
     for start in range(0, len(codes), _PIECE):

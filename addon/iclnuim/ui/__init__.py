@@ -1,4 +1,7 @@
-"""The panel "ICL-NUIM Export": registration of its properties, panels and operators. Panels only draw; operators only call the library."""
+"""The panel "ICL-NUIM Export": registration of its properties, panels and operators.
+
+Panels only draw; operators only call the library.
+"""
 
 import atexit
 from types import ModuleType

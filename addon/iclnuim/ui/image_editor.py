@@ -22,7 +22,10 @@ PAUSE_S = 1.0
 
 
 class LastFrame:
-    """Shows the last frame of a render. It is read in a thread, so that the window stays responsive. Call `look(work)` at each tick."""
+    """Shows the last frame of a render.
+
+    It is read in a thread, so that the window stays responsive. Call `look(work)` at each tick.
+    """
 
     def __init__(self, frames: Path, camera: PinholeCamera) -> None:
         """`frames`: the folder that contains 000000.exr and the following frames."""
@@ -31,7 +34,10 @@ class LastFrame:
         self._shown, self._at_s, self._reading = -1, 0.0, False
 
     def look(self, work: Work) -> None:
-        """Show the frame that was read. Start to read the last frame if it is new, the pause is over and an image editor is open."""
+        """Show the frame that was read.
+
+        Start to read the last frame if it is new, the pause is over and an image editor is open.
+        """
         picture, self._picture = self._picture, None
         if picture is not None:
             show(bpy.context, LAST_FRAME, picture, open_editor=False)
@@ -57,7 +63,10 @@ class LastFrame:
 def show(
     context: bpy.types.Context, name: str, picture: np.ndarray, open_editor: bool = True
 ) -> None:
-    """Show an (h, w, 3) uint8 array as the image `name` in an image editor. If none is open, one is opened next to the 3D view."""
+    """Show an (h, w, 3) uint8 array as the image `name` in an image editor.
+
+    If none is open, one is opened next to the 3D view.
+    """
     height, width = picture.shape[:2]
     image = bpy.data.images.get(name)
     if image is not None and image.size[:] != (width, height):
@@ -78,7 +87,9 @@ def show(
 
 
 def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
-    """Fit the whole image into the editor, after a short delay: a new area has no size before it is drawn for the first time."""
+    """Fit the whole image into the editor, after a short delay: a new area has no size before it is
+    drawn for the first time.
+    """
 
     def fit() -> None:
         window = context.window_manager.windows[0]

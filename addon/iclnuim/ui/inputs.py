@@ -1,4 +1,6 @@
-"""Make a trajectory, a render job and the files that a worker needs from the panel's settings, and look up the light map in the cache."""
+"""Make a trajectory, a render job and the files that a worker needs from the panel's settings, and
+look up the light map in the cache.
+"""
 
 import os
 import platform
@@ -25,12 +27,16 @@ from ..shipped import SCENES, TRAJECTORIES
 from . import state
 
 DEFAULT_OUT = "//iclnuim"
-#: The panel needs the state of the light map at every redraw. Files are checked again after this many seconds.
+#: The panel needs the state of the light map at every redraw. Files are checked again after this
+#: many seconds.
 _FRESH_S = 1.0
 
 
 def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
-    """The chosen trajectory, scaled and moved, and a sentence that describes how its file was read. Raises InputError."""
+    """The chosen trajectory, scaled and moved, and a sentence that describes how its file was read.
+
+    Raises InputError.
+    """
     settings = context.scene.iclnuim
     if settings.trajectory_source == "CAMERA":
         loaded, sentence = camera.trajectory(context.scene), "the active camera's animation"
@@ -57,7 +63,11 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
 
 
 def output_folder(settings: bpy.types.PropertyGroup) -> Path:
-    """The absolute path. `//` is the folder of the saved .blend; if the file is not saved, it is the extension's user folder."""
+    """The absolute path.
+
+    `//` is the folder of the saved .blend; if the file is not saved, it is the extension's user
+    folder.
+    """
     out = settings.out.strip() or DEFAULT_OUT
     if out.startswith("//") and not bpy.data.filepath:
         return (state.user_folder("out") / out[2:]).resolve()
@@ -95,7 +105,9 @@ def check_free(raw: Path) -> None:
 
 
 def light_map_line(settings: bpy.types.PropertyGroup) -> str:
-    """A sentence for the panel: whether the cache contains the light map of the chosen scene, its size and its age."""
+    """A sentence for the panel: whether the cache contains the light map of the chosen scene, its
+    size and its age.
+    """
     if settings.scene_source == "OPEN":
         return "Bake Light and Render use the cached light map of the open file, or bake it if there is none"
     name, panel = scene_name(settings), state.current()
@@ -130,9 +142,11 @@ def _shipped_name(settings: bpy.types.PropertyGroup) -> str:
 def _trajectory_for(
     context: bpy.types.Context, settings: bpy.types.PropertyGroup, out: Path
 ) -> str:
-    """The name of an unchanged built-in trajectory. Any other trajectory is written to a TUM file in `out`; its path is returned.
+    """The name of an unchanged built-in trajectory. Any other trajectory is written to a TUM file
+    in `out`; its path is returned.
 
-    The name of the file depends on its content, so that no other file is overwritten, nor the trajectory of an earlier run.
+    The name of the file depends on its content, so that no other file is overwritten, nor the
+    trajectory of an earlier run.
     """
     plain = settings.scale == 1.0 and not settings.use_start
     if plain and settings.trajectory_source in TRAJECTORIES:
@@ -146,7 +160,10 @@ def _trajectory_for(
 
 
 def chosen_scene(settings: bpy.types.PropertyGroup) -> str:
-    """scene_name() of the chosen scene. Raises InputError if a scene file is required and none is chosen."""
+    """scene_name() of the chosen scene.
+
+    Raises InputError if a scene file is required and none is chosen.
+    """
     if settings.scene_source == "FILE" and not settings.scene_file:
         raise InputError("a scene file", found="none", hint="choosing one under {scene}")
     return scene_name(settings)

@@ -1,4 +1,7 @@
-"""The panel's operators: scene and trajectory; bake, preview, render, cancel, resume; evaluation. A worker process renders."""
+"""The panel's operators: scene and trajectory; bake, preview, render, cancel, resume; evaluation.
+
+A worker process renders.
+"""
 
 import functools
 import shutil
@@ -30,7 +33,10 @@ PREVIEW, PLOT = "ICL-NUIM preview", "ICL-NUIM error"
 
 @operator("Show the Scene Here", undo=True)
 def load_scene(self, context):
-    """Load the chosen scene into this window, in a separate collection. It replaces the scene that was loaded before"""
+    """Load the chosen scene into this window, in a separate collection.
+
+    It replaces the scene that was loaded before
+    """
     settings = context.scene.iclnuim
     if settings.scene_source == "OPEN":
         raise InputError(
@@ -114,7 +120,9 @@ def _ask_for_a_file(self, context, event):
     filter_glob=StringProperty(default="*.txt", options={"HIDDEN"}),
 )
 def save_path(self, context):
-    """Save the trajectory chosen above as a TUM file: seconds, metres, camera to world, x right, y down, z forward"""
+    """Save the trajectory chosen above as a TUM file: seconds, metres, camera to world, x right, y
+    down, z forward
+    """
     if not self.filepath:
         raise InputError("a file to write", found="none")
     file = Path(bpy.path.abspath(self.filepath)).expanduser().resolve()
@@ -125,7 +133,10 @@ def save_path(self, context):
 
 @operator("Bake Light")
 def bake(self, context):
-    """Bake the scene's light map into the extension's cache, in the background. A render also bakes it if it is missing"""
+    """Bake the scene's light map into the extension's cache, in the background.
+
+    A render also bakes it if it is missing
+    """
     folder = Path(tempfile.mkdtemp(dir=state.user_folder("preview")))
     job = inputs.job(context, folder).changed(light="baked")
     finish = functools.partial(shutil.rmtree, folder, ignore_errors=True)
@@ -141,7 +152,10 @@ def bake(self, context):
 
 @operator("Render")
 def render(self, context):
-    """Render the chosen frames in a second Blender process, then write the sequences. Finished frames are skipped"""
+    """Render the chosen frames in a second Blender process, then write the sequences.
+
+    Finished frames are skipped
+    """
     settings = context.scene.iclnuim
     out = inputs.output_folder(settings)
     numbers = list(frame_slice(settings.frames, len(inputs.trajectory(context)[0])))
@@ -173,7 +187,10 @@ def cancel(self, context):
 
 @operator("Preview Frame")
 def preview(self, context):
-    """Render the pose of the timeline's current frame. Colour and depth are shown without noise above and with the sensor's noise below"""
+    """Render the pose of the timeline's current frame.
+
+    Colour and depth are shown without noise above and with the sensor's noise below
+    """
     settings = context.scene.iclnuim
     folder = Path(tempfile.mkdtemp(dir=state.user_folder("preview")))
     chosen = inputs.trajectory(context)[0]
@@ -200,7 +217,9 @@ def preview(self, context):
 
 @operator("Evaluate")
 def evaluate(self, context):
-    """Compute ATE and RPE of the estimate, and draw it next to the ground truth: blue for no error, red for the largest error"""
+    """Compute ATE and RPE of the estimate, and draw it next to the ground truth: blue for no error,
+    red for the largest error
+    """
     settings, panel = context.scene.iclnuim, state.current()
     if not settings.estimate:
         raise InputError(
@@ -249,7 +268,9 @@ def _append(scene: bpy.types.Scene, file: Path, collection: bpy.types.Collection
 def _import(
     context: bpy.types.Context, file: Path, reading: SceneReading, collection: bpy.types.Collection
 ) -> None:
-    """Import the file through a separate scene, because axes and units are guessed from everything in the scene."""
+    """Import the file through a separate scene, because axes and units are guessed from everything
+    in the scene.
+    """
     before, own = context.window.scene, bpy.data.scenes.new("ICL-NUIM import")
     context.window.scene = own
     try:

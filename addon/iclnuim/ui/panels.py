@@ -43,7 +43,9 @@ def _props(
 def _panel(
     label: str, parent: str = "ICLNUIM_PT_main", closed: bool = False
 ) -> Callable[..., type[bpy.types.Panel]]:
-    """Decorator: makes the panel ICLNUIM_PT_NAME from a function NAME(layout, settings, context) that draws it."""
+    """Decorator: makes the panel ICLNUIM_PT_NAME from a function NAME(layout, settings, context)
+    that draws it.
+    """
 
     def made(content: Callable[..., None]) -> type[bpy.types.Panel]:
         def draw(self: bpy.types.Panel, context: bpy.types.Context) -> None:

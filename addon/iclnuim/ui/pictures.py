@@ -1,4 +1,6 @@
-"""Images made from arrays with numpy only: colour and depth side by side, depth in false colours, a plot of the error."""
+"""Images made from arrays with numpy only: colour and depth side by side, depth in false colours, a
+plot of the error.
+"""
 
 import numpy as np
 
@@ -8,7 +10,8 @@ _STOPS = np.array(
 )
 _PAPER, _INK, _GRID = 255, (30, 30, 30), (215, 215, 215)
 
-#: Glyphs of 5 x 7 dots. Each row is one digit of base 32, from the top; its bits are the dots from left to right.
+#: Glyphs of 5 x 7 dots. Each row is one digit of base 32, from the top; its bits are the dots from
+#: left to right.
 _GLYPHS = {
     "0": "ehjlphe", "1": "4c4444e", "2": "eh1248v", "3": "v2421he", "4": "26aiv22", "5": "vgu11he", "6": "68guhhe",
     "7": "v124888", "8": "ehhehhe", "9": "ehhf12c", ".": "00000cc", ",": "0000c48", "-": "000v000", "(": "2488842",
@@ -41,7 +44,10 @@ def depth_colours(depth_z_m: np.ndarray, near_m: float, far_m: float) -> np.ndar
 def frame_picture(
     rgb: np.ndarray, depth_z_m: np.ndarray, noisy_rgb: np.ndarray, noisy_z_m: np.ndarray
 ) -> np.ndarray:
-    """Colour and depth without noise above, with the sensor's noise below: (2h, 2w, 3) uint8. Both depth images use one range."""
+    """Colour and depth without noise above, with the sensor's noise below: (2h, 2w, 3) uint8.
+
+    Both depth images use one range.
+    """
     noisy = np.hstack([noisy_rgb, depth_colours(noisy_z_m, *_depth_range(depth_z_m))])
     return np.vstack([colour_and_depth(rgb, depth_z_m), noisy])
 
@@ -52,7 +58,10 @@ def colour_and_depth(rgb: np.ndarray, depth_z_m: np.ndarray) -> np.ndarray:
 
 
 def _depth_range(depth_z_m: np.ndarray) -> tuple[float, float]:
-    """Depths in metres shown as blue and red: the 1 % and 95 % quantiles. A garden behind the window must not use up the colour range."""
+    """Depths in metres shown as blue and red: the 1 % and 95 % quantiles.
+
+    A garden behind the window must not use up the colour range.
+    """
     seen = depth_z_m[depth_z_m > 0]
     near_m, far_m = np.quantile(seen, (0.01, 0.95)) if seen.size else (0.0, 1.0)
     return float(near_m), float(far_m)
@@ -61,7 +70,10 @@ def _depth_range(depth_z_m: np.ndarray) -> tuple[float, float]:
 def error_plot(
     stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float, width: int = 960, height: int = 600
 ) -> np.ndarray:
-    """Plot of the error over time in centimetres: (height, width, 3) uint8. Colours are those of the 3D view; a dark line is the RMSE."""
+    """Plot of the error over time in centimetres: (height, width, 3) uint8.
+
+    Colours are those of the 3D view; a dark line is the RMSE.
+    """
     image = np.full((height, width, 3), _PAPER, np.uint8)
     left, right, top, bottom = 90, width - 30, 70, height - 70
     seconds = float(stamps_s[-1] - stamps_s[0]) or 1.0
@@ -96,7 +108,10 @@ def error_plot(
 
 
 def _ticks(maximum: float, beyond: bool = True) -> np.ndarray:
-    """About five round numbers from 0. The last is the first one at or above `maximum` if `beyond`, else the last one at or below it."""
+    """About five round numbers from 0.
+
+    The last is the first one at or above `maximum` if `beyond`, else the last one at or below it.
+    """
     maximum = maximum if maximum > 0 else 1.0
     power = 10.0 ** np.floor(np.log10(maximum / 5))
     step = next(m * power for m in (1, 2, 5, 10) if m * power >= maximum / 6 * 0.999)
@@ -105,7 +120,10 @@ def _ticks(maximum: float, beyond: bool = True) -> np.ndarray:
 
 
 def write(image: np.ndarray, text: str, x: int, y: int, size: int = 2, align: str = "left") -> None:
-    """Draw text in letters of 5 x 7 dots into the image, in place. (x, y) is the left end, the centre or the right end of the text's upper edge."""
+    """Draw text in letters of 5 x 7 dots into the image, in place.
+
+    (x, y) is the left end, the centre or the right end of the text's upper edge.
+    """
     rows = [
         [int(letter, 32) << 1 for letter in _GLYPHS.get(c, "0000000")] for c in text
     ]  # one empty column between letters

@@ -1,4 +1,5 @@
-"""Presets: built-in presets, and the user's presets as JSON files in the extension's user folder. A preset contains only values that differ
+"""Presets: built-in presets, and the user's presets as JSON files in the extension's user folder. A
+preset contains only values that differ
 from the defaults.
 """
 
@@ -43,7 +44,10 @@ def values(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
 
 
 def apply(settings: bpy.types.PropertyGroup, chosen: dict[str, Any]) -> None:
-    """Set the values of a preset, and all other settings to their defaults. Raises InputError for an unknown name or value."""
+    """Set the values of a preset, and all other settings to their defaults.
+
+    Raises InputError for an unknown name or value.
+    """
     chosen, known = (
         {_RENAMED.get(name, name): value for name, value in chosen.items()},
         properties_of_a_preset(),

@@ -1,4 +1,5 @@
-"""The panel's settings as Blender properties, saved in the .blend with each scene. They are made from the declared settings and registries, and
+"""The panel's settings as Blender properties, saved in the .blend with each scene. They are made
+from the declared settings and registries, and
 converted to a render job.
 """
 
@@ -31,7 +32,8 @@ from . import state
 
 #: An entry of an enum: value, name, tooltip.
 Entry = tuple[str, str, str]
-#: Choices other than built-in scenes and trajectories, by the number that is stored in a saved .blend.
+#: Choices other than built-in scenes and trajectories, by the number that is stored in a saved
+#: .blend.
 _OTHER_SCENES = {
     2: (
         "OPEN",
@@ -64,7 +66,9 @@ _EQUATION_2 = "paper, equation 2"
 
 @dataclass(frozen=True)
 class PanelSettings(Settings):
-    """Settings that only the panel has: where the trajectory starts, what is drawn, and which frames and sequences are written."""
+    """Settings that only the panel has: where the trajectory starts, what is drawn, and which
+    frames and sequences are written.
+    """
 
     scale: float = setting(
         1.0, "factor on the trajectory's lengths", low=1e-3, high=1e3, source=_EQUATION_2
@@ -103,7 +107,8 @@ class PanelSettings(Settings):
     )
 
 
-#: Groups of declared settings in the panel -> prefix of their properties' names. If two groups have the same name, the later group's is used.
+#: Groups of declared settings in the panel -> prefix of their properties' names. If two groups have
+#: the same name, the later group's is used.
 _GROUPS: dict[type, str] = {
     PanelSettings: "",
     AlignmentSettings: "align_",
@@ -118,7 +123,10 @@ _CHANGES_THE_TRAJECTORY = ("scale", "use_start", "start_location", "start_rotati
 
 
 def properties_of_this_file() -> dict[str, Any]:
-    """Name -> property, of the settings that belong to this file or this machine. Presets do not change them."""
+    """Name -> property, of the settings that belong to this file or this machine.
+
+    Presets do not change them.
+    """
     scenes = ((s.name, s.title, s.description) for s in SCENES.values())
     paths = ((name, name, text) for name, text in TRAJECTORIES.items())
     units = (
@@ -171,7 +179,9 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
     """The settings of one scene. The properties are created when the class is registered."""
 
     def camera(self) -> PinholeCamera:
-        """K and image size, without the rounding of Blender's single-precision floats: the benchmark's fx is exact, other values have four decimals."""
+        """K and image size, without the rounding of Blender's single-precision floats: the
+        benchmark's fx is exact, other values have four decimals.
+        """
         exact = (self.width / 1.33, PinholeCamera().fx)
         fx = next((f for f in exact if abs(self.fx - f) < 5e-4), round(self.fx, 4))
         return PinholeCamera(**{**self.values_of(PinholeCamera), "fx": fx})
@@ -181,7 +191,10 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
         return SceneReading(**self.values_of(SceneReading) if self.scene_source == "FILE" else {})
 
     def to_job(self, scene: str, trajectory: str) -> RenderJob:
-        """The render job; `scene` and `trajectory` are built-in names or files (inputs.py). Raises InputError."""
+        """The render job; `scene` and `trajectory` are built-in names or files (inputs.py).
+
+        Raises InputError.
+        """
         return RenderJob(
             sequence=trajectory if "/" in trajectory and "." not in trajectory else "own",
             scene=scene,
@@ -196,7 +209,9 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
         return {s.name: _value(s, getattr(self, name)) for name, s in settings_of(group).items()}
 
     def sequences(self, out: Path) -> dict[str, Any] | None:
-        """The sequences that the worker process writes (see dataset.sequence.writer_of); None if none are chosen. Raises InputError."""
+        """The sequences that the worker process writes (see dataset.sequence.writer_of); None if
+        none are chosen. Raises InputError.
+        """
         if not (self.write_clean or self.write_noisy):
             return None
         options = SequenceOptions(**self.values_of(SequenceOptions))
@@ -216,7 +231,10 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
 
 
 def settings_of(group: type) -> dict[str, Setting]:
-    """Name of the property -> setting, of a group of declared settings. The name ends in the unit that the panel shows: exposure_s -> exposure_ms."""
+    """Name of the property -> setting, of a group of declared settings.
+
+    The name ends in the unit that the panel shows: exposure_s -> exposure_ms.
+    """
     names = {}
     for s in declared(group).values():
         unit = "" if s.shown[0] == s.unit else f"_{s.shown[0]}"
@@ -225,7 +243,10 @@ def settings_of(group: type) -> dict[str, Setting]:
 
 
 def _properties(group: type, **defaults: Any) -> dict[str, Any]:
-    """Name -> property, of a group. `defaults`: the panel's defaults where they differ from the declaration."""
+    """Name -> property, of a group.
+
+    `defaults`: the panel's defaults where they differ from the declaration.
+    """
     return {
         name: _property(s, defaults.get(name, s.default)) for name, s in settings_of(group).items()
     }
@@ -293,7 +314,9 @@ def _choice(s: Setting, entries: Iterable[Entry], default: Any = None) -> Any:
 
 
 def _items(entries: Iterable[Entry], own: Mapping[int, Entry]) -> list[tuple[str, str, str, int]]:
-    """Items of an enum with the numbers that are stored in a .blend: `own` has fixed numbers, entries of a registry get the free ones."""
+    """Items of an enum with the numbers that are stored in a .blend: `own` has fixed numbers,
+    entries of a registry get the free ones.
+    """
     free = (number for number in itertools.count() if number not in own)
     numbered = {**dict(zip(free, entries, strict=False)), **own}
     return [(*numbered[number], number) for number in sorted(numbered)]

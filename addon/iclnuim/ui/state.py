@@ -1,4 +1,6 @@
-"""The panel's state that is not saved, from register() to unregister(): work in a worker process, timers, results, drawn shapes."""
+"""The panel's state that is not saved, from register() to unregister(): work in a worker process,
+timers, results, drawn shapes.
+"""
 
 import os
 import shutil
@@ -24,10 +26,12 @@ PACKAGE = __package__.rpartition(".")[0]
 
 @dataclass
 class PanelState:
-    """Lines of text are ready to be shown. trajectory_key: the settings that the drawn trajectory was read with.
+    """Lines of text are ready to be shown. trajectory_key: the settings that the drawn trajectory
+    was read with.
 
-    shapes: name -> end points of line segments (m, 3) and their colours (m, 4); batches: the same on the GPU.
-    light_map: the last look-up of a scene's light map: its key, its time (time.monotonic()) and the line that is shown.
+    shapes: name -> end points of line segments (m, 3) and their colours (m, 4); batches: the same
+    on the GPU. light_map: the last look-up of a scene's light map: its key, its time
+    (time.monotonic()) and the line that is shown.
     """
 
     work: Work
@@ -68,7 +72,10 @@ def end() -> None:
 
 
 def user_folder(name: str) -> Path:
-    """A folder in the extension's user folder. Only this folder and the output folder are written to."""
+    """A folder in the extension's user folder.
+
+    Only this folder and the output folder are written to.
+    """
     try:
         return Path(bpy.utils.extension_path_user(PACKAGE, path=name, create=True))
     except ValueError:  # run from a checkout, not as an installed extension
@@ -98,8 +105,8 @@ def start(
 ) -> None:
     """Start `command` of `job` in a worker process that writes into `out`.
 
-    `on_done()` is called after success, `on_tick(work)` ten times a second until the end. In background mode timers are never called, so
-    this function waits for the end. Raises WorkError.
+    `on_done()` is called after success, `on_tick(work)` ten times a second until the end. In
+    background mode timers are never called, so this function waits for the end. Raises WorkError.
     """
     state = current()
     state.work.check_idle()
@@ -122,7 +129,10 @@ def start(
 
 
 def later(action: Callable[[], None], seconds: float = 0.2) -> None:
-    """Call `action` after the window has been redrawn. It is not called if the extension is disabled before."""
+    """Call `action` after the window has been redrawn.
+
+    It is not called if the extension is disabled before.
+    """
     waiting = current().waiting
 
     def act() -> None:
@@ -136,9 +146,11 @@ def later(action: Callable[[], None], seconds: float = 0.2) -> None:
 def operator(
     label: str, undo: bool = False, invoke: Callable[..., set[str]] | None = None, **properties: Any
 ) -> Callable[[Callable[..., None]], type[bpy.types.Operator]]:
-    """Decorator: makes the operator iclnuim.NAME from a function NAME(self, context) whose docstring is the tooltip.
+    """Decorator: makes the operator iclnuim.NAME from a function NAME(self, context) whose
+    docstring is the tooltip.
 
-    If the function raises an IclnuimError, the operator is cancelled and the message is shown in the panel and the status bar.
+    If the function raises an IclnuimError, the operator is cancelled and the message is shown in
+    the panel and the status bar.
     """
 
     def made(function: Callable[..., None]) -> type[bpy.types.Operator]:
@@ -195,7 +207,10 @@ def redraw() -> None:
 
 
 def _tick() -> float | None:
-    """The timer: process events, redraw the panel, finish. Returns the seconds until the next tick, or None after the last one."""
+    """The timer: process events, redraw the panel, finish.
+
+    Returns the seconds until the next tick, or None after the last one.
+    """
     state = current()
     if state.work.poll():
         redraw()

@@ -1,4 +1,7 @@
-"""Draws the trajectory chosen in the panel and an estimate into the 3D view, without objects. The trajectory is read when a setting changes."""
+"""Draws the trajectory chosen in the panel and an estimate into the 3D view, without objects.
+
+The trajectory is read when a setting changes.
+"""
 
 from typing import Any
 
@@ -13,7 +16,8 @@ from ..geometry.trajectory import Trajectory, statistics
 from . import inputs, properties, state
 from .pictures import error_colours
 
-#: The collection of the scene loaded into the window, and its property that contains the name of that scene.
+#: The collection of the scene loaded into the window, and its property that contains the name of
+#: that scene.
 COLLECTION, SHOWN = "ICL-NUIM scene", "iclnuim_scene"
 TRAJECTORY_COLOUR, FRUSTUM_COLOUR = (1.0, 0.55, 0.1, 1.0), (0.25, 0.75, 1.0, 0.9)
 HIDDEN_ALPHA = 0.6  # opacity of lines behind a wall or the ceiling
@@ -21,7 +25,10 @@ _FRUSTA, _FRUSTUM_DEPTH_M = 30, 0.12
 
 
 def refresh(context: bpy.types.Context) -> None:
-    """Read the trajectory, store its statistics as lines of text for the panel, and draw it. An error is stored as the warning."""
+    """Read the trajectory, store its statistics as lines of text for the panel, and draw it.
+
+    An error is stored as the warning.
+    """
     panel = state.current()
     panel.trajectory_key = _key(context.scene)
     panel.trajectory_warning = ""
@@ -46,7 +53,9 @@ def refresh(context: bpy.types.Context) -> None:
 
 
 def show_estimate(positions_m: np.ndarray, reference_m: np.ndarray, error_m: np.ndarray) -> None:
-    """Draw an aligned estimate (n, 3) coloured by its error (n,), and 60 lines from it to the ground truth (fewer if n is smaller)."""
+    """Draw an aligned estimate (n, 3) coloured by its error (n,), and 60 lines from it to the
+    ground truth (fewer if n is smaller).
+    """
     colours = np.c_[error_colours(error_m), np.ones(len(error_m))]
     ties = np.unique(np.linspace(0, len(error_m) - 1, 60).astype(int))
     lines = np.stack([positions_m[ties], reference_m[ties]], 1).reshape(-1, 3)
@@ -68,7 +77,9 @@ def _key(scene: bpy.types.Scene) -> tuple:
 
 
 def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
-    """A warning if the line between two successive poses hits a surface of the open scene; only if that is the chosen scene."""
+    """A warning if the line between two successive poses hits a surface of the open scene; only if
+    that is the chosen scene.
+    """
     shown = bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
     if inputs.scene_name(context.scene.iclnuim) not in ("OPEN", shown):
         return "another scene is shown: press Show the Scene Here" if shown else ""

@@ -1,4 +1,7 @@
-"""State machine of the work in a worker process, without Blender: start, poll, cancel. It turns the worker's events into messages."""
+"""State machine of the work in a worker process, without Blender: start, poll, cancel.
+
+It turns the worker's events into messages.
+"""
 
 import time
 from collections.abc import Callable, Mapping
@@ -9,16 +12,19 @@ from .. import worker_events as events
 from ..errors import WorkError, named
 from ..worker_events import WorkerClient
 
-#: After a request to stop, a worker has this time to finish its frame. Then it is terminated, and the frame is rendered again on resume.
+#: After a request to stop, a worker has this time to finish its frame. Then it is terminated, and
+#: the frame is rendered again on resume.
 GRACE_S = 4.0
 BUSY = ("starting", "preparing", "rendering", "writing", "stopping")
 
 
 @dataclass
 class Work:
-    """The state that the panel shows. phase: idle, one of BUSY, done, stopped or failed. done and total count frames of the current stage.
+    """The state that the panel shows. phase: idle, one of BUSY, done, stopped or failed. done and
+    total count frames of the current stage.
 
-    name_of: returns the panel's label of a setting, for errors. last_frame: the number of the last finished frame. Seconds are wall time.
+    name_of: returns the panel's label of a setting, for errors. last_frame: the number of the last
+    finished frame. Seconds are wall time.
     """
 
     name_of: Callable[[str], str] = str
@@ -49,7 +55,10 @@ class Work:
     def start(
         self, kind: str, command: Mapping[str, Any], worker: WorkerClient, when_done: str = "done"
     ) -> None:
-        """Send `command` (see blender/child.py) to the worker. `kind` is its name in the panel. Raises WorkError if other work is running."""
+        """Send `command` (see blender/child.py) to the worker.
+
+        `kind` is its name in the panel. Raises WorkError if other work is running.
+        """
         self.check_idle()
         vars(self).update(
             vars(

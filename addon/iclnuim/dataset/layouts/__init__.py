@@ -1,1 +1,4 @@
-"""The sequence formats, one module each. FORMAT is the entry of the registry (sequence_formats.py)."""
+"""The sequence formats, one module each.
+
+FORMAT is the entry of the registry (sequence_formats.py).
+"""

@@ -1,7 +1,9 @@
-"""COLMAP's text model, for splatting programs: images/, sparse/0/ with cameras.txt, images.txt, points3D.txt, and test.txt.
+"""COLMAP's text model, for splatting programs: images/, sparse/0/ with cameras.txt, images.txt,
+points3D.txt, and test.txt.
 
-COLMAP has no depth: we add it in depth/ and camera.json. COLMAP's pixel centres are at +0.5, its poses are world to camera, scalar first
-(https://colmap.github.io/format.html). test.txt lists every 8th image, the same that 3D Gaussian splatting holds out by default.
+COLMAP has no depth: we add it in depth/ and camera.json. COLMAP's pixel centres are at +0.5, its
+poses are world to camera, scalar first (https://colmap.github.io/format.html). test.txt lists every
+8th image, the same that 3D Gaussian splatting holds out by default.
 """
 
 import math
@@ -28,7 +30,8 @@ from ..layout import (
 from . import listed
 
 _MODELS = ("sparse/0", "sparse")
-#: Maximum numbers: of images that points are taken from, of images among them in which each point is searched, and of points.
+#: Maximum numbers: of images that points are taken from, of images among them in which each point
+#: is searched, and of points.
 _VIEWS, _WITNESSES, _POINTS = 40, 8, 20_000
 #: Maximum relative difference of depth in another image if it is the same surface.
 _SAME_SURFACE = 0.01
@@ -67,12 +70,16 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     )
 
 
-#: The track of a point: the row of an image and the pixel (u, v) where it is seen, centres at whole numbers.
+#: The track of a point: the row of an image and the pixel (u, v) where it is seen, centres at whole
+#: numbers.
 _Track = list[tuple[int, float, float]]
 
 
 def _points(contents: Contents) -> tuple[list[str], list[_Track]]:
-    """`X Y Z R G B` of points on the surface, and their tracks. Points are pixels on a grid; each is also searched in some other views."""
+    """`X Y Z R G B` of points on the surface, and their tracks.
+
+    Points are pixels on a grid; each is also searched in some other views.
+    """
     if contents.surface is None:
         return [], []
     rows = list(range(0, len(contents.frames), math.ceil(len(contents.frames) / _VIEWS)))
@@ -108,7 +115,9 @@ def _points(contents: Contents) -> tuple[list[str], list[_Track]]:
 def _seen(
     points_camera: np.ndarray, depth_z_m: np.ndarray, camera: PinholeCamera
 ) -> Iterator[tuple[int, float, float]]:
-    """Indices and pixels of the points (n, 3), given in a camera's frame, that are visible in its depth image."""
+    """Indices and pixels of the points (n, 3), given in a camera's frame, that are visible in its
+    depth image.
+    """
     pixels = np.nan_to_num(camera.project(points_camera), nan=-1.0).clip(-1, 1e6)
     places = np.rint(pixels).astype(int)
     inside = (points_camera[:, 2] > 0) & (places >= 0).all(1)
@@ -153,7 +162,9 @@ def _rows(folder: Path) -> list[Row]:
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
-    """The camera of the model, which must have no distortion; the depth units are those of camera.json."""
+    """The camera of the model, which must have no distortion; the depth units are those of
+    camera.json.
+    """
     ours, model = camera_file(folder), _model(folder)
     if model is None or not (model / "cameras.txt").is_file():
         return ours

@@ -1,6 +1,8 @@
-"""ETH3D SLAM: TUM's lists with images named by stamps, associated.txt, and calibration.txt with fx fy cx cy on one line.
+"""ETH3D SLAM: TUM's lists with images named by stamps, associated.txt, and calibration.txt with fx
+fy cx cy on one line.
 
-Pixel centres are at whole numbers; depth has 5000 units per metre (https://www.eth3d.net/slam_documentation).
+Pixel centres are at whole numbers; depth has 5000 units per metre
+(https://www.eth3d.net/slam_documentation).
 """
 
 from pathlib import Path

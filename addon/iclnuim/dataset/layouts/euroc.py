@@ -1,4 +1,6 @@
-"""EuRoC's layout with a depth camera: mav0/cam0 (colour), mav0/depth0 (16 bit), their sensor.yaml, state_groundtruth_estimate0; stamps in ns."""
+"""EuRoC's layout with a depth camera: mav0/cam0 (colour), mav0/depth0 (16 bit), their sensor.yaml,
+state_groundtruth_estimate0; stamps in ns.
+"""
 
 import re
 from pathlib import Path

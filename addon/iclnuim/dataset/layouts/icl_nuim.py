@@ -1,4 +1,6 @@
-"""The format of the original: depth first with integer ids, left-handed anchored poses without image 0, K with negative fy."""
+"""The format of the original: depth first with integer ids, left-handed anchored poses without
+image 0, K with negative fy.
+"""
 
 from pathlib import Path
 

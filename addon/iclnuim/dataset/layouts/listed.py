@@ -1,4 +1,6 @@
-"""Shared parts of formats similar to TUM: images in lists with stamps, a camera in a separate file, a ground-truth file."""
+"""Shared parts of formats similar to TUM: images in lists with stamps, a camera in a separate file,
+a ground-truth file.
+"""
 
 import re
 from pathlib import Path
@@ -40,7 +42,10 @@ _K = "the nine numbers of K, or fx fy cx cy"
 def write_lists(
     folder: Path, contents: Contents, format: SequenceFormat, associations: str = _ASSOCIATIONS[0]
 ) -> None:
-    """Write rgb.txt, depth.txt, `associations`, groundtruth.txt. Stamps with an original text are written with the same text."""
+    """Write rgb.txt, depth.txt, `associations`, groundtruth.txt.
+
+    Stamps with an original text are written with the same text.
+    """
     rgb, depth = (format.images(contents, kind) for kind in (RGB, DEPTH))
     write_image_list(folder / "rgb.txt", rgb)
     write_image_list(folder / "depth.txt", depth)
@@ -54,7 +59,9 @@ def write_camera(folder: Path, contents: Contents) -> None:
 
 
 def rows(folder: Path) -> list[Row]:
-    """The pairs of the association file, else of rgb.txt and depth.txt, else of images named by stamps, else of equal names in rgb/ and depth/."""
+    """The pairs of the association file, else of rgb.txt and depth.txt, else of images named by
+    stamps, else of equal names in rgb/ and depth/.
+    """
     return _listed(folder) or _by_stamp(folder) or _by_name(folder)
 
 
@@ -65,7 +72,9 @@ def _list_files(folder: Path) -> list[Path]:
 
 
 def found(folder: Path) -> bool:
-    """Whether there are lists and their first image exists: a folder of another format may contain unused lists."""
+    """Whether there are lists and their first image exists: a folder of another format may contain
+    unused lists.
+    """
     if not (files := _list_files(folder)):
         return False
     for _, line in data_lines(read_text(files[0])):
@@ -106,7 +115,10 @@ def _listed(folder: Path) -> list[Row]:
 
 
 def _images(folder: Path, kind: str) -> dict[str, Path]:
-    """The images in rgb/ or depth/ by their names without ending. Colour may be JPEG; if an image is there in both formats, the PNG is used."""
+    """The images in rgb/ or depth/ by their names without ending.
+
+    Colour may be JPEG; if an image is there in both formats, the PNG is used.
+    """
     endings = (".jpeg", ".jpg", ".png") if kind == RGB else (".png",)
     paths = [path for path in (folder / kind).glob("*") if path.suffix.lower() in endings]
     return {
@@ -116,7 +128,9 @@ def _images(folder: Path, kind: str) -> dict[str, Path]:
 
 
 def _by_stamp(folder: Path) -> list[Row]:
-    """The pairs of images that are all named by stamps in seconds, with decimals; the stamps of a pair may differ."""
+    """The pairs of images that are all named by stamps in seconds, with decimals; the stamps of a
+    pair may differ.
+    """
     rgb, depth = (list(_images(folder, kind).values()) for kind in (RGB, DEPTH))
     if (
         not rgb
@@ -128,7 +142,10 @@ def _by_stamp(folder: Path) -> list[Row]:
 
 
 def paired_by_stamp(rgb: list[Path], depth: list[Path]) -> list[Row]:
-    """The pairs of images whose names are stamps in seconds; the stamps of a pair may differ. Raises InputError for other names."""
+    """The pairs of images whose names are stamps in seconds; the stamps of a pair may differ.
+
+    Raises InputError for other names.
+    """
     rgb, depth = (sorted(images, key=_stamp_s) for images in (rgb, depth))
     stamps_s = [np.array([_stamp_s(path) for path in images]) for images in (rgb, depth)]
     both = associate(stamps_s[0], stamps_s[1])
@@ -147,7 +164,11 @@ def _stamp_s(image: Path) -> float:
 
 
 def _by_name(folder: Path) -> list[Row]:
-    """The pairs of equal names. If all names end in a number and are otherwise equal, it is the number of the frame, or its stamp in nanoseconds."""
+    """The pairs of equal names.
+
+    If all names end in a number and are otherwise equal, it is the number of the frame, or its
+    stamp in nanoseconds.
+    """
     depths, colours = _images(folder, DEPTH), _images(folder, RGB)
     stems = sorted((stem for stem in colours if stem in depths), key=_parts)
     split = [re.fullmatch(r"(.*?)(\d*)", stem, re.ASCII | re.DOTALL) for stem in stems]
@@ -184,7 +205,9 @@ def _parts(stem: str) -> list[tuple[int, str]]:
 
 
 def camera(folder: Path, image: Path) -> SequenceCamera | None:
-    """The camera in camera.json, or in calibration.txt: K as in the original, or fx fy cx cy as in ETH3D. None if there is neither."""
+    """The camera in camera.json, or in calibration.txt: K as in the original, or fx fy cx cy as in
+    ETH3D. None if there is neither.
+    """
     if there := camera_file(folder):
         return there
     path = folder / "calibration.txt"

@@ -1,4 +1,5 @@
-"""transforms.json with poses of the OpenGL camera (x right, y up, looks along -z), for nerfstudio and instant-ngp.
+"""transforms.json with poses of the OpenGL camera (x right, y up, looks along -z), for nerfstudio
+and instant-ngp.
 
 NeRF programs have pixel centres at +0.5, so half a pixel is added to the principal point.
 """
@@ -17,7 +18,8 @@ from ..depth_units import check_units
 from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat
 
 FILE = Path("transforms.json")
-#: Depth units per metre that nerfstudio assumes (depth_unit_scale_factor of its Nerfstudio data parser).
+#: Depth units per metre that nerfstudio assumes (depth_unit_scale_factor of its Nerfstudio data
+#: parser).
 _NERFSTUDIO_UNITS = 1000.0
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 

@@ -1,7 +1,9 @@
-"""Replica in the format of neural mapping systems: results/frame000000.jpg, results/depth000000.png, traj.txt with one 4 x 4 matrix per line,
+"""Replica in the format of neural mapping systems: results/frame000000.jpg,
+results/depth000000.png, traj.txt with one 4 x 4 matrix per line,
 cam_params.json.
 
-The lines of traj.txt correspond to the images in the order of their names (https://github.com/cvg/nice-slam, src/utils/datasets.py).
+The lines of traj.txt correspond to the images in the order of their names
+(https://github.com/cvg/nice-slam, src/utils/datasets.py).
 """
 
 from pathlib import Path
@@ -48,7 +50,9 @@ def _rows(folder: Path) -> list[Row]:
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
-    """The camera in cam_params.json in the folder or, as published, in the parent folder; else the published camera if the image has its size."""
+    """The camera in cam_params.json in the folder or, as published, in the parent folder; else the
+    published camera if the image has its size.
+    """
     file = next(
         (place / _CAMERA for place in (folder, folder.parent) if (place / _CAMERA).is_file()), None
     )

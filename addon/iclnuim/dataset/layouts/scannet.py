@@ -1,4 +1,6 @@
-"""ScanNet in the format of its SensReader, in frames/: color/0.jpg, depth/0.png in millimetres, pose/0.txt (4 x 4, camera to world), intrinsic/."""
+"""ScanNet in the format of its SensReader, in frames/: color/0.jpg, depth/0.png in millimetres,
+pose/0.txt (4 x 4, camera to world), intrinsic/.
+"""
 
 from pathlib import Path
 
@@ -66,7 +68,9 @@ def _rows(folder: Path) -> list[Row]:
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
-    """The camera of the depth images, and that of the colour images if their size differs, as in ScanNet's data."""
+    """The camera of the depth images, and that of the colour images if their size differs, as in
+    ScanNet's data.
+    """
     if there := camera_file(folder):
         return there
     depth = _top(folder) / f"depth/{image.stem}.png"

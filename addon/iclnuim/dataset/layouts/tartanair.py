@@ -1,7 +1,9 @@
-"""TartanAir: image_left/000000_left.png, depth_left/000000_left_depth.npy in metres, pose_left.txt in NED axes.
+"""TartanAir: image_left/000000_left.png, depth_left/000000_left_depth.npy in metres, pose_left.txt
+in NED axes.
 
-The format has no stamps and no camera (all sequences of TartanAir have the same one), and no value for missing depth: we use 0
-(https://github.com/castacks/tartanair_tools, data_type.md). The lines of pose_left.txt correspond to the images in the order of their names.
+The format has no stamps and no camera (all sequences of TartanAir have the same one), and no value
+for missing depth: we use 0 (https://github.com/castacks/tartanair_tools, data_type.md). The lines
+of pose_left.txt correspond to the images in the order of their names.
 """
 
 from pathlib import Path
@@ -24,7 +26,8 @@ from ..layout import (
 )
 from . import listed
 
-#: A field of view of 90 degrees; printed with the principal point at (320, 240), counted from the corner of the image.
+#: A field of view of 90 degrees; printed with the principal point at (320, 240), counted from the
+#: corner of the image.
 PUBLISHED = PinholeCamera(640, 480, 320.0, 320.0, 319.5, 239.5)
 _POSES = "pose_left.txt"
 

@@ -1,4 +1,7 @@
-"""TUM: rgb/, depth/, their lists, and settings for ORB-SLAM3. And the same with images named by their stamps, for RTAB-Map."""
+"""TUM: rgb/, depth/, their lists, and settings for ORB-SLAM3.
+
+And the same with images named by their stamps, for RTAB-Map.
+"""
 
 from pathlib import Path
 

@@ -1,4 +1,6 @@
-"""VSLAM-LAB: rgb_0/, depth_0/, rgb.csv, calibration.yaml, groundtruth.csv; stamps in nanoseconds (https://github.com/VSLAM-LAB/VSLAM-LAB, Datasets/)."""
+"""VSLAM-LAB: rgb_0/, depth_0/, rgb.csv, calibration.yaml, groundtruth.csv; stamps in nanoseconds
+(https://github.com/VSLAM-LAB/VSLAM-LAB, Datasets/).
+"""
 
 import csv
 import io
