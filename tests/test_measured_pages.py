@@ -14,7 +14,7 @@ from iclnuim.tools.measured import MEASURED, replaced
 def test_every_marked_table_has_its_command_and_every_command_its_marked_table(repository):
     pages = {
         page: page.read_text()
-        for page in (*(repository / "docs").glob("*.md"), repository / "README.md")
+        for page in (*(repository / "docs").rglob("*.md"), repository / "README.md")
     }
     marks = [
         (p.relative_to(repository).as_posix(), m)
@@ -93,7 +93,7 @@ TABLE = {
 BENCHMARK_TABLES = [
     m.mark.removeprefix("benchmark-").replace("-", "_")
     for m in MEASURED
-    if m.page == "docs/benchmark.md"
+    if m.page == "docs/guide/benchmark.md"
 ]
 #: What a command prints, as far as it is used, by the command's first words.
 PRINTED = {
@@ -177,8 +177,8 @@ def test_what_the_commands_print_becomes_rows_of_the_same_length(one):
 
 
 def test_what_is_kept_is_not_measured_again_and_becomes_the_table(tmp_path, monkeypatch):
-    page = tmp_path / "docs/farm.md"
-    page.parent.mkdir()
+    page = tmp_path / "docs/guide/farm.md"
+    page.parent.mkdir(parents=True)
     page.write_text(
         "before\n<!-- measured: farm-splits -->\nold\n<!-- end of farm-splits -->\nafter\n"
     )

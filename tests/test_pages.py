@@ -56,7 +56,7 @@ def shown_commands(repository):
     """
     for name in (
         *COMMAND_PAGES,
-        *(f"docs/{p.name}" for p in sorted((repository / "docs").glob("*.md"))),
+        *(str(p.relative_to(repository)) for p in sorted((repository / "docs").rglob("*.md"))),
     ):
         text = (repository / name).read_text()
         blocks = re.findall(r"```sh\n(.*?)```", text, re.S)
@@ -100,7 +100,7 @@ def test_every_command_line_on_the_pages_is_understood_with_the_options_of_today
 
 
 def test_the_page_of_commands_has_them_all(repository):
-    text = (repository / "docs/commands.md").read_text()
+    text = (repository / "docs/reference/commands.md").read_text()
     assert [name for name in cli.COMMANDS if f"iclnuim {name}" not in text] == []
 
 

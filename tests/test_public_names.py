@@ -1,4 +1,4 @@
-"""`import iclnuim` offers the names of docs/python.md: they are found, typed and documented, and
+"""`import iclnuim` offers the names of docs/guide/python.md: they are found, typed and documented, and
 cost nothing before they are used.
 """
 

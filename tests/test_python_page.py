@@ -1,4 +1,4 @@
-"""The examples of docs/python.md run as they are printed, one after the other, in an empty folder;
+"""The examples of docs/guide/python.md run as they are printed, one after the other, in an empty folder;
 so does the README's.
 """
 
@@ -17,13 +17,13 @@ def notebook(repository, tmp_path_factory):
     folder, names = tmp_path_factory.mktemp("notebook"), {"__name__": "notebook"}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for number, code in enumerate(blocks(repository / "docs/python.md"), 1):
-            exec(compile(code, f"docs/python.md, example {number}", "exec"), names)
+        for number, code in enumerate(blocks(repository / "docs/guide/python.md"), 1):
+            exec(compile(code, f"docs/guide/python.md, example {number}", "exec"), names)
         yield folder, names
 
 
 def test_the_page_has_an_example_for_each_common_task(repository):
-    text = "\n".join(blocks(repository / "docs/python.md"))
+    text = "\n".join(blocks(repository / "docs/guide/python.md"))
     tasks = (
         "absolute_trajectory_error",
         "noisy_depth",

@@ -42,14 +42,14 @@ _SIXTEEN = [
 _SYSTEMS = ("orbslam3 --runs 3 --vocabulary ORBvoc.txt", "rtabmap", "fovis", "dvo")
 _NOISY = [place for place in _SIXTEEN if place.endswith("/noisy")]
 _BIASED = ("icp", "rgbd", "icp_rgbd")
-_DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60 --plot docs/pictures/detail.png"
+_DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60 --plot docs/measured/pictures/detail.png"
 _STRESS_METHODS = "".join(
     f" --methods {name}"
     for name in ("fovis", "rgbd", "dvo", "icp", "icp_rgbd", "opencv", "plane", "intensity")
 )
 _STRESS = (
     f"stress {_KT2}/clean out/office/kt1/clean --starts 1 --system fovis --system dvo --system orbslam3"
-    f" --set orbslam3.vocabulary=ORBvoc.txt --runs 3{_STRESS_METHODS} --plot docs/pictures/stress.png"
+    f" --set orbslam3.vocabulary=ORBvoc.txt --runs 3{_STRESS_METHODS} --plot docs/measured/pictures/stress.png"
 )
 _CLEAN_TWO = f"{_KT2}/clean out/office/kt1/clean"
 _FOUR = f"{_KT2}/clean {_KT2}/noisy out/office/kt1/clean out/office/kt1/noisy"
@@ -64,9 +64,9 @@ _CURVES = {
     "rate": (f"{_CLEAN_TWO} --values 15,30,60,120,240", 60, 30.0),
     "realtime": (_FOUR, 120, 1.0),
 }
-_DETAIL_ODOMETRY = "bench detail-odometry --levels 0.5,0.7,1,1.4 --first 120 --plot docs/pictures/detail_odometry.png"
-_FARM = "bench farm kt2 --plot docs/pictures/farm.png"
-_NOISE = f"bench noise {_KT2}/raw --frames :120 --official ../shared/data/iclnuim/or_kt3 --plot docs/pictures/noise.png"
+_DETAIL_ODOMETRY = "bench detail-odometry --levels 0.5,0.7,1,1.4 --first 120 --plot docs/measured/pictures/detail_odometry.png"
+_FARM = "bench farm kt2 --plot docs/measured/pictures/farm.png"
+_NOISE = f"bench noise {_KT2}/raw --frames :120 --official ../shared/data/iclnuim/or_kt3 --plot docs/measured/pictures/noise.png"
 _SURFACES = {
     "clean, `best`": ("clean", ""),
     "clean, `--preset paper`": ("clean", "--preset paper"),
@@ -388,7 +388,7 @@ def _surface_commands() -> tuple[str, ...]:
         fuse, evaluate = " ".join(fuse.split()), f"evaluate surface {mesh} --model living_room"
         if k == 0:
             fuse += " --plot docs/pictures/surface.jpg"
-            evaluate += " --plot docs/pictures/surface_error.png"
+            evaluate += " --plot docs/measured/pictures/surface_error.png"
         commands += [fuse, evaluate]
     return tuple(commands)
 
@@ -453,7 +453,9 @@ def _short(method: str) -> str:
 
 
 def _curve_command(curve: str, sequences: str, frames: int, method: str = "--method all") -> str:
-    options = f"{method} --start 80 --first {frames} --plot docs/pictures/curve_{curve}.png"
+    options = (
+        f"{method} --start 80 --first {frames} --plot docs/measured/pictures/curve_{curve}.png"
+    )
     return f"bench curve {curve} {sequences} {options.strip()}"
 
 
@@ -548,47 +550,50 @@ _BENCHMARK = (
 
 MEASURED = (
     Measured(
-        "docs/light.md", "light", ("bench render kt2 --plot docs/pictures/light.png",), _light
+        "docs/guide/light.md",
+        "light",
+        ("bench render kt2 --plot docs/measured/pictures/light.png",),
+        _light,
     ),
     Measured(
-        "docs/light.md",
+        "docs/guide/light.md",
         "textures",
-        ("bench textures kt2 office/kt0 --plot docs/pictures/textures.png",),
+        ("bench textures kt2 office/kt0 --plot docs/measured/pictures/textures.png",),
         _textures,
     ),
-    Measured("docs/detail.md", "detail-living-room", (_DETAIL,), _levels("living_room")),
-    Measured("docs/detail.md", "detail-office", (_DETAIL,), _levels("office")),
-    Measured("docs/detail.md", "detail-unseen", (_DETAIL,), _unseen),
-    Measured("docs/detail.md", "detail-maps", (_DETAIL,), _maps),
+    Measured("docs/measured/detail.md", "detail-living-room", (_DETAIL,), _levels("living_room")),
+    Measured("docs/measured/detail.md", "detail-office", (_DETAIL,), _levels("office")),
+    Measured("docs/measured/detail.md", "detail-unseen", (_DETAIL,), _unseen),
+    Measured("docs/measured/detail.md", "detail-maps", (_DETAIL,), _maps),
     Measured(
-        "docs/odometry.md",
+        "docs/guide/odometry.md",
         "odometry-speed",
         (
-            f"bench odometry ../shared/data/iclnuim/or_kt0 {_KT2}/clean {_KT2}/noisy --first 120 --plot docs/pictures/odometry.png",
+            f"bench odometry ../shared/data/iclnuim/or_kt0 {_KT2}/clean {_KT2}/noisy --first 120 --plot docs/measured/pictures/odometry.png",
         ),
         _speed,
     ),
     Measured(
-        "docs/odometry.md",
+        "docs/guide/odometry.md",
         "odometry-ate",
         (
             *(f"run {system} {' '.join(_SIXTEEN)}" for system in _SYSTEMS),
-            f"bench odometry {' '.join(_SIXTEEN)} out/systems/results.json --only ours --plot docs/pictures/systems.png",
+            f"bench odometry {' '.join(_SIXTEEN)} out/systems/results.json --only ours --plot docs/measured/pictures/systems.png",
         ),
         _systems,
     ),
-    Measured("docs/farm.md", "farm-splits", (_FARM,), _splits),
+    Measured("docs/guide/farm.md", "farm-splits", (_FARM,), _splits),
     Measured(
-        "docs/farm.md",
+        "docs/guide/farm.md",
         "farm-chaos",
-        ("bench chaos kt2 --camera 160x120 --plot docs/pictures/chaos.png",),
+        ("bench chaos kt2 --camera 160x120 --plot docs/measured/pictures/chaos.png",),
         _chaos,
     ),
-    Measured("docs/sensor.md", "noise-pairs", (_NOISE,), _pairs),
-    Measured("docs/sensor.md", "noise-models", (_NOISE,), _models),
-    Measured("docs/surface.md", "surface-error", _surface_commands(), _surface),
+    Measured("docs/guide/sensor.md", "noise-pairs", (_NOISE,), _pairs),
+    Measured("docs/guide/sensor.md", "noise-models", (_NOISE,), _models),
+    Measured("docs/guide/surface.md", "surface-error", _surface_commands(), _surface),
     Measured(
-        "docs/surface.md",
+        "docs/guide/surface.md",
         "surface-model",
         tuple(
             f"odometry --all {_KT2}/clean --reference {to} -o out/measured-{to}"
@@ -597,7 +602,7 @@ MEASURED = (
         _references,
     ),
     Measured(
-        "docs/odometry.md",
+        "docs/guide/odometry.md",
         "odometry-bias",
         tuple(
             f"odometry {name} {place} --depth-offset 0.00155"
@@ -607,12 +612,16 @@ MEASURED = (
         _offsets,
     ),
     Measured(
-        "docs/stress.md", "stress-fails", (_STRESS,), _stress_fails, Path("out/stress/stress.csv")
+        "docs/guide/stress.md",
+        "stress-fails",
+        (_STRESS,),
+        _stress_fails,
+        Path("out/stress/stress.csv"),
     ),
-    Measured("docs/stress.md", "stress-totals", (_STRESS,), _stress_totals),
+    Measured("docs/guide/stress.md", "stress-totals", (_STRESS,), _stress_totals),
     *(
         Measured(
-            "docs/curves.md",
+            "docs/guide/curves.md",
             f"curve-{curve}",
             (_curve_command(curve, sequences, frames),),
             _curve(default),
@@ -620,16 +629,16 @@ MEASURED = (
         for curve, (sequences, frames, default) in _CURVES.items()
     ),
     Measured(
-        "docs/curves.md",
+        "docs/guide/curves.md",
         "curve-voxel",
         (_curve_command("voxel", f"{_KT2}/clean {_KT2}/noisy", 240, ""),),
         _voxels,
     ),
-    Measured("docs/detail.md", "detail-odometry", (_DETAIL_ODOMETRY,), _detail_odometry),
-    Measured("docs/detail.md", "detail-surface", (_DETAIL_ODOMETRY,), _detail_surface),
+    Measured("docs/measured/detail.md", "detail-odometry", (_DETAIL_ODOMETRY,), _detail_odometry),
+    Measured("docs/measured/detail.md", "detail-surface", (_DETAIL_ODOMETRY,), _detail_surface),
     *(
         Measured(
-            "docs/benchmark.md",
+            "docs/guide/benchmark.md",
             f"benchmark-{name.replace('_', '-')}",
             ("benchmark",),
             _benchmark(name),

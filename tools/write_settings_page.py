@@ -1,4 +1,4 @@
-"""Writes docs/settings.md, a table for every group of declared settings: `python
+"""Writes docs/reference/settings.md, a table for every group of declared settings: `python
 tools/write_settings_page.py`. With --check it only compares the page.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from iclnuim.settings import MISSING, Setting, Settings, declared, plain
 
-PAGE = Path(__file__).resolve().parents[1] / "docs/settings.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs/reference/settings.md"
 #: The modules whose groups are on the page, in this order; groups of modules that they import are
 #: included.
 MODULES = (
@@ -43,7 +43,7 @@ the declaration. This page is written by `python tools/write_settings_page.py`.
 
 
 def page() -> str:
-    """The text of docs/settings.md."""
+    """The text of docs/reference/settings.md."""
     return "\n".join([HEAD, *(_section(group) for group in groups())])
 
 
@@ -92,7 +92,7 @@ def _section(group: type[Settings]) -> str:
 
 
 def table(group: type) -> str:
-    """The settings of a dataclass as a Markdown table, for docs/settings.md."""
+    """The settings of a dataclass as a Markdown table, for docs/reference/settings.md."""
     rows = [
         "| setting | option | default | unit | range | what | source |",
         "|---|---|---|---|---|---|---|",

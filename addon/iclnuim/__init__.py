@@ -2,7 +2,7 @@
 "ICL-NUIM Export".
 
 Importing it does not load numpy, SciPy, Matplotlib, numba or Blender: a public name is imported at
-its first use. docs/python.md shows examples.
+its first use. docs/guide/python.md shows examples.
 """
 
 import ast

@@ -45,7 +45,7 @@ def noisy_depth(
     float32 of the same shape.
 
     model: a key of DEPTH_MODELS, or `module:function`; settings: settings of the model, by name
-    (docs/sensor.md). camera: default is the benchmark's camera, scaled to the image's width. The
+    (docs/guide/sensor.md). camera: default is the benchmark's camera, scaled to the image's width. The
     noise depends only on seed and frame number. Raises InputError for an unknown model or setting,
     for whole numbers, and for another shape or size than the camera's.
     """
@@ -74,7 +74,7 @@ def noisy_rgb(
     sensor model.
 
     model: a key of RGB_MODELS, or `module:function`; settings: settings of the model, by name
-    (docs/sensor.md). The noise depends only on seed and frame number. Raises InputError for an
+    (docs/guide/sensor.md). The noise depends only on seed and frame number. Raises InputError for an
     unknown model or setting, and for whole numbers.
     """
     rgb = _floating(rgb, *_LINEAR_RGB)

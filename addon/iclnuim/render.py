@@ -42,7 +42,7 @@ def render_frames(
     on_event: Callable[[Event], None] = lambda event: None,
 ) -> RunFolder:
     """Render the frames of a job that are missing in the run folder `out`, and return the folder
-    (its files: docs/conventions.md).
+    (its files: docs/reference/conventions.md).
 
     frames: a slice A:B:S over the poses of the job's trajectory. on_event is called with each event
     of the worker (worker_events.py), with FrameDone after each frame. If the light map is not in

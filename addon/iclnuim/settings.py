@@ -4,7 +4,7 @@ declared once.
 A group of settings is a frozen dataclass derived from `Settings` whose fields are made with
 `setting`. This module checks values and converts them to and from JSON. The options of the command
 line (headless/options.py), the panel's properties (ui/properties.py) and the tables in
-docs/settings.md are made from the same declarations.
+docs/reference/settings.md are made from the same declarations.
 
     @dataclass(frozen=True)
     class LightSettings(Settings):

@@ -94,7 +94,7 @@ class PhotometricSettings:
     to coarse; gradients are in
     grey levels per pixel.
 
-    The defaults are Steinbruecker 2011 as Kintinuous runs it; docs/odometry.md explains what
+    The defaults are Steinbruecker 2011 as Kintinuous runs it; docs/guide/odometry.md explains what
     differs in `best`.
     """
 

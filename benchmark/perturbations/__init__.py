@@ -1,4 +1,4 @@
-"""Perturbations of frames by known amounts. docs/stress.md has the definitions.
+"""Perturbations of frames by known amounts. docs/guide/stress.md has the definitions.
 
 perturbations.toml   every perturbation with its five severities, as numbers; corruptions.toml is a
                      second scale

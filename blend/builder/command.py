@@ -51,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=1.0,
         metavar="D",
-        help="0.15 to 3: fewer or more triangles, 1 as shipped; see docs/detail.md; default: 1",
+        help="0.15 to 3: fewer or more triangles, 1 as shipped; see docs/measured/detail.md; default: 1",
     )
     build.add_argument("--out", type=Path, metavar="FILE", help="default: blend/NAME.blend")
     compare = action(

@@ -59,7 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="number of noise seeds of the noisy sequences; default: 1, the existing sequences",
     )
-    help = "what frames are aligned against: default, frame, keyframe, entropy, model; default: see docs/benchmark.md"
+    help = "what frames are aligned against: default, frame, keyframe, entropy, model; default: see docs/guide/benchmark.md"
     add("--references", type=_words, default=[], metavar="R,R", help=help)
     help = (
         "measure trajectories only: Tables III to VI; surfaces that are measured already are kept"

@@ -26,7 +26,7 @@ _RENAMED_REFERENCES = {"kept": "keyframe", "own": "default"}
 
 def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    methods = f"{', '.join(ODOMETERS)} or baseline:NAME (see docs/odometry.md)"
+    methods = f"{', '.join(ODOMETERS)} or baseline:NAME (see docs/guide/odometry.md)"
     add("method", nargs="?", metavar="METHOD", help=methods)
     add("folder", type=Path, metavar="DIR", help="a sequence in any supported format")
     add(

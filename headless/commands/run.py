@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add(
         "system",
         metavar="SYSTEM",
-        help=f"{', '.join(built_in())}, or your own file SYSTEM.toml: docs/systems.md",
+        help=f"{', '.join(built_in())}, or your own file SYSTEM.toml: docs/guide/systems.md",
     )
     help = "sequences in any format; errors need their ground truth"
     add("folders", type=Path, nargs="+", metavar="DIR", help=help)

@@ -81,7 +81,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="table and pages of the existing cells; measure nothing",
     )
-    help = "also report the cells of FILE, a stress.csv, that are not in OUT: measured elsewhere, or docs/stress.csv"
+    help = "also report the cells of FILE, a stress.csv, that are not in OUT: measured elsewhere, or docs/measured/stress.csv"
     add("--cells", type=Path, metavar="FILE", help=help)
     help = "print, for third-party odometers only, by how much errors grow at severities 1 and 2, and how many fail at 5"
     add("--calibration", action="store_true", help=help)

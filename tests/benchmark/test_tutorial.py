@@ -1,4 +1,4 @@
-"""The commands of docs/benchmark.md from nothing to one row of each table; killed in the middle,
+"""The commands of docs/guide/benchmark.md from nothing to one row of each table; killed in the middle,
 the same tables come out, to the byte.
 """
 
@@ -25,7 +25,7 @@ SMALL = ["--camera", "320x240"]
 def made(repository, tmp_path_factory):
     """A folder in which the page's first commands were given."""
     folder = tmp_path_factory.mktemp("tutorial")
-    page = (repository / "docs/benchmark.md").read_text()
+    page = (repository / "docs/guide/benchmark.md").read_text()
     block = re.search(r"## From an empty machine.*?```sh\n(.*?)```", page, re.S)[1]
     commands = [
         shlex.split(line, comments=True)[1:]

@@ -38,7 +38,7 @@ def polished():
 
 
 def normal_from16(image):
-    """As docs/ground_truth.md has it: (h, w, 3), of unit length or zero."""
+    """As docs/guide/ground_truth.md has it: (h, w, 3), of unit length or zero."""
     normal = np.where(image.any(-1, keepdims=True), (image.astype(float) - 32768) / 32767, 0.0)
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     return normal / np.where(length > 0, length, 1.0)

@@ -1,4 +1,4 @@
-"""The user-provided noise model of docs/sensor.md does what the page says, under the name that its
+"""The user-provided noise model of docs/guide/sensor.md does what the page says, under the name that its
 command uses.
 """
 
@@ -13,7 +13,7 @@ from iclnuim.sensor.models import depth_model
 
 @pytest.fixture
 def model(repository, tmp_path, monkeypatch):
-    text = (repository / "docs/sensor.md").read_text()
+    text = (repository / "docs/guide/sensor.md").read_text()
     code = re.search(r"```python\n(.*?)```", text, re.S).group(1)
     name = re.search(r"--depth-noise (\w+:\w+)", text.split("```python")[1]).group(1)
     assert len(code.splitlines()) < 20

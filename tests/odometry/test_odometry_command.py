@@ -190,5 +190,5 @@ def test_a_comparison_of_the_built_in_ones_alone(stretch, capsys):
 
 
 def test_the_page_lists_every_odometer(repository):
-    page = (repository / "docs/odometry.md").read_text()
+    page = (repository / "docs/guide/odometry.md").read_text()
     assert all(f"`{name}`" in page for name in NAMES)

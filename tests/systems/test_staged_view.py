@@ -162,7 +162,7 @@ def test_every_system_in_the_box_is_described_and_on_the_page(name, repository):
     )
     command = system.filled(system.settings.command, {**values, "width": 8, "height": 6})
     assert not any("{" in word for word in command)
-    assert f"`{name}`" in (repository / "docs/systems.md").read_text()
+    assert f"`{name}`" in (repository / "docs/guide/systems.md").read_text()
 
 
 @pytest.mark.parametrize(
