@@ -1,14 +1,13 @@
 """Options shared by all commands."""
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
-from iclnuim.console import Console
 from iclnuim.errors import InputError
-from iclnuim.geometry.scene_axes import SceneReading, parse_unit
+from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.settings import Setting, Settings, declared, find, plain
 
 S = TypeVar("S", bound=Settings)
@@ -103,45 +102,6 @@ def settings_from(
         ) from None
 
 
-def renamed(parser: argparse.ArgumentParser, old: str, new: str, **how: Any) -> None:
-    """Accept the old option name `old` for `new`, with a note on standard error. `how`: arguments
-    of add_argument (type, nargs, ...).
-
-    Call it after `new` was added. Pass the same `dest` if `new` has one, and append=True if the
-    option may be given several times.
-    """
-    dest = how.pop("dest", new.lstrip("-").replace("-", "_"))
-    how = {"action": _Renamed, "default": argparse.SUPPRESS, "help": argparse.SUPPRESS, **how}
-    parser.add_argument(old, dest=dest, new=new, **how)
-
-
-class _Renamed(argparse.Action):
-    """Stores the value (True if the option takes none), and prints the new name of the option."""
-
-    def __init__(
-        self, option_strings: Sequence[str], dest: str, new: str, append: bool = False, **how: Any
-    ) -> None:
-        super().__init__(option_strings, dest, **how)
-        self.new, self.append = new, append
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: Any,
-        option_string: Any = None,
-    ) -> None:
-        Console().note(
-            f"note: {option_string} is now called {self.new}; the next release removes the old name"
-        )
-        value = True if self.nargs == 0 else values
-        setattr(
-            namespace,
-            self.dest,
-            [*(getattr(namespace, self.dest) or ()), value] if self.append else value,
-        )
-
-
 def option_name(setting: str) -> str:
     """The command-line option of a setting, for error messages; a name that is an option already is
     returned unchanged.
@@ -210,7 +170,6 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     settings_from makes a SceneReading of them.
     """
     add_settings(parser, SceneReading)
-    renamed(parser, "--units", "--scene-unit", type=parse_unit)
 
 
 def numbers(text: str) -> tuple[float, ...]:

@@ -1,7 +1,4 @@
-"""Options for sequences: noise models, output formats, and the camera of a recorded sequence.
-
-Checks for required packages and for renamed words.
-"""
+"""Options for sequences: noise models, output formats, and the camera of a recorded sequence."""
 
 import argparse
 import sys
@@ -160,15 +157,3 @@ def note_camera(folder: Path, camera: SequenceCamera, console: Console) -> None:
             f"{folder}: no camera.json, so the benchmark's camera is assumed: {c.width}x{c.height},{c.fx:g},{c.fy:g},"
             f"{c.cx:g},{c.cy:g}, {units:g} depth units per metre; set others with --camera and --units"
         )
-
-
-def current_word(word: str, renamed: dict[str, str], console: Console) -> str:
-    """`word`, with its prefix replaced if that was renamed (`renamed`: old -> new).
-
-    A note reports the replacement.
-    """
-    for old, new in renamed.items():
-        if word.startswith(old):
-            console.note(f"note: {old} is now called {new}; the next release removes the old name")
-            return new + word.removeprefix(old)
-    return word

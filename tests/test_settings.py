@@ -12,7 +12,7 @@ from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError, named
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.headless.cli import main
-from iclnuim.headless.options import add_settings, option_name, renamed, settings_from
+from iclnuim.headless.options import add_settings, option_name, settings_from
 from iclnuim.job import RenderJob, shipped_job
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS
 from iclnuim.settings import Settings, declared, setting
@@ -134,19 +134,6 @@ def test_the_table_names_every_setting():
     assert len(lines) == 2 + len(declared(Example))
     assert lines[2] == "| `size` | `--size` | `2048` | texels | 16..16384 | side of the map |  |"
     assert "| `--at-most` |" in lines[-1]
-
-
-def test_an_option_that_was_renamed_is_understood_with_a_note(capsys):
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--max-frames", type=int, default=20)
-    parser.add_argument("--all", action="store_true")
-    renamed(parser, "--most", "--max-frames", type=int)
-    renamed(parser, "--whole", "--all", nargs=0)
-    assert vars(parser.parse_args([])) == {"max_frames": 20, "all": False}
-    assert capsys.readouterr().err == ""
-    assert vars(parser.parse_args(["--most", "5", "--whole"])) == {"max_frames": 5, "all": True}
-    assert "note: --most is now called --max-frames" in capsys.readouterr().err
-    assert "--most" not in parser.format_help()
 
 
 def test_a_job_checks_and_keeps_its_settings_as_recipes_have_them():

@@ -14,7 +14,7 @@ from iclnuim.blender import output
 from iclnuim.console import Console
 from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.headless.options import Actions, action, numbers, renamed
+from iclnuim.headless.options import Actions, action, numbers
 
 
 def configure(actions: Actions) -> None:
@@ -45,7 +45,6 @@ def configure(actions: Actions) -> None:
     detail.add_argument(
         "--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)"
     )
-    renamed(detail, "--chart", "--plot", type=Path)
 
 
 def _numbers(text: str) -> tuple[float, ...]:

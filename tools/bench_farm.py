@@ -21,7 +21,7 @@ from iclnuim.console import Console
 from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.headless.options import Actions, action, renamed
+from iclnuim.headless.options import Actions, action
 from iclnuim.job import RenderJob
 
 
@@ -60,7 +60,6 @@ def _configure_farm(actions: Actions) -> None:
     farm.add_argument(
         "--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)"
     )
-    renamed(farm, "--chart", "--plot", type=Path)
 
 
 def _configure_chaos(actions: Actions) -> None:
@@ -88,7 +87,6 @@ def _configure_chaos(actions: Actions) -> None:
     chaos.add_argument(
         "--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)"
     )
-    renamed(chaos, "--chart", "--plot", type=Path)
 
 
 def _farm(args: argparse.Namespace, console: Console) -> int:

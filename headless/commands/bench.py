@@ -25,10 +25,9 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
 
 from ..method_options import installed, open_sequence, require
-from ..options import action, count, renamed, subcommands
-from ..sequence_options import add_camera_options, current_word
+from ..options import action, count, subcommands
+from ..sequence_options import add_camera_options
 from . import bench_curve
-from .odometry import RENAMED_METHODS
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.odometry.run import Sequence
@@ -123,7 +122,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for parser, against in ((render, "error"), (odometry, "error"), (noise, "similarity")):
         help = f"draw time against {against} (.png, .pdf, .svg)"
         parser.add_argument("--plot", type=Path, metavar="FILE", help=help)
-        renamed(parser, "--chart", "--plot", type=Path)
 
     bench_curve.configure(actions)
 
@@ -252,7 +250,7 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
 def _odometry(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.benchmark.odometry.run import table
 
-    only = current_word(args.only or "", RENAMED_METHODS, console)
+    only = args.only or ""
     which = [
         name for name in NAMES if only in (name if ":" in name else f"ours:{name}")
     ]  # as in `iclnuim run`
@@ -310,15 +308,10 @@ def _compare_odometers(
 
 
 def _read_results(path: Path) -> list[dict]:
-    """Read results that were written with --json, also by version 0.1.0.
-
-    Raises InputError for another file.
-    """
+    """Read results that were written with --json. Raises InputError for another file."""
     results = read_json(path).get("races")
     if not isinstance(results, list):
         raise InputError("output of `iclnuim bench odometry --json`", path=path)
-    for run in (run for result in results for run in result["runs"]):
-        run["odometer"] = run["odometer"].replace("peer:", "baseline:")
     return results
 
 

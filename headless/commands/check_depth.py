@@ -25,7 +25,7 @@ from iclnuim.raycast.checks import (
 )
 
 from ..isolation import opened_scene
-from ..options import common, count, renamed
+from ..options import common, count
 
 #: Guaranteed limits for depth and ground truth.
 _MIN_SHARE, _MAX_MEDIAN_M = 0.999, 1e-5
@@ -37,7 +37,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     frames = "frames to check, spread over the run; default: 20"
     parser.add_argument("--max-frames", type=count, default=20, metavar="N", help=frames)
-    renamed(parser, "--most", "--max-frames", type=count)
     common(parser, "iclnuim check-depth out/living_room/kt2/raw").set_defaults(opens="folder")
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from iclnuim.benchmark.fusion.settings import QualitySettings
+from iclnuim.console import Console
 from iclnuim.errors import InputError, named, within
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, ErrorStatistics
 from iclnuim.evaluation.align import AlignmentSettings
@@ -23,13 +24,11 @@ from iclnuim.geometry import so3
 from iclnuim.report.trajectory_report import Report, Source, error_text
 
 from ..options import (
-    Console,
     action,
     add_rerun,
     add_settings,
     checked_rerun,
     option_name,
-    renamed,
     settings_from,
     subcommands,
 )
@@ -126,7 +125,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="upper end of the heat map; default: 10",
     )
-    renamed(surface, "--most", "--max-error", type=float)
     add_rerun(surface, "the surface, coloured by its errors")
     example = "iclnuim evaluate views rendered --truth out/living_room/kt2/held_out/clean"
     views = action(
@@ -173,7 +171,6 @@ def _files_and_times(parser: argparse.ArgumentParser) -> None:
     )
     help = "frame rate of files that number their frames instead of giving stamps; default: 30"
     add("--file-rate", type=float, default=30.0, metavar="HZ", help=help)
-    renamed(parser, "--rate", "--file-rate", type=float)
     add_settings(parser, AssociationSettings)
     add("--csv", metavar="FILE", help="write the error of every pair as a CSV table")
     add(

@@ -13,7 +13,7 @@ from iclnuim.formats.ply import write_ply
 from iclnuim.formats.trajectories import ANCHORED_WORLD, LoadedTrajectory, read_trajectory
 
 from ..method_options import open_sequence, require
-from ..options import add_settings, common, renamed, settings_from
+from ..options import add_settings, common, settings_from
 from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
@@ -38,8 +38,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--preset", default="best", help=help)
     add_settings(parser, VolumeSettings)
     add_settings(parser, FuseSettings)
-    renamed(parser, "--least-weight", "--min-weight", type=float)
-    renamed(parser, "--most-blocks", "--max-blocks", type=int)
     add(
         "--plot",
         type=Path,

@@ -15,13 +15,10 @@ from iclnuim.formats.files import check_file
 
 from ..method_options import open_sequence, require
 from ..options import add_rerun, checked_rerun, common, count
-from ..sequence_options import add_camera_options, current_word
+from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.odometry.run import Run
-
-RENAMED_METHODS = {"peer:": "baseline:"}
-_RENAMED_REFERENCES = {"kept": "keyframe", "own": "default"}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -76,11 +73,10 @@ def run(args: argparse.Namespace, console: Console) -> None:
     recording = checked_rerun(args)
     if args.out:
         check_file(args.out / "x.txt" if args.all and args.out.exists() else args.out)
-    names = ODOMETERS if args.all else [current_word(args.method, RENAMED_METHODS, console)]
+    names = ODOMETERS if args.all else [args.method]
     odometers = [odometer(name, args.preset) for name in names]
-    kind = current_word(args.reference, _RENAMED_REFERENCES, console)
     sequence = open_sequence(args, console, args.folder, args.depth_offset)
-    against = partial(make_reference, kind, preset=args.preset)
+    against = partial(make_reference, args.reference, preset=args.preset)
     runs = run_together(odometers, sequence, args.lost, console.progress, args.first, against)
     for done in runs:
         for line in done.losses():

@@ -83,7 +83,6 @@ def configure_task(parser: argparse.ArgumentParser) -> None:
         one.add_argument("--numbers", metavar="A-B,C", help=which)
         farm = "print progress in lines that this render farm reads"
         one.add_argument("--progress", choices=("flamenco",), help=farm)
-        options.renamed(one, "--say", "--progress", choices=("flamenco",))
 
 
 def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> None:
@@ -131,7 +130,6 @@ def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> 
 def _add_farm_options(parser: argparse.ArgumentParser, example: str, run: Callable) -> None:
     """Add the options that distribute the work; none of them changes a pixel."""
     options.add_settings(parser, FarmSettings)
-    options.renamed(parser, "--stuck-after", "--worker-timeout", type=float)
     add = parser.add_argument
     add(
         "--slurm",

@@ -50,7 +50,7 @@ from iclnuim.sensor.calibration import (
     calibrate_rgb,
 )
 
-from ..options import add_rerun, add_settings, checked_rerun, common, count, renamed, settings_from
+from ..options import add_rerun, add_settings, checked_rerun, common, count, settings_from
 from ..outputs import refuse_existing
 from ..sequence_options import (
     add_camera_options,
@@ -105,7 +105,6 @@ def configure_dataset(parser: argparse.ArgumentParser) -> None:
 def _add_output_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for noise and for the formats in which a sequence is written."""
     add_sensor_options(parser, "none", ("seed", "depth_units", "formats"))
-    renamed(parser, "--dialect", "--format", append=True)
     _add_file_options(parser)
 
 

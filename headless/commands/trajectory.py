@@ -42,7 +42,6 @@ from ..options import (
     action,
     add_scene_options,
     add_settings,
-    renamed,
     settings_from,
 )
 from ..outputs import refuse_existing
@@ -92,7 +91,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     camera.add_argument(
         "--camera-object", metavar="NAME", help="use this camera instead of the active one"
     )
-    renamed(camera, "--camera", "--camera-object")
     camera.add_argument("--force", action="store_true", help="overwrite OUT")
     add_scene_options(camera)
 
@@ -203,7 +201,6 @@ def _add_reading(parser: argparse.ArgumentParser) -> None:
     add("--unit", type=parse_unit, default=1.0, metavar="UNIT", help=unit)
     rate = "frame rate of a file that numbers its frames instead of giving stamps (default 30)"
     add("--file-rate", type=float, default=30.0, metavar="HZ", help=rate)
-    renamed(parser, "--fps", "--file-rate", type=float)
 
 
 def _loaded(args: argparse.Namespace, file: str) -> files.LoadedTrajectory:

@@ -3,7 +3,6 @@
 `resume` reads its record in the run folder.
 """
 
-import json
 import re
 import sys
 import tomllib
@@ -14,12 +13,11 @@ from typing import Any, ClassVar
 
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.frames import frames_of_run
-from iclnuim.dataset.run_folder import load_trajectory, read_run
+from iclnuim.dataset.run_folder import read_run
 from iclnuim.dataset.sequence import SequenceSettings, complete_frames
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_json, read_text, write_json
-from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob
 from iclnuim.settings import Settings, refuse_unknown, setting
 
@@ -252,8 +250,6 @@ class RunPlan:
         The folder in which the command was called is added to the search path, for the user's own
         noise model.
         """
-        if content.get("schema_version") == 1:
-            return _from_version_1(content, raw)
         if content.get("schema_version") != SCHEMA_VERSION:
             found = content.get("schema_version")
             raise InputError(
@@ -261,28 +257,19 @@ class RunPlan:
             )
         refuse_unknown(content, _KEYS, "the record of a run")
         _find_modules_of(content)
-        job, numbers, sequences = (
-            RenderJob.from_dict(content["job"]),
-            numbers_from(str(content["frames"])),
-            None,
-        )
-        if content["sequences"] is not None:
-            sequences = SequenceOptions.from_dict(content["sequences"])
-        farm, slurm = (
-            FarmSettings.from_dict(content["farm"]),
-            SlurmSettings.from_dict(content["slurm"]),
-        )
-        shared = farm, slurm, LogSettings.from_dict(content.get("logs", {}))
-        views = content.get("held_out", ""), content.get("noisy", True)
+        sequences = content["sequences"]
         return cls(
-            job,
-            raw,
-            numbers,
-            sequences,
-            content["keep_raw"],
-            *shared,
-            content["working_folder"],
-            *views,
+            job=RenderJob.from_dict(content["job"]),
+            raw=raw,
+            numbers=numbers_from(str(content["frames"])),
+            sequences=None if sequences is None else SequenceOptions.from_dict(sequences),
+            keep_raw=content["keep_raw"],
+            farm=FarmSettings.from_dict(content["farm"]),
+            slurm=SlurmSettings.from_dict(content["slurm"]),
+            logs=LogSettings.from_dict(content["logs"]),
+            working_folder=content["working_folder"],
+            held_out=content.get("held_out", ""),
+            noisy=content.get("noisy", True),
         )
 
     def has_record(self) -> bool:
@@ -324,37 +311,3 @@ def read_plan(raw: Path) -> RunPlan:
 def _find_modules_of(record: Mapping[str, Any]) -> None:
     if record["working_folder"] not in sys.path:
         sys.path.append(record["working_folder"])
-
-
-def _from_version_1(record: Mapping[str, Any], raw: Path) -> RunPlan:
-    """The plan of a run begun by iclnuim 0.1.0: the job comes from its recipe, the rest from the
-    recorded options.
-    """
-    if not (raw / "sequence.json").is_file():
-        expected = "a run that has begun to render; version 0.1.0 only submitted this one"
-        raise InputError(expected, path=raw, hint="running its command again")
-    _find_modules_of(record)
-    options, job = record["options"], read_run(raw).job
-    frames = options["frames"] or ("::30" if options["quick"] else "::")
-    given = {
-        name.removeprefix("slurm_"): value
-        for name, value in options.items()
-        if name.startswith("slurm_")
-    }
-    slurm = read_settings(Path(options["slurm"])) if options["slurm"] else SlurmSettings()
-    farm = {
-        "engine": options["engine"],
-        "workers": options["workers"],
-        "worker_timeout_s": options["stuck_after"],
-    }
-    sequences = None
-    if record["command"] == "make":
-        noise = {name: options[name] for name in ("depth_noise", "rgb_noise")}
-        settings = {name: json.loads(options[name]) for name in ("depth_settings", "rgb_settings")}
-        sequences = SequenceOptions(**noise, **settings, seed=options["seed"] or 0)
-    numbers, keep_raw = (
-        tuple(frame_slice(frames, len(load_trajectory(job)))),
-        options.get("keep_raw", True),
-    )
-    shared = FarmSettings().changed(**farm), slurm.changed(**given), LogSettings()
-    return RunPlan(job, raw, numbers, sequences, keep_raw, *shared, record["working_folder"])

@@ -1,6 +1,8 @@
 """The plan: every missing frame in exactly one chunk, whatever the sizes; the cores of a machine
-shared without rest.
+shared without rest; the record of a run.
 """
+
+import shutil
 
 import pytest
 from hypothesis import given
@@ -14,6 +16,7 @@ from iclnuim.headless.farm.chunks import (
     size_for_seconds,
     split,
 )
+from iclnuim.headless.farm.run_plan import RECORD, read_plan
 
 
 @given(st.lists(st.integers(0, 10**6), unique=True, max_size=300), st.integers(1, 400))
@@ -61,3 +64,16 @@ def test_frame_numbers_are_written_as_ranges_and_others_are_refused():
     for wrong in ("", "1-", "a", "1,,2"):
         with pytest.raises(InputError, match="0-24,30"):
             numbers_from(wrong)
+
+
+def test_a_record_is_read_and_written_with_the_same_bytes(repository, tmp_path):
+    record = tmp_path / RECORD
+    record.parent.mkdir()
+    shutil.copy(repository / "tests/farm/run_record.json", record)
+    written = record.read_bytes()
+    plan = read_plan(tmp_path)
+    assert plan.job.light == "path" and plan.sequences.formats == ("tum", "nerf")
+    assert (plan.numbers, plan.farm.worker_timeout_s) == ((0, 1, 2, 3), 90.0)
+    record.unlink()
+    plan.write_record()
+    assert record.read_bytes() == written

@@ -445,11 +445,10 @@ def test_a_bad_image_in_a_folder_called_blocks_is_left_out(sequence, tmp_path, i
     assert "left out" in fused.stderr and "000003.png" in fused.stderr
 
 
-def test_too_little_memory_ends_the_work_and_old_options_are_understood(sequence, icl):
-    fused = icl("fuse", sequence, "-o", "box.ply", "--most-blocks", "3")
+def test_too_little_memory_ends_the_work(sequence, icl):
+    fused = icl("fuse", sequence, "-o", "box.ply", "--max-blocks", "3")
     assert fused.returncode == 2
     assert "expected a frame within 3 blocks" in fused.stderr
-    assert "--most-blocks is now called --max-blocks" in fused.stderr
 
 
 def test_an_assumed_camera_is_named_before_the_work(sequence, icl):

@@ -90,7 +90,7 @@ def test_the_command_measures_the_living_room(tmp_path):
     command = [sys.executable, "-m", "iclnuim", *OPTIONS, *SMALL, "--levels", "0.15,0.2,0.3"]
     chart = tmp_path / "c.png"
     done = subprocess.run(
-        [*command, "--chart", str(chart)], capture_output=True, text=True, timeout=300
+        [*command, "--plot", str(chart)], capture_output=True, text=True, timeout=300
     )
     assert done.returncode == 0, done.stderr
     check_figures(json.loads(done.stdout), [0.15, 0.2, 0.3], chart)

@@ -435,14 +435,6 @@ def test_names_that_could_not_stand_in_another_folder_are_replaced(freiburg, tmp
     ]
 
 
-def test_the_options_old_name_is_understood_with_a_note(raw, tmp_path, capsys):
-    old = ["--dialect", "tum", "--dialect", "nerf", "--quiet"]
-    assert main(["dataset", str(raw), str(tmp_path / "out"), *old]) == 0
-    assert "--dialect is now called --format" in capsys.readouterr().err
-    assert {"tum", "nerf"} <= {p.name for p in (tmp_path / "out").iterdir()}
-    assert json.loads((tmp_path / "out/recipe.json").read_text())["formats"] == ["tum", "nerf"]
-
-
 def test_calibrate_prints_settings_that_the_other_commands_take(tmp_path, capsys):
     wall = np.tile(
         np.linspace(0.45, 0.5, 64, dtype=np.float32), (48, 1)

@@ -64,7 +64,7 @@ def test_the_command_reports_every_pair_and_model_and_draws(raw, tmp_path, capsy
                 str(raw),
                 "--rounds",
                 "1",
-                "--chart",
+                "--plot",
                 str(chart),
                 "--json",
                 "--quiet",

@@ -101,7 +101,7 @@ def test_the_form_can_be_told(run, tmp_path):
         in run("info", tmp_path / "a.txt", "--from", "gt.freiburg")[1]
     )
     assert "30 Hz" in run("info", tmp_path / "a.txt", "--from", "tum-ids")[1]
-    assert "60 Hz" in run("info", tmp_path / "a.txt", "--from", "tum-ids", "--fps", "60")[1]
+    assert "60 Hz" in run("info", tmp_path / "a.txt", "--from", "tum-ids", "--file-rate", "60")[1]
 
 
 # -- convert

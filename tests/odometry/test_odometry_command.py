@@ -143,15 +143,6 @@ def test_all_methods_are_written_to_a_folder_and_drawn_in_one_figure(stretch, tm
     assert all(f"\n{name} " in table for name in ODOMETERS)
 
 
-def test_old_words_are_understood_with_a_note(stretch, capsys):
-    assert main(["odometry", "icp", str(stretch), "--first", "2", "--reference", "kept"]) == 0
-    assert "kept is now called keyframe" in capsys.readouterr().err
-    assert main(["odometry", "icp", str(stretch), "--first", "2", "--reference", "own"]) == 0
-    assert "own is now called default" in capsys.readouterr().err
-    assert main(["odometry", "peer:other", str(stretch)]) == 2
-    assert "peer: is now called baseline:" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     "command", [("odometry", "icp"), ("bench", "odometry"), ("fuse", "-o", "x.ply")]
 )
