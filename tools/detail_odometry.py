@@ -19,7 +19,7 @@ from statistics import median
 from typing import Any
 
 from iclnuim import shipped
-from iclnuim.benchmark.odometry.registry import NAMES, odometer
+from iclnuim.benchmark.odometry.registry import names, odometer
 from iclnuim.blender import output
 from iclnuim.console import Console
 from iclnuim.dataset.frames import read_truth
@@ -111,7 +111,7 @@ def _run(args: argparse.Namespace, console: Console) -> None:
         raise InputError("a first frame of 0 or more", setting="--start", found=args.start)
     if not all(0.15 <= d <= 3 for d in args.levels):
         raise InputError("levels within 0.15..3", found=args.levels)
-    methods = args.method or installed(list(NAMES), "best", console)
+    methods = args.method or installed(names(), "best", console)
     variants = [(s, d, 0) for s in sequences for d in sorted(args.levels)]
     variants += [
         (s, DEFAULT, int(seed))

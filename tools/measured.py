@@ -28,7 +28,7 @@ from pathlib import Path
 from statistics import geometric_mean
 from typing import Any
 
-from iclnuim.benchmark.odometry.registry import NAMES
+from iclnuim.benchmark.odometry.registry import names
 from iclnuim.benchmark.perturbations.plan import SCALES
 
 TOP = Path(__file__).resolve().parents[1]
@@ -398,7 +398,7 @@ def _by_method(found: Sequence[Any]) -> dict[str, dict[tuple[str, int], Any]]:
     groups: dict[str, dict[tuple[str, int], Any]] = {}
     for cell in found[0]["cells"]:
         groups.setdefault(cell["method"], {})[cell["perturbation"], cell["severity"]] = cell
-    ranks = {name: n for n, name in enumerate(NAMES)}  # systems come last
+    ranks = {name: n for n, name in enumerate(names())}  # systems come last
     return dict(sorted(groups.items(), key=lambda item: ranks.get(item[0], len(ranks))))
 
 

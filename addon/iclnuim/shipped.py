@@ -18,23 +18,26 @@ _PACKAGE = Path(__file__).resolve().parent
 
 @dataclass(frozen=True)
 class SceneEntry:
-    """A scene shipped as blend/NAME.blend, with trajectories/NAME/kt0.txt and so on; `title` and
-    `description` are shown to users.
+    """A scene shipped as blend/NAME.blend, with its trajectories in trajectories/NAME/; `title` and
+    `description` are shown to users. in_paper: one of the paper's two rooms.
     """
 
     name: str
     title: str
     description: str
+    in_paper: bool = False
 
 
 SCENES = {
     "living_room": SceneEntry(
-        "living_room", "Living room", "4.94 x 5.02 x 2.50 m, after the paper's (section III)"
+        "living_room", "Living room", "4.94 x 5.02 x 2.50 m, after the paper's (section III)", True
     ),
-    "office": SceneEntry("office", "Office", "5.0 x 7.4 x 2.40 m, after the paper's (section III)"),
+    "office": SceneEntry(
+        "office", "Office", "5.0 x 7.4 x 2.40 m, after the paper's (section III)", True
+    ),
 }
 
-#: name -> description; every scene has all of them
+#: name -> description; the paper's rooms have all of them
 TRAJECTORIES: dict[str, str] = {
     "kt0": "1510 frames (paper, Table I); passes a bare wall",
     "kt1": "967 frames (paper, Table I)",
@@ -73,7 +76,19 @@ def cache_folder() -> Path:
 
 def paper_sequences() -> list[str]:
     """The names of the eight sequences of the paper's Table I."""
-    return [f"{scene}/{kt}" for scene in SCENE_NAMES for kt in TRAJECTORY_NAMES]
+    return [f"{scene}/{kt}" for scene in paper_scenes() for kt in TRAJECTORY_NAMES]
+
+
+def paper_scenes() -> list[str]:
+    """The names of the paper's two rooms."""
+    return [name for name, scene in SCENES.items() if scene.in_paper]
+
+
+def further_sequences() -> list[str]:
+    """The names of the sequences of scenes that the paper does not have."""
+    scenes = [folder("trajectories") / n for n, scene in SCENES.items() if not scene.in_paper]
+    files = [file for scene in scenes for file in sorted(scene.glob("*.txt"))]
+    return [f"{file.parent.name}/{file.stem}" for file in files]
 
 
 def sequence_names() -> list[str]:
@@ -81,7 +96,8 @@ def sequence_names() -> list[str]:
     first.
     """
     names = [*paper_sequences(), *HARD_SEQUENCES]
-    return [name for name in names if (folder("trajectories") / f"{name}.txt").is_file()]
+    there = [name for name in names if (folder("trajectories") / f"{name}.txt").is_file()]
+    return [*there, *further_sequences()]
 
 
 def full_name(sequence: str) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from iclnuim import shipped
+from iclnuim.benchmark.odometry.registry import ODOMETERS
 from iclnuim.errors import InputError
 
 #: Presets of the odometers that the benchmark measures.
@@ -14,19 +15,12 @@ PRESETS = ("best", "paper")
 NOISES = ("clean", "noisy")
 #: In place of a noise: clean frames of the same room rendered without reflections, for finding 11.
 LAMBERTIAN = "lambertian"
-#: odometer -> its name in the paper, in the paper's order.
-TITLES = {"dvo": "DVO", "fovis": "FOVIS", "rgbd": "RGB-D", "icp": "ICP", "icp_rgbd": "ICP+RGB-D"}
+#: odometer -> its name in tables.
+TITLES = {name: entry.title for name, entry in ODOMETERS.items()}
 #: Those of the paper that use brightness alone.
-PHOTOMETRIC = ("dvo", "rgbd")
-#: odometer -> what frames are aligned against. The first is that of the paper: the previous frame,
-#: or a model of all previous frames.
-REFERENCES = {
-    "dvo": ("default", "model"),
-    "fovis": ("default",),
-    "rgbd": ("default",),
-    "icp": ("model", "default"),
-    "icp_rgbd": ("model", "default"),
-}
+PHOTOMETRIC = tuple(name for name, e in ODOMETERS.items() if e.family == "photometric")
+#: odometer -> what frames are aligned against, the paper's reference first.
+REFERENCES = {name: entry.references for name, entry in ODOMETERS.items()}
 #: The reference of a trajectory that an external system wrote.
 EXTERNAL = "run"
 

@@ -1,18 +1,39 @@
 """Odometers by name and preset. To add one, write a class with PRESETS and add a line here."""
 
+from dataclasses import dataclass
 from importlib import import_module
 
 from iclnuim.errors import InputError, WorkError
 
 from .protocol import Odometer
 
-#: name -> module, class; this module imports neither numba nor OpenCV
+
+@dataclass(frozen=True)
+class OdometerEntry:
+    """An odometer of ours: its class by module and name, and what tables say of it.
+
+    title: its name in tables. family: what it aligns, one of FAMILIES. references: what the
+    benchmark aligns its frames against; the first is the paper's. in_paper: whether it is one of
+    the five odometers of the paper.
+    """
+
+    module: str
+    class_name: str
+    title: str
+    family: str
+    references: tuple[str, ...] = ("default",)
+    in_paper: bool = False
+
+
+FAMILIES = ("photometric", "geometric", "features")
+_MODEL_FIRST = ("model", "default")
+#: In the order of the paper's tables; this module imports neither numba nor OpenCV.
 ODOMETERS = {
-    "fovis": (".fovis", "Fovis"),
-    "rgbd": (".photometric", "Rgbd"),
-    "dvo": (".photometric", "Dvo"),
-    "icp": (".icp", "Icp"),
-    "icp_rgbd": (".icp", "IcpRgbd"),
+    "dvo": OdometerEntry(".photometric", "Dvo", "DVO", "photometric", ("default", "model"), True),
+    "fovis": OdometerEntry(".fovis", "Fovis", "FOVIS", "features", in_paper=True),
+    "rgbd": OdometerEntry(".photometric", "Rgbd", "RGB-D", "photometric", in_paper=True),
+    "icp": OdometerEntry(".icp", "Icp", "ICP", "geometric", _MODEL_FIRST, True),
+    "icp_rgbd": OdometerEntry(".icp", "IcpRgbd", "ICP+RGB-D", "geometric", _MODEL_FIRST, True),
 }
 #: third-party odometers: name -> (class in baselines.py, name of the method in the package, import
 #: name of the package)
@@ -24,7 +45,6 @@ BASELINES = {
     "baseline:open3d-intensity": ("Open3dOdometer", "Intensity", "open3d"),
     "baseline:open3d-hybrid": ("Open3dOdometer", "Hybrid", "open3d"),
 }
-NAMES = (*ODOMETERS, *BASELINES)
 #: import name -> package for pip
 PACKAGES = {
     "numba": "numba",
@@ -32,6 +52,11 @@ PACKAGES = {
     "cv2.rgbd": "'opencv-contrib-python-headless==4.11.*'",
     "open3d": "open3d-cpu",
 }
+
+
+def names() -> list[str]:
+    """The names of all odometers, ours first."""
+    return [*ODOMETERS, *BASELINES]
 
 
 def odometer(name: str, preset: str = "best") -> Odometer:
@@ -48,10 +73,10 @@ def odometer(name: str, preset: str = "best") -> Odometer:
                 f"{name} needs {package}; try: pip install {PACKAGES[package]}"
             ) from None
     if name not in ODOMETERS:
-        raise InputError(f"an odometer ({', '.join(NAMES)})", found=name)
-    module, kind = ODOMETERS[name]
+        raise InputError(f"an odometer ({', '.join(names())})", found=name)
+    entry = ODOMETERS[name]
     try:
-        found = getattr(import_module(module, __package__), kind)
+        found = getattr(import_module(entry.module, __package__), entry.class_name)
     except ModuleNotFoundError as error:
         raise WorkError(
             f"{name} needs {error.name}; try: pip install {PACKAGES[error.name or '']}"

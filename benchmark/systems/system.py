@@ -20,8 +20,7 @@ from iclnuim.formats.trajectories import FORMATS
 from iclnuim.settings import MISSING, Settings, parameter
 
 _HERE = Path(__file__).parent
-#: Name of a system -> odometer of `iclnuim odometry`, and the file that these systems share.
-_ODOMETRY = {**{f"ours:{name}": name for name in ODOMETERS}, **{name: name for name in BASELINES}}
+#: The file that all odometers of `iclnuim odometry` share.
 _ODOMETRY_FILE = _HERE / "odometry.toml"
 
 
@@ -124,7 +123,7 @@ class System:
         known = {
             **self.options,
             "here": str(self.here),
-            "odometer": _ODOMETRY.get(self.name, ""),
+            "odometer": _odometers().get(self.name, ""),
             **values,
         }
 
@@ -159,8 +158,14 @@ def built_in() -> list[str]:
     """Names of the built-in systems."""
     return [
         *sorted(file.stem for file in _HERE.glob("*.toml") if file != _ODOMETRY_FILE),
-        *_ODOMETRY,
+        *_odometers(),
     ]
+
+
+def _odometers() -> dict[str, str]:
+    """Name of a system -> odometer of `iclnuim odometry`."""
+    ours = {f"ours:{name}": name for name in ODOMETERS}
+    return ours | {name: name for name in BASELINES}
 
 
 def user_folder() -> Path:
@@ -212,7 +217,7 @@ def _file_of(name: str) -> Path:
     for folder in (user_folder(), _HERE):
         if (folder / f"{name}.toml").is_file():
             return folder / f"{name}.toml"
-    if name in _ODOMETRY:
+    if name in _odometers():
         return _ODOMETRY_FILE
     raise InputError(
         f"a system ({', '.join(built_in())}), or the path of its .toml file", found=name

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from iclnuim import checkout
 from iclnuim import job as jobs
-from iclnuim.benchmark.odometry.registry import NAMES, odometer
+from iclnuim.benchmark.odometry.registry import names, odometer
 from iclnuim.benchmark.systems.experiment import merged
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError, blender_missing
@@ -252,10 +252,10 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
 
     only = args.only or ""
     which = [
-        name for name in NAMES if only in (name if ":" in name else f"ours:{name}")
+        name for name in names() if only in (name if ":" in name else f"ours:{name}")
     ]  # as in `iclnuim run`
     if not which:
-        raise InputError(f"part of a name of {', '.join(NAMES)}", found=args.only)
+        raise InputError(f"part of a name of {', '.join(names())}", found=args.only)
     results = [
         result
         for folder in args.folders

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from iclnuim.benchmark.odometry.registry import NAMES
+from iclnuim.benchmark.odometry.registry import names
 from iclnuim.console import Console
 from iclnuim.dataset.frames import read_truth, sequence_name
 from iclnuim.errors import InputError
@@ -133,7 +133,7 @@ def _odometer_curve(
 
     methods = args.method or ["icp", "rgbd"]
     if "all" in methods:
-        methods = installed(list(NAMES), "best", console)
+        methods = installed(names(), "best", console)
     values, results = args.values or curves.CURVES[args.curve][0], {}
     total = sum(curves.length(args.curve, values, segment) for segment in segments.values())
     progress = console.progress(total, f"bench curve {args.curve}")

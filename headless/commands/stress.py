@@ -7,7 +7,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from iclnuim.benchmark.odometry.registry import NAMES
+from iclnuim.benchmark.odometry.registry import names
 from iclnuim.benchmark.systems.system import System, read_system
 from iclnuim.console import Console
 from iclnuim.dataset.frame_pool import cores
@@ -173,15 +173,15 @@ def run(args: argparse.Namespace, console: Console) -> None:
 def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
     """Names of the requested odometers; those whose packages are missing are left out, with a note."""
     texts = args.methods or [""]
-    exact = {text for text in texts if text in NAMES}  # icp is also part of icp_rgbd
+    exact = {text for text in texts if text in names()}  # icp is also part of icp_rgbd
     selected = [
         name
-        for name in NAMES
+        for name in names()
         if name in exact or any(text in name for text in texts if text not in exact)
     ]
     if not selected:
         raise InputError(
-            f"part of a name of {', '.join(NAMES)}", setting="--methods", found=args.methods[0]
+            f"part of a name of {', '.join(names())}", setting="--methods", found=args.methods[0]
         )
     return tuple(installed(selected, args.preset, console))
 

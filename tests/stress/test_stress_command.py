@@ -203,7 +203,7 @@ def test_heat_maps_are_drawn(command_here, folder, tmp_path):
     ("words", "message"),
     [
         (("--only", "xyz"), "--only: expected part of a name of bare_wall"),
-        (("--methods", "xyz"), "--methods: expected part of a name of fovis"),
+        (("--methods", "xyz"), "--methods: expected part of a name of dvo"),
         (("--frames", "400", "--methods", "opencv"), "expected at least 400 frames"),
         (("--system", "fovis", "--set", "x=1"), "--set: expected SYSTEM.NAME=VALUE"),
         (
