@@ -177,7 +177,9 @@ def test_a_comparison_of_the_built_in_ones_alone(stretch, capsys):
         main(["bench", "odometry", str(stretch), "--first", "2", "--only", "ours", "--json"]) == 0
     )
     (race,) = json.loads(capsys.readouterr().out)["races"]
-    assert [run["odometer"] for run in race["runs"]] == [name for name in names() if ":" not in name]
+    assert [run["odometer"] for run in race["runs"]] == [
+        name for name in names() if ":" not in name
+    ]
 
 
 def test_the_page_lists_every_odometer(repository):
