@@ -172,9 +172,19 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     add_settings(parser, SceneReading)
 
 
+def add_plot(parser: argparse.ArgumentParser, what: str = "the results") -> None:
+    help = f"draw {what} (.png, .pdf, .svg)"
+    parser.add_argument("--plot", type=Path, metavar="FILE", help=help)
+
+
 def numbers(text: str) -> tuple[float, ...]:
     """The argparse type of a list of numbers separated by commas."""
     return tuple(float(part) for part in text.split(","))
+
+
+def whole_numbers(text: str) -> tuple[int, ...]:
+    """The argparse type of a list of whole numbers separated by commas."""
+    return tuple(int(part) for part in text.split(","))
 
 
 def count(text: str) -> int:

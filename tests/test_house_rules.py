@@ -71,14 +71,13 @@ MAY_IMPORT |= {
     "tools": " ".join(
         [LIBRARY, "headless headless.farm headless.method_options builder", *BENCHMARK]
     ),
-    "builder": f"{LIBRARY} headless",
+    "builder": LIBRARY,
 }
 #: What only a checkout has: loaded by name where it is there.
 FROM_A_CHECKOUT = {"tools", "builder"}
 MAY_LOAD_A_CHECKOUT = {
     "headless.commands.bench",
     "headless.commands.scene",
-    "blend.builder.command",
 }
 #: What the numpy-only rooms may import from outside.
 PURE = {"geometry": {"numpy"}, "lightmap": {"numpy"}, "sensor": {"numpy"}, "evaluation": {"numpy"}}

@@ -98,9 +98,9 @@ BENCHMARK_TABLES = [
 #: What a command prints, as far as it is used, by the command's first words.
 PRINTED = {
     "bench render": {
-        "ways": [
+        "methods": [
             {
-                "way": {"family": "baked", "label": "1"},
+                "method": {"family": "baked", "label": "1"},
                 "seconds": 0.1,
                 "error": ERROR,
                 "flicker": 0.004,

@@ -52,7 +52,7 @@ _HEADER = (
 
 
 @dataclass(frozen=True)
-class Way:
+class Method:
     """One lighting method: `family` is a line of the chart, `label` a point on it."""
 
     family: str
@@ -144,23 +144,23 @@ class Result:
     between consecutive frames, 0..1.
     """
 
-    way: Way
+    method: Method
     seconds: float
     error: Error
     flicker: float
 
 
-def ways(job: RenderJob, map_sizes: Sequence[int]) -> list[Way]:
+def methods(job: RenderJob, map_sizes: Sequence[int]) -> list[Method]:
     """All methods: path tracing with and without denoising, and baked light with each map size; the
     map size of the job has all sample counts.
     """
     path = [
-        Way(family, f"{n}", job.changed(light="path", samples=n, denoise=denoise))
+        Method(family, f"{n}", job.changed(light="path", samples=n, denoise=denoise))
         for family, denoise in (("path traced, denoised", True), ("path traced", False))
         for n in _PATH_SAMPLES
     ]
     baked = [
-        Way(
+        Method(
             f"baked, {size} map",
             f"{n}",
             job.changed(light="baked", samples=n, denoise=False, map_size=size),
@@ -189,26 +189,26 @@ class Comparison:
         #: interrupted render is resumed
         self.references = np.stack([self._reference(seed) for seed in _REFERENCE_SEEDS])
 
-    def run(self, way: Way) -> Result:
-        slow = way.job.light == "path" and (way.job.samples or 0) > _SLOW_SAMPLES
+    def run(self, method: Method) -> Result:
+        slow = method.job.light == "path" and (method.job.samples or 0) > _SLOW_SAMPLES
         firsts = self.views[::2]
         with tempfile.TemporaryDirectory() as folder:
             small = Path(folder) / "small"
             self._render(
-                replace(way.job, camera=self.small),
+                replace(method.job, camera=self.small),
                 small,
                 sorted({*self.views, *(n + 1 for n in firsts)}),
             )
             found = error(read_frames(small, self.views)[0], self.references)
             flicker = self._flicker(small, firsts)
             times = self._render(
-                way.job, Path(folder) / "full", self.views[:1] if slow else self.views
+                method.job, Path(folder) / "full", self.views[:1] if slow else self.views
             )
         # the first frame, in which Cycles reads the scene, counts only if it is the only one
         seconds = (
             statistics.median(np.diff(times)[1:-1]) if len(times) > 3 else times[-1] - times[0]
         )
-        return Result(way, seconds, found, flicker)
+        return Result(method, seconds, found, flicker)
 
     def _reference(self, seed: int) -> np.ndarray:
         from iclnuim.blender import worker
@@ -273,8 +273,8 @@ def figure(results: Sequence[Result]) -> Figure:
     """Left: PSNR (higher is better); right: flicker in 8-bit steps (lower is better)."""
     drawn = Figure(figsize=(12, 4.8), layout="constrained")
     left, right = drawn.subplots(1, 2)
-    for k, family in enumerate(dict.fromkeys(r.way.family for r in results)):
-        line = [r for r in results if r.way.family == family]
+    for k, family in enumerate(dict.fromkeys(r.method.family for r in results)):
+        line = [r for r in results if r.method.family == family]
         style = {
             "color": COLOURS[k % len(COLOURS)],
             "label": family,
@@ -288,7 +288,7 @@ def figure(results: Sequence[Result]) -> Figure:
             for r, value in zip(line, values, strict=True):
                 point = (r.seconds, value)
                 axes.annotate(
-                    r.way.label, point, xytext=(4, 4), textcoords="offset points", fontsize=8
+                    r.method.label, point, xytext=(4, 4), textcoords="offset points", fontsize=8
                 )
     left.set_ylabel("PSNR (dB), mean of the views")
     right.set_ylabel("median change of a surface point\nfrom frame to frame (of 255)")
@@ -321,18 +321,18 @@ def row(r: Result) -> str:
         f"{error.bias:+.4f}",
         f"{255 * r.flicker:.2f}",
     ]
-    return f"| {' | '.join([r.way.family, r.way.label, *figures])} |"
+    return f"| {' | '.join([r.method.family, r.method.label, *figures])} |"
 
 
 def summary(results: Sequence[Result], job: RenderJob) -> str:
     """How much less time the job's baked light takes than path tracing with the same error."""
-    own = next((r for r in results if r.way.job == job.changed(light="baked")), None)
+    own = next((r for r in results if r.method.job == job.changed(light="baked")), None)
     if own is None:
         return ""
     lines, psnr_db = [], own.error.mean_psnr_db
     for family in ("path traced, denoised", "path traced"):
         line = sorted(
-            (r.error.mean_psnr_db, np.log(r.seconds)) for r in results if r.way.family == family
+            (r.error.mean_psnr_db, np.log(r.seconds)) for r in results if r.method.family == family
         )
         if line:
             psnrs_db, log_s = np.array(line).T

@@ -114,15 +114,15 @@ def _light(found: Sequence[Any]) -> str:
         "median change from frame to frame (of 255)",
     )
     rows = []
-    for way in found[0]["ways"]:
-        psnr_db = way["error"]["psnr_db"]
-        name = (way["way"]["family"], way["way"]["label"], f"{way['seconds']:.3g}")
+    for one in found[0]["methods"]:
+        psnr_db = one["error"]["psnr_db"]
+        name = (one["method"]["family"], one["method"]["label"], f"{one['seconds']:.3g}")
         errors = (
             f"{sum(psnr_db) / len(psnr_db):.1f}",
             f"{min(psnr_db):.1f}",
-            f"{way['error']['median']:.4f}",
+            f"{one['error']['median']:.4f}",
         )
-        rows.append((*name, *errors, f"{255 * way['flicker']:.2f}"))
+        rows.append((*name, *errors, f"{255 * one['flicker']:.2f}"))
     return table(header, rows)
 
 

@@ -1,6 +1,6 @@
 """`iclnuim scene`: builds a shipped scene from code, or compares it with the official frames.
 
-Needs a checkout: blend/builder/command.py.
+Needs a checkout: tools/scene_command.py.
 """
 
 import argparse
@@ -12,4 +12,4 @@ from iclnuim import checkout
 def configure(parser: argparse.ArgumentParser) -> None:
     checkout.load("iclnuim.tools", "building or comparing a scene")
     checkout.load("iclnuim.blend.builder", "building or comparing a scene")
-    importlib.import_module("iclnuim.blend.builder.command").configure(parser)
+    importlib.import_module("iclnuim.tools.scene_command").configure(parser)

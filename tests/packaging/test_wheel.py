@@ -106,7 +106,7 @@ def test_the_version_and_a_table_are_printed(installed):
 
 
 @pytest.mark.parametrize(
-    "command", [("scene", "build", "office"), ("bench", "detail"), ("bench", "chaos")], ids=" ".join
+    "command", [("scene", "build", "office"), ("bench", "render"), ("bench", "chaos")], ids=" ".join
 )
 def test_what_needs_a_checkout_says_so_in_a_line(installed, command):
     done = installed(*command)
