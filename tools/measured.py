@@ -21,7 +21,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +28,7 @@ from statistics import geometric_mean
 from typing import Any
 
 from iclnuim.benchmark.odometry.registry import names
-from iclnuim.benchmark.perturbations.plan import SCALES
+from iclnuim.benchmark.perturbations.plan import read_plan
 
 TOP = Path(__file__).resolve().parents[1]
 _KT2 = "out/living_room/kt2"
@@ -406,11 +405,7 @@ def _stress_fails(found: Sequence[Any]) -> str:
     """The lowest severity at which at least half of the segments fail."""
     groups = _by_method(found)
     measured = {p for cells in groups.values() for p, severity in cells if severity}
-    names = [
-        name
-        for name in tomllib.loads(SCALES["perturbations"].read_text())["perturbations"]
-        if name in measured
-    ]
+    names = [name for name in read_plan().perturbations if name in measured]
 
     def first(cells: dict[tuple[str, int], Any], name: str) -> object:
         failed = (

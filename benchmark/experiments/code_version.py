@@ -12,17 +12,7 @@ from iclnuim import geometry, sensor
 from iclnuim.benchmark import odometry
 from iclnuim.formats.files import sha256
 
-from ..perturbations import (
-    corruptions,
-    filters,
-    lighting,
-    motion,
-    people,
-    plan,
-    ranging,
-    segment,
-    surfaces,
-)
+from .. import perturbations
 from . import cell
 
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
@@ -38,21 +28,8 @@ def code_sha256(files: Iterable[Path]) -> str:
 @functools.cache
 def perturbing() -> str:
     """The hash of what perturbs frames, and computes the figures of a cell."""
-    modules = (
-        cell,
-        corruptions,
-        filters,
-        lighting,
-        motion,
-        people,
-        plan,
-        ranging,
-        segment,
-        surfaces,
-    )
-    return code_sha256(
-        [*(Path(str(module.__file__)) for module in modules), *_files(sensor), *_files(geometry)]
-    )
+    files = [Path(cell.__file__), *_files(perturbations), *_files(sensor), *_files(geometry)]
+    return code_sha256(files)
 
 
 @functools.cache

@@ -9,7 +9,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from iclnuim.benchmark.odometry.registry import BASELINES
 
 from ..perturbations.plan import SEVERITIES, Plan
 from .cells_file import Cells
@@ -186,57 +185,6 @@ class Summary:
             where = f"; only the latter in {', '.join(alone)}" if alone else ""
             lines.append(f"{ours} succeeds in {good} of {total} cells, {other} in {theirs}{where}")
         return "\n".join(lines)
-
-    def calibration(self) -> str:
-        """For third-party odometers only: growth of their median error at severities 1 and 2, and
-        number of failures at the highest severity.
-
-        A failed run counts as infinite growth.
-        """
-        limits, lines, met, measured = self.plan.calibration, [], 0, 0
-        for name in self.perturbations:
-            growth = [self._growth(name, k) for k in (1, 2)]
-            readers = self._readers(name)
-            last = [self.row(m, name)[SEVERITIES] for m in readers]
-            if math.isnan(sum(growth)) or not all(last):
-                lines.append(f"{name:<18}{'not measured by all third-party odometers':>42}")
-                continue
-            failed = sum(g.failed for g in last if g)
-            good = (
-                growth[0] >= limits.growth_at_1
-                and growth[1] >= limits.growth_at_2
-                and 2 * failed > len(readers)
-            )
-            met, measured = met + good, measured + 1
-            figures = "".join(f"{value:>9.3g}" for value in growth)
-            lines.append(
-                f"{name:<18}{figures}{f'{failed} of {len(readers)}':>10}  {'' if good else 'too mild'}".rstrip()
-            )
-        head = f"{'median growth at':<18}{'1':>9}{'2':>9}{'fail at 5':>10}"
-        return "\n".join(
-            [head, *lines, f"{met} of {measured} measured perturbations are as strong as required"]
-        )
-
-    def _readers(self, name: str) -> list[str]:
-        """Third-party odometers of this summary that calibrate a perturbation."""
-        blind = (
-            self.plan.calibration.depth_alone
-            if self.plan.perturbations[name].judged_by == "colour"
-            else ()
-        )
-        return [m for m in self.methods if m in BASELINES and m not in blind]
-
-    def _growth(self, name: str, severity: int) -> float:
-        """Median over the readers of the ratio of ATE to unperturbed ATE; NaN if a cell is missing."""
-        ratios = []
-        for method in self._readers(name):
-            clean, group = (self.row(method, name)[k] for k in (0, severity))
-            if clean is None or group is None or clean.ate_m is None:
-                return math.nan
-            ratios.append(
-                math.inf if group.failed or group.ate_m is None else group.ate_m / clean.ate_m
-            )
-        return float(np.median(ratios)) if ratios else math.nan
 
     def relatives(self) -> list[tuple[str, str, int, int, int, list[str]]]:
         """For each of our methods and each related third-party method: their names, the number of

@@ -13,21 +13,26 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.sensor.transfer import light_from_srgb8, srgb8
 
+from .registry import perturbation
 from .segment import Images, Segment
 
-#: Median motion in the image between two instants of an exposure, and maximum number of instants.
-_STEP_PX, _MAX_INSTANTS = 2.0, 16
+#: Median motion in the image between two instants of an exposure.
+_STEP_PX = 2.0
+#: Maximum number of instants of an exposure.
+_MAX_INSTANTS = 16
 #: Number of fixed-point iterations for the depth at a pixel's origin.
 _ROUNDS = 2
 #: Neighbouring depths with a larger relative difference belong to different surfaces.
 _EDGE = 0.03
 
 
+@perturbation
 def speed(segment: Segment, factor: float) -> Segment:
     """Only every `factor`-th frame: the same trajectory at `factor` times the speed."""
     return replace(segment, numbers=segment.numbers[:: int(factor)])
 
 
+@perturbation
 def dropped_frames(segment: Segment, percent: float) -> Segment:
     """Some frames, never the first, are missing."""
     first, *rest = segment.numbers
@@ -35,27 +40,33 @@ def dropped_frames(segment: Segment, percent: float) -> Segment:
     return replace(segment, numbers=(first, *kept))
 
 
+@perturbation
 def frozen_frames(segment: Segment, percent: float, run: float) -> Segment:
     """Runs of `run` frames that repeat the frame before the run."""
-    first, length = segment.numbers[0], int(run)
-    frozen = {k for k in range(first // length, segment.numbers[-1] // length + 1)}
-    frozen = {k for k in frozen if segment.generator(k * length).random() < percent / 100}
+    first = segment.numbers[0]
+    length = int(run)
     load = segment.load
 
+    def is_frozen(number: int) -> bool:
+        run_start = number // length * length
+        return segment.generator(run_start).random() < percent / 100
+
     def shown(number: int) -> Images:
-        while number > first and number // length in frozen:
+        while number > first and is_frozen(number):
             number = number // length * length - 1
         return load(max(number, first))
 
     return replace(segment, load=shown)
 
 
+@perturbation
 def motion_blur(segment: Segment, exposure_ms: float) -> Segment:
     """Colour is the mean radiance of an exposure around the stamp.
 
     An exposure longer than a frame lowers the frame rate. Depth stays sharp.
     """
-    exposure_s, load = exposure_ms / 1e3, segment.load
+    exposure_s = exposure_ms / 1e3
+    load = segment.load
     step_s = segment.stamps_s[segment.numbers[1]] - segment.stamps_s[segment.numbers[0]]
     keep = max(1, int(np.ceil(exposure_s / step_s - 1e-6)))
 
@@ -65,24 +76,25 @@ def motion_blur(segment: Segment, exposure_ms: float) -> Segment:
     return replace(segment, numbers=segment.numbers[::keep], load=blurred)
 
 
+@perturbation
 def rolling_shutter(segment: Segment, readout_ms: float) -> Segment:
     """Rows of colour and depth are exposed one after another, the middle row at the stamp."""
-    half_s, load = readout_ms / 2e3, segment.load
+    half_s = readout_ms / 2e3
+    load = segment.load
 
     def rolled(number: int) -> Images:
         colour, depth_z_m = load(number)
         h = len(depth_z_m)
         shares = (2 * (np.arange(h, dtype=np.float32) + 0.5) / h - 1)[:, None]
-        early, late = (
-            Shift.between(segment, number, segment.stamps_s[number] + s) for s in (-half_s, half_s)
-        )
-        pairs = zip(early.arrays, late.arrays, strict=True)
-        shift = Shift(*(np.where(shares < 0, -shares * a, shares * b) for a, b in pairs))
+        early = Shift.between(segment, number, segment.stamps_s[number] - half_s)
+        late = Shift.between(segment, number, segment.stamps_s[number] + half_s)
+        shift = Shift(np.where(shares < 0, -shares * early.arrays, shares * late.arrays))
         return shift.colour(colour), shift.depth(depth_z_m)
 
     return replace(segment, load=rolled)
 
 
+@perturbation
 def out_of_step(segment: Segment, late_ms: float) -> Segment:
     """Colour is taken `late_ms` after depth; the frame has the stamp of depth."""
     load = segment.load
@@ -95,10 +107,8 @@ def out_of_step(segment: Segment, late_ms: float) -> Segment:
 
 def exposed(segment: Segment, stamp_s: float, exposure_s: float) -> np.ndarray:
     """Mean scene-linear radiance (h, w, 3) over an exposure around any time within the sequence."""
-    moved_px = Shift.between(
-        segment, _nearest(segment, stamp_s), stamp_s + exposure_s / 2
-    ).median_px
-    instants = int(np.clip(np.ceil(2 * moved_px / _STEP_PX), 1, _MAX_INSTANTS))
+    end = Shift.between(segment, _nearest(segment, stamp_s), stamp_s + exposure_s / 2)
+    instants = int(np.clip(np.ceil(2 * end.median_px / _STEP_PX), 1, _MAX_INSTANTS))
     offsets_s = ((np.arange(instants) + 0.5) / instants - 0.5) * exposure_s
     light = np.zeros((segment.true_camera.height, segment.true_camera.width, 3), np.float32)
     for offset_s in offsets_s:
@@ -124,13 +134,12 @@ def _light_at(segment: Segment, stamp_s: float) -> np.ndarray:
 
 
 class Shift:
-    """For each pixel (h, w) of another view: the offset in pixels to its position in a frame's
-    image, and its relative increase of depth
-    over that frame.
+    """arrays (3, h, w), for each pixel of another view: the offset in columns and rows to its
+    position in a frame's image, and its relative increase of depth over that frame.
     """
 
-    def __init__(self, u_px: np.ndarray, v_px: np.ndarray, farther: np.ndarray) -> None:
-        self.arrays = (u_px, v_px, farther)
+    def __init__(self, arrays: np.ndarray) -> None:
+        self.arrays = arrays
 
     @classmethod
     def between(cls, segment: Segment, number: int, stamp_s: float) -> "Shift":
@@ -142,24 +151,23 @@ class Shift:
     def to(cls, depth_z_m: np.ndarray, camera: PinholeCamera, T_frame_other: SE3) -> "Shift":
         """The shift to the view of a nearby camera; pixels without depth count as far away."""
         far = np.where(depth_z_m > 0, depth_z_m, np.float32(1e3)).astype(np.float32)
-        f, c = (
-            np.array(pair, np.float32) for pair in ((camera.fx, camera.fy), (camera.cx, camera.cy))
-        )
+        f = np.array((camera.fx, camera.fy), np.float32)
+        c = np.array((camera.cx, camera.cy), np.float32)
         rotated = camera.rays().astype(np.float32) @ T_frame_other.rotation.T.astype(np.float32)
         back = T_frame_other.inverse()
-        row, offset_m = back.rotation[2].astype(np.float32), np.float32(back.translation[2])
-        own = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1).astype(
-            np.float32
-        )
-        place, z, found = own, far, far
+        row = back.rotation[2].astype(np.float32)
+        offset_m = np.float32(back.translation[2])
+        pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1)
+        own = pixels.astype(np.float32)
+        place = own
+        z = found = far
         for _ in range(_ROUNDS):
             points = rotated * z[..., None] + T_frame_other.translation.astype(np.float32)
             place = f * points[..., :2] / np.maximum(points[..., 2:], np.float32(1e-3)) + c
-            u, v = place[..., 0], place[..., 1]
-            found = _depth_at(far, u, v)
+            found = _depth_at(far, place[..., 0], place[..., 1])
             z = found * ((place - c) / f @ row[:2] + row[2]) + offset_m
         moved = place - own
-        return cls(moved[..., 0], moved[..., 1], z / found - 1)
+        return cls(np.stack([moved[..., 0], moved[..., 1], z / found - 1]))
 
     @property
     def median_px(self) -> float:
@@ -172,22 +180,21 @@ class Shift:
 
     def depth(self, depth_z_m: np.ndarray) -> np.ndarray:
         """The depth of the other view: that of the surface, changed by the motion."""
-        return np.maximum(_depth_at(depth_z_m, *self._places()) * (1 + self.arrays[2]), 0).astype(
-            np.float32
-        )
+        found = _depth_at(depth_z_m, *self._places()) * (1 + self.arrays[2])
+        return np.maximum(found, 0).astype(np.float32)
 
     def _places(self) -> tuple[np.ndarray, np.ndarray]:
-        h, w = self.arrays[0].shape
-        u, v = np.arange(w, dtype=np.float32)[None], np.arange(h, dtype=np.float32)[:, None]
-        return (u + self.arrays[0]).astype(np.float32), (v + self.arrays[1]).astype(np.float32)
+        h, w = self.arrays.shape[1:]
+        u = np.arange(w, dtype=np.float32) + self.arrays[0]
+        v = np.arange(h, dtype=np.float32)[:, None] + self.arrays[1]
+        return u.astype(np.float32), v.astype(np.float32)
 
 
 def _depth_at(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Depth between pixels: linear within a surface, that of the nearest pixel at edges; the border
     of the image is replicated.
     """
-    linear, nearest = (
-        np.asarray(cv2.remap(depth_z_m, u, v, how, borderMode=cv2.BORDER_REPLICATE), np.float32)
-        for how in (cv2.INTER_LINEAR, cv2.INTER_NEAREST)
-    )
+    border = cv2.BORDER_REPLICATE
+    linear = np.asarray(cv2.remap(depth_z_m, u, v, cv2.INTER_LINEAR, borderMode=border))
+    nearest = np.asarray(cv2.remap(depth_z_m, u, v, cv2.INTER_NEAREST, borderMode=border))
     return np.where(np.abs(linear - nearest) < _EDGE * nearest, linear, nearest)

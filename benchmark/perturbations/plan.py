@@ -1,82 +1,28 @@
-"""Reads and checks a file of perturbations, and maps their names to functions."""
+"""Reads and checks the file of perturbations."""
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_text
 from iclnuim.settings import MISSING, Settings, parameter, plain, refuse_unknown
 
-from . import corruptions, filters, lighting, motion, people, ranging, surfaces
+from .registry import functions
 from .segment import Segment
 
-#: The scales of perturbations; the first is ours.
-SCALES = {
-    name: Path(__file__).with_name(f"{name}.toml") for name in ("perturbations", "corruptions")
-}
+FILE = Path(__file__).with_name("perturbations.toml")
 SEVERITIES = 5
-#: Perturbation -> function(segment, level, fixed settings by keyword).
-FUNCTIONS: dict[str, Callable[..., Segment]] = {
-    function.__name__: function
-    for function in (
-        surfaces.bare_wall,
-        surfaces.thin_structures,
-        filters.flat_texture,
-        surfaces.mirror_bars,
-        surfaces.glass,
-        surfaces.gloss,
-        surfaces.moving_object,
-        motion.speed,
-        motion.dropped_frames,
-        filters.black_frames,
-        motion.frozen_frames,
-        filters.holes,
-        filters.range_cut,
-        filters.noise,
-        filters.low_light,
-        filters.exposure_steps,
-        filters.exposure_hunting,
-        filters.gamma_steps,
-        motion.motion_blur,
-        motion.rolling_shutter,
-        motion.out_of_step,
-        filters.misregistered,
-        filters.calibration_off,
-        filters.guess_off,
-        lighting.smoke,
-        lighting.flicker,
-        lighting.moving_shadows,
-        lighting.emitter_dots,
-        lighting.lens_dirt,
-        people.people,
-        ranging.interference,
-        ranging.wrapped_phase,
-        ranging.few_zones,
-        corruptions.gaussian_noise,
-        corruptions.shot_noise,
-        corruptions.impulse_noise,
-        corruptions.speckle_noise,
-        corruptions.gaussian_blur,
-        corruptions.defocus_blur,
-        corruptions.contrast,
-        corruptions.brightness,
-        corruptions.jpeg_compression,
-        corruptions.pixelate,
-        corruptions.depth_noise,
-        corruptions.depth_edge_erosion,
-        corruptions.depth_fixed_mask,
-        corruptions.depth_range,
-    )
-}
+FUNCTIONS = functions()
 
 
 @dataclass(frozen=True)
 class Bounds(Settings):
     """Limits beyond which a pose is wrong, and conditions for the success of a run."""
 
-    group = "settings of [bounds] in a file of perturbations"
+    group = "bounds of a stress cell"
 
     step_m: float = parameter(
         0.02, "error of one step beyond which a pose is wrong", unit="m", low=0.0
@@ -96,19 +42,6 @@ class Bounds(Settings):
 
 
 @dataclass(frozen=True)
-class Calibration(Settings):
-    """Requirements on severities, measured with third-party odometers: minimum growth of the median
-    error at 1 and at 2; at 5, more than half fail.
-    """
-
-    group = "settings of [calibration] in a file of perturbations"
-
-    depth_alone: tuple[str, ...] = parameter(MISSING, "odometers that do not read colour")
-    growth_at_1: float = parameter(1.5, "minimum growth of the error at severity 1", low=1.0)
-    growth_at_2: float = parameter(2.0, "the same at severity 2", low=1.0)
-
-
-@dataclass(frozen=True)
 class Perturbation(Settings):
     """A change of frames, with its level at each severity from 1 on."""
 
@@ -117,14 +50,6 @@ class Perturbation(Settings):
     about: str = parameter(MISSING, "short description")
     unit: str = parameter(MISSING, "unit of its levels")
     levels: tuple[float, ...] = parameter(MISSING, "a level for each severity")
-    judged_by: str = parameter(
-        "all",
-        "third-party odometers by which its severities were chosen",
-        choices={
-            "all": "all of them",
-            "colour": "those that read colour, as depth stays consistent",
-        },
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -139,75 +64,65 @@ class Perturbation(Settings):
 @dataclass(frozen=True, eq=False)
 class Plan:
     """The content of the file: its text, number of frames of a segment, seed, starts by sequence,
-    bounds, perturbations by name, and their fixed settings.
+    perturbations by name, and their fixed settings; and the bounds of a cell.
     """
 
     text: str
     frames: int
     seed: int
     starts: Mapping[str, list]
-    bounds: Bounds
-    calibration: Calibration
     perturbations: Mapping[str, Perturbation]
     fixed: Mapping[str, Mapping[str, float]]
+    bounds: Bounds = Bounds()
 
     def apply(self, name: str, severity: int, segment: Segment) -> Segment:
         """The perturbed segment; unchanged for severity 0."""
         if severity == 0:
             return segment
-        return FUNCTIONS[name](
-            segment, self.perturbations[name].levels[severity - 1], **self.fixed[name]
-        )
+        level = self.perturbations[name].levels[severity - 1]
+        return FUNCTIONS[name](segment, level, **self.fixed[name])
 
     def starts_of(self, sequence: str, length: int) -> list[int]:
         """First frames of the segments of a sequence with `length` frames: those in the file, or
         computed from its shares.
         """
-        shares = sorted(
-            {int(share * max(0, length - self.frames)) for share in self.starts["shares"]}
-        )
+        free = max(0, length - self.frames)
+        shares = sorted({int(share * free) for share in self.starts["shares"]})
         fixed = list(self.starts.get(sequence, shares))
         return fixed if max(fixed) + self.frames <= length else shares
 
     def table(self) -> str:
         """One line per perturbation, with its severities."""
-        names = list(self.perturbations)
-        width, about = max(map(len, names)), max(len(p.about) for p in self.perturbations.values())
-        rows = [
-            f"{name:<{width}}  {p.about:<{about}}  {'  '.join(f'{plain(v):>5}' for v in p.levels)}  {p.unit}"
-            for name, p in self.perturbations.items()
-        ]
+        width = max(map(len, self.perturbations))
+        about = max(len(p.about) for p in self.perturbations.values())
+        rows = []
+        for name, p in self.perturbations.items():
+            levels = "  ".join(f"{plain(level):>5}" for level in p.levels)
+            rows.append(f"{name:<{width}}  {p.about:<{about}}  {levels}  {p.unit}")
         return "\n".join(rows)
 
 
-def read_plan(path: Path = SCALES["perturbations"]) -> Plan:
+def read_plan(path: Path = FILE) -> Plan:
     """Read a plan. Raises InputError, which names the location, if the file is invalid."""
     text = read_text(path, "perturbations (TOML)")
     try:
-        content = tomllib.loads(text)
+        content: dict[str, Any] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError("TOML", path=path, found=error) from None
-    refuse_unknown(
-        content, ("frames", "seed", "starts", "bounds", "calibration", "perturbations"), f"{path}"
-    )
-    entries = {name: dict(entry) for name, entry in content["perturbations"].items()}
+    keys = ("frames", "seed", "starts", "perturbations")
+    refuse_unknown(content, keys, f"{path}")
+    entries = content["perturbations"]
     refuse_unknown(entries, FUNCTIONS, "perturbations")
     fixed = {name: entry.pop("fixed", {}) for name, entry in entries.items()}
     try:
         perturbations = {name: Perturbation.from_dict(entry) for name, entry in entries.items()}
-        bounds, calibration = (
-            Bounds.from_dict(content["bounds"]),
-            Calibration.from_dict(content["calibration"]),
-        )
     except InputError as error:
         raise error.at(path) from None
     return Plan(
-        text,
-        content["frames"],
-        content["seed"],
-        content["starts"],
-        bounds,
-        calibration,
-        perturbations,
-        fixed,
+        text=text,
+        frames=content["frames"],
+        seed=content["seed"],
+        starts=content["starts"],
+        perturbations=perturbations,
+        fixed=fixed,
     )

@@ -48,14 +48,23 @@ class Segment:
         Raises InputError if it has fewer frames.
         """
         if start + frames > len(sequence.pairs):
-            expected = f"at least {start + frames} frames"
             raise InputError(
-                expected, path=sequence.folder, found=len(sequence.pairs), hint="another {frames}"
+                f"at least {start + frames} frames",
+                path=sequence.folder,
+                found=len(sequence.pairs),
+                hint="another {frames}",
             )
-        pairs, stamps_s = sequence.pairs, {k: pair.stamp_s for k, pair in enumerate(sequence.pairs)}
-        load = lru_cache(_CACHED)(lambda k: sequence.images(pairs[k]))
-        camera, numbers = sequence.camera.pinhole, tuple(range(start, start + frames))
-        return cls(camera, camera, numbers, stamps_s, truth, load, seed)
+        pairs = sequence.pairs
+        camera = sequence.camera.pinhole
+        return cls(
+            camera=camera,
+            true_camera=camera,
+            numbers=tuple(range(start, start + frames)),
+            stamps_s={number: pair.stamp_s for number, pair in enumerate(pairs)},
+            truth=truth,
+            load=lru_cache(_CACHED)(lambda number: sequence.images(pairs[number])),
+            seed=seed,
+        )
 
     def generator(self, number: int, stream: int = PERTURBED) -> np.random.Generator:
         """Random generator of one frame; it does not depend on other frames or on their order."""
@@ -78,6 +87,14 @@ class Segment:
         """
         load = self.load
         return replace(self, load=lambda number: change(number, *load(number)))
+
+    def with_colour(self, change: Callable[[int, np.ndarray], np.ndarray]) -> "Segment":
+        """The same for change(number, colour); depth stays as it is."""
+        return self.with_images(lambda number, colour, z: (change(number, colour), z))
+
+    def with_depth(self, change: Callable[[int, np.ndarray], np.ndarray]) -> "Segment":
+        """The same for change(number, depth); colour stays as it is."""
+        return self.with_images(lambda number, colour, z: (colour, change(number, z)))
 
     def frames(self) -> Iterator[tuple[float, Frame]]:
         """(stamp in seconds, frame) for a Tracker."""

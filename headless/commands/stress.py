@@ -32,8 +32,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="only list the perturbations, one per line, with their five severities",
     )
-    help = "perturbations (default), or corruptions, which are those of SLAM-under-Perturbation"
-    add("--scale", default="perturbations", metavar="NAME", help=help)
     add(
         "-o",
         "--out",
@@ -83,8 +81,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     help = "also report the cells of FILE, a stress.csv, that are not in OUT: measured elsewhere, or docs/measured/stress.csv"
     add("--cells", type=Path, metavar="FILE", help=help)
-    help = "print, for third-party odometers only, by how much errors grow at severities 1 and 2, and how many fail at 5"
-    add("--calibration", action="store_true", help=help)
     add(
         "--plot", type=Path, metavar="FILE", help="draw heat maps of all methods (.png, .pdf, .svg)"
     )
@@ -103,11 +99,9 @@ def _severities(text: str) -> tuple[int, ...]:
 def run(args: argparse.Namespace, console: Console) -> None:
     """Exit code 0 even if methods failed: their cells report the failures."""
     require("stress", "numba", "cv2")
-    from iclnuim.benchmark.perturbations.plan import SCALES, read_plan
+    from iclnuim.benchmark.perturbations.plan import read_plan
 
-    if args.scale not in SCALES:
-        raise InputError(f"a scale ({', '.join(SCALES)})", setting="--scale", found=args.scale)
-    plan = read_plan(SCALES[args.scale])
+    plan = read_plan()
     if args.list:
         values = {name: p.to_dict() for name, p in plan.perturbations.items()}
         console.result(values, plan.table())
@@ -167,7 +161,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
         from iclnuim.report import charts
 
         charts.save(pages.figure(summary), args.plot)
-    console.result(summary.to_dict(), summary.calibration() if args.calibration else summary.text())
+    console.result(summary.to_dict(), summary.text())
 
 
 def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:

@@ -55,16 +55,3 @@ def folder(truth, tmp_path_factory):
         frames_from(CAMERA, truth, lambda n: look(truth.T_world_camera[n])), folder, workers=1
     )
     return folder
-
-
-@pytest.fixture(scope="session")
-def look_at():
-    """look_at(stamp_s): what the scene shows then, sRGB and depth; the judge of what is made
-    between frames.
-    """
-
-    def seen(stamp_s):
-        light, depth_z_m = look(pose_at(stamp_s))
-        return srgb8(light), depth_z_m
-
-    return seen

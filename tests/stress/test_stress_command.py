@@ -153,18 +153,6 @@ def test_a_damaged_file_of_cells_is_named_with_its_line(
     assert code == 2 and f"{file}:" in err and message in err
 
 
-def test_the_calibration_names_what_was_not_measured(command_here, folder, tmp_path):
-    words = ("stress", folder, "-o", tmp_path / "out", *SMALL)
-    assert command_here(*words, "--only", "holes", "--severities", "1,2,5", "--quiet")[0] == 0
-    _, text, _ = command_here(*words, "--report-only", "--calibration")
-    lines = {line.split()[0]: line for line in text.splitlines() if line[:1].isalpha()}
-    assert (
-        "not measured by all third-party odometers" in lines["gloss"]
-        and "not measured" not in lines["holes"]
-    )
-    assert text.splitlines()[-1].split()[1:4] == ["of", "1", "measured"]
-
-
 def test_two_frames_are_no_segment():
     assert _segment("3") == 3
     with pytest.raises(argparse.ArgumentTypeError, match="expected at least 3 frames, found 2"):

@@ -4,22 +4,21 @@ import numpy as np
 import pytest
 from iclnuim import noisy_depth, noisy_rgb
 from iclnuim.benchmark.perturbations.motion import Shift
-from iclnuim.benchmark.perturbations.plan import FUNCTIONS, SCALES, read_plan
+from iclnuim.benchmark.perturbations.plan import FILE, FUNCTIONS, read_plan
 from iclnuim.errors import InputError
 from iclnuim.sensor.transfer import light_from_srgb8
 
-PLAN, CORRUPTIONS = map(read_plan, SCALES.values())
+PLAN = read_plan()
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_perturbed_frame_is_the_same_whenever_it_is_made_and_the_original_stays(segment, name):
     number = segment.numbers[24]
     before = [image.copy() for image in segment.load(number)]
-    plan = PLAN if name in PLAN.perturbations else CORRUPTIONS
-    perturbed = plan.apply(name, 4, segment)
+    perturbed = PLAN.apply(name, 4, segment)
     perturbed.load(segment.numbers[3])
     colour, depth_z_m = perturbed.load(number)
-    again = plan.apply(name, 4, segment).load(number)
+    again = PLAN.apply(name, 4, segment).load(number)
     assert (colour.dtype, colour.shape) == (np.uint8, before[0].shape)
     assert (depth_z_m.dtype, depth_z_m.shape) == (np.float32, before[1].shape)
     assert np.isfinite(depth_z_m).all() and (depth_z_m >= 0).all()
@@ -28,10 +27,8 @@ def test_a_perturbed_frame_is_the_same_whenever_it_is_made_and_the_original_stay
 
 
 def test_there_are_twenty_perturbations_and_more_each_with_five_severities_of_its_own():
-    assert len(PLAN.perturbations) >= 20 and set(PLAN.perturbations) | set(
-        CORRUPTIONS.perturbations
-    ) == set(FUNCTIONS)
-    for name, p in (*PLAN.perturbations.items(), *CORRUPTIONS.perturbations.items()):
+    assert len(PLAN.perturbations) >= 20 and set(PLAN.perturbations) == set(FUNCTIONS)
+    for name, p in PLAN.perturbations.items():
         steps = np.diff(p.levels)
         assert (steps > 0).all() or (steps < 0).all(), name
 
@@ -104,7 +101,7 @@ def test_shares_are_those_that_are_asked_for(segment):
 
 
 def test_a_file_that_does_not_fit_is_refused_with_its_place(tmp_path):
-    text, path = SCALES["perturbations"].read_text(), tmp_path / "perturbations.toml"
+    text, path = FILE.read_text(), tmp_path / "perturbations.toml"
     for old, new, message in (
         ("levels = [4, 5, 6, 7, 8]", "levels = [4, 5, 6, 7]", "expected 5 levels, found 4"),
         ("[perturbations.speed]", "[perturbations.haste]", "found haste"),
