@@ -10,7 +10,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.cli import main
-from iclnuim.sensor.models import depth_model, rgb_model
+from iclnuim.sensor.models import DEPTH_MODELS, depth_model, rgb_model
 from iclnuim.tools.noise_comparison import overlaps
 
 
@@ -78,6 +78,6 @@ def test_the_command_reports_every_pair_and_model_and_draws(raw, tmp_path, capsy
         ("released", "released"),
     }
     assert all(p["frames_per_s"] > 0 and p["cpu_ratio"] > 0 for p in found["pairs"])
-    assert set(found["model_ms"]["depth"]) == {"none", "paper", "released", "kinect2012", "redwood"}
+    assert set(found["model_ms"]["depth"]) == set(DEPTH_MODELS)
     assert chart.read_bytes()[:4] == b"\x89PNG"
     assert main(["bench", "noise", str(raw), "--rounds", "0"]) == 2

@@ -81,6 +81,21 @@ def test_kinect2012_shifts_by_its_lateral_sigma(plane, angle_deg):
     assert shift.std() == pytest.approx(0.8 + 0.035 * angle / (np.pi / 2 - angle), rel=0.03)
 
 
+@pytest.mark.parametrize("depth_m", [0.8, 2.0, 3.5])
+@pytest.mark.parametrize("angle_deg", [0, 30, 50, 65, 75])
+def test_kinect2012_has_the_axial_sigma_of_its_formula_at_every_angle(plane, angle_deg, depth_m):
+    """Nguyen, Izadi, Lovell 2012: 0.0012 + 0.0019 (z - 0.4)^2 + 0.0001 / sqrt(z) t^2 / (pi/2 - t)^2
+    metres."""
+    camera = PinholeCamera(200, 200, 8000, 8000, 99.5, 99.5)  # a narrow view: one angle
+    depth = plane(camera, angle_deg, depth_m)
+    model = Kinect2012DepthNoise(lateral_px=0, lateral_angle_px=0)
+    error_m = model.apply(depth, camera, frame_generator(1, 1, 0)).astype(float) - depth
+    angle = np.radians(angle_deg)
+    by_angle_m = 0.0001 / np.sqrt(depth_m) * angle**2 / (np.pi / 2 - angle) ** 2
+    sigma_m = 0.0012 + 0.0019 * (depth_m - 0.4) ** 2 + by_angle_m
+    assert error_m[8:-8, 8:-8].std() == pytest.approx(sigma_m, rel=0.03)
+
+
 def test_redwood_rounds_disparity_to_eighths_snaps_to_even_pixels_and_ends_at_10_m(camera, plane):
     depth = plane(camera, 40, 2.0)
     noisy = RedwoodDepthNoise().apply(depth, camera, frame_generator(1, 1, 0)).astype(float)
@@ -93,21 +108,6 @@ def test_redwood_rounds_disparity_to_eighths_snaps_to_even_pixels_and_ends_at_10
     assert np.array_equal(quiet[1::2, 1::2], quiet[::2, ::2])
     far = np.full((240, 320), 10.0, np.float32)
     assert (RedwoodDepthNoise().apply(far, camera, frame_generator(1, 1, 0)) == 0).all()
-
-
-def test_redwood_divides_by_a_distortion_map_over_image_and_depth(camera):
-    depth = np.full((240, 320), 2.0, np.float32)
-    layers = np.ones((5, 2, 4), np.float32)
-    layers[:, :, 2:] = np.linspace(1.0, 1.4, 5)[
-        :, None, None
-    ]  # layers at 1, 3, 5, 7, 9 m: 1.05 at 2 m
-    model = RedwoodDepthNoise(sigma_s_px=0, sigma_d=0, steps=1e6)
-    bent = model.apply(depth, camera, frame_generator(1, 1, 0), multipliers=layers)
-    assert np.allclose(bent[:, :160], 2.0, rtol=1e-5) and np.allclose(
-        bent[:, 160:], 2.0 / 1.05, rtol=1e-5
-    )
-    with pytest.raises(InputError, match="distortion map"):
-        model.apply(depth, camera, frame_generator(1, 1, 0), multipliers=np.zeros((2, 2)))
 
 
 @pytest.mark.parametrize("angle_deg", [0, 25, 60, 80])

@@ -16,7 +16,8 @@ from .depth import KINECT_CM_PX
 from .transfer import light_from_srgb
 
 #: Values closer than this to black or white may be clipped and are not used for response or noise.
-_DARKEST, _BRIGHTEST = 6.0, 244.0
+_DARKEST = 6.0
+_BRIGHTEST = 244.0
 _BINS = 60
 #: Side in pixels of blocks over which the noise of a depth sensor averages out.
 _BLOCK = 16
@@ -25,9 +26,8 @@ _BLOCK = 16
 @dataclass(frozen=True)
 class RgbCalibration:
     """`response`: "linear", "srgb" or "gamma" (exponent `gamma`). `spreads`: for each response, the
-    remaining difference between exposures, as a
-    share of the light. sigma_c and sigma_s, as shares of white, are settings of the RGB model
-    `paper`.
+    remaining difference between exposures, as a share of the light. sigma_c and sigma_s, as shares
+    of white, are settings of the RGB model `paper`.
     """
 
     response: str
@@ -40,8 +40,7 @@ class RgbCalibration:
 @dataclass(frozen=True)
 class DepthCalibration:
     """sigma_d in disparity steps and sigma_s in pixels: the settings of the depth model `paper`.
-    `fixed_sigma_s`: sigma_s was assumed, because
-    walls of one slope do not determine both.
+    `fixed_sigma_s`: sigma_s was assumed, because walls of one slope do not determine both.
     """
 
     sigma_d: float
@@ -58,13 +57,7 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
     values between black and white.
     """
     gains = np.asarray(exposures, float)
-    if len(gains) < 2 or len(images) != len(gains) or not (np.isfinite(gains) & (gains > 0)).all():
-        found = ", ".join(f"{gain:g}" for gain in gains)
-        raise InputError(
-            "two or more exposures, finite and > 0, with images each", found=found or "none"
-        )
-    if any(stack.ndim != 4 or len(stack) < 2 or stack.dtype != np.uint8 for stack in images):
-        raise InputError("two or more 8-bit images of each exposure", found="fewer")
+    _check_series(gains, images)
     means = np.stack([stack.mean(0, dtype=np.float64).ravel() for stack in images])
     use = (means > _DARKEST) & (means < _BRIGHTEST)
     use &= use.sum(0) >= 2
@@ -85,13 +78,25 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
     spreads = {name: _spread(gains, curve(means / 255), use) for name, curve in curves.items()}
     # the free exponent can always fit a power law better: a named curve that is at most 5 % worse
     # is preferred
-    best = min(spreads, key=lambda name: spreads[name] * (1.05 if name == "gamma" else 1.0))
+    named = min(("linear", "srgb"), key=spreads.__getitem__)
+    best = "gamma" if spreads["gamma"] * 1.05 < spreads[named] else named
     light, variance = _noise_points(images, curves[best](np.arange(256.0) / 255))
     line = _line(light, variance, np.ones_like(light))
     for _ in range(4):
         line = _line(light, variance, 1 / np.maximum(line[0] + line[1] * light, 1e-12))
     sigma_c, sigma_s = np.sqrt(np.maximum(line, 0))
     return RgbCalibration(best, gamma, spreads, float(sigma_c), float(sigma_s))
+
+
+def _check_series(gains: np.ndarray, images: Sequence[np.ndarray]) -> None:
+    """Raises InputError unless there are two or more exposures with two or more images each."""
+    if len(gains) < 2 or len(images) != len(gains) or not (np.isfinite(gains) & (gains > 0)).all():
+        found = ", ".join(f"{gain:g}" for gain in gains)
+        raise InputError(
+            "two or more exposures, finite and > 0, with images each", found=found or "none"
+        )
+    if any(stack.ndim != 4 or len(stack) < 2 or stack.dtype != np.uint8 for stack in images):
+        raise InputError("two or more 8-bit images of each exposure", found="fewer")
 
 
 def calibrate_depth(
@@ -125,10 +130,8 @@ def _gamma(exposures: np.ndarray, means: np.ndarray, use: np.ndarray) -> float:
     Each pixel's mean is subtracted, then all are pooled.
     """
     weights = use.astype(float)
-    log_v, log_e = (
-        np.log(np.where(use, means, 1)),
-        np.broadcast_to(np.log(exposures)[:, None], means.shape),
-    )
+    log_v = np.log(np.where(use, means, 1))
+    log_e = np.broadcast_to(np.log(exposures)[:, None], means.shape)
     count = np.maximum(weights.sum(0), 1)
     x, y = (values - (weights * values).sum(0) / count for values in (log_e, log_v))
     slope = (weights * x * y).sum() / (weights * x * x).sum()
@@ -155,7 +158,8 @@ def _noise_points(
     The variance of rounding to 8 bits is subtracted.
     """
     step = np.gradient(light_of_value)
-    lights, variances = [], []
+    lights = []
+    variances = []
     for stack in images:
         mean_value = stack.mean(0, dtype=np.float64)
         use = (mean_value > _DARKEST) & (mean_value < _BRIGHTEST)
@@ -164,7 +168,8 @@ def _noise_points(
         variances.append(
             samples.var(0, ddof=1) - np.interp(mean_value[use], np.arange(256), step) ** 2 / 12
         )
-    light, variance = np.concatenate(lights), np.concatenate(variances)
+    light = np.concatenate(lights)
+    variance = np.concatenate(variances)
     groups = np.array_split(np.argsort(light), min(_BINS, max(2, len(light) // 50)))
     light, variance = (np.array([values[g].mean() for g in groups]) for values in (light, variance))
     # closer to black or white than this, clipping reduces the variance
@@ -206,9 +211,8 @@ def _wall(depth_z_m: np.ndarray, disparity_m: float) -> tuple[float, float]:
     used = seen & keep.reshape(height, width)
     error = (disparity - fitted)[used]
     _refuse_relief(np.where(used, disparity - fitted, np.nan), float(np.var(error)))
-    return float((plane[1] / width) ** 2 + (plane[2] / height) ** 2), float(
-        np.mean(error**2) - np.mean(error) ** 2
-    )
+    squared_slope = float((plane[1] / width) ** 2 + (plane[2] / height) ** 2)
+    return squared_slope, float(np.mean(error**2) - np.mean(error) ** 2)
 
 
 def _refuse_relief(error: np.ndarray, variance: float) -> None:
@@ -218,8 +222,10 @@ def _refuse_relief(error: np.ndarray, variance: float) -> None:
     A sensor's noise is independent over such distances. A surface that is not flat, or that moves,
     is not. Rounding may be common, too.
     """
-    frames, high, wide = len(error), error.shape[1] // _BLOCK, error.shape[2] // _BLOCK
-    blocks = error[:, : high * _BLOCK, : wide * _BLOCK].reshape(frames, high, _BLOCK, wide, _BLOCK)
+    high = error.shape[1] // _BLOCK
+    wide = error.shape[2] // _BLOCK
+    blocks = error[:, : high * _BLOCK, : wide * _BLOCK]
+    blocks = blocks.reshape(len(error), high, _BLOCK, wide, _BLOCK)
     known = np.isfinite(blocks).mean((2, 4)) > 0.5
     if known.sum() < 4:
         return
@@ -227,5 +233,6 @@ def _refuse_relief(error: np.ndarray, variance: float) -> None:
         warnings.simplefilter("ignore", RuntimeWarning)  # blocks without any measurement
         common = float(np.var(np.nanmean(blocks, (2, 4))[known]))
     if common - 1 / 12 > variance / 2:
-        found = f"deviations of {common**0.5:.2g} disparity steps over blocks of {_BLOCK} x {_BLOCK} pixels"
+        blocks_px = f"blocks of {_BLOCK} x {_BLOCK} pixels"
+        found = f"deviations of {common**0.5:.2g} disparity steps over {blocks_px}"
         raise InputError("a flat wall in front of a camera that does not move", found=found)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError
 from ..geometry.camera import PinholeCamera
 from ..settings import parameter, same_as
 from . import depth_image as images
@@ -16,12 +15,16 @@ from .noise_model import NoiseModel, gaussian
 #: Z in centimetres.
 KINECT_CM_PX = 35130.0
 _FITTED = (
-    "the paper prints none; least-squares bilinear fit, over 0..75 degrees and 0.5..4.5 m, of the part of the axial "
-    "noise that grows with the angle, 0.0001 / sqrt(z) * angle^2 / (pi/2 - angle)^2 m (Nguyen, Izadi, Lovell 2012); "
+    "the paper prints none; least-squares bilinear fit, over 0..75 degrees and 0.5..4.5 m, of the "
+    "part of the axial noise that grows with the angle, "
+    "0.0001 / sqrt(z) * angle^2 / (pi/2 - angle)^2 m (Nguyen, Izadi, Lovell 2012); "
     "its other part, which grows with the distance, is modelled by equation 3"
 )
 _NGUYEN = "C. V. Nguyen, S. Izadi, D. Lovell: Modeling Kinect sensor noise ..., 3DIMPVT 2012"
-_REDWOOD = "S. Choi, Q.-Y. Zhou, V. Koltun: Robust reconstruction of indoor scenes, CVPR 2015, simulated depth of its data set"
+_REDWOOD = (
+    "S. Choi, Q.-Y. Zhou, V. Koltun: Robust reconstruction of indoor scenes, CVPR 2015, "
+    "simulated depth of its data set"
+)
 _MEASURED = "measured on the official noisy office kt3 frames"
 _OBLIQUE = "pixels at a larger angle between normal and ray are missing"
 _EDGE = "neighbours whose depth differs by more belong to another surface"
@@ -109,9 +112,12 @@ class PaperDepthNoise(NoiseModel):
         """
         x, y = images.ray_slopes(camera)
         noise = gaussian(rng, depth_z_m.shape)
-        moved_z_m, shift_u, shift_v = (np.empty_like(depth_z_m) for _ in range(3))
+        moved_z_m = np.empty_like(depth_z_m)
+        shift_u = np.empty_like(depth_z_m)
+        shift_v = np.empty_like(depth_z_m)
         for rows in images.bands(len(depth_z_m)):
-            z, n = depth_z_m[rows], normals[rows]
+            z = depth_z_m[rows]
+            n = normals[rows]
             step_m = self.sigma_theta(n.angle_rad(), z) * noise[rows]
             step_m = (
                 step_m * np.sqrt(1 + x * x + y[rows] * y[rows]) / n.secant
@@ -235,12 +241,13 @@ class Kinect2012DepthNoise(NoiseModel):
 
 @dataclass(frozen=True)
 class RedwoodDepthNoise(NoiseModel):
-    """Shift rounded and snapped to even pixels, distortion by a map, disparity noise, rounding to
-    1/8 step.
+    """Shift rounded and snapped to even pixels, disparity noise, rounding to 1/8 step.
+
+    The simulation's distortion of a single sensor, which its authors measured, is left out.
     """
 
     name = "redwood"
-    summary = "distortion and quantisation of the Redwood simulation, Choi et al. 2015"
+    summary = "shift and quantisation of the Redwood simulation, Choi et al. 2015"
 
     sigma_s_px: float = parameter(0.25, "shift in u and v", unit="px", low=0.0, source=_REDWOOD)
     snap_px: float = parameter(
@@ -267,31 +274,15 @@ class RedwoodDepthNoise(NoiseModel):
         low=1e-3,
         source=_REDWOOD,
     )
-    map_first_m: float = parameter(
-        1.0, "depth of the distortion map's first layer", unit="m", low=0.0, source=_REDWOOD
-    )
-    map_step_m: float = parameter(
-        2.0, "depth between two layers of the map", unit="m", low=1e-6, source=_REDWOOD
-    )
 
     def apply(
-        self,
-        depth_z_m: np.ndarray,
-        camera: PinholeCamera,
-        rng: np.random.Generator,
-        multipliers: np.ndarray | None = None,
+        self, depth_z_m: np.ndarray, camera: PinholeCamera, rng: np.random.Generator
     ) -> np.ndarray:
-        """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32.
-
-        `multipliers` (layers, rows, columns) is the sensor's distortion map: depth is divided by
-        its value, which is nearest-neighbour in the image and linearly interpolated over depth.
-        None means a sensor without distortion.
-        """
+        """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
         depth_z_m = self.snapped(images.as_depth(depth_z_m), rng)
         depth_z_m[depth_z_m >= self.far_m] = 0
-        if multipliers is not None:
-            depth_z_m = depth_z_m / self.distortion(depth_z_m, np.asarray(multipliers, np.float32))
-        disparity_m, steps = np.float32(self.disparity_m), np.float32(self.steps)
+        disparity_m = np.float32(self.disparity_m)
+        steps = np.float32(self.steps)
         with np.errstate(divide="ignore"):
             disparity = disparity_m / depth_z_m + np.float32(self.sigma_d) * gaussian(
                 rng, depth_z_m.shape
@@ -307,33 +298,10 @@ class RedwoodDepthNoise(NoiseModel):
         """
         height, width = depth_z_m.shape
         u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng)
-        column, row = (
-            np.clip(np.rint(a), 0, n - 1).astype(np.intp) for a, n in ((u, width), (v, height))
-        )
+        column = np.clip(np.rint(u), 0, width - 1).astype(np.intp)
+        row = np.clip(np.rint(v), 0, height - 1).astype(np.intp)
         snap = int(self.snap_px)
         return depth_z_m[row - row % snap, column - column % snap]
-
-    def distortion(self, depth_z_m: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """The value of the distortion map at each pixel and depth."""
-        if multipliers.ndim != 3 or not (multipliers > 0).all():
-            raise InputError(
-                "a distortion map (layers, rows, columns) of values > 0", found=multipliers.shape
-            )
-        layers, rows, columns = multipliers.shape
-        height, width = depth_z_m.shape
-        row, column = (
-            np.arange(height)[:, None] * rows // height,
-            np.arange(width)[None] * columns // width,
-        )
-        layer = np.clip(
-            (depth_z_m - np.float32(self.map_first_m)) / np.float32(self.map_step_m), 0, layers - 1
-        )
-        below = np.minimum(layer.astype(np.intp), max(layers - 2, 0))
-        above = np.minimum(below + 1, layers - 1)
-        share: np.ndarray = layer - below.astype(np.float32)
-        return (
-            multipliers[below, row, column] * (1 - share) + multipliers[above, row, column] * share
-        )
 
 
 def shifted_grid(
@@ -344,7 +312,8 @@ def shifted_grid(
 ) -> tuple[np.ndarray, np.ndarray]:
     """u and v (h, w) of the pixel centres, with N(offset_px, sigma_px^2) added to each."""
     height, width = depth_z_m.shape
-    u, v = np.arange(width, dtype=np.float32)[None], np.arange(height, dtype=np.float32)[:, None]
+    u = np.arange(width, dtype=np.float32)[None]
+    v = np.arange(height, dtype=np.float32)[:, None]
     u = u + (np.float32(offset_px) + sigma_px * gaussian(rng, depth_z_m.shape))
     return u, v + (np.float32(offset_px) + sigma_px * gaussian(rng, depth_z_m.shape))
 

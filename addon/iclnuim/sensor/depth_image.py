@@ -54,7 +54,8 @@ def sample_within_surface(
         highest = np.maximum(np.maximum(*corners[:2]), np.maximum(*corners[2:]))
         mixed = np.flatnonzero(highest > lowest * np.float32(1 + edge_share))
         if mixed.size:
-            fu, fv = weights_u.ravel()[mixed], weights_v.ravel()[mixed]
+            fu = weights_u.ravel()[mixed]
+            fv = weights_v.ravel()[mixed]
             weights = np.stack([(1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv])
             depths = np.stack([c.ravel()[mixed] for c in corners])
             result[rows].ravel()[mixed] = _mean_of_nearest_surface(depths, weights, edge_share)
@@ -157,7 +158,7 @@ def surface_normals(
     missing or outside.
     """
     height, width = depth_z_m.shape
-    choose = (lambda before, after: before) if backward else _smaller
+    choose = _before if backward else _smaller
     # 1/Z is infinite where depth is missing or outside the image: differences are infinite or NaN
     # there, and there is no normal
     inverse = np.full((height + 2, width + 2), np.inf, np.float32)
@@ -167,7 +168,8 @@ def surface_normals(
         np.divide(1, depth_z_m, out=inverse[1:-1, 1:-1])
         for rows in bands(height):
             near = inverse[rows.start : rows.stop + 2]
-            du, dv = np.diff(near[1:-1], axis=1), np.diff(near[:, 1:-1], axis=0)
+            du = np.diff(near[1:-1], axis=1)
+            dv = np.diff(near[:, 1:-1], axis=0)
             a = choose(du[:, :-1], du[:, 1:]) * depth_z_m[rows] * np.float32(-camera.fx)
             b = choose(dv[:-1], dv[1:]) * depth_z_m[rows] * np.float32(-camera.fy)
             n = normals[rows]
@@ -179,11 +181,16 @@ def surface_normals(
     return normals
 
 
+def _before(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    return before
+
+
 def _smaller(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """np.where(|after| < |before|, after, before) for float32 in a third of its time, without
     branches: on a plane the choice is random.
     """
-    before, after = (np.ascontiguousarray(step).view(np.int32) for step in (before, after))
+    before = np.ascontiguousarray(before).view(np.int32)
+    after = np.ascontiguousarray(after).view(np.int32)
     take_after = -(np.abs(after.view(np.float32)) < np.abs(before.view(np.float32))).astype(
         np.int32
     )

@@ -74,19 +74,20 @@ def plan(
 
     The time of a row is that of its middle: ((row + 1/2) / height - 1/2) readout_s from the stamp.
     """
-    count = (
-        int(np.clip(np.ceil(readout_motion_px / (2 * ROW_ERROR_PX)), 1, height))
-        if exposure.readout_s
-        else 1
-    )
-    instants = max(1, int(np.ceil(exposure_motion_px / STEP_PX))) if exposure.exposure_s else 1
+    count = 1
+    instants = 1
+    if exposure.readout_s:
+        count = int(np.clip(np.ceil(readout_motion_px / (2 * ROW_ERROR_PX)), 1, height))
+    if exposure.exposure_s:
+        instants = max(1, int(np.ceil(exposure_motion_px / STEP_PX)))
     within = ((np.arange(instants) + 0.5) / instants - 0.5) * exposure.exposure_s
     edges = np.rint(np.linspace(0, height, count + 1)).astype(int)
     middles = (edges[:-1] + edges[1:]) / 2 / height - 0.5
-    return [
-        Band(int(top), int(bottom), tuple(float(t) for t in middle * exposure.readout_s + within))
-        for top, bottom, middle in zip(edges[:-1], edges[1:], middles, strict=True)
-    ]
+    bands = []
+    for top, bottom, middle in zip(edges[:-1], edges[1:], middles, strict=True):
+        offsets_s = middle * exposure.readout_s + within
+        bands.append(Band(int(top), int(bottom), tuple(offsets_s.tolist())))
+    return bands
 
 
 def motion_px(

@@ -21,19 +21,16 @@ from .noise_model import NoiseModel
 from .rgb import NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise
 
 #: A saved .blend stores the number of a model in this order: append new models at the end.
-DEPTH_MODELS: dict[str, type[NoiseModel]] = {
-    m.name: m
-    for m in (
-        NoDepthNoise,
-        ReleasedDepthNoise,
-        PaperDepthNoise,
-        Kinect2012DepthNoise,
-        RedwoodDepthNoise,
-    )
-}
-RGB_MODELS: dict[str, type[NoiseModel]] = {
-    m.name: m for m in (NoRgbNoise, ReleasedRgbNoise, PaperRgbNoise)
-}
+_DEPTH: tuple[type[NoiseModel], ...] = (
+    NoDepthNoise,
+    ReleasedDepthNoise,
+    PaperDepthNoise,
+    Kinect2012DepthNoise,
+    RedwoodDepthNoise,
+)
+_RGB: tuple[type[NoiseModel], ...] = (NoRgbNoise, ReleasedRgbNoise, PaperRgbNoise)
+DEPTH_MODELS = {model.name: model for model in _DEPTH}
+RGB_MODELS = {model.name: model for model in _RGB}
 
 _ARGUMENTS = {"depth": ("depth_z_m", "camera", "rng"), "RGB": ("light", "rng")}
 

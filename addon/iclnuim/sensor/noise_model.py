@@ -15,7 +15,8 @@ from ..settings import Settings
 
 #: Random streams of one frame. Append new ones at the end, so that the noise of existing sequences
 #: does not change.
-DEPTH, RGB = 0, 1
+DEPTH = 0
+RGB = 1
 _LEVELS = 1 << 16
 
 

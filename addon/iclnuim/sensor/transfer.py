@@ -25,8 +25,8 @@ def srgb8(light: np.ndarray) -> np.ndarray:
 
 def srgb8_in_place(light: np.ndarray) -> np.ndarray:
     """Like srgb8, for float32 light without NaN, which is overwritten. It uses a table of 65536
-    equal steps of light, each at most
-    1/20 of an 8-bit step, and takes half the time of rounding to half precision.
+    equal steps of light, each at most 1/20 of an 8-bit step, and takes half the time of rounding
+    to half precision.
     """
     np.clip(light, 0, 1, out=light)
     light *= np.float32(65535)
@@ -63,7 +63,8 @@ def _looked_up(table: np.ndarray, codes: np.ndarray) -> np.ndarray:
     processor's cache.
     """
     values = np.empty(codes.shape, table.dtype)
-    codes, flat = codes.ravel(), values.ravel()
+    codes = codes.ravel()
+    flat = values.ravel()
     for start in range(0, len(codes), _PIECE):
         piece = slice(start, start + _PIECE)
         table.take(codes[piece], mode="clip", out=flat[piece])
