@@ -21,7 +21,7 @@ from iclnuim.evaluation.align import (
 from iclnuim.evaluation.associate import associate
 from iclnuim.formats.files import data_lines, read_text
 from iclnuim.formats.ply import read_ply
-from iclnuim.formats.trajectory_file import LARGEST_POSITION_M
+from iclnuim.formats.trajectory_reader import LARGEST_POSITION_M
 from iclnuim.geometry.scene_axes import UNITS_M, unit_name
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory

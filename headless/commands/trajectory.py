@@ -105,7 +105,7 @@ def _configure_changes(actions: Actions) -> None:
         actions, "convert", text, example, partial(_run_change, _restamped), json=False
     )
     convert.add_argument("source", metavar="IN", help=_FILE)
-    words = ", ".join(known.word for known in files.FORMATS.values() if known.word)
+    words = ", ".join(writer.word for _, writer in files.FORMATS.values() if writer and writer.word)
     help = (
         "output file; its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim; "
         f"the words {words} in the name of a .txt file select these formats instead of TUM"
@@ -135,7 +135,7 @@ def _configure_changes(actions: Actions) -> None:
     )
     resample.add_argument("source", metavar="SOURCE", help="a trajectory file")
     resample.add_argument("--rate", required=True, type=float, metavar="HZ", help="15 to 240")
-    names = ", ".join(name for name, known in files.FORMATS.items() if known.line)
+    names = ", ".join(name for name, known in files.FORMATS.items() if known.writer)
     for parser in (convert, adopt, resample):
         add = parser.add_argument
         if parser is not convert:
@@ -265,13 +265,14 @@ def _run_change(
         console.result({}, files.trajectory_text(changed, to, options).rstrip("\n"))
         return
     files.write_trajectory(args.out, changed, to, options)
-    console.note(f"{args.out}: {files.FORMATS[to].goes_to}")
+    goes_to = files.writer_of(to).goes_to
+    console.note(f"{args.out}: {goes_to}")
     if to not in _WITH_STAMPS and args.file_rate != trajectories.FRAME_RATE_HZ:
         rate = f"{args.file_rate:g}"
         console.note(
             f"note: {args.out} has no stamps; its frames are at {rate} Hz: give --file-rate {rate} where it is read"
         )
-    if "stamps are not written" in files.FORMATS[to].goes_to:
+    if "stamps are not written" in goes_to:
         _note_gaps(
             changed,
             "a line's number is no longer that of its frame: programs that read this file assume one pose per frame",

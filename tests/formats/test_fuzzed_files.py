@@ -52,9 +52,9 @@ WALK = Trajectory.at_rate(
 CAMERA = "cam_pos = [91, 465, -292]';\ncam_dir = [0.05, -0.29, 0.96]';\ncam_up = [0.01, 0.96, 0.29]';\ncam_angle = 90;\n"
 
 NAMES = {
-    name: f"a{known.endings[-1]}" if known.endings else f"a_{known.word}.txt"
+    name: f"a{known.writer.endings[-1]}" if known.writer.endings else f"a_{known.writer.word}.txt"
     for name, known in FORMATS.items()
-    if known.line
+    if known.writer
 } | {
     "tum-ids": "ids.txt",
     "pov-cameras": "cams/scene_0001.txt",

@@ -409,4 +409,4 @@ def test_every_format_says_in_one_sentence_how_it_was_taken(samples):
     for name in ("trajectories/lr_kt0_Tpov_cam_3x4.txt", "or_kt0/traj0.gt.freiburg"):
         sentence = read_trajectory(samples / name).read_as.sentence
         assert "\n" not in sentence and "LEFT-handed" in sentence
-    assert all(known.goes_to for known in FORMATS.values() if known.line)
+    assert all(known.writer.goes_to for known in FORMATS.values() if known.writer)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
+from iclnuim.formats.stamps import stamp_text
 from iclnuim.formats.trajectories import (
     FORMATS,
     FileOptions,
@@ -10,16 +11,17 @@ from iclnuim.formats.trajectories import (
     read_trajectory,
     write_trajectory,
 )
-from iclnuim.formats.trajectory_file import stamp_text
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
 #: A name under which each format that can be written is recognised; a new format joins these tests
 #: by its entry in FORMATS.
 NAMES = {
-    name: f"path{known.endings[-1]}" if known.endings else f"path_{known.word}.txt"
+    name: f"path{known.writer.endings[-1]}"
+    if known.writer.endings
+    else f"path_{known.writer.word}.txt"
     for name, known in FORMATS.items()
-    if known.line
+    if known.writer
 }
 KEEPS_THE_WORLD = [name for name in NAMES if name not in ("gt.freiburg", "gt.sim")]
 TOLERANCE = 1e-9

@@ -18,8 +18,8 @@ from ..errors import InputError, within
 from ..formats.associations import ImageList
 from ..formats.files import atomic_write, make_folder, read_json
 from ..formats.images import ARRAY, JPEG, image_header
+from ..formats.stamps import stamp_text
 from ..formats.trajectories import write_trajectory
-from ..formats.trajectory_file import stamp_text
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, stamps_of_frames

@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.trajectory import FRAME_RATE_HZ, frames_of_stamps, stamps_of_frames
 from .files import atomic_write_text, data_lines, read_text
-from .trajectory_file import LARGEST_FRAME, LARGEST_STAMP_S, STAMP_SLACK, stamp_text
+from .stamps import LARGEST_FRAME, LARGEST_STAMP_S, STAMP_SLACK, stamp_text
 
 #: Larger numbers in names are no frame numbers, but stamps.
 LARGEST_NUMBER = 9_999_999

@@ -13,8 +13,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.trajectory import stamps_of_frames
-from .files import data_lines
-from .trajectory_file import LARGEST_FRAME, Source, Table, is_number
+from .columns import Table
+from .files import data_lines, is_number
+from .stamps import LARGEST_FRAME
+from .trajectory_source import Source
 
 EXPECTED = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of COLMAP's images.txt"
 _STAMP = re.compile(r"(\d+(?:\.\d+)?)(?:\.[A-Za-z]\w*)?$", re.ASCII)

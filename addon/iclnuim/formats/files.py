@@ -298,6 +298,15 @@ def data_lines(text: str) -> list[tuple[int, str]]:
     return [(number, line) for number, line in stripped if line]
 
 
+def is_number(field: str) -> bool:
+    """Whether numpy's loadtxt accepts the field as a number."""
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return field.isascii() and "_" not in field
+
+
 def sha256(data: bytes) -> str:
     """The SHA-256 of the data as a hexadecimal string."""
     return hashlib.sha256(data).hexdigest()

@@ -9,8 +9,9 @@ from pathlib import Path, PurePath
 import numpy as np
 
 from ..errors import InputError
+from .columns import Table
 from .files import read_json, read_text
-from .trajectory_file import Source, Table
+from .trajectory_source import Source
 
 _MATRIX = "a 4 x 4 matrix"
 

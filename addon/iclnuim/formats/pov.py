@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from .columns import Table
 from .files import data_lines, read_text
-from .trajectory_file import Source, Table
+from .trajectory_source import Source
 
 FOLDER = "a folder of POV-Ray camera files (scene_00_0000.txt and so on)"
 COMMAND = "a POV-Ray command with Declare=val00= to Declare=val32="

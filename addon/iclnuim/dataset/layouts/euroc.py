@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...formats.files import atomic_write_text, data_lines, read_text
-from ...formats.trajectory_file import stamp_text_of_ns
+from ...formats.stamps import stamp_text_of_ns
 from ...geometry.camera import PinholeCamera
 from ..depth_units import UNITS_PER_METRE, check_units
 from ..layout import (

@@ -17,7 +17,7 @@ from ...formats.associations import (
     write_image_list,
 )
 from ...formats.files import data_lines, is_file, read_text, write_json
-from ...formats.trajectory_file import LARGEST_FRAME, SHORTEST_STEP_NS, stamp_text_of_ns
+from ...formats.stamps import LARGEST_FRAME, SHORTEST_STEP_NS, stamp_text_of_ns
 from ...geometry.trajectory import stamps_of_frames
 from ..layout import (
     CAMERA,

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...formats.files import atomic_write_text, read_text
-from ...formats.trajectory_file import stamp_text_of_ns
+from ...formats.stamps import stamp_text_of_ns
 from ..depth_units import UNITS_PER_METRE, check_units
 from ..layout import (
     DEPTH,
