@@ -149,7 +149,7 @@ def action(
 
 def add_rerun(parser: argparse.ArgumentParser, what: str) -> None:
     """Add --rerun, which writes a recording of `what`. Call `checked_rerun` before long work."""
-    help = f"write a recording for the viewer Rerun (.rrd; pip install iclnuim[rerun]): {what}"
+    help = f"write a recording for the viewer Rerun (.rrd; needs the package rerun-sdk): {what}"
     parser.add_argument("--rerun", type=Path, metavar="FILE", help=help)
 
 

@@ -93,7 +93,7 @@ TABLE = {
 BENCHMARK_TABLES = [
     m.mark.removeprefix("benchmark-").replace("-", "_")
     for m in MEASURED
-    if m.page == "docs/guide/benchmark.md"
+    if m.page == "docs/measured/benchmark.md"
 ]
 #: What a command prints, as far as it is used, by the command's first words.
 PRINTED = {
@@ -177,7 +177,7 @@ def test_what_the_commands_print_becomes_rows_of_the_same_length(one):
 
 
 def test_what_is_kept_is_not_measured_again_and_becomes_the_table(tmp_path, monkeypatch):
-    page = tmp_path / "docs/guide/farm.md"
+    page = tmp_path / "docs/measured/farm.md"
     page.parent.mkdir(parents=True)
     page.write_text(
         "before\n<!-- measured: farm-splits -->\nold\n<!-- end of farm-splits -->\nafter\n"

@@ -17,6 +17,7 @@ COMMAND_PAGES = (
     "trajectories/README.md",
     "blend/README.md",
     "headless/README.md",
+    "benchmark/README.md",
 )
 
 
@@ -104,6 +105,8 @@ def test_the_page_of_commands_has_them_all(repository):
     assert [name for name in cli.COMMANDS if f"iclnuim {name}" not in text] == []
 
 
-@pytest.mark.parametrize("name", ["docs", "tests", "addon"])
+@pytest.mark.parametrize(
+    "name", ["docs", "docs/measured", "tests", "addon", "benchmark", "headless"]
+)
 def test_folders_have_a_page(repository, name):
     assert (repository / name / "README.md").is_file()

@@ -1,10 +1,13 @@
-"""The examples of docs/guide/python.md run as they are printed, one after the other, in an empty folder;
-so does the README's.
+"""The examples of docs/guide/python.md, and then of python_methods.md, run as they are printed, one
+after the other, in an empty folder; so does the README's.
 """
 
 import re
 
 import pytest
+
+#: The second page continues the first.
+PAGES = ("docs/guide/python.md", "docs/guide/python_methods.md")
 
 
 def blocks(page):
@@ -17,13 +20,14 @@ def notebook(repository, tmp_path_factory):
     folder, names = tmp_path_factory.mktemp("notebook"), {"__name__": "notebook"}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for number, code in enumerate(blocks(repository / "docs/guide/python.md"), 1):
-            exec(compile(code, f"docs/guide/python.md, example {number}", "exec"), names)
+        for page in PAGES:
+            for number, code in enumerate(blocks(repository / page), 1):
+                exec(compile(code, f"{page}, example {number}", "exec"), names)
         yield folder, names
 
 
 def test_the_page_has_an_example_for_each_common_task(repository):
-    text = "\n".join(blocks(repository / "docs/guide/python.md"))
+    text = "\n".join(code for page in PAGES for code in blocks(repository / page))
     tasks = (
         "absolute_trajectory_error",
         "noisy_depth",

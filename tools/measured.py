@@ -2,9 +2,9 @@
 here.
 
     python tools/measured.py --list                    pages, marks, commands
-    python tools/measured.py --only light              one mark, or those of a page: docs/odometry
+    python tools/measured.py --only light              one mark, or those of a page: docs/measured/odometry
     python tools/measured.py --only farm --keep out/measured    also store the output of the
-    commands; stored output is not measured again python tools/measured.py --only docs/odometry
+    commands; stored output is not measured again python tools/measured.py --only docs/measured/odometry
     --program orbslam3=/opt/orb/bin/python    a system that is not found on PATH
 
 In a page, a table is between `<!-- measured: MARK -->` and `<!-- end of MARK -->`. The script
@@ -545,13 +545,13 @@ _BENCHMARK = (
 
 MEASURED = (
     Measured(
-        "docs/guide/light.md",
+        "docs/measured/light.md",
         "light",
         ("bench render kt2 --plot docs/measured/pictures/light.png",),
         _light,
     ),
     Measured(
-        "docs/guide/light.md",
+        "docs/measured/light.md",
         "textures",
         ("bench textures kt2 office/kt0 --plot docs/measured/pictures/textures.png",),
         _textures,
@@ -561,7 +561,7 @@ MEASURED = (
     Measured("docs/measured/detail.md", "detail-unseen", (_DETAIL,), _unseen),
     Measured("docs/measured/detail.md", "detail-maps", (_DETAIL,), _maps),
     Measured(
-        "docs/guide/odometry.md",
+        "docs/measured/odometry.md",
         "odometry-speed",
         (
             f"bench odometry ../shared/data/iclnuim/or_kt0 {_KT2}/clean {_KT2}/noisy --first 120 --plot docs/measured/pictures/odometry.png",
@@ -569,7 +569,7 @@ MEASURED = (
         _speed,
     ),
     Measured(
-        "docs/guide/odometry.md",
+        "docs/measured/odometry.md",
         "odometry-ate",
         (
             *(f"run {system} {' '.join(_SIXTEEN)}" for system in _SYSTEMS),
@@ -577,18 +577,18 @@ MEASURED = (
         ),
         _systems,
     ),
-    Measured("docs/guide/farm.md", "farm-splits", (_FARM,), _splits),
+    Measured("docs/measured/farm.md", "farm-splits", (_FARM,), _splits),
     Measured(
-        "docs/guide/farm.md",
+        "docs/measured/farm.md",
         "farm-chaos",
         ("bench chaos kt2 --camera 160x120 --plot docs/measured/pictures/chaos.png",),
         _chaos,
     ),
-    Measured("docs/guide/sensor.md", "noise-pairs", (_NOISE,), _pairs),
-    Measured("docs/guide/sensor.md", "noise-models", (_NOISE,), _models),
-    Measured("docs/guide/surface.md", "surface-error", _surface_commands(), _surface),
+    Measured("docs/measured/sensor.md", "noise-pairs", (_NOISE,), _pairs),
+    Measured("docs/measured/sensor.md", "noise-models", (_NOISE,), _models),
+    Measured("docs/measured/surface.md", "surface-error", _surface_commands(), _surface),
     Measured(
-        "docs/guide/surface.md",
+        "docs/measured/surface.md",
         "surface-model",
         tuple(
             f"odometry --all {_KT2}/clean --reference {to} -o out/measured-{to}"
@@ -597,7 +597,7 @@ MEASURED = (
         _references,
     ),
     Measured(
-        "docs/guide/odometry.md",
+        "docs/measured/odometry.md",
         "odometry-bias",
         tuple(
             f"odometry {name} {place} --depth-offset 0.00155"
@@ -607,16 +607,16 @@ MEASURED = (
         _offsets,
     ),
     Measured(
-        "docs/guide/stress.md",
+        "docs/measured/stress.md",
         "stress-fails",
         (_STRESS,),
         _stress_fails,
         Path("out/stress/stress.csv"),
     ),
-    Measured("docs/guide/stress.md", "stress-totals", (_STRESS,), _stress_totals),
+    Measured("docs/measured/stress.md", "stress-totals", (_STRESS,), _stress_totals),
     *(
         Measured(
-            "docs/guide/curves.md",
+            "docs/measured/curves.md",
             f"curve-{curve}",
             (_curve_command(curve, sequences, frames),),
             _curve(default),
@@ -624,7 +624,7 @@ MEASURED = (
         for curve, (sequences, frames, default) in _CURVES.items()
     ),
     Measured(
-        "docs/guide/curves.md",
+        "docs/measured/curves.md",
         "curve-voxel",
         (_curve_command("voxel", f"{_KT2}/clean {_KT2}/noisy", 240, ""),),
         _voxels,
@@ -633,7 +633,7 @@ MEASURED = (
     Measured("docs/measured/detail.md", "detail-surface", (_DETAIL_ODOMETRY,), _detail_surface),
     *(
         Measured(
-            "docs/guide/benchmark.md",
+            "docs/measured/benchmark.md",
             f"benchmark-{name.replace('_', '-')}",
             ("benchmark",),
             _benchmark(name),

@@ -102,7 +102,7 @@ else:
         except ModuleNotFoundError as error:
             text = f"needs the package {error.name}; try: pip install {error.name}"
             if (error.name or "").startswith(f"{__name__}."):
-                text = "is not part of the Blender extension; try: pip install iclnuim, in a separate Python"
+                text = "is not part of the Blender extension; try: ./setup.sh in a clone of the repository"
             raise ImportError(f"iclnuim.{name} {text}") from None
         globals()[name] = value
         return value

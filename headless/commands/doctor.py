@@ -50,11 +50,11 @@ PACKAGES = (
     ("deflate", "deflate", False, "writing PNG in half the time", "deflate"),
     ("libigl", "igl", False, "distances to surfaces", "libigl"),
     ("embreex", "embreex", False, "check-depth, clearances, visibility of surfaces", "embreex"),
-    ("open3d-cpu", "open3d", False, "Open3D's odometers; glTF meshes", "iclnuim[open3d]"),
+    ("open3d-cpu", "open3d", False, "Open3D's odometers; glTF meshes", "open3d-cpu"),
     ("matplotlib", "matplotlib", False, "plots", "matplotlib"),
-    ("submitit", "submitit", False, "Slurm", "iclnuim[slurm]"),
-    ("rosbags", "rosbags", False, "ROS bags", "iclnuim[ros]"),
-    ("rerun-sdk", "rerun", False, "recordings for the viewer Rerun", "iclnuim[rerun]"),
+    ("submitit", "submitit", False, "Slurm", "submitit"),
+    ("rosbags", "rosbags", False, "ROS bags", "rosbags"),
+    ("rerun-sdk", "rerun", False, "recordings for the viewer Rerun", "rerun-sdk"),
 )
 
 

@@ -196,9 +196,7 @@ def _executor(plan: RunPlan) -> Any:
     try:
         from submitit.slurm.slurm import SlurmExecutor
     except ImportError:
-        raise WorkError(
-            "submitting to Slurm needs submitit", hint="pip install 'iclnuim[slurm]'"
-        ) from None
+        raise WorkError("submitting to Slurm needs submitit", hint="pip install submitit") from None
 
     class Executor(SlurmExecutor):
         @classmethod

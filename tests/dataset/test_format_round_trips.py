@@ -1,4 +1,4 @@
-"""Every sequence format into every other and back: what the table in docs/reference/conventions.md says that
+"""Every sequence format into every other and back: what the table in docs/reference/sequence_formats.md says that
 it holds is held.
 """
 
@@ -31,7 +31,7 @@ JPEG_LEVELS = 4
 @pytest.fixture(scope="session")
 def table(repository):
     """The rows of the table of formats by their name: column -> text."""
-    text = (repository / "docs/reference/conventions.md").read_text()
+    text = (repository / "docs/reference/sequence_formats.md").read_text()
     text = text.partition("## Formats of sequences")[2].partition("\n## ")[0]
     head, _, *rows = [
         [cell.strip() for cell in line.strip("|").split("|")]

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("bpy", reason="needs the bpy package")
-pytest.importorskip("submitit", reason="needs submitit: pip install 'iclnuim[slurm]'")
+pytest.importorskip("submitit", reason="needs submitit: pip install submitit")
 
 pytestmark = pytest.mark.slow
 SMALL = (

@@ -36,7 +36,9 @@ def test_without_blender_it_says_what_works_and_ends_with_3(capsys, monkeypatch)
     lines = capsys.readouterr().out.splitlines()
     assert [line for line in lines if line.startswith("MISSING   bpy")]
     assert [
-        line for line in lines if "not installed; for Slurm" in line and "iclnuim[slurm]" in line
+        line
+        for line in lines
+        if "not installed; for Slurm" in line and "pip install 'submitit'" in line
     ]
     assert lines[-1].startswith("Without Blender: evaluation, noise, odometry and fusion work")
 

@@ -190,5 +190,5 @@ def test_what_cannot_be_written_is_refused_before_the_work(
     with pytest.raises(InputError):
         check_recording(tmp_path / "nowhere/run.rrd")
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(WorkError, match=r"rerun-sdk .*; try: pip install iclnuim\[rerun\]"):
+    with pytest.raises(WorkError, match=r"rerun-sdk .*; try: pip install rerun-sdk"):
         check_recording(tmp_path / "run.rrd")

@@ -106,7 +106,7 @@ def _package() -> Any:
         import rerun
     except ImportError as error:
         raise WorkError(
-            f"recordings need the package rerun-sdk ({error}); try: pip install iclnuim[rerun]"
+            f"recordings need the package rerun-sdk ({error}); try: pip install rerun-sdk"
         ) from None
     return rerun
 
