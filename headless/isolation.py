@@ -23,7 +23,7 @@ def opened_scene(what: str, file: str, reading: SceneReading) -> Iterator[list[s
     """
     with blender_output_in(Path(os.devnull)):  # even the import of bpy may print
         try:
-            from iclnuim.blender import scene
+            from iclnuim.blender.open import scene
         except ImportError as error:
             raise blender_missing(what, error) from None
         yield scene.open_scene(file, reading)

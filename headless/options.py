@@ -11,7 +11,7 @@ from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.settings import Setting, Settings, declared, find, plain
 
 S = TypeVar("S", bound=Settings)
-#: Endings of scene files, for help texts only; iclnuim.blender.scene decides which files are read.
+#: Endings of scene files, for help texts only; iclnuim.blender.open.scene decides which files are read.
 SCENE_KINDS = ".blend .glb .gltf .obj .ply .usd .fbx"
 
 

@@ -44,10 +44,16 @@ MAY_IMPORT = {
     "postprocess": f"{CORE} sensor evaluation dataset",
     "render": f"{CORE} job dataset worker_events",
     "lightmap": "errors geometry",
-    "blender": f"{CORE} version job worker_events shipped sensor evaluation dataset lightmap",
+    "blender": f"{CORE} lightmap",
+    "blender.open": f"{CORE} shipped job blender",
+    "blender.light": f"{CORE} version shipped job sensor lightmap blender",
+    "blender.render": f"{CORE} version job worker_events shipped sensor dataset blender "
+    "blender.open blender.light",
+    "blender.child": f"{CORE} job worker_events dataset blender blender.render",
     "report": f"{CORE} evaluation dataset",
     "raycast": f"{CORE} dataset",
-    "ui": f"{CORE} job worker_events shipped sensor evaluation dataset blender postprocess",
+    "ui": f"{CORE} job worker_events shipped sensor evaluation dataset postprocess "
+    "blender blender.open blender.light blender.render",
 }
 LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"})
 BENCHMARK = [

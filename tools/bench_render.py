@@ -103,7 +103,7 @@ def _compare_light(args: argparse.Namespace, console: Console) -> None:
 
 
 def _machine(job: RenderJob) -> dict[str, Any]:
-    from iclnuim.blender import worker
+    from iclnuim.blender.render import worker
 
     recipe = worker.recipe(job)
     return {"cores": os.cpu_count(), **recipe["machine"], "blender": recipe["blender"]}

@@ -16,7 +16,10 @@ import bpy
 import numpy as np
 from iclnuim import shipped
 from iclnuim.blend.builder import build_scene
-from iclnuim.blender import light_map, output, scene, surfaces, worker
+from iclnuim.blender import output, surfaces
+from iclnuim.blender.light import light_map
+from iclnuim.blender.open import scene
+from iclnuim.blender.render import worker
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory

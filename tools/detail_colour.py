@@ -9,7 +9,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from iclnuim.blender import camera, frames, settings
+from iclnuim.blender.render import camera, frames, settings
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.job import RenderJob

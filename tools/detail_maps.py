@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from iclnuim.blender import light_map, worker
+from iclnuim.blender.light import light_map
+from iclnuim.blender.render import worker
 from iclnuim.errors import InputError
 from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.camera import PinholeCamera

@@ -12,7 +12,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 from iclnuim import shipped
-from iclnuim.blender import light_map, model, output, scene, surfaces
+from iclnuim.blender import output, surfaces
+from iclnuim.blender.light import light_map
+from iclnuim.blender.open import scene
+from iclnuim.blender.render import model
 from iclnuim.formats.scene_model import SceneModel
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera

@@ -12,7 +12,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import bpy
-from iclnuim.blender import frames, output, worker
+from iclnuim.blender import output
+from iclnuim.blender.render import frames, worker
 from iclnuim.errors import InputError
 from iclnuim.job import RenderJob
 from iclnuim.worker_events import Event, FrameDone

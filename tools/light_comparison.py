@@ -211,7 +211,7 @@ class Comparison:
         return Result(method, seconds, found, flicker)
 
     def _reference(self, seed: int) -> np.ndarray:
-        from iclnuim.blender import worker
+        from iclnuim.blender.render import worker
 
         samples = REFERENCE_SAMPLES // len(_REFERENCE_SEEDS)
         job = replace(
@@ -233,7 +233,7 @@ class Comparison:
         """Render the missing frames; returns the time of the start, and the times at which each
         frame was reported (while the next one renders).
         """
-        from iclnuim.blender import worker
+        from iclnuim.blender.render import worker
 
         times: list[float] = []
 

@@ -91,7 +91,7 @@ def _build(args: argparse.Namespace, console: Console) -> None:
 
 def _blender_scene() -> ModuleType:
     try:
-        from iclnuim.blender import scene
+        from iclnuim.blender.open import scene
     except ImportError as error:
         raise blender_missing("scene", error) from None
     return scene

@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 from iclnuim import shipped
-from iclnuim.blender import light_map, scene, worker
+from iclnuim.blender.light import light_map
+from iclnuim.blender.open import scene
+from iclnuim.blender.render import worker
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.files import write_json
 from iclnuim.job import shipped_job

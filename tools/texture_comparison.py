@@ -111,7 +111,7 @@ def _finer(camera: PinholeCamera) -> PinholeCamera:
 
 
 def _render(job: RenderJob, numbers: Sequence[int]) -> tuple[np.ndarray, np.ndarray, float]:
-    from iclnuim.blender import worker
+    from iclnuim.blender.render import worker
 
     times_s: list[float] = []
 

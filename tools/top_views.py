@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim import shipped
-from iclnuim.blender import model, scene
+from iclnuim.blender.open import scene
+from iclnuim.blender.render import model
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.raycast.caster import RayCaster

@@ -67,6 +67,20 @@ def folder(name: str) -> Path:
     )
 
 
+def is_scene(name: str) -> bool:
+    return name in SCENES
+
+
+def scene_file(name: str) -> Path:
+    """The .blend of a shipped scene. Raises InputError if it is missing."""
+    path = folder("blend") / f"{name}.blend"
+    if not path.is_file():
+        raise InputError(
+            "the shipped scene", path=path, found="no such file", hint="installing iclnuim again"
+        )
+    return path
+
+
 def cache_folder() -> Path:
     """The cache folder: ICLNUIM_CACHE, or iclnuim in XDG_CACHE_HOME, or ~/.cache/iclnuim."""
     if own := os.environ.get("ICLNUIM_CACHE"):

@@ -483,7 +483,8 @@ def read_model(name: str) -> tuple[np.ndarray, np.ndarray]:
 
     with output.blender_output_in(Path(os.devnull)):  # importing bpy may print
         try:
-            from iclnuim.blender import scene, surfaces
+            from iclnuim.blender import surfaces
+            from iclnuim.blender.open import scene
         except ImportError as error:
             raise blender_missing("a scene as the model", error) from None
         scene.open_scene(name)

@@ -37,7 +37,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> None:
     try:
-        from iclnuim.blender import light_map, worker
+        from iclnuim.blender.light import light_map
+        from iclnuim.blender.render import worker
     except ImportError as error:
         raise blender_missing("bake", error) from None
     job = jobs.shipped_job(

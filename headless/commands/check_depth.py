@@ -101,7 +101,7 @@ def _casters(
     them unless the scene moves.
     """
     with opened_scene("check-depth", job.scene, job.reading):
-        from iclnuim.blender import preflight, scene
+        from iclnuim.blender.open import preflight, scene
 
         if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
             console.note(
@@ -123,7 +123,8 @@ def _casters(
 
 def _caster(job: RenderJob, console: Console) -> tuple[RayCaster, TruthCaster | None]:
     """The casters of the open scene in its current state."""
-    from iclnuim.blender import model, surfaces
+    from iclnuim.blender import surfaces
+    from iclnuim.blender.render import model
 
     found = surfaces.triangles()
     behind = surfaces.triangles(panes=False) if job.glass != "surface" else found

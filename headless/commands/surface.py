@@ -116,7 +116,7 @@ def poses_of(name: str, scene: str) -> SE3:
 
 def _model(args: argparse.Namespace) -> SceneModel:
     with opened_scene("surface", args.scene, settings_from(args, SceneReading())):
-        from iclnuim.blender import ground_truth, model
+        from iclnuim.blender.render import ground_truth, model
 
         found = model.scene_model()
         rows = ground_truth.objects_table()["objects"]

@@ -341,7 +341,7 @@ def run_camera(args: argparse.Namespace, console: Console) -> None:
     reading = settings_from(args, SceneReading())
     with opened_scene("trajectory camera", str(Path(args.scene).resolve()), reading):
         import bpy
-        from iclnuim.blender import camera as cameras
+        from iclnuim.blender.render import camera as cameras
 
         camera = cameras.active(bpy.context.scene, args.camera_object)
         animated = cameras.trajectory(bpy.context.scene, camera if args.camera_object else None)

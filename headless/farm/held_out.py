@@ -91,7 +91,8 @@ def _make(plan: RunPlan, identity: dict, console: Console) -> None:
     """
     job, numbers = plan.job, np.array(plan.numbers)
     with opened_scene("held-out views", job.scene, job.reading):
-        from iclnuim.blender import preflight, scene, surfaces
+        from iclnuim.blender import surfaces
+        from iclnuim.blender.open import preflight, scene
 
         if moving := preflight.moving_names(scene.bpy.context.scene):
             found = ", ".join(moving[:3])

@@ -113,7 +113,7 @@ def render_here(cornered_room, forward_path):
     The bytes are those of the command: tests of the command itself, and of whole processes, use
     `render`.
     """
-    from iclnuim.blender import worker
+    from iclnuim.blender.render import worker
     from iclnuim.geometry.camera import PinholeCamera
     from iclnuim.job import RenderJob
     from iclnuim.worker_events import Note

@@ -12,7 +12,7 @@ from pathlib import Path
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "addon"))
     import bpy
-    from iclnuim.blender import scene
+    from iclnuim.blender.open import scene
     from iclnuim.errors import InputError
 
     rows = []

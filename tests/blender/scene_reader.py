@@ -12,7 +12,8 @@ if __name__ == "__main__":
 
     answers = open(sys.argv[1], "a", encoding="utf-8")  # noqa: SIM115
     import bpy
-    from iclnuim.blender import preflight, scene, surfaces
+    from iclnuim.blender import surfaces
+    from iclnuim.blender.open import preflight, scene
 
     for file in sys.argv[2:]:
         answers.write(json.dumps({"file": file, "begun": True}) + "\n")

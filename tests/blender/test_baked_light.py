@@ -114,7 +114,8 @@ def test_another_lamp_is_another_map(render_here, tmp_path, monkeypatch):
 
 
 def test_showing_a_map_and_taking_it_back_leaves_the_scene_as_it_was(room, cache, pictures):
-    from iclnuim.blender import light_map, scene
+    from iclnuim.blender.light import light_map
+    from iclnuim.blender.open import scene
 
     scene.open_empty()
     bpy.ops.wm.open_mainfile(filepath=str(room))
@@ -154,7 +155,7 @@ def test_a_damaged_map_is_named_in_words(render, room, tmp_path, monkeypatch, ca
 
 def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
     """A mirror becomes dull: what it shows no longer depends on where the camera stands."""
-    from iclnuim.blender import settings
+    from iclnuim.blender.render import settings
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     material = bpy.data.materials.new("polished")
@@ -179,7 +180,9 @@ def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
 
 def test_reflections_of_a_bright_spot_are_clamped_as_path_tracing_clamps_them(tmp_path):
     """A sheet of light 50 in a mirror and seen itself: gloss beside a bare lamp would show specks."""
-    from iclnuim.blender import compat, frames, lit_scene, settings
+    from iclnuim.blender import compat
+    from iclnuim.blender.light import lit_scene
+    from iclnuim.blender.render import frames, settings
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
@@ -219,7 +222,9 @@ def test_a_bake_says_beforehand_how_long_it_takes_and_one_without_reflections_wh
     """The time is that of the cached map with reflections; without one it is estimated from the
     texels.
     """
-    from iclnuim.blender import light_map, scene, settings
+    from iclnuim.blender.light import light_map
+    from iclnuim.blender.open import scene
+    from iclnuim.blender.render import settings
     from iclnuim.formats.files import write_json
     from iclnuim.job import RenderJob
 
@@ -285,7 +290,7 @@ def test_a_point_seen_from_one_place_of_64_is_found(tmp_path):
 
     Points that were called hidden get a quarter of the samples, or no texels.
     """
-    from iclnuim.blender import light_sampling
+    from iclnuim.blender.light import light_sampling
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
     rng = np.random.default_rng(1)
@@ -307,7 +312,7 @@ def test_the_sky_is_the_same_with_the_lamps_and_with_the_surfaces(tmp_path):
 
     A grey sky over an open corner, seen past an emitting wall.
     """
-    from iclnuim.blender import light_sampling
+    from iclnuim.blender.light import light_sampling
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
     bpy.context.scene.world = sky = bpy.data.worlds.new("sky")
@@ -336,7 +341,9 @@ def test_hidden_texels_get_fewer_samples_and_the_same_light(tmp_path, monkeypatc
     """The back of the wall is seen by no place in front of it; the sun that lights it is low behind
     it.
     """
-    from iclnuim.blender import light_map, light_sampling, settings, surfaces
+    from iclnuim.blender import surfaces
+    from iclnuim.blender.light import light_map, light_sampling
+    from iclnuim.blender.render import settings
     from iclnuim.job import RenderJob
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
@@ -396,7 +403,7 @@ def test_small_lamps_share_passes_and_each_gets_the_same_number_of_samples(tmp_p
 
     The light of a point lamp on a visible point is the same for every sample, so it has no noise.
     """
-    from iclnuim.blender import light_sampling
+    from iclnuim.blender.light import light_sampling
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
     lamps = _point_lamps(8)
@@ -419,7 +426,7 @@ def test_small_lamps_share_passes_and_each_gets_the_same_number_of_samples(tmp_p
 
 
 def test_large_lamps_share_passes_only_with_one_sample_each(tmp_path):
-    from iclnuim.blender import light_sampling
+    from iclnuim.blender.light import light_sampling
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
     lamps = _point_lamps(10)
@@ -442,7 +449,7 @@ def test_the_halves_of_the_samples_have_independent_noise(tmp_path):
     In the penumbra of a large lamp behind a wall, the product of both halves' errors is zero in the
     mean.
     """
-    from iclnuim.blender import light_sampling
+    from iclnuim.blender.light import light_sampling
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
     (lamp,) = _point_lamps(1)
@@ -473,7 +480,7 @@ def _sky_of(*nodes):
 
 
 def test_a_black_sky_is_not_sampled():
-    from iclnuim.blender.sky import gives_light
+    from iclnuim.blender.light.sky import gives_light
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     sky, _ = _sky_of()
@@ -488,7 +495,7 @@ def test_a_black_sky_is_not_sampled():
 
 
 def test_a_sky_that_is_an_image_is_sampled_at_the_images_size():
-    from iclnuim.blender.sky import sampled_at_image_size
+    from iclnuim.blender.light.sky import sampled_at_image_size
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
 

@@ -5,7 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
-from iclnuim.blender import camera, scene  # noqa: E402
+from iclnuim.blender.open import scene  # noqa: E402
+from iclnuim.blender.render import camera  # noqa: E402
 from iclnuim.geometry import axes, so3  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 from iclnuim.geometry.se3 import SE3  # noqa: E402

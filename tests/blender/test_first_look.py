@@ -8,7 +8,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
-from iclnuim.blender import worker  # noqa: E402
+from iclnuim.blender.render import worker  # noqa: E402
 from iclnuim.formats.png import read_rgb8  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 from iclnuim.job import RenderJob  # noqa: E402

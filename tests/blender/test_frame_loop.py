@@ -361,7 +361,7 @@ def test_passes_taken_in_memory_give_the_bytes_of_passes_in_files(
 ):
     from contextlib import nullcontext
 
-    from iclnuim.blender import frames as loop
+    from iclnuim.blender.render import frames as loop
 
     written = []
     original = loop.render

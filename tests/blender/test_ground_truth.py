@@ -10,7 +10,7 @@ import sys
 import bpy
 import numpy as np
 import pytest
-from iclnuim.blender import ground_truth as classes
+from iclnuim.blender.render import ground_truth as classes
 from iclnuim.dataset.ground_truth import normal16
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.formats.exr import read_exr
@@ -96,7 +96,7 @@ def judge_of_open_scene():
     """Embree on the open scene: whose surface a pixel's centre sees, and its interpolated normal in
     the camera's frame.
     """
-    from iclnuim.blender import model
+    from iclnuim.blender.render import model
     from iclnuim.raycast.checks import TruthCaster
 
     return TruthCaster(model.scene_model())
@@ -120,7 +120,7 @@ def truth_run(render_here, awkward_scene, tmp_path_factory):
 def test_instances_and_normals_are_those_of_rays_through_the_pixel_centres(
     truth_run, awkward_scene
 ):
-    from iclnuim.blender import scene
+    from iclnuim.blender.open import scene
 
     scene.open_scene(str(awkward_scene))
     judge, run = judge_of_open_scene(), read_run(truth_run)
@@ -256,7 +256,8 @@ def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_format(truth_r
 def test_the_shipped_rooms_put_out_the_normals_and_instances_that_rays_meet(
     room, pose, repository, tmp_path
 ):
-    from iclnuim.blender import camera, frames, ground_truth, scene, settings
+    from iclnuim.blender.open import scene
+    from iclnuim.blender.render import camera, frames, ground_truth, settings
     from iclnuim.geometry.camera import PinholeCamera
     from iclnuim.job import RenderJob
 

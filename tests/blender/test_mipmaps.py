@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
-from iclnuim.blender import mipmaps  # noqa: E402
+from iclnuim.blender.light import mipmaps  # noqa: E402
 from iclnuim.formats.exr import read_exr  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 

@@ -15,7 +15,7 @@ bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import hostile_scenes as hostile  # noqa: E402
 import own_scene_files as made  # noqa: E402
-from iclnuim.blender import scene  # noqa: E402
+from iclnuim.blender.open import scene  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry.scene_axes import SceneReading  # noqa: E402
 

@@ -14,7 +14,9 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
-from iclnuim.blender import camera, preflight, sanitize, scene, surfaces  # noqa: E402
+from iclnuim.blender import surfaces  # noqa: E402
+from iclnuim.blender.open import displacement, preflight, scene  # noqa: E402
+from iclnuim.blender.render import camera  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry import scene_axes  # noqa: E402
 from iclnuim.geometry.scene_axes import SceneReading  # noqa: E402
@@ -409,7 +411,7 @@ def test_displacement_by_a_material_is_in_the_mesh_as_the_formula_has_it(tmp_pat
     notes = opened(tmp_path / "lifted.blend")
     assert any("displaced surfaces (plane)" in note for note in notes)
     assert surfaces.triangles().vertices[:, 2] == pytest.approx(3.1, abs=1e-5)
-    assert sanitize.displace_meshes(bpy.context.scene) == []
+    assert displacement.displace_meshes(bpy.context.scene) == []
 
 
 def test_the_file_stays_as_it_was(room):

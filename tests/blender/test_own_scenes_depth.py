@@ -126,7 +126,8 @@ def test_a_white_principled_ball_cannot_be_told_from_a_white_furnace(tmp_path, s
     """Irradiance 1 in the map, radiance 1 around: what the diffuse share lacks the gloss must give,
     at every angle.
     """
-    from iclnuim.blender import compat, lit_scene
+    from iclnuim.blender import compat
+    from iclnuim.blender.light import lit_scene
 
     scene = made.fresh(bpy)
     world = bpy.data.worlds.new("white")
@@ -203,7 +204,8 @@ def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path, co
     poses = np.loadtxt(tmp_path / "room.txt")
     assert poses[0, 1:4] == pytest.approx([-1.9, -1.5, 1.2], abs=0.04)
     assert poses[-1, 1:4] == pytest.approx([1.6, 0.2, 1.1], abs=0.04)
-    from iclnuim.blender import scene, surfaces
+    from iclnuim.blender import surfaces
+    from iclnuim.blender.open import scene
 
     scene.open_scene(str(rich["obj"]))
     found = surfaces.triangles()

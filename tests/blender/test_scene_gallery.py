@@ -15,8 +15,9 @@ pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 
 import scene_gallery  # noqa: E402
-from iclnuim.blender import camera, compat, frames, settings, surfaces, worker  # noqa: E402
-from iclnuim.blender.scene import reason_against_baking  # noqa: E402
+from iclnuim.blender import compat, surfaces  # noqa: E402
+from iclnuim.blender.open.scene import reason_against_baking  # noqa: E402
+from iclnuim.blender.render import camera, frames, settings, worker  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.exr import read_exr  # noqa: E402
 from iclnuim.formats.trajectories import read_trajectory  # noqa: E402
@@ -236,13 +237,13 @@ def test_black_frames_are_named_with_their_likely_cause(radiance, depth_m, cause
 
 
 def test_of_equal_faces_one_stays_but_boxes_that_touch_are_left_alone():
-    from iclnuim.blender import sanitize
+    from iclnuim.blender.open import coplanar
 
     scene_gallery.bpy.ops.wm.read_factory_settings(use_empty=True)
     floor = [(-5, -5, 0), (5, -5, 0), (5, 5, 0), (-5, 5, 0)]
     scene_gallery.mesh("floor seen from above", floor, [(0, 1, 2, 3)])
     stack = [scene_gallery.box(f"box {k}", (0, 0, k), (1, 1, k + 1)) for k in range(3)]
-    assert sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
+    assert coplanar.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
     ell = [
         (-2, -2),
         (-1, -2),
@@ -258,17 +259,17 @@ def test_of_equal_faces_one_stays_but_boxes_that_touch_are_left_alone():
         [(5, 4, 3, 2, 1, 0), (6, 7, 8, 9, 10, 11), *sides],
     )
     scene_gallery.bpy.data.objects["floor seen from above"].data.flip_normals()
-    assert sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
+    assert coplanar.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
     assert [len(box.data.polygons) for box in stack] == [6, 6, 6] and not any(
         box.location.length for box in stack
     )
     twins = [scene_gallery.box(name, (3, 0, 0), (4, 1, 1)) for name in ("one", "twin")]
-    assert "twin" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
+    assert "twin" in coplanar.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     assert [len(box.data.polygons) for box in twins] == [6, 0]
 
 
 def test_a_rug_lies_on_a_floor_of_tiles_and_a_poster_that_shows_its_back_is_named():
-    from iclnuim.blender import sanitize
+    from iclnuim.blender.open import coplanar
 
     scene_gallery.bpy.ops.wm.read_factory_settings(use_empty=True)
     corners = [(x, y, 0) for y in range(9) for x in range(9)]
@@ -277,15 +278,15 @@ def test_a_rug_lies_on_a_floor_of_tiles_and_a_poster_that_shows_its_back_is_name
     rug = scene_gallery.mesh(
         "rug", [(1.3, 1, 0), (5, 1, 0), (5, 5, 0), (1.3, 5, 0)], [(0, 1, 2, 3)]
     )
-    assert "(rug): moved" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
+    assert "(rug): moved" in coplanar.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     assert rug.location.z > 0 and floor.location.z == 0
     # a mirrored one is wound the other way, and faces up all the same
     rug.location, rug.scale = (6.3, 0, 0), (-1, 1, 1)
     scene_gallery.bpy.context.view_layer.update()
-    assert "(rug): moved" in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
+    assert "(rug): moved" in coplanar.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     rug.matrix_basis.identity()
     rug.data.flip_normals()
     assert (
         "back of others in one plane (rug)"
-        in sanitize.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
+        in coplanar.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     )

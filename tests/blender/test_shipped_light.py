@@ -12,7 +12,9 @@ from iclnuim.job import shipped_job, shipped_light
 
 pytest.importorskip("bpy", reason="needs the bpy package")
 
-from iclnuim.blender import light_map, scene, worker  # noqa: E402
+from iclnuim.blender.light import light_map  # noqa: E402
+from iclnuim.blender.open import scene  # noqa: E402
+from iclnuim.blender.render import worker  # noqa: E402
 
 ROOMS = shipped.SCENE_NAMES
 

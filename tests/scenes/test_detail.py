@@ -54,7 +54,8 @@ def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(
     the code builds.
     """
     from iclnuim.blend.builder import build_scene
-    from iclnuim.blender import scene, surfaces
+    from iclnuim.blender import surfaces
+    from iclnuim.blender.open import scene
     from iclnuim.formats.trajectories import read_trajectory
     from iclnuim.raycast.caster import RayCaster
 

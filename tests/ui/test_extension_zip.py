@@ -182,7 +182,7 @@ def test_settings_come_back_with_the_blend_and_presets_as_they_were_saved(driven
 
 def test_the_open_file_with_its_camera_gives_the_same_depth_as_the_shipped_sequence(driven):
     import numpy as np
-    from iclnuim.blender import worker
+    from iclnuim.blender.render import worker
     from iclnuim.formats.exr import read_exr
     from iclnuim.geometry.camera import PinholeCamera
     from iclnuim.job import shipped_job

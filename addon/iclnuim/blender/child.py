@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from iclnuim.blender import worker
+    from iclnuim.blender.render import worker
     from iclnuim.worker_events import Event
 #: Time for a process whose parent has ended to finish its frame.
 GRACE_S = 60.0
@@ -131,7 +131,8 @@ def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> i
     import bpy  # noqa: F401  this import disables bytecode: our modules would be compiled at each start
 
     sys.dont_write_bytecode = writes_no_bytecode
-    from iclnuim.blender import compat, worker
+    from iclnuim.blender import compat
+    from iclnuim.blender.render import worker
     from iclnuim.job import RenderJob
 
     def heartbeat() -> None:

@@ -12,7 +12,8 @@ import mathutils
 import numpy as np
 
 from .. import shipped
-from ..blender import camera, light_map
+from ..blender.light import light_map
+from ..blender.render import camera
 from ..dataset.run_folder import read_run
 from ..errors import IclnuimError, InputError, WorkError
 from ..formats import exr, png

@@ -11,8 +11,9 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
-from ..blender import camera as keyed_camera
-from ..blender import orient, sanitize, scene, scene_paths
+from .. import shipped
+from ..blender.open import orient, sanitize, scene, scene_paths
+from ..blender.render import camera as keyed_camera
 from ..dataset.frames import read_frame
 from ..dataset.run_folder import read_run
 from ..dataset.sequence_options import SequenceOptions, noisy_images
@@ -43,7 +44,7 @@ def load_scene(self, context):
             "a built-in scene or a file to show", found="the open file, which is already shown"
         )
     name, reading = inputs.chosen_scene(settings), settings.reading()
-    file = scene.shipped_file(name) if scene.is_shipped(name) else scene.checked_file(name)
+    file = shipped.scene_file(name) if shipped.is_scene(name) else scene.checked_file(name)
     if settings.scene_source == "FILE":
         scene_paths.check(file, reading)
     old = bpy.data.collections.get(trajectory_view.COLLECTION)

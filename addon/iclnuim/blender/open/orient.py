@@ -9,11 +9,11 @@ import bpy
 import mathutils
 import numpy as np
 
-from ..errors import InputError
-from ..geometry import axes, scene_axes
-from ..geometry.scene_axes import SceneReading
-from . import surfaces
-from .surfaces import array_of
+from ...errors import InputError
+from ...geometry import axes, scene_axes
+from ...geometry.scene_axes import SceneReading
+from .. import surfaces
+from ..surfaces import array_of
 
 ROOT = "placed in metres, z up"
 #: Formats with y up, which Blender's importer has already rotated.

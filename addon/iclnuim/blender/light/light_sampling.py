@@ -21,12 +21,12 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from ..geometry.points import farthest_points
-from ..lightmap.surfaces import Surfaces
-from . import compat
-from .compat import temporarily
+from ...geometry.points import farthest_points
+from ...lightmap.surfaces import Surfaces
+from .. import compat
+from ..compat import temporarily
+from ..surfaces import rendered_lamps
 from .sky import gives_light, sampled_at_image_size
-from .surfaces import rendered_lamps
 
 #: Distance of points from their surface, so that a ray from the point cannot hit the surface
 #: itself.

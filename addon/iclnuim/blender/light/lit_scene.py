@@ -10,18 +10,17 @@ reflection. Here it is a formula of roughness and angle, fitted to renders by Cy
 furnace (20 materials, 19 angles each): its error is 0.008 RMS and at most 0.036, beyond 80 degrees.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
 from bpy.types import Image, Material, Node, NodeSocket, NodeTree
 
-from ..errors import WorkError
-from ..lightmap.surfaces import BACK, FRONT
-from . import surfaces
-from .compat import matt_material, nodes_of, redirect
-from .shader_nodes import (
+from ...errors import WorkError
+from ...lightmap.surfaces import BACK, FRONT
+from .. import materials, surfaces
+from ..compat import matt_material, nodes_of, redirect
+from ..shader_nodes import (
     Source,
     add_node,
     calculate,
@@ -35,14 +34,13 @@ from .shader_nodes import (
     set_constant,
     vectors,
 )
-from .surfaces import Part, array_of, material_of_face
+from ..surfaces import Part, array_of, material_of_face
 
 _OBJECT_SETTINGS = (
     "pass_index", "color", "visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission",
     "visible_volume_scatter", "visible_shadow", "is_holdout", "is_shadow_catcher",
 )  # fmt: skip
 FRONT_UV, BACK_UV = "light map", "light map back"
-_DIFFUSE = {"BSDF_DIFFUSE", "SUBSURFACE_SCATTERING"}
 _PLAIN_GREY = (0.8, 0.8, 0.8, 1.0)
 _BLACK = (0.0, 0.0, 0.0, 1.0)
 #: Albedo of gloss = F0 * h(r) + (1 - F0) * exp(a(r) - b(r) cos), polynomials of the roughness r.
@@ -177,23 +175,6 @@ def _copy_settings(source: bpy.types.Object, target: bpy.types.Object) -> None:
 # Materials
 
 
-def kind(material: Material | None) -> tuple[bool, bool, bool]:
-    """Whether a material shows light on the side that is seen, whether light passes through from
-    the other side, and whether it reflects light to
-    others.
-
-    No material, or one without nodes, is diffuse.
-    """
-    tree = _tree(material)
-    if tree is None:
-        return True, False, True
-    nodes = nodes_of(tree)
-    types, principled = {n.type for n in nodes}, [n for n in nodes if n.type == "BSDF_PRINCIPLED"]
-    diffuse, translucent = bool(types & _DIFFUSE), "BSDF_TRANSLUCENT" in types
-    sends = diffuse or translucent or any(map(_reflects, principled))
-    return diffuse or any(map(_has_diffuse, principled)), translucent, sends
-
-
 def baked_copy(
     material: Material | None,
     image: Image,
@@ -209,7 +190,7 @@ def baked_copy(
     indirect light; otherwise bright spots next to lamps would cause fireflies in gloss.
     """
     name = f"{material.name if material else 'no material'} (baked)"
-    if material is None or _tree(material) is None:  # the appearance in Cycles
+    if material is None or materials.tree_of(material) is None:  # the appearance in Cycles
         copy = matt_material(name, material.diffuse_color if material is not None else _PLAIN_GREY)[
             0
         ]
@@ -223,79 +204,19 @@ def baked_copy(
     return copy
 
 
-def let_light_through(materials: Iterable[Material]) -> list[str]:
-    """Let light of lamps and sky pass straight through glass, reduced by its colour and reflection:
-    caustics are not sampled, so otherwise no
-    light would pass. Its appearance to cameras and in reflections does not change. Returns the
-    names of the changed materials.
-    """
-    changed, done = [], set()
-    for material in materials:
-        glass = [node for node in nodes_of(material.node_tree) if is_glass(node)]
-        for node in (node for node in glass if node not in done):
-            _let_through(node.id_data, node)
-        done.update(glass)
-        if glass:
-            material.use_transparent_shadow = True
-            changed.append(material.name)
-    return changed
-
-
-def is_glass(node: Node) -> bool:
-    """Whether the node is a shader that transmits light, at least in part."""
-    if node.type == "BSDF_PRINCIPLED":
-        return (
-            constant(node.inputs["Transmission Weight"]) != 0.0
-            and constant(node.inputs["Metallic"]) != 1.0
-        )
-    return node.type in {"BSDF_GLASS", "BSDF_REFRACTION"}
-
-
-def _let_through(tree: NodeTree, node: Node) -> None:
-    """For shadow rays and diffuse rays, replace the glass by a Transparent BSDF."""
-    targets, rays = (
-        [link.to_socket for link in node.outputs[0].links],
-        tree.nodes.new("ShaderNodeLightPath"),
-    )
-    share: Source = calculate(
-        tree, "MAXIMUM", rays.outputs["Is Shadow Ray"], rays.outputs["Is Diffuse Ray"]
-    )
-    colour: Source = node.inputs["Base Color" if node.type == "BSDF_PRINCIPLED" else "Color"]
-    if node.type == "BSDF_PRINCIPLED":  # its colour applies to two surfaces
-        share = product(
-            tree,
-            share,
-            constant_or_input(node, "Transmission Weight"),
-            one_minus(tree, constant_or_input(node, "Metallic")),
-        )
-        colour = add_node(tree, "Gamma", colour, 0.5)
-    if (
-        node.type != "BSDF_REFRACTION"
-    ):  # Schlick's formula, the same from both sides, because panes are often single faces
-        facing = tree.nodes.new("ShaderNodeLayerWeight")
-        facing.inputs["Blend"].default_value = 0.5  # then Facing is 1 - cos
-        passing = one_minus(tree, calculate(tree, "POWER", facing.outputs["Facing"], 5.0))
-        colour = scaled(tree, colour, product(tree, 1.0 - _f0(node.inputs["IOR"]), passing))
-    mixed = add_node(
-        tree, "MixShader", share, node.outputs[0], add_node(tree, "BsdfTransparent", colour)
-    )
-    for target in targets:
-        tree.links.new(mixed, target)
-
-
-def _tree(material: Material | None) -> NodeTree | None:
-    return material.node_tree if material is not None and material.use_nodes else None
-
-
 def _bake_tree(
     tree: NodeTree, image: Image, two_sided: bool, gathering: bool, limit: float | None
 ) -> None:
-    bake, lit = (_bake_for_gathering, _reflects) if gathering else (_bake_principled, _has_diffuse)
+    bake, lit = (
+        (_bake_for_gathering, materials.reflects)
+        if gathering
+        else (_bake_principled, materials.has_diffuse)
+    )
     light = None
     for node in list(tree.nodes):
         if node.type == "GROUP" and node.node_tree:
             if {n.type for n in nodes_of(node.node_tree)} & {
-                *_DIFFUSE,
+                *materials.DIFFUSE,
                 "BSDF_TRANSLUCENT",
                 "BSDF_PRINCIPLED",
             }:
@@ -304,7 +225,7 @@ def _bake_tree(
         elif node.type == "BSDF_PRINCIPLED" and lit(node):
             light = light or _light_sockets(tree, image, two_sided)
             bake(tree, node, light[0], limit)
-        elif node.type in {*_DIFFUSE, "BSDF_TRANSLUCENT"}:
+        elif node.type in {*materials.DIFFUSE, "BSDF_TRANSLUCENT"}:
             light = light or _light_sockets(tree, image, two_sided)
             side = light[node.type == "BSDF_TRANSLUCENT"]
             shine = _shine(tree, vectors(tree, "MULTIPLY", node.inputs["Color"], side), 1.0, limit)
@@ -348,18 +269,6 @@ def _blend(tree: NodeTree, share: NodeSocket, a: NodeSocket, b: NodeSocket) -> N
 
 
 # Principled surfaces
-
-
-def _has_diffuse(principled: Node) -> bool:
-    """False only for pure metal or pure glass."""
-    return not any(
-        constant(principled.inputs[name]) == 1.0 for name in ("Metallic", "Transmission Weight")
-    )
-
-
-def _reflects(principled: Node) -> bool:
-    """False only for pure glass: metal reflects light to others, too."""
-    return constant(principled.inputs["Transmission Weight"]) != 1.0
 
 
 def _bake_principled(tree: NodeTree, node: Node, light: NodeSocket, limit: float | None) -> None:
@@ -408,7 +317,7 @@ def _diffuse_share(tree: NodeTree, node: Node) -> Source:
     """
     coat = constant_or_input(node, "Coat Weight")
     if coat != 0.0:
-        f0, normal = _f0(node.inputs["Coat IOR"]), node.inputs["Coat Normal"]
+        f0, normal = materials.f0(node.inputs["Coat IOR"]), node.inputs["Coat Normal"]
         coat = product(
             tree, coat, _albedo(tree, f0, constant_or_input(node, "Coat Roughness"), normal)
         )
@@ -423,7 +332,7 @@ def _diffuse_share(tree: NodeTree, node: Node) -> Source:
 
 def _gloss(tree: NodeTree, node: Node) -> Source:
     level = constant(node.inputs["Specular IOR Level"])
-    f0 = min(_f0(node.inputs["IOR"]) * 2 * (0.5 if level is None else level), 1.0)
+    f0 = min(materials.f0(node.inputs["IOR"]) * 2 * (0.5 if level is None else level), 1.0)
     return _albedo(tree, f0, constant_or_input(node, "Roughness"), node.inputs["Normal"])
 
 
@@ -443,11 +352,6 @@ def _albedo(tree: NodeTree, f0: float, roughness: Source, normal: NodeSocket) ->
     return calculate(
         tree, "MULTIPLY_ADD", rim, 1.0 - f0, product(tree, f0, polynomial(tree, _H, roughness))
     )
-
-
-def _f0(ior: NodeSocket) -> float:
-    """Reflectance at normal incidence; for a linked IOR, the value of the unlinked input is used."""
-    return float(((ior.default_value - 1) / (ior.default_value + 1)) ** 2)
 
 
 def _without_diffuse(tree: NodeTree, node: Node) -> NodeSocket:

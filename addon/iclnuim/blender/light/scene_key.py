@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .compat import nodes_of
-from .surfaces import Part, array_of
+from ..compat import nodes_of
+from ..surfaces import Part, array_of
 
 #: Cycles settings that change the light, not only its noise.
 _CYCLES = (

@@ -5,11 +5,12 @@ world coordinates.
 import bpy
 import numpy as np
 
-from ..errors import InputError
-from ..formats.scene_model import Look, SceneModel
-from ..sensor.transfer import srgb8
-from . import ground_truth, surfaces
-from .surfaces import Part, array_of
+from ...errors import InputError
+from ...formats.scene_model import Look, SceneModel
+from ...sensor.transfer import srgb8
+from .. import surfaces
+from ..surfaces import Part, array_of
+from . import ground_truth
 
 #: Maximum difference of unit normals: a flat face whose triangles differ more (0.006 degrees) is
 #: not planar.

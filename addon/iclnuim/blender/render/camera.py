@@ -6,12 +6,13 @@ import bpy
 import mathutils
 import numpy as np
 
-from ..errors import InputError
-from ..geometry import axes
-from ..geometry.camera import PinholeCamera, blender_from_pinhole
-from ..geometry.se3 import SE3
-from ..geometry.trajectory import Trajectory
-from . import compat, preflight
+from ...errors import InputError
+from ...geometry import axes
+from ...geometry.camera import PinholeCamera, blender_from_pinhole
+from ...geometry.se3 import SE3
+from ...geometry.trajectory import Trajectory
+from .. import compat
+from ..open import preflight
 
 NAME = "ICL-NUIM camera"
 

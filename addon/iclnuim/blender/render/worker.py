@@ -18,12 +18,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from .. import shipped
-from .. import worker_events as events
-from ..dataset.ground_truth import OBJECTS
-from ..dataset.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
-from ..errors import InputError
-from ..formats.files import (
+from ... import shipped
+from ... import worker_events as events
+from ...dataset.ground_truth import OBJECTS
+from ...dataset.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
+from ...errors import InputError
+from ...formats.files import (
     make_folder,
     process_is_running,
     read_bytes,
@@ -31,24 +31,14 @@ from ..formats.files import (
     write_json,
     writer_has_ended,
 )
-from ..geometry.trajectory import frame_slice
-from ..job import RenderJob
-from ..version import __version__
-from ..worker_events import Event
-from . import (
-    camera,
-    compat,
-    first_look,
-    frames,
-    ground_truth,
-    light_map,
-    mipmaps,
-    output,
-    preflight,
-    scene,
-    settings,
-    surfaces,
-)
+from ...geometry.trajectory import frame_slice
+from ...job import RenderJob
+from ...version import __version__
+from ...worker_events import Event
+from .. import compat, output, surfaces
+from ..light import light_map, mipmaps
+from ..open import preflight, scene
+from . import camera, first_look, frames, ground_truth, settings
 
 Emit = Callable[[Event], None]
 
@@ -73,7 +63,7 @@ class Session:
         compat.require_supported_version()
         self.emit, self.threads = emit, threads
         self.trajectory = load_trajectory(job)
-        self._opened, look = not scene.is_shipped(job.scene), None
+        self._opened, look = not shipped.is_scene(job.scene), None
         self.job = _opened(job, emit) if self._opened else job
         if (
             self._opened
@@ -208,7 +198,7 @@ class Session:
             # path tracing clamps indirect light in the same way; not for built-in rooms, so that
             # their frames do not change
             light_map.apply(
-                lit_by, None if scene.is_shipped(job.scene) else cycles.sample_clamp_indirect
+                lit_by, None if shipped.is_scene(job.scene) else cycles.sample_clamp_indirect
             )
             settings.assign(bpy.context.scene.cycles, light_map.BOUNCES)
             if (

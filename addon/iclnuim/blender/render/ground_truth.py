@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..dataset.ground_truth import INSTANCE, NORMAL
-from ..errors import InputError
-from ..geometry.points import upright_box
-from ..geometry.se3 import SE3
-from . import surfaces
+from ...dataset.ground_truth import INSTANCE, NORMAL
+from ...errors import InputError
+from ...geometry.points import upright_box
+from ...geometry.se3 import SE3
+from .. import surfaces
+from ..surfaces import SURFACE_TYPES, Part
 from .frames import Raw, channel_ending, channels_of
-from .surfaces import SURFACE_TYPES, Part
 
 SCHEMA_VERSION = 1
 _DIGITS = 6  # micrometres

@@ -13,12 +13,12 @@ from typing import TypeAlias
 import bpy
 import numpy as np
 
-from ..errors import InputError, WorkError
-from ..formats import exr
-from ..geometry.trajectory import Trajectory, sample
-from ..job import RenderJob
-from ..sensor.exposure import Band, motion_px, plan
-from .compat import passes_in_memory, temporarily
+from ...errors import InputError, WorkError
+from ...formats import exr
+from ...geometry.trajectory import Trajectory, sample
+from ...job import RenderJob
+from ...sensor.exposure import Band, motion_px, plan
+from ..compat import passes_in_memory, temporarily
 
 #: All channels of a frame by name, such as `ViewLayer.Combined.R`, or an EXR file with them.
 Raw: TypeAlias = dict[str, np.ndarray] | Path

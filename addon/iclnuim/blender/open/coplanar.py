@@ -1,30 +1,18 @@
-"""Repairs a user-provided scene so that it can be rendered: invalid numbers, missing images, vertex
-colours without a material, displacement by
-materials, coincident faces, drivers written in Python.
+"""Faces of different objects in one plane: Cycles would show both black."""
 
-Everything is done in memory. Functions that return sentences report what was found and changed.
-"""
-
-import os
-import re
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
 
 import bmesh
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector, geometry
 
-from . import compat, lit_scene, preflight
-from .compat import temporarily
-from .surfaces import array_of, as_rendered
+from .. import compat, materials
+from ..notes import names_of
+from ..surfaces import array_of, as_rendered
+from . import preflight
+from .displacement import as_rendered_meshes
 
-_ATTRIBUTE = "displaced position"
-#: Larger coordinates are treated as invalid: float32 cannot represent millimetres there.
-_MAX_COORDINATE = 1e7
-#: A face with less area than this (file units squared) is degenerate: a line or a point.
-_MIN_AREA = 1e-14
 #: Corners closer than this are at the same position. Maximum number of coincident faces that are
 #: checked for visibility.
 _SAME_PLACE_M, _PROBES = 1e-5, 64
@@ -34,270 +22,6 @@ _LARGE, _RAISED_M, _SMALLEST_M2, _PAIRS = 0.1, 5e-5, 1e-4, 2000
 #: Maximum number of faces that are checked for overlap: the largest of those that share a plane
 #: with others.
 _OVERLAPS = 1000
-
-
-def sanitize(scene: bpy.types.Scene) -> list[str]:
-    """Repair all meshes, images and materials of the open session. Returns what was done."""
-    lost = [o for o in scene.objects if not np.isfinite(np.array(o.matrix_world)).all()]
-    for thing in lost:  # its position is not finite
-        thing.hide_render = thing.hide_viewport = True
-    gone = flat = texture = repaired = 0
-    for mesh in bpy.data.meshes:
-        gone += _without_lost_vertices(mesh)
-        repaired += bool(mesh.validate(clean_customdata=False))
-        flat += int((~(array_of(mesh.polygons, "area") > _MIN_AREA)).sum())
-        for layer in mesh.uv_layers:
-            uv = array_of(layer.data, "uv", 2).ravel()
-            wrong = ~np.isfinite(uv)
-            if wrong.any():
-                layer.data.foreach_set("uv", np.where(wrong, 0.0, uv).astype(np.float32))
-                texture += int(wrong.sum())
-    images, coloured = _missing_images(), _show_vertex_colours(scene)
-    scripts = [t for t in bpy.data.texts if t.use_module]
-    found = {
-        f"objects without a valid position ({_names(lost)}): left out": lost,
-        f"{gone} vertices have NaN or coordinates beyond {_MAX_COORDINATE:.0e}: left out with their faces": gone,
-        f"{repaired} meshes had faces with missing vertices, or duplicate faces: these faces are left out": repaired,
-        f"{flat} faces have no area: no ray hits them": flat,
-        f"{texture} texture coordinates are NaN or infinite: set to 0": texture,
-        f"textures that are missing or broken ({images}): replaced by plain colour": images,
-        "surfaces without a material show the colours of their vertices": coloured,
-        f"scripts in the file ({_names(scripts)}): not run": scripts,
-    }
-    return [sentence for sentence, is_so in found.items() if is_so]
-
-
-def without_false_glass(path: Path) -> list[str]:
-    """Make materials of the OBJ at `path` opaque if only `Tf` makes them glass: 3ds Max writes `Tf
-    1 1 1` for all, with `d 1` and `illum 2`.
-    """
-    named = re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", path.read_bytes(), re.MULTILINE)
-    libraries = {path.parent / os.fsdecode(name).strip('"') for name in named} | {
-        path.with_suffix(".mtl")
-    }
-    texts = [
-        library.read_text("utf-8", "replace") for library in sorted(libraries) if library.is_file()
-    ]
-    opaque = []
-    for block in (
-        block
-        for text in texts
-        for block in re.split(r"^\s*newmtl[ \t]+", text, flags=re.MULTILINE)[1:]
-    ):
-        name, *lines = block.splitlines()
-        values = {
-            word.lower(): rest for word, *rest in (line.split() for line in lines if line.strip())
-        }
-        solid = values.get("illum") in (["0"], ["1"], ["2"]) and re.fullmatch(
-            r"1(\.0*)?", values.get("d", ["1"])[-1]
-        )
-        material = bpy.data.materials.get(name.strip()[:63]) if solid and "tf" in values else None
-        for node in material.node_tree.nodes if material else ():
-            if (
-                node.type == "BSDF_PRINCIPLED"
-                and node.inputs["Transmission Weight"].default_value > 0
-            ):
-                node.inputs["Transmission Weight"].default_value = 0.0
-                opaque.append(material)
-    return [f"Tf of opaque materials ({_names(opaque)}): not treated as glass"] if opaque else []
-
-
-def _without_lost_vertices(mesh: bpy.types.Mesh) -> int:
-    places = array_of(mesh.vertices, "co", 3)
-    lost = np.flatnonzero(~(np.abs(places) < _MAX_COORDINATE).all(1))
-    if len(lost):
-        # set to 0 first: the deletion needs edges of finite length
-        places[lost] = 0.0
-        mesh.vertices.foreach_set("co", places.ravel())
-        edited = bmesh.new()
-        try:
-            edited.from_mesh(mesh)
-            edited.verts.ensure_lookup_table()
-            bmesh.ops.delete(edited, geom=[edited.verts[int(k)] for k in lost], context="VERTS")
-            edited.to_mesh(mesh)
-        finally:
-            edited.free()
-    return len(lost)
-
-
-def _missing_images() -> str:
-    """Remove missing or unreadable images from the materials, so that their plain values are shown
-    instead of magenta. Returns the names.
-    """
-    missing = [image for image in bpy.data.images if _is_missing(image)]
-    owners = [*bpy.data.materials, *bpy.data.worlds, *bpy.data.lights]
-    trees = [
-        *bpy.data.node_groups,
-        *(block.node_tree for block in owners if block.node_tree is not None),
-    ]
-    shown = [n for tree in trees for n in tree.nodes if getattr(n, "image", None) in missing]
-    for output in (output for node in shown for output in node.outputs):
-        compat.unlink(output)
-    names = _names(missing)
-    for image in missing:
-        bpy.data.images.remove(image)
-    return names if shown else ""
-
-
-def _is_missing(image: bpy.types.Image) -> bool:
-    if image.source in ("GENERATED", "VIEWER"):
-        return False
-    with suppress(RuntimeError, OSError, ValueError):
-        if image.source in ("SEQUENCE", "TILED"):
-            return not any(
-                Path(bpy.path.abspath(image.filepath, library=image.library)).parent.glob("*")
-            )
-        return not (image.size[0] and image.size[1])
-    return True
-
-
-def _show_vertex_colours(scene: bpy.types.Scene) -> bool:
-    """Show the vertex colours of meshes without any material, such as a scan as PLY.
-
-    Returns whether there are any.
-    """
-    bare = [
-        o
-        for o in scene.objects
-        if o.type == "MESH" and not any(s.material for s in o.material_slots)
-    ]
-    coloured = [o for o in bare if o.data.color_attributes]
-    for thing in coloured:
-        attribute = thing.data.color_attributes[0].name
-        material = bpy.data.materials.get(name := f"colours of {attribute}")
-        if material is None:
-            material, matt = compat.matt_material(name)
-            source = material.node_tree.nodes.new("ShaderNodeAttribute")
-            source.attribute_name = attribute
-            material.node_tree.links.new(source.outputs["Color"], matt.inputs["Color"])
-        thing.data.materials.clear()
-        thing.data.materials.append(material)
-    return bool(coloured)
-
-
-def _names(things: Iterable) -> str:
-    names = sorted(t if isinstance(t, str) else t.name for t in things)
-    shown = ", ".join(names[:5])
-    return shown[:160] + (f" and {len(names) - 5} more" if len(names) > 5 else "")
-
-
-def displace_meshes(scene: bpy.types.Scene) -> list[str]:
-    """Give every object with displacement in its materials a separate mesh, evaluated and
-    displaced, also if the object is only instanced.
-    """
-    materials = {m for m in bpy.data.materials if _displaces(m)}
-    adaptive = _without_adaptive_subdivision()
-    things = [o for o in bpy.data.objects if o.type == "MESH" and o.users]
-    moved = [o for o in things if {s.material for s in o.material_slots} & materials]
-    if moved:
-        with _in_view(scene, moved):
-            _as_rendered_meshes(scene, moved)
-            with _without_others(moved):
-                for thing in moved:
-                    _displace(scene, thing)
-    for material in materials:
-        # the meshes are displaced now, so the material no longer displaces; on objects without a
-        # separate mesh it becomes a bump map
-        material.displacement_method = "BUMP"
-        if all(o in moved for o in bpy.data.objects if material.name in o.material_slots):
-            compat.unlink(material.node_tree.get_output_node("CYCLES").inputs["Displacement"])
-    names = ", ".join(sorted(o.name for o in moved))[:120]
-    return [
-        *([f"displaced surfaces ({names}): moved vertex by vertex"] if moved else []),
-        *adaptive,
-    ]
-
-
-@contextmanager
-def _in_view(scene: bpy.types.Scene, things: list[bpy.types.Object]) -> Iterator[None]:
-    """Make all these objects rendered objects of the scene temporarily, so that instanced or unused
-    ones are evaluated and baked, too.
-    """
-    with ExitStack() as stack:
-        for thing in things:
-            stack.enter_context(temporarily(thing, hide_render=False, hide_viewport=False))
-            if bpy.context.view_layer.objects.get(thing.name) != thing:
-                scene.collection.objects.link(thing)
-                stack.callback(scene.collection.objects.unlink, thing)
-        yield
-
-
-@contextmanager
-def _without_others(things: list[bpy.types.Object]) -> Iterator[None]:
-    """Hide all other objects and instances temporarily: baking identifies an object by its name,
-    which its instances share.
-    """
-    here = set(things)
-    with ExitStack() as stack:
-        for thing in bpy.data.objects:
-            hidden = thing.hide_render or thing not in here
-            stack.enter_context(temporarily(thing, hide_render=hidden, instance_type="NONE"))
-        yield
-
-
-def _displaces(material: bpy.types.Material) -> bool:
-    if material.node_tree is None or material.displacement_method == "BUMP":
-        return False
-    output = material.node_tree.get_output_node("CYCLES")
-    return output is not None and output.inputs["Displacement"].is_linked
-
-
-def _without_adaptive_subdivision() -> list[str]:
-    """Disable adaptive subdivision: it depends on the camera and would give every frame a different
-    surface.
-    """
-    found = []
-    for thing in bpy.data.objects:
-        for owner in (*thing.modifiers, getattr(thing, "cycles", None)):
-            if getattr(owner, "use_adaptive_subdivision", False):
-                owner.use_adaptive_subdivision = False
-                found.append(thing.name)
-    compat.leave_out_experiments(bpy.context.scene)
-    names = ", ".join(sorted(found))[:120]
-    return [f"adaptive subdivision ({names}): the levels for rendering are used"] if found else []
-
-
-def _as_rendered_meshes(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
-    """Apply the modifiers at the levels for rendering; each object then has its own mesh."""
-    with as_rendered(scene) as depsgraph:
-        kept = {"preserve_all_data_layers": True, "depsgraph": depsgraph}
-        made = [
-            bpy.data.meshes.new_from_object(o.evaluated_get(depsgraph), **kept) for o in objects
-        ]
-    for thing, mesh in zip(objects, made, strict=True):
-        slots = [slot.material for slot in thing.material_slots]
-        space = tuple(thing.data.texspace_location), tuple(thing.data.texspace_size)
-        thing.modifiers.clear()
-        thing.data = mesh
-        mesh.use_auto_texspace = (
-            False  # generated coordinates refer to its bounding box before the modifiers
-        )
-        mesh.texspace_location, mesh.texspace_size = space
-        for slot, material in zip(thing.material_slots, slots, strict=False):
-            slot.material = material
-
-
-def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
-    """Move vertices to the positions in Cycles' position pass; loose vertices are not moved."""
-    thing.hide_set(False)
-    mesh = thing.data
-    mesh.color_attributes.active_color = mesh.color_attributes.new(
-        _ATTRIBUTE, "FLOAT_COLOR", "POINT"
-    )
-    with (
-        temporarily(scene.cycles, samples=1, use_denoising=False),
-        temporarily(scene.render, engine="CYCLES"),
-        temporarily(
-            scene.render.bake, target="VERTEX_COLORS", use_clear=False, use_selected_to_active=False
-        ),
-    ):
-        compat.bake(thing, type="POSITION", target="VERTEX_COLORS", use_clear=False)
-    places = array_of(mesh.color_attributes[_ATTRIBUTE].data, "color", 4)[:, :3].astype(float)
-    to_object = np.linalg.inv(np.array(thing.matrix_world))
-    places = places @ to_object[:3, :3].T + to_object[:3, 3]
-    mesh.vertices.foreach_set("co", places.astype(np.float32).ravel())
-    mesh.color_attributes.remove(mesh.color_attributes[_ATTRIBUTE])
-    mesh.update()
 
 
 def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
@@ -326,16 +50,16 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
         }
     for thing, shift in raised.items():
         thing.matrix_world = Matrix.Translation(shift) @ thing.matrix_world
-    _as_rendered_meshes(scene, list({**left_out, **lifted_of}))
+    as_rendered_meshes(scene, list({**left_out, **lifted_of}))
     for thing in {**left_out, **lifted_of}:
         _edit_faces(thing, left_out.get(thing, ()), lifted_of.get(thing, ()), directions[thing])
     black = "because Cycles would show both black"
     millimetres = f"moved by {_RAISED_M * 1e3:g} mm, {black}"
     notes = {
-        f"faces that lie exactly on others ({len(again)}, of {_names(left_out)}): left out, {black}": left_out,
-        f"sheets that lie in the plane of others ({_names(raised)}): {millimetres}": raised,
-        f"faces that overlap larger ones in one plane ({len(lifted)}, of {_names(lifted_of)}): {millimetres}": lifted_of,
-        f"sheets that overlap the back of others in one plane ({_names(reversed_)}): black or flickering in path tracing; "
+        f"faces that lie exactly on others ({len(again)}, of {names_of(left_out)}): left out, {black}": left_out,
+        f"sheets that lie in the plane of others ({names_of(raised)}): {millimetres}": raised,
+        f"faces that overlap larger ones in one plane ({len(lifted)}, of {names_of(lifted_of)}): {millimetres}": lifted_of,
+        f"sheets that overlap the back of others in one plane ({names_of(reversed_)}): black or flickering in path tracing; "
         "flip them, or move them apart by 0.1 mm": reversed_,
     }
     return [sentence for sentence, is_so in notes.items() if is_so]
@@ -655,7 +379,7 @@ def _is_opaque(thing: bpy.types.Object) -> bool:
     outputs = set(compat.volume_outputs())
     nodes = [node for tree in trees for node in compat.nodes_of(tree)]
     shows = thing.visible_camera and thing.visible_shadow and not thing.hide_render
-    return shows and not any(node in outputs or lit_scene.is_glass(node) for node in nodes)
+    return shows and not any(node in outputs or materials.is_glass(node) for node in nodes)
 
 
 def _faces_in_world(
@@ -688,28 +412,3 @@ def _faces_in_world(
         normals / np.maximum(area, 1e-30)[:, None],
         area,
     )
-
-
-def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:
-    """Remove drivers that need Python from objects, their data, shape keys and materials, before
-    they are evaluated. Returns their number.
-    """
-    removed = 0
-    for block in {block for thing in things if thing is not None for block in _blocks_of(thing)}:
-        animation = getattr(block, "animation_data", None)
-        if animation is None:
-            continue
-        for curve in list(animation.drivers):
-            if curve.driver.type == "SCRIPTED" and not curve.driver.is_simple_expression:
-                animation.drivers.remove(curve)
-                removed += 1
-    return removed
-
-
-def _blocks_of(thing: bpy.types.Object) -> list[bpy.types.ID]:
-    data = thing.data
-    materials = [slot.material for slot in thing.material_slots if slot.material]
-    blocks = [thing, data, getattr(data, "shape_keys", None), getattr(data, "node_tree", None)]
-    blocks += [*materials, *(m.node_tree for m in materials)]
-    blocks += [m.node_group for m in thing.modifiers if m.type == "NODES"]
-    return [block for block in blocks if block is not None]

@@ -11,12 +11,16 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..dataset.run_folder import read_run
-from ..formats import png
-from ..geometry.trajectory import Trajectory
-from ..job import RenderJob, bake_core_s
-from ..sensor.transfer import srgb8
-from . import camera, compat, frames, light_map, scene, settings
+from ... import shipped
+from ...dataset.run_folder import read_run
+from ...formats import png
+from ...geometry.trajectory import Trajectory
+from ...job import RenderJob, bake_core_s
+from ...sensor.transfer import srgb8
+from .. import compat
+from ..light import light_map
+from ..open import scene
+from . import camera, frames, settings
 
 #: Core-seconds of a path-traced sample of 640 x 480 pixels where bake_core_s was measured. If a
 #: sample takes longer, a bake does too.
@@ -99,7 +103,7 @@ def choose(job: RenderJob, out: Path, look: Look | None, frame_count: int) -> tu
     if (out / "sequence.json").is_file():
         light = read_run(out).recipe["job"]["light"]
         return scene.with_light(job, light), f"light: {light}, as when this run was started"
-    if look is None or light_map.find(light_map.cache_folder(), job):
+    if look is None or light_map.find(shipped.cache_folder(), job):
         return scene.with_light(job, "baked"), "light: baked" + (
             ", found in the cache" if look else ""
         )

@@ -17,14 +17,15 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from .. import shipped
-from ..errors import InputError
-from ..formats.ply import check_ply
-from ..geometry.points import farthest_points
-from ..geometry.scene_axes import SceneReading
-from ..job import RenderJob
-from ..shipped import SCENES
-from . import compat, lit_scene, orient, preflight, sanitize, scene_paths, surfaces
+from ... import shipped
+from ...errors import InputError
+from ...formats.ply import check_ply
+from ...geometry.points import farthest_points
+from ...geometry.scene_axes import SceneReading
+from ...job import RenderJob
+from ...shipped import SCENES
+from .. import compat, materials, surfaces
+from . import coplanar, displacement, glass, orient, preflight, sanitize, scene_paths
 
 #: The importers keep the file's axes: orient.py rotates and scales.
 _OWN_AXES = {"forward_axis": "Y", "up_axis": "Z"}
@@ -68,14 +69,12 @@ def open_scene(name: str, reading: SceneReading | None = None) -> list[str]:
     Returns notes for the user. Raises InputError if it cannot be opened.
     """
     open_empty()
-    if is_shipped(name):
-        bpy.ops.wm.open_mainfile(filepath=str(shipped_file(name)), load_ui=False, use_scripts=False)
+    if shipped.is_scene(name):
+        bpy.ops.wm.open_mainfile(
+            filepath=str(shipped.scene_file(name)), load_ui=False, use_scripts=False
+        )
         return []
     return open_file(checked_file(name), reading or SceneReading())
-
-
-def is_shipped(name: str) -> bool:
-    return name in SCENES
 
 
 def scene_sha256(name: str) -> str:
@@ -83,19 +82,9 @@ def scene_sha256(name: str) -> str:
 
     Textures that only Blender can find are included only if the scene is open: open it first.
     """
-    if not is_shipped(name):
+    if not shipped.is_scene(name):
         return scene_paths.sha256(checked_file(name))
-    return hashlib.sha256(shipped_file(name).read_bytes()).hexdigest()
-
-
-def shipped_file(name: str) -> Path:
-    """The .blend of a shipped scene. Raises InputError if it is missing."""
-    path = shipped.folder("blend") / f"{name}.blend"
-    if not path.is_file():
-        raise InputError(
-            "the shipped scene", path=path, found="no such file", hint="installing iclnuim again"
-        )
-    return path
+    return hashlib.sha256(shipped.scene_file(name).read_bytes()).hexdigest()
 
 
 def open_file(path: Path, reading: SceneReading) -> list[str]:
@@ -115,7 +104,7 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     _look_at_rendered_layer(scene)
     notes = [*missing, *_without_grease_pencil(), *sanitize.sanitize(scene)]
     if path.suffix.lower() == ".obj":
-        notes += sanitize.without_false_glass(path)
+        notes += glass.without_false_glass(path)
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
         raise InputError(
             "a scene with at least one surface", path=path, found=missing[0] if missing else "none"
@@ -123,14 +112,14 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     sentence, unusual = orient.orient(path, reading, list(scene.objects))
     notes = [*([sentence] if unusual else []), *notes]
     bpy.context.view_layer.update()
-    notes += sanitize.displace_meshes(scene)
+    notes += displacement.displace_meshes(scene)
     triangles = surfaces.triangle_count()
     if not triangles and not len(surfaces.triangles().triangles):
         raise InputError(
             "a scene with at least one surface", path=path, found="points and edges without a face"
         )
     if triangles <= MAX_BAKED:
-        notes += sanitize.remove_coincident_faces(scene)
+        notes += coplanar.remove_coincident_faces(scene)
     return [*notes, *_light_passes_glass(), *_light_up(scene)]
 
 
@@ -205,13 +194,11 @@ def _look_at_rendered_layer(scene: bpy.types.Scene) -> None:
 
 
 def _light_passes_glass() -> list[str]:
-    glass = lit_scene.let_light_through(
-        m for m in bpy.data.materials if m.use_nodes and m.node_tree
-    )
-    if not glass:
+    names = glass.let_light_through(m for m in bpy.data.materials if m.use_nodes and m.node_tree)
+    if not names:
         return []
     return [
-        f"glass ({', '.join(sorted(glass))[:120]}): light of lamps and sky passes straight through it, without caustics"
+        f"glass ({', '.join(sorted(names))[:120]}): light of lamps and sky passes straight through it, without caustics"
     ]
 
 
@@ -248,7 +235,7 @@ def reason_against_baking(scene: bpy.types.Scene) -> str | None:
     for what, names in obstacles.items():
         if names:
             return f"{what} ({', '.join(names)[:120]})"
-    kinds = map(lit_scene.kind, _shown_materials(scene))
+    kinds = map(materials.kind, _shown_materials(scene))
     if not any(diffuse or translucent for diffuse, translucent, _ in kinds):
         return "no diffuse surface"
     count = surfaces.triangle_count()

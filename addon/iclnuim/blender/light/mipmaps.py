@@ -29,11 +29,11 @@ import bpy
 import numpy as np
 from bpy.types import Image, Material, Mesh, Node, NodeSocket, NodeTree, Object
 
-from ..geometry.camera import PinholeCamera
-from ..sensor.transfer import light_from_srgb, srgb_from_light
-from .compat import nodes_of
-from .shader_nodes import add_node, calculate, vectors
-from .surfaces import array_of
+from ...geometry.camera import PinholeCamera
+from ...sensor.transfer import light_from_srgb, srgb_from_light
+from ..compat import nodes_of
+from ..shader_nodes import add_node, calculate, vectors
+from ..surfaces import array_of
 
 #: Version in recipes: higher if the same texture is filtered to other pixels. From 2 on, levels are
 #: mixed by noise; 3 has larger cells of it.

@@ -5,7 +5,7 @@ import math
 import bpy
 import numpy as np
 
-from . import compat, surfaces
+from .. import compat, surfaces
 
 #: Depth is float32: at this distance from the origin its resolution is about 0.1 mm.
 FAR_M = 1000.0

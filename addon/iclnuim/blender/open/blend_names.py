@@ -15,7 +15,7 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
+from ...errors import InputError
 
 #: Structs and fields with paths that Blender does not read: former locations of the file, output
 #: paths, the sequencer, the window's layout.

@@ -26,18 +26,19 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..errors import IclnuimError, InputError, WorkError
-from ..formats.exr import write_exr
-from ..formats.files import read_bytes, read_json, sha256, write_json
-from ..job import LIGHT_FILES, RenderJob, bake_core_s, shipped_light
-from ..lightmap.denoise import contrast, denoise, fill, grown, next_to_known
-from ..lightmap.layout import Layout, lay_out
-from ..lightmap.surfaces import BACK, FRONT
-from ..shipped import cache_folder as cache_folder
-from ..version import __version__
-from . import compat, light_sampling, lit_scene, scene, scene_key, surfaces
+from ... import shipped
+from ...errors import IclnuimError, InputError, WorkError
+from ...formats.exr import write_exr
+from ...formats.files import read_bytes, read_json, sha256, write_json
+from ...job import LIGHT_FILES, RenderJob, bake_core_s, shipped_light
+from ...lightmap.denoise import contrast, denoise, fill, grown, next_to_known
+from ...lightmap.layout import Layout, lay_out
+from ...lightmap.surfaces import BACK, FRONT
+from ...version import __version__
+from .. import compat, materials, surfaces
+from ..surfaces import Part
+from . import light_sampling, lit_scene, scene_key
 from .lit_scene import LitScene, MapLayout
-from .surfaces import Part
 
 MAP, LAYOUT, RECIPE = LIGHT_FILES
 #: Cycles' bounces for a frame with baked light: diffuse light is in the map; two reflections are
@@ -84,7 +85,7 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
         versions = {"blender": compat.version_line(), "iclnuim": __version__, "extra": {}}
         key = {**scene_key.key_parts(found, bpy.context.scene), "settings": chosen, **versions}
         name = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:20]
-        cache = cache_folder()
+        cache = shipped.cache_folder()
         folder = cache / "light" / name
         if lacking := not is_whole(folder):
             report(_beforehand(job))
@@ -101,7 +102,7 @@ def _beforehand(job: RenderJob) -> str:
     """A message with the estimated time of the bake: the time of the scene's map with the other
     setting of `lambertian`, or from its texels.
     """
-    known = find(cache_folder(), job.changed(lambertian=not job.lambertian))
+    known = find(shipped.cache_folder(), job.changed(lambertian=not job.lambertian))
     estimate = bake_core_s(job) / bpy.context.scene.render.threads
     seconds = read_recipe(known[0]).get("seconds", estimate) if known else estimate
     if job.lambertian:
@@ -239,7 +240,7 @@ def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     rows = []
     for part in found:
-        table = np.array([lit_scene.kind(m) for m in part.mesh.materials] or [lit_scene.kind(None)])
+        table = np.array([materials.kind(m) for m in part.mesh.materials] or [materials.kind(None)])
         rows.append(table[np.maximum(surfaces.material_of_face(part), 0)])
     diffuse, translucent, sends = np.concatenate(rows).T
     return diffuse | translucent, translucent, sends
@@ -416,7 +417,7 @@ def find(cache: Path, job: RenderJob) -> tuple[Path, int, float] | None:
 def _note_file(cache: Path, job: RenderJob) -> Path:
     light = [job.map_size, job.map_samples, job.seed, job.lambertian]
     # only the scene's own file: other files it refers to are known only when it is open
-    path = scene.shipped_file(job.scene) if scene.is_shipped(job.scene) else Path(job.scene)
+    path = shipped.scene_file(job.scene) if shipped.is_scene(job.scene) else Path(job.scene)
     decides = [
         _file_hash(path, path.stat().st_mtime_ns),
         job.reading.to_dict(),

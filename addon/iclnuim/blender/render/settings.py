@@ -7,9 +7,9 @@ from contextlib import ExitStack, contextmanager
 
 import bpy
 
-from ..errors import WorkError
-from ..job import RenderJob
-from . import compat
+from ...errors import WorkError
+from ...job import RenderJob
+from .. import compat
 
 #: Inputs of a Principled surface without gloss.
 _MATT = {"Specular IOR Level": 0.0, "Metallic": 0.0, "Coat Weight": 0.0, "Sheen Weight": 0.0}

@@ -14,8 +14,8 @@ from urllib.parse import unquote
 
 import bpy
 
-from ..errors import InputError
-from ..geometry.scene_axes import SceneReading
+from ...errors import InputError
+from ...geometry.scene_axes import SceneReading
 from . import scene_names
 from .scene_names import Named
 

@@ -14,8 +14,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import InputError
-from . import blend_names, compat
+from ...errors import InputError
+from .. import compat
+from . import blend_names
 
 #: A backslash at the end of a line continues it on the next line.
 _REST = rb"(?:[ \t]|\\\r?\n)((?:\\\r?\n|[^\r\n])+)"

@@ -1,0 +1,56 @@
+"""Properties of materials that decide how light is baked and passes: diffuse, translucent, glass."""
+
+from bpy.types import Material, Node, NodeSocket, NodeTree
+
+from .compat import nodes_of
+from .shader_nodes import constant
+
+DIFFUSE = {"BSDFDIFFUSE", "SUBSURFACE_SCATTERING"}
+
+
+def kind(material: Material | None) -> tuple[bool, bool, bool]:
+    """Whether a material shows light on the side that is seen, whether light passes through from
+    the other side, and whether it reflects light to
+    others.
+
+    No material, or one without nodes, is diffuse.
+    """
+    tree = tree_of(material)
+    if tree is None:
+        return True, False, True
+    nodes = nodes_of(tree)
+    types, principled = {n.type for n in nodes}, [n for n in nodes if n.type == "BSDF_PRINCIPLED"]
+    diffuse, translucent = bool(types & DIFFUSE), "BSDF_TRANSLUCENT" in types
+    sends = diffuse or translucent or any(map(reflects, principled))
+    return diffuse or any(map(has_diffuse, principled)), translucent, sends
+
+
+def is_glass(node: Node) -> bool:
+    """Whether the node is a shader that transmits light, at least in part."""
+    if node.type == "BSDF_PRINCIPLED":
+        return (
+            constant(node.inputs["Transmission Weight"]) != 0.0
+            and constant(node.inputs["Metallic"]) != 1.0
+        )
+    return node.type in {"BSDF_GLASS", "BSDF_REFRACTION"}
+
+
+def tree_of(material: Material | None) -> NodeTree | None:
+    return material.node_tree if material is not None and material.use_nodes else None
+
+
+def has_diffuse(principled: Node) -> bool:
+    """False only for pure metal or pure glass."""
+    return not any(
+        constant(principled.inputs[name]) == 1.0 for name in ("Metallic", "Transmission Weight")
+    )
+
+
+def reflects(principled: Node) -> bool:
+    """False only for pure glass: metal reflects light to others, too."""
+    return constant(principled.inputs["Transmission Weight"]) != 1.0
+
+
+def f0(ior: NodeSocket) -> float:
+    """Reflectance at normal incidence; for a linked IOR, the value of the unlinked input is used."""
+    return float(((ior.default_value - 1) / (ior.default_value + 1)) ** 2)

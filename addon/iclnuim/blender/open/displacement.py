@@ -1,0 +1,132 @@
+"""Displacement by materials, as meshes: the vertices are moved, so that depth is exact."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import bpy
+import numpy as np
+
+from .. import compat
+from ..compat import temporarily
+from ..surfaces import array_of, as_rendered
+
+_ATTRIBUTE = "displaced position"
+
+
+def displace_meshes(scene: bpy.types.Scene) -> list[str]:
+    """Give every object with displacement in its materials a separate mesh, evaluated and
+    displaced, also if the object is only instanced.
+    """
+    materials = {m for m in bpy.data.materials if _displaces(m)}
+    adaptive = _without_adaptive_subdivision()
+    things = [o for o in bpy.data.objects if o.type == "MESH" and o.users]
+    moved = [o for o in things if {s.material for s in o.material_slots} & materials]
+    if moved:
+        with _in_view(scene, moved):
+            as_rendered_meshes(scene, moved)
+            with _without_others(moved):
+                for thing in moved:
+                    _displace(scene, thing)
+    for material in materials:
+        # the meshes are displaced now, so the material no longer displaces; on objects without a
+        # separate mesh it becomes a bump map
+        material.displacement_method = "BUMP"
+        if all(o in moved for o in bpy.data.objects if material.name in o.material_slots):
+            compat.unlink(material.node_tree.get_output_node("CYCLES").inputs["Displacement"])
+    names = ", ".join(sorted(o.name for o in moved))[:120]
+    return [
+        *([f"displaced surfaces ({names}): moved vertex by vertex"] if moved else []),
+        *adaptive,
+    ]
+
+
+@contextmanager
+def _in_view(scene: bpy.types.Scene, things: list[bpy.types.Object]) -> Iterator[None]:
+    """Make all these objects rendered objects of the scene temporarily, so that instanced or unused
+    ones are evaluated and baked, too.
+    """
+    with ExitStack() as stack:
+        for thing in things:
+            stack.enter_context(temporarily(thing, hide_render=False, hide_viewport=False))
+            if bpy.context.view_layer.objects.get(thing.name) != thing:
+                scene.collection.objects.link(thing)
+                stack.callback(scene.collection.objects.unlink, thing)
+        yield
+
+
+@contextmanager
+def _without_others(things: list[bpy.types.Object]) -> Iterator[None]:
+    """Hide all other objects and instances temporarily: baking identifies an object by its name,
+    which its instances share.
+    """
+    here = set(things)
+    with ExitStack() as stack:
+        for thing in bpy.data.objects:
+            hidden = thing.hide_render or thing not in here
+            stack.enter_context(temporarily(thing, hide_render=hidden, instance_type="NONE"))
+        yield
+
+
+def _displaces(material: bpy.types.Material) -> bool:
+    if material.node_tree is None or material.displacement_method == "BUMP":
+        return False
+    output = material.node_tree.get_output_node("CYCLES")
+    return output is not None and output.inputs["Displacement"].is_linked
+
+
+def _without_adaptive_subdivision() -> list[str]:
+    """Disable adaptive subdivision: it depends on the camera and would give every frame a different
+    surface.
+    """
+    found = []
+    for thing in bpy.data.objects:
+        for owner in (*thing.modifiers, getattr(thing, "cycles", None)):
+            if getattr(owner, "use_adaptive_subdivision", False):
+                owner.use_adaptive_subdivision = False
+                found.append(thing.name)
+    compat.leave_out_experiments(bpy.context.scene)
+    names = ", ".join(sorted(found))[:120]
+    return [f"adaptive subdivision ({names}): the levels for rendering are used"] if found else []
+
+
+def as_rendered_meshes(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
+    """Apply the modifiers at the levels for rendering; each object then has its own mesh."""
+    with as_rendered(scene) as depsgraph:
+        kept = {"preserve_all_data_layers": True, "depsgraph": depsgraph}
+        made = [
+            bpy.data.meshes.new_from_object(o.evaluated_get(depsgraph), **kept) for o in objects
+        ]
+    for thing, mesh in zip(objects, made, strict=True):
+        slots = [slot.material for slot in thing.material_slots]
+        space = tuple(thing.data.texspace_location), tuple(thing.data.texspace_size)
+        thing.modifiers.clear()
+        thing.data = mesh
+        mesh.use_auto_texspace = (
+            False  # generated coordinates refer to its bounding box before the modifiers
+        )
+        mesh.texspace_location, mesh.texspace_size = space
+        for slot, material in zip(thing.material_slots, slots, strict=False):
+            slot.material = material
+
+
+def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
+    """Move vertices to the positions in Cycles' position pass; loose vertices are not moved."""
+    thing.hide_set(False)
+    mesh = thing.data
+    mesh.color_attributes.active_color = mesh.color_attributes.new(
+        _ATTRIBUTE, "FLOAT_COLOR", "POINT"
+    )
+    with (
+        temporarily(scene.cycles, samples=1, use_denoising=False),
+        temporarily(scene.render, engine="CYCLES"),
+        temporarily(
+            scene.render.bake, target="VERTEX_COLORS", use_clear=False, use_selected_to_active=False
+        ),
+    ):
+        compat.bake(thing, type="POSITION", target="VERTEX_COLORS", use_clear=False)
+    places = array_of(mesh.color_attributes[_ATTRIBUTE].data, "color", 4)[:, :3].astype(float)
+    to_object = np.linalg.inv(np.array(thing.matrix_world))
+    places = places @ to_object[:3, :3].T + to_object[:3, 3]
+    mesh.vertices.foreach_set("co", places.astype(np.float32).ravel())
+    mesh.color_attributes.remove(mesh.color_attributes[_ATTRIBUTE])
+    mesh.update()
