@@ -5,7 +5,7 @@ from bpy.types import Material, Node, NodeSocket, NodeTree
 from .compat import nodes_of
 from .shader_nodes import constant
 
-DIFFUSE = {"BSDFDIFFUSE", "SUBSURFACE_SCATTERING"}
+DIFFUSE = {"BSDF_DIFFUSE", "SUBSURFACE_SCATTERING"}
 
 
 def kind(material: Material | None) -> tuple[bool, bool, bool]:
