@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from iclnuim.benchmark.odometry.baselines import Baseline
@@ -14,7 +14,6 @@ from iclnuim.benchmark.odometry.protocol import (
     Frame,
     Odometer,
     Result,
-    SequentialOdometer,
     Status,
     failure,
 )
@@ -79,18 +78,10 @@ class RecordingOdometer:
     def __init__(self, odometer: Odometer, segment: Segment) -> None:
         self.odometer, self.segment = odometer, segment
         self.name, self.reference = odometer.name, odometer.reference
-        self.sequential = getattr(odometer, "sequential", False)
         self.pairs: dict[float, float] = {}
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> Any:
         return frame.stamp_s, self.odometer.prepare(frame, camera)
-
-    def prepare_after(self, previous: Any, frame: Frame, camera: PinholeCamera) -> Any:
-        odometer = cast(SequentialOdometer, self.odometer)
-        return frame.stamp_s, odometer.prepare_after(previous[1], frame, camera)
-
-    def initial_motion(self, previous: Any, current: Any) -> SE3:
-        return cast(SequentialOdometer, self.odometer).initial_motion(previous[1], current[1])
 
     def align(self, reference: Any, current: Any, guess: SE3) -> Result:
         self.pairs[current[0]] = reference[0]

@@ -5,7 +5,6 @@ A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB
 before, so (u, v) on level n is (u, v) 2^n in the image.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -36,8 +35,7 @@ BUCKET_PX, PER_BUCKET = 80, 25
 class Features:
     """Corners of one frame, sorted by level, then row. images: grey (h, w) uint8, fine to coarse;
     uv (n, 2): pixels of the full
-    image; level (n,); points_m (n, 3): in the camera's frame; descriptions (n, 81) uint8;
-    next_threshold: of FAST, for the next frame.
+    image; level (n,); points_m (n, 3): in the camera's frame; descriptions (n, 81) uint8.
     """
 
     images: list[np.ndarray]
@@ -47,7 +45,6 @@ class Features:
     level: np.ndarray
     points_m: np.ndarray
     descriptions: np.ndarray
-    next_threshold: int = 0
     calibrated: bool = False  # Frame.calibrated
 
     @cached_property
@@ -91,40 +88,20 @@ def features(frame: Frame, camera: PinholeCamera, levels: int, count: int) -> Fe
         strongest(uv[scores >= threshold], scores[scores >= threshold], images[n].shape[1])
         for n, (uv, scores) in enumerate(found)
     ]
-    return assembled(images, frame, camera, kept, describe)
-
-
-def assembled(
-    images: list[np.ndarray],
-    frame: Frame,
-    camera: PinholeCamera,
-    corners: list[np.ndarray],
-    describe: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    next_threshold: int = 0,
-) -> Features:
-    """The features of the corners that have depth; corners (n, 2): pixels of each level, whose
-    patch is inside the image.
-
-    describe: as describe().
-    """
-    level = np.repeat(np.arange(len(images)), [len(uv) for uv in corners])
-    uv = np.concatenate([uv * 2**n for n, uv in enumerate(corners)]).astype(float)
+    level = np.repeat(np.arange(len(images)), [len(uv) for uv in kept])
+    uv = np.concatenate([uv * 2**n for n, uv in enumerate(kept)]).astype(float)
     z = frame.depth_z_m[uv[:, 1].astype(int), uv[:, 0].astype(int)]
-    descriptions = np.concatenate(
-        [describe(image, uv) for image, uv in zip(images, corners, strict=True)]
-    )
+    descriptions = np.concatenate([describe(*pair) for pair in zip(images, kept, strict=True)])
     has = z > 0
-    points_m = points(camera, uv[has], z[has])
     return Features(
-        images,
-        frame.depth_z_m,
-        camera,
-        uv[has],
-        level[has],
-        points_m,
-        descriptions[has],
-        next_threshold,
-        frame.calibrated,
+        images=images,
+        depth_z_m=frame.depth_z_m,
+        camera=camera,
+        uv=uv[has],
+        level=level[has],
+        points_m=points(camera, uv[has], z[has]),
+        descriptions=descriptions[has],
+        calibrated=frame.calibrated,
     )
 
 
@@ -407,24 +384,12 @@ def depth_at(depth_z_m, uv):
     return out
 
 
-def stable_descending(values: np.ndarray) -> np.ndarray:
-    """(n,): indices of the values (n,) in descending order; equal ones stay in their order."""
-    return np.argsort(-values, kind="mergesort")
-
-
-def consistent(
-    points0_m: np.ndarray,
-    points1_m: np.ndarray,
-    max_m: float,
-    descending: Callable[[np.ndarray], np.ndarray] = stable_descending,
-) -> np.ndarray:
+def consistent(points0_m: np.ndarray, points1_m: np.ndarray, max_m: float) -> np.ndarray:
     """(n,) bool: a greedy clique of matches whose pairwise distances in both frames differ by less
-    than max_m (section 3.4).
-
-    descending: as stable_descending(), for the numbers of matches with which each agrees.
+    than max_m (section 3.4); those that agree with most others come first.
     """
     agree = agreement(points0_m, points1_m, max_m)
-    return clique(agree, descending(agree.sum(axis=1)))
+    return clique(agree, np.argsort(-agree.sum(axis=1), kind="mergesort"))
 
 
 @njit(cache=True)

@@ -17,15 +17,10 @@ from iclnuim.geometry.se3 import SE3
 from numba import njit
 
 from . import kernels
-from .byte_patches import match_in_bytes
 from .certainty import ACROSS, DOWN, jackknife_information
 from .depth_term import LOOSE, DepthTerm, inlier_weights, scale_ambiguity
-from .euler_refinement import refine_motion
-from .fast_features import FIRST_THRESHOLD, fast_features
-from .features import Features, Matches, consistent, features, match, stable_descending
-from .gcc_order import descending
+from .features import Features, Matches, consistent, features, match
 from .protocol import Frame, Result, Status, failure
-from .small_rotation import rotation_between, small_image
 from .solver import Limits, Pass, Stop, System, solve
 
 #: The initial rotation is estimated on small images: their rows, the iterations, and the size of
@@ -36,9 +31,6 @@ SMALL_ROWS, ROTATION_ITERATIONS, BLUR = 30, 30, 5
 ROUGH_STEP = 1e-3
 #: Maximum number of evaluations of the geometric term.
 MAX_EVALUATIONS = 3
-#: If a smaller share of the matches agrees (unrelated images: up to 0.07, furnished rooms: 0.4 and
-#: more), there may have been a sudden rotation, which is then estimated from small images.
-LOW_AGREEMENT = 0.25
 #: If a larger share agrees near the prediction (noisy frames: 0.42 and more), the wide search is
 #: skipped.
 HIGH_AGREEMENT = 0.35
@@ -46,27 +38,22 @@ HIGH_AGREEMENT = 0.35
 
 @dataclass(frozen=True)
 class FovisSettings:
-    """The defaults are those of the authors' program (fovis 1.2).
-
-    authors: each stage is that of the program: corners (fast_features), first rotation
-    (small_rotation), descriptions and positions (byte_patches), the order of matches (gcc_order)
-    and the steps of the refinement (euler_refinement).
+    """The defaults are those of the paper, and of the authors' program (fovis 1.2) where the paper
+    has none. Corners are maxima of the structure tensor instead of FAST's.
     """
 
     levels: int = 3
-    authors: bool = True
-    count: int = 1229  # without `authors`: corners per frame
+    count: int = 1229  # corners per frame: one per 250 pixels ("target-pixels-per-feature")
     searches_px: tuple[float, ...] = (
         25.0,
     )  # search radii around the position predicted by the current motion
-    precision_px: float = (
-        0.01  # without `authors`: a corner's position is refined until a step is shorter
-    )
+    precision_px: float = 0.01  # a corner's position is refined until a step is shorter
+    #: If a smaller share of the matches agrees, a rotation is estimated from small images, and the
+    #: motion with more inliers is used; 1: always (section 3.2).
+    rotate_below: float = 1.0
     max_distance_m: float = 0.1  # maximum difference of two consistent distances
     max_error_px: float = 1.5  # maximum error of an inlier
-    #: Minimum share of inliers; unrelated images have up to 0.07. With `authors`, of the status OK
-    #: only.
-    min_agreement: float = 0.1
+    min_agreement: float = 0.1  # minimum share of inliers; unrelated images have up to 0.07
     min_inliers: int = 10
     nu: float = (
         0.0  # degrees of freedom of Student's t, whose equations are information; 0: least squares
@@ -84,8 +71,9 @@ class Fovis:
     PRESETS = {
         "paper": FovisSettings(),
         "best": FovisSettings(
-            authors=False,
             searches_px=(25.0, 4.0),
+            # unrelated images: up to 0.07, furnished rooms: 0.4 and more
+            rotate_below=0.25,
             nu=5.0,
             stop=Stop(min_step=1e-5),
             depth=True,
@@ -96,25 +84,11 @@ class Fovis:
     }
 
     def __init__(self, settings: FovisSettings) -> None:
-        self.settings, self.reference, self.sequential = (
-            settings,
-            settings.reference,
-            settings.authors,
-        )
+        self.settings = settings
+        self.reference = settings.reference
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> Features:
-        s = self.settings
-        if s.authors:
-            return fast_features(frame, camera, s.levels, FIRST_THRESHOLD)
-        return features(frame, camera, s.levels, s.count)
-
-    def prepare_after(self, previous: Features, frame: Frame, camera: PinholeCamera) -> Features:
-        return fast_features(frame, camera, self.settings.levels, previous.next_threshold)
-
-    def initial_motion(self, previous: Features, current: Features) -> SE3:
-        """T_previous_current: the rotation between the small images (section 3.2)."""
-        small0, small1 = (small_image(f.images[-1], len(f.images) - 1) for f in (previous, current))
-        return SE3(rotation_between(small0, small1, current.camera), np.zeros(3))
+        return features(frame, camera, self.settings.levels, self.settings.count)
 
     def align(self, reference: Features, current: Features, guess: SE3) -> Result:
         s = self.settings
@@ -125,7 +99,7 @@ class Fovis:
         found = self._search(reference, current, guess, near, depth)
         if far > near and found.share < HIGH_AGREEMENT:
             found = self._search(reference, current, guess, far, depth)
-        if not s.authors and found.share < LOW_AGREEMENT:
+        if found.share < s.rotate_below:
             again = self._search(
                 reference, current, _estimate_rotation(reference, current, guess), far, depth
             )
@@ -151,16 +125,9 @@ class Fovis:
         s, camera = self.settings, reference.camera
         expected_uv = camera.project(start.inverse().apply(reference.points_m))
         last = search_px == s.searches_px[-1]
-        if s.authors:
-            found = match_in_bytes(reference, current, expected_uv, search_px)
-        else:
-            found = match(
-                reference, current, expected_uv, search_px, s.precision_px if last else 0.5
-            )
-        order = descending if s.authors else stable_descending
-        agreeing = found.chosen(
-            consistent(found.points0_m, found.points1_m, s.max_distance_m, order)
-        )
+        precision_px = s.precision_px if last else 0.5
+        found = match(reference, current, expected_uv, search_px, precision_px)
+        agreeing = found.chosen(consistent(found.points0_m, found.points1_m, s.max_distance_m))
         if len(agreeing) < s.min_inliers:
             reason = f"features: {len(agreeing)} consistent matches, fewer than {s.min_inliers}"
             return Candidate(start, agreeing, 0.0, search_px, reason)
@@ -169,15 +136,12 @@ class Fovis:
             term = ReprojectionTerm(agreeing, camera, s, loose=True)
             T = self._estimate(term, T, depth)
             agreeing = replace(agreeing, weight=term.inlier_weights(depth.at(T), T))
-        if s.authors:
-            T = self._refined(agreeing, T, camera)
-        else:
-            T = self._estimate(ReprojectionTerm(agreeing, camera, s), T)
+        T = self._estimate(ReprojectionTerm(agreeing, camera, s), T)
         errors_px = np.linalg.norm(
             camera.project(T.apply(agreeing.points1_m)) - agreeing.uv0, axis=1
         )
         inliers = agreeing.chosen(errors_px <= s.max_error_px)
-        few = len(inliers) < max(0.0 if s.authors else s.min_agreement * len(found), s.min_inliers)
+        few = len(inliers) < max(s.min_agreement * len(found), s.min_inliers)
         reason = f"features: {len(inliers)} of {len(found)} matches are inliers" if few else ""
         return Candidate(T, inliers, len(inliers) / len(found), search_px, reason)
 
@@ -204,20 +168,6 @@ class Fovis:
                 break
         return T
 
-    def _refined(self, matches: Matches, T: SE3, camera: PinholeCamera) -> SE3:
-        """The motion as the authors' program refines it."""
-        m = matches
-        found = refine_motion(
-            T.matrix,
-            camera.intrinsics,
-            m.points0_m,
-            m.uv0,
-            m.points1_m,
-            m.uv1,
-            self.settings.iterations,
-        )
-        return SE3(found[:3, :3], found[:3, 3])
-
     def _refine(self, found: "Candidate", camera: PinholeCamera) -> Result:
         """The motion from the inliers, with its uncertainty."""
         s, count = self.settings, len(found.inliers)
@@ -227,16 +177,6 @@ class Fovis:
         result = solve([Pass(term, s.iterations, 4 * count, s.stop)], T, s.limits)
         if result.status is Status.FAILED:
             return result
-        if s.authors:
-            result = replace(
-                result, T_reference_camera=self._refined(found.inliers, found.T, camera)
-            )
-        if result.status is Status.OK and found.share < s.min_agreement:
-            result = replace(
-                result,
-                status=Status.DEGENERATE,
-                reason=f"features: only {found.share:.1%} of the matches agree",
-            )
         return replace(result, matches=count, inliers=found.share)
 
 

@@ -4,7 +4,7 @@ results.
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 from iclnuim.errors import InputError
@@ -149,23 +149,4 @@ class Odometer(Protocol):
         """T_reference_camera of `current` against `reference` (both from prepare()), starting from
         `guess`.
         """
-        ...
-
-
-@runtime_checkable
-class SequentialOdometer(Odometer, Protocol):
-    """An odometer that also uses the frame before. If `sequential`, Tracker calls prepare_after()
-    instead of prepare() for every frame
-    but the first, and an alignment starts from initial_motion() instead of the constant-velocity
-    prediction.
-    """
-
-    sequential: bool
-
-    def prepare_after(self, previous: Any, frame: Frame, camera: PinholeCamera) -> Any:
-        """prepare() for the frame that follows `previous` (from prepare() or prepare_after())."""
-        ...
-
-    def initial_motion(self, previous: Any, current: Any) -> SE3:
-        """T_previous_current, before the alignment."""
         ...

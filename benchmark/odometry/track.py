@@ -9,7 +9,7 @@ import math
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from iclnuim.errors import InputError
@@ -23,7 +23,6 @@ from .protocol import (
     Frame,
     Odometer,
     Result,
-    SequentialOdometer,
     Status,
     failure,
 )
@@ -272,8 +271,7 @@ class Tracker:
     """Tracks frames one by one, with constant memory and time per frame. against: the reference; by
     default the odometer's own.
 
-    Each alignment starts from a constant-velocity prediction, except after a lost frame, or from
-    that of a SequentialOdometer. A frame that repeats the one before is not aligned: it keeps the
+    Each alignment starts from a constant-velocity prediction, except after a lost frame. A frame that repeats the one before is not aligned: it keeps the
     pose and is DEGENERATE, as is the next tracked frame after it, and a frame whose predecessor was
     a DEGENERATE outlier: the motion between the two is wrong. So is a frame that has not converged
     after a pose with a standard deviation of more than WRONG_M: it started from a motion that is
@@ -292,8 +290,6 @@ class Tracker:
             raise InputError(f"a policy for lost frames ({', '.join(POLICIES)})", found=policy)
         self.odometer, self.camera, self.policy = odometer, camera, policy
         self.reference = against or reference(odometer.reference)
-        sequential = isinstance(odometer, SequentialOdometer) and odometer.sequential
-        self.sequential = cast(SequentialOdometer, odometer) if sequential else None
         self.previous: Any = None  # prepare()'s output for the last usable frame
         self.view: Any = None
         self.T_world_view = self.T_view_camera = self.motion = SE3.identity()
@@ -335,11 +331,11 @@ class Tracker:
         fault = frame if isinstance(frame, str) else frame.fault(self.camera)
         if fault or isinstance(frame, str):
             return None, failure(fault)
-        previous, self.previous = self.previous, self._prepared(frame)
-        current = self.previous
+        previous, current = self.previous, self.odometer.prepare(frame, self.camera)
+        self.previous = current
         if self.view is None:
             return current, Result(SE3.identity(), residual=0.0, inliers=1.0)
-        motion = self._expected(stamp_s, previous, current)
+        motion = SE3.identity() if self.losses else self._predicted(stamp_s)
         guess = self.T_view_camera @ motion
         result = self.odometer.align(self.view, current, guess)
         if (
@@ -364,17 +360,6 @@ class Tracker:
         self.unfit += 1
         reason = result.reason or "track: does not fit the reference, aligned with the frame before"
         return replace(result, status=Status.DEGENERATE, reason=reason)
-
-    def _prepared(self, frame: Frame) -> Any:
-        if self.sequential is None or self.previous is None:
-            return self.odometer.prepare(frame, self.camera)
-        return self.sequential.prepare_after(self.previous, frame, self.camera)
-
-    def _expected(self, stamp_s: float, previous: Any, current: Any) -> SE3:
-        """The motion since the last pose from which the alignment starts."""
-        if self.sequential:
-            return self.sequential.initial_motion(previous, current)
-        return SE3.identity() if self.losses else self._predicted(stamp_s)
 
     def _doubt(self, stamp_s: float, frame: Frame, guess: SE3, result: Result) -> str:
         """The reason why a pose that its odometer reports as OK is DEGENERATE; empty if there is
