@@ -37,8 +37,9 @@ MODULES = (
 )
 HEAD = """# Settings
 
-Each setting is declared once, in a dataclass; checks, JSON, options of the command line, the panel's fields and this page are made from
-the declaration. This page is written by `python tools/write_settings_page.py`.
+Each setting is declared once, in a dataclass; checks, JSON, options of the command line, the
+panel's fields and this page are made from the declaration. This page is written by
+`python tools/write_settings_page.py`.
 """
 
 
@@ -81,12 +82,11 @@ def _below(group: type[Settings]) -> Iterator[type[Settings]]:
 def _section(group: type[Settings]) -> str:
     summary = (group.__doc__ or "").strip().partition("\n\n")[0]
     title = f"## {group.group[0].upper()}{group.group[1:]} (`{group.__module__}.{group.__name__}`)"
-    meanings = [
-        f"- `{name}` `{choice}`: {meaning}"
-        for name, setting in declared(group).items()
-        for choice, meaning in (setting.choices or {}).items()
-        if meaning not in ("", choice)
-    ]
+    meanings = []
+    for name, setting in declared(group).items():
+        for choice, meaning in (setting.choices or {}).items():
+            if meaning not in ("", choice):
+                meanings.append(f"- `{name}` `{choice}`: {meaning}")
     parts = [title, " ".join(summary.split()), table(group), "\n".join(meanings)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -98,16 +98,15 @@ def table(group: type) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     for s in declared(group).values():
-        reach = (
-            ", ".join(f"`{choice}`" for choice in s.choices)
-            if s.choices is not None
-            else s.range.removeprefix("in ").removeprefix("of ")
-        )
-        default = "" if s.default in (None, MISSING) else f"`{plain(s.default)}`"
+        reach = s.range.removeprefix("in ").removeprefix("of ")
+        if s.choices is not None:
+            reach = ", ".join(f"`{choice}`" for choice in s.choices)
+        default = ""
+        if s.default not in (None, MISSING):
+            default = f"`{plain(s.default)}`"
         option = f"`{s.option}`" if s.option else ""
-        rows.append(
-            f"| `{s.name}` | {option} | {default} | {s.unit} | {reach} | {s.help} | {s.source} |"
-        )
+        cells = (f"`{s.name}`", option, default, s.unit, reach, s.help, s.source)
+        rows.append(f"| {' | '.join(map(str, cells))} |")
     return "\n".join(rows)
 
 

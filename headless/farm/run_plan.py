@@ -88,9 +88,8 @@ class FarmSettings(Settings):
 
 @dataclass(frozen=True)
 class SlurmSettings(Settings):
-    """Resources of a task.
-
-    The keys of the TOML file are these names; command-line options take precedence over the file.
+    """Resources of a task. The keys of the TOML file are these names; command-line options take
+    precedence over the file.
     """
 
     group: ClassVar[str] = "Slurm's settings"

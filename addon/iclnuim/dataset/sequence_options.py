@@ -69,7 +69,6 @@ class SequenceSettings:
 @dataclass(frozen=True)
 class SequenceOptions(Settings):
     """Noise models by name with their settings, seed, depth units and formats.
-
     `sequence_settings` makes the noise models.
     """
 
