@@ -31,7 +31,7 @@ MODULES = (
     "iclnuim.benchmark.fusion.settings",
     "iclnuim.geometry.handheld_plan",
     "iclnuim.geometry.handheld",
-    "iclnuim.headless.farm.run_plan",
+    "iclnuim.headless.farm.farm_settings",
     "iclnuim.benchmark.systems.system",
     "iclnuim.benchmark.perturbations.plan",
 )

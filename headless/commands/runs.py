@@ -25,8 +25,9 @@ from .. import options
 from ..farm import held_out, slurm, tasks
 from ..farm.all_sequences import make_all
 from ..farm.chunks import numbers_from, own_cores
+from ..farm.farm_settings import FarmSettings, SlurmSettings, read_settings
 from ..farm.rendering import open_run, report, stop_on_signals
-from ..farm.run_plan import FarmSettings, RunPlan, SlurmSettings, find_run, read_plan, read_settings
+from ..farm.run_plan import RunPlan, find_run, read_plan
 from ..outputs import refuse_existing
 from ..sequence_options import add_sensor_options, log_settings, sequence_options
 

@@ -13,7 +13,7 @@ from iclnuim.dataset.sequence import complete_frames, read_entries
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
 
-from ..farm import held_out, slurm
+from ..farm import held_out, slurm_queue
 from ..farm.lock import OutputLock
 from ..farm.run_plan import RunPlan, find_run, read_plan
 from ..options import common
@@ -86,9 +86,9 @@ def state(folder: Path, frames: str | None) -> dict:
         expected = "a folder with a run begun by `iclnuim render` or `make`"
         raise InputError(expected, path=folder, found="no sequence.json")
     queue, holder = None, None
-    if jobs := slurm.recorded(raw):
+    if jobs := slurm_queue.recorded(raw):
         try:
-            queue = slurm.counted(slurm.in_queue(jobs)) or "nothing"
+            queue = slurm_queue.counted(slurm_queue.in_queue(jobs)) or "nothing"
         except WorkError as error:
             queue = f"unknown ({error})"
     with suppress(OSError, KeyError):
@@ -105,7 +105,7 @@ def state(folder: Path, frames: str | None) -> dict:
         "holder": holder,
         "queue": queue,
         "held_out": _held_out(plan) if plan is not None and plan.held_out else None,
-        "failed": slurm.last_error(raw) if missing and queue == "nothing" else None,
+        "failed": slurm_queue.last_error(raw) if missing and queue == "nothing" else None,
     }
 
 

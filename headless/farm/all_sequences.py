@@ -37,11 +37,13 @@ class _Whole(Console):
 def make_all(
     plans: Sequence[RunPlan], execute: Callable[[RunPlan, Console], int], console: Console
 ) -> int:
-    """Execute the plans one after another; returns the exit code. After an error the next plan is
-    executed, after a stop it is not. Raises
-    WorkError if some failed.
+    """Execute the plans one after another; returns the exit code.
+
+    After an error the next plan is executed, after a stop it is not. Raises WorkError if some
+    failed.
     """
-    whole, failed = _Whole(console, plans), []
+    whole = _Whole(console, plans)
+    failed = []
     for count, plan in enumerate(plans, 1):
         whole.begin(plan)
         console.note(f"{plan.job.sequence}: {count} of {len(plans)}")

@@ -24,8 +24,10 @@ def chunks_of(frames: Sequence[T], size: int) -> list[tuple[T, ...]]:
     """
     if size < 1:
         raise InputError("chunks of at least 1 frame", found=size)
+    if not frames:
+        return []
     count = ceil(len(frames) / size)
-    bounds = [len(frames) * k // count for k in range(count + 1)] if count else [0]
+    bounds = [len(frames) * k // count for k in range(count + 1)]
     return [tuple(frames[a:b]) for a, b in pairwise(bounds)]
 
 
@@ -41,21 +43,26 @@ def size_for_seconds(seconds: float, seconds_a_frame: float) -> int:
 
 def local_size(frames: int, workers: int) -> int:
     """Chunk size on one machine: with several workers, each gets at least eight chunks, so that all
-    end at a similar time. At its end, a chunk
-    waits until its last frame is closed.
+    end at a similar time.
+
+    At its end, a chunk waits until its last frame is closed, so a single worker gets long ones.
     """
-    return max(1, min(25, frames // (8 * workers) if workers > 1 else frames))
+    share = frames if workers == 1 else frames // (8 * workers)
+    return max(1, min(25, share))
 
 
 def split(workers: int | None = None, cores: list[int] | None = None) -> list[list[int]]:
     """The cores of each worker. Without a number of workers, each has two cores (`iclnuim bench
-    farm` measures this). A worker never has a
-    single core, on which it would busy-wait: with more workers than pairs of cores, two workers
-    share a pair. Raises InputError for still more.
+    farm` measures this).
+
+    A worker never has a single core, on which it would busy-wait: with more workers than pairs of
+    cores, two workers share a pair. Raises InputError for still more.
     """
-    cores = own_cores() if cores is None else cores
+    if cores is None:
+        cores = own_cores()
     pairs = max(1, len(cores) // 2)
-    workers = pairs if workers is None else workers
+    if workers is None:
+        workers = pairs
     if not 1 <= workers <= 2 * pairs:
         raise InputError(
             f"1 to {2 * pairs} workers on {len(cores)} cores", setting="workers", found=workers
@@ -73,7 +80,7 @@ def own_cores() -> list[int]:
 
 
 def granted_cores() -> list[int]:
-    """The cores of a scheduler's task: of all that it may use, the number granted by the scheduler."""
+    """The cores of a scheduler's task: as many as were granted of all that it may use."""
     own = own_cores()
     return own[: int(os.environ.get("SLURM_CPUS_PER_TASK") or len(own))]
 
@@ -92,5 +99,8 @@ def numbers_from(text: str) -> tuple[int, ...]:
 def numbers_text(numbers: Iterable[int]) -> str:
     """The shortest text from which numbers_from returns these numbers."""
     in_a_row = groupby(enumerate(sorted(numbers)), lambda pair: pair[1] - pair[0])
-    ranges = [[number for _, number in row] for _, row in in_a_row]
-    return ",".join(f"{r[0]}-{r[-1]}" if len(r) > 1 else f"{r[0]}" for r in ranges)
+    parts = []
+    for _, row in in_a_row:
+        first, *rest = (number for _, number in row)
+        parts.append(f"{first}-{rest[-1]}" if rest else f"{first}")
+    return ",".join(parts)

@@ -5,6 +5,7 @@ run with the same light, in a subfolder.
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from iclnuim import shipped
@@ -22,31 +23,30 @@ from ..isolation import opened_scene, run_isolated
 from .chunks import numbers_text
 from .run_plan import RunPlan
 
-#: Folder of the separate run below the output folder, file of its poses, and record of its settings
-#: with the figures of every view.
-FOLDER, POSES, RECORD = "held_out", "views.txt", "views.json"
+#: Folder of the separate run, below the output folder.
+FOLDER = "held_out"
+#: The poses of the views.
+POSES = "views.txt"
+#: The settings that decide the views, and the figures of every view.
+RECORD = "views.json"
 
 
 def prepare(plan: RunPlan, console: Console) -> None:
-    """Write the poses of the plan's held-out views, unless they exist. Raises InputError if a view
-    is too close to a training view or shows
-    parts that no training view saw, if other views exist, or if the scene moves; WorkError without
-    Blender or embreex.
+    """Write the poses of the plan's held-out views, unless they exist.
+
+    Raises InputError if a view is too close to a training view or shows parts that no training view
+    saw, if other views exist, or if the scene moves; WorkError without Blender or embreex.
     """
     if plan.farm.engine != "local":
-        raise InputError(
-            "{engine} local with {held_out}: when the frames are done, the same command renders the views"
-        )
-    record, requested = plan.out / FOLDER / RECORD, _identity(plan)
+        expected = "{engine} local with {held_out}"
+        later = "when the frames are done, the same command renders the views"
+        raise InputError(f"{expected}: {later}")
+    record = plan.out / FOLDER / RECORD
+    requested = _identity(plan)
     if record.is_file():
-        existing = read_json(record)
-        refuse_other(
-            "set of views",
-            record,
-            {key: existing.get(key) for key in requested},
-            requested,
-            "another {out}",
-        )
+        content = read_json(record)
+        existing = {key: content.get(key) for key in requested}
+        refuse_other("set of views", record, existing, requested, "another {out}")
         return
     run_isolated(partial(_make, plan, requested, console), plan.job.scene)
 
@@ -58,21 +58,26 @@ def views_plan(plan: RunPlan) -> RunPlan:
     folder = plan.out / FOLDER
     settled = read_run(plan.raw).job
     light = {name: getattr(settled, name) for name in ("light", "samples", "denoise")}
-    poses, sequence = str((folder / POSES).resolve()), f"{plan.job.sequence}/{FOLDER}"
     job = replace(
-        plan.job, sequence=sequence, trajectory=poses, exposure_s=0.0, readout_s=0.0, **light
+        plan.job,
+        sequence=f"{plan.job.sequence}/{FOLDER}",
+        trajectory=str((folder / POSES).resolve()),
+        exposure_s=0.0,
+        readout_s=0.0,
+        **light,
     )
     numbers = tuple(range(len(load_trajectory(job))))
     return replace(plan, job=job, raw=folder / "raw", numbers=numbers, held_out="", noisy=False)
 
 
-def _identity(plan: RunPlan) -> dict:
+def _identity(plan: RunPlan) -> dict[str, Any]:
     """All settings that decide the views."""
     poses = load_trajectory(plan.job).T_world_camera.matrix
+    count_or_poses = plan.held_out
+    if not count_or_poses.isdecimal():
+        count_or_poses = sha256(read_bytes(_file(plan.held_out)))
     return {
-        "held_out": plan.held_out
-        if plan.held_out.isdecimal()
-        else sha256(read_bytes(_file(plan.held_out))),
+        "held_out": count_or_poses,
         "seed": plan.job.seed,
         "scene": Path(plan.job.scene).name,
         "camera": plan.job.camera.to_dict(),
@@ -82,14 +87,17 @@ def _identity(plan: RunPlan) -> dict:
 
 
 def _file(name: str) -> Path:
-    return shipped.trajectory_file(name) if name in shipped.sequence_names() else Path(name)
+    if name in shipped.sequence_names():
+        return shipped.trajectory_file(name)
+    return Path(name)
 
 
-def _make(plan: RunPlan, identity: dict, console: Console) -> None:
+def _make(plan: RunPlan, identity: dict[str, Any], console: Console) -> None:
     """Choose or check the views and write them, in a separate process in which Blender opens the
     scene.
     """
-    job, numbers = plan.job, np.array(plan.numbers)
+    job = plan.job
+    training = load_trajectory(job).T_world_camera[np.array(plan.numbers)]
     with opened_scene("held-out views", job.scene, job.reading):
         from iclnuim.blender import surfaces
         from iclnuim.blender.open import preflight, scene
@@ -98,24 +106,20 @@ def _make(plan: RunPlan, identity: dict, console: Console) -> None:
             found = ", ".join(moving[:3])
             raise InputError("a scene without motion, for {held_out}", path=job.scene, found=found)
         surface = surfaces.triangles()
-    caster, training = (
-        RayCaster(surface.vertices, surface.triangles),
-        load_trajectory(job).T_world_camera[numbers],
-    )
+    caster = RayCaster(surface.vertices, surface.triangles)
     if plan.held_out.isdecimal():
         count = int(plan.held_out)
         on_view = console.progress(count, "held-out views", "views").advance
-        views = Trajectory.at_rate(
-            choose_held_out(caster, job.camera, training, count, job.seed, on_view)
-        )
+        chosen = choose_held_out(caster, job.camera, training, count, job.seed, on_view)
+        views = Trajectory.at_rate(chosen)
     else:
         views = read_trajectory(_file(plan.held_out)).trajectory
     on_view = console.progress(len(views), "held-out views, checked", "views").advance
     figures = check_held_out(caster, job.camera, views.T_world_camera, training, on_view)
     make_folder(plan.out / FOLDER)
     write_trajectory(plan.out / FOLDER / POSES, views, "tum")
-    rows = [
-        {"view": k, **{n: round(v, 6) for n, v in vars(view).items()}}
-        for k, view in enumerate(figures)
-    ]
+    rows: list[dict[str, float]] = []
+    for number, view in enumerate(figures):
+        rounded = {name: round(value, 6) for name, value in vars(view).items()}
+        rows.append({"view": number, **rounded})
     write_json(plan.out / FOLDER / RECORD, {**identity, "version": __version__, "views": rows})

@@ -27,7 +27,8 @@ class WorkerError(IclnuimError):
 
     def __init__(self, failed: Failed) -> None:
         super().__init__(failed.template or failed.text)
-        self.exit_code = 3 if failed.code is None else failed.code
+        if failed.code is not None:
+            self.exit_code = failed.code
 
     def worded(self, name_of: Callable[[str], str] = str) -> str:
         return named(self.message, name_of)
@@ -43,9 +44,8 @@ def not_started(client: WorkerClient, code: int) -> WorkError:
 @dataclass
 class Outcome:
     """done: frames rendered in this run. failed: frames that were given up -> log of the worker.
-    stopped: whether a stop was requested.
-    deaths: number of workers that ended unexpectedly. black: frames that are entirely black ->
-    likely cause.
+    stopped: whether a stop was requested. deaths: number of workers that ended unexpectedly.
+    black: frames that are entirely black -> likely cause.
     """
 
     done: set[int] = field(default_factory=set)
@@ -73,7 +73,9 @@ class Worker:
 
     def give(self, chunk: Chunk) -> None:
         """Give the worker a chunk to render."""
-        self.busy, self.left, self.last_frame_s = True, list(chunk), time.monotonic()
+        self.busy = True
+        self.left = list(chunk)
+        self.last_frame_s = time.monotonic()
         self.client.send({"frames": self.left})
 
 
@@ -96,10 +98,17 @@ class LocalFarm:
         settings: FarmSettings | None = None,
         first: tuple[WorkerClient, Inbox] | None = None,
     ) -> None:
-        self._start, self._free, self._settings = start, list(cores), settings or FarmSettings()
-        self._on_frame, self._on_event, self._should_stop = on_frame, on_event, should_stop
-        self._inbox: Inbox = first[1] if first else queue.SimpleQueue()
-        self._workers = {first[0]: Worker(first[0], self._free.pop(0))} if first else {}
+        self._start = start
+        self._free = list(cores)
+        self._on_frame = on_frame
+        self._on_event = on_event
+        self._should_stop = should_stop
+        self._settings = settings or FarmSettings()
+        self._inbox: Inbox = queue.SimpleQueue()
+        self._workers: dict[WorkerClient, Worker] = {}
+        if first:
+            client, self._inbox = first
+            self._workers[client] = Worker(client, self._free.pop(0))
         self._tries: Counter[int] = Counter()
         self._todo: deque[Chunk] = deque()
         self._failed_starts = 0
@@ -159,7 +168,8 @@ class LocalFarm:
         self._on_event(worker, event)
         match event:
             case Ready():
-                worker.ready, worker.last_frame_s = True, time.monotonic()
+                worker.ready = True
+                worker.last_frame_s = time.monotonic()
             case FrameDone():
                 if event.black is not None:
                     self._outcome.black[event.frame] = event.black
@@ -167,15 +177,12 @@ class LocalFarm:
                 self._failed_starts = 0
                 self._count(worker, event.frame)
             case ChunkDone():
-                for number in list(
-                    worker.left
-                ):  # finished earlier, by a worker that ended before it could report this
+                # what is left was finished by a worker that ended before it could report this
+                for number in list(worker.left):
                     self._count(worker, number)
                 worker.busy = False
-                if (
-                    worker.rendered >= self._settings.max_frames
-                    or (event.rss_mb or 0.0) > self._settings.max_mb
-                ):
+                worn_out = worker.rendered >= self._settings.max_frames
+                if worn_out or (event.rss_mb or 0.0) > self._settings.max_mb:
                     worker.client.stop()  # the next worker gets its cores when it has ended
             case Failed(bug=False):
                 raise WorkerError(event)
@@ -192,11 +199,12 @@ class LocalFarm:
         """Kill the workers whose timeout has passed."""
         settings = self._settings
         for worker in self.workers:
-            timeout_s = settings.worker_timeout_s if worker.ready else settings.start_timeout_s
-            since_frame_s = time.monotonic() - worker.last_frame_s if worker.ready else 0.0
-            if worker.busy and (
-                worker.client.silent_s > timeout_s or since_frame_s > settings.frame_timeout_s
-            ):
+            timeout_s = settings.start_timeout_s
+            hangs = False
+            if worker.ready:
+                timeout_s = settings.worker_timeout_s
+                hangs = time.monotonic() - worker.last_frame_s > settings.frame_timeout_s
+            if worker.busy and (hangs or worker.client.silent_s > timeout_s):
                 worker.client.kill()
 
     def _replace(self, worker: Worker, code: int) -> None:
@@ -213,12 +221,22 @@ class LocalFarm:
             self._failed_starts += 1
             if self._failed_starts >= MAX_FAILED_STARTS:
                 raise not_started(client, code)
-        # at most two frames were in work (one rendered, one closed): each is tried alone to find
-        # the cause; the rest stays together
-        suspects, rest = (worker.left[:2], worker.left[2:]) if worker.ready else ([], worker.left)
-        alone, attempts = len(worker.left) == 1, self._settings.attempts
-        for number in suspects:
-            self._tries[number] += alone or number == suspects[0]
-        again = [(n,) for n in suspects if self._tries[n] < attempts]
-        self._outcome.failed.update({n: client.log for n in suspects if self._tries[n] >= attempts})
-        self._todo.extendleft(reversed([frames for frames in [*again, tuple(rest)] if frames]))
+        self._try_again(worker)
+
+    def _try_again(self, worker: Worker) -> None:
+        """Queue the remaining frames of a worker that ended.
+
+        At most two frames were in work (one rendered, one closed): each is tried alone to find the
+        cause, and given up after some attempts; the rest stays together.
+        """
+        in_work = 2 if worker.ready else 0
+        suspects = worker.left[:in_work]
+        again = [tuple(worker.left[in_work:])]
+        for number in reversed(suspects):
+            if number == suspects[0]:
+                self._tries[number] += 1
+            if self._tries[number] < self._settings.attempts:
+                again.insert(0, (number,))
+            else:
+                self._outcome.failed[number] = worker.client.log
+        self._todo.extendleft(frames for frames in reversed(again) if frames)

@@ -16,7 +16,8 @@ from iclnuim.formats.files import not_written, process_is_running
 
 #: The holder touches the lock file every BEAT_S seconds. For other hosts, a file that was not
 #: touched for STALE_S is stale.
-BEAT_S, STALE_S = 5.0, 90.0
+BEAT_S = 5.0
+STALE_S = 90.0
 
 
 class OutputLock:
@@ -27,11 +28,11 @@ class OutputLock:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.path, pid = Path(folder) / "lock", os.getpid()
+        self.path = Path(folder) / "lock"
         self._mine = {
             "host": platform.node(),
-            "pid": pid,
-            "born": _born(pid),
+            "pid": os.getpid(),
+            "born": _born(os.getpid()),
             "token": uuid.uuid4().hex,
         }
         self._end = threading.Event()
@@ -41,8 +42,9 @@ class OutputLock:
         while not self._take():
             holder = self._holder()
             if holder is not None and self._lives(holder):
+                process = f"process {holder.get('pid')} on {holder.get('host')}"
                 raise WorkError(
-                    f"{self.path.parent.parent}: process {holder.get('pid')} on {holder.get('host')} is already using this folder",
+                    f"{self.path.parent.parent}: {process} is already using this folder",
                     hint="waiting for it, stopping it, or another {out}",
                 )
             if holder is not None:
@@ -56,7 +58,7 @@ class OutputLock:
             self.path.unlink(missing_ok=True)
 
     def held(self) -> bool:
-        """Whether this process still holds the lock; it may have lost it after a suspension longer
+        """Whether this process still holds the lock, which it may lose if it is suspended for more
         than STALE_S.
         """
         return (self._holder() or {}).get("token") == self._mine["token"]
@@ -64,13 +66,13 @@ class OutputLock:
     def living_holder(self) -> dict | None:
         """Host and process that hold the lock and are alive; None if the lock is free or stale."""
         holder = self._holder()
-        return holder if holder and self._lives(holder) else None
+        if holder and self._lives(holder):
+            return holder
+        return None
 
     def _take(self) -> bool:
-        draft, content = (
-            self.path.with_name(f".{self.path.name}-{self._mine['token']}"),
-            json.dumps(self._mine) + "\n",
-        )
+        draft = self.path.with_name(f".{self.path.name}-{self._mine['token']}")
+        content = json.dumps(self._mine) + "\n"
         try:
             draft.write_text(content, "utf-8")
             try:
@@ -91,12 +93,11 @@ class OutputLock:
     def _holder(self) -> dict | None:
         """The content of the file; {} if it cannot be read, None if it does not exist."""
         try:
-            content = json.loads(self.path.read_text("utf-8"))
+            return dict(json.loads(self.path.read_text("utf-8")))
         except FileNotFoundError:
             return None
-        except (ValueError, OSError):
+        except (ValueError, TypeError, OSError):
             return {}
-        return content if isinstance(content, dict) else {}
 
     def _lives(self, holder: dict) -> bool:
         if holder.get("host") == self._mine["host"] and isinstance(holder.get("pid"), int):
@@ -149,9 +150,9 @@ def _born(pid: int) -> str | None:
     """
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        return None if fields[0] == "Z" else fields[19]
+        if fields[0] != "Z":
+            return fields[19]
     except (OSError, IndexError):
-        pass
-    if Path("/proc/self/stat").exists():
-        return None
-    return "unknown" if process_is_running(pid) else None
+        if not Path("/proc/self/stat").exists() and process_is_running(pid):
+            return "unknown"
+    return None

@@ -60,28 +60,34 @@ class Workers:
 
     def start(self, cores: list[int], inbox: Inbox) -> WorkerClient:
         """Start a worker on these cores. Raises WorkError."""
-        name = f"{platform.node()}-{os.getpid()}" if self.shared else f"{os.getpid()}"
-        log = (
-            self.out
-            / ".farm"
-            / f"{'task' if self.shared else 'worker'}-{name}-{next(self._count):02}.log"
-        )
-        log.parent.mkdir(parents=True, exist_ok=True)
-        journal = f"finished-{name}.jsonl" if self.shared else "finished.jsonl"
-        granted = granted_cores() if self.shared else own_cores()
+        folder = self.out / ".farm"
+        folder.mkdir(parents=True, exist_ok=True)
+        number = f"{next(self._count):02}"
+        if self.shared:
+            task = f"{platform.node()}-{os.getpid()}"
+            log = folder / f"task-{task}-{number}.log"
+            journal = folder / f"finished-{task}.jsonl"
+            granted = granted_cores()
+        else:
+            log = folder / f"worker-{os.getpid()}-{number}.log"
+            journal = folder / "finished.jsonl"
+            granted = own_cores()
         cores = cores[: len(granted)]
+        bound = granted == own_cores()
         options = {
             "job": self.job.to_dict(),
-            "cores": cores if len(granted) == len(own_cores()) else [],
+            "cores": cores if bound else [],
             "threads": self.threads(cores),
-            "journal": str(log.with_name(journal)),
+            "journal": str(journal),
             "asked": self.requested,
         }
         return WorkerClient(worker_command(), options, self.out.resolve(), log.resolve(), inbox)
 
     def threads(self, cores: list[int]) -> int:
         """Number of threads of a worker on these cores."""
-        return max(2, len(cores)) if self.shared else len(cores)
+        if self.shared:
+            return max(2, len(cores))
+        return len(cores)
 
     def on_event(self, event: Event) -> None:
         """Print a note that was not printed before."""
@@ -92,8 +98,7 @@ class Workers:
 
 class LocalRun:
     """A run folder on this machine, as a context manager. One worker process makes or resumes it,
-    and bakes its light. Then several workers
-    render, or only the first one if it uses all cores.
+    and bakes its light. Then several workers render, or only the first one if it uses all cores.
 
     run, job: as decided by the worker, for example without baked light if the scene moves. shared:
     see Workers.
@@ -102,7 +107,9 @@ class LocalRun:
     def __init__(
         self, plan: RunPlan, console: Console, should_stop: Callable[[], bool], shared: bool = False
     ) -> None:
-        self.plan, self.console, self.should_stop = plan, console, should_stop
+        self.plan = plan
+        self.console = console
+        self.should_stop = should_stop
         self.farm: LocalFarm | None = None
         self._workers = Workers(plan.job, plan.raw, console, shared, plan.numbers)
         self._inbox: Inbox = queue.SimpleQueue()
@@ -154,12 +161,11 @@ class LocalRun:
         cores: the cores of each worker, if not decided by the plan's number of workers. blend: also
         save the prepared scene to this file.
         """
-        stop, job = should_stop or self.should_stop, self.job
-        cores, missing = cores or split(self.plan.farm.workers), self.run.missing(numbers)
+        stop = should_stop or self.should_stop
+        missing = self.run.missing(numbers)
         if numbers:
-            self.console.note(
-                f"{job.sequence}: {len(missing)} of {len(numbers)} frames to render, in {self.plan.raw}"
-            )
+            count = f"{len(missing)} of {len(numbers)} frames to render"
+            self.console.note(f"{self.job.sequence}: {count}, in {self.plan.raw}")
         baked = False
         if missing:
             self.run.check_space(len(missing))
@@ -167,14 +173,27 @@ class LocalRun:
         if blend is not None:
             self._client.send({"blend": str(blend.resolve())})
             self._wait(ChunkDone)
-        cores = cores[: len(missing)]
+        cores = (cores or split(self.plan.farm.workers))[: len(missing)]
         # after a bake, the worker would keep the memory of the bake
         reuse_worker = blend is None and not baked and cores[:1] == [own_cores()] and not stop()
         if not reuse_worker:
             self.__exit__()
         if not missing or stop():
             return Outcome(stopped=stop())
-        progress = self.console.progress(len(missing), job.sequence)
+        self._workers.job = self.job
+        self.farm = self._farm(len(missing), cores, on_frame, stop, reuse_worker)
+        return self.farm.run(chunks_of(missing, local_size(len(numbers), len(cores))))
+
+    def _farm(
+        self,
+        frames: int,
+        cores: list[list[int]],
+        on_frame: Callable[[int], None],
+        should_stop: Callable[[], bool],
+        reuse_worker: bool,
+    ) -> LocalFarm:
+        """Workers that render `frames` frames, with a progress display."""
+        progress = self.console.progress(frames, self.job.sequence)
 
         def done(number: int) -> None:
             progress.advance()
@@ -185,10 +204,15 @@ class LocalRun:
             if isinstance(event, Ready):
                 progress.begin()
 
-        self._workers.job = job
-        first = (self._client, self._inbox) if reuse_worker else None
-        self.farm = LocalFarm(self._workers.start, cores, done, listen, stop, self.plan.farm, first)
-        return self.farm.run(chunks_of(missing, local_size(len(numbers), len(cores))))
+        return LocalFarm(
+            self._workers.start,
+            cores,
+            done,
+            on_event=listen,
+            should_stop=should_stop,
+            settings=self.plan.farm,
+            first=(self._client, self._inbox) if reuse_worker else None,
+        )
 
     def _wait(self, kind: type[E]) -> E:
         """Wait for one event; an error of the worker is raised here.
@@ -206,9 +230,8 @@ class LocalRun:
             if isinstance(event, Failed) and not event.bug:
                 raise WorkerError(event)
             if isinstance(event, Exited) and event.code < 0:
-                raise WorkError(
-                    f"{crash_words(self._workers.job.scene, -event.code)}; its log: {client.log}"
-                )
+                crashed = crash_words(self._workers.job.scene, -event.code)
+                raise WorkError(f"{crashed}; its log: {client.log}")
             if isinstance(event, Exited):
                 raise not_started(client, event.code)
         raise KeyboardInterrupt
@@ -225,16 +248,16 @@ def open_run(
     split(plan.farm.workers)
     load_trajectory(plan.job)
     worker_command()
-    out, existed = plan.raw, plan.raw.exists()
+    out = plan.raw
+    existed = out.exists()
     if existed and not out.is_dir():
         raise InputError("a folder", path=out, found="a file", hint="another {out}")
     try:
         with OutputLock(out / ".farm"), LocalRun(plan, console, should_stop) as run:
             yield run
     except NotADirectoryError:
-        raise InputError(
-            "a folder", path=out, found="a file in its path", hint="another {out}"
-        ) from None
+        found = "a file in its path"
+        raise InputError("a folder", path=out, found=found, hint="another {out}") from None
     except OSError as error:
         raise WorkError(f"{out}: {error.strerror or error}", hint="another {out}") from None
     finally:
@@ -257,10 +280,8 @@ def report(outcome: Outcome, console: Console) -> int:
         console.note(f"{outcome.deaths} workers ended unexpectedly and were replaced")
     if outcome.failed:
         listed = "; ".join(f"frame {n}: {log}" for n, log in sorted(outcome.failed.items())[:10])
-        count = len(outcome.failed)
-        raise WorkError(
-            f"{count} frames failed and were given up, all others are done; logs of the failed: {listed}"
-        )
+        count = f"{len(outcome.failed)} frames failed and were given up, all others are done"
+        raise WorkError(f"{count}; logs of the failed: {listed}")
     return 0
 
 

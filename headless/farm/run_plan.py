@@ -3,13 +3,11 @@
 `resume` reads its record in the run folder.
 """
 
-import re
 import sys
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.frames import frames_of_run
@@ -17,11 +15,12 @@ from iclnuim.dataset.run_folder import read_run
 from iclnuim.dataset.sequence import SequenceSettings, complete_frames
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
-from iclnuim.formats.files import read_json, read_text, write_json
+from iclnuim.formats.files import read_json, write_json
 from iclnuim.job import RenderJob
-from iclnuim.settings import Settings, refuse_unknown, setting
+from iclnuim.settings import refuse_unknown
 
 from .chunks import numbers_from, numbers_text
+from .farm_settings import FarmSettings, SlurmSettings
 
 SCHEMA_VERSION = 2
 #: The record of a run, relative to the run folder.
@@ -40,129 +39,6 @@ _KEYS = (
     "held_out",
     "noisy",
 )
-
-
-@dataclass(frozen=True)
-class FarmSettings(Settings):
-    """How the work is distributed; these settings do not change a pixel."""
-
-    group: ClassVar[str] = "the farm"
-
-    engine: str = setting(
-        "local",
-        "where it runs",
-        choices={"local": "this machine", "slurm": "an existing Slurm cluster"},
-    )
-    workers: int | None = setting(
-        None,
-        "number of rendering processes, at most one per core; default: one per two cores",
-        low=1,
-    )
-    worker_timeout_s: float = setting(
-        120.0,
-        "a worker that has sent nothing for this time is replaced; it sends a heartbeat every 2 s",
-        unit="s",
-        low=5.0,
-        option="--worker-timeout",
-    )
-    start_timeout_s: float = setting(
-        1800.0, "the same, until the scene is prepared", unit="s", low=1.0, option=""
-    )
-    frame_timeout_s: float = setting(
-        3600.0,
-        "the same, without a finished frame, as heartbeats continue if rendering hangs",
-        unit="s",
-        low=1.0,
-        option="",
-    )
-    attempts: int = setting(
-        3, "a frame is given up after it has ended this number of workers", low=1, option=""
-    )
-    max_frames: int = setting(
-        2000, "a worker is replaced after this number of frames", low=1, option=""
-    )
-    max_mb: float = setting(
-        6000.0, "a worker is replaced when it takes more memory", unit="MB", low=1.0, option=""
-    )
-
-
-@dataclass(frozen=True)
-class SlurmSettings(Settings):
-    """Resources of a task. The keys of the TOML file are these names; command-line options take
-    precedence over the file.
-    """
-
-    group: ClassVar[str] = "Slurm's settings"
-
-    partition: str | None = setting(None, "Slurm partition")
-    account: str | None = setting(None, "Slurm account that is charged")
-    qos: str | None = setting(None, "Slurm quality of service", option="")
-    constraint: str | None = setting(None, "required features of the nodes", option="")
-    time: str | None = setting(
-        None, "time limit of a task, such as 30, 2:00:00 or 1-12; default: from the estimate"
-    )
-    memory: str = setting("4G", "memory of a task, such as 4G or 900M")
-    cpus: int = setting(4, "cores of a task, two for each worker process", low=1)
-    chunk_minutes: float = setting(6.0, "work of a frame task", unit="min", low=1e-6)
-    at_once: int = setting(
-        256, "maximum number of tasks that run at the same time", low=1, option=""
-    )
-    scratch: str | None = setting(
-        None,
-        "folder on the node for Blender's raw frames, such as '$TMPDIR'; variables are expanded on the node",
-    )
-    python: str | None = setting(
-        None, "command that runs Python on the nodes, such as a container", option=""
-    )
-    setup: tuple[str, ...] = ()
-    extra: dict[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not re.fullmatch(r"\d+[KMGT]?", self.memory):
-            raise InputError("a size such as 4G or 900M", setting="memory", found=self.memory)
-        if self.time is not None:
-            minutes(self.time)
-        if not isinstance(self.setup, list | tuple) or not all(
-            isinstance(line, str) for line in self.setup
-        ):
-            raise InputError("a list of shell lines", setting="setup", found=self.setup)
-        object.__setattr__(self, "setup", tuple(self.setup))
-        if not isinstance(self.extra, dict):
-            raise InputError("a table of sbatch options", setting="extra", found=self.extra)
-
-
-def minutes(text: str | int) -> int:
-    """Minutes of a time in Slurm's formats M, M:S, H:M:S, D-H, D-H:M, D-H:M:S, rounded up.
-
-    Raises InputError.
-    """
-    form = re.fullmatch(r"(?:(\d+)-)?(\d+)(?::(\d+))?(?::(\d+))?", str(text))
-    if form is None:
-        raise InputError("a time such as 30, 2:00:00 or 1-12", setting="time", found=text)
-    days, *rest = form.groups()
-    parts = [int(part) for part in rest if part is not None]
-    if days is None and len(parts) < 3:
-        parts.insert(0, 0)  # without days, hours are written only before M:S
-    hours, mins, secs = [*parts, 0, 0][:3]
-    total = (int(days or 0) * 24 + hours) * 60 + mins + (secs > 0)
-    if total < 1:
-        raise InputError("a time of at least a minute", setting="time", found=text)
-    return total
-
-
-def read_settings(path: Path) -> SlurmSettings:
-    """Read the settings in a TOML file. Raises InputError for unknown keys and invalid values."""
-    try:
-        content: dict[str, Any] = tomllib.loads(read_text(path, "Slurm settings in TOML"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError("TOML", path=path, found=error) from None
-    for name in {"time", "memory"} & content.keys():
-        content[name] = str(content[name])
-    try:
-        return SlurmSettings.from_dict(content)
-    except InputError as error:
-        raise error.at(path) from None
 
 
 @dataclass(frozen=True)
@@ -190,17 +66,23 @@ class RunPlan:
     @property
     def command(self) -> str:
         """`make` if the plan has sequences, else `render`."""
-        return "render" if self.sequences is None else "make"
+        if self.sequences is None:
+            return "render"
+        return "make"
 
     @property
     def out(self) -> Path:
         """The value of the command's --out."""
-        return self.raw if self.sequences is None else self.raw.parent
+        if self.sequences is None:
+            return self.raw
+        return self.raw.parent
 
     @property
     def formats(self) -> tuple[str, ...]:
         """Formats of the sequences."""
-        return () if self.sequences is None else self.sequences.formats
+        if self.sequences is None:
+            return ()
+        return self.sequences.formats
 
     def variants(self) -> dict[Path, SequenceSettings]:
         """Folder -> settings, for each sequence.
@@ -209,8 +91,11 @@ class RunPlan:
         """
         if self.sequences is None:
             return {}
-        clean, noisy = self.sequences.without_noise(), self.sequences.sequence_settings()
-        return {self.out / "clean": clean, **({self.out / "noisy": noisy} if self.noisy else {})}
+        noisy = self.sequences.sequence_settings()
+        found = {self.out / "clean": self.sequences.without_noise()}
+        if self.noisy:
+            found[self.out / "noisy"] = noisy
+        return found
 
     def missing(self) -> list[int]:
         """Frames that are neither rendered nor written to the sequences, according to the files of
@@ -218,7 +103,8 @@ class RunPlan:
         """
         if not (self.raw / "sequence.json").is_file():
             return list(self.numbers)
-        run, made = read_run(self.raw), set()
+        run = read_run(self.raw)
+        made = set()
         if self.sequences is not None:
             source = frames_of_run(run, list(self.numbers))
             made = complete_frames(source, self.variants(), self.formats)
@@ -226,7 +112,7 @@ class RunPlan:
 
     def to_dict(self) -> dict[str, Any]:
         """The record. It does not contain the run folder, which may be moved."""
-        return {
+        record = {
             "schema_version": SCHEMA_VERSION,
             "command": self.command,
             "working_folder": self.working_folder,
@@ -237,9 +123,12 @@ class RunPlan:
             "farm": self.farm.to_dict(),
             "slurm": self.slurm.to_dict(),
             "logs": self.logs.to_dict(),
-            **({"held_out": self.held_out} if self.held_out else {}),
-            **({} if self.noisy else {"noisy": False}),
         }
+        if self.held_out:
+            record["held_out"] = self.held_out
+        if not self.noisy:
+            record["noisy"] = False
+        return record
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any], raw: Path) -> "RunPlan":
@@ -251,9 +140,8 @@ class RunPlan:
         """
         if content.get("schema_version") != SCHEMA_VERSION:
             found = content.get("schema_version")
-            raise InputError(
-                f"schema_version {SCHEMA_VERSION}", found=found, hint="a newer iclnuim"
-            )
+            expected = f"schema_version {SCHEMA_VERSION}"
+            raise InputError(expected, found=found, hint="running its command again")
         refuse_unknown(content, _KEYS, "the record of a run")
         _find_modules_of(content)
         sequences = content["sequences"]
@@ -289,9 +177,8 @@ def find_run(folder: Path) -> Path:
     for raw in (folder, folder / "raw"):
         if (raw / RECORD).is_file():
             return raw
-    raise InputError(
-        "the output folder of `iclnuim render` or `make`", path=folder, found=f"no {RECORD}"
-    )
+    expected = "the output folder of `iclnuim render` or `make`"
+    raise InputError(expected, path=folder, found=f"no {RECORD}")
 
 
 def read_plan(raw: Path) -> RunPlan:
@@ -304,7 +191,9 @@ def read_plan(raw: Path) -> RunPlan:
     except KeyError as error:
         raise InputError(f"the key {error}", path=raw / RECORD) from None
     except InputError as error:
-        raise error if error.path else error.at(raw / RECORD) from None
+        if error.path:
+            raise
+        raise error.at(raw / RECORD) from None
 
 
 def _find_modules_of(record: Mapping[str, Any]) -> None:

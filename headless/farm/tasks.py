@@ -47,7 +47,8 @@ class SequenceStage:
     def __init__(
         self, plan: RunPlan, workers: int, on_frame: Callable[[int], None] = lambda number: None
     ) -> None:
-        self._plan, self._on_frame = plan, on_frame
+        self._plan = plan
+        self._on_frame = on_frame
         self._pool = FramePool(_ImageMaker(plan).make, workers, self._made)
         self._locks = ExitStack()
 
@@ -59,15 +60,15 @@ class SequenceStage:
             self.close()
 
     def begin(self, raw: RunFolder) -> None:
-        """Begin or resume the sequences of this run. Raises InputError if a folder contains other
-        sequences, WorkError if another process is
+        """Begin or resume the sequences of this run.
+
+        Raises InputError if a folder contains other sequences, WorkError if another process is
         writing them.
         """
         plan = self._plan
         self._raw = raw
-        self._writer = SequenceWriter(
-            frames_of_run(raw, plan.numbers), plan.variants(), plan.formats
-        )
+        frames = frames_of_run(raw, plan.numbers)
+        self._writer = SequenceWriter(frames, plan.variants(), plan.formats)
         for out in plan.variants():
             self._locks.enter_context(locked(out))
         self._lacking = set(self._writer.missing)
@@ -138,9 +139,8 @@ class _ImageMaker:
     @cached_property
     def _images(self) -> SequenceImages:
         plan = self._plan
-        return SequenceImages(
-            frames_of_run(read_run(plan.raw), plan.numbers), plan.variants(), plan.formats
-        )
+        frames = frames_of_run(read_run(plan.raw), plan.numbers)
+        return SequenceImages(frames, plan.variants(), plan.formats)
 
 
 def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lambda: False) -> None:
@@ -200,9 +200,9 @@ def dataset(plan: RunPlan, on_frame: Callable[[int], None], patience_s: float = 
         finally:
             stage.close()
         if lacking:
+            count = f"{len(lacking)} of {len(plan.numbers)} frames are not rendered"
             raise WorkError(
-                f"{plan.out}: {len(lacking)} of {len(plan.numbers)} frames are not rendered (the first is {lacking[0]}); "
-                f"try: iclnuim resume {plan.out}"
+                f"{plan.out}: {count} (the first is {lacking[0]}); try: iclnuim resume {plan.out}"
             )
         stage.complete()
     return len(plan.numbers)
@@ -229,9 +229,9 @@ def run(
 
 
 @dataclass(frozen=True)
-class Task:
-    """One task for Slurm: a stage of the plan in `record`, for the run folder `raw`. frames: those
-    of a frame task.
+class SlurmTask:
+    """One task that Slurm runs: a stage of the plan in `record`, for the run folder `raw`. frames:
+    those of a frame task.
     """
 
     record: Mapping[str, Any]
@@ -244,12 +244,12 @@ class Task:
 
         Errors are raised, so that Slurm counts the task as failed.
         """
-        console, plan = Console(), RunPlan.from_dict(self.record, Path(self.raw))
+        console = Console()
+        plan = RunPlan.from_dict(self.record, Path(self.raw))
         if self.frames:
             plan = replace(plan, numbers=self.frames)
-        progress = console.progress(
-            len(plan.numbers), f"{plan.job.sequence}, frame {plan.numbers[0]} and on"
-        )
+        label = f"{plan.job.sequence}, frame {plan.numbers[0]} and on"
+        progress = console.progress(len(plan.numbers), label)
         return run(self.stage, plan, console, lambda number: progress.advance())
 
     def checkpoint(self) -> object:
@@ -275,7 +275,6 @@ class _Times:
         if isinstance(event, Ready):
             self.starts_s.append(time.monotonic() - worker.started_s)
         if isinstance(event, FrameDone) and event.cycles is not None:
-            seconds = max(
-                event.cycles, event.close or 0.0
-            )  # a frame is closed while Cycles renders the next one
+            # a frame is closed while Cycles renders the next one
+            seconds = max(event.cycles, event.close or 0.0)
             self.frames_core_s.append(self.workers.threads(worker.cores) * seconds)

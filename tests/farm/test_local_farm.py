@@ -12,8 +12,8 @@ import time
 import pytest
 from iclnuim.errors import IclnuimError, WorkError
 from iclnuim.headless.farm.chunks import chunks_of
+from iclnuim.headless.farm.farm_settings import FarmSettings
 from iclnuim.headless.farm.local import LocalFarm
-from iclnuim.headless.farm.run_plan import FarmSettings
 from iclnuim.worker_events import WorkerClient
 
 #: A worker that speaks the protocol but renders nothing: it touches OUT/N and follows

@@ -21,16 +21,9 @@ from iclnuim.headless.commands.runs import (
     plan_from,
     with_farm_options,
 )
-from iclnuim.headless.farm import estimate, slurm, tasks
-from iclnuim.headless.farm.run_plan import (
-    RECORD,
-    RunPlan,
-    SlurmSettings,
-    find_run,
-    minutes,
-    read_plan,
-    read_settings,
-)
+from iclnuim.headless.farm import estimate, slurm, slurm_queue, tasks
+from iclnuim.headless.farm.farm_settings import SlurmSettings, minutes, read_settings
+from iclnuim.headless.farm.run_plan import RECORD, RunPlan, find_run, read_plan
 from iclnuim.job import shipped_job
 
 TINY = ("--camera", "16x12", "--frames", "0:10")
@@ -203,7 +196,7 @@ def test_light_frames_and_data_set_wait_for_each_other(pretended, tmp_path, caps
     after = [option(s, "dependency") for s in scripts]
     assert after == [[], *[["afterok:11"]] * 3, ["afterany:11:12:13:14"]]
     assert [option(s, "array")[0].split("%")[0] for s in scripts[1:4]] == ["0-2", "0-2", "0-3"]
-    jobs = slurm.recorded(tmp_path / "o/raw")
+    jobs = slurm_queue.recorded(tmp_path / "o/raw")
     assert sorted(n for job in jobs for chunk in job.chunks for n in chunk) == list(range(10))
     assert "submitted: light as job 11" in capsys.readouterr().err
 
@@ -219,7 +212,9 @@ def test_frames_of_tasks_in_the_queue_are_not_asked_for_again(pretended, job, tm
     raw = tmp_path / "o/raw"
     begun(job, raw, [0, 1])
     chunks = ((0, 1), (2, 3), (4, 5))
-    slurm.record(raw, [slurm.Submitted("11", "light"), slurm.Submitted("12", "frames", chunks)])
+    slurm_queue.record(
+        raw, [slurm_queue.Submitted("11", "light"), slurm_queue.Submitted("12", "frames", chunks)]
+    )
     pretended(queue="12_1 RUNNING\\n99_2 PENDING\\n")
     batch = slurm.prepare(RunPlan(job, raw, tuple(range(8))))
     assert batch.waiting == {"12_1": "RUNNING"}
@@ -443,8 +438,9 @@ def test_a_run_of_this_machine_is_resumed_by_slurm_with_other_options(
 def test_status_says_why_nothing_goes_on(pretended, job, tmp_path, capsys):
     raw = tmp_path / "o/raw"
     begun(job, raw, [0])
-    slurm.record(
-        raw, [slurm.Submitted("11", "light"), slurm.Submitted("12", "frames", ((0,), (1,)))]
+    slurm_queue.record(
+        raw,
+        [slurm_queue.Submitted("11", "light"), slurm_queue.Submitted("12", "frames", ((0,), (1,)))],
     )
     (raw / ".farm/slurm/12_1_0_log.err").write_text(
         "Traceback ...\niclnuim.errors.WorkError: no space left\nsrun: error: x\n"

@@ -12,7 +12,7 @@ from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.formats.files import write_json
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
-from iclnuim.headless.farm import slurm
+from iclnuim.headless.farm import slurm_queue
 from iclnuim.headless.farm.lock import OutputLock
 from iclnuim.headless.farm.run_plan import RunPlan
 from iclnuim.headless.farm.tasks import SequenceStage
@@ -100,6 +100,6 @@ def test_a_folder_without_a_run_is_bad_input(tmp_path, capsys):
 
 
 def test_a_queue_that_does_not_answer_is_unknown_not_empty(run, capsys, monkeypatch):
-    slurm.record(run.path, [slurm.Submitted("11", "frames", ((2, 4),))])
+    slurm_queue.record(run.path, [slurm_queue.Submitted("11", "frames", ((2, 4),))])
     monkeypatch.setenv("PATH", str(run.path))
     assert told(capsys, run.path)["queue"].startswith("unknown (")
