@@ -20,8 +20,6 @@ from .segment import Images, Segment
 _STEP_PX = 2.0
 #: Maximum number of instants of an exposure.
 _MAX_INSTANTS = 16
-#: Number of fixed-point iterations for the depth at a pixel's origin.
-_ROUNDS = 2
 #: Neighbouring depths with a larger relative difference belong to different surfaces.
 _EDGE = 0.03
 
@@ -161,7 +159,7 @@ class Shift:
         own = pixels.astype(np.float32)
         place = own
         z = found = far
-        for _ in range(_ROUNDS):
+        for _ in range(2):  # fixed-point iterations for the depth at a pixel's origin
             points = rotated * z[..., None] + T_frame_other.translation.astype(np.float32)
             place = f * points[..., :2] / np.maximum(points[..., 2:], np.float32(1e-3)) + c
             found = _depth_at(far, place[..., 0], place[..., 1])

@@ -15,8 +15,6 @@ from iclnuim.sensor.noise_model import frame_generator
 
 #: Stream of a frame's generator (iclnuim.sensor.noise_model has DEPTH and RGB, 0 and 1).
 PERTURBED = 2
-#: Number of cached frames: images between two frames need both.
-_CACHED = 8
 #: Colour (h, w, 3) uint8 and planar depth (h, w) float32 in metres, 0 = missing.
 Images = tuple[np.ndarray, np.ndarray]
 
@@ -62,7 +60,7 @@ class Segment:
             numbers=tuple(range(start, start + frames)),
             stamps_s={number: pair.stamp_s for number, pair in enumerate(pairs)},
             truth=truth,
-            load=lru_cache(_CACHED)(lambda number: sequence.images(pairs[number])),
+            load=lru_cache(8)(lambda number: sequence.images(pairs[number])),
             seed=seed,
         )
 

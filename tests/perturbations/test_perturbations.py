@@ -73,33 +73,6 @@ def test_rows_and_streams_show_their_own_instants(segment, look_at, name, severi
             assert np.median(np.abs(depth_z_m[row] - true_m[row])) < 0.005
 
 
-def test_panes_have_the_depth_of_their_plane_and_walls_cover_what_they_say(segment):
-    number = segment.middle
-    _, depth_z_m = PLAN.apply("bare_wall", 3, segment).load(number)
-    wall = np.abs(depth_z_m - 0.9) < 1e-5
-    assert wall.mean() == pytest.approx(0.85, abs=0.03)
-    assert (PLAN.apply("bare_wall", 5, segment).load(number)[1] <= 0.9 + 1e-5).all()
-    colour, depth_z_m = PLAN.apply("glass", 5, segment).load(number)
-    assert (
-        np.array_equal(colour, segment.load(number)[0])
-        and (depth_z_m <= segment.load(number)[1]).all()
-    )
-
-
-def test_shares_are_those_that_are_asked_for(segment):
-    holes = PLAN.apply("holes", 4, segment)
-    assert np.mean([(holes.load(n)[1] == 0).mean() for n in segment.numbers[:4]]) == pytest.approx(
-        0.55, abs=0.01
-    )
-    black = PLAN.apply("black_frames", 5, segment)
-    dark = [not black.load(n)[0].any() for n in segment.numbers]
-    assert not dark[0] and 0.3 < np.mean(dark) < 0.9
-    assert PLAN.apply("speed", 2, segment).numbers == segment.numbers[::5]
-    assert PLAN.apply("calibration_off", 5, segment).camera.fx == pytest.approx(
-        1.05 * segment.true_camera.fx
-    )
-
-
 def test_a_file_that_does_not_fit_is_refused_with_its_place(tmp_path):
     text, path = FILE.read_text(), tmp_path / "perturbations.toml"
     for old, new, message in (
