@@ -72,8 +72,8 @@ def test_importing_the_package_and_listing_its_names_loads_nothing_heavy():
 @pytest.mark.parametrize(
     ("blocked", "name", "said"),
     [
-        ("iclnuim.benchmark.odometry", "odometer", "not part of the Blender extension"),
-        ("numba", "fuse_sequence", "needs the package numba; try: pip install"),
+        ("iclnuim.benchmark.odometry", "odometer", "needs iclnuim.benchmark, which is not"),
+        ("numba", "fuse_sequence", "needs the package numba; try pip install numba"),
     ],
 )
 def test_a_name_whose_module_is_missing_is_an_import_error_in_one_line(blocked, name, said):

@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .errors import package_missing
 from .version import __version__
 
 __all__ = [
@@ -100,10 +101,7 @@ else:
         try:
             value = getattr(import_module(f".{module}", __name__), attribute)
         except ModuleNotFoundError as error:
-            text = f"needs the package {error.name}; try: pip install {error.name}"
-            if (error.name or "").startswith(f"{__name__}."):
-                text = "is not part of the Blender extension; try: ./setup.sh in a clone of the repository"
-            raise ImportError(f"iclnuim.{name} {text}") from None
+            raise ImportError(package_missing(f"iclnuim.{name}", error).worded()) from None
         globals()[name] = value
         return value
 

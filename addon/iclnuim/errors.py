@@ -104,6 +104,26 @@ class WorkError(IclnuimError):
     """Valid input, but the work failed: a render, a write, a worker (exit code 3)."""
 
 
+#: Package name -> the distribution that contains it, where its name is another one.
+_DISTRIBUTIONS = {
+    "cv2": "opencv-contrib-python-headless",
+    "igl": "libigl",
+    "open3d": "open3d-cpu",
+}
+
+
+def package_missing(what: str, error: ModuleNotFoundError) -> WorkError:
+    """The error for `what` if the benchmark or another package cannot be imported."""
+    name = error.name or "of another version"
+    if name == "bpy":
+        return blender_missing(what, error)
+    if name.startswith("iclnuim."):
+        hint = "./setup.sh in a clone of the repository"
+        return WorkError(f"{what} needs iclnuim.benchmark, which is not installed here", hint=hint)
+    hint = f"pip install {_DISTRIBUTIONS.get(name, name)}"
+    return WorkError(f"{what} needs the package {name}", hint=hint)
+
+
 def blender_missing(what: str, error: ImportError) -> WorkError:
     """The error for `what` if Blender's Python package bpy cannot be imported, with a hint for this
     version of Python.

@@ -7,10 +7,10 @@ iclnuim.report.trajectory_report documents what --json prints and --csv writes.
 import argparse
 import math
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from iclnuim.benchmark.fusion.settings import QualitySettings
 from iclnuim.console import Console
 from iclnuim.errors import InputError, named, within
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, ErrorStatistics
@@ -37,6 +37,7 @@ from .surface import poses_of
 if TYPE_CHECKING:
     import numpy as np
     from iclnuim.benchmark.fusion.quality import SeenBy
+    from iclnuim.benchmark.fusion.settings import QualitySettings
     from iclnuim.benchmark.fusion.surface_error import Reconstruction, TrueSurface
     from iclnuim.geometry.se3 import SE3
 
@@ -116,7 +117,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--seen-by", metavar="TRAJECTORY", help=seen_by)
     help = "camera of --seen-by; default: 640x480 and the paper's K"
     add("--camera", metavar="WxH[,FX,FY,CX,CY]", help=help)
-    add_settings(surface, QualitySettings)
+    with suppress(ModuleNotFoundError):  # without the benchmark, run_surface says so
+        from iclnuim.benchmark.fusion.settings import QualitySettings
+
+        add_settings(surface, QualitySettings)
     add("--plot", type=Path, metavar="FILE", help="heat map and histogram (.png, .pdf, .svg)")
     add(
         "--max-error",
@@ -246,6 +250,7 @@ def _report(
 
 
 def run_surface(args: argparse.Namespace, console: Console) -> None:
+    from iclnuim.benchmark.fusion.settings import QualitySettings
     from iclnuim.benchmark.fusion.surface_error import TrueSurface, read_model, read_reconstruction
     from iclnuim.geometry.scene_axes import parse_unit
 
@@ -389,7 +394,7 @@ def _quality(
     T_model_mesh: "SE3",
     seen_by: "SeenBy | None",
     whole: bool,
-    settings: QualitySettings,
+    settings: "QualitySettings",
     console: Console,
 ) -> dict:
     from iclnuim.benchmark.fusion.quality import surface_quality

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -22,6 +21,7 @@ from ..dataset.inspection import carried_residual
 from ..dataset.layout import SequenceCamera
 from ..errors import InputError
 from ..formats.files import atomic_write, make_folder
+from ..formats.libraries import first_library
 from ..formats.png import write_png
 from ..geometry.trajectory import sample
 
@@ -36,6 +36,7 @@ def draw_preview(folder: Path, out: Path, progress: Callable[[int, str], Any]) -
 
     `progress(total, label)` returns an object with advance().
     """
+    first_library("the film of a preview", "cv2")  # before work that may take long
     pairs = find_pairs(folder)
     camera = read_camera(folder, pairs[0].rgb)
     spread = sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _ROWS)})
@@ -150,6 +151,7 @@ def write_web_film(folder: Path, path: Path, first: int | None = None) -> None:
 
 
 def _write_film(path: Path, frames: list[np.ndarray], code: str = "mp4v") -> None:
+    _, cv2 = first_library("a film", "cv2")
     height, width = frames[0].shape[:2]
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), _FILM_HZ, (width, height))
     for frame in frames:
