@@ -6,27 +6,26 @@ import argparse
 import os
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from iclnuim import shipped
 from iclnuim.console import Console
 from iclnuim.dataset.bags_and_logs import LogSettings
-from iclnuim.dataset.run_folder import load_trajectory, trajectory_file
+from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob, read_recipe, shipped_job
 
 from .. import options
-from ..farm import held_out, slurm, tasks
+from ..farm import tasks
 from ..farm.all_sequences import make_all
-from ..farm.chunks import numbers_from, own_cores
+from ..farm.chunks import numbers_from
+from ..farm.execution import execute, refuse_print_only
 from ..farm.farm_settings import FarmSettings, SlurmSettings, read_settings
-from ..farm.rendering import open_run, report, stop_on_signals
+from ..farm.rendering import stop_on_signals
 from ..farm.run_plan import RunPlan, find_run, read_plan
 from ..outputs import refuse_existing
 from ..sequence_options import add_sensor_options, log_settings, sequence_options
@@ -42,11 +41,14 @@ _STAGES = {
 
 
 def configure_make(parser: argparse.ArgumentParser) -> None:
-    out = "folder for clean/, noisy/ and, while frames are rendered, raw/; default: out/SEQUENCE (with `all`: out)"
+    out = (
+        "folder for clean/, noisy/ and, while frames are rendered, raw/; "
+        "default: out/SEQUENCE (with `all`: out)"
+    )
     add_run_options(parser, "make", out)
     views = (
-        "also render novel views into held_out/: 0.5 m or 20 degrees away from all other views, of what these saw; "
-        "their number, or their trajectory"
+        "also render novel views into held_out/: 0.5 m or 20 degrees away from all other views, "
+        "of what these saw; their number, or their trajectory"
     )
     parser.add_argument("--held-out", metavar="N|TRAJECTORY", help=views)
     _add_farm_options(parser, "iclnuim make kt2 --quick", _begin)
@@ -68,18 +70,12 @@ def configure_resume(parser: argparse.ArgumentParser) -> None:
 def configure_task(parser: argparse.ArgumentParser) -> None:
     actions = options.subcommands(parser, "STAGE")
     for stage, help in _STAGES.items():
-        numbers = " --numbers 0-24,30" if stage == "frames" else ""
-        one = options.action(
-            actions,
-            stage,
-            help,
-            f"iclnuim task {stage} kt2 --out out/kt2{numbers}",
-            _task,
-            json=False,
-        )
-        add_run_options(
-            one, "make", "folder that all tasks of the run share, for clean/, noisy/ and raw/"
-        )
+        example = f"iclnuim task {stage} kt2 --out out/kt2"
+        if stage == "frames":
+            example += " --numbers 0-24,30"
+        one = options.action(actions, stage, help, example, _task, json=False)
+        out = "folder that all tasks of the run share, for clean/, noisy/ and raw/"
+        add_run_options(one, "make", out)
         which = "numbers of the frames, both ends included; default: those of --frames"
         one.add_argument("--numbers", metavar="A-B,C", help=which)
         farm = "print progress in lines that this render farm reads"
@@ -92,77 +88,117 @@ def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> 
     `out`: the help text of --out.
     """
     parser.set_defaults(command=command)
-    add, names = parser.add_argument, ", ".join(shipped.SCENE_NAMES)
-    every = ", or all for all eight" if command == "make" else ""
-    known = f"kt2, living_room/kt2, office/kt0, or a recipe file (.json){every}"
+    add = parser.add_argument
+    known = "kt2, living_room/kt2, office/kt0, or a recipe file (.json)"
+    if command == "make":
+        known += ", or all for all eight"
     add("sequence", nargs="?", metavar="SEQUENCE", help=known)
-    add(
-        "--scene",
-        metavar="NAME|FILE",
-        help=f"use another scene: {names}, or a file: {options.SCENE_KINDS}",
-    )
+    names = ", ".join(shipped.SCENE_NAMES)
+    help = f"use another scene: {names}, or a file: {options.SCENE_KINDS}"
+    add("--scene", metavar="NAME|FILE", help=help)
     help = "use another trajectory, in any format that `iclnuim trajectory info` reads"
     add("--trajectory", metavar="FILE", help=help)
     options.add_scene_options(parser)
-    add(
-        "--frames",
-        metavar="A:B:S",
-        help="only these frames, as a Python slice (B excluded); default: all",
-    )
+    help = "only these frames, as a Python slice (B excluded); default: all"
+    add("--frames", metavar="A:B:S", help=help)
     help = "only the first 60 frames (two seconds): enough for all further commands"
     add("--quick", action="store_true", help=help)
-    add(
-        "--camera",
-        metavar="WxH[,FX,FY,CX,CY]",
-        help="resolution and K; default: 640x480 and the paper's K",
-    )
+    help = "resolution and K; default: 640x480 and the paper's K"
+    add("--camera", metavar="WxH[,FX,FY,CX,CY]", help=help)
     options.add_settings(parser, RenderJob, light="baked, or auto for a file")
     add("-o", "--out", type=Path, metavar="DIR", help=out)
     if command == "make":
         add_sensor_options(parser, "released", ("depth_units", "formats"))
         options.add_settings(parser, LogSettings)
-        add(
-            "--keep-raw",
-            action="store_true",
-            help="keep the EXR frames; default: remove them once both sequences are complete",
-        )
+        help = "keep the EXR frames; default: remove them once both sequences are complete"
+        add("--keep-raw", action="store_true", help=help)
 
 
 def _add_farm_options(parser: argparse.ArgumentParser, example: str, run: Callable) -> None:
     """Add the options that distribute the work; none of them changes a pixel."""
     options.add_settings(parser, FarmSettings)
     add = parser.add_argument
-    add(
-        "--slurm",
-        type=Path,
-        metavar="FILE",
-        help="settings for Slurm in TOML; options take precedence",
-    )
+    help = "settings for Slurm in TOML; options take precedence"
+    add("--slurm", type=Path, metavar="FILE", help=help)
     options.add_settings(parser, SlurmSettings)
-    add(
-        "--print-only",
-        action="store_true",
-        help="show the job scripts and the estimate; submit nothing",
-    )
+    help = "show the job scripts and the estimate; submit nothing"
+    add("--print-only", action="store_true", help=help)
     options.common(parser, example)
     parser.set_defaults(run=run)
 
 
 def plan_from(args: argparse.Namespace) -> RunPlan:
     """The plan given by the options. Raises InputError."""
-    job = _job(args)
+    return _plan(args, args.sequence, args.out)
+
+
+def every_plan(args: argparse.Namespace) -> list[RunPlan]:
+    """The plans of `make all`, each with a folder ROOM/KT below --out. Raises InputError."""
+    if args.scene or args.trajectory:
+        raise InputError("all without {scene} and {trajectory}, as it makes the built-in sequences")
+    out = args.out or Path("out")
+    return [_plan(args, name, out / name) for name in shipped.paper_sequences()]
+
+
+def _plan(args: argparse.Namespace, sequence: str | None, out: Path | None) -> RunPlan:
+    job = _job(args, sequence)
     if args.quick and args.frames:
         raise InputError("{quick} or {frames}, not both")
     frames = args.frames or (QUICK_FRAMES if args.quick else "::")
     numbers = tuple(frame_slice(frames, len(load_trajectory(job))))
-    out = args.out or Path("out") / job.sequence
+    folder = out or Path("out") / job.sequence
     if args.command == "render":
-        return RunPlan(job, args.out or out / "raw", numbers)
-    logs = log_settings(args)
-    views = _held_out(getattr(args, "held_out", None) or "", job)
-    return RunPlan(
-        job, out / "raw", numbers, sequence_options(args), args.keep_raw, logs=logs, held_out=views
+        return _with_farm_options(RunPlan(job, out or folder / "raw", numbers), args)
+    plan = RunPlan(
+        job,
+        folder / "raw",
+        numbers,
+        sequence_options(args),
+        args.keep_raw,
+        logs=log_settings(args),
+        held_out=_held_out(getattr(args, "held_out", None) or "", job),
     )
+    return _with_farm_options(plan, args)
+
+
+def _with_farm_options(plan: RunPlan, args: argparse.Namespace) -> RunPlan:
+    """The plan with the engine and the settings given by the options. Raises InputError."""
+    file = getattr(args, "slurm", None)
+    slurm = read_settings(file) if file else plan.slurm
+    return replace(
+        plan, farm=options.settings_from(args, plan.farm), slurm=options.settings_from(args, slurm)
+    )
+
+
+def _job(args: argparse.Namespace, sequence: str | None) -> RenderJob:
+    """The render job given by the options.
+
+    Raises InputError for an unknown sequence, scene or camera.
+    """
+    given = options.given_settings(args, RenderJob)
+    for name in ("scene", "trajectory"):
+        file = given[name] = getattr(args, name)
+        if file is not None and file not in (*shipped.SCENE_NAMES, *shipped.sequence_names()):
+            # absolute, so that the recipe identifies the file
+            given[name] = str(Path(file).expanduser().resolve())
+    if args.camera:
+        given["camera"] = PinholeCamera.parse(args.camera)
+    is_recipe = sequence is not None and sequence.endswith(".json")
+    if args.scene and not is_recipe and not {"map_size", "map_samples"} & given.keys():
+        given.setdefault("light", "auto")
+    job = _sequence_job(sequence, args)
+    return job.changed(reading=options.settings_from(args, job.reading), **given)
+
+
+def _sequence_job(sequence: str | None, args: argparse.Namespace) -> RenderJob:
+    """The job of a recipe, of a shipped sequence, or of a scene and a trajectory."""
+    if sequence is not None:
+        return read_recipe(sequence) if sequence.endswith(".json") else shipped_job(sequence)
+    if not (args.scene and args.trajectory):
+        expected = "a SEQUENCE, or {scene} and {trajectory}"
+        raise InputError(expected, hint=", ".join(shipped.sequence_names()))
+    name = f"{Path(args.scene).stem}/{Path(args.trajectory).stem}"
+    return RenderJob(sequence=name, scene=args.scene, trajectory=args.trajectory)
 
 
 def _held_out(name: str, job: RenderJob) -> str:
@@ -171,82 +207,24 @@ def _held_out(name: str, job: RenderJob) -> str:
     Raises InputError.
     """
     if name.isdecimal() and int(name) < 1:
-        raise InputError(
-            "a number of views of at least 1, or a trajectory", setting="held_out", found=name
-        )
+        expected = "a number of views of at least 1, or a trajectory"
+        raise InputError(expected, setting="held_out", found=name)
     if not name or name.isdecimal():
         return name
     own = name if "/" in name else f"{job.scene}/{name}"
-    return own if own in shipped.sequence_names() else str(Path(name).expanduser().resolve())
-
-
-def every_plan(args: argparse.Namespace) -> list[RunPlan]:
-    """The plans of `make all`, each with a folder ROOM/KT below --out. Raises InputError."""
-    if args.scene or args.trajectory:
-        raise InputError("all without {scene} and {trajectory}, as it makes the built-in sequences")
-    every = [
-        {"sequence": name, "out": (args.out or Path("out")) / name}
-        for name in shipped.paper_sequences()
-    ]
-    each = [argparse.Namespace(**{**vars(args), **one}) for one in every]
-    return [with_farm_options(plan_from(one), one) for one in each]
-
-
-def _job(args: argparse.Namespace) -> RenderJob:
-    """The render job given by the options.
-
-    Raises InputError for an unknown sequence, scene or camera.
-    """
-    if args.sequence is None and not (args.scene and args.trajectory):
-        raise InputError(
-            "a SEQUENCE, or {scene} and {trajectory}", hint=", ".join(shipped.sequence_names())
-        )
-    given: dict[str, Any] = options.given_settings(args, RenderJob)
-    for name in ("scene", "trajectory"):
-        file = given[name] = getattr(args, name)
-        if file is not None and file not in (*shipped.SCENE_NAMES, *shipped.sequence_names()):
-            given[name] = str(
-                Path(file).expanduser().resolve()
-            )  # so that the recipe identifies the file
-    if args.sequence is None:
-        name = f"{Path(args.scene).stem}/{Path(args.trajectory).stem}"
-        job = RenderJob(sequence=name, scene=args.scene, trajectory=args.trajectory)
-    else:
-        job = (
-            read_recipe(args.sequence)
-            if args.sequence.endswith(".json")
-            else shipped_job(args.sequence)
-        )
-    if (
-        args.scene
-        and not (args.sequence or "").endswith(".json")
-        and not {"map_size", "map_samples"} & given.keys()
-    ):
-        given.setdefault("light", "auto")
-    if args.camera:
-        given["camera"] = PinholeCamera.parse(args.camera)
-    return job.changed(reading=options.settings_from(args, job.reading), **given)
-
-
-def with_farm_options(plan: RunPlan, args: argparse.Namespace) -> RunPlan:
-    """The plan with the engine and the settings given by the options. Raises InputError."""
-    slurm = read_settings(args.slurm) if args.slurm else plan.slurm
-    return replace(
-        plan, farm=options.settings_from(args, plan.farm), slurm=options.settings_from(args, slurm)
-    )
+    if own in shipped.sequence_names():
+        return own
+    return str(Path(name).expanduser().resolve())
 
 
 def _begin(args: argparse.Namespace, console: Console) -> int:
     if args.command == "make" and args.sequence == "all":
         plans = every_plan(args)
-        _check_print_only(plans[0], args.print_only)
-        return make_all(
-            plans, lambda plan, whole: _execute(plan, whole, args.print_only, None), console
-        )
-    plan = with_farm_options(plan_from(args), args)
-    return _execute(
-        plan, console, args.print_only, _new_blend(getattr(args, "blend", None), plan, console)
-    )
+        refuse_print_only(plans[0], args.print_only)
+        return make_all(plans, partial(execute, print_only=args.print_only), console)
+    plan = plan_from(args)
+    blend = _new_blend(getattr(args, "blend", None), plan, console)
+    return execute(plan, console, args.print_only, blend)
 
 
 def _new_blend(blend: Path | None, plan: RunPlan, console: Console) -> Path | None:
@@ -260,79 +238,16 @@ def _new_blend(blend: Path | None, plan: RunPlan, console: Console) -> Path | No
         refuse_existing(blend, "another name for {blend}")
     if plan.farm.engine != "local":
         return blend  # which is refused
-    console.note(
-        f"{blend} exists already and is not changed; give another name to save the scene again"
-    )
+    hint = "give another name to save the scene again"
+    console.note(f"{blend} exists already and is not changed; {hint}")
     return None
 
 
 def _resume(args: argparse.Namespace, console: Console) -> int:
     """Execute the recorded plan of the folder again; finished work is skipped."""
-    plan = with_farm_options(read_plan(find_run(args.folder)), args)
+    plan = _with_farm_options(read_plan(find_run(args.folder)), args)
     console.note(f"resuming: iclnuim {plan.command} {plan.job.sequence}")
-    return _execute(plan, console, args.print_only, None)
-
-
-def _execute(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) -> int:
-    """Execute the missing parts of the plan, then those of its held-out views; returns the exit
-    code. Raises InputError, WorkError.
-    """
-    read_as = read_trajectory(trajectory_file(plan.job)).read_as
-    if read_as.repeated:
-        console.note(f"{plan.job.trajectory}: {read_as.sentence}")
-    if not plan.held_out:
-        return _run(plan, console, print_only, blend)
-    held_out.prepare(plan, console)
-    return _run(plan, console, print_only, blend) or _run(
-        held_out.views_plan(plan), console, print_only, None
-    )
-
-
-def _check_print_only(plan: RunPlan, print_only: bool) -> None:
-    """Raises InputError if job scripts are requested of another engine than Slurm."""
-    if print_only and plan.farm.engine != "slurm":
-        raise InputError("{print_only} with {engine} slurm", found=f"{plan.farm.engine}")
-
-
-def _run(plan: RunPlan, console: Console, print_only: bool, blend: Path | None) -> int:
-    """Execute the missing parts of the plan; returns the exit code. Raises InputError, WorkError.
-
-    print_only: show the job scripts for Slurm instead. blend: also save the prepared scene to this
-    file.
-    """
-    _check_print_only(plan, print_only)
-    plan.variants()  # raises for unknown noise models before any work begins
-    if plan.farm.engine == "slurm":
-        if blend is not None:
-            raise InputError("{blend} only on this machine", hint="{engine} local")
-        return slurm.run(plan, print_only, console)
-    with ExitStack() as stack:
-        stopped = stack.enter_context(stop_on_signals())
-        stage = (
-            stack.enter_context(tasks.SequenceStage(plan, len(own_cores())))
-            if plan.sequences
-            else None
-        )
-        run = stack.enter_context(open_run(plan, console, stopped))
-        if not plan.has_record():
-            plan.write_record()
-        if stage is not None:
-            stage.begin(run.run)
-        plan.write_record()  # that of an accepted command
-        if stage is None:
-            return report(run.render(plan.numbers, blend=blend), console)
-        try:  # sequence frames are written from finished frames while others are being rendered
-            missing = stage.add_finished(plan.numbers)
-            outcome = run.render(missing, stage.add, lambda: stopped() or stage.broken)
-        finally:
-            stage.close()
-        code = report(outcome, console)
-        if code == 0:
-            stage.complete(console.note)
-            console.note(
-                f"{' and '.join(map(str, plan.variants()))}: all {len(plan.numbers)} requested frames are complete"
-            )
-        return code
+    return execute(plan, console, args.print_only)
 
 
 def _task(args: argparse.Namespace, console: Console) -> int:
@@ -344,17 +259,20 @@ def _task(args: argparse.Namespace, console: Console) -> int:
         raise InputError("a folder that all tasks of the run share", setting="out")
     plan = plan_from(args)
     if args.numbers is not None:
-        numbers, planned = numbers_from(args.numbers), plan.numbers
+        numbers = numbers_from(args.numbers)
+        planned = plan.numbers
         if not set(numbers) <= set(planned):
             expected = f"some of the {len(planned)} frames {planned[0]}..{planned[-1]}"
             raise InputError(expected, setting="numbers", found=args.numbers)
         plan = replace(plan, numbers=numbers)
-    progress = console.progress(len(plan.numbers), plan.job.sequence)
-    on_frame = (
-        _flamenco(args.action, console, plan)
-        if args.progress == "flamenco"
-        else lambda number: progress.advance()
-    )
+    if args.progress == "flamenco":
+        on_frame = _flamenco(args.action, console, plan)
+    else:
+        progress = console.progress(len(plan.numbers), plan.job.sequence)
+
+        def on_frame(number: int) -> None:
+            progress.advance()
+
     if args.action == "dataset":
         return tasks.run(args.action, plan, console, on_frame)
     with stop_on_signals() as stopped:
@@ -365,11 +283,13 @@ def _flamenco(stage: str, console: Console, plan: RunPlan) -> Callable[[int], No
     """Returns a callback that prints the lines which Flamenco's worker parses, as Blender prints
     them: `Time:` and `skipping` count as a step, `Saved:` names a picture to show.
     """
-    last, images = time.monotonic(), plan.out / "clean/rgb"
+    images = plan.out / "clean/rgb"
+    last_s = time.monotonic()
 
     def on_frame(number: int) -> None:
-        nonlocal last
-        seconds, last = time.monotonic() - last, time.monotonic()
+        nonlocal last_s
+        seconds = time.monotonic() - last_s
+        last_s += seconds
         console.result({}, f"Time: {int(seconds // 60):02}:{seconds % 60:05.2f} (frame {number})")
         image = images / f"{number:06}.png"
         if stage == "dataset" and image.is_file():  # only in the format tum

@@ -14,7 +14,7 @@ from iclnuim.dataset.run_folder import open_run
 from iclnuim.errors import InputError
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.headless.commands import status
-from iclnuim.headless.commands.runs import configure_make, plan_from, with_farm_options
+from iclnuim.headless.commands.runs import configure_make, plan_from
 from iclnuim.headless.farm import held_out
 from iclnuim.headless.farm.run_plan import RunPlan
 
@@ -23,7 +23,7 @@ def plan_of(out, *words) -> RunPlan:
     parser = argparse.ArgumentParser()
     configure_make(parser)
     args = parser.parse_args(["kt2", "--quick", "--camera", "80x60", "-o", str(out), *words])
-    return with_farm_options(plan_from(args), args)
+    return plan_from(args)
 
 
 def begin(plan, light="baked"):

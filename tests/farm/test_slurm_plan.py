@@ -19,7 +19,6 @@ from iclnuim.headless.commands.runs import (
     configure_make,
     configure_render,
     plan_from,
-    with_farm_options,
 )
 from iclnuim.headless.farm import estimate, slurm, slurm_queue, tasks
 from iclnuim.headless.farm.farm_settings import SlurmSettings, minutes, read_settings
@@ -301,7 +300,7 @@ def asked_for(tmp_path, *words, configure=configure_make):
     parser = argparse.ArgumentParser()
     configure(parser)
     args = parser.parse_args([*(words or ("kt2", *TINY)), "--out", str(tmp_path / "plan")])
-    return with_farm_options(plan_from(args), args)
+    return plan_from(args)
 
 
 def test_a_plan_is_recorded_and_read_back_wherever_the_folder_moves(tmp_path, monkeypatch):
