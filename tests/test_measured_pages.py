@@ -130,7 +130,7 @@ PRINTED = {
     "bench curve voxel": {"points": [VOXEL]},
     "bench curve": {"points": STEPS},
     "bench odometry": {
-        "races": [{"sequence": "kt2/clean", "runs": [RUN]}, {"sequence": "kt2/noisy", "runs": []}]
+        "results": [{"sequence": "kt2/clean", "runs": [RUN]}, {"sequence": "kt2/noisy", "runs": []}]
     },
     "bench farm": {
         "splits": [

@@ -240,7 +240,7 @@ def _systems(found: Sequence[Any]) -> str:
     none.
     """
     runs_of = {}
-    for one in found[-1]["races"]:
+    for one in found[-1]["results"]:
         runs_of[one["sequence"]] = {run["odometer"]: run for run in one["runs"]}
     methods: dict[str, None] = {}
     for runs in runs_of.values():
@@ -276,7 +276,7 @@ def _benchmark(name: str) -> Text:
 
 def _speed(found: Sequence[Any]) -> str:
     """Median and 95th percentile in ms per frame, and ATE in mm."""
-    races = found[0]["races"]
+    races = found[0]["results"]
     cells: dict[str, dict[str, str]] = {}
     for race in races:
         for run in race["runs"]:

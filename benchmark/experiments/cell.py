@@ -1,333 +1,37 @@
-"""The figures of one method on one segment of frames: the errors of its poses, and whether it
-reported them.
-"""
+"""A cell of an experiment: a method on an input, and everything that decides its figures."""
 
-import re
-from collections import Counter
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
-from typing import Any
-
-import numpy as np
-from iclnuim.benchmark.odometry.baselines import Baseline
-from iclnuim.benchmark.odometry.protocol import (
-    Frame,
-    Odometer,
-    Result,
-    Status,
-    failure,
-)
-from iclnuim.benchmark.odometry.track import Tracked, Tracker
-from iclnuim.errors import InputError
-from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
-from iclnuim.evaluation.align import AlignmentSettings
-from iclnuim.geometry import so3
-from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.geometry.se3 import SE3
-from iclnuim.geometry.trajectory import Trajectory, sample
-
-from ..perturbations.plan import Bounds
-from ..perturbations.segment import Segment
-
-_FIRST_POSE = AbsoluteErrorSettings(alignment=AlignmentSettings(method="origin"))
-_SECOND_S, _SLACK_S = 1.0, 0.1
-#: A diagnostic whose ratio to the unperturbed run is beyond these limits is named as the cause.
-_FEWER_INLIERS, _LARGER_RESIDUAL = 0.7, 1.5
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
 
 
-@dataclass(frozen=True)
-class Cell:
-    """ate_m: RMSE. worst_step_m, worst_step_deg: largest error of a step. Figures are None where
-    nothing can be measured.
+class Key(Protocol):
+    """The words that name a cell: a frozen dataclass of texts and numbers."""
 
-    wrong, false_successes, false_alarms, alarms: counts of frames. False successes are wrong poses
-    reported as good, false alarms are right poses reported as bad. noticed_after: number of frames
-    from the first wrong pose to the first alarm; None if there was no alarm or no wrong pose. nees:
-    divided by its 6 degrees of freedom. residual, inliers: medians.
-    """
-
-    frames: int
-    coverage: float
-    ate_m: float | None
-    success: bool
-    worst_step_m: float | None
-    worst_step_deg: float | None
-    wrong: int
-    false_successes: int
-    false_alarms: int
-    alarms: int
-    noticed_after: int | None
-    nees: float | None
-    cause: str
-    residual: float | None
-    inliers: float | None
-    seconds: float
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
-
-class RecordingOdometer:
-    """Wraps an odometer: records the reference frame of each alignment, and rotates its initial
-    guess by the segment's `guess_off_deg`.
-
-    Each frame has its own random rotation axis. Third-party odometers, which start from no motion,
-    start from that rotation.
-    """
-
-    def __init__(self, odometer: Odometer, segment: Segment) -> None:
-        self.odometer, self.segment = odometer, segment
-        self.name, self.reference = odometer.name, odometer.reference
-        self.pairs: dict[float, float] = {}
-
-    def prepare(self, frame: Frame, camera: PinholeCamera) -> Any:
-        return frame.stamp_s, self.odometer.prepare(frame, camera)
-
-    def align(self, reference: Any, current: Any, guess: SE3) -> Result:
-        self.pairs[current[0]] = reference[0]
-        if self.segment.guess_off_deg:
-            axis = self.segment.generator(len(self.pairs)).standard_normal(3)
-            rotation = np.radians(self.segment.guess_off_deg) * axis / np.linalg.norm(axis)
-            off = SE3.exp(np.concatenate([np.zeros(3), rotation]))
-            guess = guess @ off
-            if isinstance(self.odometer, Baseline):
-                self.odometer.start = off
-        try:
-            return self.odometer.align(reference[1], current[1], guess)
-        except MemoryError:
-            raise
-        except (
-            Exception
-        ) as error:  # one method must not end all others; OpenCV's errors have no other base
-            return failure(f"crashed: {type(error).__name__}")
-
-
-def track_all(
-    odometers: Iterable[Odometer], segment: Segment
-) -> list[tuple[list[Tracked], dict[float, float]]]:
-    """Track the segment with all odometers; each frame is loaded once.
-
-    Returns for each odometer the tracked frames, and the stamps of frame -> reference.
-    """
-    recorders = [RecordingOdometer(odometer, segment) for odometer in odometers]
-    trackers = [Tracker(recorder, segment.camera) for recorder in recorders]
-    tracked: list[list[Tracked]] = [[] for _ in recorders]
-    for stamp_s, frame in segment.frames():
-        for tracker, results in zip(trackers, tracked, strict=True):
-            results.append(tracker.add(stamp_s, frame))
-    return [(results, recorder.pairs) for results, recorder in zip(tracked, recorders, strict=True)]
+    @property
+    def place(self) -> str:
+        """Path of the cell in a store, without ending."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
-    """Output of a method. good: (n,) whether each pose was reported as good; an external system
-    reports every pose as good.
-
-    alarms_s: stamps of all frames after the first that were not reported as good, including those
-    without a pose.
+class Cell:
+    """One measurement. identity: the settings, the hash of the input and the hash of the method's
+    code. It is JSON.
     """
 
-    trajectory: Trajectory
-    good: np.ndarray
-    alarms_s: np.ndarray
-    frames: int
-
-    @classmethod
-    def of(cls, tracked: list[Tracked], min_fitness: float = 0.0) -> "Poses":
-        """From the results of an odometer. A pose is good if its status is OK and, for Open3D, its
-        fitness is large enough. A pose that is not finite is ignored.
-
-        min_fitness: only for Open3D; the inliers of our odometers are a share of all pixels, of
-        which few may suffice.
-        """
-        kept = [f for f in tracked if not f.lost and np.isfinite(f.T_world_camera.matrix).all()]
-        good = np.array([_is_good(f.result, min_fitness) for f in kept])
-        bad = [f.stamp_s for f in tracked[1:] if f.lost or not _is_good(f.result, min_fitness)]
-        poses = SE3.from_matrix(np.array([f.T_world_camera.matrix for f in kept]).reshape(-1, 4, 4))
-        trajectory = Trajectory(np.array([f.stamp_s for f in kept]), poses)
-        return cls(trajectory, good, np.array(bad), len(tracked))
-
-    @classmethod
-    def of_file(cls, trajectory: Trajectory, stamps_s: np.ndarray) -> "Poses":
-        """From the trajectory of a system that writes a pose for each tracked frame: frames without
-        a pose are alarms.
-        """
-        missing = stamps_s[
-            np.abs(stamps_s[:, None] - trajectory.stamps_s).min(1, initial=np.inf) > 1e-6
-        ]
-        return cls(
-            trajectory,
-            np.ones(len(trajectory), bool),
-            missing[missing > stamps_s[0]],
-            len(stamps_s),
-        )
+    key: Any
+    identity: Mapping[str, Any]
 
 
-def _is_good(result: Result, min_fitness: float) -> bool:
-    """Whether the method reported success.
-
-    Zero inliers means that a baseline does not report inliers.
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A measured cell: its key, identity and figures, and the folder of its files, if there are
+    any.
     """
-    return result.status is Status.OK and not 0 < result.inliers < min_fitness
 
-
-def cell(
-    poses: Poses,
-    truth: Trajectory,
-    bounds: Bounds,
-    clean: bool,
-    extra: dict[str, Any] | None = None,
-) -> Cell:
-    """Compute the figures. clean: the frames are unperturbed, so that every lost frame is a false
-    alarm. extra: the result of `diagnostics`.
-    """
-    reported = {
-        "nees": None,
-        "cause": "",
-        "residual": None,
-        "inliers": None,
-        "seconds": 0.0,
-        **(extra or {}),
-    }
-    found = poses.trajectory
-    if len(found) < 3:
-        lost = len(poses.alarms_s) if clean else 0
-        empty = (None, False, None, None, 0, 0, lost, len(poses.alarms_s), None)
-        return Cell(poses.frames, len(found) / poses.frames, *empty, **reported)
-    Q, P = sample(truth, found.stamps_s), found.T_world_camera
-    step_m, step_deg = _errors(Q, P, np.arange(len(found) - 1), np.arange(1, len(found)))
-    wrong_step = np.concatenate([[False], (step_m > bounds.step_m) | (step_deg > bounds.step_deg)])
-    start, end = _seconds(found.stamps_s)
-    second_m, second_deg = _errors(Q, P, start, end)
-    beyond = (second_m > bounds.second_m) | (second_deg > bounds.second_deg)
-    drifted, noticed = np.zeros(len(found), bool), np.zeros(len(found), bool)
-    drifted[end] = beyond
-    noticed[end] = [
-        _any_within(poses.alarms_s, found.stamps_s[a], found.stamps_s[b])
-        for a, b in zip(start, end, strict=True)
-    ]
-    wrong = wrong_step | drifted
-    false_success = poses.good & (wrong_step | (drifted & ~noticed))
-    false_alarm = ~poses.good & ~wrong
-    lost = poses.frames - len(found)
-    ate_m = ate_rmse_m(truth, found)
-    coverage = len(found) / poses.frames
-    success = ate_m <= bounds.success_m and coverage >= bounds.min_coverage
-    return Cell(
-        poses.frames,
-        coverage,
-        ate_m,
-        success,
-        float(step_m.max()),
-        float(step_deg.max()),
-        int(wrong.sum()),
-        int(false_success.sum()),
-        int(false_alarm.sum()) + (lost if clean else 0),
-        len(poses.alarms_s),
-        _noticed_after(found.stamps_s, wrong, poses.alarms_s),
-        **reported,
-    )
-
-
-def ate_rmse_m(truth: Trajectory, found: Trajectory) -> float:
-    """ATE after SE(3) alignment; if poses on a line or at one point leave the alignment
-    undetermined, after alignment of the first pose.
-    """
-    try:
-        return absolute_error(truth, found).translation_m.rmse
-    except InputError:
-        return absolute_error(truth, found, _FIRST_POSE).translation_m.rmse
-
-
-def _errors(Q: SE3, P: SE3, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of the motions from start to end, in metres and degrees."""
-    if not len(start):
-        return np.zeros(0), np.zeros(0)
-    E = (Q[start].inverse() @ Q[end]).inverse() @ (P[start].inverse() @ P[end])
-    return np.linalg.norm(E.translation, axis=1), np.degrees(so3.angle(E.rotation))
-
-
-def _seconds(stamps_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of all pairs of poses that are one second apart."""
-    start = np.argmin(np.abs(stamps_s[:, None] - (stamps_s - _SECOND_S)), axis=0)
-    fits = np.abs(stamps_s - stamps_s[start] - _SECOND_S) < _SLACK_S
-    return start[fits], np.flatnonzero(fits)
-
-
-def _any_within(alarms_s: np.ndarray, after_s: float, to_s: float) -> bool:
-    return bool(((alarms_s > after_s) & (alarms_s <= to_s)).any())
-
-
-def _noticed_after(stamps_s: np.ndarray, wrong: np.ndarray, alarms_s: np.ndarray) -> int | None:
-    if not wrong.any():
-        return None
-    first_s = stamps_s[np.argmax(wrong)]
-    later_s = alarms_s[alarms_s >= first_s - _SECOND_S]
-    return int(((stamps_s >= first_s) & (stamps_s < later_s[0])).sum()) if len(later_s) else None
-
-
-def diagnostics(
-    tracked: list[Tracked], references_s: dict[float, float], truth: Trajectory, clean: Cell | None
-) -> dict[str, Any]:
-    """Diagnostics of an odometer's results: NEES, medians of residual and inliers, seconds, and the
-    cause of failure as text. clean: the unperturbed run.
-    """
-    results = [f.result for f in tracked[1:]]
-    used = [r for r in results if r.status is not Status.FAILED]
-    residual, inliers = (
-        _median([getattr(r, name) for r in used]) for name in ("residual", "inliers")
-    )
-    return {
-        "nees": _nees(tracked, references_s, truth),
-        "cause": _cause(results, residual, inliers, clean),
-        "residual": residual,
-        "inliers": inliers or None,
-        "seconds": float(sum(r.seconds for r in results)),
-    }
-
-
-def _median(values: list[float]) -> float | None:
-    finite = [v for v in values if np.isfinite(v)]
-    return float(np.median(finite)) if finite else None
-
-
-def _nees(
-    tracked: list[Tracked], references_s: dict[float, float], truth: Trajectory
-) -> float | None:
-    """Mean over frames of the squared error of each alignment, weighted by its information and
-    divided by 6; None without a noise model.
-
-    The information is that of a twist in the reference camera's frame, which multiplies the pose
-    from the left.
-    """
-    values = []
-    for f in tracked:
-        if f.lost or f.stamp_s not in references_s or not np.isfinite(f.result.largest_sigma_m):
-            continue
-        pair = sample(truth, np.array([references_s[f.stamp_s], f.stamp_s]))
-        error = (pair[0].inverse() @ pair[1] @ f.result.T_reference_camera.inverse()).log()
-        values.append(float(error @ f.result.information @ error) / 6)
-    return float(np.mean(values)) if values else None
-
-
-def _cause(
-    results: list[Result], residual: float | None, inliers: float | None, clean: Cell | None
-) -> str:
-    """The first cause that applies: why frames were lost, under-constrained frames, fewer inliers,
-    a larger residual; else an empty text.
-    """
-    total = max(1, len(results))
-    lost = Counter(
-        re.sub(r"[-+]?\d[\d.,]*%?", "N", r.reason) for r in results if r.status is Status.FAILED
-    )
-    if lost:
-        reason, count = lost.most_common(1)[0]
-        return f"{count / total:.0%} lost: {reason}"
-    degenerate = sum(r.status is Status.DEGENERATE for r in results)
-    if degenerate > 0.1 * total:
-        return f"{degenerate / total:.0%} under-constrained"
-    if clean and inliers and clean.inliers and inliers < _FEWER_INLIERS * clean.inliers:
-        return f"inliers {inliers:.0%} instead of {clean.inliers:.0%}"
-    if clean and residual and clean.residual and residual > _LARGER_RESIDUAL * clean.residual:
-        return f"residual {residual / clean.residual:.1f} times as large"
-    return ""
+    key: Any
+    identity: Mapping[str, Any]
+    figures: Mapping[str, Any]
+    folder: Path = Path()

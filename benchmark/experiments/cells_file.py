@@ -1,4 +1,4 @@
-"""All cells of the matrix in one CSV file, one row per cell: for data analysis, and to report
+"""The cells of `iclnuim stress` in one CSV file, one row per cell: for data analysis, and to report
 measured cells without measuring them again.
 """
 
@@ -13,14 +13,14 @@ from typing import Any, get_args
 from iclnuim.errors import InputError
 from iclnuim.formats.files import atomic_write_text, read_text
 
-from .cell import Cell
-from .matrix import Task
+from .outcome import Outcome
+from .recipes.stress import StressKey
 
-#: (task, name of the method) -> the figures of its cell.
-Cells = Mapping[tuple[Task, str], dict[str, Any]]
-_KEY = (*(field.name for field in fields(Task)), "method")
+#: The figures of cells by key.
+Cells = Mapping[StressKey, Mapping[str, Any]]
+_KEY = tuple(field.name for field in fields(StressKey) if field.name != "preset")
 #: Without the time, which differs in every run: the same cells give the same file.
-_FIGURES = {field.name: field.type for field in fields(Cell) if field.name != "seconds"}
+_FIGURES = {field.name: field.type for field in fields(Outcome) if field.name != "seconds"}
 _COLUMNS = [*_KEY, *_FIGURES]
 
 
@@ -29,37 +29,31 @@ def write_cells(cells: Cells, file: Path) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(_COLUMNS)
-    for (task, method), figures in sorted(
-        cells.items(), key=lambda one: (*astuple(one[0][0]), one[0][1])
-    ):
-        writer.writerow([*astuple(task), method, *(_word(figures[name]) for name in _FIGURES)])
+    for key in sorted(cells):
+        figures = [_word(cells[key][name]) for name in _FIGURES]
+        writer.writerow([*astuple(key)[: len(_KEY)], *figures])
     atomic_write_text(file, text.getvalue())
 
 
-def read_cells(file: Path) -> dict[tuple[Task, str], dict[str, Any]]:
+def read_cells(file: Path) -> dict[StressKey, dict[str, Any]]:
     """Read the cells of a file by write_cells(). Raises InputError with the line of a bad row."""
     rows = list(csv.reader(io.StringIO(read_text(file), newline="")))
     if rows[0] != _COLUMNS:
-        raise InputError(
-            f"the columns {','.join(_COLUMNS)}", path=file, line=1, found=",".join(rows[0])
-        )
-    found: dict[tuple[Task, str], dict[str, Any]] = {}
+        expected = f"the columns {','.join(_COLUMNS)}"
+        raise InputError(expected, path=file, line=1, found=",".join(rows[0]))
+    found = {}
     for line, row in enumerate(rows[1:], 2):
         if len(row) != len(_COLUMNS):
             raise InputError(f"{len(_COLUMNS)} values", path=file, line=line, found=len(row))
         words = dict(zip(_COLUMNS, row, strict=True))
         try:
-            task = Task(
-                words["sequence"],
-                int(words["start"]),
-                words["perturbation"],
-                int(words["severity"]),
-            )
-            found[task, words["method"]] = {
-                name: _value(words[name], kind) for name, kind in _FIGURES.items()
-            }
+            start = int(words["start"])
+            severity = int(words["severity"])
+            segment = (words["sequence"], start, words["perturbation"], severity)
+            figures = {name: _value(words[name], kind) for name, kind in _FIGURES.items()}
         except ValueError as error:
             raise InputError("figures of a cell", path=file, line=line, found=error) from None
+        found[StressKey(*segment, words["method"])] = figures
     return found
 
 
@@ -69,24 +63,21 @@ def chosen(
     perturbations: tuple[str, ...],
     severities: tuple[int, ...],
     starts: int | None,
-) -> dict[tuple[Task, str], dict[str, Any]]:
+) -> dict[StressKey, Mapping[str, Any]]:
     """The cells of some methods, perturbations and severities, with the unperturbed ones; on the
     first `starts` segments of each sequence (None: all).
     """
     places: dict[str, set[int]] = {}
-    for task, _ in cells:
-        places.setdefault(task.sequence, set()).add(task.start)
+    for key in cells:
+        places.setdefault(key.sequence, set()).add(key.start)
     first = {name: sorted(found)[:starts] for name, found in places.items()}
 
-    def wanted(task: Task, method: str) -> bool:
-        perturbed = task.perturbation in perturbations and task.severity in severities
-        return (
-            method in methods
-            and task.start in first[task.sequence]
-            and (perturbed or not task.severity)
-        )
+    def wanted(key: StressKey) -> bool:
+        perturbed = key.perturbation in perturbations and key.severity in severities
+        there = key.method in methods and key.start in first[key.sequence]
+        return there and (perturbed or not key.severity)
 
-    return {key: figures for key, figures in cells.items() if wanted(*key)}
+    return {key: figures for key, figures in cells.items() if wanted(key)}
 
 
 def _word(value: float | str | None) -> str:

@@ -3,48 +3,96 @@ comments, docstrings or layout.
 """
 
 import ast
-import functools
-from collections.abc import Iterable
+import re
+from collections.abc import Iterator
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
 
-from iclnuim import geometry, sensor
-from iclnuim.benchmark import odometry
+import iclnuim
+import iclnuim.benchmark
+from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS, PACKAGES
 from iclnuim.formats.files import sha256
+from iclnuim.shipped import versions
 
-from .. import perturbations
-from . import cell
-
+#: Rooms whose code decides figures; files, options and texts do not.
+_ROOMS = ("benchmark", "geometry", "sensor", "evaluation", "raycast")
+_PATTERN = re.compile(rf"iclnuim\.({'|'.join(_ROOMS)})\b")
+_ODOMETRY = "iclnuim.benchmark.odometry"
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 
-def code_sha256(files: Iterable[Path]) -> str:
-    """The hash of Python files, by name and syntax tree."""
-    return sha256(
-        "\n".join(f"{file.name} {_meaning(file.read_bytes())}" for file in sorted(files)).encode()
-    )
+def method_code(name: str) -> str | None:
+    """What identifies the code of a method: for our odometers the hash of the odometer and of the
+    tracking; for third-party ones the version of their package; for systems None,
+    as their program is hashed.
+    """
+    if name in ODOMETERS:
+        module = ODOMETERS[name].module
+        full = f"{_ODOMETRY}{module}" if module.startswith(".") else module
+        return code_of(full, f"{_ODOMETRY}.track")
+    if name not in BASELINES:
+        return None
+    return package_version(PACKAGES[BASELINES[name][2].partition(".")[0]])
 
 
-@functools.cache
-def perturbing() -> str:
-    """The hash of what perturbs frames, and computes the figures of a cell."""
-    files = [Path(cell.__file__), *_files(perturbations), *_files(sensor), *_files(geometry)]
-    return code_sha256(files)
+@cache
+def package_version(package: str) -> str | None:
+    """The installed version of a package, read once: every cell asks for it."""
+    return versions(package)[package]
 
 
-@functools.cache
-def tracking() -> str:
-    """The hash of our odometers."""
-    return code_sha256([*_files(odometry), *_files(geometry)])
+@cache
+def code_of(*modules: str) -> str:
+    """The hash of modules and of all modules in _ROOMS that they import."""
+    found: dict[str, str] = {}
+    left = list(modules)
+    while left:
+        name = left.pop()
+        if name not in found and (file := _file_of(name)):
+            found[name], imported = _read(name, file)
+            left += imported
+    return sha256("\n".join(f"{name} {found[name]}" for name in sorted(found)).encode())
 
 
-def _files(package: ModuleType) -> list[Path]:
-    return list(Path(package.__path__[0]).glob("*.py"))
+def _file_of(module: str) -> Path | None:
+    """The file of a module; None for another name."""
+    for package in (iclnuim.benchmark, iclnuim):
+        if module.startswith(f"{package.__name__}."):
+            parts = module.removeprefix(f"{package.__name__}.").split(".")
+            path = Path(package.__path__[0]).joinpath(*parts)
+            files = (path.with_suffix(".py"), path / "__init__.py")
+            return next((file for file in files if file.is_file()), None)
+    spec = find_spec(module)
+    return Path(spec.origin) if spec and spec.origin else None
 
 
-def _meaning(source: bytes) -> str:
+@cache
+def _read(name: str, file: Path) -> tuple[str, list[str]]:
+    """The hash of a module, and what it imports from _ROOMS."""
+    source = file.read_bytes()
+    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+    imported = [one for one in _imports(package, source) if _PATTERN.match(one)]
+    return sha256(meaning(source).encode()), imported
+
+
+def meaning(source: bytes) -> str:
+    """The syntax tree of a source without docstrings, as text."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
             del node.body[0]
     return ast.dump(tree)
+
+
+def _imports(package: str, source: bytes) -> Iterator[str]:
+    """Names of what a module of a package imports: modules, and things in them."""
+    above = package.split(".")
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            parents = above[: len(above) - node.level + 1] if node.level else []
+            base = ".".join([*parents, *filter(None, [node.module])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .lookup import ate_of, surface_of
-from .text_tables import Table
+from .table import ResultTable
 
 _RESAMPLES, _SEED = 4999, 0
 #: Two errors differ clearly if one is smaller than the other by more than this share.
@@ -97,7 +97,7 @@ def _differ(a: float, b: float) -> bool:
     return min(a, b) < (1 - _CLEARLY) * max(a, b)
 
 
-def correlation_table(results: Sequence[dict]) -> Table:
+def correlation_table(results: Sequence[dict]) -> ResultTable:
     """Correlation over all cells, and over those of each room and each noise."""
     groups = {"all cells": results}
     for name in ("room", "noise"):
@@ -115,4 +115,6 @@ def correlation_table(results: Sequence[dict]) -> Table:
         "ATE against the mean error of the surface, aligned with the model by ICP. The interval is a percentile bootstrap over cells.",
         "Pairs: two cells on one sequence whose ATE and surface error both differ by more than 10 %. Discordant: the better trajectory has the worse surface.",
     )
-    return Table("correlation", "ATE against surface error.", columns, tuple(rows), notes=notes)
+    return ResultTable(
+        "correlation", "ATE against surface error.", columns, tuple(rows), notes=notes
+    )

@@ -23,7 +23,7 @@ from iclnuim.sensor.transfer import srgb8
 
 from ..perturbations.motion import depth_at, exposed
 from ..perturbations.segment import Segment
-from .cell import ate_rmse_m
+from .outcome import ate_rmse_m
 
 #: Maximum relative difference between depths of one surface.
 _EDGE = 0.02

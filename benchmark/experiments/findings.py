@@ -12,7 +12,7 @@ from .cells import LAMBERTIAN, PHOTOMETRIC, TITLES
 from .correlation import correlation
 from .lookup import Figures, Ours, Printed, paper, seeds_of
 from .paper_tables import TRAJECTORIES
-from .text_tables import Table
+from .table import ResultTable
 
 LIVING, OFFICE = "living_room", "office"
 GEOMETRIC = ("icp", "icp_rgbd")
@@ -37,7 +37,7 @@ class _Missing(Exception):
     """A figure that a rule needs is missing."""
 
 
-def findings_table(results: Sequence[dict], preset: str = "best") -> Table:
+def findings_table(results: Sequence[dict], preset: str = "best") -> ResultTable:
     """One row per finding: the printed figures, ours, the verdict, and why: the rule, and a remark
     on the printed figures.
     """
@@ -69,7 +69,7 @@ def findings_table(results: Sequence[dict], preset: str = "best") -> Table:
     suffix = ("", "") if preset == "best" else (f"_{preset}", f" Preset {preset}.")
     title = f"The findings of section VI, decided by rules over the cells.{suffix[1]}"
     note = "The verdicts apply to these cells only: frames, noise and odometers are ours, not the paper's. Errors in mm."
-    return Table(f"findings{suffix[0]}", title, columns, tuple(rows), notes=(note,))
+    return ResultTable(f"findings{suffix[0]}", title, columns, tuple(rows), notes=(note,))
 
 
 def apply_rule(rule: Callable[[Figures], RuleResult], of: Figures) -> RuleResult:

@@ -22,7 +22,7 @@ from .lookup import (
     seeds_of,
     surface_of,
 )
-from .text_tables import Table
+from .table import ResultTable
 
 ROMAN = dict(zip("1234567", ("I", "II", "III", "IV", "V", "VI", "VII"), strict=True))
 TRAJECTORIES = shipped.TRAJECTORY_NAMES
@@ -43,7 +43,7 @@ _SURFACES = {
 _ONE_SIDED = "Our figures and the printed ones come from different frames and programs: compare their order, not their values."
 
 
-def all_tables(results: Sequence[dict]) -> list[Table]:
+def all_tables(results: Sequence[dict]) -> list[ResultTable]:
     """All tables in the paper's order, for each measured preset, followed by the table of all
     cells.
     """
@@ -53,7 +53,7 @@ def all_tables(results: Sequence[dict]) -> list[Table]:
     return [*tables, cells_table(results)]
 
 
-def preset_tables(results: Sequence[dict], preset: str) -> list[Table]:
+def preset_tables(results: Sequence[dict], preset: str) -> list[ResultTable]:
     """Tables II to VII, and those for surfaces of the office (2_office, 7_office).
 
     The name of another preset than best is appended to the table's name.
@@ -69,7 +69,7 @@ def preset_tables(results: Sequence[dict], preset: str) -> list[Table]:
     if preset == "best":
         return tables
     return [
-        Table(
+        ResultTable(
             f"{t.name}_{preset}", f"{t.title} Preset {preset}.", t.columns, t.rows, t.bold, t.notes
         )
         for t in tables
@@ -109,7 +109,7 @@ def trajectory_rows() -> list[dict]:
     return rows
 
 
-def table_1() -> Table:
+def table_1() -> ResultTable:
     """Frames, lengths and speeds of the shipped trajectories."""
     columns = (
         "sequence",
@@ -134,13 +134,15 @@ def table_1() -> Table:
         duration = f"{r['printed_duration_s']:.1f}"
         rows.append((r["sequence"], *frames, *lengths, *(f"{s:.3f}" for s in speeds), duration))
     title = "Table I: the trajectories. The printed speeds do not follow from 30 frames per second; T = length / speed as printed."
-    return Table("table_1", title, columns, tuple(rows))
+    return ResultTable("table_1", title, columns, tuple(rows))
 
 
 # -- Tables III to VI
 
 
-def _ate_table(views: Sequence[Ours], externals: Sequence[dict], room: str, noise: str) -> Table:
+def _ate_table(
+    views: Sequence[Ours], externals: Sequence[dict], room: str, noise: str
+) -> ResultTable:
     """One row per odometer and statistic, followed by the external systems."""
     printed, rows, bold = Printed(), list[tuple[str, ...]](), set[tuple[int, int]]()
     sides: tuple[Figures, ...] = (views[0], printed)
@@ -170,7 +172,7 @@ def _ate_table(views: Sequence[Ours], externals: Sequence[dict], room: str, nois
         rows += [tuple(row)] if any(row[2:]) else []
     number = ATE_TABLES[room, noise]
     title = f"Table {ROMAN[number]}: ATE in mm, {_ROOMS[room]}, {noise}."
-    return Table(
+    return ResultTable(
         f"table_{number}",
         title,
         _columns("odometer", "error mm"),
@@ -221,7 +223,7 @@ def _notes(views: Sequence[Ours], noise: str) -> tuple[str, ...]:
 # -- Tables II and VII
 
 
-def _surface_table(views: Sequence[Ours], room: str, noise: str) -> Table:
+def _surface_table(views: Sequence[Ours], room: str, noise: str) -> ResultTable:
     printed, rows = Printed(), list[tuple[str, ...]]()
     columns = ["error mm"]
     for odometer, kt in _SURFACES[noise]:
@@ -252,7 +254,7 @@ def _surface_table(views: Sequence[Ours], room: str, noise: str) -> Table:
         title = f"Error of the surfaces of the {_ROOMS[room]} in mm, {noise}; the paper could not measure them."
     note = "Surfaces of ICP, except where noted, aligned with the model by ICP as in the paper. The last rows are not in the paper; they align by the first pose."
     notes = (note, _ONE_SIDED)[: 2 if room == "living_room" else 1]
-    return Table(
+    return ResultTable(
         name,
         title,
         tuple(columns),
@@ -309,9 +311,9 @@ CELL_COLUMNS = (
 )
 
 
-def cells_table(results: Sequence[dict]) -> Table:
+def cells_table(results: Sequence[dict]) -> ResultTable:
     """One row per cell."""
-    return Table("cells", "All cells.", CELL_COLUMNS, tuple(map(cell_row, results)))
+    return ResultTable("cells", "All cells.", CELL_COLUMNS, tuple(map(cell_row, results)))
 
 
 def cell_row(result: dict) -> tuple[str, ...]:

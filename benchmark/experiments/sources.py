@@ -8,7 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from iclnuim.sensor.models import depth_model, rgb_model
 
 from ..systems.staging import StagedSequence
 from .cells import EXTERNAL, LAMBERTIAN, Cell
+from .recipes.system import RunKey, system_store
 
 _ROOM = """
 import sys, numpy as np
@@ -197,30 +198,17 @@ def external_cells(
         for cell in sorted(sequences, key=lambda c: c.name)
     }
     found = {}
-    for recipe in sorted(systems.glob("**/recipe.json")):
-        content = read_json(recipe)
-        if "system" not in content:
-            continue
-        named = (
-            cell for cell, sequence in staged.items() if sequence.name == content.get("sequence")
-        )
-        where = next(
-            (cell for cell in named if staged[cell].images_sha256 == content.get("images_sha256")),
-            None,
-        )
-        if where is None:
-            continue
-        for number, name, path in _matched(recipe.parent):
-            title = content["system"].get("title") or recipe.parent.parent.name
-            found[replace(where, odometer=title, preset=name, run=number)] = path
+    for run in system_store(systems).read_all(RunKey):
+        images = run.identity["sequence_sha256"]
+        for cell, sequence in staged.items():
+            if sequence.name == run.key.sequence and sequence.images_sha256 == images:
+                for path in sorted((run.folder / "matched").glob("*.txt")):
+                    if path.name.startswith("whole_"):
+                        continue
+                    title = run.figures["title"]
+                    one = replace(cell, odometer=title, preset=path.stem, run=run.key.run)
+                    found[one] = path
     return found
-
-
-def _matched(folder: Path) -> Iterator[tuple[int, str, Path]]:
-    """(run, name of the trajectory, file) of all finished runs of a system on a sequence."""
-    for path in sorted(folder.glob("run_*/matched/*.txt")):
-        if not path.name.startswith("whole_"):
-            yield int(path.parts[-3].removeprefix("run_")), path.stem, path
 
 
 def environment() -> dict[str, str]:

@@ -140,6 +140,11 @@ class System:
     def title(self) -> str:
         return self.settings.title or self.name
 
+    @property
+    def chosen_options(self) -> dict[str, str]:
+        """The options that decide a result; the program is identified by its hash."""
+        return {key: value for key, value in self.options.items() if key != "program"}
+
     def found_program(self) -> str:
         """Path of the program.
 

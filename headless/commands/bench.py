@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from iclnuim import checkout
+from iclnuim.benchmark.experiments.recipes.system import merged, read_results
 from iclnuim.benchmark.odometry.registry import names, odometer
-from iclnuim.benchmark.systems.experiment import merged
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
-from iclnuim.formats.files import read_json
 
 from ..method_options import installed, open_sequence, require
 from ..options import Actions, action, add_plot, count, subcommands
@@ -92,7 +91,7 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
         result
         for folder in args.folders
         if folder.suffix == ".json"
-        for result in _read_results(folder)
+        for result in read_results(folder)
     ]
     folders = [folder for folder in args.folders if folder.suffix != ".json"]
     if folders:
@@ -113,7 +112,7 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
             f", our odometers with preset {r['preset']}" if r["preset"] else ""
         )
         texts.append(f"{title}\n{table(r['runs'])}\nPareto front: {', '.join(_front(r['runs']))}")
-    console.result({"races": results}, "\n\n".join(texts))
+    console.result({"results": results}, "\n\n".join(texts))
 
 
 def _compare_odometers(
@@ -137,14 +136,6 @@ def _compare_odometers(
         "preset": preset,
         "runs": [run.to_dict() for run in runs],
     }
-
-
-def _read_results(path: Path) -> list[dict]:
-    """Read results that were written with --json. Raises InputError for another file."""
-    results = read_json(path).get("races")
-    if not isinstance(results, list):
-        raise InputError("output of `iclnuim bench odometry --json`", path=path)
-    return results
 
 
 def _front(runs: list[dict]) -> list[str]:

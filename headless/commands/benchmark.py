@@ -10,12 +10,12 @@ from pathlib import Path
 from iclnuim.benchmark.experiments.cells import PRESETS, Cell, all_cells, chosen, lambertian_cells
 from iclnuim.benchmark.experiments.correlation import correlation_table
 from iclnuim.benchmark.experiments.findings import findings_table
-from iclnuim.benchmark.experiments.html_report import write_report
 from iclnuim.benchmark.experiments.lookup import presets_of
+from iclnuim.benchmark.experiments.paper_page import write_report
 from iclnuim.benchmark.experiments.paper_tables import all_tables
 from iclnuim.benchmark.experiments.runner import Benchmark, measured
 from iclnuim.benchmark.experiments.sources import Sources, external_cells
-from iclnuim.benchmark.experiments.text_tables import FORMATS, Table
+from iclnuim.benchmark.experiments.table import FORMATS, ResultTable
 from iclnuim.console import Console
 from iclnuim.dataset.frame_pool import cores
 from iclnuim.errors import InputError, WorkError
@@ -193,20 +193,20 @@ def _films(
     return films
 
 
-def tables_of(results: list[dict]) -> list[Table]:
+def tables_of(results: list[dict]) -> list[ResultTable]:
     """All tables that are made from the measured cells."""
     findings = [findings_table(results, preset) for preset in presets_of(results) or ["best"]]
     *tables, cells = all_tables(results)
     return [*tables, *findings, correlation_table(results), cells]
 
 
-def _has_ours(table: Table) -> bool:
+def _has_ours(table: ResultTable) -> bool:
     """Whether the table contains a figure of ours, not only printed ones."""
     ours = [k for k, name in enumerate(table.columns) if name != "printed"]
     return any(text for row in table.rows for k in ours[2:] if (text := row[k]))
 
 
-def write_tables(folder: Path, tables: list[Table]) -> None:
+def write_tables(folder: Path, tables: list[ResultTable]) -> None:
     """Write each table in every format. Their content does not depend on time or speed."""
     make_folder(folder)
     for table in tables:
@@ -214,7 +214,7 @@ def write_tables(folder: Path, tables: list[Table]) -> None:
             atomic_write_text(folder / f"{table.name}.{ending}", written(table) + "\n")
 
 
-def _values(results: list[dict], tables: list[Table]) -> dict:
+def _values(results: list[dict], tables: list[ResultTable]) -> dict:
     """The result for --json."""
     rows = {
         t.name: {"title": t.title, "columns": t.columns, "rows": t.rows, "notes": t.notes}

@@ -8,8 +8,10 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from iclnuim.benchmark.systems.experiment import Experiment, write_results
+from iclnuim.benchmark.experiments.recipes.system import SystemRuns, system_store, write_results
+from iclnuim.benchmark.experiments.table import ResultTable, mm
 from iclnuim.benchmark.systems.staging import StagedSequence
 from iclnuim.benchmark.systems.system import built_in, read_system
 from iclnuim.console import Console
@@ -72,56 +74,64 @@ def run(args: argparse.Namespace, console: Console) -> int:
     3 if it gave no pose at all.
     """
     system = read_system(args.system, _options(args))
+    store = system_store(args.out)
     experiments = []
     for folder in args.folders:
         sequence = StagedSequence.of(folder, camera_from(args, folder), args.first)
         note_camera(folder, sequence.camera, console)
-        experiments.append(Experiment(system, sequence, args.out))
+        experiments.append(SystemRuns(system, sequence, store))
     if len({e.folder for e in experiments}) < len(experiments):
         raise InputError("sequences of different names", found=", ".join(map(str, args.folders)))
     if args.stage_only:
-        commands = [
-            system.filled(system.settings.command, {**e.prepare(), "out": "OUT"})
-            for e in experiments
-        ]
-        console.result({"commands": commands}, "\n".join(" ".join(command) for command in commands))
+        commands = []
+        for e in experiments:
+            values = {**e.prepare(), "out": "OUT"}
+            commands.append(system.filled(system.settings.command, values))
+        console.result({"commands": commands}, "\n".join(map(" ".join, commands)))
         return 0
-    comparisons, found = [], False
+    results = []
     progress = console.progress(args.runs * len(experiments), f"run {system.name}", "runs")
     with _terminated_as_interrupted():
         for e in experiments:
             limit_s = args.time_limit or 60.0 + len(e.sequence.pairs)
             rows = e.run(args.runs, limit_s, progress.advance)
-            found = found or any(row["coverage"] for row in rows)
-            comparisons.append({"sequence": e.sequence.name, "preset": None, "runs": rows})
-            write_results(args.out, comparisons[-1:])
-    console.note(
-        f"{args.out / 'results.json'} written; `iclnuim bench odometry` shows it next to other results"
-    )
-    console.result({"races": comparisons}, "\n\n".join(map(table, comparisons)))
-    return 0 if found else 3
+            results.append({"sequence": e.sequence.name, "preset": None, "runs": rows})
+            write_results(args.out, results[-1:])
+    file = args.out / "results.json"
+    console.note(f"{file} written; `iclnuim bench odometry` shows it next to other results")
+    console.result({"results": results}, "\n\n".join(table(one).text() for one in results))
+    covered = any(row["coverage"] for one in results for row in one["runs"])
+    return 0 if covered else 3
 
 
-def table(comparison: dict) -> str:
-    """A line for each trajectory of a system, with medians over its runs, followed by the notes
+_COLUMNS = (
+    "", "runs", "covered", "ATE mm", "quartiles", "RPE mm/s", "wall s", "CPU s", "MB",
+)  # fmt: skip
+
+
+def table(result: dict[str, Any]) -> ResultTable:
+    """A row for each trajectory of a system, with medians over its runs, followed by the notes
     about these runs.
     """
-    head = f"{'runs':>6}{'covered':>9}{'ATE [mm]':>10}{'quartiles':>22}{'RPE [mm/s]':>12}{'wall [s]':>10}{'CPU [s]':>9}{'MB':>7}"
-    lines = [comparison["sequence"], f"{'':<26}{head}"]
-    for r in comparison["runs"]:
-        ate, rpe = (_mm(r[key]) for key in ("ate_rmse_m", "rpe_1s_rmse_m"))
-        quartiles = " .. ".join(map(_mm, r["ate_quartiles_m"])) if r["ate_quartiles_m"] else "-"
-        runs = f"{r['good_runs']}/{r['runs']}"
-        figures = f"{runs:>6}{r['coverage']:>9.1%}{ate:>10}{quartiles:>22}{rpe:>12}"
-        lines.append(
-            f"{r['odometer']:<26}{figures}{r['wall_s']:>10.1f}{r['cpu_s']:>9.1f}{r['peak_bytes'] / 1e6:>7.0f}"
+    rows = []
+    notes = []
+    for r in result["runs"]:
+        quartiles_m = r["ate_quartiles_m"] or []
+        rows.append(
+            (
+                r["odometer"],
+                f"{r['good_runs']}/{r['runs']}",
+                f"{r['coverage']:.1%}",
+                mm(r["ate_rmse_m"], ".3f"),
+                " .. ".join(mm(value, ".3f") for value in quartiles_m) or "-",
+                mm(r["rpe_1s_rmse_m"], ".3f"),
+                f"{r['wall_s']:.1f}",
+                f"{r['cpu_s']:.1f}",
+                f"{r['peak_bytes'] / 1e6:.0f}",
+            )
         )
-        lines += [f"    {note}" for note in r["notes"]]
-    return "\n".join(lines)
-
-
-def _mm(length_m: float | None) -> str:
-    return "-" if length_m is None else f"{length_m * 1e3:.3f}"
+        notes += [f"{r['odometer']}: {note}" for note in r["notes"]]
+    return ResultTable("runs", result["sequence"], _COLUMNS, tuple(rows), notes=tuple(notes))
 
 
 def _options(args: argparse.Namespace) -> dict[str, str]:

@@ -6,16 +6,22 @@ import argparse
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from iclnuim.benchmark.odometry.registry import names
 from iclnuim.benchmark.systems.system import System, read_system
 from iclnuim.console import Console
 from iclnuim.dataset.frame_pool import cores
 from iclnuim.errors import InputError, WorkError
-from iclnuim.formats.files import make_folder
+from iclnuim.formats.files import make_folder, write_json
 
 from ..method_options import installed, require
 from ..options import common, count
+
+if TYPE_CHECKING:
+    from iclnuim.benchmark.experiments.pool import Advance
+    from iclnuim.benchmark.experiments.recipes.stress import Stress
+    from iclnuim.benchmark.perturbations.plan import Plan
 
 _SEVERITIES = (1, 2, 3, 4, 5)
 _DEFAULT = (Path("out/living_room/kt2/clean"), Path("out/office/kt1/clean"))
@@ -108,60 +114,70 @@ def run(args: argparse.Namespace, console: Console) -> None:
         return
     # set before Open3D is loaded, as its results depend on the number of threads
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from iclnuim.benchmark.experiments import pages
     from iclnuim.benchmark.experiments.cells_file import chosen, read_cells, write_cells
-    from iclnuim.benchmark.experiments.matrix import Base, Matrix
-    from iclnuim.benchmark.experiments.summary import Summary
+    from iclnuim.benchmark.experiments.recipes.stress import KIND
+    from iclnuim.benchmark.experiments.store import Store
+    from iclnuim.benchmark.experiments.stress_tables import Summary
 
-    perturbations = tuple(
-        n for n in plan.perturbations if not args.only or any(t in n for t in args.only)
-    )
-    if not perturbations:
-        raise InputError(
-            f"part of a name of {', '.join(plan.perturbations)}",
-            setting="--only",
-            found=args.only[0],
-        )
     given = read_cells(args.cells) if args.cells else {}
-    folders = args.folders or [folder for folder in _DEFAULT if folder.is_dir()]
-    if not folders and not (given and args.report_only):
-        raise InputError(
-            "a sequence", found="none", hint=f"{_DEFAULT[0]}, which `iclnuim make kt2` makes"
-        )
-    bases = {base.name: base for base in map(Base.of, folders)}
     plan = replace(plan, frames=args.frames or plan.frames)
-    matrix = Matrix(
-        out=args.out,
+    stress = _experiment(args, console, plan, may_be_empty=bool(given) and args.report_only)
+    store = Store(args.out, KIND)
+    if not args.report_only:
+
+        def begin(total: int) -> "Advance":
+            return console.progress(total, "stress", "cells").advance
+
+        stress.run(store, args.workers or cores(), begin)
+    others = () if args.methods or args.system else sorted({key.method for key in given})
+    names = tuple(dict.fromkeys([*stress.names, *others]))
+    cells = chosen(given, names, stress.perturbations, args.severities, args.starts)
+    cells |= {one.key: one.figures for one in store.read(stress.cells())}
+    if not cells:
+        hint = "the same command without --report-only"
+        raise WorkError(f"{args.out}: no measured cells", hint=hint)
+    summary = Summary.of(plan, names, stress.perturbations, cells)
+    make_folder(args.out, hint="another {out}")
+    write_json(args.out / "stress.json", summary.to_dict())
+    write_cells(cells, args.out / "stress.csv")
+    console.note(f"{summary.write(args.out)} written")
+    if args.plot:
+        from iclnuim.benchmark.experiments.stress_chart import figure
+        from iclnuim.report import charts
+
+        charts.save(figure(summary), args.plot)
+    console.result(summary.to_dict(), summary.overview().text())
+
+
+def _experiment(
+    args: argparse.Namespace, console: Console, plan: "Plan", may_be_empty: bool
+) -> "Stress":
+    """The experiment that the options describe. may_be_empty: it may have no sequence."""
+    from iclnuim.benchmark.experiments.inputs import Input, rendered_name
+    from iclnuim.benchmark.experiments.recipes.stress import Stress
+    from iclnuim.benchmark.odometry.run import Sequence
+
+    texts = args.only or [""]
+    found = [name for name in plan.perturbations if any(text in name for text in texts)]
+    if not found:
+        expected = f"part of a name of {', '.join(plan.perturbations)}"
+        raise InputError(expected, setting="--only", found=args.only[0])
+    folders = args.folders or [folder for folder in _DEFAULT if folder.is_dir()]
+    if not folders and not may_be_empty:
+        hint = f"{_DEFAULT[0]}, which `iclnuim make kt2` makes"
+        raise InputError("a sequence", found="none", hint=hint)
+    inputs = [Input.of(Sequence(folder), rendered_name(folder)) for folder in folders]
+    return Stress(
         plan=plan,
-        bases=bases,
+        inputs={one.name: one for one in inputs},
         methods=() if args.system and not args.methods else _methods(args, console),
         systems=_systems(args),
-        perturbations=perturbations,
+        perturbations=tuple(found),
         severities=args.severities,
         starts=args.starts,
         preset=args.preset,
         runs=args.runs,
     )
-    if not args.report_only:
-        progress = console.progress(matrix.missing(), "stress", "cells")
-        matrix.run(args.workers or cores(), progress.advance)
-    others = () if args.methods or args.system else sorted({method for _, method in given})
-    names = tuple(dict.fromkeys([*matrix.names, *others]))
-    cells = {**chosen(given, names, perturbations, args.severities, args.starts), **matrix.cells()}
-    if not cells:
-        raise WorkError(
-            f"{args.out}: no measured cells", hint="the same command without --report-only"
-        )
-    summary = Summary.of(plan, names, perturbations, cells)
-    make_folder(args.out, hint="another {out}")
-    pages.write(summary, args.out)
-    write_cells(cells, args.out / "stress.csv")
-    console.note(f"{args.out / 'stress.html'} written")
-    if args.plot:
-        from iclnuim.report import charts
-
-        charts.save(pages.figure(summary), args.plot)
-    console.result(summary.to_dict(), summary.text())
 
 
 def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:

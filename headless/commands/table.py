@@ -8,7 +8,7 @@ from pathlib import Path
 from iclnuim.benchmark.experiments.cells import PRESETS
 from iclnuim.benchmark.experiments.paper_tables import preset_tables, table_1, trajectory_rows
 from iclnuim.benchmark.experiments.runner import measured
-from iclnuim.benchmark.experiments.text_tables import FORMATS
+from iclnuim.benchmark.experiments.table import FORMATS
 from iclnuim.console import Console
 from iclnuim.errors import InputError
 

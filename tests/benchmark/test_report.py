@@ -75,9 +75,9 @@ def test_what_failed_is_said_and_does_not_become_markup(report):
 
 @pytest.mark.slow
 def test_pictures_beyond_the_limit_are_left_out(report, monkeypatch):
-    from iclnuim.benchmark.experiments import html_report
+    from iclnuim.benchmark.experiments import paper_page
 
-    monkeypatch.setattr(html_report, "_PICTURES", 10)
+    monkeypatch.setattr(paper_page, "_PICTURES", 10)
     assert cli.main(["benchmark", "--report-only", "--out", str(report.parent), "--quiet"]) == 0
     assert "data:image/jpeg" not in report.read_text()
     monkeypatch.undo()

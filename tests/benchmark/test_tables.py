@@ -11,7 +11,7 @@ import pytest
 from iclnuim.benchmark.experiments.cells import TITLES, Cell, all_cells, chosen
 from iclnuim.benchmark.experiments.lookup import paper
 from iclnuim.benchmark.experiments.paper_tables import all_tables, preset_tables
-from iclnuim.benchmark.experiments.text_tables import Table
+from iclnuim.benchmark.experiments.table import ResultTable
 from iclnuim.errors import InputError
 from iclnuim.headless import cli
 from made_up import external, only, result, results, written
@@ -84,7 +84,7 @@ def test_systems_of_others_are_further_rows_with_their_median():
 
 def test_a_table_is_the_same_in_every_format():
     rows = (("a_b", "1.5"), ('c, "d"', "22"), ("50 % & more " + "x " * 30, ""))
-    table = Table("t", "Of a_b", ("what", "mm"), rows, frozenset({(0, 1)}), ("a note",))
+    table = ResultTable("t", "Of a_b", ("what", "mm"), rows, frozenset({(0, 1)}), ("a note",))
     assert list(csv.reader(io.StringIO(table.csv()))) == [
         list(row) for row in (table.columns, *rows)
     ]

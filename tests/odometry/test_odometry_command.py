@@ -176,7 +176,7 @@ def test_a_comparison_of_the_built_in_ones_alone(stretch, capsys):
     assert (
         main(["bench", "odometry", str(stretch), "--first", "2", "--only", "ours", "--json"]) == 0
     )
-    (race,) = json.loads(capsys.readouterr().out)["races"]
+    (race,) = json.loads(capsys.readouterr().out)["results"]
     assert [run["odometer"] for run in race["runs"]] == [
         name for name in names() if ":" not in name
     ]

@@ -1,10 +1,10 @@
 """The figures of a cell, on poses made by hand: what counts as wrong, as noticed, as a false alarm."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from iclnuim.benchmark.experiments.cell import Poses, cell, diagnostics, track_all
+from iclnuim.benchmark.experiments.outcome import Poses, diagnostics, outcome, track_all
 from iclnuim.benchmark.odometry.protocol import Result, Status
 from iclnuim.benchmark.odometry.registry import odometer
 from iclnuim.benchmark.odometry.track import Tracked
@@ -72,7 +72,7 @@ def poses(truth, jumps_m=(), bad=(), missing=()):
     ],
 )
 def test_what_is_said_is_held_against_what_is_true(truth, given, clean, expected):
-    found = cell(poses(truth, **given), truth, BOUNDS, clean).to_dict()
+    found = asdict(outcome(poses(truth, **given), truth, BOUNDS, clean))
     assert {
         key: pytest.approx(found[key]) if key == "coverage" else found[key] for key in expected
     } == expected
@@ -100,7 +100,7 @@ def test_the_cause_is_what_the_diagnostics_say(truth):
         ]
         return diagnostics(made, {}, truth, clean)["cause"]
 
-    clean = cell(poses(truth), truth, BOUNDS, True, {"inliers": 0.9, "residual": 1.0})
+    clean = outcome(poses(truth), truth, BOUNDS, True, {"inliers": 0.9, "residual": 1.0})
     assert told(clean, inliers=0.85, residual=1.1) == ""
     assert told(clean, inliers=0.45, residual=1.1) == "inliers 45% instead of 90%"
     assert told(clean, inliers=0.85, residual=3.0) == "residual 3.0 times as large"

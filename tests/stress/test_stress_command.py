@@ -22,9 +22,9 @@ SMALL = ("--frames", "6", "--starts", "1", "--methods", "opencv", "--workers", "
 
 def cells(out):
     found = {}
-    for file in sorted((out / "cells").rglob("*.json")):
+    for file in sorted((out / "cells").rglob("*.cell.json")):
         content = json.loads(file.read_text())
-        content["cell"].pop("seconds")
+        content["figures"].pop("seconds")
         found[str(file.relative_to(out))] = content
     return found
 
@@ -62,10 +62,10 @@ def test_cells_of_another_version_of_a_package_are_made_again(
     words = ("stress", folder, "-o", out, "--only", "holes", "--severities", "5", *SMALL, "--quiet")
     assert command_here(*words, "--methods", "icp")[0] == 0
     stamps = {file: os.stat(out / file).st_mtime_ns for file in cells(out)}
-    monkeypatch.setattr("iclnuim.benchmark.experiments.matrix.__version__", "0.0.1")
+    monkeypatch.setattr(code_version, "package_version", lambda package: "0.0.1")
     assert command_here(*words, "--methods", "icp")[0] == 0
     again = {file for file in stamps if os.stat(out / file).st_mtime_ns != stamps[file]}
-    assert again and again == {file for file in stamps if "/icp" in file}
+    assert again and again == {file for file in stamps if "/baseline" in file}
 
 
 def test_cells_of_other_code_are_made_again(command_here, folder, tmp_path, monkeypatch):
@@ -74,9 +74,15 @@ def test_cells_of_other_code_are_made_again(command_here, folder, tmp_path, monk
     words = ("stress", folder, "-o", out, "--only", "holes", "--severities", "5", *SMALL, "--quiet")
     words += ("--methods", "icp")
     assert command_here(*words)[0] == 0
-    for name, expected in (("tracking", "/icp"), ("perturbing", "")):
+    code_of = code_version.code_of
+    for module, expected in (("icp", "/icp"), ("plan", "")):
         stamps = {file: os.stat(out / file).st_mtime_ns for file in cells(out)}
-        monkeypatch.setattr(code_version, name, lambda: "other")
+
+        def other(*names, module=module):
+            return "other" if names[0].endswith(module) else code_of(*names)
+
+        for place in ("code_version", "recipes.stress"):
+            monkeypatch.setattr(f"iclnuim.benchmark.experiments.{place}.code_of", other)
         assert command_here(*words)[0] == 0
         again = {file for file in stamps if os.stat(out / file).st_mtime_ns != stamps[file]}
         assert again and again == {file for file in stamps if expected in file}
@@ -93,15 +99,30 @@ def test_cells_of_other_code_are_made_again(command_here, folder, tmp_path, monk
         ("LIMIT = 3\n\n\ndef f():\n    return -LIMIT\n", False),
     ],
 )
-def test_the_hash_of_code_ignores_comments_and_layout(tmp_path, text, same):
-    one, other = tmp_path / "a/limits.py", tmp_path / "b/limits.py"
-    for file, content in (
-        (one, 'LIMIT = 3\n\n\ndef f():\n    """The limit."""\n    return LIMIT\n'),
-        (other, text),
-    ):
-        file.parent.mkdir()
-        file.write_text(content)
-    assert (code_version.code_sha256([one]) == code_version.code_sha256([other])) == same
+def test_the_hash_of_code_ignores_comments_and_layout(text, same):
+    one = b'LIMIT = 3\n\n\ndef f():\n    """The limit."""\n    return LIMIT\n'
+    assert (code_version.meaning(one) == code_version.meaning(text.encode())) == same
+
+
+def test_the_code_of_a_method_is_what_it_imports_and_nothing_else(tmp_path, monkeypatch):
+    package = tmp_path / "mine"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "still.py").write_text("from iclnuim.geometry.so3 import exp\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    read = []
+    whole = code_version._read
+
+    def noted(name, file):
+        read.append(name)
+        return whole(name, file)
+
+    monkeypatch.setattr(code_version, "_read", noted)
+    first = code_version.code_of.__wrapped__("mine.still")
+    assert set(read) == {"mine.still", "iclnuim.geometry.so3"}
+    (package / "still.py").write_text("from iclnuim.geometry.so3 import log\n")
+    whole.cache_clear()
+    assert code_version.code_of.__wrapped__("mine.still") != first
 
 
 def test_cells_of_a_file_are_reported_without_being_measured(
@@ -283,11 +304,11 @@ def test_a_system_is_judged_by_what_it_writes_of_the_perturbed_frames(
     assert code == 0, err
     both = ("--methods", "baseline:opencv-rgbd-icp")
     assert command_here(*words[:-4], *both, "-o", tmp_path / "again", "--workers", "1")[0] == 0
-    place, name = "cells/box_clean/4/holes_5", "baseline_opencv-rgbd-icp.json"
+    place, name = "cells/box_clean/4/holes_5", "baseline_opencv-rgbd-icp.cell.json"
     files = tmp_path / "out" / place / f"run_{name}", tmp_path / "again" / place / name
     system, own = (json.loads(file.read_text()) for file in files)
     assert system["identity"]["runs"] == 1  # it is deterministic
-    system, own = system["cell"], own["cell"]
+    system, own = system["figures"], own["figures"]
     assert (
         system["ate_m"] == pytest.approx(own["ate_m"], rel=0.02)
         and system["coverage"] == own["coverage"]

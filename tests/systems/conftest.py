@@ -99,7 +99,7 @@ def run(tmp_path, capsys, sequence):
         assert cli.main(arguments) == code
         out, err = capsys.readouterr()
         rows = (
-            json.loads(out)["races"][0]["runs"]
+            json.loads(out)["results"][0]["runs"]
             if out.startswith("{") and "--stage-only" not in options
             else []
         )

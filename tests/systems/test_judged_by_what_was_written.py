@@ -99,7 +99,7 @@ def test_one_that_hangs_is_killed_with_its_children(run, fake, tmp_path):
 def test_medians_and_quartiles_are_of_the_runs_that_have_a_figure(run, fake, tmp_path):
     first, _ = run(fake("good"), "--runs", "2")
     assert first["good"]["runs"] == first["good"]["good_runs"] == 2
-    trajectory = next(tmp_path.glob("out/good/*/run_2/out/final.txt"))
+    trajectory = next(tmp_path.glob("out/cells/good/*/run_2/out/final.txt"))
     trajectory.write_text("")
     rows, _ = run(fake("good"), "--runs", "3")
     row = rows["good"]
@@ -117,7 +117,9 @@ def test_its_error_is_evos_on_the_same_file(run, fake, sequence, tmp_path):
     rows, _ = run(fake("good"))
     for file in ("out/final.txt", "matched/final.txt"):
         reference = tools.read_tum_trajectory_file(sequence / "groundtruth.txt")
-        estimate = tools.read_tum_trajectory_file(next(tmp_path.glob(f"out/good/*/run_1/{file}")))
+        estimate = tools.read_tum_trajectory_file(
+            next(tmp_path.glob(f"out/cells/good/*/run_1/{file}"))
+        )
         reference, estimate = sync.associate_trajectories(reference, estimate)
         estimate.align(reference)
         judge = metrics.APE(metrics.PoseRelation.translation_part)
@@ -129,12 +131,12 @@ def test_its_error_is_evos_on_the_same_file(run, fake, sequence, tmp_path):
 
 def test_runs_are_taken_up_again_and_other_settings_refused(run, fake, tmp_path):
     run(fake("good"))
-    ended = next(tmp_path.glob("out/good/*/run_1/ended.json"))
+    ended = next(tmp_path.glob("out/cells/good/*/run_1.cell.json"))
     before = ended.stat().st_mtime_ns
     reworded = fake("good", "deterministic = true")
     reworded.write_text(reworded.read_text().replace("a stand-in", "in other words"))
     run(reworded, "--runs", "2")
-    assert ended.stat().st_mtime_ns == before and (ended.parents[1] / "run_2/ended.json").is_file()
+    assert ended.stat().st_mtime_ns == before and (ended.with_name("run_2.cell.json")).is_file()
     _, err = run(fake("good"), "--first", "30", code=2)
     assert "expected the experiment that was started there" in err and len(err.splitlines()) == 1
 
@@ -148,12 +150,12 @@ def test_changed_images_are_refused_and_moved_ones_are_not(run, fake, make_seque
         fake("good"), "--runs", "2", folder=other
     )  # the links of the view lead to the new place
     assert rows["good"]["good_runs"] == 2
-    assert {os.readlink(p) for p in tmp_path.glob("out/good/*/stage/depth/*")} == {
+    assert {os.readlink(p) for p in tmp_path.glob("out/cells/good/*/stage/depth/*")} == {
         str(other / "depth.png")
     }
     write_png(other / "depth.png", np.full((6, 8), 1001, np.uint16))
     _, err = run(fake("good"), "--runs", "2", folder=other, code=2)
-    assert "other images" in err and "expected the experiment that was started there" in err
+    assert "another sequence" in err and "expected the experiment that was started there" in err
 
 
 @pytest.mark.parametrize("charts", [False, pytest.param(True, marks=pytest.mark.slow)])
@@ -174,9 +176,9 @@ def test_rows_stand_beside_others_in_the_tables_and_charts_of_bench_odometry(
     }
     ours |= {"frames_per_s": 100.0, "ate_rmse_m": 0.001, "rpe_1s_rmse_m": 0.002}
     race = {"sequence": "kt2/clean", "preset": "best", "runs": [ours]}
-    (tmp_path / "ours.json").write_text(json.dumps({"races": [race]}))
+    (tmp_path / "ours.json").write_text(json.dumps({"results": [race]}))
     (tmp_path / "more.json").write_text(
-        json.dumps({"races": [{**race, "runs": [{**ours, "odometer": "dvo"}]}]})
+        json.dumps({"results": [{**race, "runs": [{**ours, "odometer": "dvo"}]}]})
     )
     files = [str(tmp_path / name) for name in ("out/results.json", "ours.json", "more.json")]
     plot = ["--plot", str(tmp_path / "chart.png")] if charts else []
@@ -203,14 +205,14 @@ def test_an_interrupted_run_leaves_no_process_and_no_half_run(fake, sequence, tm
     with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
         deadline = time.monotonic() + 20
         while (
-            not list(tmp_path.glob("out/hangs/*/.run_1.part/out/arguments.json"))
+            not list(tmp_path.glob("out/cells/hangs/*/.run_1.part/out/arguments.json"))
             and time.monotonic() < deadline
         ):
             time.sleep(0.02)
         process.send_signal(signal.SIGTERM)
         assert process.wait(10) == 130
-    folder = next(tmp_path.glob("out/hangs/*"))
-    assert sorted(path.name for path in folder.iterdir()) == ["recipe.json", "stage"]
+    folder = next(tmp_path.glob("out/cells/hangs/*"))
+    assert sorted(path.name for path in folder.iterdir()) == ["stage"]
     assert (
         str(tmp_path)
         not in subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True).stdout
@@ -226,6 +228,6 @@ def test_a_trajectory_that_was_matched_has_the_frames_own_stamps(
     folder = make_sequence(tmp_path / "kt2/zero", 0.0)
     rows, _ = run(fake("stops at zero"), folder=folder)
     assert rows["stops_at_zero"]["ate_rmse_m"] < 1e-4
-    place = next(tmp_path.glob("out/stops_at_zero/*/run_1"))
+    place = next(tmp_path.glob("out/cells/stops_at_zero/*/run_1"))
     assert (place / "out/final.txt").read_text().startswith("1.000000 ")
     assert read_trajectory(place / "matched/final.txt").trajectory.stamps_s[0] == 0

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 
 def results(capsys, system, folder, out, *options):
     assert cli.main(["run", system, str(folder), "-o", str(out), "--json", *map(str, options)]) == 0
-    (race,) = json.loads(capsys.readouterr().out)["races"]
+    (race,) = json.loads(capsys.readouterr().out)["results"]
     return {row["odometer"]: row for row in race["runs"]}
 
 
@@ -27,7 +27,7 @@ def test_odometers_as_systems_have_the_errors_that_they_have_in_bench_odometry(
     only = system.removeprefix("ours:")
     options = ("--first", "10", "--only", only, "--json")
     assert cli.main(["bench", "odometry", str(samples / "or_kt0"), *options]) == 0
-    (race,) = json.loads(capsys.readouterr().out)["races"]
+    (race,) = json.loads(capsys.readouterr().out)["results"]
     bench = next(one for one in race["runs"] if one["odometer"] == only)
     assert row["lost"] == bench["lost"] == 0 and row["notes"] == []
     assert row["ate_rmse_m"] == pytest.approx(bench["ate_rmse_m"], abs=1e-6)
@@ -52,7 +52,7 @@ def test_orb_slam3_from_pip_with_a_vocabulary(samples, tmp_path, capsys):
     write_trajectory(
         truth, read_trajectory(next((samples / "or_kt0").glob("*.gt.freiburg"))).trajectory, "tum"
     )
-    folder, each = next((tmp_path / "orbslam3").iterdir()), []
+    folder, each = next((tmp_path / "cells/orbslam3").iterdir()), []
     for number, one in enumerate(rows["ORB-SLAM3"]["each"], 1):
         pair = (
             tools.read_tum_trajectory_file(f)

@@ -17,7 +17,7 @@ from iclnuim.headless import cli
 
 
 def staged(tmp_path):
-    return next(tmp_path.glob("out/*/*/stage"))
+    return next(tmp_path.glob("out/cells/*/*/stage"))
 
 
 def lines(file):
@@ -99,7 +99,7 @@ def test_placeholders_stand_for_camera_rate_units_and_files(run, fake, tmp_path)
     )
     system = fake("good", tables, arguments=[f"{{{word}}}" for word in words])
     run(system, "--set", "mode=slow")
-    found = json.loads(next(tmp_path.glob("out/good/*/run_1/out/arguments.json")).read_text())
+    found = json.loads(next(tmp_path.glob("out/cells/good/*/run_1/out/arguments.json")).read_text())
     assert found[:7] == ["8", "6", "7.5", "7.25", "3.5", "2.5", "1000.0"] and float(
         found[7]
     ) == pytest.approx(30, abs=0.01)
@@ -223,7 +223,9 @@ def test_a_packed_file_among_the_options_is_unpacked_once(run, fake, tmp_path):
     (tmp_path / "words.txt.xz").write_bytes(lzma.compress(b"a vocabulary"))
     system = fake("good", '[options]\nvocabulary = ""', arguments=["{vocabulary}"])
     run(system, "--vocabulary", tmp_path / "words.txt.xz")
-    (given,) = json.loads(next(tmp_path.glob("out/good/*/run_1/out/arguments.json")).read_text())
+    (given,) = json.loads(
+        next(tmp_path.glob("out/cells/good/*/run_1/out/arguments.json")).read_text()
+    )
     assert Path(given).read_text() == "a vocabulary" and given.endswith("out/options/words.txt")
 
 

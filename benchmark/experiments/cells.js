@@ -1,65 +1,3 @@
-<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>ICL-NUIM benchmark</title>
-<style>
-:root { --ink: #1a1a1a; --soft: #595959; --line: #d0d0d0; --back: #ffffff; --band: #f4f6f8; --link: #0072b2; --best: #00664b; --grey: #8a8a8a; }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #ececec; --soft: #b4b4b4; --line: #474747; --back: #161819; --band: #212426; --link: #6cc3f0; --best: #4cc9a0; --grey: #9a9a9a; }
-}
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 84rem; padding: 0 1rem 3rem; font: 1rem/1.5 system-ui, sans-serif; color: var(--ink); background: var(--back); }
-h1 { font-size: 1.6rem; margin: 1.2rem 0 .2rem; } h2 { font-size: 1.25rem; margin: 2.2rem 0 .5rem; } h3 { font-size: 1rem; margin: 1rem 0 .3rem; }
-p, li { max-width: 60rem; } a { color: var(--link); } .soft, caption + thead th { color: var(--soft); } .soft { font-size: .9rem; }
-nav { display: flex; flex-wrap: wrap; gap: .2rem 1rem; margin: .6rem 0; } nav a { padding: .3rem 0; }
-.scroll { overflow-x: auto; -webkit-overflow-scrolling: touch; }
-.scroll:focus-visible, summary:focus-visible, button:focus-visible, input:focus-visible, select:focus-visible, a:focus-visible { outline: 3px solid var(--link); outline-offset: 2px; }
-table { border-collapse: collapse; font-size: .85rem; font-variant-numeric: tabular-nums; }
-caption { text-align: left; font-weight: 600; padding: .4rem 0; }
-th, td { padding: .22rem .55rem; text-align: left; vertical-align: top; border-bottom: 1px solid var(--line); } thead th { border-bottom: 2px solid var(--line); }
-td.n, th.n { text-align: right; white-space: nowrap; } td.b { font-weight: 700; color: var(--best); } td.text { min-width: 11rem; }
-details { border-bottom: 1px solid var(--line); } summary { padding: .5rem 0; cursor: pointer; font-weight: 600; }
-.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); gap: .6rem; margin: 1rem 0; padding: 0; list-style: none; }
-.tiles li { background: var(--band); padding: .6rem .8rem; border-radius: .4rem; } .tiles b { display: block; font-size: 1.45rem; line-height: 1.25; }
-.verdict { font-weight: 600; white-space: nowrap; } .v-holds { color: var(--best); } .v-does { color: #d55e00; } .v-undecided { color: #b07b00; } .v-not { color: var(--soft); }
-form { display: flex; flex-wrap: wrap; gap: .5rem .8rem; margin: .6rem 0; align-items: end; } label { font-size: .85rem; color: var(--soft); display: grid; }
-input, select, button { font: inherit; color: inherit; background: var(--back); border: 1px solid var(--grey); border-radius: .3rem; padding: .35rem .5rem; min-height: 2.4rem; }
-th button { border: 0; padding: 0; min-height: 0; font-weight: 600; background: none; cursor: pointer; text-align: inherit; } th[aria-sort] button::after { content: " \2195"; color: var(--grey); }
-th[aria-sort=ascending] button::after { content: " \2191"; color: inherit; } th[aria-sort=descending] button::after { content: " \2193"; color: inherit; }
-td button { min-height: 2rem; padding: .1rem .5rem; cursor: pointer; text-align: left; border-color: var(--line); color: var(--link); } tr.open > td { background: var(--band); }
-.narrow { display: none; } #all td:first-child { white-space: nowrap; }
-.cell { position: sticky; left: .5rem; width: calc(min(84rem, 100vw) - 4rem); white-space: normal; display: grid; grid-template-columns: repeat(auto-fit, minmax(17rem, 1fr)); gap: .8rem 1.2rem; padding: .4rem 0 1rem; } .cell figure { margin: 0; } figcaption { font-size: .85rem; color: var(--soft); }
-.cell img, .cell video { width: 100%; height: auto; background: #fff; } svg { width: 100%; height: auto; display: block; } svg text { fill: var(--soft); font-size: 11px; } .axis { stroke: var(--line); fill: none; }
-dl { grid-column: 1 / -1; columns: 15rem; margin: 0; font-size: .85rem; } dl div { display: grid; grid-template-columns: 8rem 1fr; break-inside: avoid; } dt { color: var(--soft); } dd { margin: 0; }
-.key { display: inline-block; width: .8em; height: .8em; border-radius: 50%; margin-right: .3em; } .heat { height: .8rem; background: {{heat}}; }
-#chart { max-width: 46rem; }
-@media screen and (max-width: 48rem) { .wide { display: none; } th.n { white-space: normal; } .narrow { display: block; } #all td:first-child { white-space: normal; } td button { font-size: .75rem; padding: .1rem .25rem; }
-  .cards thead { display: none; } .cards tr { display: block; border-bottom: 2px solid var(--line); padding: .4rem 0; } .cards td { display: grid; grid-template-columns: 4.5rem 1fr; border: 0; text-align: left; white-space: normal; }
-  .cards td::before { content: attr(data-name); color: var(--soft); } .cell { left: .3rem; width: calc(100vw - 2rem); } body { padding: 0 .6rem 2rem; } .tiles { grid-template-columns: 1fr 1fr; } th, td { padding: .22rem .35rem; } }
-@media print {
-  :root { --ink: #000; --soft: #444; --back: #fff; --band: #fff; --line: #bbb; --link: #000; --best: #000; } body { max-width: none; font-size: 9pt; } nav, form { display: none; }
-  .scroll { overflow: visible; } table { font-size: 7pt; } th, td { padding: .1rem .25rem; } td.text { min-width: 0; } tr, figure { break-inside: avoid; } h2 { break-after: avoid; } td button { border: 0; color: #000; }
-}
-</style>
-</head>
-<body>
-<h1>The ICL-NUIM benchmark, reproduced</h1>
-<p class="soft">{{about}}</p>
-<nav aria-label="Contents"><a href="#findings">Findings</a><a href="#main">Trajectory and surface error</a><a href="#tables">Tables</a><a href="#cells">All cells</a></nav>
-<ul class="tiles">{{tiles}}</ul>
-<section id="findings"><h2>The findings of section VI</h2>{{findings}}</section>
-<section id="main"><h2>Does a better trajectory mean a better surface?</h2>
-<div id="chart"></div><p id="keys" class="soft"></p>{{correlation}}</section>
-<section id="tables"><h2>The paper's tables: our figures next to the printed ones</h2>{{tables}}</section>
-<section id="cells"><h2>All cells</h2>
-<p class="soft">Click a column's name to sort. Click a sequence to show its trajectory, its error over time and its heat map. Errors in mm.</p>
-<form onsubmit="return false"><label>Search<input id="search" type="search" placeholder="kt0 icp"></label><span id="filters" style="display:contents"></span><output id="count" class="soft" aria-live="polite"></output></form>
-<div class="scroll" tabindex="0" role="region" aria-label="All cells"><table id="all"><thead></thead><tbody></tbody></table></div>
-<noscript>Sorting, filters and the charts of the cells need JavaScript. The file tables/cells.csv in the same folder has all figures.</noscript></section>
-<script type="application/json" id="data">{{data}}</script>
-<script>
 "use strict";
 const data = JSON.parse(document.getElementById("data").textContent);
 const make = (name, about = {}, ...inside) => {
@@ -189,6 +127,3 @@ search.addEventListener("input", rows);
 addEventListener("beforeprint", () => document.querySelectorAll("details").forEach(one => { one.dataset.was = one.open; one.open = true; }));
 addEventListener("afterprint", () => document.querySelectorAll("details").forEach(one => { one.open = one.dataset.was === "true"; }));
 header(); rows(); scatter();
-</script>
-</body>
-</html>

@@ -1,0 +1,57 @@
+"""Sequences on which methods are measured: opened once, with their ground truth and a hash that
+identifies them.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from iclnuim.benchmark.odometry.run import Sequence
+from iclnuim.dataset.frames import find_truth, read_truth, rendered_job, require_images
+from iclnuim.errors import InputError
+from iclnuim.formats.files import read_bytes, sha256
+from iclnuim.geometry.trajectory import Trajectory
+
+from ..systems.staging import StagedSequence
+
+#: Files that identify a sequence of ours: its journal has the hash of every image.
+_JOURNAL = ("frames.jsonl", "groundtruth.txt", "camera.json")
+
+
+@dataclass(frozen=True, eq=False)
+class Input:
+    """A sequence and its ground truth. sha256: of images, camera and ground truth."""
+
+    name: str
+    sequence: Sequence
+    truth: Trajectory
+    sha256: str
+
+    @classmethod
+    def of(cls, sequence: Sequence, name: str) -> "Input":
+        """Raises InputError without ground truth or without one of the images."""
+        folder = sequence.folder
+        truth = read_truth(folder)
+        if truth is None:
+            raise InputError("a ground truth in the folder", path=folder, found="none")
+        require_images(folder, sequence.pairs)
+        return cls(name, sequence, truth, input_sha256(folder))
+
+
+def rendered_name(folder: Path) -> str:
+    """`living_room/kt2` for a sequence that was rendered along it, else its last two folders."""
+    return rendered_job(folder).get("sequence") or "/".join(folder.resolve().parts[-2:])
+
+
+def input_sha256(folder: Path) -> str:
+    """The hash of a sequence: of ours by its journal, of others by the content of all images."""
+    files = [folder / name for name in _JOURNAL]
+    if all(path.is_file() for path in files):
+        return sha256("".join(sha256(path.read_bytes()) for path in files).encode())
+    staged = StagedSequence.of(folder)
+    truth = find_truth(folder)
+    parts = [
+        staged.images_sha256,
+        repr(staged.camera),
+        sha256(read_bytes(truth)) if truth else "no ground truth",
+    ]
+    return sha256(" ".join(parts).encode())

@@ -1,0 +1,173 @@
+"""The page of `iclnuim benchmark`: summary, findings, tables, and every cell with its trajectory,
+error over time and heat map.
+"""
+
+import base64
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from iclnuim.formats.files import read_json
+
+from .cells import TITLES
+from .correlation import correlation
+from .findings import FAILS, HOLDS, MISSING, UNDECIDED
+from .lookup import ate_of, surface_of
+from .measure import HEAT_MM
+from .page import Page, Section
+from .paper_tables import CELL_COLUMNS, cell_row, cells_table
+from .table import ResultTable
+
+#: Part of the page for pictures and films. Pictures beyond it are left out, those in colour first.
+_PICTURES = 52_000_000
+
+
+def write_report(
+    out: Path,
+    results: Sequence[dict],
+    tables: Sequence[ResultTable],
+    films: Mapping[str, bytes] | None = None,
+) -> Path:
+    """Write OUT/report.html from the measured cells and their tables.
+
+    Raises WorkError if it cannot be written or is too large.
+    """
+    findings = [table for table in tables if table.name.startswith("findings")]
+    correlations = [table for table in tables if table.name == "correlation"]
+    apart = {"cells", "correlation", *(table.name for table in findings)}
+    others = [table for table in tables if table.name not in apart]
+    page = Page(
+        title="The ICL-NUIM benchmark, reproduced",
+        lead=_about(out),
+        sections=_sections(findings, correlations, others),
+        tiles=_tiles(results, findings[0]),
+        data=_data(results, films or {}),
+        heat=_heat_gradient(),
+    )
+    return page.write(out / "report.html")
+
+
+def _sections(
+    findings: Sequence[ResultTable],
+    correlations: Sequence[ResultTable],
+    others: Sequence[ResultTable],
+) -> list[Section]:
+    question = "Does a better trajectory mean a better surface?"
+    beside = "The paper's tables: our figures next to the printed ones"
+    how = (
+        "Click a column's name to sort. Click a sequence to show its trajectory, its error over "
+        "time and its heat map. Errors in mm."
+    )
+    return [
+        Section("findings", "The findings of section VI", "", findings, "", True, open_first=True),
+        Section("main", question, tables=correlations, part="chart"),
+        Section("tables", beside, tables=others, folded=True),
+        Section("cells", "All cells", how, part="cells"),
+    ]
+
+
+def _about(out: Path) -> str:
+    recipe = read_json(out / "recipe.json") if (out / "recipe.json").is_file() else {}
+    first = recipe.get("first")
+    frames = f"the first {first} frames of each sequence" if first else "all frames"
+    versions = recipe.get("versions") or {}
+    made = f"iclnuim {versions.get('iclnuim', '')}, {recipe.get('machine', '')}".strip(", ")
+    paper = "Handa, Whelan, McDonald and Davison, ICRA 2014"
+    return f"The experiments of {paper}, on our sequences, with our odometers: {frames}. {made}."
+
+
+def _tiles(results: Sequence[dict], findings: ResultTable) -> list[tuple[str, str]]:
+    verdicts = Counter(row[5] for row in findings.rows)
+    failed = sum("failed" in result for result in results)
+    tiles = [(len(results), f"cells measured{f', {failed} failed' if failed else ''}")]
+    tiles.append((len({r["cell"].sequence for r in results}), "sequences"))
+    for name in (HOLDS, FAILS, UNDECIDED, MISSING):
+        tiles.append((verdicts[name], f"of {len(findings.rows)} findings: {name}"))
+    texts = [(str(number), text) for number, text in tiles if number]
+    if found := correlation(results):
+        texts.append((f"{found.rho:.2f}", "rank correlation of trajectory and surface error"))
+    return texts
+
+
+def _data(results: Sequence[dict], films: Mapping[str, bytes]) -> dict[str, Any]:
+    """The data that the page's script draws."""
+    table = cells_table(results)
+    cells = [_row(result) for result in results]
+    left = _PICTURES - sum(map(len, films.values())) * 4 // 3
+    for found, result, name in _pictures(cells, results):
+        path = result["folder"] / f"{name}.jpg"
+        text = _inline("image/jpeg", path.read_bytes()) if path.is_file() else ""
+        if text and len(text) <= left:
+            found["surface_picture" if name == "surface" else name] = text
+            left -= len(text)
+    columns = range(len(CELL_COLUMNS))
+    return {
+        "columns": CELL_COLUMNS,
+        "numeric": [table.is_number(j) for j in columns],
+        "several": [CELL_COLUMNS[j] for j in columns if len(set(table.column(j))) > 1],
+        "cells": cells,
+        "colours": _colours(results),
+        "films": {sequence: _inline("video/webm", film) for sequence, film in films.items()},
+        "heat_text": f"logarithmic: {HEAT_MM[0]:g} mm or less (blue) to {HEAT_MM[1]:g} mm or more (red)",
+    }
+
+
+def _pictures(cells: Sequence[dict], results: Sequence[dict]) -> Iterator[tuple[dict, dict, str]]:
+    """The heat maps of all cells before their surfaces in colour."""
+    for name in ("heat", "surface"):
+        for cell, result in zip(cells, results, strict=True):
+            yield cell, result, name
+
+
+def _row(result: dict) -> dict:
+    cell, row = result["cell"], cell_row(result)
+    path = result["folder"] / "path.json"
+    ate_m, surface_m = ate_of(result), surface_of(result)
+    surface, times, more = result.get("surface", {}), result["times"], {}
+    if "fit_moved_m" in surface:
+        more["ICP alignment"] = (
+            f"{1e3 * surface['fit_moved_m']:.2f} mm, {surface['fit_turned_deg']:.3f} degrees"
+        )
+    if "track_s" in times:
+        more["tracking"] = (
+            f"{times['track_s']:.1f} s on one core, {times['ms_median']:.1f} ms per frame"
+        )
+    if "peak_mb" in times:
+        more["process"] = f"{times['cpu_s']:.0f} s on one core, {times['peak_mb']:.0f} MB"
+    return {
+        "name": cell.name,
+        "sequence": cell.sequence,
+        "room": cell.room,
+        "noise": cell.noise,
+        "title": cell.title,
+        "row": row,
+        "search": " ".join((cell.name, *row)).lower(),
+        "ate": None if ate_m is None else 1e3 * ate_m,
+        "surface": None if surface_m is None else 1e3 * surface_m,
+        "failed": result.get("failed", ""),
+        "path": read_json(path) if path.is_file() else None,
+        "more": more,
+    }
+
+
+def _colours(results: Sequence[dict]) -> dict[str, str]:
+    """Title -> colour in the charts; our five odometers come first."""
+    from iclnuim.report.charts import COLOURS
+
+    titles = [*TITLES.values(), *sorted({r["cell"].title for r in results} - set(TITLES.values()))]
+    return {title: COLOURS[k % len(COLOURS)] for k, title in enumerate(titles)}
+
+
+def _heat_gradient() -> str:
+    """The heat maps' colour scale from low to high, as a CSS gradient."""
+    import numpy as np
+    from iclnuim.benchmark.fusion.pictures import heat_colours
+    from matplotlib.colors import to_hex
+
+    distances_mm = np.geomspace(*HEAT_MM, 17)
+    return f"linear-gradient(to right, {', '.join(to_hex(c / 255) for c in heat_colours(distances_mm, *HEAT_MM))})"
+
+
+def _inline(kind: str, data: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"

@@ -1,0 +1,116 @@
+"""Measures the cells of an experiment on all cores, each job in a forked process with one thread."""
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from iclnuim.dataset.frame_pool import FramePool
+from iclnuim.errors import IclnuimError
+
+#: Advances a progress display by a number of steps.
+Advance = Callable[[int], object]
+_THREADS = ("NUMBA", "OMP", "OPENBLAS", "MKL", "IGL")
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """Cells that are measured together, on the same frames. measure(advance) measures and stores
+    them; steps: how often it advances.
+    """
+
+    name: str
+    measure: Callable[[Advance], object]
+    steps: int = 1
+
+
+def run_jobs(
+    jobs: Sequence[Job],
+    workers: int,
+    advance: Advance,
+    on_problem: Callable[[str], object] | None = None,
+) -> None:
+    """Measure the jobs. With one worker they are measured in this process, which Ctrl-C ends at
+    once.
+
+    A job that fails does not end the others if there is on_problem(sentence); else its error is
+    raised.
+    """
+    count = min(workers, len(jobs))
+    if count > 1:
+        _run_forked(jobs, count, advance, on_problem)
+        return
+    for job in jobs:
+        _finish(_problem(job, advance, on_problem is not None), on_problem)
+
+
+def _problem(job: Job, advance: Advance, caught: bool) -> str:
+    """Measure one job; returns why it failed, if such errors are to be caught."""
+    left = job.steps
+
+    def counted(steps: int) -> None:
+        nonlocal left
+        some = min(steps, left)
+        left -= some
+        advance(some)
+
+    problem = ""
+    try:
+        job.measure(counted)
+    except (IclnuimError, OSError) as error:
+        if not caught:
+            raise
+        problem = f"{job.name} failed: {error}"
+    counted(left)
+    return problem
+
+
+def _finish(problem: str, on_problem: Callable[[str], object] | None) -> None:
+    if problem and on_problem:
+        on_problem(problem)
+
+
+def _run_forked(
+    jobs: Sequence[Job],
+    workers: int,
+    advance: Advance,
+    on_problem: Callable[[str], object] | None,
+) -> None:
+    """Steps come through a pipe, as a job may take many minutes."""
+    one_thread()
+    reads, writes = os.pipe()
+
+    def report(steps: int) -> None:
+        os.write(writes, bytes(min(steps, 4096)))
+
+    def forward() -> None:
+        while steps := len(os.read(reads, 65536)):
+            advance(steps)
+
+    forwarding = threading.Thread(target=forward, daemon=True)
+    try:
+        with FramePool(
+            lambda k: _problem(jobs[k], report, on_problem is not None),
+            workers,
+            lambda problem: _finish(problem, on_problem),
+        ) as pool:
+            forwarding.start()
+            for k in range(len(jobs)):
+                pool.add(k)
+    finally:
+        os.close(writes)
+        if forwarding.ident:
+            forwarding.join()
+        os.close(reads)
+
+
+def one_thread() -> None:
+    """Limit libraries to one thread, as processes share the cores.
+
+    Before they are forked: a fork would wait for threads of OpenCV that it does not have.
+    """
+    import cv2
+
+    for name in _THREADS:
+        os.environ.setdefault(f"{name}_NUM_THREADS", "1")
+    cv2.setNumThreads(1)

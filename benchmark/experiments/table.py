@@ -1,0 +1,152 @@
+"""A table of texts, and its output for a terminal, in Markdown, in LaTeX and as CSV."""
+
+import csv
+import io
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import zip_longest
+from textwrap import wrap
+
+#: Maximum width of a column in a terminal, in characters.
+_WIDEST = 34
+#: A column with a longer text, in characters, is set as paragraphs in a page and in LaTeX.
+_LONG = 40
+#: Characters with a special meaning in LaTeX -> their escapes.
+_LATEX = {"&": r"\&", "%": r"\%", "_": r"\_", "#": r"\#", "\u03c1": r"$\rho$"}
+_NUMBER = re.compile(r"[-+]?[\d.,]+(e[-+]?\d+)?( \[.*\])?")
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Style and tooltip of a field of a table in a page."""
+
+    style: str = ""
+    tooltip: str = ""
+
+
+@dataclass(frozen=True)
+class ResultTable:
+    """name: base name of its files. rows: one text per column. bold: (row, column) of the best
+    figures. notes: sentences below the table. marks: by (row, column).
+    """
+
+    name: str
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    bold: frozenset[tuple[int, int]] = frozenset()
+    notes: tuple[str, ...] = ()
+    marks: Mapping[tuple[int, int], Mark] = field(default_factory=dict)
+
+    def column(self, j: int) -> list[str]:
+        """The texts of a column, without its head."""
+        return [row[j] for row in self.rows]
+
+    def is_number(self, j: int) -> bool:
+        """Whether a column contains numbers, and otherwise only empty texts and dashes."""
+        given = [text for text in self.column(j) if text not in ("", "-")]
+        return bool(given) and all(map(_NUMBER.fullmatch, given))
+
+    def is_long(self, j: int) -> bool:
+        """Whether a column has long texts."""
+        return any(len(text) > _LONG for text in self.column(j))
+
+    @property
+    def long_columns(self) -> bool:
+        return any(map(self.is_long, range(len(self.columns))))
+
+    def classes(self, i: int, j: int) -> str:
+        """CSS classes of a field in a page."""
+        found = {
+            "n": self.is_number(j),
+            "b": (i, j) in self.bold,
+            "text": self.is_long(j),
+            "mark": (i, j) in self.marks,
+        }
+        names = [name for name, given in found.items() if given]
+        if self.columns[j] == "verdict":
+            names += ["verdict", f"v-{self.rows[i][j].split()[0]}"]
+        return " ".join(names)
+
+    def text(self) -> str:
+        """The table for a terminal; a star marks the best figures."""
+        rows = [list(self.columns), *self._marked(lambda text: f"{text}*")]
+        wrapped = [[wrap(text, _WIDEST) or [""] for text in row] for row in rows]
+        columns = list(zip(*wrapped, strict=True))
+        widths = [max(len(line) for lines in column for line in lines) for column in columns]
+        right = [self.is_number(j) for j in range(len(self.columns))]
+        lines = []
+        for row in wrapped:
+            for texts in zip_longest(*row, fillvalue=""):
+                lines.append(_line(texts, widths, right))
+        legend = ["A star marks the smallest of each trajectory."] if self.bold else []
+        return "\n".join([*filter(None, [self.title]), *lines, *legend, *self.notes])
+
+    def _marked(self, mark: Callable[[str], str]) -> list[list[str]]:
+        """The rows, with the best figures marked."""
+        rows = [list(row) for row in self.rows]
+        for i, j in self.bold:
+            rows[i][j] = mark(rows[i][j])
+        return rows
+
+    def markdown(self) -> str:
+        rule = ["--:" if self.is_number(j) else ":--" for j in range(len(self.columns))]
+        lines = []
+        for row in (self.columns, rule, *self._marked(lambda text: f"**{text}**")):
+            lines.append("| " + " | ".join(text.replace("|", r"\|") for text in row) + " |")
+        return "\n".join([f"**{self.title}**", "", *lines, "", *self.notes]).rstrip()
+
+    def latex(self) -> str:
+        """A table environment that needs no package.
+
+        Numbers are right-aligned, long texts are set as paragraphs.
+        """
+        forms = "".join(map(self._latex_form, range(len(self.columns))))
+        lines = [r"\begin{table}", r"\centering", rf"\caption{{{_escaped(self.title)}}}"]
+        lines += [rf"\begin{{tabular}}{{{forms}}}", r"\hline"]
+        lines += [" & ".join(map(_escaped, self.columns)) + r" \\", r"\hline"]
+        for i, row in enumerate(self.rows):
+            texts = list(map(_escaped, row))
+            for j in range(len(texts)):
+                if (i, j) in self.bold:
+                    texts[j] = rf"\textbf{{{texts[j]}}}"
+            lines.append(" & ".join(texts) + r" \\")
+        notes = [rf"\\ {_escaped(note)}" for note in self.notes]
+        return "\n".join([*lines, r"\hline", r"\end{tabular}", *notes, r"\end{table}"])
+
+    def _latex_form(self, j: int) -> str:
+        if self.is_number(j):
+            return "r"
+        return "p{0.2\\linewidth}" if self.is_long(j) else "l"
+
+    def csv(self) -> str:
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerows((self.columns, *self.rows))
+        return stream.getvalue().removesuffix("\n")
+
+
+def mm(length_m: float | None, spec: str = ".3g") -> str:
+    """A length in mm as a text; a dash for None."""
+    return "-" if length_m is None else format(1e3 * length_m, spec)
+
+
+def _line(texts: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> str:
+    padded = []
+    for text, width, is_right in zip(texts, widths, right, strict=True):
+        padded.append(text.rjust(width) if is_right else text.ljust(width))
+    return "  ".join(padded).rstrip()
+
+
+def _escaped(text: str) -> str:
+    return "".join(_LATEX.get(letter, letter) for letter in text)
+
+
+#: Format -> (file ending, function that writes a table).
+FORMATS: dict[str, tuple[str, Callable[[ResultTable], str]]] = {
+    "text": ("txt", ResultTable.text),
+    "markdown": ("md", ResultTable.markdown),
+    "latex": ("tex", ResultTable.latex),
+    "csv": ("csv", ResultTable.csv),
+}
