@@ -9,8 +9,8 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-import iclnuim
-import iclnuim.benchmark
+from iclnuim import geometry
+from iclnuim.benchmark import odometry
 from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS, PACKAGES
 from iclnuim.formats.files import sha256
 from iclnuim.shipped import versions
@@ -19,6 +19,11 @@ from iclnuim.shipped import versions
 _ROOMS = ("benchmark", "geometry", "sensor", "evaluation", "raycast")
 _PATTERN = re.compile(rf"iclnuim\.({'|'.join(_ROOMS)})\b")
 _ODOMETRY = "iclnuim.benchmark.odometry"
+#: Package -> its folder, the inner one first.
+_FOLDERS = {
+    "iclnuim.benchmark": Path(odometry.__path__[0]).parent,
+    "iclnuim": Path(geometry.__path__[0]).parent,
+}
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 
@@ -57,10 +62,9 @@ def code_of(*modules: str) -> str:
 
 def _file_of(module: str) -> Path | None:
     """The file of a module; None for another name."""
-    for package in (iclnuim.benchmark, iclnuim):
-        if module.startswith(f"{package.__name__}."):
-            parts = module.removeprefix(f"{package.__name__}.").split(".")
-            path = Path(package.__path__[0]).joinpath(*parts)
+    for package, folder in _FOLDERS.items():
+        if module.startswith(f"{package}."):
+            path = folder.joinpath(*module.removeprefix(f"{package}.").split("."))
             files = (path.with_suffix(".py"), path / "__init__.py")
             return next((file for file in files if file.is_file()), None)
     spec = find_spec(module)
