@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from iclnuim.console import Console
 from iclnuim.dataset.bags_and_logs import LogSettings
-from iclnuim.dataset.depth_units import UNITS_PER_METRE, check_units
 from iclnuim.dataset.layout import DISTORTED, SequenceCamera
 from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
+from iclnuim.formats.depth_units import UNITS_PER_METRE, check_units
 from iclnuim.formats.files import content_of_json, is_file
 from iclnuim.geometry.camera import PinholeCamera
 

@@ -39,19 +39,20 @@ MAY_IMPORT = {
     "formats": "errors geometry",
     "sensor": "errors settings geometry",
     "evaluation": "errors settings geometry",
-    "job": f"{CORE} shipped sensor",
-    "dataset": f"{CORE} version job shipped sensor evaluation",
+    "channels": "formats",
+    "job": f"{CORE} channels shipped sensor",
+    "dataset": f"{CORE} version channels job shipped sensor evaluation",
     "postprocess": f"{CORE} sensor evaluation dataset",
     "render": f"{CORE} job dataset worker_events",
     "lightmap": "errors geometry",
     "blender": f"{CORE} lightmap",
     "blender.open": f"{CORE} shipped job blender",
     "blender.light": f"{CORE} version shipped job sensor lightmap blender",
-    "blender.render": f"{CORE} version job worker_events shipped sensor dataset blender "
+    "blender.render": f"{CORE} version channels job worker_events shipped sensor dataset blender "
     "blender.open blender.light",
     "blender.child": f"{CORE} job worker_events dataset blender blender.render",
     "report": f"{CORE} evaluation dataset",
-    "raycast": f"{CORE} dataset",
+    "raycast": f"{CORE} channels dataset",
     "ui": f"{CORE} job worker_events shipped sensor evaluation dataset postprocess "
     "blender blender.open blender.light blender.render",
 }

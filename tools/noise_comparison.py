@@ -18,8 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from iclnuim.dataset.frame_pool import keep_freed_memory
 from iclnuim.dataset.frames import image_frames, run_frames
-from iclnuim.dataset.sequence import SequenceWriter, keep_freed_memory
+from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_options import SequenceSettings, noisy_images
 from iclnuim.errors import InputError
 from iclnuim.formats.exr import read_exr

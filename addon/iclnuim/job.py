@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, ClassVar
 
 from . import shipped
+from .channels import FURTHER, Channel, further_of
 from .errors import InputError
 from .formats.files import read_bytes, read_json, sha256
 from .geometry.camera import PinholeCamera, blender_from_pinhole
@@ -40,8 +41,8 @@ class RenderJob(Settings):
 
     `scene` is a shipped scene's name or a file; `trajectory` is a shipped name such as
     `living_room/kt2` or a file. `reading`: axes and units of a scene file. `reading`,
-    `ground_truth` and `glass` are left out of the recipe if they have their default values, so that
-    the recipes of older runs stay the same.
+    `ground_truth`, `channels` and `glass` are left out of the recipe if they have their default
+    values, so that the recipes of older runs stay the same.
     """
 
     group: ClassVar[str] = "a render job"
@@ -89,6 +90,12 @@ class RenderJob(Settings):
         False,
         "also write instances, classes and normals of every pixel, and objects.json (docs/guide/ground_truth.md)",
     )
+    channels: tuple[str, ...] = setting(
+        (),
+        "also write this image of every frame; the option may be given several times",
+        choices=lambda: {name: channel.description for name, channel in FURTHER.items()},
+        option="--channel",
+    )
     glass: str = setting(
         "surface",
         "depth of pixels that show a pane of glass (a Transparent BSDF)",
@@ -114,6 +121,14 @@ class RenderJob(Settings):
             if not isinstance(getattr(self, name), str) or not getattr(self, name):
                 raise InputError("text", setting=name, found=getattr(self, name))
         blender_from_pinhole(self.camera)
+        implied = {c.name for c in FURTHER.values() if c.ground_truth and self.ground_truth}
+        chosen = tuple(n for n in FURTHER if n in self.channels and n not in implied)
+        object.__setattr__(self, "channels", chosen)
+
+    @property
+    def further(self) -> tuple[Channel, ...]:
+        """The channels of every frame besides colour and depth."""
+        return further_of(vars(self))
 
     @property
     def exposure(self) -> Exposure:
@@ -126,6 +141,7 @@ class RenderJob(Settings):
         late = {
             "reading": values.pop("reading").to_dict(),
             "ground_truth": values.pop("ground_truth"),
+            "channels": list(values.pop("channels")),
         }
         late["glass"] = "" if (glass := values.pop("glass")) == "surface" else glass
         made = {"schema_version": SCHEMA_VERSION, **values, "camera": self.camera.to_dict()}

@@ -34,7 +34,8 @@ _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: 
 class Setting:
     """The declaration of one setting, as `declared` returns it.
 
-    kind: bool, int, float or str. For a tuple, `length` is its number of elements (0: one or more)
+    kind: bool, int, float or str. For a tuple, `length` is its number of elements (0: one or more, or
+    none if the default is empty)
     and `kind` the type of each. optional: None is allowed; `help` describes its meaning. option:
     the option of the command line, empty if there is none. parse: converts the option's text, if
     `kind` cannot. label: the label in the panel, which shows value * shown[1] in the unit shown[0].
@@ -80,8 +81,9 @@ class Setting:
         if value is None and self.optional:
             return None
         if self.length is not None:
+            least = 0 if self.default == () else 1
             if not isinstance(value, list | tuple) or len(value) != (
-                self.length or max(1, len(value))
+                self.length or max(least, len(value))
             ):
                 what = f"{self.length} numbers" if self.length else "a list of one or more"
                 raise InputError(what, setting=self.name, found=value)
@@ -268,7 +270,7 @@ def refuse_unknown(content: object, known: Iterable[str], group: str) -> None:
 def plain(value: Any) -> str:
     """A value as text, for help texts and tables."""
     if isinstance(value, tuple):
-        return " ".join(map(plain, value))
+        return " ".join(map(plain, value)) or "none"
     if isinstance(value, bool):
         return "on" if value else "off"
     return f"{value:g}" if isinstance(value, float) else str(value)

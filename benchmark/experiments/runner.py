@@ -22,7 +22,7 @@ from typing import IO
 
 from iclnuim.benchmark.fusion.settings import QualitySettings
 from iclnuim.console import Console, Progress
-from iclnuim.dataset.run_folder import refuse_other
+from iclnuim.dataset.record import Record
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import atomic_write_text, make_folder, read_json, sha256, write_json
 from iclnuim.shipped import source_commit, versions
@@ -71,15 +71,7 @@ class Benchmark:
         """
         out, path = self.sources.out, self.sources.out / "recipe.json"
         requested = {"schema_version": _SCHEMA_VERSION, "kind": "benchmark", "first": self.first}
-        if path.is_file():
-            existing = read_json(path)
-            refuse_other(
-                "benchmark",
-                path,
-                {key: existing.get(key) for key in requested},
-                requested,
-                "another {out}",
-            )
+        if Record("benchmark", path, requested).is_begun():
             return
         make_folder(out, hint="another {out}")
         write_json(path, {**requested, **self._made_by, "machine": _machine()})

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from iclnuim.dataset.run_folder import refuse_other
+from iclnuim.dataset.record import Record
 from iclnuim.errors import InputError
 from iclnuim.formats.files import is_file, make_folder, read_json, whole_folder, write_json
 from iclnuim.shipped import source_commit, versions
@@ -62,7 +62,7 @@ class Store:
         if is_file(path):
             existing = self._recipe()
             there = {key: existing.get(key) for key in requested}
-            refuse_other(self.kind, path, there, requested, "another {out}")
+            Record(self.kind, path, requested).refuse_other(there)
         make_folder(self.out, hint="another {out}")
         write_json(path, {"format": FORMAT, **requested, **(about or {}), **made_by()})
 
@@ -99,7 +99,7 @@ class Store:
         requested = json.loads(json.dumps(cell.identity))
         there = {name: stored.get(name) for name in requested}
         if self.keeps:
-            refuse_other("experiment", file, there, requested, "another {out}")
+            Record("experiment", file, requested).refuse_other(there)
         return there == requested
 
     def missing(self, cells: Iterable[Cell]) -> list[Cell]:
@@ -133,7 +133,7 @@ class Store:
         recipe = self._recipe()
         requested = {"kind": self.kind}
         there = {"kind": recipe.get("kind")}
-        refuse_other(self.kind, self.out / "recipe.json", there, requested, "another {out}")
+        Record(self.kind, self.out / "recipe.json", requested).refuse_other(there)
         files = sorted((self.out / "cells").rglob(f"*{_ENDING}"))
         return [self._measured(key_type(**read_json(file)["key"])) for file in files]
 

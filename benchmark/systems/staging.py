@@ -17,7 +17,6 @@ from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
-from iclnuim.dataset.depth_units import depth16_from_metres
 from iclnuim.dataset.frames import (
     ImagePair,
     find_pairs,
@@ -36,6 +35,7 @@ from iclnuim.formats.associations import (
     write_associations,
     write_image_list,
 )
+from iclnuim.formats.depth_units import depth16_from_metres
 from iclnuim.formats.files import atomic_write, atomic_write_text, make_folder, read_bytes, sha256
 from iclnuim.formats.png import write_png
 from iclnuim.geometry.trajectory import Trajectory, frame_rate_hz

@@ -5,29 +5,23 @@ Blender versions differ.
 import argparse
 import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from iclnuim.channels import CHANNELS, DEPTH, RGB
 from iclnuim.console import Console
 from iclnuim.dataset.frames import read_camera
-from iclnuim.dataset.ground_truth import KINDS, NORMAL, NORMAL_STEPS, NORMAL_ZERO
 from iclnuim.errors import InputError, within
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.files import read_json
-from iclnuim.formats.png import read_depth16, read_rgb8, read_rgb16
+from iclnuim.formats.png import read_png
 
 from ..options import common
 
-#: Tolerances of a pixel (colour of 0..255, depth in metres), and the largest share of pixels of a
-#: frame beyond them: rounding moves edges.
-COLOUR_OF_255, DEPTH_M, SHARE = 3.0, 0.001, 0.01
-#: Channel -> tolerance; that of normals is per component of a unit normal. Labels of instances and
-#: classes have no tolerance.
-_TOLERANCES = {
-    **dict.fromkeys(("RGB", "rgb"), COLOUR_OF_255),
-    **dict.fromkeys(("Z", "depth"), DEPTH_M),
-    "normal": 0.01,
-}
+#: The largest share of pixels of a frame beyond a channel's tolerance: rounding moves edges.
+SHARE = 0.01
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -45,21 +39,24 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if found["by_bytes"]:
         how = f"{found['files']} files compared byte for byte ({found['why']})"
     else:
-        tolerance = (
-            f"{COLOUR_OF_255:g} of 255, {1000 * DEPTH_M:g} mm, {100 * SHARE:g} % of the pixels"
+        colour = CHANNELS[RGB].tolerance
+        depth_mm = 1000 * CHANNELS[DEPTH].tolerance
+        how = (
+            f"{found['files']} files compared within a tolerance ({found['why']}): "
+            f"{colour:g} of 255, {depth_mm:g} mm, {100 * SHARE:g} % of the pixels; "
+            f"worst file {100 * found['largest_share']:.2g} %"
         )
-        worst = f"worst file {100 * found['largest_share']:.2g} %"
-        how = f"{found['files']} files compared within a tolerance ({found['why']}): {tolerance}; {worst}"
-    names = [
-        f"{name} ({', '.join(channels) or 'no channel'})"
-        for name, channels in found["channels"].items()
-    ]
+    if found["same"]:
+        console.result(found, f"{how}: equal")
+        return 0
+    names = []
+    for name, channels in found["channels"].items():
+        names.append(f"{name} ({', '.join(channels) or 'no channel'})")
     names += [f"{name} (in one folder only)" for name in found["only_in_one"]]
     more = f" and {len(names) - 10} more" if len(names) > 10 else ""
     counts = f"{len(found['different'])} differ, {len(found['only_in_one'])} are in one folder only"
-    text = f"{how}: equal" if found["same"] else f"{how}: {counts}: {', '.join(names[:10])}{more}"
-    console.result(found, text)
-    return 0 if found["same"] else 3
+    console.result(found, f"{how}: {counts}: {', '.join(names[:10])}{more}")
+    return 3
 
 
 def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
@@ -70,60 +67,81 @@ def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
     channels that differ (none if only the header differs); `largest_share`: share of pixels beyond
     the tolerance in the worst file (0 if bytes were compared).
     """
-    origins = _origin(a), _origin(b)
-    images = (
-        [p for p in d.glob("*/*") if p.suffix in (".exr", ".png") and p.name[0] != "."]
-        for d in (a, b)
-    )
-    files = [
-        {str(p.relative_to(d)): p for p in found} for d, found in zip((a, b), images, strict=True)
-    ]
-    both = sorted(files[0].keys() & files[1].keys())
+    # the bytes depend on these
+    origins = zip(("Blender", "processor features"), _origin(a), _origin(b), strict=True)
+    differences = [f"{name}: {x} and {y}" for name, x, y in origins if x != y]
+    why = "requested" if by_tolerance else "; ".join(differences)
+    one = _Images.of(a)
+    other = _Images.of(b)
+    both = sorted(one.files.keys() & other.files.keys())
     if not both:
         raise InputError(
             "frames with the same numbers in both folders", path=b, found=f"none that {a} has too"
         )
-    parts = zip(
-        ("Blender", "processor features"), *origins, strict=True
-    )  # the bytes depend on these
-    differences = [f"{name}: {one} and {other}" for name, one, other in parts if one != other]
-    why = "requested" if by_tolerance else "; ".join(differences)
-    pngs = [
-        next((file for file in found.values() if file.suffix == ".png"), None) for found in files
-    ]
-    units = [
-        read_camera(d, png).depth_units_per_metre if png else 1.0
-        for d, png in zip((a, b), pngs, strict=True)
-    ]
-
-    def compare_file(name: str) -> tuple[bool, float, list[str]]:
-        one, other = files[0][name], files[1][name]
-        if not why:
-            if one.read_bytes() == other.read_bytes():
-                return False, 0.0, []
-            other_channels = _other_channels(one, other)
-            same_png = (
-                one.suffix == ".png" and other_channels == []
-            )  # versions before 0.2.0 compressed in another way
-            return not same_png, 0.0, other_channels or []
-        shares = _shares(_channels(one, units[0]), _channels(other, units[1]))
-        beyond = [channel for channel, share in shares.items() if share > SHARE]
-        return bool(beyond), max(shares.values()), beyond
-
     with ThreadPoolExecutor() as pool:
-        compared = dict(zip(both, pool.map(compare_file, both), strict=True))
-    channels = {name: names for name, (differs, _, names) in compared.items() if differs}
-    alone = sorted(files[0].keys() ^ files[1].keys())
+        if why:
+            results = list(pool.map(lambda name: _beyond_tolerance(one, other, name), both))
+        else:
+            results = list(pool.map(lambda name: _other_bytes(one, other, name), both))
+    channels = {}
+    for name, result in zip(both, results, strict=True):
+        if result.differs:
+            channels[name] = result.channels
+    alone = sorted(one.files.keys() ^ other.files.keys())
     return {
         "files": len(both),
         "by_bytes": not why,
         "why": why or "same kind of processor, same Blender",
         "different": list(channels),
         "only_in_one": alone,
-        "largest_share": max(share for _, share, _ in compared.values()) if why else 0.0,
+        "largest_share": max(result.share for result in results),
         "channels": channels,
         "same": not channels and not alone,
     }
+
+
+@dataclass(frozen=True)
+class _Images:
+    """The images of a folder by name, and the depth units per metre of its PNGs."""
+
+    files: dict[str, Path]
+    units_per_metre: float
+
+    @classmethod
+    def of(cls, folder: Path) -> "_Images":
+        images = (path for path in folder.glob("*/*") if path.suffix in (".exr", ".png"))
+        files = {str(p.relative_to(folder)): p for p in images if p.name[0] != "."}
+        png = next((file for file in files.values() if file.suffix == ".png"), None)
+        return cls(files, read_camera(folder, png).depth_units_per_metre if png else 1.0)
+
+    def values(self, name: str) -> dict[str, np.ndarray]:
+        return _values(self.files[name], self.units_per_metre)
+
+
+class _Result(NamedTuple):
+    """Whether a file differs, in which channels, and the share of pixels beyond the tolerance."""
+
+    differs: bool
+    channels: list[str]
+    share: float = 0.0
+
+
+def _other_bytes(a: _Images, b: _Images, name: str) -> _Result:
+    """The comparison of a file byte for byte. PNGs of the same pixels are equal: another library
+    may have compressed them.
+    """
+    if a.files[name].read_bytes() == b.files[name].read_bytes():
+        return _Result(False, [])
+    different = _other_channels(a.files[name], b.files[name])
+    same_pixels = name.endswith(".png") and different == []
+    return _Result(not same_pixels, different or [])
+
+
+def _beyond_tolerance(a: _Images, b: _Images, name: str) -> _Result:
+    """The comparison of a file within the tolerances of its channels."""
+    shares = _shares(a.values(name), b.values(name))
+    beyond = [channel for channel, share in shares.items() if share > SHARE]
+    return _Result(bool(beyond), beyond, max(shares.values()))
 
 
 def _origin(folder: Path) -> tuple[str, str]:
@@ -158,48 +176,46 @@ def _object_in(content: dict, *keys: str) -> dict:
 def _other_channels(a: Path, b: Path) -> list[str] | None:
     """Names of the channels that are not bitwise equal; None if a file cannot be read."""
     try:
-        one, other = (read_exr(f) if f.suffix == ".exr" else _channels(f, 1.0) for f in (a, b))
+        one, other = (read_exr(f) if f.suffix == ".exr" else _values(f, 1.0) for f in (a, b))
     except InputError:
         return None
-    equal = {
-        name
-        for name in one.keys() & other.keys()
-        if np.array_equal(one[name], other[name], equal_nan=True)
-    }
-    return [name for name in one | other if name not in equal]
+    different = []
+    for name in one | other:
+        both = name in one and name in other
+        if not (both and np.array_equal(one[name], other[name], equal_nan=True)):
+            different.append(name)
+    return different
 
 
 def _shares(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, float]:
     """Channel -> share of pixels that differ by more than its tolerance; 1 if one file lacks the
     channel, or the sizes differ.
     """
+    tolerances = {channel.exr_name: channel.tolerance for channel in CHANNELS.values()}
+    tolerances |= {name: channel.tolerance for name, channel in CHANNELS.items()}
     shares = {}
     for name in a | b:
-        same_size = name in a and name in b and a[name].shape == b[name].shape
-        shares[name] = (
-            float((np.abs(a[name] - b[name]) > _TOLERANCES.get(name, 0.0)).mean())
-            if same_size
-            else 1.0
-        )
+        shares[name] = 1.0
+        if name in a and name in b and a[name].shape == b[name].shape:
+            beyond = np.abs(a[name] - b[name]) > tolerances.get(name, 0.0)
+            shares[name] = float(beyond.mean())
     return shares
 
 
-def _channels(file: Path, units_per_metre: float) -> dict[str, np.ndarray]:
-    """Channels of an image file: colour 0..255 clipped to a display's range, depth in metres,
-    normals -1..1, labels.
+def _values(file: Path, units_per_metre: float) -> dict[str, np.ndarray]:
+    """The values of an image file by channel, as channels.py describes them: colour 0..255 clipped
+    to a display's range, depth in metres, normals -1..1, labels.
     """
-    if file.suffix == ".exr":
-        channels = read_exr(file)
-        linear = np.stack([channels.pop(c).astype(np.float32) for c in "RGB"], -1)
-        normal = [channels.pop(c) for c in NORMAL if c in channels]
-        more = {"normal": np.stack(normal, -1)} if normal else {}
-        colour = {"RGB": 255 * np.clip(linear, 0, 1) ** (1 / 2.2)}
-        return colour | {c: v.astype(float) for c, v in channels.items()} | more
-    kind = file.parent.name
-    if kind == "depth":
-        return {kind: read_depth16(file) / units_per_metre}
-    if kind == "normal":
-        return {kind: (read_rgb16(file) - float(NORMAL_ZERO)) / NORMAL_STEPS}
-    if kind in KINDS:
-        return {kind: read_depth16(file).astype(float)}
-    return {"rgb": read_rgb8(file).astype(np.float32)}
+    if file.suffix == ".png":
+        name = file.parent.name if file.parent.name in CHANNELS else RGB
+        return {name: CHANNELS[name].decode(read_png(file), units_per_metre)}
+    exr = read_exr(file)
+    found = {}
+    for channel in CHANNELS.values():
+        # not an image of the same channels, as classes are of instances
+        if exr.keys() >= channel.exr.keys():
+            image = channel.read(exr, lambda: np.zeros(0))
+            found[channel.exr_name] = channel.displayed(image)
+            for name in channel.exr:
+                del exr[name]
+    return found | {name: values.astype(float) for name, values in exr.items()}

@@ -14,9 +14,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+from iclnuim.channels import FURTHER
 from iclnuim.console import Console
 from iclnuim.dataset.bags_and_logs import LogSettings
-from iclnuim.dataset.depth_units import metres_from_depth16
 from iclnuim.dataset.frames import (
     FrameSource,
     find_pairs,
@@ -25,7 +25,6 @@ from iclnuim.dataset.frames import (
     original_frames,
     run_frames,
 )
-from iclnuim.dataset.ground_truth import KINDS
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import camera_file
 from iclnuim.dataset.packing import LICENCES, check_packable, is_archive, pack, packed_names
@@ -33,6 +32,7 @@ from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, within
+from iclnuim.formats.depth_units import metres_from_depth16
 from iclnuim.formats.files import (
     check_file,
     data_lines,
@@ -182,7 +182,7 @@ def _convert(args: argparse.Namespace, console: Console) -> None:
             count = f"{len(left_out)} of {len(source.numbers)} frames"
             console.note(f"{needing[0]}: {count} have no pose and are left out: {first}")
         source = posed if posed.numbers else source
-    if left := [f"{kind}/" for kind in KINDS if (args.source / kind).is_dir()]:
+    if left := [f"{kind}/" for kind in FURTHER if (args.source / kind).is_dir()]:
         console.note(
             f"{', '.join(left)} of {args.source} not converted: only colour, depth and poses are converted"
         )

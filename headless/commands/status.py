@@ -8,8 +8,9 @@ from pathlib import Path
 
 from iclnuim.console import Console
 from iclnuim.dataset.frames import frames_of_run
+from iclnuim.dataset.journal import read_entries
 from iclnuim.dataset.run_folder import load_trajectory, read_run
-from iclnuim.dataset.sequence import complete_frames, read_entries
+from iclnuim.dataset.sequence import complete_frames
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
 
@@ -70,10 +71,9 @@ def state(folder: Path, frames: str | None) -> dict:
         )
         if raw.name == "raw":  # frames listed in the journals of both sequences in the folder above
             names = ("clean", "noisy") if plan is None or plan.noisy else ("clean",)
-            journals = [raw.parent / name / "frames.jsonl" for name in names]
-            made = set.intersection(
-                *(set(read_entries(journal)) for journal in journals)
-            ).intersection(numbers)
+            made = set(numbers)
+            for name in names:
+                made &= read_entries(raw.parent / name).keys()
             if plan is not None and plan.sequences is not None:
                 with suppress(InputError):  # a noise model of the user that is not there
                     made &= complete_frames(

@@ -6,7 +6,7 @@ Each sequence can be resumed separately, and so can the whole.
 from collections.abc import Callable, Sequence
 
 from iclnuim.console import Console, Progress
-from iclnuim.dataset.sequence import read_entries
+from iclnuim.dataset.journal import read_entries
 from iclnuim.errors import IclnuimError, WorkError
 
 from ..options import option_name
@@ -63,5 +63,5 @@ def _lacking(plan: RunPlan) -> int:
     """Number of frames that are missing in the journal of at least one sequence."""
     made = set(plan.numbers)
     for folder in plan.variants():
-        made &= read_entries(folder / "frames.jsonl").keys()
+        made &= read_entries(folder).keys()
     return len(plan.numbers) - len(made)

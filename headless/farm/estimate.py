@@ -11,7 +11,7 @@ from pathlib import Path
 from statistics import fmean, median
 
 from iclnuim import shipped
-from iclnuim.dataset.run_folder import BYTES_PER_PIXEL, TRUTH_BYTES_PER_PIXEL
+from iclnuim.channels import BASE, exr_bytes
 from iclnuim.errors import IclnuimError
 from iclnuim.formats.files import sha256, write_json
 from iclnuim.job import RenderJob, bake_core_s, shipped_light
@@ -23,8 +23,6 @@ MIN_FRAMES = 3
 #: Core-seconds to write a frame of both sequences, living room at 640 x 480 (docs/guide/farm.md).
 PAIR_CORE_S = 0.1
 START_S = 15.0
-#: Bytes per pixel of a frame's four images (clean and noisy, measured on kt2).
-PAIR_BYTES = 4.6
 
 
 @dataclass(frozen=True)
@@ -42,12 +40,12 @@ def default(job: RenderJob) -> Figures:
     """Default figures, from the living room, scaled by samples and pixels."""
     vga = job.camera.width * job.camera.height / (640 * 480)
     samples = job.samples or 0
-    seconds = (
-        0.35 + 0.2 * samples
-        if job.light != "path"
-        else 0.3 + 3.0 * samples + 2.0 * bool(job.denoise)
-    )
-    return Figures(max(0.05, seconds * (1 if job.exposure.instant else 8) * vga))
+    seconds = 0.35 + 0.2 * samples
+    if job.light == "path":
+        seconds = 0.3 + 3.0 * samples + 2.0 * bool(job.denoise)
+    if not job.exposure.instant:
+        seconds *= 8
+    return Figures(max(0.05, seconds * vga))
 
 
 def measured(frames_core_s: Sequence[float], starts_s: Sequence[float], cores: int) -> Figures:
@@ -80,14 +78,13 @@ def keep(job: RenderJob, figures: Figures) -> None:
 
 
 def _file(job: RenderJob) -> Path:
-    return (
-        shipped.cache_folder() / "figures" / f"{sha256(json.dumps(_key(job)).encode())[:16]}.json"
-    )
+    key = sha256(json.dumps(_key(job)).encode())[:16]
+    return shipped.cache_folder() / "figures" / f"{key}.json"
 
 
 def _key(job: RenderJob) -> dict:
     """The settings that decide the time of a frame."""
-    names = (
+    names = [
         "scene",
         "light",
         "samples",
@@ -96,11 +93,9 @@ def _key(job: RenderJob) -> dict:
         "lambertian",
         "exposure_s",
         "readout_s",
-    )
-    return {
-        **{name: getattr(job, name) for name in names},
-        "size": [job.camera.width, job.camera.height],
-    }
+    ]
+    size = [job.camera.width, job.camera.height]
+    return {**{name: getattr(job, name) for name in names}, "size": size}
 
 
 @dataclass(frozen=True)
@@ -122,10 +117,13 @@ class Estimate:
     figures: str
 
     def text(self) -> str:
-        bake = f", {self.bake_core_hours:.2f} of them to bake the light, unless it is cached"
+        tasks = f"{self.tasks} task{'s' * (self.tasks != 1)} of up to {self.frames_a_task}"
+        bake = ""
+        if self.bake_core_hours:
+            bake = f", {self.bake_core_hours:.2f} of them to bake the light, unless it is cached"
         return (
-            f"{self.frames} frames, {self.tasks} task{'s' * (self.tasks != 1)} of up to {self.frames_a_task}\n"
-            f"core-hours   {self.core_hours:.2f}{bake if self.bake_core_hours else ''}\n"
+            f"{self.frames} frames, {tasks}\n"
+            f"core-hours   {self.core_hours:.2f}{bake}\n"
             f"gigabytes    {self.gigabytes:.2f}\n"
             f"wall time    {self.wall_minutes:.0f} min, without waiting in the queue\n"
             f"figures      {self.figures}"
@@ -134,40 +132,44 @@ class Estimate:
 
 def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
     """Estimate the cost of the missing work. chunks: number of frames of each task."""
-    frames, largest, cpus = sum(chunks), max(chunks, default=0), plan.slurm.cpus
-    pixels = plan.job.camera.width * plan.job.camera.height
-    pairs = len(plan.numbers) if plan.sequences is not None else 0
-    bake_s = (
-        bake_core_s(plan.job)
-        if plan.job.light != "path" and chunks and not shipped_light(plan.job)
-        else 0.0
-    )
-    exr_bytes = BYTES_PER_PIXEL + (TRUTH_BYTES_PER_PIXEL if plan.job.ground_truth else 0)
-    pairs_s = PAIR_CORE_S * pixels / (640 * 480) * pairs
+    job = plan.job
+    cpus = plan.slurm.cpus
+    frames = sum(chunks)
+    largest = max(chunks, default=0)
+    pixels = job.camera.width * job.camera.height
+    channels = (*BASE, *job.further)
+    bake_s = 0.0
+    if job.light != "path" and chunks and not shipped_light(job):
+        bake_s = bake_core_s(job)
     start_s = known.start_s * cpus * (len(chunks) + bool(chunks))
     task_s = known.start_s + known.frame_core_s * largest / cpus
-    rounds = ceil(len(chunks) / plan.slurm.at_once)
-    light_s, dataset_s = known.start_s + bake_s / cpus, 10 + pairs_s / cpus
-    wall_s = (light_s + rounds * task_s if chunks else 0) + (
-        dataset_s if plan.sequences is not None else 0
-    )
-    source = (
-        f"measured on {known.frames} frames"
-        if known.frames
-        else "defaults, as nothing is measured yet"
-    )
+    light_s = known.start_s + bake_s / cpus
+    wall_s = 0.0
+    if chunks:
+        wall_s += light_s + ceil(len(chunks) / plan.slurm.at_once) * task_s
+    total_bytes: float = frames * pixels * exr_bytes(channels)
+    pairs_s = 0.0
+    if plan.sequences is not None:
+        pairs_s = len(plan.numbers) * PAIR_CORE_S * pixels / (640 * 480)
+        image_bytes = sum(channel.png_bytes for channel in channels)
+        total_bytes += len(plan.variants()) * len(plan.numbers) * pixels * image_bytes
+    dataset_s = 10 + pairs_s / cpus
+    if plan.sequences is not None:
+        wall_s += dataset_s
+    source = "defaults, as nothing is measured yet"
+    if known.frames:
+        source = f"measured on {known.frames} frames"
     return Estimate(
         frames=frames,
         tasks=len(chunks),
         frames_a_task=largest,
         core_hours=(frames * known.frame_core_s + bake_s + pairs_s + start_s) / 3600,
         bake_core_hours=bake_s / 3600,
-        gigabytes=pixels
-        * (exr_bytes * frames + PAIR_BYTES * pairs)
-        / 1e9,  # with all raw frames and the sequences
+        gigabytes=total_bytes / 1e9,  # with all raw frames and the sequences
         wall_minutes=wall_s / 60,
         task_minutes=task_s / 60,
         light_minutes=light_s / 60,
         dataset_minutes=dataset_s / 60,
-        figures=f"{known.frame_core_s:.2f} core-seconds per frame, {known.start_s:.0f} s to start: {source}",
+        figures=f"{known.frame_core_s:.2f} core-seconds per frame, {known.start_s:.0f} s to start: "
+        + source,
     )

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from iclnuim import shipped
 from iclnuim.console import Console
-from iclnuim.dataset.run_folder import load_trajectory, read_run, refuse_other
+from iclnuim.dataset.record import Record
+from iclnuim.dataset.run_folder import load_trajectory, read_run
 from iclnuim.errors import InputError
-from iclnuim.formats.files import make_folder, read_bytes, read_json, sha256, write_json
+from iclnuim.formats.files import make_folder, read_bytes, sha256, write_json
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.raycast.caster import RayCaster
@@ -41,14 +42,9 @@ def prepare(plan: RunPlan, console: Console) -> None:
         expected = "{engine} local with {held_out}"
         later = "when the frames are done, the same command renders the views"
         raise InputError(f"{expected}: {later}")
-    record = plan.out / FOLDER / RECORD
-    requested = _identity(plan)
-    if record.is_file():
-        content = read_json(record)
-        existing = {key: content.get(key) for key in requested}
-        refuse_other("set of views", record, existing, requested, "another {out}")
-        return
-    run_isolated(partial(_make, plan, requested, console), plan.job.scene)
+    record = Record("set of views", plan.out / FOLDER / RECORD, _identity(plan))
+    if not record.is_begun():
+        run_isolated(partial(_make, plan, record, console), plan.job.scene)
 
 
 def views_plan(plan: RunPlan) -> RunPlan:
@@ -92,7 +88,7 @@ def _file(name: str) -> Path:
     return Path(name)
 
 
-def _make(plan: RunPlan, identity: dict[str, Any], console: Console) -> None:
+def _make(plan: RunPlan, record: Record, console: Console) -> None:
     """Choose or check the views and write them, in a separate process in which Blender opens the
     scene.
     """
@@ -122,4 +118,4 @@ def _make(plan: RunPlan, identity: dict[str, Any], console: Console) -> None:
     for number, view in enumerate(figures):
         rounded = {name: round(value, 6) for name, value in vars(view).items()}
         rows.append({"view": number, **rounded})
-    write_json(plan.out / FOLDER / RECORD, {**identity, "version": __version__, "views": rows})
+    write_json(record.file, {**record.identity, "version": __version__, "views": rows})

@@ -12,8 +12,8 @@ from typing import Any
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import read_run
-from iclnuim.dataset.sequence import SequenceSettings, complete_frames
-from iclnuim.dataset.sequence_options import SequenceOptions
+from iclnuim.dataset.sequence import complete_frames
+from iclnuim.dataset.sequence_options import SequenceOptions, SequenceSettings
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_json, write_json
 from iclnuim.job import RenderJob

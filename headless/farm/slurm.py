@@ -11,8 +11,9 @@ from math import ceil
 from typing import Any
 
 from iclnuim.console import Console
-from iclnuim.dataset.run_folder import read_run, refuse_other
-from iclnuim.dataset.sequence import read_recipe
+from iclnuim.dataset.recipe import read_recipe
+from iclnuim.dataset.record import Record
+from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import InputError, WorkError
 
 from .chunks import Chunk, chunks_of, size_for_seconds
@@ -266,17 +267,15 @@ def _refuse_other_job(plan: RunPlan) -> None:
     if requested["light"] == "auto" or lights == ("path", "baked"):
         ignored |= {"light", "samples"}
     names = set(requested) - ignored
-    existing = {name: begun.get(name) for name in names}
-    new = {name: requested[name] for name in names}
-    refuse_other("run", plan.raw, existing, new, "another {out}")
+    record = Record("run", plan.raw, {name: requested[name] for name in names})
+    record.refuse_other({name: begun.get(name) for name in names})
 
 
 def _refuse_other_plan(plan: RunPlan) -> None:
     """Raise InputError if tasks in the queue were submitted for another job or other sequences."""
-    submitted = _job_and_sequences(read_plan(plan.raw))
-    requested = _job_and_sequences(plan)
     hint = "another {out}, or `scancel` first"
-    refuse_other("run in the queue", plan.raw, submitted, requested, hint)
+    record = Record("run in the queue", plan.raw, _job_and_sequences(plan), hint=hint)
+    record.refuse_other(_job_and_sequences(read_plan(plan.raw)))
 
 
 def _job_and_sequences(plan: RunPlan) -> dict[str, Any]:

@@ -17,8 +17,9 @@ from typing import Any
 from iclnuim.console import Console
 from iclnuim.dataset.frame_pool import FramePool
 from iclnuim.dataset.frames import frames_of_run
+from iclnuim.dataset.journal import JournalEntry
 from iclnuim.dataset.run_folder import RunFolder, read_run
-from iclnuim.dataset.sequence import JournalEntry, SequenceImages, SequenceWriter
+from iclnuim.dataset.sequence import FrameMaker, SequenceWriter
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import locked
 from iclnuim.worker_events import Event, FrameDone, Ready
@@ -49,7 +50,7 @@ class SequenceStage:
     ) -> None:
         self._plan = plan
         self._on_frame = on_frame
-        self._pool = FramePool(_ImageMaker(plan).make, workers, self._made)
+        self._pool = FramePool(_LateFrameMaker(plan).make, workers, self._made)
         self._locks = ExitStack()
 
     def __enter__(self) -> "SequenceStage":
@@ -124,7 +125,7 @@ class SequenceStage:
             self._raw.frame_file(number).unlink(missing_ok=True)
 
 
-class _ImageMaker:
+class _LateFrameMaker:
     """Makes the images of a frame.
 
     Each process reads the run and the sequences at its first frame, when they exist.
@@ -134,13 +135,13 @@ class _ImageMaker:
         self._plan = plan
 
     def make(self, number: int) -> list[JournalEntry | None]:
-        return self._images.make(number)
+        return self._maker.make(number)
 
     @cached_property
-    def _images(self) -> SequenceImages:
+    def _maker(self) -> FrameMaker:
         plan = self._plan
         frames = frames_of_run(read_run(plan.raw), plan.numbers)
-        return SequenceImages(frames, plan.variants(), plan.formats)
+        return FrameMaker(frames, plan.variants(), plan.formats)
 
 
 def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lambda: False) -> None:

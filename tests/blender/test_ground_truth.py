@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 from iclnuim.blender.render import ground_truth as classes
-from iclnuim.dataset.ground_truth import normal16
+from iclnuim.channels import FURTHER, normal16
 from iclnuim.dataset.run_folder import read_run
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import read_depth16, read_rgb16
@@ -257,7 +257,7 @@ def test_the_shipped_rooms_put_out_the_normals_and_instances_that_rays_meet(
     room, pose, repository, tmp_path
 ):
     from iclnuim.blender.open import scene
-    from iclnuim.blender.render import camera, frames, ground_truth, settings
+    from iclnuim.blender.render import camera, frames, passes, settings
     from iclnuim.geometry.camera import PinholeCamera
     from iclnuim.job import RenderJob
 
@@ -273,17 +273,18 @@ def test_the_shipped_rooms_put_out_the_normals_and_instances_that_rays_meet(
         denoise=False,
     )
     settings.apply(job)
-    ground_truth.add_passes()
-    poses = read_trajectory(
-        repository / f"trajectories/{room}/{pose}.txt"
-    ).trajectory.T_world_camera
+    passes.add(FURTHER.values())
+    trajectory = read_trajectory(repository / f"trajectories/{room}/{pose}.txt").trajectory
+    poses = trajectory.T_world_camera
     camera.keyframe(poses, job.camera)
     number = len(poses) // 2
     frames.render(number, tmp_path / "f.exr")
-    found = ground_truth.read(tmp_path / "f.exr", poses[number])
+    raw = frames.channels_of(tmp_path / "f.exr")
+    depth_z_m = frames.read(raw, raw)[1]
+    shot = passes.Shot(raw, depth_z_m, number, trajectory, job.camera)
+    found = passes.read(shot, FURTHER.values())
     z, ids, normals = judge.frame(job.camera, poses[number])
     seen = z > 0
-    depth_z_m = frames.read(tmp_path / "f.exr", tmp_path / "f.exr")[1]
     same_place = seen & (np.abs(depth_z_m - z) < 1e-4)
     assert same_place.mean() > 0.998
     assert (found["instance"] == ids)[same_place].mean() > 0.9999

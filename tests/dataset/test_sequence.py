@@ -6,12 +6,12 @@ import json
 
 import numpy as np
 import pytest
-from iclnuim.dataset.depth_units import count_invalid, depth16_from_metres, metres_from_depth16
 from iclnuim.dataset.frames import image_frames, run_frames
 from iclnuim.dataset.run_folder import open_run
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.associations import read_associations
+from iclnuim.formats.depth_units import count_invalid, depth16_from_metres, metres_from_depth16
 from iclnuim.formats.exr import read_exr, write_exr
 from iclnuim.formats.files import locked
 from iclnuim.formats.png import read_rgb8, write_png
@@ -218,20 +218,6 @@ def test_counts_survive_a_stop_and_a_resume(run, tmp_path):
     fill(run, tmp_path / "out")
     recipe = json.loads((tmp_path / "out/recipe.json").read_text())
     assert recipe["invalid_depth_pixels"]["infinite"] == 2 * 64
-
-
-def test_a_sequence_of_an_older_version_is_resumed_although_its_recipe_calls_formats_dialects(
-    run, tmp_path
-):
-    recipe = fill(run, tmp_path / "out", frames=":2") / "recipe.json"
-    recipe.write_text(recipe.read_text().replace('"formats"', '"dialects"'))
-    fill(run, tmp_path / "out")
-    content = json.loads(recipe.read_text())
-    assert (
-        content["formats"] == ["tum"]
-        and "dialects" not in content
-        and content["frames"]["count"] == 4
-    )
 
 
 def test_depth_that_does_not_fit_becomes_no_measurement_and_never_wraps():

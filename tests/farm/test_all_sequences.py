@@ -6,7 +6,7 @@ import argparse
 
 import pytest
 from iclnuim.console import Console
-from iclnuim.dataset.sequence import JournalEntry
+from iclnuim.dataset.journal import JournalEntry
 from iclnuim.errors import InputError, WorkError
 from iclnuim.headless.cli import main
 from iclnuim.headless.commands.runs import configure_make, every_plan

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from iclnuim import noisy_depth, noisy_rgb
-from iclnuim.dataset.depth_units import depth16_from_metres
 from iclnuim.dataset.frames import read_depth_m
 from iclnuim.errors import InputError
+from iclnuim.formats.depth_units import depth16_from_metres
 from iclnuim.formats.files import atomic_write_text, check_file
 from iclnuim.formats.png import write_png
 from iclnuim.formats.trajectories import write_trajectory

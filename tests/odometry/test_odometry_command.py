@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from iclnuim.dataset.depth_units import depth16_from_metres
+from iclnuim.formats.depth_units import depth16_from_metres
 from iclnuim.formats.png import write_png
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")

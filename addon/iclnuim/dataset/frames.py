@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ..channels import BASE, DEPTH, FURTHER, RGB, Channel, further_of
 from ..errors import InputError, within
 from ..formats.associations import LARGEST_NUMBER
+from ..formats.depth_units import metres_from_depth16
 from ..formats.exr import read_exr
 from ..formats.files import data_lines, is_file, read_bytes, read_json, real_path, sha256
 from ..formats.images import ARRAY, image_header, read_array, read_colour8, seen_by
@@ -21,16 +23,15 @@ from ..formats.trajectories import read_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..sensor.transfer import light_from_srgb8
-from .depth_units import metres_from_depth16
-from .ground_truth import KINDS, TruthImages
-from .layout import DEPTH, RGB, SequenceCamera, SequenceFrame, posed, usual_step_s
+from .ground_truth import FurtherImages
+from .layout import SequenceCamera, SequenceFrame, posed, usual_step_s
 from .run_folder import RunFolder, read_run
 from .sequence_formats import format_of
 
 #: Text formats with one pose per line: the poses of some frames are a subset of the lines.
 _A_POSE_A_LINE = ("tum", "gt.freiburg", "euroc", "vslam-lab")
-#: Names, without ending, of ground-truth images in a format that stores them beside the depth.
-_TRUTH_IMAGE = re.compile(f"({'|'.join(KINDS)})[0-9]+")
+#: Names, without ending, of further images in a format that stores them beside the depth.
+_FURTHER_IMAGE = re.compile(f"({'|'.join(FURTHER)})[0-9]+")
 #: Format and bytes of a ground-truth file.
 TruthFile = tuple[str, bytes]
 
@@ -43,7 +44,7 @@ class FrameSource:
     `load(number)` returns scene-linear RGB (h, w, 3) and planar depth in metres (h, w), as stored
     on disk. `stamps_s` has the stamps of all frames of the source, also of those not in `numbers`.
     `truth_of(numbers)` returns the ground truth of these frames, or None. `origin` is written into
-    the recipe. `truth_images`: instances, classes and normals, if the run has them. `names` and
+    the recipe. `further`: the run's images besides colour and depth, if it has any. `names` and
     `truth_file(numbers)`: names of the images, and format and bytes of a ground-truth file, which a
     sequence in the same format keeps. `originals`: files that a sequence without noise copies byte
     for byte, if it stores images in the same way. `digest(number)`: SHA-256 of a frame's files,
@@ -57,13 +58,18 @@ class FrameSource:
     load: Callable[[int], tuple[np.ndarray, np.ndarray]]
     truth_of: Callable[[tuple[int, ...]], Trajectory | None]
     origin: dict
-    truth_images: TruthImages | None = None
+    further: FurtherImages | None = None
     names: Mapping[int, SequenceFrame] = field(default_factory=dict)
     truth_file: Callable[[tuple[int, ...]], TruthFile | None] = lambda numbers: None
     originals: "Mapping[int, ImagePair]" = field(default_factory=dict)
     depth_units_per_metre: float = 0.0
     digest: Callable[[int], str] = lambda number: ""
     volatile: bool = False
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """All channels of a frame."""
+        return (*BASE, *(self.further.channels if self.further else ()))
 
 
 @dataclass(frozen=True)
@@ -125,7 +131,7 @@ def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
             real_path(image) for parent, ending in places for image in parent.glob(f"*{ending}")
         }
         found[kind] = sorted(
-            p for p in there - used[RGB] - used[DEPTH] if not _TRUTH_IMAGE.fullmatch(p.stem)
+            p for p in there - used[RGB] - used[DEPTH] if not _FURTHER_IMAGE.fullmatch(p.stem)
         )
     return found
 
@@ -278,7 +284,8 @@ def _run_source(
         return read_frame(folder / "exr" / f"{number:06}.exr", camera)
 
     stamps_s = dict(enumerate(truth.stamps_s.tolist()))
-    more = TruthImages(folder) if origin.get("run", {}).get("job", {}).get("ground_truth") else None
+    channels = further_of(origin.get("run", {}).get("job", {}))
+    more = FurtherImages(folder, channels) if channels else None
     return FrameSource(
         camera,
         tuple(sorted(numbers)),

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import InputError, WorkError
 from ..evaluation.associate import nearest
+from ..formats.depth_units import LARGEST_UNIT
 from ..formats.files import is_file
 from ..formats.images import ARRAY, image_header, read_colour8
 from ..formats.png import PngHeader
@@ -20,7 +21,6 @@ from ..geometry import axes
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, statistics
-from .depth_units import LARGEST_UNIT
 from .frames import (
     ImagePair,
     find_pairs,

@@ -9,24 +9,24 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ..channels import BASE, DEPTH, RGB, Channel
 from ..errors import InputError, within
 from ..formats.associations import ImageList
+from ..formats.depth_units import UNITS_PER_METRE, check_units
 from ..formats.files import atomic_write, make_folder, read_json
-from ..formats.images import ARRAY, JPEG, image_header
+from ..formats.images import image_header
 from ..formats.stamps import stamp_text
 from ..formats.trajectories import write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, stamps_of_frames
-from .depth_units import UNITS_PER_METRE, check_units
 
-#: Kinds of images of a sequence; further kinds are those of ground truth.
-RGB, DEPTH = "rgb", "depth"
 CAMERA = "camera.json"
 DISTORTED = "the lens distortion in the camera's file is ignored: images are read as those of a pinhole camera"
 #: Maximum distance in time between a pose and its frame, as a share of the usual step between
@@ -105,6 +105,7 @@ class Contents:
     depth_units_per_metre: float = UNITS_PER_METRE
     truth_file: tuple[str, bytes] | None = None
     surface: Callable[[int], tuple[np.ndarray, np.ndarray]] | None = None
+    channels: tuple[Channel, ...] = BASE
 
     @cached_property
     def stamps_s(self) -> np.ndarray:
@@ -200,10 +201,25 @@ class SequenceFormat:
         `source_units`: depth units per metre of the source, 0 for
         exact depth.
         """
-        frames, found = contents.frames, []
-        digits = max(
-            (len(text.partition(".")[2]) for f in frames for text in f.written.values()), default=0
-        )
+        found = self._stamp_losses(contents)
+        for channel in contents.channels:
+            ending = Path(self.image(contents.frames[0], channel.name)).suffix
+            found.append(channel.loss(ending, contents.depth_units_per_metre, source_units))
+        camera = self.fixed_camera
+        if camera and np.abs(camera.intrinsics - contents.camera.intrinsics).max() > 1e-3:
+            size = f"{camera.width}x{camera.height}"
+            known = f"{size},{camera.fx:g},{camera.fy:g},{camera.cx:g},{camera.cy:g}"
+            found.append(
+                f"its programs support only the camera {known}; the correct camera is in {CAMERA}"
+            )
+        found += self.remarks(contents)
+        return [f"{self.name}: {sentence}" for sentence in found if sentence]
+
+    def _stamp_losses(self, contents: Contents) -> list[str]:
+        frames = contents.frames
+        found = []
+        written = chain.from_iterable(frame.written.values() for frame in frames)
+        digits = max((len(text.partition(".")[2]) for text in written), default=0)
         if self.stamps == "ns" and digits > 9:
             found.append(
                 f"stamps have 9 digits after the decimal point, those of the source up to {digits}"
@@ -211,38 +227,22 @@ class SequenceFormat:
         apart_s = max(abs(f.nanoseconds(RGB) - f.nanoseconds(DEPTH)) for f in frames) / 1e9
         if not self.depth_stamps and apart_s > 0:
             found.append(
-                f"depth images get the stamps of their colour images, up to {1e3 * apart_s:.3g} ms from their own"
+                "depth images get the stamps of their colour images, "
+                f"up to {1e3 * apart_s:.3g} ms from their own"
             )
         if self.stamps in ("numbers", "rows"):
-            counted = [
-                frame.number if self.stamps == "numbers" else row
-                for row, frame in enumerate(frames)
-            ]
-            kept = np.abs(stamps_of_frames(counted) - contents.stamps_s).max() <= 1e-6
-            found += (
-                []
-                if kept
-                else ["this format has no stamps; its frames are read at 30 frames per second"]
-            )
+            counted = list(range(len(frames)))
+            if self.stamps == "numbers":
+                counted = [frame.number for frame in frames]
+            if not np.abs(stamps_of_frames(counted) - contents.stamps_s).max() <= 1e-6:
+                found.append(
+                    "this format has no stamps; its frames are read at 30 frames per second"
+                )
         if not self.zero_stamp and contents.stamps_s.min() <= 0:
             found.append(
                 "its programs treat a stamp of 0 as missing, and fail; the stamps are not changed"
             )
-        if self.image(frames[0], RGB).endswith(JPEG):
-            found.append("colour is stored as JPEG, with loss")
-        units = contents.depth_units_per_metre
-        if not self.image(frames[0], DEPTH).endswith(ARRAY) and units < source_units:
-            found.append(
-                f"depth is stored in {units:g} units per metre; the source has {source_units:g}"
-            )
-        if (c := self.fixed_camera) and np.abs(
-            c.intrinsics - contents.camera.intrinsics
-        ).max() > 1e-3:
-            known = f"{c.width}x{c.height},{c.fx:g},{c.fy:g},{c.cx:g},{c.cy:g}"
-            found.append(
-                f"its programs support only the camera {known}; the correct camera is in {CAMERA}"
-            )
-        return [f"{self.name}: {sentence}" for sentence in (*found, *self.remarks(contents))]
+        return found
 
 
 def posed(stamps_s: np.ndarray, truth: Trajectory | None) -> np.ndarray:

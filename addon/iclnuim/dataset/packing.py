@@ -13,7 +13,8 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..formats.files import atomic_write, read_bytes, sha256
-from .sequence import read_entries, read_recipe
+from .journal import JOURNAL, read_entries
+from .recipe import read_recipe
 
 CHECKSUMS, LICENCE, ABOUT = "SHA256SUMS", "LICENSE.txt", "README.txt"
 _IMAGES = (".png", ".jpg", ".npy")
@@ -89,7 +90,7 @@ class _Images:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.found = folder, Counter[str]()
-        entries = sorted(read_entries(folder / "frames.jsonl").items())
+        entries = sorted(read_entries(folder).items())
         self.made = [
             (n, kind, digest)
             for n, entry in entries
@@ -122,9 +123,7 @@ class _Images:
 def packed_names(folder: Path) -> list[str]:
     """The files of a folder that `pack` includes: not the journal, hidden files or temporary files."""
     files = (
-        p
-        for p in Path(folder).rglob("*")
-        if p.is_file() and p.name[0] != "." and p.name != "frames.jsonl"
+        p for p in Path(folder).rglob("*") if p.is_file() and p.name[0] != "." and p.name != JOURNAL
     )
     return sorted(p.relative_to(folder).as_posix() for p in files)
 

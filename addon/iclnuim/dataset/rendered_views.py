@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from ..channels import DEPTH, RGB
 from ..errors import InputError, WorkError
 from ..evaluation.image_error import ViewSettings, psnr_db, ssim
 from ..formats.files import data_lines, is_file, read_text
 from ..formats.images import ARRAY, JPEG, read_colour8
 from .frames import ImagePair, find_pairs, read_camera, read_depth_m, read_images
-from .layout import DEPTH, RGB, SequenceCamera, camera_file, usual_step_s
+from .layout import SequenceCamera, camera_file, usual_step_s
 
 #: Figures of a view -> unit.
 FIGURES = {"psnr_db": "dB", "ssim": "", "lpips": "", "depth_l1_m": "m", "depth_missing": ""}

@@ -3,8 +3,8 @@ different recipes are not mixed.
 
 OUT/exr/000000.exr ...   R, G, B (scene-linear, half) and Z (float, planar metres, background 0);
                          with ground truth also
-                         instance and normal.X, .Y, .Z (float, cv camera's frame), and
-                         OUT/objects.json
+                         instance and normal.X, .Y, .Z (float, cv camera's frame; see channels.py),
+                         and OUT/objects.json
 OUT/groundtruth.txt      TUM poses of every frame of the trajectory, our world
 OUT/camera.json          the pinhole camera
 OUT/sequence.json        the recipe: effective settings, seed, versions, source commit
@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import shipped
+from ..channels import BASE, Channel, exr_bytes, exr_types, further_of
 from ..errors import InputError, WorkError, within
 from ..formats import exr
 from ..formats.files import make_folder, read_json, sha256, write_json
@@ -28,11 +29,7 @@ from ..formats.trajectories import read_trajectory, write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
 from ..job import RenderJob
-from .ground_truth import CHANNELS
-
-#: Bytes per pixel of a finished frame (half RGB, float Z, not compressed), and of its ground truth
-#: (floats).
-BYTES_PER_PIXEL, TRUTH_BYTES_PER_PIXEL = 10, 4 * len(CHANNELS)
+from .record import Record
 
 
 @dataclass(frozen=True)
@@ -63,6 +60,11 @@ class RunFolder:
         except InputError as error:
             raise error.at(self.path / "sequence.json") from None
 
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """All channels of a frame."""
+        return (*BASE, *further_of(self.recipe["job"]))
+
     def truth(self) -> Trajectory:
         """Poses and stamps of all frames of the trajectory. Raises InputError."""
         return read_trajectory(self.path / "groundtruth.txt", "tum").trajectory
@@ -91,7 +93,7 @@ class RunFolder:
         except InputError:
             return False
         size = (self.camera.height, self.camera.width)
-        wanted = (*"RGBZ", *(CHANNELS if self.recipe["job"].get("ground_truth") else ()))
+        wanted = exr_types(self.channels)
         return all(name in channels and channels[name].shape == size for name in wanted)
 
     def missing(self, numbers: Iterable[int]) -> list[int]:
@@ -103,10 +105,7 @@ class RunFolder:
 
     def check_space(self, frames: int) -> None:
         """Raises WorkError if the disk has no space for this number of frames."""
-        each = BYTES_PER_PIXEL + (
-            TRUTH_BYTES_PER_PIXEL if self.recipe["job"].get("ground_truth") else 0
-        )
-        need = frames * self.camera.width * self.camera.height * each
+        need = frames * self.camera.width * self.camera.height * exr_bytes(self.channels)
         free = shutil.disk_usage(self.path).free
         if need > free:
             message = f"{self.path}: {frames} frames need up to {need / 1e9:.2f} GB, {free / 1e9:.2f} GB are free"
@@ -160,7 +159,7 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
             if older
             else "another {out}"
         )
-        refuse_other("run", existing, there, requested, hint, _changed(begun, recipe))
+        Record("run", existing, requested, _changed(begun, recipe), hint).refuse_other(there)
     elif path.is_dir() and any(path.iterdir()):
         # a run that was killed before its recipe was written leaves an empty exr/, camera.json,
         # groundtruth.txt and temporary files
@@ -215,31 +214,6 @@ def _changed(begun: dict, requested: dict) -> dict[str, str]:
         "mipmaps": textures,
         **{f"{name}_sha256": sentences[name].format(job[name]) for name in same},
     }
-
-
-def refuse_other(
-    what: str,
-    place: Path,
-    there: Mapping,
-    requested: Mapping,
-    hint: str,
-    changed: Mapping[str, str] | None = None,
-) -> None:
-    """Raises InputError if `what` was started at `place` with values `there` that differ from those
-    requested. The message lists every value
-    that differs. `changed`: texts to use instead for some values, by key.
-    """
-    different = []
-    for key in sorted({*there, *requested}):
-        if there.get(key) != requested.get(key):
-            text = f"{key} {there.get(key)} there, {requested.get(key)} requested"
-            brief = len(text) < 100 and not key.endswith("_sha256")
-            brief_text = text if brief else f"another {key.removesuffix('_sha256')}"
-            different.append((changed or {}).get(key, brief_text))
-    if different:
-        raise InputError(
-            f"the {what} that was started there", path=place, found="; ".join(different), hint=hint
-        )
 
 
 def run_identity(recipe: dict) -> dict:

@@ -11,17 +11,17 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import InputError
-from ..geometry.camera import PinholeCamera
-from ..sensor.models import DEPTH_MODELS, RGB_MODELS, Noise, depth_model, rgb_model
-from ..sensor.noise_model import DEPTH, RGB, NoiseModel, frame_generator
-from ..settings import Choices, Settings, setting
-from .depth_units import (
+from ..formats.depth_units import (
     UNITS_PER_METRE,
     check_units,
     count_invalid,
     depth16_from_metres,
     invalid_after_noise,
 )
+from ..geometry.camera import PinholeCamera
+from ..sensor.models import DEPTH_MODELS, RGB_MODELS, Noise, depth_model, rgb_model
+from ..sensor.noise_model import DEPTH, RGB, NoiseModel, frame_generator
+from ..settings import Choices, Settings, setting
 from .sequence_formats import FORMATS
 
 

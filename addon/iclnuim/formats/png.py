@@ -82,6 +82,17 @@ def read_rgb16(path: str | os.PathLike[str], backend: str | None = None) -> np.n
     return _read(path, "a 16-bit RGB PNG", 16, ("RGB",), 3, backend)
 
 
+def read_png(path: str | os.PathLike[str]) -> np.ndarray:
+    """Read (h, w) or (h, w, 3) uint16 of a PNG with 16 bits, (h, w, 3) uint8 of any other.
+
+    Raises InputError.
+    """
+    header = png_header(path)
+    if header.bits < 16:
+        return read_rgb8(path)
+    return read_rgb16(path) if header.colour == "RGB" else read_depth16(path)
+
+
 def write_png(
     path: str | os.PathLike[str], image: np.ndarray, compressor: str | None = None
 ) -> None:

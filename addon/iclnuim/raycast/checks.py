@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..dataset.ground_truth import INSTANCE, NORMAL
+from ..channels import INSTANCE, NORMAL
 from ..errors import InputError
 from ..formats.scene_model import SceneModel
 from ..geometry.camera import PinholeCamera

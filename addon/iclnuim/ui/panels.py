@@ -16,7 +16,10 @@ from .properties import settings_of
 _LETTER_WIDTH_PX = 7
 _MAX_NOTES = 4
 #: Settings of a job that are not drawn under Light.
-_SENSOR, _OUTPUT = ("exposure_ms", "readout_ms", "seed"), ("depth_units", "glass", "ground_truth")
+_SENSOR, _OUTPUT = (
+    ("exposure_ms", "readout_ms", "seed"),
+    ("depth_units", "glass", "ground_truth", "channels"),
+)
 
 
 def _text(

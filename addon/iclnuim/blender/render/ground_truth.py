@@ -1,27 +1,17 @@
-"""Ground truth in addition to colour and depth: the instance and the surface normal at each pixel's
-centre, and the table of objects.
-
-Both are taken from each pixel's first ray, like Z. Cycles' Normal pass is the mean of the normals
-of the closures, and gloss bends them at grazing angles; so every material also outputs the shading
-normal, by a shader output variable (AOV).
-"""
+"""The numbers of objects and classes in instance and class images, and the table of objects."""
 
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from ...dataset.ground_truth import INSTANCE, NORMAL
 from ...errors import InputError
 from ...geometry.points import upright_box
-from ...geometry.se3 import SE3
 from .. import surfaces
 from ..surfaces import SURFACE_TYPES, Part
-from .frames import Raw, channel_ending, channels_of
 
 SCHEMA_VERSION = 1
 _DIGITS = 6  # micrometres
-_AOV = "ShadingNormal"
 _MAX_OBJECTS = 32767  # the maximum of Blender's pass index
 #: The 40 labels of NYU Depth v2 as reduced by Gupta, Arbelaez and Malik (CVPR 2013), from number 1
 #: on.
@@ -117,43 +107,6 @@ def number_objects() -> None:
     free = (n for n in range(1, _MAX_OBJECTS + 1) if n not in taken)
     for thing in things:
         thing.pass_index = thing.pass_index or next(free)
-
-
-def add_passes() -> None:
-    """Make Cycles write instances and normals into its frames.
-
-    Call it after all changes of light and materials.
-    """
-    layer = bpy.context.scene.view_layers[0]
-    layer.use_pass_object_index = layer.use_pass_normal = True
-    variable = layer.aovs.add()
-    variable.name, variable.type = _AOV, "COLOR"
-    for material in bpy.data.materials:
-        if material.use_nodes and material.node_tree:
-            nodes = material.node_tree.nodes
-            output, geometry = nodes.new("ShaderNodeOutputAOV"), nodes.new("ShaderNodeNewGeometry")
-            output.aov_name = _AOV
-            material.node_tree.links.new(geometry.outputs["Normal"], output.inputs["Color"])
-
-
-def read(raw: Raw, T_world_camera: SE3) -> dict[str, np.ndarray]:
-    """The ground-truth channels of Blender's one-sample frame: instance, and unit normals in the cv
-    camera's frame, (h, w) float32 each.
-    """
-    channels = channels_of(raw)
-    index = channel_ending(
-        channels, "IndexOB.X", "Object Index.X"
-    )  # the name changed with Blender 5.0
-    normal = np.stack([channel_ending(channels, f"{_AOV}.{c}") for c in "RGB"], -1).astype(float)
-    bare = np.linalg.norm(normal, axis=-1) < 0.5  # materials without nodes have no AOV
-    normal[bare] = np.stack([channel_ending(channels, f".Normal.{c}") for c in "XYZ"], -1)[bare]
-    length = np.linalg.norm(normal, axis=-1, keepdims=True)
-    normal_camera = (normal / np.where(length > 0, length, 1.0)) @ T_world_camera.rotation
-    by_name = {name: normal_camera[..., k] for k, name in enumerate(NORMAL)}
-    return {
-        name: array.astype(np.float32)
-        for name, array in {INSTANCE: np.rint(index), **by_name}.items()
-    }
 
 
 def objects_table() -> dict:

@@ -20,6 +20,7 @@ import numpy as np
 
 from ... import shipped
 from ... import worker_events as events
+from ...channels import INSTANCE, exr_types
 from ...dataset.ground_truth import OBJECTS
 from ...dataset.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
 from ...errors import InputError
@@ -38,7 +39,7 @@ from ...worker_events import Event
 from .. import compat, output, surfaces
 from ..light import light_map, mipmaps
 from ..open import preflight, scene
-from . import camera, first_look, frames, ground_truth, settings
+from . import camera, first_look, frames, ground_truth, passes, settings
 
 Emit = Callable[[Event], None]
 
@@ -179,11 +180,11 @@ class Session:
     def _build(self) -> dict | None:
         """Open the scene unless it is open, light it, keyframe the camera, and set all settings.
 
-        With ground truth, returns the table of objects.
+        With instances, returns the table of objects.
         """
         job, table = self.job, None
         _set_up(job, self.emit, self.threads, self._opened)
-        if job.ground_truth:
+        if INSTANCE in exr_types(job.further):
             ground_truth.number_objects()
             table = ground_truth.objects_table()
         lit_by = (
@@ -205,8 +206,7 @@ class Session:
                 bpy.context.scene.world is not None
             ):  # only rays of reflections sample the sky, which is faster than importance sampling
                 bpy.context.scene.world.cycles.sampling_method = "NONE"
-        if job.ground_truth:
-            ground_truth.add_passes()
+        passes.add(job.further)
         camera.keyframe(self.trajectory.T_world_camera, job.camera)
         return table
 
@@ -219,8 +219,8 @@ class Session:
         blurred: np.ndarray | None,
         cycles_seconds: float,
     ) -> None:
-        """Convert Blender's raw frame to the finished file, with ground truth if the job has it,
-        and emit the event immediately.
+        """Convert Blender's raw frame to the finished file, with the job's further channels, and
+        emit the event immediately.
         """
         begun = time.perf_counter()
         if self.run.is_finished(
@@ -229,8 +229,10 @@ class Session:
             return self.emit(events.FrameDone(number, cycles_seconds, 0.0, found=True))
         rgb, depth_z_m = frames.read(raw, raw_depth)
         further = {}
-        if self.job.ground_truth:
-            further = ground_truth.read(raw_depth, self.trajectory.T_world_camera[number])
+        if self.job.further:
+            each = frames.channels_of(raw_depth)
+            shot = passes.Shot(each, depth_z_m, number, self.trajectory, self.job.camera)
+            further = passes.read(shot, self.job.further)
         if raw_behind is not None:
             behind_z_m = frames.read(raw_behind, raw_behind)[1]
             depth_z_m = (
@@ -321,14 +323,14 @@ def _render(
     the caller alternates names while another frame is being written.
 
     A separate render with one sample gives Z if the filter is wide or the scene has `volumes`, else
-    Z is that of the first sample. It also gives normals, which otherwise are a mean over the
-    samples.
+    Z is that of the first sample. It also gives the further channels, which otherwise are a mean
+    over the samples.
     """
     scene, raw_behind = bpy.context.scene, None
     raw = raw_depth = frames.render(number, name.with_suffix(".exr"), in_memory=True)
     # one narrow ray per pixel, so that Z has the same bits as without antialiasing
     narrow = {"filter_width": settings.CENTRE_FILTER_PX, "samples": 1, "use_denoising": False}
-    if job.antialias or volumes or (job.ground_truth and job.samples != 1):
+    if job.antialias or volumes or (job.further and job.samples != 1):
         with compat.temporarily(scene.cycles, **narrow), settings.without_volumes():
             raw_depth = frames.render(
                 number, name.with_name(f"{name.name}-depth.exr"), in_memory=True

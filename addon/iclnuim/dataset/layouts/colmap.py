@@ -12,21 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ...channels import DEPTH, RGB
 from ...errors import InputError
 from ...formats import colmap
 from ...formats.files import atomic_write_text, data_lines, is_file, make_folder, read_text
 from ...geometry.camera import PinholeCamera
-from ..layout import (
-    DEPTH,
-    RGB,
-    Contents,
-    Reader,
-    Row,
-    SequenceCamera,
-    SequenceFormat,
-    camera_file,
-    numbers_in,
-)
+from ..layout import Contents, Reader, Row, SequenceCamera, SequenceFormat, camera_file, numbers_in
 from . import listed
 
 _MODELS = ("sparse/0", "sparse")

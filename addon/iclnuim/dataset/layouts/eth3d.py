@@ -7,8 +7,8 @@ Pixel centres are at whole numbers; depth has 5000 units per metre
 
 from pathlib import Path
 
+from ...formats.depth_units import UNITS_PER_METRE
 from ...formats.files import atomic_write_text
-from ..depth_units import UNITS_PER_METRE
 from ..layout import Contents, SequenceFormat
 from . import listed
 

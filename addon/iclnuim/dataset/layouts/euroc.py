@@ -5,13 +5,13 @@ state_groundtruth_estimate0; stamps in ns.
 import re
 from pathlib import Path
 
+from ...channels import RGB
 from ...errors import InputError
+from ...formats.depth_units import UNITS_PER_METRE, check_units
 from ...formats.files import atomic_write_text, data_lines, read_text
 from ...formats.stamps import stamp_text_of_ns
 from ...geometry.camera import PinholeCamera
-from ..depth_units import UNITS_PER_METRE, check_units
 from ..layout import (
-    RGB,
     Contents,
     Reader,
     Row,

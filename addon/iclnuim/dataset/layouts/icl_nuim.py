@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ...channels import DEPTH, RGB
 from ...errors import InputError
 from ...formats.associations import Associations, write_associations
+from ...formats.depth_units import UNITS_PER_METRE
 from ...formats.files import atomic_write_text
 from ...geometry.trajectory import FRAME_RATE_HZ, frames_of_stamps
-from ..depth_units import UNITS_PER_METRE
-from ..layout import DEPTH, RGB, Contents, SequenceFormat, write_truth
+from ..layout import Contents, SequenceFormat, write_truth
 from . import listed
 
 

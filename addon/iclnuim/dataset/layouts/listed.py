@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...channels import DEPTH, RGB
 from ...errors import InputError
 from ...evaluation.associate import associate
 from ...formats.associations import (
@@ -21,8 +22,6 @@ from ...formats.stamps import LARGEST_FRAME, SHORTEST_STEP_NS, stamp_text_of_ns
 from ...geometry.trajectory import stamps_of_frames
 from ..layout import (
     CAMERA,
-    DEPTH,
-    RGB,
     Contents,
     Reader,
     Row,

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
+from ...channels import DEPTH, RGB
 from ...errors import InputError
+from ...formats.depth_units import check_units
 from ...formats.files import read_json, write_json
 from ...formats.pose_folders import numbers_of_names
 from ...geometry import axes
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import stamps_of_frames
-from ..depth_units import check_units
-from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat
+from ..layout import Contents, Reader, Row, SequenceCamera, SequenceFormat
 
 FILE = Path("transforms.json")
 #: Depth units per metre that nerfstudio assumes (depth_unit_scale_factor of its Nerfstudio data

@@ -8,14 +8,15 @@ The lines of traj.txt correspond to the images in the order of their names
 
 from pathlib import Path
 
+from ...channels import RGB
 from ...errors import InputError
+from ...formats.depth_units import check_units
 from ...formats.files import read_json, write_json
 from ...formats.images import image_header
 from ...formats.trajectories import write_trajectory
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import Trajectory, stamps_of_frames
-from ..depth_units import check_units
-from ..layout import RGB, Contents, Reader, Row, SequenceCamera, SequenceFormat
+from ..layout import Contents, Reader, Row, SequenceCamera, SequenceFormat
 
 #: Depth units per metre in the systems' settings for Replica; the range ends at 10 m.
 UNITS = 6553.5

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ...channels import RGB
 from ...errors import InputError
 from ...formats.files import atomic_write_text, make_folder, read_text
 from ...geometry.trajectory import stamps_of_frames
 from ..layout import (
-    RGB,
     Contents,
     Reader,
     Row,

@@ -8,14 +8,13 @@ of pose_left.txt correspond to the images in the order of their names.
 
 from pathlib import Path
 
+from ...channels import DEPTH, RGB
 from ...errors import InputError
 from ...formats.images import image_header
 from ...formats.trajectories import write_trajectory
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import Trajectory, stamps_of_frames
 from ..layout import (
-    DEPTH,
-    RGB,
     Contents,
     Reader,
     Row,

@@ -5,10 +5,11 @@ And the same with images named by their stamps, for RTAB-Map.
 
 from pathlib import Path
 
+from ...channels import DEPTH, RGB
+from ...formats.depth_units import UNITS_PER_METRE
 from ...formats.files import atomic_write_text
 from .. import slam_settings
-from ..depth_units import UNITS_PER_METRE
-from ..layout import DEPTH, RGB, Contents, Reader, Row, SequenceFormat
+from ..layout import Contents, Reader, Row, SequenceFormat
 from . import listed
 
 

@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ...channels import DEPTH, RGB
 from ...errors import InputError
+from ...formats.depth_units import UNITS_PER_METRE, check_units
 from ...formats.files import atomic_write_text, read_text
 from ...formats.stamps import stamp_text_of_ns
-from ..depth_units import UNITS_PER_METRE, check_units
 from ..layout import (
-    DEPTH,
-    RGB,
     Contents,
     Reader,
     Row,

@@ -1,0 +1,131 @@
+"""The recipe of a sequence, recipe.json: everything that determines the pixels, the versions of the
+programs, and counts. The same recipe gives the same bytes.
+"""
+
+import platform
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..formats.files import read_json
+from ..formats.libraries import first_library
+from ..formats.png import COMPRESSORS
+from ..shipped import source_commit
+from ..version import __version__
+from .record import Record
+from .run_folder import run_key
+from .sequence_images import SequenceImages
+
+RECIPE = "recipe.json"
+_SCHEMA_VERSION = 1
+#: Keys that determine the files; the others may differ when a sequence is resumed.
+_IDENTITY = (
+    "schema_version",
+    "source",
+    "camera",
+    "depth_noise",
+    "rgb_noise",
+    "seed",
+    "depth_units_per_metre",
+)
+#: format_in_folder: the format in the folder itself, to which formats in subfolders were added
+#: later.
+_OTHERS = (
+    "kind",
+    "formats",
+    "format_in_folder",
+    "versions",
+    "source_commit",
+    "finished",
+    "frames",
+    "invalid_depth_pixels",
+)
+
+
+def new_recipe(images: SequenceImages) -> dict[str, Any]:
+    """The recipe of a sequence that is not finished."""
+    name, module = first_library("PNG", *COMPRESSORS)
+    library = str(getattr(module, "ZLIB_RUNTIME_VERSION", None) or module.__version__)
+    return {
+        "schema_version": _SCHEMA_VERSION,
+        "kind": "sequence",
+        "source": images.source.origin,
+        "camera": images.source.camera.to_dict(),
+        **images.settings.to_dict(),
+        "formats": [format.name for format in images.formats],
+        "versions": {
+            "iclnuim": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            name: library,
+        },
+        "source_commit": source_commit(),
+        "finished": False,
+    }
+
+
+def read_recipe(path: Path) -> dict[str, Any]:
+    """Read a sequence's recipe.
+
+    Raises InputError for another kind, a newer schema or unknown keys.
+    """
+    recipe = read_json(path)
+    version = recipe.get("schema_version")
+    if recipe.get("kind") != "sequence" or not isinstance(version, int):
+        found = recipe.get("kind", "another file")
+        raise InputError("the recipe of a sequence", path=path, found=found)
+    if version > _SCHEMA_VERSION:
+        raise InputError(f"a recipe of schema {_SCHEMA_VERSION} or older", path=path, found=version)
+    unknown = sorted(recipe.keys() - {*_IDENTITY, *_OTHERS})
+    if unknown:
+        raise InputError("the keys of a sequence's recipe", path=path, found=", ".join(unknown))
+    return recipe
+
+
+def refuse_other_sequence(file: Path, begun: dict, requested: dict) -> None:
+    """Raises InputError if the recipes differ.
+
+    If the noise model differs, only its name is reported, not all of its settings.
+    """
+    there = _identity(begun)
+    wanted = _identity(requested)
+    if format_in_folder(begun) and format_in_folder(requested):
+        # their files may have the same names
+        there["format"] = format_in_folder(begun)
+        wanted["format"] = format_in_folder(requested)
+    for noise in ("depth_noise", "rgb_noise"):
+        model = f"{noise} model"
+        if there.get(model) != wanted[model]:
+            for key in [key for key in wanted if key.startswith(f"{noise} ") and key != model]:
+                del wanted[key]
+    Record("sequence", file, wanted, hint="another folder").refuse_other(
+        {key: there.get(key) for key in wanted}
+    )
+
+
+def format_in_folder(recipe: dict) -> str:
+    """The format whose files are in the sequence's folder itself; "" if each format has a
+    subfolder.
+    """
+    formats = recipe.get("formats", ())
+    return formats[0] if len(formats) == 1 else recipe.get("format_in_folder", "")
+
+
+def _identity(recipe: dict) -> dict[str, Any]:
+    """The values that determine the pixels, with each noise setting separately.
+
+    A run is represented by its key.
+    """
+    identity = {"iclnuim": recipe.get("versions", {}).get("iclnuim")}
+    for key in _IDENTITY:
+        value = recipe.get(key)
+        if key.endswith("_noise") and isinstance(value, dict):
+            identity |= {f"{key} {name}": each for name, each in value.items()}
+        else:
+            identity[key] = value
+    run = recipe.get("source", {}).get("run")
+    if isinstance(run, dict) and isinstance(run.get("job"), dict):
+        identity["source"] = run_key(run)
+    return identity
