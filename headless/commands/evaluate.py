@@ -21,7 +21,7 @@ from iclnuim.evaluation.relative_error import RelativeErrorSettings, parse_delta
 from iclnuim.formats.files import atomic_write_text
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry import so3
-from iclnuim.report.trajectory_report import Report, Source, error_text
+from iclnuim.report.trajectory_report import ComparedFile, Report, error_text
 
 from ..options import (
     action,
@@ -236,7 +236,7 @@ def _report(
     """Read ground truth and estimate, report how each was read, and report the errors."""
     sources = []
     for path, format in ((args.reference, args.reference_from), (args.estimate, args.format)):
-        sources.append(Source(path, read_trajectory(path, format, rate_hz=args.file_rate)))
+        sources.append(ComparedFile(path, read_trajectory(path, format, rate_hz=args.file_rate)))
         console.note(f"{path}: {sources[-1].loaded.read_as.sentence}")
     report = Report.of(sources[0], sources[1], settings)
     if args.csv:

@@ -213,7 +213,7 @@ def run_info(args: argparse.Namespace, console: Console) -> None:
         loaded = _loaded(args, file)
         statistics = trajectories.statistics(loaded.trajectory)
         found.append(
-            {"file": os.fspath(file), "taken": asdict(loaded.read_as), **asdict(statistics)}
+            {"file": os.fspath(file), "read_as": asdict(loaded.read_as), **asdict(statistics)}
         )
     console.result({"trajectories": found}, "\n\n".join(_info_text(one) for one in found))
 
@@ -225,7 +225,7 @@ def _info_text(one: dict) -> str:
         else "none"
     )
     return f"""{one["file"]}
-  read as   {one["taken"]["sentence"]}
+  read as   {one["read_as"]["sentence"]}
   frames    {one["frames"]} at {one["rate_hz"]:.6g} Hz
   length    {one["length_m"]:.3f} m
   duration  {one["duration_s"]:.3f} s

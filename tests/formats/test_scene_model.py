@@ -4,7 +4,7 @@ but their number.
 
 import numpy as np
 import pytest
-from iclnuim.formats.scene_model import Look, SceneModel, write_obj, write_ply
+from iclnuim.formats.scene_model import Appearance, SceneModel, write_obj, write_ply
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def model():
     normals = np.repeat([[[0.0, -1, 0]], [[0, -1, 0]], [[-1, 0, 0]]], 3, axis=1)
     uv = corners[:, :, [0, 2]] / 2
     stripes = np.random.default_rng(0).integers(0, 256, (8, 4, 3), np.uint8)
-    looks = (Look("red paint", (0.8, 0.1, 0.1)), Look("red_paint", (1, 1, 1), stripes))
+    looks = (Appearance("red paint", (0.8, 0.1, 0.1)), Appearance("red_paint", (1, 1, 1), stripes))
     names = {7: "wall", 3: "other wall"}
     return SceneModel(corners, normals, uv, np.array([1, 1, 0]), np.array([7, 7, 3]), looks, names)
 

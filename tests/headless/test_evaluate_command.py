@@ -145,10 +145,10 @@ def test_rpe_over_frames_seconds_and_metres(files, tmp_path, capsys, delta, pair
     values = json.loads(out)
     assert code == 0 and 0.001 < values["translation_error_m"]["rmse"] < 0.1
     rows = list(csv.DictReader((tmp_path / "e.csv").read_text().splitlines()))
-    assert len(rows) == values["stretches"] > 0
+    assert len(rows) == values["rpe_pairs"] > 0
     assert all(float(row["start_stamp_s"]) < float(row["end_stamp_s"]) for row in rows)
     assert not drawn or (tmp_path / "e.svg").read_text().startswith("<?xml")
-    assert f"{values['stretches']} RPE pairs" in call(capsys, *question)[1]
+    assert f"{values['rpe_pairs']} RPE pairs" in call(capsys, *question)[1]
 
 
 def test_a_mirrored_estimate_is_named_with_what_to_do_and_that_helps(files, capsys):

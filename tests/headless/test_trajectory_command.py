@@ -69,7 +69,7 @@ def test_info_gives_json_of_all_files(run, walk):
     first, second = json.loads(out)["trajectories"]
     assert code == 0 and first == second
     assert first["frames"] == 61 and first["length_m"] == pytest.approx(WALK.length_m(), abs=1e-6)
-    assert first["taken"]["format"] == "tum" and first["taken"]["handedness"] == "right"
+    assert first["read_as"]["format"] == "tum" and first["read_as"]["handedness"] == "right"
     assert {
         "mean_speed",
         "max_speed",
@@ -91,7 +91,7 @@ def test_info_knows_the_official_lengths(run, samples):
     ]
     found = json.loads(run("info", *files, "--json")[1])["trajectories"]
     assert [round(one["length_m"], 3) for one in found] == [6.545, 8.430, 6.525]
-    assert [one["taken"]["handedness"] for one in found] == ["left"] * 3
+    assert [one["read_as"]["handedness"] for one in found] == ["left"] * 3
 
 
 def test_the_form_can_be_told(run, tmp_path):

@@ -6,7 +6,7 @@ from ..errors import InputError
 from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
-from .columns import Table, read_table
+from .columns import NumberTable, read_table
 from .files import data_lines
 from .stamps import frame_numbers
 from .trajectory_source import FileOptions, Source
@@ -31,7 +31,7 @@ def starts_as_official(position_m: np.ndarray) -> bool:
     return any(np.abs(position_m - start_m).max() <= START_TOLERANCE_M for start_m in starts_m)
 
 
-def block_rows(source: Source) -> Table:
+def block_rows(source: Source) -> NumberTable:
     """(n, 13): the image's number, k + 1 for block k from 0, and three rows of its matrix.
 
     Raises InputError for the first block that is not on three consecutive lines.
@@ -44,7 +44,7 @@ def block_rows(source: Source) -> Table:
             raise InputError(_BLOCKS, path=source.path, line=numbers[k], found=found)
     values = lines.values.reshape(-1, 12)
     images = np.arange(1.0, len(values) + 1)
-    return Table(np.column_stack([images, values]), lambda k: (source.path, numbers[3 * k]))
+    return NumberTable(np.column_stack([images, values]), lambda k: (source.path, numbers[3 * k]))
 
 
 def at_image_1(trajectory: Trajectory, options: FileOptions) -> Given:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.trajectory import stamps_of_frames
-from .columns import Table
+from .columns import NumberTable
 from .files import data_lines, is_number
 from .stamps import LARGEST_FRAME
 from .trajectory_source import Source
@@ -40,14 +40,14 @@ def names_an_image(line: str) -> bool:
     return len(fields) >= 10 and not is_number(fields[9])
 
 
-def rows(source: Source) -> Table:
+def rows(source: Source) -> NumberTable:
     """(n, 8) in the order of time: frame number (or stamp if the images are named by stamps),
     translation, quaternion (scalar last).
 
     Lines of image points are left out: all their fields are numbers.
     """
     images = _read(source)
-    return Table(images.values, lambda row: (source.path, images.lines[row]), images.ticks)
+    return NumberTable(images.values, lambda row: (source.path, images.lines[row]), images.ticks)
 
 
 def stamps_and_names(path: str | os.PathLike[str]) -> list[tuple[float, str]]:

@@ -56,7 +56,7 @@ MATRIX = Columns((3, 7, 11), (0, 1, 2, 4, 5, 6, 8, 9, 10))
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class NumberTable:
     """Values (n, columns), and a function that returns file and line (from 1) of a row. `ticks`:
     ticks per second of the stamps in column 0, or None if it contains frame numbers or a pose.
     """
@@ -77,7 +77,7 @@ class Table:
 
 def read_table(
     source: Source, columns: tuple[int, ...], expected: str, delimiter: str | None = None
-) -> Table:
+) -> NumberTable:
     """Read all lines that are neither blank nor comments (#). Each must have one of the given
     numbers of columns, all finite.
 
@@ -90,7 +90,7 @@ def read_table(
         values = np.loadtxt(text, dtype=float, comments="#", delimiter=delimiter, ndmin=2)
     except (ValueError, OverflowError):
         raise _first_bad_line(source, columns, expected, delimiter) from None
-    table = Table(values, lambda row: (source.path, data_lines(source.text)[row][0]))
+    table = NumberTable(values, lambda row: (source.path, data_lines(source.text)[row][0]))
     if values.shape[1] not in columns:
         raise table.error(0, expected, f"{values.shape[1]} columns")
     if not np.isfinite(values).all():

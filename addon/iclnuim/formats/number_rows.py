@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
-from .columns import Table, read_table
+from .columns import NumberTable, read_table
 from .files import data_lines
 from .stamps import SHORTEST_STEP_NS, stamp_ticks
 from .trajectory_source import Source
@@ -23,18 +23,18 @@ TUM = "8 columns: timestamp tx ty tz qx qy qz qw"
 _SQUARE = "16 columns of a 4x4 matrix, row by row"
 
 
-def plain_rows(counts: tuple[int, ...], expected: str) -> Callable[[Source], Table]:
+def plain_rows(counts: tuple[int, ...], expected: str) -> Callable[[Source], NumberTable]:
     """A reader of rows with one of these numbers of columns, which contain no stamps."""
     return lambda source: read_table(source, counts, expected)
 
 
-def tum_rows(source: Source) -> Table:
+def tum_rows(source: Source) -> NumberTable:
     """(n, 8); the stamps may be in nanoseconds, as in ORB-SLAM3's files for EuRoC."""
     table = read_table(source, (8,), TUM)
     return replace(table, ticks=stamp_ticks(table.values[:, 0]))
 
 
-def square_rows(source: Source) -> Table:
+def square_rows(source: Source) -> NumberTable:
     """(n, 16). Raises InputError for a line that does not end in 0 0 0 1."""
     table = read_table(source, (16,), _SQUARE)
     wrong = np.flatnonzero(np.abs(table.values[:, 12:] - (0, 0, 0, 1)).max(axis=1) > 1e-6)
@@ -44,7 +44,7 @@ def square_rows(source: Source) -> Table:
     return table
 
 
-def vslam_lab_rows(source: Source) -> Table:
+def vslam_lab_rows(source: Source) -> NumberTable:
     """(n, 8) values of VSLAM-LAB's groundtruth.csv."""
     table = read_table(_commented_first(source), (8,), _VSLAM_LAB, ",")
     return replace(table, ticks=1e9)
@@ -64,7 +64,7 @@ def _commented_first(source: Source) -> Source:
     return source.with_text("\n".join(lines))
 
 
-def euroc_rows(source: Source) -> Table:
+def euroc_rows(source: Source) -> NumberTable:
     """(n, 8) or (n, 17).
 
     Raises InputError for stamps that are not whole nanoseconds, and for names of columns that have

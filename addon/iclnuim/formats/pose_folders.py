@@ -9,7 +9,7 @@ from pathlib import Path, PurePath
 import numpy as np
 
 from ..errors import InputError
-from .columns import Table
+from .columns import NumberTable
 from .files import read_json, read_text
 from .trajectory_source import Source
 
@@ -21,7 +21,7 @@ def is_scannet(source: Source) -> bool:
     return source.path.is_dir() and any(path.stem.isdecimal() for path in source.path.glob("*.txt"))
 
 
-def scannet_rows(source: Source) -> Table:
+def scannet_rows(source: Source) -> NumberTable:
     """(n, 13): the number in the file's name, and three rows of its matrix.
 
     Files of lost frames (-inf) are left out.
@@ -34,7 +34,7 @@ def scannet_rows(source: Source) -> Table:
             found.append((float(number), *_rows_of(paths[number], values)))
     if not found:
         raise InputError("pose files with finite numbers", path=source.path, found="none")
-    return Table(np.array(found), lambda row: (paths[int(found[row][0])], None))
+    return NumberTable(np.array(found), lambda row: (paths[int(found[row][0])], None))
 
 
 def numbers_of_names(names: Sequence[str]) -> list[int]:
@@ -46,7 +46,7 @@ def numbers_of_names(names: Sequence[str]) -> list[int]:
     return numbers if len(set(numbers)) == len(names) else list(range(len(names)))
 
 
-def nerf_rows(source: Source) -> Table:
+def nerf_rows(source: Source) -> NumberTable:
     """(n, 13): the number at the end of the image's name, or else the frame's index in the list,
     and three rows of its matrix.
     """
@@ -67,7 +67,7 @@ def nerf_rows(source: Source) -> Table:
             source.path, [value for row in rows if isinstance(row, list) for value in row]
         )
         found.append((float(number), *_rows_of(source.path, values)))
-    return Table(np.array(sorted(found)), lambda row: (source.path, None))
+    return NumberTable(np.array(sorted(found)), lambda row: (source.path, None))
 
 
 def _numbers(path: Path, values: list) -> np.ndarray:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from .columns import Table
+from .columns import NumberTable
 from .files import data_lines, read_text
 from .trajectory_source import Source
 
@@ -33,7 +33,7 @@ COMMAND_LINE = (
 )
 
 
-def command_rows(source: Source) -> Table:
+def command_rows(source: Source) -> NumberTable:
     """(n, 13): the number in the image's name (+O), and val00 to val32; (n, 12) without the number
     if not all lines have one.
     """
@@ -46,7 +46,7 @@ def command_rows(source: Source) -> Table:
     names = [name[1] for _, line in lines if (name := _OUTPUT.search(line))]
     if len(names) == len(lines):
         values = np.column_stack([np.array(names, float), values])
-    return Table(values, lambda row: (source.path, lines[row][0]))
+    return NumberTable(values, lambda row: (source.path, lines[row][0]))
 
 
 def _declared(source: Source, number: int, line: str) -> list[float]:
@@ -70,7 +70,7 @@ def _declared(source: Source, number: int, line: str) -> list[float]:
     return [values[name] for name in _NAMES]
 
 
-def camera_rows(source: Source) -> Table:
+def camera_rows(source: Source) -> NumberTable:
     """(n, 13): the last number in the file's name, the camera's axes and position as val00 to val32
     of a command.
     """
@@ -80,7 +80,7 @@ def camera_rows(source: Source) -> Table:
         else [(_number(source.path) or 0, source.path)]
     )
     values = np.array([[float(number), *_camera(path)] for number, path in files])
-    return Table(values, lambda row: (files[row][1], None))
+    return NumberTable(values, lambda row: (files[row][1], None))
 
 
 def _numbered(folder: Path) -> list[tuple[int, Path]]:

@@ -21,7 +21,7 @@ _FACE = "f {}/{}/{} {}/{}/{} {}/{}/{}"
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Appearance:
     """The appearance of a material: its name, its colour (3,) in sRGB 0..1, and its texture (h, w,
     3) uint8, row 0 at the top, or None.
     """
@@ -44,7 +44,7 @@ class SceneModel:
     uv: np.ndarray
     material: np.ndarray
     instance: np.ndarray
-    looks: tuple[Look, ...] = ()
+    looks: tuple[Appearance, ...] = ()
     names: dict[int, str] = field(default_factory=dict)
 
     def __len__(self) -> int:

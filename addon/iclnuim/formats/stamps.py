@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.trajectory import STAMP_DIGITS, frames_of_stamps, stamps_of_frames
-from .columns import Table
+from .columns import NumberTable
 
 #: Larger stamps (three thousand years) and frame numbers are rejected as damaged.
 LARGEST_STAMP_S = 1e11
@@ -32,7 +32,7 @@ def stamp_ticks(stamps: np.ndarray) -> float:
 
 
 def seconds_of(
-    table: Table, values: np.ndarray, rate_hz: float, hint: str | None = None
+    table: NumberTable, values: np.ndarray, rate_hz: float, hint: str | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """(m,) seconds of a file's stamps, or of its frame numbers if the table has no ticks, and the
     rows (m,) they belong to. A stamp that repeats the previous one is left out: some systems write
@@ -59,7 +59,7 @@ def seconds_of(
     return seconds[rows], rows
 
 
-def _rows_in_order(table: Table, values: np.ndarray, what: str) -> np.ndarray:
+def _rows_in_order(table: NumberTable, values: np.ndarray, what: str) -> np.ndarray:
     """The rows (m,) whose stamps or frame numbers do not repeat the previous one. Raises
     InputError if one is below the previous one, or if most repeat.
     """

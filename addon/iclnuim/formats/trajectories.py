@@ -10,7 +10,7 @@ from .files import atomic_write_text
 from .trajectory_formats import FORMATS, TrajectoryFormat
 from .trajectory_sniffing import sniffed
 from .trajectory_source import FileOptions, LoadedTrajectory, ReadAs, Source
-from .trajectory_writer import Writer
+from .trajectory_writer import TrajectoryWriter
 
 __all__ = ["ANCHORED_WORLD", "FORMATS", "TUM_HEADER", "FileOptions", "LoadedTrajectory", "ReadAs"]
 __all__ += [
@@ -64,7 +64,7 @@ def trajectory_text(trajectory: Trajectory, format: str, options: FileOptions | 
     return writer_of(format).text(trajectory, options or FileOptions())
 
 
-def writer_of(format: str) -> Writer:
+def writer_of(format: str) -> TrajectoryWriter:
     """The writer of a format. Raises InputError if the format is unknown or only read."""
     writer = _known(format).writer
     if writer is None:

@@ -11,11 +11,11 @@ from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from . import anchored, colmap, number_rows, pose_folders, pov, trajectory_writer
 from .anchored import ANCHORED_WORLD
-from .columns import MATRIX, SCALAR_FIRST, SCALAR_LAST, Columns, Table
-from .trajectory_reader import Reader
+from .columns import MATRIX, SCALAR_FIRST, SCALAR_LAST, Columns, NumberTable
+from .trajectory_reader import TrajectoryReader
 from .trajectory_sniffing import is_freiburg
 from .trajectory_source import OUR_WORLD, OWN_WORLD, Source
-from .trajectory_writer import Writer
+from .trajectory_writer import TrajectoryWriter
 
 #: Rooms are a few metres wide: a POV-world trajectory that is this far from the origin was probably
 #: written in centimetres.
@@ -25,16 +25,16 @@ FAR_M = 50.0
 class TrajectoryFormat(NamedTuple):
     """A trajectory format; writer: None if it is only read."""
 
-    reader: Reader
-    writer: Writer | None = None
+    reader: TrajectoryReader
+    writer: TrajectoryWriter | None = None
 
 
-def _numbering(source: Source, table: Table, trajectory: Trajectory) -> str:
+def _numbering(source: Source, table: NumberTable, trajectory: Trajectory) -> str:
     """The unit of a table's first column: frames, seconds or nanoseconds."""
     return {None: "frames", 1.0: "seconds"}.get(table.ticks, "nanoseconds")
 
 
-def _tum_stamps(source: Source, table: Table, trajectory: Trajectory) -> str:
+def _tum_stamps(source: Source, table: NumberTable, trajectory: Trajectory) -> str:
     """The unit of the stamps and the world; for whole seconds, a note that they may be frame
     numbers.
     """
@@ -47,13 +47,13 @@ def _tum_stamps(source: Source, table: Table, trajectory: Trajectory) -> str:
     return text
 
 
-def _why_freiburg(source: Source, table: Table, trajectory: Trajectory) -> str:
+def _why_freiburg(source: Source, table: NumberTable, trajectory: Trajectory) -> str:
     if source.name.endswith(".gt.freiburg"):
         return "by its name"
     return "by its start" if is_freiburg(source) else "as requested"
 
 
-def _unit_warning(source: Source, table: Table, trajectory: Trajectory) -> str:
+def _unit_warning(source: Source, table: NumberTable, trajectory: Trajectory) -> str:
     """A warning for a POV-world file whose positions are probably in centimetres, else an empty
     text.
     """
@@ -63,7 +63,7 @@ def _unit_warning(source: Source, table: Table, trajectory: Trajectory) -> str:
     return f"; positions reach {far_m:.0f} m: they may be centimetres (unit cm)"
 
 
-def _counted(source: Source, table: Table, trajectory: Trajectory) -> str:
+def _counted(source: Source, table: NumberTable, trajectory: Trajectory) -> str:
     """The origin of the frame numbers of commands, and the warning about units."""
     origin = "of the image's name" if table.is_numbered else "of the line, from 0"
     return origin + _unit_warning(source, table, trajectory)
@@ -99,7 +99,7 @@ _NO_STAMPS = "; stamps are not written"
 FORMATS = {
     # one 4x4 matrix per file
     "scannet": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             pose_folders.scannet_rows,
             MATRIX,
             f"ScanNet's pose files: {_RIGHT_IN_OWN}, "
@@ -108,7 +108,7 @@ FORMATS = {
     ),
     # OpenGL cameras in JSON
     "nerf": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             pose_folders.nerf_rows,
             MATRIX,
             "transforms.json: OpenGL camera poses converted to right-handed cv camera poses in "
@@ -118,7 +118,7 @@ FORMATS = {
     ),
     # ICL-NUIM's own format, one file per frame
     "pov-cameras": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             pov.camera_rows,
             _POV,
             f"pov-cameras: LEFT-handed poses of POV-Ray camera files {_FROM_POV} "
@@ -130,7 +130,7 @@ FORMATS = {
         )
     ),
     "pov-commands": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             pov.command_rows,
             _POV,
             f"pov-commands: LEFT-handed poses in the POV world {_FROM_POV} by the number {{how}}",
@@ -139,7 +139,7 @@ FORMATS = {
             handedness="left",
             how=_counted,
         ),
-        Writer(
+        TrajectoryWriter(
             pov.COMMAND_LINE,
             _POV,
             "pov-commands: LEFT-handed poses in the POV world (y up), "
@@ -151,7 +151,7 @@ FORMATS = {
     ),
     # ICL-NUIM's own format, anchored at image 1; image 0 has no pose
     "gt.freiburg": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             number_rows.plain_rows((8,), "8 columns: id tx ty tz qx qy qz qw"),
             SCALAR_LAST,
             f"gt.freiburg ({{how}}): {_MIRRORED}, stamps 1 + id/{{rate}} s, in {ANCHORED_WORLD}",
@@ -161,7 +161,7 @@ FORMATS = {
             how=_why_freiburg,
             hint="{from} tum if these are seconds",
         ),
-        Writer(
+        TrajectoryWriter(
             "%d " + _POSE,
             SCALAR_LAST,
             "gt.freiburg: frame ids, LEFT-handed y-up poses, moved to the original's start, "
@@ -173,7 +173,7 @@ FORMATS = {
     # ICL-NUIM's own format, anchored at image 0, without an index: block k, from 0, belongs to
     # image k + 1
     "gt.sim": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             anchored.block_rows,
             MATRIX,
             f"gt.sim: {_MIRRORED}, block k taken as image k+1, stamps 1 + (k+1)/{{rate}} s, "
@@ -182,7 +182,7 @@ FORMATS = {
             world=ANCHORED_WORLD,
             handedness="left",
         ),
-        Writer(
+        TrajectoryWriter(
             "%.12f %.12f %.12f %.9f\n" * 3,
             MATRIX,
             "gt.sim: blocks for images 1, 2, ..., LEFT-handed y-up poses, "
@@ -193,12 +193,12 @@ FORMATS = {
         ),
     ),
     "vslam-lab": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             number_rows.vslam_lab_rows,
             SCALAR_LAST,
             f"VSLAM-LAB: stamps in nanoseconds, {_RIGHT_IN_OWN}",
         ),
-        Writer(
+        TrajectoryWriter(
             _POSE_WITH_COMMAS,
             SCALAR_LAST,
             f"VSLAM-LAB: nanoseconds, {_UNCHANGED}",
@@ -210,12 +210,12 @@ FORMATS = {
     ),
     # quaternion scalar FIRST; more columns (velocity, biases) may follow
     "euroc": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             number_rows.euroc_rows,
             SCALAR_FIRST,
             "EuRoC: stamps in nanoseconds, world <- body taken as " + _RIGHT_IN_OWN,
         ),
-        Writer(
+        TrajectoryWriter(
             _POSE_WITH_COMMAS,
             SCALAR_FIRST,
             "EuRoC: nanoseconds, right-handed camera-to-world poses (as world <- body), "
@@ -226,7 +226,7 @@ FORMATS = {
         ),
     ),
     "pov-matrix": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             _matrix_rows,
             MATRIX,
             f"pov-matrix: LEFT-handed poses in the POV world {_FROM_POV}{{how}}",
@@ -235,7 +235,7 @@ FORMATS = {
             handedness="left",
             how=_unit_warning,
         ),
-        Writer(
+        TrajectoryWriter(
             "%d " + _MATRIX_LINE,
             MATRIX,
             "pov-matrix: frame numbers, LEFT-handed poses in the POV world (y up)",
@@ -245,8 +245,10 @@ FORMATS = {
         ),
     ),
     "kitti": TrajectoryFormat(
-        Reader(_matrix_rows, MATRIX, f"KITTI rows: {_RIGHT_IN_OWN}, stamps 1 + frame/{{rate}} s"),
-        Writer(
+        TrajectoryReader(
+            _matrix_rows, MATRIX, f"KITTI rows: {_RIGHT_IN_OWN}, stamps 1 + frame/{{rate}} s"
+        ),
+        TrajectoryWriter(
             _MATRIX_LINE,
             MATRIX,
             f"KITTI: 12 columns, {_UNCHANGED}{_NO_STAMPS}",
@@ -256,12 +258,12 @@ FORMATS = {
     ),
     # rows of 4x4 matrices: the data set Replica as rendered for neural mapping systems
     "replica": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             number_rows.square_rows,
             MATRIX,
             f"Replica rows: {_RIGHT_IN_OWN}, stamps 1 + line/{{rate}} s, lines from 0",
         ),
-        Writer(
+        TrajectoryWriter(
             _MATRIX_LINE.replace("\n", " 0 0 0 1\n"),
             MATRIX,
             f"Replica: 16 columns of a 4x4 matrix, {_UNCHANGED}{_NO_STAMPS}",
@@ -271,7 +273,7 @@ FORMATS = {
     ),
     # world to camera, scalar first, in a world without a unit
     "colmap": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             colmap.rows,
             SCALAR_LAST,
             "COLMAP: world-to-camera poses inverted to right-handed camera-to-world poses, "
@@ -283,7 +285,7 @@ FORMATS = {
     ),
     # x forward, y right, z down
     "tartanair": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             number_rows.plain_rows((7,), "7 columns: tx ty tz qx qy qz qw"),
             Columns((0, 1, 2), (3, 4, 5, 6)),
             "TartanAir: poses in NED axes (x forward, y right, z down) converted to "
@@ -291,7 +293,7 @@ FORMATS = {
             convert=axes.world_cv_from_ned,
             world=OUR_WORLD,
         ),
-        Writer(
+        TrajectoryWriter(
             _POSE,
             Columns((0, 1, 2), (3, 4, 5, 6)),
             "TartanAir: 7 columns, poses in NED axes (x forward, y right, z down)" + _NO_STAMPS,
@@ -300,8 +302,10 @@ FORMATS = {
         ),
     ),
     "tum": TrajectoryFormat(
-        Reader(number_rows.tum_rows, SCALAR_LAST, "TUM: stamps in {how}", how=_tum_stamps),
-        Writer(
+        TrajectoryReader(
+            number_rows.tum_rows, SCALAR_LAST, "TUM: stamps in {how}", how=_tum_stamps
+        ),
+        TrajectoryWriter(
             "%s " + _POSE,
             SCALAR_LAST,
             f"TUM: seconds, {_UNCHANGED}",
@@ -313,7 +317,7 @@ FORMATS = {
     # frame numbers as stamps, as written by odometers on ICL-NUIM; never detected, only used by
     # name
     "tum-ids": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             number_rows.plain_rows((8,), number_rows.TUM),
             SCALAR_LAST,
             "TUM with frame numbers: stamps 1 + number/{rate} s, "
@@ -323,7 +327,7 @@ FORMATS = {
     ),
     # as written by systems that estimate the world's pose in the camera; only used by name
     "tum-inverse": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             number_rows.tum_rows,
             SCALAR_LAST,
             "TUM with world-to-camera poses, which are inverted: stamps in {how}",
@@ -333,7 +337,7 @@ FORMATS = {
     ),
     # only used by name
     "tum-wxyz": TrajectoryFormat(
-        Reader(
+        TrajectoryReader(
             number_rows.tum_rows,
             SCALAR_FIRST,
             "TUM with the quaternion's scalar first: stamps in {how}",

@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..geometry import so3
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
-from .columns import Columns, Table
+from .columns import Columns, NumberTable
 from .stamps import seconds_of
 from .trajectory_source import OWN_WORLD, FileOptions, LoadedTrajectory, ReadAs, Source
 
@@ -17,12 +17,12 @@ from .trajectory_source import OWN_WORLD, FileOptions, LoadedTrajectory, ReadAs,
 LARGEST_POSITION_M = 1e6
 
 
-def _nothing(source: Source, table: Table, trajectory: Trajectory) -> str:
+def _nothing(source: Source, table: NumberTable, trajectory: Trajectory) -> str:
     return ""
 
 
 @dataclass(frozen=True)
-class Reader:
+class TrajectoryReader:
     """How a format's files are read.
 
     rows: reads the table of a file; its place and ticks are those of the rows. Without a column for
@@ -32,13 +32,13 @@ class Reader:
     of invalid frame numbers.
     """
 
-    rows: Callable[[Source], Table]
+    rows: Callable[[Source], NumberTable]
     columns: Columns
     sentence: str
     convert: Callable[[SE3], SE3] | None = None
     world: str = OWN_WORLD
     handedness: str = "right"
-    how: Callable[[Source, Table, Trajectory], str] = _nothing
+    how: Callable[[Source, NumberTable, Trajectory], str] = _nothing
     hint: str | None = None
 
     def read(self, format: str, source: Source, options: FileOptions) -> LoadedTrajectory:
@@ -62,7 +62,7 @@ class Reader:
         return LoadedTrajectory(trajectory, read_as)
 
 
-def _poses(table: Table, columns: Columns, unit_m: float) -> SE3:
+def _poses(table: NumberTable, columns: Columns, unit_m: float) -> SE3:
     """The poses in a table's columns, with positions in units of `unit_m`.
 
     Raises InputError with the line.
@@ -77,7 +77,7 @@ def _poses(table: Table, columns: Columns, unit_m: float) -> SE3:
     return SE3(_rotations(table, table.values[:, columns.orientation]), positions_m)
 
 
-def _rotations(table: Table, values: np.ndarray) -> np.ndarray:
+def _rotations(table: NumberTable, values: np.ndarray) -> np.ndarray:
     """Rotations (n, 3, 3) of rows qx qy qz qw or r00 r01 ... r22.
 
     An error has the line of the first invalid row.

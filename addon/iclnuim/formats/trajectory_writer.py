@@ -48,7 +48,7 @@ def ned_alone(trajectory: Trajectory, options: FileOptions) -> Given:
 
 
 @dataclass(frozen=True)
-class Writer:
+class TrajectoryWriter:
     """How a format's files are written.
 
     line: a printf format of all columns in order, after the stamp or frame number if `given`

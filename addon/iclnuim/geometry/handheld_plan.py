@@ -181,7 +181,7 @@ class Waypoint:
 
 
 @dataclass(frozen=True)
-class Plan:
+class HandheldPlan:
     """A recipe whose trajectory has the required clearance, its motion, and its minimum clearance
     in metres.
     """
@@ -193,7 +193,7 @@ class Plan:
 
 def plan(
     waypoints: list[Waypoint], space: FreeSpace, scene: str, settings: PlanSettings | None = None
-) -> Plan:
+) -> HandheldPlan:
     """Hand-held motion through the waypoints with the required clearance to every surface. Raises
     InputError if there is none.
 
@@ -226,7 +226,7 @@ def plan(
             clearances = space.measure(motion.trajectory.positions_m)
             worst = int(clearances.argmin())
             if clearances[worst] >= clear_m:
-                return Plan(recipe, motion, float(clearances[worst]))
+                return HandheldPlan(recipe, motion, float(clearances[worst]))
             place = ", ".join(f"{x:.2f}" for x in motion.trajectory.positions_m[worst])
             found = f"{clearances[worst]:.2f} m at ({place})"
     hint = "a smaller {clearance_m}, less {shake}, or one more viewpoint"

@@ -4,7 +4,7 @@ for CSV.
 JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, shares 0..1):
 
     metric                "ate"
-    reference, estimate   {path, poses, taken}: taken describes how the file was read
+    reference, estimate   {path, poses, read_as}: read_as describes how the file was read
     settings              {association {method, max_difference_s, offset_s}, alignment {method,
                           first, up}}
     pairs                 number of compared poses; largest_difference_s: largest difference of
@@ -28,8 +28,8 @@ JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, sha
     warnings              list of sentences, empty without warnings
 
 JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and
-alignment; settings contain {stretch {delta, unit, all_pairs, tolerance, measured_on}, association,
-correct_scale}; stretches is the number of RPE pairs, scale the factor applied.
+alignment; settings contain {rpe_pairs {delta, unit, all_pairs, tolerance, measured_on}, association,
+correct_scale}; rpe_pairs is the number of RPE pairs, scale the factor applied.
 
 CSV of ate, one row per pair: reference_index, estimate_index, reference_stamp_s, time_difference_s,
 translation_error_m, rotation_error_deg, x_m, y_m, z_m (the aligned estimate). CSV of rpe, one row
@@ -59,7 +59,7 @@ ERRORS = "translation_error_m,rotation_error_deg"
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class ComparedFile:
     """A trajectory and the name of its file."""
 
     path: str
@@ -69,7 +69,7 @@ class Source:
         return {
             "path": self.path,
             "poses": len(self.loaded.trajectory),
-            "taken": self.loaded.read_as.sentence,
+            "read_as": self.loaded.read_as.sentence,
         }
 
 
@@ -190,8 +190,8 @@ def _measured(
 class Report:
     """An ATE or an RPE, with its trajectories and settings."""
 
-    reference: Source
-    estimate: Source
+    reference: ComparedFile
+    estimate: ComparedFile
     settings: Settings
     result: AbsoluteError | RelativeError
     better_offset: BetterOffset | None
@@ -199,7 +199,7 @@ class Report:
     other_reading: OtherReading | None
 
     @classmethod
-    def of(cls, reference: Source, estimate: Source, settings: Settings) -> "Report":
+    def of(cls, reference: ComparedFile, estimate: ComparedFile, settings: Settings) -> "Report":
         """Compute the ATE or RPE that the settings define.
 
         Raises InputError, with the estimate's path, if the two cannot be compared.
@@ -284,9 +284,9 @@ class Report:
             after = {**result.completeness.to_dict(), "alignment": figures}
         else:
             rest = {key: settings.pop(key) for key in ("association", "correct_scale")}
-            settings = {"stretch": settings, **rest}
+            settings = {"rpe_pairs": settings, **rest}
             coverage = result.association.coverage
-            before = {"coverage": coverage, "stretches": len(result.start), "scale": result.scale}
+            before = {"coverage": coverage, "rpe_pairs": len(result.start), "scale": result.scale}
         rms_m = {
             "rotation_rms_m": mirror.rotation_rms_m,
             "reflection_rms_m": mirror.reflection_rms_m,
@@ -341,7 +341,7 @@ def error_text(values: dict) -> str:
     apart = f"stamps at most {1000 * values['largest_difference_s']:.3f} ms apart"
     pairs = f"{values['pairs']} pairs of {poses}, {apart}"
     if values["metric"] == "rpe":
-        lines.append(f"{values['stretches']} RPE pairs; {pairs}")
+        lines.append(f"{values['rpe_pairs']} RPE pairs; {pairs}")
     else:
         shares = (
             f"{100 * s:.1f} % within {bound.replace('cm', ' cm')}"
@@ -367,7 +367,7 @@ def title(values: dict) -> str:
     )
     settings = values["settings"]
     if values["metric"] == "rpe":
-        pair = settings["stretch"]
+        pair = settings["rpe_pairs"]
         unit = {
             "frames": "frames" if pair["delta"] > 1 else "frame",
             "seconds": "s",

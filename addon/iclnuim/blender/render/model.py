@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ...errors import InputError
-from ...formats.scene_model import Look, SceneModel
+from ...formats.scene_model import Appearance, SceneModel
 from ...sensor.transfer import srgb8
 from .. import surfaces
 from ..surfaces import Part, array_of
@@ -115,18 +115,18 @@ def _uv(part: Part) -> np.ndarray:
     return uv[array_of(mesh.loop_triangles, "loops", 3, np.int32)]
 
 
-def _look(material: bpy.types.Material | None) -> Look:
+def _look(material: bpy.types.Material | None) -> Appearance:
     if material is None:
-        return Look("no material", _srgb(_GREY))
+        return Appearance("no material", _srgb(_GREY))
     nodes = list(material.node_tree.nodes) if material.use_nodes and material.node_tree else []
     shaders = [
         n.inputs[socket] for kind, socket in _SHADERS.items() for n in nodes if n.type == kind
     ]
     if not shaders:
-        return Look(material.name, _srgb(material.diffuse_color[:3]))
+        return Appearance(material.name, _srgb(material.diffuse_color[:3]))
     image = _image_behind(shaders[0])
     constant = (1.0, 1.0, 1.0) if image is not None else shaders[0].default_value[:3]
-    return Look(material.name, _srgb(constant), None if image is None else _pixels(image))
+    return Appearance(material.name, _srgb(constant), None if image is None else _pixels(image))
 
 
 def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:
