@@ -110,3 +110,20 @@ def test_the_page_of_commands_has_them_all(repository):
 )
 def test_folders_have_a_page(repository, name):
     assert (repository / name / "README.md").is_file()
+
+
+def test_every_file_that_the_architecture_names_exists(repository):
+    text = (repository / "docs/architecture.md").read_text()
+    named = set(re.findall(r"`([\w/]+\.(?:py|toml))`", text))
+    files = [str(path) for path in repository.rglob("*.py")]
+    files += [str(path) for path in repository.rglob("*.toml")]
+    assert len(named) > 30
+    assert [name for name in sorted(named) if not any(f.endswith(f"/{name}") for f in files)] == []
+
+
+def test_no_text_promises_a_package_index_that_has_iclnuim(repository):
+    texts = [*pages(repository)]
+    for folder in ("addon", "headless", "benchmark", "tools", "blend"):
+        texts += sorted((repository / folder).rglob("*.py"))
+    promise = re.compile(r"pip install ['\"]?iclnuim")
+    assert [str(path) for path in texts if promise.search(path.read_text())] == []
