@@ -112,11 +112,21 @@ def test_folders_have_a_page(repository, name):
     assert (repository / name / "README.md").is_file()
 
 
+def test_every_page_that_code_names_exists(repository):
+    named = set()
+    for folder in ("addon", "headless", "benchmark", "tools", "blend", "tests"):
+        for path in (repository / folder).rglob("*.py"):
+            named |= set(re.findall(r"docs/[\w/]+\.(?:md|csv)", path.read_text()))
+    assert len(named) > 10
+    assert [page for page in sorted(named) if not (repository / page).is_file()] == []
+
+
 def test_every_file_that_the_architecture_names_exists(repository):
     text = (repository / "docs/architecture.md").read_text()
     named = set(re.findall(r"`([\w/]+\.(?:py|toml))`", text))
-    files = [str(path) for path in repository.rglob("*.py")]
-    files += [str(path) for path in repository.rglob("*.toml")]
+    files: list[str] = []
+    for folder in ("addon", "headless", "benchmark", "tools", "blend", "tests"):
+        files += map(str, (repository / folder).rglob("*"))
     assert len(named) > 30
     assert [name for name in sorted(named) if not any(f.endswith(f"/{name}") for f in files)] == []
 

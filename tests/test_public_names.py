@@ -1,5 +1,5 @@
-"""`import iclnuim` offers the names of docs/guide/python.md: they are found, typed and documented, and
-cost nothing before they are used.
+"""`import iclnuim` offers the names of docs/guide/python.md: they are found, typed and documented,
+and cost nothing before they are used.
 """
 
 import ast

@@ -27,7 +27,7 @@ LIGHT_DEFAULTS = {
     "baked": {"samples": 1, "denoise": False},
 }
 #: Core-seconds that a bake of 2048 x 2048 (measured: 2047 x 2047) texels with 32 samples takes in
-#: the living room (docs/guide/light.md).
+#: the living room (docs/measured/light.md).
 _BAKE_CORE_S = 605.0
 #: Files in the folder of a light map: the map, the layout of the surfaces in it, and what it was
 #: baked from.

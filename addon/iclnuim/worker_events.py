@@ -186,8 +186,8 @@ def worker_command() -> list[str]:
 
 #: Settings of glibc's allocator for workers: large pages, as every ray reads from a few hundred
 #: megabytes; one arena, as the arenas of threads, which load textures, get none; and buffers of a
-#: frame stay allocated for the next. Frames do not change (docs/guide/light.md). Ignored where there is
-#: no glibc; the user's own value has precedence.
+#: frame stay allocated for the next. Frames do not change (docs/measured/light.md). Ignored where
+#: there is no glibc; the user's own value has precedence.
 _ALLOCATOR = {
     "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1:glibc.malloc.arena_max=1"
     ":glibc.malloc.mmap_threshold=33554432:glibc.malloc.trim_threshold=4294967296"

@@ -94,7 +94,7 @@ class DepthTerm:
 
     They are products of the residuals along the normals of both images, whose noise is independent,
     minus the information that the disagreement of these normals explains: a bare wall gives none
-    about motions along it (docs/guide/odometry.md).
+    about motions along it (docs/measured/odometry.md).
     """
 
     def __init__(self, reference: Level, current: Level) -> None:

@@ -1,5 +1,5 @@
-"""The commands of docs/guide/benchmark.md from nothing to one row of each table; killed in the middle,
-the same tables come out, to the byte.
+"""The commands of docs/guide/benchmark.md from nothing to one row of each table; killed in the
+middle, the same tables come out, to the byte.
 """
 
 import os

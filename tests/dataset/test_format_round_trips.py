@@ -1,5 +1,5 @@
-"""Every sequence format into every other and back: what the table in docs/reference/sequence_formats.md says that
-it holds is held.
+"""Every sequence format into every other and back: what the table in
+docs/reference/sequence_formats.md says that it holds is held.
 """
 
 import re

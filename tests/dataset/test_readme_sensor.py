@@ -1,5 +1,5 @@
-"""The user-provided noise model of docs/guide/sensor.md does what the page says, under the name that its
-command uses.
+"""The user-provided noise model of docs/guide/sensor.md does what the page says, under the name
+that its command uses.
 """
 
 import re

@@ -166,7 +166,7 @@ def test_kt0_of_the_office_passes_for_seconds_close_under_the_ceiling_and_looks_
 
 def test_kt0_of_the_office_rises_and_moves_backwards_along_a_mirroring_bar(path_of):
     """DVO follows the mirrored desks there; on two other paths under the ceiling it did not
-    (docs/guide/systems.md).
+    (docs/measured/systems.md).
     """
     path = path_of("office/kt0")
     position_m, forward = path.positions_m[1300:1361], path.T_world_camera.rotation[1300:1361, :, 2]

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A job type for Flamenco 3. Its tasks are light, chunks of frames and the data set; each calls `iclnuim task`. See docs/guide/farm.md.
+// A job type for Flamenco 3. Its tasks are light, chunks of frames and the data set; each calls `iclnuim task`. See docs/guide/cluster.md.
 
 const JOB_TYPE = {
     label: "ICL-NUIM sequence",
