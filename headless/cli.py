@@ -1,13 +1,11 @@
-"""The command `iclnuim`: imports the module of the requested command, and reports an error as one
-line and an exit code.
-
-Exit codes: 0 done, 2 invalid input, 3 work failed, 130 interrupted. Modules of other commands are
-not imported.
+"""The command `iclnuim`: imports the module of the requested command alone, and reports an error as
+one line and an exit code: 0 done, 2 invalid input, 3 work failed, 130 interrupted.
 """
 
 import argparse
 import importlib
 import os
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -16,7 +14,7 @@ from itertools import pairwise
 from typing import Any, NoReturn
 
 from iclnuim.console import Console
-from iclnuim.errors import IclnuimError, InputError, package_missing
+from iclnuim.errors import IclnuimError, InputError
 from iclnuim.formats.files import check_file, check_picture
 from iclnuim.version import __version__
 
@@ -35,18 +33,18 @@ COMMANDS = {
     "compare": "compare the frames of two folders, byte for byte or within a tolerance",
     "bake": "bake the light map of a scene into the cache",
     "dataset": "convert EXR frames to a sequence, with the noise of a sensor model",
-    "convert": "convert a sequence to another format: Replica, ScanNet, COLMAP, ROS bags and others",
-    "noise": "add sensor noise to an existing sequence; noise calibrate fits the noise model to a sensor",
+    "convert": "convert a sequence to another format: Replica, ScanNet, COLMAP, ROS bags, others",
+    "noise": "add sensor noise to a sequence; noise calibrate fits the noise model to a sensor",
     "inspect": "report problems of any RGB-D sequence; write preview images",
     "pack": "write the archive to publish: files, checksums, licence, preview, recipe",
-    "evaluate": "compute errors against ground truth: trajectory (ate, rpe), surface (surface), rendered views (views)",
-    "odometry": "estimate camera motion from colour and depth, with our odometers or third-party ones",
-    "run": "run any SLAM or odometry system on sequences, measure its time, and evaluate its trajectories",
-    "stress": "measure where methods fail: run every method on frames with perturbations of increasing severity",
+    "evaluate": "compute errors against ground truth: trajectory (ate, rpe), surface, views",
+    "odometry": "estimate camera motion from colour and depth, with our odometers or others",
+    "run": "run any SLAM or odometry system on sequences, and evaluate its trajectories",
+    "stress": "measure where methods fail, on frames with perturbations of increasing severity",
     "fuse": "fuse depth images along a trajectory into a coloured mesh",
     "trajectory": "work with trajectories: info, convert, plot, make, camera, adopt, resample",
     "scene": "build a scene from code; compare it with the official frames",
-    "surface": "export the scene as a surface (PLY, or OBJ with textures): all of it, or what a trajectory saw",
+    "surface": "export the surface of the scene, all of it or what a trajectory saw",
     "benchmark": "run the paper's experiments on all sequences: tables, findings, one report",
     "figure": "draw a figure of the paper from our rooms, sequences and measured cells",
     "table": "print a table of the paper: our figures next to the printed ones",
@@ -83,42 +81,21 @@ def _discard_output() -> None:
 
 def _run(argv: list[str]) -> int:
     if not argv or argv[0] in ("-h", "--help"):
-        width = max(map(len, COMMANDS))
-        lines = "\n".join(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items())
-        about = "iclnuim COMMAND --help describes a command; iclnuim --version prints the version."
-        print(f"usage: iclnuim COMMAND ...\n\n{lines}\n\n{about}")
+        print(_usage())
         return 0 if argv else 2
-    if argv[0] == "--version":
+    command = argv[0]
+    if command == "--version":
         print(f"iclnuim {__version__}")
         return 0
-    if argv[0] not in COMMANDS:
-        print(
-            f"iclnuim: expected a command ({', '.join(COMMANDS)}), found {argv[0]!r}",
-            file=sys.stderr,
-        )
+    if command not in COMMANDS:
+        expected = f"expected a command ({', '.join(COMMANDS)})"
+        print(f"iclnuim: {expected}, found {command!r}", file=sys.stderr)
         return 2
-    command = argv[0]
     try:
-        _refuse_empty(argv)
-        args = parsed(command, argv[1:])
-        check_outputs(args)
-        if getattr(args, "plot", None):
-            check_picture(args.plot)  # before work that may take long
-        if getattr(args, "csv", None):
-            check_file(args.csv)
-        work = partial(
-            args.run, args, Console(getattr(args, "quiet", False), getattr(args, "json", False))
-        )
-        opened = getattr(
-            args, getattr(args, "opens", ""), None
-        )  # the file that the command opens in Blender
-        return run_isolated(work, str(opened)) if opened else work() or 0
+        return _run_command(argv)
     except IclnuimError as error:
         print(f"iclnuim {command}: {error.worded(option_name)}", file=sys.stderr)
         return error.exit_code
-    except ModuleNotFoundError as error:
-        print(f"iclnuim {command}: {package_missing(command, error)}", file=sys.stderr)
-        return 3
     except KeyboardInterrupt:
         print(f"iclnuim {command}: interrupted", file=sys.stderr)
         return 130
@@ -130,6 +107,30 @@ def _run(argv: list[str]) -> int:
         return 3
 
 
+def _usage() -> str:
+    width = max(map(len, COMMANDS))
+    lines = "\n".join(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items())
+    about = "iclnuim COMMAND --help describes a command; iclnuim --version prints the version."
+    return f"usage: iclnuim COMMAND ...\n\n{lines}\n\n{about}"
+
+
+def _run_command(argv: list[str]) -> int:
+    _refuse_empty(argv)
+    args = parsed(argv[0], argv[1:])
+    given = vars(args)
+    check_outputs(args)
+    if given.get("plot"):
+        check_picture(args.plot)  # before work that may take long
+    if given.get("csv"):
+        check_file(args.csv)
+    console = Console(given.get("quiet", False), given.get("json", False))
+    work = partial(args.run, args, console)
+    opened = given.get(given.get("opens", ""))  # the file that the command opens in Blender
+    if opened:
+        return run_isolated(work, str(opened))
+    return work() or 0
+
+
 def command() -> NoReturn:
     """Entry point of the console script: runs `main` and ends the process with its exit code."""
     code = main()
@@ -138,6 +139,12 @@ def command() -> NoReturn:
             sys.stdout.flush()
         os._exit(code)  # at exit, bpy may wait for Blender's threads, which no longer exist
     sys.exit(code)
+
+
+#: A value, not an option: a number or an axis with a minus.
+_NEGATIVE = re.compile(r"-([\d.]|[xyz]$)")
+#: Coordinates such as -1.4,0,1.5, of which argparse knows only that they begin with a minus.
+_COORDINATES = re.compile(r"^(?=-[\d.]+,)")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -155,25 +162,17 @@ class _Parser(argparse.ArgumentParser):
         )
 
     def _joined(self, message: str) -> str:
-        """`--frames=-3:` if the option's value was taken for another option because it starts with
-        a minus.
+        """`--frames=-3:` if the option's value, a number or an axis, was taken for another option
+        because it starts with a minus.
         """
         if not message.endswith(": expected one argument"):
             return ""
         names = message.removeprefix("argument ").partition(":")[0].split("/")
-        given = (
-            (option, value)
-            for option, value in pairwise(self.words)
-            if value[:1] == "-"
-            and len(option) > 1
-            and any(name.startswith(option) for name in names)
-        )
-        values = (
-            f"{option}={value}"
-            for option, value in given
-            if value not in self._option_string_actions
-        )
-        return next((text for text in values if "=--" not in text), "")
+        for option, value in pairwise(self.words):
+            abbreviated = len(option) > 1 and any(name.startswith(option) for name in names)
+            if abbreviated and _NEGATIVE.match(value):
+                return f"{option}={value}"
+        return ""
 
 
 def _refuse_empty(argv: list[str]) -> None:
@@ -192,13 +191,14 @@ def _refuse_empty(argv: list[str]) -> None:
 def parsed(command: str, argv: list[str]) -> argparse.Namespace:
     """The parsed options of the command; their attribute `run(args, console)` executes it."""
     shared = _SHARED.get(command)
-    module = importlib.import_module(
-        f".commands.{shared or command.replace('-', '_')}", __package__
-    )
+    name = shared or command.replace("-", "_")
+    module = importlib.import_module(f".commands.{name}", __package__)
     parser = _Parser(prog=f"iclnuim {command}", description=COMMANDS[command])
     parser.set_defaults(run=getattr(module, "run", None))
     getattr(module, f"configure_{command}" if shared else "configure")(parser)
-    words = getattr(module, "spelled_out", list)(argv)
+    # a word that begins with a space is never taken for an option
+    words = [_COORDINATES.sub(" ", word) for word in argv]
+    words = getattr(module, "spelled_out", list)(words)
     try:  # options may stand between the positional arguments: odometry icp --preset paper DIR
         return parser.parse_intermixed_args(words)
     except TypeError:  # argparse: not with actions, as `evaluate ate` has them

@@ -465,7 +465,7 @@ def test_a_viewpoint_far_outside_the_scene_is_refused(repository, tmp_path, run)
 def test_all_trajectories_are_made_by_the_word_all_and_nothing_else_is_replaced(
     run, repository, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("iclnuim.headless.commands.trajectory.NAMES", ["living_room/kt2"])
+    monkeypatch.setattr("iclnuim.headless.commands.trajectory_make.NAMES", ["living_room/kt2"])
     for _ in range(2):
         assert run("make", "all", "--out", tmp_path)[0] == 0
     made = (tmp_path / "living_room/kt2.txt").read_bytes()

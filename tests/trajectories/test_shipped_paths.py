@@ -9,7 +9,7 @@ from iclnuim.geometry import handheld
 from iclnuim.geometry.handheld import Recipe
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, statistics
-from iclnuim.headless.commands.trajectory import tum_text
+from iclnuim.headless.commands.trajectory_make import tum_text
 from scipy.signal import welch
 from scipy.spatial.transform import Rotation
 

@@ -1,0 +1,173 @@
+"""The actions of `iclnuim trajectory` that read a trajectory, change it, and write it: convert,
+adopt, resample.
+"""
+
+import argparse
+import os
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from iclnuim.console import Console
+from iclnuim.errors import InputError
+from iclnuim.formats import trajectories as files
+from iclnuim.geometry import trajectory as trajectories
+from iclnuim.geometry.scene_axes import parse_unit
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+
+from ..options import Actions, action
+from .trajectory_options import FILE, add_reading, check_out, loaded
+
+Change = Callable[[argparse.Namespace, Trajectory, Console], Trajectory]
+#: Formats with stamps; the others number their frames.
+_WITH_STAMPS = ("tum", "euroc", "vslam-lab")
+
+
+def configure(actions: Actions) -> None:
+    _configure_convert(actions)
+    _configure_adopt(actions)
+    _configure_resample(actions)
+
+
+def _configure_convert(actions: Actions) -> None:
+    help = "convert a trajectory file to another format"
+    example = "iclnuim trajectory convert traj0.gt.freiburg kt0.txt"
+    convert = action(actions, "convert", help, example, partial(_run, _restamped), json=False)
+    add = convert.add_argument
+    add("source", metavar="IN", help=FILE)
+    words = ", ".join(writer.word for _, writer in files.FORMATS.values() if writer and writer.word)
+    help = (
+        "output file; its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim; "
+        f"the words {words} in the name of a .txt file select these formats instead of TUM"
+    )
+    add("out", metavar="OUT", help=help)
+    help = "use the stamps 1 + i / FILE_RATE instead of those of the file"
+    add("--restamp", action="store_true", help=help)
+    _add_writing(convert)
+
+
+def _configure_adopt(actions: Actions) -> None:
+    help = (
+        "move any trajectory into a scene with a start pose and a uniform scale "
+        "(equation 2 of the paper)"
+    )
+    example = (
+        "iclnuim trajectory adopt odometer.txt --start -1.4,-1.4,1.5,0,0.707,0.707,0 "
+        "--scale 0.8 -o kt9.txt"
+    )
+    adopt = action(actions, "adopt", help, example, partial(_run, _adopted), json=False)
+    add = adopt.add_argument
+    add("source", metavar="SOURCE", help="a trajectory file")
+    help = "camera to world, 'x,y,z,qx,qy,qz,qw', or a trajectory file whose first pose is used"
+    add("--start", required=True, metavar="POSE", help=help)
+    help = "scale of the translations of SOURCE (default 1)"
+    add("--scale", type=float, default=1.0, metavar="S", help=help)
+    _add_out(adopt)
+    _add_writing(adopt)
+
+
+def _configure_resample(actions: Actions) -> None:
+    help = "the same motion at another frame rate, by interpolation on SE(3)"
+    example = "iclnuim trajectory resample kt2.txt --rate 120 -o kt2_120hz.txt"
+    resample = action(actions, "resample", help, example, partial(_run, _resampled), json=False)
+    resample.add_argument("source", metavar="SOURCE", help="a trajectory file")
+    resample.add_argument("--rate", required=True, type=float, metavar="HZ", help="15 to 240")
+    _add_out(resample)
+    _add_writing(resample)
+
+
+def _add_out(parser: argparse.ArgumentParser) -> None:
+    help = "output file; default: TUM on standard output"
+    parser.add_argument("-o", "--out", metavar="OUT", help=help)
+
+
+def _add_writing(parser: argparse.ArgumentParser) -> None:
+    add_reading(parser)
+    add = parser.add_argument
+    names = ", ".join(name for name, known in files.FORMATS.items() if known.writer)
+    help = f"format of OUT, instead of the one that its name implies: {names}"
+    add("--to", dest="out_format", metavar="FORMAT", help=help)
+    help = "unit of the output (default m)"
+    add("--out-unit", type=parse_unit, default=1.0, metavar="UNIT", help=help)
+    help = "z of the start pose in gt.freiburg and gt.sim (default -2.25; office -2.5)"
+    add("--start-z", type=float, default=-2.25, metavar="Z", help=help)
+    add("--force", action="store_true", help="overwrite OUT")
+
+
+def _run(change: Change, args: argparse.Namespace, console: Console) -> None:
+    """Read a trajectory, change it, and write it. OUT is checked first, before anything is read."""
+    to = args.out_format or (files.format_for_name(args.out) if args.out else "tum")
+    if args.out:
+        check_out(args.out, args.force)
+    source = loaded(args, args.source)
+    console.note(f"{args.source}: {source.read_as.sentence}")
+    changed = change(args, source.trajectory, console)
+    options = files.FileOptions(args.file_rate, args.out_unit, args.start_z)
+    if args.out is None:
+        console.result({}, files.trajectory_text(changed, to, options).rstrip("\n"))
+        return
+    files.write_trajectory(args.out, changed, to, options)
+    goes_to = files.writer_of(to).goes_to
+    console.note(f"{args.out}: {goes_to}")
+    if to not in _WITH_STAMPS and args.file_rate != trajectories.FRAME_RATE_HZ:
+        rate = f"{args.file_rate:g}"
+        console.note(
+            f"note: {args.out} has no stamps; its frames are at {rate} Hz: "
+            f"give --file-rate {rate} where it is read"
+        )
+    if "stamps are not written" in goes_to:
+        consequence = (
+            "a line's number is no longer that of its frame: "
+            "programs that read this file assume one pose per frame"
+        )
+        _note_gaps(changed, consequence, console)
+
+
+def _restamped(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
+    if not args.restamp:
+        return source
+    return Trajectory.at_rate(source.T_world_camera, args.file_rate)
+
+
+def _adopted(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
+    T_world_start, frame = _start_pose(args.start.strip())
+    adopted = trajectories.adopt(source, T_world_start, args.scale)
+    scaled = f"translations scaled by {args.scale:g}"
+    console.note(f"adopted: the first pose is the start pose in {frame}, {scaled}")
+    return adopted
+
+
+def _resampled(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
+    resampled = trajectories.resample(source, args.rate)
+    console.note(f"resampled: {len(source)} poses to {len(resampled)} at {args.rate:g} Hz")
+    _note_gaps(source, "poses in it are interpolated as if the motion were uniform", console)
+    args.file_rate = args.rate
+    return resampled
+
+
+def _note_gaps(trajectory: Trajectory, consequence: str, console: Console) -> None:
+    if len(trajectory) < 2:
+        return
+    found = trajectories.statistics(trajectory)
+    if found.gaps:
+        count = f"{found.gaps} gap{'s' * (found.gaps > 1)}"
+        longest = f"the longest of {found.longest_gap_s:.3f} s"
+        console.note(f"note: the trajectory has {count}, {longest}; {consequence}")
+
+
+def _start_pose(text: str) -> tuple[SE3, str]:
+    """The pose given by --start, and the name of its world."""
+    if os.path.exists(text):
+        first = files.read_trajectory(text)
+        return first.trajectory.T_world_camera[0], first.read_as.frame
+    try:
+        numbers = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        numbers = np.array([])
+    if numbers.shape != (7,) or not np.isfinite(numbers).all():
+        raise InputError("--start x,y,z,qx,qy,qz,qw or a trajectory file", found=text)
+    try:
+        return SE3.from_quat_xyzw(numbers[3:], numbers[:3]), "the world of --start"
+    except InputError as error:
+        raise InputError(f"{error.expected} in --start", found=error.found) from None
