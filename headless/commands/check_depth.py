@@ -101,18 +101,18 @@ def _casters(
     them unless the scene moves.
     """
     with opened_scene("check-depth", job.scene, job.reading):
-        from iclnuim.blender.open import preflight, scene
+        from iclnuim.blender.open import light_choice, motion, scene
 
         if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
             console.note(
                 f"note: the scene {job.scene} has changed since these frames were rendered"
             )
         opened = scene.bpy.context.scene
-        if strands := preflight.strand_names(opened):
+        if strands := light_choice.strand_names(opened):
             console.note(
                 f"note: rays do not hit hair, curves and points ({', '.join(strands)[:120]}), so pixels on them fail"
             )
-        if not preflight.moving_names(opened):
+        if not motion.moving_names(opened):
             return [_caster(job, console)] * len(picked)
         found = []
         for number in picked:

@@ -96,9 +96,9 @@ def _make(plan: RunPlan, record: Record, console: Console) -> None:
     training = load_trajectory(job).T_world_camera[np.array(plan.numbers)]
     with opened_scene("held-out views", job.scene, job.reading):
         from iclnuim.blender import surfaces
-        from iclnuim.blender.open import preflight, scene
+        from iclnuim.blender.open import motion, scene
 
-        if moving := preflight.moving_names(scene.bpy.context.scene):
+        if moving := motion.moving_names(scene.bpy.context.scene):
             found = ", ".join(moving[:3])
             raise InputError("a scene without motion, for {held_out}", path=job.scene, found=found)
         surface = surfaces.triangles()

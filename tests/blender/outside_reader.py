@@ -12,7 +12,7 @@ from pathlib import Path
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "addon"))
     import bpy
-    from iclnuim.blender.open import scene
+    from iclnuim.blender.open import importers, scene
     from iclnuim.errors import InputError
 
     rows = []
@@ -23,7 +23,7 @@ if __name__ == "__main__":
                 scene.open_scene(str(file))
             else:
                 scene.open_empty()
-                scene.load(file)
+                importers.load(file)
             opened = bpy.context.scene
             opened.render.engine, opened.cycles.samples = "CYCLES", 1
             opened.render.resolution_x = opened.render.resolution_y = 8

@@ -13,7 +13,7 @@ if __name__ == "__main__":
     answers = open(sys.argv[1], "a", encoding="utf-8")  # noqa: SIM115
     import bpy
     from iclnuim.blender import surfaces
-    from iclnuim.blender.open import preflight, scene
+    from iclnuim.blender.open import light_choice, motion, scene
 
     for file in sys.argv[2:]:
         answers.write(json.dumps({"file": file, "begun": True}) + "\n")
@@ -21,8 +21,8 @@ if __name__ == "__main__":
         try:
             scene.open_scene(file)
             scene.scene_sha256(file)
-            scene.reason_against_baking(bpy.context.scene)
-            preflight.moving_names(bpy.context.scene)
+            light_choice.reason_against_baking(bpy.context.scene)
+            motion.moving_names(bpy.context.scene)
             outcome = {"triangles": len(surfaces.triangles().triangles)}
         except InputError as error:
             outcome = {"refused": str(error)}

@@ -480,7 +480,7 @@ def _sky_of(*nodes):
 
 
 def test_a_black_sky_is_not_sampled():
-    from iclnuim.blender.light.sky import gives_light
+    from iclnuim.blender.sky import gives_light
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     sky, _ = _sky_of()
@@ -495,7 +495,7 @@ def test_a_black_sky_is_not_sampled():
 
 
 def test_a_sky_that_is_an_image_is_sampled_at_the_images_size():
-    from iclnuim.blender.light.sky import sampled_at_image_size
+    from iclnuim.blender.sky import sampled_at_image_size
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
 

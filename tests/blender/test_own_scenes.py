@@ -15,7 +15,7 @@ bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
 from iclnuim.blender import surfaces  # noqa: E402
-from iclnuim.blender.open import displacement, preflight, scene  # noqa: E402
+from iclnuim.blender.open import displacement, light_choice, motion, scene  # noqa: E402
 from iclnuim.blender.render import camera  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry import scene_axes  # noqa: E402
@@ -332,12 +332,12 @@ def test_a_coloured_scan_shows_its_colours(tmp_path):
 def test_what_moves_leads_to_path_tracing_with_a_word(room):
     opened(room)
     job = RenderJob("own", str(room), "kt2")
-    assert scene.with_possible_light(job) == (job, [])  # the camera moves, nothing else
+    assert light_choice.with_possible_light(job) == (job, [])  # the camera moves, nothing else
     crate = bpy.data.objects["crate"]
     for frame, z in ((1, 0.0), (9, 1.0)):
         crate.location.z = z
         crate.keyframe_insert("location", frame=frame)
-    changed, words = scene.with_possible_light(job)
+    changed, words = light_choice.with_possible_light(job)
     assert changed.light == "path"
     assert "move (crate): path traced" in words[0]
 
@@ -359,11 +359,11 @@ def test_what_hangs_on_a_moving_thing_moves_and_a_constant_action_does_not(room)
     crate, chest = bpy.data.objects["crate"], bpy.data.objects["chest"]
     crate.keyframe_insert("location", frame=1)
     crate.keyframe_insert("location", frame=9)
-    assert preflight.moving_names(bpy.context.scene) == []
+    assert motion.moving_names(bpy.context.scene) == []
     chest.parent = crate
     crate.location.x = 3
     crate.keyframe_insert("location", frame=9)
-    assert preflight.moving_names(bpy.context.scene) == ["chest", "crate"]
+    assert motion.moving_names(bpy.context.scene) == ["chest", "crate"]
 
 
 def test_a_lamp_or_a_material_that_changes_is_found(room):
@@ -372,7 +372,7 @@ def test_a_lamp_or_a_material_that_changes_is_found(room):
     for frame, energy in ((1, 1.0), (9, 5.0)):
         lamp.energy = energy
         lamp.keyframe_insert("energy", frame=frame)
-    assert preflight.moving_names(bpy.context.scene) == ["lamp"]
+    assert motion.moving_names(bpy.context.scene) == ["lamp"]
 
 
 def test_a_scene_without_light_gets_one_and_a_closed_one_gets_lamps_inside(tmp_path):
@@ -417,7 +417,7 @@ def test_displacement_by_a_material_is_in_the_mesh_as_the_formula_has_it(tmp_pat
 def test_the_file_stays_as_it_was(room):
     before = room.read_bytes()
     opened(room)
-    scene.with_possible_light(RenderJob("own", str(room), "kt2"))
+    light_choice.with_possible_light(RenderJob("own", str(room), "kt2"))
     assert room.read_bytes() == before
 
 

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import scene_gallery  # noqa: E402
 from iclnuim.blender import compat, surfaces  # noqa: E402
-from iclnuim.blender.open.scene import reason_against_baking  # noqa: E402
+from iclnuim.blender.open.light_choice import reason_against_baking  # noqa: E402
 from iclnuim.blender.render import camera, frames, settings, worker  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.exr import read_exr  # noqa: E402

@@ -3,7 +3,7 @@ can have light maps.
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -97,6 +97,17 @@ def triangles(panes: bool = True) -> Surface:
         tuple(names),
         np.array(held_out, bool)[owner],
     )
+
+
+def box_corners_m(things: Iterable[bpy.types.Object]) -> np.ndarray:
+    """(n, 3) the corners of the objects' bounding boxes in the world; the origin if there are no
+    objects.
+    """
+    corners = []
+    for thing in things:
+        matrix = np.array(thing.matrix_world)
+        corners += [matrix @ (*corner, 1.0) for corner in thing.bound_box]
+    return np.array(corners or [np.zeros(4)])[:, :3]
 
 
 def triangle_count() -> int:

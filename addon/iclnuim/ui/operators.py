@@ -12,7 +12,7 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from .. import shipped
-from ..blender.open import orient, sanitize, scene, scene_paths
+from ..blender.open import importers, orient, sanitize, scene_paths
 from ..blender.render import camera as keyed_camera
 from ..dataset.frames import read_frame
 from ..dataset.run_folder import read_run
@@ -44,7 +44,7 @@ def load_scene(self, context):
             "a built-in scene or a file to show", found="the open file, which is already shown"
         )
     name, reading = inputs.chosen_scene(settings), settings.reading()
-    file = shipped.scene_file(name) if shipped.is_scene(name) else scene.checked_file(name)
+    file = shipped.scene_file(name) if shipped.is_scene(name) else importers.checked_file(name)
     if settings.scene_source == "FILE":
         scene_paths.check(file, reading)
     old = bpy.data.collections.get(trajectory_view.COLLECTION)
@@ -275,7 +275,7 @@ def _import(
     before, own = context.window.scene, bpy.data.scenes.new("ICL-NUIM import")
     context.window.scene = own
     try:
-        scene.load(file)
+        importers.load(file)
         sentence, _ = orient.orient(file, reading, list(own.objects))
         for thing in list(own.collection.all_objects):
             collection.objects.link(thing)

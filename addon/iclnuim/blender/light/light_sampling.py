@@ -25,8 +25,8 @@ from ...geometry.points import farthest_points
 from ...lightmap.surfaces import Surfaces
 from .. import compat
 from ..compat import temporarily
+from ..sky import gives_light, sampled_at_image_size
 from ..surfaces import rendered_lamps
-from .sky import gives_light, sampled_at_image_size
 
 #: Distance of points from their surface, so that a ray from the point cannot hit the surface
 #: itself.

@@ -1,6 +1,14 @@
-"""Faces of different objects in one plane: Cycles would show both black."""
+"""Faces of user-provided scenes that lie in one plane: each would shadow the other, and Cycles shows
+both black.
+
+Of equal faces only the first is kept. Objects that overlap larger ones in one plane, and other
+faces that overlap larger ones, are moved in front of them. Moving objects, glass, volumes,
+instances, and faces that are never visible, between touching boxes, are not changed.
+"""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import permutations
 
 import bmesh
 import bpy
@@ -9,74 +17,104 @@ from mathutils import Matrix, Vector, geometry
 
 from .. import compat, materials
 from ..notes import names_of
-from ..surfaces import array_of, as_rendered
-from . import preflight
+from ..surfaces import as_rendered
 from .displacement import as_rendered_meshes
+from .faces import OFFSET_M, PARALLEL, Faces
+from .preflight import moving_names
 
-#: Corners closer than this are at the same position. Maximum number of coincident faces that are
-#: checked for visibility.
-_SAME_PLACE_M, _PROBES = 1e-5, 64
-#: An object with at least this share of its surface in the plane of another object is moved by this
-#: distance in front of it. Smaller areas are ignored, and at most this number of pairs is checked.
-_LARGE, _RAISED_M, _SMALLEST_M2, _PAIRS = 0.1, 5e-5, 1e-4, 2000
-#: Maximum number of faces that are checked for overlap: the largest of those that share a plane
-#: with others.
-_OVERLAPS = 1000
+#: Faces and objects are moved by this distance: Cycles' rays then meet one after the other, and
+#: depth changes by less than any sensor resolves.
+_RAISED_M = 5e-5
+#: Smaller areas of coincident faces are ignored: 1 cm x 1 cm fills less than a pixel of a room.
+_SMALLEST_M2 = 1e-4
+#: An object is moved as a whole if at least this share of its surface is in the plane of another:
+#: half of a thin sheet, a sixth of a box.
+_LARGE = 0.1
+#: Limits of the time for large scenes: coincident faces checked for visibility; objects of one
+#: plane that are compared (more are the tiles of a pattern); pairs of objects; faces checked for
+#: overlap, the largest.
+_MAX_PROBES = 64
+_MAX_IN_PLANE = 64
+_MAX_PAIRS = 2000
+_MAX_OVERLAPS = 1000
+#: Sample points of a polygon are moved from its corners to its centre by this share, so that
+#: polygons that only touch do not overlap.
+_INWARD = 0.04
+
+
+@dataclass(frozen=True, eq=False)
+class _Edit:
+    """Changes of a mesh: faces to remove, and faces to move along directions (n, 3)."""
+
+    left_out: np.ndarray
+    lifted: np.ndarray
+    directions: np.ndarray
 
 
 def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
-    """Of equal faces at the same position, keep only the first. Objects that overlap larger ones in
-    one plane, and other faces that overlap larger
-    ones, are moved in front of them: otherwise each face would shadow the other, and Cycles shows
-    both black. Moving objects, glass, volumes, instances, and faces that are never visible, between
-    touching boxes, are not changed.
-    """
-    moving = set(preflight.moving_names(scene))
+    """Remove or move the faces that lie in the plane of others. Returns notes."""
+    moving = set(moving_names(scene))
     with as_rendered(scene) as depsgraph:
         shown = [i.object for i in depsgraph.object_instances if i.show_self and not i.is_instance]
-        things = [
-            t for t in shown if t.type == "MESH" and t.name not in moving and _is_opaque(t.original)
-        ]
+        meshes = [t for t in shown if t.type == "MESH" and t.name not in moving]
+        things = [thing for thing in meshes if _is_opaque(thing.original)]
         if not any(len(thing.data.polygons) for thing in things):
             return []
-        faces = _Faces(depsgraph, things)
-        again = faces.equal()
-        raised = faces.sheets(again)
-        lifted, reversed_ = faces.overlapping(again, raised)
-        left_out, lifted_of = faces.by_object(again), faces.by_object(lifted)
-        directions = {
-            t.original: faces.normals[rows]
-            for t, rows in zip(things, faces.rows_of(lifted), strict=True)
-        }
-    for thing, shift in raised.items():
-        thing.matrix_world = Matrix.Translation(shift) @ thing.matrix_world
-    as_rendered_meshes(scene, list({**left_out, **lifted_of}))
-    for thing in {**left_out, **lifted_of}:
-        _edit_faces(thing, left_out.get(thing, ()), lifted_of.get(thing, ()), directions[thing])
+        faces = Faces(depsgraph, things)
+        again = _equal(faces)
+        raised = _raised_sheets(faces, again)
+        lifted, reversed_names = _overlapping(faces, again, raised)
+        edits = _edits(faces, again, lifted)
+    for thing, shift_m in raised.items():
+        thing.matrix_world = Matrix.Translation(shift_m) @ thing.matrix_world
+    as_rendered_meshes(scene, list(edits))
+    for thing, edit in edits.items():
+        _edit_faces(thing, edit)
+    return _notes(edits, raised, reversed_names)
+
+
+def _edits(faces: Faces, again: np.ndarray, lifted: np.ndarray) -> dict[bpy.types.Object, _Edit]:
+    edits = {}
+    for k, thing in enumerate(faces.things):
+        gone = faces.rows_of(k, again)
+        moved = faces.rows_of(k, lifted)
+        if len(gone) or len(moved):
+            start = faces.starts[k]
+            edits[thing.original] = _Edit(gone - start, moved - start, faces.normals[moved])
+    return edits
+
+
+def _notes(
+    edits: dict[bpy.types.Object, _Edit], raised: Iterable[bpy.types.Object], reversed_: set[str]
+) -> list[str]:
     black = "because Cycles would show both black"
-    millimetres = f"moved by {_RAISED_M * 1e3:g} mm, {black}"
-    notes = {
-        f"faces that lie exactly on others ({len(again)}, of {names_of(left_out)}): left out, {black}": left_out,
-        f"sheets that lie in the plane of others ({names_of(raised)}): {millimetres}": raised,
-        f"faces that overlap larger ones in one plane ({len(lifted)}, of {names_of(lifted_of)}): {millimetres}": lifted_of,
-        f"sheets that overlap the back of others in one plane ({names_of(reversed_)}): black or flickering in path tracing; "
-        "flip them, or move them apart by 0.1 mm": reversed_,
-    }
-    return [sentence for sentence, is_so in notes.items() if is_so]
+    moved = f"moved by {_RAISED_M * 1e3:g} mm, {black}"
+    notes = []
+    if gone := [thing for thing, edit in edits.items() if len(edit.left_out)]:
+        count = sum(len(edit.left_out) for edit in edits.values())
+        where = f"faces that lie exactly on others ({count}, of {names_of(gone)})"
+        notes.append(f"{where}: left out, {black}")
+    if raised:
+        notes.append(f"sheets that lie in the plane of others ({names_of(raised)}): {moved}")
+    if lifted := [thing for thing, edit in edits.items() if len(edit.lifted)]:
+        count = sum(len(edit.lifted) for edit in edits.values())
+        where = f"faces that overlap larger ones in one plane ({count}, of {names_of(lifted)})"
+        notes.append(f"{where}: {moved}")
+    if reversed_:
+        where = f"sheets that overlap the back of others in one plane ({names_of(reversed_)})"
+        advice = "flip them, or move them apart by 0.1 mm"
+        notes.append(f"{where}: black or flickering in path tracing; {advice}")
+    return notes
 
 
-def _edit_faces(
-    thing: bpy.types.Object, left_out: Iterable[int], lifted: Iterable[int], directions: np.ndarray
-) -> None:
-    """Remove faces of a mesh, and move others separately along `directions` (n, 3), unit vectors in
-    the world.
-    """
+def _edit_faces(thing: bpy.types.Object, edit: _Edit) -> None:
     to_object = thing.matrix_world.inverted_safe().to_3x3()
     edited = bmesh.new()
     edited.from_mesh(thing.data)
     edited.faces.ensure_lookup_table()
-    gone, moved = ([edited.faces[int(k)] for k in rows] for rows in (left_out, lifted))
-    for face, direction in zip(moved, directions, strict=True):
+    gone = [edited.faces[int(k)] for k in edit.left_out]
+    moved = [edited.faces[int(k)] for k in edit.lifted]
+    for face, direction in zip(moved, edit.directions, strict=True):
         alone = bmesh.ops.split(edited, geom=[face])["geom"]
         corners = [v for v in alone if isinstance(v, bmesh.types.BMVert)]
         bmesh.ops.translate(edited, verts=corners, vec=to_object @ Vector(direction * _RAISED_M))
@@ -85,230 +123,169 @@ def _edit_faces(
     edited.free()
 
 
-class _Faces:
-    """The faces of evaluated meshes in the world, in one list: keys (F,), centres_m (F, 3), normals
-    (F, 3), area_m2 (F,), see _faces_in_world;
-    owner (F,): index into things; plane (F,): equal for faces in the same plane; spread_m2 (F,):
-    area of all faces of the same owner in the same plane.
+def _is_opaque(thing: bpy.types.Object) -> bool:
+    """Whether an object is opaque and visible to all rays."""
+    if not thing.visible_camera or not thing.visible_shadow or thing.hide_render:
+        return False
+    volumes = set(compat.volume_outputs())
+    for slot in thing.material_slots:
+        if slot.material and slot.material.node_tree:
+            nodes = compat.nodes_of(slot.material.node_tree)
+            if any(node in volumes or materials.is_glass(node) for node in nodes):
+                return False
+    return True
+
+
+# Equal faces
+
+
+def _equal(faces: Faces) -> np.ndarray:
+    """Rows of faces that are equal to an earlier face, unless they are never visible."""
+    _, first, group = np.unique(faces.keys, return_index=True, return_inverse=True)
+    first = first[group]
+    again = np.flatnonzero((faces.keys != 0) & (first != np.arange(len(first))))
+    owner = faces.owner[again]
+    again = again[np.bincount(owner, faces.area_m2[again])[owner] > _SMALLEST_M2]
+    cosine = (faces.normals[again] * faces.normals[first[again]]).sum(1)
+    opposed = faces.keys[again[cosine < 0]]
+    for k in np.linspace(0, len(again) - 1, min(len(again), _MAX_PROBES)).astype(int):
+        row = again[k]
+        owners = (faces.owner[row], faces.owner[first[row]])
+        for direction in (faces.normals[row], -faces.normals[row]):
+            if _leaves(faces, row, owners, direction, opposed):
+                return again
+    return again[:0]
+
+
+def _leaves(
+    faces: Faces,
+    row: int,
+    owners: tuple[int, int],
+    direction: np.ndarray,
+    opposed: np.ndarray,
+) -> bool:
+    """Whether a ray from the face leaves the two objects that share it, instead of hitting a back
+    face of one of them, or a face that equals another one which faces the opposite direction.
     """
+    for owner in owners:
+        hit = faces.cast_from(row, owner, direction)
+        if hit is not None:
+            _, normal, face = hit
+            if normal.dot(Vector(direction)) > 0 or faces.keys[face] in opposed:
+                return False
+    return True
 
-    def __init__(self, depsgraph: bpy.types.Depsgraph, things: list[bpy.types.Object]) -> None:
-        self.depsgraph, self.things = depsgraph, things
-        faces = [_faces_in_world(thing) for thing in things]
-        self.keys, self.centres_m, self.normals, self.area_m2 = (
-            np.concatenate([f[k] for f in faces]) for k in range(4)
-        )
-        self.starts = np.cumsum([0, *(len(f[0]) for f in faces)])
-        self.owner = np.repeat(np.arange(len(things)), np.diff(self.starts))
-        self.plane = np.unique(_planes(self.centres_m, self.normals), return_inverse=True)[
-            1
-        ].reshape(-1)
-        own = np.unique(self.plane * len(things) + self.owner, return_inverse=True)[1].reshape(-1)
-        self.spread_m2 = np.bincount(own, self.area_m2)[own]
 
-    def rows_of(self, rows: np.ndarray) -> list[np.ndarray]:
-        """For each object, the rows that belong to it."""
-        return [
-            rows[(rows >= a) & (rows < b)]
-            for a, b in zip(self.starts[:-1], self.starts[1:], strict=True)
-        ]
+# Sheets in the plane of larger objects
 
-    def by_object(self, rows: np.ndarray) -> dict[bpy.types.Object, np.ndarray]:
-        """Objects that own some of the rows -> the indices of these faces in their meshes."""
-        own = zip(self.things, self.rows_of(rows), self.starts, strict=False)
-        return {thing.original: found - start for thing, found, start in own if len(found)}
 
-    def cast(
-        self, k: int, start_m: np.ndarray, direction: np.ndarray, reach_m: float
-    ) -> tuple[np.ndarray, Vector, int] | None:
-        """Like _cast, for object k; the face is returned as a row."""
-        hit = _cast(self.depsgraph, self.things[k], start_m, direction, reach_m)
-        return hit and (hit[0], hit[1], hit[2] + int(self.starts[k]))
+def _raised_sheets(faces: Faces, again: np.ndarray) -> dict[bpy.types.Object, Vector]:
+    """Sheets that are in the plane of larger objects and face the same direction -> their
+    translation in metres.
+    """
+    raised: dict[bpy.types.Object, Vector] = {}
+    for row, over in _sharing_planes(faces):
+        one = faces.things[faces.owner[row]].original
+        if one in raised or faces.things[over].original in raised or row in again:
+            continue
+        hit = faces.at(row, over)
+        if hit is None:
+            continue
+        normal = hit[1]
+        if normal.dot(Vector(faces.normals[row])) > PARALLEL and faces.is_sheet(row):
+            raised[one] = normal * _RAISED_M
+    return raised
 
-    def equal(self) -> np.ndarray:
-        """Rows of faces that are equal to an earlier face, unless they are never visible."""
-        again = np.setdiff1d(np.flatnonzero(self.keys), np.unique(self.keys, return_index=True)[1])
-        owner = self.owner
-        again = again[
-            np.bincount(owner[again], self.area_m2[again], len(self.things))[owner[again]]
-            > _SMALLEST_M2
-        ]
-        _, first, group = np.unique(self.keys, return_index=True, return_inverse=True)
-        opposed = self.keys[
-            again[(self.normals[again] * self.normals[first][group[again]]).sum(1) < 0]
-        ]
 
-        def is_seen(row: int, direction: np.ndarray) -> bool:
-            """Whether a ray from the face leaves the two objects that share it, instead of hitting
-            a back face of one of them.
-            """
-            for k in (owner[row], owner[first[group[row]]]):
-                hit = self.cast(
-                    k, self.centres_m[row] + 10 * _SAME_PLACE_M * direction, direction, 1e4
-                )
-                if hit is not None and (
-                    hit[1].dot(Vector(direction)) > 0 or self.keys[hit[2]] in opposed
-                ):
-                    return False
-            return True
+def _sharing_planes(faces: Faces) -> list[tuple[int, int]]:
+    """Pairs of a face, the largest of its object in its plane, and another object with more area in
+    that plane; a limited number of pairs.
+    """
+    order = np.lexsort((-faces.area_m2, faces.owner, faces.plane))
+    large = faces.spread_m2 > _LARGE * np.bincount(faces.owner, faces.area_m2)[faces.owner]
+    order = order[((faces.area_m2 > _SMALLEST_M2) & large)[order]]
+    keys = np.stack([faces.plane[order], faces.owner[order]])
+    is_first = np.any(np.diff(keys, prepend=keys[:, :1] + 1) != 0, axis=0)
+    largest = order[is_first]  # of each object in each plane
+    pairs = []
+    for group in np.split(largest, np.flatnonzero(np.diff(faces.plane[largest])) + 1):
+        if len(group) <= _MAX_IN_PLANE:
+            for a, b in permutations(group, 2):
+                if a == faces.smaller(a, b):
+                    pairs.append((a, faces.owner[b]))
+    return pairs[:: 1 + len(pairs) // _MAX_PAIRS]
 
-        picked = again[np.linspace(0, len(again) - 1, min(len(again), _PROBES)).astype(int)]
-        return (
-            again
-            if any(is_seen(k, sign * self.normals[k]) for k in picked for sign in (1, -1))
-            else again[:0]
-        )
 
-    def sheets(self, again: np.ndarray) -> dict[bpy.types.Object, Vector]:
-        """Sheets that are in the plane of larger objects and face the same direction -> their
-        translation in metres.
-        """
-        raised: dict[bpy.types.Object, Vector] = {}
-        for face, over in self._sharing_planes():
-            one, other = self.things[self.owner[face]].original, self.things[over].original
-            if one in raised or other in raised or face in again:
-                continue
-            hit = self._on(over, self.centres_m[face], self.normals[face])
-            if (
-                hit is not None
-                and hit[1].dot(Vector(self.normals[face])) > 0.999
-                and self._is_sheet(face)
-            ):
-                raised[one] = hit[1] * _RAISED_M
-        return raised
+# Other faces that overlap
 
-    def _sharing_planes(self) -> Iterator[tuple[int, int]]:
-        """Pairs of a face, the largest of its object in its plane, and another object with more
-        area in that plane; a limited number of pairs.
-        """
-        order = np.lexsort((-self.area_m2, self.owner, self.plane))
-        large = self.spread_m2 > _LARGE * np.bincount(self.owner, self.area_m2)[self.owner]
-        order = order[((self.area_m2 > _SMALLEST_M2) & large)[order]]
-        new = np.any(
-            [np.diff(a[order], prepend=a[order][:1] + 1) != 0 for a in (self.plane, self.owner)],
-            axis=0,
-        )
-        largest = order[new]  # of each object in each plane
-        groups = [
-            g
-            for g in np.split(largest, np.flatnonzero(np.diff(self.plane[largest])) + 1)
-            if 1 < len(g) <= _PROBES
-        ]
-        pairs = [
-            (a, self.owner[b])
-            for g in groups
-            for a in g
-            for b in g
-            if a != b and a == self._smaller(a, b)
-        ]
-        yield from pairs[:: 1 + len(pairs) // _PAIRS]
 
-    def _smaller(self, a: int, b: int) -> int:
-        """Which of two faces in one plane should be in front: the one with less area in it, such as
-        a rug on a floor of many tiles.
-        """
-        area = self.area_m2 if self.owner[a] == self.owner[b] else self.spread_m2
-        return int(min(a, b, key=lambda row: (round(float(area[row]), 6), self.area_m2[row], -row)))
+def _overlapping(
+    faces: Faces, again: np.ndarray, raised: Iterable[bpy.types.Object]
+) -> tuple[np.ndarray, set[str]]:
+    """Rows of faces that overlap larger ones that face the same direction, and names of sheets that
+    overlap others that face the opposite direction.
+    """
+    lifted: set[int] = set()
+    reversed_: set[str] = set()
+    for row, other in _overlaps(faces, again, raised):
+        small = faces.smaller(row, other)
+        if (faces.normals[row] * faces.normals[other]).sum() > 0:
+            if _may_be_seen(faces, small, row + other - small):
+                lifted.add(small)
+        elif faces.owner[row] != faces.owner[other] and faces.is_sheet(small):
+            reversed_.add(faces.things[faces.owner[small]].name)
+    return np.array(sorted(lifted), int), reversed_
 
-    def _on(
-        self, k: int, place_m: np.ndarray, normal: np.ndarray
-    ) -> tuple[np.ndarray, Vector, int] | None:
-        """The face of object k at this position, in the plane perpendicular to the normal."""
-        reach_m = 10 * _SAME_PLACE_M
-        hit = self.cast(k, place_m + reach_m * normal, -normal, 2 * reach_m)
-        at = (
-            hit is not None
-            and abs(hit[1].dot(Vector(normal))) > 0.999
-            and np.linalg.norm(hit[0] - place_m) <= _SAME_PLACE_M
-        )
-        return hit if at else None
 
-    def _is_sheet(self, face: int) -> bool:
-        """Whether the object of a face is a sheet.
+def _overlaps(
+    faces: Faces, again: np.ndarray, raised: Iterable[bpy.types.Object]
+) -> Iterator[tuple[int, int]]:
+    """Pairs of faces that overlap in one plane, among the largest faces that share a plane."""
+    is_raised = np.array([thing.original in raised for thing in faces.things])
+    shared = (np.bincount(faces.plane)[faces.plane] > 1) & (faces.area_m2 > _SMALLEST_M2)
+    shared &= ~is_raised[faces.owner]
+    shared[again] = False
+    rows = np.flatnonzero(shared)
+    rows = rows[np.argsort(-faces.area_m2[rows], kind="stable")][:_MAX_OVERLAPS]
+    for plane in np.unique(faces.plane[rows]):
+        yield from _overlaps_in_plane(faces, rows[faces.plane[rows] == plane])
 
-        A box on the floor is not: a ray to one side of its face passes through it.
-        """
-        outline = self._outline(face)
-        ears = geometry.tessellate_polygon([[Vector(corner) for corner in outline]])
-        place_m = (
-            outline[list(ears[0])].mean(0) if ears else self.centres_m[face]
-        )  # the centre of an L-shape may be outside it
-        directions, reach_m = (self.normals[face], -self.normals[face]), 10 * _SAME_PLACE_M
-        return all(
-            self.cast(self.owner[face], place_m + reach_m * w, w, 1e4) is None for w in directions
-        )
 
-    def overlapping(
-        self, again: np.ndarray, raised: Iterable[bpy.types.Object]
-    ) -> tuple[np.ndarray, set[str]]:
-        """Rows of faces that overlap larger ones that face the same direction, and names of sheets
-        that overlap others that face the opposite
-        direction. Only the _OVERLAPS largest faces that share a plane with others are checked.
-        """
-        shared = (np.bincount(self.plane)[self.plane] > 1) & (self.area_m2 > _SMALLEST_M2)
-        shared &= np.array([thing.original not in raised for thing in self.things])[self.owner]
-        shared[again] = False
-        rows = np.flatnonzero(shared)
-        rows = rows[np.argsort(-self.area_m2[rows], kind="stable")][:_OVERLAPS]
-        lifted: set[int] = set()
-        reversed_: set[str] = set()
-        for row, other in (
-            pair
-            for plane in np.unique(self.plane[rows])
-            for pair in self._pairs(rows[self.plane[rows] == plane])
-        ):
-            small = self._smaller(row, other)
-            if (self.normals[row] * self.normals[other]).sum() > 0:
-                lifted |= {small} if self._may_be_seen(small, row + other - small) else set()
-            elif self.owner[row] != self.owner[other] and self._is_sheet(small):
-                reversed_.add(self.things[self.owner[small]].name)
-        return np.array(sorted(lifted), int), reversed_
+def _overlaps_in_plane(faces: Faces, rows: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Pairs of overlapping faces among faces in one plane: a sample point of one is inside the
+    other.
+    """
+    flat = np.delete(np.arange(3), np.abs(faces.normals[rows[0]]).argmax())
+    outlines = [faces.outline(int(row))[:, flat] for row in rows]
+    low = np.array([outline.min(0) for outline in outlines])
+    high = np.array([outline.max(0) for outline in outlines])
+    for row, outline in zip(rows, outlines, strict=True):
+        places = _places_in(outline)
+        near = ((places[:, None] > low) & (places[:, None] < high)).all(-1).any(0)
+        for k in np.flatnonzero(near & (rows != row)):
+            if _within(outlines[k], places).any():
+                yield int(row), int(rows[k])
 
-    def _may_be_seen(self, small: int, large: int) -> bool:
-        """False for a box on a floor whose front faces downwards, with nothing below it."""
-        if self.owner[small] == self.owner[large] or not self._is_sheet(large):
-            return True
-        start = Vector(self.centres_m[small] + 10 * _SAME_PLACE_M * self.normals[small])
-        return bool(
-            self.depsgraph.scene.ray_cast(self.depsgraph, start, Vector(self.normals[small]))[0]
-        )
 
-    def _pairs(self, rows: np.ndarray) -> Iterator[tuple[int, int]]:
-        """Pairs of overlapping faces among faces in one plane: a sample point of one is inside the
-        other.
-        """
-        flat = np.delete(np.arange(3), np.abs(self.normals[rows[0]]).argmax())
-        outlines = [self._outline(int(row))[:, flat] for row in rows]
-        low, high = (
-            np.array([extreme(outline, axis=0) for outline in outlines])
-            for extreme in (np.min, np.max)
-        )
-        for row, outline in zip(rows, outlines, strict=True):
-            places = _places_in(outline)
-            near = ((places[:, None] > low) & (places[:, None] < high)).all(-1).any(0)
-            for k in np.flatnonzero(near & (rows != row)):
-                if _within(outlines[k], places).any():
-                    yield int(row), int(rows[k])
-
-    def _outline(self, row: int) -> np.ndarray:
-        """The corners (n, 3) of a face in metres."""
-        thing, face = self.things[self.owner[row]], row - self.starts[self.owner[row]]
-        return np.array(
-            [
-                thing.matrix_world @ thing.data.vertices[k].co
-                for k in thing.data.polygons[int(face)].vertices
-            ]
-        )
+def _may_be_seen(faces: Faces, small: int, large: int) -> bool:
+    """False for a box on a floor whose front faces downwards, with nothing below it."""
+    if faces.owner[small] == faces.owner[large] or not faces.is_sheet(large):
+        return True
+    normal = faces.normals[small]
+    start = Vector(faces.centres_m[small] + OFFSET_M * normal)
+    return bool(faces.depsgraph.scene.ray_cast(faces.depsgraph, start, Vector(normal))[0])
 
 
 def _places_in(outline: np.ndarray) -> np.ndarray:
     """Sample points (n, 2) in a polygon (k, 2): near its corners, at the centres of its first and
-    last triangle, and at its own centre.
+    last triangle, and at its own centre if it has at most four corners.
     """
     ears = geometry.tessellate_polygon([[Vector((*corner, 0.0)) for corner in outline]])
-    picked = np.array([outline[list(ear)] for ear in (*ears[:1], *ears[1:][-1:])]).reshape(-1, 3, 2)
-    centres = picked.mean(1, keepdims=True)
-    places = np.concatenate([0.96 * picked + 0.04 * centres, centres], 1).reshape(-1, 2)
+    picked = [outline[list(ear)] for ear in (*ears[:1], *ears[1:][-1:])]
+    triangles = np.array(picked).reshape(-1, 3, 2)
+    centres = triangles.mean(1, keepdims=True)
+    corners = (1 - _INWARD) * triangles + _INWARD * centres
+    places = np.concatenate([corners, centres], 1).reshape(-1, 2)
     return np.vstack([places, outline.mean(0)]) if len(outline) <= 4 else places
 
 
@@ -316,99 +293,9 @@ def _within(outline: np.ndarray, places: np.ndarray) -> np.ndarray:
     """(n,) whether the points `places` (n, 2) are inside a polygon (k, 2): a ray along x crosses it
     an odd number of times.
     """
-    (x0, y0), (x1, y1) = outline.T[:, :, None], np.roll(outline, -1, 0).T[:, :, None]
+    x0, y0 = outline.T[:, :, None]
+    x1, y1 = np.roll(outline, -1, 0).T[:, :, None]
     x, y = places.T[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = x0 + (y - y0) / (y1 - y0) * (x1 - x0)
     return (((y0 > y) != (y1 > y)) & (x < crossing)).sum(0) % 2 == 1
-
-
-def _planes(centres_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """(F,) uint64, equal for faces in one plane, whichever direction they face."""
-    sign = np.sign(np.take_along_axis(normals, np.abs(normals).argmax(1)[:, None], 1))
-    offset_m = (sign * normals * centres_m).sum(1)
-    return _mixed(
-        np.column_stack([np.round(sign * normals * 1e4), np.round(offset_m / _SAME_PLACE_M)])
-    )
-
-
-def _cast(
-    depsgraph: bpy.types.Depsgraph,
-    thing: bpy.types.Object,
-    start_m: np.ndarray,
-    direction: np.ndarray,
-    reach_m: float,
-) -> tuple[np.ndarray, Vector, int] | None:
-    """The hit of a ray in the world with one object: position (3,) in metres, unit normal, face;
-    None if there is no hit.
-    """
-    inverse, matrix = thing.matrix_world.inverted_safe(), thing.matrix_world
-    step = inverse.to_3x3() @ Vector(reach_m * direction)
-    if not step.length:
-        return None
-    start = inverse @ Vector(start_m)
-    hit, place, normal, face = thing.ray_cast(
-        start, step.normalized(), distance=step.length, depsgraph=depsgraph
-    )
-    return (
-        (np.array(matrix @ place), (inverse.to_3x3().transposed() @ normal).normalized(), face)
-        if hit
-        else None
-    )
-
-
-def _mixed(numbers: np.ndarray) -> np.ndarray:
-    """(n,) uint64 hashes of rows (n, up to 4) of whole numbers."""
-    with np.errstate(over="ignore"):
-        factors = np.array(
-            [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x27D4EB2F165667C5],
-            np.uint64,
-        )
-        mixed = (numbers.astype(np.int64).astype(np.uint64) * factors[: numbers.shape[1]]).sum(1)
-        mixed = (mixed ^ (mixed >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
-        return mixed ^ (mixed >> np.uint64(32))
-
-
-def _is_opaque(thing: bpy.types.Object) -> bool:
-    """Whether an object is opaque and visible to all rays."""
-    trees = [
-        slot.material.node_tree
-        for slot in thing.material_slots
-        if slot.material and slot.material.node_tree
-    ]
-    outputs = set(compat.volume_outputs())
-    nodes = [node for tree in trees for node in compat.nodes_of(tree)]
-    shows = thing.visible_camera and thing.visible_shadow and not thing.hide_render
-    return shows and not any(node in outputs or materials.is_glass(node) for node in nodes)
-
-
-def _faces_in_world(
-    thing: bpy.types.Object,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The faces of an evaluated mesh: keys (F,), equal for faces with the same corners in any
-    order, 0 for faces without area; (F, 3) centres in
-    metres; (F, 3) unit normals; (F,) areas in square metres.
-    """
-    mesh, matrix = thing.data, np.array(thing.matrix_world)
-    if not len(mesh.polygons):
-        return np.zeros(0, np.uint64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
-    starts = array_of(mesh.polygons, "loop_start", 1, np.int32)
-    points = array_of(mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
-    corners = points[array_of(mesh.loops, "vertex_index", 1, np.int32)]
-    following = np.arange(len(corners)) + 1
-    following[np.append(starts[1:], len(corners)) - 1] = starts
-    normals = np.add.reduceat(np.cross(corners, corners[following]), starts) / 2
-    normals *= (
-        -1 if thing.matrix_world.is_negative else 1
-    )  # a mirrored object's faces have reversed winding
-    area = np.linalg.norm(normals, axis=1)
-    with np.errstate(over="ignore"):
-        keys = np.add.reduceat(_mixed(np.round(corners / _SAME_PLACE_M)), starts)
-    counts = np.diff(np.append(starts, len(corners)))
-    centres_m = np.add.reduceat(corners, starts) / counts[:, None]
-    return (
-        np.where(area > _SAME_PLACE_M**2, keys, np.uint64(0)),
-        centres_m,
-        normals / np.maximum(area, 1e-30)[:, None],
-        area,
-    )

@@ -8,6 +8,7 @@ import numpy as np
 
 from .. import compat
 from ..compat import temporarily
+from ..notes import names_of
 from ..surfaces import array_of, as_rendered
 
 _ATTRIBUTE = "displaced position"
@@ -15,10 +16,10 @@ _ATTRIBUTE = "displaced position"
 
 def displace_meshes(scene: bpy.types.Scene) -> list[str]:
     """Give every object with displacement in its materials a separate mesh, evaluated and
-    displaced, also if the object is only instanced.
+    displaced, also if the object is only instanced. Returns notes.
     """
-    materials = {m for m in bpy.data.materials if _displaces(m)}
     adaptive = _without_adaptive_subdivision()
+    materials = {m for m in bpy.data.materials if _displaces(m)}
     things = [o for o in bpy.data.objects if o.type == "MESH" and o.users]
     moved = [o for o in things if {s.material for s in o.material_slots} & materials]
     if moved:
@@ -33,11 +34,9 @@ def displace_meshes(scene: bpy.types.Scene) -> list[str]:
         material.displacement_method = "BUMP"
         if all(o in moved for o in bpy.data.objects if material.name in o.material_slots):
             compat.unlink(material.node_tree.get_output_node("CYCLES").inputs["Displacement"])
-    names = ", ".join(sorted(o.name for o in moved))[:120]
-    return [
-        *([f"displaced surfaces ({names}): moved vertex by vertex"] if moved else []),
-        *adaptive,
-    ]
+    if not moved:
+        return adaptive
+    return [f"displaced surfaces ({names_of(moved)}): moved vertex by vertex", *adaptive]
 
 
 @contextmanager
@@ -76,7 +75,7 @@ def _displaces(material: bpy.types.Material) -> bool:
 
 def _without_adaptive_subdivision() -> list[str]:
     """Disable adaptive subdivision: it depends on the camera and would give every frame a different
-    surface.
+    surface. Returns a note if an object had it.
     """
     found = []
     for thing in bpy.data.objects:
@@ -85,26 +84,31 @@ def _without_adaptive_subdivision() -> list[str]:
                 owner.use_adaptive_subdivision = False
                 found.append(thing.name)
     compat.leave_out_experiments(bpy.context.scene)
-    names = ", ".join(sorted(found))[:120]
-    return [f"adaptive subdivision ({names}): the levels for rendering are used"] if found else []
+    if not found:
+        return []
+    return [f"adaptive subdivision ({names_of(found)}): the levels for rendering are used"]
 
 
 def as_rendered_meshes(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
     """Apply the modifiers at the levels for rendering; each object then has its own mesh."""
+    made = []
     with as_rendered(scene) as depsgraph:
-        kept = {"preserve_all_data_layers": True, "depsgraph": depsgraph}
-        made = [
-            bpy.data.meshes.new_from_object(o.evaluated_get(depsgraph), **kept) for o in objects
-        ]
+        for thing in objects:
+            evaluated = thing.evaluated_get(depsgraph)
+            mesh = bpy.data.meshes.new_from_object(
+                evaluated, preserve_all_data_layers=True, depsgraph=depsgraph
+            )
+            made.append(mesh)
     for thing, mesh in zip(objects, made, strict=True):
         slots = [slot.material for slot in thing.material_slots]
-        space = tuple(thing.data.texspace_location), tuple(thing.data.texspace_size)
+        location = tuple(thing.data.texspace_location)
+        size = tuple(thing.data.texspace_size)
         thing.modifiers.clear()
         thing.data = mesh
-        mesh.use_auto_texspace = (
-            False  # generated coordinates refer to its bounding box before the modifiers
-        )
-        mesh.texspace_location, mesh.texspace_size = space
+        # generated coordinates refer to the bounding box before the modifiers
+        mesh.use_auto_texspace = False
+        mesh.texspace_location = location
+        mesh.texspace_size = size
         for slot, material in zip(thing.material_slots, slots, strict=False):
             slot.material = material
 
@@ -113,17 +117,15 @@ def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
     """Move vertices to the positions in Cycles' position pass; loose vertices are not moved."""
     thing.hide_set(False)
     mesh = thing.data
-    mesh.color_attributes.active_color = mesh.color_attributes.new(
-        _ATTRIBUTE, "FLOAT_COLOR", "POINT"
-    )
+    attribute = mesh.color_attributes.new(_ATTRIBUTE, "FLOAT_COLOR", "POINT")
+    mesh.color_attributes.active_color = attribute
+    bake = {"target": "VERTEX_COLORS", "use_clear": False}
     with (
         temporarily(scene.cycles, samples=1, use_denoising=False),
         temporarily(scene.render, engine="CYCLES"),
-        temporarily(
-            scene.render.bake, target="VERTEX_COLORS", use_clear=False, use_selected_to_active=False
-        ),
+        temporarily(scene.render.bake, use_selected_to_active=False, **bake),
     ):
-        compat.bake(thing, type="POSITION", target="VERTEX_COLORS", use_clear=False)
+        compat.bake(thing, type="POSITION", **bake)
     places = array_of(mesh.color_attributes[_ATTRIBUTE].data, "color", 4)[:, :3].astype(float)
     to_object = np.linalg.inv(np.array(thing.matrix_world))
     places = places @ to_object[:3, :3].T + to_object[:3, 3]

@@ -24,36 +24,57 @@ _MIN_AREA = 1e-14
 
 def sanitize(scene: bpy.types.Scene) -> list[str]:
     """Repair all meshes, images and materials of the open session. Returns what was done."""
+    notes = [*_hide_lost_objects(scene), *_repair_meshes(), *_remove_missing_images()]
+    if _show_vertex_colours(scene):
+        notes.append("surfaces without a material show the colours of their vertices")
+    scripts = [text for text in bpy.data.texts if text.use_module]
+    if scripts:
+        notes.append(f"scripts in the file ({names_of(scripts)}): not run")
+    return notes
+
+
+def _hide_lost_objects(scene: bpy.types.Scene) -> list[str]:
     lost = [o for o in scene.objects if not np.isfinite(np.array(o.matrix_world)).all()]
-    for thing in lost:  # its position is not finite
-        thing.hide_render = thing.hide_viewport = True
-    gone = flat = texture = repaired = 0
+    if not lost:
+        return []
+    for thing in lost:
+        thing.hide_render = True
+        thing.hide_viewport = True
+    return [f"objects without a valid position ({names_of(lost)}): left out"]
+
+
+def _repair_meshes() -> list[str]:
+    vertices = meshes = faces = texture = 0
     for mesh in bpy.data.meshes:
-        gone += _without_lost_vertices(mesh)
-        repaired += bool(mesh.validate(clean_customdata=False))
-        flat += int((~(array_of(mesh.polygons, "area") > _MIN_AREA)).sum())
-        for layer in mesh.uv_layers:
-            uv = array_of(layer.data, "uv", 2).ravel()
-            wrong = ~np.isfinite(uv)
-            if wrong.any():
-                layer.data.foreach_set("uv", np.where(wrong, 0.0, uv).astype(np.float32))
-                texture += int(wrong.sum())
-    images, coloured = _missing_images(), _show_vertex_colours(scene)
-    scripts = [t for t in bpy.data.texts if t.use_module]
-    found = {
-        f"objects without a valid position ({names_of(lost)}): left out": lost,
-        f"{gone} vertices have NaN or coordinates beyond {_MAX_COORDINATE:.0e}: left out with their faces": gone,
-        f"{repaired} meshes had faces with missing vertices, or duplicate faces: these faces are left out": repaired,
-        f"{flat} faces have no area: no ray hits them": flat,
-        f"{texture} texture coordinates are NaN or infinite: set to 0": texture,
-        f"textures that are missing or broken ({images}): replaced by plain colour": images,
-        "surfaces without a material show the colours of their vertices": coloured,
-        f"scripts in the file ({names_of(scripts)}): not run": scripts,
-    }
-    return [sentence for sentence, is_so in found.items() if is_so]
+        vertices += _remove_lost_vertices(mesh)
+        meshes += bool(mesh.validate(clean_customdata=False))
+        # NaN is also no area
+        faces += int((~(array_of(mesh.polygons, "area") > _MIN_AREA)).sum())
+        texture += sum(map(_reset_texture_coordinates, mesh.uv_layers))
+    notes = []
+    if vertices:
+        problem = f"{vertices} vertices have NaN or coordinates beyond {_MAX_COORDINATE:.0e}"
+        notes.append(f"{problem}: left out with their faces")
+    if meshes:
+        problem = f"{meshes} meshes had faces with missing vertices, or duplicate faces"
+        notes.append(f"{problem}: these faces are left out")
+    if faces:
+        notes.append(f"{faces} faces have no area: no ray hits them")
+    if texture:
+        notes.append(f"{texture} texture coordinates are NaN or infinite: set to 0")
+    return notes
 
 
-def _without_lost_vertices(mesh: bpy.types.Mesh) -> int:
+def _reset_texture_coordinates(layer: bpy.types.MeshUVLoopLayer) -> int:
+    """Set invalid coordinates to 0. Returns their number."""
+    uv = array_of(layer.data, "uv", 2).ravel()
+    wrong = ~np.isfinite(uv)
+    if wrong.any():
+        layer.data.foreach_set("uv", np.where(wrong, 0.0, uv).astype(np.float32))
+    return int(wrong.sum())
+
+
+def _remove_lost_vertices(mesh: bpy.types.Mesh) -> int:
     places = array_of(mesh.vertices, "co", 3)
     lost = np.flatnonzero(~(np.abs(places) < _MAX_COORDINATE).all(1))
     if len(lost):
@@ -71,23 +92,26 @@ def _without_lost_vertices(mesh: bpy.types.Mesh) -> int:
     return len(lost)
 
 
-def _missing_images() -> str:
+def _remove_missing_images() -> list[str]:
     """Remove missing or unreadable images from the materials, so that their plain values are shown
-    instead of magenta. Returns the names.
+    instead of magenta. Returns a note if a node showed one.
     """
     missing = [image for image in bpy.data.images if _is_missing(image)]
     owners = [*bpy.data.materials, *bpy.data.worlds, *bpy.data.lights]
-    trees = [
-        *bpy.data.node_groups,
-        *(block.node_tree for block in owners if block.node_tree is not None),
-    ]
-    shown = [n for tree in trees for n in tree.nodes if getattr(n, "image", None) in missing]
-    for output in (output for node in shown for output in node.outputs):
-        compat.unlink(output)
+    trees = [block.node_tree for block in owners if block.node_tree is not None]
+    is_shown = False
+    for tree in (*bpy.data.node_groups, *trees):
+        for node in tree.nodes:
+            if getattr(node, "image", None) in missing:
+                is_shown = True
+                for output in node.outputs:
+                    compat.unlink(output)
     names = names_of(missing)
     for image in missing:
         bpy.data.images.remove(image)
-    return names if shown else ""
+    if not is_shown:
+        return []
+    return [f"textures that are missing or broken ({names}): replaced by plain colour"]
 
 
 def _is_missing(image: bpy.types.Image) -> bool:
@@ -95,9 +119,8 @@ def _is_missing(image: bpy.types.Image) -> bool:
         return False
     with suppress(RuntimeError, OSError, ValueError):
         if image.source in ("SEQUENCE", "TILED"):
-            return not any(
-                Path(bpy.path.abspath(image.filepath, library=image.library)).parent.glob("*")
-            )
+            file = Path(bpy.path.abspath(image.filepath, library=image.library))
+            return not any(file.parent.glob("*"))
         return not (image.size[0] and image.size[1])
     return True
 
@@ -107,31 +130,39 @@ def _show_vertex_colours(scene: bpy.types.Scene) -> bool:
 
     Returns whether there are any.
     """
-    bare = [
-        o
-        for o in scene.objects
-        if o.type == "MESH" and not any(s.material for s in o.material_slots)
-    ]
-    coloured = [o for o in bare if o.data.color_attributes]
-    for thing in coloured:
-        attribute = thing.data.color_attributes[0].name
-        material = bpy.data.materials.get(name := f"colours of {attribute}")
-        if material is None:
-            material, matt = compat.matt_material(name)
-            source = material.node_tree.nodes.new("ShaderNodeAttribute")
-            source.attribute_name = attribute
-            material.node_tree.links.new(source.outputs["Color"], matt.inputs["Color"])
-        thing.data.materials.clear()
-        thing.data.materials.append(material)
-    return bool(coloured)
+    found = False
+    for thing in scene.objects:
+        if thing.type != "MESH" or any(slot.material for slot in thing.material_slots):
+            continue
+        if thing.data.color_attributes:
+            found = True
+            thing.data.materials.clear()
+            thing.data.materials.append(_colour_material(thing.data.color_attributes[0].name))
+    return found
+
+
+def _colour_material(attribute: str) -> bpy.types.Material:
+    """A material that shows a colour attribute; one for each name of an attribute."""
+    name = f"colours of {attribute}"
+    material = bpy.data.materials.get(name)
+    if material is None:
+        material, matt = compat.matt_material(name)
+        source = material.node_tree.nodes.new("ShaderNodeAttribute")
+        source.attribute_name = attribute
+        material.node_tree.links.new(source.outputs["Color"], matt.inputs["Color"])
+    return material
 
 
 def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:
     """Remove drivers that need Python from objects, their data, shape keys and materials, before
     they are evaluated. Returns their number.
     """
+    blocks: set[bpy.types.ID] = set()
+    for thing in things:
+        if thing is not None:
+            blocks.update(_blocks_of(thing))
     removed = 0
-    for block in {block for thing in things if thing is not None for block in _blocks_of(thing)}:
+    for block in blocks:
         animation = getattr(block, "animation_data", None)
         if animation is None:
             continue

@@ -12,7 +12,7 @@ from ...geometry.camera import PinholeCamera, blender_from_pinhole
 from ...geometry.se3 import SE3
 from ...geometry.trajectory import Trajectory
 from .. import compat
-from ..open import preflight
+from ..open import motion
 
 NAME = "ICL-NUIM camera"
 
@@ -114,7 +114,7 @@ def timeline_note(scene: bpy.types.Scene) -> str | None:
     """A warning if the poses of `trajectory` and the scene's motion would be rendered at different
     times: pose 0 is rendered at frame 0.
     """
-    moves = preflight.moving_names(scene) if scene.frame_start else []
+    moves = motion.moving_names(scene) if scene.frame_start else []
     if not moves:
         return None
     shift = f"the timeline starts at frame {scene.frame_start}, but pose 0 is rendered with moving objects as at frame 0"

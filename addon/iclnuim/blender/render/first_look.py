@@ -19,7 +19,7 @@ from ...job import RenderJob, bake_core_s
 from ...sensor.transfer import srgb8
 from .. import compat
 from ..light import light_map
-from ..open import scene
+from ..open import light_choice
 from . import camera, frames, settings
 
 #: Core-seconds of a path-traced sample of 640 x 480 pixels where bake_core_s was measured. If a
@@ -59,7 +59,7 @@ def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | Non
     the scene are changed: open the scene again to
     render the job.
     """
-    path = scene.with_light(job, "path")
+    path = light_choice.with_light(job, "path")
     settings.apply(path.changed(denoise=compat.has_denoiser(), antialias=False), threads)
     camera.keyframe(trajectory.T_world_camera, job.camera)
     render, cycles = bpy.context.scene.render, bpy.context.scene.cycles
@@ -102,9 +102,9 @@ def choose(job: RenderJob, out: Path, look: Look | None, frame_count: int) -> tu
     """
     if (out / "sequence.json").is_file():
         light = read_run(out).recipe["job"]["light"]
-        return scene.with_light(job, light), f"light: {light}, as when this run was started"
+        return light_choice.with_light(job, light), f"light: {light}, as when this run was started"
     if look is None or light_map.find(shipped.cache_folder(), job):
-        return scene.with_light(job, "baked"), "light: baked" + (
+        return light_choice.with_light(job, "baked"), "light: baked" + (
             ", found in the cache" if look else ""
         )
     baked_s, path_s = look.bake_s + frame_count * look.baked_s, frame_count * look.path_s
@@ -116,7 +116,7 @@ def choose(job: RenderJob, out: Path, look: Look | None, frame_count: int) -> tu
     sentence = (
         f"light: {name}, which takes less time ({times}); the setting light {other} overrides this"
     )
-    return scene.with_light(job, light), sentence
+    return light_choice.with_light(job, light), sentence
 
 
 def _time(seconds: float) -> str:

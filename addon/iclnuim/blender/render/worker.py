@@ -38,7 +38,7 @@ from ...version import __version__
 from ...worker_events import Event
 from .. import compat, output, surfaces
 from ..light import light_map, mipmaps
-from ..open import preflight, scene
+from ..open import light_choice, preflight, scene
 from . import camera, first_look, frames, ground_truth, passes, settings
 
 Emit = Callable[[Event], None]
@@ -107,7 +107,7 @@ class Session:
                 write_json(self.run.path / OBJECTS, table)
             # including volumes made by Geometry Nodes
             self._volumes = bool(
-                preflight.volume_names(bpy.context.scene) or compat.volume_outputs()
+                light_choice.volume_names(bpy.context.scene) or compat.volume_outputs()
             )
             self._ready, self._opened = True, False
             self.emit(events.Ready())
@@ -275,7 +275,7 @@ def _opened(job: RenderJob, emit: Emit) -> RenderJob:
     """
     with output.blender_output_in(Path(os.devnull), errors=False):
         notes = scene.open_scene(job.scene, job.reading)
-        job, more = scene.with_possible_light(job)
+        job, more = light_choice.with_possible_light(job)
     _note_all(emit, [*notes, *more])
     return job
 
@@ -301,7 +301,7 @@ def _set_up(
 ) -> None:
     """Open the job's scene unless it is open, emit notes about it, and set all settings."""
     _note_all(emit, [] if opened else scene.open_scene(job.scene, job.reading))
-    if must_bake and (obstacle := scene.reason_against_baking(bpy.context.scene)):
+    if must_bake and (obstacle := light_choice.reason_against_baking(bpy.context.scene)):
         wanted = "a scene whose light can be baked"
         raise InputError(wanted, path=job.scene, found=obstacle, hint="{light} path")
     _note_all(emit, preflight.findings(must_bake or job.light == "baked"))

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import bpy
 
-from .. import compat
+from . import compat
 
 
 def gives_light(world: bpy.types.World | None) -> bool:

@@ -1,0 +1,131 @@
+"""What moves in the open scene: a light map and a depth of another time would be wrong there."""
+
+import math
+from collections.abc import Iterator
+
+import bpy
+
+from .. import compat, surfaces
+
+#: Modifiers that move a surface.
+_SIMULATED = {
+    "CLOTH", "SOFT_BODY", "FLUID", "OCEAN", "DYNAMIC_PAINT", "MESH_SEQUENCE_CACHE", "EXPLODE", "BUILD", "WAVE",
+}  # fmt: skip
+#: Values of an animation curve that differ by less are constant.
+_CONSTANT = 1e-6
+
+
+def moving_names(scene: bpy.types.Scene) -> list[str]:
+    """Names of objects and lights that move or change, in order, without cameras; the world is `the
+    sky`.
+    """
+    moving = _timed_names(scene)
+    for thing in scene.objects:
+        if thing.type == "CAMERA" or (thing.hide_render and not _varies(thing)):
+            continue
+        if (thing.type != "EMPTY" or thing.instance_collection) and _moves(thing, set()):
+            moving.add(thing.name)
+    for material in bpy.data.materials:
+        if material.users and material.node_tree:
+            tree = material.node_tree
+            if _varies(material) or _varies_inside(tree) or _shows_film(tree):
+                moving.add(material.name)
+    sky = scene.world
+    if sky is not None and (_varies(sky) or _varies_inside(sky.node_tree)):
+        return [*sorted(moving), "the sky"]
+    return sorted(moving)
+
+
+def _shows_film(tree: bpy.types.NodeTree) -> bool:
+    textures = [n for n in compat.nodes_of(tree) if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT")]
+    return any(n.image and n.image.source in ("MOVIE", "SEQUENCE") for n in textures)
+
+
+def _timed_names(scene: bpy.types.Scene) -> set[str]:
+    """Objects whose geometry depends on the frame although they are not animated, for example by
+    Scene Time in Geometry Nodes.
+
+    Scenes with simulations are not evaluated: they would lose their state.
+    """
+    if scene.rigidbody_world or any(map(_is_simulated, bpy.data.objects)):
+        return set()
+    found: set[bpy.types.ID] = set()
+
+    def note(_: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+        found.update(u.id.original for u in depsgraph.updates if u.is_updated_geometry)
+
+    before = scene.frame_current_final
+    with surfaces.as_rendered(scene):
+        bpy.app.handlers.frame_change_post.append(note)
+        try:
+            scene.frame_set(scene.frame_current + 1)
+        finally:
+            bpy.app.handlers.frame_change_post.remove(note)
+            scene.frame_set(math.floor(before), subframe=before % 1)
+    things = [block for block in found if isinstance(block, bpy.types.Object)]
+    return {thing.name for thing in things if not any(map(_is_animated, _blocks(thing)))}
+
+
+def _is_simulated(thing: bpy.types.Object) -> bool:
+    return any(modifier.type in _SIMULATED for modifier in thing.modifiers)
+
+
+def _blocks(thing: bpy.types.Object) -> list[bpy.types.ID | None]:
+    """The datablocks that may change an object's shape."""
+    bones = [m.object for m in thing.modifiers if m.type == "ARMATURE"]
+    return [thing, thing.data, getattr(thing.data, "shape_keys", None), *bones]
+
+
+def _is_animated(block: bpy.types.ID | None) -> bool:
+    return getattr(block, "animation_data", None) is not None
+
+
+def _varies_inside(tree: bpy.types.NodeTree | None) -> bool:
+    """Whether a node tree or one of its groups is animated."""
+    if tree is None:
+        return False
+    nodes = compat.nodes_of(tree)
+    return _varies(tree) or any(_varies(n.node_tree) for n in nodes if n.type == "GROUP")
+
+
+def _moves(thing: bpy.types.Object, seen: set[bpy.types.Object]) -> bool:
+    """Whether an object moves: by its animation, its data, its shape keys, a simulation, or another
+    object that it depends on.
+    """
+    if thing in seen:
+        return False
+    seen.add(thing)
+    if any(map(_varies, _blocks(thing))) or _varies_inside(getattr(thing.data, "node_tree", None)):
+        return True
+    if _is_simulated(thing) or (thing.rigid_body and thing.rigid_body.type == "ACTIVE"):
+        return True
+    return any(other is not None and _moves(other, seen) for other in _depends_on(thing))
+
+
+def _depends_on(thing: bpy.types.Object) -> Iterator[bpy.types.Object | None]:
+    yield thing.parent
+    for constraint in thing.constraints:
+        if not constraint.mute:
+            yield getattr(constraint, "target", None)
+    for modifier in thing.modifiers:
+        yield getattr(modifier, "object", None)
+    if thing.instance_collection is not None:
+        yield from (o for o in thing.instance_collection.all_objects if o.type != "CAMERA")
+
+
+def _varies(block: bpy.types.ID | None) -> bool:
+    """Whether a datablock has an action or strip whose curves are not constant, or a driver."""
+    animation = getattr(block, "animation_data", None)
+    if animation is None:
+        return False
+    actions = [animation.action]
+    for track in animation.nla_tracks:
+        actions += [strip.action for strip in track.strips]
+    if len(animation.drivers):
+        return True
+    return any(any(map(_is_varying, compat.curves_of(action))) for action in actions if action)
+
+
+def _is_varying(curve: bpy.types.FCurve) -> bool:
+    values = [point.co[1] for point in curve.keyframe_points]
+    return len(curve.modifiers) > 0 or (bool(values) and max(values) - min(values) > _CONSTANT)

@@ -1,0 +1,122 @@
+"""Light for a user-provided scene that has none."""
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+from ...geometry.points import farthest_points
+from .. import compat, surfaces
+from ..sky import gives_light
+
+#: Random places that are tried for lamps inside, and the number of rays from each: in a room of
+#: 20 m2, about ten places a square metre, whose shares of rays are known within 7 %.
+_PLACES = 400
+_RAYS = 48
+#: A place needs lamps if less than this share of its rays reaches the sky, or half a window.
+_MAX_SKY = 0.03
+#: A place is in free space if less than this share of its rays ends at the back of a surface.
+_MAX_BACKS = 0.1
+#: One lamp for each quarter of a room, of the size of a ceiling lamp: soft shadows.
+_LAMPS = 4
+_RADIUS_M = 0.15
+#: Watts per square metre of the room's walls: mid-grey surfaces then have about a third of white.
+_W_PER_M2 = 1.0
+#: A smaller emitting object is a status lamp, not the light of a room.
+_MIN_EMITTER_M = 0.03
+
+
+def light_up(scene: bpy.types.Scene) -> list[str]:
+    """Add light to a scene that has none: a uniform white sky, and lamps inside rooms that the sky
+    does not reach. Returns a note if light was added.
+    """
+    if _has_light(scene):
+        return []
+    world = bpy.data.worlds.new("Neutral light")
+    if world.node_tree is None:
+        world.use_nodes = True
+    sky = world.node_tree.nodes["Background"].inputs
+    sky["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    sky["Strength"].default_value = 1.0
+    scene.world = world
+    note = "the scene has no light: a uniform white sky was added"
+    if lamps := _light_inside(scene):
+        note += f", and {lamps} soft lamps inside, where the sky does not reach"
+    return [note]
+
+
+def _has_light(scene: bpy.types.Scene) -> bool:
+    if any(lamp.data.energy > 0 for lamp in surfaces.rendered_lamps(scene)):
+        return True
+    instances = any(o.type == "EMPTY" and o.instance_collection for o in scene.objects)
+    if (instances and bpy.data.lights) or gives_light(scene.world):
+        return True
+    things = [o for o in scene.objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render]
+    return any(max(thing.dimensions) > _MIN_EMITTER_M and _emits(thing) for thing in things)
+
+
+def _emits(thing: bpy.types.Object) -> bool:
+    trees = [slot.material.node_tree for slot in thing.material_slots if slot.material]
+    return any(any(map(_is_emitter, compat.nodes_of(tree))) for tree in trees if tree)
+
+
+def _is_emitter(node: bpy.types.Node) -> bool:
+    if node.type == "EMISSION":
+        return _is_on(node.inputs["Color"], node.inputs["Strength"])
+    if node.type == "BSDF_PRINCIPLED":
+        return _is_on(node.inputs["Emission Color"], node.inputs["Emission Strength"])
+    return False
+
+
+def _is_on(colour: bpy.types.NodeSocket, strength: bpy.types.NodeSocket) -> bool:
+    is_bright = colour.is_linked or max(tuple(colour.default_value)[:3]) > 0
+    return is_bright and (strength.is_linked or strength.default_value > 0)
+
+
+def _light_inside(scene: bpy.types.Scene) -> int:
+    """Add lamps at enclosed places in free space, far from one another. Returns their number."""
+    meshes = [o for o in scene.objects if o.type == "MESH" and not o.hide_render]
+    corners_m = surfaces.box_corners_m([o for o in meshes if len(o.data.polygons)])
+    low = corners_m.min(0)
+    size = corners_m.max(0) - low
+    rng = np.random.default_rng(0)
+    places = low + size * rng.uniform(0.05, 0.95, (_PLACES, 3))
+    rays = rng.normal(size=(_RAYS, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    seen = np.array([_look_round(depsgraph, place, rays) for place in places])
+    sky, backs, nearest_m = seen.T
+    free = (backs < _MAX_BACKS) & (nearest_m > 2 * _RADIUS_M)
+    shut_in = free & (sky < _MAX_SKY)
+    if shut_in.sum() < 0.5 * max(free.sum(), 1):
+        return 0
+    inside = places[shut_in]
+    chosen = farthest_points(inside, _LAMPS, first=int(inside[:, 2].argmax()))
+    area_m2 = 2 * float(size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
+    for place in chosen:
+        data = bpy.data.lights.new("Neutral light", "POINT")
+        data.energy = _W_PER_M2 * area_m2 / len(chosen)
+        data.shadow_soft_size = _RADIUS_M
+        lamp = bpy.data.objects.new("Neutral light", data)
+        lamp.location = place
+        lamp.visible_camera = False  # visible in reflections, because metal shows nothing else
+        scene.collection.objects.link(lamp)
+    return len(chosen)
+
+
+def _look_round(
+    depsgraph: bpy.types.Depsgraph, place: np.ndarray, rays: np.ndarray
+) -> tuple[float, float, float]:
+    """The share of rays that reach the sky, the share that end at a back face, and the distance of
+    the nearest surface in metres.
+    """
+    sky = backs = 0
+    nearest_m = np.inf
+    origin = Vector(place)
+    for ray in rays:
+        hit, location, normal, *_ = depsgraph.scene.ray_cast(depsgraph, origin, Vector(ray))
+        if hit:
+            backs += normal.dot(Vector(ray)) > 0
+            nearest_m = min(nearest_m, (location - origin).length)
+        else:
+            sky += 1
+    return sky / len(rays), backs / len(rays), nearest_m
