@@ -6,13 +6,13 @@ loaded.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
 
 import numpy as np
 from iclnuim.benchmark.odometry.protocol import Frame, Odometer
-from iclnuim.benchmark.odometry.registry import BASELINES, odometer
+from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer
 from iclnuim.benchmark.odometry.track import KeyframeReference, Tracker
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
@@ -51,9 +51,6 @@ class Point:
         """Whether more than half of the processed frames were lost."""
         return 2 * self.tracked < self.processed
 
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
 
 @dataclass(eq=False)
 class Variant:
@@ -80,9 +77,15 @@ class Variant:
         if len(self.poses) > 2:
             poses = SE3.from_matrix(np.array([T.matrix for T in self.poses]))
             ate_m = ate_rmse_m(truth, Trajectory(np.array(self.stamps_s), poses))
-        ms = 1e3 * float(np.median(self.seconds))
         return Point(
-            self.method, curve, self.value, frames, len(self.seconds), len(self.poses), ate_m, ms
+            method=self.method,
+            curve=curve,
+            value=self.value,
+            frames=frames,
+            processed=len(self.seconds),
+            tracked=len(self.poses),
+            ate_m=ate_m,
+            ms=1e3 * float(np.median(self.seconds)),
         )
 
 
@@ -101,7 +104,7 @@ class Busy(Variant):
         self.done_s = stamp_s + (self.value or 1.0) * self.seconds[-1]
 
 
-# -- settings of our odometers in steps: (settings of the method, value) -> settings
+# -- settings of our odometers in steps: (group of settings, value) -> changed group
 
 
 def levels(settings: Any, value: float) -> Any:
@@ -109,16 +112,15 @@ def levels(settings: Any, value: float) -> Any:
     used = [n for n, count in enumerate(settings.iterations) if count]
     if value >= len(used):
         raise InputError(f"fewer than {len(used)} levels left out", found=value)
-    left_out = used[: int(value)]
-    return replace(
-        settings,
-        iterations=tuple(0 if n in left_out else c for n, c in enumerate(settings.iterations)),
-    )
+    counts = list(settings.iterations)
+    for n in used[: int(value)]:
+        counts[n] = 0
+    return replace(settings, iterations=tuple(counts))
 
 
 def iterations(settings: Any, value: float) -> Any:
     """Multiply all numbers of iterations by the value; at least one iteration remains."""
-    counts = tuple(max(1, round(value * count)) if count else 0 for count in settings.iterations)
+    counts = tuple(count and max(1, round(value * count)) for count in settings.iterations)
     return replace(settings, iterations=counts)
 
 
@@ -127,63 +129,89 @@ def pixels(settings: Any, value: float) -> Any:
     columns.
     """
     if hasattr(settings, "strides"):
-        return replace(
-            settings, strides=tuple(max(1, round(value * stride)) for stride in settings.strides)
-        )
+        strides = tuple(max(1, round(value * stride)) for stride in settings.strides)
+        return replace(settings, strides=strides)
     return replace(settings, min_gradients=tuple(value * g for g in settings.min_gradients))
 
 
-#: Curve -> function of settings, default values, unit.
-SETTINGS: dict[str, tuple[Callable[[Any, float], Any], tuple[float, ...], str]] = {
-    "levels": (levels, (0, 1, 2), "finest levels left out"),
-    "iterations": (iterations, (0.25, 0.5, 1, 2, 4), "times the default"),
-    "pixels": (pixels, (1, 2, 4, 8), "times the minimum gradient or the stride"),
-}
-#: Further curves -> default values, unit.
-OTHERS: dict[str, tuple[tuple[float, ...], str]] = {
-    "keyframe": ((0.02, 0.05, 0.1, 0.2, 0.4), "metres to the next keyframe"),
-    "resolution": ((640, 320, 160), "width of the images in pixels"),
-    "realtime": ((1, 2, 4, 8, 16), "times slower machine, frames dropped while it is busy"),
-    "rate": ((15, 30, 60, 120, 240), "frames per second, exposed for half of each"),
-}
-CURVES = {name: (values, unit) for name, (_, values, unit) in SETTINGS.items()} | OTHERS
+@dataclass(frozen=True)
+class Setting:
+    """What a curve changes. change: function of a group of settings and a value, for odometers that
+    have one of the fields, level by level; other methods have one step.
+    """
+
+    values: tuple[float, ...]
+    unit: str
+    change: Callable[[Any, float], Any] | None = None
+    fields: tuple[str, ...] = ()
+
+    def changes(self, group: Any) -> bool:
+        """Whether a group of settings has it."""
+        return any(isinstance(getattr(group, name, None), tuple) for name in self.fields)
 
 
-def measure(
-    curve: str,
-    methods: Sequence[str],
-    values: Sequence[float],
-    segment: Segment,
-    progress: Callable[[], object],
-) -> list[Point]:
-    """Measure all steps of all methods; progress() is called once per frame. Methods without the
-    setting have one step.
+CURVES = {
+    "levels": Setting((0, 1, 2), "finest levels left out", levels, ("iterations",)),
+    "iterations": Setting((0.25, 0.5, 1, 2, 4), "times the default", iterations, ("iterations",)),
+    "pixels": Setting(
+        (1, 2, 4, 8),
+        "times the minimum gradient or the stride",
+        pixels,
+        ("strides", "min_gradients"),
+    ),
+    "keyframe": Setting((0.02, 0.05, 0.1, 0.2, 0.4), "metres to the next keyframe"),
+    "resolution": Setting((640, 320, 160), "width of the images in pixels"),
+    "realtime": Setting((1, 2, 4, 8, 16), "times slower machine, frames dropped while it is busy"),
+    "rate": Setting((15, 30, 60, 120, 240), "frames per second, exposed for half of each"),
+}
+#: A method and its value; None for a method that does not have the setting.
+Step = tuple[str, float | None]
+
+
+def steps_of(curve: str, methods: Sequence[str], values: Sequence[float]) -> list[Step]:
+    """All steps of all methods. Methods without the setting have one step.
 
     Raises InputError if no method has it.
     """
-    if curve == "rate":
-        points = [point for hz in values for point in _at_rate(methods, hz, segment, progress)]
-        return sorted(points, key=lambda p: methods.index(p.method))
-    if curve in SETTINGS and not any(map(_has_iterations, methods)):
-        raise InputError(
-            "rgbd, dvo, icp or icp_rgbd, which have such settings", found=", ".join(methods)
-        )
-    steps = [(method, value) for method in methods for value in _values(curve, method, values)]
-    if not steps:  # only levels can run out
-        raise InputError(
-            "fewer levels left out than a method has", found=", ".join(f"{v:g}" for v in values)
-        )
-    variants = [_variant(curve, method, value, segment.camera) for method, value in steps]
-    return interleaved(curve, variants, segment.frames, segment.truth, progress)
+    setting = CURVES[curve]
+    if setting.change and not any(_groups(method, setting) for method in methods):
+        known = [name for name in ODOMETERS if _groups(name, setting)]
+        expected = f"an odometer with such settings ({', '.join(known)})"
+        raise InputError(expected, found=", ".join(methods))
+    found: list[Step] = []
+    for method in methods:
+        own = _groups(method, setting)
+        if setting.change and not own:
+            found.append((method, None))
+            continue
+        fewest = min((sum(map(bool, g.iterations)) for g in own), default=0)
+        found += [(method, v) for v in values if curve != "levels" or v < fewest]
+    if not found:  # only levels can run out
+        given = ", ".join(f"{v:g}" for v in values)
+        raise InputError("fewer levels left out than a method has", found=given)
+    return found
+
+
+def measure(
+    curve: str, steps: Sequence[Step], segment: Segment, progress: Callable[[], object]
+) -> list[Point]:
+    """Measure all steps; progress() is called once per frame."""
+    if curve != "rate":
+        variants = [_variant(curve, method, value, segment.camera) for method, value in steps]
+        return interleaved(curve, variants, segment.frames, segment.truth, progress)
+    points: dict[Step, Point] = {}
+    for hz in dict.fromkeys(value for _, value in steps if value is not None):
+        methods = [method for method, value in steps if value == hz]
+        found = _at_rate(methods, hz, segment, progress)
+        points |= {(point.method, point.value): point for point in found}
+    return [points[step] for step in steps]
 
 
 def length(curve: str, values: Sequence[float], segment: Segment) -> int:
     """Number of frames to process."""
-    return (
-        sum(len(_stamps_s(segment, hz)) for hz in values)
-        if curve == "rate"
-        else len(segment.numbers)
-    )
+    if curve != "rate":
+        return len(segment.numbers)
+    return sum(len(_stamps_s(segment, hz)) for hz in values)
 
 
 def interleaved(
@@ -211,27 +239,14 @@ def interleaved(
     return [one.point(curve, truth, total) for one in variants]
 
 
-def _values(curve: str, method: str, values: Sequence[float]) -> Sequence[float | None]:
-    """The steps that a method has: with fewer levels it can leave out fewer of them."""
-    if curve in SETTINGS and not _has_iterations(method):
-        return (None,)
-    if curve != "levels":
-        return values
-    fewest = min(sum(map(bool, part.iterations)) for part in _parts(method))
-    return [value for value in values if value < fewest]
-
-
 def _variant(curve: str, method: str, value: float | None, camera: PinholeCamera) -> Variant:
     if value is None:
         return Variant(method, None, Tracker(odometer(method), camera))
-    if curve in SETTINGS:
-        return Variant(method, value, Tracker(_changed(method, SETTINGS[curve][0], value), camera))
+    if CURVES[curve].change:
+        return Variant(method, value, Tracker(changed(method, CURVES[curve], value), camera))
     if curve == "keyframe":
-        return Variant(
-            method,
-            value,
-            Tracker(odometer(method), camera, against=KeyframeReference(value, 50.0 * value)),
-        )
+        reference = KeyframeReference(value, 50.0 * value)
+        return Variant(method, value, Tracker(odometer(method), camera, against=reference))
     if curve == "realtime":
         return Busy(method, value, Tracker(odometer(method), camera))
     halvings = round(float(np.log2(camera.width / value)))
@@ -242,24 +257,7 @@ def _variant(curve: str, method: str, value: float | None, camera: PinholeCamera
     return Variant(method, value, Tracker(odometer(method), camera), halvings)
 
 
-def _has_iterations(method: str) -> bool:
-    """Whether it is one of our odometers that align images or planes step by step."""
-    return method not in BASELINES and method != "fovis"
-
-
-def _changed(method: str, change: Callable[[Any, float], Any], value: float) -> Odometer:
-    """One of our odometers with changed settings, in all of its groups of settings that have
-    iterations.
-    """
-    kind, preset = _best(method)
-    if isinstance(preset, tuple):
-        return kind(
-            tuple(change(part, value) if hasattr(part, "iterations") else part for part in preset)
-        )
-    return kind(change(preset, value))
-
-
-def _best(method: str) -> tuple[Any, Any]:
+def _preset(method: str) -> tuple[Any, Any]:
     """The class of one of our odometers, and its preset: settings, or a tuple with several groups
     of them.
     """
@@ -267,34 +265,53 @@ def _best(method: str) -> tuple[Any, Any]:
     return kind, kind.PRESETS["best"]
 
 
-def _parts(method: str) -> list[Any]:
-    """The groups of settings of one of our odometers that have iterations."""
-    _, preset = _best(method)
-    return [
-        part
-        for part in (preset if isinstance(preset, tuple) else (preset,))
-        if hasattr(part, "iterations")
-    ]
+def _groups(method: str, setting: Setting) -> list[Any]:
+    """The groups of settings of a method that a curve changes."""
+    if setting.change is None or method not in ODOMETERS:
+        return []
+    _, preset = _preset(method)
+    groups = preset if isinstance(preset, tuple) else (preset,)
+    return [group for group in groups if setting.changes(group)]
+
+
+def changed(method: str, setting: Setting, value: float) -> Odometer:
+    """One of our odometers with changed settings, in all groups that have the setting."""
+    kind, preset = _preset(method)
+    change = setting.change
+    assert change is not None
+    if not isinstance(preset, tuple):
+        return kind(change(preset, value))
+    groups = list(preset)
+    for k, group in enumerate(groups):
+        if setting.changes(group):
+            groups[k] = change(group, value)
+    return kind(tuple(groups))
 
 
 def halved(frame: Frame, times: int) -> Frame:
     """The frame at half size, `times` times: 2 x 2 means of grey, and of depth where its four
     pixels belong to one surface; elsewhere depth is missing.
     """
-    grey, depth_z_m = frame.grey, frame.depth_z_m
+    grey = frame.grey
+    depth_z_m = frame.depth_z_m
     for _ in range(times):
-        h, w = (side // 2 * 2 for side in grey.shape)
-        four = np.stack([depth_z_m[y:h:2, x:w:2] for y in (0, 1) for x in (0, 1)])
+        four = np.stack(_of_each_four(depth_z_m))
         whole = (four.min(0) > 0) & (four.max(0) < (1 + _EDGE) * four.min(0))
         depth_z_m = np.where(whole, four.mean(0), 0).astype(np.float32)
-        grey = np.mean(
-            [grey[y:h:2, x:w:2] for y in (0, 1) for x in (0, 1)], axis=0, dtype=np.float32
-        )
+        grey = np.mean(_of_each_four(grey), axis=0, dtype=np.float32)
     return Frame(grey, depth_z_m, frame.stamp_s)
 
 
+def _of_each_four(image: np.ndarray) -> list[np.ndarray]:
+    """The four pixels of each square of 2 x 2 pixels, as four images."""
+    h = image.shape[0] // 2 * 2
+    w = image.shape[1] // 2 * 2
+    return [image[y:h:2, x:w:2] for y, x in np.ndindex(2, 2)]
+
+
 def _stamps_s(segment: Segment, hz: float) -> np.ndarray:
-    first_s, last_s = (segment.stamps_s[segment.numbers[k]] for k in (0, -1))
+    first_s = segment.stamps_s[segment.numbers[0]]
+    last_s = segment.stamps_s[segment.numbers[-1]]
     return first_s + np.arange(int((last_s - first_s) * hz + 1e-6) + 1) / hz
 
 
@@ -304,7 +321,8 @@ def _at_rate(
     """Frames at another rate, exposed for half of their period: shorter exposures are sharper and
     noisier (Handa et al., ECCV 2012).
     """
-    noise, light_share = PaperRgbNoise(), np.float32(FRAME_RATE_HZ / hz)
+    noise = PaperRgbNoise()
+    light_share = np.float32(FRAME_RATE_HZ / hz)
 
     def frames() -> Iterator[tuple[float, Frame]]:
         for stamp_s in _stamps_s(segment, hz):
@@ -313,20 +331,8 @@ def _at_rate(
             colour = srgb8(noise.noisy_light(np.maximum(light, 0) * light_share, rng) / light_share)
             yield float(stamp_s), Frame.of(colour, depth_at(segment, stamp_s), float(stamp_s))
 
-    variants = [
-        Variant(method, hz, Tracker(odometer(method), segment.camera)) for method in methods
-    ]
-    dense = Trajectory(_stamps_s(segment, hz), sample(segment.truth, _stamps_s(segment, hz)))
+    camera = segment.camera
+    variants = [Variant(method, hz, Tracker(odometer(method), camera)) for method in methods]
+    stamps_s = _stamps_s(segment, hz)
+    dense = Trajectory(stamps_s, sample(segment.truth, stamps_s))
     return interleaved("rate", variants, frames, dense, progress)
-
-
-def table(points: Sequence[Point]) -> str:
-    """One line per point."""
-    lines = [f"{'method':<26}{'value':>8}{'tracked':>10}{'ATE [mm]':>10}{'ms':>8}"]
-    for p in points:
-        ate = "-" if p.ate_m is None else f"{1e3 * p.ate_m:.3f}"
-        value = "-" if p.value is None else f"{p.value:g}"
-        lines.append(
-            f"{p.method:<26}{value:>8}{f'{p.tracked}/{p.frames}':>10}{ate:>10}{p.ms:>8.1f}"
-        )
-    return "\n".join(lines)

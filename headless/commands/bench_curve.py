@@ -2,31 +2,31 @@
 
 import argparse
 import os
-from collections.abc import Callable
-from functools import partial
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from iclnuim.benchmark.odometry.registry import names
 from iclnuim.console import Console
-from iclnuim.dataset.frames import read_truth, sequence_name
+from iclnuim.dataset.frames import sequence_name
 from iclnuim.errors import InputError
-from iclnuim.shipped import source_commit
-from iclnuim.version import __version__
 
 from ..method_options import installed, open_sequence, require
 from ..options import Actions, action, count, numbers
 from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
+    from iclnuim.benchmark.experiments.inputs import Input
+    from iclnuim.benchmark.experiments.pool import Advance
+    from iclnuim.benchmark.experiments.recipes.curve import Curve
     from iclnuim.benchmark.perturbations.segment import Segment
-    from matplotlib.figure import Figure
 
-#: Points for --json, text, and a function that draws the chart.
-Curve = tuple[list[dict[str, Any]], str, Callable[[], "Figure"]]
-_SEED, _FRAMES = 1, 120
+_OUT = "folder of the measured steps, by which the command resumes; default: out/curves"
+_SEED = 1
+_FRAMES = 120
 #: Largest step of a curve; at a higher rate, frames in between would fill the memory.
-_LARGEST_STEP, _LARGEST = 1e6, {"rate": 1000.0}
+_LARGEST_STEP = 1e6
+_LARGEST = {"rate": 1000.0}
 
 
 def configure(actions: Actions) -> None:
@@ -60,6 +60,7 @@ def configure(actions: Actions) -> None:
     )
     help = "threads of OpenCV and Open3D; our odometers always use one; default: 1"
     add("--threads", type=count, default=1, metavar="N", help=help)
+    add("-o", "--out", type=Path, default=Path("out/curves"), metavar="OUT", help=_OUT)
     add("--plot", type=Path, metavar="FILE", help="draw time against error (.png, .pdf, .svg)")
 
 
@@ -67,49 +68,90 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
     require("bench curve", "numba", "cv2")
     os.environ.setdefault("OMP_NUM_THREADS", str(args.threads))  # of Open3D, before it is loaded
     import cv2
-    from iclnuim.benchmark.experiments import curves
-    from iclnuim.benchmark.perturbations.segment import Segment
+    from iclnuim.benchmark.experiments.recipes.curve import KIND
+    from iclnuim.benchmark.experiments.store import Store
 
-    names = (*curves.CURVES, "voxel")
-    if args.curve not in names:
-        raise InputError(f"a curve ({', '.join(names)})", found=args.curve)
-    _check_values(args.curve, args.values or ())
-    segments = {}
-    for folder in args.folders:
-        sequence, truth = open_sequence(args, console, folder), read_truth(folder)
-        if truth is None:
-            raise InputError("a ground truth in the folder", path=folder)
-        left = len(sequence.pairs) - args.start
-        if args.start < 0:
-            raise InputError("a first frame of 0 or more", setting="--start", found=args.start)
-        if left < (args.first or 3):
-            expected = f"at least {args.start + (args.first or 3)} frames"
-            raise InputError(
-                expected, path=folder, found=len(sequence.pairs), hint="another --start or --first"
-            )
-        frames = args.first or min(_FRAMES, left)
-        segments[sequence_name(folder)] = Segment.of(
-            sequence, truth, args.start, frames, seed=_SEED
-        )
-    if len(segments) < len(args.folders):
-        raise InputError("sequences with different names", found=", ".join(map(str, args.folders)))
+    curve = _experiment(args, console)
     cv2.setNumThreads(args.threads)
-    measure = _fusion_curve if args.curve == "voxel" else _odometer_curve
-    points, text, drawn = measure(args, console, segments)
+    store = Store(args.out / curve.name, KIND)
+
+    def begin(total: int) -> "Advance":
+        return console.progress(total, f"bench curve {curve.name}").advance
+
+    curve.run(store, begin)
+    points = curve.points(store)
     if args.plot:
         from iclnuim.report import charts
 
-        charts.save(drawn(), args.plot)
+        charts.save(curve.figure(points), args.plot)
+    console.note(f"{curve.page(points).write(store.out / 'curve.html')} written")
+    rows: list[dict[str, Any]] = []
+    for sequence, found in points.items():
+        rows += [{"sequence": sequence, **asdict(point)} for point in found]
     recipe = {
-        "folders": [str(folder) for folder in args.folders],
         "start": args.start,
-        "frames": {name: len(segment.numbers) for name, segment in segments.items()},
+        "frames": {name: len(segment.numbers) for name, segment in curve.segments.items()},
         "threads": args.threads,
         "seed": _SEED,
-        "iclnuim": __version__,
-        "source_commit": source_commit(),
     }
-    console.result({"recipe": recipe, "points": points}, text)
+    text = "\n\n".join(table.text() for table in curve.tables(points))
+    console.result({"recipe": recipe, "points": rows}, text)
+
+
+def _experiment(args: argparse.Namespace, console: Console) -> "Curve":
+    """The curve that the options describe."""
+    from iclnuim.benchmark.experiments import curves
+    from iclnuim.benchmark.experiments.recipes import curve
+
+    known = (*curves.CURVES, curve.FUSION)
+    if args.curve not in known:
+        raise InputError(f"a curve ({', '.join(known)})", found=args.curve)
+    _check_values(args.curve, args.values or ())
+    values = args.values or curve.default_values(args.curve)
+    inputs = _inputs(args, console)
+    segments = {name: _segment(args, one) for name, one in inputs.items()}
+    settings: dict[str, Any] = {"threads": args.threads, "seed": _SEED}
+    if args.curve == curve.FUSION:
+        require("bench curve voxel", "igl")
+        from iclnuim.benchmark.fusion.surface_error import TrueSurface, read_model
+
+        surface = TrueSurface(*read_model(args.model))
+        steps: list[curves.Step] = [("fusion", value) for value in values]
+        settings["model"] = curve.surface_sha256(surface)
+        return curve.Curve(args.curve, inputs, segments, steps, settings, surface)
+    methods = args.method or ["icp", "rgbd"]
+    if "all" in methods:
+        methods = installed(names(), "best", console)
+    steps = curves.steps_of(args.curve, methods, values)
+    return curve.Curve(args.curve, inputs, segments, steps, settings)
+
+
+def _inputs(args: argparse.Namespace, console: Console) -> "dict[str, Input]":
+    from iclnuim.benchmark.experiments.inputs import Input
+
+    if args.start < 0:
+        raise InputError("a first frame of 0 or more", setting="--start", found=args.start)
+    found = {}
+    for folder in args.folders:
+        name = sequence_name(folder)
+        found[name] = Input.of(open_sequence(args, console, folder), name)
+    if len(found) < len(args.folders):
+        raise InputError("sequences with different names", found=", ".join(map(str, args.folders)))
+    return found
+
+
+def _segment(args: argparse.Namespace, one: "Input") -> "Segment":
+    """The chosen frames. Raises InputError if there are fewer."""
+    from iclnuim.benchmark.perturbations.segment import Segment
+
+    total = len(one.sequence.pairs)
+    left = total - args.start
+    if left < (args.first or 3):
+        expected = f"at least {args.start + (args.first or 3)} frames"
+        hint = "another --start or --first"
+        raise InputError(expected, path=one.sequence.folder, found=total, hint=hint)
+    frames = args.first or min(_FRAMES, left)
+    return Segment.of(one.sequence, one.truth, args.start, frames, seed=_SEED)
 
 
 def _check_values(curve: str, values: tuple[float, ...]) -> None:
@@ -124,50 +166,3 @@ def _check_values(curve: str, values: tuple[float, ...]) -> None:
             raise InputError(
                 f"numbers above 0, at most {most:g}", setting="--values", found=f"{value:g}"
             )
-
-
-def _odometer_curve(
-    args: argparse.Namespace, console: Console, segments: "dict[str, Segment]"
-) -> "Curve":
-    from iclnuim.benchmark.experiments import curves
-
-    methods = args.method or ["icp", "rgbd"]
-    if "all" in methods:
-        methods = installed(names(), "best", console)
-    values, results = args.values or curves.CURVES[args.curve][0], {}
-    total = sum(curves.length(args.curve, values, segment) for segment in segments.values())
-    progress = console.progress(total, f"bench curve {args.curve}")
-    for name, segment in segments.items():
-        results[name] = curves.measure(args.curve, methods, values, segment, progress.advance)
-
-    def drawn() -> "Figure":
-        from iclnuim.benchmark.experiments import curve_chart
-
-        return curve_chart.figure(args.curve, results)
-
-    return *_listed(results, curves.table), drawn
-
-
-def _fusion_curve(
-    args: argparse.Namespace, console: Console, segments: "dict[str, Segment]"
-) -> "Curve":
-    from iclnuim.benchmark.experiments import fusion_curve
-    from iclnuim.benchmark.fusion.surface_error import TrueSurface, read_model
-
-    require("bench curve voxel", "igl")
-    surface = TrueSurface(*read_model(args.model))
-    progress = console.progress(sum(len(s.numbers) for s in segments.values()), "bench curve voxel")
-    values = args.values or fusion_curve.VALUES
-    results = {
-        name: fusion_curve.measure(values, s, surface, progress.advance)
-        for name, s in segments.items()
-    }
-    return *_listed(results, fusion_curve.table), partial(fusion_curve.figure, results)
-
-
-def _listed(results: dict[str, list], table: Callable[[Any], str]) -> tuple[list[dict], str]:
-    """The points of all sequences for --json, and their tables."""
-    points = [
-        {"sequence": name, **point.to_dict()} for name, found in results.items() for point in found
-    ]
-    return points, "\n\n".join(f"{name}\n{table(found)}" for name, found in results.items())

@@ -3,6 +3,10 @@ wait loses frames.
 """
 
 import json
+import shutil
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -15,6 +19,12 @@ from iclnuim.errors import InputError
 pytest.importorskip("numba")
 from iclnuim.benchmark.odometry.icp import Icp, IcpRgbd  # noqa: E402
 from iclnuim.benchmark.odometry.photometric import Rgbd  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """Cells are stored below the working folder by default."""
+    monkeypatch.chdir(tmp_path)
 
 
 def test_steps_change_the_settings_that_they_name():
@@ -32,7 +42,7 @@ def test_steps_change_the_settings_that_they_name():
     with pytest.raises(InputError, match="fewer than 2 levels"):
         curves.levels(icp, 2)
     both = IcpRgbd(IcpRgbd.PRESETS["best"])
-    changed = curves._changed("icp_rgbd", curves.iterations, 2)
+    changed = curves.changed("icp_rgbd", curves.CURVES["iterations"], 2)
     assert (
         changed.iterations == tuple(2 * n for n in both.iterations)
         and changed.weight_b == both.weight_b
@@ -132,7 +142,7 @@ def test_what_cannot_be_varied_is_said_in_one_line(command_here, folder):
         ),
         (
             ("levels", folder, "--method", "baseline:opencv-icp"),
-            "expected rgbd, dvo, icp or icp_rgbd",
+            "expected an odometer with such settings (dvo, rgbd, icp, icp_rgbd)",
         ),
         (
             ("resolution", folder, "--values", "100", "--first", "6"),
@@ -175,6 +185,49 @@ def test_methods_without_the_setting_have_one_step(command_here, folder, tmp_pat
     assert drawn.startswith("<?xml") and len(drawn) > 10_000
     code, _, err = command_here(*words[:3], folder, folder, *words[4:])
     assert code == 2 and "expected sequences with different names" in err
+
+
+def without_times(text):
+    points = json.loads(text)["points"]
+    return [{name: v for name, v in point.items() if name != "ms"} for point in points]
+
+
+def test_a_sequence_whose_steps_are_measured_is_not_measured_again(command_here, folder, tmp_path):
+    copy = shutil.copytree(folder, tmp_path / "again/clean")
+    (copy / "recipe.json").unlink()
+    words = ("bench", "curve", "resolution", folder, copy, "--first", "6", "--values", "160,80")
+    words = (*words, "--method", "baseline:opencv-icp", "-o", tmp_path / "out", "--json")
+    code, first, err = command_here(*words)
+    assert code == 0, err
+    assert "curve.html written" in err
+    files = sorted((tmp_path / "out/resolution/cells").rglob("*.cell.json"))
+    assert len(files) == 4
+    stamps = [file.stat().st_mtime_ns for file in files]
+    files[0].unlink()
+    code, second, _ = command_here(*words)
+    assert code == 0 and without_times(second) == without_times(first)
+    changed = [file.stat().st_mtime_ns != stamp for file, stamp in zip(files, stamps, strict=True)]
+    assert changed == [True, True, False, False]  # all steps of that sequence, for their times
+
+
+@pytest.mark.slow
+def test_a_killed_curve_ends_in_the_same_table_but_for_times(folder, tmp_path):
+    copy = shutil.copytree(folder, tmp_path / "again/clean")
+    (copy / "recipe.json").unlink()
+    words = [sys.executable, "-m", "iclnuim", "bench", "curve", "iterations", folder, copy]
+    words += ["--method", "icp", "--method", "baseline:opencv-icp", "--json", "--quiet", "-o"]
+    begun = time.monotonic()
+    whole = subprocess.run([*words, tmp_path / "whole"], capture_output=True, check=True)
+    took_s = time.monotonic() - begun
+    kills = 0
+    for share in np.linspace(0.3, 0.98, 8):
+        process = subprocess.Popen([*words, tmp_path / "out"], stdout=subprocess.DEVNULL)
+        time.sleep(share * took_s)
+        kills += process.poll() is None
+        process.kill()
+        process.wait()
+    last = subprocess.run([*words, tmp_path / "out"], capture_output=True, check=True)
+    assert kills > 2 and without_times(last.stdout) == without_times(whole.stdout)
 
 
 def test_a_short_sequence_is_used_whole_and_too_many_frames_are_refused(command_here, folder):
