@@ -63,7 +63,8 @@ def run_isolated(work: Callable[[], int | None], file: str) -> int:
 def crash_words(file: str, number: int) -> str:
     """The error message for a Blender process that a signal ended while it worked on `file`."""
     return (
-        f"{file}: Blender crashed on it ({signal.Signals(number).name}): the file is damaged, or triggers a bug in this Blender; "
+        f"{file}: Blender crashed on it ({signal.Signals(number).name}): "
+        "the file is damaged, or triggers a bug in this Blender; "
         "try opening and saving it in a Blender window"
     )
 

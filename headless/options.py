@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
+from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.settings import Setting, Settings, declared, find, plain
@@ -34,27 +35,35 @@ def add_settings(
 
 
 def _add_setting(parser: argparse.ArgumentParser, s: Setting, default: Any) -> None:
-    unit = f" ({s.unit})" if s.unit else ""
-    text = f"{s.help}{unit}".replace("%", "%%")
-    if s.kind is bool and s.default is False:
-        parser.add_argument(s.option, action="store_true", default=None, help=text)
-        return
-    text += "" if default is None else f"; default: {plain(default)}".replace("%", "%%")
-    if s.kind is bool:
-        parser.add_argument(
-            s.option, action=argparse.BooleanOptionalAction, default=None, help=text
-        )
-        return
-    kind: Callable[[str], Any] = s.parse or (str if s.choices is not None else _reader(s))
-    meta = "N" if s.kind in (int, float) and not s.parse else _key(s).upper()
-    if s.choices is not None:
-        meta = "{" + ",".join([*s.choices, *([s.others] if s.others else [])]) + "}"
+    text = s.help
+    if s.unit:
+        text += f" ({s.unit})"
+    is_flag = s.kind is bool and s.default is False
+    if default is not None and not is_flag:
+        text += f"; default: {plain(default)}"
     if any(choice.startswith("-") for choice in s.choices or ()):
         text += f"; write = before a value that starts with a minus, such as {s.option}=-z"
-    more: dict[str, Any] = (
-        {} if s.length is None else {"nargs": s.length} if s.length else {"action": "append"}
-    )
-    parser.add_argument(s.option, type=kind, metavar=meta, help=text, **more)
+    how: dict[str, Any] = {"help": text.replace("%", "%%"), "default": None}
+    if s.kind is bool:
+        how["action"] = "store_true" if is_flag else argparse.BooleanOptionalAction
+    else:
+        how |= _value(s)
+    parser.add_argument(s.option, **how)
+
+
+def _value(s: Setting) -> dict[str, Any]:
+    """The arguments of add_argument for an option that takes a value."""
+    how: dict[str, Any] = {"type": s.parse or _reader(s), "metavar": _key(s).upper()}
+    if s.choices is not None:
+        how["metavar"] = "{" + ",".join(filter(None, [*s.choices, s.others])) + "}"
+        how["type"] = s.parse or str
+    elif s.kind in (int, float) and not s.parse:
+        how["metavar"] = "N"
+    if s.length:
+        how["nargs"] = s.length
+    elif s.length == 0:
+        how["action"] = "append"
+    return how
 
 
 def _key(s: Setting) -> str:
@@ -68,9 +77,8 @@ def _reader(s: Setting) -> Callable[[str], Any]:
     def read(text: str) -> Any:
         return s.kind(text)
 
-    read.__name__ = {int: "whole number", float: "number"}.get(
-        s.kind, "text"
-    )  # argparse: invalid NAME value
+    # argparse: invalid NAME value
+    read.__name__ = {int: "whole number", float: "number"}.get(s.kind, "text")
     return read
 
 
@@ -78,18 +86,20 @@ def given_settings(
     args: argparse.Namespace, group: type[Settings], only: Iterable[str] | None = None
 ) -> dict[str, Any]:
     """The settings that were given as options: name -> value."""
-    keys = {n: _key(s) for n, s in declared(group).items() if only is None or n in only}
-    return {
-        n: getattr(args, key) for n, key in keys.items() if getattr(args, key, None) is not None
-    }
+    given = {}
+    for name, declaration in declared(group).items():
+        value = getattr(args, _key(declaration), None)
+        if value is not None and (only is None or name in only):
+            given[name] = value
+    return given
 
 
 def settings_from(
     args: argparse.Namespace, base: S, only: Iterable[str] | None = None, **derived: Any
 ) -> S:
-    """`base` with the settings that were given as options, and the `derived` ones. Raises
-    InputError, which names the option, for an
-    invalid value.
+    """`base` with the settings that were given as options, and the `derived` ones.
+
+    Raises InputError, which names the option, for an invalid value.
     """
     options = {n: s.option for n, s in declared(type(base)).items() if s.option}
     given = given_settings(args, type(base), only)
@@ -109,11 +119,9 @@ def option_name(setting: str) -> str:
     if setting.startswith("--"):
         return setting
     declaration = find(setting)
-    return (
-        declaration.option
-        if declaration and declaration.option
-        else "--" + setting.replace("_", "-")
-    )
+    if declaration and declaration.option:
+        return declaration.option
+    return "--" + setting.replace("_", "-")
 
 
 def common(
@@ -124,9 +132,8 @@ def common(
     parser.epilog = f"example:\n  {example}"
     parser.add_argument("--quiet", action="store_true", help="print no notes and no progress")
     if json:
-        parser.add_argument(
-            "--json", action="store_true", help="print figures as JSON on standard output"
-        )
+        help = "print figures as JSON on standard output"
+        parser.add_argument("--json", action="store_true", help=help)
     return parser
 
 
@@ -139,7 +146,12 @@ def subcommands(parser: argparse.ArgumentParser, title: str = "ACTION") -> Actio
 
 
 def action(
-    actions: Actions, name: str, help: str, example: str, run: Callable, json: bool = True
+    actions: Actions,
+    name: str,
+    help: str,
+    example: str,
+    run: Callable[[argparse.Namespace, Console], int | None],
+    json: bool = True,
 ) -> argparse.ArgumentParser:
     """Add one action with its own options; `args.run(args, console)` executes it."""
     parser = actions.add_parser(name, help=help, description=help)

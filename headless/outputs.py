@@ -4,6 +4,7 @@ import argparse
 import os
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from iclnuim.errors import InputError
@@ -14,7 +15,8 @@ _OUTPUTS = ("out", "csv", "plot", "rerun", "blend")
 #: Files of a sequence in its own folder, apart from its images: ground truth, lists, camera,
 #: recipe, journal, calibration.
 _SEQUENCE = re.compile(
-    r"(groundtruth.*|rgb|depth|associat.*|camera|recipe|sequence|frames|calibration|orb_slam.*)\.(txt|json|jsonl|csv|yaml)|.*\.gt\.\w+"
+    r"(groundtruth.*|rgb|depth|associat.*|camera|recipe|sequence|frames|calibration|orb_slam.*)"
+    r"\.(txt|json|jsonl|csv|yaml)|.*\.gt\.\w+"
 )
 _IMAGES = (".png", ".jpg", ".exr", ".npy")
 #: Folders of images, of which a folder that is not a complete sequence has at least one.
@@ -31,13 +33,19 @@ def check_outputs(args: argparse.Namespace) -> None:
         return
     for name, path in _outputs(args):
         if path.is_file():
-            for given in _inputs(args):
-                if _is_read(path, given):
-                    raise _refused(
-                        name, path, f"the input {given}" if given.is_file() else _of_sequence(given)
-                    )
-            if folder := _sequence_with(path):
-                raise _refused(name, path, _of_sequence(folder))
+            _check_output(name, path, args)
+
+
+def _check_output(name: str, path: Path, args: argparse.Namespace) -> None:
+    read = next((given for given in _inputs(args) if _is_read(path, given)), None)
+    if read is None:
+        read = _sequence_with(path)
+    if read is None:
+        return
+    found = f"the input {read}" if read.is_file() else f"a file of the sequence {read}"
+    hint = f"another name for {{{name}}}"
+    expected = "an output that is none of the inputs and in no sequence"
+    raise InputError(expected, path=path, found=found, hint=hint)
 
 
 def refuse_existing(path: str | os.PathLike[str], hint: str) -> None:
@@ -47,17 +55,6 @@ def refuse_existing(path: str | os.PathLike[str], hint: str) -> None:
     """
     if os.path.lexists(path) and not is_stream(path):
         raise InputError("a new file name", path=path, found="an existing file", hint=hint)
-
-
-def _refused(name: str, path: Path, what: str) -> InputError:
-    hint = f"another name for {{{name}}}"
-    return InputError(
-        "an output that is none of the inputs and in no sequence", path=path, found=what, hint=hint
-    )
-
-
-def _of_sequence(folder: Path) -> str:
-    return f"a file of the sequence {folder}"
 
 
 def _outputs(args: argparse.Namespace) -> Iterator[tuple[str, Path]]:
@@ -75,16 +72,18 @@ def _outputs(args: argparse.Namespace) -> Iterator[tuple[str, Path]]:
 def _inputs(args: argparse.Namespace) -> Iterator[Path]:
     """Files and folders that exist among the values of all other options."""
     for name, value in vars(args).items():
-        if name not in (*_OUTPUTS, "beside_out"):
-            for one in value if isinstance(value, list | tuple) else (value,):
-                if isinstance(one, str | Path) and str(one) and os.path.exists(one):
-                    yield Path(one)
+        if name in (*_OUTPUTS, "beside_out"):
+            continue
+        for one in value if isinstance(value, list | tuple) else (value,):
+            if isinstance(one, str | Path) and str(one) and os.path.exists(one):
+                yield Path(one)
 
 
 def _is_read(path: Path, given: Path) -> bool:
     if given.is_file():
         return os.path.samefile(path, given)
-    path, given = real_path(path), real_path(given)
+    path = real_path(path)
+    given = real_path(given)
     if not path.is_relative_to(given):
         return False
     image = path.suffix.lower() in _IMAGES and path.parent != given
@@ -105,18 +104,16 @@ def _has(folder: Path, path: Path) -> bool:
     """
     from iclnuim.dataset.frames import find_pairs, find_truth
 
-    try:
-        images = {
-            real_path(image) for pair in find_pairs(folder) for image in (pair.rgb, pair.depth)
-        }
-        truth = find_truth(folder)
-    except InputError:
-        images, truth = set(), None
-    places = {image.parent for image in images} | {
-        folder / name for name in _FOLDERS if (folder / name).is_dir()
-    }
+    files = set()
+    places = {folder / name for name in _FOLDERS if (folder / name).is_dir()}
+    with suppress(InputError):
+        for pair in find_pairs(folder):
+            files |= {real_path(pair.rgb), real_path(pair.depth)}
+        places |= {image.parent for image in files}
+        if truth := find_truth(folder):
+            files.add(real_path(truth))
     if not places:
         return False
     image = path.suffix.lower() in _IMAGES and path.parent in places - {folder}
     listed = path.parent == folder and _SEQUENCE.fullmatch(path.name)
-    return path in images or image or bool(listed) or truth is not None and path == real_path(truth)
+    return path in files or image or bool(listed)

@@ -44,12 +44,10 @@ def sequence_options(args: argparse.Namespace) -> SequenceOptions:
     options = settings_from(args, SequenceOptions())
     check_format_units(args, options)
     if ":" in options.depth_noise + options.rgb_noise and "" not in sys.path:
-        sys.path.insert(
-            0, ""
-        )  # a user's module is in the working folder, which is not on the command's search path
-    return options.changed(
-        depth_settings=_json(args.depth_settings), rgb_settings=_json(args.rgb_settings)
-    )
+        # a user's module is in the working folder, which is not on the command's search path
+        sys.path.insert(0, "")
+    depth_settings = _json(args.depth_settings)
+    return options.changed(depth_settings=depth_settings, rgb_settings=_json(args.rgb_settings))
 
 
 def check_format_units(args: argparse.Namespace, options: SequenceOptions) -> None:
@@ -57,18 +55,15 @@ def check_format_units(args: argparse.Namespace, options: SequenceOptions) -> No
     fixed.
     """
     fixed = {name: sequence_format(name).fixed_units for name in options.formats}
-    if (
-        args.depth_units is not None
-        and None not in fixed.values()
-        and args.depth_units not in fixed.values()
-    ):
-        expected = ", ".join(f"{units:g} for the format {name}" for name, units in fixed.items())
-        raise InputError(
-            expected,
-            setting="--depth-units",
-            found=f"{args.depth_units:g}",
-            hint="the command without it",
-        )
+    if args.depth_units is None or None in fixed.values() or args.depth_units in fixed.values():
+        return
+    expected = ", ".join(f"{units:g} for the format {name}" for name, units in fixed.items())
+    raise InputError(
+        expected,
+        setting="--depth-units",
+        found=f"{args.depth_units:g}",
+        hint="the command without it",
+    )
 
 
 def log_settings(args: argparse.Namespace) -> LogSettings:
@@ -76,30 +71,24 @@ def log_settings(args: argparse.Namespace) -> LogSettings:
 
     Raises InputError for settings of bags that are not written.
     """
-    logs, plain = settings_from(args, LogSettings()), LogSettings()
+    logs = settings_from(args, LogSettings())
     for name in ("bag_storage", "compress_bags"):
-        if not logs.rosbag and getattr(logs, name) != getattr(plain, name):
+        if not logs.rosbag and getattr(logs, name) != getattr(LogSettings(), name):
             raise InputError(f"{{rosbag}} with {{{name}}}", found="it alone")
     return logs
 
 
 def _json(text: str | None) -> dict[str, Any] | None:
-    return None if text is None else content_of_json(text, "noise settings in JSON")
+    if text is None:
+        return None
+    return content_of_json(text, "noise settings in JSON")
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add(
-        "--camera",
-        metavar="WxH,FX,FY,CX,CY",
-        help="default: camera.json of the folder, or the benchmark's camera",
-    )
-    add(
-        "--units",
-        type=float,
-        metavar="N",
-        help="depth units per metre; default: those of camera.json, or 5000",
-    )
+    help = "default: camera.json of the folder, or the benchmark's camera"
+    parser.add_argument("--camera", metavar="WxH,FX,FY,CX,CY", help=help)
+    help = "depth units per metre; default: those of camera.json, or 5000"
+    parser.add_argument("--units", type=float, metavar="N", help=help)
 
 
 def camera_from(args: argparse.Namespace, folder: Path) -> SequenceCamera | None:
@@ -139,12 +128,13 @@ def note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console)
     """Print a note if images of the sequence are in no pair."""
     from iclnuim.dataset.frames import unused_images
 
-    unused = {f"{kind}/": paths for kind, paths in unused_images(pairs).items() if paths}
-    if unused:
-        counts = ", ".join(
-            f"{len(paths)} in {kind} (first: {paths[0].name})" for kind, paths in unused.items()
-        )
-        console.note(f"{folder}: images without a partner, or in no list, are not used: {counts}")
+    counts = []
+    for kind, paths in unused_images(pairs).items():
+        if paths:
+            counts.append(f"{len(paths)} in {kind}/ (first: {paths[0].name})")
+    if counts:
+        unused = "images without a partner, or in no list, are not used"
+        console.note(f"{folder}: {unused}: {', '.join(counts)}")
 
 
 def note_camera(folder: Path, camera: SequenceCamera, console: Console) -> None:
@@ -152,8 +142,10 @@ def note_camera(folder: Path, camera: SequenceCamera, console: Console) -> None:
     if camera.distorted:
         console.note(f"{folder}: {DISTORTED}")
     if camera.assumed:
-        c, units = camera.pinhole, camera.depth_units_per_metre
+        c = camera.pinhole
+        size = f"{c.width}x{c.height},{c.fx:g},{c.fy:g},{c.cx:g},{c.cy:g}"
         console.note(
-            f"{folder}: no camera.json, so the benchmark's camera is assumed: {c.width}x{c.height},{c.fx:g},{c.fy:g},"
-            f"{c.cx:g},{c.cy:g}, {units:g} depth units per metre; set others with --camera and --units"
+            f"{folder}: no camera.json, so the benchmark's camera is assumed: {size}, "
+            f"{camera.depth_units_per_metre:g} depth units per metre; "
+            "set others with --camera and --units"
         )

@@ -13,10 +13,10 @@ from iclnuim.console import Console
 from iclnuim.dataset.run_folder import open_run
 from iclnuim.errors import InputError
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
-from iclnuim.headless.commands import status
 from iclnuim.headless.commands.runs import configure_make, plan_from
 from iclnuim.headless.farm import held_out
 from iclnuim.headless.farm.run_plan import RunPlan
+from iclnuim.headless.farm.run_state import run_state
 
 
 def plan_of(out, *words) -> RunPlan:
@@ -109,7 +109,7 @@ def test_views_that_stand_are_kept_and_others_are_refused(tmp_path):
 def test_status_counts_them(tmp_path):
     plan = plan_of(tmp_path, "--held-out", "4")
     begin(plan)
-    assert status.state(tmp_path, None)["held_out"] == {}
+    assert run_state(tmp_path)["held_out"] == {}
     views = held_out.views_plan(plan)
     open_run(
         views.raw, {"job": views.job.to_dict()}, read_trajectory(views.job.trajectory).trajectory
@@ -119,7 +119,7 @@ def test_status_counts_them(tmp_path):
         (views.out / "clean" / kind).mkdir(parents=True)
         (views.out / "clean" / kind / "000002.png").touch()
     (views.out / "clean/frames.jsonl").write_text('{"frame": 2}\n')
-    found = status.state(tmp_path, None)["held_out"]
+    found = run_state(tmp_path)["held_out"]
     assert (found["finished"], found["frames"], found["missing_frames"]) == (1, 4, [0, 1, 3])
 
 
