@@ -149,8 +149,7 @@ class RenderJob(Settings):
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "RenderJob":
-        """The job of a run's recipe. One without `mipmaps` is older than this setting: its frames
-        have none.
+        """The job of a run's recipe.
 
         Raises InputError for unknown keys, a newer schema_version, or values out of range.
         """
@@ -160,9 +159,7 @@ class RenderJob(Settings):
                 raise InputError(
                     f"schema_version {SCHEMA_VERSION}", found=version, hint="a newer iclnuim"
                 )
-        return super().from_dict(
-            {"mipmaps": False, **content} if isinstance(content, Mapping) else content
-        )
+        return super().from_dict(content)
 
     def changed(self, **settings: Any) -> "RenderJob":
         """The same job with other settings; None means unchanged.
@@ -216,9 +213,8 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
     """
     path = Path(path)
     content = read_json(path)
-    content = (
-        content["job"] if isinstance(content.get("job"), dict) else {"mipmaps": True, **content}
-    )
+    if isinstance(content.get("job"), dict):
+        content = content["job"]
     content.setdefault("sequence", path.stem)
     try:
         job = RenderJob.from_dict(content)

@@ -25,7 +25,8 @@ from ..settings import Settings, setting
 from .frames import ImagePair, find_pairs, read_camera, read_images, read_truth
 from .layout import SequenceCamera
 
-FRAME, WORLD = "camera_rgb_optical_frame", "world"
+FRAME = "camera_rgb_optical_frame"
+WORLD = "world"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 
@@ -60,13 +61,16 @@ class LogSettings(Settings):
         """
         beside = out.resolve()
         klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
-        wanted = [klg, ros1, ros2] if self.rosbag else [klg] if self.klg else []
+        wanted = []
+        if self.klg or self.rosbag:
+            wanted.append(klg)
+        if self.rosbag:
+            wanted += [ros1, ros2]
         missing = [path for path in wanted if not path.exists()]
         for path in wanted:
             if path not in missing:
-                note(
-                    f"{path} exists already and is not changed; remove it to have it written from the present frames"
-                )
+                again = "remove it to have it written from the present frames"
+                note(f"{path} exists already and is not changed; {again}")
         for path in missing:
             note(f"{path} is written")
             if path == klg:
@@ -91,7 +95,8 @@ def write_rosbag(
     Raises InputError if `out` exists already, WorkError without the package rosbags.
     """
     pairs = find_pairs(Path(folder))
-    camera, truth = read_camera(Path(folder), pairs[0].rgb), read_truth(Path(folder))
+    camera = read_camera(Path(folder), pairs[0].rgb)
+    truth = read_truth(Path(folder))
     out = Path(out)
     if out.exists():
         raise InputError("a path that does not exist yet", path=out, found="a file or folder")
@@ -149,19 +154,16 @@ class _Bag:
         images = (("rgb/image_color", "rgb8", rgb), ("depth/image", "32FC1", depth))
         for (name, encoding, pixels), text in zip(images, pair.written, strict=True):
             stamp_ns = self._nanoseconds(text or pair.stamp_s)
-            data, size = (
-                np.ascontiguousarray(pixels).reshape(-1).view(np.uint8),
-                self._size(stamp_ns, pixels.shape),
+            data = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8)
+            image = self._new(
+                "sensor_msgs/msg/Image",
+                **self._size(stamp_ns, pixels.shape),
+                encoding=encoding,
+                is_bigendian=0,
+                step=data.size // pixels.shape[0],
+                data=data,
             )
-            layout = {
-                "encoding": encoding,
-                "is_bigendian": 0,
-                "step": data.size // pixels.shape[0],
-                "data": data,
-            }
-            self._write(
-                f"/camera/{name}", self._new("sensor_msgs/msg/Image", **size, **layout), stamp_ns
-            )
+            self._write(f"/camera/{name}", image, stamp_ns)
             info = self._camera_info(stamp_ns, camera.pinhole)
             self._write(f"/camera/{name.split('/')[0]}/camera_info", info, stamp_ns)
 
@@ -172,15 +174,13 @@ class _Bag:
         """Write poses, and the same poses as transforms."""
         for i, stamp_s in enumerate(truth.stamps_s.tolist()):
             stamp_ns = self._nanoseconds(stamp_s)
-            T, header = truth.T_world_camera[i], self._header(stamp_ns, WORLD)
+            T = truth.T_world_camera[i]
+            header = self._header(stamp_ns, WORLD)
             place = dict(zip("xyz", T.translation.tolist(), strict=True))
-            rotation = self._new(
-                "geometry_msgs/msg/Quaternion",
-                **dict(zip("xyzw", T.quat_xyzw.tolist(), strict=True)),
-            )
-            point, move = (
-                self._new(f"geometry_msgs/msg/{kind}", **place) for kind in ("Point", "Vector3")
-            )
+            turn = dict(zip("xyzw", T.quat_xyzw.tolist(), strict=True))
+            rotation = self._new("geometry_msgs/msg/Quaternion", **turn)
+            point = self._new("geometry_msgs/msg/Point", **place)
+            move = self._new("geometry_msgs/msg/Vector3", **place)
             pose = self._new("geometry_msgs/msg/Pose", position=point, orientation=rotation)
             posed = self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
             self._write("/ground_truth/pose", posed, stamp_ns)
@@ -200,35 +200,26 @@ class _Bag:
             width=0,
             do_rectify=False,
         )
-        d, k, r, p = (
-            np.zeros(5),
-            c.K.ravel(),
-            np.eye(3).ravel(),
-            np.hstack([c.K, np.zeros((3, 1))]).ravel(),
-        )
-        # the names of the matrices are upper-case in ROS 1
-        matrices = dict(zip("DKRP" if self.ros == 1 else "dkrp", (d, k, r, p), strict=True))
-        model = {
-            "distortion_model": "plumb_bob",
-            "binning_x": 0,
-            "binning_y": 0,
-            "roi": roi,
-            **matrices,
-        }
+        projection = np.hstack([c.K, np.zeros((3, 1))])
+        matrices = {"d": np.zeros(5), "k": c.K, "r": np.eye(3), "p": projection}
+        if self.ros == 1:  # their names are upper-case
+            matrices = {name.upper(): matrix for name, matrix in matrices.items()}
         return self._new(
-            "sensor_msgs/msg/CameraInfo", **self._size(stamp_ns, (c.height, c.width)), **model
+            "sensor_msgs/msg/CameraInfo",
+            **self._size(stamp_ns, (c.height, c.width)),
+            distortion_model="plumb_bob",
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+            **{name: matrix.ravel() for name, matrix in matrices.items()},
         )
 
     def _header(self, stamp_ns: int, frame: str) -> Any:
         stamp = self._new(
             "builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9
         )
-        return self._new(
-            "std_msgs/msg/Header",
-            stamp=stamp,
-            frame_id=frame,
-            **({"seq": 0} if self.ros == 1 else {}),
-        )
+        more = {"seq": 0} if self.ros == 1 else {}
+        return self._new("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **more)
 
     def _new(self, kind: str, **values: Any) -> Any:
         return self.store.types[kind](**values)
@@ -268,22 +259,19 @@ def write_klg(
             for pair in pairs:
                 rgb, depth_z_m = read_images(pair, camera)
                 millimetres = np.rint(depth_z_m.astype(float) * 1000).clip(0, 65535).astype("<u2")
-                depth, colour = zlib.compress(millimetres.tobytes(), 1), rgb.tobytes()
-                log.write(
-                    struct.pack("<qii", round(pair.stamp_s * 1e6), len(depth), len(colour))
-                    + depth
-                    + colour
-                )
+                depth = zlib.compress(millimetres.tobytes(), 1)
+                stamp_us = round(pair.stamp_s * 1e6)
+                log.write(struct.pack("<qii", stamp_us, len(depth), rgb.nbytes))
+                log.write(depth)
+                log.write(rgb.tobytes())
                 on_frame(pair.number)
 
-    calibration, line = file.with_suffix(".cal"), f"{c.fx:.9g} {c.fy:.9g} {c.cx:.9g} {c.cy:.9g}\n"
+    calibration = file.with_suffix(".cal")
+    line = f"{c.fx:.9g} {c.fy:.9g} {c.cx:.9g} {c.cy:.9g}\n"
     if calibration.exists() and read_bytes(calibration) != line.encode():
-        raise InputError(
-            "the camera of this log, or no file",
-            path=calibration,
-            found="other text",
-            hint="moving this file away, or another {out}",
-        )
+        expected = "the camera of this log, or no file"
+        hint = "moving this file away, or another {out}"
+        raise InputError(expected, path=calibration, found="other text", hint=hint)
     atomic_write_text(calibration, line)  # before the log, so that an interrupted log has none
     atomic_write(file, write)
     return len(pairs)

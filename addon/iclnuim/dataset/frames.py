@@ -6,7 +6,6 @@ truth are found here.
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -94,29 +93,28 @@ def find_pairs(folder: Path) -> list[ImagePair]:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise InputError(
-            "a folder with a sequence",
-            path=folder,
-            found="a file" if folder.exists() else "nothing",
-        )
+        found = "a file" if folder.exists() else "nothing"
+        raise InputError("a folder with a sequence", path=folder, found=found)
     rows = format_of(folder).reader.rows(folder)
     if not rows:
         inside = sorted(path.parent.name for path in folder.glob("*/recipe.json"))
         if inside:
             hint = f"a folder inside: {', '.join(inside)}"
         elif all(any((folder / kind).glob("*")) for kind in ("rgb", "depth")):
-            hint = "equal file names in rgb/ (PNG or JPEG) and depth/ (PNG), or rgb.txt and depth.txt with their stamps"
+            hint = "equal file names in rgb/ (PNG or JPEG) and depth/ (PNG), "
+            hint += "or rgb.txt and depth.txt with their stamps"
         else:
             hint = "a folder with rgb/*.png and depth/*.png"
         raise InputError("pairs of colour and depth images", path=folder, found="none", hint=hint)
-    found = [_number(row.rgb.stem) if row.number is None else row.number for row in rows]
-    numbers = [number for number in found if number is not None]
-    if len(numbers) < len(rows) or any(later <= number for number, later in pairwise(numbers)):
-        numbers = list(range(len(rows)))
-    return [
-        ImagePair(n, r.stamp_s, r.rgb, r.depth, r.written)
-        for n, r in zip(numbers, rows, strict=True)
-    ]
+    numbers: list[int] = []
+    for row in rows:
+        number = _number(row.rgb.stem) if row.number is None else row.number
+        if number is None or (numbers and number <= numbers[-1]):
+            numbers = list(range(len(rows)))
+            break
+        numbers.append(number)
+    named = zip(numbers, rows, strict=True)
+    return [ImagePair(number, r.stamp_s, r.rgb, r.depth, r.written) for number, r in named]
 
 
 def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
@@ -126,22 +124,20 @@ def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
     used = {RGB: {real_path(p.rgb) for p in pairs}, DEPTH: {real_path(p.depth) for p in pairs}}
     found = {}
     for kind, paths in used.items():
-        places = {(path.parent, path.suffix) for path in paths}
-        there = {
-            real_path(image) for parent, ending in places for image in parent.glob(f"*{ending}")
-        }
-        found[kind] = sorted(
-            p for p in there - used[RGB] - used[DEPTH] if not _FURTHER_IMAGE.fullmatch(p.stem)
-        )
+        there: set[Path] = set()
+        for parent, ending in {(path.parent, path.suffix) for path in paths}:
+            there.update(map(real_path, parent.glob(f"*{ending}")))
+        unused = there - used[RGB] - used[DEPTH]
+        found[kind] = sorted(path for path in unused if not _FURTHER_IMAGE.fullmatch(path.stem))
     return found
 
 
 def require_images(folder: Path, pairs: Iterable[ImagePair]) -> None:
     """Raises InputError if an image of the pairs does not exist."""
-    if missing := next(
-        (path for pair in pairs for path in (pair.rgb, pair.depth) if not path.is_file()), None
-    ):
-        raise InputError("all images of the sequence", path=folder, found=f"no {missing}")
+    for pair in pairs:
+        for path in (pair.rgb, pair.depth):
+            if not path.is_file():
+                raise InputError("all images of the sequence", path=folder, found=f"no {path}")
 
 
 def rendered_job(folder: Path) -> dict:
@@ -163,11 +159,9 @@ def sequence_name(folder: Path) -> str:
     Raises InputError if the recipe is not JSON."""
     folder = Path(folder).resolve()
     sequence = rendered_job(folder).get("sequence")
-    return (
-        f"{sequence}/{folder.name}"
-        if isinstance(sequence, str) and sequence
-        else "/".join(folder.parts[-2:])
-    )
+    if isinstance(sequence, str) and sequence:
+        return f"{sequence}/{folder.name}"
+    return "/".join(folder.parts[-2:])
 
 
 def _number(stem: str) -> int | None:
@@ -186,7 +180,10 @@ def read_truth(folder: Path) -> Trajectory | None:
     return None if path is None else read_trajectory(path).trajectory
 
 
-_CAMERA_HINT = "a camera.json in this folder with width, height, fx, fy, cx, cy, or {camera} WIDTHxHEIGHT,FX,FY,CX,CY"
+_CAMERA_HINT = (
+    "a camera.json in this folder with width, height, fx, fy, cx, cy, "
+    "or {camera} WIDTHxHEIGHT,FX,FY,CX,CY"
+)
 
 
 def read_camera(folder: Path, image: Path) -> SequenceCamera:
@@ -218,20 +215,15 @@ def read_images(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np
     """Read colour (h, w, 3) uint8 and planar depth (h, w) float32 in metres of a pair, both of the
     camera's size. Raises InputError.
     """
-    colour, depth_z_m = (
-        read_colour8(pair.rgb),
-        read_depth_m(pair.depth, camera.depth_units_per_metre),
-    )
+    colour = read_colour8(pair.rgb)
+    depth_z_m = read_depth_m(pair.depth, camera.depth_units_per_metre)
     c = camera.pinhole
     for path, image, of in ((pair.rgb, colour, camera.colour or c), (pair.depth, depth_z_m, c)):
         if image.shape[:2] != (of.height, of.width):
-            expected, found = (
-                f"{of.width} x {of.height} as in the camera",
-                f"{image.shape[1]} x {image.shape[0]}",
-            )
-            raise InputError(
-                expected, path=path, found=found, hint="{camera} with the size of the images"
-            )
+            expected = f"{of.width} x {of.height} as in the camera"
+            found = f"{image.shape[1]} x {image.shape[0]}"
+            hint = "{camera} with the size of the images"
+            raise InputError(expected, path=path, found=found, hint=hint)
     if camera.colour is not None:
         colour = seen_by(colour, camera.colour.K, c.K, c.width, c.height)
     return colour, depth_z_m
@@ -262,9 +254,8 @@ def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
     if (folder / "sequence.json").is_file():
         origin: dict = {"run": read_run(folder).recipe}
     else:
-        hashes = {
-            name: sha256(read_bytes(folder / name)) for name in ("groundtruth.txt", "camera.json")
-        }
+        files = ("groundtruth.txt", "camera.json")
+        hashes = {name: sha256(read_bytes(folder / name)) for name in files}
         origin = {"frames": folder.resolve().name, "sha256": hashes}
     return _run_source(folder, camera, truth, numbers, origin)
 
@@ -285,7 +276,6 @@ def _run_source(
 
     stamps_s = dict(enumerate(truth.stamps_s.tolist()))
     channels = further_of(origin.get("run", {}).get("job", {}))
-    more = FurtherImages(folder, channels) if channels else None
     return FrameSource(
         camera,
         tuple(sorted(numbers)),
@@ -293,7 +283,7 @@ def _run_source(
         load,
         lambda some: truth[np.array(some)],
         origin,
-        more,
+        further=FurtherImages(folder, channels) if channels else None,
     )
 
 
@@ -353,9 +343,17 @@ def image_frames(
     }
     kept = {p.number: _kept(p, paths.get(p.number, {})) for p in pairs}
     return FrameSource(
-        camera.pinhole, numbers, truth.stamps_s, load, truth.poses, origin, names=kept, truth_file=truth.file,
-        depth_units_per_metre=camera.depth_units_per_metre, digest=digest,
-    )  # fmt: skip
+        camera.pinhole,
+        numbers,
+        truth.stamps_s,
+        load,
+        truth.poses,
+        origin,
+        names=kept,
+        truth_file=truth.file,
+        depth_units_per_metre=camera.depth_units_per_metre,
+        digest=digest,
+    )
 
 
 def original_frames(
@@ -374,10 +372,10 @@ class _TruthOfSome:
     """
 
     def __init__(self, folder: Path, stamps_s: dict[int, float]) -> None:
-        self.stamps_s, self._path = stamps_s, find_truth(folder)
+        self.stamps_s = stamps_s
+        self._path = find_truth(folder)
         self._loaded = None if self._path is None else read_trajectory(self._path)
-        every = np.array(list(stamps_s.values()))
-        self._reach_s = 0.5 * usual_step_s(every)
+        self._reach_s = 0.5 * usual_step_s(np.array(list(stamps_s.values())))
 
     def _rows(self, numbers: tuple[int, ...]) -> np.ndarray:
         """The indices of the poses that belong to the frames; of all frames, all poses."""
@@ -391,33 +389,35 @@ class _TruthOfSome:
         return np.flatnonzero(np.abs(near - own).min(0) <= self._reach_s + 1e-6)
 
     def poses(self, numbers: tuple[int, ...]) -> Trajectory | None:
-        rows = self._rows(numbers) if self._loaded else np.zeros(0, int)
-        return self._loaded.trajectory[rows] if self._loaded and len(rows) else None
+        if not self._loaded:
+            return None
+        rows = self._rows(numbers)
+        return self._loaded.trajectory[rows] if len(rows) else None
 
     def file(self, numbers: tuple[int, ...]) -> TruthFile | None:
         """Format and bytes of the ground-truth file; of some frames, its comments and their lines.
 
         None if it does not have one pose per line.
         """
-        if (
-            self._loaded is None
-            or self._path is None
-            or self._loaded.read_as.format not in _A_POSE_A_LINE
-        ):
+        if self._loaded is None or self._path is None:
             return None
-        data, rows = read_bytes(self._path), self._rows(numbers)
-        if len(rows) == len(self._loaded.trajectory) or not len(rows):
-            return (self._loaded.read_as.format, data) if len(rows) else None
+        format = self._loaded.read_as.format
+        rows = self._rows(numbers)
+        if format not in _A_POSE_A_LINE or not len(rows):
+            return None
+        data = read_bytes(self._path)
+        if len(rows) == len(self._loaded.trajectory):
+            return format, data
         text = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
-        lines = [number for number, _ in data_lines(text)][
-            self._loaded.read_as.format == "vslam-lab" :
-        ]
+        lines = [number for number, _ in data_lines(text)]
+        if format == "vslam-lab":
+            del lines[0]  # the names of the columns
         if len(lines) != len(self._loaded.trajectory):  # lines that repeat a stamp were left out
             return None
         dropped = set(lines).difference(lines[row] for row in rows)
         lines_of_text = text.removesuffix("\n").split("\n")  # as data_lines() counts them
-        kept = "".join(f"{line}\n" for k, line in enumerate(lines_of_text, 1) if k not in dropped)
-        return self._loaded.read_as.format, kept.encode()
+        kept = [f"{line}\n" for k, line in enumerate(lines_of_text, 1) if k not in dropped]
+        return format, "".join(kept).encode()
 
 
 def frames_with_poses(source: FrameSource) -> FrameSource:
@@ -435,24 +435,22 @@ def _kept(pair: ImagePair, paths: Mapping[str, str]) -> SequenceFrame:
 
 def _kept_paths(folder: Path, pairs: list[ImagePair]) -> dict[int, dict[str, str]]:
     """The paths of a sequence's images by frame number and kind; {} if its format does not keep
-    names, or if the names cannot be used in another
-    folder: outside the sequence, not unique, or with blanks.
+    names, or if the names cannot be used in another folder: outside the sequence, not unique, or
+    with blanks.
     """
+    found: dict[int, dict[str, str]] = {}
     if not format_of(folder).keeps_names:
         return {}
-    try:
-        paths = [
-            tuple(image.relative_to(folder).as_posix() for image in (p.rgb, p.depth)) for p in pairs
-        ]
-    except ValueError:
-        return {}
-    every = [path for pair in paths for path in pair]
-    plain = all(
-        path.endswith(".png") and path.split() == [path] and "#" not in path for path in every
-    )
-    if not plain or len(set(every)) < len(every) or any(".." in Path(path).parts for path in every):
-        return {}
-    return {
-        p.number: dict(zip((RGB, DEPTH), named, strict=True))
-        for p, named in zip(pairs, paths, strict=True)
-    }
+    every: set[str] = set()
+    for pair in pairs:
+        found[pair.number] = {}
+        for kind, image in ((RGB, pair.rgb), (DEPTH, pair.depth)):
+            if not image.is_relative_to(folder):
+                return {}
+            path = image.relative_to(folder).as_posix()
+            plain = path.endswith(".png") and path.split() == [path] and "#" not in path
+            if not plain or path in every or ".." in Path(path).parts:
+                return {}
+            every.add(path)
+            found[pair.number][kind] = path
+    return found

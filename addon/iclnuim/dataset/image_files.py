@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..channels import CHANNELS, DEPTH, RGB
+from ..channels import CHANNELS, DEPTH
 from ..formats.files import atomic_write, read_bytes, sha256
 from ..formats.images import ARRAY, JPEG, image_header, write_array, write_jpeg
 from ..formats.png import same_pixels, write_png
@@ -98,9 +98,11 @@ def can_be_copied(path: Path, kind: str, camera: PinholeCamera) -> bool:
     InputError if it is damaged.
     """
     header = image_header(path, whole=True)
-    bits = {"RGB": 8} if kind == RGB else {"grey": 16, "grey, metres": 32}
-    right_size = (header.width, header.height) == (camera.width, camera.height)
-    return right_size and bits.get(header.colour) == header.bits
+    stored = (header.bits, header.colour)
+    right = stored == (8, "RGB")
+    if kind == DEPTH:
+        right = stored in ((16, "grey"), (32, "grey, metres"))
+    return right and (header.width, header.height) == (camera.width, camera.height)
 
 
 def same_image(a: Path, b: Path) -> bool:

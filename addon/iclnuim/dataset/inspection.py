@@ -30,16 +30,19 @@ from .frames import (
     read_truth,
     unused_images,
 )
-from .layout import DISTORTED, SequenceCamera
+from .layout import DISTORTED, SequenceCamera, usual_step_s
 
 T = TypeVar("T")
 
-#: Number of colour and of depth images whose pixels are read, and maximum distance of a pose from
-#: its frame, as a share of the time between frames.
-_SAMPLES, _SLACK = 24, 0.5
+#: Number of colour and of depth images whose pixels are read.
+_SAMPLES = 24
+#: Maximum distance of a pose from its frame, as a share of the time between frames.
+_SLACK = 0.5
 #: Larger residuals are caused by other surfaces, not by errors of the pose.
 _SAME_SURFACE_M = 0.3
 _STEP_PX = 6
+#: How the images of a kind may be stored.
+_EXPECTED = {"rgb": ("8-bit RGB",), "depth": ("16-bit grey", "32-bit grey, metres")}
 
 
 @dataclass
@@ -93,7 +96,8 @@ def inspect_sequence(folder: Path | str) -> Inspection:
 
 
 def _count(result: Inspection, pairs: list[ImagePair]) -> None:
-    result.figures["pairs"], unused = len(pairs), unused_images(pairs)
+    result.figures["pairs"] = len(pairs)
+    unused = unused_images(pairs)
     for kind, paths in (("rgb", {p.rgb for p in pairs}), ("depth", {p.depth for p in pairs})):
         missing = sorted(path for path in paths if not is_file(path))
         result.figures[f"{kind}_images"] = len(paths) - len(missing) + len(unused[kind])
@@ -107,8 +111,11 @@ def _count(result: Inspection, pairs: list[ImagePair]) -> None:
 
 def _report(where: list[str], paths: list[Path], sentence: str) -> None:
     if paths:
-        names = ", ".join(p.name for p in paths[:3]) + (" ..." if len(paths) > 3 else "")
-        where.append(sentence.format(len(paths), names))
+        where.append(sentence.format(len(paths), _first([path.name for path in paths])))
+
+
+def _first(names: list[str]) -> str:
+    return ", ".join(names[:3]) + " ..." * (len(names) > 3)
 
 
 def _time(result: Inspection, pairs: list[ImagePair]) -> None:
@@ -116,7 +123,8 @@ def _time(result: Inspection, pairs: list[ImagePair]) -> None:
     if not len(steps):
         return
     usual = float(np.median(steps))
-    result.figures["rate_hz"] = frame_rate_hz([p.stamp_s for p in pairs]) if usual > 0 else None
+    rate_hz = frame_rate_hz([p.stamp_s for p in pairs]) if usual > 0 else None
+    result.figures["rate_hz"] = rate_hz
     result.figures["duration_s"] = round(pairs[-1].stamp_s - pairs[0].stamp_s, 3)
     if back := int((steps <= 0).sum()):
         result.wrong.append(f"{back} stamps are not after the previous stamp")
@@ -130,34 +138,29 @@ def _time(result: Inspection, pairs: list[ImagePair]) -> None:
 
 def _images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
     """Headers of all valid images; every file is read and its checksums are verified."""
-    kinds = [
-        (kind, path)
-        for p in pairs
-        for kind, path in (("rgb", p.rgb), ("depth", p.depth))
-        if is_file(path)
-    ]
+    checked = []
     with ThreadPoolExecutor(4) as pool:
-        checked = [(kind, pool.submit(image_header, path, True)) for kind, path in kinds]
+        for pair in pairs:
+            for kind, path in (("rgb", pair.rgb), ("depth", pair.depth)):
+                if is_file(path):
+                    checked.append((kind, pool.submit(image_header, path, True)))
     broken = [str(work.exception()) for _, work in checked if work.exception()]
-    result.wrong += broken[:5] + (
-        [f"{len(broken) - 5} more damaged images"] if len(broken) > 5 else []
-    )
+    result.wrong += broken[:5]
+    if len(broken) > 5:
+        result.wrong.append(f"{len(broken) - 5} more damaged images")
     headers = [(kind, work.result()) for kind, work in checked if not work.exception()]
-    for kind, expected in (
-        ("rgb", ("8-bit RGB",)),
-        ("depth", ("16-bit grey", "32-bit grey, metres")),
-    ):
-        found = Counter(str(h) for k, h in headers if k == kind)
+    for kind, expected in _EXPECTED.items():
+        of_kind = [header for k, header in headers if k == kind]
+        found = Counter(map(str, of_kind))
         result.figures[f"{kind}_form"] = ", ".join(found)
         if len(found) > 1:
-            result.wrong.append(
-                f"{kind} images differ: " + ", ".join(f"{n} of {each}" for each, n in found.items())
-            )
+            counts = ", ".join(f"{count} of {each}" for each, count in found.items())
+            result.wrong.append(f"{kind} images differ: {counts}")
         if wrong := [each for each in found if not each.endswith(expected)]:
-            unreadable = kind == "depth" or any(h.bits != 8 for k, h in headers if k == kind)
+            unreadable = kind == "depth" or any(header.bits != 8 for header in of_kind)
             where = result.wrong if unreadable else result.odd
             where.append(f"{kind} images are {wrong[0]}, not {expected[0]}")
-    return [h for _, h in headers]
+    return [header for _, header in headers]
 
 
 def _sampled(pairs: list[ImagePair]) -> list[ImagePair]:
@@ -169,9 +172,8 @@ def _brightness(result: Inspection, pairs: list[ImagePair]) -> None:
     """Report black colour images: an error if all inspected ones are."""
     bright: list[tuple[str, bool]] = []
     for pair in _sampled(pairs):
-        with contextlib.suppress(
-            InputError, WorkError
-        ):  # reported already, or no package reads JPEG
+        # reported already, or no package reads JPEG
+        with contextlib.suppress(InputError, WorkError):
             bright.append((pair.rgb.name, bool(read_colour8(pair.rgb).any())))
     if black := [name for name, light in bright if not light]:
         where = result.wrong if len(black) == len(bright) else result.odd
@@ -184,21 +186,18 @@ def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]
     c = camera.pinhole
     result.figures["camera"] = c.to_dict()
     if camera.assumed:
-        result.odd.append(
-            f"no camera.json: the benchmark's camera and {camera.depth_units_per_metre:g} depth units per metre are used"
-        )
+        units = f"{camera.depth_units_per_metre:g} depth units per metre"
+        result.odd.append(f"no camera.json: the benchmark's camera and {units} are used")
     if camera.distorted:
         result.odd.append(DISTORTED)
-    known = {
-        (c.width, c.height),
-        *([(camera.colour.width, camera.colour.height)] if camera.colour else []),
-    }
+    known = {(camera.width, camera.height) for camera in (c, camera.colour or c)}
     if others := {(h.width, h.height) for h in headers} - known:
         sizes = ", ".join(f"{w} x {h}" for w, h in sorted(others))
         result.wrong.append(f"the camera is {c.width} x {c.height}, images are {sizes}")
     if (c.cx, c.cy) == (c.width / 2, c.height / 2):
         result.odd.append(
-            "principal point at half the image size: half a pixel off if pixel centres are at whole numbers"
+            "principal point at half the image size: "
+            "half a pixel off if pixel centres are at whole numbers"
         )
 
 
@@ -209,32 +208,40 @@ def _depth(
 
     Returns these depth images with their stamps.
     """
-    per_metre, c = camera.depth_units_per_metre, camera.pinhole
+    c = camera.pinhole
     depths: list[tuple[float, np.ndarray]] = []
-    others: list[tuple[str, tuple[int, ...]]] = []
+    others: list[str] = []
     for pair in _sampled(pairs):
         with contextlib.suppress(InputError):  # reported already
-            depth = read_depth_m(pair.depth, per_metre)
+            depth = read_depth_m(pair.depth, camera.depth_units_per_metre)
             if depth.shape == (c.height, c.width):
                 depths.append((pair.stamp_s, depth))
             else:
-                others.append((pair.depth.name, depth.shape))
+                others.append(f"{pair.depth.name} is {depth.shape[1]} x {depth.shape[0]}")
     if others:
-        (name, (h, w)), several = (
-            others[0],
-            f"{len(others)} of {len(depths) + len(others)} inspected depth images",
-        )
-        result.wrong.append(
-            f"{several} are not of the camera's size {c.width} x {c.height}: {name} is {w} x {h}"
-        )
+        several = f"{len(others)} of {len(depths) + len(others)} inspected depth images"
+        size = f"the camera's size {c.width} x {c.height}"
+        result.wrong.append(f"{several} are not of {size}: {others[0]}")
         if not depths:
             return []
-    seen = np.concatenate([depth[depth > 0] for _, depth in depths]) if depths else np.zeros(0)
-    if not seen.size:
+    largest_m = np.float32(LARGEST_UNIT) / np.float32(camera.depth_units_per_metre)
+    if pairs[0].depth.suffix == ARRAY:
+        largest_m = np.float32(np.inf)
+    seen = [depth[depth > 0] for _, depth in depths]
+    if not any(len(one) for one in seen):
         result.wrong.append("no depth in any of the inspected images")
         return []
+    pixels = len(depths) * c.width * c.height
+    _range(result, np.concatenate(seen), pixels, camera.depth_units_per_metre, largest_m)
+    return depths
+
+
+def _range(
+    result: Inspection, seen: np.ndarray, pixels: int, per_metre: float, largest_m: np.floating
+) -> None:
+    """Check the depths `seen` (n,) in metres of this number of pixels."""
     low, middle, high = np.percentile(seen, (0.1, 50, 99.9)).tolist()
-    missing = 1 - seen.size / sum(depth.size for _, depth in depths)
+    missing = 1 - seen.size / pixels
     result.figures["depth_m"] = {
         "nearest": round(low, 3),
         "median": round(middle, 3),
@@ -242,49 +249,37 @@ def _depth(
     }
     result.figures["depth_missing_share"] = round(missing, 4)
     if not 0.25 <= middle <= 25:
-        likely = [
-            u for u in (1000.0, 5000.0) if 0.25 <= middle * per_metre / u <= 25 and u != per_metre
-        ]
-        guess = (
-            f": {likely[0]:g} units per metre would give {middle * per_metre / likely[0]:.2f} m"
-            if likely
-            else ""
-        )
-        result.wrong.append(
-            f"median depth of {middle:.3f} m with {per_metre:g} units per metre{guess}"
-        )
-    largest_m = (
-        np.inf
-        if pairs[0].depth.suffix == ARRAY
-        else np.float32(LARGEST_UNIT) / np.float32(per_metre)
-    )
+        found = f"median depth of {middle:.3f} m with {per_metre:g} units per metre"
+        for units in (1000.0, 5000.0):
+            other_m = middle * per_metre / units
+            if 0.25 <= other_m <= 25 and units != per_metre:
+                found += f": {units:g} units per metre would give {other_m:.2f} m"
+                break
+        result.wrong.append(found)
     if (at_end := float((seen == largest_m).mean())) > 1e-4:
         result.wrong.append(
             f"{at_end:.2%} of the depths are 65535: depth was clipped at the end of the range"
         )
     if missing > 0.5:
         result.odd.append(f"{missing:.0%} of the depth is missing")
-    return depths
 
 
 def _poses(result: Inspection, pairs: list[ImagePair], truth: Trajectory) -> None:
     stamps = np.array([p.stamp_s for p in pairs])
-    usual = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1 / 30
+    usual = usual_step_s(stamps)
     figures = statistics(truth)
-    result.figures["poses"], result.figures["length_m"] = figures.frames, round(figures.length_m, 3)
+    result.figures["poses"] = figures.frames
+    result.figures["length_m"] = round(figures.length_m, 3)
     result.figures["max_speed_m_s"] = round(figures.max_speed, 3)
     limit_s = _SLACK * usual + 1e-9
     without = np.flatnonzero(nearest(stamps, truth.stamps_s)[1] > limit_s)
     if without.size:
-        names = ", ".join(pairs[int(i)].rgb.name for i in without[:3])
-        result.odd.append(
-            f"{without.size} frames without a pose: {names}{' ...' if without.size > 3 else ''}"
-        )
+        names = _first([pairs[int(i)].rgb.name for i in without])
+        result.odd.append(f"{without.size} frames without a pose: {names}")
     within = (truth.stamps_s > stamps[0] - usual) & (truth.stamps_s < stamps[-1] + usual)
     idle = nearest(truth.stamps_s[within], np.sort(stamps))[1] > limit_s
-    if idle.any() and len(truth) <= 1.5 * len(
-        pairs
-    ):  # a motion tracker has a higher rate than the frames
+    # a motion tracker has a higher rate than the frames
+    if idle.any() and len(truth) <= 1.5 * len(pairs):
         result.odd.append(f"{idle.sum()} poses without a frame")
     if figures.max_speed > 5:
         result.odd.append(f"a jump: the camera moves at up to {figures.max_speed:.1f} m/s")
@@ -301,16 +296,14 @@ def _handedness(
     if len(depths) < 2 or len(truth) < 2:
         return
     poses = sample(truth, np.array([stamp_s for stamp_s, _ in depths]))
-    as_read_m, mirrored_m = (
-        _fit_m(depths, T, camera.pinhole) for T in (poses, axes.mirrored_y(poses))
-    )
+    as_read_m = _fit_m(depths, poses, camera.pinhole)
+    mirrored_m = _fit_m(depths, axes.mirrored_y(poses), camera.pinhole)
     if not np.isfinite([as_read_m, mirrored_m]).all():
         return
     result.figures["depth_fits_poses_mm"] = round(1000 * as_read_m, 2)
     result.figures["depth_fits_mirrored_poses_mm"] = round(1000 * mirrored_m, 2)
-    measured = (
-        f"the residual between depth images is {1000 * as_read_m:.1f} mm with the poses as read"
-    )
+    between = "the residual between depth images is"
+    measured = f"{between} {1000 * as_read_m:.1f} mm with the poses as read"
     if mirrored_m < 0.6 * as_read_m and as_read_m > 0.004:
         mirrored = f"{1000 * mirrored_m:.1f} mm with the poses mirrored in y"
         result.wrong.append(
@@ -324,10 +317,10 @@ def _fit_m(depths: list[tuple[float, np.ndarray]], T: SE3, camera: PinholeCamera
     """Median distance along z in metres between each of n depth images, transformed by the poses
     (n,), and the next; NaN without overlap.
     """
-    found = [
-        carried_residual(a, b, T[i + 1].inverse() @ T[i], camera, _STEP_PX).ravel()
-        for i, ((_, a), (_, b)) in enumerate(itertools.pairwise(depths))
-    ]
+    found = []
+    for i, ((_, a), (_, b)) in enumerate(itertools.pairwise(depths)):
+        T_next_this = T[i + 1].inverse() @ T[i]
+        found.append(carried_residual(a, b, T_next_this, camera, _STEP_PX).ravel())
     every = np.abs(np.concatenate(found))
     every = every[every < _SAME_SURFACE_M]  # NaN is not
     return float(np.median(every)) if every.size > 100 else float("nan")

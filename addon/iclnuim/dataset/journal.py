@@ -56,9 +56,8 @@ class Journal:
         """Remove a line truncated by a crash, in place: if the file were rewritten, a kill could
         lose all entries.
         """
-        data = self.path.read_bytes() if self.path.is_file() else b""
-        if not data.endswith(b"\n") and data:
-            os.truncate(self.path, data.rfind(b"\n") + 1)
+        if self.path.is_file():
+            os.truncate(self.path, self.path.read_bytes().rfind(b"\n") + 1)
 
     def read_again(self) -> None:
         """Read the file again: another process may have added entries."""
@@ -87,9 +86,10 @@ def read_entries(folder: Path) -> dict[int, JournalEntry]:
 
     The file is not changed, because a process may be writing it.
     """
-    path = folder / JOURNAL
-    whole = path.read_bytes().rpartition(b"\n")[0] if path.is_file() else b""
-    found = {}
+    found: dict[int, JournalEntry] = {}
+    if not (folder / JOURNAL).is_file():
+        return found
+    whole = (folder / JOURNAL).read_bytes().rpartition(b"\n")[0]
     for line in whole.decode("utf-8", "replace").split("\n"):
         with contextlib.suppress(ValueError, TypeError):
             entry = JournalEntry(**json.loads(line))

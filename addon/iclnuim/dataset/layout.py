@@ -28,7 +28,10 @@ from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, stamps_of_frames
 
 CAMERA = "camera.json"
-DISTORTED = "the lens distortion in the camera's file is ignored: images are read as those of a pinhole camera"
+DISTORTED = (
+    "the lens distortion in the camera's file is ignored: "
+    "images are read as those of a pinhole camera"
+)
 #: Maximum distance in time between a pose and its frame, as a share of the usual step between
 #: frames.
 _SLACK = 0.5
@@ -68,6 +71,14 @@ class Row(NamedTuple):
     depth: Path
     written: tuple[str, str] = ("", "")
     number: int | None = None
+
+
+def numbered_row(top: Path, number: int, rgb: Path, depth: Path) -> Row:
+    """The pair of a frame whose stamp is that of its number. Raises InputError without depth."""
+    if not depth.is_file():
+        missing = depth.relative_to(top).as_posix()
+        raise InputError(f"{missing} for {rgb.name}", path=top, found="none")
+    return Row(float(stamps_of_frames(number)), rgb, depth, number=number)
 
 
 @dataclass(frozen=True)
@@ -184,10 +195,8 @@ class SequenceFormat:
     def images(self, contents: Contents, kind: str) -> ImageList:
         """All images of a kind with their stamps."""
         frames = contents.frames
-        paths, written = (
-            tuple(self.image(f, kind) for f in frames),
-            tuple(f.written.get(kind, "") for f in frames),
-        )
+        paths = tuple(self.image(frame, kind) for frame in frames)
+        written = tuple(frame.written.get(kind, "") for frame in frames)
         return ImageList(tuple(frame.stamp_s for frame in frames), paths, written)
 
     def checked(self, contents: Contents) -> None:
@@ -264,14 +273,11 @@ def check_poses(name: str, contents: Contents) -> None:
     """Raises InputError if a frame has no pose, for formats in which each frame needs one."""
     without = np.flatnonzero(~posed(contents.stamps_s, contents.truth))
     if without.size:
-        found = (
-            "no ground truth"
-            if contents.truth is None
-            else f"{without.size} of {len(contents.frames)} without"
-        )
-        raise InputError(
-            f"a pose for every frame for the format {name}", found=found, hint="the format tum"
-        )
+        found = f"{without.size} of {len(contents.frames)} without"
+        if contents.truth is None:
+            found = "no ground truth"
+        expected = f"a pose for every frame for the format {name}"
+        raise InputError(expected, found=found, hint="the format tum")
 
 
 def write_truth(path: Path, contents: Contents, format: str) -> None:
@@ -305,9 +311,8 @@ def _camera_of(settings: dict) -> SequenceCamera:
     if isinstance(units, bool) or not isinstance(units, int | float):
         raise InputError("depth_units_per_metre as a number", found=units)
     needed = [field.name for field in fields(PinholeCamera)]
-    if missing := [
-        name for name in needed if name not in settings
-    ]:  # the defaults are those of another camera
+    missing = [name for name in needed if name not in settings]
+    if missing:  # the defaults are those of another camera
         raise InputError(f"a camera with {', '.join(needed)}", found=f"no {', '.join(missing)}")
     return SequenceCamera(PinholeCamera.from_dict(settings), check_units(units))
 
@@ -324,11 +329,8 @@ def pinhole_of(image: Path, fx: float, fy: float, cx: float, cy: float) -> Pinho
 def is_distorted(yaml: str) -> bool:
     """Whether `distortion_coefficients: [...]` in a camera's file contains anything but zeros."""
     lists = re.findall(r"distortion_coefficients: *\[([^\]]*)\]", yaml)
-    return any(
-        re.search("[1-9]", field.lower().partition("e")[0])
-        for text in lists
-        for field in text.split(",")
-    )
+    numbers = ",".join(lists).lower().split(",")
+    return any(re.search("[1-9]", number.partition("e")[0]) for number in numbers)
 
 
 def numbers_in(path: Path, values: list[str], count: int, what: str) -> list[float]:

@@ -16,7 +16,9 @@ from ..formats.files import atomic_write, read_bytes, sha256
 from .journal import JOURNAL, read_entries
 from .recipe import read_recipe
 
-CHECKSUMS, LICENCE, ABOUT = "SHA256SUMS", "LICENSE.txt", "README.txt"
+CHECKSUMS = "SHA256SUMS"
+LICENCE = "LICENSE.txt"
+ABOUT = "README.txt"
 _IMAGES = (".png", ".jpg", ".npy")
 _AGAIN = "the command that made the sequence, again"
 #: Licences for data sets, by SPDX name.
@@ -50,18 +52,13 @@ def pack(
     """
     folder = Path(folder)
     check_packable(folder, licence)
-    top, (title, address), by = (
-        folder.resolve().name,
-        LICENCES[licence],
-        f" by {author}" if author else "",
-    )
-    terms = f"The data set {top}{by} is under {title} ({licence}).\n{address}\n"
-    extra = {**(extra or {}), LICENCE: terms.encode(), ABOUT: _ABOUT.encode()}
+    top = folder.resolve().name
+    extra = {**(extra or {}), LICENCE: _terms(top, licence, author), ABOUT: _ABOUT.encode()}
     names = sorted({*packed_names(folder), *extra} - {CHECKSUMS})
-    sums: list[str] = []
-    images = _Images(folder)
 
     def write(temporary: Path) -> None:
+        sums = []
+        images = _Images(folder)
         with (
             open(temporary, "wb") as raw,
             gzip.GzipFile("", "wb", compresslevel=1, fileobj=raw, mtime=0) as packed,
@@ -82,6 +79,12 @@ def pack(
     return len(names) + 1
 
 
+def _terms(name: str, licence: str, author: str) -> bytes:
+    title, address = LICENCES[licence]
+    by = f" by {author}" if author else ""
+    return f"The data set {name}{by} is under {title} ({licence}).\n{address}\n".encode()
+
+
 class _Images:
     """The images of a sequence by their hashes in its journal, and those found so far.
 
@@ -89,18 +92,19 @@ class _Images:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.found = folder, Counter[str]()
-        entries = sorted(read_entries(folder).items())
-        self.made = [
-            (n, kind, digest)
-            for n, entry in entries
-            for kind, digest in entry.digests.items()
-            if digest
-        ]
+        self.folder = folder
+        self.found = Counter[str]()
+        self.made = []
+        for number, entry in sorted(read_entries(folder).items()):
+            for kind, digest in entry.digests.items():
+                if digest:
+                    self.made.append((number, kind, digest))
         self.digests = {digest for _, _, digest in self.made}
 
     def check(self, name: str, digest: str) -> None:
-        """Raises InputError for an image that was not made with the sequence, or has changed since."""
+        """Raises InputError for an image that was not made with the sequence, or has changed
+        since.
+        """
         self.found[digest] += 1
         if self.made and "/" in name and name.endswith(_IMAGES) and digest not in self.digests:
             expected = "the images that were made with the sequence"
@@ -115,17 +119,17 @@ class _Images:
             self.found[digest] -= 1
             if self.found[digest] < 0:
                 found = f"none of frame {number} ({kind}) as it was made"
-                raise InputError(
-                    "all images of the sequence", path=self.folder, found=found, hint=_AGAIN
-                )
+                expected = "all images of the sequence"
+                raise InputError(expected, path=self.folder, found=found, hint=_AGAIN)
 
 
 def packed_names(folder: Path) -> list[str]:
-    """The files of a folder that `pack` includes: not the journal, hidden files or temporary files."""
-    files = (
-        p for p in Path(folder).rglob("*") if p.is_file() and p.name[0] != "." and p.name != JOURNAL
-    )
-    return sorted(p.relative_to(folder).as_posix() for p in files)
+    """The files of a folder that `pack` includes: not the journal, hidden files or temporary
+    files.
+    """
+    files = (path for path in Path(folder).rglob("*") if path.is_file())
+    packed = (path for path in files if path.name[0] != "." and path.name != JOURNAL)
+    return sorted(path.relative_to(folder).as_posix() for path in packed)
 
 
 def check_packable(folder: Path, licence: str) -> None:
@@ -135,11 +139,8 @@ def check_packable(folder: Path, licence: str) -> None:
         raise InputError("a sequence", path=folder, found="no recipe.json", hint=hint)
     recipe = read_recipe(folder / "recipe.json")
     if not recipe.get("finished"):
-        raise InputError(
-            "a finished sequence",
-            path=folder / "recipe.json",
-            hint="the command that began it, again",
-        )
+        hint = "the command that began it, again"
+        raise InputError("a finished sequence", path=folder / "recipe.json", hint=hint)
     if licence not in LICENCES:
         raise InputError(f"a licence among {', '.join(LICENCES)}", found=licence)
 
@@ -157,7 +158,8 @@ def is_archive(path: Path) -> bool:
 def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
     """Add a file without owner and date, so that the same files give the same archive."""
     info = tarfile.TarInfo(name)
-    info.size, info.mode = len(data), 0o644
+    info.size = len(data)
+    info.mode = 0o644
     tar.addfile(info, io.BytesIO(data))
 
 

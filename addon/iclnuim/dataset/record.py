@@ -37,13 +37,13 @@ class Record:
         """
         different = []
         for key in sorted({*there, *self.identity}):
-            found, requested = there.get(key), self.identity.get(key)
-            if found != requested:
-                different.append(self.described.get(key) or _difference(key, found, requested))
+            begun = there.get(key)
+            requested = self.identity.get(key)
+            if begun != requested:
+                different.append(self.described.get(key) or _difference(key, begun, requested))
         if different:
             expected = f"the {self.kind} that was started there"
-            found = "; ".join(different)
-            raise InputError(expected, path=self.file, found=found, hint=self.hint)
+            raise InputError(expected, path=self.file, found="; ".join(different), hint=self.hint)
 
 
 def _difference(key: str, there: Any, requested: Any) -> str:

@@ -1,6 +1,5 @@
 """Evaluation of views rendered by a mapping system against the true frames of a sequence: PSNR,
-SSIM, LPIPS, Depth L1, separately for keyframes
-and other frames.
+SSIM, LPIPS, Depth L1, separately for keyframes and other frames.
 """
 
 import importlib.util
@@ -56,11 +55,12 @@ class ViewErrors:
         Figures that no view has are left out; {} without views.
         """
         chosen = [view for view in self.views if keyframe is None or view.keyframe == keyframe]
-        found = {
-            name: [v for view in chosen if (v := getattr(view, name)) is not None]
-            for name in FIGURES
-        }
-        return {name: float(np.mean(values)) for name, values in found.items() if values}
+        found = {}
+        for name in FIGURES:
+            values = [getattr(view, name) for view in chosen if getattr(view, name) is not None]
+            if values:
+                found[name] = float(np.mean(values))
+        return found
 
     def to_dict(self) -> dict:
         """Counts and means by group. Infinite values (equal images) are None."""
@@ -70,16 +70,20 @@ class ViewErrors:
         found: dict = {"views": len(self.views), "missing": list(self.missing)}
         for group, keyframe in groups.items():
             count = sum(keyframe is None or view.keyframe == keyframe for view in self.views)
-            means = {name: v if np.isfinite(v) else None for name, v in self.mean(keyframe).items()}
-            found[group] = {"views": count, **means}
+            found[group] = {"views": count}
+            for name, value in self.mean(keyframe).items():
+                found[group][name] = value if np.isfinite(value) else None
         return found
 
     def csv(self) -> str:
         """A CSV table with one line per view."""
         rows = [",".join(["view", "keyframe", *FIGURES])]
         for view in self.views:
-            values = ("" if (v := getattr(view, name)) is None else repr(v) for name in FIGURES)
-            rows.append(",".join([view.name, str(int(view.keyframe)), *values]))
+            row = [view.name, str(int(view.keyframe))]
+            for name in FIGURES:
+                value = getattr(view, name)
+                row.append("" if value is None else repr(value))
+            rows.append(",".join(row))
         return "\n".join(rows) + "\n"
 
 
@@ -102,20 +106,21 @@ def view_errors(
     Raises InputError if there is no view, images differ in size, or a keyframe is not a frame of
     the sequence; WorkError if LPIPS cannot start.
     """
-    folder, truth, settings = Path(folder), Path(truth), settings or ViewSettings()
+    folder = Path(folder)
+    truth = Path(truth)
+    settings = settings or ViewSettings()
     pairs = find_pairs(truth)
     if not folder.is_dir():
         raise InputError("a folder of rendered views", path=folder, found="no such folder")
     camera = read_camera(truth, pairs[0].rgb)
     own = camera_file(folder) or camera
     chosen = set() if keyframes is None else read_keyframes(Path(keyframes), pairs)
-    perceptual = _lpips() if settings.lpips and has_lpips() else None
-    views, missing, on_view = [], [], progress(len(pairs))
+    perceptual = _lpips() if settings.lpips and has_lpips() else lambda image, colour: None
+    views = []
+    missing = []
+    on_view = progress(len(pairs))
     for row, pair in enumerate(pairs):
-        rgb, depth = (
-            _find(folder, truth, image, kind)
-            for kind, image in ((RGB, pair.rgb), (DEPTH, pair.depth))
-        )
+        rgb = _find(folder, truth, pair.rgb, RGB)
         on_view()
         if rgb is None:
             missing.append(pair.rgb.stem)
@@ -123,38 +128,41 @@ def view_errors(
         colour, depth_z_m = read_images(pair, camera)
         image = read_colour8(rgb)
         _check_size(rgb, image, camera)
-        view = ViewError(pair.rgb.stem, row in chosen, psnr_db(image, colour), ssim(image, colour, settings.ssim_window),
-                         perceptual(image, colour) if perceptual else None, *_depth_error(depth, depth_z_m, own))  # fmt: skip
+        depth = _find(folder, truth, pair.depth, DEPTH)
+        l1_m, holes = _depth_error(depth, depth_z_m, own)
+        view = ViewError(
+            pair.rgb.stem,
+            row in chosen,
+            psnr_db(image, colour),
+            ssim(image, colour, settings.ssim_window),
+            lpips=perceptual(image, colour),
+            depth_l1_m=l1_m,
+            depth_missing=holes,
+        )
         views.append(view)
     if not views:
-        first = pairs[0].rgb.name
-        raise InputError(
-            f"views named as the images of {truth}, such as {first}",
-            path=folder,
-            found="none of them",
-        )
+        expected = f"views named as the images of {truth}, such as {pairs[0].rgb.name}"
+        raise InputError(expected, path=folder, found="none of them")
     return ViewErrors(tuple(views), tuple(missing))
 
 
 def read_keyframes(path: Path, pairs: Sequence[ImagePair]) -> set[int]:
     """Indices of the pairs listed in a file. Raises InputError for a line that is not a frame."""
     names = {pair.rgb.stem: row for row, pair in enumerate(pairs)}
-    numbers, stamps_s = (
-        {pair.number: row for row, pair in enumerate(pairs)},
-        np.array([p.stamp_s for p in pairs]),
-    )
+    numbers = {pair.number: row for row, pair in enumerate(pairs)}
+    stamps_s = np.array([pair.stamp_s for pair in pairs])
     found = set()
     for line, text in data_lines(read_text(path)):
         word = text.replace(",", " ").split()[0]
-        row = names.get(Path(word).stem if word.endswith((*_ENDINGS[RGB], ARRAY)) else word)
+        is_file_name = word.endswith((*_ENDINGS[RGB], ARRAY))
+        row = names.get(Path(word).stem if is_file_name else word)
         if row is None and word.isdecimal():
             row = numbers.get(int(word))
         if row is None:
             row = _by_stamp(word, stamps_s)
         if row is None:
-            raise InputError(
-                "the name, number or stamp of a frame", path=path, line=line, found=word
-            )
+            expected = "the name, number or stamp of a frame"
+            raise InputError(expected, path=path, line=line, found=word)
         found.add(row)
     return found
 
@@ -175,9 +183,14 @@ def _find(folder: Path, truth: Path, image: Path, kind: str) -> Path | None:
     places = [folder / kind / image.stem]
     if image.is_relative_to(truth):
         places.insert(0, folder / image.relative_to(truth).with_suffix(""))
-    places += [folder / image.stem] if kind == RGB else []
-    files = (place.with_name(place.name + ending) for place in places for ending in _ENDINGS[kind])
-    return next((file for file in files if is_file(file)), None)
+    if kind == RGB:
+        places.append(folder / image.stem)
+    for place in places:
+        for ending in _ENDINGS[kind]:
+            file = place.with_name(place.name + ending)
+            if is_file(file):
+                return file
+    return None
 
 
 def _check_size(path: Path, image: np.ndarray, camera: SequenceCamera) -> None:
@@ -219,11 +232,8 @@ def _lpips() -> Callable[[np.ndarray, np.ndarray], float]:
         raise WorkError(f"LPIPS cannot start: {error}", hint="--no-lpips") from None
 
     def distance(image: np.ndarray, truth: np.ndarray) -> float:
-        both = (
-            torch.from_numpy(a.astype(np.float32) / 127.5 - 1).permute(2, 0, 1)[None]
-            for a in (image, truth)
-        )
+        both = torch.from_numpy(np.stack([image, truth]).astype(np.float32) / 127.5 - 1)
         with torch.no_grad():
-            return float(network(*both))
+            return float(network(*both.permute(0, 3, 1, 2)[:, None]))
 
     return distance

@@ -75,9 +75,8 @@ class RunFolder:
 
     def frame_numbers(self) -> list[int]:
         """The numbers of the existing frame files, in order."""
-        return sorted(
-            int(p.stem) for p in (self.path / "exr").glob("[0-9]*.exr") if p.stem.isdecimal()
-        )
+        names = (file.stem for file in (self.path / "exr").glob("[0-9]*.exr"))
+        return sorted(int(name) for name in names if name.isdecimal())
 
     def is_finished(self, number: int) -> bool:
         """Whether a frame's file can be read to the end, has the right size and channels, and was
@@ -108,8 +107,9 @@ class RunFolder:
         need = frames * self.camera.width * self.camera.height * exr_bytes(self.channels)
         free = shutil.disk_usage(self.path).free
         if need > free:
-            message = f"{self.path}: {frames} frames need up to {need / 1e9:.2f} GB, {free / 1e9:.2f} GB are free"
-            raise WorkError(message, hint="fewer {frames} or another {out}")
+            space = f"need up to {need / 1e9:.2f} GB, {free / 1e9:.2f} GB are free"
+            hint = "fewer {frames} or another {out}"
+            raise WorkError(f"{self.path}: {frames} frames {space}", hint=hint)
 
     def write_frame(
         self,
@@ -122,13 +122,11 @@ class RunFolder:
         further channels unchanged, atomically.
         """
         half = np.clip(rgb, 0, 65504).astype(np.float16)
-        channels = {name: half[..., i] for i, name in enumerate("RGB")} | {
-            "Z": np.asarray(depth_z_m, np.float32)
-        }
+        channels = {name: half[..., i] for i, name in enumerate("RGB")}
+        channels["Z"] = np.asarray(depth_z_m, np.float32)
         channels |= further or {}
-        exr.write_exr(
-            self.frame_file(number), channels, attributes={"recipe": self.key}, compressed=False
-        )
+        attributes = {"recipe": self.key}
+        exr.write_exr(self.frame_file(number), channels, attributes=attributes, compressed=False)
 
 
 def trajectory_file(job: RenderJob) -> Path:
@@ -152,27 +150,16 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
     existing = path / "sequence.json"
     if existing.is_file():
         begun = read_json(existing)
-        there, requested = run_identity(begun), run_identity(recipe)
-        older = requested.get("mipmaps") and not there.get("mipmaps")
-        hint = (
-            "turning {mipmaps} off to go on as before, or another {out}"
-            if older
-            else "another {out}"
-        )
-        Record("run", existing, requested, _changed(begun, recipe), hint).refuse_other(there)
+        record = Record("run", existing, run_identity(recipe), _changed(begun, recipe))
+        record.refuse_other(run_identity(begun))
     elif path.is_dir() and any(path.iterdir()):
         # a run that was killed before its recipe was written leaves an empty exr/, camera.json,
         # groundtruth.txt and temporary files
         left = ("exr", "camera.json", "groundtruth.txt")
-        if any((path / "exr").glob("*")) or any(
-            p.name not in left and p.name[0] != "." for p in path.iterdir()
-        ):
-            raise InputError(
-                "an empty folder or a run folder",
-                path=path,
-                found="other files",
-                hint="another {out}",
-            )
+        others = [p for p in path.iterdir() if p.name not in left and p.name[0] != "."]
+        if others or any((path / "exr").glob("*")):
+            expected = "an empty folder or a run folder"
+            raise InputError(expected, path=path, found="other files", hint="another {out}")
     elif path.exists() and not path.is_dir():
         raise InputError("a folder", path=path, found="a file", hint="another {out}")
     make_folder(path / "exr", hint="another {out}")
@@ -199,39 +186,39 @@ def _changed(begun: dict, requested: dict) -> dict[str, str]:
     """Descriptions for messages: of mipmaps, and of files whose name is the same in both recipes,
     for the case that their hash differs.
     """
-    there, job = (
-        recipe["job"] if isinstance(recipe.get("job"), dict) else {}
-        for recipe in (begun, requested)
-    )
-    sentences = {
-        "trajectory": "other poses or stamps of the trajectory {}",
-        "scene": "another version of the scene {}",
-    }
-    same = [name for name in sentences if name in job and there.get(name) == job[name]]
-    older = " of an older version" if there.get("mipmaps") and job.get("mipmaps") else ""
-    textures = f"frames with{'' if there.get('mipmaps') else 'out'} mipmaps{older}"
-    return {
-        "mipmaps": textures,
-        **{f"{name}_sha256": sentences[name].format(job[name]) for name in same},
-    }
+    there = _job(begun)
+    job = _job(requested)
+    found = {"mipmaps": "frames without mipmaps"}
+    if there.get("mipmaps"):
+        found["mipmaps"] = "frames with mipmaps"
+        if job.get("mipmaps"):
+            found["mipmaps"] = "frames with mipmaps of an older version"
+    if there.get("trajectory") == job.get("trajectory"):
+        sentence = f"other poses or stamps of the trajectory {job.get('trajectory')}"
+        found["trajectory_sha256"] = sentence
+    if there.get("scene") == job.get("scene"):
+        found["scene_sha256"] = f"another version of the scene {job.get('scene')}"
+    return found
+
+
+def _job(recipe: dict) -> dict:
+    return recipe["job"] if isinstance(recipe.get("job"), dict) else {}
 
 
 def run_identity(recipe: dict) -> dict:
     """The values that determine the pixels of a run. Scene and trajectory are represented by their
     hashes, not by name or path.
 
-    Runs without mipmaps are those of recipes from before this setting. `texture_filter` of the
-    recipe is the version of mipmaps, from the second on.
+    `texture_filter` of the recipe is the version of mipmaps.
     """
-    job = recipe["job"] if isinstance(recipe.get("job"), dict) else {}
-    if job.get("mipmaps"):
-        job = {**job, "mipmaps": recipe.get("texture_filter", True)}
-    left_out = ("sequence", "scene", "trajectory", *(() if job.get("mipmaps") else ("mipmaps",)))
-    job = {key: value for key, value in job.items() if key not in left_out}
-    return {
-        **job,
-        **{key: recipe.get(key) for key in ("trajectory_sha256", "scene_sha256", "blender")},
-    }
+    identity = dict(_job(recipe))
+    for key in ("sequence", "scene", "trajectory"):
+        identity.pop(key, None)
+    if identity.pop("mipmaps", False):
+        identity["mipmaps"] = recipe.get("texture_filter", True)
+    for key in ("trajectory_sha256", "scene_sha256", "blender"):
+        identity[key] = recipe.get(key)
+    return identity
 
 
 def run_key(recipe: dict) -> str:

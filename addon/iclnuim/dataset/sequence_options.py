@@ -108,10 +108,8 @@ class SequenceOptions(Settings):
 
     def sequence_settings(self) -> SequenceSettings:
         """The settings with noise. Raises InputError for an unknown model or parameter."""
-        depth, rgb = (
-            depth_model(self.depth_noise, self.depth_settings),
-            rgb_model(self.rgb_noise, self.rgb_settings),
-        )
+        depth = depth_model(self.depth_noise, self.depth_settings)
+        rgb = rgb_model(self.rgb_noise, self.rgb_settings)
         return SequenceSettings(depth, rgb, self.seed, self.depth_units)
 
     def without_noise(self) -> SequenceSettings:
@@ -156,14 +154,11 @@ def noisy_metres(
 
 
 def _check(name: str, array: object, shape: tuple[int, ...], kind: type | np.dtype) -> None:
-    if (
-        not isinstance(array, np.ndarray)
-        or array.shape != shape
-        or not np.issubdtype(array.dtype, kind)
-    ):
-        expected = (
-            f"an array {shape} of {'float' if kind is np.floating else kind} from the noise {name}"
-        )
-        raise InputError(
-            expected, found=f"{getattr(array, 'shape', '')} {getattr(array, 'dtype', type(array))}"
-        )
+    if isinstance(array, np.ndarray) and array.shape == shape:
+        right = np.issubdtype(array.dtype, kind)
+    else:
+        right = False
+    if not right:
+        numbers = "float" if kind is np.floating else kind
+        found = f"{getattr(array, 'shape', '')} {getattr(array, 'dtype', type(array))}"
+        raise InputError(f"an array {shape} of {numbers} from the noise {name}", found=found)

@@ -13,7 +13,8 @@ from ..geometry.camera import PinholeCamera
 #: columns, and the baselines up to which points are near. The baseline of a depth camera is
 #: arbitrary: both only set this distance (3.3 m for the benchmark's camera). Beyond it, a keyframe
 #: takes only its 100 nearest points, many of which are errors of noisy depth at edges.
-_FOCAL_BASELINE, _NEAR_BASELINES = 40.0, 40.0
+_FOCAL_BASELINE = 40.0
+_NEAR_BASELINES = 40.0
 _ORB = """ORBextractor.nFeatures: 1000
 ORBextractor.scaleFactor: 1.2
 ORBextractor.nLevels: 8

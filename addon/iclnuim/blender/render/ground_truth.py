@@ -1,6 +1,6 @@
 """The numbers of objects and classes in instance and class images, and the table of objects."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import bpy
 import numpy as np
@@ -10,7 +10,7 @@ from ...geometry.points import upright_box
 from .. import surfaces
 from ..surfaces import SURFACE_TYPES, Part
 
-SCHEMA_VERSION = 1
+_SCHEMA_VERSION = 1
 _DIGITS = 6  # micrometres
 _MAX_OBJECTS = 32767  # the maximum of Blender's pass index
 #: The 40 labels of NYU Depth v2 as reduced by Gupta, Arbelaez and Malik (CVPR 2013), from number 1
@@ -55,7 +55,9 @@ class Kind:
 
 
 def _kind(number: int, name: str, label: str | None) -> Kind:
-    return Kind(number, name, NYU40.index(label) + 1 if label else 0, label or UNLABELLED)
+    if label is None:
+        return Kind(number, name, 0, UNLABELLED)
+    return Kind(number, name, NYU40.index(label) + 1, label)
 
 
 #: name -> kind, of the shipped scenes
@@ -70,7 +72,7 @@ def kinds_of(names: list[str | None]) -> dict[str | None, Kind]:
 
     NYU40's labels are also accepted as names.
     """
-    found: dict[str | None, Kind] = {n: KINDS.get(n, NO_KIND) if n else NO_KIND for n in names}
+    found = {name: KINDS.get(name or "", NO_KIND) for name in names}
     for number, name in enumerate(sorted({n for n in names if n and n not in KINDS}), FIRST_OWN):
         found[name] = _kind(number, name, name if name in NYU40 else None)
     return found
@@ -84,25 +86,20 @@ def number_objects() -> None:
     object has; the other objects get the remaining numbers, in alphabetical order. Instances of one
     object share its number. Raises InputError for more than 32767 objects.
     """
-    things = sorted(
-        (o for o in bpy.context.scene.objects if o.type in SURFACE_TYPES), key=lambda o: o.name
-    )
+    shown = [thing for thing in bpy.context.scene.objects if thing.type in SURFACE_TYPES]
     instances = (i for i in bpy.context.evaluated_depsgraph_get().object_instances if i.is_instance)
     # the type of the shown object decides: a point cloud contains meshes
     instanced = {i.object.original for i in instances if i.object.type in SURFACE_TYPES}
-    things += sorted((o for o in instanced if o not in things), key=lambda o: o.name)
+    things = sorted(shown, key=lambda thing: thing.name)
+    things += sorted(instanced.difference(shown), key=lambda thing: thing.name)
     if len(things) > _MAX_OBJECTS:
-        raise InputError(
-            f"at most {_MAX_OBJECTS} objects for instance numbers",
-            found=len(things),
-            hint="joining some",
-        )
+        expected = f"at most {_MAX_OBJECTS} objects for instance numbers"
+        raise InputError(expected, found=len(things), hint="joining some")
     taken: set[int] = set()
     for thing in things:
         own = thing.get("instance_id")
-        thing.pass_index = (
-            own if type(own) is int and 0 < own <= _MAX_OBJECTS and own not in taken else 0
-        )
+        usable = type(own) is int and 0 < own <= _MAX_OBJECTS and own not in taken
+        thing.pass_index = own if usable else 0
         taken.add(thing.pass_index)
     free = (n for n in range(1, _MAX_OBJECTS + 1) if n not in taken)
     for thing in things:
@@ -123,12 +120,10 @@ def objects_table() -> dict:
     rows.sort(key=lambda row: (row["id"], row["box_m"]["centre"]))
     listed = sorted({kind.id: kind for kind in kinds.values()}.values(), key=lambda kind: kind.id)
     return {
-        "schema_version": SCHEMA_VERSION,
+        "schema_version": _SCHEMA_VERSION,
         "world": "metres, right-handed, z up",
         "objects": rows,
-        "classes": [
-            {"id": k.id, "name": k.name, "nyu40_id": k.nyu40_id, "nyu40": k.nyu40} for k in listed
-        ],
+        "classes": [asdict(kind) for kind in listed],
     }
 
 

@@ -21,7 +21,8 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 
 FORMAT = SequenceFormat(
     "eth3d",
-    "ETH3D SLAM: rgb/ and depth/ named by stamps, associated.txt, calibration.txt (fx fy cx cy), groundtruth.txt",
+    "ETH3D SLAM: rgb/ and depth/ named by stamps, associated.txt, calibration.txt (fx fy cx cy), "
+    "groundtruth.txt",
     lambda f, kind: f"{kind}/{f.stamp_text()}.png",
     _write,
     listed.READER,

@@ -21,15 +21,15 @@ from ..layout import (
     write_truth,
 )
 
-_ROOT, _TRUTH = Path("mav0"), Path("mav0/state_groundtruth_estimate0/data.csv")
+_ROOT = Path("mav0")
+_TRUTH = Path("mav0/state_groundtruth_estimate0/data.csv")
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    rows = ["#timestamp [ns],filename\n"]
+    rows += [f"{frame.nanoseconds()},{frame.nanoseconds()}.png\n" for frame in contents.frames]
     for sensor, what in (("cam0", "camera"), ("depth0", "depth camera, 16 bit, 0 = missing")):
-        rows = [f"{ns},{ns}.png\n" for ns in (frame.nanoseconds() for frame in contents.frames)]
-        atomic_write_text(
-            folder / _ROOT / sensor / "data.csv", "#timestamp [ns],filename\n" + "".join(rows)
-        )
+        atomic_write_text(folder / _ROOT / sensor / "data.csv", "".join(rows))
         atomic_write_text(folder / _ROOT / sensor / "sensor.yaml", _sensor(contents, what))
     write_truth(folder / _TRUTH, contents, "euroc")
 
@@ -80,12 +80,10 @@ def _camera(folder: Path, image: Path) -> SequenceCamera:
     try:
         per_metre = check_units(float(units[1]) if units else UNITS_PER_METRE)
     except ValueError:
-        raise InputError(
-            "depth_units_per_metre as a number", path=file, found=units and units[1]
-        ) from None
-    return SequenceCamera(
-        PinholeCamera(width, height, fx, fy, cx, cy), per_metre, distorted=is_distorted(text)
-    )
+        found = units and units[1]
+        raise InputError("depth_units_per_metre as a number", path=file, found=found) from None
+    camera = PinholeCamera(width, height, fx, fy, cx, cy)
+    return SequenceCamera(camera, per_metre, distorted=is_distorted(text))
 
 
 def _truth(folder: Path) -> Path | None:

@@ -18,29 +18,26 @@ from . import listed
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     rgb, depth = (format.images(contents, kind) for kind in (RGB, DEPTH))
-    write_associations(
-        folder / "associations.txt", Associations(rgb, depth, "icl-nuim"), "icl-nuim"
-    )
-    c, truth = contents.camera, contents.truth
+    pairs = Associations(rgb, depth, "icl-nuim")
+    write_associations(folder / "associations.txt", pairs, "icl-nuim")
+    c = contents.camera
     rows = ((c.fx, 0, c.cx), (0, -c.fy, c.cy), (0, 0, 1))
-    atomic_write_text(
-        folder / "calibration.txt", "".join(f"{a:.6f} {b:.6f} {d:.6f}\n" for a, b, d in rows)
-    )
+    calibration = [" ".join(f"{value:.6f}" for value in row) + "\n" for row in rows]
+    atomic_write_text(folder / "calibration.txt", "".join(calibration))
+    truth = contents.truth
     if truth is not None and len(truth) > (frames_of_stamps(truth.stamps_s)[0] < 0.5):
         write_truth(folder / "groundtruth.gt.freiburg", contents, "gt.freiburg")
 
 
 def _check(contents: Contents) -> None:
-    if (
-        contents.depth_units_per_metre != UNITS_PER_METRE
-    ):  # no file of this format contains the units
-        found = f"{contents.depth_units_per_metre:g}"
-        raise InputError(
-            f"{UNITS_PER_METRE:g} depth units per metre for the format icl-nuim", found=found
-        )
+    units = contents.depth_units_per_metre
+    if units != UNITS_PER_METRE:  # no file of this format contains the units
+        expected = f"{UNITS_PER_METRE:g} depth units per metre for the format icl-nuim"
+        raise InputError(expected, found=f"{units:g}")
     numbers = np.array([frame.number for frame in contents.frames])
     if np.abs(frames_of_stamps(contents.stamps_s) - numbers).max() > 0.01:
-        expected = f"stamps of whole frame numbers, 1 + number / {FRAME_RATE_HZ:g} s, for the format icl-nuim"
+        stamps = f"stamps of whole frame numbers, 1 + number / {FRAME_RATE_HZ:g} s"
+        expected = f"{stamps}, for the format icl-nuim"
         raise InputError(expected, found="other stamps", hint="the format tum")
 
 

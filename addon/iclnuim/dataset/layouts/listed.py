@@ -12,6 +12,7 @@ from ...errors import InputError
 from ...evaluation.associate import associate
 from ...formats.associations import (
     Associations,
+    ImageList,
     read_associations,
     read_image_lists,
     write_associations,
@@ -65,9 +66,11 @@ def rows(folder: Path) -> list[Row]:
 
 
 def _list_files(folder: Path) -> list[Path]:
-    file = next((folder / name for name in _ASSOCIATIONS if (folder / name).is_file()), None)
+    for name in _ASSOCIATIONS:
+        if (folder / name).is_file():
+            return [folder / name]
     both = [folder / "rgb.txt", folder / "depth.txt"]
-    return [file] if file else both if all(path.is_file() for path in both) else []
+    return both if all(path.is_file() for path in both) else []
 
 
 def found(folder: Path) -> bool:
@@ -88,29 +91,31 @@ def _listed(folder: Path) -> list[Row]:
         return []
     if len(files) == 1:
         pairs = read_associations(files[0])
-        rgb, depth, indices = pairs.rgb, pairs.depth, [(i, i) for i in range(len(pairs))]
+        rgb = pairs.rgb
+        depth = pairs.depth
+        indices = [(i, i) for i in range(len(pairs))]
     else:
         rgb, depth = read_image_lists(*files)
         both = associate(np.array(rgb.stamps_s), np.array(depth.stamps_s))
         indices = list(zip(both.first.tolist(), both.second.tolist(), strict=True))
         if not indices and len(rgb) and len(depth) and found(folder):
-            spans = (
-                f"{name} {one.stamps_s[0]:.3f}..{one.stamps_s[-1]:.3f} s"
-                for name, one in zip((RGB, DEPTH), (rgb, depth), strict=True)
-            )
-            raise InputError(
-                "stamps in depth.txt near those in rgb.txt", path=folder, found="; ".join(spans)
-            )
-    texts = [images.written or ("",) * len(images) for images in (rgb, depth)]
-    return [
-        Row(
-            rgb.stamps_s[i],
-            folder / rgb.paths[i],
-            folder / depth.paths[j],
-            (texts[0][i], texts[1][j]),
-        )
-        for i, j in indices
-    ]
+            expected = "stamps in depth.txt near those in rgb.txt"
+            spans = f"{_span(RGB, rgb)}; {_span(DEPTH, depth)}"
+            raise InputError(expected, path=folder, found=spans)
+    found_rows = []
+    for i, j in indices:
+        texts = (_text(rgb, i), _text(depth, j))
+        row = Row(rgb.stamps_s[i], folder / rgb.paths[i], folder / depth.paths[j], texts)
+        found_rows.append(row)
+    return found_rows
+
+
+def _span(kind: str, images: ImageList) -> str:
+    return f"{kind} {images.stamps_s[0]:.3f}..{images.stamps_s[-1]:.3f} s"
+
+
+def _text(images: ImageList, row: int) -> str:
+    return images.written[row] if images.written else ""
 
 
 def _images(folder: Path, kind: str) -> dict[str, Path]:
@@ -118,12 +123,11 @@ def _images(folder: Path, kind: str) -> dict[str, Path]:
 
     Colour may be JPEG; if an image is there in both formats, the PNG is used.
     """
-    endings = (".jpeg", ".jpg", ".png") if kind == RGB else (".png",)
-    paths = [path for path in (folder / kind).glob("*") if path.suffix.lower() in endings]
-    return {
-        path.stem: path
-        for path in sorted(paths, key=lambda path: endings.index(path.suffix.lower()))
-    }
+    found: dict[str, Path] = {}
+    there = list((folder / kind).glob("*"))
+    for ending in (".jpeg", ".jpg", ".png") if kind == RGB else (".png",):
+        found |= {path.stem: path for path in there if path.suffix.lower() == ending}
+    return found
 
 
 def _by_stamp(folder: Path) -> list[Row]:
@@ -131,11 +135,9 @@ def _by_stamp(folder: Path) -> list[Row]:
     pair may differ.
     """
     rgb, depth = (list(_images(folder, kind).values()) for kind in (RGB, DEPTH))
-    if (
-        not rgb
-        or not depth
-        or not all(re.fullmatch(r"\d+\.\d+", path.stem) for path in rgb + depth)
-    ):
+    if not rgb or not depth:
+        return []
+    if not all(re.fullmatch(r"\d+\.\d+", path.stem) for path in rgb + depth):
         return []
     return paired_by_stamp(rgb, depth)
 
@@ -153,13 +155,11 @@ def paired_by_stamp(rgb: list[Path], depth: list[Path]) -> list[Row]:
 
 
 def _stamp_s(image: Path) -> float:
-    text = image.stem
     try:
-        return float(text)
+        return float(image.stem)
     except ValueError:
-        raise InputError(
-            "images named by their stamps in seconds", path=image, found=text
-        ) from None
+        expected = "images named by their stamps in seconds"
+        raise InputError(expected, path=image, found=image.stem) from None
 
 
 def _by_name(folder: Path) -> list[Row]:
@@ -168,39 +168,36 @@ def _by_name(folder: Path) -> list[Row]:
     If all names end in a number and are otherwise equal, it is the number of the frame, or its
     stamp in nanoseconds.
     """
-    depths, colours = _images(folder, DEPTH), _images(folder, RGB)
+    depths = _images(folder, DEPTH)
+    colours = _images(folder, RGB)
     stems = sorted((stem for stem in colours if stem in depths), key=_parts)
     split = [re.fullmatch(r"(.*?)(\d*)", stem, re.ASCII | re.DOTALL) for stem in stems]
     numbers = [int(name[2]) for name in split if name and name[2]]
     if len(numbers) < len(stems) or len({name[1] for name in split if name}) > 1:
-        stamps_s = stamps_of_frames(range(len(stems))).tolist()
-        return [
-            Row(stamp_s, colours[stem], depths[stem])
-            for stamp_s, stem in zip(stamps_s, stems, strict=True)
-        ]
+        every = enumerate(stems)
+        return [Row(float(stamps_of_frames(i)), colours[n], depths[n]) for i, n in every]
+    named = list(zip(numbers, stems, strict=True))
     if max(numbers, default=0) <= LARGEST_FRAME:
-        named = zip(stamps_of_frames(numbers).tolist(), stems, numbers, strict=True)
-        return [
-            Row(stamp_s, colours[stem], depths[stem], number=number)
-            for stamp_s, stem, number in named
-        ]
+        numbered = [(float(stamps_of_frames(number)), number, stem) for number, stem in named]
+        return [Row(s, colours[stem], depths[stem], number=n) for s, n, stem in numbered]
     if len(numbers) > 1 and np.median(np.diff(numbers)) < SHORTEST_STEP_NS:
-        expected = "images named by frame numbers, stamps in nanoseconds, or stamps in seconds with decimals"
+        expected = "images named by frame numbers, stamps in nanoseconds, "
+        expected += "or stamps in seconds with decimals"
         hint = "rgb.txt and depth.txt with the stamps of the images"
         raise InputError(expected, path=colours[stems[0]], found="another unit of time", hint=hint)
-    texts = [stamp_text_of_ns(number) for number in numbers]
-    return [
-        Row(number / 1e9, colours[stem], depths[stem], (text, text))
-        for number, stem, text in zip(numbers, stems, texts, strict=True)
-    ]
+    found_rows = []
+    for stamp_ns, stem in named:
+        text = stamp_text_of_ns(stamp_ns)
+        found_rows.append(Row(stamp_ns / 1e9, colours[stem], depths[stem], (text, text)))
+    return found_rows
 
 
 def _parts(stem: str) -> list[tuple[int, str]]:
     """A key that sorts names by the numbers in them: frame_9 before frame_10."""
-    return [
-        (int(part), "") if part.isdecimal() else (-1, part)
-        for part in re.split(r"(\d+)", stem, flags=re.ASCII)
-    ]
+    found = []
+    for part in re.split(r"(\d+)", stem, flags=re.ASCII):
+        found.append((int(part), "") if part.isdecimal() else (-1, part))
+    return found
 
 
 def camera(folder: Path, image: Path) -> SequenceCamera | None:
@@ -213,14 +210,19 @@ def camera(folder: Path, image: Path) -> SequenceCamera | None:
     if not path.is_file():
         return None
     values = read_text(path).split()
-    k = numbers_in(path, values, 4 if len(values) == 4 else 9, _K)
-    fx, fy, cx, cy = k if len(k) == 4 else (k[0], k[4], k[2], k[5])
+    if len(values) == 4:
+        fx, fy, cx, cy = numbers_in(path, values, 4, _K)
+    else:
+        fx, _, cx, _, fy, cy, *_ = numbers_in(path, values, 9, _K)
     return SequenceCamera(pinhole_of(image, fx, fy, cx, cy))
 
 
 def truth(folder: Path) -> Path | None:
     """The ground-truth file, or None."""
-    return next((path for pattern in _TRUTHS for path in sorted(folder.glob(pattern))), None)
+    for pattern in _TRUTHS:
+        if files := sorted(folder.glob(pattern)):
+            return files[0]
+    return None
 
 
 READER = Reader(found, rows, camera, truth)

@@ -22,6 +22,7 @@ FILE = Path("transforms.json")
 #: Depth units per metre that nerfstudio assumes (depth_unit_scale_factor of its Nerfstudio data
 #: parser).
 _NERFSTUDIO_UNITS = 1000.0
+_CAMERA = ("w", "h", "fl_x", "fl_y", "cx", "cy")
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 
 
@@ -32,42 +33,40 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     rows = zip(rgb.paths, depth.paths, poses.tolist(), strict=True)
     content = {
         "camera_model": "OPENCV",
-        **{
-            "w": c.width,
-            "h": c.height,
-            "fl_x": c.fx,
-            "fl_y": c.fy,
-            "cx": c.cx + 0.5,
-            "cy": c.cy + 0.5,
-        },
+        "w": c.width,
+        "h": c.height,
+        "fl_x": c.fx,
+        "fl_y": c.fy,
+        "cx": c.cx + 0.5,
+        "cy": c.cy + 0.5,
         **dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0),
         "camera_angle_x": float(2 * np.arctan(c.width / (2 * c.fx))),
         "camera_angle_y": float(2 * np.arctan(c.height / (2 * c.fy))),
         "enable_depth_loading": True,
         "integer_depth_scale": 1 / contents.depth_units_per_metre,
-        # nerfstudio reads depth_file_path, instant-ngp depth_path
-        "frames": [
-            {"file_path": a, "depth_file_path": b, "depth_path": b, "transform_matrix": m}
-            for a, b, m in rows
-        ],
+        "frames": [_frame(rgb_path, depth_path, pose) for rgb_path, depth_path, pose in rows],
     }
     write_json(folder / FILE, content)
 
 
+def _frame(rgb: str, depth: str, pose: list) -> dict:
+    # nerfstudio reads depth_file_path, instant-ngp depth_path
+    depths = {"depth_file_path": depth, "depth_path": depth}
+    return {"file_path": rgb, **depths, "transform_matrix": pose}
+
+
 def _check(contents: Contents) -> None:
     if contents.truth is None or len(contents.truth) < 2:
-        raise InputError(
-            "at least two poses for the format nerf", found="fewer", hint="the format tum"
-        )
+        expected = "at least two poses for the format nerf"
+        raise InputError(expected, found="fewer", hint="the format tum")
 
 
 def _remarks(contents: Contents) -> list[str]:
     units = contents.depth_units_per_metre
     if units == _NERFSTUDIO_UNITS:
         return []
-    return [
-        f"nerfstudio reads the depth right with the setting depth_unit_scale_factor {1 / units:.6g}"
-    ]
+    setting = f"depth_unit_scale_factor {1 / units:.6g}"
+    return [f"nerfstudio reads the depth right with the setting {setting}"]
 
 
 def _rows(folder: Path) -> list[Row]:
@@ -78,41 +77,30 @@ def _rows(folder: Path) -> list[Row]:
     for place, frame in enumerate(frames):
         image, depth = (frame.get(key) for key in ("file_path", "depth_file_path"))
         if not isinstance(image, str) or not isinstance(depth, str):
-            raise InputError(
-                "frames with file_path and depth_file_path",
-                path=folder / FILE,
-                found=f"frame {place}",
-            )
+            expected = "frames with file_path and depth_file_path"
+            raise InputError(expected, path=folder / FILE, found=f"frame {place}")
         images.append((image, depth))
+    found = []
     numbers = numbers_of_names([image for image, _ in images])
-    stamps_s = stamps_of_frames(numbers).tolist()
-    return sorted(
-        Row(stamp_s, folder / image, folder / depth, number=number)
-        for stamp_s, (image, depth), number in zip(stamps_s, images, numbers, strict=True)
-    )
+    for (image, depth), number in zip(images, numbers, strict=True):
+        stamp_s = float(stamps_of_frames(number))
+        found.append(Row(stamp_s, folder / image, folder / depth, number=number))
+    return sorted(found)
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera:
     content = read_json(folder / FILE)
     try:
-        w, h, fx, fy, cx, cy = (
-            float(content[key]) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")
-        )
-        units = 1 / float(
-            content.get(
-                "integer_depth_scale", content.get("depth_unit_scale_factor", 1 / _NERFSTUDIO_UNITS)
-            )
-        )
+        w, h, fx, fy, cx, cy = (float(content[key]) for key in _CAMERA)
+        scale = content.get("depth_unit_scale_factor", 1 / _NERFSTUDIO_UNITS)
+        units = 1 / float(content.get("integer_depth_scale", scale))
         size = int(w), int(h)
         distorted = any(float(content.get(key, 0)) for key in _DISTORTION)
     except (KeyError, TypeError, ValueError, OverflowError, ZeroDivisionError):
-        raise InputError(
-            "numbers w, h, fl_x, fl_y, cx, cy, integer_depth_scale and of the distortion",
-            path=folder / FILE,
-        ) from None
-    return SequenceCamera(
-        PinholeCamera(*size, fx, fy, cx - 0.5, cy - 0.5), check_units(units), distorted=distorted
-    )
+        expected = "numbers w, h, fl_x, fl_y, cx, cy, integer_depth_scale and of the distortion"
+        raise InputError(expected, path=folder / FILE) from None
+    pinhole = PinholeCamera(*size, fx, fy, cx - 0.5, cy - 0.5)
+    return SequenceCamera(pinhole, check_units(units), distorted=distorted)
 
 
 FORMAT = SequenceFormat(

@@ -1,6 +1,5 @@
 """Replica in the format of neural mapping systems: results/frame000000.jpg,
-results/depth000000.png, traj.txt with one 4 x 4 matrix per line,
-cam_params.json.
+results/depth000000.png, traj.txt with one 4 x 4 matrix per line, cam_params.json.
 
 The lines of traj.txt correspond to the images in the order of their names
 (https://github.com/cvg/nice-slam, src/utils/datasets.py).
@@ -15,13 +14,22 @@ from ...formats.files import read_json, write_json
 from ...formats.images import image_header
 from ...formats.trajectories import write_trajectory
 from ...geometry.camera import PinholeCamera
-from ...geometry.trajectory import Trajectory, stamps_of_frames
-from ..layout import Contents, Reader, Row, SequenceCamera, SequenceFormat
+from ...geometry.trajectory import Trajectory
+from ..layout import (
+    Contents,
+    Reader,
+    Row,
+    SequenceCamera,
+    SequenceFormat,
+    SequenceFrame,
+    numbered_row,
+)
 
 #: Depth units per metre in the systems' settings for Replica; the range ends at 10 m.
 UNITS = 6553.5
 _PUBLISHED = PinholeCamera(1200, 680, 600.0, 600.0, 599.5, 339.5)
-_TRAJECTORY, _CAMERA = "traj.txt", "cam_params.json"
+_TRAJECTORY = "traj.txt"
+_CAMERA = "cam_params.json"
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
@@ -34,19 +42,10 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 def _rows(folder: Path) -> list[Row]:
     """The pairs in the order of the names; a depth image has the number of its colour image."""
     found = []
-    depths = {
-        path.stem.removeprefix("depth"): path for path in (folder / "results").glob("depth*.png")
-    }
-    images = sorted(
-        path for ending in ("jpg", "png") for path in (folder / "results").glob(f"frame*.{ending}")
-    )
-    for place, image in enumerate(images):
-        number = image.stem.removeprefix("frame")
-        if number not in depths:
-            raise InputError(
-                f"results/depth{number}.png for {image.name}", path=folder, found="none"
-            )
-        found.append(Row(float(stamps_of_frames(place)), image, depths[number], number=place))
+    images = [*folder.glob("results/frame*.jpg"), *folder.glob("results/frame*.png")]
+    for place, image in enumerate(sorted(images)):
+        depth = image.with_name(f"depth{image.stem.removeprefix('frame')}.png")
+        found.append(numbered_row(folder, place, image, depth))
     return found
 
 
@@ -54,16 +53,12 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
     """The camera in cam_params.json in the folder or, as published, in the parent folder; else the
     published camera if the image has its size.
     """
-    file = next(
-        (place / _CAMERA for place in (folder, folder.parent) if (place / _CAMERA).is_file()), None
-    )
+    files = [place / _CAMERA for place in (folder, folder.parent)]
+    file = next((file for file in files if file.is_file()), None)
     if file is None:
         header = image_header(image)
-        return (
-            SequenceCamera(_PUBLISHED, UNITS)
-            if (header.width, header.height) == (1200, 680)
-            else None
-        )
+        published = (header.width, header.height) == (_PUBLISHED.width, _PUBLISHED.height)
+        return SequenceCamera(_PUBLISHED, UNITS) if published else None
     content = read_json(file).get("camera")
     try:
         values = [float(content[key]) for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")]  # type: ignore[index]
@@ -73,12 +68,16 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
     return SequenceCamera(PinholeCamera(*size, *values[2:6]), check_units(values[6]))
 
 
+def _image(frame: SequenceFrame, kind: str) -> str:
+    name = "frame{:06}.jpg" if kind == RGB else kind + "{:06}.png"
+    return f"results/{name.format(frame.number)}"
+
+
 FORMAT = SequenceFormat(
     "replica",
-    "Replica as NICE-SLAM and its successors read it: results/frame*.jpg, results/depth*.png, traj.txt, cam_params.json",
-    lambda f, kind: (
-        f"results/frame{f.number:06}.jpg" if kind == RGB else f"results/{kind}{f.number:06}.png"
-    ),
+    "Replica as NICE-SLAM and its successors read it: results/frame*.jpg, results/depth*.png, "
+    "traj.txt, cam_params.json",
+    _image,
     _write,
     Reader(
         lambda folder: (folder / _TRAJECTORY).is_file() and (folder / "results").is_dir(),

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from ...channels import RGB
-from ...errors import InputError
 from ...formats.files import atomic_write_text, make_folder, read_text
-from ...geometry.trajectory import stamps_of_frames
 from ..layout import (
     Contents,
     Reader,
     Row,
     SequenceCamera,
     SequenceFormat,
+    SequenceFrame,
     camera_file,
+    numbered_row,
     numbers_in,
     pinhole_of,
 )
@@ -39,9 +39,8 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 
 
 def _matrix(matrix: np.ndarray) -> str:
-    return "".join(
-        " ".join(f"{value + 0.0:.12g}" for value in row) + "\n" for row in matrix.tolist()
-    )
+    rows = [" ".join(f"{value + 0.0:.12g}" for value in row) for row in matrix.tolist()]
+    return "\n".join(rows) + "\n"
 
 
 def _top(folder: Path) -> Path:
@@ -50,20 +49,12 @@ def _top(folder: Path) -> Path:
 
 def _rows(folder: Path) -> list[Row]:
     """The pairs, by the numbers in the names."""
-    top, found = _top(folder), []
-    images = {
-        int(p.stem): p
-        for e in ("jpg", "png")
-        for p in (top / "color").glob(f"*.{e}")
-        if p.stem.isdecimal()
-    }
-    for number in sorted(images):
-        depth = top / f"depth/{images[number].stem}.png"
-        if not depth.is_file():
-            raise InputError(
-                f"depth/{depth.name} for color/{images[number].name}", path=top, found="none"
-            )
-        found.append(Row(float(stamps_of_frames(number)), images[number], depth, number=number))
+    top = _top(folder)
+    images = [*top.glob("color/*.jpg"), *top.glob("color/*.png")]
+    by_number = {int(image.stem): image for image in images if image.stem.isdecimal()}
+    found = []
+    for number, image in sorted(by_number.items()):
+        found.append(numbered_row(top, number, image, top / f"depth/{image.stem}.png"))
     return found
 
 
@@ -85,12 +76,17 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
     return SequenceCamera(cameras[0], UNITS, colour=None if same_size else cameras[1])
 
 
+def _image(frame: SequenceFrame, kind: str) -> str:
+    return (
+        f"frames/color/{frame.number}.jpg" if kind == RGB else f"frames/{kind}/{frame.number}.png"
+    )
+
+
 FORMAT = SequenceFormat(
     "scannet",
-    "ScanNet's exported frames: frames/color/*.jpg, frames/depth/*.png (mm), frames/pose/*.txt, frames/intrinsic/",
-    lambda f, kind: (
-        f"frames/color/{f.number}.jpg" if kind == RGB else f"frames/{kind}/{f.number}.png"
-    ),
+    "ScanNet's exported frames: frames/color/*.jpg, frames/depth/*.png (mm), frames/pose/*.txt, "
+    "frames/intrinsic/",
+    _image,
     _write,
     Reader(
         lambda folder: (_top(folder) / "color").is_dir() and (_top(folder) / "pose").is_dir(),

@@ -9,11 +9,10 @@ of pose_left.txt correspond to the images in the order of their names.
 from pathlib import Path
 
 from ...channels import DEPTH, RGB
-from ...errors import InputError
 from ...formats.images import image_header
 from ...formats.trajectories import write_trajectory
 from ...geometry.camera import PinholeCamera
-from ...geometry.trajectory import Trajectory, stamps_of_frames
+from ...geometry.trajectory import Trajectory
 from ..layout import (
     Contents,
     Reader,
@@ -22,6 +21,7 @@ from ..layout import (
     SequenceFormat,
     SequenceFrame,
     camera_file,
+    numbered_row,
 )
 from . import listed
 
@@ -40,9 +40,7 @@ def _rows(folder: Path) -> list[Row]:
     found = []
     for place, image in enumerate(sorted((folder / "image_left").glob("*.png"))):
         depth = folder / f"depth_left/{image.stem}_depth.npy"
-        if not depth.is_file():
-            raise InputError(f"depth_left/{depth.name} for {image.name}", path=folder, found="none")
-        found.append(Row(float(stamps_of_frames(place)), image, depth, number=place))
+        found.append(numbered_row(folder, place, image, depth))
     return found
 
 

@@ -43,7 +43,8 @@ def _by_stamp(folder: Path) -> list[Row]:
 
 RTABMAP = SequenceFormat(
     "rtabmap",
-    "the format tum with rgb_sync/, depth_sync/ and stamps as the images' names, as RTAB-Map's tool reads them",
+    "the format tum with rgb_sync/, depth_sync/ and stamps as the images' names, as RTAB-Map's "
+    "tool reads them",
     lambda f, kind: f"{kind}_sync/{f.stamp_text()}.png",
     _write,
     Reader(lambda folder: (folder / "rgb_sync").is_dir(), _by_stamp, listed.camera, listed.truth),

@@ -26,16 +26,17 @@ from ..layout import (
     write_truth,
 )
 
-_LIST, _CAMERA, _TRUTH = "rgb.csv", "calibration.yaml", "groundtruth.csv"
+_LIST = "rgb.csv"
+_CAMERA = "calibration.yaml"
+_TRUTH = "groundtruth.csv"
 _COLUMNS = ("ts_rgb_0 (ns)", "path_rgb_0", "ts_depth_0 (ns)", "path_depth_0")
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     lines = [",".join(_COLUMNS)]
-    for f in contents.frames:
-        lines.append(
-            f"{f.nanoseconds()},{format.image(f, RGB)},{f.nanoseconds(DEPTH)},{format.image(f, DEPTH)}"
-        )
+    for frame in contents.frames:
+        rgb = f"{frame.nanoseconds()},{format.image(frame, RGB)}"
+        lines.append(f"{rgb},{frame.nanoseconds(DEPTH)},{format.image(frame, DEPTH)}")
     atomic_write_text(folder / _LIST, "\n".join(lines) + "\n")
     atomic_write_text(folder / _CAMERA, _calibration(contents))
     write_truth(folder / _TRUTH, contents, "vslam-lab")
@@ -43,7 +44,8 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 
 def _calibration(contents: Contents) -> str:
     """The body frame is the camera's."""
-    c, eye = contents.camera, ", ".join(f"{value:.1f}" for value in np.eye(4).ravel().tolist())
+    c = contents.camera
+    eye = ", ".join(f"{value:.1f}" for value in np.eye(4).ravel().tolist())
     return f"""%YAML 1.2
 ---
 cameras:
@@ -63,7 +65,8 @@ cameras:
 
 def _rows(folder: Path) -> list[Row]:
     """The pairs of the list; lines without a depth image are left out."""
-    file, found = folder / _LIST, []
+    file = folder / _LIST
+    found = []
     lines = csv.reader(io.StringIO(read_text(file), newline=""))
     try:
         head = next(lines)
@@ -87,18 +90,21 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
     if not file.is_file():
         return None
     text = read_text(file)
-    values = dict(
-        re.findall(r"(focal_length|principal_point|depth_factor): *\[?([^\]\n]*)\]?", text)
-    )
-    pairs = [values.get(name, "").split(",") for name in ("focal_length", "principal_point")]
-    fx, fy, cx, cy = numbers_in(
-        file, [*pairs[0], *pairs[1]], 4, "focal_length: [fx, fy], principal_point: [cx, cy]"
-    )
+    pattern = r"(focal_length|principal_point|depth_factor): *\[?([^\]\n]*)\]?"
+    values = dict(re.findall(pattern, text))
+    numbers = []
+    for name in ("focal_length", "principal_point"):
+        numbers += values.get(name, "").split(",")
+    what = "focal_length: [fx, fy], principal_point: [cx, cy]"
+    fx, fy, cx, cy = numbers_in(file, numbers, 4, what)
     units = values.get("depth_factor", str(UNITS_PER_METRE)).strip(" ,")
     (per_metre,) = numbers_in(file, [units], 1, "depth_factor as a number")
-    return SequenceCamera(
-        pinhole_of(image, fx, fy, cx, cy), check_units(per_metre), distorted=is_distorted(text)
-    )
+    pinhole = pinhole_of(image, fx, fy, cx, cy)
+    return SequenceCamera(pinhole, check_units(per_metre), distorted=is_distorted(text))
+
+
+def _truth(folder: Path) -> Path | None:
+    return folder / _TRUTH if (folder / _TRUTH).is_file() else None
 
 
 FORMAT = SequenceFormat(
@@ -110,7 +116,7 @@ FORMAT = SequenceFormat(
         lambda folder: (folder / _LIST).is_file(),
         _rows,
         _camera,
-        lambda folder: folder / _TRUTH if (folder / _TRUTH).is_file() else None,
+        _truth,
     ),
     stamps="ns",
 )
