@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -267,15 +268,13 @@ def test_in_a_process_of_its_own_an_error_is_one_line_too(files):
 
 
 def test_the_benchmark_beside_evo_leaves_evo_out_where_it_is_missing(files, capsys, monkeypatch):
-    from iclnuim.headless.commands import bench
-
-    which = bench.shutil.which
-    monkeypatch.setattr(bench.shutil, "which", lambda name, **rest: None)
+    which = shutil.which
+    monkeypatch.setattr(shutil, "which", lambda name, **rest: None)
     names = ("evaluate", files / "truth.txt", files / "estimate.txt", "--rounds", "1", "--json")
     assert cli.main(["bench", *map(str, names)]) == 0
     out, err = capsys.readouterr()
     assert list(json.loads(out)["times"]) == ["iclnuim evaluate ate"] and "pip install evo" in err
-    monkeypatch.setattr(bench.shutil, "which", which)
+    monkeypatch.setattr(shutil, "which", which)
     if not which("evo_ape", path=str(Path(sys.executable).parent)):
         pytest.skip("evo is not installed")
     assert cli.main(["bench", *map(str, names)]) == 0

@@ -1,12 +1,18 @@
 """The other depth noise models: each does what its source says, and all keep the same promises."""
 
 from functools import partial
+from statistics import NormalDist
 
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.sensor.depth import Kinect2012DepthNoise, RedwoodDepthNoise, ReleasedDepthNoise
+from iclnuim.sensor.depth import (
+    Kinect2012DepthNoise,
+    PaperDepthNoise,
+    RedwoodDepthNoise,
+    ReleasedDepthNoise,
+)
 from iclnuim.sensor.depth_image import surface_normals
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
 from iclnuim.sensor.noise_model import frame_generator
@@ -46,6 +52,19 @@ def test_released_leaves_whole_millimetres_and_a_border_without_normals(camera, 
     millimetres = noisy.astype(float) * 1000
     assert np.abs(millimetres - np.rint(millimetres)).max() < 1e-3
     assert (noisy[0] == 0).mean() > 0.3 and (noisy[:, 0] == 0).mean() > 0.3
+
+
+def test_released_rounds_to_centimetres_before_the_disparity_and_cuts_to_millimetres_after(
+    camera, plane
+):
+    quiet = {"sigma_s_px": 0, "offset_px": 0, "sigma_d": 0, "disparity_bias": 0}
+    depth = plane(camera, 30, 2.0)
+    for fine, step_m in (({"disparity_cm": 1e7, "output_step_m": 1e-6}, 0.01), ({}, 0.001)):
+        model = ReleasedDepthNoise(**quiet, **fine)
+        noisy = model.apply(depth, camera, frame_generator(1, 1, 0))[1:, 1:].astype(float)
+        steps = noisy[noisy > 0] / step_m
+        assert np.abs(steps - np.rint(steps)).max() < 0.02
+        assert 0.4 < (np.rint(steps) % 2).mean() < 0.6
 
 
 def test_released_is_biased_towards_the_camera_by_half_a_step():
@@ -96,18 +115,46 @@ def test_kinect2012_has_the_axial_sigma_of_its_formula_at_every_angle(plane, ang
     assert error_m[8:-8, 8:-8].std() == pytest.approx(sigma_m, rel=0.03)
 
 
+@pytest.mark.parametrize("model", [PaperDepthNoise, Kinect2012DepthNoise])
+@pytest.mark.parametrize(("step", "mixed"), [(0.07, True), (0.15, False)])
+def test_depth_is_interpolated_across_a_step_within_a_tenth_of_it_only(model, step, mixed):
+    camera = PinholeCamera.parse("160x120")
+    depth = np.full((120, 160), 2.0, np.float32)
+    depth[:, 80:] = 2.0 * (1 + step)
+    quiet = {"sigma_d": 0, "disparity_cm": 1e9, "lateral": False}
+    if model is Kinect2012DepthNoise:
+        quiet = {"axial_m": 0, "axial_per_m": 0, "axial_angle": 0}
+    noisy = model(**quiet).apply(depth, camera, frame_generator(1, 1, 0))
+    between = (noisy > 2.01) & (noisy < 2.0 * (1 + step) - 0.01)
+    assert bool(between.any()) == mixed
+
+
+def test_redwood_shifts_by_a_quarter_of_a_pixel_and_adds_its_disparity_noise(camera, plane):
+    depth = plane(camera, 40, 2.0)
+    shifted = RedwoodDepthNoise(snap_px=1, sigma_d=0, steps=1e6)
+    moved = shifted.apply(depth, camera, frame_generator(1, 1, 0)) / depth
+    beyond_half = 2 * (1 - NormalDist().cdf(0.5 / 0.25))  # along u, where the plane is slanted
+    assert (np.abs(moved - 1) > 1e-4).mean() == pytest.approx(beyond_half, rel=0.1)
+    noisy = RedwoodDepthNoise(snap_px=1, sigma_s_px=0, steps=1e6)
+    noisy_m = noisy.apply(depth, camera, frame_generator(1, 1, 0)).astype(float)
+    assert (35.130 / noisy_m - 35.130 / depth).std() == pytest.approx(1 / 36, rel=0.03)
+
+
 def test_redwood_rounds_disparity_to_eighths_snaps_to_even_pixels_and_ends_at_10_m(camera, plane):
     depth = plane(camera, 40, 2.0)
     noisy = RedwoodDepthNoise().apply(depth, camera, frame_generator(1, 1, 0)).astype(float)
     eighths = 35.130 / noisy * 8
     assert np.abs(eighths - np.rint(eighths)).max() < 1e-3
+    assert set(np.diff(np.unique(np.rint(eighths)))) == {1}
     quiet = RedwoodDepthNoise(sigma_s_px=0, sigma_d=0, steps=1e6).apply(
         depth, camera, frame_generator(1, 1, 0)
     )
     assert np.allclose(quiet[::2, ::2], depth[::2, ::2], rtol=1e-5)
     assert np.array_equal(quiet[1::2, 1::2], quiet[::2, ::2])
-    far = np.full((240, 320), 10.0, np.float32)
-    assert (RedwoodDepthNoise().apply(far, camera, frame_generator(1, 1, 0)) == 0).all()
+    for depth_m, seen in ((9.9, True), (10.0, False)):
+        far = np.full((240, 320), depth_m, np.float32)
+        noisy = RedwoodDepthNoise().apply(far, camera, frame_generator(1, 1, 0))
+        assert (noisy > 0).all() == seen and (noisy > 0).any() == seen
 
 
 @pytest.mark.parametrize("angle_deg", [0, 25, 60, 80])

@@ -93,6 +93,18 @@ def test_sigma_theta_comes_back_by_angle_and_depth(plane, angle_deg, depth_m):
     assert (step_m / sigma_m)[1:-1, 1:-1].std() == pytest.approx(1, rel=0.03)
 
 
+def test_sigma_theta_is_the_bilinear_fit_of_the_part_of_nguyens_noise_that_grows_with_the_angle():
+    angle, depth_m = np.meshgrid(np.radians(np.linspace(0, 75, 76)), np.linspace(0.5, 4.5, 81))
+    angle, depth_m = angle.ravel(), depth_m.ravel()
+    nguyen_m = 0.0001 / np.sqrt(depth_m) * angle**2 / (np.pi / 2 - angle) ** 2
+    terms = np.column_stack([np.ones_like(angle), angle, depth_m, angle * depth_m])
+    fitted = np.linalg.lstsq(terms, nguyen_m, rcond=None)[0]
+    model = PaperDepthNoise()
+    ours = [model.sigma_theta_m, model.sigma_theta_m_per_rad]
+    ours += [model.sigma_theta_m_per_m, model.sigma_theta_m_per_rad_m]
+    assert ours == pytest.approx(fitted.tolist(), rel=0.005)
+
+
 class Constant:
     """A generator whose every number is the same, so that all vertices step equally far."""
 

@@ -94,6 +94,17 @@ def test_paper_noise_at_mid_grey_is_that_of_the_released_frames():
     assert values.std() == pytest.approx(2.0, rel=0.06)
 
 
+def test_paper_noise_at_black_is_about_one_step_of_8_bits():
+    values = PaperRgbNoise().apply(_patch(0.0), frame_generator(1, 1, 1)).astype(float)
+    assert values.std() == pytest.approx(1.0, rel=0.15)
+
+
+@pytest.mark.parametrize("name", RGB_MODELS)
+def test_every_model_shows_the_light_as_rendered(name):
+    values = rgb_model(name).apply(_patch(0.2), frame_generator(1, 1, 1)).astype(float)
+    assert values.mean() == pytest.approx(255 * srgb_from_light(np.array(0.2)), abs=0.7)
+
+
 def test_exposure_multiplies_the_light_and_longer_exposure_means_less_noise_for_the_same_picture():
     light = _patch(0.1)
     assert np.array_equal(

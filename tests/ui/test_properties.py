@@ -165,14 +165,9 @@ def test_presets_hold_only_differences_and_leave_this_files_settings_alone(regis
     presets.apply(settings, presets.BUILT_IN["Quick look"])
     assert (settings.seed, settings.scene_source, settings.out) == (0, "office", "/x")
     assert settings.camera() == PinholeCamera.parse("320x240")
-    presets.apply(
-        settings, {"dialects": ["euroc", "tum"], "alignment": "sim3"}
-    )  # as 0.1.0 saved them
-    assert (
-        settings.formats == {"euroc", "tum"}
-        and settings.align_method == "sim3"
-        and settings.light == "baked"
-    )
+    presets.apply(settings, {"formats": ["euroc", "tum"], "align_method": "sim3"})
+    assert settings.formats == {"euroc", "tum"} and settings.align_method == "sim3"
+    assert settings.light == "baked"
     with pytest.raises(InputError, match="colour"):
         presets.apply(settings, {"colour": 1})
     with pytest.raises(InputError, match="light"):

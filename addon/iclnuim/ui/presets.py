@@ -26,8 +26,6 @@ BUILT_IN: dict[str, dict[str, Any]] = {
     },
     "Reference, path traced": {"light": "path", "samples": 256, "frames": "::"},
 }
-#: Old name -> new name, for presets saved by version 0.1.0.
-_RENAMED = {"dialects": "formats", "alignment": "align_method"}
 
 
 def values(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
@@ -48,10 +46,7 @@ def apply(settings: bpy.types.PropertyGroup, chosen: dict[str, Any]) -> None:
 
     Raises InputError for an unknown name or value.
     """
-    chosen, known = (
-        {_RENAMED.get(name, name): value for name, value in chosen.items()},
-        properties_of_a_preset(),
-    )
+    known = properties_of_a_preset()
     unknown = sorted(set(chosen) - set(known))
     if unknown:
         raise InputError(f"a preset of {', '.join(known)}", found=", ".join(unknown))
