@@ -14,7 +14,8 @@ class Console:
     """
 
     def __init__(self, quiet: bool = False, json: bool = False) -> None:
-        self.quiet, self.as_json = quiet, json
+        self.quiet = quiet
+        self.as_json = json
 
     def result(self, values: dict, text: str) -> None:
         """Print the result of a command: `values` with --json, `text` without."""
@@ -36,8 +37,13 @@ class Progress:
     """
 
     def __init__(self, total: int, label: str, unit: str, enabled: bool) -> None:
-        self.total, self.label, self.unit, self.enabled = total, label, unit, enabled
-        self.done, self.started, self.last = 0, time.monotonic(), 0.0
+        self.total = total
+        self.label = label
+        self.unit = unit
+        self.enabled = enabled
+        self.done = 0
+        self.started = time.monotonic()
+        self.last = 0.0
         self.terminal = sys.stderr.isatty()
 
     def begin(self) -> None:

@@ -19,7 +19,8 @@ class IclnuimError(Exception):
     exit_code = 3
 
     def __init__(self, message: str = "", *, hint: str | None = None) -> None:
-        self.message, self.hint = message, hint
+        self.message = message
+        self.hint = hint
 
     def __str__(self) -> str:
         return self.worded()
@@ -55,13 +56,11 @@ class InputError(IclnuimError):
         found: object = None,
         hint: str | None = None,
     ) -> None:
-        self.path, self.line, self.setting, self.expected, self.found = (
-            path,
-            line,
-            setting,
-            expected,
-            found,
-        )
+        self.path = path
+        self.line = line
+        self.setting = setting
+        self.expected = expected
+        self.found = found
         super().__init__(expected, hint=hint)
 
     def worded(self, name_of: Callable[[str], str] = str) -> str:

@@ -176,7 +176,8 @@ def bake_core_s(job: RenderJob) -> float:
     """Estimated core-seconds to bake the light map of a job, from its texels and samples and those
     of the coarse map. Scenes differ.
     """
-    fine, coarse = job.map_size**2 * job.map_samples, min(1024, job.map_size) ** 2 * 16
+    fine = job.map_size**2 * job.map_samples
+    coarse = min(1024, job.map_size) ** 2 * 16
     return (
         _BAKE_CORE_S * (2 * fine + 4 * coarse) / (2 * 2048**2 * 32 + 4 * 1024**2 * 16)
     )  # fine map: lamps and one bounce; coarse map: lamps and three bounces

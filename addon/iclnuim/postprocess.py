@@ -8,7 +8,7 @@ rgb_noise="released", seed=1) postprocess.absolute_trajectory_error("noisy/groun
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -140,21 +140,22 @@ def frames_from(
         if not isinstance(loaded, tuple) or len(loaded) != 2:
             raise InputError(f"load({number}) to return RGB and depth", found=type(loaded).__name__)
         rgb, depth_z_m = loaded
-        rgb, depth_z_m = _floating(rgb, *_LINEAR_RGB), _floating(depth_z_m, *_METRES)
+        rgb = _floating(rgb, *_LINEAR_RGB)
+        depth_z_m = _floating(depth_z_m, *_METRES)
         if (rgb.shape, depth_z_m.shape) != ((*size, 3), size):
             expected = f"frame {number} of the camera's size: RGB {(*size, 3)} and depth {size}"
             raise InputError(expected, found=f"{rgb.shape} and {depth_z_m.shape}")
         return rgb, depth_z_m
+
+    def poses(numbers: Sequence[int]) -> Trajectory:
+        return trajectory[np.array(numbers)]
 
     size = camera.height, camera.width
     origin = {
         "frames": name,
         "trajectory_sha256": sha256(trajectory_text(trajectory, "tum").encode()),
     }
-    stamps_s, poses = (
-        dict(enumerate(trajectory.stamps_s.tolist())),
-        lambda numbers: trajectory[np.array(numbers)],
-    )
+    stamps_s = dict(enumerate(trajectory.stamps_s.tolist()))
     return FrameSource(camera, tuple(stamps_s), stamps_s, checked, poses, origin, volatile=True)
 
 

@@ -164,7 +164,8 @@ def _declaration(field: Any, hint: Any) -> Setting:
     length = None
     if typing.get_origin(kind) is tuple:
         elements = typing.get_args(kind)
-        kind, length = elements[0], 0 if elements[-1] is Ellipsis else len(elements)
+        kind = elements[0]
+        length = 0 if elements[-1] is Ellipsis else len(elements)
     words: dict[str, Any] = {
         "option": "--" + field.name.replace("_", "-"),
         "shown": (about.get("unit", ""), 1.0),
@@ -204,7 +205,8 @@ class Settings:
         Raises InputError for an unknown or missing name or an invalid value; the error's path is
         the name of the nested group.
         """
-        fields, hints = dataclasses.fields(cls), typing.get_type_hints(cls)
+        fields = dataclasses.fields(cls)
+        hints = typing.get_type_hints(cls)
         refuse_unknown(content, [f.name for f in fields], cls.group)
         needed = [f.name for f in fields if f.default is MISSING and f.default_factory is MISSING]
         if missing := [name for name in needed if name not in content]:
@@ -248,7 +250,8 @@ def find(name: str) -> Setting | None:
 
     None if there is none, or if several differ.
     """
-    groups, found = list(Settings.__subclasses__()), []
+    groups = list(Settings.__subclasses__())
+    found = []
     while groups:
         group = groups.pop(0)
         groups += group.__subclasses__()

@@ -215,7 +215,8 @@ class WorkerClient(subprocess.Popen[bytes]):
         environment: Mapping[str, str] | None = None,
     ) -> None:
         """Raises WorkError if the process cannot be started."""
-        self.log, self.asked_to_stop = log, False
+        self.log = log
+        self.asked_to_stop = False
         self._inbox = queue.SimpleQueue() if inbox is None else inbox
         self._options_file = log.with_suffix(".json")
         self._last_s = time.monotonic()

@@ -139,7 +139,8 @@ def absolute_error(
     """
     settings = settings or AbsoluteErrorSettings()
     association = pair_up(reference, estimate, settings.association)
-    Q, P = reference.T_world_camera[association.first], estimate.T_world_camera[association.second]
+    Q = reference.T_world_camera[association.first]
+    P = estimate.T_world_camera[association.second]
     alignment = align(Q, P, settings.alignment)
     aligned = alignment.apply(P)
     return AbsoluteError(

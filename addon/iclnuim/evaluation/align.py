@@ -113,9 +113,11 @@ def align(reference: SE3, estimate: SE3, settings: AlignmentSettings | None = No
         found = f"{estimate.shape} and {reference.shape}"
         raise InputError("as many estimated poses as reference poses, at least one", found=found)
     used = slice(None, settings.first)
-    x, y = estimate.translation[used], reference.translation[used]
+    x = estimate.translation[used]
+    y = reference.translation[used]
     extents_m = principal_extents(y)
-    T, scale = SE3.identity(), 1.0
+    T = SE3.identity()
+    scale = 1.0
     if settings.method == "origin":
         T = reference[0] @ estimate[0].inverse()
     elif settings.method == "yaw":
@@ -136,18 +138,22 @@ def umeyama(
     With `reflect`, the best improper R (determinant -1) instead; the SE3 that contains it is not a
     rigid motion.
     """
-    mean_x, mean_y = x.mean(axis=0), y.mean(axis=0)  # equations 34, 35
-    centred_x, centred_y = x - mean_x, y - mean_y
+    # equations 34, 35
+    mean_x = x.mean(axis=0)
+    mean_y = y.mean(axis=0)
+    centred_x = x - mean_x
+    centred_y = y - mean_y
     covariance = centred_y.T @ centred_x / len(x)  # equation 38
     u, d, vt = np.linalg.svd(covariance)
-    sign = np.sign(np.linalg.det(u) * np.linalg.det(vt)) * (-1.0 if reflect else 1.0)
-    s = np.array(
-        [1.0, 1.0, sign]
-    )  # equation 43; equation 39 with the sign taken from U and V holds at rank 2 too
+    sign = np.sign(np.linalg.det(u) * np.linalg.det(vt))
+    if reflect:
+        sign = -sign
+    # equation 43; equation 39 with the sign taken from U and V holds at rank 2 too
+    s = np.array([1.0, 1.0, sign])
     rotation = (u * s) @ vt  # equation 40
-    scale = (
-        float(d @ s / (np.vdot(centred_x, centred_x) / len(x))) if with_scale else 1.0
-    )  # equations 42, 36
+    scale = 1.0
+    if with_scale:  # equations 42, 36
+        scale = float(d @ s / (np.vdot(centred_x, centred_x) / len(x)))
     return SE3(rotation, mean_y - scale * rotation @ mean_x), scale  # equation 41
 
 
@@ -160,16 +166,12 @@ def check_mirror(reference_m: np.ndarray, estimate_m: np.ndarray) -> MirrorCheck
     """
     if len(reference_m) < _MIN_MIRROR_POSES or principal_extents(estimate_m)[0] == 0.0:
         return MirrorCheck()
-    fits = (
-        umeyama(estimate_m, reference_m, with_scale=True, reflect=reflect)
-        for reflect in (False, True)
-    )
-    rotation_m, reflection_m = (
-        _rms(reference_m - T.apply(scale * estimate_m)) for T, scale in fits
-    )
-    return MirrorCheck(
-        rotation_m, reflection_m, float(np.linalg.norm(principal_extents(reference_m)))
-    )
+    T, scale = umeyama(estimate_m, reference_m, with_scale=True)
+    rotation_m = _rms(reference_m - T.apply(scale * estimate_m))
+    T, scale = umeyama(estimate_m, reference_m, with_scale=True, reflect=True)
+    reflection_m = _rms(reference_m - T.apply(scale * estimate_m))
+    extent_m = float(np.linalg.norm(principal_extents(reference_m)))
+    return MirrorCheck(rotation_m, reflection_m, extent_m)
 
 
 def principal_extents(positions_m: np.ndarray) -> np.ndarray:
@@ -183,21 +185,25 @@ def principal_extents(positions_m: np.ndarray) -> np.ndarray:
 def _yaw(x: np.ndarray, y: np.ndarray, up: int) -> SE3:
     """Rotation about the axis `up`, and translation: equation 40 in the plane, in closed form."""
     a, b = (up + 1) % 3, (up + 2) % 3
-    flat_x, flat_y = x[:, (a, b)], y[:, (a, b)]
+    flat_x = x[:, (a, b)]
+    flat_y = y[:, (a, b)]
     for name, extents_m in (
         ("a reference", principal_extents(flat_y)),
         ("an estimated", principal_extents(flat_x)),
     ):
         if extents_m[0] <= MIN_EXTENT_M:
-            expected = f"{name} trajectory that determines a yaw alignment, moving across the {'xyz'[up]} axis"
+            expected = f"{name} trajectory that determines a yaw alignment"
+            across = f"moving across the {'xyz'[up]} axis"
             found = f"an extent of {1000 * extents_m[0]:.3g} mm"
-            raise InputError(expected, found=found, hint="the alignment origin")
-    mean_x, mean_y = x.mean(axis=0), y.mean(axis=0)
+            raise InputError(f"{expected}, {across}", found=found, hint="the alignment origin")
+    mean_x = x.mean(axis=0)
+    mean_y = y.mean(axis=0)
     covariance = (y - mean_y).T @ (x - mean_x)
     angle = np.arctan2(covariance[b, a] - covariance[a, b], covariance[a, a] + covariance[b, b])
     rotation = np.eye(3)
     rotation[a, a] = rotation[b, b] = np.cos(angle)
-    rotation[b, a], rotation[a, b] = np.sin(angle), -np.sin(angle)
+    rotation[b, a] = np.sin(angle)
+    rotation[a, b] = -np.sin(angle)
     return SE3(rotation, mean_y - rotation @ mean_x)
 
 
@@ -216,15 +222,11 @@ def _refuse_undetermined(
     )
     for name, extents_m, min_m in both:
         if used < 3:
-            found, hint = (
-                f"{used} pose{'s' * (used > 1)} where 3 are needed",
-                "the alignment origin, or more poses",
-            )
+            found = f"{used} pose{'s' * (used > 1)} where 3 are needed"
+            hint = "the alignment origin, or more poses"
         elif extents_m[0] <= min_m:
-            found, hint = (
-                "one that does not move, so its rotation is undetermined",
-                "the alignment origin",
-            )
+            found = "one that does not move, so its rotation is undetermined"
+            hint = "the alignment origin"
         elif extents_m[1] <= max(min_m, MIN_EXTENT_SHARE * extents_m[0]):
             found = "a straight one, so the rotation about it is undetermined"
             hint = "the alignment yaw if it is not upright, or the alignment origin"

@@ -90,7 +90,8 @@ def associate(
     first one (ties: the smaller); a first stamp can be in several pairs.
     """
     settings = settings or AssociationSettings()
-    first_s, second_s = _checked(first_s), _checked(second_s) + settings.offset_s
+    first_s = _checked(first_s)
+    second_s = _checked(second_s) + settings.offset_s
     limit_s = settings.max_difference_s
     if not (len(first_s) and len(second_s)):
         i, j = np.zeros((2, 0), int)
@@ -111,21 +112,24 @@ def pair_up(
     Raises InputError if the trajectories do not overlap in time, or have no pair within the window.
     """
     settings = settings or AssociationSettings()
-    reference_s, estimate_s = reference.stamps_s, estimate.stamps_s
+    reference_s = reference.stamps_s
+    estimate_s = estimate.stamps_s
     association = associate(reference_s, estimate_s, settings)
     if len(association):
         return association
     if len(reference_s) == 0 or len(estimate_s) == 0:
         raise InputError("trajectories of at least one pose", found="an empty one")
-    span, shifted_s = _span(reference_s), estimate_s + settings.offset_s
+    span = _span(reference_s)
+    shifted_s = estimate_s + settings.offset_s
     if shifted_s[0] > reference_s[-1] or shifted_s[-1] < reference_s[0]:
         best = best_offset(reference, estimate)
-        shift = f"{best[0] if best else reference_s[0] - estimate_s[0]:.6f}".rstrip("0").rstrip(".")
-        why = (
-            f"where they fit best (to {1000 * best[1]:.3g} mm)"
-            if best
-            else "if both start together"
-        )
+        if best:
+            offset_s, rms_m = best
+            why = f"where they fit best (to {1000 * rms_m:.3g} mm)"
+        else:
+            offset_s = reference_s[0] - estimate_s[0]
+            why = "if both start together"
+        shift = f"{offset_s:.6f}".rstrip("0").rstrip(".")
         hint = f"an offset of {shift} s {why}, or the format tum-ids if these are frame numbers"
         found = f"no overlap in time: {_span(shifted_s)}"
         raise InputError(f"stamps that overlap the ground truth's {span}", found=found, hint=hint)
@@ -153,7 +157,8 @@ def nearest(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     right = np.searchsorted(y, x)
     left = np.maximum(right - 1, 0)
     right = np.minimum(right, len(y) - 1)
-    to_left, to_right = np.abs(x - y[left]), np.abs(x - y[right])
+    to_left = np.abs(x - y[left])
+    to_right = np.abs(x - y[right])
     return np.where(to_left <= to_right, left, right), np.minimum(to_left, to_right)
 
 
@@ -166,16 +171,19 @@ def _greedy(
     that contains one of them has a smaller difference. A stamp without a free stamp in its window
     never gets a pair.
     """
-    i, j = np.arange(len(first_s)), np.arange(len(second_s))
+    i = np.arange(len(first_s))
+    j = np.arange(len(second_s))
     found: list[tuple[np.ndarray, np.ndarray]] = []
     while len(i) and len(j):
         best_j, distance_i = nearest(first_s[i], second_s[j])
         best_i, distance_j = nearest(second_s[j], first_s[i])
         chosen = np.flatnonzero((best_i[best_j] == np.arange(len(i))) & (distance_i < limit_s))
         found.append((i[chosen], j[best_j[chosen]]))
-        free_i, free_j = distance_i < limit_s, distance_j < limit_s
+        free_i = distance_i < limit_s
+        free_j = distance_j < limit_s
         free_i[chosen] = free_j[best_j[chosen]] = False
-        i, j = i[free_i], j[free_j]
+        i = i[free_i]
+        j = j[free_j]
         if len(chosen) * _SLOW_ROUND < len(i):
             rest_i, rest_j = _greedy_by_heap(first_s[i], second_s[j], limit_s)
             found.append((i[rest_i], j[rest_j]))
@@ -193,12 +201,16 @@ def _greedy_by_heap(
     """
     stamps_s = np.concatenate([first_s, second_s])
     order = np.argsort(stamps_s, kind="stable")
-    count, owner, stamp = len(first_s), order.tolist(), stamps_s[order].tolist()
-    after, before = list(range(1, len(owner) + 1)), list(range(-1, len(owner) - 1))
+    count = len(first_s)
+    owner = order.tolist()
+    stamp = stamps_s[order].tolist()
+    after = list(range(1, len(owner) + 1))
+    before = list(range(-1, len(owner) - 1))
     heap: list[tuple[float, int, int, int, int]] = []
 
     def propose(left: int, right: int) -> None:
-        one, other = owner[left], owner[right]
+        one = owner[left]
+        other = owner[right]
         if one > other:
             one, other = other, one
         difference = stamp[right] - stamp[left]
@@ -207,7 +219,8 @@ def _greedy_by_heap(
 
     for left in range(len(owner) - 1):
         propose(left, left + 1)
-    free, pairs = [True] * len(owner), []
+    free = [True] * len(owner)
+    pairs = []
     while heap:
         _, one, other, left, right = heapq.heappop(heap)
         if not (free[left] and free[right]):

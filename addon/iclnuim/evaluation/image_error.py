@@ -15,7 +15,8 @@ _WINDOWS = MappingProxyType(
     {"gaussian": (_GAUSSIAN / _GAUSSIAN.sum(), 1.0), "uniform": (np.full(7, 1 / 7), 49 / 48)}
 )
 #: K1 and K2 of SSIM.
-_K1, _K2 = 0.01, 0.03
+_K1 = 0.01
+_K2 = 0.03
 #: White of 8-bit images.
 _WHITE = 255.0
 
@@ -63,18 +64,20 @@ def ssim(image: np.ndarray, truth: np.ndarray, window: str = "gaussian") -> floa
     weights, sample = _WINDOWS[window]
     if min(image.shape[:2]) < len(weights):
         raise InputError(f"images of at least {len(weights)} pixels a side", found=image.shape[:2])
-    x, y = _weighted(image, weights), _weighted(truth, weights)
-    xx, yy, xy = (sample * (_weighted(a * b, weights) - m) for a, b, m in (
-        (image, image, x * x), (truth, truth, y * y), (image, truth, x * y),
-    ))  # fmt: skip
-    c1, c2 = (_K1 * _WHITE) ** 2, (_K2 * _WHITE) ** 2
-    return float(
-        (((2 * x * y + c1) * (2 * xy + c2)) / ((x * x + y * y + c1) * (xx + yy + c2))).mean()
-    )
+    x = _weighted(image, weights)
+    y = _weighted(truth, weights)
+    xx = sample * (_weighted(image * image, weights) - x * x)
+    yy = sample * (_weighted(truth * truth, weights) - y * y)
+    xy = sample * (_weighted(image * truth, weights) - x * y)
+    c1 = (_K1 * _WHITE) ** 2
+    c2 = (_K2 * _WHITE) ** 2
+    similar = (2 * x * y + c1) * (2 * xy + c2)
+    return float((similar / ((x * x + y * y + c1) * (xx + yy + c2))).mean())
 
 
 def _both(image: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    image, truth = np.asarray(image), np.asarray(truth)
+    image = np.asarray(image)
+    truth = np.asarray(truth)
     if not truth.size or truth.ndim not in (2, 3):
         raise InputError("images (h, w) or (h, w, 3)", found=truth.shape)
     if image.shape != truth.shape:

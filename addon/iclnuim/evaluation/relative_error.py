@@ -41,7 +41,8 @@ class RelativeErrorSettings(Settings):
     )
     tolerance: float = setting(
         0.1,
-        "maximum deviation of a pair from delta, as a share of delta (seconds, and metres from every pose)",
+        "maximum deviation of a pair from delta, as a share of delta "
+        "(seconds, and metres from every pose)",
         low=0.0,
         high=0.999,
     )
@@ -87,16 +88,13 @@ def relative_error(
     """RPE of an estimate. Raises InputError if no stamps match, or no two poses are delta apart."""
     settings = settings or RelativeErrorSettings()
     association = pair_up(reference, estimate, settings.association)
-    truth, poses = (
-        reference.T_world_camera[association.first],
-        estimate.T_world_camera[association.second],
-    )
+    truth = reference.T_world_camera[association.first]
+    poses = estimate.T_world_camera[association.second]
     scale = 1.0
     if settings.correct_scale:
         if np.ptp(poses.translation, axis=0).max() == 0.0:
-            raise InputError(
-                "an estimate that moves, to correct its scale", found="one that does not move"
-            )
+            expected = "an estimate that moves, to correct its scale"
+            raise InputError(expected, found="one that does not move")
         scale = umeyama(poses.translation, truth.translation, with_scale=True)[1]
     scaled = SE3(poses.rotation, scale * poses.translation)
     stamps_s = read_only(reference.stamps_s[association.first])
@@ -139,9 +137,11 @@ def rpe_pairs(
     if len(start):
         return start, end
     spans = {"seconds": stamps_s[-1] - stamps_s[0], "metres": _distance_travelled(positions_m)[-1]}
-    span = f" over {spans[settings.unit]:.3f} {settings.unit[0]}" if settings.unit in spans else ""
-    hint = "another delta, or a larger tolerance" if span else "a smaller delta"
-    found = f"{len(stamps_s)} associated poses{span}"
+    found = f"{len(stamps_s)} associated poses"
+    hint = "a smaller delta"
+    if settings.unit in spans:
+        found += f" over {spans[settings.unit]:.3f} {settings.unit[0]}"
+        hint = "another delta, or a larger tolerance"
     raise InputError(f"poses {settings.delta:g} {settings.unit} apart", found=found, hint=hint)
 
 
@@ -153,18 +153,17 @@ def _pairs_by_measure(
 
     measure (n,): time or distance; it does not decrease.
     """
-    start, last = np.arange(len(measure) - 1), len(measure) - 1
+    start = np.arange(len(measure) - 1)
+    last = len(measure) - 1
     after = np.searchsorted(measure, measure[:-1] + settings.delta)
     # of several poses with the same measure (the camera does not move) the first one is used
     before = np.searchsorted(measure, measure[np.clip(after - 1, 0, last)])
-    before, after = np.clip(before, start + 1, last), np.clip(after, start + 1, last)
-    error_before, error_after = (
-        np.abs(measure[end] - measure[start] - settings.delta) for end in (before, after)
-    )
-    end, error = (
-        np.where(error_before <= error_after, before, after),
-        np.minimum(error_before, error_after),
-    )
+    before = np.clip(before, start + 1, last)
+    after = np.clip(after, start + 1, last)
+    error_before = np.abs(measure[before] - measure[start] - settings.delta)
+    error_after = np.abs(measure[after] - measure[start] - settings.delta)
+    end = np.where(error_before <= error_after, before, after)
+    error = np.minimum(error_before, error_after)
     good = error <= settings.tolerance * settings.delta
     return start[good], end[good]
 
@@ -173,7 +172,8 @@ def _end_to_end(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndar
     """End-to-end pairs, from pairs sorted by start: the first one, then always the next one that
     starts at or after the end of the last.
     """
-    chosen, row = [], 0
+    chosen = []
+    row = 0
     following = np.searchsorted(start, end).tolist()
     while row < len(start):
         chosen.append(row)
@@ -185,10 +185,10 @@ def _end_to_end_by_length(positions_m: np.ndarray, delta_m: float) -> tuple[np.n
     """End-to-end pairs: a pair ends at the first pose that is at least delta_m of travelled
     distance from its start.
     """
-    ends, travelled_m = [0], 0.0
-    for index, step_m in enumerate(
-        np.linalg.norm(np.diff(positions_m, axis=0), axis=1).tolist(), 1
-    ):
+    ends = [0]
+    travelled_m = 0.0
+    steps_m = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
+    for index, step_m in enumerate(steps_m.tolist(), 1):
         travelled_m += step_m
         if travelled_m >= delta_m:
             ends.append(index)

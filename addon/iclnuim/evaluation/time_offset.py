@@ -13,7 +13,8 @@ from .align import MIN_EXTENT_M, principal_extents, umeyama
 
 #: Fewer poses can fit by chance. An offset is only considered if at least this share of the
 #: estimate overlaps the ground truth.
-_MIN_POSES, _MIN_SHARE = 10, 0.5
+_MIN_POSES = 10
+_MIN_SHARE = 0.5
 #: Maximum number of frames of a search.
 _MAX_FRAMES = 1 << 18
 
@@ -25,10 +26,9 @@ def best_offset(reference: Trajectory, estimate: Trajectory) -> tuple[float, flo
     None if the trajectories do not determine it: they are too short, do not move, or span more than
     _MAX_FRAMES.
     """
-    if (
-        min(len(reference), len(estimate)) < _MIN_POSES
-        or principal_extents(estimate.positions_m)[0] < MIN_EXTENT_M
-    ):
+    if min(len(reference), len(estimate)) < _MIN_POSES:
+        return None
+    if principal_extents(estimate.positions_m)[0] < MIN_EXTENT_M:
         return None
     step_s = float(np.median(np.diff(reference.stamps_s)))
     spans = [np.rint((t.stamps_s - t.stamps_s[0]) / step_s) for t in (reference, estimate)]
@@ -49,12 +49,14 @@ def _rms_by_lag(rows: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndar
     """Lags (m,) in frames with enough pairs, and the RMS (m,) after a rigid alignment of x[k] and
     y[rows[k] + lag].
     """
-    length, frames = int(rows[-1]) + 1, len(y)
+    length = int(rows[-1]) + 1
+    frames = len(y)
     gridded = np.zeros((length, 5))
     gridded[rows] = np.column_stack([np.ones(len(x)), x, (x * x).sum(axis=1)])
     other = np.column_stack([np.ones(frames), y, (y * y).sum(axis=1)])
     size = 1 << (length + frames).bit_length()
-    a, b = np.fft.rfft(gridded, size, axis=0).conj(), np.fft.rfft(other, size, axis=0)
+    a = np.fft.rfft(gridded, size, axis=0).conj()
+    b = np.fft.rfft(other, size, axis=0)
     lags = np.arange(1 - length, frames)
 
     def sums(i: int, j: int) -> np.ndarray:
@@ -63,11 +65,10 @@ def _rms_by_lag(rows: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndar
     count = np.rint(sums(0, 0))
     enough = count >= max(_MIN_POSES, _MIN_SHARE * len(x))
     n = np.maximum(count, 1)
-    mean_x, mean_y = (
-        np.stack([sums(i, 0) for i in (1, 2, 3)], -1),
-        np.stack([sums(0, j) for j in (1, 2, 3)], -1),
-    )
-    mean_x, mean_y = mean_x / n[:, None], mean_y / n[:, None]
+    mean_x = np.stack([sums(i, 0) for i in (1, 2, 3)], -1)
+    mean_y = np.stack([sums(0, j) for j in (1, 2, 3)], -1)
+    mean_x = mean_x / n[:, None]
+    mean_y = mean_y / n[:, None]
     products = np.stack([np.stack([sums(i, j) for i in (1, 2, 3)], -1) for j in (1, 2, 3)], -2)
     covariance = products / n[:, None, None] - mean_y[:, :, None] * mean_x[:, None, :]
     variance = sums(4, 0) / n - (mean_x**2).sum(axis=1) + sums(0, 4) / n - (mean_y**2).sum(axis=1)
@@ -101,9 +102,12 @@ def _rms(reference: Trajectory, estimate: Trajectory, offset_s: float) -> float:
 
 def _refined(reference: Trajectory, estimate: Trajectory, offset_s: float, step_s: float) -> float:
     """The offset within a frame of `offset_s` with the smallest RMS, by golden-section search."""
-    low, high, ratio = offset_s - step_s, offset_s + step_s, (5**0.5 - 1) / 2
+    low = offset_s - step_s
+    high = offset_s + step_s
+    ratio = (5**0.5 - 1) / 2
     for _ in range(30):
-        one, other = high - ratio * (high - low), low + ratio * (high - low)
+        one = high - ratio * (high - low)
+        other = low + ratio * (high - low)
         if _rms(reference, estimate, one) < _rms(reference, estimate, other):
             high = other
         else:

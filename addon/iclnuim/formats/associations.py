@@ -8,6 +8,7 @@ frame numbers in every list: systems that read TUM's order need the columns of t
 
 import math
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import PurePath
 
@@ -43,23 +44,17 @@ class ImageList:
 
     def stamp_texts(self) -> list[str]:
         """The text of each stamp in seconds, as it is written into a list."""
-        written = self.written or ("",) * len(self)
-        return [
-            text or stamp_text(stamp_s)
-            for stamp_s, text in zip(self.stamps_s, written, strict=True)
-        ]
+        if self.written:
+            texts = zip(self.written, self.stamps_s, strict=True)
+            return [text or stamp_text(stamp_s) for text, stamp_s in texts]
+        return list(map(stamp_text, self.stamps_s))
 
     @property
     def is_numbered(self) -> bool:
         """Whether the stamps are written as whole numbers and are the names of the images: frame
         numbers.
         """
-        return bool(self.written) and all(
-            text.isdecimal()
-            and int(text) <= LARGEST_NUMBER
-            and PurePath(path).stem.lstrip("0") == text.lstrip("0")
-            for text, path in zip(self.written, self.paths, strict=True)
-        )
+        return bool(self.written) and all(map(_is_number_of, self.written, self.paths))
 
     def by_frame_number(self) -> "ImageList":
         """The list with its stamps as frame numbers."""
@@ -76,8 +71,9 @@ class ImageList:
             (np.abs(frames - numbers) > STAMP_SLACK) | (numbers < 0) | (numbers > LARGEST_FRAME)
         )
         if bad.size:
-            expected = f"stamps of whole frame numbers, 1 + number / {FRAME_RATE_HZ:g} s, to write ICL-NUIM's order"
-            raise InputError(expected, found=f"{self.stamps_s[bad[0]]:.9g} s")
+            whole = f"stamps of whole frame numbers, 1 + number / {FRAME_RATE_HZ:g} s"
+            found = f"{self.stamps_s[bad[0]]:.9g} s"
+            raise InputError(f"{whole}, to write ICL-NUIM's order", found=found)
         return numbers.astype(int).tolist()
 
     def __len__(self) -> int:
@@ -107,8 +103,8 @@ class Associations:
 
 def read_associations(path: str | os.PathLike[str]) -> Associations:
     """Read associations in either order; the paths show which column is depth. Whole numbers in
-    ICL-NUIM's order, and those that are the names of
-    the images, are frame numbers, stamp = 1 + id / 30 s. Raises InputError with file and line.
+    ICL-NUIM's order, and those that are the names of the images, are frame numbers, stamp = 1 + id
+    / 30 s. Raises InputError with file and line.
     """
     rows = _rows(path, 4, PAIRS)
     firsts = ["depth" in fields[1].lower() for _, fields in rows]
@@ -120,9 +116,9 @@ def read_associations(path: str | os.PathLike[str]) -> Associations:
     whole = firsts[0] and all(stamp.is_integer() for stamp in (*first.stamps_s, *second.stamps_s))
     if whole or (first.is_numbered and second.is_numbered):
         first, second = (one.by_frame_number() for one in (first, second))
-    return (
-        Associations(second, first, "icl-nuim") if firsts[0] else Associations(first, second, "tum")
-    )
+    if firsts[0]:
+        return Associations(second, first, "icl-nuim")
+    return Associations(first, second, "tum")
 
 
 def read_image_lists(*paths: str | os.PathLike[str]) -> tuple[ImageList, ...]:
@@ -130,11 +126,9 @@ def read_image_lists(*paths: str | os.PathLike[str]) -> tuple[ImageList, ...]:
     frame numbers. Raises InputError.
     """
     lists = tuple(read_image_list(path) for path in paths)
-    return (
-        tuple(one.by_frame_number() for one in lists)
-        if all(one.is_numbered for one in lists)
-        else lists
-    )
+    if all(one.is_numbered for one in lists):
+        return tuple(one.by_frame_number() for one in lists)
+    return lists
 
 
 def write_associations(
@@ -143,15 +137,14 @@ def write_associations(
     """Write associations in TUM's order with seconds, or in ICL-NUIM's order with frame numbers,
     atomically.
     """
-    numbered = order == "icl-nuim"
-    first, second = (pairs.depth, pairs.rgb) if numbered else (pairs.rgb, pairs.depth)
-    stamps = (
-        images.frame_numbers() if numbered else images.stamp_texts() for images in (first, second)
-    )
-    rows = zip(*stamps, first.paths, second.paths, strict=True)
-    atomic_write_text(
-        path, "".join(f"{a} {_plain(one)} {b} {_plain(other)}\n" for a, b, one, other in rows)
-    )
+    if order == "icl-nuim":
+        first = _entries(pairs.depth, pairs.depth.frame_numbers())
+        second = _entries(pairs.rgb, pairs.rgb.frame_numbers())
+    else:
+        first = _entries(pairs.rgb, pairs.rgb.stamp_texts())
+        second = _entries(pairs.depth, pairs.depth.stamp_texts())
+    rows = zip(first, second, strict=True)
+    atomic_write_text(path, "".join(f"{one} {other}\n" for one, other in rows))
 
 
 def read_image_list(path: str | os.PathLike[str]) -> ImageList:
@@ -164,17 +157,18 @@ def read_image_list(path: str | os.PathLike[str]) -> ImageList:
 
 def write_image_list(path: str | os.PathLike[str], images: ImageList) -> None:
     """Write a header `# timestamp filename` and one line per image, atomically."""
-    lines = [
-        f"{s} {_plain(image)}\n"
-        for s, image in zip(images.stamp_texts(), images.paths, strict=True)
-    ]
-    atomic_write_text(path, "# timestamp filename\n" + "".join(lines))
+    lines = ["# timestamp filename", *_entries(images, images.stamp_texts()), ""]
+    atomic_write_text(path, "\n".join(lines))
+
+
+def _entries(images: ImageList, stamps: Iterable[object]) -> list[str]:
+    """Stamp and path of each image."""
+    return [f"{stamp} {_plain(path)}" for stamp, path in zip(stamps, images.paths, strict=True)]
 
 
 def _rows(path: str | os.PathLike[str], columns: int, what: str) -> list[tuple[int, list[str]]]:
-    rows = [
-        (number, line.split()) for number, line in data_lines(read_text(path, "a list of images"))
-    ]
+    lines = data_lines(read_text(path, "a list of images"))
+    rows = [(number, line.split()) for number, line in lines]
     if not rows:
         raise InputError(what, path=path, found="comments alone")
     for number, fields in rows:
@@ -203,6 +197,13 @@ def _image_list(
         raise InputError(expected, path=path, line=rows[row][0], found=f"{stamps_s[row]:.15g}")
     paths, written = (tuple(fields[place] for _, fields in rows) for place in (column + 1, column))
     return ImageList(tuple(stamps_s), paths, written)
+
+
+def _is_number_of(text: str, path: str) -> bool:
+    """Whether a text is a whole number, and the name of an image."""
+    if not text.isdecimal() or int(text) > LARGEST_NUMBER:
+        return False
+    return PurePath(path).stem.lstrip("0") == text.lstrip("0")
 
 
 def _plain(image: str) -> str:

@@ -62,7 +62,8 @@ def _read(source: Source) -> _Images:
     lines = [(number, line) for number, line in data_lines(source.text) if names_an_image(line)]
     if not lines:
         raise InputError(EXPECTED, path=source.path, found="no such line")
-    found, whole = [], True
+    found = []
+    whole = True
     for number, line in lines:
         fields = line.split(None, 9)
         stamp = _STAMP.search(fields[9])
@@ -75,5 +76,9 @@ def _read(source: Source) -> _Images:
     found.sort()
     values, numbers, names = zip(*found, strict=True)
     table = np.array(values)
-    ticks = (1e9 if table[0, 0] > LARGEST_FRAME else None) if whole else 1.0
+    ticks = None
+    if not whole:
+        ticks = 1.0
+    elif table[0, 0] > LARGEST_FRAME:
+        ticks = 1e9
     return _Images(list(names), list(numbers), table, ticks)

@@ -70,8 +70,5 @@ def invalid_after_noise(
     good = (depth_z_m > 0) & (depth_z_m <= np.float32((LARGEST_UNIT + 0.5) / units_per_metre))
     found = count_invalid(noisy_z_m[good], units_per_metre)
     lost = sum(found.get(kind, 0) for kind in ("nan", "infinite", "negative"))
-    return {
-        kind: n
-        for kind, n in zip(_AFTER_NOISE, (found.get("beyond_range", 0), lost), strict=True)
-        if n
-    }
+    counts = zip(_AFTER_NOISE, (found.get("beyond_range", 0), lost), strict=True)
+    return {kind: count for kind, count in counts if count}

@@ -24,12 +24,15 @@ from .libraries import first_library
 
 BACKENDS = ("OpenEXR", "OpenImageIO")
 _MAGIC = b"\x76\x2f\x31\x01"
-_TILED, _DEEP, _MULTIPART = 0x200, 0x800, 0x1000
+_TILED = 0x200
+_DEEP = 0x800
+_MULTIPART = 0x1000
 _COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "pxr24", "b44", "b44a", "dwaa", "dwab")
 _ROWS_A_CHUNK = dict(zip(_COMPRESSIONS, (1, 1, 1, 16, 32, 16, 32, 32, 32, 256), strict=True))
-_PIXEL_TYPES = ("uint", "half", "float")
+_TYPES: dict[str, np.dtype] = {"half": np.dtype(np.float16), "float": np.dtype(np.float32)}
 #: A header with a larger frame is rejected as damaged or malicious.
-_MAX_SIDE_PX, _MAX_PIXEL_BYTES = 65536, 1 << 30
+_MAX_SIDE_PX = 65536
+_MAX_PIXEL_BYTES = 1 << 30
 _LONGEST_HEADER = 1 << 18
 _AGAIN = "rendering or copying this frame again"
 
@@ -50,8 +53,7 @@ class ExrPart:
 @dataclass(frozen=True)
 class ExrHeader:
     """All parts of a file, their common size and all of their channels. There is one part, unless
-    the writer splits passes into parts, as Blender 5
-    does.
+    the writer splits passes into parts, as Blender 5 does.
     """
 
     parts: tuple[ExrPart, ...]
@@ -67,28 +69,20 @@ def read_exr(path: str | os.PathLike[str], backend: str | None = None) -> dict[s
     Raises InputError if the file is missing, truncated, not a flat EXR, or of an implausible size.
     """
     header = exr_header(path, whole=True)
-    name, module = first_library("EXR", *([backend] if backend else BACKENDS))
+    name, module = first_library("EXR", *BACKENDS, only=backend)
     try:
         if name == "OpenEXR":
-            with module.File(os.fspath(path), separate_channels=True) as file:
-                channels = {
-                    name: channel.pixels
-                    for part in file.parts
-                    for name, channel in part.channels.items()
-                }
+            channels = _read_openexr(module, os.fspath(path))
         else:
             channels = _read_oiio(module, os.fspath(path), header)
     except (RuntimeError, ValueError, UnicodeDecodeError) as error:
         raise InputError("a whole EXR image", path=path, found=error, hint=_AGAIN) from None
-    lacking = [
-        c
-        for c in header.channels
-        if c not in channels or channels[c].shape != (header.height, header.width)
-    ]
+    size = (header.height, header.width)
+    whole = {name for name, pixels in channels.items() if pixels.shape == size}
+    lacking = [name for name in header.channels if name not in whole]
     if lacking:
-        raise InputError(
-            "a whole EXR image", path=path, found=f"no pixels for {', '.join(lacking)}"
-        )
+        found = f"no pixels for {', '.join(lacking)}"
+        raise InputError("a whole EXR image", path=path, found=found)
     return channels
 
 
@@ -117,28 +111,41 @@ def write_exr(
     for name, values in channels.items():
         if values.dtype not in (np.float16, np.float32):
             raise InputError(f"channel {name} as float16 or float32", path=path, found=values.dtype)
-    name, module = first_library("EXR", *([backend] if backend else BACKENDS))
+    name, module = first_library("EXR", *BACKENDS, only=backend)
+    write = _write_openexr if name == "OpenEXR" else _write_oiio
 
     def write_and_check(temporary: Path) -> None:
         try:
-            if name == "OpenEXR":
-                kind = module.ZIP_COMPRESSION if compressed else module.NO_COMPRESSION
-                settings = {**(attributes or {}), "compression": kind, "type": module.scanlineimage}
-                with module.File(settings, channels) as file:
-                    file.write(str(temporary))
-            else:
-                texts = {**(attributes or {}), "compression": "zip" if compressed else "none"}
-                _write_oiio(module, str(temporary), channels, texts)
+            write(module, str(temporary), channels, attributes or {}, compressed)
             exr_header(temporary, whole=True)  # the libraries do not always report a full disk
         except (RuntimeError, ValueError, InputError) as error:
-            reason = " ".join(
-                str(error).replace(f"{temporary}: ", "").replace(str(temporary), "the file").split()
-            )
-            raise WorkError(
-                f"{os.fspath(path)}: cannot write: {reason or 'the disk may be full'}"
-            ) from None
+            reason = str(error).replace(f"{temporary}: ", "").replace(str(temporary), "the file")
+            reason = " ".join(reason.split()) or "the disk may be full"
+            raise WorkError(f"{os.fspath(path)}: cannot write: {reason}") from None
 
     atomic_write(path, write_and_check)
+
+
+def _read_openexr(module: ModuleType, path: str) -> dict[str, np.ndarray]:
+    channels: dict[str, np.ndarray] = {}
+    with module.File(path, separate_channels=True) as file:
+        for part in file.parts:
+            for name, channel in part.channels.items():
+                channels[name] = channel.pixels
+    return channels
+
+
+def _write_openexr(
+    module: ModuleType,
+    path: str,
+    channels: dict[str, np.ndarray],
+    attributes: Mapping[str, str],
+    compressed: bool,
+) -> None:
+    kind = module.ZIP_COMPRESSION if compressed else module.NO_COMPRESSION
+    settings = {**attributes, "compression": kind, "type": module.scanlineimage}
+    with module.File(settings, channels) as file:
+        file.write(path)
 
 
 def _read_oiio(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np.ndarray]:
@@ -150,31 +157,32 @@ def _read_oiio(module: ModuleType, path: str, header: ExrHeader) -> dict[str, np
         pixels = image.read_image(index, 0, 0, len(part.channels), module.FLOAT)
         if pixels is None:
             raise ValueError(image.geterror())
-        names = image.spec(
-            index
-        ).channelnames  # R, G, B are sorted to the front; the part's name may be a prefix
+        # R, G, B are sorted to the front; the part's name may be a prefix
+        names = [f".{name}" for name in image.spec(index).channelnames]
         for name, kind in part.channels.items():
-            place = next(
-                (i for i, own in enumerate(names) if own == name or own.endswith("." + name)), None
-            )
-            if place is None:
+            places = [i for i, own in enumerate(names) if own.endswith(f".{name}")]
+            if not places:
                 raise ValueError(f"no channel {name}")
-            channels[name] = pixels[..., place].astype(np.float16 if kind == "half" else np.float32)
+            channels[name] = pixels[..., places[0]].astype(_TYPES[kind])
     image.close()
     return channels
 
 
 def _write_oiio(
-    module: ModuleType, path: str, channels: dict[str, np.ndarray], attributes: Mapping[str, str]
+    module: ModuleType,
+    path: str,
+    channels: dict[str, np.ndarray],
+    attributes: Mapping[str, str],
+    compressed: bool,
 ) -> None:
     height, width = next(iter(channels.values())).shape
     spec = module.ImageSpec(width, height, len(channels), module.FLOAT)
     spec.channelnames = tuple(channels)
-    spec.channelformats = tuple(
-        module.HALF if v.dtype == np.float16 else module.FLOAT for v in channels.values()
-    )
+    formats = {"float16": module.HALF, "float32": module.FLOAT}
+    spec.channelformats = tuple(formats[values.dtype.name] for values in channels.values())
     for name, text in attributes.items():
         spec.attribute(name, text)
+    spec.attribute("compression", "zip" if compressed else "none")
     spec.attribute("DateTime", "")  # without this, the library writes the current time
     output = module.ImageOutput.create(path)
     if output is None or not output.open(path, spec):
@@ -214,7 +222,8 @@ class _Cursor:
     """
 
     def __init__(self, data: bytes, place: int) -> None:
-        self.data, self.place = data, place
+        self.data = data
+        self.place = place
 
     def take(self, count: int) -> bytes:
         if not 0 <= count <= len(self.data) - self.place:
@@ -227,9 +236,10 @@ class _Cursor:
 
     def text(self) -> str:
         end = self.data.find(b"\0", self.place, self.place + 256)
+        if end < 0 and len(self.data) - self.place < 256:
+            raise _cut()
         if end < 0:
-            cut = len(self.data) - self.place < 256
-            raise _cut() if cut else InputError("an EXR header", found="a name over 255 bytes")
+            raise InputError("an EXR header", found="a name over 255 bytes")
         text = self.take(end - self.place).decode("utf-8", "replace")
         self.place += 1
         return text
@@ -244,13 +254,11 @@ def _parse(data: bytes) -> tuple[ExrHeader, int, bool]:
     cursor = _Cursor(data, 4)
     flags = cursor.int32()
     if flags & 0xFF != 2 or flags & (_TILED | _DEEP):
-        kind = (
-            "deep pixels"
-            if flags & _DEEP
-            else "tiles"
-            if flags & _TILED
-            else f"version {flags & 0xFF}"
-        )
+        kind = f"version {flags & 0xFF}"
+        if flags & _TILED:
+            kind = "tiles"
+        if flags & _DEEP:
+            kind = "deep pixels"
         raise InputError("a flat scan-line EXR", found=kind)
     multipart = bool(flags & _MULTIPART)
     parts = [_part(cursor)]
@@ -261,7 +269,9 @@ def _parse(data: bytes) -> tuple[ExrHeader, int, bool]:
     sizes = {(p.width, p.height) for p in parts}
     if len(sizes) > 1:
         raise InputError("parts of one size", found=sorted(sizes))
-    channels = {name: kind for part in parts for name, kind in part.channels.items()}
+    channels: dict[str, str] = {}
+    for part in parts:
+        channels |= part.channels
     return ExrHeader(tuple(parts), *sizes.pop(), channels), cursor.place, multipart
 
 
@@ -269,7 +279,8 @@ def _part(cursor: _Cursor) -> ExrPart:
     raw: dict[str, bytes] = {}
     text: dict[str, str] = {}
     while name := cursor.text():
-        kind, size = cursor.text(), cursor.int32()
+        kind = cursor.text()
+        size = cursor.int32()
         raw[name] = cursor.take(size)
         if kind == "string":
             text[name] = raw[name].decode("utf-8", "replace")
@@ -287,35 +298,26 @@ def _part(cursor: _Cursor) -> ExrPart:
     channels = _channels(raw["channels"])
     left, top, right, bottom = struct.unpack("<4i", raw["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
-    total_bytes = width * height * sum(2 if kind == "half" else 4 for kind in channels.values())
-    if not (
-        0 < width <= _MAX_SIDE_PX and 0 < height <= _MAX_SIDE_PX and total_bytes <= _MAX_PIXEL_BYTES
-    ):
-        expected = (
-            f"an image of at most {_MAX_SIDE_PX} pixels a side and {_MAX_PIXEL_BYTES >> 30} GiB"
-        )
-        raise InputError(
-            expected, found=f"a header with {width} x {height} ({total_bytes / 1e9:.3g} GB)"
-        )
+    pixel_bytes = sum(_TYPES[kind].itemsize for kind in channels.values())
+    total_bytes = width * height * pixel_bytes
+    plausible = 0 < width <= _MAX_SIDE_PX and 0 < height <= _MAX_SIDE_PX
+    if not plausible or total_bytes > _MAX_PIXEL_BYTES:
+        limits = f"{_MAX_SIDE_PX} pixels a side and {_MAX_PIXEL_BYTES >> 30} GiB"
+        found = f"a header with {width} x {height} ({total_bytes / 1e9:.3g} GB)"
+        raise InputError(f"an image of at most {limits}", found=found)
     return ExrPart(channels, width, height, _COMPRESSIONS[code], text)
 
 
 def _channels(raw: bytes) -> dict[str, str]:
-    cursor, channels = _Cursor(raw, 0), {}
+    cursor = _Cursor(raw, 0)
+    channels = {}
     while name := cursor.text():
         kind, _, x_sampling, y_sampling = struct.unpack("<iiii", cursor.take(16))
         if kind not in (1, 2) or (x_sampling, y_sampling) != (1, 1):
-            what = (
-                "subsampled"
-                if kind in (1, 2)
-                else _PIXEL_TYPES[0]
-                if kind == 0
-                else f"of type {kind}"
-            )
-            raise InputError(
-                "half or float channels at full resolution", found=f"channel {name} {what}"
-            )
-        channels[name] = _PIXEL_TYPES[kind]
+            what = {0: "uint", 1: "subsampled", 2: "subsampled"}.get(kind, f"of type {kind}")
+            expected = "half or float channels at full resolution"
+            raise InputError(expected, found=f"channel {name} {what}")
+        channels[name] = "half" if kind == 1 else "float"
     if not channels:
         raise InputError("an EXR with channels", found="none")
     return channels
@@ -326,7 +328,8 @@ def _check_chunks(file: BinaryIO, header: ExrHeader, table: int, multipart: bool
 
     Each part's offset table follows the headers; a chunk is [part] y size bytes.
     """
-    lead, end = 12 if multipart else 8, file.seek(0, os.SEEK_END)
+    lead = 12 if multipart else 8
+    end = file.seek(0, os.SEEK_END)
     for part in header.parts:
         count = -(-part.height // _ROWS_A_CHUNK[part.compression])
         file.seek(table)

@@ -62,8 +62,8 @@ def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) 
 @contextmanager
 def locked(path: Path, wait: bool = False) -> Iterator[None]:
     """Keep other processes out of a folder or file that exists, until the end of the block or of
-    the process. It leaves no file. Without effect
-    where the system or the file system has no such locks (Windows, some network file systems).
+    the process. It leaves no file. Without effect where the system or the file system has no such
+    locks (Windows, some network file systems).
 
     Raises WorkError if another process has locked it, or, with `wait`, waits for that process.
     """
@@ -125,11 +125,9 @@ def not_written(path: str | os.PathLike[str], error: OSError) -> WorkError:
 
     The OSError of a full disk does not contain the file's name.
     """
-    hint = (
-        "freeing space there, then the same command again"
-        if error.errno in (errno.ENOSPC, errno.EDQUOT)
-        else None
-    )
+    hint = None
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        hint = "freeing space there, then the same command again"
     return WorkError(f"{os.fspath(path)}: cannot write: {error.strerror or error}", hint=hint)
 
 
@@ -162,8 +160,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 def process_is_running(process: int) -> bool:
     """Whether a process of this host is running: one that has ended is not, even if its parent has
-    not noticed that yet. Always True on
-    Windows, where os.kill would end it.
+    not noticed that yet. Always True on Windows, where os.kill would end it.
     """
     if os.name == "nt":
         return True
@@ -221,8 +218,7 @@ def content_of_json(
     text: str, what: str = "JSON", path: str | os.PathLike[str] | None = None
 ) -> Any:
     """The content of JSON text. Raises InputError, with the line in `path` if that is given, also
-    for numbers that are not finite or have
-    hundreds of digits.
+    for numbers that are not finite or have hundreds of digits.
     """
     try:
         return json.loads(

@@ -15,10 +15,12 @@ from .files import atomic_write, read_bytes
 from .libraries import first_library
 from .png import PngHeader
 
-JPEG, ARRAY = ".jpg", ".npy"
+JPEG = ".jpg"
+ARRAY = ".npy"
 #: JPEG quality. 100, without chroma subsampling, is nearly lossless.
 _QUALITY = 100
-_NUMPY, _JPEG = b"\x93NUMPY", b"\xff\xd8\xff"
+_NUMPY = b"\x93NUMPY"
+_JPEG = b"\xff\xd8\xff"
 _MAX_PIXELS = 1 << 28
 
 
@@ -28,9 +30,9 @@ def image_header(path: str | os.PathLike[str], whole: bool = False) -> PngHeader
 
     Raises InputError if `path` is none of these, or damaged.
     """
-    start = read_bytes(path, "an image") if whole else _start(path)
+    start = _start(path)
     if start.startswith(_JPEG):
-        return _jpeg_header(path, start if whole else read_bytes(path, "an image"))
+        return _jpeg_header(path, read_bytes(path, "an image"))
     if start.startswith(_NUMPY):
         height, width = read_array(path).shape
         return PngHeader(width, height, 32, "grey, metres")
@@ -46,15 +48,16 @@ def read_colour8(path: str | os.PathLike[str], backend: str | None = None) -> np
         return png.read_rgb8(path, backend)
     data = read_bytes(path, "an image")
     header = _jpeg_header(path, data)
-    name, module = first_library("JPEG", *([backend] if backend else png.BACKENDS))
+    name, module = first_library("JPEG", *png.BACKENDS, only=backend)
     if name == "cv2":
-        image = module.imdecode(
-            np.frombuffer(data, np.uint8), module.IMREAD_COLOR | module.IMREAD_IGNORE_ORIENTATION
-        )
-        image = None if image is None else module.cvtColor(image, module.COLOR_BGR2RGB)
+        mode = module.IMREAD_COLOR | module.IMREAD_IGNORE_ORIENTATION
+        image = module.imdecode(np.frombuffer(data, np.uint8), mode)
+        if image is not None:
+            image = module.cvtColor(image, module.COLOR_BGR2RGB)
     else:
-        file = module.ImageInput.open(os.fspath(path))
-        image = None if file is None else file.read_image(0, 0, 0, 3, module.UINT8)
+        image = module.ImageInput.open(os.fspath(path))
+        if image is not None:
+            image = image.read_image(0, 0, 0, 3, module.UINT8)
     if image is None or image.shape != (header.height, header.width, 3):
         raise InputError("a whole JPEG image", path=path, found="pixels that cannot be decoded")
     return image
@@ -72,8 +75,8 @@ def seen_by(
         image = cv2.blur(image, tuple(max(1, round(s)) for s in scale.tolist()))
     u = (np.arange(width) - K_new[0, 2]) * scale[0] + K[0, 2]
     v = (np.arange(height) - K_new[1, 2]) * scale[1] + K[1, 2]
-    places = (np.broadcast_to(a, (height, width)).astype(np.float32) for a in (u, v[:, None]))
-    return cv2.remap(image, *places, cv2.INTER_LINEAR)
+    u, v = (a.astype(np.float32) for a in np.broadcast_arrays(u, v[:, None]))
+    return cv2.remap(image, u, v, cv2.INTER_LINEAR)
 
 
 def read_array(path: str | os.PathLike[str]) -> np.ndarray:
@@ -81,44 +84,31 @@ def read_array(path: str | os.PathLike[str]) -> np.ndarray:
 
     Raises InputError for other arrays, and for Python objects, which are never loaded.
     """
-    expected, data = (
-        "a NumPy array of depth, height x width, in metres",
-        read_bytes(path, "an image"),
-    )
+    expected = "a NumPy array of depth, height x width, in metres"
+    data = read_bytes(path, "an image")
     file = io.BytesIO(data)
     try:
         version = np.lib.format.read_magic(file)
-        read = (
-            np.lib.format.read_array_header_1_0
-            if version == (1, 0)
-            else np.lib.format.read_array_header_2_0
-        )
+        read = np.lib.format.read_array_header_2_0
+        if version == (1, 0):
+            read = np.lib.format.read_array_header_1_0
         shape, by_columns, kind = read(file)
     except Exception:  # numpy's header parser may raise anything
         raise InputError(expected, path=path, found="a damaged header") from None
-    if (
-        len(shape) != 2
-        or kind.kind != "f"
-        or kind.hasobject
-        or not 0 < shape[0] * shape[1] <= _MAX_PIXELS
-    ):
+    if len(shape) != 2 or kind.kind != "f" or not 0 < shape[0] * shape[1] <= _MAX_PIXELS:
         raise InputError(expected, path=path, found=f"{kind} {shape}")
     body = data[file.tell() :]
     if len(body) != shape[0] * shape[1] * kind.itemsize:
-        raise InputError(
-            expected, path=path, found=f"{len(body)} bytes for {shape[0]} x {shape[1]} {kind}"
-        )
+        found = f"{len(body)} bytes for {shape[0]} x {shape[1]} {kind}"
+        raise InputError(expected, path=path, found=found)
+    depth_m = np.frombuffer(body, kind).reshape(shape, order="F" if by_columns else "C")
     with np.errstate(over="ignore", invalid="ignore"):
-        return (
-            np.frombuffer(body, kind)
-            .reshape(shape, order="F" if by_columns else "C")
-            .astype(np.float32)
-        )
+        return depth_m.astype(np.float32)
 
 
 def write_jpeg(path: str | os.PathLike[str], image: np.ndarray, backend: str | None = None) -> None:
     """Write (h, w, 3) uint8 RGB as JPEG, atomically. Raises WorkError if it cannot be written."""
-    name, module = first_library("JPEG", *([backend] if backend else png.BACKENDS))
+    name, module = first_library("JPEG", *png.BACKENDS, only=backend)
     if name == "cv2":
         settings = [module.IMWRITE_JPEG_QUALITY, _QUALITY]
         settings += [module.IMWRITE_JPEG_SAMPLING_FACTOR, module.IMWRITE_JPEG_SAMPLING_FACTOR_444]
@@ -128,20 +118,15 @@ def write_jpeg(path: str | os.PathLike[str], image: np.ndarray, backend: str | N
 
     def write(temporary: Path) -> None:
         spec = module.ImageSpec(image.shape[1], image.shape[0], 3, module.UINT8)
-        for key, value in (
-            ("Compression", f"jpeg:{_QUALITY}"),
-            ("jpeg:subsampling", "4:4:4"),
-            ("Software", ""),
-        ):
-            spec.attribute(key, value)
+        spec.attribute("Compression", f"jpeg:{_QUALITY}")
+        spec.attribute("jpeg:subsampling", "4:4:4")
+        spec.attribute("Software", "")
         output = module.ImageOutput.create(str(temporary))
-        if not (
-            output
-            and output.open(str(temporary), spec)
-            and output.write_image(image)
-            and output.close()
-        ):
-            raise OSError(output.geterror() if output else module.geterror())
+        if not output:
+            raise OSError(module.geterror())
+        opened = output.open(str(temporary), spec)
+        if not (opened and output.write_image(image) and output.close()):
+            raise OSError(output.geterror())
 
     atomic_write(path, write)
 
@@ -166,17 +151,18 @@ def _jpeg_header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
 
     Raises InputError if the file has no end marker or is damaged.
     """
-    place, cut = 2, InputError("a whole JPEG image", path=path, found="a truncated or damaged file")
+    place = 2
+    cut = InputError("a whole JPEG image", path=path, found="a truncated or damaged file")
     if b"\xff\xd9" not in data[-64:]:
         raise cut
     while place + 9 <= len(data) and data[place] == 0xFF:
-        marker, size = data[place + 1], struct.unpack_from(">H", data, place + 2)[0]
+        marker = data[place + 1]
+        size = struct.unpack_from(">H", data, place + 2)[0]
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             bits, height, width, channels = struct.unpack_from(">BHHB", data, place + 4)
             if not 0 < width * height <= _MAX_PIXELS or bits != 8:
-                raise InputError(
-                    "an image of a sane size", path=path, found=f"{width} x {height}, {bits} bits"
-                )
+                found = f"{width} x {height}, {bits} bits"
+                raise InputError("an image of a sane size", path=path, found=found)
             return PngHeader(width, height, bits, "RGB" if channels == 3 else "grey")
         place += 2 + size
     raise cut

@@ -13,17 +13,20 @@ from types import ModuleType
 from ..errors import WorkError
 
 
-def first_library(what: str, *packages: str) -> tuple[str, ModuleType]:
-    """Name and module of the first of `packages` (module names) that can be imported.
+def first_library(what: str, *packages: str, only: str | None = None) -> tuple[str, ModuleType]:
+    """Name and module of the first of `packages` (module names) that can be imported, or of `only`.
 
     Raises WorkError if there is none.
     """
+    if only:
+        packages = (only,)
     for package in packages:
         module = _module(package)
         if module is not None:
             return package, module
     raise WorkError(
-        f"{what} needs {' or '.join(packages)}, which this Python ({sys.executable}) does not have; try installing one; "
+        f"{what} needs {' or '.join(packages)}, which this Python ({sys.executable}) does not "
+        "have; try installing one; "
         "for the Blender of a Linux distribution, its package python3-openimageio"
     )
 
@@ -35,12 +38,12 @@ def _module(package: str) -> ModuleType | None:
     """
     with contextlib.suppress(ImportError):
         return importlib.import_module(package)
-    bundled = (
-        f"bpy/*/python/lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages"
-    )
-    for folder in [
-        folder for entry in sys.path for folder in sorted(glob.glob(os.path.join(entry, bundled)))
-    ]:
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    bundled = f"bpy/*/python/lib/{version}/site-packages"
+    folders: list[str] = []
+    for entry in sys.path:
+        folders += sorted(glob.glob(os.path.join(entry, bundled)))
+    for folder in folders:
         if not glob.glob(os.path.join(folder, f"{package}*")):
             continue
         sys.path.append(folder)

@@ -4,7 +4,7 @@ It uses only numpy, because it also runs inside Blender. Blender's PLY reader do
 vertex numbers of faces, so `check_ply` checks a file before.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -61,21 +61,20 @@ def read_ply(path: Path) -> PlyModel:
     vertices, polygons = _checked(path)
     if any(name not in vertices for name in "xyz"):
         raise InputError("vertices with x, y and z", path=path, found=", ".join(vertices) or "none")
-    fans = [
-        np.stack([corners[:, [0, i, i + 1]] for i in range(1, corners.shape[1] - 1)], 1).reshape(
-            -1, 3
-        )
-        for corners in polygons
-        if corners.shape[1] >= 3
-    ]
-    rgb = [vertices[name] for name in ("red", "green", "blue") if name in vertices]
-    return PlyModel(
-        np.stack([vertices[name] for name in "xyz"], -1).astype(np.float64),
-        np.concatenate(fans).astype(np.int64) if fans else np.zeros((0, 3), np.int64),
-        np.stack(rgb, -1).astype(np.uint8)
-        if len(rgb) == 3
-        else np.zeros((len(vertices["x"]), 0), np.uint8),
-    )
+    points = np.stack([vertices[name] for name in "xyz"], -1).astype(np.float64)
+    fans = [_fans(corners) for corners in polygons if corners.shape[1] >= 3]
+    triangles = np.concatenate([np.zeros((0, 3)), *fans]).astype(np.int64)
+    colours = np.zeros((len(points), 0), np.uint8)
+    if vertices.keys() >= {"red", "green", "blue"}:
+        rgb = [vertices[name] for name in ("red", "green", "blue")]
+        colours = np.stack(rgb, -1).astype(np.uint8)
+    return PlyModel(points, triangles, colours)
+
+
+def _fans(corners: np.ndarray) -> np.ndarray:
+    """The triangles (m, 3) of polygons (k, corners)."""
+    triangles = [corners[:, [0, i, i + 1]] for i in range(1, corners.shape[1] - 1)]
+    return np.stack(triangles, 1).reshape(-1, 3)
 
 
 def check_ply(path: Path) -> None:
@@ -94,62 +93,65 @@ def write_ply(
     comment: str | None = None,
 ) -> None:
     """Write binary little-endian PLY: float x y z (n, 3), float nx ny nz, uchar red green blue;
-    faces of triangles (m, 3) with further int
-    values (m,) by name. Without triangles there is no face element.
+    faces of triangles (m, 3) with further int values (m,) by name. Without triangles there is no
+    face element.
 
     Raises InputError for arrays of other shapes and for indices of no vertex, WorkError if it
     cannot be written.
     """
     points = np.asarray(points)
     check_mesh(points, np.zeros((0, 3), int) if triangles is None else np.asarray(triangles))
-    columns = [(name, "f4", points[:, a]) for a, name in enumerate("xyz")]
-    if colours is not None:
-        colours = np.asarray(colours)
-        if colours.shape not in ((len(points), 3), (len(points), 0)) or colours.dtype != np.uint8:
-            raise InputError(
-                f"colours ({len(points)}, 3) as uint8", found=f"{colours.shape} {colours.dtype}"
-            )
+    columns = _columns("xyz", "f4", points)
     if normals is not None:
         normals = np.asarray(normals)
         if normals.shape != points.shape:
             raise InputError(f"normals {points.shape}", found=normals.shape)
-        columns += [(name, "f4", normals[:, a]) for a, name in enumerate(("nx", "ny", "nz"))]
-    if colours is not None and colours.shape[1]:
-        columns += [(name, "u1", colours[:, a]) for a, name in enumerate(("red", "green", "blue"))]
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        *([f"comment {comment}"] if comment else []),
-    ]
-    header += [
-        f"element vertex {len(points)}",
-        *(f"property {_NAMES[kind]} {name}" for name, kind, _ in columns),
-    ]
+        columns += _columns(("nx", "ny", "nz"), "f4", normals)
+    if colours is not None:
+        colours = np.asarray(colours)
+        if colours.shape not in ((len(points), 3), (len(points), 0)) or colours.dtype != np.uint8:
+            found = f"{colours.shape} {colours.dtype}"
+            raise InputError(f"colours ({len(points)}, 3) as uint8", found=found)
+        columns += _columns(("red", "green", "blue"), "u1", colours)
+    header = ["ply", "format binary_little_endian 1.0"]
+    if comment:
+        header.append(f"comment {comment}")
+    header += [f"element vertex {len(points)}", *_properties(columns)]
     data = _rows(len(points), columns)
     if triangles is not None:
         more = [(name, "i4", values) for name, values in (face_values or {}).items()]
         header += [f"element face {len(triangles)}", f"property list uchar int {_INDICES[0]}"]
-        header += [f"property {_NAMES[kind]} {name}" for name, kind, _ in more]
+        header += _properties(more)
         data += _rows(len(triangles), [("count", "u1", 3), ("corners", "i4", triangles), *more])
     head = "\n".join([*header, "end_header", ""]).encode()
     atomic_write(path, lambda temporary: temporary.write_bytes(head + data))
 
 
+def _columns(names: Iterable[str], kind: str, values: np.ndarray) -> list[tuple]:
+    """Name, type and values of each column of `values` (n, columns)."""
+    return [(name, kind, column) for name, column in zip(names, values.T, strict=False)]
+
+
+def _properties(columns: list[tuple]) -> list[str]:
+    """The header's lines of columns."""
+    return [f"property {_NAMES[kind]} {name}" for name, kind, _ in columns]
+
+
 def _rows(count: int, columns: list[tuple]) -> bytes:
-    rows = np.empty(
-        count, [(name, f"<{kind}", np.shape(values)[1:]) for name, kind, values in columns]
-    )
+    kinds = [(name, f"<{kind}", np.shape(values)[1:]) for name, kind, values in columns]
+    rows = np.empty(count, kinds)
     for name, _, values in columns:
         rows[name] = values
     return rows.tobytes()
 
 
 def _checked(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
-    """Properties of the vertices by name, and the faces as arrays (k, corners) of vertex numbers."""
+    """Properties of the vertices by name, and faces as arrays (k, corners) of vertex numbers."""
     data = read_bytes(path, "a PLY file")
     order, elements, at = _header(path, data)
     if not order:
-        data, at = _doubles(path, data[at:].splitlines(), elements), 0
+        data = _doubles(path, data[at:].splitlines(), elements)
+        at = 0
     count = next((e.count for e in elements if e.name == "vertex"), 0)
     vertices: dict[str, np.ndarray] = {}
     faces: list[np.ndarray] = []
@@ -157,24 +159,17 @@ def _checked(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
         at, groups = _rows_of(path, data, at, order or "=", element)
         if element.name == "vertex":
             names = [name for name, _, length in element.properties if length is None]
-            vertices = {
-                name: np.concatenate([rows[name] for rows in groups] or [np.zeros(0)])
-                for name in names
-            }
+            for name in names:
+                vertices[name] = np.concatenate([rows[name] for rows in groups] or [np.zeros(0)])
         elif element.name == "face":
-            faces += [
-                rows[name]
-                for rows in groups
-                for name, _, _ in element.properties
-                if name in _INDICES
-            ]
+            lists = [name for name, _, _ in element.properties if name in _INDICES]
+            for rows in groups:
+                faces += [rows[name] for name in lists]
     for corners in faces:
-        if corners.size and not (
-            corners.min() >= 0 and corners.max() < count and not (corners % 1).any()
-        ):
-            raise InputError(
-                f"faces of vertices 0..{count - 1}", path=path, found=f"vertex {corners.max()}"
-            )
+        bad = (corners < 0) | (corners >= count) | (corners % 1 != 0)
+        if bad.any():
+            found = f"vertex {corners.max()}"
+            raise InputError(f"faces of vertices 0..{count - 1}", path=path, found=found)
     return vertices, faces
 
 
@@ -183,7 +178,8 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
     end = data.find(b"end_header", 0, _LONGEST_HEADER)
     if not data.startswith(b"ply") or end < 0:
         raise InputError("a PLY file", path=path, found="no header of a PLY file")
-    order, elements = None, []
+    order = None
+    elements = []
     for number, row in enumerate(data[:end].split(b"\n"), 1):
         line = row.decode("latin-1")
         words = line.split()
@@ -198,14 +194,13 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
                 elements[-1].properties.append((words[2], _TYPES[words[1]], None))
         except (KeyError, IndexError, ValueError):
             raise InputError("a line of a PLY header", path=path, line=number, found=line) from None
-    if any(
-        e.name == "face" and not {name for name, _, _ in e.properties} & set(_INDICES)
-        for e in elements
-    ):
-        raise InputError(
-            f"faces with a list of {_INDICES[0]}", path=path, found="a header without it"
-        )
-    twice = any(len({name for name, _, _ in e.properties}) < len(e.properties) for e in elements)
+    twice = False
+    for element in elements:
+        names = {name for name, _, _ in element.properties}
+        twice = twice or len(names) < len(element.properties)
+        if element.name == "face" and not names & set(_INDICES):
+            expected = f"faces with a list of {_INDICES[0]}"
+            raise InputError(expected, path=path, found="a header without it")
     if order is None or twice or any(not 0 <= e.count < 1 << 31 for e in elements):
         raise InputError("a format, counts and different properties in the PLY header", path=path)
     after = data.find(b"\n", end)
@@ -221,7 +216,8 @@ def _doubles(path: Path, lines: list[bytes], elements: list[_Element]) -> bytes:
     for element in elements:
         if len(lines) < element.count:
             raise _cut(path, element)
-        rows, lines = lines[: element.count], lines[element.count :]
+        rows = lines[: element.count]
+        lines = lines[element.count :]
         numbers: list[float] = []
         try:
             for row in rows:
@@ -232,13 +228,11 @@ def _doubles(path: Path, lines: list[bytes], elements: list[_Element]) -> bytes:
                 if here != len(numbers):
                     raise ValueError
         except (ValueError, IndexError, OverflowError):
-            raise InputError(
-                f"{element.name} lines of numbers as the header has them", path=path
-            ) from None
+            expected = f"{element.name} lines of numbers as the header has them"
+            raise InputError(expected, path=path) from None
         found.append(np.array(numbers))
-        element.properties = [
-            (name, "f8", length and "f8") for name, _, length in element.properties
-        ]
+        doubles = [(name, "f8", length and "f8") for name, _, length in element.properties]
+        element.properties = doubles
     return b"".join(array.tobytes() for array in found)
 
 
@@ -246,15 +240,16 @@ def _rows_of(
     path: Path, data: bytes, at: int, order: str, element: _Element
 ) -> tuple[int, list[np.ndarray]]:
     """The offset of the end of the element, and its rows as structured arrays, a new one wherever
-    lists change their length. Rows are read
-    together as long as their lists have the length of the first row's.
+    lists change their length. Rows are read together as long as their lists have the length of the
+    first row's.
     """
-    found, done, ahead = [], 0, 64
+    found = []
+    done = 0
+    ahead = 64
     while done < element.count and element.properties:
         row = _row_type(path, data, at, order, element)
-        rows = np.frombuffer(
-            data, row, min(ahead, element.count - done, (len(data) - at) // row.itemsize), at
-        )
+        count = min(ahead, element.count - done, (len(data) - at) // row.itemsize)
+        rows = np.frombuffer(data, row, count, at)
         same = np.ones(len(rows), bool)
         for name, _, length in element.properties:
             if length is not None:
@@ -263,10 +258,10 @@ def _rows_of(
         if not like_first:
             raise _cut(path, element)
         found.append(rows[:like_first])
-        at, done = at + like_first * row.itemsize, done + like_first
-        ahead = (
-            2 * ahead if like_first == ahead else 64
-        )  # rows of changing length are not scanned repeatedly
+        at = at + like_first * row.itemsize
+        done = done + like_first
+        # rows of changing length are not scanned repeatedly
+        ahead = 2 * ahead if like_first == ahead else 64
     return at, found
 
 

@@ -103,22 +103,16 @@ def write_png(
     """
     kinds = ((3, np.uint8), (3, np.uint16), (2, np.uint16))
     if (image.ndim, image.dtype) not in kinds or image.shape[2:] not in ((), (3,)):
-        raise InputError(
-            "(h, w, 3) uint8 or uint16, or (h, w) uint16",
-            path=path,
-            found=f"{image.shape} {image.dtype}",
-        )
+        expected = "(h, w, 3) uint8 or uint16, or (h, w) uint16"
+        raise InputError(expected, path=path, found=f"{image.shape} {image.dtype}")
     height, width = image.shape[:2]
-    header = struct.pack(
-        ">IIBBBBB", width, height, 8 * image.itemsize, 2 if image.ndim == 3 else 0, 0, 0, 0
-    )
-    pixels = _compressed(
-        _filtered(image).tobytes(),
-        *first_library("PNG", *([compressor] if compressor else COMPRESSORS)),
-    )
-    data = b"".join(
-        (_SIGNATURE, *_chunk(b"IHDR", header), *_chunk(b"IDAT", pixels), *_chunk(b"IEND", b""))
-    )
+    size = struct.pack(">II", width, height)
+    kind = bytes((8 * image.itemsize, 2 if image.ndim == 3 else 0, 0, 0, 0))
+    name, module = first_library("PNG", *COMPRESSORS, only=compressor)
+    compress = module.zlib_compress if name == "deflate" else module.compress
+    pixels = compress(_filtered(image).tobytes(), 1)
+    chunks = (*_chunk(b"IHDR", size + kind), *_chunk(b"IDAT", pixels), *_chunk(b"IEND", b""))
+    data = b"".join((_SIGNATURE, *chunks))
     atomic_write(path, lambda temporary: temporary.write_bytes(data))
 
 
@@ -137,11 +131,8 @@ def _filtered(image: np.ndarray) -> np.ndarray:
     """(h, 1 + bytes of a row): each row as differences from the pixel to the left, after the number
     of this filter.
     """
-    rows = (
-        np.ascontiguousarray(image, image.dtype.newbyteorder(">"))
-        .view(np.uint8)
-        .reshape(len(image), -1)
-    )
+    rows = np.ascontiguousarray(image, image.dtype.newbyteorder(">"))
+    rows = rows.view(np.uint8).reshape(len(image), -1)
     step = rows.shape[1] // image.shape[1]
     filtered = np.empty((len(rows), 1 + rows.shape[1]), np.uint8)
     filtered[:, 0] = _SUB
@@ -150,38 +141,28 @@ def _filtered(image: np.ndarray) -> np.ndarray:
     return filtered
 
 
-def _compressed(data: bytes, name: str, module: ModuleType) -> bytes:
-    return module.zlib_compress(data, 1) if name == "deflate" else module.compress(data, 1)
-
-
 def _chunk(kind: bytes, content: bytes) -> tuple[bytes, ...]:
-    return (
-        struct.pack(">I", len(content)),
-        kind,
-        content,
-        struct.pack(">I", zlib.crc32(content, zlib.crc32(kind))),
-    )
+    checksum = zlib.crc32(content, zlib.crc32(kind))
+    return (struct.pack(">I", len(content)), kind, content, struct.pack(">I", checksum))
 
 
 def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
     """The content of the file and its header, after a check that every chunk is complete and has
-    the right checksum. OpenCV would decode half a
-    file without an error.
+    the right checksum. OpenCV would decode half a file without an error.
     """
     data = read_bytes(path, "a PNG image")
     header = _header(path, data)
-    place, kind = 8, b""
+    place = 8
+    kind = b""
     while kind != b"IEND":
-        size, kind = (
-            struct.unpack_from(">I4s", data, place) if place + 12 <= len(data) else (len(data), b"")
-        )
-        end = place + 12 + size
+        end = len(data) + 1
+        if place + 12 <= len(data):
+            size, kind = struct.unpack_from(">I4s", data, place)
+            end = place + 12 + size
         if end > len(data):
             raise InputError("a whole PNG image", path=path, found="a truncated file", hint=_AGAIN)
-        if (
-            zlib.crc32(memoryview(data)[place + 4 : end - 4])
-            != struct.unpack_from(">I", data, end - 4)[0]
-        ):
+        checksum = struct.unpack_from(">I", data, end - 4)[0]
+        if zlib.crc32(memoryview(data)[place + 4 : end - 4]) != checksum:
             raise InputError("a whole PNG image", path=path, found="a wrong checksum", hint=_AGAIN)
         place = end
     return data, header
@@ -189,17 +170,17 @@ def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
 
 def _header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
     if data[:8] != _SIGNATURE:
-        kind = "a JPEG" if data[:2] == b"\xff\xd8" else f"a file that starts with {data[:4]!r}"
-        raise InputError("a PNG image", path=path, found=kind if data else "an empty file")
+        found = f"a file that starts with {data[:4]!r}" if data else "an empty file"
+        if data[:2] == b"\xff\xd8":
+            found = "a JPEG"
+        raise InputError("a PNG image", path=path, found=found)
     if len(data) < 33 or data[12:16] != b"IHDR":
         raise InputError("a whole PNG image", path=path, found="a truncated file", hint=_AGAIN)
     width, height, bits, colour = struct.unpack_from(">IIBB", data, 16)
-    if not (
-        1 <= width <= _MAX_SIDE_PX and 1 <= height <= _MAX_SIDE_PX and width * height <= 1 << 28
-    ):
-        raise InputError(
-            "an image of a plausible size", path=path, found=f"a header with {width} x {height}"
-        )
+    plausible = 1 <= width <= _MAX_SIDE_PX and 1 <= height <= _MAX_SIDE_PX
+    if not plausible or width * height > 1 << 28:
+        found = f"a header with {width} x {height}"
+        raise InputError("an image of a plausible size", path=path, found=found)
     return PngHeader(width, height, bits, _COLOURS.get(colour, f"colour type {colour}"))
 
 
@@ -215,20 +196,19 @@ def _read(
     data, header = _checked(path)
     if header.bits != bits or header.colour not in colours:
         raise InputError(expected, path=path, found=str(header))
-    name, module = first_library("PNG", *([backend] if backend else BACKENDS))
+    name, module = first_library("PNG", *BACKENDS, only=backend)
     if name == "cv2":
         mode = module.IMREAD_COLOR if channels == 3 and bits == 8 else module.IMREAD_UNCHANGED
         image = module.imdecode(np.frombuffer(data, np.uint8), mode)
-        if image is not None:
-            image = (
-                module.cvtColor(image, module.COLOR_BGR2RGB) if channels == 3 else image[..., None]
-            )
+        if image is not None and channels == 3:
+            image = module.cvtColor(image, module.COLOR_BGR2RGB)
+        elif image is not None:
+            image = image[..., None]
     else:
         image = _read_oiio(module, os.fspath(path), header, channels)
     if image is None or image.shape != (header.height, header.width, channels):
-        raise InputError(
-            "a whole PNG image", path=path, found="pixels that cannot be decoded", hint=_AGAIN
-        )
+        found = "pixels that cannot be decoded"
+        raise InputError("a whole PNG image", path=path, found=found, hint=_AGAIN)
     return image
 
 
@@ -240,15 +220,12 @@ def _read_oiio(
     image = module.ImageInput.open(path, config)
     if image is None:
         return None
-    pixels = image.read_image(
-        0, 0, 0, image.spec().nchannels, module.UINT8 if header.bits == 8 else module.UINT16
-    )
+    kind = module.UINT8 if header.bits == 8 else module.UINT16
+    pixels = image.read_image(0, 0, 0, image.spec().nchannels, kind)
     image.close()
     if pixels is None:
         return None
     pixels = pixels.reshape(image.spec().height, image.spec().width, -1)
-    return (
-        np.repeat(pixels[..., :1], 3, -1)
-        if channels == 3 and pixels.shape[2] < 3
-        else pixels[..., :channels]
-    )
+    if channels == 3 and pixels.shape[2] < 3:
+        return np.repeat(pixels[..., :1], 3, -1)
+    return pixels[..., :channels]

@@ -2,6 +2,7 @@
 programs.
 """
 
+import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path, PurePath
@@ -51,21 +52,16 @@ def nerf_rows(source: Source) -> NumberTable:
     and three rows of its matrix.
     """
     frames = read_json(source.path).get("frames")
-    if (
-        not isinstance(frames, list)
-        or not frames
-        or not all(isinstance(frame, dict) for frame in frames)
-    ):
+    valid = isinstance(frames, list) and all(isinstance(frame, dict) for frame in frames)
+    if not frames or not valid:
         raise InputError("a list of frames", path=source.path)
+    numbers = numbers_of_names([str(frame.get("file_path")) for frame in frames])
     found = []
-    for number, frame in zip(
-        numbers_of_names([str(f.get("file_path")) for f in frames]), frames, strict=True
-    ):
+    for number, frame in zip(numbers, frames, strict=True):
         matrix = frame.get("transform_matrix")
         rows = matrix if isinstance(matrix, list) else []
-        values = _numbers(
-            source.path, [value for row in rows if isinstance(row, list) for value in row]
-        )
+        flat = itertools.chain.from_iterable(row for row in rows if isinstance(row, list))
+        values = _numbers(source.path, list(flat))
         found.append((float(number), *_rows_of(source.path, values)))
     return NumberTable(np.array(sorted(found)), lambda row: (source.path, None))
 
@@ -82,12 +78,8 @@ def _rows_of(path: Path, values: np.ndarray) -> list[float]:
 
     Raises InputError unless there are 16 numbers that end in 0 0 0 1.
     """
-    if (
-        len(values) != 16
-        or not np.abs(values[12:] - (0, 0, 0, 1)).max() < 1e-6
-        or not np.isfinite(values).all()
-    ):
-        raise InputError(
-            f"{_MATRIX} that ends in 0 0 0 1", path=path, found=" ".join(f"{v:g}" for v in values)
-        )
+    whole = len(values) == 16 and np.isfinite(values).all()
+    if not whole or np.abs(values[12:] - (0, 0, 0, 1)).max() >= 1e-6:
+        found = " ".join(f"{value:g}" for value in values)
+        raise InputError(f"{_MATRIX} that ends in 0 0 0 1", path=path, found=found)
     return values[:12].tolist()

@@ -9,6 +9,7 @@ on; z = dir/|dir|, x = up x z normalised, y = z x x.
 
 import math
 import re
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from .trajectory_source import Source
 
 FOLDER = "a folder of POV-Ray camera files (scene_00_0000.txt and so on)"
 COMMAND = "a POV-Ray command with Declare=val00= to Declare=val32="
-_NAMES = [f"val{row}{column}" for row in range(4) for column in range(3)]
+_NAMES = [f"val{number // 3}{number % 3}" for number in range(12)]
 _DECLARE = re.compile(
     r"Declare\s*=\s*(val[0-3][0-2])\s*=\s*([-+]?[\d.]+(?:e[-+]?\d+)?)(?=[\s+]|$)",
     re.IGNORECASE | re.ASCII,
@@ -37,9 +38,7 @@ def command_rows(source: Source) -> NumberTable:
     """(n, 13): the number in the image's name (+O), and val00 to val32; (n, 12) without the number
     if not all lines have one.
     """
-    lines = [
-        (number, line) for number, line in data_lines(source.text) if "declare" in line.lower()
-    ]
+    lines = [found for found in data_lines(source.text) if "declare" in found[1].lower()]
     if not lines:
         raise InputError(COMMAND, path=source.path, found="no line with Declare")
     values = np.array([_declared(source, number, line) for number, line in lines])
@@ -64,9 +63,8 @@ def _declared(source: Source, number: int, line: str) -> list[float]:
             found = f"{name}={found_text[1]}" if found_text else f"no {name}"
             raise InputError(COMMAND, path=source.path, line=number, found=found) from None
     if len(pairs) != 12:
-        raise InputError(
-            f"{COMMAND}, each once", path=source.path, line=number, found=f"{len(pairs)} of them"
-        )
+        found = f"{len(pairs)} of them"
+        raise InputError(f"{COMMAND}, each once", path=source.path, line=number, found=found)
     return [values[name] for name in _NAMES]
 
 
@@ -74,11 +72,9 @@ def camera_rows(source: Source) -> NumberTable:
     """(n, 13): the last number in the file's name, the camera's axes and position as val00 to val32
     of a command.
     """
-    files = (
-        _numbered(source.path)
-        if source.path.is_dir()
-        else [(_number(source.path) or 0, source.path)]
-    )
+    files = [(_number(source.path) or 0, source.path)]
+    if source.path.is_dir():
+        files = _numbered(source.path)
     values = np.array([[float(number), *_camera(path)] for number, path in files])
     return NumberTable(values, lambda row: (files[row][1], None))
 
@@ -87,22 +83,18 @@ def _numbered(folder: Path) -> list[tuple[int, Path]]:
     """(frame number, file) of all text files whose name ends in a number, in the order of the
     numbers.
     """
-    found = [
-        (number, path) for path in folder.glob("*.txt") if (number := _number(path)) is not None
-    ]
-    if not found:
-        raise InputError(
-            FOLDER, path=folder, found="no such file in it", hint="the trajectory file itself"
-        )
-    found.sort()
-    for (before, first), (number, second) in zip(found, found[1:], strict=False):
-        if number == before:
-            raise InputError(
-                "one camera file per frame",
-                path=second,
-                found=f"frame {number} again, as in {first.name}",
-            )
-    return found
+    files: dict[int, Path] = {}
+    for path in sorted(folder.glob("*.txt")):
+        number = _number(path)
+        if number in files:
+            found = f"frame {number} again, as in {files[number].name}"
+            raise InputError("one camera file per frame", path=path, found=found)
+        if number is not None:
+            files[number] = path
+    if not files:
+        hint = "the trajectory file itself"
+        raise InputError(FOLDER, path=folder, found="no such file in it", hint=hint)
+    return sorted(files.items())
 
 
 def _number(path: Path) -> int | None:
@@ -116,17 +108,14 @@ def _camera(path: Path) -> list[float]:
     Raises InputError naming the file.
     """
     text = read_text(path, "a POV-Ray camera file")
-    position, direction, up = (
-        _vector(path, text, name) for name in ("cam_pos", "cam_dir", "cam_up")
-    )
+    position = _vector(path, text, "cam_pos")
+    direction = _vector(path, text, "cam_dir")
+    up = _vector(path, text, "cam_up")
     z = _normalised(direction)
     x = _normalised(np.cross(_normalised(up), z))
     if not (np.isfinite(z).all() and np.isfinite(x).all()):
-        raise InputError(
-            "cam_dir and cam_up that span a plane",
-            path=path,
-            found=f"{direction.tolist()} and {up.tolist()}",
-        )
+        found = f"{direction.tolist()} and {up.tolist()}"
+        raise InputError("cam_dir and cam_up that span a plane", path=path, found=found)
     return [*x, *np.cross(z, x), *z, *position]
 
 
@@ -138,10 +127,10 @@ def _vector(path: Path, text: str, name: str) -> np.ndarray:
         raise InputError(expected, path=path, found=f"no {name}")
     line = text.count("\n", 0, item.start(1)) + 1
     inside = re.fullmatch(r"\[(.*)\]\s*'?\s*;?\s*", item[1])
-    try:
-        values = np.array([float(part) for part in inside[1].split(",")] if inside else [])
-    except ValueError:
-        values = np.array([])
+    values = np.array([])
+    if inside:
+        with suppress(ValueError):
+            values = np.array([float(part) for part in inside[1].split(",")])
     if values.shape != (3,) or not np.isfinite(values).all():
         raise InputError(expected, path=path, line=line, found=item[0].strip())
     return values

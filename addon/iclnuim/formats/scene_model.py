@@ -1,7 +1,6 @@
 """A scene as a surface: triangles with shading normals, texture coordinates, materials and
-instances. Functions select and subdivide triangles
-and write PLY (binary, with normals and instances) or OBJ with MTL and textures. World: metres, z
-up.
+instances. Functions select and subdivide triangles and write PLY (binary, with normals and
+instances) or OBJ with MTL and textures. World: metres, z up.
 """
 
 import re
@@ -16,8 +15,10 @@ from .files import atomic_write_text, make_folder
 from .png import write_png
 
 #: Corners are merged to one vertex if position and normal are equal to these numbers of digits.
-_DIGITS_M, _DIGITS_NORMAL = 6, 4
+_DIGITS_M = 6
+_DIGITS_NORMAL = 4
 _FACE = "f {}/{}/{} {}/{}/{} {}/{}/{}"
+_MATERIAL = "newmtl {name}\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {folder}/{name}.png\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +35,8 @@ class Appearance:
 @dataclass(frozen=True, eq=False)
 class SceneModel:
     """m triangles. corners_m (m, 3, 3) in metres, world, counter-clockwise seen from the front;
-    normals (m, 3, 3): unit shading normals of the
-    corners; uv (m, 3, 2), v upwards; material (m,): index into looks; instance (m,): number in
-    label images; names: instance -> name.
+    normals (m, 3, 3): unit shading normals of the corners; uv (m, 3, 2), v upwards; material (m,):
+    index into looks; instance (m,): number in label images; names: instance -> name.
     """
 
     corners_m: np.ndarray
@@ -65,7 +65,10 @@ class SceneModel:
 
         The longest edge is bisected repeatedly.
         """
-        done, rest, origin, origins = [], self, np.arange(len(self)), []
+        done = []
+        rest = self
+        origin = np.arange(len(self))
+        origins = []
         while len(rest):
             edges = np.linalg.norm(rest.corners_m - np.roll(rest.corners_m, -1, axis=1), axis=2)
             longest = edges.argmax(1)
@@ -74,10 +77,9 @@ class SceneModel:
             origins.append(origin[small])
             origin = np.repeat(origin[~small], 2)
             rest = rest.chosen(~small)._bisected(longest[~small])
-        joined = {
-            name: np.concatenate([getattr(part, name) for part in done] or [getattr(self, name)])
-            for name in _ARRAYS
-        }
+        joined: dict[str, Any] = {}
+        for name in _ARRAYS:
+            joined[name] = np.concatenate([getattr(part, name) for part in done or [self]])
         return replace(self, **joined), np.concatenate(origins or [origin])
 
     def _bisected(self, edge: np.ndarray) -> "SceneModel":
@@ -87,18 +89,16 @@ class SceneModel:
         order = (edge[:, None] + np.arange(3)) % 3
         halves: dict[str, Any] = {}
         for name in _OF_CORNERS:
-            a, b, c = np.moveaxis(
-                np.take_along_axis(getattr(self, name), order[..., None], 1), 1, 0
-            )
+            ordered = np.take_along_axis(getattr(self, name), order[..., None], 1)
+            a, b, c = np.moveaxis(ordered, 1, 0)
             middle = (a + b) / 2
             if name == "normals":
                 middle = middle / np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-12)
             pair = np.stack([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)], 1)
             halves[name] = pair.reshape(-1, *pair.shape[2:])
-        whole: dict[str, Any] = {
-            name: np.repeat(getattr(self, name), 2) for name in ("material", "instance")
-        }
-        return replace(self, **halves, **whole)
+        for name in ("material", "instance"):
+            halves[name] = np.repeat(getattr(self, name), 2)
+        return replace(self, **halves)
 
 
 _OF_CORNERS = ("corners_m", "normals", "uv")
@@ -111,17 +111,14 @@ def write_ply(path: Path, model: SceneModel) -> None:
 
     Raises WorkError if it cannot be written.
     """
-    corners_m, normals = model.corners_m.reshape(-1, 3), model.normals.reshape(-1, 3)
+    corners_m = model.corners_m.reshape(-1, 3)
+    normals = model.normals.reshape(-1, 3)
     unique, index = _unique(np.hstack([corners_m.round(_DIGITS_M), normals.round(_DIGITS_NORMAL)]))
-    faces, values = index.reshape(-1, 3), {"instance": model.instance}
-    ply.write_ply(
-        path,
-        unique[:, :3],
-        faces,
-        normals=unique[:, 3:],
-        face_values=values,
-        comment="metres, z up",
-    )
+    faces = index.reshape(-1, 3)
+    normals = unique[:, 3:]
+    values = {"instance": model.instance}
+    about = "metres, z up"
+    ply.write_ply(path, unique[:, :3], faces, normals=normals, face_values=values, comment=about)
 
 
 def write_obj(path: Path, model: SceneModel) -> None:
@@ -139,9 +136,7 @@ def write_obj(path: Path, model: SceneModel) -> None:
     for look, name in zip(model.looks, files, strict=True):
         plain = np.full((2, 2, 3), np.rint(np.array(look.colour) * 255), np.uint8)
         write_png(folder / f"{name}.png", plain if look.texture is None else look.texture)
-    materials = [
-        f"newmtl {n}\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {folder.name}/{n}.png\n" for n in files
-    ]
+    materials = [_MATERIAL.format(name=name, folder=folder.name) for name in files]
     atomic_write_text(materials_file, "\n".join(materials))
     atomic_write_text(path, _obj(model, files, path.stem))
 
@@ -179,9 +174,8 @@ def _obj(model: SceneModel, files: list[str], stem: str) -> str:
     corners = np.stack([v, vt, vn], -1).reshape(-1, 9) + 1
     order = np.lexsort((np.arange(len(model)), model.material, model.instance))
     groups = np.stack([model.instance, model.material], 1)[order]
-    for part in np.split(
-        np.arange(len(order)), np.flatnonzero(np.any(np.diff(groups, axis=0), 1)) + 1
-    ):
+    starts = np.flatnonzero(np.any(np.diff(groups, axis=0), 1)) + 1
+    for part in np.split(np.arange(len(order)), starts):
         if not len(part):
             continue
         instance, material = (int(n) for n in groups[part[0]])

@@ -101,7 +101,8 @@ class PinholeCamera(Settings):
         x = (np.arange(self.width) - self.cx) / self.fx
         y = (np.arange(self.height) - self.cy) / self.fy
         rays = np.ones((self.height, self.width, 3))
-        rays[..., 0], rays[..., 1] = x, y[:, None]
+        rays[..., 0] = x
+        rays[..., 1] = y[:, None]
         return rays
 
     def unproject(self, depth_z_m: np.ndarray) -> np.ndarray:
@@ -131,7 +132,8 @@ class PinholeCamera(Settings):
 
 #: Blender's limits (the hard minimum and maximum of its properties resolution_x and
 #: pixel_aspect_x).
-MIN_RENDERED_PX, MAX_PIXEL_ASPECT = 4, 200
+MIN_RENDERED_PX = 4
+MAX_PIXEL_ASPECT = 200
 
 
 @dataclass(frozen=True)
@@ -167,10 +169,8 @@ def blender_from_pinhole(camera: PinholeCamera, sensor_width_mm: float = 36.0) -
         expected = f"focal lengths whose ratio is at most {MAX_PIXEL_ASPECT}, as Blender renders"
         raise InputError(expected, found=f"fx {camera.fx:g} and fy {camera.fy:g}")
     sensor_width_mm = max(sensor_width_mm, camera.width / camera.fx)
-    pixel_aspect_x, pixel_aspect_y = (
-        max(1.0, camera.fy / camera.fx),
-        max(1.0, camera.fx / camera.fy),
-    )
+    pixel_aspect_x = max(1.0, camera.fy / camera.fx)
+    pixel_aspect_y = max(1.0, camera.fx / camera.fy)
     lens = camera.fx * sensor_width_mm / camera.width
     shift_x = -(camera.cx - (camera.width - 1) / 2) / camera.width
     shift_y = (

@@ -173,7 +173,8 @@ def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     knots, values = _knots(recipe)
     dwells_s = np.array([v.dwell_s for v in recipe.viewpoints])
     progress = eased_progress(np.diff(knots), dwells_s, recipe.pace.ease_s, times_s)
-    shake_m, shake_rad = np.zeros((recipe.frames, 3)), np.zeros((recipe.frames, 3))
+    shake_m = np.zeros((recipe.frames, 3))
+    shake_rad = np.zeros((recipe.frames, 3))
     for s in recipe.shakes:  # amplitudes are RMS over the three axes together
         band = recipe.frames, FRAME_RATE_HZ, s.low_hz, s.high_hz
         shake_m += band_noise(*band, s.position_slope, 3, rng) * (
@@ -238,11 +239,15 @@ def rotation_world_camera(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) 
     """Rotations (n, 3, 3) from yaw (from world x towards y), pitch (upwards) and clockwise roll
     about the viewing direction, in radians.
     """
-    sy, cy, sp, cp = np.sin(yaw), np.cos(yaw), np.sin(pitch), np.cos(pitch)
+    sy = np.sin(yaw)
+    cy = np.cos(yaw)
+    sp = np.sin(pitch)
+    cp = np.cos(pitch)
     forward = np.stack([cy * cp, sy * cp, sp], -1)
     right = np.stack([sy, -cy, np.zeros_like(yaw)], -1)
     down = np.cross(forward, right)
-    sr, cr = np.sin(roll)[:, None], np.cos(roll)[:, None]
+    sr = np.sin(roll)[:, None]
+    cr = np.cos(roll)[:, None]
     return np.stack([cr * right + sr * down, cr * down - sr * right, forward], -1)
 
 

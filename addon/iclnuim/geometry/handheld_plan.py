@@ -18,7 +18,8 @@ from .handheld import Pace, Point, Recipe, Shake, Viewpoint
 #: Clearance (n,) in metres at points (n, 3): the distance to the nearest surface.
 Clearance = Callable[[np.ndarray], np.ndarray]
 #: Maximum number of cells, and minimum side of a cell.
-_MAX_CELLS, _MIN_CELL_M = 400_000, 0.1
+_MAX_CELLS = 400_000
+_MIN_CELL_M = 0.1
 #: Default shake of the hands: the amplitudes of our kt0..kt3.
 SHAKES = (
     Shake(0.25, 1.0, position_mm=8.0, rotation_deg=0.9, position_slope=1.0, rotation_slope=1.0),
@@ -68,7 +69,8 @@ class FreeSpace:
             return np.stack([start_m, end_m])
         cells = self._search(self._cell(start_m), self._cell(end_m), clear_m)
         points = np.stack([start_m, *(self.low_m + self.cell_m * c for c in cells), end_m])
-        corners, current = [points[0]], 0
+        corners = [points[0]]
+        current = 0
         while current < len(points) - 1:  # skip corners as long as the straight connection is clear
             target = len(points) - 1
             while target > current + 1 and not self._is_clear(
@@ -99,7 +101,8 @@ class FreeSpace:
             .ravel()
             .tolist()
         )
-        clear, across = free.tobytes(), (free.shape[1] * free.shape[2], free.shape[2], 1)
+        clear = free.tobytes()
+        across = (free.shape[1] * free.shape[2], free.shape[2], 1)
         steps = [
             (int(np.dot(n, across)), float(np.linalg.norm(n)))
             for n in product((-1, 0, 1), repeat=3)
@@ -111,7 +114,8 @@ class FreeSpace:
             raise InputError("viewpoints with a route between them", found=found, hint=hint)
         length: dict[int, float] = {first: 0.0}
         before: dict[int, int | None] = {first: None}
-        open_, done = [(0.0, first)], set()
+        open_ = [(0.0, first)]
+        done = set()
         while True:  # terminates, because the goal is reachable
             cell = heapq.heappop(open_)[1]
             if cell == goal:
@@ -128,7 +132,8 @@ class FreeSpace:
                     continue
                 new_length = length[cell] + step_length
                 if new_length < length.get(other, np.inf):
-                    length[other], before[other] = new_length, cell
+                    length[other] = new_length
+                    before[other] = cell
                     heapq.heappush(open_, (new_length + heuristic[other], other))
 
     def _is_clear(self, a_m: np.ndarray, b_m: np.ndarray, clear_m: float) -> bool:
@@ -142,7 +147,8 @@ def _is_reachable(free: np.ndarray, first: int, goal: int, steps: np.ndarray) ->
     """Whether `goal` is reachable from `first` through free cells by steps (n,) between flat
     indices.
     """
-    seen, frontier = np.zeros(free.size, bool), np.array([first])
+    seen = np.zeros(free.size, bool)
+    frontier = np.array([first])
     while len(frontier) and not seen[goal]:
         frontier = np.unique(frontier[:, None] + steps)
         frontier = frontier[free.flat[frontier] & ~seen[frontier]]

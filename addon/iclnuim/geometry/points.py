@@ -42,7 +42,8 @@ def upright_box(points_m: np.ndarray) -> Box:
     R = _about_z(_yaw(points_m[:, :2]))
     size = np.ptp(points_m @ R, axis=0)
     if size[1] > size[0]:
-        R, size = R @ _about_z(-np.pi / 2), size[[1, 0, 2]]
+        R = R @ _about_z(-np.pi / 2)
+        size = size[[1, 0, 2]]
     rotated = points_m @ R
     return Box(SE3(R, R @ ((rotated.min(0) + rotated.max(0)) / 2)), size)
 
@@ -61,7 +62,8 @@ def farthest_points(points: np.ndarray, count: int, first: int = 0) -> np.ndarra
 
 
 def _about_z(yaw: float) -> np.ndarray:
-    c, s = np.cos(yaw), np.sin(yaw)
+    c = np.cos(yaw)
+    s = np.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 

@@ -24,9 +24,12 @@ UP = {
 UNITS_M = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 #: Metres are plausible if the largest extent and the height are within these limits; else the unit
 #: is guessed from the height of a room.
-PLAUSIBLE_M, MAX_HEIGHT_M = (0.2, 60.0), 15.0
+PLAUSIBLE_M = (0.2, 60.0)
+MAX_HEIGHT_M = 15.0
 #: Height of rooms, its spread (about a quarter), and its minimum and maximum.
-ROOM_HEIGHT_M, _SPREAD, _HEIGHTS_M = 2.6, 0.25, (1.9, 12.0)
+ROOM_HEIGHT_M = 2.6
+_SPREAD = 0.25
+_HEIGHTS_M = (1.9, 12.0)
 #: A height that differs by more than this number of spreads is not that of a room, and only the
 #: shape is used.
 _MAX_SPREADS = 2.8
@@ -34,7 +37,9 @@ LAYERS = 20
 #: An axis other than the format's usual one is chosen as up if its evidence is larger by this
 #: factor. x, which few programs use, needs CLEARLY_X; a unit other than metres needs CLEARLY_UNIT
 #: in addition.
-CLEARLY, CLEARLY_X, CLEARLY_UNIT = 1.5, 4.0, 4.0
+CLEARLY = 1.5
+CLEARLY_X = 4.0
+CLEARLY_UNIT = 4.0
 
 
 def parse_unit(text: str) -> float:
@@ -133,7 +138,8 @@ def shape_of(vertices: np.ndarray, triangles: np.ndarray) -> Shape:
     low, high = np.stack(
         [_ends(corners[..., k].ravel(), np.repeat(areas, 3)) for k in range(3)], -1
     )
-    extent, cosines = high - low, np.abs(vectors) / np.maximum(areas, 1e-30)[:, None]
+    extent = high - low
+    cosines = np.abs(vectors) / np.maximum(areas, 1e-30)[:, None]
     cross_section = np.maximum(
         extent[[1, 0, 0]] * extent[[2, 2, 1]], 1e-9 * float(extent.max(initial=1e-9)) ** 2
     )
@@ -170,7 +176,8 @@ def guess_up(shape: Shape, usual: str, unit_m: float | None = None) -> str:
     """
 
     def evidence(axis: str) -> float:
-        k, unit = "xyz".index(axis), unit_m or guess_unit_m(shape, axis)
+        k = "xyz".index(axis)
+        unit = unit_m or guess_unit_m(shape, axis)
         height = max(float(shape.extent[k]), 1e-9 * float(shape.extent.max(initial=1e-9)))
         spreads = min(abs(np.log(height * unit / ROOM_HEIGHT_M)) / _SPREAD, _MAX_SPREADS)
         flat = shape.level[k].sum() * shape.extent.prod() / height**2 / shape.askew[k]

@@ -76,10 +76,12 @@ class SE3:
         twist = np.asarray(twist, float)
         if twist.shape[-1:] != (6,):
             raise InputError("twists (..., 6)", found=twist.shape)
-        v, w = twist[..., :3], twist[..., 3:]
+        v = twist[..., :3]
+        w = twist[..., 3:]
         angle = np.linalg.norm(w, axis=-1)[..., None, None]
         a, b, c = so3.exp_coefficients(angle)
-        k, one = so3.hat(w), np.eye(3)
+        k = so3.hat(w)
+        one = np.eye(3)
         squared = k @ k
         left_jacobian = one + b * k + c * squared
         return cls(one + a * k + b * squared, (left_jacobian @ v[..., None])[..., 0])
@@ -88,7 +90,9 @@ class SE3:
     def matrix(self) -> np.ndarray:
         """Matrices (..., 4, 4)."""
         m = np.zeros((*self.shape, 4, 4))
-        m[..., :3, :3], m[..., :3, 3], m[..., 3, 3] = self.rotation, self.translation, 1.0
+        m[..., :3, :3] = self.rotation
+        m[..., :3, 3] = self.translation
+        m[..., 3, 3] = 1.0
         return m
 
     @property
@@ -100,7 +104,9 @@ class SE3:
         """Twists (..., 6), the inverse of exp; the rotation vector has a length of at most pi."""
         w = so3.log(self.rotation)
         t = np.linalg.norm(w, axis=-1)[..., None, None]
-        k, t2, small = so3.hat(w), t * t, t < 0.05
+        k = so3.hat(w)
+        t2 = t * t
+        small = t < 0.05
         s = np.where(small, 1.0, t)
         # 1/t^2 - cot(t/2)/(2 t), by series for small t, stable up to pi
         exact = 1.0 / (s * s) - np.cos(s / 2) / (2.0 * s * np.sin(s / 2))

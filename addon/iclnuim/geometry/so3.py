@@ -21,8 +21,12 @@ def hat(w: np.ndarray) -> np.ndarray:
     """(..., 3) -> (..., 3, 3): the matrix with hat(w) @ p = w x p."""
     w = np.asarray(w, float)
     m = np.zeros((*w.shape[:-1], 3, 3))
-    m[..., 2, 1], m[..., 0, 2], m[..., 1, 0] = w[..., 0], w[..., 1], w[..., 2]
-    m[..., 1, 2], m[..., 2, 0], m[..., 0, 1] = -w[..., 0], -w[..., 1], -w[..., 2]
+    m[..., 2, 1] = w[..., 0]
+    m[..., 0, 2] = w[..., 1]
+    m[..., 1, 0] = w[..., 2]
+    m[..., 1, 2] = -w[..., 0]
+    m[..., 2, 0] = -w[..., 1]
+    m[..., 0, 1] = -w[..., 2]
     return m
 
 
@@ -66,17 +70,15 @@ def quat_xyzw_from_matrix(rotation: np.ndarray) -> np.ndarray:
     (Shepperd 1978), so that all angles have full precision.
     """
     m = np.asarray(rotation, float)
-    d0, d1, d2 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    xy, xz, yz = (
-        m[..., 0, 1] + m[..., 1, 0],
-        m[..., 0, 2] + m[..., 2, 0],
-        m[..., 1, 2] + m[..., 2, 1],
-    )
-    wx, wy, wz = (
-        m[..., 2, 1] - m[..., 1, 2],
-        m[..., 0, 2] - m[..., 2, 0],
-        m[..., 1, 0] - m[..., 0, 1],
-    )
+    d0 = m[..., 0, 0]
+    d1 = m[..., 1, 1]
+    d2 = m[..., 2, 2]
+    xy = m[..., 0, 1] + m[..., 1, 0]
+    xz = m[..., 0, 2] + m[..., 2, 0]
+    yz = m[..., 1, 2] + m[..., 2, 1]
+    wx = m[..., 2, 1] - m[..., 1, 2]
+    wy = m[..., 0, 2] - m[..., 2, 0]
+    wz = m[..., 1, 0] - m[..., 0, 1]
     products = (  # row k = 4 q_k q
         (1 + d0 - d1 - d2, xy, xz, wx),
         (xy, 1 - d0 + d1 - d2, yz, wy),
@@ -102,7 +104,8 @@ def exp(w: np.ndarray) -> np.ndarray:
 def log(rotation: np.ndarray) -> np.ndarray:
     """(..., 3, 3) -> (..., 3) rotation vector in radians, of length at most pi."""
     q = quat_xyzw_from_matrix(rotation)
-    v, w = q[..., :3], q[..., 3:]
+    v = q[..., :3]
+    w = q[..., 3:]
     s = np.linalg.norm(v, axis=-1, keepdims=True)
     half = np.arctan2(s, w)
     small = s < _SMALL_ANGLE

@@ -12,7 +12,8 @@ from .se3 import SE3
 FRAME_RATE_HZ = 30.0
 #: Stamp of frame 0 (not 0, which means no stamp in ROS and RTAB-Map), and number of decimals of
 #: written stamps.
-FIRST_STAMP_S, STAMP_DIGITS = 1.0, 6
+FIRST_STAMP_S = 1.0
+STAMP_DIGITS = 6
 #: More than eleven hours at 240 Hz. A larger number of frames is due to a wrong stamp.
 MAX_FRAMES = 10_000_000
 
@@ -143,7 +144,9 @@ def statistics(trajectory: Trajectory) -> TrajectoryStatistics:
     usual_s = float(np.median(steps_s))
     speeds = trajectory.step_lengths_m() / steps_s
     rates = np.degrees(trajectory.step_angles_rad()) / steps_s
-    length_m, duration_s, count = trajectory.length_m(), float(steps_s.sum()), len(trajectory)
+    length_m = trajectory.length_m()
+    duration_s = float(steps_s.sum())
+    count = len(trajectory)
     mean_rate = float(np.degrees(trajectory.step_angles_rad()).sum() / duration_s)
     extremes = length_m / duration_s, float(speeds.max()), mean_rate, float(rates.max())
     rate_hz = frame_rate_hz(trajectory.stamps_s)

@@ -37,7 +37,8 @@ def denoise(
     variance = _variance(half_a, half_b, chart, usable)
     spread = (variance, variance.copy())
     halves = half_a.astype(np.float32), half_b.astype(np.float32)
-    mask, facing = usable & (chart >= 0), normals.astype(np.float32)
+    mask = usable & (chart >= 0)
+    facing = normals.astype(np.float32)
     for level in range(_LEVELS):
         smoothed = [
             _wavelet(halves[k], halves[1 - k], spread[k], chart, facing, mask, 1 << level)
@@ -88,7 +89,8 @@ def _without_fireflies(
     usual = np.median(around, axis=0)
     odd = (usable & (gap > _ODD * usual + 0.1 * np.minimum(a, b)))[..., None]
     darker = np.where((a < b)[..., None], half_a, half_b)
-    clean_a, clean_b = np.where(odd, darker, half_a), np.where(odd, darker, half_b)
+    clean_a = np.where(odd, darker, half_a)
+    clean_b = np.where(odd, darker, half_b)
     spread = _spread((half_a - clean_a + half_b - clean_b) / 2, chart, usable)
     return clean_a + spread, clean_b + spread
 
@@ -101,9 +103,11 @@ def _spread(light: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndar
     light = light.astype(np.float32) * share
     for step in [1 << level for level in range(_LEVELS)]:
         for axis in ((step, 0), (0, step)):
-            total, count = _KERNEL[0] * light, _KERNEL[0] * share
+            total = _KERNEL[0] * light
+            count = _KERNEL[0] * share
             for sign in (-1, 1):
-                dy, dx = axis[0] * sign, axis[1] * sign
+                dy = axis[0] * sign
+                dx = axis[1] * sign
                 same = _same_chart(chart, dy, dx)[..., None] * share
                 total += _KERNEL[1] * same * shifted(light, dy, dx, 0)
                 count += _KERNEL[1] * same * shifted(share, dy, dx, 0)
@@ -118,16 +122,20 @@ def _variance(
     single difference is a poor estimate.
     """
     raw = np.where(usable, luminance(half_a - half_b) ** 2 / 2, 0).astype(np.float32)
-    total, count = raw, usable.astype(np.float32)
+    total = raw
+    count = usable.astype(np.float32)
     for step in (1, 2):
         for axis in ((1, 0), (0, 1)):
-            sums, counts = total.copy(), count.copy()
+            sums = total.copy()
+            counts = count.copy()
             for sign in (-1, 1):
-                dy, dx = axis[0] * step * sign, axis[1] * step * sign
+                dy = axis[0] * step * sign
+                dx = axis[1] * step * sign
                 same = _same_chart(chart, dy, dx)
                 sums += np.where(same, shifted(total, dy, dx, 0), 0)
                 counts += np.where(same, shifted(count, dy, dx, 0), 0)
-            total, count = sums, counts
+            total = sums
+            count = counts
     return total / np.maximum(count, 1)
 
 
@@ -147,8 +155,10 @@ def _wavelet(
     here = np.flatnonzero(mask)
     h, w = mask.shape
     row, column = here // w, here % w
-    flat, spread = light.reshape(-1, 3), variance.ravel()
-    part, facing = np.where(mask, chart, -1).ravel(), normals.reshape(-1, 3)
+    flat = light.reshape(-1, 3)
+    spread = variance.ravel()
+    part = np.where(mask, chart, -1).ravel()
+    facing = normals.reshape(-1, 3)
     bright = luminance(guide.reshape(-1, 3))
     total, noise, weights = (np.zeros((len(here), *s), np.float32) for s in ((3,), (), ()))
     for dy, wy in _KERNEL.items():
@@ -166,7 +176,8 @@ def _wavelet(
             total += weight[:, None] * flat[there]
             noise += weight**2 * spread[there]
             weights += weight
-    light, variance = flat.copy(), spread.copy()
+    light = flat.copy()
+    variance = spread.copy()
     weighed = weights > 0  # a texel without a normal has no neighbour, and keeps its light
     light[here[weighed]] = total[weighed] / weights[weighed, None]
     variance[here[weighed]] = noise[weighed] / weights[weighed] ** 2
@@ -177,8 +188,10 @@ def shifted(image: np.ndarray, dy: int, dx: int, outside: float | int) -> np.nda
     """result[y, x] = image[y + dy, x + dx], or `outside` beyond the border."""
     result = np.full_like(image, outside)
     h, w = image.shape[:2]
-    ys, xs = slice(max(0, -dy), min(h, h - dy)), slice(max(0, -dx), min(w, w - dx))
-    yt, xt = slice(max(0, dy), min(h, h + dy)), slice(max(0, dx), min(w, w + dx))
+    ys = slice(max(0, -dy), min(h, h - dy))
+    xs = slice(max(0, -dx), min(w, w - dx))
+    yt = slice(max(0, dy), min(h, h + dy))
+    xt = slice(max(0, dx), min(w, w + dx))
     result[ys, xs] = image[yt, xt]
     return result
 
@@ -223,14 +236,16 @@ def fill(
     light (h, w, 3), known (h, w) bool, chart (h, w) int with -1 outside charts: these texels use
     neighbours of any chart. Returns the new light and the new mask of known texels.
     """
-    light, known = light.copy(), known.copy()
+    light = light.copy()
+    known = known.copy()
     for _ in range(steps):
         beside = known | shifted(known, 1, 0, False) | shifted(known, -1, 0, False)
         beside |= shifted(beside, 0, 1, False) | shifted(beside, 0, -1, False)
         rows = np.nonzero(~known & beside)
         if not len(rows[0]):
             break
-        total, count = np.zeros((len(rows[0]), light.shape[2])), np.zeros(len(rows[0]))
+        total = np.zeros((len(rows[0]), light.shape[2]))
+        count = np.zeros(len(rows[0]))
         for dy, dx in _NEIGHBOURS:
             y, x = rows[0] + dy, rows[1] + dx
             inside = (y >= 0) & (y < known.shape[0]) & (x >= 0) & (x < known.shape[1])

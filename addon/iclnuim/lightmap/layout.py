@@ -27,9 +27,11 @@ _BISECTIONS = 14
 #: factor.
 _MAX_STRETCH = 3.0
 #: Limits of a chart's factor on texels per metre because of its visibility, relative to the median.
-SPARSEST, DENSEST = 0.3, 1.6
+SPARSEST = 0.3
+DENSEST = 1.6
 #: Limits of the factor because of its contrast: even light, or light that changes fast.
-EVENEST, SHARPEST = 0.6, 3.0
+EVENEST = 0.6
+SHARPEST = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +50,9 @@ def chart(surfaces: Surfaces) -> Charts:
     charts are numbered by their first face.
     """
     vectors = surfaces.area_vectors()
-    axis, face, vertex = (
-        _axes(vectors, surfaces.face_object),
-        surfaces.face_of_corner,
-        surfaces.vertex,
-    )
+    axis = _axes(vectors, surfaces.face_object)
+    face = surfaces.face_of_corner
+    vertex = surfaces.vertex
     low, high = (choose(vertex, vertex[surfaces.following]) for choose in (np.minimum, np.maximum))
     order = np.lexsort((high, low))
     same = (np.diff(low[order]) == 0) & (np.diff(high[order]) == 0)
@@ -85,7 +85,8 @@ def _object_axes(vectors: np.ndarray) -> np.ndarray:
     area = np.linalg.norm(vectors, axis=1)
     normals = vectors / np.maximum(area, 1e-20)[:, None]
     cells = np.unique(np.round(normals * 6).astype(int), axis=0, return_inverse=True)[1].reshape(-1)
-    axes, left = [], area > 0
+    axes = []
+    left = area > 0
     while left.any():
         heavy = np.bincount(cells[left], area[left]).argmax()
         axis = vectors[left & (cells == heavy)].sum(0)
@@ -123,7 +124,8 @@ def _flatten(
     axis = np.stack([np.bincount(number, vectors[:, k], count) for k in range(3)], -1)
     length = np.linalg.norm(axis, axis=1, keepdims=True)
     axis = np.where(length > 0, axis / np.maximum(length, 1e-20), [0.0, 0.0, 1.0])
-    of_corner, p = number[surfaces.face_of_corner], surfaces.corners_m
+    of_corner = number[surfaces.face_of_corner]
+    p = surfaces.corners_m
     edges = p[surfaces.following] - p
     edges -= (edges * axis[of_corner]).sum(1, keepdims=True) * axis[of_corner]
     length = np.linalg.norm(edges, axis=1)
@@ -143,15 +145,18 @@ def _smallest_rectangle(
     order = np.argsort(of_corner, kind="stable")
     starts = np.searchsorted(of_corner[order], np.arange(count))
     best = np.full(count, np.inf)
-    flat, size = np.zeros_like(base), np.zeros((count, 2))
+    flat = np.zeros_like(base)
+    size = np.zeros((count, 2))
     for step in range(_ROTATIONS):
-        c, s = np.cos(np.pi / 2 * step / _ROTATIONS), np.sin(np.pi / 2 * step / _ROTATIONS)
+        c = np.cos(np.pi / 2 * step / _ROTATIONS)
+        s = np.sin(np.pi / 2 * step / _ROTATIONS)
         rotated = base @ np.array([[c, -s], [s, c]])
         low = np.minimum.reduceat(rotated[order], starts)
         extent = np.maximum.reduceat(rotated[order], starts) - low
         area = (extent[:, 0] + 1e-3) * (extent[:, 1] + 1e-3)
         better = area < best * 0.98
-        best[better], size[better] = area[better], extent[better]
+        best[better] = area[better]
+        size[better] = extent[better]
         flat = np.where(better[of_corner, None], rotated - low[of_corner], flat)
     return flat, size
 
@@ -169,18 +174,17 @@ def pack(
     ruler = Ruler(charts, of_corner := charts.chart[surfaces.face_of_corner])
     plain = np.zeros(len(weight), bool)
     while True:
-        low, high, best = (
-            0.0,
-            2.0 * size / np.sqrt(max(float((charts.size_m.prod(1) * weight**2).sum()), 1e-12)),
-            None,
-        )
+        low = 0.0
+        high = 2.0 * size / np.sqrt(max(float((charts.size_m.prod(1) * weight**2).sum()), 1e-12))
+        best = None
         for _ in range(_BISECTIONS):
             density = (low + high) / 2
             placed = _place(ruler.measure(density * weight, plain)[1], size)
             if placed is None:
                 high = density
             else:
-                low, best = density, placed
+                low = density
+                best = placed
         best = best or _place(np.zeros_like(charts.size_m), size)
         if best is None:
             expected = f"a light map large enough for {len(weight)} charts"
@@ -218,10 +222,14 @@ def _place(extent: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray] | Non
     for k in np.lexsort((-cells[:, 0], -cells[:, 1])):
         w, h = cells[k]
         if x + w > size:
-            x, y, row = 0, y + row, 0
+            x = 0
+            y = y + row
+            row = 0
         if y + h > size:
             return None
-        origin[k], x, row = (x, y), x + w, max(row, h)
+        origin[k] = (x, y)
+        x = x + w
+        row = max(row, h)
     return origin, rotated
 
 
@@ -232,7 +240,8 @@ class Ruler:
     """
 
     def __init__(self, charts: Charts, chart_of_corner: np.ndarray) -> None:
-        self.chart_of_corner, self.count = chart_of_corner, len(charts.size_m)
+        self.chart_of_corner = chart_of_corner
+        self.count = len(charts.size_m)
         self.orders = [np.lexsort((charts.flat_m[:, axis], chart_of_corner)) for axis in (0, 1)]
         self.first = np.searchsorted(chart_of_corner[self.orders[0]], np.arange(self.count))
         self.sorted_chart = chart_of_corner[self.orders[0]]
@@ -249,7 +258,8 @@ class Ruler:
 
         Narrow intervals of charts that are `plain` (K,) are not widened.
         """
-        coordinates, extent = np.zeros((len(self.chart_of_corner), 2)), np.zeros((self.count, 2))
+        coordinates = np.zeros((len(self.chart_of_corner), 2))
+        extent = np.zeros((self.count, 2))
         factor = np.where(plain, 1.0, _MAX_STRETCH)[self.sorted_chart]
         for axis, (order, gaps) in enumerate(zip(self.orders, self.gaps, strict=True)):
             width = gaps * density[self.sorted_chart]
@@ -301,7 +311,8 @@ class Layout:
         back; (2, C) whether the side has texels.
         """
         count = len(self.surfaces.corners_m)
-        uv, has = np.zeros((2, count, 2)), np.zeros((2, count), bool)
+        uv = np.zeros((2, count, 2))
+        has = np.zeros((2, count), bool)
         side = self.sides.side[self.sides.surfaces.face_of_corner]
         for which in (FRONT, BACK):
             corner = self.sides.corner[side == which]
@@ -313,7 +324,8 @@ class Layout:
         """(F, 2): mean of the texel values (N,) over the chart of each side; 0 for sides without
         texels.
         """
-        chart, count = self.texels.chart, len(self.charts.size_m)
+        chart = self.texels.chart
+        count = len(self.charts.size_m)
         mean = np.bincount(chart, values, count) / np.maximum(
             np.bincount(chart, minlength=count), 1
         )
@@ -323,7 +335,8 @@ class Layout:
 
     def summary(self) -> str:
         """One line for messages."""
-        count, size = len(self.texels.index), self.texels.size
+        count = len(self.texels.index)
+        size = self.texels.size
         return f"{len(self.charts.size_m)} charts, {count} texels ({count / size**2:.0%} of {size} x {size}), {1000 / self.density:.1f} mm"
 
 

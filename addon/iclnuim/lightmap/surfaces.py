@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FRONT, BACK = 0, 1
+FRONT = 0
+BACK = 1
 #: Points on a boundary are moved inwards by this share of a texel, so that they are not inside an
 #: adjacent surface.
 _INWARDS = 0.1
@@ -113,10 +114,12 @@ def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
     at_back = np.repeat(side, count) == BACK
     place = np.full((surfaces.faces, 2), -1)
     place[face, side] = np.arange(len(face))
-    triangles, owners = [], []
+    triangles = []
+    owners = []
     for which in (FRONT, BACK):
         owner = place[surfaces.triangle_face, which]
-        kept, owner = owner >= 0, owner[owner >= 0]
+        kept = owner >= 0
+        owner = owner[owner >= 0]
         moved = (
             surfaces.triangles[kept]
             - surfaces.face_start[surfaces.triangle_face[kept], None]
@@ -185,7 +188,9 @@ def texels(surfaces: Surfaces, chart: np.ndarray, corners_map: np.ndarray, size:
     index, triangle, weights, distance = (np.concatenate([f[k] for f in found]) for k in range(4))
     order = np.lexsort((distance, index))
     first = order[np.flatnonzero(np.diff(index[order], prepend=-1))]
-    index, triangle, weights = index[first], triangle[first], weights[first]
+    index = index[first]
+    triangle = triangle[first]
+    weights = weights[first]
     weights = _inwards(weights, triangles[triangle], rim[triangle])
     return Texels(size, index, triangle, weights, chart[surfaces.triangle_face[triangle]])
 
@@ -213,7 +218,8 @@ def _nearest(
     k = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     width = np.repeat(span[:, 0], counts)
     column, row = low[triangle, 0] + k % width, low[triangle, 1] + k // width
-    corners, texel = triangles[triangle], np.stack([column, row], -1).astype(float)
+    corners = triangles[triangle]
+    texel = np.stack([column, row], -1).astype(float)
     weights = _inside(corners, texel)
     outside = np.flatnonzero((weights < 0).any(1))
     weights[outside] = _on_rim(corners[outside], texel[outside])
@@ -228,7 +234,9 @@ def _inside(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
 
     Outside, one is below 0; for a degenerate triangle, all are.
     """
-    a, b, c = corners[:, 0] - p, corners[:, 1] - p, corners[:, 2] - p
+    a = corners[:, 0] - p
+    b = corners[:, 1] - p
+    c = corners[:, 2] - p
     parts = np.stack([cross(b, c), cross(c, a), cross(a, b)], -1)
     area = parts.sum(1, keepdims=True)
     flat = np.abs(area) < 1e-12
@@ -237,14 +245,17 @@ def _inside(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 def _on_rim(corners: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Barycentric weights (n, 3) of the point on the triangle's edges nearest to p (n, 2)."""
-    best, least = np.zeros((len(p), 3)), np.full(len(p), np.inf)
+    best = np.zeros((len(p), 3))
+    least = np.full(len(p), np.inf)
     for i, j in ((0, 1), (1, 2), (2, 0)):
-        start, edge = corners[:, i], corners[:, j] - corners[:, i]
+        start = corners[:, i]
+        edge = corners[:, j] - corners[:, i]
         t = np.clip(((p - start) * edge).sum(1) / np.maximum((edge**2).sum(1), 1e-12), 0, 1)
         distance = ((start + t[:, None] * edge - p) ** 2).sum(1)
         rows = distance < least
         best[rows] = 0.0
-        best[rows, i], best[rows, j] = 1 - t[rows], t[rows]
+        best[rows, i] = 1 - t[rows]
+        best[rows, j] = t[rows]
         least[rows] = distance[rows]
     return best
 

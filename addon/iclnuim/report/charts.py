@@ -20,7 +20,9 @@ from .trajectory_report import Report, title
 
 #: Distinguishable with colour blindness (Okabe and Ito's set, without yellow).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
-REFERENCE_COLOUR, ESTIMATE_COLOUR, ROTATION_COLOUR = "0.75", "tab:blue", "tab:orange"
+REFERENCE_COLOUR = "0.75"
+ESTIMATE_COLOUR = "tab:blue"
+ROTATION_COLOUR = "tab:orange"
 #: A line is interrupted where stamps are more than this number of median steps apart, so that
 #: missing frames are visible.
 GAP_STEPS = 5.0
@@ -77,14 +79,16 @@ def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 110) -> None:
 
 
 def _draw_over_time(axes: list[Axes], loaded: LoadedTrajectory, colour: str, single: bool) -> None:
-    trajectory, positions_m = loaded.trajectory, positions_z_up_m(loaded)
+    trajectory = loaded.trajectory
+    positions_m = positions_z_up_m(loaded)
     time_s = trajectory.stamps_s - trajectory.stamps_s[0]
     for axis, style in enumerate(("-", "--", ":")):
         axis_colour = COLOURS[axis] if single else colour
         axes[0].plot(
             time_s, positions_m[:, axis], style, color=axis_colour, linewidth=1.2, label="xyz"[axis]
         )
-    steps_s, middle_s = np.diff(time_s), (time_s[1:] + time_s[:-1]) / 2
+    steps_s = np.diff(time_s)
+    middle_s = (time_s[1:] + time_s[:-1]) / 2
     axes[1].plot(middle_s, trajectory.step_lengths_m() / steps_s, color=colour, linewidth=0.8)
     axes[2].plot(
         middle_s, np.degrees(trajectory.step_angles_rad()) / steps_s, color=colour, linewidth=0.8
@@ -99,16 +103,15 @@ def error_figure(report: Report) -> Figure:
     figure = Figure(figsize=(11, 8), layout="constrained")
     figure.suptitle(title(report.to_dict()))
     (first, along), (over_time, rotation) = figure.subplots(2, 2)
-    result, stamps_s, errors_m = (
-        report.result,
-        report.result.stamps_s,
-        report.result.translation_error_m,
-    )
+    result = report.result
+    stamps_s = report.result.stamps_s
+    errors_m = report.result.translation_error_m
     if isinstance(result, AbsoluteError):
         truth = (
             report.reference.loaded.trajectory
         )  # complete, so that gaps of the estimate are visible
-        plane, coloured = widest_plane(truth.T_world_camera), result.aligned
+        plane = widest_plane(truth.T_world_camera)
+        coloured = result.aligned
         name = "the estimate, coloured by its error"
         _trajectory(
             first,
@@ -131,7 +134,8 @@ def error_figure(report: Report) -> Figure:
             ylabel="share of RPE pairs (%)",
         )
         first.set(xlim=(0, None), ylim=(0, 102))
-        plane, coloured = widest_plane(result.reference), result.reference[result.start]
+        plane = widest_plane(result.reference)
+        coloured = result.reference[result.start]
         name = "where the RPE pairs start, coloured by their error"
         _trajectory(along, stamps_s, result.reference, plane, REFERENCE_COLOUR, "ground truth")
         stamps_s = stamps_s[result.start]

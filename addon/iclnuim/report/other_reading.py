@@ -15,10 +15,12 @@ from ..geometry.trajectory import Trajectory
 
 #: Another reading, unit or time offset is only reported if the error is above WORTH_M, and is
 #: reduced below WORTH_SHARE of it.
-WORTH_M, WORTH_SHARE = 1e-4, 0.5
+WORTH_M = 1e-4
+WORTH_SHARE = 0.5
 #: Rotations read in the wrong order are wrong by more than this, and in the right one by less than
 #: this share of it. Another convention of the camera's axes is wrong in every order.
-_WORTH_DEG, _TURN_SHARE = 1.0, 0.25
+_WORTH_DEG = 1.0
+_TURN_SHARE = 0.25
 
 Measure = Callable[[Trajectory], AbsoluteError | RelativeError]
 
@@ -43,7 +45,8 @@ class OtherReading:
         """The reading of the estimate with much smaller errors by `measure` than those `given`;
         None if there is none.
         """
-        metres, degrees = given.translation_m.rmse, given.rotation_deg.rmse
+        metres = given.translation_m.rmse
+        degrees = given.rotation_deg.rmse
         for kind, poses in (("inverse", SE3.inverse), ("wxyz", _scalar_first)):
             try:
                 found = measure(Trajectory(estimate.stamps_s, poses(estimate.T_world_camera)))
@@ -69,13 +72,12 @@ class OtherReading:
     def sentence(self, format: str) -> str:
         """A warning with advice; `format`: the name of the format in which the estimate was read."""
         if self.kind == "inverse":
-            what, errors = (
-                "inverted",
-                f"{1000 * self.rmse_m:.3g} mm instead of {1000 * self.given_rmse_m:.3g}",
-            )
+            what = "inverted"
+            errors = f"{1000 * self.rmse_m:.3g} mm instead of {1000 * self.given_rmse_m:.3g}"
             why = "its poses may be world to camera"
         else:
-            what, why = "with quaternions qw qx qy qz", "they may have the scalar first"
+            what = "with quaternions qw qx qy qz"
+            why = "they may have the scalar first"
             errors = f"{self.rotation_rmse_deg:.3g} degrees instead of {self.given_rotation_rmse_deg:.3g}"
         advice = f"reading it as tum-{self.kind}" if format == "tum" else "converting it"
         return f"the estimate fits much better {what}: {errors}; {why}; try {advice}"

@@ -25,7 +25,10 @@ from ..formats.libraries import first_library
 from ..formats.png import write_png
 from ..geometry.trajectory import sample
 
-_ROWS, _FILM_FRAMES, _WEB_FRAMES, _FILM_HZ = 6, 300, 150, 15
+_ROWS = 6
+_FILM_FRAMES = 300
+_WEB_FRAMES = 150
+_FILM_HZ = 15
 _ERROR_FULL_M = 0.05
 #: The error is relative to a frame this number of frames away: half a second.
 _APART = 15
@@ -56,7 +59,8 @@ def draw_preview(folder: Path, out: Path, progress: Callable[[int, str], Any]) -
         np.ascontiguousarray(np.vstack([_captions(rows[0].shape[1], range_m), *rows])),
     )
     filmed = pairs[:: max(1, -(-len(pairs) // _FILM_FRAMES))]
-    bar, frames = progress(len(filmed), "film"), []
+    bar = progress(len(filmed), "film")
+    frames = []
     for pair in filmed:
         frames.append(_tiles(pair, camera, range_m))
         bar.advance()
@@ -105,7 +109,8 @@ def _error_tiles(
     """Difference to the depth of a frame half a second away, reprojected to this frame; grey where
     it is unknown.
     """
-    tiles, truth = [], read_truth(folder)
+    tiles = []
+    truth = read_truth(folder)
     for i in chosen:
         tile = np.full((camera.pinhole.height, camera.pinhole.width, 3), 40, np.uint8)
         j = i - _APART if i >= _APART else min(i + _APART, len(pairs) - 1)

@@ -24,7 +24,8 @@ from ..geometry.trajectory import Trajectory, sample
 ENDING = ".rrd"
 #: The colour of ground truth.
 TRUTH = (220, 220, 220)
-_WORLD, _CAMERA = "world", "world/camera"
+_WORLD = "world"
+_CAMERA = "world/camera"
 #: Distance in metres of the image plane from the camera in the 3D view.
 _PLANE_M = 0.3
 
@@ -37,7 +38,8 @@ class Recorder:
     """
 
     def __init__(self, stream: Any, rerun: Any) -> None:
-        self._stream, self.rerun = stream, rerun
+        self._stream = stream
+        self.rerun = rerun
         self.static(_WORLD, rerun.ViewCoordinates.RIGHT_HAND_Z_UP)
 
     def at(self, stamp_s: float, frame: int) -> None:
@@ -55,7 +57,8 @@ class Recorder:
 
     def pose(self, entity: str, T_world_camera: SE3) -> None:
         """Log a pose, camera to world."""
-        R, t = T_world_camera.rotation, T_world_camera.translation
+        R = T_world_camera.rotation
+        t = T_world_camera.translation
         # not a quaternion, which rerun 0.23 does not accept with numpy < 2
         self.log(entity, self.rerun.Transform3D(translation=t, mat3x3=R))
 
@@ -117,7 +120,8 @@ def record(path: Path | str, of: Path | str, fill: Callable[[Recorder], None]) -
     check_recording, and WorkError if it cannot be written.
     """
     check_recording(path := Path(path))
-    rerun, number = _package(), sha256(str(Path(of).resolve()).encode())[:32]
+    rerun = _package()
+    number = sha256(str(Path(of).resolve()).encode())[:32]
 
     def write(temporary: Path) -> None:
         stream = rerun.RecordingStream("iclnuim", recording_id=number)
@@ -147,9 +151,11 @@ def record_sequence(
     included unchanged, depth in its units. progress(count) returns a function that is called after
     each frame. Raises InputError if a file cannot be read, WorkError without rerun-sdk.
     """
-    path, folder = Path(path), Path(folder)
+    path = Path(path)
+    folder = Path(folder)
     pairs = find_pairs(folder)
-    camera, truth = read_camera(folder, pairs[0].rgb), read_truth(folder)
+    camera = read_camera(folder, pairs[0].rgb)
+    truth = read_truth(folder)
     on_frame = progress(len(pairs))
     poses = poses_at(np.array([pair.stamp_s for pair in pairs]), truth)
 

@@ -115,10 +115,14 @@ _METRES = (0.5, 2.0)
 #: estimate can always be shrunk to a point.
 _FITS = 0.25
 #: A unit is named if its length in metres is within this share of the scale.
-_UNITS_M, _UNIT_SHARE = (
-    {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "feet": 0.3048, "kilometres": 1e3},
-    0.02,
-)
+_UNITS_M = {
+    "millimetres": 1e-3,
+    "centimetres": 1e-2,
+    "inches": 0.0254,
+    "feet": 0.3048,
+    "kilometres": 1e3,
+}
+_UNIT_SHARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -150,12 +154,14 @@ class OtherUnit:
                 absolute = absolute_error(
                     reference, estimate, replace(settings, alignment=alignment)
                 )
-                scale, rmse_m = absolute.alignment.scale, absolute.translation_m.rmse
+                scale = absolute.alignment.scale
+                rmse_m = absolute.translation_m.rmse
             else:
                 relative = relative_error(
                     reference, estimate, replace(settings, correct_scale=True)
                 )
-                scale, rmse_m = relative.scale, relative.translation_m.rmse
+                scale = relative.scale
+                rmse_m = relative.translation_m.rmse
         except InputError:
             return None
         given_m = given.translation_m.rmse
@@ -224,7 +230,8 @@ class Report:
 
     @property
     def warnings(self) -> list[str]:
-        mirror, found = self.result.mirror, []
+        mirror = self.result.mirror
+        found = []
         if self._maybe_frame_numbers():
             matched = f"{len(self.result.association.second)} of its {len(self.estimate.loaded.trajectory)} poses"
             found.append(
@@ -268,7 +275,9 @@ class Report:
         return whole and 2 * len(self.result.association.second) < len(stamps_s)
 
     def to_dict(self) -> dict:
-        result, mirror, settings = self.result, self.result.mirror, asdict(self.settings)
+        result = self.result
+        mirror = self.result.mirror
+        settings = asdict(self.settings)
         before: dict = {}
         after: dict = {}
         if isinstance(result, AbsoluteError):
@@ -310,7 +319,8 @@ class Report:
         }
 
     def csv(self) -> str:
-        result, pairs = self.result, self.result.association
+        result = self.result
+        pairs = self.result.association
         errors = [result.translation_error_m, np.degrees(result.rotation_error_rad)]
         if isinstance(result, AbsoluteError):
             header = (

@@ -29,16 +29,20 @@ class LastFrame:
 
     def __init__(self, frames: Path, camera: PinholeCamera) -> None:
         """`frames`: the folder that contains 000000.exr and the following frames."""
-        self._frames, self._camera = frames, camera
+        self._frames = frames
+        self._camera = camera
         self._picture: np.ndarray | None = None
-        self._shown, self._at_s, self._reading = -1, 0.0, False
+        self._shown = -1
+        self._at_s = 0.0
+        self._reading = False
 
     def look(self, work: Work) -> None:
         """Show the frame that was read.
 
         Start to read the last frame if it is new, the pause is over and an image editor is open.
         """
-        picture, self._picture = self._picture, None
+        picture = self._picture
+        self._picture = None
         if picture is not None:
             show(bpy.context, LAST_FRAME, picture, open_editor=False)
         number = work.last_frame if work.phase == "rendering" else None
@@ -49,7 +53,9 @@ class LastFrame:
             and state.areas("IMAGE_EDITOR")
             and not bpy.app.background
         ):
-            self._shown, self._at_s, self._reading = number, time.monotonic(), True
+            self._shown = number
+            self._at_s = time.monotonic()
+            self._reading = True
             threading.Thread(target=self._read, args=(number,), daemon=True).start()
 
     def _read(self, number: int) -> None:
@@ -110,7 +116,8 @@ def _split(context: bpy.types.Context) -> bpy.types.Area | None:
     views = [area for area in areas if area.type == "VIEW_3D"]
     if not views:
         return None
-    view, before = max(views, key=lambda a: a.width * a.height), set(areas)
+    view = max(views, key=lambda a: a.width * a.height)
+    before = set(areas)
     with context.temp_override(window=window, area=view, region=view.regions[-1]):
         bpy.ops.screen.area_split(direction="VERTICAL", factor=0.5)
     # the new area is the left one: the sidebar with the panel stays where it is

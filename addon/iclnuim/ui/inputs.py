@@ -40,14 +40,16 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
     """
     settings = context.scene.iclnuim
     if settings.trajectory_source == "CAMERA":
-        loaded, sentence = camera.trajectory(context.scene), "the active camera's animation"
+        loaded = camera.trajectory(context.scene)
+        sentence = "the active camera's animation"
     elif settings.trajectory_source == "FILE":
         if not settings.trajectory_file:
             raise InputError(
                 "a trajectory file", found="none", hint="choosing one under {trajectory}"
             )
         file = read_trajectory(bpy.path.abspath(settings.trajectory_file))
-        loaded, sentence = file.trajectory, file.read_as.sentence
+        loaded = file.trajectory
+        sentence = file.read_as.sentence
     else:
         sentence = _shipped_name(settings)
         loaded = read_trajectory(shipped.trajectory_file(sentence)).trajectory
@@ -111,7 +113,8 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
     """
     if settings.scene_source == "OPEN":
         return "Bake Light and Render use the cached light map of the open file, or bake it if there is none"
-    name, panel = scene_name(settings), state.current()
+    name = scene_name(settings)
+    panel = state.current()
     key = (name, settings.map_size, settings.map_samples, settings.seed, settings.reading())
     known = panel.light_map
     if known is None or known[0] != key or time.monotonic() - known[1] > _FRESH_S:

@@ -29,7 +29,8 @@ from ..postprocess import absolute_trajectory_error, relative_pose_error
 from . import image_editor, inputs, pictures, state, trajectory_view
 from .state import operator
 
-PREVIEW, PLOT = "ICL-NUIM preview", "ICL-NUIM error"
+PREVIEW = "ICL-NUIM preview"
+PLOT = "ICL-NUIM error"
 
 
 @operator("Show the Scene Here", undo=True)
@@ -43,7 +44,8 @@ def load_scene(self, context):
         raise InputError(
             "a built-in scene or a file to show", found="the open file, which is already shown"
         )
-    name, reading = inputs.chosen_scene(settings), settings.reading()
+    name = inputs.chosen_scene(settings)
+    reading = settings.reading()
     file = shipped.scene_file(name) if shipped.is_scene(name) else importers.checked_file(name)
     if settings.scene_source == "FILE":
         scene_paths.check(file, reading)
@@ -85,10 +87,8 @@ def keyframe(self, context):
         bpy.data.batch_remove([part for part in parts if part is not None and not part.users])
     keyed_camera.keyframe(chosen.T_world_camera, lens)
     rate_hz = frame_rate_hz(chosen.stamps_s)
-    scene.render.fps, scene.render.fps_base = (
-        max(round(rate_hz), 1),
-        max(round(rate_hz), 1) / rate_hz,
-    )
+    scene.render.fps = max(round(rate_hz), 1)
+    scene.render.fps_base = max(round(rate_hz), 1) / rate_hz
     scene.frame_set(0)
     for area in state.areas("VIEW_3D"):
         area.spaces.active.region_3d.view_perspective = "CAMERA"
@@ -221,7 +221,8 @@ def evaluate(self, context):
     """Compute ATE and RPE of the estimate, and draw it next to the ground truth: blue for no error,
     red for the largest error
     """
-    settings, panel = context.scene.iclnuim, state.current()
+    settings = context.scene.iclnuim
+    panel = state.current()
     if not settings.estimate:
         raise InputError(
             "an estimated trajectory", found="none", hint="choosing a file as {estimate}"
@@ -232,7 +233,8 @@ def evaluate(self, context):
     ate = absolute_trajectory_error(truth, estimate, AbsoluteErrorSettings(alignment=alignment))
     rpe = relative_pose_error(truth, estimate, RelativeErrorSettings(*parse_delta(settings.delta)))
     panel.evaluation = ate
-    position, rotation = ate.translation_m, ate.rotation_deg
+    position = ate.translation_m
+    rotation = ate.rotation_deg
     panel.evaluation_lines = [
         f"ATE rmse {position.rmse:.4f} m, median {position.median:.4f}, max {position.max:.4f}",
         f"rotation rmse {rotation.rmse:.3f} deg",
@@ -257,7 +259,8 @@ def plot(self, context):
 
 def _append(scene: bpy.types.Scene, file: Path, collection: bpy.types.Collection) -> None:
     with bpy.data.libraries.load(str(file), link=False) as (there, here):
-        here.objects, here.worlds = list(there.objects), list(there.worlds)[:1]
+        here.objects = list(there.objects)
+        here.worlds = list(there.worlds)[:1]
     sanitize.remove_python_drivers(here.objects)
     for thing in here.objects:
         if thing is not None:
@@ -272,7 +275,8 @@ def _import(
     """Import the file through a separate scene, because axes and units are guessed from everything
     in the scene.
     """
-    before, own = context.window.scene, bpy.data.scenes.new("ICL-NUIM import")
+    before = context.window.scene
+    own = bpy.data.scenes.new("ICL-NUIM import")
     context.window.scene = own
     try:
         importers.load(file)

@@ -16,10 +16,8 @@ from .properties import settings_of
 _LETTER_WIDTH_PX = 7
 _MAX_NOTES = 4
 #: Settings of a job that are not drawn under Light.
-_SENSOR, _OUTPUT = (
-    ("exposure_ms", "readout_ms", "seed"),
-    ("depth_units", "glass", "ground_truth", "channels"),
-)
+_SENSOR = ("exposure_ms", "readout_ms", "seed")
+_OUTPUT = ("depth_units", "glass", "ground_truth", "channels")
 
 
 def _text(
@@ -52,10 +50,8 @@ def _panel(
 
     def made(content: Callable[..., None]) -> type[bpy.types.Panel]:
         def draw(self: bpy.types.Panel, context: bpy.types.Context) -> None:
-            self.layout.use_property_split, self.layout.use_property_decorate = (
-                bool(parent),
-                not parent,
-            )
+            self.layout.use_property_split = bool(parent)
+            self.layout.use_property_decorate = not parent
             content(self.layout, context.scene.iclnuim, context)
 
         members = {
@@ -173,7 +169,8 @@ def render(layout, settings, context):
     row.operator("iclnuim.render", icon="RENDER_ANIMATION")
     row.operator("iclnuim.resume")
     if work.busy:
-        share, left_s = work.done / work.total if work.total else 0.0, work.seconds_left()
+        share = work.done / work.total if work.total else 0.0
+        left_s = work.seconds_left()
         layout.progress(
             factor=share, text=f"{work.done} of {work.total}" if work.total else work.phase
         )

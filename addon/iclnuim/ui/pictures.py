@@ -8,7 +8,9 @@ import numpy as np
 _STOPS = np.array(
     [[0.15, 0.2, 0.75], [0.1, 0.7, 0.9], [0.25, 0.8, 0.3], [1.0, 0.85, 0.15], [0.9, 0.15, 0.1]]
 )
-_PAPER, _INK, _GRID = 255, (30, 30, 30), (215, 215, 215)
+_PAPER = 255
+_INK = (30, 30, 30)
+_GRID = (215, 215, 215)
 
 #: Glyphs of 5 x 7 dots. Each row is one digit of base 32, from the top; its bits are the dots from
 #: left to right.
@@ -75,9 +77,13 @@ def error_plot(
     Colours are those of the 3D view; a dark line is the RMSE.
     """
     image = np.full((height, width, 3), _PAPER, np.uint8)
-    left, right, top, bottom = 90, width - 30, 70, height - 70
+    left = 90
+    right = width - 30
+    top = 70
+    bottom = height - 70
     seconds = float(stamps_s[-1] - stamps_s[0]) or 1.0
-    ticks_cm, ticks_s = _ticks(float(error_m.max()) * 100), _ticks(seconds, beyond=False)
+    ticks_cm = _ticks(float(error_m.max()) * 100)
+    ticks_s = _ticks(seconds, beyond=False)
 
     def row(error_cm):
         return np.rint(bottom - np.asarray(error_cm) / ticks_cm[-1] * (bottom - top)).astype(int)
@@ -93,7 +99,8 @@ def error_plot(
     values_m = np.interp(
         (columns - left) / (right - left - 1) * seconds, stamps_s - stamps_s[0], error_m
     )
-    colours, rows = (error_colours(values_m) * 255).astype(np.uint8), row(values_m * 100)
+    colours = (error_colours(values_m) * 255).astype(np.uint8)
+    rows = row(values_m * 100)
     for column, here, before, colour in zip(
         columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True
     ):

@@ -268,7 +268,8 @@ def _property(s: Setting, default: Any) -> Any:
         return FloatVectorProperty(
             size=s.length, default=default, subtype=_SUBTYPES.get(s.name, "NONE"), **more
         )
-    factor, kind = s.shown[1], s.kind
+    factor = s.shown[1]
+    kind = s.kind
     limits = {
         key: kind(v * factor) for key, v in (("min", s.low), ("max", s.high)) if math.isfinite(v)
     }

@@ -110,7 +110,8 @@ def start(
     """
     state = current()
     state.work.check_idle()
-    options, log = {"job": job.to_dict(), "nice": 10}, user_folder("log") / "child.txt"
+    options = {"job": job.to_dict(), "nice": 10}
+    log = user_folder("log") / "child.txt"
     options["asked"] = command.get("frames", ()) if job.light == "auto" else ()
     worker = WorkerClient(
         worker_command(), options, out, log, environment={"ICLNUIM_CACHE": str(cache_folder())}
@@ -159,13 +160,15 @@ def operator(
         def execute(self: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
             work = current().work
             if work.phase == "failed":  # the message belongs to the previous step
-                work.phase, work.message = "idle", ""
+                work.phase = "idle"
+                work.message = ""
             try:
                 function(self, context)
             except IclnuimError as error:
                 text = error.worded(work.name_of)
                 if not work.busy:
-                    work.phase, work.message = "failed", text
+                    work.phase = "failed"
+                    work.message = text
                 self.report({"WARNING"}, text)
                 return {"CANCELLED"}
             return {"FINISHED"}
@@ -218,7 +221,9 @@ def _tick() -> float | None:
         state.on_tick(state.work)
     if state.work.busy:
         return POLL_S
-    finish, state.on_done, state.on_tick = state.on_done, None, None
+    finish = state.on_done
+    state.on_done = None
+    state.on_tick = None
     if finish is not None and state.work.phase == "done":
         try:
             finish()

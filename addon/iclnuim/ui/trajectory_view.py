@@ -18,10 +18,13 @@ from .pictures import error_colours
 
 #: The collection of the scene loaded into the window, and its property that contains the name of
 #: that scene.
-COLLECTION, SHOWN = "ICL-NUIM scene", "iclnuim_scene"
-TRAJECTORY_COLOUR, FRUSTUM_COLOUR = (1.0, 0.55, 0.1, 1.0), (0.25, 0.75, 1.0, 0.9)
+COLLECTION = "ICL-NUIM scene"
+SHOWN = "iclnuim_scene"
+TRAJECTORY_COLOUR = (1.0, 0.55, 0.1, 1.0)
+FRUSTUM_COLOUR = (0.25, 0.75, 1.0, 0.9)
 HIDDEN_ALPHA = 0.6  # opacity of lines behind a wall or the ceiling
-_FRUSTA, _FRUSTUM_DEPTH_M = 30, 0.12
+_FRUSTA = 30
+_FRUSTUM_DEPTH_M = 0.12
 
 
 def refresh(context: bpy.types.Context) -> None:
@@ -46,7 +49,8 @@ def refresh(context: bpy.types.Context) -> None:
         f"rotation {s.mean_rotation_rate:.1f} deg/s, at most {s.max_rotation_rate:.0f}",
     ]
     panel.trajectory_warning = _collisions(context, chosen)
-    camera, count = context.scene.iclnuim.camera(), len(chosen)
+    camera = context.scene.iclnuim.camera()
+    count = len(chosen)
     picked = chosen.T_world_camera[np.unique(np.linspace(0, count - 1, _FRUSTA).astype(int))]
     _show("trajectory", _segments(chosen.positions_m), TRAJECTORY_COLOUR)
     _show("frusta", _frusta(picked, camera), FRUSTUM_COLOUR)
@@ -83,10 +87,12 @@ def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
     shown = bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
     if inputs.scene_name(context.scene.iclnuim) not in ("OPEN", shown):
         return "another scene is shown: press Show the Scene Here" if shown else ""
-    depsgraph, points = context.evaluated_depsgraph_get(), trajectory.positions_m
+    depsgraph = context.evaluated_depsgraph_get()
+    points = trajectory.positions_m
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
-    moving, cast = np.flatnonzero(lengths > 1e-9), context.scene.ray_cast
+    moving = np.flatnonzero(lengths > 1e-9)
+    cast = context.scene.ray_cast
     through = [
         i
         for i in moving
@@ -110,19 +116,15 @@ def _segments(values: np.ndarray) -> np.ndarray:
 
 def _frusta(poses: SE3, camera: PinholeCamera) -> np.ndarray:
     """(16 n, 3) end points of line segments: eight lines per camera."""
-    u, v = (
-        np.array([0, camera.width, camera.width, 0]) - 0.5,
-        np.array([0, 0, camera.height, camera.height]) - 0.5,
-    )
+    u = np.array([0, camera.width, camera.width, 0]) - 0.5
+    v = np.array([0, 0, camera.height, camera.height]) - 0.5
     corners = (
         np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)], -1)
         * _FRUSTUM_DEPTH_M
     )
     world = np.einsum("nij,kj->nki", poses.rotation, corners) + poses.translation[:, None]
-    around, eye = (
-        np.roll(world, -1, axis=1),
-        np.broadcast_to(poses.translation[:, None], world.shape),
-    )
+    around = np.roll(world, -1, axis=1)
+    eye = np.broadcast_to(poses.translation[:, None], world.shape)
     return np.stack([eye, world, world, around], 2).reshape(-1, 3)
 
 
@@ -131,7 +133,8 @@ def draw() -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    panel, settings = state.current(), bpy.context.scene.iclnuim
+    panel = state.current()
+    settings = bpy.context.scene.iclnuim
     if not settings.show_path or not panel.shapes:
         return
     if bpy.context.region_data is not None and bpy.context.region_data.view_perspective == "CAMERA":

@@ -67,7 +67,8 @@ class Work:
                 )
             )
         )
-        self.worker, self._when_done = worker, when_done
+        self.worker = worker
+        self._when_done = when_done
         worker.send(command)
 
     def poll(self, now_s: float | None = None) -> bool:
@@ -75,7 +76,8 @@ class Work:
         now_s = time.monotonic() if now_s is None else now_s
         if self.worker is None:
             return False
-        worker, found = self.worker, self.worker.events()
+        worker = self.worker
+        found = self.worker.events()
         for event in found:
             self._take(event, now_s)
         if self._stopping_since_s is not None and now_s - self._stopping_since_s > GRACE_S:
@@ -86,7 +88,8 @@ class Work:
         """Request a stop. Finished frames stay."""
         if self.busy and self.worker is not None:
             at_once = self.phase in ("starting", "preparing")
-            self.phase, self.message = "stopping", "stopping; finished frames stay"
+            self.phase = "stopping"
+            self.message = "stopping; finished frames stay"
             self._stopping_since_s = (time.monotonic() if now_s is None else now_s) - (
                 GRACE_S if at_once else 0.0
             )
@@ -117,14 +120,17 @@ class Work:
             case events.Started():
                 self._become("preparing", "preparing scene and light")
             case events.Missing(of, missing):
-                self.done, self.total, self._stage_begun_s = 0, missing, now_s
+                self.done = 0
+                self.total = missing
+                self._stage_begun_s = now_s
                 if of == "sequences":
                     self._become("writing", "writing sequences")
             case events.Ready():
                 self._stage_begun_s = now_s
                 self._become("rendering", "rendering")
             case events.FrameDone(frame) | events.Written(frame):
-                self.done, self.last_frame = self.done + 1, frame
+                self.done = self.done + 1
+                self.last_frame = frame
                 black = event.black if isinstance(event, events.FrameDone) else None
                 if black and not any(black in note for note in self.notes):
                     self.notes.append(f"frame {frame} is black: {black}")
@@ -134,23 +140,22 @@ class Work:
                 resume = self.done and self.phase in ("rendering", "writing")
                 text = named(event.template or event.text, self.name_of)
                 text += "; finished frames stay, and Resume continues after them" if resume else ""
-                self.phase, self.message = "failed", text
+                self.phase = "failed"
+                self.message = text
             case events.Exited(code, log):
                 self.worker = self._stopping_since_s = None
                 ended = f"the background Blender exited unexpectedly (code {code}); finished frames stay; try Resume"
                 if self.phase == "stopping" or (code == 130 and self.phase != "failed"):
-                    self.phase, self.message = (
-                        "stopped",
-                        "stopped; finished frames stay, and Resume continues after them",
-                    )
+                    self.phase = "stopped"
+                    self.message = "stopped; finished frames stay, and Resume continues after them"
                 elif code == 0 and self.phase != "failed":
-                    self.phase, self.message = "done", self._when_done
+                    self.phase = "done"
+                    self.message = self._when_done
                 elif self.phase != "failed":
-                    self.phase, self.message = (
-                        "failed",
-                        ended + (f". The end of its log: {log}" if log else ""),
-                    )
+                    self.phase = "failed"
+                    self.message = ended + (f". The end of its log: {log}" if log else "")
 
     def _become(self, phase: str, message: str) -> None:
         if self.phase != "stopping":
-            self.phase, self.message = phase, message
+            self.phase = phase
+            self.message = message
