@@ -185,7 +185,7 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str = "the results") -> None:
-    help = f"draw {what} (.png, .pdf, .svg)"
+    help = f"draw {what}; .png, .pdf or .svg"
     parser.add_argument("--plot", type=Path, metavar="FILE", help=help)
 
 

@@ -23,14 +23,14 @@ from ..options import common
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one check. found: what was found. good: whether it is sufficient. mend: how to
+    """Result of one check. found: what was found. good: whether it is sufficient. fix: how to
     install it. needed: whether the main commands need it.
     """
 
     name: str
     found: str
     good: bool
-    mend: str = ""
+    fix: str = ""
     needed: bool = False
 
 
@@ -67,62 +67,78 @@ def run(args: argparse.Namespace, console: Console) -> int:
     broken = [f for f in findings if f.needed and not f.good]
     lines = []
     for f in findings:
-        mark = "ok      " if f.good else "MISSING " if f.needed else "optional"
-        lines.append(
-            f"{mark}  {f.name:<32}{f.found}{f'   -> {f.mend}' if f.mend and not f.good else ''}"
-        )
+        mark = "MISSING " if f.needed else "optional"
+        line = f"{f.name:<32}{f.found}"
+        if f.good:
+            mark = "ok      "
+        elif f.fix:
+            line += f"   -> {f.fix}"
+        lines.append(f"{mark}  {line}")
     lines += ["", _conclusion({f.name: f.good for f in findings}, broken)]
-    console.result(
-        {"findings": [asdict(f) for f in findings], "works": not broken}, "\n".join(lines)
-    )
+    values = {"findings": [asdict(f) for f in findings], "works": not broken}
+    console.result(values, "\n".join(lines))
     return 3 if broken else 0
 
 
 def examine() -> list[Finding]:
     """Check this machine; nothing is changed."""
-    bpy, binary, has_python = _bpy(), _blender_binary(), sys.version_info[:2] in ((3, 11), (3, 13))
+    bpy = _bpy()
+    binary = _blender_binary()
     neither = not bpy.good and not binary.good
-    python = platform.python_version() + ("" if has_python else ", for which there is no bpy")
-    program = "import bpy, _cycles; print('denoiser', _cycles.with_openimagedenoise)"
-    has_denoiser = bpy.good and "denoiser True" in _output_of(sys.executable, "-c", program).stdout
-    denoiser = "OpenImageDenoise" if has_denoiser else "none" if bpy.good else "unknown without bpy"
-    # OpenCV's odometers are in a contrib module, which other OpenCV packages and OpenCV 5 do not
-    # have
-    program = "import cv2; print('rgbd', hasattr(cv2, 'rgbd'))"
-    has_rgbd = "rgbd True" in _output_of(sys.executable, "-c", program).stdout
-    rgbd = "cv2.rgbd" if has_rgbd else "this OpenCV has no cv2.rgbd"
-    try:
-        names, sequences = shipped.sequence_names(), ""
-    except InputError as error:
-        names, sequences = [], str(error)
-    sbatch, login_node = (
-        shutil.which("sbatch"),
-        "run this on a login node of your cluster; other engines do not need it",
-    )
     return [
         Finding("iclnuim", __version__, True, needed=True),
-        Finding("Python", python, has_python, "Python 3.11 (bpy 4.5 LTS) or 3.13 (bpy 5.2 LTS)"),
+        _python(),
         replace(bpy, needed=neither),
         replace(binary, needed=neither),
-        Finding(
-            "denoiser",
-            denoiser,
-            has_denoiser,
-            "install the bpy package or a Blender from blender.org" * bpy.good,
-        ),
+        _denoiser(bpy.good),
         *(_package(*package) for package in PACKAGES),
-        Finding(
-            "OpenCV's odometers",
-            rgbd,
-            has_rgbd,
-            "pip install 'opencv-contrib-python-headless==4.11.*'",
-        ),
-        Finding(
-            "shipped sequences", sequences or str(len(names)), len(names) > 0, "reinstall iclnuim"
-        ),
-        Finding("Slurm", sbatch or "no sbatch on the PATH", bool(sbatch), login_node),
+        _opencv_odometers(),
+        _sequences(),
+        _slurm(),
         Finding("cores", str(len(own_cores())), True),
     ]
+
+
+def _python() -> Finding:
+    found = platform.python_version()
+    has_bpy = sys.version_info[:2] in ((3, 11), (3, 13))
+    if not has_bpy:
+        found += ", for which there is no bpy"
+    return Finding("Python", found, has_bpy, "Python 3.11 (bpy 4.5 LTS) or 3.13 (bpy 5.2 LTS)")
+
+
+def _denoiser(has_bpy: bool) -> Finding:
+    if not has_bpy:
+        return Finding("denoiser", "unknown without bpy", False)
+    program = "import bpy, _cycles; print('denoiser', _cycles.with_openimagedenoise)"
+    if "denoiser True" in _output_of(sys.executable, "-c", program).stdout:
+        return Finding("denoiser", "OpenImageDenoise", True)
+    fix = "install the bpy package or a Blender from blender.org"
+    return Finding("denoiser", "none", False, fix)
+
+
+def _opencv_odometers() -> Finding:
+    """They are in a contrib module, which other OpenCV packages and OpenCV 5 do not have."""
+    program = "import cv2; print('rgbd', hasattr(cv2, 'rgbd'))"
+    good = "rgbd True" in _output_of(sys.executable, "-c", program).stdout
+    found = "cv2.rgbd" if good else "this OpenCV has no cv2.rgbd"
+    fix = "pip install 'opencv-contrib-python-headless==4.11.*'"
+    return Finding("OpenCV's odometers", found, good, fix)
+
+
+def _sequences() -> Finding:
+    fix = "reinstall iclnuim"
+    try:
+        names = shipped.sequence_names()
+    except InputError as error:
+        return Finding("shipped sequences", str(error), False, fix)
+    return Finding("shipped sequences", str(len(names)), len(names) > 0, fix)
+
+
+def _slurm() -> Finding:
+    sbatch = shutil.which("sbatch")
+    fix = "run this on a login node of your cluster; other engines do not need it"
+    return Finding("Slurm", sbatch or "no sbatch on the PATH", bool(sbatch), fix)
 
 
 def _conclusion(good: dict[str, bool], broken: list[Finding]) -> str:
@@ -132,7 +148,8 @@ def _conclusion(good: dict[str, bool], broken: list[Finding]) -> str:
     if broken:
         return f"Missing: {', '.join(f.name for f in broken)}."
     if not good["bpy"]:
-        return "Rendering uses the installed Blender; bake, surface, check-depth and trajectories through a scene need bpy."
+        need = "bake, surface, check-depth and trajectories through a scene need bpy"
+        return f"Rendering uses the installed Blender; {need}."
     return "All required components are installed."
 
 
@@ -160,25 +177,22 @@ def _blender_binary() -> Finding:
         return Finding("blender binary", "not on the PATH", False, fix)
     done = _output_of(path, "--version")
     version = re.search(r"Blender (\d+)\.(\d+)\S*", done.stdout)
-    good = version is not None and (int(version[1]), int(version[2])) >= (4, 2)
-    return Finding(
-        "blender binary", f"{version[0] if version else 'no version'} at {path}", good, fix
-    )
+    if version is None:
+        return Finding("blender binary", f"no version at {path}", False, fix)
+    good = (int(version[1]), int(version[2])) >= (4, 2)
+    return Finding("blender binary", f"{version[0]} at {path}", good, fix)
 
 
 def _package(name: str, module: str, needed: bool, what: str, install: str) -> Finding:
     if importlib.util.find_spec(module) is None:
-        return Finding(
-            name, f"not installed; for {what}", False, f"pip install '{install}'", needed
-        )
+        fix = f"pip install '{install}'"
+        return Finding(name, f"not installed; for {what}", False, fix, needed)
     names = importlib.metadata.packages_distributions().get(module, [name])
-    other = "" if name in names else f" of {names[0]}"
-    return Finding(
-        name,
-        importlib.metadata.version(name if name in names else names[0]) + other,
-        True,
-        needed=needed,
-    )
+    if name in names:
+        found = importlib.metadata.version(name)
+    else:
+        found = f"{importlib.metadata.version(names[0])} of {names[0]}"
+    return Finding(name, found, True, needed=needed)
 
 
 def _output_of(*command: str) -> subprocess.CompletedProcess:

@@ -18,22 +18,15 @@ from ..options import action, subcommands
 
 _DATE = (2020, 1, 1, 0, 0, 0)
 #: Parts that the panel does not use: they need packages that Blender does not have.
-_LEFT_OUT = {"odometry", "fusion", "raycast", "report", "checkout.py", "__main__.py"}
+_LEFT_OUT = {"raycast", "report", "checkout.py", "__main__.py"}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    help, example = (
-        "write the zip of the extension: code, scenes, trajectories",
-        "iclnuim extension build --out dist/",
-    )
-    add = action(subcommands(parser), "build", help, example, _build).add_argument
-    add(
-        "--out",
-        type=Path,
-        default=Path("dist"),
-        metavar="DIR",
-        help="folder of the zip; default: dist",
-    )
+    help = "write the zip of the extension: code, scenes, trajectories"
+    example = "iclnuim extension build --out dist/"
+    build = action(subcommands(parser), "build", help, example, _build)
+    help = "folder of the zip; default: dist"
+    build.add_argument("--out", type=Path, default=Path("dist"), metavar="DIR", help=help)
 
 
 def _build(args: argparse.Namespace, console: Console) -> None:
@@ -52,8 +45,9 @@ def build(out: Path) -> Path:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
+        reason = error.strerror or error
         raise WorkError(
-            f"{out}: the folder cannot be created: {error.strerror or error}; try another --out"
+            f"{out}: the folder cannot be created: {reason}; try another --out"
         ) from None
     target = out / f"{manifest['id']}-{manifest['version']}.zip"
 
@@ -61,7 +55,8 @@ def build(out: Path) -> Path:
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
             for name, file in contents(package):
                 entry = zipfile.ZipInfo(name.replace("\\", "/"), _DATE)
-                entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+                entry.compress_type = zipfile.ZIP_DEFLATED
+                entry.external_attr = 0o644 << 16
                 archive.writestr(entry, file.read_bytes())
 
     atomic_write(target, write)
@@ -72,11 +67,8 @@ def contents(package: Path) -> Iterator[tuple[str, Path]]:
     """The name in the zip and the file, for everything that is shipped."""
     for path in sorted(package.rglob("*")):
         name = path.relative_to(package)
-        if (
-            path.is_file()
-            and path.suffix in (".py", ".toml")
-            and not {"__pycache__", *_LEFT_OUT} & set(name.parts)
-        ):
+        left_out = {"__pycache__", *_LEFT_OUT} & set(name.parts)
+        if path.is_file() and path.suffix in (".py", ".toml") and not left_out:
             yield str(name), path
     for path in sorted(shipped.folder("blend").glob("*.blend")):
         yield f"blend/{path.name}", path

@@ -14,7 +14,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import check_file
 
 from ..method_options import open_sequence, require
-from ..options import add_rerun, checked_rerun, common, count
+from ..options import add_plot, add_rerun, checked_rerun, common, count
 from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
@@ -26,22 +26,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     methods = f"{', '.join(ODOMETERS)} or baseline:NAME (see docs/guide/odometry.md)"
     add("method", nargs="?", metavar="METHOD", help=methods)
     add("folder", type=Path, metavar="DIR", help="a sequence in any supported format")
-    add(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="EST",
-        help="write a TUM trajectory; with --all a folder, METHOD.txt for each",
-    )
+    help = "write a TUM trajectory; with --all a folder, METHOD.txt for each"
+    add("-o", "--out", type=Path, metavar="EST", help=help)
     add("--preset", default="best", help="best (default) or paper")
-    help = f"what a frame is aligned against: default (that of the method), {', '.join(REFERENCES)} or model"
+    kinds = f"default (that of the method), {', '.join(REFERENCES)} or model"
+    help = f"what a frame is aligned against: {kinds}"
     add("--reference", default="default", metavar="KIND", help=help)
-    add(
-        "--lost",
-        default="hold",
-        metavar="POLICY",
-        help="hold (default), constant-velocity or restart",
-    )
+    help = "hold (default), constant-velocity or restart"
+    add("--lost", default="hold", metavar="POLICY", help=help)
     help = "offset of the sensor's inverse depth in 1/m, which is subtracted; default: 0"
     add("--depth-offset", type=float, default=0.0, metavar="B", help=help)
     add("--first", type=count, metavar="N", help="only the first N frames")
@@ -50,8 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help=f"run {', '.join(ODOMETERS)} on the same frames and print a table",
     )
-    help = "draw trajectory, residual and uncertainty (.png, .pdf, .svg); with --all all methods in one figure"
-    add("--plot", type=Path, metavar="FILE", help=help)
+    add_plot(parser, "trajectory, residual and uncertainty; with --all all methods in one figure")
     add("--show", action="store_true", help="show the same figure in a window")
     add_rerun(parser, "truth, estimates, errors, residuals and flags")
     add_camera_options(parser)
@@ -61,9 +52,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> None:
     """Exit code 0 even if frames were lost: notes name them, and the trajectory leaves them out."""
     if not args.method and not args.all and not args.folder.exists():
-        raise InputError(
-            "a METHOD and a folder with a sequence, or --all and a folder", found=args.folder
-        )
+        expected = "a METHOD and a folder with a sequence, or --all and a folder"
+        raise InputError(expected, found=args.folder)
     if bool(args.method) == args.all:
         raise InputError("a METHOD, or --all without one", found=args.method or "neither")
     require("odometry", "numba", "cv2")
@@ -101,10 +91,8 @@ def _note_separate_truth(run: "Run", console: Console) -> None:
     """
     if run.truth is None or not run.frames:
         return
-    (first, last), (begin, end) = (
-        (stamps_s[0], stamps_s[-1])
-        for stamps_s in (run.truth.stamps_s, [one.stamp_s for one in run.frames])
-    )
+    first, last = run.truth.stamps_s[[0, -1]]
+    begin, end = run.frames[0].stamp_s, run.frames[-1].stamp_s
     if first > end or last < begin:
         spans = f"poses at {first:.3f}..{last:.3f} s, images at {begin:.3f}..{end:.3f} s"
         console.note(f"no error is computed, as no image has a ground-truth pose: {spans}")

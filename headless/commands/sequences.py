@@ -10,8 +10,11 @@ publish.
 import argparse
 import json
 import tempfile
+from collections.abc import Callable
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from iclnuim.channels import FURTHER
@@ -67,9 +70,9 @@ EXPOSURES = "exposures.txt"
 #: Endings of the archive that `pack` writes.
 _ARCHIVES = (".tar.gz", ".tgz")
 _ABOUT = """
-`iclnuim noise calibrate DIR` instead fits the noise models `paper` to a real sensor. DIR contains exposures.txt (lines
-`exposure image.png`, two or more images of each exposure of a static scene), and depth/*.png of a static wall, or
-wall1/*.png, wall2/*.png ... of walls of different slope.
+`iclnuim noise calibrate DIR` instead fits the noise models `paper` to a real sensor. DIR contains
+exposures.txt (lines `exposure image.png`, two or more images of each exposure of a static scene),
+and depth/*.png of a static wall, or wall1/*.png, wall2/*.png ... of walls of different slope.
 """
 #: Figure -> its label and unit.
 _LABELS = {
@@ -85,16 +88,11 @@ _LABELS = {
 
 
 def configure_dataset(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` writes it"
-    )
-    parser.add_argument("out", type=Path, metavar="OUT", help="output folder of the sequence")
-    parser.add_argument(
-        "--frames",
-        default="::",
-        metavar="A:B:S",
-        help="as a Python slice (B excluded); default: all",
-    )
+    add = parser.add_argument
+    add("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` writes it")
+    add("out", type=Path, metavar="OUT", help="output folder of the sequence")
+    help = "as a Python slice (B excluded); default: all"
+    add("--frames", default="::", metavar="A:B:S", help=help)
     _add_output_options(parser)
     example = (
         "iclnuim dataset out/living_room/kt2/raw noisy --depth-noise released --rgb-noise released"
@@ -129,10 +127,8 @@ def _write(
     console.note(f"{args.out}: {len(writer.missing)} of {len(source.numbers)} frames to write")
     progress = console.progress(len(writer.missing), "dataset")
     written = writer.write(args.workers, lambda number: progress.advance())[0]
-    folders = [
-        str(path)
-        for path in (*written.folders, *logs.write(written.folders[0], args.out, console.note))
-    ]
+    paths = [*written.folders, *logs.write(written.folders[0], args.out, console.note)]
+    folders = [str(path) for path in paths]
     values = {
         "folders": folders,
         "made": written.made,
@@ -140,26 +136,21 @@ def _write(
         "invalid_depth": written.invalid_depth,
     }
     text = f"{', '.join(folders)}: {written.made} frames written, {written.found} already finished"
-    lost = {
-        kind: count
-        for kind, count in written.invalid_depth.items()
-        if count and kind != "background"
-    }
+    lost = []
+    for kind, pixels in written.invalid_depth.items():
+        if pixels and kind != "background":
+            lost.append(f"{pixels} {kind.replace('_', ' ')}")
     if lost:
-        kinds = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in lost.items())
-        text += f"\ndepth values set to 0 (no measurement): {kinds}"
+        text += f"\ndepth values set to 0 (no measurement): {', '.join(lost)}"
     console.result(values, text)
 
 
 def configure_convert(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "source", type=Path, metavar="DIR", help="a sequence in any supported format"
-    )
-    parser.add_argument(
-        "out", type=Path, metavar="OUT", help="output folder of the converted sequence"
-    )
-    text = "as a Python slice over the pairs; default: all"
-    parser.add_argument("--frames", default="::", metavar="A:B:S", help=text)
+    add = parser.add_argument
+    add("source", type=Path, metavar="DIR", help="a sequence in any supported format")
+    add("out", type=Path, metavar="OUT", help="output folder of the converted sequence")
+    help = "as a Python slice over the pairs; default: all"
+    add("--frames", default="::", metavar="A:B:S", help=help)
     add_camera_options(parser)
     add_settings(parser, SequenceOptions, ("formats", "depth_units"), depth_units="those of DIR")
     _add_file_options(parser)
@@ -168,34 +159,42 @@ def configure_convert(parser: argparse.ArgumentParser) -> None:
 
 
 def _convert(args: argparse.Namespace, console: Console) -> None:
-    source = original_frames(
-        args.source, args.frames, given_or_noted_camera(args, console, args.source)
-    )
+    camera = given_or_noted_camera(args, console, args.source)
+    source = original_frames(args.source, args.frames, camera)
     note_unused_images(args.source, find_pairs(args.source), console)
     options = settings_from(args, SequenceOptions(depth_units=source.depth_units_per_metre))
     check_format_units(args, options)
     needing = [name for name in options.formats if sequence_format(name).every_pose]
-    if needing and source.truth_of(source.numbers) is not None:
-        posed = frames_with_poses(source)
-        if left_out := sorted(set(source.numbers) - set(posed.numbers)):
-            first = ", ".join(map(str, left_out[:5])) + (" ..." if len(left_out) > 5 else "")
-            count = f"{len(left_out)} of {len(source.numbers)} frames"
-            console.note(f"{needing[0]}: {count} have no pose and are left out: {first}")
-        source = posed if posed.numbers else source
+    if needing:
+        source = _posed(source, needing[0], console)
     if left := [f"{kind}/" for kind in FURTHER if (args.source / kind).is_dir()]:
-        console.note(
-            f"{', '.join(left)} of {args.source} not converted: only colour, depth and poses are converted"
-        )
+        limit = "only colour, depth and poses are converted"
+        console.note(f"{', '.join(left)} of {args.source} not converted: {limit}")
     _write(source, options, args, console)
 
 
+def _posed(source: FrameSource, format: str, console: Console) -> FrameSource:
+    """The frames with a pose, for a format that needs one for each; all where none has a pose."""
+    if source.truth_of(source.numbers) is None:
+        return source
+    posed = frames_with_poses(source)
+    if left_out := sorted(set(source.numbers) - set(posed.numbers)):
+        first = ", ".join(map(str, left_out[:5]))
+        if len(left_out) > 5:
+            first += " ..."
+        count = f"{len(left_out)} of {len(source.numbers)} frames"
+        console.note(f"{format}: {count} have no pose and are left out: {first}")
+    return posed if posed.numbers else source
+
+
 def configure_noise(parser: argparse.ArgumentParser) -> None:
-    text = "sequence with rgb/ and depth/ as PNG, with lists or without; or `calibrate`"
-    parser.add_argument("source", metavar="DIR", help=text)
+    add = parser.add_argument
+    help = "sequence with rgb/ and depth/ as PNG, with lists or without; or `calibrate`"
+    add("source", metavar="DIR", help=help)
     help = "output folder of the noisy sequence; or the recordings to calibrate from"
-    parser.add_argument("out", type=Path, metavar="OUT", help=help)
-    text = "as a Python slice over the pairs; default: all"
-    parser.add_argument("--frames", default="::", metavar="A:B:S", help=text)
+    add("out", type=Path, metavar="OUT", help=help)
+    help = "as a Python slice over the pairs; default: all"
+    add("--frames", default="::", metavar="A:B:S", help=help)
     add_camera_options(parser)
     _add_output_options(parser)
     example = "iclnuim noise traj3_frei_png noisy --depth-noise paper --rgb-noise paper --seed 1"
@@ -216,40 +215,50 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
 
 
 def _calibrate(args: argparse.Namespace, console: Console) -> None:
-    folder, values, lines = args.out, {}, []
-    own = camera_file(folder) if args.units is None else None
-    units = own.depth_units_per_metre if own else units_from(args)
-    rgb = _calibrate_rgb(folder / EXPOSURES) if (folder / EXPOSURES).is_file() else None
-    walls = [
-        d
-        for d in (folder / "depth", *sorted(folder.glob("wall*")))
-        if d.is_dir() and any(d.glob("*.png"))
-    ]
-    depth = _calibrate_depth(walls, units) if walls else None
+    folder = args.out
+    rgb = depth = None
+    if (folder / EXPOSURES).is_file():
+        rgb = _calibrate_rgb(folder / EXPOSURES)
+    walls = [wall for wall in (folder / "depth", *sorted(folder.glob("wall*"))) if _has_png(wall)]
+    if walls:
+        own = camera_file(folder) if args.units is None else None
+        depth = _calibrate_depth(walls, own.depth_units_per_metre if own else units_from(args))
     if rgb is None and depth is None:
-        raise InputError(
-            f"{EXPOSURES}, depth/*.png or wall*/*.png", path=folder, found="none of them"
-        )
+        expected = f"{EXPOSURES}, depth/*.png or wall*/*.png"
+        raise InputError(expected, path=folder, found="none of them")
+    values: dict[str, Any] = {}
+    lines = []
     if rgb is not None:
         values["rgb"] = asdict(rgb)
-        settings = json.dumps({"sigma_c": rgb.sigma_c, "sigma_s": rgb.sigma_s})
-        spreads = ", ".join(f"{name} {spread:.2%}" for name, spread in rgb.spreads.items())
-        gamma = f" {rgb.gamma:.3f}" if rgb.response == "gamma" else ""
-        lines.append(
-            f"response: {rgb.response}{gamma} (spread of the radiance between exposures: {spreads})"
-        )
-        lines.append(f"--rgb-noise paper --rgb-settings '{settings}'")
+        lines += _rgb_lines(rgb)
     if depth is not None:
         values["depth"] = asdict(depth)
-        settings = json.dumps({"sigma_d": depth.sigma_d, "sigma_s_px": depth.sigma_s_px})
-        assumed = (
-            "; sigma_s_px is assumed, as all walls have the same slope"
-            if depth.fixed_sigma_s
-            else ""
-        )
-        lines.append(f"depth from {depth.frames} frames{assumed}")
-        lines.append(f"--depth-noise paper --depth-settings '{settings}'")
+        lines += _depth_lines(depth)
     console.result(values, "\n".join(lines))
+
+
+def _has_png(folder: Path) -> bool:
+    return folder.is_dir() and any(folder.glob("*.png"))
+
+
+def _rgb_lines(rgb: RgbCalibration) -> list[str]:
+    response = rgb.response
+    if response == "gamma":
+        response += f" {rgb.gamma:.3f}"
+    spreads = ", ".join(f"{name} {spread:.2%}" for name, spread in rgb.spreads.items())
+    settings = json.dumps({"sigma_c": rgb.sigma_c, "sigma_s": rgb.sigma_s})
+    return [
+        f"response: {response} (spread of the radiance between exposures: {spreads})",
+        f"--rgb-noise paper --rgb-settings '{settings}'",
+    ]
+
+
+def _depth_lines(depth: DepthCalibration) -> list[str]:
+    first = f"depth from {depth.frames} frames"
+    if depth.fixed_sigma_s:
+        first += "; sigma_s_px is assumed, as all walls have the same slope"
+    settings = json.dumps({"sigma_d": depth.sigma_d, "sigma_s_px": depth.sigma_s_px})
+    return [first, f"--depth-noise paper --depth-settings '{settings}'"]
 
 
 def _calibrate_rgb(file: Path) -> RgbCalibration:
@@ -257,13 +266,13 @@ def _calibrate_rgb(file: Path) -> RgbCalibration:
     for number, line in data_lines(read_text(file)):
         fields = line.split()
         try:
-            exposure, path = float(fields[0]), file.parent / fields[1]
+            exposure = float(fields[0])
+            path = file.parent / fields[1]
         except (ValueError, IndexError):
-            raise InputError(
-                "lines `exposure image.png`", path=file, line=number, found=line
-            ) from None
+            expected = "lines `exposure image.png`"
+            raise InputError(expected, path=file, line=number, found=line) from None
         images.setdefault(exposure, []).append(read_rgb8(path))
-    shapes = {image.shape for stack in images.values() for image in stack}
+    shapes = {image.shape for image in chain(*images.values())}
     if len(shapes) != 1:
         raise InputError("images of one size", path=file, found=sorted(shapes))
     with within(file):
@@ -281,15 +290,13 @@ def _calibrate_depth(walls: list[Path], units_per_metre: float) -> DepthCalibrat
 
 
 def configure_inspect(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "folder", type=Path, metavar="DIR", help="a sequence in any supported format"
-    )
-    text = "write preview.png (colour, depth, error) and preview.mp4 into FOLDER"
-    parser.add_argument("--preview", type=Path, metavar="FOLDER", help=text)
+    help = "a sequence in any supported format"
+    parser.add_argument("folder", type=Path, metavar="DIR", help=help)
+    help = "write preview.png (colour, depth, error) and preview.mp4 into FOLDER"
+    parser.add_argument("--preview", type=Path, metavar="FOLDER", help=help)
     add_rerun(parser, "its images, camera and poses")
-    common(parser, "iclnuim inspect out/living_room/kt2/noisy --preview pictures").set_defaults(
-        run=_inspect
-    )
+    example = "iclnuim inspect out/living_room/kt2/noisy --preview pictures"
+    common(parser, example).set_defaults(run=_inspect)
 
 
 def _inspect(args: argparse.Namespace, console: Console) -> int:
@@ -302,18 +309,12 @@ def _inspect(args: argparse.Namespace, console: Console) -> int:
         "wrong": found.wrong,
         "odd": found.odd,
     }
-    lines = []
-    for name, value in found.figures.items():
-        label, unit = _LABELS.get(name, (name.replace("_", " "), ""))
-        if isinstance(value, dict):
-            value = ", ".join(
-                f"{key} {f'{v:.6g}' if isinstance(v, float) else v}" for key, v in value.items()
-            )
-        lines.append(f"{label}: {value}{unit}")
-    lines += [f"ERROR: {sentence}" for sentence in found.wrong] + [
-        f"warning: {sentence}" for sentence in found.odd
-    ]
-    console.result(values, "\n".join(lines + ([] if found.wrong else ["no errors found"])))
+    lines = [_figure_line(name, value) for name, value in found.figures.items()]
+    lines += [f"ERROR: {sentence}" for sentence in found.wrong]
+    lines += [f"warning: {sentence}" for sentence in found.odd]
+    if not found.wrong:
+        lines.append("no errors found")
+    console.result(values, "\n".join(lines))
     if args.preview is not None:
         from iclnuim.report.preview import draw_preview
 
@@ -322,28 +323,34 @@ def _inspect(args: argparse.Namespace, console: Console) -> int:
     if recording:
         from iclnuim.report.recording import record_sequence
 
-        record_sequence(
-            recording, args.folder, lambda count: console.progress(count, "recording").advance
-        )
+        def progress(count: int) -> Callable[[], None]:
+            return console.progress(count, "recording").advance
+
+        record_sequence(recording, args.folder, progress)
         console.note(f"{recording} written")
     return 2 if found.wrong else 0
 
 
+def _figure_line(name: str, value: Any) -> str:
+    label, unit = _LABELS.get(name, (name.replace("_", " "), ""))
+    if isinstance(value, dict):
+        parts = []
+        for key, one in value.items():
+            parts.append(f"{key} {one:.6g}" if isinstance(one, float) else f"{key} {one}")
+        value = ", ".join(parts)
+    return f"{label}: {value}{unit}"
+
+
 def configure_pack(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path, metavar="DIR", help="a finished sequence")
-    parser.add_argument(
-        "-o", "--out", type=Path, metavar="FILE", help="a .tar.gz; default: DIR.tar.gz"
-    )
-    parser.add_argument(
-        "--licence", choices=tuple(LICENCES), default="CC-BY-4.0", help="default: %(default)s"
-    )
-    parser.add_argument("--author", default="", help="name of the author in the archive")
-    parser.add_argument(
-        "--no-preview", action="store_true", help="leave out preview.png and preview.mp4"
-    )
-    common(parser, "iclnuim pack out/living_room/kt2/noisy -o kt2_noisy.tar.gz").set_defaults(
-        run=_pack
-    )
+    add = parser.add_argument
+    add("folder", type=Path, metavar="DIR", help="a finished sequence")
+    add("-o", "--out", type=Path, metavar="FILE", help="a .tar.gz; default: DIR.tar.gz")
+    licences = tuple(LICENCES)
+    add("--licence", choices=licences, default="CC-BY-4.0", help="default: %(default)s")
+    add("--author", default="", help="name of the author in the archive")
+    add("--no-preview", action="store_true", help="leave out preview.png and preview.mp4")
+    example = "iclnuim pack out/living_room/kt2/noisy -o kt2_noisy.tar.gz"
+    common(parser, example).set_defaults(run=_pack)
 
 
 def _check_archive(args: argparse.Namespace, out: Path) -> None:
@@ -351,26 +358,19 @@ def _check_archive(args: argparse.Namespace, out: Path) -> None:
     not name it, for a file of another origin.
     """
     if not out.name.endswith(_ARCHIVES) and not is_stream(out):
-        raise InputError(
-            f"an archive named *{' or *'.join(_ARCHIVES)}",
-            path=out,
-            found=out.suffix or "no ending",
-        )
+        expected = f"an archive named *{' or *'.join(_ARCHIVES)}"
+        raise InputError(expected, path=out, found=out.suffix or "no ending")
     if real_path(out).is_relative_to(real_path(args.folder)):
-        raise InputError(
-            "an archive outside the folder that is packed",
-            path=out,
-            found="a file in it",
-            hint="another {out}",
-        )
+        expected = "an archive outside the folder that is packed"
+        raise InputError(expected, path=out, found="a file in it", hint="another {out}")
     if not args.out and out.exists() and not is_archive(out):
         refuse_existing(out, "-o FILE")
     check_file(out)
 
 
 def _pack(args: argparse.Namespace, console: Console) -> None:
-    whole = real_path(args.folder)  # `.` has no name
-    out = args.out or (args.folder if args.folder.name else whole).with_name(f"{whole.name}.tar.gz")
+    folder = args.folder if args.folder.name else real_path(args.folder)  # `.` has no name
+    out = args.out or folder.with_name(f"{real_path(folder).name}.tar.gz")
     check_packable(args.folder, args.licence)
     _check_archive(args, out)
     extra: dict[str, bytes] = {}
@@ -381,11 +381,12 @@ def _pack(args: argparse.Namespace, console: Console) -> None:
             drawn = draw_preview(args.folder, Path(scratch), console.progress)
             extra = {path.name: read_bytes(path) for path in drawn}
     progress = console.progress(len(packed_names(args.folder)) + 2 + len(extra), "pack", "files")
-    count = pack(
-        args.folder, out, args.licence, args.author, extra, lambda name: progress.advance()
-    )
+
+    def on_file(name: str) -> None:
+        progress.advance()
+
+    count = pack(args.folder, out, args.licence, args.author, extra, on_file)
     digest = sha256(read_bytes(out))
-    values = {"archive": str(out), "files": count, "bytes": out.stat().st_size, "sha256": digest}
-    console.result(
-        values, f"{out}: {count} files, {out.stat().st_size / 1e6:.1f} MB, SHA-256 {digest}"
-    )
+    size = out.stat().st_size
+    values = {"archive": str(out), "files": count, "bytes": size, "sha256": digest}
+    console.result(values, f"{out}: {count} files, {size / 1e6:.1f} MB, SHA-256 {digest}")

@@ -127,7 +127,7 @@ def tum_text(made: Trajectory) -> str:
 
 
 def _places(name: str, out: Path | None) -> tuple[Path, Path]:
-    """The file of the recipe and that of the trajectory, for `kt2`, `office/kt0` or a recipe file."""
+    """Files of the recipe and the trajectory, for `kt2`, `office/kt0` or a recipe file."""
     known = f"living_room/{name}" if f"living_room/{name}" in NAMES else name
     if known in NAMES:
         folder = shipped.folder("trajectories")
