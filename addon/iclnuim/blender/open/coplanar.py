@@ -1,5 +1,5 @@
-"""Faces of user-provided scenes that lie in one plane: each would shadow the other, and Cycles shows
-both black.
+"""Faces of user-provided scenes that lie in one plane: each would shadow the other, and Cycles
+shows both black.
 
 Of equal faces only the first is kept. Objects that overlap larger ones in one plane, and other
 faces that overlap larger ones, are moved in front of them. Moving objects, glass, volumes,

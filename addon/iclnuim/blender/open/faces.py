@@ -54,8 +54,8 @@ class Faces:
         return rows[(rows >= self.starts[k]) & (rows < self.starts[k + 1])]
 
     def cast(self, k: int, start_m: np.ndarray, ray_m: np.ndarray) -> Hit | None:
-        """The hit of a ray in the world, which ends at start_m + ray_m, with object k. The face is a
-        row.
+        """The hit of a ray in the world, which ends at start_m + ray_m, with object k. The face is
+        a row.
         """
         matrix = self.things[k].matrix_world
         inverse = matrix.inverted_safe()

@@ -1,4 +1,6 @@
-"""Glass of user-provided scenes: light passes through it, and false glass of .mtl files is opaque."""
+"""Glass of user-provided scenes: light passes through it, and false glass of .mtl files is
+opaque.
+"""
 
 import os
 import re

@@ -79,7 +79,7 @@ def open_blend(path: Path) -> object:
 
 
 def _last_message(error: Exception) -> str:
-    """The last line of an importer's message; that of an importer in Python contains a traceback."""
+    """The last line of an importer's message, which contains a traceback if it is in Python."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     messages = [line for line in lines if not line.startswith(("Location:", "File "))]
     return (messages or lines or ["no reason given"])[-1].removeprefix("Error: ")

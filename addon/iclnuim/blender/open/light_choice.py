@@ -1,4 +1,4 @@
-"""The light that the open scene allows: a light map, or path tracing if something in it has none."""
+"""The light that the open scene allows: a light map, or path tracing if it cannot have one."""
 
 from dataclasses import replace
 
@@ -84,15 +84,14 @@ def strand_names(scene: bpy.types.Scene) -> list[str]:
 
 
 def _shows_strands(instance: bpy.types.DepsgraphObjectInstance) -> bool:
-    thing, made = instance.object, instance.is_instance
-    if thing.original.hide_render and not made:
+    thing = instance.object
+    if thing.original.hide_render and not instance.is_instance:
         return False
-    strands = (
-        instance.show_self
-        and thing.type in ("CURVES", "POINTCLOUD")
-        and (made or not _is_instances(thing))
-    )
-    return strands or (instance.show_particles and _has_particles(thing))
+    if instance.show_particles and _has_particles(thing):
+        return True
+    if not instance.show_self or thing.type not in ("CURVES", "POINTCLOUD"):
+        return False
+    return instance.is_instance or not _is_instances(thing)
 
 
 def _made_volume_names(scene: bpy.types.Scene) -> list[str]:
@@ -107,7 +106,7 @@ def _has_particles(thing: bpy.types.Object) -> bool:
 
 
 def _is_instances(evaluated: bpy.types.Object) -> bool:
-    """Whether an evaluated object consists only of instances; only known in Blender 4.5 and later."""
+    """Whether an evaluated object consists only of instances, as far as known: from 4.5 on."""
     if not hasattr(evaluated, "evaluated_geometry"):
         return False
     geometry = evaluated.evaluated_geometry()

@@ -9,7 +9,8 @@ from .. import compat, surfaces
 
 #: Modifiers that move a surface.
 _SIMULATED = {
-    "CLOTH", "SOFT_BODY", "FLUID", "OCEAN", "DYNAMIC_PAINT", "MESH_SEQUENCE_CACHE", "EXPLODE", "BUILD", "WAVE",
+    "CLOTH", "SOFT_BODY", "FLUID", "OCEAN", "DYNAMIC_PAINT", "MESH_SEQUENCE_CACHE", "EXPLODE",
+    "BUILD", "WAVE",
 }  # fmt: skip
 #: Values of an animation curve that differ by less are constant.
 _CONSTANT = 1e-6

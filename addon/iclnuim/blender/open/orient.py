@@ -32,26 +32,33 @@ def orient(
     be reported because this is not the format's default. Raises InputError for a file without
     surfaces if axes or unit must be guessed.
     """
-    kind, reasons = path.suffix.lower(), []
-    imported = axes.Z_UP_FROM_Y_UP if kind in _Y_UP else np.eye(3)
-    usual = "y" if kind in _Y_UP else "z"
-    up, unit_m = reading.up or usual, reading.unit_m
+    kind = path.suffix.lower()
+    usual = "z"
+    from_file = np.eye(3)
+    if kind in _Y_UP:
+        usual = "y"
+        from_file = axes.Z_UP_FROM_Y_UP.T
+    reasons = []
+    up = reading.up or usual
+    unit_m = reading.unit_m
     if kind in _SILENT and (reading.up is None or unit_m is None):
         shape = _shape(path)
         up = reading.up or scene_axes.guess_up(shape, _SILENT[kind], unit_m)
         unit_m = unit_m or scene_axes.guess_unit_m(shape, up)
         reasons.append(_guess(reading, shape.extent * unit_m, up))
     elif unit_m is None:
+        unit_m = 1.0
         settings = bpy.context.scene.unit_settings
-        in_metres = kind != ".blend" or settings.system == "NONE"
-        unit_m = 1.0 if in_metres else round(float(settings.scale_length), 9)
-    matrix = scene_axes.linear(up, unit_m, reading.mirror) @ imported.T
+        if kind == ".blend" and settings.system != "NONE":
+            unit_m = round(float(settings.scale_length), 9)
+    matrix = scene_axes.linear(up, unit_m, reading.mirror) @ from_file
     if not np.allclose(matrix, np.eye(3), atol=1e-9):
         _move(objects, matrix)
     if reading.unit_m is None and (warning := _size_warning(path, objects, unit_m)):
         reasons.append(warning)
     sentence = f"the scene is read as {up} up, {scene_axes.unit_name(unit_m)}"
-    sentence += f", {reading.mirror} mirrored" if reading.mirror != "none" else ""
+    if reading.mirror != "none":
+        sentence += f", {reading.mirror} mirrored"
     unusual = bool(reasons) or (up, unit_m, reading.mirror) != (usual, 1.0, "none")
     return "; ".join([sentence, *reasons]), unusual
 
@@ -64,12 +71,17 @@ def _shape(path: Path) -> scene_axes.Shape:
 
 
 def _guess(reading: SceneReading, extent_m: np.ndarray, up: str) -> str:
-    unknown = [
-        name for name, given in (("up axis", reading.up), ("unit", reading.unit_m)) if given is None
-    ]
-    options = " and ".join("scene unit" if name == "unit" else "up" for name in unknown)
-    reason = f"because the format does not contain its {' and '.join(unknown)} (options: {options})"
-    return f"a guess from its shape ({_size(extent_m, up)}), {reason}"
+    unknown = []
+    options = []
+    if reading.up is None:
+        unknown.append("up axis")
+        options.append("up")
+    if reading.unit_m is None:
+        unknown.append("unit")
+        options.append("scene unit")
+    reason = f"because the format does not contain its {' and '.join(unknown)}"
+    guess = f"a guess from its shape ({_size(extent_m, up)})"
+    return f"{guess}, {reason} (options: {' and '.join(options)})"
 
 
 def _size(extent_m: np.ndarray, up: str) -> str:
@@ -84,23 +96,16 @@ def _size_warning(path: Path, objects: Sequence[bpy.types.Object], unit_m: float
     """
     bpy.context.view_layer.update()
     shown = [o for o in objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render]
-    corners = np.array(
-        [np.array(o.matrix_world) @ (*c, 1.0) for o in shown for c in o.bound_box]
-        or np.zeros((1, 4))
-    )
-    if scene_axes.is_plausible(np.ptp(corners[:, :3], axis=0), "z") or not len(
-        surfaces.triangles().triangles
-    ):
+    extent_m = np.ptp(surfaces.box_corners_m(shown), axis=0)
+    if scene_axes.is_plausible(extent_m, "z") or not len(surfaces.triangles().triangles):
         return None
     shape = _shape(path)
     if scene_axes.is_plausible(shape.extent, "z"):
         return None
-    better = unit_m * scene_axes.guess_unit_m(shape, "z")
-    advice = (
-        f"as {scene_axes.unit_name(better)} it would be one"
-        if better != unit_m
-        else "no other unit makes it one"
-    )
+    better_m = unit_m * scene_axes.guess_unit_m(shape, "z")
+    advice = "no other unit makes it one"
+    if better_m != unit_m:
+        advice = f"as {scene_axes.unit_name(better_m)} it would be one"
     return f"{_size(shape.extent, 'z')} is not the size of a room, {advice} (option: scene unit)"
 
 
@@ -111,10 +116,7 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
     """
     here = set(objects)
     tops = [o for o in objects if o.parent is None or o.parent not in here]
-    meshes = all(o.type == "MESH" and o.data.users == 1 and o.animation_data is None for o in tops)
-    if meshes and not any(
-        o.children or o.modifiers or o.constraints or o.data.shape_keys for o in tops
-    ):
+    if all(map(_is_plain_mesh, tops)):
         for thing in tops:
             _into_vertices(thing, matrix)
         return
@@ -122,12 +124,25 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
     bpy.context.scene.collection.objects.link(root)
     root.matrix_world = mathutils.Matrix(matrix).to_4x4()
     for thing in tops:
-        thing.parent, thing.parent_type = root, "OBJECT"
+        thing.parent = root
+        thing.parent_type = "OBJECT"
         thing.matrix_parent_inverse.identity()
-    scale = abs(float(np.linalg.det(matrix))) ** (1 / 3)
-    # the same image at another scale: power grows with the area, radii with the length; a sun has
-    # neither
-    for lamp in {o.data for o in objects if o.type == "LIGHT"} if abs(scale - 1) > 1e-6 else ():
+    _scale_lamps(objects, abs(float(np.linalg.det(matrix))) ** (1 / 3))
+
+
+def _is_plain_mesh(thing: bpy.types.Object) -> bool:
+    if thing.type != "MESH" or thing.data.users != 1 or thing.animation_data is not None:
+        return False
+    return not (thing.children or thing.modifiers or thing.constraints or thing.data.shape_keys)
+
+
+def _scale_lamps(objects: Sequence[bpy.types.Object], scale: float) -> None:
+    """Give the same image at another scale: power grows with the area, radii with the length; a sun
+    has neither.
+    """
+    if abs(scale - 1) <= 1e-6:
+        return
+    for lamp in {o.data for o in objects if o.type == "LIGHT"}:
         if lamp.type != "SUN":
             lamp.energy *= scale**2
         if lamp.type in ("POINT", "SPOT"):
@@ -135,25 +150,24 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
 
 
 def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:
-    mesh, whole = thing.data, mathutils.Matrix(matrix).to_4x4() @ thing.matrix_basis
-    shading, mirrored = array_of(mesh.corner_normals, "vector", 3), whole.determinant() < 0
+    mesh = thing.data
+    whole = mathutils.Matrix(matrix).to_4x4() @ thing.matrix_basis
+    is_mirrored = whole.determinant() < 0
+    shading = array_of(mesh.corner_normals, "vector", 3)
     # in a file that was mirrored only by a change of sign, normals still point outside, but faces
     # are wound inside out
-    normals, sizes = (
-        array_of(mesh.polygons, "normal", 3),
-        array_of(mesh.polygons, "loop_total", 1, np.int32),
-    )
-    wound_as_shaded = float((np.repeat(normals, sizes, axis=0) * shading).sum()) >= 0
-    custom = mesh.has_custom_normals
+    normals = array_of(mesh.polygons, "normal", 3)
+    sizes = array_of(mesh.polygons, "loop_total", 1, np.int32)
+    is_wound_as_shaded = float((np.repeat(normals, sizes, axis=0) * shading).sum()) >= 0
+    is_custom = mesh.has_custom_normals
     mesh.transform(whole)
     thing.matrix_basis.identity()
-    if mirrored and wound_as_shaded:
+    if is_mirrored and is_wound_as_shaded:
         shading = shading[_flip(mesh)]
-    if mirrored and custom:
+    if is_mirrored and is_custom:
         moved = shading @ np.linalg.inv(np.array(whole)[:3, :3])
-        mesh.normals_split_custom_set(
-            moved / np.maximum(np.linalg.norm(moved, axis=1, keepdims=True), 1e-12)
-        )
+        lengths = np.maximum(np.linalg.norm(moved, axis=1, keepdims=True), 1e-12)
+        mesh.normals_split_custom_set(moved / lengths)
     mesh.update()
 
 

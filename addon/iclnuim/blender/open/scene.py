@@ -113,7 +113,7 @@ def _neutral_settings(path: Path, scene: bpy.types.Scene) -> None:
 
 
 def _with_background_sets(scene: bpy.types.Scene) -> None:
-    """Link the objects of the background sets, which are rendered from other scenes, to this scene."""
+    """Link the objects of the background sets, which are rendered from other scenes."""
     behind = scene.background_set
     scene.background_set = None
     while behind is not None:

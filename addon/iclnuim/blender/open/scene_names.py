@@ -10,7 +10,7 @@ import os
 import re
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,39 +50,40 @@ class Named:
 
 def named_in(file: Path, kind: str = "") -> Iterator[Named]:
     """The references in a file, read as a file of that kind (`.mtl`), or else by its ending and its
-    first bytes. If the file cannot be read, there
-    are none, because Blender's importer will report the error; for a .blend, raises InputError.
+    first bytes. If the file cannot be read, there are none, because Blender's importer will report
+    the error; for a .blend, raises InputError.
 
     The result is cached until the file changes: scenes are checked before they are opened, and
     hashed afterwards.
     """
+    ending = file.suffix.lower()
     with suppress(OSError):
         state = file.stat()
-        if (
-            file.suffix.lower() == ".mtlx"
-        ):  # its includes are read together with it, so they must be yielded first
+        if ending == ".mtlx":
+            # its includes are read together with it, so they must be yielded first
             yield from _looked_through(file, kind)
             return
-        yield from _kept(
-            file, kind, (state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
-        )
-        if file.suffix.lower() == ".obj" and file.with_suffix(".mtl").exists():
+        changes = (state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+        yield from _kept(file, kind, changes)
+        if ending == ".obj" and file.with_suffix(".mtl").exists():
             yield Named("its materials", f"{file.stem}.mtl")
 
 
 @functools.lru_cache(maxsize=1024)
-def _kept(file: Path, kind: str, state: tuple[int, ...]) -> tuple[Named, ...]:
+def _kept(file: Path, kind: str, changes: tuple[int, ...]) -> tuple[Named, ...]:
     return tuple(_looked_through(file, kind))
 
 
 def _looked_through(file: Path, kind: str) -> Iterator[Named]:
     with open(file, "rb") as content:
         head = content.read(18)
+    if not head:
+        return
     finders = {finder for start, finder in _MAGIC.items() if head.startswith(start)}
-    finders |= {
-        finder for suffix, finder in _FINDERS.items() if suffix == (kind or file.suffix.lower())
-    }
-    for finder in finders if head else ():
+    by_ending = _FINDERS.get(kind or file.suffix.lower())
+    if by_ending is not None:
+        finders.add(by_ending)
+    for finder in finders:
         yield from finder(file)
 
 
@@ -104,46 +105,54 @@ def _in_mtl(file: Path) -> Iterator[Named]:
     for line, arguments in _lines(file, _MAP):
         # `-bm 0.5 my wood.png`: only Blender's parser decides where the options end, so the name
         # may begin at any word
-        options = re.finditer(r"\S+", arguments) if arguments.startswith("-") else ()
-        for start in [0, *(word.start() for word in options)]:
-            yield Named(line, arguments[start:])
+        yield Named(line, arguments)
+        if arguments.startswith("-"):
+            for word in re.finditer(r"\S+", arguments):
+                yield Named(line, arguments[word.start() :])
+
+
+@contextmanager
+def _mapped(file: Path) -> Iterator[mmap.mmap]:
+    with (
+        open(file, "rb") as content,
+        mmap.mmap(content.fileno(), 0, access=mmap.ACCESS_READ) as whole,
+    ):
+        yield whole
 
 
 def _lines(file: Path, pattern: re.Pattern[bytes]) -> Iterator[tuple[str, str]]:
     """(place, argument) of the lines that match."""
-    with (
-        open(file, "rb") as opened,
-        mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content,
-    ):
-        at, line = 0, 1
+    at = 0
+    line = 1
+    with _mapped(file) as content:
         for found in pattern.finditer(content):
             start = content.rfind(b"\n", 0, found.start()) + 1
             if not content[start : found.start()].strip(bytes(range(33))):
-                line, at = line + content[at:start].count(b"\n"), start
-                text = re.sub(rb"\\\r?\n", b" ", found[1]).decode("utf-8", "surrogateescape")
-                yield f"line {line}", text.strip()
+                line += content[at:start].count(b"\n")
+                at = start
+                yield f"line {line}", _text(re.sub(rb"\\\r?\n", b" ", found[1])).strip()
+
+
+def _text(data: bytes) -> str:
+    return data.decode("utf-8", "surrogateescape")
 
 
 def _in_gltf(file: Path) -> Iterator[Named]:
+    entries = []
     try:
         data = file.read_bytes()
         if data.startswith(b"glTF"):
             data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
         content = json.loads(data)
-        groups = [(key, content.get(key) or []) for key in ("buffers", "images")]
-        entries = [
-            (f"{key}[{k}].uri", e)
-            for key, group in groups
-            for k, e in enumerate(group)
-            if isinstance(e, dict)
-        ]
+        for key in ("buffers", "images"):
+            for k, entry in enumerate(content.get(key) or []):
+                if isinstance(entry, dict):
+                    entries.append((f"{key}[{k}].uri", entry.get("uri")))
     except (OSError, ValueError, AttributeError, TypeError, RecursionError):
         return
-    for place, entry in entries:
-        uri = entry.get("uri")
-        if isinstance(uri, str) and not (
-            uri.startswith("data:") and ";base64," in uri
-        ):  # importers treat others as paths
+    for place, uri in entries:
+        # importers treat as paths what is not data in base64
+        if isinstance(uri, str) and not (uri.startswith("data:") and ";base64," in uri):
             yield Named(place, uri, report_missing=place.startswith("buffers"))
 
 
@@ -151,43 +160,42 @@ def _in_fbx(file: Path) -> Iterator[Named]:
     """All texts of the file, because it depends on the program that wrote it which of them are
     paths.
     """
-    with (
-        open(file, "rb") as opened,
-        mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content,
-    ):
+    with _mapped(file) as content:
         if content[:18] == b"Kaydara FBX Binary":
-            starts = [found.end() for found in _FBX_STRING.finditer(content)]
-            strings = [
-                content[at + 4 : at + 4 + struct.unpack_from("<I", content, at)[0]] for at in starts
-            ]
+            strings = [_fbx_string(content, found.end()) for found in _FBX_STRING.finditer(content)]
         else:
-            strings = [found[1] for found in re.finditer(rb'"([^"\r\n]{1,4096})"', content)]
-    texts = [html.unescape(string.decode("utf-8", "surrogateescape")) for string in strings]
-    origins = {
-        k + step for k, text in enumerate(texts) if _FBX_ORIGIN.match(text) for step in range(1, 5)
-    }
+            strings = re.findall(rb'"([^"\r\n]{1,4096})"', content)
+    texts = [html.unescape(_text(string)) for string in strings]
+    origins: set[int] = set()
+    for k, text in enumerate(texts):
+        if _FBX_ORIGIN.match(text):
+            origins.update(range(k + 1, k + 5))
     for name in dict.fromkeys(text for k, text in enumerate(texts) if k not in origins):
         yield Named("a text", name)
 
 
+def _fbx_string(content: mmap.mmap, at: int) -> bytes:
+    length = struct.unpack_from("<I", content, at)[0]
+    return content[at + 4 : at + 4 + length]
+
+
 def _in_usd(file: Path) -> Iterator[Named]:
     """References of the layer, and of the layers that are packed into it."""
-    if (
-        file.suffix.lower() == ".mtlx"
-    ):  # its includes are read together with it, so they are yielded first
+    if file.suffix.lower() == ".mtlx":
+        # its includes are read together with it, so they are yielded first
         for found in re.findall(rb"[\"']([^\"']{1,4096})[\"']", file.read_bytes()):
-            yield Named("a text", html.unescape(found.decode("utf-8", "surrogateescape")))
+            yield Named("a text", html.unescape(_text(found)))
     pxr = compat.usd_library()
     if pxr is None:
-        raise InputError(
-            "a Blender that reads USD",
-            path=file,
-            found=f"{compat.version_line()} without its library",
-        )
+        without = f"{compat.version_line()} without its library"
+        raise InputError("a Blender that reads USD", path=file, found=without)
     own = os.path.realpath(file)
-    todo, seen = [own], set()
+    todo = [own]
+    seen = set()
     while todo:
         layer = todo.pop()
+        if layer in seen:
+            continue
         seen.add(layer)
         try:
             kinds = pxr.UsdUtils.ExtractExternalReferences(layer)
@@ -197,31 +205,39 @@ def _in_usd(file: Path) -> Iterator[Named]:
         for place, names in zip(("sublayer", "reference or asset", "payload"), kinds, strict=True):
             for name in names:
                 whole = opened.ComputeAbsolutePath(name) if opened else name
-                if pxr.Ar.IsPackageRelativePath(whole) and whole.startswith(f"{own}["):
-                    todo += {whole} - seen if Path(whole.rstrip("]")).suffix in _LAYERS else set()
-                else:
-                    plain = name.partition("[")[0].partition(":SDF_FORMAT_ARGS:")[0]
-                    yield Named(
-                        place, plain, Path(plain).suffix in _LAYERS, computed=name.startswith("`")
-                    )
+                if not (pxr.Ar.IsPackageRelativePath(whole) and whole.startswith(f"{own}[")):
+                    yield _usd_reference(place, name)
+                elif Path(whole.rstrip("]")).suffix in _LAYERS:
+                    todo.append(whole)
+
+
+def _usd_reference(place: str, name: str) -> Named:
+    plain = name.partition("[")[0].partition(":SDF_FORMAT_ARGS:")[0]
+    is_layer = Path(plain).suffix in _LAYERS
+    return Named(place, plain, report_missing=is_layer, computed=name.startswith("`"))
 
 
 def _in_playlist(file: Path) -> Iterator[Named]:
     """A video playlist that refers to other videos."""
     for line in file.read_text("utf-8", "surrogateescape").splitlines():
-        for name in [
-            line.strip(),
-            *re.findall("[\"']([^\"']+)[\"']", line),
-            line.rpartition(" ")[2],
-        ]:
+        quoted = re.findall("[\"']([^\"']+)[\"']", line)
+        for name in (line.strip(), *quoted, line.rpartition(" ")[2]):
             yield Named("playlist", name)
 
 
-_MAGIC: dict[bytes, Callable[[Path], Iterator[Named]]] = {
-    b"BLENDER": _in_blend, b"\x1f\x8b": _in_blend, b"\x28\xb5\x2f\xfd": _in_blend, b"glTF": _in_gltf, b"Kaydara FBX Binary": _in_fbx,
-    b"PXR-USDC": _in_usd, b"#usda": _in_usd, b"#EXTM3U": _in_playlist, b"ffconcat": _in_playlist,
-}  # fmt: skip
-_FINDERS: dict[str, Callable[[Path], Iterator[Named]]] = {
-    ".blend": _in_blend, ".obj": _in_obj, ".mtl": _in_mtl, ".gltf": _in_gltf, ".glb": _in_gltf, ".fbx": _in_fbx,
+_Finder = Callable[[Path], Iterator[Named]]
+_MAGIC: dict[bytes, _Finder] = {
+    **dict.fromkeys((b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd"), _in_blend),
+    b"glTF": _in_gltf,
+    b"Kaydara FBX Binary": _in_fbx,
+    **dict.fromkeys((b"PXR-USDC", b"#usda"), _in_usd),
+    **dict.fromkeys((b"#EXTM3U", b"ffconcat"), _in_playlist),
+}
+_FINDERS: dict[str, _Finder] = {
+    ".blend": _in_blend,
+    ".obj": _in_obj,
+    ".mtl": _in_mtl,
+    **dict.fromkeys((".gltf", ".glb"), _in_gltf),
+    ".fbx": _in_fbx,
     **dict.fromkeys(_LAYERS, _in_usd),
-}  # fmt: skip
+}
