@@ -9,7 +9,7 @@ from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
-from .protocol import Frame, Result, failure
+from .protocol import Frame, OdometryResult, failure
 
 
 class Baseline:
@@ -40,7 +40,7 @@ class OpencvOdometer(Baseline):
         mask = (frame.depth_z_m > 0).astype(np.uint8) * 255
         return self._rgbd.OdometryFrame.create(_bytes(frame.grey), depth, mask)
 
-    def align(self, reference: Any, current: Any, guess: SE3) -> Result:
+    def align(self, reference: Any, current: Any, guess: SE3) -> OdometryResult:
         found, T = self._odometry.compute2(current, reference, initRt=self.start.matrix)
         if not found or T is None:
             return failure("baseline: no motion found")
@@ -65,7 +65,7 @@ class Open3dOdometer(Baseline):
             image(grey), image(np.ascontiguousarray(frame.depth_z_m[..., None]))
         )
 
-    def align(self, reference: Any, current: Any, guess: SE3) -> Result:
+    def align(self, reference: Any, current: Any, guess: SE3) -> OdometryResult:
         solver, start = (
             self._o3d.t.pipelines.odometry.rgbd_odometry_multi_scale,
             self._o3d.core.Tensor(self.start.matrix),
@@ -79,14 +79,14 @@ class Open3dOdometer(Baseline):
         )
 
 
-def _result(T: np.ndarray, residual: float = float("nan"), inliers: float = 0.0) -> Result:
+def _result(T: np.ndarray, residual: float = float("nan"), inliers: float = 0.0) -> OdometryResult:
     """Result from a (4, 4) matrix.
 
     A matrix that is not a rigid motion is a failure: a solver that diverged reports it in no other
     way.
     """
     try:
-        return Result(SE3.from_matrix(T), residual=residual, inliers=inliers)
+        return OdometryResult(SE3.from_matrix(T), residual=residual, inliers=inliers)
     except InputError:
         return failure("baseline: the estimated matrix is not a rigid motion")
 

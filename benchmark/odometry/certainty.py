@@ -8,12 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .protocol import Result, Status
-from .solver import RANK_TOLERANCE, SYMMETRIC, System
+from .normal_equations import RANK_TOLERANCE, SYMMETRIC, NormalEquations
+from .protocol import OdometryResult, Status
 
 #: Blocks of the image (columns, rows). Errors are correlated over more than a pixel, a tile or a
 #: texture, but are independent between blocks.
-ACROSS, DOWN = 4, 3
+GRID = (4, 3)
+BLOCKS = GRID[0] * GRID[1]
 #: Disagreement of normals (1 - cosine) that does not count as noise: depth rounded to 0.2 mm causes
 #: less.
 MIN_NOISE = 1e-4
@@ -22,65 +23,73 @@ MIN_NOISE = 1e-4
 MAX_ROUGHNESS = 1e-3
 #: Relative error of every translation from a sensor's frames, in its stated information. The offset
 #: of the noise `released`, 0.00155 a metre of inverse depth, makes an object at 1 to 3 m seem to
-#: move 0.3 to 0.9 % less. With the offset subtracted, motions are 0.2 % too short to 0.2 % too
-#: long.
-ROUGH_BIAS, CALIBRATED_BIAS = 0.005, 0.002
+#: move 0.3 to 0.9 % less.
+ROUGH_BIAS = 0.005
+#: The same with the offset subtracted: motions are 0.2 % too short to 0.2 % too long.
+CALIBRATED_BIAS = 0.002
 
 
 def disagreement(cosines: np.ndarray) -> float:
     """Noise of the normals of two images, from the cosines (n,) between corresponding normals: the
     mean of 1 - cosine.
 
-    The mean is computed from the median, because at edges normals differ for other reasons than
-    noise.
+    The mean is computed from the median (of an exponential distribution: 1 - cosine is half the sum
+    of two squares of normal errors), because at edges normals differ for other reasons than noise.
     """
-    mean = (1.0 - float(np.median(cosines))) / math.log(2.0) if len(cosines) else 0.0
+    if not len(cosines):
+        return 0.0
+    mean = (1.0 - float(np.median(cosines))) / math.log(2.0)
     return max(mean - MIN_NOISE, 0.0)
 
 
-def jackknife_information(system: System, sums: np.ndarray, nu: float) -> System:
-    """`system` with A and b as information (1 / variance); sums: kernels.block_sums() (blocks, 34)
-    with weights of `nu`.
+def jackknife_information(
+    equations: NormalEquations, sums: np.ndarray, nu: float
+) -> NormalEquations:
+    """`equations` with A and b as information (1 / variance); sums: kernels.block_sums() (blocks,
+    34) with weights of `nu`.
 
     The variance is that of the motions estimated with one block left out at a time (the
     delete-a-group jackknife). It is computed along each eigenvector of the centred A, and is at
     least the variance for pixels with independent errors. The information of Student's t is (nu +
     1) / (nu + 3) of the sum of its weights.
     """
-    axes, error = _Axes.of(system), max(system.error, 1e-12)
-    return axes.information(system, np.maximum(axes.jackknife(sums, nu, error), 1.0), error)
+    axes = _Axes.of(equations)
+    error = max(equations.error, 1e-12)
+    return axes.information(equations, np.maximum(axes.jackknife(sums, nu, error), 1.0), error)
 
 
 def spread_information(
-    system: System, sums: np.ndarray, nu: float, spread: float, least_error: float
-) -> System:
-    """`system.as_information(spread, least_error)`, but with the jackknife's variance in directions
-    where that is larger; sums: A and b of
-    the blocks, (blocks, 27) or more columns."""
-    axes, error = _Axes.of(system), max(system.error, least_error)
+    equations: NormalEquations, sums: np.ndarray, nu: float, spread: float, least_error: float
+) -> NormalEquations:
+    """`equations.as_information(spread, least_error)`, but with the jackknife's variance in
+    directions where that is larger; sums: A and b of the blocks, (blocks, 27) or more columns.
+    """
+    axes = _Axes.of(equations)
+    error = max(equations.error, least_error)
     factor = axes.jackknife(sums, nu, error)
     if (factor <= spread).all():
-        return system.as_information(spread, least_error)
-    return axes.information(system, np.maximum(factor, spread), error)
+        return equations.as_information(spread, least_error)
+    return axes.information(equations, np.maximum(factor, spread), error)
 
 
-def with_bias(result: Result, calibrated: bool) -> Result:
+def with_bias(result: OdometryResult, calibrated: bool) -> OdometryResult:
     """The result of a sensor's frame; its stated information allows for an error of each component
-    of the translation by the bias of depth. It does
-    not make a motion degenerate: the bias is in no direction of its own. calibrated: the offset of
-    depth is known.
+    of the translation by the bias of depth.
+
+    It does not make a motion degenerate: the bias is in no direction of its own. calibrated: the
+    offset of depth is known.
     """
     if result.status is Status.FAILED:
         return result
     share = CALIBRATED_BIAS if calibrated else ROUGH_BIAS
     error = share * float(np.linalg.norm(result.T_reference_camera.translation)) * np.eye(6, 3)
-    system = System(result.information, np.zeros(6), 0.0, 0.0, np.zeros(3), 1.0)
-    return replace(result, information=system.with_error(error).A)
+    biased = NormalEquations.of_information(result.information).with_error(error)
+    return replace(result, information=biased.A)
 
 
 class _Axes(NamedTuple):
     """Eigenvalues (6,) and eigenvectors (6, 6) of the centred A, which of them are observable, and
-    G of System.centred().
+    G of NormalEquations.centred().
     """
 
     values: np.ndarray
@@ -89,8 +98,8 @@ class _Axes(NamedTuple):
     G: np.ndarray
 
     @classmethod
-    def of(cls, system: System) -> "_Axes":
-        A_centred, G = system.centred()
+    def of(cls, equations: NormalEquations) -> "_Axes":
+        A_centred, G = equations.centred()
         values, vectors = np.linalg.eigh(A_centred)
         return cls(values, vectors, values > RANK_TOLERANCE * max(values[-1], 1e-30), G)
 
@@ -98,26 +107,29 @@ class _Axes(NamedTuple):
         """The jackknife's variance along each axis (6,), as a multiple of that for pixels with
         independent errors of mean square `error`.
         """
-        A, b = self.G @ sums.take(SYMMETRIC, axis=1) @ self.G.T, sums[:, 21:27] @ self.G.T
-        total, total_b = A.sum(axis=0), b.sum(axis=0)
-        total += np.eye(6) * (
-            1e-6 * np.trace(total) + 1e-12
-        )  # a bare wall leaves directions unobservable
-        steps = np.linalg.solve(total - A, (total_b - b)[..., None])[..., 0] - np.linalg.solve(
-            total, total_b
-        )
+        A = self.G @ sums.take(SYMMETRIC, axis=1) @ self.G.T
+        b = sums[:, 21:27] @ self.G.T
+        total = A.sum(axis=0)
+        total_b = b.sum(axis=0)
+        # a bare wall leaves directions unobservable
+        total += np.eye(6) * (1e-6 * np.trace(total) + 1e-12)
+        without_one = np.linalg.solve(total - A, (total_b - b)[..., None])[..., 0]
+        steps = without_one - np.linalg.solve(total, total_b)
         independent = np.where(self.observable, self.values * error, np.inf)
         factor = np.square(steps @ total @ self.vectors).sum(axis=0) / independent
-        return factor * (((nu + 3) / (nu + 1)) ** 2 if nu > 0 else 1.0)
+        if nu <= 0:
+            return factor
+        return factor * ((nu + 3) / (nu + 1)) ** 2
 
-    def information(self, system: System, factor: np.ndarray, error: float) -> System:
-        """`system` with A and b as information, if the variance along each axis is `factor` (6,)
+    def information(
+        self, equations: NormalEquations, factor: np.ndarray, error: float
+    ) -> NormalEquations:
+        """`equations` with A and b as information, if the variance along each axis is `factor` (6,)
         times that of independent errors.
         """
-        G_inverse, right = (
-            np.linalg.solve(self.G, self.vectors),
-            self.vectors.T @ (self.G @ system.b),
-        )
+        G_inverse = np.linalg.solve(self.G, self.vectors)
+        right = self.vectors.T @ (self.G @ equations.b)
         weights = self.observable / (factor * error)
         A = (G_inverse * (weights * self.values)) @ G_inverse.T
-        return replace(system, A=A, b=G_inverse @ (weights * right), is_information=True)
+        b = G_inverse @ (weights * right)
+        return replace(equations, A=A, b=b, is_information=True)

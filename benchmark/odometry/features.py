@@ -5,6 +5,7 @@ A. Huang et al., "Visual odometry and mapping for autonomous flight using an RGB
 before, so (u, v) on level n is (u, v) 2^n in the image.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,8 +15,9 @@ from iclnuim.geometry.camera import PinholeCamera
 from numba import njit
 
 from .kernels import halve_depth
+from .levels import MIN_SIDE, Level
 from .protocol import Frame
-from .solver import MIN_SIDE, Level
+from .terms.reprojection import Matches
 
 #: Radius in pixels of the patch that describes a corner.
 REACH = 4
@@ -27,15 +29,18 @@ MIN_EIGENVALUE = (2 / 255) ** 2
 #: Scale of the structure tensor: half the 7x7 mean of products of Sobel sums, which are up to 4 x
 #: 255.
 SOBEL_SQUARES = np.float32(1 / (2 * 49 * 1020.0**2))
-#: Side in pixels of a bucket, and the maximum number of corners in it; the strongest are used.
-BUCKET_PX, PER_BUCKET = 80, 25
+#: Side in pixels of a bucket, and the maximum number of corners in it; the strongest are used
+#: (section 3.1).
+BUCKET_PX = 80
+PER_BUCKET = 25
 
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Corners of one frame, sorted by level, then row. images: grey (h, w) uint8, fine to coarse;
-    uv (n, 2): pixels of the full
-    image; level (n,); points_m (n, 3): in the camera's frame; descriptions (n, 81) uint8.
+    """Corners of one frame, sorted by level, then row.
+
+    images: grey (h, w) uint8, fine to coarse; uv (n, 2): pixels of the full image; level (n,);
+    points_m (n, 3): in the camera's frame; descriptions (n, 81) uint8.
     """
 
     images: list[np.ndarray]
@@ -52,27 +57,6 @@ class Features:
         """The half-size level for the geometric term, which does not use its grey values."""
         half = halve_depth(self.depth_z_m)
         return Level(self.images[-1], half, self.camera.halved(), calibrated=self.calibrated)
-
-
-@dataclass(frozen=True, eq=False)
-class Matches:
-    """Matched corners: pixels uv (n, 2) and points_m (n, 3) in both frames, the pyramid level (n,)
-    and a weight (n,) of their residuals.
-    """
-
-    uv0: np.ndarray
-    points0_m: np.ndarray
-    uv1: np.ndarray
-    points1_m: np.ndarray
-    level: np.ndarray
-    weight: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.level)
-
-    def chosen(self, which: np.ndarray) -> "Matches":
-        """The matches selected by a mask or by indices."""
-        return Matches(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
 
 def features(frame: Frame, camera: PinholeCamera, levels: int, count: int) -> Features:
@@ -106,7 +90,8 @@ def features(frame: Frame, camera: PinholeCamera, levels: int, count: int) -> Fe
 
 
 def points(camera: PinholeCamera, uv: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    x, y = (uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy
+    x = (uv[:, 0] - camera.cx) / camera.fx
+    y = (uv[:, 1] - camera.cy) / camera.fy
     return np.stack([x * z_m, y * z_m, z_m], axis=1)
 
 
@@ -121,28 +106,37 @@ def eigenvalue_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @njit(cache=True, fastmath=True)
-def smaller_eigenvalues(image):
+def smaller_eigenvalues(image: np.ndarray) -> np.ndarray:
     """(h, w) float32: smaller eigenvalue of the structure tensor, the 7x7 mean of products of Sobel
-    gradients per pixel of an image
-    in 0..1.
+    gradients per pixel of an image in 0..1.
 
     Same as cv2.cornerMinEigenVal(image, 7) in less than half the time; 0 within 4 pixels of the
     border.
     """
     h, w = image.shape
     out = np.zeros((h, w), np.float32)
-    slopes_x, slopes_y = np.zeros((7, w), np.float32), np.zeros((7, w), np.float32)
-    xx, xy, yy = np.zeros(w, np.float32), np.zeros(w, np.float32), np.zeros(w, np.float32)
+    slopes_x = np.zeros((7, w), np.float32)
+    slopes_y = np.zeros((7, w), np.float32)
+    xx = np.zeros(w, np.float32)
+    xy = np.zeros(w, np.float32)
+    yy = np.zeros(w, np.float32)
     for v in range(1, h - 1):
-        above, row, below = image[v - 1], image[v], image[v + 1]
-        x, y = slopes_x[v % 7], slopes_y[v % 7]
+        above = image[v - 1]
+        row = image[v]
+        below = image[v + 1]
+        x = slopes_x[v % 7]
+        y = slopes_y[v % 7]
         for u in range(w):
             xx[u] -= x[u] * x[u]
             xy[u] -= x[u] * y[u]
             yy[u] -= y[u] * y[u]
         for u in range(1, w - 1):
-            a, b, c = np.int32(above[u - 1]), np.int32(above[u]), np.int32(above[u + 1])
-            d, e, f = np.int32(below[u - 1]), np.int32(below[u]), np.int32(below[u + 1])
+            a = np.int32(above[u - 1])
+            b = np.int32(above[u])
+            c = np.int32(above[u + 1])
+            d = np.int32(below[u - 1])
+            e = np.int32(below[u])
+            f = np.int32(below[u + 1])
             x[u] = np.float32(c - a + 2 * (np.int32(row[u + 1]) - np.int32(row[u - 1])) + f - d)
             y[u] = np.float32(d - a + 2 * (e - b) + f - c)
         for u in range(w):
@@ -172,9 +166,8 @@ def _threshold(scores: np.ndarray, count: int) -> float:
     """The threshold, at least MIN_EIGENVALUE, that about `count` corners exceed."""
     if len(scores) <= count:
         return MIN_EIGENVALUE
-    return float(
-        max(np.partition(scores, len(scores) - count)[len(scores) - count], MIN_EIGENVALUE)
-    )
+    rank = len(scores) - count
+    return float(max(np.partition(scores, rank)[rank], MIN_EIGENVALUE))
 
 
 def strongest(uv: np.ndarray, scores: np.ndarray, width: int) -> np.ndarray:
@@ -186,12 +179,14 @@ def strongest(uv: np.ndarray, scores: np.ndarray, width: int) -> np.ndarray:
 
 
 @njit(cache=True)
-def describe(image, uv):
+def describe(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """(n, 81) uint8: the patch around each of uv (n, 2), shifted to a mean of mid-grey."""
     side = 2 * REACH + 1
     out = np.empty((len(uv), side * side), np.uint8)
     for n in range(len(uv)):
-        u, v, total = uv[n, 0] - REACH, uv[n, 1] - REACH, 0
+        u = uv[n, 0] - REACH
+        v = uv[n, 1] - REACH
+        total = 0
         for i in range(side):
             for j in range(side):
                 total += int(image[v + i, u + j])
@@ -216,51 +211,63 @@ def match(
     fails are left out; depth is interpolated there.
     """
     pairs = mutual_best(
-        reference.descriptions,
-        current.descriptions,
-        reference.level,
-        current.level,
-        expected_uv,
-        current.uv,
+        (reference.descriptions, reference.level, expected_uv),
+        (current.descriptions, current.level, current.uv),
         search_px,
     )
-    found = pairs >= 0
-    i, j = np.flatnonzero(found), pairs[found]
-    uv, lost = current.uv[j].copy(), np.zeros(len(j), bool)
-    for n, (image0, image1) in enumerate(zip(reference.images, current.images, strict=True)):
+    i = np.flatnonzero(pairs >= 0)
+    j = pairs[i]
+    uv = current.uv[j].copy()
+    lost = np.zeros(len(j), bool)
+    for n, images in enumerate(zip(reference.images, current.images, strict=True)):
         at = np.flatnonzero(reference.level[i] == n)
-        refine(image0, image1, reference.uv[i[at]] / 2**n, uv, at, float(2**n), precision_px, lost)
+        scale = float(2**n)
+        refine(images, reference.uv[i[at]] / scale, uv, at, (scale, precision_px), lost)
     z = depth_at(current.depth_z_m, uv)
-    points_m = points(current.camera, uv, z)
     matches = Matches(
-        reference.uv[i], reference.points_m[i], uv, points_m, reference.level[i], np.ones(len(i))
+        uv0=reference.uv[i],
+        points0_m=reference.points_m[i],
+        uv1=uv,
+        points1_m=points(current.camera, uv, z),
+        level=reference.level[i],
+        weight=2.0 ** -reference.level[i],
     )
     return matches.chosen((z > 0) & ~lost)
 
 
 @njit(cache=True)
-def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, search_px):
-    """(n0,): index of the match in image 1 of each corner of image 0, -1 without a match. Only
-    corners of the same level match; those of
-    image 1 are sorted by level, then row."""
-    n0, n1 = len(level0), len(level1)
-    best0, best1 = np.full(n0, 1 << 30), np.full(n1, 1 << 30)
-    of0, of1 = np.full(n0, -1), np.full(n1, -1)
+def mutual_best(one: tuple, other: tuple, search_px: float) -> np.ndarray:
+    """(n0,): index of the match in image 1 of each corner of image 0, -1 without a match.
+
+    one, other: descriptions, levels, and positions in image 1 of the corners of an image; those of
+    image 1 are sorted by level, then row. Only corners of the same level match.
+    """
+    descriptions0, level0, expected_uv = one
+    descriptions1, level1, uv1 = other
+    n0 = len(level0)
+    n1 = len(level1)
+    best0 = np.full(n0, 1 << 30)
+    best1 = np.full(n1, 1 << 30)
+    of0 = np.full(n0, -1)
+    of1 = np.full(n1, -1)
     for i in range(n0):
-        first, end = np.searchsorted(level1, level0[i]), np.searchsorted(level1, level0[i] + 1)
-        rows = uv1[first:end, 1]
-        begin = first + np.searchsorted(rows, expected_uv[i, 1] - search_px)
+        first = np.searchsorted(level1, level0[i])
+        end = np.searchsorted(level1, level0[i] + 1)
+        begin = first + np.searchsorted(uv1[first:end, 1], expected_uv[i, 1] - search_px)
         for j in range(begin, end):
-            du, dv = uv1[j, 0] - expected_uv[i, 0], uv1[j, 1] - expected_uv[i, 1]
+            du = uv1[j, 0] - expected_uv[i, 0]
+            dv = uv1[j, 1] - expected_uv[i, 1]
             if dv > search_px:
                 break
             if du * du + dv * dv > search_px * search_px:
                 continue
             score = difference(descriptions0[i], descriptions1[j], max(best0[i], best1[j]))
             if score < best0[i]:
-                best0[i], of0[i] = score, j
+                best0[i] = score
+                of0[i] = j
             if score < best1[j]:
-                best1[j], of1[j] = score, i
+                best1[j] = score
+                of1[j] = i
     for i in range(n0):
         if of0[i] >= 0 and of1[of0[i]] != i:
             of0[i] = -1
@@ -268,12 +275,14 @@ def mutual_best(descriptions0, descriptions1, level0, level1, expected_uv, uv1, 
 
 
 @njit(cache=True)
-def difference(one, other, limit):
+def difference(one: np.ndarray, other: np.ndarray, limit: int) -> int:
     """The sum of absolute differences of two descriptions.
 
     If it reaches the limit, the result is any number that does.
     """
-    score, size, at_once = 0, len(one), 3 * (2 * REACH + 1)
+    score = 0
+    size = len(one)
+    at_once = 3 * (2 * REACH + 1)
     for begin in range(0, size, at_once):
         part = np.int32(0)  # int() of a byte is unsigned in compiled code
         for k in range(begin, min(begin + at_once, size)):
@@ -285,14 +294,17 @@ def difference(one, other, limit):
 
 
 @njit(cache=True)
-def _window(image, u, v, across, out):
+def _window(image: np.ndarray, u: float, v: float, across: np.ndarray, out: np.ndarray) -> None:
     """out (n, n): the image around (u, v), bilinear, at steps of a pixel; across (n + 1, n) is a
     work array.
     """
     n = len(out)
-    j, i = int(u), int(v)
-    s, t = u - j, v - i
-    j, i = j - n // 2, i - n // 2
+    j = int(u)
+    i = int(v)
+    s = u - j
+    t = v - i
+    j -= n // 2
+    i -= n // 2
     for y in range(n + 1):
         for x in range(n):
             a = float(image[i + y, j + x])
@@ -303,82 +315,110 @@ def _window(image, u, v, across, out):
 
 
 @njit(cache=True)
-def refine(image0, image1, uv0, uv1, at, scale, precision_px, lost):
-    """Refine uv1[at] (pixels of the full image, `scale` times those of image1) so that the patch of
-    image1 matches that of image0 around uv0.
+def refine(
+    images: tuple,
+    uv0: np.ndarray,
+    uv1: np.ndarray,
+    at: np.ndarray,
+    rule: tuple[float, float],
+    lost: np.ndarray,
+) -> None:
+    """Refine uv1[at] (pixels of the full image) so that the patch of the second image matches that
+    of the first one around uv0, or mark it as lost.
 
+    rule: scale, the size of a pixel of the images in the full one, and the precision in pixels.
     Efficient second-order minimization (Benhimane, Malis 2004) of the squared difference after
     subtracting its mean; at most 6 steps and 1.5 pixels, and only while the difference decreases.
     """
+    image0, image1 = images
+    scale, precision_px = rule
     h, w = image1.shape
-    size = 2 * REACH + 1
-    seen0, seen1 = np.empty((size + 2, size + 2)), np.empty((size + 2, size + 2))
-    across = np.empty((size + 3, size + 2))
+    side = 2 * REACH + 3
+    seen0 = np.empty((side, side))
+    seen1 = np.empty((side, side))
+    across = np.empty((side + 1, side))
     for n in range(len(at)):
         _window(image0, uv0[n, 0], uv0[n, 1], across, seen0)
-        start_u, start_v = uv1[at[n], 0] / scale, uv1[at[n], 1] / scale
-        u, v, best_u, best_v, best = start_u, start_v, start_u, start_v, np.inf
+        start_u = uv1[at[n], 0] / scale
+        start_v = uv1[at[n], 1] / scale
+        u = best_u = start_u
+        v = best_v = start_v
+        best = np.inf
         for _ in range(7):
             if not (u > REACH + 1 and v > REACH + 1 and u < w - REACH - 3 and v < h - REACH - 3):
                 break
             _window(image1, u, v, across, seen1)
-            a = b = c = p = q = mean = mean_u = mean_v = squares = 0.0
-            for i in range(1, size + 1):
-                for j in range(1, size + 1):
-                    r = seen0[i, j] - seen1[i, j]
-                    # the mean gradient of both images
-                    x_slope = (
-                        seen0[i, j + 1] - seen0[i, j - 1] + seen1[i, j + 1] - seen1[i, j - 1]
-                    ) / 4
-                    y_slope = (
-                        seen0[i + 1, j] - seen0[i - 1, j] + seen1[i + 1, j] - seen1[i - 1, j]
-                    ) / 4
-                    a += x_slope * x_slope
-                    b += x_slope * y_slope
-                    c += y_slope * y_slope
-                    p += x_slope * r
-                    q += y_slope * r
-                    mean += r
-                    mean_u += x_slope
-                    mean_v += y_slope
-                    squares += r * r
-            count = size * size
-            error = squares - mean * mean / count
+            error, du, dv = _patch_step(seen0, seen1)
             if error >= best:
                 break
-            best, best_u, best_v = error, u, v
-            a -= mean_u * mean_u / count
-            b -= mean_u * mean_v / count
-            c -= mean_v * mean_v / count
-            p -= mean_u * mean / count
-            q -= mean_v * mean / count
-            det = a * c - b * b
-            if det < 1e-9:
+            best = error
+            best_u = u
+            best_v = v
+            if math.isnan(du):
                 break
-            du, dv = (c * p - b * q) / det, (a * q - b * p) / det
-            u, v = u + du, v + dv
+            u += du
+            v += dv
             if abs(du) < precision_px and abs(dv) < precision_px:
-                best_u, best_v = u, v
+                best_u = u
+                best_v = v
                 break
         if (best_u - start_u) ** 2 + (best_v - start_v) ** 2 <= 2.25:
-            uv1[at[n], 0], uv1[at[n], 1] = best_u * scale, best_v * scale
+            uv1[at[n], 0] = best_u * scale
+            uv1[at[n], 1] = best_v * scale
         else:
             lost[at[n]] = True
 
 
 @njit(cache=True)
-def depth_at(depth_z_m, uv):
+def _patch_step(seen0: np.ndarray, seen1: np.ndarray) -> tuple[float, float, float]:
+    """The squared difference of two patches (within a border of a pixel) after subtracting its
+    mean, and the shift of the second one that reduces it, NaN without contrast.
+    """
+    a = b = c = p = q = mean = mean_u = mean_v = squares = 0.0
+    size = len(seen0) - 2
+    for i in range(1, size + 1):
+        for j in range(1, size + 1):
+            r = seen0[i, j] - seen1[i, j]
+            # the mean gradient of both images
+            x = seen0[i, j + 1] - seen0[i, j - 1] + seen1[i, j + 1] - seen1[i, j - 1]
+            y = seen0[i + 1, j] - seen0[i - 1, j] + seen1[i + 1, j] - seen1[i - 1, j]
+            x_slope = x / 4
+            y_slope = y / 4
+            a += x_slope * x_slope
+            b += x_slope * y_slope
+            c += y_slope * y_slope
+            p += x_slope * r
+            q += y_slope * r
+            mean += r
+            mean_u += x_slope
+            mean_v += y_slope
+            squares += r * r
+    count = size * size
+    error = squares - mean * mean / count
+    a -= mean_u * mean_u / count
+    b -= mean_u * mean_v / count
+    c -= mean_v * mean_v / count
+    p -= mean_u * mean / count
+    q -= mean_v * mean / count
+    det = a * c - b * b
+    if det < 1e-9:
+        return error, np.nan, np.nan
+    return error, (c * p - b * q) / det, (a * q - b * p) / det
+
+
+@njit(cache=True)
+def depth_at(depth_z_m: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """(n,) depth in metres, interpolated; 0 if one of the four pixels has none."""
     out = np.zeros(len(uv))
     for n in range(len(uv)):
-        j, i = int(uv[n, 0]), int(uv[n, 1])
-        s, t = uv[n, 0] - j, uv[n, 1] - i
-        a, b, c, d = (
-            depth_z_m[i, j],
-            depth_z_m[i, j + 1],
-            depth_z_m[i + 1, j],
-            depth_z_m[i + 1, j + 1],
-        )
+        j = int(uv[n, 0])
+        i = int(uv[n, 1])
+        s = uv[n, 0] - j
+        t = uv[n, 1] - i
+        a = depth_z_m[i, j]
+        b = depth_z_m[i, j + 1]
+        c = depth_z_m[i + 1, j]
+        d = depth_z_m[i + 1, j + 1]
         if min(a, b, c, d) > 0:
             out[n] = (1 - t) * ((1 - s) * a + s * b) + t * ((1 - s) * c + s * d)
     return out
@@ -393,7 +433,7 @@ def consistent(points0_m: np.ndarray, points1_m: np.ndarray, max_m: float) -> np
 
 
 @njit(cache=True)
-def agreement(points0_m, points1_m, max_m):
+def agreement(points0_m: np.ndarray, points1_m: np.ndarray, max_m: float) -> np.ndarray:
     """(n, n) bool: whether the distance of two matches differs by less than max_m between the
     frames; False for a match with itself.
     """
@@ -401,7 +441,8 @@ def agreement(points0_m, points1_m, max_m):
     agree = np.zeros((n, n), np.bool_)
     for i in range(n):
         for j in range(i):
-            d0 = d1 = 0.0
+            d0 = 0.0
+            d1 = 0.0
             for k in range(3):
                 d0 += (points0_m[i, k] - points0_m[j, k]) ** 2
                 d1 += (points1_m[i, k] - points1_m[j, k]) ** 2
@@ -410,10 +451,11 @@ def agreement(points0_m, points1_m, max_m):
 
 
 @njit(cache=True)
-def clique(agree, order):
+def clique(agree: np.ndarray, order: np.ndarray) -> np.ndarray:
     """(n,) bool: in this order, the matches that agree with all that were chosen before."""
     n = len(agree)
-    chosen, possible = np.zeros(n, np.bool_), np.ones(n, np.bool_)
+    chosen = np.zeros(n, np.bool_)
+    possible = np.ones(n, np.bool_)
     for i in order:
         if possible[i]:
             chosen[i] = True

@@ -6,17 +6,65 @@ machine take many times as long. The results therefore do not depend on a number
 The pixels to use are collected in lists once per frame; an iteration only loops over the lists.
 Residuals are computed before the normal equations, so that a scale can be estimated in between.
 Twists are (translation, rotation), applied from the left in the reference camera's frame: T_ref_cur
-<- exp(x) T_ref_cur.
+<- exp(x) T_ref_cur. k are the intrinsics (fx, fy, cx, cy).
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
+#: A point nearer than this to the image plane is not projected (metres).
+NEAREST_M = 0.05
+#: Two depths of one surface differ by less than this share from a pixel to the next.
+SAME_SURFACE = 0.05
+Pair = tuple[Any, Any]
+
+
+class GradientPoints(NamedTuple):
+    """Pixels with a gradient: points (n, 3), grey values (n,), Jacobian (n, 6) of the inverse
+    compositional residual, index (n,) among the tiles of the image.
+    """
+
+    points: np.ndarray
+    greys: np.ndarray
+    J: np.ndarray
+    tiles: np.ndarray
+
+
+class SurfacePoints(NamedTuple):
+    """Pixels with a normal: points (n, 3), normals (n, 3), index (n,) among the blocks of the
+    image.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    blocks: np.ndarray
+
 
 @njit(cache=True)
-def halve_grey(grey):
+def _put(out: np.ndarray, p: tuple) -> None:
+    out[0] = p[0]
+    out[1] = p[1]
+    out[2] = p[2]
+
+
+@njit(cache=True)
+def _put_row(J: np.ndarray, p: tuple, n: tuple) -> None:
+    """J (6,): derivative by a twist from the left of what changes by n with the point p."""
+    x, y, z = p
+    nx, ny, nz = n
+    J[0] = nx
+    J[1] = ny
+    J[2] = nz
+    J[3] = y * nz - z * ny
+    J[4] = z * nx - x * nz
+    J[5] = x * ny - y * nx
+
+
+@njit(cache=True)
+def halve_grey(grey: np.ndarray) -> np.ndarray:
     """2x2 mean."""
     out = np.empty((grey.shape[0] // 2, grey.shape[1] // 2), np.float32)
     for v in range(out.shape[0]):
@@ -28,76 +76,90 @@ def halve_grey(grey):
 
 
 @njit(cache=True)
-def halve_depth(z):
-    """2x2 mean of inverse depth (exact on planes) if the four differ by less than 5 %, else the
-    nearest depth; 0 = missing.
+def halve_depth(z: np.ndarray) -> np.ndarray:
+    """2x2 mean of inverse depth (exact on planes) if the four are of one surface, else the nearest
+    depth; 0 = missing.
 
     If some are missing, the mean of a diagonal, which has the same centre.
     """
     out = np.zeros((z.shape[0] // 2, z.shape[1] // 2), np.float32)
     for v in range(out.shape[0]):
         for u in range(out.shape[1]):
-            a, b, c, d = (
-                z[2 * v, 2 * u],
-                z[2 * v, 2 * u + 1],
-                z[2 * v + 1, 2 * u],
-                z[2 * v + 1, 2 * u + 1],
-            )
+            a = z[2 * v, 2 * u]
+            b = z[2 * v, 2 * u + 1]
+            c = z[2 * v + 1, 2 * u]
+            d = z[2 * v + 1, 2 * u + 1]
             if a > 0 and b > 0 and c > 0 and d > 0:
-                near, far = min(a, b, c, d), max(a, b, c, d)
-                out[v, u] = (
-                    4.0 / (1.0 / a + 1.0 / b + 1.0 / c + 1.0 / d)
-                    if far - near < 0.05 * near
-                    else near
-                )
+                near = min(a, b, c, d)
+                if max(a, b, c, d) - near < SAME_SURFACE * near:
+                    out[v, u] = 4.0 / (1.0 / a + 1.0 / b + 1.0 / c + 1.0 / d)
+                else:
+                    out[v, u] = near
                 continue
             if not (a > 0 and d > 0):
-                a, d = b, c
-            if a > 0 and d > 0 and abs(a - d) < 0.05 * min(a, d):
+                a = b
+                d = c
+            if a > 0 and d > 0 and abs(a - d) < SAME_SURFACE * min(a, d):
                 out[v, u] = 2.0 / (1.0 / a + 1.0 / d)
     return out
 
 
 @njit(cache=True)
-def halve_depth_median(z):
+def halve_depth_median(z: np.ndarray) -> np.ndarray:
     """Median of the 3x3 neighbourhood of every second pixel, of the pixels with depth; 0 if fewer
     than half have depth.
     """
     h, w = z.shape
-    out, seen = np.zeros((h // 2, w // 2), np.float32), np.empty(9, np.float32)
+    out = np.zeros((h // 2, w // 2), np.float32)
+    seen = np.empty(9, np.float32)
     for v in range(out.shape[0]):
         for u in range(out.shape[1]):
             n = 0
             for i in range(2 * v - 1, 2 * v + 2):
                 for j in range(2 * u - 1, 2 * u + 2):
                     d = z[min(max(i, 0), h - 1), min(max(j, 0), w - 1)]
-                    if not d > 0:
-                        continue
-                    k, n = n, n + 1
-                    while k > 0 and seen[k - 1] > d:
-                        seen[k] = seen[k - 1]
-                        k -= 1
-                    seen[k] = d
+                    if d > 0:
+                        seen[n] = d
+                        n += 1
             if n > 4:
-                out[v, u] = seen[n // 2] if n % 2 else (seen[n // 2 - 1] + seen[n // 2]) / 2
+                out[v, u] = np.median(seen[:n])
     return out
 
 
 @njit(cache=True)
-def _facing(k, v, u, left, right, above, below, e, r, a, b):
-    """Unit normal at (v, u) of the surface through depths e, r (in columns left, right) and a, b
-    (in rows above, below); 0 if undefined.
+def _facing(k: np.ndarray, pixel: Pair, left: Pair, right: Pair, above: Pair, below: Pair) -> tuple:
+    """Unit normal at a pixel (v, u) of the surface through its neighbours, each a column or row and
+    its depth; 0 if undefined.
     """
     fx, fy, cx, cy = k
-    x1, y1, z1 = ((right - cx) * r - (left - cx) * e) / fx, (v - cy) * (r - e) / fy, r - e
-    x2, y2, z2 = (u - cx) * (b - a) / fx, ((below - cy) * b - (above - cy) * a) / fy, b - a
-    x, y, z = y2 * z1 - z2 * y1, z2 * x1 - x2 * z1, x2 * y1 - y2 * x1
+    v, u = pixel
+    left_u, left_z = left
+    right_u, right_z = right
+    above_v, above_z = above
+    below_v, below_z = below
+    x1 = ((right_u - cx) * right_z - (left_u - cx) * left_z) / fx
+    y1 = (v - cy) * (right_z - left_z) / fy
+    z1 = right_z - left_z
+    x2 = (u - cx) * (below_z - above_z) / fx
+    y2 = ((below_v - cy) * below_z - (above_v - cy) * above_z) / fy
+    z2 = below_z - above_z
+    x = y2 * z1 - z2 * y1
+    y = z2 * x1 - x2 * z1
+    z = x2 * y1 - y2 * x1
     length = math.sqrt(x * x + y * y + z * z)
-    return (x / length, y / length, z / length) if length > 0 else (0.0, 0.0, 0.0)
+    if length > 0:
+        return x / length, y / length, z / length
+    return 0.0, 0.0, 0.0
 
 
 @njit(cache=True)
-def normals(z, k, s):
+def _largest_step(d: float, left_z: float, right_z: float, above_z: float, below_z: float) -> float:
+    """The largest step of depth from a pixel to its neighbours."""
+    return max(abs(left_z - d), abs(right_z - d), abs(above_z - d), abs(below_z - d))
+
+
+@njit(cache=True)
+def normals(z: np.ndarray, k: np.ndarray, s: int) -> np.ndarray:
     """Unit normals (h, w, 3) by differences over +-s pixels, one-sided where a neighbour is
     missing; 0 at depth edges.
     """
@@ -108,187 +170,254 @@ def normals(z, k, s):
             d = z[v, u]
             if not d > 0:
                 continue
-            e, r, a, b = z[v, u - s], z[v, u + s], z[v - s, u], z[v + s, u]
-            left, right, above, below = u - s, u + s, v - s, v + s
-            if not (e > 0 and r > 0 and a > 0 and b > 0):
-                if (e <= 0 and r <= 0) or (a <= 0 and b <= 0):
+            left = (u - s, z[v, u - s])
+            right = (u + s, z[v, u + s])
+            above = (v - s, z[v - s, u])
+            below = (v + s, z[v + s, u])
+            if not (left[1] > 0 and right[1] > 0 and above[1] > 0 and below[1] > 0):
+                if (left[1] <= 0 and right[1] <= 0) or (above[1] <= 0 and below[1] <= 0):
                     continue
-                left, e = (left, e) if e > 0 else (u, d)
-                right, r = (right, r) if r > 0 else (u, d)
-                above, a = (above, a) if a > 0 else (v, d)
-                below, b = (below, b) if b > 0 else (v, d)
-            limit = (0.02 + 0.02 * s) * d
-            if max(abs(e - d), abs(r - d), abs(a - d), abs(b - d)) > limit:
-                continue
-            out[v, u, 0], out[v, u, 1], out[v, u, 2] = _facing(
-                k, v, u, left, right, above, below, e, r, a, b
-            )
+                if left[1] <= 0:
+                    left = (u, d)
+                if right[1] <= 0:
+                    right = (u, d)
+                if above[1] <= 0:
+                    above = (v, d)
+                if below[1] <= 0:
+                    below = (v, d)
+            step = _largest_step(d, left[1], right[1], above[1], below[1])
+            if step <= (0.02 + 0.02 * s) * d:
+                _put(out[v, u], _facing(k, (v, u), left, right, above, below))
     return out
 
 
 @njit(cache=True)
-def gradient_points(k, grey, z, min_gradient, max_depth, across, down, sparse):
-    """Lists of the pixels with a gradient (central differences) and depth: point (n, 3), grey
-    value, Jacobian (n, 6) of the inverse
-    compositional residual, and the index among across x down tiles, row by row.
+def gradient_points(k: np.ndarray, image: Pair, rule: tuple) -> GradientPoints:
+    """The pixels of an image (grey, depth) with a gradient (central differences) and depth.
 
-    Depth edges are included: without them a plain room has too few pixels (ATE 2 to 15 times as
-    large).
+    rule: minimum gradient, maximum depth, the tiles across and down the image, and whether only
+    every second pixel is used, in a chessboard pattern. Depth edges are included: without them a
+    plain room has too few pixels (ATE 2 to 15 times as large).
     """
+    grey, z = image
+    min_gradient, max_depth, across, down, sparse = rule
     h, w = z.shape
     fx, fy, cx, cy = k
-    points, greys = np.empty((h * w, 3), np.float32), np.empty(h * w, np.float32)
-    J, tiles = np.empty((h * w, 6), np.float32), np.empty(h * w, np.int16)
-    n, least = 0, min_gradient * min_gradient
+    points = np.empty((h * w, 3), np.float32)
+    greys = np.empty(h * w, np.float32)
+    J = np.empty((h * w, 6), np.float32)
+    tiles = np.empty(h * w, np.int16)
+    least = min_gradient * min_gradient
+    n = 0
     for v in range(1, h - 1):
         for u in range(1 + (v & 1) * sparse, w - 1, 1 + sparse):
-            a, b = (grey[v, u + 1] - grey[v, u - 1]) / 2, (grey[v + 1, u] - grey[v - 1, u]) / 2
+            a = (grey[v, u + 1] - grey[v, u - 1]) / 2
+            b = (grey[v + 1, u] - grey[v - 1, u]) / 2
             d = z[v, u]
             if a * a + b * b < least or not d > 0 or d > max_depth:
                 continue
-            x, y = (u - cx) / fx * d, (v - cy) / fy * d
-            p, q = a * fx / d, b * fy / d
+            x = (u - cx) / fx * d
+            y = (v - cy) / fy * d
+            p = a * fx / d
+            q = b * fy / d
             o = -(p * x + q * y) / d
-            points[n, 0], points[n, 1], points[n, 2], greys[n] = x, y, d, grey[v, u]
+            _put(points[n], (x, y, d))
+            _put_row(J[n], (x, y, d), (p, q, o))
+            greys[n] = grey[v, u]
             tiles[n] = (v * down // h) * across + u * across // w
-            J[n, 0], J[n, 1], J[n, 2] = p, q, o
-            J[n, 3], J[n, 4], J[n, 5] = y * o - d * q, d * p - x * o, x * q - y * p
             n += 1
-    return points[:n], greys[:n], J[:n], tiles[:n]
+    return GradientPoints(points[:n], greys[:n], J[:n], tiles[:n])
+
+
+@njit(cache=True)
+def _moved(T: np.ndarray, x: float, y: float, z: float) -> tuple:
+    """T p for a point."""
+    return (
+        T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
+        T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3],
+    )
+
+
+@njit(cache=True)
+def _rotated(T: np.ndarray, x: float, y: float, z: float) -> tuple:
+    """R n for a direction."""
+    return (
+        T[0, 0] * x + T[0, 1] * y + T[0, 2] * z,
+        T[1, 0] * x + T[1, 1] * y + T[1, 2] * z,
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z,
+    )
+
+
+@njit(cache=True)
+def _rotated_back(T: np.ndarray, x: float, y: float, z: float) -> tuple:
+    """R^T n for a direction."""
+    return (
+        T[0, 0] * x + T[1, 0] * y + T[2, 0] * z,
+        T[0, 1] * x + T[1, 1] * y + T[2, 1] * z,
+        T[0, 2] * x + T[1, 2] * y + T[2, 2] * z,
+    )
+
+
+@njit(cache=True)
+def _bilinear(grey: np.ndarray, u: float, v: float) -> float:
+    j = int(u)
+    i = int(v)
+    s = u - j
+    t = v - i
+    top = grey[i, j] + s * (grey[i, j + 1] - grey[i, j])
+    bottom = grey[i + 1, j] + s * (grey[i + 1, j + 1] - grey[i + 1, j])
+    return top + t * (bottom - top)
 
 
 @njit(cache=True)
 def grey_residuals(
-    T, k, points, greys, grey, z, max_dz, residual, J, mean, tiles, factor, parallax
-):
+    T: np.ndarray, k: np.ndarray, seen: GradientPoints, image: tuple, factor: np.ndarray, out: tuple
+) -> None:
     """residual = grey(warped) - greys, bilinear; NaN outside the image, without depth, or if
     occluded.
 
-    T (4, 4) is T_current_reference; grey and z are the current image's. With `factor`, the inverse
-    depth of a tile is multiplied by its factor, and parallax (n,) is the derivative of the residual
-    by it. With `mean`, the mean Jacobian of both images is written there.
+    T (4, 4) is T_current_reference; image: the current one's grey and depth, and the maximum
+    difference from warped to measured depth. With `factor`, the inverse depth of a tile is
+    multiplied by its factor. out: residual (n,); the mean Jacobian of both images (n, 6), or empty;
+    with `factor` the derivative of the residual by it, parallax (n,).
     """
+    grey, z, max_dz = image
+    residual, mean, parallax = out
     h, w = grey.shape
     fx, fy, cx, cy = k
-    ox, oy, oz = -T[0, 3], -T[1, 3], -T[2, 3]
-    for n in range(len(points)):
-        x, y, d = points[n, 0], points[n, 1], points[n, 2]
+    # towards the current camera's centre
+    gx, gy, gz = _rotated_back(T, -T[0, 3], -T[1, 3], -T[2, 3])
+    for n in range(len(seen.points)):
+        x = seen.points[n, 0]
+        y = seen.points[n, 1]
+        d = seen.points[n, 2]
         residual[n] = np.nan
-        f = factor[tiles[n]] if len(factor) else 1.0
+        f = factor[seen.tiles[n]] if len(factor) else 1.0
         found_z = T[2, 0] * x + T[2, 1] * y + T[2, 2] * d + T[2, 3]
         qz = found_z + (f - 1.0) * T[2, 3]
-        if qz < 0.05:
+        if qz < NEAREST_M:
             continue
         a = fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * d + f * T[0, 3]) / qz + cx
         b = fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * d + f * T[1, 3]) / qz + cy
         if not (a >= 1 and b >= 1 and a < w - 2 and b < h - 2):
             continue
-        row, column = int(b + 0.5), int(a + 0.5)
+        row = int(b + 0.5)
+        column = int(a + 0.5)
         found = z[row, column]
         if not found > 0 or abs(found - found_z) > max_dz:
             continue
-        i, j = int(b), int(a)
-        s, t = a - j, b - i
-        top = grey[i, j] + s * (grey[i, j + 1] - grey[i, j])
-        bottom = grey[i + 1, j] + s * (grey[i + 1, j + 1] - grey[i + 1, j])
-        residual[n] = top + t * (bottom - top) - greys[n]
-        mx, my, mz = J[n, 0], J[n, 1], J[n, 2]
+        residual[n] = _bilinear(grey, a, b) - seen.greys[n]
+        mx = seen.J[n, 0]
+        my = seen.J[n, 1]
+        mz = seen.J[n, 2]
         if len(mean):
             p = fx / qz * (grey[row, column + 1] - grey[row, column - 1]) / 2
             q = fy / qz * (grey[row + 1, column] - grey[row - 1, column]) / 2
             o = -(p * (a - cx) / fx + q * (b - cy) / fy)
-            mx = (T[0, 0] * p + T[1, 0] * q + T[2, 0] * o + mx) / 2
-            my = (T[0, 1] * p + T[1, 1] * q + T[2, 1] * o + my) / 2
-            mz = (T[0, 2] * p + T[1, 2] * q + T[2, 2] * o + mz) / 2
-            mean[n, 0], mean[n, 1], mean[n, 2] = mx, my, mz
-            mean[n, 3], mean[n, 4], mean[n, 5] = y * mz - d * my, d * mx - x * mz, x * my - y * mx
+            px, py, pz = _rotated_back(T, p, q, o)
+            mx = (px + mx) / 2
+            my = (py + my) / 2
+            mz = (pz + mz) / 2
+            _put_row(mean[n], (x, y, d), (mx, my, mz))
         if len(factor):
-            # towards the current camera's centre
-            gx = T[0, 0] * ox + T[1, 0] * oy + T[2, 0] * oz
-            gy = T[0, 1] * ox + T[1, 1] * oy + T[2, 1] * oz
-            gz = T[0, 2] * ox + T[1, 2] * oy + T[2, 2] * oz
             parallax[n] = mx * gx + my * gy + mz * gz
 
 
 @njit(cache=True)
-def flat_points(k, z, normals, stride, across, down):
-    """The number of pixels in every stride-th row and column, and lists of those with a normal:
-    point (n, 3), normal (n, 3) and
-    the index among across x down blocks of the image, row by row.
+def surface_points(
+    k: np.ndarray, z: np.ndarray, normals: np.ndarray, stride: int, grid: Pair
+) -> tuple[int, SurfacePoints]:
+    """The number of pixels in every stride-th row and column, and those with a normal; grid: the
+    blocks across and down the image.
     """
     h, w = z.shape
+    across, down = grid
     fx, fy, cx, cy = k
-    size, n = -(-h // stride) * -(-w // stride), 0
-    points, directions, blocks = (
-        np.empty((size, 3), np.float32),
-        np.empty((size, 3), np.float32),
-        np.empty(size, np.int16),
-    )
+    size = -(-h // stride) * -(-w // stride)
+    points = np.empty((size, 3), np.float32)
+    directions = np.empty((size, 3), np.float32)
+    blocks = np.empty(size, np.int16)
+    n = 0
     for v in range(0, h, stride):
         for u in range(0, w, stride):
             if normals[v, u, 2] == 0:
                 continue
             d = z[v, u]
-            points[n, 0], points[n, 1], points[n, 2] = (u - cx) / fx * d, (v - cy) / fy * d, d
+            _put(points[n], ((u - cx) / fx * d, (v - cy) / fy * d, d))
             directions[n] = normals[v, u]
             blocks[n] = (v * down // h) * across + u * across // w
             n += 1
-    return size, points[:n], directions[:n], blocks[:n]
+    return size, SurfacePoints(points[:n], directions[:n], blocks[:n])
 
 
 @njit(cache=True)
-def _plane_row(J, x, y, z, nx, ny, nz):
-    """J (6,): derivative of the distance of (x, y, z) along a normal, by a twist from the left."""
-    J[0], J[1], J[2] = nx, ny, nz
-    J[3], J[4], J[5] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
+def _associated(
+    T: np.ndarray, k: np.ndarray, point: np.ndarray, z: np.ndarray, gate: Pair
+) -> tuple:
+    """Projective association: the row (-1 without a match) and column of the reference's depth z
+    that T projects a point to, the moved point, and the way from it to the reference's one.
+
+    gate: number of pixels at the border that do not match, and the maximum distance.
+    """
+    h, w = z.shape
+    fx, fy, cx, cy = k
+    border, max_distance = gate
+    none = (0.0, 0.0, 0.0)
+    q = _moved(T, point[0], point[1], point[2])
+    if q[2] < NEAREST_M:
+        return -1, -1, none, none
+    a = fx * q[0] / q[2] + cx + 0.5
+    b = fy * q[1] / q[2] + cy + 0.5
+    if not (a >= border and b >= border and a < w - border and b < h - border):
+        return -1, -1, none, none
+    j = int(a)
+    i = int(b)
+    e = z[i, j]
+    way = ((j - cx) / fx * e - q[0], (i - cy) / fy * e - q[1], e - q[2])
+    if _dot(way, way) > max_distance * max_distance:
+        return -1, -1, none, none
+    return i, j, q, way
+
+
+@njit(cache=True)
+def _dot(a: tuple, b: tuple) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(cache=True)
 def plane_residuals(
-    T, k, points, directions, z, normals, max_distance, min_cosine, residual, J, residual1, J1
-):
-    """Projective association: residual = n . (p0 - T p1) in metres, NaN without a match; T is
-    T_reference_current.
+    T: np.ndarray, k: np.ndarray, seen: SurfacePoints, surface: Pair, gate: Pair, out: tuple
+) -> None:
+    """residual = n . (p0 - T p1) in metres, NaN without a match; T is T_reference_current.
 
-    z and normals are the reference's.
+    surface: depth and normals of the reference; gate: maximum distance, minimum cosine between the
+    normals. out: residual (n,) and Jacobian (n, 6) along the reference's normal, and along the
+    current one's.
     """
-    h, w = z.shape
-    fx, fy, cx, cy = k
-    farthest = max_distance * max_distance
-    for n in range(len(points)):
-        x, y, d = points[n, 0], points[n, 1], points[n, 2]
+    z, normals = surface
+    max_distance, min_cosine = gate
+    residual, J, residual1, J1 = out
+    for n in range(len(seen.points)):
         residual[n] = np.nan
-        qz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * d + T[2, 3]
-        if qz < 0.05:
+        i, j, q, way = _associated(T, k, seen.points[n], z, (0, max_distance))
+        if i < 0 or normals[i, j, 2] == 0:
             continue
-        qx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * d + T[0, 3]
-        qy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * d + T[1, 3]
-        a, b = fx * qx / qz + cx + 0.5, fy * qy / qz + cy + 0.5
-        if not (a >= 0 and b >= 0 and a < w and b < h):
+        one = (normals[i, j, 0], normals[i, j, 1], normals[i, j, 2])
+        normal = seen.normals[n]
+        other = _rotated(T, normal[0], normal[1], normal[2])
+        if _dot(one, other) < min_cosine:
             continue
-        j, i = int(a), int(b)
-        nx, ny, nz = normals[i, j, 0], normals[i, j, 1], normals[i, j, 2]
-        if nz == 0:
-            continue
-        e = z[i, j]
-        dx, dy, dz = (j - cx) / fx * e - qx, (i - cy) / fy * e - qy, e - qz
-        if dx * dx + dy * dy + dz * dz > farthest:
-            continue
-        ox, oy, oz = directions[n, 0], directions[n, 1], directions[n, 2]
-        mx = T[0, 0] * ox + T[0, 1] * oy + T[0, 2] * oz
-        my = T[1, 0] * ox + T[1, 1] * oy + T[1, 2] * oz
-        mz = T[2, 0] * ox + T[2, 1] * oy + T[2, 2] * oz
-        if nx * mx + ny * my + nz * mz < min_cosine:
-            continue
-        residual[n] = nx * dx + ny * dy + nz * dz
-        _plane_row(J[n], qx, qy, qz, nx, ny, nz)
-        residual1[n] = mx * dx + my * dy + mz * dz
-        _plane_row(J1[n], qx, qy, qz, mx, my, mz)
+        residual[n] = _dot(one, way)
+        residual1[n] = _dot(other, way)
+        _put_row(J[n], q, one)
+        _put_row(J1[n], q, other)
 
 
 @njit(cache=True)
-def _add_point(o, r, weight, x, y, z):
+def _add_point(o: np.ndarray, r: float, weight: float, p: tuple) -> None:
     """Add one pixel to elements 27 to 33 of the sums o (34,) that block_sums() describes."""
+    x, y, z = p
     o[27] += weight * r * r
     o[28] += weight
     o[29] += 1
@@ -299,60 +428,77 @@ def _add_point(o, r, weight, x, y, z):
 
 
 @njit(cache=True)
-def _add_pair(o, J, r, J1, q, weight, x, y, z):
+def _add_pair(o: np.ndarray, one: Pair, other: Pair, weight: float, p: tuple) -> None:
     """Add one pixel to the sums o (34,) that block_sums() describes."""
-    half, n = 0.5 * weight, 0
+    J, r = one
+    J1, q = other
+    half = 0.5 * weight
+    n = 0
     for a in range(6):
         for b in range(a, 6):
             o[n] += half * (J[a] * J1[b] + J1[a] * J[b])
             n += 1
         o[21 + a] += half * (J[a] * q + J1[a] * r)
-    _add_point(o, r, weight, x, y, z)
+    _add_point(o, r, weight, p)
 
 
 @njit(cache=True)
-def block_sums(points, J, residual, J1, residual1, sigma, nu, blocks, out):
+def _weight(r: float, student: Pair) -> float:
+    """Student-t weight (Kerl 2013, eq. 12) of a residual; student: scale, degrees of freedom nu;
+    nu <= 0: plain least squares.
+    """
+    sigma, nu = student
+    if nu <= 0:
+        return 1.0
+    return (nu + 1) / (nu + (r / sigma) ** 2)
+
+
+@njit(cache=True)
+def block_sums(
+    points: np.ndarray, rows: tuple, student: Pair, blocks: np.ndarray, out: np.ndarray
+) -> None:
     """out (blocks, 34), sums per block: 21 of the upper triangle of J^T W J1, 6 of J^T W r1, both
-    symmetrized, w r^2, w,
-    count, w p, w |p|^2.
+    symmetrized, w r^2, w, count, w p, w |p|^2.
 
-    Student-t weights (Kerl 2013, eq. 12); nu <= 0: plain least squares. J1 = J gives the usual
-    squares. With J1 of the other image they are products of independent noise; squares of noise
-    would bias the motion to zero and add false information.
+    rows: residual, J, residual1, J1; student: as in _weight(). J1 = J gives the usual squares. With
+    J1 of the other image they are products of independent noise; squares of noise would bias the
+    motion to zero and add false information.
     """
-    out[:] = 0
-    for i in range(len(residual)):
-        r, q = residual[i], residual1[i]
-        if not math.isfinite(r):
-            continue
-        weight = 1.0 if nu <= 0 else (nu + 1) / (nu + (r / sigma) ** 2)
-        _add_pair(
-            out[blocks[i]], J[i], r, J1[i], q, weight, points[i, 0], points[i, 1], points[i, 2]
-        )
-
-
-@njit(cache=True)
-def sums(points, J, residual, J1, residual1, sigma, nu):
-    """(34,): block_sums() of all pixels as one block."""
-    out = np.empty((1, 34))
-    block_sums(
-        points, J, residual, J1, residual1, sigma, nu, np.zeros(len(residual), np.int16), out
-    )
-    return out[0]
-
-
-@njit(cache=True)
-def tile_sums(points, J, parallax, residual, sigma, nu, tiles, out):
-    """out (tiles, 42): sums() of squares per tile, then J^T w g (6), g^T w g and g^T w r of its
-    parallax g.
-    """
+    residual, J, residual1, J1 = rows
     out[:] = 0
     for i in range(len(residual)):
         r = residual[i]
         if not math.isfinite(r):
             continue
-        weight = 1.0 if nu <= 0 else (nu + 1) / (nu + (r / sigma) ** 2)
-        o, g = out[tiles[i]], parallax[i]
+        p = (points[i, 0], points[i, 1], points[i, 2])
+        weight = _weight(r, student)
+        _add_pair(out[blocks[i]], (J[i], r), (J1[i], residual1[i]), weight, p)
+
+
+@njit(cache=True)
+def sums(points: np.ndarray, residual: np.ndarray, J: np.ndarray, student: Pair) -> np.ndarray:
+    """(34,): block_sums() of the squares of all pixels as one block."""
+    out = np.empty((1, 34))
+    blocks = np.zeros(len(residual), np.int16)
+    block_sums(points, (residual, J, residual, J), student, blocks, out)
+    return out[0]
+
+
+@njit(cache=True)
+def tile_sums(seen: GradientPoints, rows: tuple, student: Pair, out: np.ndarray) -> None:
+    """out (tiles, 42): sums() per tile, then J^T w g (6), g^T w g and g^T w r of its parallax g.
+
+    rows: residual, J, parallax.
+    """
+    residual, J, parallax = rows
+    out[:] = 0
+    for i in range(len(residual)):
+        r = residual[i]
+        if not math.isfinite(r):
+            continue
+        weight = _weight(r, student)
+        o = out[seen.tiles[i]]
+        g = parallax[i]
         n = 0
         for a in range(6):
             slope = weight * J[i, a]
@@ -361,98 +507,93 @@ def tile_sums(points, J, parallax, residual, sigma, nu, tiles, out):
                 n += 1
             o[21 + a] += slope * r
             o[34 + a] += slope * g
-        _add_point(o, r, weight, points[i, 0], points[i, 1], points[i, 2])
+        _add_point(o, r, weight, (seen.points[i, 0], seen.points[i, 1], seen.points[i, 2]))
         o[40] += weight * g * g
         o[41] += weight * g * r
 
 
 @njit(cache=True)
-def _normal(z, v, u, k):
+def _normal(z: np.ndarray, v: int, u: int, k: np.ndarray) -> tuple:
     """Unit normal by differences over a pixel to each side; its z is 0 at depth edges and where
     depth is missing.
     """
-    d, e, r, a, b = z[v, u], z[v, u - 1], z[v, u + 1], z[v - 1, u], z[v + 1, u]
-    if not (d > 0 and e > 0 and r > 0 and a > 0 and b > 0):
+    d = z[v, u]
+    left = z[v, u - 1]
+    right = z[v, u + 1]
+    above = z[v - 1, u]
+    below = z[v + 1, u]
+    if not (d > 0 and left > 0 and right > 0 and above > 0 and below > 0):
         return 0.0, 0.0, 0.0
-    if max(abs(e - d), abs(r - d), abs(a - d), abs(b - d)) > 0.04 * d:
+    if _largest_step(d, left, right, above, below) > 0.04 * d:
         return 0.0, 0.0, 0.0
-    return _facing(k, v, u, u - 1, u + 1, v - 1, v + 1, e, r, a, b)
+    return _facing(k, (v, u), (u - 1, left), (u + 1, right), (v - 1, above), (v + 1, below))
 
 
 @njit(cache=True)
-def depth_points(k, z, stride):
-    """Lists of point (n, 3) and normal (n, 3) of the pixels with a normal in every stride-th row
-    and column.
-    """
+def depth_points(k: np.ndarray, z: np.ndarray, stride: int) -> SurfacePoints:
+    """The pixels with a normal in every stride-th row and column, in one block."""
     fx, fy, cx, cy = k
-    size, n = -(-z.shape[0] // stride) * -(-z.shape[1] // stride), 0
-    points, directions = np.empty((size, 3), np.float32), np.empty((size, 3), np.float32)
+    size = -(-z.shape[0] // stride) * -(-z.shape[1] // stride)
+    points = np.empty((size, 3), np.float32)
+    directions = np.empty((size, 3), np.float32)
+    n = 0
     for v in range(1, z.shape[0] - 1, stride):
         for u in range(1, z.shape[1] - 1, stride):
-            x, y, w = _normal(z, v, u, k)
-            if w == 0:
+            normal = _normal(z, v, u, k)
+            if normal[2] == 0:
                 continue
             d = z[v, u]
-            points[n, 0], points[n, 1], points[n, 2] = (u - cx) / fx * d, (v - cy) / fy * d, d
-            directions[n, 0], directions[n, 1], directions[n, 2] = x, y, w
+            _put(points[n], ((u - cx) / fx * d, (v - cy) / fy * d, d))
+            _put(directions[n], normal)
             n += 1
-    return points[:n], directions[:n]
+    return SurfacePoints(points[:n], directions[:n], np.zeros(n, np.int16))
 
 
 @njit(cache=True)
-def depth_sums(T, k, points, directions, z, max_distance, min_cosine, sigma, nu, residual, cosine):
-    """sums() of point-to-plane products; writes residual = n . (p0 - T p1) in metres (NaN without a
-    match) and cosine of the normals.
-
-    Projective association; T is T_reference_current, z (h, w) the reference's, whose normals are
+def depth_sums(
+    T: np.ndarray, k: np.ndarray, seen: SurfacePoints, z: np.ndarray, rule: tuple, out: Pair
+) -> np.ndarray:
+    """sums() of point-to-plane products, for a depth z (h, w) of the reference whose normals are
     computed only where needed.
+
+    rule: gate of plane_residuals(), scale and degrees of freedom of _weight(). out: residual (n,)
+    as of plane_residuals(), and cosine (n,) between the normals.
     """
-    h, w = z.shape
-    fx, fy, cx, cy = k
-    farthest = max_distance * max_distance
-    out, J, J1 = np.zeros(34), np.empty(6), np.empty(6)
-    for n in range(len(points)):
-        x, y, d = points[n, 0], points[n, 1], points[n, 2]
+    max_distance, min_cosine, sigma, nu = rule
+    residual, cosine = out
+    result = np.zeros(34)
+    J = np.empty(6)
+    J1 = np.empty(6)
+    for n in range(len(seen.points)):
         residual[n] = np.nan
-        qz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * d + T[2, 3]
-        if qz < 0.05:
+        i, j, q, way = _associated(T, k, seen.points[n], z, (1, max_distance))
+        if i < 0:
             continue
-        qx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * d + T[0, 3]
-        qy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * d + T[1, 3]
-        a, b = fx * qx / qz + cx + 0.5, fy * qy / qz + cy + 0.5
-        if not (a >= 1 and b >= 1 and a < w - 1 and b < h - 1):
+        one = _normal(z, i, j, k)
+        normal = seen.normals[n]
+        other = _rotated(T, normal[0], normal[1], normal[2])
+        cosine[n] = _dot(one, other)
+        if one[2] == 0 or cosine[n] < min_cosine:
             continue
-        j, i = int(a), int(b)
-        e = z[i, j]
-        dx, dy, dz = (j - cx) / fx * e - qx, (i - cy) / fy * e - qy, e - qz
-        if dx * dx + dy * dy + dz * dz > farthest:
-            continue
-        nx, ny, nz = _normal(z, i, j, k)
-        ox, oy, oz = directions[n, 0], directions[n, 1], directions[n, 2]
-        mx = T[0, 0] * ox + T[0, 1] * oy + T[0, 2] * oz
-        my = T[1, 0] * ox + T[1, 1] * oy + T[1, 2] * oz
-        mz = T[2, 0] * ox + T[2, 1] * oy + T[2, 2] * oz
-        cosine[n] = nx * mx + ny * my + nz * mz
-        if nz == 0 or cosine[n] < min_cosine:
-            continue
-        r, q = nx * dx + ny * dy + nz * dz, mx * dx + my * dy + mz * dz
+        r = _dot(one, way)
         residual[n] = r
-        _plane_row(J, qx, qy, qz, nx, ny, nz)
-        _plane_row(J1, qx, qy, qz, mx, my, mz)
-        _add_pair(out, J, r, J1, q, (nu + 1) / (nu + (r / sigma) ** 2), qx, qy, qz)
-    return out
+        _put_row(J, q, one)
+        _put_row(J1, q, other)
+        weight = (nu + 1) / (nu + (r / sigma) ** 2)
+        _add_pair(result, (J, r), (J1, _dot(other, way)), weight, q)
+    return result
 
 
 @njit(cache=True)
-def student_scale(residual, nu, start, rounds):
-    """Scale of Student's t by fixed-point iteration (Kerl 2013, eq.
-
-    13), on some 5000 of the residuals.
+def student_scale(residual: np.ndarray, nu: float, start: float, rounds: int) -> float:
+    """Scale of Student's t by fixed-point iteration (Kerl 2013, eq. 13), on some 5000 of the
+    residuals.
     """
     step = max(1, len(residual) // 5000) | 1
     sigma = start
     for _ in range(rounds):
-        total, n = 0.0, 0
+        total = 0.0
+        n = 0
         for i in range(0, len(residual), step):
             r = residual[i]
             if math.isfinite(r):
@@ -460,41 +601,53 @@ def student_scale(residual, nu, start, rounds):
                 n += 1
         if n == 0 or total <= 0:
             return start
-        before, sigma = sigma, math.sqrt(total / n)
+        before = sigma
+        sigma = math.sqrt(total / n)
         if abs(sigma - before) < 1e-3 * sigma:
             break
     return sigma
 
 
 @njit(cache=True)
-def take_brightness(residual, greys, nu, sigma, rounds):
-    """(sigma, gain): subtracts a gain (minus 1) and an offset of `greys` from the residual (n,).
-    They are estimated with Student-t
-    weights on some 5000 residuals, like the scale (student_scale)."""
+def take_brightness(residual: np.ndarray, greys: np.ndarray, student: Pair) -> Pair:
+    """(scale, gain): subtracts a gain (minus 1) and an offset of `greys` from the residual (n,).
+
+    They are estimated with Student-t weights on some 5000 residuals, like the scale
+    (student_scale), in at most five rounds.
+    """
+    sigma, nu = student
     step = max(1, len(residual) // 5000) | 1
-    gain, offset, before = 0.0, 0.0, sigma
-    for _ in range(rounds):
-        s, x, y, xx, xy, total, n = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
+    gain = 0.0
+    offset = 0.0
+    for _ in range(5):
+        s = 0.0
+        x = 0.0
+        y = 0.0
+        xx = 0.0
+        xy = 0.0
+        total = 0.0
+        n = 0
         for i in range(0, len(residual), step):
-            r, grey = residual[i], greys[i] - 128.0
+            r = residual[i]
             if not math.isfinite(r):
                 continue
+            grey = greys[i] - 128.0
             off = r - offset - gain * grey
             weight = (nu + 1) / (nu + (off / sigma) ** 2)
-            s, x, y, n = s + weight, x + weight * grey, y + weight * r, n + 1
-            xx, xy, total = (
-                xx + weight * grey * grey,
-                xy + weight * grey * r,
-                total + weight * off * off,
-            )
+            n += 1
+            s += weight
+            x += weight * grey
+            y += weight * r
+            xx += weight * grey * grey
+            xy += weight * grey * r
+            total += weight * off * off
         if n == 0 or s <= 0:
             break
-        spread = xx - x * x / s
-        gain = (xy - x * y / s) / (
-            spread + s
-        )  # regularized: a standard deviation of one grey level does not determine a gain
+        # regularized: a standard deviation of one grey level does not determine a gain
+        gain = (xy - x * y / s) / (xx - x * x / s + s)
         offset = (y - gain * x) / s
-        before, sigma = sigma, max(math.sqrt(total / n), 1e-3)
+        before = sigma
+        sigma = max(math.sqrt(total / n), 1e-3)
         if abs(sigma - before) < 1e-2 * sigma:
             break
     for i in range(len(residual)):

@@ -98,7 +98,7 @@ class Status(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class OdometryResult:
     """Result of one alignment. All fields except the pose are optional; `failure(reason)` makes a
     result without a pose.
 
@@ -126,9 +126,9 @@ class Result:
     reason: str = ""
 
 
-def failure(reason: str) -> Result:
+def failure(reason: str) -> OdometryResult:
     """A result without a pose. `reason` has the form `part: what`, such as `image: no contrast`."""
-    return Result(SE3.identity(), Status.FAILED, False, reason=reason)
+    return OdometryResult(SE3.identity(), Status.FAILED, False, reason=reason)
 
 
 class Odometer(Protocol):
@@ -145,7 +145,7 @@ class Odometer(Protocol):
 
     def prepare(self, frame: Frame, camera: PinholeCamera) -> Any: ...
 
-    def align(self, reference: Any, current: Any, guess: SE3) -> Result:
+    def align(self, reference: Any, current: Any, guess: SE3) -> OdometryResult:
         """T_reference_camera of `current` against `reference` (both from prepare()), starting from
         `guess`.
         """
