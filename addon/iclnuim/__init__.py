@@ -46,8 +46,7 @@ if TYPE_CHECKING:
     from .benchmark.fusion.recording import record_surface
     from .benchmark.fusion.settings import FuseSettings, QualitySettings, VolumeSettings
     from .benchmark.fusion.surface_error import SurfaceError, TrueSurface, read_mesh, read_model
-    from .benchmark.odometry.protocol import Frame, Odometer
-    from .benchmark.odometry.protocol import Result as OdometryResult
+    from .benchmark.odometry.protocol import Frame, Odometer, OdometryResult
     from .benchmark.odometry.protocol import Status as OdometryStatus
     from .benchmark.odometry.recording import record_runs
     from .benchmark.odometry.registry import odometer

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 from iclnuim.benchmark.odometry.protocol import Frame, Odometer
+from iclnuim.benchmark.odometry.references import KeyframeReference
 from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer
-from iclnuim.benchmark.odometry.track import KeyframeReference, Tracker
+from iclnuim.benchmark.odometry.track import Tracker
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3

@@ -13,7 +13,7 @@ from iclnuim.benchmark.odometry.baselines import Baseline
 from iclnuim.benchmark.odometry.protocol import (
     Frame,
     Odometer,
-    Result,
+    OdometryResult,
     Status,
     failure,
 )
@@ -90,7 +90,7 @@ class RecordingOdometer:
     def prepare(self, frame: Frame, camera: PinholeCamera) -> Any:
         return frame.stamp_s, self.odometer.prepare(frame, camera)
 
-    def align(self, reference: Any, current: Any, guess: SE3) -> Result:
+    def align(self, reference: Any, current: Any, guess: SE3) -> OdometryResult:
         self.pairs[current[0]] = reference[0]
         if self.segment.guess_off_deg:
             axis = self.segment.generator(len(self.pairs)).standard_normal(3)
@@ -163,7 +163,7 @@ class Poses:
         return cls(trajectory, good, missing_s[missing_s > stamps_s[0]], len(stamps_s))
 
 
-def _is_good(result: Result, min_fitness: float) -> bool:
+def _is_good(result: OdometryResult, min_fitness: float) -> bool:
     """Whether the method reported success.
 
     Zero inliers means that a baseline does not report inliers.
@@ -310,7 +310,10 @@ def _nees(
 
 
 def _cause(
-    results: list[Result], residual: float | None, inliers: float | None, clean: Outcome | None
+    results: list[OdometryResult],
+    residual: float | None,
+    inliers: float | None,
+    clean: Outcome | None,
 ) -> str:
     """The first cause that applies: why frames were lost, under-constrained frames, fewer inliers,
     a larger residual; else an empty text.

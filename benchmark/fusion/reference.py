@@ -10,10 +10,11 @@ from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
-from ..odometry.protocol import Frame, Odometer, Result
-from ..odometry.solver import PyramidOdometer, pyramid
-from ..odometry.track import REFERENCES, Reference, reference, rotated
-from ..odometry.track import View as ReferenceView
+from ..odometry.levels import PyramidOdometer, pyramid
+from ..odometry.protocol import Frame, Odometer, OdometryResult
+from ..odometry.references import REFERENCES, Reference, reference
+from ..odometry.references import View as ReferenceView
+from ..odometry.watch import rotated
 from .settings import PRESETS as VOLUMES
 from .settings import VolumeSettings
 from .volume import View, Volume
@@ -77,7 +78,7 @@ class ModelReference(Reference):
         self._T_world_view, self._age = SE3.identity(), 0
 
     def renew(
-        self, frame: Frame, prepared: Any, T_world_camera: SE3, result: Result | None = None
+        self, frame: Frame, prepared: Any, T_world_camera: SE3, result: OdometryResult | None = None
     ) -> ReferenceView:
         """Fuse the frame and raycast from its pose, or keep the view."""
         self._age += 1
@@ -98,7 +99,7 @@ class ModelReference(Reference):
         self._view, self._age = None, 0
         return prepared, T_world_camera
 
-    def _outdated(self, T_world_camera: SE3, result: Result | None) -> bool:
+    def _outdated(self, T_world_camera: SE3, result: OdometryResult | None) -> bool:
         s = self.settings
         if not s.every <= self._age < s.max_age:
             return self._age >= s.every

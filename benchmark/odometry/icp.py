@@ -82,13 +82,13 @@ class Icp(PyramidOdometer):
     def planes(self, pair: Pair, guess: SE3) -> Candidate:
         """Planes alone."""
         s = self.plane_settings(pair)
-        passes = []
-        for n, iterations in self.schedule(pair.reference):
-            passes.append(Pass(PlaneTerm(pair, s, n), iterations, s.stop))
+        schedule = self.schedule(pair.reference)
+        terms = [PlaneTerm(pair, s, n) for n, _ in schedule]
+        passes = [Pass(term, schedule[k][1], s.stop) for k, term in enumerate(terms)]
         limits = s.limits
         if pair.rough:
             limits = replace(limits, min_eigenvalue=ROUGH_EIGENVALUE)
-        return Candidate(guess, passes, limits, surface=passes[0].term)
+        return Candidate(guess, passes, limits, surface=terms[0])
 
     def plane_settings(self, pair: Pair) -> IcpSettings:
         return replace(self.settings, **ROUGH) if pair.rough else self.settings

@@ -33,7 +33,7 @@ ODOMETERS = {
     "fovis": OdometerEntry(".fovis", "Fovis", "FOVIS", "features", in_paper=True),
     "rgbd": OdometerEntry(".photometric", "Rgbd", "RGB-D", "photometric", in_paper=True),
     "icp": OdometerEntry(".icp", "Icp", "ICP", "geometric", _MODEL_FIRST, True),
-    "icp_rgbd": OdometerEntry(".icp", "IcpRgbd", "ICP+RGB-D", "geometric", _MODEL_FIRST, True),
+    "icp_rgbd": OdometerEntry(".icp_rgbd", "IcpRgbd", "ICP+RGB-D", "geometric", _MODEL_FIRST, True),
 }
 #: third-party odometers: name -> (class in baselines.py, name of the method in the package, import
 #: name of the package)

@@ -181,8 +181,10 @@ def maximize_correlation(one: np.ndarray, other: np.ndarray, warp: np.ndarray) -
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 1e-4)
     mask = np.full(other.shape, 255, np.uint8)
     mode = cv2.MOTION_EUCLIDEAN
-    options = {"inputMask": mask, "gaussFiltSize": 5}
     try:
-        return np.asarray(cv2.findTransformECC(one, other, warp, mode, criteria, **options)[1])
+        found = cv2.findTransformECC(
+            one, other, warp, mode, criteria, inputMask=mask, gaussFiltSize=5
+        )
+        return np.asarray(found[1])
     except cv2.error:
         return None

@@ -185,8 +185,8 @@ class Tracker:
             self.T_view_camera = self.T_view_camera @ self.velocity.predicted(stamp_s)
             self.velocity.pose_s = stamp_s
         pose = _rigid(self.T_world_view @ self.T_view_camera)
-        usable = not isinstance(frame, str) and current is not None
-        if usable and (self.policy == "restart" or self.losses >= MAX_LOST):
+        replace_view = self.policy == "restart" or self.losses >= MAX_LOST
+        if replace_view and current is not None and not isinstance(frame, str):
             self._set_view(self.reference.restart(frame, current, pose), pose)
             self.velocity.pose_s = stamp_s
             self.watch.assume(stamp_s, pose)

@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from iclnuim.benchmark.odometry.references import REFERENCES
 from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer
-from iclnuim.benchmark.odometry.track import REFERENCES
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import check_file

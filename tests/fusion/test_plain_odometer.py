@@ -11,7 +11,7 @@ from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba")
 from iclnuim.benchmark.fusion.reference import NAMES, make_reference  # noqa: E402
-from iclnuim.benchmark.odometry.protocol import Frame, Result, Status, failure  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, Status, failure  # noqa: E402
 from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer  # noqa: E402
 from iclnuim.benchmark.odometry.track import PREDICTION_DECAY, Tracker, track  # noqa: E402
 
@@ -36,7 +36,7 @@ class Plain:
         assert isinstance(reference, Frame) and isinstance(current, Frame)
         self.calls += 1
         self.guesses.append(guess)
-        return self.results.get(self.calls, Result(guess @ STEP))
+        return self.results.get(self.calls, OdometryResult(guess @ STEP))
 
 
 def frames(count):
@@ -56,8 +56,8 @@ def test_an_odometer_with_nothing_but_the_protocol_works_against_every_reference
 def test_a_reported_failure_is_a_lost_frame_also_with_a_residual_and_without_a_reason():
     results = {
         2: failure("nothing to see"),
-        3: Result(STEP, Status.FAILED, residual=1.0),
-        4: Result(STEP, residual=np.nan),
+        3: OdometryResult(STEP, Status.FAILED, residual=1.0),
+        4: OdometryResult(STEP, residual=np.nan),
     }
     found = list(track(Plain(results), CAMERA, [(f.stamp_s, f) for f in frames(5)]))
     assert [f.lost for f in found] == [False, False, True, True, False]
@@ -68,7 +68,7 @@ def test_a_reported_failure_is_a_lost_frame_also_with_a_residual_and_without_a_r
 
 
 def test_a_prediction_that_the_images_did_not_confirm_decays():
-    one = Plain({1: Result(STEP), 2: Result(STEP @ STEP, under_constrained=1)})
+    one = Plain({1: OdometryResult(STEP), 2: OdometryResult(STEP @ STEP, under_constrained=1)})
     against = make_reference("keyframe", one, CAMERA)
     for _ in track(one, CAMERA, [(f.stamp_s, f) for f in frames(4)], against=against):
         pass

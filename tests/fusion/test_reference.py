@@ -13,7 +13,7 @@ from dataclasses import replace  # noqa: E402
 
 from iclnuim.benchmark.fusion import reference as module  # noqa: E402
 from iclnuim.benchmark.fusion.reference import PRESETS, ModelReference, make_reference  # noqa: E402
-from iclnuim.benchmark.odometry.protocol import Frame, Result  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
 from iclnuim.benchmark.odometry.track import Tracker  # noqa: E402
 
@@ -81,7 +81,7 @@ def test_a_view_is_kept_while_it_tells_the_motion_and_shows_the_same(
     _, frames = room
     one = odometer("icp")
     model, prepared = ModelReference(one, camera), one.prepare(frames[0], camera)
-    result, views = Result(SE3.identity(), largest_sigma_m=sigma_m), []
+    result, views = OdometryResult(SE3.identity(), largest_sigma_m=sigma_m), []
     for i in range(8):
         T = SE3.exp([0, 0, 0, 0, np.radians(i * turn_deg), 0])
         view, _ = model.renew(frames[0], prepared, T, result)

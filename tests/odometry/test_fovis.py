@@ -181,7 +181,8 @@ def test_a_refined_place_is_where_the_corner_went():
     uv = uv[((uv > 20) & (uv < (CAMERA.width - 20, CAMERA.height - 20))).all(axis=1)]
     places = uv.astype(float)
     lost = np.zeros(len(uv), bool)
-    features.refine(image, moved, uv.astype(float), places, np.arange(len(uv)), 1.0, 0.01, lost)
+    at = np.arange(len(uv))
+    features.refine((image, moved), uv.astype(float), places, at, (1.0, 0.01), lost)
     assert not lost.any() and np.median(np.abs(places - uv - shift)) < 0.02
 
 
@@ -196,9 +197,10 @@ def test_the_clique_leaves_out_what_moved_by_itself():
 def test_partners_are_each_others_best_within_reach():
     looks = np.array([[0] * 4, [100] * 4, [200] * 4], np.uint8)
     level, uv = np.zeros(3, np.int64), np.array([[10.0, 10], [20, 10], [30, 10]])
-    reach = features.mutual_best(looks, looks[::-1].copy(), level, level, uv, uv, 15.0)
+    one, other = (looks, level, uv), (looks[::-1].copy(), level, uv)
+    reach = features.mutual_best(one, other, 15.0)
     assert reach.tolist() == [-1, 1, -1]  # the likenesses of 0 and 2 are 20 pixels away
-    assert features.mutual_best(looks, looks[::-1].copy(), level, level, uv, uv, 25.0).tolist() == [
+    assert features.mutual_best(one, other, 25.0).tolist() == [
         2,
         1,
         0,

@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 from iclnuim.benchmark.experiments.outcome import Poses, diagnostics, outcome, track_all
-from iclnuim.benchmark.odometry.protocol import Result, Status
+from iclnuim.benchmark.odometry.protocol import OdometryResult, Status
 from iclnuim.benchmark.odometry.registry import odometer
 from iclnuim.benchmark.odometry.track import Tracked
 from iclnuim.benchmark.perturbations.plan import Bounds
@@ -85,7 +85,7 @@ def test_nees_of_errors_drawn_from_the_stated_covariance_is_one(truth):
     for i in np.tile(np.arange(1, len(truth)), 4):
         true = truth.T_world_camera[i - 1].inverse() @ truth.T_world_camera[i]
         said = SE3.exp(-sigma * rng.standard_normal(6)) @ true
-        result = Result(
+        result = OdometryResult(
             said, information=information, largest_sigma_m=0.003, residual=1.0, inliers=0.9
         )
         tracked.append(Tracked(truth.stamps_s[i], truth.T_world_camera[i], result))
@@ -96,7 +96,8 @@ def test_nees_of_errors_drawn_from_the_stated_covariance_is_one(truth):
 def test_the_cause_is_what_the_diagnostics_say(truth):
     def told(clean=None, **result):
         made = [
-            Tracked(t, SE3.identity(), Result(SE3.identity(), **result)) for t in truth.stamps_s
+            Tracked(t, SE3.identity(), OdometryResult(SE3.identity(), **result))
+            for t in truth.stamps_s
         ]
         return diagnostics(made, {}, truth, clean)["cause"]
 
@@ -112,7 +113,7 @@ def test_the_cause_is_what_the_diagnostics_say(truth):
 
 def test_a_fitness_that_is_too_small_is_a_flag_of_open3d_and_not_of_ours(truth):
     good = [
-        Tracked(t, T, Result(T, inliers=0.9))
+        Tracked(t, T, OdometryResult(T, inliers=0.9))
         for t, T in zip(truth.stamps_s, truth.T_world_camera, strict=True)
     ]
     low = [replace(f, result=replace(f.result, inliers=0.1)) for f in good]

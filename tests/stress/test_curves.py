@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from iclnuim import write_ply
 from iclnuim.benchmark.experiments import curves
-from iclnuim.benchmark.odometry.protocol import Frame, Result
+from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult
 from iclnuim.benchmark.odometry.track import Tracker
 from iclnuim.errors import InputError
 
 pytest.importorskip("numba")
-from iclnuim.benchmark.odometry.icp import Icp, IcpRgbd  # noqa: E402
+from iclnuim.benchmark.odometry.icp import Icp  # noqa: E402
+from iclnuim.benchmark.odometry.icp_rgbd import IcpRgbd  # noqa: E402
 from iclnuim.benchmark.odometry.photometric import Rgbd  # noqa: E402
 
 
@@ -70,7 +71,7 @@ class Slow:
         return frame
 
     def align(self, reference, current, guess):
-        return Result(guess)
+        return OdometryResult(guess)
 
 
 @pytest.mark.parametrize(("slowdown", "processed"), [(0.1, 40), (1, 20), (4, 7)])
@@ -97,7 +98,7 @@ def test_compiling_at_the_first_alignment_is_not_timed(segment, monkeypatch):
         def align(self, reference, current, guess):
             clock_s[0] += 10.0 if self.first else 0.001
             self.first = False
-            return Result(guess)
+            return OdometryResult(guess)
 
     variant = curves.Variant("compiled", None, Tracker(Compiled(), segment.camera))
     (point,) = curves.interleaved(

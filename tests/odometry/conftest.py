@@ -1,0 +1,6 @@
+"""The made frames of odometry_scenes.py can be imported by the tests of this folder."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))

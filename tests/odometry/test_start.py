@@ -1,0 +1,99 @@
+"""Where an alignment starts after a sudden motion."""
+
+import numpy as np
+import pytest
+from iclnuim.geometry.se3 import SE3
+
+pytest.importorskip("numba", reason="the extra `odometry` is not installed")
+from iclnuim.benchmark.odometry.candidates import Estimate  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import OdometryResult, Status, failure  # noqa: E402
+from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
+from iclnuim.benchmark.odometry.start import Start  # noqa: E402
+from odometry_scenes import BIG, ROOM, WALL, after, error_m, run, view  # noqa: E402
+
+
+@pytest.mark.parametrize("name", ["rgbd", "dvo"])
+def test_a_guess_that_is_ten_degrees_off_is_found_to_be_wrong_by_small_images(name):
+    method = odometer(name)
+    reference, current = (method.prepare(view(i, ROOM, camera=BIG), BIG) for i in (0, 2))
+    for axis in np.eye(3):
+        found = method.align(reference, current, SE3.exp(np.r_[0, 0, 0, np.radians(10) * axis]))
+        assert np.abs((after(2).inverse() @ found.T_reference_camera).log()).max() < 1e-3
+
+
+@pytest.mark.parametrize("off_deg", [10, 20])
+@pytest.mark.parametrize("name", ["rgbd", "dvo"])
+def test_a_guess_that_is_far_off_is_corrected_from_a_far_keyframe(name, off_deg):
+    """The parallax between the two views is as large as the error of the guess."""
+    method = odometer(name)
+    reference, current = (method.prepare(view(i, ROOM, camera=BIG), BIG) for i in (0, 20))
+    for axis in (*np.eye(3), *-np.eye(3)):
+        found = method.align(
+            reference, current, after(20) @ SE3.exp(np.r_[0, 0, 0, np.radians(off_deg) * axis])
+        )
+        assert np.abs((after(20).inverse() @ found.T_reference_camera).log()).max() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("turned", "predicted", "taken"),
+    [
+        (0.2, 0.95, "predicted"),
+        (0.7, 0.95, "turned"),
+        (None, 0.95, "turned"),
+        (0.9, None, "turned"),
+    ],
+)
+def test_the_prediction_is_aligned_too_where_another_guess_replaces_it(turned, predicted, taken):
+    """Correlations at the two results; None: the alignment fails."""
+    poses, fits = (
+        {"turned": after(1), "predicted": after(2)},
+        {"turned": turned, "predicted": predicted},
+    )
+
+    class Images:
+        def fit(self, T):
+            return next(fits[name] for name, pose in poses.items() if pose is T), 0.4
+
+    def align(guess):
+        name = next(name for name, pose in poses.items() if pose is guess)
+        return Estimate(OdometryResult(guess) if fits[name] else failure("image: unrelated"))
+
+    found = Start(list(poses.values()), [], Images(), poor=True).aligned(align).result
+    assert found.status is (Status.OK if fits[taken] else Status.FAILED)
+    assert not fits[taken] or found.T_reference_camera is poses[taken]
+
+
+@pytest.mark.parametrize("jump, noise", [(10, 0.0), (14, 0.001)])
+@pytest.mark.parametrize("name", ["icp_rgbd", "rgbd", "dvo"])
+def test_a_sudden_motion_along_a_wall_is_found_by_its_image(name, jump, noise):
+    """The planes do not constrain it, and the prediction is 9 and 12 cm off."""
+    numbers = (0, 1, 2, 2 + jump, 3 + jump)
+    found = run(name, [view(i, WALL, noise, BIG) for i in numbers], BIG)
+    assert error_m(found, numbers[-1]) < 5e-4
+    assert found[3].result.status is Status.OK and found[3].result.converged
+
+
+@pytest.mark.parametrize("name", ["icp_rgbd", "rgbd", "dvo"])
+def test_images_that_still_do_not_fit_after_a_poor_prediction_are_reported(name):
+    """Half of the view shows another texture, so that no motion aligns it."""
+    method = odometer(name)
+    frames = [view(i, ROOM, camera=BIG) for i in (0, 30)]
+    frames[1].grey[:, 160:] = frames[1].grey[::-1, 160:]
+    reference, current = (method.prepare(f, BIG) for f in frames)
+    result = method.align(reference, current, after(27))
+    assert result.status is Status.DEGENERATE and result.reason.startswith(
+        "prediction: poor, correlation 0.5"
+    )
+
+
+@pytest.mark.parametrize("name", ["icp_rgbd", "dvo"])
+def test_the_authors_settings_report_a_motion_if_half_of_the_image_has_changed(name):
+    method = odometer(name, "paper")
+    frames = [view(i, ROOM, camera=BIG) for i in (0, 1, 1)]
+    frames[2].grey[:, 160:] = frames[2].grey[::-1, 160:]
+    reference, same, changed = (method.prepare(f, BIG) for f in frames)
+    assert method.align(reference, same, after(1)).status is Status.OK
+    result = method.align(reference, changed, after(1))
+    assert result.status is not Status.OK and result.reason.startswith(
+        ("image: does not fit", "overlap", "step")
+    )
