@@ -19,6 +19,8 @@ from iclnuim.shipped import versions
 _ROOMS = ("benchmark", "geometry", "sensor", "evaluation", "raycast")
 _PATTERN = re.compile(rf"iclnuim\.({'|'.join(_ROOMS)})\b")
 _ODOMETRY = "iclnuim.benchmark.odometry"
+#: Names of odometers: a new one does not change the others.
+_REGISTRY = f"{_ODOMETRY}.registry"
 #: Package -> its folder, the inner one first.
 _FOLDERS = {
     "iclnuim.benchmark": Path(odometry.__path__[0]).parent,
@@ -52,6 +54,7 @@ def code_of(*modules: str) -> str:
     """The hash of modules and of all modules in _ROOMS that they import."""
     found: dict[str, str] = {}
     left = list(modules)
+    found[_REGISTRY] = ""
     while left:
         name = left.pop()
         if name not in found and (file := _file_of(name)):

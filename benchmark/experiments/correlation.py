@@ -4,23 +4,27 @@ bootstrap interval, and the number of discordant pairs of cells.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
+from scipy import stats
 
-from .lookup import ate_of, surface_of
+from .cell import Measured
+from .paper_figures import ate_of, surface_of
 from .table import ResultTable
 
-_RESAMPLES, _SEED = 4999, 0
+#: The ends of the interval move by less than 0.02 from one seed to another.
+_RESAMPLES = 4999
 #: Two errors differ clearly if one is smaller than the other by more than this share.
 _CLEARLY = 0.1
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """rho: Spearman's correlation of n cells. low, high: its 95 % percentile bootstrap interval.
-    pairs: number of pairs of cells on one sequence
-    that clearly differ in ATE and in surface error. discordant: number of those in which the better
-    trajectory has the worse surface.
+    """rho: Spearman's correlation of n cells. low, high: its 95 % percentile bootstrap interval
+    (Efron 1979) over cells. pairs: number of pairs of cells on one sequence that clearly differ in
+    ATE and in surface error. discordant: number of those in which the better trajectory has the
+    worse surface.
     """
 
     n: int
@@ -31,80 +35,67 @@ class Correlation:
     discordant: int
 
 
-def correlation(results: Sequence[dict]) -> Correlation | None:
+def correlation(results: Sequence[Measured]) -> Correlation | None:
     """Correlation over cells that have both an ATE and a surface; None for fewer than 4, or if all
     values of either are equal.
     """
-    both = [(ate_of(r), surface_of(r), r["cell"].sequence) for r in results]
-    known = [
-        (ate_m, surface_m, sequence)
-        for ate_m, surface_m, sequence in both
-        if ate_m is not None and surface_m is not None
-    ]
-    x, y = (np.array([row[k] for row in known], float) for k in (0, 1))
+    known = []
+    for result in results:
+        errors = (ate_of(result.figures), surface_of(result.figures))
+        if None not in errors:
+            known.append((*errors, result.key.sequence))
+    x = np.array([row[0] for row in known], float)
+    y = np.array([row[1] for row in known], float)
     if len(known) < 4 or np.ptp(x) == 0 or np.ptp(y) == 0:
         return None
     low, high = interval(x, y)
-    return Correlation(
-        len(x), float(spearman(x, y)), low, high, *_pairs(x, y, [row[2] for row in known])
-    )
-
-
-def spearman(x: np.ndarray, y: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
-    """Rank correlation of x and y (n,): Pearson's correlation of their ranks.
-
-    With rows (k, n), indices of k samples, it returns (k,). NaN if all values are equal.
-    """
-    rows = np.arange(len(x)) if rows is None else rows
-    a, b = (_ranks(values, np.atleast_2d(rows)) - (len(x) + 1) / 2 for values in (x, y))
-    with np.errstate(invalid="ignore"):
-        found = (a * b).sum(1) / np.sqrt((a * a).sum(1) * (b * b).sum(1))
-    return found.reshape(rows.shape[:-1])
-
-
-def _ranks(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Ranks (k, n) within each sample, counted from 1; equal values get their mean rank."""
-    levels, level = np.unique(values, return_inverse=True)
-    level, first = level[rows], np.arange(len(rows))[:, None] * len(levels)
-    counts = np.bincount((level + first).ravel(), minlength=len(rows) * len(levels)).reshape(
-        len(rows), -1
-    )
-    mean = np.cumsum(counts, axis=1) - (counts - 1) / 2
-    return np.take_along_axis(mean, level, axis=1)
+    pairs = 0
+    discordant = 0
+    for i, j in combinations(range(len(known)), 2):
+        same = known[i][2] == known[j][2]
+        if same and _differ(x[i], x[j]) and _differ(y[i], y[j]):
+            pairs += 1
+            discordant += bool((x[i] < x[j]) != (y[i] < y[j]))
+    rho = float(stats.spearmanr(x, y).statistic)
+    return Correlation(len(x), rho, low, high, pairs, discordant)
 
 
 def interval(x: np.ndarray, y: np.ndarray, share: float = 0.95) -> tuple[float, float]:
-    """Percentile bootstrap (Efron 1979) over pairs drawn with replacement."""
-    rows = np.random.default_rng(_SEED).integers(0, len(x), (_RESAMPLES, len(x)))
-    low, high = np.nanquantile(spearman(x, y, rows), ((1 - share) / 2, (1 + share) / 2))
+    """The percentile interval of Spearman's correlation over pairs drawn with replacement."""
+    found = stats.bootstrap(
+        (x, y),
+        _spearman,
+        n_resamples=_RESAMPLES,
+        paired=True,
+        vectorized=True,
+        method="percentile",
+        rng=np.random.default_rng(0),
+    )
+    # samples whose values are all equal have no correlation
+    ends = ((1 - share) / 2, (1 + share) / 2)
+    low, high = np.nanquantile(found.bootstrap_distribution, ends)
     return float(low), float(high)
 
 
-def _pairs(x: np.ndarray, y: np.ndarray, sequences: Sequence[str]) -> tuple[int, int]:
-    """Number of pairs of cells on one sequence that clearly differ in both errors, and number of
-    discordant ones among them.
-    """
-    count = discordant = 0
-    for i in range(len(x)):
-        for j in range(i):
-            if sequences[i] == sequences[j] and _differ(x[i], x[j]) and _differ(y[i], y[j]):
-                count += 1
-                discordant += bool((x[i] < x[j]) != (y[i] < y[j]))
-    return count, discordant
+def _spearman(x: np.ndarray, y: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Of many samples at once: Pearson's correlation of their ranks; NaN if all are equal."""
+    a = stats.rankdata(x, axis=axis) - (x.shape[axis] + 1) / 2
+    b = stats.rankdata(y, axis=axis) - (y.shape[axis] + 1) / 2
+    with np.errstate(invalid="ignore"):
+        return (a * b).sum(axis) / np.sqrt((a * a).sum(axis) * (b * b).sum(axis))
 
 
 def _differ(a: float, b: float) -> bool:
     return min(a, b) < (1 - _CLEARLY) * max(a, b)
 
 
-def correlation_table(results: Sequence[dict]) -> ResultTable:
+def correlation_table(results: Sequence[Measured]) -> ResultTable:
     """Correlation over all cells, and over those of each room and each noise."""
-    groups = {"all cells": results}
+    groups = {"all cells": list(results)}
     for name in ("room", "noise"):
-        for value in sorted({getattr(r["cell"], name) for r in results}):
-            groups[value.replace("_", " ")] = [
-                r for r in results if getattr(r["cell"], name) == value
-            ]
+        for value in sorted({getattr(r.key, name) for r in results}):
+            own = [r for r in results if getattr(r.key, name) == value]
+            groups[value.replace("_", " ")] = own
     rows = []
     for name, some in groups.items():
         if found := correlation(some):
@@ -112,9 +103,10 @@ def correlation_table(results: Sequence[dict]) -> ResultTable:
             rows.append((name, str(found.n), *figures, str(found.pairs), str(found.discordant)))
     columns = ("cells", "n", "Spearman's \u03c1", "95 % from", "to", "pairs", "discordant")
     notes = (
-        "ATE against the mean error of the surface, aligned with the model by ICP. The interval is a percentile bootstrap over cells.",
-        "Pairs: two cells on one sequence whose ATE and surface error both differ by more than 10 %. Discordant: the better trajectory has the worse surface.",
+        "ATE against the mean error of the surface, aligned with the model by ICP. "
+        "The interval is a percentile bootstrap over cells.",
+        "Pairs: two cells on one sequence whose ATE and surface error both differ by more than "
+        "10 %. Discordant: the better trajectory has the worse surface.",
     )
-    return ResultTable(
-        "correlation", "ATE against surface error.", columns, tuple(rows), notes=notes
-    )
+    title = "ATE against surface error."
+    return ResultTable("correlation", title, columns, tuple(rows), notes=notes)

@@ -10,22 +10,24 @@ from typing import Any
 
 from iclnuim.formats.files import read_json
 
-from .cells import TITLES
+from .cell import Measured
 from .correlation import correlation
 from .findings import FAILS, HOLDS, MISSING, UNDECIDED
-from .lookup import ate_of, surface_of
-from .measure import HEAT_MM
 from .page import Page, Section
+from .paper_figures import ate_of, surface_of
+from .paper_keys import paper_titles
+from .paper_measure import HEAT_MM
 from .paper_tables import CELL_COLUMNS, cell_row, cells_table
 from .table import ResultTable
 
 #: Part of the page for pictures and films. Pictures beyond it are left out, those in colour first.
 _PICTURES = 52_000_000
+_HEAT_TEXT = f"logarithmic: {HEAT_MM[0]:g} mm or less (blue) to {HEAT_MM[1]:g} mm or more (red)"
 
 
 def write_report(
     out: Path,
-    results: Sequence[dict],
+    results: Sequence[Measured],
     tables: Sequence[ResultTable],
     films: Mapping[str, bytes] | None = None,
 ) -> Path:
@@ -71,17 +73,18 @@ def _about(out: Path) -> str:
     recipe = read_json(out / "recipe.json") if (out / "recipe.json").is_file() else {}
     first = recipe.get("first")
     frames = f"the first {first} frames of each sequence" if first else "all frames"
-    versions = recipe.get("versions") or {}
-    made = f"iclnuim {versions.get('iclnuim', '')}, {recipe.get('machine', '')}".strip(", ")
+    version = (recipe.get("versions") or {}).get("iclnuim", "")
+    system = (recipe.get("machine") or {}).get("system", "")
+    made = f"iclnuim {version}, {system}".strip(", ")
     paper = "Handa, Whelan, McDonald and Davison, ICRA 2014"
     return f"The experiments of {paper}, on our sequences, with our odometers: {frames}. {made}."
 
 
-def _tiles(results: Sequence[dict], findings: ResultTable) -> list[tuple[str, str]]:
+def _tiles(results: Sequence[Measured], findings: ResultTable) -> list[tuple[str, str]]:
     verdicts = Counter(row[5] for row in findings.rows)
-    failed = sum("failed" in result for result in results)
+    failed = sum("failed" in result.figures for result in results)
     tiles = [(len(results), f"cells measured{f', {failed} failed' if failed else ''}")]
-    tiles.append((len({r["cell"].sequence for r in results}), "sequences"))
+    tiles.append((len({r.key.sequence for r in results}), "sequences"))
     for name in (HOLDS, FAILS, UNDECIDED, MISSING):
         tiles.append((verdicts[name], f"of {len(findings.rows)} findings: {name}"))
     texts = [(str(number), text) for number, text in tiles if number]
@@ -90,13 +93,13 @@ def _tiles(results: Sequence[dict], findings: ResultTable) -> list[tuple[str, st
     return texts
 
 
-def _data(results: Sequence[dict], films: Mapping[str, bytes]) -> dict[str, Any]:
+def _data(results: Sequence[Measured], films: Mapping[str, bytes]) -> dict[str, Any]:
     """The data that the page's script draws."""
     table = cells_table(results)
     cells = [_row(result) for result in results]
     left = _PICTURES - sum(map(len, films.values())) * 4 // 3
     for found, result, name in _pictures(cells, results):
-        path = result["folder"] / f"{name}.jpg"
+        path = result.folder / f"{name}.jpg"
         text = _inline("image/jpeg", path.read_bytes()) if path.is_file() else ""
         if text and len(text) <= left:
             found["surface_picture" if name == "surface" else name] = text
@@ -109,53 +112,60 @@ def _data(results: Sequence[dict], films: Mapping[str, bytes]) -> dict[str, Any]
         "cells": cells,
         "colours": _colours(results),
         "films": {sequence: _inline("video/webm", film) for sequence, film in films.items()},
-        "heat_text": f"logarithmic: {HEAT_MM[0]:g} mm or less (blue) to {HEAT_MM[1]:g} mm or more (red)",
+        "heat_text": _HEAT_TEXT,
     }
 
 
-def _pictures(cells: Sequence[dict], results: Sequence[dict]) -> Iterator[tuple[dict, dict, str]]:
+def _pictures(
+    cells: Sequence[dict], results: Sequence[Measured]
+) -> Iterator[tuple[dict, Measured, str]]:
     """The heat maps of all cells before their surfaces in colour."""
     for name in ("heat", "surface"):
         for cell, result in zip(cells, results, strict=True):
             yield cell, result, name
 
 
-def _row(result: dict) -> dict:
-    cell, row = result["cell"], cell_row(result)
-    path = result["folder"] / "path.json"
-    ate_m, surface_m = ate_of(result), surface_of(result)
-    surface, times, more = result.get("surface", {}), result["times"], {}
-    if "fit_moved_m" in surface:
-        more["ICP alignment"] = (
-            f"{1e3 * surface['fit_moved_m']:.2f} mm, {surface['fit_turned_deg']:.3f} degrees"
-        )
-    if "track_s" in times:
-        more["tracking"] = (
-            f"{times['track_s']:.1f} s on one core, {times['ms_median']:.1f} ms per frame"
-        )
-    if "peak_mb" in times:
-        more["process"] = f"{times['cpu_s']:.0f} s on one core, {times['peak_mb']:.0f} MB"
+def _row(result: Measured) -> dict[str, Any]:
+    key = result.key
+    row = cell_row(result)
+    ate_m = ate_of(result.figures)
+    surface_m = surface_of(result.figures)
     return {
-        "name": cell.name,
-        "sequence": cell.sequence,
-        "room": cell.room,
-        "noise": cell.noise,
-        "title": cell.title,
+        "name": key.place,
+        "sequence": key.sequence,
+        "room": key.room,
+        "noise": key.noise,
+        "title": key.title,
         "row": row,
-        "search": " ".join((cell.name, *row)).lower(),
+        "search": " ".join((key.place, *row)).lower(),
         "ate": None if ate_m is None else 1e3 * ate_m,
         "surface": None if surface_m is None else 1e3 * surface_m,
-        "failed": result.get("failed", ""),
-        "path": read_json(path) if path.is_file() else None,
-        "more": more,
+        "failed": result.figures.get("failed", ""),
+        "path": result.figures.get("path"),
+        "more": _more(result),
     }
 
 
-def _colours(results: Sequence[dict]) -> dict[str, str]:
-    """Title -> colour in the charts; our five odometers come first."""
+def _more(result: Measured) -> dict[str, str]:
+    """Further figures of a cell, by name."""
+    more = {}
+    surface = result.figures.get("surface", {})
+    times = result.figures["times"]
+    if "fit_moved_m" in surface:
+        moved_mm = 1e3 * surface["fit_moved_m"]
+        more["ICP alignment"] = f"{moved_mm:.2f} mm, {surface['fit_turned_deg']:.3f} degrees"
+    if "track_s" in times:
+        each = f"{times['ms_median']:.1f} ms per frame"
+        more["tracking"] = f"{times['track_s']:.1f} s on one core, {each}"
+    return {**more, "cell": f"{times['cpu_s']:.0f} s on one core"}
+
+
+def _colours(results: Sequence[Measured]) -> dict[str, str]:
+    """Title -> colour in the charts; the paper's five odometers come first."""
     from iclnuim.report.charts import COLOURS
 
-    titles = [*TITLES.values(), *sorted({r["cell"].title for r in results} - set(TITLES.values()))]
+    further = {r.key.title for r in results} - set(paper_titles().values())
+    titles = [*paper_titles().values(), *sorted(further)]
     return {title: COLOURS[k % len(COLOURS)] for k, title in enumerate(titles)}
 
 
@@ -165,8 +175,8 @@ def _heat_gradient() -> str:
     from iclnuim.benchmark.fusion.pictures import heat_colours
     from matplotlib.colors import to_hex
 
-    distances_mm = np.geomspace(*HEAT_MM, 17)
-    return f"linear-gradient(to right, {', '.join(to_hex(c / 255) for c in heat_colours(distances_mm, *HEAT_MM))})"
+    colours = heat_colours(np.geomspace(*HEAT_MM, 17), *HEAT_MM)
+    return f"linear-gradient(to right, {', '.join(to_hex(c / 255) for c in colours)})"
 
 
 def _inline(kind: str, data: bytes) -> str:

@@ -1,31 +1,38 @@
-"""The paper's Tables I to VII with our figures next to the printed ones, the same tables for
-surfaces of the office, and a table of all cells. Errors in mm.
+"""The paper's Tables I to VII with our figures next to the printed ones, the same tables for other
+rooms, and a table of all cells. Errors in mm.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from statistics import median
+from typing import Any
 
 from iclnuim import shipped
+from iclnuim.benchmark.odometry.registry import ODOMETERS
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.trajectory import FRAME_RATE_HZ
 
-from .cells import NOISES, REFERENCES, TITLES
-from .lookup import (
+from .cell import Measured
+from .paper_figures import (
     ATE_TABLES,
-    Figures,
     Ours,
+    PaperFigures,
     Printed,
+    Where,
     ate_of,
     paper,
     presets_of,
     seeds_of,
     surface_of,
 )
+from .paper_keys import NOISES, PaperKey, paper_titles
 from .table import ResultTable
 
 ROMAN = dict(zip("1234567", ("I", "II", "III", "IV", "V", "VI", "VII"), strict=True))
 TRAJECTORIES = shipped.TRAJECTORY_NAMES
+#: The room of Tables II and VII.
+LIVING = "living_room"
 _STATISTICS = {
     "rmse": "RMSE",
     "mean": "Mean",
@@ -34,74 +41,101 @@ _STATISTICS = {
     "min": "Min",
     "max": "Max",
 }
-_ROOMS = {"living_room": "living room", "office": "office"}
-#: (odometer, trajectory) of the columns of Tables II and VII.
-_SURFACES = {
-    "clean": (("dvo", "kt0"), *(("icp", kt) for kt in TRAJECTORIES)),
-    "noisy": tuple(("icp", kt) for kt in TRAJECTORIES),
-}
-_ONE_SIDED = "Our figures and the printed ones come from different frames and programs: compare their order, not their values."
+_SURFACE_TABLES = {"clean": "2", "noisy": "7"}
+_ONE_SIDED = (
+    "Our figures and the printed ones come from different frames and programs: compare their "
+    "order, not their values."
+)
+#: A figure of a measured cell.
+Figure = Callable[[Mapping[str, Any]], float | None]
 
 
-def all_tables(results: Sequence[dict]) -> list[ResultTable]:
+def all_tables(results: Sequence[Measured]) -> list[ResultTable]:
     """All tables in the paper's order, for each measured preset, followed by the table of all
     cells.
     """
     tables = [table_1()]
-    for preset in presets_of(results) or ["best"]:
+    for preset in presets_of(results):
         tables += preset_tables(results, preset)
-    return [*tables, cells_table(results)]
+    return [*tables, *room_tables(results), cells_table(results)]
 
 
-def preset_tables(results: Sequence[dict], preset: str) -> list[ResultTable]:
+def preset_tables(results: Sequence[Measured], preset: str) -> list[ResultTable]:
     """Tables II to VII, and those for surfaces of the office (2_office, 7_office).
 
     The name of another preset than best is appended to the table's name.
     """
     seeds = seeds_of(results, preset)
     views = [Ours(results, preset, seed) for seed in seeds]
-    externals = [r for r in results if r["cell"].external] if preset == "best" else []
-    ate = [_ate_table(views, externals, *where) for where in ATE_TABLES]
-    lr, office = (
-        [_surface_table(views, room, noise) for noise in NOISES] for room in shipped.SCENE_NAMES
-    )
-    tables = [lr[0], *ate, lr[1], *office]
+    others = [r.key for r in results if r.key.external] if preset == "best" else []
+    others += [r.key for r in results if r.key.preset == preset and _is_further(r.key)]
+    ate = [_ate_table(views, others, *where) for where in ATE_TABLES]
+    surfaces = [
+        _surface_table(views, room, noise)
+        for room, noise in product(shipped.paper_scenes(), NOISES)
+    ]
+    living_clean, living_noisy, *office = surfaces
+    tables = [living_clean, *ate, living_noisy, *office]
     if preset == "best":
         return tables
     return [
-        ResultTable(
-            f"{t.name}_{preset}", f"{t.title} Preset {preset}.", t.columns, t.rows, t.bold, t.notes
-        )
-        for t in tables
+        replace(t, name=f"{t.name}_{preset}", title=f"{t.title} Preset {preset}.") for t in tables
     ]
+
+
+def _is_further(key: PaperKey) -> bool:
+    """Whether it is an odometer of ours that the paper does not have, against its own reference."""
+    if key.external or key.odometer in paper_titles():
+        return False
+    return key.odometer in ODOMETERS and key.reference == _reference(key.odometer)
+
+
+def room_tables(results: Sequence[Measured]) -> list[ResultTable]:
+    """The ATE in rooms that the paper does not have."""
+    keys = [r.key for r in results if r.key.room not in shipped.paper_scenes()]
+    ates = {r.key: ate_of(r.figures) for r in results}
+    tables = []
+    for room in dict.fromkeys(key.room for key in keys):
+        own = [key for key in keys if key.room == room]
+        columns = list(dict.fromkeys(f"{key.trajectory} {key.noise}" for key in own))
+        by_row: dict[tuple[str, ...], dict[str, list[float | None]]] = {}
+        for key in own:
+            row = by_row.setdefault((key.title, key.preset, key.reference), {})
+            row.setdefault(f"{key.trajectory} {key.noise}", []).append(ates[key])
+        rows = []
+        for name, found in by_row.items():
+            rows.append((*name, *(_mm(found.get(column, ())) for column in columns)))
+        title = f"ATE in mm, {room.replace('_', ' ')}, a room that the paper does not have."
+        head = ("odometer", "preset", "reference", *columns)
+        tables.append(ResultTable(f"ate_{room}", title, head, tuple(rows)))
+    return tables
 
 
 # -- Table I
 
 
-def trajectory_rows() -> list[dict]:
+def trajectory_rows() -> list[dict[str, Any]]:
     """The eight shipped trajectories in the paper's order. Lengths in m, speeds in m/s.
 
     The printed speeds are not length x 30 / frames: they imply a duration of printed length /
     printed speed, and `speed_for_printed_duration_m_s` is our length over that duration.
     """
-    printed, rows = paper()["tables"]["1"], []
-    for room, k in product(shipped.SCENE_NAMES, range(len(TRAJECTORIES))):
-        frames, length_m, speed_m_s = (
-            printed[room][key][k] for key in ("frames", "length_m", "mean_speed_m_s")
-        )
-        trajectory = read_trajectory(
-            shipped.trajectory_file(f"{room}/{TRAJECTORIES[k]}")
-        ).trajectory
+    rows = []
+    for room, k in product(shipped.paper_scenes(), range(len(TRAJECTORIES))):
+        printed = paper()["tables"]["1"][room]
+        length_m = printed["length_m"][k]
+        speed_m_s = printed["mean_speed_m_s"][k]
+        name = f"{room}/{TRAJECTORIES[k]}"
+        trajectory = read_trajectory(shipped.trajectory_file(name)).trajectory
         ours_m = trajectory.length_m()
         row = {
-            "sequence": f"{room}/{TRAJECTORIES[k]}",
+            "sequence": name,
             "frames": len(trajectory),
             "length_m": ours_m,
             "speed_at_30_hz_m_s": ours_m * FRAME_RATE_HZ / (len(trajectory) - 1),
             "printed_duration_s": length_m / speed_m_s,
             "speed_for_printed_duration_m_s": ours_m * speed_m_s / length_m,
-            "printed_frames": frames,
+            "printed_frames": printed["frames"][k],
             "printed_length_m": length_m,
             "printed_speed_m_s": speed_m_s,
         }
@@ -109,236 +143,222 @@ def trajectory_rows() -> list[dict]:
     return rows
 
 
+#: Columns of Table I: key of a row, head, format.
+_TABLE_1 = (
+    ("sequence", "sequence", ""),
+    ("frames", "frames", ""),
+    ("printed_frames", "printed", ""),
+    ("length_m", "length m", ".3f"),
+    ("printed_length_m", "printed", ".2f"),
+    ("speed_at_30_hz_m_s", "m/s at 30 Hz", ".3f"),
+    ("speed_for_printed_duration_m_s", "m/s for T", ".3f"),
+    ("printed_speed_m_s", "printed", ".3f"),
+    ("printed_duration_s", "T s", ".1f"),
+)
+
+
 def table_1() -> ResultTable:
     """Frames, lengths and speeds of the shipped trajectories."""
-    columns = (
-        "sequence",
-        "frames",
-        "printed",
-        "length m",
-        "printed",
-        "m/s at 30 Hz",
-        "m/s for T",
-        "printed",
-        "T s",
-    )
     rows = []
-    for r in trajectory_rows():
-        lengths = (f"{r['length_m']:.3f}", f"{r['printed_length_m']:.2f}")
-        speeds = (
-            r["speed_at_30_hz_m_s"],
-            r["speed_for_printed_duration_m_s"],
-            r["printed_speed_m_s"],
-        )
-        frames = (str(r["frames"]), str(r["printed_frames"]))
-        duration = f"{r['printed_duration_s']:.1f}"
-        rows.append((r["sequence"], *frames, *lengths, *(f"{s:.3f}" for s in speeds), duration))
-    title = "Table I: the trajectories. The printed speeds do not follow from 30 frames per second; T = length / speed as printed."
-    return ResultTable("table_1", title, columns, tuple(rows))
+    for row in trajectory_rows():
+        rows.append(tuple(format(row[key], spec) for key, _, spec in _TABLE_1))
+    title = (
+        "Table I: the trajectories. The printed speeds do not follow from 30 frames per second; "
+        "T = length / speed as printed."
+    )
+    return ResultTable("table_1", title, tuple(head for _, head, _ in _TABLE_1), tuple(rows))
 
 
 # -- Tables III to VI
 
 
 def _ate_table(
-    views: Sequence[Ours], externals: Sequence[dict], room: str, noise: str
+    views: Sequence[Ours], others: Sequence[PaperKey], room: str, noise: str
 ) -> ResultTable:
-    """One row per odometer and statistic, followed by the external systems."""
-    printed, rows, bold = Printed(), list[tuple[str, ...]](), set[tuple[int, int]]()
-    sides: tuple[Figures, ...] = (views[0], printed)
-    best = {
-        (kt, one): _best(side, room, kt, noise)
-        for kt in TRAJECTORIES
-        for one, side in enumerate(sides)
-    }
-    for odometer, (statistic, name) in product(TITLES, _STATISTICS.items()):
-        row = [TITLES[odometer] if statistic == "rmse" else "", name]
+    """One row per odometer and statistic, followed by other odometers and external systems."""
+    printed = Printed()
+    rows: list[tuple[str, ...]] = []
+    bold: set[tuple[int, int]] = set()
+    for (odometer, name), statistic in product(paper_titles().items(), _STATISTICS):
+        row = [name if statistic == "rmse" else "", _STATISTICS[statistic]]
         for kt in TRAJECTORIES:
-            ours = [view.ate(room, kt, noise, odometer, statistic) for view in views]
-            theirs = printed.ate(room, kt, noise, odometer, statistic)
+            where = Where(room, kt, noise, odometer)
+            row.append(_mm(view.ate(where, statistic) for view in views))
+            row.append(_mm([printed.ate(where, statistic)], 1))
             if statistic == "rmse":
-                bold |= {(len(rows), len(row) + one) for one in (0, 1) if best[kt, one] == odometer}
-            row += [_mm(ours), _mm([theirs], 1)]
+                sides: tuple[PaperFigures, ...] = (views[0], printed)
+                best = [_is_best(side, where) for side in sides]
+                bold |= {(len(rows), len(row) - 2 + k) for k in (0, 1) if best[k]}
         rows.append(tuple(row))
-    for title in sorted({r["cell"].odometer for r in externals}):
-        some = [
-            r
-            for r in externals
-            if r["cell"].odometer == title and (r["cell"].room, r["cell"].noise) == (room, noise)
-        ]
+    rows += _further_rows(views[0], [k for k in others if (k.room, k.noise) == (room, noise)])
+    number = ATE_TABLES[room, noise]
+    title = f"Table {ROMAN[number]}: ATE in mm, {_words(room)}, {noise}."
+    columns = ["odometer", "error mm"]
+    for kt in TRAJECTORIES:
+        columns += [kt, "printed"]
+    notes = (*_part_note(views[0].results, room, noise), *_notes(views, noise))
+    return ResultTable(
+        f"table_{number}", title, tuple(columns), tuple(rows), frozenset(bold), notes
+    )
+
+
+def _further_rows(view: Ours, keys: Sequence[PaperKey]) -> list[tuple[str, ...]]:
+    """The RMSE of odometers and systems that the paper does not have."""
+    figures = {result.key: result.figures for result in view.results}
+    rows = []
+    for title in sorted({key.title for key in keys}):
         row = [title, "RMSE"]
         for kt in TRAJECTORIES:
-            row += [_mm([ate_of(r) for r in some if r["cell"].trajectory == kt]), ""]
-        rows += [tuple(row)] if any(row[2:]) else []
-    number = ATE_TABLES[room, noise]
-    title = f"Table {ROMAN[number]}: ATE in mm, {_ROOMS[room]}, {noise}."
-    return ResultTable(
-        f"table_{number}",
-        title,
-        _columns("odometer", "error mm"),
-        tuple(rows),
-        frozenset(bold),
-        (*_part_note(views[0].results, room, noise), *_notes(views, noise)),
-    )
+            own = [key for key in keys if (key.title, key.trajectory) == (title, kt)]
+            row += [_mm(ate_of(figures[key]) for key in own), ""]
+        rows.append(tuple(row))
+    return [row for row in rows if any(row[2:])]
 
 
-def _best(view: Figures, room: str, trajectory: str, noise: str) -> str:
-    found = {odometer: view.ate(room, trajectory, noise, odometer) for odometer in TITLES}
-    known = {odometer: value for odometer, value in found.items() if value is not None}
-    return min(known, key=known.__getitem__, default="") if len(known) > 1 else ""
+def _is_best(view: PaperFigures, where: Where) -> bool:
+    """Whether an odometer has the least ATE of those of the five that have one."""
+    found = [view.ate(replace(where, odometer=name)) for name in paper_titles()]
+    known = [value for value in found if value is not None]
+    return len(known) > 1 and view.ate(where) == min(known)
 
 
-def _part_note(results: Sequence[dict], room: str, noise: str) -> tuple[str, ...]:
+def _part_note(results: Sequence[Measured], room: str, noise: str) -> list[str]:
     """A note if cells were measured on fewer frames than the sequence has."""
     whole = dict(zip(TRAJECTORIES, paper()["tables"]["1"][room]["frames"], strict=True))
-    of_table = [r for r in results if (r["cell"].room, r["cell"].noise) == (room, noise)]
-    part = {
-        kt: [
-            r["frames"]
-            for r in of_table
-            if r["cell"].trajectory == kt and r.get("frames", whole[kt]) < whole[kt]
-        ]
-        for kt in whole
-    }
-    counts = [f"{kt} {min(found)} of {whole[kt]}" for kt, found in part.items() if found]
-    return (
-        (f"Ours are of fewer frames than the sequences have: {', '.join(counts)}.",)
-        if counts
-        else ()
-    )
-
-
-def _columns(*first: str) -> tuple[str, ...]:
-    return (*first, *(text for kt in TRAJECTORIES for text in (kt, "printed")))
+    fewest = dict(whole)
+    for r in results:
+        if (r.key.room, r.key.noise) == (room, noise) and r.key.trajectory in whole:
+            kt = r.key.trajectory
+            fewest[kt] = min(fewest[kt], r.figures.get("frames", whole[kt]))
+    part = [f"{kt} {fewest[kt]} of {whole[kt]}" for kt in whole if fewest[kt] < whole[kt]]
+    if not part:
+        return []
+    return [f"Ours are of fewer frames than the sequences have: {', '.join(part)}."]
 
 
 def _notes(views: Sequence[Ours], noise: str) -> tuple[str, ...]:
-    model = [TITLES[name] for name, references in REFERENCES.items() if references[0] == "model"]
+    model = [title for name, title in paper_titles().items() if _reference(name) == "model"]
     how = f"{' and '.join(model)} are aligned against a model, as in the paper; the others are not."
     if len(views) > 1 and noise == "noisy":
         how += f" Median of {len(views)} noise seeds, in brackets the minimum and the maximum."
     return (how, _ONE_SIDED)
 
 
+def _reference(odometer: str) -> str:
+    return ODOMETERS[odometer].references[0]
+
+
+def _words(room: str) -> str:
+    return shipped.SCENES[room].title.lower()
+
+
 # -- Tables II and VII
 
 
 def _surface_table(views: Sequence[Ours], room: str, noise: str) -> ResultTable:
-    printed, rows = Printed(), list[tuple[str, ...]]()
+    printed = Printed()
+    in_paper = room == LIVING
+    cells = [Where(room, kt, noise, "icp") for kt in TRAJECTORIES]
+    if noise == "clean":
+        cells.insert(0, Where(room, "kt0", noise, "dvo"))
     columns = ["error mm"]
-    for odometer, kt in _SURFACES[noise]:
-        columns += [kt if odometer == "icp" else f"{kt} ({TITLES[odometer]})"] + ["printed"] * (
-            room == "living_room"
-        )
+    for where in cells:
+        name = f" ({paper_titles()[where.odometer]})" if where.odometer != "icp" else ""
+        columns += [f"{where.trajectory}{name}", *["printed"] * in_paper]
+    rows = []
     for statistic, name in list(_STATISTICS.items())[1:]:
         row = [name]
-        for odometer, kt in _SURFACES[noise]:
-            row.append(_mm([view.surface(room, kt, noise, odometer, statistic) for view in views]))
-            if room == "living_room":
-                row.append(_mm([printed.surface(room, kt, noise, odometer, statistic)], 1))
+        for where in cells:
+            row.append(_mm(view.surface(where, statistic) for view in views))
+            row += [_mm([printed.surface(where, statistic)], 1)] * in_paper
         rows.append(tuple(row))
-    for name, how in _MORE_SURFACE.items():
+    for name, figure in _MORE_SURFACE.items():
         row = [name]
-        for odometer, kt in _SURFACES[noise]:
-            row.append(_mm([how(view.result(room, kt, noise, odometer)) for view in views]))
-            row += [""] if room == "living_room" else []
+        for where in cells:
+            row += [_mm(figure(view.figures(where)) for view in views), *[""] * in_paper]
         rows.append(tuple(row))
-    number = {"clean": "2", "noisy": "7"}[noise]
-    if room == "living_room":
-        name, title = (
-            f"table_{number}",
-            f"Table {ROMAN[number]}: error of the surfaces of the living room in mm, {noise}.",
-        )
-    else:
-        name = f"table_{number}_{room}"
-        title = f"Error of the surfaces of the {_ROOMS[room]} in mm, {noise}; the paper could not measure them."
-    note = "Surfaces of ICP, except where noted, aligned with the model by ICP as in the paper. The last rows are not in the paper; they align by the first pose."
-    notes = (note, _ONE_SIDED)[: 2 if room == "living_room" else 1]
-    return ResultTable(
-        name,
-        title,
-        tuple(columns),
-        tuple(rows),
-        notes=(*_part_note(views[0].results, room, noise), *notes),
+    number = _SURFACE_TABLES[noise]
+    name = f"table_{number}"
+    what = f"of the surfaces of the {_words(room)} in mm, {noise}"
+    note = (
+        "Surfaces of ICP, except where noted, aligned with the model by ICP as in the paper. The "
+        "last rows are not in the paper; they align by the first pose."
     )
+    notes = [*_part_note(views[0].results, room, noise), note]
+    if in_paper:
+        title = f"Table {ROMAN[number]}: error {what}."
+        notes.append(_ONE_SIDED)
+    else:
+        name = f"{name}_{room}"
+        title = f"Error {what}; the paper could not measure them."
+    return ResultTable(name, title, tuple(columns), tuple(rows), notes=tuple(notes))
 
 
-def quality_of(result: dict, name: str) -> float | None:
+def quality_of(name: str, near: str = "") -> Figure:
     """A figure by name: accuracy, completion or Depth L1 in m (accuracy_m ...), or a share within a
-    distance (f_score 1cm).
+    distance (f_score, 1cm).
     """
-    quality = result.get("surface", {}).get("quality", {})
-    name, _, near = name.partition(" ")
-    return quality.get(name, {}).get(near) if near else quality.get(name)
+
+    def figure(figures: Mapping[str, Any]) -> float | None:
+        quality = figures.get("surface", {}).get("quality", {})
+        return quality.get(name, {}).get(near) if near else quality.get(name)
+
+    return figure
 
 
-_MORE_SURFACE: dict[str, Callable[[dict], float | None]] = {
-    "Mean, not fitted": lambda result: surface_of(result, "mean", "given_m"),
-    "Accuracy": lambda result: quality_of(result, "accuracy_m"),
-    "Completion": lambda result: quality_of(result, "completion_m"),
-    "Depth L1": lambda result: quality_of(result, "depth_l1_m"),
+def _not_fitted(figures: Mapping[str, Any]) -> float | None:
+    return surface_of(figures, "mean", "given_m")
+
+
+_MORE_SURFACE: dict[str, Figure] = {
+    "Mean, not fitted": _not_fitted,
+    "Accuracy": quality_of("accuracy_m"),
+    "Completion": quality_of("completion_m"),
+    "Depth L1": quality_of("depth_l1_m"),
 }
 
 
 # -- all cells
 
 
-#: Columns of the table of all cells -> (result -> figure, factor).
-CELL_FIGURES: dict[str, tuple[Callable[[dict], float | None], float]] = {
+#: Columns of the table of all cells -> (figure, factor).
+CELL_FIGURES: dict[str, tuple[Figure, float]] = {
     "ATE mm": (ate_of, 1e3),
-    "RPE mm/s": (lambda r: (r.get("rpe_1s_m") or {}).get("rmse"), 1e3),
-    "lost": (lambda r: r.get("lost"), 1),
-    "degenerate": (lambda r: r.get("degenerate"), 1),
+    "RPE mm/s": (lambda figures: (figures.get("rpe_1s_m") or {}).get("rmse"), 1e3),
+    "lost": (lambda figures: figures.get("lost"), 1),
+    "degenerate": (lambda figures: figures.get("degenerate"), 1),
     "surface mm": (surface_of, 1e3),
-    "not fitted mm": (_MORE_SURFACE["Mean, not fitted"], 1e3),
-    "accuracy mm": (lambda r: quality_of(r, "accuracy_m"), 1e3),
-    "completion mm": (lambda r: quality_of(r, "completion_m"), 1e3),
-    "Depth L1 mm": (lambda r: quality_of(r, "depth_l1_m"), 1e3),
-    "F 1 cm %": (lambda r: quality_of(r, "f_score 1cm"), 100),
-    "F 2 cm %": (lambda r: quality_of(r, "f_score 2cm"), 100),
-    "F 5 cm %": (lambda r: quality_of(r, "f_score 5cm"), 100),
+    "not fitted mm": (_not_fitted, 1e3),
+    "accuracy mm": (quality_of("accuracy_m"), 1e3),
+    "completion mm": (quality_of("completion_m"), 1e3),
+    "Depth L1 mm": (quality_of("depth_l1_m"), 1e3),
+    "F 1 cm %": (quality_of("f_score", "1cm"), 100),
+    "F 2 cm %": (quality_of("f_score", "2cm"), 100),
+    "F 5 cm %": (quality_of("f_score", "5cm"), 100),
 }
 CELL_COLUMNS = (
-    "room",
-    "trajectory",
-    "noise",
-    "seed",
-    "odometer",
-    "preset",
-    "reference",
-    "frames",
-    *CELL_FIGURES,
-)
+    "room", "trajectory", "noise", "seed", "odometer", "preset", "reference", "frames", *CELL_FIGURES,
+)  # fmt: skip
 
 
-def cells_table(results: Sequence[dict]) -> ResultTable:
+def cells_table(results: Sequence[Measured]) -> ResultTable:
     """One row per cell."""
     return ResultTable("cells", "All cells.", CELL_COLUMNS, tuple(map(cell_row, results)))
 
 
-def cell_row(result: dict) -> tuple[str, ...]:
+def cell_row(result: Measured) -> tuple[str, ...]:
     """The texts of one row: figures with three decimals, counts with none."""
-    cell, figures = result["cell"], []
-    for measure, factor in CELL_FIGURES.values():
-        value = measure(result)
-        figures.append(
-            ""
-            if value is None
-            else str(value)
-            if isinstance(value, int)
-            else f"{factor * value:.3f}"
-        )
-    reference = f"run {cell.run}" if cell.external else cell.reference
-    name = (
-        cell.room,
-        cell.trajectory,
-        cell.noise,
-        str(cell.seed),
-        cell.title,
-        cell.preset,
-        reference,
-    )
-    return (*name, str(result.get("frames", "")), *figures)
+    key = result.key
+    texts = []
+    for figure, factor in CELL_FIGURES.values():
+        value = figure(result.figures)
+        if value is None:
+            texts.append("")
+        else:
+            texts.append(str(value) if isinstance(value, int) else f"{factor * value:.3f}")
+    reference = f"run {key.run}" if key.external else key.reference
+    name = (key.room, key.trajectory, key.noise, str(key.seed), key.title, key.preset, reference)
+    return (*name, str(result.figures.get("frames", "")), *texts)
 
 
 def _mm(values: Iterable[float | None], decimals: int = 2) -> str:
@@ -347,8 +367,5 @@ def _mm(values: Iterable[float | None], decimals: int = 2) -> str:
     if not known:
         return ""
     text = f"{median(known):.{decimals}f}"
-    return (
-        text
-        if min(known) == max(known)
-        else f"{text} [{min(known):.{decimals}f}, {max(known):.{decimals}f}]"
-    )
+    low, high = min(known), max(known)
+    return text if low == high else f"{text} [{low:.{decimals}f}, {high:.{decimals}f}]"

@@ -1,8 +1,11 @@
 """Measures the cells of an experiment on all cores, each job in a forked process with one thread."""
 
+import multiprocessing
 import os
+import signal
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from iclnuim.dataset.frame_pool import FramePool
@@ -89,11 +92,14 @@ def _run_forked(
 
     forwarding = threading.Thread(target=forward, daemon=True)
     try:
-        with FramePool(
-            lambda k: _problem(jobs[k], report, on_problem is not None),
-            workers,
-            lambda problem: _finish(problem, on_problem),
-        ) as pool:
+        with (
+            _interruptible(),
+            FramePool(
+                lambda k: _problem(jobs[k], report, on_problem is not None),
+                workers,
+                lambda problem: _finish(problem, on_problem),
+            ) as pool,
+        ):
             forwarding.start()
             for k in range(len(jobs)):
                 pool.add(k)
@@ -102,6 +108,25 @@ def _run_forked(
         if forwarding.ident:
             forwarding.join()
         os.close(reads)
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Ctrl-C kills the processes, whose jobs may take many minutes: no half cell is left."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def kill(number: int, frame: object) -> None:
+        for process in multiprocessing.active_children():
+            process.kill()
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, kill)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def one_thread() -> None:

@@ -6,15 +6,15 @@ import argparse
 import os
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from iclnuim.benchmark.experiments.cells import PRESETS, Cell, all_cells, chosen, lambertian_cells
-from iclnuim.benchmark.experiments.correlation import correlation_table
-from iclnuim.benchmark.experiments.findings import findings_table
-from iclnuim.benchmark.experiments.lookup import presets_of
-from iclnuim.benchmark.experiments.paper_page import write_report
-from iclnuim.benchmark.experiments.paper_tables import all_tables
-from iclnuim.benchmark.experiments.runner import Benchmark, measured
-from iclnuim.benchmark.experiments.sources import Sources, external_cells
+from iclnuim.benchmark.experiments.paper_keys import (
+    PRESETS,
+    PaperKey,
+    all_keys,
+    chosen,
+    lambertian_keys,
+)
 from iclnuim.benchmark.experiments.table import FORMATS, ResultTable
 from iclnuim.console import Console
 from iclnuim.dataset.frame_pool import cores
@@ -24,6 +24,11 @@ from iclnuim.formats.files import atomic_write_text, make_folder
 from ..farm.lock import OutputLock
 from ..method_options import require
 from ..options import common, count
+
+if TYPE_CHECKING:
+    from iclnuim.benchmark.experiments.cell import Measured
+    from iclnuim.benchmark.experiments.paper_sources import Sources
+    from iclnuim.benchmark.experiments.pool import Advance
 
 _BYTES_A_WORKER = 2 << 30
 
@@ -94,22 +99,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if args.report_only is None:
         require("benchmark", "numba", "cv2", *(() if args.no_surfaces else ("embreex", "igl")))
         problems = _measure(args, console)
-    results = measured(args.out)
-    if not results:
-        raise InputError(
-            "a benchmark with measured cells",
-            path=args.out,
-            found="none",
-            hint="iclnuim make all, then iclnuim benchmark",
-        )
+    from iclnuim.benchmark.experiments.paper_page import write_report
+
+    results = measured_cells(args.out)
     tables = tables_of(results)
     write_tables(args.out / "tables", tables)
     console.note(f"{args.out / 'tables'} written, {len(tables)} tables in {', '.join(FORMATS)}")
-    films = (
-        _films(Sources(args.data, args.out, args.lambertian), results, args.first, console)
-        if args.videos
-        else {}
-    )
+    films = _films(args, results, console) if args.videos else {}
     console.note(f"{write_report(args.out, results, tables, films)} written")
     shown = [table for table in tables if table.name != "cells" and _has_ours(table)]
     console.result(_values(results, tables), "\n\n".join(table.text() for table in shown))
@@ -121,43 +117,65 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 0
 
 
+def measured_cells(out: Path) -> "list[Measured]":
+    """All measured cells of a benchmark. Raises InputError if there are none."""
+    from iclnuim.benchmark.experiments.recipes.paper import KIND
+    from iclnuim.benchmark.experiments.store import Store
+
+    results = Store(out, KIND).read_all(PaperKey)
+    if not results:
+        hint = "iclnuim benchmark, or another {out}"
+        raise InputError("a benchmark with measured cells", path=out, found="none", hint=hint)
+    return results
+
+
 def _measure(args: argparse.Namespace, console: Console) -> list[str]:
     """Measure the missing cells; returns a sentence for each cell that could not be measured.
 
     Raises InputError if no cell can be.
     """
+    from iclnuim.benchmark.experiments.paper_sources import Sources, external_keys
+    from iclnuim.benchmark.experiments.recipes.paper import KIND, Paper
+    from iclnuim.benchmark.experiments.store import Store
+
     if unknown := [name for name in args.presets if name not in PRESETS]:
-        raise InputError(
-            f"presets of {', '.join(PRESETS)}", setting="presets", found=", ".join(unknown)
-        )
+        expected = f"presets of {', '.join(PRESETS)}"
+        raise InputError(expected, setting="presets", found=", ".join(unknown))
     sources = Sources(args.data, args.out, args.lambertian)
-    cells = all_cells(args.presets, range(args.seeds), args.references)
-    cells += lambertian_cells(args.presets) if args.lambertian else []
-    selected = chosen(cells, args.only)
-    faults = {
-        (cell.room, cell.trajectory, cell.noise): sources.fault(cell, args.first)
-        for cell in selected
-    }
-    for fault in sorted({fault for fault in faults.values() if fault}):
-        console.note(f"left out: {fault}")
-    cells = [cell for cell in selected if not faults[cell.room, cell.trajectory, cell.noise]]
-    if not cells:
-        raise InputError(
-            "sequences to measure on",
-            path=args.data,
-            found="none",
-            hint="iclnuim make all, or another {data}",
-        )
-    systems = (
-        external_cells(args.systems, cells, sources, args.first) if args.systems.is_dir() else {}
-    )
-    workers = args.workers or _workers()
-    benchmark = Benchmark(
-        sources, [*cells, *systems], systems, args.first, workers, console, not args.no_surfaces
-    )
+    keys = all_keys(args.presets, range(args.seeds), args.references)
+    keys += lambertian_keys(args.presets) if args.lambertian else []
+    keys = _measurable(chosen(keys, args.only), sources, args, console)
+    systems = {}
+    if args.systems.is_dir():
+        systems = external_keys(args.systems, keys, sources, args.first)
+    paper = Paper(sources, keys, systems, args.first, surfaces=not args.no_surfaces)
+
+    def begin(total: int) -> "Advance":
+        return console.progress(total, "benchmark").advance
+
     with OutputLock(args.out / "work"):
-        benchmark.open()
-        return benchmark.run()
+        store = Store(args.out, KIND)
+        return paper.run(store, args.workers or _workers(), begin, console.note)
+
+
+def _measurable(
+    keys: list[PaperKey], sources: "Sources", args: argparse.Namespace, console: Console
+) -> list[PaperKey]:
+    """Those whose sequences are there; a note names each other one.
+
+    Raises InputError if there are none.
+    """
+    faults = {}
+    for key in keys:
+        if key.sequence not in faults:
+            faults[key.sequence] = sources.fault(key, args.first)
+    for fault in sorted(set(filter(None, faults.values()))):
+        console.note(f"left out: {fault}")
+    found = [key for key in keys if not faults[key.sequence]]
+    if not found:
+        hint = "iclnuim make all, or another {data}"
+        raise InputError("sequences to measure on", path=args.data, found="none", hint=hint)
+    return found
 
 
 def _workers() -> int:
@@ -169,33 +187,40 @@ def _workers() -> int:
 
 
 def _films(
-    sources: Sources, results: list[dict], first: int | None, console: Console
+    args: argparse.Namespace, results: "list[Measured]", console: Console
 ) -> dict[str, bytes]:
     """The films OUT/films/SEQUENCE.webm of the measured sequences that exist, by sequence; missing
     films are made.
     """
+    from iclnuim.benchmark.experiments.paper_sources import Sources
     from iclnuim.blender.output import blender_output_in
     from iclnuim.report.preview import write_web_film
 
-    cells = {r["cell"].sequence: r["cell"] for r in results if not r["cell"].seed}
-    there = {
-        name: sources.folder(cell) for name, cell in cells.items() if sources.folder(cell).is_dir()
-    }
-    progress, films = console.progress(len(there), "films", "films"), {}
+    sources = Sources(args.data, args.out, args.lambertian)
+    keys = {r.key.sequence: r.key for r in results if not r.key.seed}
+    folders = {name: sources.folder(key) for name, key in keys.items()}
+    there = {name: folder for name, folder in folders.items() if folder.is_dir()}
+    progress = console.progress(len(there), "films", "films")
+    films = {}
     for name, folder in there.items():
         path = sources.out / "films" / f"{name}.webm"
         if not path.is_file():
             make_folder(path.parent)
             with blender_output_in(Path(os.devnull)):  # OpenCV's FFmpeg writes to standard error
-                write_web_film(folder, path, first)
+                write_web_film(folder, path, args.first)
         films[name] = path.read_bytes()
         progress.advance()
     return films
 
 
-def tables_of(results: list[dict]) -> list[ResultTable]:
+def tables_of(results: "list[Measured]") -> list[ResultTable]:
     """All tables that are made from the measured cells."""
-    findings = [findings_table(results, preset) for preset in presets_of(results) or ["best"]]
+    from iclnuim.benchmark.experiments.correlation import correlation_table
+    from iclnuim.benchmark.experiments.findings import findings_table
+    from iclnuim.benchmark.experiments.paper_figures import presets_of
+    from iclnuim.benchmark.experiments.paper_tables import all_tables
+
+    findings = [findings_table(results, preset) for preset in presets_of(results)]
     *tables, cells = all_tables(results)
     return [*tables, *findings, correlation_table(results), cells]
 
@@ -203,7 +228,7 @@ def tables_of(results: list[dict]) -> list[ResultTable]:
 def _has_ours(table: ResultTable) -> bool:
     """Whether the table contains a figure of ours, not only printed ones."""
     ours = [k for k, name in enumerate(table.columns) if name != "printed"]
-    return any(text for row in table.rows for k in ours[2:] if (text := row[k]))
+    return any(any(table.column(k)) for k in ours[2:])
 
 
 def write_tables(folder: Path, tables: list[ResultTable]) -> None:
@@ -214,15 +239,14 @@ def write_tables(folder: Path, tables: list[ResultTable]) -> None:
             atomic_write_text(folder / f"{table.name}.{ending}", written(table) + "\n")
 
 
-def _values(results: list[dict], tables: list[ResultTable]) -> dict:
+def _values(results: "list[Measured]", tables: list[ResultTable]) -> dict:
     """The result for --json."""
+    cells = []
+    for result in results:
+        figures = {name: v for name, v in result.figures.items() if name != "path"}
+        cells.append({"cell": asdict(result.key), "folder": str(result.folder), **figures})
     rows = {
         t.name: {"title": t.title, "columns": t.columns, "rows": t.rows, "notes": t.notes}
         for t in tables
     }
-    return {"cells": [_plain(result) for result in results], "tables": rows}
-
-
-def _plain(result: dict) -> dict:
-    cell: Cell = result["cell"]
-    return {**result, "cell": asdict(cell), "folder": str(result["folder"])}
+    return {"cells": cells, "tables": rows}

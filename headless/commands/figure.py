@@ -5,7 +5,7 @@ benchmark.
 import argparse
 from pathlib import Path
 
-from iclnuim.benchmark.experiments.cells import PRESETS
+from iclnuim.benchmark.experiments.paper_keys import PRESETS, PaperKey
 from iclnuim.console import Console
 from iclnuim.formats.files import check_picture
 
@@ -44,11 +44,13 @@ def run(args: argparse.Namespace, console: Console) -> None:
         refuse_existing(target, "-o FILE")
     check_picture(target)
     require("figure", "numba", "cv2", "embreex")
-    from iclnuim.benchmark.experiments.figures import Material, draw
-    from iclnuim.benchmark.experiments.runner import measured
-    from iclnuim.benchmark.experiments.sources import Sources
+    from iclnuim.benchmark.experiments.paper_charts import Material, draw
+    from iclnuim.benchmark.experiments.paper_sources import Sources
+    from iclnuim.benchmark.experiments.recipes.paper import KIND
+    from iclnuim.benchmark.experiments.store import Store
     from iclnuim.report.charts import save
 
-    material = Material(Sources(args.data, args.benchmark), measured(args.benchmark), args.preset)
+    results = Store(args.benchmark, KIND).read_all(PaperKey)
+    material = Material(Sources(args.data, args.benchmark), results, args.preset)
     save(draw(args.number, material), target)
     console.result({}, f"{target} written")

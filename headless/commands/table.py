@@ -5,14 +5,13 @@ trajectories, the others from a benchmark.
 import argparse
 from pathlib import Path
 
-from iclnuim.benchmark.experiments.cells import PRESETS
+from iclnuim.benchmark.experiments.paper_keys import PRESETS
 from iclnuim.benchmark.experiments.paper_tables import preset_tables, table_1, trajectory_rows
-from iclnuim.benchmark.experiments.runner import measured
 from iclnuim.benchmark.experiments.table import FORMATS
 from iclnuim.console import Console
-from iclnuim.errors import InputError
 
 from ..options import common
+from .benchmark import measured_cells
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -27,17 +26,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
+    written = FORMATS[args.format][1]
     if args.number == 1:
-        console.result(
-            {row["sequence"]: row for row in trajectory_rows()}, FORMATS[args.format][1](table_1())
-        )
+        rows = {row["sequence"]: row for row in trajectory_rows()}
+        console.result(rows, written(table_1()))
         return
-    results = measured(args.out)
-    if not results:
-        hint = "iclnuim benchmark, or another folder with --out"
-        raise InputError("a benchmark with measured cells", path=args.out, found="none", hint=hint)
-    names = [f"table_{args.number}"] + (
-        [] if args.preset == "best" else [f"table_{args.number}_{args.preset}"]
-    )
-    table = next(table for table in preset_tables(results, args.preset) if table.name == names[-1])
-    console.result({"columns": table.columns, "rows": table.rows}, FORMATS[args.format][1](table))
+    results = measured_cells(args.out)
+    suffix = "" if args.preset == "best" else f"_{args.preset}"
+    tables = {table.name: table for table in preset_tables(results, args.preset)}
+    table = tables[f"table_{args.number}{suffix}"]
+    console.result({"columns": table.columns, "rows": table.rows}, written(table))

@@ -3,9 +3,11 @@
 import cv2
 import numpy as np
 import pytest
-from iclnuim.benchmark.experiments.figures import FIGURES, Material, draw
-from iclnuim.benchmark.experiments.runner import measured
-from iclnuim.benchmark.experiments.sources import Sources
+from iclnuim.benchmark.experiments.paper_charts import FIGURES, Material, draw
+from iclnuim.benchmark.experiments.paper_keys import PaperKey
+from iclnuim.benchmark.experiments.paper_sources import Sources
+from iclnuim.benchmark.experiments.recipes.paper import KIND
+from iclnuim.benchmark.experiments.store import Store
 from iclnuim.benchmark.fusion.pictures import clay
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
@@ -24,10 +26,10 @@ def material(tmp_path_factory):
     for r in found:
         for name in ("heat", "surface"):
             cv2.imwrite(
-                str(out / "cells" / r["cell"].name / f"{name}.jpg"),
+                str(out / "cells" / r.key.place / f"{name}.jpg"),
                 np.full((6, 8, 3), 90, np.uint8),
             )
-    return Material(Sources(out / "nothing", out), measured(out))
+    return Material(Sources(out / "nothing", out), Store(out, KIND).read_all(PaperKey))
 
 
 @pytest.mark.parametrize(
@@ -48,9 +50,9 @@ def test_the_best_of_the_five_is_drawn_in_each_of_sixteen_panels(material):
     assert len(figure.axes) == 16 and sum(len(a.lines) == 2 for a in figure.axes) == 8
     panel = next(a for a in figure.axes if a.get_title() == "office kt1, noisy")
     mine = only(list(material.results), room="office", trajectory="kt1", noise="noisy")
-    best = min(mine, key=lambda r: r["ate_m"]["rmse"])
-    assert best["cell"].title in panel.lines[1].get_label()
-    assert f"{1e3 * best['ate_m']['rmse']:.2f} mm" in panel.lines[1].get_label()
+    best = min(mine, key=lambda r: r.figures["ate_m"]["rmse"])
+    assert best.key.title in panel.lines[1].get_label()
+    assert f"{1e3 * best.figures['ate_m']['rmse']:.2f} mm" in panel.lines[1].get_label()
 
 
 @pytest.mark.parametrize("number", sorted(set(FIGURES) - {1}))

@@ -24,9 +24,9 @@ def report(tmp_path_factory):
         *only(results(4), room="living_room", trajectory="kt0"),
         *only(results(4), room="office", odometer="fovis", trajectory="kt0"),
     ]
-    found[-1] = {**result(found[-1]["cell"], 0.1), "failed": "no <b>frame</b> could be tracked"}
+    found[-1] = result(found[-1].key, 0.1, failed="no <b>frame</b> could be tracked")
     written(out, found)
-    (out / "cells" / found[0]["cell"].name / "heat.jpg").write_bytes(PIXEL)
+    (out / "cells" / found[0].key.place / "heat.jpg").write_bytes(PIXEL)
     assert cli.main(["benchmark", "--report-only", "--out", str(out), "--quiet"]) == 0
     return out / "report.html"
 

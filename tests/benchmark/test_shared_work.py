@@ -15,7 +15,7 @@ from iclnuim.headless import cli
 pytest.importorskip("embreex")
 pytest.importorskip("igl")
 from iclnuim.benchmark.experiments import seen_cache  # noqa: E402
-from iclnuim.benchmark.experiments.sources import Sources  # noqa: E402
+from iclnuim.benchmark.experiments.paper_sources import Sources  # noqa: E402
 from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality  # noqa: E402
 from iclnuim.benchmark.fusion.settings import QualitySettings  # noqa: E402
 from iclnuim.benchmark.fusion.surface_error import TrueSurface  # noqa: E402
@@ -78,7 +78,12 @@ def test_a_full_disk_is_one_line_with_the_file_and_what_to_try(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)  # without out/systems, whose results would be part of the benchmark
     for name in ("write_bytes", "write_text"):
         monkeypatch.setattr(Path, name, full(getattr(Path, name)))
-    for name, value in (("fault", ""), ("frames", 1), ("model_name", None), ("identity", {})):
+    for name, value in (
+        ("fault", ""),
+        ("frames", 1),
+        ("model_name", None),
+        ("identity", {"sha256": ""}),
+    ):
         monkeypatch.setattr(Sources, name, lambda *args, value=value: value)
     assert (
         cli.main(

@@ -8,15 +8,15 @@ import json
 from dataclasses import replace
 
 import pytest
-from iclnuim.benchmark.experiments.cells import TITLES, Cell, all_cells, chosen
-from iclnuim.benchmark.experiments.lookup import paper
+from iclnuim.benchmark.experiments.paper_figures import paper
+from iclnuim.benchmark.experiments.paper_keys import PaperKey, all_keys, chosen, paper_titles
 from iclnuim.benchmark.experiments.paper_tables import all_tables, preset_tables
 from iclnuim.benchmark.experiments.table import ResultTable
 from iclnuim.errors import InputError
 from iclnuim.headless import cli
 from made_up import external, only, result, results, written
 
-ICP = Cell("living_room", "kt2", "clean", "icp", "best", "model")
+ICP = PaperKey("living_room", "kt2", "clean", "icp", "best", "model")
 
 
 def named(tables, name):
@@ -41,7 +41,7 @@ def test_ours_stand_in_their_row_and_column_and_the_least_is_marked():
         result(replace(ICP, odometer="dvo", reference="default"), 0.02, 0.001),
     ]
     table = named(preset_tables(some, "best"), "table_3")
-    row, column = 6 * list(TITLES).index("icp"), table.columns.index("kt2")
+    row, column = 6 * list(paper_titles()).index("icp"), table.columns.index("kt2")
     assert (
         table.rows[row][column] == "1.50"
         and (row, column) in table.bold
@@ -101,19 +101,19 @@ def test_a_table_is_the_same_in_every_format():
 
 
 def test_cells_are_named_once_and_chosen_by_their_words():
-    cells = all_cells(("best", "paper"), range(3))
-    assert len({cell.name for cell in cells}) == len(cells)
-    assert len(all_cells()) == 2 * 4 * 2 * 8
-    few = chosen(all_cells(), "living_room/kt0,kt2/icp/model")
+    cells = all_keys(("best", "paper"), range(3))
+    assert len({cell.place for cell in cells}) == len(cells)
+    assert len(all_keys()) == 2 * 4 * 2 * 8
+    few = chosen(all_keys(), "living_room/kt0,kt2/icp/model")
     assert {cell.trajectory for cell in few} == {"kt0", "kt2"} and {
         cell.odometer for cell in few
     } == {"icp"}
     assert len(few) == 4
     with pytest.raises(InputError, match="kt9"):
-        chosen(all_cells(), "kt9")
+        chosen(all_keys(), "kt9")
     with pytest.raises(InputError, match="a comma means or"):
-        chosen(all_cells(), "kt0/icp,kt2/dvo")
-    assert {cell.reference for cell in all_cells(references=("frame",))} == {"frame"}
+        chosen(all_keys(), "kt0/icp,kt2/dvo")
+    assert {cell.reference for cell in all_keys(references=("frame",))} == {"frame"}
 
 
 def test_the_command_makes_its_tables_again_to_the_byte(tmp_path, capsys):

@@ -8,19 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from iclnuim.benchmark.experiments.cells import LAMBERTIAN, Cell
-from iclnuim.benchmark.experiments.measure import Meter, Task, measure
-from iclnuim.benchmark.experiments.runner import Benchmark, measured
-from iclnuim.benchmark.experiments.sources import Sources, external_cells
-from iclnuim.console import Console
+from iclnuim.benchmark.experiments import code_version
+from iclnuim.benchmark.experiments.paper_keys import LAMBERTIAN, PaperKey
+from iclnuim.benchmark.experiments.paper_sources import Sources, external_keys
+from iclnuim.benchmark.experiments.recipes.paper import KIND, Paper
+from iclnuim.benchmark.experiments.store import Store
 from iclnuim.formats.png import write_png
 
-KT2 = Cell("living_room", "kt2", "clean", "icp", "best", "default")
-
-
-class Quiet(Meter):
-    def flush(self):
-        self.done = 0
+KT2 = PaperKey("living_room", "kt2", "clean", "icp", "best", "default")
 
 
 @pytest.fixture
@@ -29,35 +24,42 @@ def sources(make_sequence, tmp_path):
     return Sources(tmp_path / "data", tmp_path / "bench")
 
 
-def test_runs_of_a_system_are_cells_whose_error_is_that_of_its_row(sources, run, fake, tmp_path):
+@pytest.fixture
+def store(sources):
+    return Store(sources.out, KIND)
+
+
+def measure(paper, store):
+    """Measure what is missing; returns the notes and the steps that progress showed."""
+    notes, steps = [], []
+    assert paper.run(store, 1, lambda total: steps.append, notes.append) == []
+    return notes, sum(steps)
+
+
+def test_runs_of_a_system_are_cells_whose_error_is_that_of_its_row(
+    sources, store, run, fake, tmp_path
+):
     rows, _ = run(fake("good"), "--runs", 2, folder=sources.folder(KT2))
-    cells = external_cells(tmp_path / "out", [KT2], sources, None)
-    names = {(cell.odometer, cell.preset, cell.run) for cell in cells}
+    keys = external_keys(tmp_path / "out", [KT2], sources, None)
+    names = {(key.odometer, key.preset, key.run) for key in keys}
     assert names == {("good", name, number) for name in ("final", "live") for number in (1, 2)}
-    assert external_cells(tmp_path / "out", [KT2], sources, 30) == {}  # other frames
-    cell = next(cell for cell in cells if cell.preset == "final" and cell.run == 2)
-    out = sources.out / "cells" / cell.name
-    recipe, work = {"kind": "a cell"}, str(sources.work)
-    measure(
-        Task(cell, str(sources.folder(cell)), str(out), None, None, str(cells[cell]), recipe, work),
-        Quiet(),
-    )
-    (found,) = measured(sources.out)
-    assert found["cell"] == cell and found["coverage"] == 1 and "surface" not in found
-    assert found["ate_m"]["rmse"] == pytest.approx(rows["good"]["ate_rmse_m"], abs=1e-9)
-    path = json.loads((out / "path.json").read_text())
+    assert external_keys(tmp_path / "out", [KT2], sources, 30) == {}  # other frames
+    key = next(key for key in keys if key.preset == "final" and key.run == 2)
+    measure(Paper(sources, [], {key: keys[key]}), store)
+    (found,) = store.read_all(PaperKey)
+    assert found.key == key and found.figures["coverage"] == 1 and "surface" not in found.figures
+    assert found.figures["ate_m"]["rmse"] == pytest.approx(rows["good"]["ate_rmse_m"], abs=1e-9)
+    path = found.figures["path"]
     assert len(path["truth_m"]) == len(path["estimate_m"]) == len(path["error_m"]) == 60
+    assert (found.folder / "trajectory.txt").is_file()
 
 
 @pytest.mark.slow
-def test_what_cannot_be_tracked_is_a_result_too(sources, tmp_path):
+def test_what_cannot_be_tracked_is_a_result_too(sources, store):
     """Frames without depth in 8 x 6 pixels of one grey."""
-    out = tmp_path / "cell"
-    measure(
-        Task(KT2, str(sources.folder(KT2)), str(out), 3, None, None, {}, str(sources.work)), Quiet()
-    )
-    content = json.loads((out / "result.json").read_text())
-    assert "failed" in content and "ate_m" not in content
+    measure(Paper(sources, [KT2], {}, first=3), store)
+    (found,) = store.read_all(PaperKey)
+    assert "failed" in found.figures and "ate_m" not in found.figures
 
 
 def test_a_sequence_that_cannot_be_measured_is_named_with_what_makes_it(sources):
@@ -80,7 +82,8 @@ def test_frames_without_reflections_are_those_of_another_folder_and_have_no_surf
     (there.folder(cell) / "recipe.json").write_text(json.dumps({"source": {"run": {"job": job}}}))
     assert there.fault(cell, None) == "" and there.frames(cell, None) == 60
     (there.folder(cell) / "frames.jsonl").write_text('{"frame": 0}\n')
-    assert Benchmark(there, [cell], {}, None, 1, Console(quiet=True))._task(cell).model is None
+    (one,) = Paper(there, [cell], {}).cells()
+    assert one.identity["model"] is None
     elsewhere = replace(sources, lambertian=tmp_path / "matt")
     assert (
         f"try: iclnuim make {cell.room}/kt2 --lambertian -o {tmp_path / 'matt'}/{cell.room}/kt2"
@@ -88,24 +91,27 @@ def test_frames_without_reflections_are_those_of_another_folder_and_have_no_surf
     )
 
 
-def test_a_cell_is_measured_again_only_for_other_images_frames_or_settings(sources):
-    (sources.folder(KT2) / "frames.jsonl").write_text('{"frame": 0}\n')
-    task = Benchmark(sources, [KT2], {}, None, 1, Console(quiet=True))._task(KT2)
-    out = sources.out / "cells" / KT2.name
-    out.mkdir(parents=True)
-
+def test_a_cell_is_measured_again_for_other_images_frames_settings_or_code(
+    sources, store, monkeypatch
+):
     def missing(first=None):
-        return len(Benchmark(sources, [KT2], {}, first, 1, Console(quiet=True))._missing())
+        fresh = Sources(sources.data, sources.out)
+        return len(store.missing(Paper(fresh, [KT2], {}, first).cells()))
 
     assert missing() == 1
-    (out / "recipe.json").write_text(
-        json.dumps({**task.recipe, "source_commit": "another", "versions": {}})
-    )
+    (cell,) = Paper(sources, [KT2], {}).cells()
+    store.write(cell, {})
     assert missing() == 0 and missing(30) == 1
-    (out / "recipe.json").write_text(json.dumps({**task.recipe, "fusion": {}}))
+    with monkeypatch.context() as other:
+        other.setattr(code_version, "code_of", lambda *names: "other")
+        assert missing() == 1
+    content = json.loads(store.file(KT2).read_text())
+    content["identity"]["fusion"] = {}
+    store.file(KT2).write_text(json.dumps(content))
     assert missing() == 1
-    (out / "recipe.json").write_text(json.dumps(task.recipe))
-    (sources.folder(KT2) / "frames.jsonl").write_text('{"frame": 1}\n')
+    store.write(cell, {})
+    assert missing() == 0
+    write_png(sources.folder(KT2) / "depth.png", np.full((6, 8), 999, np.uint16))
     assert missing() == 1
 
 
@@ -124,34 +130,39 @@ def test_a_cell_of_a_foreign_sequence_is_measured_again_if_a_file_changed(source
     assert Sources(sources.data, sources.out).identity(KT2) != before
 
 
-def test_cells_that_another_version_measured_are_kept_and_said(sources, capsys):
-    (sources.folder(KT2) / "frames.jsonl").write_text('{"frame": 0}\n')
-    bench = Benchmark(sources, [KT2], {}, None, 1, Console())
-    task, out = bench._task(KT2), sources.out / "cells" / KT2.name
-    out.mkdir(parents=True)
-    (out / "recipe.json").write_text(json.dumps(task.recipe))
-    assert bench.run() == [] and "another version" not in capsys.readouterr().err
-    (out / "recipe.json").write_text(json.dumps({**task.recipe, "source_commit": "another"}))
-    assert bench.run() == []
-    note = capsys.readouterr().err
-    assert "1 of these were measured by another version or commit" in note and str(out) in note
-
-
-def test_trajectories_alone_are_enough_where_surfaces_are_not_asked_for(sources, monkeypatch):
+def test_trajectories_alone_are_enough_where_surfaces_are_not_asked_for(
+    sources, store, monkeypatch
+):
     """And a surface that is measured is not lost by asking for less."""
-    monkeypatch.setattr(type(sources), "model_name", lambda *_: KT2.room)
-    monkeypatch.setattr(type(sources), "model", lambda *_: Path("model.npz"))
+    monkeypatch.setattr(Sources, "model_name", lambda *_: KT2.room)
+    monkeypatch.setattr(Sources, "model", lambda *_: Path("model.npz"))
 
-    def asked(surfaces):
-        return Benchmark(sources, [KT2], {}, None, 1, Console(quiet=True), surfaces)
+    def cells(surfaces):
+        return Paper(sources, [KT2], {}, surfaces=surfaces).cells()
 
     def missing(surfaces):
-        return [task.model for task in asked(surfaces)._missing()]
+        return len(store.missing(cells(surfaces)))
 
-    assert missing(True) == ["model.npz"] and missing(False) == [None]
-    out = sources.out / "cells" / KT2.name
-    out.mkdir(parents=True)
-    (out / "recipe.json").write_text(json.dumps(asked(False)._task(KT2).recipe))
-    assert missing(False) == [] and missing(True) == ["model.npz"]
-    (out / "recipe.json").write_text(json.dumps(asked(True)._task(KT2).recipe))
-    assert missing(False) == missing(True) == []
+    assert missing(True) == missing(False) == 1
+    store.write(cells(False)[0], {})
+    assert missing(False) == 0 and missing(True) == 1
+    store.write(cells(True)[0], {})
+    assert missing(False) == missing(True) == 0
+
+
+def test_a_room_whose_triangles_cannot_be_read_has_no_surface_until_they_can(
+    sources, store, run, fake, tmp_path, monkeypatch
+):
+    from iclnuim.errors import WorkError
+
+    def broken(*_):
+        raise WorkError("no Blender")
+
+    run(fake("good"), folder=sources.folder(KT2))
+    keys = external_keys(tmp_path / "out", [KT2], sources, None)
+    monkeypatch.setattr(Sources, "model_name", lambda *_: KT2.room)
+    monkeypatch.setattr(Sources, "model", broken)
+    paper = Paper(sources, [], keys)
+    notes, steps = measure(paper, store)
+    assert "surfaces of living_room are not measured: no Blender" in notes[1] and steps == 0
+    assert len(store.missing(paper.cells())) == len(keys) == len(store.read_all(PaperKey)) == 2

@@ -1,0 +1,120 @@
+"""The cells of the paper's experiments: their keys, order and selection."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+from iclnuim import shipped
+from iclnuim.benchmark.odometry.registry import ODOMETERS
+from iclnuim.errors import InputError
+
+#: Presets of the odometers that the benchmark measures.
+PRESETS = ("best", "paper")
+NOISES = ("clean", "noisy")
+#: In place of a noise: clean frames of the same room rendered without reflections, for finding 11.
+LAMBERTIAN = "lambertian"
+#: The reference of a trajectory that an external system wrote.
+EXTERNAL = "run"
+
+
+@dataclass(frozen=True)
+class PaperKey:
+    """One measurement. seed: noise seed; 0 is the existing sequence, and clean sequences always
+    have 0. For a system of `iclnuim run`, odometer is its title, preset the name of its trajectory,
+    reference is EXTERNAL, and `run` counts from 1.
+    """
+
+    room: str
+    trajectory: str
+    noise: str
+    odometer: str
+    preset: str
+    reference: str
+    seed: int = 0
+    run: int = 0
+
+    @property
+    def sequence(self) -> str:
+        """`living_room/kt0/noisy`; with another seed `living_room/kt0/noisy_3`."""
+        seed = f"_{self.seed}" if self.seed else ""
+        return f"{self.room}/{self.trajectory}/{self.noise}{seed}"
+
+    @property
+    def place(self) -> str:
+        run = f"_{self.run}" if self.run else ""
+        name = f"{self.odometer}_{self.preset}_{self.reference}{run}"
+        return f"{self.sequence}/{name}".replace(" ", "-").replace(":", "-")
+
+    @property
+    def external(self) -> bool:
+        return self.reference == EXTERNAL
+
+    @property
+    def title(self) -> str:
+        """Name of the odometer in tables."""
+        return ODOMETERS[self.odometer].title if self.odometer in ODOMETERS else self.odometer
+
+    @property
+    def words(self) -> set[str]:
+        """The words by which a filter selects it."""
+        return {
+            self.room, self.trajectory, self.noise, self.odometer, self.preset, self.reference,
+        }  # fmt: skip
+
+
+def all_keys(
+    presets: Sequence[str] = ("best",), seeds: Sequence[int] = (0,), references: Sequence[str] = ()
+) -> list[PaperKey]:
+    """Keys of all rooms, sequence by sequence, so that the images stay in the file cache.
+    references: used for all odometers; default: those of the registry.
+    """
+    keys = []
+    sequences = [*shipped.paper_sequences(), *shipped.further_sequences()]
+    for sequence, noise in product(sequences, NOISES):
+        room, _, trajectory = sequence.partition("/")
+        for seed in seeds if noise == "noisy" else (0,):
+            for (name, entry), preset in product(ODOMETERS.items(), presets):
+                for reference in references or entry.references:
+                    words = (room, trajectory, noise, name, preset, reference)
+                    keys.append(PaperKey(*words, seed))
+    return keys
+
+
+def lambertian_keys(presets: Sequence[str] = ("best",)) -> list[PaperKey]:
+    """The paper's photometric odometers on the office rendered without reflections."""
+    keys = []
+    for kt, name, preset in product(shipped.TRAJECTORY_NAMES, family("photometric"), presets):
+        reference = ODOMETERS[name].references[0]
+        keys.append(PaperKey("office", kt, LAMBERTIAN, name, preset, reference))
+    return keys
+
+
+def family(name: str) -> list[str]:
+    """The paper's odometers of a family."""
+    return [key for key, entry in ODOMETERS.items() if entry.in_paper and entry.family == name]
+
+
+def paper_titles() -> dict[str, str]:
+    """The paper's five odometers -> their names, in the paper's order."""
+    return {name: entry.title for name, entry in ODOMETERS.items() if entry.in_paper}
+
+
+def chosen(keys: Iterable[PaperKey], only: str | None) -> list[PaperKey]:
+    """Select keys with a filter such as `kt0,kt1/icp`: a slash means and, a comma means or. The
+    words are compared with room, trajectory, noise, odometer, preset and reference.
+
+    Raises InputError for a word that no key has, and if no key matches all parts.
+    """
+    parts = [part.split(",") for part in (only or "").split("/") if part]
+    keys = list(keys)
+    known = set().union(*(key.words for key in keys))
+    unknown = [word for word in sum(parts, []) if word not in known]
+    if unknown:
+        expected = f"words of {', '.join(sorted(known))}"
+        raise InputError(expected, setting="only", found=", ".join(unknown))
+    found = [key for key in keys if all(key.words & set(part) for part in parts)]
+    if keys and not found:
+        hint = "kt0,kt2/icp for ICP on kt0 and on kt2: a comma means or, a slash means and"
+        expected = "a filter that matches at least one cell"
+        raise InputError(expected, setting="only", found=only, hint=hint)
+    return found

@@ -1,0 +1,144 @@
+"""The recipe of `iclnuim benchmark`: the paper's experiments. A cell is an odometer on a sequence,
+against a reference.
+
+OUT/cells/ROOM/TRAJECTORY/NOISE/ODOMETER_PRESET_REFERENCE   a cell; its folder has trajectory.txt,
+                                                            surface.jpg and heat.jpg
+OUT/tables/, OUT/report.html         made from the cells alone
+OUT/models/, OUT/noise/, OUT/work/   data shared by cells while they are measured
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from iclnuim.benchmark.fusion.settings import QualitySettings
+from iclnuim.errors import WorkError
+from iclnuim.formats.files import sha256
+
+from ..cell import Cell
+from ..code_version import code_of, method_code
+from ..paper_keys import PaperKey
+from ..paper_measure import PaperTask, fuse_settings, measure
+from ..paper_sources import Sources
+from ..pool import Advance, Job, run_jobs
+from ..store import Store
+
+KIND = "benchmark"
+
+
+@dataclass(frozen=True, eq=False)
+class Paper:
+    """The experiment. systems: keys of external systems -> their trajectories. first: use only the
+    first N frames of every sequence. surfaces: False measures trajectories only; a cell that also
+    has a measured surface then counts as measured.
+    """
+
+    sources: Sources
+    keys: Sequence[PaperKey]
+    systems: Mapping[PaperKey, Path]
+    first: int | None = None
+    surfaces: bool = True
+
+    def cells(self) -> list[Cell]:
+        """All cells, those of external systems last."""
+        return [self._cell(key) for key in (*self.keys, *self.systems)]
+
+    def _cell(self, key: PaperKey) -> Cell:
+        path = self.systems.get(key)
+        identity: dict[str, Any] = {
+            "first": self.first,
+            "input": self.sources.identity(key),
+            "trajectory": sha256(path.read_bytes()) if path else None,
+            "code": code_of(measure.__module__),
+            "method_code": None if path else method_code(key.odometer),
+        }
+        if self.surfaces:
+            identity |= {
+                "model": self.sources.model_name(key),
+                "fusion": asdict(fuse_settings(key, self.first)),
+                "quality": QualitySettings().to_dict(),
+            }
+        return Cell(key, identity)
+
+    def run(
+        self,
+        store: Store,
+        workers: int,
+        begin: Callable[[int], Advance],
+        note: Callable[[str], object],
+    ) -> list[str]:
+        """Measure the missing cells; returns a sentence for each cell that could not be measured.
+        begin(number of frames) returns what advances by one for each frame.
+        """
+        store.open({"first": self.first})
+        cells = self.cells()
+        missing = store.missing(cells)
+        measured = len(cells) - len(missing)
+        note(f"benchmark: {len(cells)} cells, {measured} of them already measured")
+        problems: list[str] = []
+
+        def on_problem(problem: str) -> None:
+            problems.append(problem)
+            note(problem)
+
+        jobs = [self._job(cell, store) for cell in self._with_models(missing, note)]
+        noisy = {cell.key.sequence: cell.key for cell in missing if cell.key.seed}
+        total = sum(job.steps for job in jobs)
+        total += sum(self.sources.frames(key, self.first) for key in noisy.values())
+        advance = begin(total)
+
+        def on_frame(number: int) -> None:
+            advance(1)
+
+        existing = [job for job, cell in zip(jobs, missing, strict=True) if not cell.key.seed]
+        run_jobs(existing, workers, advance, on_problem)
+        for sequence, key in noisy.items():
+            self.sources.make_noise(key, self.first, on_frame)
+            own = [job for job in jobs if job.name.startswith(f"{sequence}/")]
+            run_jobs(own, workers, advance, on_problem)
+            self.sources.remove_noise(key)
+        if not problems:
+            self.sources.remove_work()
+        return problems
+
+    def _with_models(self, cells: Sequence[Cell], note: Callable[[str], object]) -> list[Cell]:
+        """The cells, without a model where its triangles cannot be read: no surface is measured,
+        and a later call measures it.
+        """
+        rooms = dict.fromkeys(cell.identity["model"] for cell in cells if self.surfaces)
+        failed = set()
+        for room in filter(None, rooms):
+            try:
+                self.sources.model(room)
+            except WorkError as error:
+                failed.add(room)
+                note(f"surfaces of {room} are not measured: {error}")
+        found = []
+        for cell in cells:
+            without = cell.identity.get("model") in failed
+            identity = {**cell.identity, "model": None}
+            found.append(replace(cell, identity=identity) if without else cell)
+        return found
+
+    def _job(self, cell: Cell, store: Store) -> Job:
+        """The frames of a cell are tracked, and fused."""
+        key = cell.key
+        room = cell.identity.get("model")
+        trajectory = self.systems.get(key)
+        task = PaperTask(
+            key=key,
+            folder=self.sources.folder(key),
+            first=self.first,
+            model=self.sources.model(room) if room else None,
+            trajectory=trajectory,
+            work=self.sources.work,
+        )
+
+        def measure_cell(advance: Advance) -> None:
+            with store.files(cell) as folder:
+                figures = measure(task, folder, advance)
+            store.write(cell, figures)
+
+        passes = (task.model is not None) + (trajectory is None)
+        return Job(key.place, measure_cell, passes * self.sources.frames(key, self.first))
