@@ -106,12 +106,11 @@ class PinholeCamera(Settings):
         return rays
 
     def unproject(self, depth_z_m: np.ndarray) -> np.ndarray:
-        """(height, width) planar depth in metres -> (height, width, 3) points in the camera frame."""
+        """(height, width) planar depth in metres -> (height, width, 3) points, camera frame."""
         depth_z_m = np.asarray(depth_z_m)
-        if depth_z_m.shape != (self.height, self.width):
-            raise InputError(
-                f"a depth image of shape {(self.height, self.width)}", found=depth_z_m.shape
-            )
+        size = (self.height, self.width)
+        if depth_z_m.shape != size:
+            raise InputError(f"a depth image of shape {size}", found=depth_z_m.shape)
         return self.rays() * depth_z_m[..., None]
 
     def project(self, points_camera: np.ndarray) -> np.ndarray:
@@ -173,10 +172,15 @@ def blender_from_pinhole(camera: PinholeCamera, sensor_width_mm: float = 36.0) -
     pixel_aspect_y = max(1.0, camera.fx / camera.fy)
     lens = camera.fx * sensor_width_mm / camera.width
     shift_x = -(camera.cx - (camera.width - 1) / 2) / camera.width
-    shift_y = (
-        (camera.cy - (camera.height - 1) / 2) / camera.width * (pixel_aspect_y / pixel_aspect_x)
-    )
-    size = camera.width, camera.height
+    shift_y = (camera.cy - (camera.height - 1) / 2) / camera.width
+    shift_y = shift_y * (pixel_aspect_y / pixel_aspect_x)
     return BlenderCamera(
-        *size, pixel_aspect_x, pixel_aspect_y, lens, sensor_width_mm, shift_x, shift_y
+        camera.width,
+        camera.height,
+        pixel_aspect_x,
+        pixel_aspect_y,
+        lens=lens,
+        sensor_width=sensor_width_mm,
+        shift_x=shift_x,
+        shift_y=shift_y,
     )

@@ -127,7 +127,7 @@ class Recipe(Settings):
 
 @dataclass(frozen=True)
 class Motion:
-    """The generated trajectory, and the factor by which the viewpoints were scaled for the length."""
+    """The generated trajectory, and the factor that scaled the viewpoints for the length."""
 
     trajectory: Trajectory
     scale: float
@@ -226,12 +226,14 @@ def _scale_for_length(smooth_m: np.ndarray, shake_m: np.ndarray, length_m: float
     low, high = SCALE_LIMITS
     if not length(low) <= length_m <= length(high):
         found = f"{length(low):.3f}..{length(high):.3f} m at scales {low}..{high}"
-        raise InputError(
-            f"viewpoints on a trajectory of about {length_m:g} m", found=found, hint="moving them"
-        )
+        expected = f"viewpoints on a trajectory of about {length_m:g} m"
+        raise InputError(expected, found=found, hint="moving them")
     for _ in range(40):
         middle = (low + high) / 2
-        low, high = (middle, high) if length(middle) < length_m else (low, middle)
+        if length(middle) < length_m:
+            low = middle
+        else:
+            high = middle
     return round(low, 6)
 
 
@@ -304,9 +306,8 @@ def eased_progress(
     duration_s = times_s[-1] - times_s[0]
     moving_s = duration_s - ease_s - dwells_s.sum()
     if moving_s <= 0:
-        raise InputError(
-            "dwells shorter than the whole", found=f"{dwells_s.sum():.1f} of {duration_s:.1f} s"
-        )
+        found = f"{dwells_s.sum():.1f} of {duration_s:.1f} s"
+        raise InputError("dwells shorter than the whole", found=found)
     rate = legs.sum() / moving_s
     progress = np.zeros(len(times_s))
     clock_s = times_s[0] + ease_s / 2
@@ -321,7 +322,7 @@ def eased_progress(
 
 
 def _eased_ramp(t: np.ndarray, ease_s: float) -> np.ndarray:
-    """max(t, 0), smoothed over |t| < ease/2: the integral of the quintic step 6x^5 - 15x^4 + 10x^3."""
+    """max(t, 0), smoothed over |t| < ease/2: the integral of the step 6x^5 - 15x^4 + 10x^3."""
     x = np.clip(t / ease_s + 0.5, 0.0, 1.0)
     rounded = ease_s * x * x * x * x * ((x - 3.0) * x + 2.5)
     return np.where(t > ease_s / 2, t, rounded)

@@ -51,9 +51,8 @@ class FreeSpace:
     def between(cls, low_m: np.ndarray, high_m: np.ndarray, measure: Clearance) -> "FreeSpace":
         """The free space of a box, in cells of 0.1 m, or larger for a large box."""
         size = np.maximum(high_m - low_m, 1e-3)
-        cell_m = max(
-            _MIN_CELL_M, float((size.prod() / _MAX_CELLS) ** (1 / 3)), float(size.max()) / 400
-        )
+        of_volume_m = float((size.prod() / _MAX_CELLS) ** (1 / 3))
+        cell_m = max(_MIN_CELL_M, of_volume_m, float(size.max()) / 400)
         shape = tuple(int(n) + 1 for n in np.ceil(size / cell_m))
         points = low_m + cell_m * np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 3)
         return cls(low_m, cell_m, measure(points).reshape(shape), measure)
@@ -72,13 +71,13 @@ class FreeSpace:
         corners = [points[0]]
         current = 0
         while current < len(points) - 1:  # skip corners as long as the straight connection is clear
-            target = len(points) - 1
-            while target > current + 1 and not self._is_clear(
-                points[current], points[target], clear_m
-            ):
-                target -= 1
-            corners.append(points[target])
-            current = target
+            here = points[current]
+            current += 1
+            for target in range(len(points) - 1, current, -1):
+                if self._is_clear(here, points[target], clear_m):
+                    current = target
+                    break
+            corners.append(points[current])
         return np.stack(corners)
 
     def _cell(self, point_m: np.ndarray) -> tuple[int, int, int]:
@@ -88,26 +87,17 @@ class FreeSpace:
 
     def _search(self, start: tuple, end: tuple, clear_m: float) -> list[np.ndarray]:
         """Cells from start to end (A*). The clearance of these two is not checked here."""
-        free = np.pad(
-            self.clearance_m >= clear_m, 1
-        )  # with a blocked border; cells are flat indices of this array
-        first, goal = (
-            int(np.ravel_multi_index(tuple(n + 1 for n in cell), free.shape))
-            for cell in (start, end)
-        )
+        # with a blocked border; cells are flat indices of this array
+        free = np.pad(self.clearance_m >= clear_m, 1)
+        first = _flat_index(start, free.shape)
+        goal = _flat_index(end, free.shape)
         free.flat[goal] = True
-        heuristic = (
-            np.linalg.norm(np.moveaxis(np.indices(free.shape), 0, -1) - np.array(end) - 1, axis=-1)
-            .ravel()
-            .tolist()
-        )
+        places = np.moveaxis(np.indices(free.shape), 0, -1)
+        heuristic = np.linalg.norm(places - np.array(end) - 1, axis=-1).ravel().tolist()
         clear = free.tobytes()
         across = (free.shape[1] * free.shape[2], free.shape[2], 1)
-        steps = [
-            (int(np.dot(n, across)), float(np.linalg.norm(n)))
-            for n in product((-1, 0, 1), repeat=3)
-            if any(n)
-        ]
+        ways = [way for way in product((-1, 0, 1), repeat=3) if any(way)]
+        steps = [(int(np.dot(way, across)), float(np.linalg.norm(way))) for way in ways]
         if not _is_reachable(free, first, goal, np.array([step for step, _ in steps])):
             found = f"none with {clear_m:.2f} m to every surface"
             hint = "a smaller {clearance_m}, or viewpoints in one room"
@@ -141,6 +131,11 @@ class FreeSpace:
         share = np.linspace(0.0, 1.0, count)[:, None]
         inner = (a_m + share * (b_m - a_m))[1:-1]
         return bool((self.measure(inner) >= clear_m).all())
+
+
+def _flat_index(cell: tuple, shape: tuple[int, ...]) -> int:
+    """The flat index of a cell in an array of this shape, which has a border of one cell."""
+    return int(np.ravel_multi_index(tuple(n + 1 for n in cell), shape))
 
 
 def _is_reachable(free: np.ndarray, first: int, goal: int, steps: np.ndarray) -> bool:
@@ -179,7 +174,7 @@ class PlanSettings(Settings):
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A position of the camera in metres, its target (None: it looks ahead), and seconds of rest."""
+    """A position of the camera in metres, its target (None: it looks ahead), and a rest."""
 
     position_m: Point
     look_at_m: Point | None = None
@@ -214,9 +209,8 @@ def plan(
         k = int(clearances.argmin())
         found = f"viewpoint {k} at {waypoints[k].position_m}, {clearances[k]:.2f} m away"
         hint = "moving it, or a smaller {clearance_m}"
-        raise InputError(
-            f"viewpoints at least {clear_m:g} m from every surface", found=found, hint=hint
-        )
+        expected = f"viewpoints at least {clear_m:g} m from every surface"
+        raise InputError(expected, found=found, hint=hint)
     places = [np.array(w.position_m) for w in waypoints]
     found = "none"
     for margin_m in MARGINS_M:
@@ -236,9 +230,8 @@ def plan(
             place = ", ".join(f"{x:.2f}" for x in motion.trajectory.positions_m[worst])
             found = f"{clearances[worst]:.2f} m at ({place})"
     hint = "a smaller {clearance_m}, less {shake}, or one more viewpoint"
-    raise InputError(
-        f"viewpoints whose trajectory is {clear_m:g} m from every surface", found=found, hint=hint
-    )
+    expected = f"viewpoints whose trajectory is {clear_m:g} m from every surface"
+    raise InputError(expected, found=found, hint=hint)
 
 
 def _viewpoints(
@@ -251,15 +244,13 @@ def _viewpoints(
     found = [_viewpoint(waypoints[0].position_m, *gazes[0], waypoints[0].dwell_s)]
     for k, route in enumerate(routes):
         yaw_step = (gazes[k + 1][0] - gazes[k][0] + np.pi) % (2 * np.pi) - np.pi
-        share, points = _along(
-            route, spacing_m, max(1, int(np.ceil(abs(yaw_step) / _MAX_YAW_STEP_RAD)))
-        )
+        turns = max(1, int(np.ceil(abs(yaw_step) / _MAX_YAW_STEP_RAD)))
+        share, points = _along(route, spacing_m, turns)
         for s, point in zip(share[1:-1], points[1:-1], strict=True):
             pitch = (1 - s) * gazes[k][1] + s * gazes[k + 1][1]
             found.append(_viewpoint(point, gazes[k][0] + s * yaw_step, pitch, 0.0))
-        found.append(
-            _viewpoint(waypoints[k + 1].position_m, *gazes[k + 1], waypoints[k + 1].dwell_s)
-        )
+        waypoint = waypoints[k + 1]
+        found.append(_viewpoint(waypoint.position_m, *gazes[k + 1], waypoint.dwell_s))
     return tuple(found)
 
 
@@ -267,21 +258,19 @@ def _gazes(waypoints: list[Waypoint], routes: list[np.ndarray]) -> list[tuple[fl
     """Yaw and pitch at each waypoint, radians."""
     ahead = [route[1] - route[0] for route in routes] + [routes[-1][-1] - routes[-1][-2]]
     found: list[tuple[float, float]] = []
-    for waypoint, onward in zip(waypoints, ahead, strict=True):
-        gaze = (
-            onward
-            if waypoint.look_at_m is None
-            else np.array(waypoint.look_at_m) - np.array(waypoint.position_m)
-        )
+    for waypoint, gaze in zip(waypoints, ahead, strict=True):
+        target = waypoint.look_at_m
+        if target is not None:
+            gaze = np.array(target) - np.array(waypoint.position_m)
         across = float(np.hypot(gaze[0], gaze[1]))
-        if across < 0.05:
-            if waypoint.look_at_m is not None:
-                expected = "a target not directly above or below the viewpoint"
-                raise InputError(expected, found=f"{waypoint.look_at_m}")
+        if across >= 0.05:
+            yaw = float(np.arctan2(gaze[1], gaze[0]))
+        elif target is None:
             yaw = found[-1][0] if found else 0.0
         else:
-            yaw = float(np.arctan2(gaze[1], gaze[0]))
-        pitch = -_DOWN_RAD if waypoint.look_at_m is None else float(np.arctan2(gaze[2], across))
+            expected = "a target not directly above or below the viewpoint"
+            raise InputError(expected, found=f"{target}")
+        pitch = -_DOWN_RAD if target is None else float(np.arctan2(gaze[2], across))
         found.append((yaw, pitch))
     return found
 
@@ -294,12 +283,10 @@ def _along(route: np.ndarray, spacing_m: float, min_count: int) -> tuple[np.ndar
     whole = max(float(reached[-1]), 1e-9)
     count = max(min_count, int(np.ceil(whole / spacing_m)))
     shares = np.unique(np.round(np.concatenate([reached / whole, np.arange(count + 1) / count]), 9))
-    near = np.flatnonzero(np.diff(shares) * whole < 0.05)
-    shares = (
-        np.delete(shares, [k + 1 if k + 2 < len(shares) else k for k in near])
-        if len(shares) > 2
-        else shares
-    )
+    if len(shares) > 2:
+        near = np.flatnonzero(np.diff(shares) * whole < 0.05)
+        # of two that are close the second goes, but not the last one of all
+        shares = np.delete(shares, np.where(near + 2 < len(shares), near + 1, near))
     points = np.stack([np.interp(shares * whole, reached, route[:, k]) for k in range(3)], -1)
     return shares, points
 
@@ -325,11 +312,11 @@ def _recipe(viewpoints: tuple[Viewpoint, ...], scene: str, settings: PlanSetting
     """A recipe with the length and duration that the viewpoints have at this pace, so that they are
     not scaled.
     """
-    factor = settings.shake
-    shakes = (
-        replace(s, position_mm=factor * s.position_mm, rotation_deg=factor * s.rotation_deg)
-        for s in SHAKES
-    )
+    shakes = []
+    for shake in SHAKES:
+        position_mm = settings.shake * shake.position_mm
+        rotation_deg = settings.shake * shake.rotation_deg
+        shakes.append(replace(shake, position_mm=position_mm, rotation_deg=rotation_deg))
     recipe = Recipe(
         scene=scene,
         about="A walk through viewpoints, clear of the surfaces.",

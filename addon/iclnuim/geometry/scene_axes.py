@@ -45,11 +45,10 @@ CLEARLY_UNIT = 4.0
 def parse_unit(text: str) -> float:
     """The unit in metres, from `cm`, `in`, ... or a number. Raises InputError."""
     try:
-        return UNITS_M[text] if text in UNITS_M else float(text)
+        return UNITS_M.get(text) or float(text)
     except ValueError:
-        raise InputError(
-            f"a unit: {', '.join(UNITS_M)}, or metres as a number", found=text
-        ) from None
+        expected = f"a unit: {', '.join(UNITS_M)}, or metres as a number"
+        raise InputError(expected, found=text) from None
 
 
 @dataclass(frozen=True)
@@ -62,12 +61,14 @@ class SceneReading(Settings):
 
     up: str | None = setting(
         None,
-        "axis of the scene's file that points up; default: the format's, or a guess, which is reported",
+        "axis of the scene's file that points up; "
+        "default: the format's, or a guess, which is reported",
         choices={axis: f"the file's {axis} axis points up" for axis in UP},
     )
     unit_m: float | None = setting(
         None,
-        f"length unit of the scene's file: {', '.join(UNITS_M)}, or metres as a number; default: the format's, or a guess, which is reported",
+        f"length unit of the scene's file: {', '.join(UNITS_M)}, or metres as a number; "
+        "default: the format's, or a guess, which is reported",
         unit="m",
         low=1e-6,
         high=1e6,
@@ -92,9 +93,9 @@ class SceneReading(Settings):
 
     def to_dict(self) -> dict[str, Any]:
         """The inverse of from_dict; settings with their default values are left out."""
-        return {
-            k: v for k, v in super().to_dict().items() if v != declared(SceneReading)[k].default
-        }
+        known = declared(SceneReading)
+        values = super().to_dict()
+        return {name: value for name, value in values.items() if value != known[name].default}
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,9 @@ def linear(up: str, unit_m: float, mirror: str) -> np.ndarray:
 
     The determinant is negative if an axis is mirrored.
     """
-    flip = np.diag([-1.0 if axis == mirror else 1.0 for axis in "xyz"])
+    flip = np.eye(3)
+    if mirror != "none":
+        flip["xyz".index(mirror)] *= -1
     return unit_m * UP[up] @ flip
 
 
@@ -132,30 +135,25 @@ def shape_of(vertices: np.ndarray, triangles: np.ndarray) -> Shape:
     low, high = np.percentile(corners.reshape(-1, 3), (2, 98), axis=0)
     margin = float((high - low).max())
     within = ((corners >= low - margin) & (corners <= high + margin)).all((1, 2))
-    corners = corners[within] if within.any() else corners
+    if within.any():
+        corners = corners[within]
     vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     areas = np.linalg.norm(vectors, axis=1)
-    low, high = np.stack(
-        [_ends(corners[..., k].ravel(), np.repeat(areas, 3)) for k in range(3)], -1
-    )
+    weights = np.repeat(areas, 3)
+    low, high = np.stack([_ends(corners[..., k].ravel(), weights) for k in range(3)], -1)
     extent = high - low
     cosines = np.abs(vectors) / np.maximum(areas, 1e-30)[:, None]
-    cross_section = np.maximum(
-        extent[[1, 0, 0]] * extent[[2, 2, 1]], 1e-9 * float(extent.max(initial=1e-9)) ** 2
-    )
-    layer = (
-        ((corners.mean(1) - low) / np.maximum(extent, 1e-30) * LAYERS)
-        .clip(0, LAYERS - 1)
-        .astype(int)
-    )
+    smallest = 1e-9 * float(extent.max(initial=1e-9)) ** 2
+    cross_section = np.maximum(extent[[1, 0, 0]] * extent[[2, 2, 1]], smallest)
+    layer = (corners.mean(1) - low) / np.maximum(extent, 1e-30) * LAYERS
+    layer = layer.clip(0, LAYERS - 1).astype(int)
     facing = (cosines > 0.966) * areas[:, None]
-    level = (
-        np.stack([np.bincount(layer[:, k], facing[:, k], LAYERS) for k in range(3)])
-        / cross_section[:, None]
-    )
+    level = np.stack([np.bincount(layer[:, k], facing[:, k], LAYERS) for k in range(3)])
+    level = level / cross_section[:, None]
     askew = (cosines > 0.05) & (cosines < 0.99)
-    both = (askew * areas[:, None]).sum(0) / max(float(areas.sum()), 1e-30), askew.mean(0)
-    return Shape(low, extent, level.clip(0, 1), np.sqrt((both[0] + 0.005) * (both[1] + 0.1)))
+    of_area = (askew * areas[:, None]).sum(0) / max(float(areas.sum()), 1e-30)
+    askew_share = np.sqrt((of_area + 0.005) * (askew.mean(0) + 0.1))
+    return Shape(low, extent, level.clip(0, 1), askew_share)
 
 
 def _ends(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -181,10 +179,12 @@ def guess_up(shape: Shape, usual: str, unit_m: float | None = None) -> str:
         height = max(float(shape.extent[k]), 1e-9 * float(shape.extent.max(initial=1e-9)))
         spreads = min(abs(np.log(height * unit / ROOM_HEIGHT_M)) / _SPREAD, _MAX_SPREADS)
         flat = shape.level[k].sum() * shape.extent.prod() / height**2 / shape.askew[k]
-        rare = 1.0 if axis == usual else CLEARLY_X if axis == "x" else CLEARLY
-        return float(
-            flat * np.exp(-0.5 * spreads**2) / rare / (1.0 if unit == 1.0 else CLEARLY_UNIT)
-        )
+        likely = float(flat * np.exp(-0.5 * spreads**2))
+        if axis != usual:
+            likely /= CLEARLY_X if axis == "x" else CLEARLY
+        if unit != 1.0:
+            likely /= CLEARLY_UNIT
+        return likely
 
     return max((usual, *"yzx".replace(usual, "")), key=evidence)
 
@@ -198,18 +198,14 @@ def guess_unit_m(shape: Shape, up: str) -> float:
     k = "xyz".index(up[-1])
     height = float(shape.extent[k])
     inner = shape.level[k, 1:-3]
-    tables = (
-        float(inner @ np.arange(1.5, LAYERS - 3)) / max(float(inner.sum()), 1e-9) / LAYERS * height
-    )
+    tables = float(inner @ np.arange(1.5, LAYERS - 3)) / max(float(inner.sum()), 1e-9)
+    tables = tables / LAYERS * height
     if is_plausible(shape.extent, up):
         in_feet = 6.5 < height < 12 and 1.4 < tables < 4 and 0.02 < inner.max() < 0.7
         return UNITS_M["ft"] if in_feet else 1.0
     low, high = _HEIGHTS_M
-    rooms = [
-        u
-        for u in UNITS_M.values()
-        if low <= height * u <= high and is_plausible(shape.extent * u, up)
-    ]
+    fitting = [unit_m for unit_m in UNITS_M.values() if low <= height * unit_m <= high]
+    rooms = [unit_m for unit_m in fitting if is_plausible(shape.extent * unit_m, up)]
     return min(rooms, key=lambda unit_m: abs(np.log(height * unit_m / ROOM_HEIGHT_M)), default=1.0)
 
 

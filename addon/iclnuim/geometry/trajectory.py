@@ -28,21 +28,18 @@ def stamps_of_frames(numbers: npt.ArrayLike, rate_hz: float = FRAME_RATE_HZ) -> 
 
 def frames_of_stamps(stamps_s: npt.ArrayLike, rate_hz: float = FRAME_RATE_HZ) -> np.ndarray:
     """Frame numbers of stamps, the inverse of stamps_of_frames(); fractions between frames. If a
-    stamp is below 1 s, all are relative to
-    0 s, as in release 0.1."""
+    stamp is below 1 s, all are relative to 0 s.
+    """
     stamps_s = np.asarray(stamps_s, float)
-    start_s = (
-        FIRST_STAMP_S
-        if stamps_s.min(initial=np.inf) >= FIRST_STAMP_S - 10.0**-STAMP_DIGITS
-        else 0.0
-    )
+    start_s = FIRST_STAMP_S
+    if stamps_s.min(initial=np.inf) < FIRST_STAMP_S - 10.0**-STAMP_DIGITS:
+        start_s = 0.0
     return (stamps_s - start_s) * rate_hz
 
 
 def frame_rate_hz(stamps_s: npt.ArrayLike) -> float:
     """Frame rate from the mean step without gaps; a whole number if that is correct to a
-    microsecond, to which stamps are rounded.
-    For fewer than two stamps, the benchmark's rate.
+    microsecond, to which stamps are rounded. For fewer than two stamps, the benchmark's rate.
     """
     steps_s = np.diff(np.asarray(stamps_s, float))
     if not steps_s.size:
@@ -51,11 +48,9 @@ def frame_rate_hz(stamps_s: npt.ArrayLike) -> float:
     regular_s = steps_s[np.abs(steps_s - usual_s) < 0.5 * usual_s]
     step_s = float(regular_s.mean() if regular_s.size else usual_s)
     whole = round(1 / step_s)
-    return (
-        float(whole)
-        if whole and abs(1 / whole - step_s) < 1.01 * 10**-STAMP_DIGITS
-        else float(f"{1 / step_s:.5g}")
-    )
+    if whole and abs(1 / whole - step_s) < 1.01 * 10**-STAMP_DIGITS:
+        return float(whole)
+    return float(f"{1 / step_s:.5g}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,34 +120,38 @@ class TrajectoryStatistics:
     """
 
     frames: int
-    length_m: float
-    duration_s: float
-    rate_hz: float
-    mean_speed: float
-    max_speed: float
-    mean_rotation_rate: float
-    max_rotation_rate: float
-    gaps: int
-    longest_gap_s: float
+    length_m: float = 0
+    duration_s: float = 0
+    rate_hz: float = 0
+    mean_speed: float = 0
+    max_speed: float = 0
+    mean_rotation_rate: float = 0
+    max_rotation_rate: float = 0
+    gaps: int = 0
+    longest_gap_s: float = 0
 
 
 def statistics(trajectory: Trajectory) -> TrajectoryStatistics:
     """Statistics of one trajectory; the rates of a single pose are zero."""
     steps_s = np.diff(trajectory.stamps_s)
     if len(steps_s) == 0:
-        return TrajectoryStatistics(len(trajectory), 0, 0, 0, 0, 0, 0, 0, 0, 0)
+        return TrajectoryStatistics(len(trajectory))
     usual_s = float(np.median(steps_s))
-    speeds = trajectory.step_lengths_m() / steps_s
-    rates = np.degrees(trajectory.step_angles_rad()) / steps_s
+    lengths_m = trajectory.step_lengths_m()
+    angles_deg = np.degrees(trajectory.step_angles_rad())
     length_m = trajectory.length_m()
     duration_s = float(steps_s.sum())
-    count = len(trajectory)
-    mean_rate = float(np.degrees(trajectory.step_angles_rad()).sum() / duration_s)
-    extremes = length_m / duration_s, float(speeds.max()), mean_rate, float(rates.max())
-    rate_hz = frame_rate_hz(trajectory.stamps_s)
-    gaps = int((steps_s > 1.5 * usual_s).sum())
     return TrajectoryStatistics(
-        count, length_m, duration_s, rate_hz, *extremes, gaps, float(steps_s.max())
+        frames=len(trajectory),
+        length_m=length_m,
+        duration_s=duration_s,
+        rate_hz=frame_rate_hz(trajectory.stamps_s),
+        mean_speed=length_m / duration_s,
+        max_speed=float((lengths_m / steps_s).max()),
+        mean_rotation_rate=float(angles_deg.sum() / duration_s),
+        max_rotation_rate=float((angles_deg / steps_s).max()),
+        gaps=int((steps_s > 1.5 * usual_s).sum()),
+        longest_gap_s=float(steps_s.max()),
     )
 
 
@@ -179,15 +178,13 @@ def sample(trajectory: Trajectory, stamps_s: np.ndarray) -> SE3:
     if len(given_s) < 2:
         raise InputError("at least two poses to interpolate between", found=len(given_s))
     slack = 1e-9 * max(1.0, abs(given_s[-1]))
-    if stamps_s.size and (
-        stamps_s.min() < given_s[0] - slack or stamps_s.max() > given_s[-1] + slack
-    ):
+    outside = (stamps_s < given_s[0] - slack) | (stamps_s > given_s[-1] + slack)
+    if outside.any():
         found = f"{stamps_s.min():.6f}..{stamps_s.max():.6f} s"
         raise InputError(f"stamps within {given_s[0]:.6f}..{given_s[-1]:.6f} s", found=found)
     before = np.clip(np.searchsorted(given_s, stamps_s, side="right") - 1, 0, len(given_s) - 2)
-    share = np.clip(
-        (stamps_s - given_s[before]) / (given_s[before + 1] - given_s[before]), 0.0, 1.0
-    )
+    steps_s = given_s[before + 1] - given_s[before]
+    share = np.clip((stamps_s - given_s[before]) / steps_s, 0.0, 1.0)
     poses = trajectory.T_world_camera
     return poses[before].interpolate(poses[before + 1], share)
 
@@ -206,9 +203,8 @@ def resample(trajectory: Trajectory, rate_hz: float) -> Trajectory:
         found = f"{end - start:.6g} s at {rate_hz:g} Hz"
         raise InputError(f"at most {MAX_FRAMES} frames", found=found, hint="repairing the stamps")
     slack = max(1e-6, rate_hz * 10.0**-STAMP_DIGITS)  # of two rounded stamps
-    stamps_s = start + np.round(
-        np.arange(int(np.floor(frames + slack)) + 1) / rate_hz, STAMP_DIGITS
-    )
+    numbers = np.arange(int(np.floor(frames + slack)) + 1)
+    stamps_s = start + np.round(numbers / rate_hz, STAMP_DIGITS)
     # printed stamps are rounded, so the last frame can be slightly after the last pose
     return Trajectory(stamps_s, sample(trajectory, np.minimum(stamps_s, end)))
 
@@ -218,15 +214,19 @@ def frame_slice(text: str, count: int) -> range:
     or of a single number.
     """
     parts = text.strip().split(":")
+    numbers: list[int | None] = []
     try:
-        numbers = [int(p) if p.strip() else None for p in parts]
-        if len(numbers) == 1:
+        if len(parts) == 1:
             first = int(parts[0])
             numbers = [first, first + 1 or None]
+        else:
+            for part in parts:
+                numbers.append(int(part) if part.strip() else None)
         picked = range(count)[slice(*numbers)]
     except (ValueError, TypeError):  # not a number, a step of 0, or more than three parts
         raise InputError("frames as A:B:S (a Python slice) or one number", found=text) from None
-    picked = picked if picked.step > 0 else picked[::-1]
+    if picked.step < 0:
+        picked = picked[::-1]
     if len(picked) == 0:
         raise InputError(f"at least one of the frames 0..{count - 1}", found=text)
     return picked

@@ -49,16 +49,15 @@ def trajectories_figure(named: list[tuple[str, LoadedTrajectory]]) -> Figure:
     _label_plane(above, (0, 1))
     above.set_title("x-y plane, from above where z is up: start \u25cf, end \u25a1")
     above.legend(loc="best", fontsize="small")
-    for axes, label in zip(
-        over_time, ("position (m)", "speed (m/s)", "rotation rate (\u00b0/s)"), strict=True
-    ):
+    labels = ("position (m)", "speed (m/s)", "rotation rate (\u00b0/s)")
+    for axes, label in zip(over_time, labels, strict=True):
         axes.set_ylabel(label)
         axes.grid(alpha=0.3)
     for axes in over_time[1:]:
         axes.set_ylim(bottom=0)
     over_time[2].set_xlabel("time since the first pose (s)")
-    handles, labels = over_time[0].get_legend_handles_labels()
-    over_time[0].legend(handles[:3], labels[:3], loc="best", fontsize="small", ncols=3)
+    handles, names = over_time[0].get_legend_handles_labels()
+    over_time[0].legend(handles[:3], names[:3], loc="best", fontsize="small", ncols=3)
     return figure
 
 
@@ -67,9 +66,9 @@ def positions_z_up_m(loaded: LoadedTrajectory) -> np.ndarray:
     to z up.
     """
     positions_m = loaded.trajectory.positions_m
-    return (
-        positions_m @ Z_UP_FROM_Y_DOWN.T if loaded.read_as.frame == ANCHORED_WORLD else positions_m
-    )
+    if loaded.read_as.frame == ANCHORED_WORLD:
+        return positions_m @ Z_UP_FROM_Y_DOWN.T
+    return positions_m
 
 
 def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 110) -> None:
@@ -84,15 +83,13 @@ def _draw_over_time(axes: list[Axes], loaded: LoadedTrajectory, colour: str, sin
     time_s = trajectory.stamps_s - trajectory.stamps_s[0]
     for axis, style in enumerate(("-", "--", ":")):
         axis_colour = COLOURS[axis] if single else colour
-        axes[0].plot(
-            time_s, positions_m[:, axis], style, color=axis_colour, linewidth=1.2, label="xyz"[axis]
-        )
+        along = positions_m[:, axis]
+        axes[0].plot(time_s, along, style, color=axis_colour, linewidth=1.2, label="xyz"[axis])
     steps_s = np.diff(time_s)
     middle_s = (time_s[1:] + time_s[:-1]) / 2
+    turned_deg = np.degrees(trajectory.step_angles_rad())
     axes[1].plot(middle_s, trajectory.step_lengths_m() / steps_s, color=colour, linewidth=0.8)
-    axes[2].plot(
-        middle_s, np.degrees(trajectory.step_angles_rad()) / steps_s, color=colour, linewidth=0.8
-    )
+    axes[2].plot(middle_s, turned_deg / steps_s, color=colour, linewidth=0.8)
 
 
 # -- errors of an estimate
@@ -107,58 +104,33 @@ def error_figure(report: Report) -> Figure:
     stamps_s = report.result.stamps_s
     errors_m = report.result.translation_error_m
     if isinstance(result, AbsoluteError):
-        truth = (
-            report.reference.loaded.trajectory
-        )  # complete, so that gaps of the estimate are visible
-        plane = widest_plane(truth.T_world_camera)
+        truth = report.reference.loaded.trajectory  # complete: gaps of the estimate are visible
+        plane = widest_axes(truth.positions_m)
         coloured = result.aligned
-        name = "the estimate, coloured by its error"
-        _trajectory(
-            first,
-            truth.stamps_s,
-            truth.T_world_camera,
-            plane,
-            REFERENCE_COLOUR,
-            "ground truth",
-            width=3.0,
-        )
-        _trajectory(first, stamps_s, result.aligned, plane, ESTIMATE_COLOUR, "estimate")
+        along.set_title("the estimate, coloured by its error")
+        _draw_truth(first, truth.stamps_s, truth.T_world_camera, plane, 3.0)
+        _, broken = _with_gaps(stamps_s, result.aligned.translation)
+        first.plot(*broken[:, plane].T, color=ESTIMATE_COLOUR, linewidth=1.2, label="estimate")
         first.set_title("trajectories")
         first.legend()
     else:
         shares = 100 * np.arange(1, len(errors_m) + 1) / len(errors_m)
         first.plot(np.sort(errors_m), shares, color=ESTIMATE_COLOUR)
-        first.set(
-            title="RPE pairs within an error",
-            xlabel="translation error (m)",
-            ylabel="share of RPE pairs (%)",
-        )
-        first.set(xlim=(0, None), ylim=(0, 102))
-        plane = widest_plane(result.reference)
+        first.set(title="RPE pairs within an error", xlabel="translation error (m)")
+        first.set(ylabel="share of RPE pairs (%)", xlim=(0, None), ylim=(0, 102))
+        plane = widest_axes(result.reference.translation)
         coloured = result.reference[result.start]
-        name = "where the RPE pairs start, coloured by their error"
-        _trajectory(along, stamps_s, result.reference, plane, REFERENCE_COLOUR, "ground truth")
+        along.set_title("where the RPE pairs start, coloured by their error")
+        _draw_truth(along, stamps_s, result.reference, plane, 1.2)
         stamps_s = stamps_s[result.start]
-    dots = along.scatter(
-        *coloured.translation[:, plane].T, c=errors_m, s=7, cmap="viridis", zorder=3
-    )
+    x, y = coloured.translation[:, plane].T
+    dots = along.scatter(x, y, c=errors_m, s=7, cmap="viridis", zorder=3)
     figure.colorbar(dots, ax=along, label="translation error (m)")
     _label_plane(along, plane)
-    along.set_title(name)
     _series(over_time, stamps_s, errors_m, "translation error (m)", ESTIMATE_COLOUR)
-    _series(
-        rotation,
-        stamps_s,
-        np.degrees(result.rotation_error_rad),
-        "rotation error (deg)",
-        ROTATION_COLOUR,
-    )
+    errors_deg = np.degrees(result.rotation_error_rad)
+    _series(rotation, stamps_s, errors_deg, "rotation error (deg)", ROTATION_COLOUR)
     return figure
-
-
-def widest_plane(poses: SE3) -> tuple[int, int]:
-    """The two axes, in order, with the largest extents of the positions."""
-    return widest_axes(poses.translation)
 
 
 def widest_axes(positions_m: np.ndarray) -> tuple[int, int]:
@@ -167,17 +139,12 @@ def widest_axes(positions_m: np.ndarray) -> tuple[int, int]:
     return a, b
 
 
-def _trajectory(
-    chart: Axes,
-    stamps_s: np.ndarray,
-    poses: SE3,
-    plane: tuple[int, int],
-    colour: str,
-    label: str,
-    width: float = 1.2,
+def _draw_truth(
+    chart: Axes, stamps_s: np.ndarray, poses: SE3, plane: tuple[int, int], width: float
 ) -> None:
     _, broken = _with_gaps(stamps_s, poses.translation)
-    chart.plot(*broken[:, plane].T, color=colour, linewidth=width, label=label)
+    x, y = broken[:, plane].T
+    chart.plot(x, y, color=REFERENCE_COLOUR, linewidth=width, label="ground truth")
     _label_plane(chart, plane)
 
 

@@ -28,8 +28,7 @@ Measure = Callable[[Trajectory], AbsoluteError | RelativeError]
 @dataclass(frozen=True)
 class OtherReading:
     """A reading with much smaller errors. kind: `inverse` (world-to-camera poses) or `wxyz` (scalar
-    first); RMSE in metres and degrees in
-    this reading, and as given.
+    first); RMSE in metres and degrees in this reading, and as given.
     """
 
     kind: str
@@ -53,32 +52,29 @@ class OtherReading:
             except InputError:
                 continue
             reading = cls(kind, found.translation_m.rmse, metres, found.rotation_deg.rmse, degrees)
-            if reading._inverted_fits() if kind == "inverse" else reading._reordered_fits():
+            if reading._fits():
                 return reading
         return None
 
-    def _inverted_fits(self) -> bool:
-        closer = self.given_rmse_m > WORTH_M and self.rmse_m < WORTH_SHARE * self.given_rmse_m
-        return closer and self.rotation_rmse_deg <= self.given_rotation_rmse_deg
-
-    def _reordered_fits(self) -> bool:
-        turned = self.given_rotation_rmse_deg > _WORTH_DEG
-        return (
-            turned
-            and self.rotation_rmse_deg < _TURN_SHARE * self.given_rotation_rmse_deg
-            and self.rmse_m <= self.given_rmse_m * (1 + 1e-9)
-        )
+    def _fits(self) -> bool:
+        given_deg = self.given_rotation_rmse_deg
+        if self.kind == "inverse":
+            closer = self.given_rmse_m > WORTH_M and self.rmse_m < WORTH_SHARE * self.given_rmse_m
+            return closer and self.rotation_rmse_deg <= given_deg
+        turned = given_deg > _WORTH_DEG and self.rotation_rmse_deg < _TURN_SHARE * given_deg
+        return turned and self.rmse_m <= self.given_rmse_m * (1 + 1e-9)
 
     def sentence(self, format: str) -> str:
-        """A warning with advice; `format`: the name of the format in which the estimate was read."""
+        """A warning with advice; `format`: the name of the format of the estimate's file."""
         if self.kind == "inverse":
             what = "inverted"
             errors = f"{1000 * self.rmse_m:.3g} mm instead of {1000 * self.given_rmse_m:.3g}"
             why = "its poses may be world to camera"
         else:
             what = "with quaternions qw qx qy qz"
+            given_deg = self.given_rotation_rmse_deg
+            errors = f"{self.rotation_rmse_deg:.3g} degrees instead of {given_deg:.3g}"
             why = "they may have the scalar first"
-            errors = f"{self.rotation_rmse_deg:.3g} degrees instead of {self.given_rotation_rmse_deg:.3g}"
         advice = f"reading it as tum-{self.kind}" if format == "tum" else "converting it"
         return f"the estimate fits much better {what}: {errors}; {why}; try {advice}"
 

@@ -1,4 +1,4 @@
-"""Previews of a sequence: an image with colour, depth and error of some frames, and a short film."""
+"""Previews of a sequence: colour, depth and error of some frames as an image, and a short film."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -43,21 +43,15 @@ def draw_preview(folder: Path, out: Path, progress: Callable[[int, str], Any]) -
     pairs = find_pairs(folder)
     camera = read_camera(folder, pairs[0].rgb)
     spread = sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _ROWS)})
-    valid_m = np.concatenate(
-        [depth[depth > 0] for depth in (_metres(pairs[i], camera) for i in spread)]
-    )
-    # depth range of the colour map, the same for all frames
-    range_m = tuple(np.percentile(valid_m, (1, 99)).tolist()) if valid_m.size else (0.0, 1.0)
+    # the depth range of the colour map is the same for all frames
+    range_m = _range(np.concatenate([_metres(pairs[i], camera).ravel() for i in spread]))
     errors = _error_tiles(folder, pairs, spread, camera)
-    rows = [
-        np.hstack([_tiles(pairs[i], camera, range_m), error])
-        for i, error in zip(spread, errors, strict=True)
-    ]
+    rows = []
+    for i, error in zip(spread, errors, strict=True):
+        rows.append(np.hstack([_tiles(pairs[i], camera, range_m), error]))
     make_folder(out)
-    write_png(
-        out / "preview.png",
-        np.ascontiguousarray(np.vstack([_captions(rows[0].shape[1], range_m), *rows])),
-    )
+    picture = np.vstack([_captions(rows[0].shape[1], range_m), *rows])
+    write_png(out / "preview.png", np.ascontiguousarray(picture))
     filmed = pairs[:: max(1, -(-len(pairs) // _FILM_FRAMES))]
     bar = progress(len(filmed), "film")
     frames = []
@@ -74,16 +68,14 @@ def _captions(width: int, range_m: tuple[float, float]) -> np.ndarray:
     canvas = FigureCanvasAgg(figure)
     error = f"off its neighbour: black 0, yellow {100 * _ERROR_FULL_M:g} cm"
     texts = ("colour", f"depth: red {range_m[0]:.1f} m, blue {range_m[1]:.1f} m, black none", error)
+    style: dict[str, Any] = {
+        "color": "white",
+        "fontsize": min(9, width / 110),
+        "ha": "center",
+        "va": "center",
+    }
     for k, text in enumerate(texts):
-        figure.text(
-            (k + 0.5) / 3,
-            0.5,
-            text,
-            color="white",
-            fontsize=min(9, width / 110),
-            ha="center",
-            va="center",
-        )
+        figure.text((k + 0.5) / 3, 0.5, text, **style)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[:, :width, :3]
 
@@ -97,7 +89,8 @@ def _metres(pair: ImagePair, camera: SequenceCamera) -> np.ndarray:
 
 def _tiles(pair: ImagePair, camera: SequenceCamera, range_m: tuple[float, float]) -> np.ndarray:
     """Colour image, and depth by colour: near red, far blue, missing black."""
-    (rgb, depth_z_m), (near, far) = read_images(pair, camera), range_m
+    rgb, depth_z_m = read_images(pair, camera)
+    near, far = range_m
     image = _colours(1 - (depth_z_m - near) / max(far - near, 1e-6), "turbo")
     image[depth_z_m == 0] = 0
     return np.hstack([_halved(rgb), _halved(image)])
@@ -113,14 +106,16 @@ def _error_tiles(
     truth = read_truth(folder)
     for i in chosen:
         tile = np.full((camera.pinhole.height, camera.pinhole.width, 3), 40, np.uint8)
-        j = i - _APART if i >= _APART else min(i + _APART, len(pairs) - 1)
+        j = i - _APART
+        if j < 0:
+            j = min(i + _APART, len(pairs) - 1)
         stamps_s = np.array([pairs[i].stamp_s, pairs[j].stamp_s])
         if truth and truth.stamps_s[0] <= stamps_s.min() < stamps_s.max() <= truth.stamps_s[-1]:
             poses = sample(truth, stamps_s)
-            current, other = (_metres(pairs[n], camera) for n in (i, j))
-            residual = carried_residual(
-                current, other, poses[1].inverse() @ poses[0], camera.pinhole
-            )
+            current = _metres(pairs[i], camera)
+            other = _metres(pairs[j], camera)
+            T_other_current = poses[1].inverse() @ poses[0]
+            residual = carried_residual(current, other, T_other_current, camera.pinhole)
             shown = np.isfinite(residual)
             tile[shown] = _colours(np.abs(residual[shown]) / _ERROR_FULL_M, "inferno")
         tiles.append(_halved(tile))
@@ -129,29 +124,35 @@ def _error_tiles(
 
 def _colours(share: np.ndarray, name: str) -> np.ndarray:
     """Shares 0..1 as one of 256 colours of a matplotlib colour map."""
-    return colormaps[name](np.rint(np.clip(share, 0, 1) * 255).astype(np.uint8), bytes=True)[
-        ..., :3
-    ]
+    numbers = np.rint(np.clip(share, 0, 1) * 255).astype(np.uint8)
+    return colormaps[name](numbers, bytes=True)[..., :3]
+
+
+def _range(depth_z_m: np.ndarray) -> tuple[float, float]:
+    """The range of most of the depths; 0 to 1 m if there are none."""
+    valid_m = depth_z_m[depth_z_m > 0]
+    if not valid_m.size:
+        return 0.0, 1.0
+    near, far = np.percentile(valid_m, (1, 99)).tolist()
+    return near, far
 
 
 def _halved(image: np.ndarray) -> np.ndarray:
     """2 x 2 means, so that an image of three tiles is small."""
-    h, w = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
-    return image[:h, :w].reshape(h // 2, 2, w // 2, 2, 3).mean((1, 3)).astype(np.uint8)
+    h, w = image.shape[:2]
+    even = image[: h // 2 * 2, : w // 2 * 2]
+    return even.reshape(h // 2, 2, w // 2, 2, 3).mean((1, 3)).astype(np.uint8)
 
 
 def write_web_film(folder: Path, path: Path, first: int | None = None) -> None:
     """Write a WebM film of colour and depth for web pages, at a quarter of the width and height,
-    with at most 150 frames of a sequence or of its
-    `first` ones."""
+    with at most 150 frames of a sequence or of its `first` ones.
+    """
     pairs = find_pairs(folder)[:first]
     camera = read_camera(folder, pairs[0].rgb)
     pairs = pairs[:: -(-len(pairs) // _WEB_FRAMES)]
-    depth_z_m = _metres(pairs[len(pairs) // 2], camera)
-    near, far = (
-        np.percentile(depth_z_m[depth_z_m > 0], (1, 99)).tolist() if depth_z_m.any() else (0.0, 1.0)
-    )
-    frames = [_halved(_tiles(pair, camera, (near, far))) for pair in pairs]
+    range_m = _range(_metres(pairs[len(pairs) // 2], camera))
+    frames = [_halved(_tiles(pair, camera, range_m)) for pair in pairs]
     atomic_write(path, lambda temporary: _write_film(temporary, frames, "VP80"))
 
 
@@ -163,6 +164,5 @@ def _write_film(path: Path, frames: list[np.ndarray], code: str = "mp4v") -> Non
         writer.write(np.ascontiguousarray(frame[..., ::-1]))
     writer.release()
     if cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT) != len(frames):
-        raise OSError(
-            "the film is incomplete; the disk may be full, or OpenCV has no encoder"
-        )  # OpenCV does not report it
+        # OpenCV does not report it
+        raise OSError("the film is incomplete; the disk may be full, or OpenCV has no encoder")

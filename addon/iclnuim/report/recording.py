@@ -64,12 +64,10 @@ class Recorder:
 
     def camera(self, entity: str, camera: PinholeCamera) -> None:
         """Log the pinhole camera below a pose, valid at all times."""
-        size = [camera.width, camera.height]
-        axes = self.rerun.ViewCoordinates.RDF
         pinhole = self.rerun.Pinhole(
             image_from_camera=camera.K,
-            resolution=size,
-            camera_xyz=axes,
+            resolution=[camera.width, camera.height],
+            camera_xyz=self.rerun.ViewCoordinates.RDF,
             image_plane_distance=_PLANE_M,
         )
         self.static(entity, pinhole)
@@ -116,8 +114,8 @@ def _package() -> Any:
 
 def record(path: Path | str, of: Path | str, fill: Callable[[Recorder], None]) -> None:
     """Write a recording, filled by `fill`, atomically. `of`: the folder of a sequence or the file
-    that it belongs to. Raises the same errors as
-    check_recording, and WorkError if it cannot be written.
+    that it belongs to. Raises the same errors as check_recording, and WorkError if it cannot be
+    written.
     """
     check_recording(path := Path(path))
     rerun = _package()
@@ -131,10 +129,9 @@ def record(path: Path | str, of: Path | str, fill: Callable[[Recorder], None]) -
                 stream.save(temporary)
                 fill(Recorder(stream, rerun))
             except rerun.error_utils.RerunWarning as warning:
-                raise WorkError(
-                    f"{path}: rerun {rerun.__version__}: {warning}",
-                    hint="another version of rerun-sdk",
-                ) from None
+                hint = "another version of rerun-sdk"
+                found = f"{path}: rerun {rerun.__version__}: {warning}"
+                raise WorkError(found, hint=hint) from None
             finally:
                 stream.disconnect()
 
@@ -147,9 +144,9 @@ def record_sequence(
     progress: Callable[[int], Callable[[], object]] = lambda count: lambda: None,
 ) -> None:
     """Record colour and depth of a sequence in any format, its camera, and the ground-truth poses,
-    if any. The PNG and JPEG files of colour are
-    included unchanged, depth in its units. progress(count) returns a function that is called after
-    each frame. Raises InputError if a file cannot be read, WorkError without rerun-sdk.
+    if any. The PNG and JPEG files of colour are included unchanged, depth in its units.
+    progress(count) returns a function that is called after each frame. Raises InputError if a file
+    cannot be read, WorkError without rerun-sdk.
     """
     path = Path(path)
     folder = Path(folder)
@@ -175,16 +172,15 @@ def record_sequence(
 
 def _images(recorder: Recorder, rgb: Path, depth: Path, units: float) -> None:
     read_colour8(rgb)  # raises InputError for a broken image
-    kind = "image/png" if read_bytes(rgb).startswith(b"\x89PNG") else "image/jpeg"
-    recorder.log(
-        f"{_CAMERA}/image/rgb",
-        recorder.rerun.EncodedImage(contents=read_bytes(rgb), media_type=kind),
-    )
-    metres = depth.suffix == ARRAY
-    image = read_depth_m(depth, units) if metres else read_depth16(depth)
-    recorder.log(
-        f"{_CAMERA}/image/depth", recorder.rerun.DepthImage(image, meter=1.0 if metres else units)
-    )
+    content = read_bytes(rgb)
+    kind = "image/png" if content.startswith(b"\x89PNG") else "image/jpeg"
+    image = recorder.rerun.EncodedImage(contents=content, media_type=kind)
+    recorder.log(f"{_CAMERA}/image/rgb", image)
+    if depth.suffix == ARRAY:
+        image = recorder.rerun.DepthImage(read_depth_m(depth, units), meter=1.0)
+    else:
+        image = recorder.rerun.DepthImage(read_depth16(depth), meter=units)
+    recorder.log(f"{_CAMERA}/image/depth", image)
 
 
 def poses_at(stamps_s: np.ndarray, truth: Trajectory | None) -> Iterable[SE3 | None]:
@@ -194,4 +190,7 @@ def poses_at(stamps_s: np.ndarray, truth: Trajectory | None) -> Iterable[SE3 | N
     if truth is None or len(truth) < 2:
         return [None] * len(stamps_s)
     poses = sample(truth, stamps_s.clip(*truth.stamps_s[[0, -1]]))
-    return [poses[k] if there else None for k, there in enumerate(posed(stamps_s, truth).tolist())]
+    found: list[SE3 | None] = [None] * len(stamps_s)
+    for k in np.flatnonzero(posed(stamps_s, truth)):
+        found[k] = poses[int(k)]
+    return found

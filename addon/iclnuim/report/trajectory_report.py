@@ -28,8 +28,8 @@ JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, sha
     warnings              list of sentences, empty without warnings
 
 JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and
-alignment; settings contain {rpe_pairs {delta, unit, all_pairs, tolerance, measured_on}, association,
-correct_scale}; rpe_pairs is the number of RPE pairs, scale the factor applied.
+alignment; settings contain {rpe_pairs {delta, unit, all_pairs, tolerance, measured_on},
+association, correct_scale}; rpe_pairs is the number of RPE pairs, scale the factor applied.
 
 CSV of ate, one row per pair: reference_index, estimate_index, reference_stamp_s, time_difference_s,
 translation_error_m, rotation_error_deg, x_m, y_m, z_m (the aligned estimate). CSV of rpe, one row
@@ -46,6 +46,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
+from ..evaluation.align import Alignment, MirrorCheck
 from ..evaluation.associate import pair_up
 from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
 from ..evaluation.time_offset import best_offset
@@ -93,19 +94,23 @@ class BetterOffset:
         found = best_offset(reference, estimate) if rmse_m > WORTH_M else None
         if found is None:
             return None
-        shifted = replace(settings, association=replace(settings.association, offset_s=found[0]))
+        offset_s = found[0]
+        shifted = replace(settings, association=replace(settings.association, offset_s=offset_s))
         try:
             same = estimate[np.unique(pair_up(reference, estimate, shifted.association).second)]
-            with_it, without = (
-                _measured(reference, same, s).translation_m.rmse for s in (shifted, settings)
-            )
+            with_it = _measured(reference, same, shifted).translation_m.rmse
+            without = _measured(reference, same, settings).translation_m.rmse
         except InputError:
             return None
-        return (
-            cls(found[0], with_it, without)
-            if with_it < WORTH_SHARE * min(rmse_m, without)
-            else None
-        )
+        if with_it >= WORTH_SHARE * min(rmse_m, without):
+            return None
+        return cls(offset_s, with_it, without)
+
+    @property
+    def sentence(self) -> str:
+        errors = f"{1000 * self.rmse_m:.3g} mm instead of {1000 * self.given_rmse_m:.3g}"
+        advice = f"try an offset of {self.offset_s:.9g} s"
+        return f"another time offset fits much better: {errors} on the same poses; {advice}"
 
 
 #: Other scales than these are no drift of an odometer in metres, but another unit of length, or
@@ -155,34 +160,31 @@ class OtherUnit:
                     reference, estimate, replace(settings, alignment=alignment)
                 )
                 scale = absolute.alignment.scale
-                rmse_m = absolute.translation_m.rmse
+                found: AbsoluteError | RelativeError = absolute
             else:
                 relative = relative_error(
                     reference, estimate, replace(settings, correct_scale=True)
                 )
                 scale = relative.scale
-                rmse_m = relative.translation_m.rmse
+                found = relative
         except InputError:
             return None
+        rmse_m = found.translation_m.rmse
         given_m = given.translation_m.rmse
-        metres = _METRES[0] <= scale <= _METRES[1]
-        return None if metres or rmse_m >= WORTH_SHARE * given_m else cls(scale, rmse_m, given_m)
+        if _METRES[0] <= scale <= _METRES[1] or rmse_m >= WORTH_SHARE * given_m:
+            return None
+        return cls(scale, rmse_m, given_m)
 
     @property
     def sentence(self) -> str:
-        names = [
-            name
-            for name, length_m in _UNITS_M.items()
-            if abs(self.scale / length_m - 1) < _UNIT_SHARE
-        ]
-        unit = f"it may be in {names[0]}" if names else "it may have no unit of length"
-        advice = (
-            "try converting it to metres, or correcting its scale"
-            if names
-            else "try correcting its scale"
-        )
+        advice = "it may have no unit of length; try correcting its scale"
+        for name, length_m in _UNITS_M.items():
+            if abs(self.scale / length_m - 1) < _UNIT_SHARE:
+                unit = f"it may be in {name}"
+                advice = f"{unit}; try converting it to metres, or correcting its scale"
+        better = f"the estimate fits much better multiplied by {self.scale:.4g}"
         errors = f"{1000 * self.rmse_m:.3g} mm instead of {1000 * self.given_rmse_m:.3g}"
-        return f"the estimate fits much better multiplied by {self.scale:.4g}: {errors}; {unit}; {advice}"
+        return f"{better}: {errors}; {advice}"
 
 
 def _measured(
@@ -190,6 +192,28 @@ def _measured(
 ) -> AbsoluteError | RelativeError:
     measure: Any = absolute_error if isinstance(settings, AbsoluteErrorSettings) else relative_error
     return measure(reference, estimate, settings)
+
+
+def _mirrored(mirror: MirrorCheck, handedness: str) -> str:
+    """The warning of an estimate that was read with this handedness."""
+    advice = "gt.freiburg if its poses are left-handed with frame ids"
+    advice += ", else making it again with fy = +480"
+    if handedness == "left":
+        advice = "tum or tum-ids, since it was read as left-handed"
+    reflected = f"the error of the best reflection is {1000 * mirror.reflection_rms_m:.3g} mm"
+    rotated = f"that of the best rotation {1000 * mirror.rotation_rms_m:.3g} mm"
+    return f"the estimate is mirrored: {reflected}, {rotated}; try reading it as {advice}"
+
+
+def _uncertain(alignment: Alignment) -> str:
+    """The warning of an alignment whose rotation about the trajectory's line is noise."""
+    extent = f"the trajectory's second extent is {1000 * alignment.extents_m[1]:.3g} mm"
+    error = f"less than the error of {1000 * alignment.residual_rms_m:.3g} mm"
+    return (
+        f"the alignment is uncertain: {extent}, {error}, "
+        "so the rotation about its line is determined by the error; "
+        "compare with the alignments origin and yaw"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,55 +238,49 @@ class Report:
         try:
             result = _measured(*both, settings)
             unit = OtherUnit.of(*both, settings, result)
-            explained = result.mirror.mirrored or unit
-            measure = partial(_measured, both[0], settings=settings)
-            other = None if explained else OtherReading.of(both[1], result, measure)
-            offset = (
-                None
-                if explained or other
-                else BetterOffset.of(*both, settings, result.translation_m.rmse)
-            )
+            reading = None
+            offset = None
+            if not (result.mirror.mirrored or unit):
+                measure = partial(_measured, both[0], settings=settings)
+                reading = OtherReading.of(both[1], result, measure)
+                if reading is None:
+                    offset = BetterOffset.of(*both, settings, result.translation_m.rmse)
         except InputError as error:
             if error.path is not None:
                 raise
             raise error.at(estimate.path) from None
-        return cls(reference, estimate, settings, result, offset, unit, other)
+        return cls(
+            reference,
+            estimate,
+            settings,
+            result,
+            better_offset=offset,
+            other_unit=unit,
+            other_reading=reading,
+        )
 
     @property
     def warnings(self) -> list[str]:
-        mirror = self.result.mirror
         found = []
+        read_as = self.estimate.loaded.read_as
         if self._maybe_frame_numbers():
-            matched = f"{len(self.result.association.second)} of its {len(self.estimate.loaded.trajectory)} poses"
+            poses = len(self.estimate.loaded.trajectory)
+            matched = f"{len(self.result.association.second)} of its {poses} poses"
             found.append(
-                f"the estimate's stamps are whole numbers, and only {matched} have a ground-truth pose; "
+                "the estimate's stamps are whole numbers, "
+                f"and only {matched} have a ground-truth pose; "
                 "if they are frame numbers, try reading it as tum-ids"
             )
-        if mirror.mirrored:
-            advice = "gt.freiburg if its poses are left-handed with frame ids, else making it again with fy = +480"
-            if self.estimate.loaded.read_as.handedness == "left":
-                advice = "tum or tum-ids, since it was read as left-handed"
-            reflected, rotated = (
-                f"{1000 * rms:.3g} mm" for rms in (mirror.reflection_rms_m, mirror.rotation_rms_m)
-            )
-            errors = f"the error of the best reflection is {reflected}, that of the best rotation {rotated}"
-            found.append(f"the estimate is mirrored: {errors}; try reading it as {advice}")
-        if better := self.better_offset:
-            errors = f"{1000 * better.rmse_m:.3g} mm instead of {1000 * better.given_rmse_m:.3g} on the same poses"
-            found.append(
-                f"another time offset fits much better: {errors}; try an offset of {better.offset_s:.9g} s"
-            )
+        if self.result.mirror.mirrored:
+            found.append(_mirrored(self.result.mirror, read_as.handedness))
+        if self.better_offset:
+            found.append(self.better_offset.sentence)
         if self.other_unit:
             found.append(self.other_unit.sentence)
         elif self.other_reading:
-            found.append(self.other_reading.sentence(self.estimate.loaded.read_as.format))
+            found.append(self.other_reading.sentence(read_as.format))
         elif isinstance(self.result, AbsoluteError) and self.result.alignment.rotation_is_noise:
-            lengths_m = self.result.alignment.extents_m[1], self.result.alignment.residual_rms_m
-            extent, error = (f"{1000 * length:.3g} mm" for length in lengths_m)
-            found.append(
-                f"the alignment is uncertain: the trajectory's second extent is {extent}, less than the error of {error}, "
-                "so the rotation about its line is determined by the error; compare with the alignments origin and yaw"
-            )
+            found.append(_uncertain(self.result.alignment))
         return found
 
     def _maybe_frame_numbers(self) -> bool:
@@ -276,30 +294,20 @@ class Report:
 
     def to_dict(self) -> dict:
         result = self.result
-        mirror = self.result.mirror
         settings = asdict(self.settings)
         before: dict = {}
         after: dict = {}
         if isinstance(result, AbsoluteError):
-            alignment = result.alignment
-            figures = {
-                "scale": alignment.scale,
-                "translation_m": alignment.T_reference_estimate.translation.tolist(),
-                "quat_xyzw": alignment.T_reference_estimate.quat_xyzw.tolist(),
-                "poses_used": alignment.poses_used,
-                "extents_m": alignment.extents_m.tolist(),
-                "residual_rms_m": alignment.residual_rms_m,
+            after = {
+                **result.completeness.to_dict(),
+                "alignment": _alignment_figures(result.alignment),
             }
-            after = {**result.completeness.to_dict(), "alignment": figures}
         else:
             rest = {key: settings.pop(key) for key in ("association", "correct_scale")}
             settings = {"rpe_pairs": settings, **rest}
             coverage = result.association.coverage
             before = {"coverage": coverage, "rpe_pairs": len(result.start), "scale": result.scale}
-        rms_m = {
-            "rotation_rms_m": mirror.rotation_rms_m,
-            "reflection_rms_m": mirror.reflection_rms_m,
-        }
+        mirror = result.mirror
         return {
             "metric": "ate" if after else "rpe",
             "reference": self.reference.to_dict(),
@@ -311,10 +319,14 @@ class Report:
             "translation_error_m": result.translation_m.to_dict(),
             "rotation_error_deg": result.rotation_deg.to_dict(),
             **after,
-            "mirror": {"mirrored": mirror.mirrored, **rms_m},
-            "time_offset": asdict(self.better_offset) if self.better_offset else None,
-            "unit": asdict(self.other_unit) if self.other_unit else None,
-            "reading": asdict(self.other_reading) if self.other_reading else None,
+            "mirror": {
+                "mirrored": mirror.mirrored,
+                "rotation_rms_m": mirror.rotation_rms_m,
+                "reflection_rms_m": mirror.reflection_rms_m,
+            },
+            "time_offset": self.better_offset and asdict(self.better_offset),
+            "unit": self.other_unit and asdict(self.other_unit),
+            "reading": self.other_reading and asdict(self.other_reading),
             "warnings": self.warnings,
         }
 
@@ -323,11 +335,8 @@ class Report:
         pairs = self.result.association
         errors = [result.translation_error_m, np.degrees(result.rotation_error_rad)]
         if isinstance(result, AbsoluteError):
-            header = (
-                "reference_index,estimate_index,reference_stamp_s,time_difference_s,"
-                + ERRORS
-                + ",x_m,y_m,z_m"
-            )
+            header = "reference_index,estimate_index,reference_stamp_s,time_difference_s,"
+            header += ERRORS + ",x_m,y_m,z_m"
             index = [pairs.first, pairs.second]
             numbers = [result.stamps_s, pairs.difference_s, *errors, *result.aligned.translation.T]
         else:
@@ -339,28 +348,37 @@ class Report:
         return header + "\n" + "".join([line % row for row in rows])
 
 
+def _alignment_figures(alignment: Alignment) -> dict:
+    return {
+        "scale": alignment.scale,
+        "translation_m": alignment.T_reference_estimate.translation.tolist(),
+        "quat_xyzw": alignment.T_reference_estimate.quat_xyzw.tolist(),
+        "poses_used": alignment.poses_used,
+        "extents_m": alignment.extents_m.tolist(),
+        "residual_rms_m": alignment.residual_rms_m,
+    }
+
+
 def error_text(values: dict) -> str:
     """The text for the terminal, from an `ate` or `rpe` dictionary of to_dict()."""
     lines = [title(values), f"{'':16}" + "".join(f"{name:>11}" for name in STATISTICS)]
-    for label, key in (
-        ("translation (m)", "translation_error_m"),
-        ("rotation (deg)", "rotation_error_deg"),
-    ):
+    rows = (("translation (m)", "translation_error_m"), ("rotation (deg)", "rotation_error_deg"))
+    for label, key in rows:
         lines.append(f"{label:16}" + "".join(_cell(values[key][name]) for name in STATISTICS))
-    poses = f"{values['reference']['poses']} ground-truth and {values['estimate']['poses']} estimated poses"
+    truth = f"{values['reference']['poses']} ground-truth"
+    poses = f"{truth} and {values['estimate']['poses']} estimated poses"
     apart = f"stamps at most {1000 * values['largest_difference_s']:.3f} ms apart"
     pairs = f"{values['pairs']} pairs of {poses}, {apart}"
     if values["metric"] == "rpe":
         lines.append(f"{values['rpe_pairs']} RPE pairs; {pairs}")
     else:
-        shares = (
-            f"{100 * s:.1f} % within {bound.replace('cm', ' cm')}"
-            for bound, s in values["recall"].items()
-        )
-        covered = f"{100 * values['coverage']:.1f} % have an estimate"
-        lines += [pairs, ", ".join((f"of all ground-truth frames: {covered}", *shares))]
+        shares = [f"{100 * values['coverage']:.1f} % have an estimate"]
+        for bound, share in values["recall"].items():
+            shares.append(f"{100 * share:.1f} % within {bound.replace('cm', ' cm')}")
+        lines += [pairs, f"of all ground-truth frames: {', '.join(shares)}"]
         lines.append(f"area under the error curve to 10 cm: {values['area_under_curve']:.4f}")
-    return "\n".join([*lines, *(f"warning: {text}" for text in values["warnings"])])
+    lines += [f"warning: {text}" for text in values["warnings"]]
+    return "\n".join(lines)
 
 
 def _cell(value: float) -> str:
@@ -372,21 +390,28 @@ def _cell(value: float) -> str:
 
 def title(values: dict) -> str:
     """One line: the metric, the two files, and the settings."""
-    estimate, reference = (
-        os.path.basename(os.path.normpath(values[k]["path"])) for k in ("estimate", "reference")
-    )
-    settings = values["settings"]
-    if values["metric"] == "rpe":
-        pair = settings["rpe_pairs"]
-        unit = {
-            "frames": "frames" if pair["delta"] > 1 else "frame",
-            "seconds": "s",
-            "metres": "m",
-        }[pair["unit"]]
-        scale = f", scale {values['scale']:.6g}" if settings["correct_scale"] else ""
-        description = f"over {pair['delta']:g} {unit}, {'all pairs' if pair['all_pairs'] else 'end to end'}{scale}"
-    else:
-        method = settings["alignment"]["method"]
-        scale = f", scale {values['alignment']['scale']:.6g}" if method == "sim3" else ""
-        description = "not aligned" if method == "none" else f"aligned by {method}{scale}"
-    return f"{values['metric'].upper()} of {estimate} against {reference}, {description}"
+    reference = os.path.basename(os.path.normpath(values["reference"]["path"]))
+    estimate = os.path.basename(os.path.normpath(values["estimate"]["path"]))
+    describe = _rpe_settings if values["metric"] == "rpe" else _ate_settings
+    return f"{values['metric'].upper()} of {estimate} against {reference}, {describe(values)}"
+
+
+def _rpe_settings(values: dict) -> str:
+    pairs = values["settings"]["rpe_pairs"]
+    unit = {"frames": "frames", "seconds": "s", "metres": "m"}[pairs["unit"]]
+    if unit == "frames" and pairs["delta"] <= 1:
+        unit = "frame"
+    which = "all pairs" if pairs["all_pairs"] else "end to end"
+    text = f"over {pairs['delta']:g} {unit}, {which}"
+    if values["settings"]["correct_scale"]:
+        text += f", scale {values['scale']:.6g}"
+    return text
+
+
+def _ate_settings(values: dict) -> str:
+    method = values["settings"]["alignment"]["method"]
+    if method == "none":
+        return "not aligned"
+    if method == "sim3":
+        return f"aligned by sim3, scale {values['alignment']['scale']:.6g}"
+    return f"aligned by {method}"
