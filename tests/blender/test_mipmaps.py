@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
-from iclnuim.blender.light import mipmaps  # noqa: E402
+from iclnuim.blender.light import mipmap_attributes, mipmap_images, mipmaps  # noqa: E402
 from iclnuim.formats.exr import read_exr  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 
@@ -78,9 +78,9 @@ def pixels_of(image):
 
 def levels_of(image, size):
     """The levels of a texture of size x size texels, without their margins."""
-    pixels, before = pixels_of(image), mipmaps.margins(size)[0]
+    pixels, before = pixels_of(image), mipmap_images.margins(size)[0]
     found = []
-    for k in range(mipmaps.LEVELS):
+    for k in range(mipmap_images.LEVELS):
         margin, side, start = before // 2**k, size // 2**k, image.size[0] // 2 // 2**k
         found.append(pixels[margin : margin + side, start + margin : start + margin + side, :3])
     return found
@@ -88,7 +88,7 @@ def levels_of(image, size):
 
 def test_levels_are_means_of_light_and_the_first_is_the_texture(empty):
     image = new_image(checks())
-    levels = levels_of(mipmaps.with_mipmaps(image, "REPEAT"), TEXELS)
+    levels = levels_of(mipmap_images.with_mipmaps(image, "REPEAT"), TEXELS)
     assert [v.shape[0] for v in levels] == [64, 32, 16, 8, 4, 2]
     assert np.array_equal(levels[0], checks())
     half = 1.055 * 0.5 ** (1 / 2.4) - 0.055  # the sRGB value of half of white's light
@@ -98,18 +98,18 @@ def test_levels_are_means_of_light_and_the_first_is_the_texture(empty):
 
 def test_a_repeated_texture_continues_in_its_margins_and_a_single_one_ends_there(empty):
     ramp = np.broadcast_to(np.linspace(0, 1, TEXELS)[None, :, None], (TEXELS, TEXELS, 3))
-    before, after = mipmaps.margins(TEXELS)
+    before, after = mipmap_images.margins(TEXELS)
     for extension, outside in (("REPEAT", (ramp[0, -1, 0], ramp[0, 0, 0])), ("EXTEND", (0.0, 1.0))):
-        pixels = pixels_of(mipmaps.with_mipmaps(new_image(ramp), extension))
+        pixels = pixels_of(mipmap_images.with_mipmaps(new_image(ramp), extension))
         row = pixels[before, pixels.shape[1] // 2 :, 0]
         left, right = row[before - 1], row[before + TEXELS]
         assert (left, right) == pytest.approx(outside, abs=1 / 255)
-    assert mipmaps.margins(682) == (32, 54) and (32 + 682 + 54) % 32 == 0
+    assert mipmap_images.margins(682) == (32, 54) and (32 + 682 + 54) % 32 == 0
 
 
 def test_linear_images_are_averaged_as_they_are(empty):
     image = new_image(checks() * 6.0, "Linear Rec.709", float_buffer=True)
-    made = mipmaps.with_mipmaps(image, "REPEAT")
+    made = mipmap_images.with_mipmaps(image, "REPEAT")
     assert made.is_float and made.colorspace_settings.name == "Linear Rec.709"
     for level in levels_of(made, TEXELS)[1:]:
         assert level == pytest.approx(3.0, rel=1e-5)
@@ -123,18 +123,18 @@ def test_a_band_is_filtered_like_the_whole():
     for i, a in enumerate(kernel):
         for j, b in enumerate(kernel):
             expected += a * b * padded[i : i + 96 : 2, j : j + 40 : 2]
-    assert mipmaps.halved(level) == pytest.approx(expected, abs=1e-6)
+    assert mipmap_images.halved(level) == pytest.approx(expected, abs=1e-6)
 
 
 def test_density_is_that_of_faces_in_the_world(empty):
     thing = plane(textured(new_image(checks()))[0], repeats=3.0, size_m=2.0)
-    assert mipmaps.density(thing, thing.data.uv_layers[0]) == pytest.approx([1.5])
+    assert mipmap_attributes.density(thing, thing.data.uv_layers[0]) == pytest.approx([1.5])
     thing.scale = (2.0, 2.0, 0.5)  # area times 1
     bpy.context.view_layer.update()
-    assert mipmaps.density(thing, thing.data.uv_layers[0]) == pytest.approx([1.5])
+    assert mipmap_attributes.density(thing, thing.data.uv_layers[0]) == pytest.approx([1.5])
     thing.scale = (2.0, 2.0, 2.0)
     bpy.context.view_layer.update()
-    assert mipmaps.density(thing, thing.data.uv_layers[0]) == pytest.approx([0.75])
+    assert mipmap_attributes.density(thing, thing.data.uv_layers[0]) == pytest.approx([0.75])
 
 
 def with_mapping(material, texture):
@@ -216,7 +216,7 @@ def test_a_texture_in_a_group_of_two_materials_is_filtered_once(empty):
 def test_a_mesh_without_faces_has_no_density(empty):
     thing = plane(textured(new_image(checks()))[0], repeats=1.0)
     thing.data.clear_geometry()
-    assert mipmaps.density(thing, thing.data.uv_layers.new(name="own")).shape == (0,)
+    assert mipmap_attributes.density(thing, thing.data.uv_layers.new(name="own")).shape == (0,)
 
 
 @pytest.mark.parametrize(
@@ -391,21 +391,14 @@ def test_baked_light_shows_the_filtered_textures_too(render_here, patterned, tmp
     assert filtered == pytest.approx(0.5, abs=0.03)
 
 
-def test_a_run_from_before_mipmaps_goes_on_without_them(render_here, patterned, tmp_path):
+def test_a_run_goes_on_with_its_own_filter_of_textures_alone(render_here, patterned, tmp_path):
     from iclnuim.errors import InputError
-    from iclnuim.job import RenderJob, read_recipe
+    from iclnuim.job import read_recipe
 
     out = tmp_path / "run"
     frame(render_here, out, patterned, 0.25, mipmaps=False)
     recipe = json.loads((out / "sequence.json").read_text())
-    assert recipe["job"].pop("mipmaps") is False
-    (out / "sequence.json").write_text(json.dumps(recipe))
-    assert RenderJob.from_dict(recipe["job"]).mipmaps is False
-    frame(render_here, out, patterned, 0.25, mipmaps=False)
-    with pytest.raises(
-        InputError,
-        match="found frames without mipmaps; try turning mipmaps off to go on as before, or another out",
-    ):
+    with pytest.raises(InputError, match="found frames without mipmaps; try another out"):
         frame(render_here, out, patterned, 0.25)
     recipe["job"]["mipmaps"] = True
     del recipe["texture_filter"]
