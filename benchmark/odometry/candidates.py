@@ -12,6 +12,9 @@ from .terms.photometric import PhotometricTerm
 from .terms.plane import PlaneTerm
 
 One = TypeVar("One")
+#: Where the images do not fit at the prediction, planes alone are trusted if this many times as
+#: many points match. At the same motion the counts differ by less than 0.1 %.
+MORE_INLIERS = 1.01
 
 
 class Estimate(NamedTuple):
@@ -33,10 +36,12 @@ class Estimate(NamedTuple):
 
     @property
     def inliers(self) -> float:
-        """Share of the points that match; planes alone count only where they determine the motion."""
-        if self.image is None and self.result.status is not Status.OK:
-            return 0.0
-        return self.result.inliers
+        """Share of the points that match. Planes alone count only where they determine the motion,
+        and have to match more.
+        """
+        if self.image:
+            return self.result.inliers
+        return self.result.inliers / MORE_INLIERS if self.result.status is Status.OK else 0.0
 
 
 class Candidate(NamedTuple):
