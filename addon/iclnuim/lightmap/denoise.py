@@ -8,6 +8,8 @@ chart are used. Each half is smoothed with weights from the other (Rousselle et 
 firefly does not increase its own weight.
 """
 
+from itertools import product
+
 import numpy as np
 
 _LEVELS = 5
@@ -20,7 +22,7 @@ _NORMAL_POWER = 32
 _ODD = 6.0
 #: Neighbours of a texel at the corner of a chart.
 _CORNER = 3
-_NEIGHBOURS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
+_NEIGHBOURS = [step for step in product((-1, 0, 1), (-1, 0, 1)) if any(step)]
 
 
 def denoise(
@@ -35,17 +37,14 @@ def denoise(
     """
     half_a, half_b = _without_fireflies(half_a, half_b, chart, usable)
     variance = _variance(half_a, half_b, chart, usable)
-    spread = (variance, variance.copy())
-    halves = half_a.astype(np.float32), half_b.astype(np.float32)
-    mask = usable & (chart >= 0)
-    facing = normals.astype(np.float32)
+    a = half_a.astype(np.float32), variance
+    b = half_b.astype(np.float32), variance.copy()
+    wavelet = _Wavelet(chart, normals.astype(np.float32), usable & (chart >= 0))
     for level in range(_LEVELS):
-        smoothed = [
-            _wavelet(halves[k], halves[1 - k], spread[k], chart, facing, mask, 1 << level)
-            for k in (0, 1)
-        ]
-        halves, spread = zip(*smoothed, strict=True)
-    return _within_neighbours((halves[0] + halves[1]) / 2, chart, mask)
+        smoothed = wavelet.smoothed(*a, b[0], 1 << level)
+        b = wavelet.smoothed(*b, a[0], 1 << level)
+        a = smoothed
+    return _within_neighbours((a[0] + b[0]) / 2, chart, wavelet.mask)
 
 
 def _within_neighbours(light: np.ndarray, chart: np.ndarray, usable: np.ndarray) -> np.ndarray:
@@ -56,7 +55,8 @@ def _within_neighbours(light: np.ndarray, chart: np.ndarray, usable: np.ndarray)
     point with another view than theirs. At the corner of a chart it has three neighbours; with
     fewer it is kept.
     """
-    lowest, highest = np.full_like(light, np.inf), np.full_like(light, -np.inf)
+    lowest = np.full_like(light, np.inf)
+    highest = np.full_like(light, -np.inf)
     count = np.zeros(usable.shape, np.uint8)
     for dy, dx in _NEIGHBOURS:
         same = shifted(usable, dy, dx, False) & _same_chart(chart, dy, dx)
@@ -81,11 +81,12 @@ def _without_fireflies(
     The light that is cut off is correct energy, found by few paths: it is distributed over the
     neighbourhood, so that none is lost.
     """
-    a, b = luminance(half_a), luminance(half_b)
+    a = luminance(half_a)
+    b = luminance(half_b)
     gap = np.abs(a - b).astype(np.float32)
-    around = [
-        np.where(_same_chart(chart, dy, dx), shifted(gap, dy, dx, 0), gap) for dy, dx in _NEIGHBOURS
-    ]
+    around = []
+    for dy, dx in _NEIGHBOURS:
+        around.append(np.where(_same_chart(chart, dy, dx), shifted(gap, dy, dx, 0), gap))
     usual = np.median(around, axis=0)
     odd = (usable & (gap > _ODD * usual + 0.1 * np.minimum(a, b)))[..., None]
     darker = np.where((a < b)[..., None], half_a, half_b)
@@ -139,49 +140,55 @@ def _variance(
     return total / np.maximum(count, 1)
 
 
-def _wavelet(
-    light: np.ndarray,
-    guide: np.ndarray,
-    variance: np.ndarray,
-    chart: np.ndarray,
-    normals: np.ndarray,
-    mask: np.ndarray,
-    step: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """One level of the filter: nine neighbours `step` texels apart, with weights from `guide`.
+class _Wavelet:
+    """The filter on a map with charts, normals (h, w, 3) and a mask (h, w) of the texels in use."""
 
-    Returns light and its variance.
-    """
-    here = np.flatnonzero(mask)
-    h, w = mask.shape
-    row, column = here // w, here % w
-    flat = light.reshape(-1, 3)
-    spread = variance.ravel()
-    part = np.where(mask, chart, -1).ravel()
-    facing = normals.reshape(-1, 3)
-    bright = luminance(guide.reshape(-1, 3))
-    total, noise, weights = (np.zeros((len(here), *s), np.float32) for s in ((3,), (), ()))
-    for dy, wy in _KERNEL.items():
-        for dx, wx in _KERNEL.items():
-            y, x = row + dy * step, column + dx * step
-            there = np.clip(y, 0, h - 1) * w + np.clip(x, 0, w - 1)
-            same = (part[there] == part[here]) & (y >= 0) & (y < h) & (x >= 0) & (x < w)
-            apart = (bright[there] - bright[here]) ** 2 / (
-                _SIGMAS**2 * (spread[there] + spread[here]) + 1e-10
-            )
-            alike = (
-                np.maximum(np.einsum("ij,ij->i", facing[there], facing[here]), 0) ** _NORMAL_POWER
-            )
-            weight = (same * (wy * wx) * alike * np.exp(-apart)).astype(np.float32)
-            total += weight[:, None] * flat[there]
-            noise += weight**2 * spread[there]
-            weights += weight
-    light = flat.copy()
-    variance = spread.copy()
-    weighed = weights > 0  # a texel without a normal has no neighbour, and keeps its light
-    light[here[weighed]] = total[weighed] / weights[weighed, None]
-    variance[here[weighed]] = noise[weighed] / weights[weighed] ** 2
-    return light.reshape(h, w, 3), variance.reshape(h, w)
+    def __init__(self, chart: np.ndarray, normals: np.ndarray, mask: np.ndarray) -> None:
+        self.mask = mask
+        self._here = np.flatnonzero(mask)
+        self._part = np.where(mask, chart, -1).ravel()
+        self._facing = normals.reshape(-1, 3)
+
+    def smoothed(
+        self, light: np.ndarray, variance: np.ndarray, guide: np.ndarray, step: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """One level of the filter: nine neighbours `step` texels apart, with weights from `guide`.
+
+        Returns light and its variance.
+        """
+        here = self._here
+        flat = light.reshape(-1, 3)
+        spread = variance.ravel()
+        bright = luminance(guide.reshape(-1, 3))
+        total = np.zeros((len(here), 3), np.float32)
+        noise = np.zeros(len(here), np.float32)
+        weights = np.zeros(len(here), np.float32)
+        for dy, wy in _KERNEL.items():
+            for dx, wx in _KERNEL.items():
+                there, same = self._beside(dy * step, dx * step)
+                noise_of_both = _SIGMAS**2 * (spread[there] + spread[here]) + 1e-10
+                apart = (bright[there] - bright[here]) ** 2 / noise_of_both
+                cosine = np.einsum("ij,ij->i", self._facing[there], self._facing[here])
+                alike = np.maximum(cosine, 0) ** _NORMAL_POWER
+                weight = (same * (wy * wx) * alike * np.exp(-apart)).astype(np.float32)
+                total += weight[:, None] * flat[there]
+                noise += weight**2 * spread[there]
+                weights += weight
+        flat = flat.copy()
+        spread = spread.copy()
+        weighed = weights > 0  # a texel without a normal has no neighbour, and keeps its light
+        flat[here[weighed]] = total[weighed] / weights[weighed, None]
+        spread[here[weighed]] = noise[weighed] / weights[weighed] ** 2
+        return flat.reshape(light.shape), spread.reshape(variance.shape)
+
+    def _beside(self, dy: int, dx: int) -> tuple[np.ndarray, np.ndarray]:
+        """Flat indices of the neighbours at (dy, dx), and whether each is in the same chart."""
+        h, w = self.mask.shape
+        y = self._here // w + dy
+        x = self._here % w + dx
+        there = np.clip(y, 0, h - 1) * w + np.clip(x, 0, w - 1)
+        inside = (y >= 0) & (y < h) & (x >= 0) & (x < w)
+        return there, inside & (self._part[there] == self._part[self._here])
 
 
 def shifted(image: np.ndarray, dy: int, dx: int, outside: float | int) -> np.ndarray:
@@ -222,9 +229,8 @@ def grown(mask: np.ndarray, chart: np.ndarray, steps: int) -> np.ndarray:
     """
     same = [(step, (chart >= 0) & _same_chart(chart, *step)) for step in _NEIGHBOURS]
     for _ in range(steps):
-        mask = np.logical_or.reduce(
-            [mask, *(alike & shifted(mask, *step, False) for step, alike in same)]
-        )
+        reached = [alike & shifted(mask, *step, False) for step, alike in same]
+        mask = np.logical_or.reduce([mask, *reached])
     return mask
 
 
@@ -247,17 +253,19 @@ def fill(
         total = np.zeros((len(rows[0]), light.shape[2]))
         count = np.zeros(len(rows[0]))
         for dy, dx in _NEIGHBOURS:
-            y, x = rows[0] + dy, rows[1] + dx
+            y = rows[0] + dy
+            x = rows[1] + dx
             inside = (y >= 0) & (y < known.shape[0]) & (x >= 0) & (x < known.shape[1])
-            y, x = np.where(inside, y, 0), np.where(inside, x, 0)
+            y = np.where(inside, y, 0)
+            x = np.where(inside, x, 0)
             usable = inside & known[y, x] & ((chart[rows] < 0) | (chart[y, x] == chart[rows]))
             weight = usable * (1.0 if dy == 0 or dx == 0 else 0.5)
             total += light[y, x] * weight[:, None]
             count += weight
         reached = count > 0
-        y, x = rows[0][reached], rows[1][reached]
-        light[y, x] = total[reached] / count[reached, None]
-        known[y, x] = True
+        places = (rows[0][reached], rows[1][reached])
+        light[places] = total[reached] / count[reached, None]
+        known[places] = True
     return light, known
 
 
@@ -269,7 +277,8 @@ def contrast(half_a: np.ndarray, half_b: np.ndarray, chart: np.ndarray) -> np.nd
     halves' differences has no bias from their noise; single values may be negative. chart (h, w),
     -1 outside.
     """
-    a, b = (np.sqrt(np.maximum(luminance(half), 0)) for half in (half_a, half_b))
+    a = np.sqrt(np.maximum(luminance(half_a), 0))
+    b = np.sqrt(np.maximum(luminance(half_b), 0))
     total = np.zeros(chart.shape)
     for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0)):
         same = (chart >= 0) & _same_chart(chart, dy, dx)

@@ -94,7 +94,7 @@ def _object_axes(vectors: np.ndarray) -> np.ndarray:
         axes.append(axis)
         left &= normals @ axis < np.cos(np.radians(LIMIT_DEG))
         left &= cells != heavy
-    return np.array(axes) if axes else np.array([[0.0, 0.0, 1.0]])
+    return np.array(axes or [[0.0, 0.0, 1.0]])
 
 
 def components(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -245,12 +245,11 @@ class Ruler:
         self.orders = [np.lexsort((charts.flat_m[:, axis], chart_of_corner)) for axis in (0, 1)]
         self.first = np.searchsorted(chart_of_corner[self.orders[0]], np.arange(self.count))
         self.sorted_chart = chart_of_corner[self.orders[0]]
-        self.gaps = [
-            np.diff(charts.flat_m[order, axis], prepend=0.0)
-            for axis, order in enumerate(self.orders)
-        ]
-        for gaps in self.gaps:
+        self.gaps = []
+        for axis, order in enumerate(self.orders):
+            gaps = np.diff(charts.flat_m[order, axis], prepend=0.0)
             gaps[self.first] = 0.0
+            self.gaps.append(gaps)
 
     def measure(self, density: np.ndarray, plain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(C, 2) coordinates in texels from each chart's first texel, and (K, 2) extents; density
@@ -326,9 +325,8 @@ class Layout:
         """
         chart = self.texels.chart
         count = len(self.charts.size_m)
-        mean = np.bincount(chart, values, count) / np.maximum(
-            np.bincount(chart, minlength=count), 1
-        )
+        texels = np.maximum(np.bincount(chart, minlength=count), 1)
+        mean = np.bincount(chart, values, count) / texels
         result = np.zeros((self.surfaces.faces, 2))
         result[self.sides.face, self.sides.side] = mean[self.charts.chart]
         return result
@@ -337,7 +335,9 @@ class Layout:
         """One line for messages."""
         count = len(self.texels.index)
         size = self.texels.size
-        return f"{len(self.charts.size_m)} charts, {count} texels ({count / size**2:.0%} of {size} x {size}), {1000 / self.density:.1f} mm"
+        share = f"{count / size**2:.0%} of {size} x {size}"
+        charts = f"{len(self.charts.size_m)} charts"
+        return f"{charts}, {count} texels ({share}), {1000 / self.density:.1f} mm"
 
 
 def lay_out(
@@ -362,26 +362,18 @@ def lay_out(
         return np.bincount(charts.chart, area * values[sides.face, sides.side], len(total)) / total
 
     weight = np.ones(len(total))
-    if (
-        exposure is not None
-    ):  # the square root of a chart's mean exposure, relative to the median by area
+    if exposure is not None:
+        # the square root of a chart's mean exposure, relative to the median by area
         seen = mean(exposure)
         order = np.argsort(seen)
         place = np.searchsorted(np.cumsum(total[order]), total.sum() / 2)
         usual = max(float(seen[order[min(place, len(order) - 1)]]), 1e-12)
         weight *= np.clip(np.sqrt(seen / usual), SPARSEST, DENSEST)
-    if (
-        contrast is not None
-    ):  # an edge's error grows with texel size: the cube root minimises the sum of errors
+    if contrast is not None:
+        # an edge's error grows with texel size: the cube root minimises the sum of errors
         changes = mean(contrast)
         usual = max(float(np.average(changes, weights=total)), 1e-12)
         weight *= np.clip(np.cbrt(np.maximum(changes, 0) / usual), EVENEST, SHARPEST)
     corners, density = pack(sides.surfaces, charts, size, weight)
-    return Layout(
-        surfaces,
-        sides,
-        charts,
-        corners,
-        density,
-        texels(sides.surfaces, charts.chart, corners, size),
-    )
+    found = texels(sides.surfaces, charts.chart, corners, size)
+    return Layout(surfaces, sides, charts, corners, density, found)

@@ -106,11 +106,8 @@ def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
     side = np.repeat([FRONT, BACK], [len(s) for s in sides])
     count = np.diff(surfaces.face_start)[face]
     start = np.concatenate([[0], np.cumsum(count)])
-    corner = (
-        np.arange(start[-1])
-        - np.repeat(start[:-1], count)
-        + np.repeat(surfaces.face_start[face], count)
-    )
+    within_face = np.arange(start[-1]) - np.repeat(start[:-1], count)
+    corner = within_face + np.repeat(surfaces.face_start[face], count)
     at_back = np.repeat(side, count) == BACK
     place = np.full((surfaces.faces, 2), -1)
     place[face, side] = np.arange(len(face))
@@ -120,18 +117,17 @@ def select(surfaces: Surfaces, wanted: np.ndarray) -> Sides:
         owner = place[surfaces.triangle_face, which]
         kept = owner >= 0
         owner = owner[owner >= 0]
-        moved = (
-            surfaces.triangles[kept]
-            - surfaces.face_start[surfaces.triangle_face[kept], None]
-            + start[owner, None]
-        )
-        triangles.append(moved[:, ::-1] if which == BACK else moved)
+        face_start = surfaces.face_start[surfaces.triangle_face[kept], None]
+        moved = surfaces.triangles[kept] - face_start + start[owner, None]
+        if which == BACK:
+            moved = moved[:, ::-1]
+        triangles.append(moved)
         owners.append(owner)
+    after_fronts = int(surfaces.vertex.max(initial=0)) + 1
     chosen = Surfaces(
         corners_m=surfaces.corners_m[corner],
         normals=surfaces.normals[corner] * np.where(at_back, -1.0, 1.0)[:, None],
-        vertex=surfaces.vertex[corner]
-        + np.where(at_back, int(surfaces.vertex.max(initial=0)) + 1, 0),
+        vertex=surfaces.vertex[corner] + np.where(at_back, after_fronts, 0),
         face_start=start,
         triangles=np.concatenate(triangles),
         triangle_face=np.concatenate(owners),
@@ -196,7 +192,7 @@ def texels(surfaces: Surfaces, chart: np.ndarray, corners_map: np.ndarray, size:
 
 
 def _rims(surfaces: Surfaces, chart: np.ndarray) -> np.ndarray:
-    """(T, 3) bool: whether the edge opposite each corner of a triangle is a boundary of its chart."""
+    """(T, 3) bool: whether the edge opposite a corner of a triangle is a boundary of its chart."""
     vertex = surfaces.vertex[surfaces.triangles]
     ends = np.stack([np.roll(vertex, -1, 1), np.roll(vertex, -2, 1)], -1)
     ends.sort(-1)
@@ -217,7 +213,8 @@ def _nearest(
     triangle = np.repeat(rows, counts)
     k = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     width = np.repeat(span[:, 0], counts)
-    column, row = low[triangle, 0] + k % width, low[triangle, 1] + k // width
+    column = low[triangle, 0] + k % width
+    row = low[triangle, 1] + k // width
     corners = triangles[triangle]
     texel = np.stack([column, row], -1).astype(float)
     weights = _inside(corners, texel)
@@ -273,17 +270,12 @@ def _inwards(weights: np.ndarray, corners: np.ndarray, rim: np.ndarray) -> np.nd
     height = area[:, None] / np.sqrt(squared)
     for k in range(3):
         wanted = np.minimum(_INWARDS, height[:, k] / 3)
-        shift = np.where(
-            rim[:, k] & (height[:, k] > 1e-6),
-            np.maximum(wanted - weights[:, k] * height[:, k], 0),
-            0,
-        )
+        lacking = np.maximum(wanted - weights[:, k] * height[:, k], 0)
+        shift = np.where(rim[:, k] & (height[:, k] > 1e-6), lacking, 0)
         gain = shift / np.maximum(height[:, k], 1e-6)
         step = np.zeros_like(weights)
-        for j in (
-            (k + 1) % 3,
-            (k + 2) % 3,
-        ):  # weights change in proportion to the edges' projections on edge k
+        # weights change in proportion to the edges' projections on edge k
+        for j in ((k + 1) % 3, (k + 2) % 3):
             step[:, j] = (edge[:, j] * edge[:, k]).sum(1) / squared[:, k] * gain
         step[:, k] = gain
         weights = weights + step
