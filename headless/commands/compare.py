@@ -176,7 +176,8 @@ def _object_in(content: dict, *keys: str) -> dict:
 def _other_channels(a: Path, b: Path) -> list[str] | None:
     """Names of the channels that are not bitwise equal; None if a file cannot be read."""
     try:
-        one, other = (read_exr(f) if f.suffix == ".exr" else _values(f, 1.0) for f in (a, b))
+        one = _stored(a)
+        other = _stored(b)
     except InputError:
         return None
     different = []
@@ -185,6 +186,10 @@ def _other_channels(a: Path, b: Path) -> list[str] | None:
         if not (both and np.array_equal(one[name], other[name], equal_nan=True)):
             different.append(name)
     return different
+
+
+def _stored(file: Path) -> dict[str, np.ndarray]:
+    return read_exr(file) if file.suffix == ".exr" else _values(file, 1.0)
 
 
 def _shares(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, float]:

@@ -20,7 +20,8 @@ from .run_plan import RunPlan
 
 #: Figures measured on fewer frames are not stored.
 MIN_FRAMES = 3
-#: Core-seconds to write a frame of both sequences, living room at 640 x 480 (docs/measured/farm.md).
+#: Core-seconds to write a frame of both sequences, living room at 640 x 480
+#: (docs/measured/farm.md).
 PAIR_CORE_S = 0.1
 START_S = 15.0
 

@@ -19,7 +19,7 @@ from iclnuim.dataset.frame_pool import FramePool
 from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.journal import JournalEntry
 from iclnuim.dataset.run_folder import RunFolder, read_run
-from iclnuim.dataset.sequence import FrameMaker, SequenceWriter
+from iclnuim.dataset.sequence import FrameMaker, SequenceWriter, images_of
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import locked
 from iclnuim.worker_events import Event, FrameDone, Ready
@@ -141,7 +141,7 @@ class _LateFrameMaker:
     def _maker(self) -> FrameMaker:
         plan = self._plan
         frames = frames_of_run(read_run(plan.raw), plan.numbers)
-        return FrameMaker(frames, plan.variants(), plan.formats)
+        return FrameMaker(frames, images_of(frames, plan.variants(), plan.formats))
 
 
 def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lambda: False) -> None:

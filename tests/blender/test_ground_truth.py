@@ -11,11 +11,15 @@ import bpy
 import numpy as np
 import pytest
 from iclnuim.blender.render import ground_truth as classes
-from iclnuim.channels import FURTHER, normal16
+from iclnuim.channels import CHANNELS, FURTHER, normal16
+from iclnuim.dataset.frames import run_frames
 from iclnuim.dataset.run_folder import read_run
+from iclnuim.dataset.sequence import write_sequence
+from iclnuim.dataset.sequence_options import SequenceSettings
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import read_depth16, read_rgb16
 from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.sensor.models import depth_model, rgb_model
 
 o3d = pytest.importorskip("open3d")
 
@@ -250,6 +254,39 @@ def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_format(truth_r
         [*command[:-5], *command[-4:]], capture_output=True, text=True, check=True, timeout=120
     )
     assert "0 frames written, 2 already finished" in again.stdout
+
+
+def test_one_channel_is_written_without_the_others(render_here, truth_run, awkward_scene, tmp_path):
+    render_here(
+        tmp_path / "run",
+        "6",
+        scene=awkward_scene,
+        camera="160x120",
+        samples=1,
+        channels=("normal",),
+    )
+    alone, truth = (read_exr(p / "exr/000006.exr") for p in (tmp_path / "run", truth_run))
+    assert set(truth) - set(alone) == {"instance"}
+    assert all(np.array_equal(alone[name], truth[name]) for name in alone)
+    write_sequence(run_frames(tmp_path / "run"), tmp_path / "out")
+    assert (tmp_path / "out/normal/000006.png").is_file()
+    missing = ("instance", "class", "objects.json", "classes.csv")
+    assert not any((tmp_path / "out" / name).exists() for name in missing)
+    assert not (tmp_path / "run/objects.json").exists()
+
+
+@pytest.mark.slow
+def test_the_estimated_bytes_of_images_are_those_of_a_room(repository, tmp_path):
+    """Of one frame of the size that the bytes are given for, with and without noise."""
+    words = ["render", "kt2", "--frames", "480:481", "--ground-truth", "-o", str(tmp_path / "run")]
+    subprocess.run([sys.executable, "-m", "iclnuim", *words], check=True, timeout=120)
+    noise = SequenceSettings(depth_model("released"), rgb_model("released"))
+    for name, settings in (("clean", SequenceSettings()), ("noisy", noise)):
+        write_sequence(run_frames(tmp_path / "run"), tmp_path / name, settings)
+    for name, channel in CHANNELS.items():
+        sizes = [p.stat().st_size for p in tmp_path.glob(f"[cn]*/{name}/*.png")]
+        assert len(sizes) == 2
+        assert 0.6 < np.mean(sizes) / (640 * 480) / channel.png_bytes < 1.6
 
 
 @pytest.mark.parametrize("room, pose", [("living_room", "kt2"), ("office", "kt3")])

@@ -269,6 +269,15 @@ def usual_step_s(stamps_s: np.ndarray) -> float:
     return float(np.median(np.diff(np.sort(stamps_s)))) if len(stamps_s) > 1 else 1 / 30
 
 
+def truth_at(file: str | Path) -> Callable[[Path], Path | None]:
+    """A function that returns this file of a folder, None if it does not exist."""
+
+    def find(folder: Path) -> Path | None:
+        return folder / file if (folder / file).is_file() else None
+
+    return find
+
+
 def check_poses(name: str, contents: Contents) -> None:
     """Raises InputError if a frame has no pose, for formats in which each frame needs one."""
     without = np.flatnonzero(~posed(contents.stamps_s, contents.truth))

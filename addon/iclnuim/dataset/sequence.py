@@ -3,7 +3,7 @@ their recipes.
 """
 
 import contextlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -42,20 +42,14 @@ def write_sequence(
 
 
 class FrameMaker:
-    """Makes the images of frames for sequences (folder -> settings) that a SequenceWriter has
-    started, in any process. It reads the state of the sequences at construction, and writes only
-    images.
+    """Makes the images of frames for sequences that a SequenceWriter has started, in any process.
+    It writes only images.
     """
 
-    def __init__(
-        self,
-        source: FrameSource,
-        sequences: Mapping[Path, SequenceSettings],
-        formats: Iterable[str] = ("tum",),
-    ) -> None:
+    def __init__(self, source: FrameSource, sequences: Sequence[SequenceImages]) -> None:
         keep_freed_memory()
         self.source = source
-        self._images = _images_of(source, sequences, formats)
+        self._sequences = sequences
 
     def make(self, number: int) -> list[JournalEntry | None]:
         """Write the missing images of a frame, on any thread. Returns an entry for each sequence,
@@ -63,7 +57,7 @@ class FrameMaker:
         InputError for a frame that cannot be read, WorkError if an image cannot be written.
         """
         frame = Frame(self.source, number)
-        return [images.make(frame) for images in self._images]
+        return [images.make(frame) for images in self._sequences]
 
 
 class SequenceWriter:
@@ -89,7 +83,7 @@ class SequenceWriter:
         self.folders = []
         for out, settings in sequences.items():
             self.folders.append(SequenceFolder(source, Path(out), settings, chosen))
-        self.make = FrameMaker(source, sequences, names).make
+        self.make = FrameMaker(source, [folder.images for folder in self.folders]).make
         self.missing = self._missing()
 
     def _missing(self) -> list[int]:
@@ -168,7 +162,7 @@ def complete_frames(
     """The frames of the source whose images in every folder have the hashes in the journal, or,
     without `hashes`, exist and are in it. Nothing is written.
     """
-    every = _images_of(source, sequences, formats)
+    every = images_of(source, sequences, formats)
 
     def is_complete(number: int) -> bool:
         if hashes:
@@ -199,8 +193,9 @@ def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceW
     return SequenceWriter(frames_of_run(run, numbers), sequences, wanted["formats"])
 
 
-def _images_of(
+def images_of(
     source: FrameSource, sequences: Mapping[Path, SequenceSettings], formats: Iterable[str]
 ) -> list[SequenceImages]:
+    """The images of sequences, folder -> settings, as their journals describe them now."""
     chosen = [sequence_format(name) for name in dict.fromkeys(formats)]
     return [SequenceImages(source, Path(out), s, chosen) for out, s in sequences.items()]

@@ -85,7 +85,10 @@ def why_black(rgb: np.ndarray, depth_z_m: np.ndarray) -> str | None:
         return "the camera sees no surface, and the sky is black"
     if np.median(depth_z_m[seen]) < _TOO_NEAR_M:
         return "the camera is inside an object or touches one"
-    return "no light reaches what the camera sees; check whether lamps are hidden, too weak or blocked, and whether the walls of a room without lamps face inwards"
+    return (
+        "no light reaches what the camera sees; check whether lamps are hidden, too weak or "
+        "blocked, and whether the walls of a room without lamps face inwards"
+    )
 
 
 def channel_ending(channels: dict[str, np.ndarray], *names: str) -> np.ndarray:
@@ -109,12 +112,13 @@ def shoot(
 
     Before the start and after the end of the trajectory the camera does not move.
     """
-    camera, here, stamps_s = job.camera, trajectory.T_world_camera[number], trajectory.stamps_s
+    camera = job.camera
+    here = trajectory.T_world_camera[number]
+    stamps_s = trajectory.stamps_s
     motions_px = []
     for duration in (job.exposure_s, job.readout_s):
-        first, last = np.clip(
-            stamps_s[number] + np.array([-0.5, 0.5]) * duration, stamps_s[0], stamps_s[-1]
-        )
+        ends = stamps_s[number] + np.array([-0.5, 0.5]) * duration
+        first, last = np.clip(ends, stamps_s[0], stamps_s[-1])
         # the speed may change at every pose of the trajectory
         stops = np.concatenate([[first], stamps_s[(stamps_s > first) & (stamps_s < last)], [last]])
         moved = 0.0
@@ -125,19 +129,16 @@ def shoot(
     for band in plan(job.exposure, camera.height, *motions_px):
         # only the band's rows. Blender rounds to whole rows: a quarter of a row is added so that
         # rounding gives exactly these
-        low, high = (
-            (camera.height - row + 0.25) / camera.height for row in (band.bottom, band.top)
-        )
+        part = band.top != 0 or band.bottom != camera.height
         border = {
+            "use_border": part,
+            "use_crop_to_border": part,
             "border_min_x": 0.0,
             "border_max_x": 1.0,
-            "border_min_y": low,
-            "border_max_y": high,
+            "border_min_y": (camera.height - band.bottom + 0.25) / camera.height,
+            "border_max_y": (camera.height - band.top + 0.25) / camera.height,
         }
-        part = band.top != 0 or band.bottom != camera.height
-        with temporarily(
-            bpy.context.scene.render, use_border=part, use_crop_to_border=part, **border
-        ):
+        with temporarily(bpy.context.scene.render, **border):
             rgb[band.top : band.bottom] = _mean(number, band, trajectory, raw_file)
     return rgb
 
@@ -148,12 +149,12 @@ def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np
     Each has a different random seed, which is the same whenever the frame is rendered.
     """
     cycles = bpy.context.scene.cycles
-    seed, total = cycles.seed, np.zeros(())
+    seed = cycles.seed
+    total = np.zeros(())
+    stamps_s = trajectory.stamps_s
     for k, offset in enumerate(band.offsets_s):
         # pose i is keyed at frame i of Blender's timeline
-        place = np.interp(
-            trajectory.stamps_s[number] + offset, trajectory.stamps_s, np.arange(len(trajectory))
-        )
+        place = np.interp(stamps_s[number] + offset, stamps_s, np.arange(len(stamps_s)))
         with temporarily(cycles, seed=(seed + 7919 * k) % (1 << 31)):
             raw = render(float(place), raw_file, in_memory=True)
         total = total + read(raw, raw)[0].astype(np.float64)

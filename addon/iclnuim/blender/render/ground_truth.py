@@ -17,9 +17,10 @@ _MAX_OBJECTS = 32767  # the maximum of Blender's pass index
 #: on.
 NYU40 = (
     "wall", "floor", "cabinet", "bed", "chair", "sofa", "table", "door", "window", "bookshelf",
-    "picture", "counter", "blinds", "desk", "shelves", "curtain", "dresser", "pillow", "mirror", "floor mat",
-    "clothes", "ceiling", "books", "refrigerator", "television", "paper", "towel", "shower curtain", "box", "whiteboard",
-    "person", "night stand", "toilet", "sink", "lamp", "bathtub", "bag", "otherstructure", "otherfurniture", "otherprop",
+    "picture", "counter", "blinds", "desk", "shelves", "curtain", "dresser", "pillow", "mirror",
+    "floor mat", "clothes", "ceiling", "books", "refrigerator", "television", "paper", "towel",
+    "shower curtain", "box", "whiteboard", "person", "night stand", "toilet", "sink", "lamp",
+    "bathtub", "bag", "otherstructure", "otherfurniture", "otherprop",
 )  # fmt: skip
 UNLABELLED = "unlabelled"
 #: Kinds in user-provided scenes that are not in the table are numbered from here on, in
@@ -30,15 +31,18 @@ FIRST_OWN = 1000
 #: Their order is their number: append new kinds at the end, so that existing label images keep
 #: their meaning.
 _LABELS = {
-    "wall": "wall", "floor": "floor", "ceiling": "ceiling", "door": "door", "window": "window", "moulding": "otherstructure",
-    "railing": "otherstructure", "backdrop": None, "sofa": "sofa", "chair": "chair", "table": "table", "cabinet": "cabinet",
-    "desk": "desk", "bookcase": "bookshelf", "stand": "otherfurniture", "lamp": "lamp", "pillow": "pillow", "blanket": "otherprop",
-    "curtain": "curtain", "rug": "floor mat", "picture": "picture", "television": "television", "books": "books", "paper": "paper",
-    "plant": "otherprop", "pot": "otherprop", "vase": "otherprop", "fruit": "otherprop", "plate": "otherprop", "mug": "otherprop",
-    "jar": "otherprop", "box": "box", "basket": "otherprop", "monitor": "otherprop", "keyboard": "otherprop", "mouse": "otherprop",
-    "computer": "otherprop", "cable": "otherprop", "phone": "otherprop", "tray": "otherprop", "stapler": "otherprop",
-    "folder": "otherprop", "clock": "otherprop", "board": "otherprop", "socket": "otherprop", "handle": "otherprop",
-    "vent": "otherstructure",
+    "wall": "wall", "floor": "floor", "ceiling": "ceiling", "door": "door", "window": "window",
+    "moulding": "otherstructure", "railing": "otherstructure", "backdrop": None, "sofa": "sofa",
+    "chair": "chair", "table": "table", "cabinet": "cabinet", "desk": "desk",
+    "bookcase": "bookshelf", "stand": "otherfurniture", "lamp": "lamp", "pillow": "pillow",
+    "blanket": "otherprop", "curtain": "curtain", "rug": "floor mat", "picture": "picture",
+    "television": "television", "books": "books", "paper": "paper", "plant": "otherprop",
+    "pot": "otherprop", "vase": "otherprop", "fruit": "otherprop", "plate": "otherprop",
+    "mug": "otherprop", "jar": "otherprop", "box": "box", "basket": "otherprop",
+    "monitor": "otherprop", "keyboard": "otherprop", "mouse": "otherprop", "computer": "otherprop",
+    "cable": "otherprop", "phone": "otherprop", "tray": "otherprop", "stapler": "otherprop",
+    "folder": "otherprop", "clock": "otherprop", "board": "otherprop", "socket": "otherprop",
+    "handle": "otherprop", "vent": "otherstructure",
 }  # fmt: skip
 
 
@@ -61,9 +65,8 @@ def _kind(number: int, name: str, label: str | None) -> Kind:
 
 
 #: name -> kind, of the shipped scenes
-KINDS = {
-    name: _kind(number, name, label) for number, (name, label) in enumerate(_LABELS.items(), 1)
-}
+_NUMBERED = enumerate(_LABELS.items(), 1)
+KINDS = {name: _kind(number, name, label) for number, (name, label) in _NUMBERED}
 NO_KIND = Kind(0, UNLABELLED, 0, UNLABELLED)
 
 

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import NamedTuple
 
 import bpy
 import numpy as np
@@ -148,50 +149,48 @@ class Session:
         if missing:
             self.run.check_space(len(missing))
             self.prepare()
-        job, rendered, closing = self.job, 0, None
+        rendered = 0
+        closing = None
         with ThreadPoolExecutor(1) as closer:
             for number in missing:
                 if should_stop():
                     break
                 begun = time.perf_counter()
-                raw, raw_depth, raw_behind = _render(
-                    job, number, self.work / str(rendered % 2), self._volumes
-                )
-                blurred = None
-                if (
-                    not job.exposure.instant
-                ):  # RGB with motion blur or rolling shutter; Z is still that of the stamp
-                    depth_z_m, instant = (
-                        frames.read(raw_depth, raw_depth)[1],
-                        self.work / "instant.exr",
-                    )
-                    blurred = frames.shoot(job, number, self.trajectory, depth_z_m, instant)
+                raw = _render(self.job, number, self.work / str(rendered % 2), self._volumes)
+                blurred = self._blurred(number, raw)
                 seconds = time.perf_counter() - begun
                 if closing is not None:
                     closing.result()
-                closing = closer.submit(
-                    self._close, number, raw, raw_depth, raw_behind, blurred, seconds
-                )
+                closing = closer.submit(self._close, number, raw, blurred, seconds)
                 rendered += 1
             if closing is not None:
                 closing.result()
         return rendered, rendered == len(missing)
+
+    def _blurred(self, number: int, raw: "_RawFrame") -> np.ndarray | None:
+        """RGB with motion blur or rolling shutter, if the job has any; Z is still that of the
+        stamp.
+        """
+        if self.job.exposure.instant:
+            return None
+        depth_z_m = frames.read(raw.depth, raw.depth)[1]
+        instant = self.work / "instant.exr"
+        return frames.shoot(self.job, number, self.trajectory, depth_z_m, instant)
 
     def _build(self) -> dict | None:
         """Open the scene unless it is open, light it, keyframe the camera, and set all settings.
 
         With instances, returns the table of objects.
         """
-        job, table = self.job, None
+        job = self.job
+        table = None
         _set_up(job, self.emit, self.threads, self._opened)
         if INSTANCE in exr_types(job.further):
             ground_truth.number_objects()
             table = ground_truth.objects_table()
-        lit_by = (
-            light_map.prepare(job, lambda text: self.emit(events.Note(text)))[0]
-            if job.light == "baked"
-            else None
-        )
+        lit_by = None
+        if job.light == "baked":
+            lit_by, _ = light_map.prepare(job, lambda text: self.emit(events.Note(text)))
         if job.mipmaps:  # after the light map is found: it is that of the original textures
             self._mipmaps = mipmaps.filter_textures(job.camera)
         if lit_by is not None:
@@ -213,9 +212,7 @@ class Session:
     def _close(
         self,
         number: int,
-        raw: frames.Raw,
-        raw_depth: frames.Raw,
-        raw_behind: frames.Raw | None,
+        raw: "_RawFrame",
         blurred: np.ndarray | None,
         cycles_seconds: float,
     ) -> None:
@@ -223,30 +220,26 @@ class Session:
         emit the event immediately.
         """
         begun = time.perf_counter()
-        if self.run.is_finished(
-            number
-        ):  # a worker whose parent was killed has finished its last frame meanwhile
-            return self.emit(events.FrameDone(number, cycles_seconds, 0.0, found=True))
-        rgb, depth_z_m = frames.read(raw, raw_depth)
+        # a worker whose parent was killed has finished its last frame meanwhile
+        if self.run.is_finished(number):
+            self.emit(events.FrameDone(number, cycles_seconds, 0.0, found=True))
+            return
+        rgb, depth_z_m = frames.read(raw.rgb, raw.depth)
         further = {}
         if self.job.further:
-            each = frames.channels_of(raw_depth)
+            each = frames.channels_of(raw.depth)
             shot = passes.Shot(each, depth_z_m, number, self.trajectory, self.job.camera)
             further = passes.read(shot, self.job.further)
-        if raw_behind is not None:
-            behind_z_m = frames.read(raw_behind, raw_behind)[1]
-            depth_z_m = (
-                behind_z_m
-                if self.job.glass == "behind"
-                else np.where(behind_z_m == depth_z_m, depth_z_m, 0.0)
-            )
+        if raw.behind is not None:
+            behind_z_m = frames.read(raw.behind, raw.behind)[1]
+            if self.job.glass == "behind":
+                depth_z_m = behind_z_m
+            else:
+                depth_z_m = np.where(behind_z_m == depth_z_m, depth_z_m, 0.0)
         self.run.write_frame(number, rgb if blurred is None else blurred, depth_z_m, further)
         seconds = time.perf_counter() - begun
-        return self.emit(
-            events.FrameDone(
-                number, cycles_seconds, seconds, black=frames.why_black(rgb, depth_z_m)
-            )
-        )
+        black = frames.why_black(rgb, depth_z_m)
+        self.emit(events.FrameDone(number, cycles_seconds, seconds, black=black))
 
 
 def recipe(job: RenderJob) -> dict:
@@ -315,33 +308,39 @@ def _note_all(emit: Emit, texts: list[str]) -> None:
         emit(events.Note(text))
 
 
-def _render(
-    job: RenderJob, number: int, name: Path, volumes: bool
-) -> tuple[frames.Raw, frames.Raw, frames.Raw | None]:
-    """Render a frame. Returns Blender's frames with RGB and with Z, usually the same, and with Z
-    behind glass if the job needs it. They may be files:
-    the caller alternates names while another frame is being written.
+class _RawFrame(NamedTuple):
+    """Blender's frames with RGB and with Z, usually the same, and with Z behind glass if the job
+    needs it.
+    """
+
+    rgb: frames.Raw
+    depth: frames.Raw
+    behind: frames.Raw | None
+
+
+def _render(job: RenderJob, number: int, name: Path, volumes: bool) -> _RawFrame:
+    """Render a frame. Its parts may be files: the caller alternates names while another frame is
+    being written.
 
     A separate render with one sample gives Z if the filter is wide or the scene has `volumes`, else
     Z is that of the first sample. It also gives the further channels, which otherwise are a mean
     over the samples.
     """
-    scene, raw_behind = bpy.context.scene, None
-    raw = raw_depth = frames.render(number, name.with_suffix(".exr"), in_memory=True)
+    scene = bpy.context.scene
+    rgb = depth = frames.render(number, name.with_suffix(".exr"), in_memory=True)
+    behind = None
     # one narrow ray per pixel, so that Z has the same bits as without antialiasing
     narrow = {"filter_width": settings.CENTRE_FILTER_PX, "samples": 1, "use_denoising": False}
     if job.antialias or volumes or (job.further and job.samples != 1):
         with compat.temporarily(scene.cycles, **narrow), settings.without_volumes():
-            raw_depth = frames.render(
-                number, name.with_name(f"{name.name}-depth.exr"), in_memory=True
-            )
+            file = name.with_name(f"{name.name}-depth.exr")
+            depth = frames.render(number, file, in_memory=True)
     if job.glass != "surface":
         through = compat.temporarily(scene.view_layers[0], pass_alpha_threshold=0.5)
         with through, compat.temporarily(scene.cycles, **narrow), settings.without_volumes():
-            raw_behind = frames.render(
-                number, name.with_name(f"{name.name}-behind.exr"), in_memory=True
-            )
-    return raw, raw_depth, raw_behind
+            file = name.with_name(f"{name.name}-behind.exr")
+            behind = frames.render(number, file, in_memory=True)
+    return _RawFrame(rgb, depth, behind)
 
 
 def _work_folder(run: RunFolder) -> Path:

@@ -21,6 +21,7 @@ from ..layout import Contents, Reader, Row, SequenceCamera, SequenceFormat, came
 from . import listed
 
 _MODELS = ("sparse/0", "sparse")
+_FOLDERS = {RGB: "images"}
 #: Maximum number of images that points are taken from,
 _VIEWS = 40
 #: of images among them in which each point is searched,
@@ -86,7 +87,7 @@ def _points(contents: Contents) -> tuple[list[str], list[_Track]]:
     for row, (rgb, depth_z_m) in zip(rows, views, strict=True):
         v, u = grid.reshape(2, -1)
         measured = np.isfinite(depth_z_m[v, u]) & (depth_z_m[v, u] > 0)
-        v, u = v[measured], u[measured]
+        v, u = grid.reshape(2, -1)[:, measured]
         world = poses[row].apply(camera.unproject(depth_z_m.astype(float))[v, u])
         first = len(tracks)
         tracks += [[(row, float(a), float(b))] for a, b in zip(u, v, strict=True)]
@@ -177,7 +178,7 @@ FORMAT = SequenceFormat(
     "colmap",
     "COLMAP's text model for splatting programs: images/, sparse/0/ with points of the surface "
     "and a test split; depth/",
-    lambda f, kind: f"{'images' if kind == RGB else kind}/{f.number:06}.png",
+    lambda frame, kind: f"{_FOLDERS.get(kind, kind)}/{frame.number:06}.png",
     _write,
     Reader(_found, _rows, _camera, _truth),
     stamps="numbers",

@@ -18,10 +18,13 @@ from ..layout import (
     SequenceCamera,
     SequenceFormat,
     is_distorted,
+    numbers_in,
+    truth_at,
     write_truth,
 )
 
 _ROOT = Path("mav0")
+_SENSORS = {RGB: "cam"}
 _TRUTH = Path("mav0/state_groundtruth_estimate0/data.csv")
 
 
@@ -76,26 +79,19 @@ def _camera(folder: Path, image: Path) -> SequenceCamera:
         fx, fy, cx, cy = (float(value) for value in lists["intrinsics"].split(","))
     except (KeyError, ValueError):
         raise InputError("resolution: [w, h] and intrinsics: [fx, fy, cx, cy]", path=file) from None
-    units = re.search(r"^depth_units_per_metre: *([\d.]+)", text, re.MULTILINE)
-    try:
-        per_metre = check_units(float(units[1]) if units else UNITS_PER_METRE)
-    except ValueError:
-        found = units and units[1]
-        raise InputError("depth_units_per_metre as a number", path=file, found=found) from None
+    units = re.findall(r"^depth_units_per_metre: *([\d.]+)", text, re.MULTILINE)
+    what = "depth_units_per_metre as a number"
+    (per_metre,) = numbers_in(file, units[:1] or [str(UNITS_PER_METRE)], 1, what)
     camera = PinholeCamera(width, height, fx, fy, cx, cy)
-    return SequenceCamera(camera, per_metre, distorted=is_distorted(text))
-
-
-def _truth(folder: Path) -> Path | None:
-    return folder / _TRUTH if (folder / _TRUTH).is_file() else None
+    return SequenceCamera(camera, check_units(per_metre), distorted=is_distorted(text))
 
 
 FORMAT = SequenceFormat(
     "euroc",
     "mav0/cam0, mav0/depth0 and state_groundtruth_estimate0; stamps in nanoseconds",
-    lambda f, kind: f"mav0/{'cam' if kind == RGB else kind}0/data/{f.nanoseconds()}.png",
+    lambda frame, kind: f"mav0/{_SENSORS.get(kind, kind)}0/data/{frame.nanoseconds()}.png",
     _write,
-    Reader(lambda folder: (folder / _ROOT).is_dir(), _rows, _camera, _truth),
+    Reader(lambda folder: (folder / _ROOT).is_dir(), _rows, _camera, truth_at(_TRUTH)),
     stamps="ns",
     depth_stamps=False,
 )

@@ -19,6 +19,7 @@ from ...geometry.trajectory import stamps_of_frames
 from ..layout import Contents, Reader, Row, SequenceCamera, SequenceFormat
 
 FILE = Path("transforms.json")
+_FOLDERS = {RGB: "images"}
 #: Depth units per metre that nerfstudio assumes (depth_unit_scale_factor of its Nerfstudio data
 #: parser).
 _NERFSTUDIO_UNITS = 1000.0
@@ -106,7 +107,7 @@ def _camera(folder: Path, image: Path) -> SequenceCamera:
 FORMAT = SequenceFormat(
     "nerf",
     "images/, depth/ and transforms.json, for nerfstudio and instant-ngp",
-    lambda f, kind: f"{'images' if kind == RGB else kind}/{f.number:06}.png",
+    lambda frame, kind: f"{_FOLDERS.get(kind, kind)}/{frame.number:06}.png",
     _write,
     Reader(lambda folder: (folder / FILE).is_file(), _rows, _camera, lambda folder: folder / FILE),
     _check,

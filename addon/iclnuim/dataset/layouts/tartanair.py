@@ -52,8 +52,9 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
 
 
 def _image(frame: SequenceFrame, kind: str) -> str:
-    ending = "_depth.npy" if kind == DEPTH else ".png"
-    return f"{'image' if kind == RGB else kind}_left/{frame.number:06}_left{ending}"
+    folder = {RGB: "image"}.get(kind, kind)
+    ending = {DEPTH: "_depth.npy"}.get(kind, ".png")
+    return f"{folder}_left/{frame.number:06}_left{ending}"
 
 
 FORMAT = SequenceFormat(

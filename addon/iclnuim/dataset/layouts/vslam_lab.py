@@ -23,6 +23,7 @@ from ..layout import (
     is_distorted,
     numbers_in,
     pinhole_of,
+    truth_at,
     write_truth,
 )
 
@@ -103,20 +104,11 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
     return SequenceCamera(pinhole, check_units(per_metre), distorted=is_distorted(text))
 
 
-def _truth(folder: Path) -> Path | None:
-    return folder / _TRUTH if (folder / _TRUTH).is_file() else None
-
-
 FORMAT = SequenceFormat(
     "vslam-lab",
     "VSLAM-LAB: rgb_0/, depth_0/, rgb.csv and groundtruth.csv in nanoseconds, calibration.yaml",
     lambda f, kind: f"{kind}_0/{f.number:06}.png",
     _write,
-    Reader(
-        lambda folder: (folder / _LIST).is_file(),
-        _rows,
-        _camera,
-        _truth,
-    ),
+    Reader(lambda folder: (folder / _LIST).is_file(), _rows, _camera, truth_at(_TRUTH)),
     stamps="ns",
 )
