@@ -198,7 +198,8 @@ def parsed(command: str, argv: list[str]) -> argparse.Namespace:
     getattr(module, f"configure_{command}" if shared else "configure")(parser)
     # a word that begins with a space is never taken for an option
     words = [_COORDINATES.sub(" ", word) for word in argv]
-    words = getattr(module, "spelled_out", list)(words)
+    if hasattr(module, "default_action") and (action := module.default_action(words)):
+        words = [action, *words]
     try:  # options may stand between the positional arguments: odometry icp --preset paper DIR
         return parser.parse_intermixed_args(words)
     except TypeError:  # argparse: not with actions, as `evaluate ate` has them

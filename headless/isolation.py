@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from iclnuim.blender.output import blender_output_in
 from iclnuim.errors import IclnuimError, WorkError, blender_missing
 from iclnuim.geometry.scene_axes import SceneReading
+from iclnuim.native_output import native_output_in
 
 
 @contextmanager
@@ -21,7 +21,7 @@ def opened_scene(what: str, file: str, reading: SceneReading) -> Iterator[list[s
     """Open the scene `file` in Blender, with Blender's output suppressed; yields the notes about
     the import. Raises WorkError, which names `what`, without bpy.
     """
-    with blender_output_in(Path(os.devnull)):  # even the import of bpy may print
+    with native_output_in(Path(os.devnull)):  # even the import of bpy may print
         try:
             from iclnuim.blender.open import scene
         except ImportError as error:

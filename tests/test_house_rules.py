@@ -23,7 +23,7 @@ TREES = {
     "iclnuim.benchmark": "benchmark",
     "iclnuim": "addon/iclnuim",
 }
-CORE = "errors settings geometry formats"
+CORE = "errors settings geometry formats native_output"
 #: room -> rooms it may import from, besides itself. A room is a folder or a file of the library;
 #: `api` is iclnuim itself.
 MAY_IMPORT = {
@@ -36,7 +36,8 @@ MAY_IMPORT = {
     "__main__": "errors checkout headless headless.cli benchmark",
     "shipped": "errors",
     "geometry": "errors settings",
-    "formats": "errors geometry",
+    "native_output": "",
+    "formats": "errors geometry native_output",
     "sensor": "errors settings geometry",
     "evaluation": "errors settings geometry",
     "channels": "formats",
@@ -64,7 +65,7 @@ BENCHMARK = [
 MAY_IMPORT |= {
     "benchmark": "",
     "benchmark.odometry": LIBRARY,
-    "benchmark.fusion": f"{LIBRARY} benchmark.odometry",
+    "benchmark.fusion": f"{CORE} sensor evaluation dataset report raycast benchmark.odometry",
     "benchmark.perturbations": f"{LIBRARY} benchmark.odometry",
     "benchmark.systems": f"{LIBRARY} benchmark.odometry",
     "benchmark.experiments": f"{LIBRARY} benchmark " + " ".join(BENCHMARK),
@@ -90,6 +91,7 @@ MAY_LOAD_A_CHECKOUT = {
 #: in a function, where they are needed; the other rooms of library and farm import numpy alone. An
 #: encoder of images is the first of several that is there (formats/libraries.py).
 OUTSIDE = {
+    "formats": ("numpy", "igl open3d"),
     "blender": ("numpy bpy bmesh mathutils", "pxr _cycles zstandard"),
     "ui": ("numpy bpy mathutils", "gpu gpu_extras"),
     "report": ("numpy matplotlib", "rerun"),

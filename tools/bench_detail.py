@@ -10,11 +10,11 @@ from dataclasses import asdict
 from pathlib import Path
 
 from iclnuim import shipped
-from iclnuim.blender import output
 from iclnuim.console import Console
 from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.options import Actions, action, numbers
+from iclnuim.native_output import native_output_in
 
 
 def configure(actions: Actions) -> None:
@@ -63,7 +63,7 @@ def _detail(args: argparse.Namespace, console: Console) -> int:
             "--views of at least 2, --every of at least 1", found=f"{args.views}, {args.every}"
         )
     try:
-        with output.blender_output_in(Path(os.devnull)):  # even the import of bpy may print
+        with native_output_in(Path(os.devnull)):  # even the import of bpy may print
             import bpy  # noqa: F401
         import embreex  # noqa: F401
     except ImportError as error:

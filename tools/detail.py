@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 from iclnuim import shipped
 from iclnuim.blend.builder import build_scene
-from iclnuim.blender import output, surfaces
+from iclnuim.blender import surfaces
 from iclnuim.blender.light import light_map
 from iclnuim.blender.open import scene
 from iclnuim.blender.render import worker
@@ -27,6 +27,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.job import RenderJob
+from iclnuim.native_output import native_output_in
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.sensor.transfer import srgb_from_light
 from iclnuim.worker_events import Event, FrameDone
@@ -111,7 +112,7 @@ class Room:
         processor time.
         """
         # the operator reports "Saved copy as ..." through Python's own stdout
-        with output.blender_output_in(self.folder / "build.log"), redirect_stdout(io.StringIO()):
+        with native_output_in(self.folder / "build.log"), redirect_stdout(io.StringIO()):
             scene.open_empty()
             begun = time.process_time()
             build_scene(self.name, detail=detail)
@@ -130,7 +131,7 @@ class Room:
         """(n, h, w, 3) scene-linear colour of the scene in the session, lit by a lamp at the
         camera, and seconds per frame.
         """
-        with output.blender_output_in(self.folder / "lamp.log"):
+        with native_output_in(self.folder / "lamp.log"):
             return by_lamp(self.name, self.views, self.camera, self.folder)
 
     def lit(self, detail: float, map_size: int, map_samples: int) -> Light:

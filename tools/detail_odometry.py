@@ -20,13 +20,13 @@ from typing import Any
 
 from iclnuim import shipped
 from iclnuim.benchmark.odometry.registry import names, odometer
-from iclnuim.blender import output
 from iclnuim.console import Console
 from iclnuim.dataset.frames import read_truth
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import is_file, make_folder, read_json, write_json
 from iclnuim.headless.method_options import installed, require
 from iclnuim.headless.options import Actions, action, count, numbers
+from iclnuim.native_output import native_output_in
 from iclnuim.version import __version__
 
 #: The level that is shipped.
@@ -102,7 +102,7 @@ def _run(args: argparse.Namespace, console: Console) -> None:
     require("bench detail-odometry", "numba", "cv2", "igl")
     try:
         # before Open3D: both bring a TBB, and that of bpy 5.2 has to be the first
-        with output.blender_output_in(Path(os.devnull)):
+        with native_output_in(Path(os.devnull)):
             import bpy  # noqa: F401
     except ImportError as error:
         raise blender_missing("bench detail-odometry", error) from None
@@ -233,7 +233,8 @@ def _surface(folder: Path, scene: Path, frames: int) -> tuple[int, float]:
     the true poses.
     """
     from iclnuim.benchmark.experiments import fusion_curve
-    from iclnuim.benchmark.fusion.surface_error import TrueSurface, read_model
+    from iclnuim.benchmark.fusion.surface_error import TrueSurface
+    from iclnuim.blender.open.model_file import read_model
 
     points, triangles = read_model(str(scene))
     (fused,) = fusion_curve.measure(

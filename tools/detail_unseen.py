@@ -12,13 +12,14 @@ from pathlib import Path
 import bpy
 import numpy as np
 from iclnuim import shipped
-from iclnuim.blender import output, surfaces
+from iclnuim.blender import surfaces
 from iclnuim.blender.light import light_map
 from iclnuim.blender.open import scene
 from iclnuim.blender.render import model
 from iclnuim.formats.scene_model import SceneModel
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.native_output import native_output_in
 from iclnuim.raycast.caster import Visibility
 
 #: Longest edge of the pieces whose visibility is tested.
@@ -48,7 +49,7 @@ def measure(
     """Shares that are not seen from every Nth pose of the room's four trajectories. light: folder
     of its baked light. A triangle seen in part counts as seen.
     """
-    with output.blender_output_in(Path(os.devnull)):
+    with native_output_in(Path(os.devnull)):
         scene.open_scene(room)
         whole = model.scene_model()
         uv, has = _map_uv(light) if light else (None, None)

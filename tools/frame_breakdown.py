@@ -12,10 +12,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import bpy
-from iclnuim.blender import output
 from iclnuim.blender.render import frames, worker
 from iclnuim.errors import InputError
 from iclnuim.job import RenderJob
+from iclnuim.native_output import native_output_in
 from iclnuim.worker_events import Event, FrameDone
 
 #: The first frames build the BVH and warm the caches.
@@ -103,7 +103,7 @@ def _rays(
     )
     scene.view_layers[0].material_override = black
     ticks.clear()
-    with output.blender_output_in(folder / "log"):
+    with native_output_in(folder / "log"):
         for number in numbers:
             frames.render(number, folder / "black.exr")
     return _spans(ticks)[0][WARM_UP:]

@@ -13,7 +13,6 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from iclnuim.blender import output
 from iclnuim.console import Console
 from iclnuim.dataset.frames import read_frame
 from iclnuim.errors import InputError, WorkError, blender_missing
@@ -23,6 +22,7 @@ from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.options import action, subcommands
 from iclnuim.job import RenderJob
+from iclnuim.native_output import native_output_in
 from iclnuim.render import render_frames
 from iclnuim.sensor.transfer import srgb8
 from iclnuim.shipped import SCENES
@@ -74,7 +74,7 @@ def _build(args: argparse.Namespace, console: Console) -> None:
     if not out.parent.is_dir():
         expected = "a folder to write into"
         raise InputError(expected, path=out.parent, found="no such folder", hint="--out FILE")
-    with output.blender_output_in(Path(os.devnull)):  # the import of bpy may print
+    with native_output_in(Path(os.devnull)):  # the import of bpy may print
         _blender_scene().open_empty()
         from iclnuim.blend.builder import build_scene, stage
 

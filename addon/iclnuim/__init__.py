@@ -40,12 +40,11 @@ __all__ = [
 ]  # fmt: skip
 
 if TYPE_CHECKING:
-    from .benchmark.fusion.mesh import Mesh, fuse_sequence
-    from .benchmark.fusion.mesh import Surface as FusedSurface
+    from .benchmark.fusion.mesh import FusedSurface, Mesh, fuse_sequence
     from .benchmark.fusion.quality import SeenBy, SurfaceQuality, surface_quality
     from .benchmark.fusion.recording import record_surface
     from .benchmark.fusion.settings import FuseSettings, QualitySettings, VolumeSettings
-    from .benchmark.fusion.surface_error import SurfaceError, TrueSurface, read_mesh, read_model
+    from .benchmark.fusion.surface_error import SurfaceError, TrueSurface
     from .benchmark.odometry.protocol import Frame, Odometer, OdometryResult
     from .benchmark.odometry.protocol import Status as OdometryStatus
     from .benchmark.odometry.recording import record_runs
@@ -55,6 +54,7 @@ if TYPE_CHECKING:
     from .benchmark.odometry.run import run_together as run_odometers
     from .benchmark.odometry.run import table as odometry_table
     from .benchmark.odometry.track import Tracked, Tracker, track
+    from .blender.open.model_file import read_model
     from .dataset.frames import FrameSource, image_frames, run_frames
     from .dataset.inspection import Inspection, inspect_sequence
     from .dataset.rendered_views import ViewError, ViewErrors, view_errors
@@ -65,6 +65,7 @@ if TYPE_CHECKING:
     from .evaluation.associate import Association, AssociationSettings, associate
     from .evaluation.image_error import ViewSettings, psnr_db, ssim
     from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
+    from .formats.meshes import read_mesh
     from .formats.ply import write_ply
     from .formats.trajectories import LoadedTrajectory, read_trajectory, write_trajectory
     from .geometry.camera import PinholeCamera

@@ -160,7 +160,8 @@ def _surface(
     """
     from iclnuim.benchmark.fusion.mesh import fuse_sequence
     from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality
-    from iclnuim.benchmark.fusion.surface_error import TrueSurface, first_poses_transform
+    from iclnuim.benchmark.fusion.alignment import first_poses_transform
+    from iclnuim.benchmark.fusion.surface_error import TrueSurface
 
     started = time.process_time()
     fused = fuse_sequence(task.folder, trajectory, fuse_settings(task.key, task.first), meter)

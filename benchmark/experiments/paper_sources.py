@@ -26,7 +26,7 @@ from .recipes.system import RunKey, system_store
 _ROOM = """
 import sys, numpy as np
 from iclnuim.formats.files import atomic_write
-from iclnuim.benchmark.fusion.surface_error import read_model
+from iclnuim.blender.open.model_file import read_model
 points, triangles = read_model(sys.argv[1])
 atomic_write(sys.argv[2], lambda path: np.savez(path, points=points, triangles=triangles))
 """

@@ -233,7 +233,7 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float 
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class FusedSurface:
     """The mesh, in the trajectory's world; the camera that was used; the frames left out, with
     reasons; counts and times.
     """
@@ -250,7 +250,7 @@ def fuse_sequence(
     settings: FuseSettings | None = None,
     progress: Callable | None = None,
     camera: SequenceCamera | None = None,
-) -> Surface:
+) -> FusedSurface:
     """Fuse all images that have a pose. `progress(total, label)` returns an object with advance();
     camera: by default the folder's.
 
@@ -307,7 +307,7 @@ def fuse_sequence(
         "camera": asdict(sequence.camera),
         "settings": asdict(settings),
     }
-    return Surface(mesh, sequence.camera, left_out, figures)
+    return FusedSurface(mesh, sequence.camera, left_out, figures)
 
 
 def _no_surface(

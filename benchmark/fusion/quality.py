@@ -8,7 +8,6 @@ Temples (Knapitsch et al., SIGGRAPH 2017).
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from iclnuim.errors import InputError
@@ -23,9 +22,10 @@ from .surface_error import TrueSurface
 
 #: Thresholds for precision, recall and F.
 NEAR_M = (0.01, 0.02, 0.05)
-#: If a smaller share of the model's samples is seen, the model is sampled again with more samples,
-#: up to this factor.
-_MIN_SEEN, _MAX_FACTOR = 0.9, 20
+#: If a smaller share of the model's samples is seen, the model is sampled again ...
+_MIN_SEEN = 0.9
+#: ... with more samples, up to this factor.
+_MAX_FACTOR = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,26 +90,26 @@ class SurfaceQuality:
 
     def to_dict(self) -> dict:
         """The results as a dict, without values that are None."""
-        shares = {
-            name: {f"{100 * d:g}cm": share(d) for d in NEAR_M}
-            for name, share in (
-                ("precision", self.precision),
-                ("recall", self.recall),
-                ("f_score", self.f_score),
-            )
-            if name == "precision" or self.model_m is not None
-        }
-        lengths = {
-            name: getattr(self, name)
-            for name in ("accuracy_m", "completion_m", "depth_l1_m", "seen_m2")
-        }
-        samples = {
+        model_m = np.zeros(0) if self.model_m is None else self.model_m
+        found = {
+            "accuracy_m": self.accuracy_m,
+            "completion_m": self.completion_m,
+            "depth_l1_m": self.depth_l1_m,
+            "seen_m2": self.seen_m2,
+            "precision": _at_distances(self.precision),
+            "recall": _at_distances(self.recall),
+            "f_score": _at_distances(self.f_score),
             "samples": len(self.reconstruction_m),
-            "model_samples": 0 if self.model_m is None else len(self.model_m),
+            "model_samples": len(model_m),
         }
-        return (
-            {name: value for name, value in lengths.items() if value is not None} | shares | samples
-        )
+        return {name: value for name, value in found.items() if value is not None}
+
+
+def _at_distances(share: Callable[[float], float | None]) -> dict | None:
+    """`{"1cm": 0.93, ...}`, None without shares."""
+    if share(NEAR_M[0]) is None:
+        return None
+    return {f"{100 * near_m:g}cm": share(near_m) for near_m in NEAR_M}
 
 
 def surface_quality(
@@ -120,7 +120,7 @@ def surface_quality(
     seen_by: SeenBy | Seen | None = None,
     whole: bool = False,
     settings: QualitySettings | None = None,
-    on_pose: Callable[[], object] = lambda: None,
+    on_pose: Callable[[], object] | None = None,
 ) -> SurfaceQuality:
     """Quality of a reconstruction with points (n, 3) in metres and triangles (m, 3), m = 0 for a
     cloud.
@@ -132,42 +132,43 @@ def surface_quality(
     area; WorkError if embreex or libigl is missing.
     """
     settings = settings or QualitySettings()
-    moved, cloud = (
-        points if T_model_mesh is None else T_model_mesh.apply(points),
-        not len(triangles),
-    )
-    spread = thinned if cloud else partial(sampled, triangles=triangles)
-    samples_m, to_samples = (
-        spread(moved, count=settings.samples, seed=settings.seed),
-        settings.nearest == "sample",
-    )
-    model = np.zeros((0, 3))
-    seen = (
-        what_was_seen(surface, seen_by, settings, on_pose)
-        if isinstance(seen_by, SeenBy)
-        else seen_by
-    )
-    if to_samples or seen is None:
-        model = sampled(surface.vertices, surface.triangles, settings.samples, settings.seed)
-    accuracy_m = _to_points(samples_m, model) if to_samples else surface.distance(samples_m)
-    if seen is None and not whole:
-        return SurfaceQuality(accuracy_m)
-    truth = model if seen is None else seen.points_m
-    if cloud or to_samples:
-        completion_m = _to_points(truth, moved if cloud else samples_m)
+    if T_model_mesh is not None:
+        points = T_model_mesh.apply(points)
+    if isinstance(seen_by, SeenBy):
+        seen_by = what_was_seen(surface, seen_by, settings, on_pose)
+    to_samples = settings.nearest == "sample"
+    is_cloud = not len(triangles)
+    if is_cloud:
+        samples_m = thinned(points, settings.samples, settings.seed)
     else:
-        completion_m = TriangleDistance(moved, triangles).distance(truth)
-    if seen is None:
+        samples_m = sampled(points, triangles, settings.samples, settings.seed)
+    model_m = np.zeros((0, 3))
+    if to_samples or seen_by is None:
+        model_m = sampled(surface.vertices, surface.triangles, settings.samples, settings.seed)
+    accuracy_m = _to_points(samples_m, model_m) if to_samples else surface.distance(samples_m)
+    if seen_by is None and not whole:
+        return SurfaceQuality(accuracy_m)
+    if seen_by is not None:
+        model_m = seen_by.points_m
+    if is_cloud:
+        completion_m = _to_points(model_m, points)
+    elif to_samples:
+        completion_m = _to_points(model_m, samples_m)
+    else:
+        completion_m = TriangleDistance(points, triangles).distance(model_m)
+    if seen_by is None:
         return SurfaceQuality(accuracy_m, completion_m)
-    depth_l1_m = None if cloud else _depth_l1_m(seen, moved, triangles, settings.far_m)
-    return SurfaceQuality(accuracy_m, completion_m, seen.area_m2, depth_l1_m)
+    depth_l1_m = None
+    if not is_cloud:
+        depth_l1_m = _depth_l1_m(seen_by, points, triangles, settings.far_m)
+    return SurfaceQuality(accuracy_m, completion_m, seen_by.area_m2, depth_l1_m)
 
 
 def what_was_seen(
     surface: TrueSurface,
     seen_by: SeenBy,
     settings: QualitySettings | None = None,
-    on_pose: Callable[[], object] = lambda: None,
+    on_pose: Callable[[], object] | None = None,
 ) -> Seen:
     """About settings.samples points, uniform over the part of the model that every
     settings.every-th pose saw.
@@ -176,36 +177,31 @@ def what_was_seen(
     Raises InputError if nothing is seen, WorkError if embreex is missing.
     """
     settings = settings or QualitySettings()
-    camera, T = seen_by.camera, seen_by.T_world_camera[:: settings.every]
+    camera = seen_by.camera
+    T = seen_by.T_world_camera[:: settings.every]
     # ratio of the largest distance to depth, at a corner of the image
     slant = float(np.linalg.norm(camera.rays(), axis=2).max())
-    corners = within_reach(
-        surface.vertices[surface.triangles], T.translation, slant * settings.far_m
-    )
-    places, rows, count = (
-        corners.reshape(-1, 3),
-        np.arange(3 * len(corners)).reshape(-1, 3),
-        settings.samples,
-    )
+    corners = surface.vertices[surface.triangles]
+    corners = within_reach(corners, T.translation, slant * settings.far_m)
+    places = corners.reshape(-1, 3)
+    rows = np.arange(len(places)).reshape(-1, 3)
+    count = settings.samples
     for attempt in range(2):
         points = sampled(places, rows, count, settings.seed) if len(rows) else places
         seen = seen_points(surface.caster, points, camera, T, settings.far_m, on_pose)
         if not seen.any():
-            hint = "a trajectory in the model's world"
             raise InputError(
-                "a trajectory that sees something of the model", found="nothing seen", hint=hint
+                "a trajectory that sees something of the model",
+                found="nothing seen",
+                hint="a trajectory in the model's world",
             )
         if attempt or seen.mean() > _MIN_SEEN:
             break
         count = int(min(count / seen.mean(), _MAX_FACTOR * count))
     quarter = camera.halved().halved()
     depth_z_m = np.array([surface.caster.depth(quarter, T[k]) for k in range(len(T))], np.float32)
-    return Seen(
-        points[seen],
-        float(seen.mean() * areas_m2(places, rows).sum()),
-        SeenBy(camera, T),
-        depth_z_m,
-    )
+    area_m2 = float(seen.mean() * areas_m2(places, rows).sum())
+    return Seen(points[seen], area_m2, SeenBy(camera, T), depth_z_m)
 
 
 def _to_points(points: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -221,7 +217,8 @@ def _depth_l1_m(
     """Mean over the views of the mean |depth of the model - depth of the reconstruction| over
     pixels where the model has depth; a hole in
     the reconstruction has depth 0."""
-    camera, T = seen.views.camera.halved().halved(), seen.views.T_world_camera
+    camera = seen.views.camera.halved().halved()
+    T = seen.views.T_world_camera
     samples_m = np.full(seen.depth_z_m.shape, np.inf, np.float32)
     for rows in slabs(points, triangles):
         part = RayCaster(points, triangles[rows])
@@ -232,5 +229,6 @@ def _depth_l1_m(
     for truth, depth in zip(seen.depth_z_m, samples_m, strict=True):
         valid = (truth > 0) & (truth <= far_m)
         if valid.any():
-            errors_m.append(np.abs(truth - np.where(np.isfinite(depth), depth, 0))[valid].mean())
+            depth = np.where(np.isfinite(depth), depth, 0)
+            errors_m.append(np.abs(truth - depth)[valid].mean())
     return float(np.mean(errors_m)) if errors_m else None

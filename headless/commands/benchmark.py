@@ -193,7 +193,7 @@ def _films(
     films are made.
     """
     from iclnuim.benchmark.experiments.paper_sources import Sources
-    from iclnuim.blender.output import blender_output_in
+    from iclnuim.native_output import native_output_in
     from iclnuim.report.preview import write_web_film
 
     sources = Sources(args.data, args.out, args.lambertian)
@@ -206,7 +206,7 @@ def _films(
         path = sources.out / "films" / f"{name}.webm"
         if not path.is_file():
             make_folder(path.parent)
-            with blender_output_in(Path(os.devnull)):  # OpenCV's FFmpeg writes to standard error
+            with native_output_in(Path(os.devnull)):  # OpenCV's FFmpeg writes to standard error
                 write_web_film(folder, path, args.first)
         films[name] = path.read_bytes()
         progress.advance()

@@ -13,13 +13,10 @@ from iclnuim.geometry.trajectory import Trajectory
 pytest.importorskip("numba")
 pytest.importorskip("embreex")
 from iclnuim.benchmark.fusion.pictures import picture  # noqa: E402
-from iclnuim.benchmark.fusion.surface_error import (  # noqa: E402
-    TrueSurface,
-    read_mesh,
-    read_pairs,
-    read_reconstruction,
-)
+from iclnuim.benchmark.fusion.reconstruction import read_pairs, read_reconstruction  # noqa: E402
+from iclnuim.benchmark.fusion.surface_error import TrueSurface  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
+from iclnuim.formats.meshes import read_mesh  # noqa: E402
 from iclnuim.formats.ply import write_ply  # noqa: E402
 from iclnuim.headless import cli  # noqa: E402
 

@@ -14,15 +14,13 @@ from iclnuim.geometry.trajectory import Trajectory
 
 pytest.importorskip("embreex")
 pytest.importorskip("igl")
+from iclnuim.benchmark.fusion.alignment import pairs_transform  # noqa: E402
 from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality  # noqa: E402
+from iclnuim.benchmark.fusion.reconstruction import read_reconstruction  # noqa: E402
 from iclnuim.benchmark.fusion.samples import CELL_M, areas_m2, sampled, thinned  # noqa: E402
 from iclnuim.benchmark.fusion.settings import QualitySettings  # noqa: E402
-from iclnuim.benchmark.fusion.surface_error import (  # noqa: E402
-    TrueSurface,
-    pairs_transform,
-    read_model,
-    read_reconstruction,
-)
+from iclnuim.benchmark.fusion.surface_error import TrueSurface  # noqa: E402
+from iclnuim.blender.open.model_file import read_model  # noqa: E402
 from iclnuim.raycast.caster import RayCaster, seen_points  # noqa: E402
 from iclnuim.raycast.distance import TriangleDistance  # noqa: E402
 

@@ -8,8 +8,8 @@ bpy = pytest.importorskip(
 )  # before open3d: both bring a TBB, and bpy 5.2 needs its own
 pytest.importorskip("embreex")
 
-from iclnuim.benchmark.fusion.surface_error import read_model  # noqa: E402
 from iclnuim.blend.builder import living_room_measures, office_measures  # noqa: E402
+from iclnuim.blender.open.model_file import read_model  # noqa: E402
 from iclnuim.raycast.caster import RayCaster  # noqa: E402
 
 MEASURES = {"living_room": living_room_measures, "office": office_measures}

@@ -174,13 +174,13 @@ def seen_points(
     points_m: np.ndarray,
     camera: PinholeCamera,
     T_world_camera: SE3,
-    far_m: float,
-    on_pose: Callable[[], object],
+    far_m: float = np.inf,
+    on_pose: Callable[[], object] | None = None,
     sides: np.ndarray | None = None,
 ) -> np.ndarray:
     """(n,) bool: the points (n, 3) on the surface that at least one pose (k,) saw: inside its
-    image, in front of it, at a depth of at most
-    far_m, and not occluded. With normals `sides` (n, 3): seen from that side of the surface.
+    image, in front of it, at a depth of at most far_m, and not occluded. With normals `sides` (n,
+    3): seen from that side of the surface.
     """
     seen = np.zeros(len(points_m), bool)
     for k in range(len(T_world_camera)):
@@ -189,9 +189,11 @@ def seen_points(
         rays = points_m[rows] - T_world_camera[k].translation
         if sides is not None:
             before = (rays * sides[rows]).sum(1) < 0
-            rows, rays = rows[before], rays[before]
+            rows = rows[before]
+            rays = rays[before]
         seen[rows] = caster.cast(T_world_camera[k].translation, rays).distance > _REACHED
-        on_pose()
+        if on_pose:
+            on_pose()
     return seen
 
 

@@ -196,7 +196,7 @@ def _unseen(
     )
     for start in range(0, len(order), _BATCH):  # the nearest views usually saw most points
         some = T_world_training[order[start : start + _BATCH]]
-        remaining = ~seen_points(caster, points, camera, some, np.inf, lambda: None, sides)
+        remaining = ~seen_points(caster, points, camera, some, sides=sides)
         points, sides = points[remaining], sides[remaining]
         if not len(points):
             break

@@ -35,9 +35,10 @@ from ...formats.files import (
 )
 from ...geometry.trajectory import frame_slice
 from ...job import RenderJob
+from ...native_output import native_output_in
 from ...version import __version__
 from ...worker_events import Event
-from .. import compat, output, surfaces
+from .. import compat, surfaces
 from ..light import light_map, mipmaps
 from ..open import light_choice, preflight, scene
 from . import camera, first_look, frames, ground_truth, passes, settings
@@ -73,7 +74,7 @@ class Session:
             and job.light != "path"
             and not (out / first_look.PREVIEW).exists()
         ):
-            with output.blender_output_in(Path(os.devnull)):
+            with native_output_in(Path(os.devnull)):
                 look = first_look.look(self.job, self.trajectory, requested[0], threads)
             self._opened = False
         if self.job.light == "auto":
@@ -88,7 +89,7 @@ class Session:
             expected = "frames of both are equal within a tolerance, not byte by byte"
             emit(events.Note(f"this run was started on {processors}: {expected}"))
         self.work = _work_folder(self.run)
-        self._output = output.blender_output_in(self.work / "blender.log", errors=False)
+        self._output = native_output_in(self.work / "blender.log", errors=False)
         self._ready = self._volumes = False
         self._mipmaps: list[bpy.types.Image] = []
 
@@ -266,7 +267,7 @@ def _opened(job: RenderJob, emit: Emit) -> RenderJob:
     """Open a user-provided scene before its run is opened: its textures are part of the recipe, and
     moving objects affect the choice of light.
     """
-    with output.blender_output_in(Path(os.devnull), errors=False):
+    with native_output_in(Path(os.devnull), errors=False):
         notes = scene.open_scene(job.scene, job.reading)
         job, more = light_choice.with_possible_light(job)
     _note_all(emit, [*notes, *more])
@@ -283,7 +284,7 @@ def bake_light(
     """
     with (
         tempfile.TemporaryDirectory() as folder,
-        output.blender_output_in(Path(folder) / "blender.log"),
+        native_output_in(Path(folder) / "blender.log"),
     ):
         _set_up(job, emit, threads, opened, must_bake=True)
         return light_map.prepare(job, lambda text: emit(events.Note(text)))

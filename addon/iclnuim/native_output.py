@@ -1,4 +1,5 @@
-"""Redirects Blender's output from standard output and standard error to a log.
+"""Redirects what Blender and other C libraries print from standard output and standard error to a
+log.
 
 It does not import bpy, because that import may print.
 """
@@ -12,8 +13,8 @@ from pathlib import Path
 
 
 @contextmanager
-def blender_output_in(log: Path, errors: bool = True) -> Iterator[None]:
-    """Send Blender's output to `log`: from C it prints dozens of lines per frame to file descriptor
+def native_output_in(log: Path, errors: bool = True) -> Iterator[None]:
+    """Send the output of C code to `log`: Blender prints dozens of lines per frame to file descriptor
     1, and USD prints warnings to 2.
 
     Python's sys.stdout and sys.stderr are not redirected. errors: if False, descriptor 2 is not

@@ -6,8 +6,8 @@ import sys
 PROGRAM = """
 import os, sys
 from pathlib import Path
-from iclnuim.blender.output import blender_output_in
-with blender_output_in(Path(sys.argv[1])):
+from iclnuim.native_output import native_output_in
+with native_output_in(Path(sys.argv[1])):
     os.write(1, b"Fra:1 Mem:8M\\n")
     os.write(2, b"Warning: in _ReportErrors at line 3258 of stage.cpp\\n")
     print("a result")

@@ -1,0 +1,33 @@
+"""Reads the surface of a scene or of a mesh file. bpy is imported for a scene only."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError, blender_missing
+from ...formats.meshes import MESH_ENDINGS, read_mesh
+from ...native_output import native_output_in
+
+
+def read_model(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """points (n, 3) and triangles (m, 3) of a mesh file, a built-in scene by name, or a .blend; in
+    the world of the file, z up for scenes.
+
+    Raises InputError if it is none of these or has no triangle, WorkError if a reader or bpy is
+    missing.
+    """
+    if Path(name).suffix.lower() in MESH_ENDINGS:
+        points, triangles, _ = read_mesh(name)
+        return points, triangles
+    with native_output_in(Path(os.devnull)):  # importing bpy may print
+        try:
+            from .. import surfaces
+            from . import scene
+        except ImportError as error:
+            raise blender_missing("a scene as the model", error) from None
+        scene.open_scene(name)
+        found = surfaces.triangles()
+    if not len(found.triangles):
+        raise InputError("a scene with surfaces", found=name)
+    return found.vertices, found.triangles

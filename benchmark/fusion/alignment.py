@@ -1,0 +1,108 @@
+"""T_model_mesh of a reconstruction: by ICP, by the trajectory it was fused along, or by picked
+points.
+"""
+
+import numpy as np
+from iclnuim.errors import InputError
+from iclnuim.evaluation.absolute_error import ErrorStatistics
+from iclnuim.evaluation.align import (
+    MIN_EXTENT_SHARE,
+    AlignmentSettings,
+    align,
+    principal_extents,
+    umeyama,
+)
+from iclnuim.evaluation.associate import associate
+from iclnuim.geometry import so3
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.raycast.distance import TriangleDistance
+
+
+def icp(model: TriangleDistance, points: np.ndarray, T_model_mesh: SE3, rounds: int = 30) -> SE3:
+    """T_model_mesh after point-to-plane ICP on 50 000 vertices; inliers are within three medians
+    (at least 0.5 mm).
+
+    Raises InputError if the surfaces do not determine a rigid motion.
+    """
+    T = T_model_mesh
+    some = points[:: max(1, len(points) // 50_000)]
+    for _ in range(rounds):
+        moved = T.apply(some)
+        near = model.nearest(moved)
+        normals = model.normals(near.triangle)
+        offset_m = ((moved - near.point_m) * normals).sum(axis=1)
+        use = near.distance_m <= max(5e-4, 3 * np.median(near.distance_m))
+        J = np.hstack([normals[use], np.cross(moved[use], normals[use])])
+        A = J.T @ J
+        if len(J) < 6 or np.linalg.cond(A) > 1e10:
+            found = f"{len(J)} vertices on planes for which it is undetermined"
+            raise InputError("surfaces that determine a motion", found=found, hint="no alignment")
+        # One Gauss-Newton step: a twist (6,), applied from the left.
+        step = np.linalg.solve(A, -J.T @ offset_m[use])
+        T = SE3.exp(step) @ T
+        if np.abs(step).max() < 1e-7:
+            break
+    return T
+
+
+def first_poses_transform(
+    poses: Trajectory, truth: Trajectory, max_difference_s: float = 0.02
+) -> SE3:
+    """T_model_mesh of a mesh fused along `poses`: aligns the first of them with the pose of `truth`
+    at its time.
+
+    Raises InputError if the truth has no pose within max_difference_s.
+    """
+    start_s = poses.stamps_s[0]
+    nearest = int(np.abs(truth.stamps_s - start_s).argmin())
+    if abs(truth.stamps_s[nearest] - start_s) > max_difference_s:
+        found = f"the nearest at {truth.stamps_s[nearest]:.3f} s"
+        raise InputError(f"a pose at {start_s:.3f} s", found=found)
+    return truth.T_world_camera[nearest] @ poses.T_world_camera[0].inverse()
+
+
+def trajectories_transform(poses: Trajectory, truth: Trajectory, method: str = "se3") -> SE3:
+    """T_model_mesh of a mesh fused along `poses`, by aligning all of them with `truth`
+    (`evaluation.align.METHODS`).
+
+    Raises InputError if no stamps match, or the trajectories do not determine the alignment.
+    """
+    pairs = associate(truth.stamps_s, poses.stamps_s)
+    reference = truth.T_world_camera[pairs.first]
+    estimate = poses.T_world_camera[pairs.second]
+    return align(reference, estimate, AlignmentSettings(method)).T_reference_estimate
+
+
+def pairs_transform(mesh_points: np.ndarray, model_points: np.ndarray) -> tuple[SE3, float]:
+    """T_model_mesh from points (n, 3) picked on the mesh and on the model, both in metres, and the
+    remaining RMS distance in metres.
+
+    Raises InputError for fewer than three pairs, or pairs on a line.
+    """
+    for picked in (mesh_points, model_points):
+        if len(picked) < 3 or not _span_a_plane(picked):
+            found = f"{len(picked)} for which a rotation is undetermined"
+            raise InputError("three or more pairs of points that are not on a line", found=found)
+    T, _ = umeyama(mesh_points, model_points)
+    residual_m = np.linalg.norm(T.apply(mesh_points) - model_points, axis=1)
+    return T, float(np.sqrt((residual_m**2).mean()))
+
+
+def fit_effect(model: TriangleDistance, points: np.ndarray, given: SE3, fitted: SE3) -> dict:
+    """The error without a fit, and by how much the fit translated the centre of the reconstruction
+    and rotated it. given, fitted: T_model_mesh.
+    """
+    T_fitted_given = fitted @ given.inverse()
+    middle = given.apply(points.mean(0))
+    return {
+        "distance_m": ErrorStatistics.of(model.distance(given.apply(points))).to_dict(),
+        "moved_m": float(np.linalg.norm(T_fitted_given.apply(middle) - middle)),
+        "turned_deg": float(np.degrees(so3.angle(T_fitted_given.rotation))),
+        "T_fitted_given": T_fitted_given.matrix.tolist(),
+    }
+
+
+def _span_a_plane(points: np.ndarray) -> bool:
+    longest, second, _ = principal_extents(points)
+    return bool(second > MIN_EXTENT_SHARE * longest)

@@ -1,0 +1,122 @@
+"""Reads what a surface is compared with: a reconstruction, and what places it in the model's world."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from iclnuim.errors import InputError, within
+from iclnuim.formats.files import data_lines, read_text
+from iclnuim.formats.meshes import read_mesh_or_cloud
+from iclnuim.formats.trajectory_reader import LARGEST_POSITION_M
+from iclnuim.geometry.se3 import SE3
+
+from .samples import areas_m2
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """points (n, 3) in metres, triangles (m, 3), m = 0 for a cloud; notes: sentences about parts of
+    the file that are not used.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction:
+    """Read a mesh or a point cloud in units of unit_m. Points that are not finite, and triangles
+    with such points, are left out.
+
+    Raises InputError for a file that is neither, has no finite point or points too far away, and
+    for an invalid unit, WorkError if a reader is missing.
+    """
+    if not 1e-6 <= unit_m <= 1e6:
+        raise InputError("1e-06 to 1e+06 m", setting="unit", found=unit_m)
+    points, triangles, _ = read_mesh_or_cloud(Path(path))
+    notes = []
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        points, triangles, note = _finite_part(path, points, triangles, finite)
+        notes.append(note)
+    if unit_m != 1:
+        points = points * unit_m
+    with within(path):
+        check_positions(points, "another {unit}, or moving the mesh near the origin")
+    if not len(triangles):
+        notes.append("without faces: a point cloud")
+    elif not areas_m2(points, triangles).any():
+        notes.append(f"none of {len(triangles)} triangles has an area: read as a point cloud")
+        triangles = triangles[:0]
+    return Reconstruction(points, triangles, tuple(notes))
+
+
+def _finite_part(
+    path: Path | str, points: np.ndarray, triangles: np.ndarray, finite: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """The finite points, the triangles of finite points, and a note about the others."""
+    total = len(points)
+    invalid = total - int(finite.sum())
+    if invalid == total:
+        found = f"NaN or infinity in {total} of {total}"
+        raise InputError("points of finite coordinates", path=path, found=found)
+    whole = finite[triangles].all(axis=1)
+    number = np.cumsum(finite) - 1
+    note = (
+        f"{invalid} of {total} points with NaN or infinity are left out, "
+        f"and {int((~whole).sum())} triangles"
+    )
+    return points[finite], number[triangles[whole]], note
+
+
+def check_positions(points: np.ndarray, hint: str | None = None) -> None:
+    """Raises InputError for points (n, 3) in metres that are farther from the origin than poses can
+    be.
+    """
+    largest_m = np.abs(points).max()
+    if largest_m > LARGEST_POSITION_M:
+        raise InputError(
+            f"coordinates of at most {LARGEST_POSITION_M:g} m", found=f"{largest_m:g} m", hint=hint
+        )
+
+
+def read_transform(path: Path) -> SE3:
+    """Read a rigid motion from a text file with the 16 numbers of a 4 x 4 matrix, row by row.
+
+    Raises InputError.
+    """
+    try:
+        T = np.array([float(word) for word in read_text(path).replace(",", " ").split()])
+    except ValueError as error:
+        raise InputError("the 16 numbers of a 4x4 matrix", path=path, found=error) from None
+    if T.size != 16:
+        raise InputError("the 16 numbers of a 4x4 matrix", path=path, found=f"{T.size} numbers")
+    T = T.reshape(4, 4)
+    rigid = np.isfinite(T).all() and np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3)
+    if not rigid or np.abs(T[3] - (0, 0, 0, 1)).max() > 1e-9:
+        raise InputError("a rigid motion, last row 0 0 0 1", path=path)
+    if np.linalg.det(T[:3, :3]) < 0:
+        found = "a reflection (determinant -1)"
+        raise InputError("a rotation and a translation", path=path, found=found)
+    return SE3(T[:3, :3], T[:3, 3])
+
+
+def read_pairs(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read points (n, 3) on the mesh and (n, 3) on the model from a text file with six numbers per
+    line; `#` begins a comment. Raises InputError.
+    """
+    rows = []
+    for number, line in data_lines(read_text(path)):
+        words = line.replace(",", " ").replace(";", " ").split()
+        try:
+            row = [float(word) for word in words]
+        except ValueError:
+            row = [np.nan]
+        if not row:
+            continue
+        if len(row) != 6 or not np.isfinite(row).all():
+            expected = "six numbers: x y z on the mesh, x y z on the model"
+            raise InputError(expected, path=path, line=number, found=line)
+        rows.append(row)
+    picked = np.array(rows).reshape(-1, 6)
+    return picked[:, :3], picked[:, 3:]

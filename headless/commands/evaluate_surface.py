@@ -1,0 +1,247 @@
+"""`iclnuim evaluate surface`: the distance of a reconstruction from the true surface, its accuracy
+and completion.
+"""
+
+import argparse
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from iclnuim.console import Console
+from iclnuim.errors import InputError, named, within
+from iclnuim.formats.trajectories import read_trajectory
+
+from ..options import (
+    Actions,
+    action,
+    add_rerun,
+    add_settings,
+    checked_rerun,
+    option_name,
+    settings_from,
+)
+from .surface import poses_of
+
+if TYPE_CHECKING:
+    from iclnuim.benchmark.fusion.quality import SeenBy
+    from iclnuim.benchmark.fusion.reconstruction import Reconstruction
+    from iclnuim.benchmark.fusion.surface_error import SurfaceError
+    from iclnuim.geometry.se3 import SE3
+
+#: Least and largest upper end of a heat map.
+_MIN_ERROR_MM = 1e-3
+_MAX_ERROR_MM = 1e5
+
+
+def configure(actions: Actions) -> None:
+    text = "distance of a reconstruction from the true surface"
+    example = "iclnuim evaluate surface kt2.ply --model living_room --plot error.png"
+    surface = action(actions, "surface", text, example, run)
+    add = surface.add_argument
+    help = "the reconstruction, a mesh or a point cloud (.ply, .obj, .stl, .off, .glb)"
+    add("mesh", type=Path, metavar="MESH", help=help)
+    help = "the truth: living_room, office, a .blend, or a mesh file"
+    add("--model", required=True, metavar="MODEL", help=help)
+    _add_placement(surface)
+    help = (
+        "completion of what this trajectory saw: kt2, office/kt0 or a file; or all; default: GT of "
+        "--truth"
+    )
+    add("--seen-by", metavar="TRAJECTORY", help=help)
+    help = "camera of --seen-by; default: 640x480 and the paper's K"
+    add("--camera", metavar="WxH[,FX,FY,CX,CY]", help=help)
+    with suppress(ModuleNotFoundError):  # without the benchmark, `run` says so
+        from iclnuim.benchmark.fusion.settings import QualitySettings
+
+        add_settings(surface, QualitySettings)
+    add("--plot", type=Path, metavar="FILE", help="heat map and histogram (.png, .pdf, .svg)")
+    help = "upper end of the heat map; default: 10"
+    add("--max-error", type=float, default=10.0, metavar="MM", help=help)
+    add_rerun(surface, "the surface, coloured by its errors")
+
+
+def _add_placement(parser: argparse.ArgumentParser) -> None:
+    """Add the options that place the mesh in the model's world."""
+    add = parser.add_argument
+    help = "unit of MESH: m (default), cm, mm, in, ft or a number of metres"
+    add("--unit", default="m", metavar="UNIT", help=help)
+    help = "file with the 16 numbers of T_model_mesh, row by row; default: the identity"
+    add("--transform", type=Path, metavar="FILE", help=help)
+    help = (
+        "trajectory along which MESH was fused; with --truth, its first pose is aligned with the "
+        "true one"
+    )
+    add("--poses", type=Path, metavar="EST", help=help)
+    help = "ground truth of that trajectory, in the model's world"
+    add("--truth", type=Path, metavar="GT", help=help)
+    help = (
+        "how the poses align: origin (default): by the first pose; yaw or se3: by the whole "
+        "trajectory"
+    )
+    add("--fit-poses", choices=("origin", "yaw", "se3"), default="origin", help=help)
+    help = (
+        "points picked on both: x y z on MESH, in its unit, and x y z on the model, one pair per "
+        "line"
+    )
+    add("--pairs", type=Path, metavar="FILE", help=help)
+    help = "none (default), or icp: the mesh is then aligned with the model by ICP, as in the paper"
+    add("--align", choices=("none", "icp"), default="none", help=help)
+
+
+def run(args: argparse.Namespace, console: Console) -> None:
+    from iclnuim.benchmark.fusion.alignment import fit_effect
+    from iclnuim.benchmark.fusion.quality import surface_quality
+    from iclnuim.benchmark.fusion.reconstruction import read_reconstruction
+    from iclnuim.benchmark.fusion.settings import QualitySettings
+    from iclnuim.benchmark.fusion.surface_error import TrueSurface
+    from iclnuim.blender.open.model_file import read_model
+    from iclnuim.geometry.scene_axes import parse_unit
+
+    settings = settings_from(args, QualitySettings())
+    unit_m = parse_unit(args.unit)
+    recording = checked_rerun(args)
+    if not _MIN_ERROR_MM <= args.max_error <= _MAX_ERROR_MM:
+        expected = f"{_MIN_ERROR_MM:g} to {_MAX_ERROR_MM:g} mm"
+        raise InputError(expected, setting="--max-error", found=args.max_error)
+    seen_by = _seen_by(args)
+    mesh = read_reconstruction(args.mesh, unit_m)
+    for note in mesh.notes:
+        console.note(f"note: {args.mesh}: {note}")
+    given = _given_transform(args)
+    T = _fitted_transform(args, given, unit_m, console)
+    with within(args.model):
+        surface = TrueSurface(*read_model(args.model))
+    if args.align == "icp":
+        T = surface.aligned(mesh.points, T)
+    error = surface.error(mesh.points, T, unit_m)
+    _draw(args, mesh, error, recording, console)
+    values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **error.to_dict()}
+    values["warnings"] = [named(text, option_name) for text in error.warnings]
+    values["notes"] = list(mesh.notes)
+    if T is not given:  # a fit was computed
+        values["as_given"] = fit_effect(surface, mesh.points, given, T)
+    poses = 2 * len(seen_by.T_world_camera[:: settings.every]) if seen_by else 0
+    quality = surface_quality(
+        surface,
+        mesh.points,
+        mesh.triangles,
+        T,
+        seen_by,
+        whole=args.seen_by == "all",
+        settings=settings,
+        on_pose=console.progress(poses, "evaluate", "poses").advance if poses else None,
+    )
+    values["quality"] = {**settings.to_dict(), **quality.to_dict()}
+    console.result(values, _text(values))
+
+
+def _draw(
+    args: argparse.Namespace,
+    mesh: "Reconstruction",
+    error: "SurfaceError",
+    recording: Path | None,
+    console: Console,
+) -> None:
+    """Write the files of --plot and --rerun."""
+    points = error.T_model_mesh.apply(mesh.points)
+    if args.plot:
+        from iclnuim.benchmark.fusion.pictures import error_figure
+        from iclnuim.report.charts import save
+
+        save(error_figure(points, mesh.triangles, error, args.max_error), args.plot, 100)
+    if recording:
+        from iclnuim.benchmark.fusion.recording import record_surface
+
+        record_surface(recording, args.mesh, points, mesh.triangles, error, args.max_error)
+        console.note(f"{recording} written")
+
+
+def _seen_by(args: argparse.Namespace) -> "SeenBy | None":
+    """The camera and poses that decide over which part of the model completion is measured."""
+    from iclnuim.benchmark.fusion.quality import SeenBy
+    from iclnuim.geometry.camera import PinholeCamera
+
+    camera = PinholeCamera.parse(args.camera) if args.camera else PinholeCamera()
+    if args.seen_by == "all":
+        return None
+    if args.seen_by:
+        return SeenBy(camera, poses_of(args.seen_by, args.model))
+    if args.truth:
+        return SeenBy(camera, read_trajectory(args.truth).trajectory.T_world_camera)
+    return None
+
+
+def _given_transform(args: argparse.Namespace) -> "SE3":
+    """T_model_mesh as given by the options, without a fit."""
+    from iclnuim.benchmark.fusion.alignment import first_poses_transform
+    from iclnuim.benchmark.fusion.reconstruction import read_transform
+    from iclnuim.geometry.se3 import SE3
+
+    if args.transform and (args.poses or args.truth) or bool(args.poses) != bool(args.truth):
+        expected = "--transform, or --poses and --truth together, or none of them"
+        raise InputError(expected, found="some of them")
+    if args.transform:
+        return read_transform(args.transform)
+    if not args.poses:
+        return SE3.identity()
+    poses = read_trajectory(args.poses).trajectory
+    return first_poses_transform(poses, read_trajectory(args.truth).trajectory)
+
+
+def _fitted_transform(
+    args: argparse.Namespace, given: "SE3", unit_m: float, console: Console
+) -> "SE3":
+    """T_model_mesh fitted to picked pairs or to the whole trajectory; `given` if the options
+    request neither.
+    """
+    from iclnuim.benchmark.fusion.alignment import pairs_transform, trajectories_transform
+    from iclnuim.benchmark.fusion.reconstruction import read_pairs
+
+    if args.fit_poses != "origin" and (args.pairs or not args.poses):
+        expected = "--fit-poses with --poses and --truth, and without --pairs"
+        raise InputError(expected, found=args.fit_poses)
+    if args.pairs:
+        on_mesh, on_model = read_pairs(args.pairs)
+        with within(args.pairs):
+            T, rms_m = pairs_transform(on_mesh * unit_m, on_model)
+        console.note(f"{len(on_mesh)} pairs, residual {1e3 * rms_m:.3f} mm RMS")
+        return T
+    if args.fit_poses == "origin":
+        return given
+    poses = read_trajectory(args.poses).trajectory
+    return trajectories_transform(poses, read_trajectory(args.truth).trajectory, args.fit_poses)
+
+
+def _text(values: dict) -> str:
+    lines = [f"{values['vertices']} vertices of {values['mesh']} to {values['model']} [mm]"]
+    for name in ("mean", "median", "std", "min", "max", "rmse"):
+        lines.append(f"  {name:<8}{1e3 * values['distance_m'][name]:>10.3f}")
+    lines.append(f"  {_shares(values['within'], 1)}")
+    if given := values.get("as_given"):
+        lines.append(
+            f"  without the fit: mean {1e3 * given['distance_m']['mean']:.3f}; the fit moved it by "
+            f"{1e3 * given['moved_m']:.3f} mm and {given['turned_deg']:.4f} degrees"
+        )
+    lines += _quality_lines(values["quality"])
+    lines += [f"warning: {text}" for text in values["warnings"]]
+    return "\n".join(lines)
+
+
+def _quality_lines(quality: dict) -> list[str]:
+    lines = [f"{quality['samples']} samples, uniform by area"]
+    for name in ("accuracy", "completion", "depth_l1"):
+        if f"{name}_m" in quality:
+            title = name.replace("_l1", " L1")
+            lines.append(f"  {title:<11}{1e3 * quality[f'{name}_m']:>10.3f} mm")
+    for name in ("precision", "recall", "f_score"):
+        if name in quality:
+            lines.append(f"  {name.replace('_', ' '):<11} {_shares(quality[name], 2)}")
+    if "completion_m" not in quality:
+        return [*lines, "  no completion: name the trajectory that saw the model with --seen-by"]
+    seen = f", {quality['seen_m2']:.2f} m2" if "seen_m2" in quality else ""
+    return [*lines, f"  over {quality['model_samples']} samples of the model{seen}"]
+
+
+def _shares(shares: dict[str, float], digits: int) -> str:
+    """`12.0% within 1mm, 40.1% within 5mm`."""
+    return ", ".join(f"{share:.{digits}%} within {limit}" for limit, share in shares.items())
