@@ -158,9 +158,9 @@ def _surface(
     """Fuse the surface along the estimate and measure it, aligned with the model by the first pose,
     and by ICP as in the paper.
     """
+    from iclnuim.benchmark.fusion.alignment import first_poses_transform
     from iclnuim.benchmark.fusion.mesh import fuse_sequence
     from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality
-    from iclnuim.benchmark.fusion.alignment import first_poses_transform
     from iclnuim.benchmark.fusion.surface_error import TrueSurface
 
     started = time.process_time()
