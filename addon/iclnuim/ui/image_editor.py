@@ -1,4 +1,4 @@
-"""Show arrays as images in Blender's image editor, among them the last frame of a running render."""
+"""Show arrays as images in the image editor, among them the last frame of a running render."""
 
 import threading
 import time
@@ -45,14 +45,11 @@ class LastFrame:
         self._picture = None
         if picture is not None:
             show(bpy.context, LAST_FRAME, picture, open_editor=False)
-        number = work.last_frame if work.phase == "rendering" else None
-        idle = not self._reading and time.monotonic() - self._at_s > PAUSE_S
-        if (
-            number not in (None, self._shown)
-            and idle
-            and state.areas("IMAGE_EDITOR")
-            and not bpy.app.background
-        ):
+        number = work.last_frame
+        if work.phase != "rendering" or number in (None, self._shown) or self._reading:
+            return
+        paused = time.monotonic() - self._at_s > PAUSE_S
+        if paused and state.areas("IMAGE_EDITOR") and not bpy.app.background:
             self._shown = number
             self._at_s = time.monotonic()
             self._reading = True
@@ -83,13 +80,14 @@ def show(
     pixels[..., :3] = picture[::-1].astype(np.float32) / 255
     image.pixels.foreach_set(pixels.ravel())
     image.update()
-    if not bpy.app.background:
-        area = next(iter(state.areas("IMAGE_EDITOR")), None) or (
-            _split(context) if open_editor else None
-        )
-        if area is not None and area.spaces.active.image != image:
-            area.spaces.active.image = image
-            _fit(context, area)
+    if bpy.app.background:
+        return
+    area = next(iter(state.areas("IMAGE_EDITOR")), None)
+    if area is None and open_editor:
+        area = _split(context)
+    if area is not None and area.spaces.active.image != image:
+        area.spaces.active.image = image
+        _fit(context, area)
 
 
 def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:

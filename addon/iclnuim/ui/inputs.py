@@ -44,9 +44,8 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
         sentence = "the active camera's animation"
     elif settings.trajectory_source == "FILE":
         if not settings.trajectory_file:
-            raise InputError(
-                "a trajectory file", found="none", hint="choosing one under {trajectory}"
-            )
+            hint = "choosing one under {trajectory}"
+            raise InputError("a trajectory file", found="none", hint=hint)
         file = read_trajectory(bpy.path.abspath(settings.trajectory_file))
         loaded = file.trajectory
         sentence = file.read_as.sentence
@@ -57,10 +56,8 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
         return loaded, sentence
     start = loaded.T_world_camera[0]
     if settings.use_start:
-        rotation = mathutils.Euler(settings.start_rotation).to_matrix()
-        pose = SE3.from_matrix(
-            np.c_[np.array(rotation, float), np.array(settings.start_location, float)]
-        )
+        rotation = np.array(mathutils.Euler(settings.start_rotation).to_matrix(), float)
+        pose = SE3.from_matrix(np.c_[rotation, np.array(settings.start_location, float)])
         start = axes.world_cv_from_world_blender(pose)
     return adopt(loaded, start, round(settings.scale, 6)), sentence
 
@@ -90,10 +87,9 @@ def job(context: bpy.types.Context, out: Path) -> RenderJob:
     Raises InputError, WorkError.
     """
     settings = context.scene.iclnuim
-    for what, libraries in (("EXR", exr.BACKENDS), ("PNG", png.BACKENDS)):
-        first_library(
-            what, *libraries
-        )  # a missing library is reported before the first frame is rendered
+    # a missing library is reported before the first frame is rendered
+    first_library("EXR", *exr.BACKENDS)
+    first_library("PNG", *png.BACKENDS)
     check_free(out / "raw")
     return settings.to_job(_scene_for(settings, out), _trajectory_for(context, settings, out))
 
@@ -112,34 +108,53 @@ def light_map_line(settings: bpy.types.PropertyGroup) -> str:
     size and its age.
     """
     if settings.scene_source == "OPEN":
-        return "Bake Light and Render use the cached light map of the open file, or bake it if there is none"
+        return _OPEN_FILE
     name = scene_name(settings)
     panel = state.current()
     key = (name, settings.map_size, settings.map_samples, settings.seed, settings.reading())
     known = panel.light_map
     if known is None or known[0] != key or time.monotonic() - known[1] > _FRESH_S:
-        line = "this scene's light map is not in the cache: Bake Light or the first render bakes it once, which takes minutes"
-        try:
-            cache = state.cache_folder()
-            if found := light_map.find(cache, settings.to_job(name, "kt2")):
-                folder, size_bytes, age_s = found
-                units = (("day", 86400), ("hour", 3600), ("minute", 60))
-                ages = ((int(age_s // seconds), unit) for unit, seconds in units)
-                age = next(
-                    (f"{n} {unit}{'' if n == 1 else 's'}" for n, unit in ages if n),
-                    "less than a minute",
-                )
-                line = f"this scene's light map is in the cache: {size_bytes / 1e6:.1f} MB, baked {age} ago"
-                if cache not in folder.parents:
-                    line = "this scene's light map is part of the extension: no bake is needed"
-        except (IclnuimError, OSError):
-            line = "no scene file is chosen yet"
-        known = panel.light_map = key, time.monotonic(), line
+        known = panel.light_map = key, time.monotonic(), _looked_up(settings, name)
     return known[2]
 
 
+_OPEN_FILE = (
+    "Bake Light and Render use the cached light map of the open file, or bake it if there is none"
+)
+_NO_LIGHT_MAP = (
+    "this scene's light map is not in the cache: "
+    "Bake Light or the first render bakes it once, which takes minutes"
+)
+
+
+def _looked_up(settings: bpy.types.PropertyGroup, name: str) -> str:
+    """A sentence about the light map of the scene `name`."""
+    cache = state.cache_folder()
+    try:
+        found = light_map.find(cache, settings.to_job(name, "kt2"))
+    except (IclnuimError, OSError):
+        return "no scene file is chosen yet"
+    if not found:
+        return _NO_LIGHT_MAP
+    folder, size_bytes, age_s = found
+    if cache not in folder.parents:
+        return "this scene's light map is part of the extension: no bake is needed"
+    size = f"{size_bytes / 1e6:.1f} MB"
+    return f"this scene's light map is in the cache: {size}, baked {_age(age_s)} ago"
+
+
+def _age(age_s: float) -> str:
+    for unit, seconds in (("day", 86400), ("hour", 3600), ("minute", 60)):
+        count = int(age_s // seconds)
+        if count:
+            return f"{count} {unit}{'s' * (count > 1)}"
+    return "less than a minute"
+
+
 def _shipped_name(settings: bpy.types.PropertyGroup) -> str:
-    scene = settings.scene_source if settings.scene_source in SCENES else next(iter(SCENES))
+    scene = settings.scene_source
+    if scene not in SCENES:
+        scene = next(iter(SCENES))
     return f"{scene}/{settings.trajectory_source}"
 
 
@@ -178,12 +193,9 @@ def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
         return name
     path = out / "scene.blend"
     if path.is_file() and any((out / "raw").glob("exr/*.exr")):
+        expected = "an output folder without frames of an earlier state of the open scene"
         hint = "Resume, which continues with the saved copy of the scene, or another {out}"
-        raise InputError(
-            "an output folder without frames of an earlier state of the open scene",
-            path=out,
-            hint=hint,
-        )
+        raise InputError(expected, path=out, hint=hint)
     if path.exists() and _scene_of_run(out) != path.resolve():
         hint = "another {out}; Render saves a copy of the open scene there"
         raise InputError("an output folder without a file of this name", path=path, hint=hint)
@@ -191,17 +203,14 @@ def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
     except RuntimeError as error:
-        raise WorkError(
-            f"{path}: cannot be written: {str(error).strip().splitlines()[-1]}"
-        ) from None
+        reason = str(error).strip().splitlines()[-1]
+        raise WorkError(f"{path}: cannot be written: {reason}") from None
     return str(path)
 
 
 def _scene_of_run(out: Path) -> Path | None:
     """The scene of the run that was begun in `out`, if there is one."""
     record = out / "raw/sequence.json"
-    return (
-        Path(str(read_run(record.parent).recipe["job"].get("scene", ""))).resolve()
-        if record.is_file()
-        else None
-    )
+    if not record.is_file():
+        return None
+    return Path(str(read_run(record.parent).recipe["job"].get("scene", ""))).resolve()

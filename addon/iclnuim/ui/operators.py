@@ -10,6 +10,7 @@ from pathlib import Path
 
 import bpy
 from bpy.props import BoolProperty, StringProperty
+from bpy.types import Context, Event, Operator
 
 from .. import shipped
 from ..blender.open import importers, orient, sanitize, scene_paths
@@ -34,19 +35,19 @@ PLOT = "ICL-NUIM error"
 
 
 @operator("Show the Scene Here", undo=True)
-def load_scene(self, context):
+def load_scene(self: Operator, context: Context) -> None:
     """Load the chosen scene into this window, in a separate collection.
 
     It replaces the scene that was loaded before
     """
     settings = context.scene.iclnuim
     if settings.scene_source == "OPEN":
-        raise InputError(
-            "a built-in scene or a file to show", found="the open file, which is already shown"
-        )
+        found = "the open file, which is already shown"
+        raise InputError("a built-in scene or a file to show", found=found)
     name = inputs.chosen_scene(settings)
     reading = settings.reading()
-    file = shipped.scene_file(name) if shipped.is_scene(name) else importers.checked_file(name)
+    find = shipped.scene_file if shipped.is_scene(name) else importers.checked_file
+    file = find(name)
     if settings.scene_source == "FILE":
         scene_paths.check(file, reading)
     old = bpy.data.collections.get(trajectory_view.COLLECTION)
@@ -61,10 +62,8 @@ def load_scene(self, context):
     else:
         _import(context, file, reading, collection)
     collection[trajectory_view.SHOWN] = name
-    for start_up in (
-        "Cube",
-        "Light",
-    ):  # objects of the start-up file would be inside the room: they are hidden, not removed
+    # objects of the start-up file would be inside the room: they are hidden, not removed
+    for start_up in ("Cube", "Light"):
         thing = context.scene.collection.all_objects.get(start_up)
         if thing is not None and thing.name not in collection.all_objects:
             thing.hide_viewport = thing.hide_render = True
@@ -75,7 +74,7 @@ def load_scene(self, context):
 
 
 @operator("Keyframe", undo=True)
-def keyframe(self, context):
+def keyframe(self: Operator, context: Context) -> None:
     """Keyframe a camera along the trajectory. Frame i of the timeline has exactly pose i"""
     scene = context.scene
     chosen, _ = inputs.trajectory(context)
@@ -96,19 +95,15 @@ def keyframe(self, context):
 
 
 @operator("Read Again")
-def refresh(self, context):
+def refresh(self: Operator, context: Context) -> None:
     """Read the trajectory again and check whether it passes through a surface of the open scene"""
     trajectory_view.refresh(context)
 
 
-def _ask_for_a_file(self, context, event):
+def _ask_for_a_file(self: Operator, context: Context, event: Event) -> set[str]:
     source = context.scene.iclnuim.trajectory_source
     name = {"CAMERA": "camera", "FILE": "trajectory"}.get(source, source)
-    self.filepath = (
-        str(Path(bpy.data.filepath).with_name(f"{name}.txt"))
-        if bpy.data.filepath
-        else f"{name}.txt"
-    )
+    self.filepath = str(Path(bpy.data.filepath).parent / f"{name}.txt")
     context.window_manager.fileselect_add(self)
     return {"RUNNING_MODAL"}
 
@@ -120,7 +115,7 @@ def _ask_for_a_file(self, context, event):
     check_existing=BoolProperty(default=True, options={"HIDDEN"}),
     filter_glob=StringProperty(default="*.txt", options={"HIDDEN"}),
 )
-def save_path(self, context):
+def save_path(self: Operator, context: Context) -> None:
     """Save the trajectory chosen above as a TUM file: seconds, metres, camera to world, x right, y
     down, z forward
     """
@@ -133,7 +128,7 @@ def save_path(self, context):
 
 
 @operator("Bake Light")
-def bake(self, context):
+def bake(self: Operator, context: Context) -> None:
     """Bake the scene's light map into the extension's cache, in the background.
 
     A render also bakes it if it is missing
@@ -141,18 +136,12 @@ def bake(self, context):
     folder = Path(tempfile.mkdtemp(dir=state.user_folder("preview")))
     job = inputs.job(context, folder).changed(light="baked")
     finish = functools.partial(shutil.rmtree, folder, ignore_errors=True)
-    state.start(
-        "bake",
-        job,
-        folder / "raw",
-        {"bake": True},
-        "the light map is baked and is in the cache",
-        finish,
-    )
+    baked = "the light map is baked and is in the cache"
+    state.start("bake", job, folder / "raw", {"bake": True}, baked, finish)
 
 
 @operator("Render")
-def render(self, context):
+def render(self: Operator, context: Context) -> None:
     """Render the chosen frames in a second Blender process, then write the sequences.
 
     Finished frames are skipped
@@ -164,7 +153,7 @@ def render(self, context):
 
 
 @operator("Resume")
-def resume(self, context):
+def resume(self: Operator, context: Context) -> None:
     """Continue the render in the output folder, with the settings that it was started with"""
     settings = context.scene.iclnuim
     out = inputs.output_folder(settings)
@@ -174,20 +163,19 @@ def resume(self, context):
         raise InputError("a render to resume", path=recipe.parent, found="none", hint=hint)
     inputs.check_free(out / "raw")
     run = read_run(out / "raw")
-    _render(
-        run.job, out, list(frame_slice(settings.frames, len(run.truth()))), settings.sequences(out)
-    )
+    numbers = list(frame_slice(settings.frames, len(run.truth())))
+    _render(run.job, out, numbers, settings.sequences(out))
 
 
 @operator("Cancel")
-def cancel(self, context):
+def cancel(self: Operator, context: Context) -> None:
     """Stop after the current frame. Finished frames stay, and Resume continues after them"""
     state.current().work.cancel()
     state.redraw()
 
 
 @operator("Preview Frame")
-def preview(self, context):
+def preview(self: Operator, context: Context) -> None:
     """Render the pose of the timeline's current frame.
 
     Colour and depth are shown without noise above and with the sensor's noise below
@@ -205,40 +193,40 @@ def preview(self, context):
         clean = noisy_images(light, depth_z_m, job.camera, number, options.without_noise())[0]
         noisy, units, _ = noisy_images(light, depth_z_m, job.camera, number, sensor)
         shutil.rmtree(folder, ignore_errors=True)
-        picture = pictures.frame_picture(
-            clean, depth_z_m, noisy, units / sensor.depth_units_per_metre
-        )
+        noisy_z_m = units / sensor.depth_units_per_metre
+        picture = pictures.frame_picture(clean, depth_z_m, noisy, noisy_z_m)
         image_editor.show(bpy.context, PREVIEW, picture)
         state.current().work.message = f"frame {number} is shown in the image editor as “{PREVIEW}”"
 
-    state.start(
-        "preview", job, folder / "raw", {"frames": [number]}, "the preview is rendered", finish
-    )
+    command = {"frames": [number]}
+    state.start("preview", job, folder / "raw", command, "the preview is rendered", finish)
 
 
 @operator("Evaluate")
-def evaluate(self, context):
+def evaluate(self: Operator, context: Context) -> None:
     """Compute ATE and RPE of the estimate, and draw it next to the ground truth: blue for no error,
     red for the largest error
     """
     settings = context.scene.iclnuim
     panel = state.current()
     if not settings.estimate:
-        raise InputError(
-            "an estimated trajectory", found="none", hint="choosing a file as {estimate}"
-        )
+        hint = "choosing a file as {estimate}"
+        raise InputError("an estimated trajectory", found="none", hint=hint)
     estimate = read_trajectory(bpy.path.abspath(settings.estimate)).trajectory
-    truth = bpy.path.abspath(settings.truth) if settings.truth else inputs.trajectory(context)[0]
+    if settings.truth:
+        truth = read_trajectory(bpy.path.abspath(settings.truth)).trajectory
+    else:
+        truth = inputs.trajectory(context)[0]
     alignment = AlignmentSettings(**settings.values_of(AlignmentSettings))
     ate = absolute_trajectory_error(truth, estimate, AbsoluteErrorSettings(alignment=alignment))
     rpe = relative_pose_error(truth, estimate, RelativeErrorSettings(*parse_delta(settings.delta)))
     panel.evaluation = ate
     position = ate.translation_m
-    rotation = ate.rotation_deg
+    drift = f"{rpe.translation_m.rmse:.4f} m, {rpe.rotation_deg.rmse:.3f} deg"
     panel.evaluation_lines = [
         f"ATE rmse {position.rmse:.4f} m, median {position.median:.4f}, max {position.max:.4f}",
-        f"rotation rmse {rotation.rmse:.3f} deg",
-        f"RPE over {settings.delta}: {rpe.translation_m.rmse:.4f} m, {rpe.rotation_deg.rmse:.3f} deg",
+        f"rotation rmse {ate.rotation_deg.rmse:.3f} deg",
+        f"RPE over {settings.delta}: {drift}",
         f"{len(ate.stamps_s)} pairs, {100 * ate.completeness.coverage:.0f} % of the ground truth",
     ]
     trajectory_view.show_estimate(
@@ -248,7 +236,7 @@ def evaluate(self, context):
 
 
 @operator("Show the Plot")
-def plot(self, context):
+def plot(self: Operator, context: Context) -> None:
     """Show a plot of the position error over time in the image editor"""
     ate = state.current().evaluation
     if ate is None:
@@ -270,7 +258,7 @@ def _append(scene: bpy.types.Scene, file: Path, collection: bpy.types.Collection
 
 
 def _import(
-    context: bpy.types.Context, file: Path, reading: SceneReading, collection: bpy.types.Collection
+    context: Context, file: Path, reading: SceneReading, collection: bpy.types.Collection
 ) -> None:
     """Import the file through a separate scene, because axes and units are guessed from everything
     in the scene.
@@ -290,27 +278,27 @@ def _import(
 
 
 def _render(job: RenderJob, out: Path, numbers: list[int], sequences: dict | None) -> None:
-    when_done = f"{len(numbers)} frames are" if len(numbers) != 1 else "1 frame is"
-    when_done += f" in {out / 'raw'}"
+    frames = "1 frame is" if len(numbers) == 1 else f"{len(numbers)} frames are"
+    when_done = f"{frames} in {out / 'raw'}"
     if sequences is not None:
-        when_done += "; sequences: " + ", ".join(
-            Path(folder).name for folder in sequences["variants"]
-        )
+        names = [Path(folder).name for folder in sequences["variants"]]
+        when_done += f"; sequences: {', '.join(names)}"
     look = image_editor.LastFrame(out / "raw/exr", job.camera).look
-    state.start(
-        "render",
-        job,
-        out / "raw",
-        {"frames": numbers, "sequences": sequences},
-        when_done,
-        on_tick=look,
-    )
+    command = {"frames": numbers, "sequences": sequences}
+    state.start("render", job, out / "raw", command, when_done, on_tick=look)
 
 
-register, unregister = bpy.utils.register_classes_factory(
-    [
-        made
-        for made in list(vars().values())
-        if getattr(made, "__module__", "") == __name__ and isinstance(made, type)
-    ]
+_OPERATORS = (
+    load_scene,
+    keyframe,
+    refresh,
+    save_path,
+    bake,
+    render,
+    resume,
+    cancel,
+    preview,
+    evaluate,
+    plot,
 )
+register, unregister = bpy.utils.register_classes_factory(_OPERATORS)

@@ -4,6 +4,7 @@ import textwrap
 from collections.abc import Callable, Iterable
 
 import bpy
+from bpy.types import Context, Panel, PropertyGroup, UILayout
 
 from ..errors import InputError
 from ..evaluation.align import AlignmentSettings
@@ -20,36 +21,34 @@ _SENSOR = ("exposure_ms", "readout_ms", "seed")
 _OUTPUT = ("depth_units", "glass", "ground_truth", "channels")
 
 
-def _text(
-    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE"
-) -> None:
+def _text(layout: UILayout, context: Context, text: str, icon: str = "NONE") -> None:
     """Draw the text as several labels, because Blender's labels do not wrap."""
-    scale = context.preferences.system.ui_scale
-    letters = (
-        max(int(context.region.width / scale / _LETTER_WIDTH_PX) - 6, 16) if context.region else 40
-    )
+    letters = 40
+    if context.region:
+        width_px = context.region.width / context.preferences.system.ui_scale
+        letters = max(int(width_px / _LETTER_WIDTH_PX) - 6, 16)
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for k, line in enumerate(textwrap.wrap(text, letters) or [""]):
-        column.label(text=line, icon=icon if k == 0 or icon == "NONE" else "BLANK1")
+    for line in textwrap.wrap(text, letters) or [""]:
+        column.label(text=line, icon=icon)
+        if icon != "NONE":
+            icon = "BLANK1"
 
 
-def _props(
-    layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, names: Iterable[str]
-) -> None:
+def _props(layout: UILayout, settings: PropertyGroup, names: Iterable[str]) -> None:
     for name in names:
         layout.prop(settings, name)
 
 
 def _panel(
     label: str, parent: str = "ICLNUIM_PT_main", closed: bool = False
-) -> Callable[..., type[bpy.types.Panel]]:
+) -> Callable[..., type[Panel]]:
     """Decorator: makes the panel ICLNUIM_PT_NAME from a function NAME(layout, settings, context)
     that draws it.
     """
 
-    def made(content: Callable[..., None]) -> type[bpy.types.Panel]:
-        def draw(self: bpy.types.Panel, context: bpy.types.Context) -> None:
+    def made(content: Callable[..., None]) -> type[Panel]:
+        def draw(self: Panel, context: Context) -> None:
             self.layout.use_property_split = bool(parent)
             self.layout.use_property_decorate = not parent
             content(self.layout, context.scene.iclnuim, context)
@@ -58,25 +57,23 @@ def _panel(
             "bl_space_type": "VIEW_3D",
             "bl_region_type": "UI",
             "bl_category": "ICL-NUIM",
-            "draw": draw,
-        }
-        members |= {
             "bl_label": label,
             "bl_parent_id": parent,
             "bl_options": {"DEFAULT_CLOSED"} if closed else set(),
+            "draw": draw,
         }
-        return type(f"ICLNUIM_PT_{content.__name__}", (bpy.types.Panel,), members)
+        return type(f"ICLNUIM_PT_{content.__name__}", (Panel,), members)
 
     return made
 
 
 @_panel("ICL-NUIM Export", parent="")
-def main(layout, settings, context):
+def main(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     layout.menu("ICLNUIM_MT_presets")
 
 
 @_panel("Scene")
-def scene(layout, settings, context):
+def scene(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     layout.prop(settings, "scene_source", text="")
     if settings.scene_source == "FILE":
         layout.prop(settings, "scene_file", text="")
@@ -88,7 +85,7 @@ def scene(layout, settings, context):
 
 
 @_panel("Trajectory")
-def trajectory(layout, settings, context):
+def trajectory(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     layout.prop(settings, "trajectory_source", text="")
     if settings.trajectory_source == "FILE":
         layout.prop(settings, "trajectory_file", text="")
@@ -108,20 +105,21 @@ def trajectory(layout, settings, context):
 
 
 @_panel("Camera", closed=True)
-def camera(layout, settings, context):
+def camera(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     _props(layout.column(align=True), settings, settings_of(PinholeCamera))
     try:
         made = blender_from_pinhole(settings.camera())
     except InputError as error:
         _text(layout, context, error.worded(), "ERROR")
         return
-    lens = f"lens {made.lens:.3f} mm on {made.sensor_width:g} mm, shift {made.shift_x:z.4f}, {made.shift_y:z.4f}"
+    lens = f"lens {made.lens:.3f} mm on {made.sensor_width:g} mm"
+    shift = f"shift {made.shift_x:z.4f}, {made.shift_y:z.4f}"
     aspect = f"pixel aspect {made.pixel_aspect_x:.4f} : {made.pixel_aspect_y:.4f}"
-    _text(layout, context, f"In Blender: {lens}, {aspect}")
+    _text(layout, context, f"In Blender: {lens}, {shift}, {aspect}")
 
 
 @_panel("Light", closed=True)
-def light(layout, settings, context):
+def light(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     layout.prop(settings, "light", expand=True)
     names = [name for name in settings_of(RenderJob) if name not in ("light", *_SENSOR, *_OUTPUT)]
     maps = [name for name in names if name.startswith("map_")]
@@ -133,12 +131,12 @@ def light(layout, settings, context):
 
 
 @_panel("Sensor", closed=True)
-def sensor(layout, settings, context):
+def sensor(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     _props(layout, settings, ("depth_noise", "rgb_noise", *_SENSOR))
 
 
 @_panel("Output")
-def output(layout, settings, context):
+def output(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     folder = inputs.output_folder(settings)
     row = layout.row(align=True)
     row.prop(settings, "out", text="", placeholder=inputs.DEFAULT_OUT[2:])
@@ -160,7 +158,7 @@ def output(layout, settings, context):
 
 
 @_panel("Render")
-def render(layout, settings, context):
+def render(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     work = state.current().work
     column = layout.column()
     column.enabled = not work.busy
@@ -169,21 +167,14 @@ def render(layout, settings, context):
     row.operator("iclnuim.render", icon="RENDER_ANIMATION")
     row.operator("iclnuim.resume")
     if work.busy:
-        share = work.done / work.total if work.total else 0.0
+        if work.total:
+            layout.progress(factor=work.done / work.total, text=f"{work.done} of {work.total}")
+        else:
+            layout.progress(factor=0.0, text=work.phase)
         left_s = work.seconds_left()
-        layout.progress(
-            factor=share, text=f"{work.done} of {work.total}" if work.total else work.phase
-        )
         if left_s is not None:
-            minutes, seconds = divmod(round(left_s), 60)
-            left = (
-                f"{minutes // 60} h {minutes % 60} min"
-                if minutes >= 60
-                else f"{minutes} min {seconds} s"
-            )
-            layout.label(
-                text=f"{work.frames_per_second():.2f} frames/s, {left} left, last {work.last_frame}"
-            )
+            rate = f"{work.frames_per_second():.2f} frames/s"
+            layout.label(text=f"{rate}, {_duration(left_s)} left, last {work.last_frame}")
         layout.operator("iclnuim.cancel", icon="CANCEL")
     if work.message:
         icon = {"failed": "ERROR", "done": "CHECKMARK"}.get(work.phase, "INFO")
@@ -193,10 +184,18 @@ def render(layout, settings, context):
             _text(layout, context, note, "DOT")
 
 
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s"
+    return f"{minutes // 60} h {minutes % 60} min"
+
+
 @_panel("Evaluate")
-def evaluate(layout, settings, context):
-    unused = () if settings.align_method == "yaw" else ("align_up",)
-    alignment = (name for name in settings_of(AlignmentSettings) if name not in unused)
+def evaluate(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
+    alignment = list(settings_of(AlignmentSettings))
+    if settings.align_method != "yaw":
+        alignment.remove("align_up")
     _props(layout, settings, ("estimate", "truth", *alignment, "delta"))
     row = layout.row(align=True)
     row.operator("iclnuim.evaluate", icon="VIEWZOOM")

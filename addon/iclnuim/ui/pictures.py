@@ -2,7 +2,10 @@
 plot of the error.
 """
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 #: Blue, cyan, green, yellow, red: near to far, small to large.
 _STOPS = np.array(
@@ -15,13 +18,15 @@ _GRID = (215, 215, 215)
 #: Glyphs of 5 x 7 dots. Each row is one digit of base 32, from the top; its bits are the dots from
 #: left to right.
 _GLYPHS = {
-    "0": "ehjlphe", "1": "4c4444e", "2": "eh1248v", "3": "v2421he", "4": "26aiv22", "5": "vgu11he", "6": "68guhhe",
-    "7": "v124888", "8": "ehhehhe", "9": "ehhf12c", ".": "00000cc", ",": "0000c48", "-": "000v000", "(": "2488842",
-    ")": "8422248", ":": "0cc0cc0", "/": "01248g0", "A": "ehhhvhh", "E": "vgguggv", "R": "uhhukih", "T": "v444444",
-    "a": "00e1fhf", "b": "ggmphhu", "c": "00egghe", "d": "11djhhf", "e": "00ehvge", "f": "698s888", "g": "0fhhf1e",
-    "h": "ggmphhh", "i": "40c444e", "l": "c44444e", "m": "00qllhh", "n": "00mphhh", "o": "00ehhhe", "p": "00uhugg",
-    "r": "00mpggg", "s": "00ege1u", "t": "88s8896", "u": "00hhhjd", "v": "00hhha4", "w": "00hhlla", "x": "00ha4ah",
-    "y": "00hhf1e",
+    "0": "ehjlphe", "1": "4c4444e", "2": "eh1248v", "3": "v2421he", "4": "26aiv22",
+    "5": "vgu11he", "6": "68guhhe", "7": "v124888", "8": "ehhehhe", "9": "ehhf12c",
+    ".": "00000cc", ",": "0000c48", "-": "000v000", "(": "2488842", ")": "8422248",
+    ":": "0cc0cc0", "/": "01248g0", "A": "ehhhvhh", "E": "vgguggv", "R": "uhhukih",
+    "T": "v444444", "a": "00e1fhf", "b": "ggmphhu", "c": "00egghe", "d": "11djhhf",
+    "e": "00ehvge", "f": "698s888", "g": "0fhhf1e", "h": "ggmphhh", "i": "40c444e",
+    "l": "c44444e", "m": "00qllhh", "n": "00mphhh", "o": "00ehhhe", "p": "00uhugg",
+    "r": "00mpggg", "s": "00ege1u", "t": "88s8896", "u": "00hhhjd", "v": "00hhha4",
+    "w": "00hhlla", "x": "00ha4ah", "y": "00hhf1e",
 }  # fmt: skip
 
 
@@ -65,8 +70,10 @@ def _depth_range(depth_z_m: np.ndarray) -> tuple[float, float]:
     A garden behind the window must not use up the colour range.
     """
     seen = depth_z_m[depth_z_m > 0]
-    near_m, far_m = np.quantile(seen, (0.01, 0.95)) if seen.size else (0.0, 1.0)
-    return float(near_m), float(far_m)
+    if not seen.size:
+        return 0.0, 1.0
+    near_m, far_m = np.quantile(seen, (0.01, 0.95)).tolist()
+    return near_m, far_m
 
 
 def error_plot(
@@ -85,7 +92,7 @@ def error_plot(
     ticks_cm = _ticks(float(error_m.max()) * 100)
     ticks_s = _ticks(seconds, beyond=False)
 
-    def row(error_cm):
+    def row(error_cm: npt.ArrayLike) -> Any:
         return np.rint(bottom - np.asarray(error_cm) / ticks_cm[-1] * (bottom - top)).astype(int)
 
     for tick in ticks_cm:
@@ -96,17 +103,15 @@ def error_plot(
         image[top:bottom, column] = _GRID
         write(image, f"{tick:.6g}", column, bottom + 12, align="centre")
     columns = np.arange(left, right)
-    values_m = np.interp(
-        (columns - left) / (right - left - 1) * seconds, stamps_s - stamps_s[0], error_m
-    )
+    times_s = (columns - left) / (right - left - 1) * seconds
+    values_m = np.interp(times_s, stamps_s - stamps_s[0], error_m)
     colours = (error_colours(values_m) * 255).astype(np.uint8)
     rows = row(values_m * 100)
-    for column, here, before, colour in zip(
-        columns, rows, np.r_[rows[0], rows[:-1]], colours, strict=True
-    ):
-        image[min(here, before) - 1 : max(here, before) + 2, column] = (
-            colour  # a line from each value to the next
-        )
+    before = rows[0]
+    for column, here, colour in zip(columns, rows, colours, strict=True):
+        # a line from each value to the next
+        image[min(here, before) - 1 : max(here, before) + 2, column] = colour
+        before = here
     image[row(rmse_m * 100) : row(rmse_m * 100) + 2, left:right] = _INK
     write(image, f"Position error over time, ATE rmse {rmse_m * 100:.2f} cm", left, 20)
     write(image, "cm", left - 14, top - 26, align="right")
@@ -119,10 +124,13 @@ def _ticks(maximum: float, beyond: bool = True) -> np.ndarray:
 
     The last is the first one at or above `maximum` if `beyond`, else the last one at or below it.
     """
-    maximum = maximum if maximum > 0 else 1.0
+    if maximum <= 0:
+        maximum = 1.0
     power = 10.0 ** np.floor(np.log10(maximum / 5))
     step = next(m * power for m in (1, 2, 5, 10) if m * power >= maximum / 6 * 0.999)
-    count = np.ceil(maximum / step - 1e-9) if beyond else np.floor(maximum / step + 1e-9)
+    count = np.floor(maximum / step + 1e-9)
+    if beyond:
+        count = np.ceil(maximum / step - 1e-9)
     return np.arange(int(count) + 1) * step
 
 
@@ -131,13 +139,11 @@ def write(image: np.ndarray, text: str, x: int, y: int, size: int = 2, align: st
 
     (x, y) is the left end, the centre or the right end of the text's upper edge.
     """
-    rows = [
-        [int(letter, 32) << 1 for letter in _GLYPHS.get(c, "0000000")] for c in text
-    ]  # one empty column between letters
-    dots = [[[row >> (5 - k) & 1 for k in range(6)] for row in glyph] for glyph in rows]
-    block = np.kron(
-        np.concatenate([np.array(glyph, bool) for glyph in dots], 1), np.ones((size, size), bool)
-    )
+    glyphs = [_GLYPHS.get(letter, "0000000") for letter in text]
+    rows = np.array([[int(digit, 32) for digit in glyph] for glyph in glyphs])
+    # (letters, rows, columns), the sixth column of a letter is empty
+    dots = (rows[..., None] << 1 >> np.arange(5, -1, -1) & 1).astype(bool)
+    block = np.kron(np.concatenate(list(dots), 1), np.ones((size, size), bool))
     x -= {"left": 0, "centre": block.shape[1] // 2, "right": block.shape[1]}[align]
     target = image[max(y, 0) : y + block.shape[0], max(x, 0) : x + block.shape[1]]
     target[block[max(-y, 0) :, max(-x, 0) :][: target.shape[0], : target.shape[1]]] = _INK

@@ -1,6 +1,5 @@
-"""Presets: built-in presets, and the user's presets as JSON files in the extension's user folder. A
-preset contains only values that differ
-from the defaults.
+"""Presets: built-in ones, and the user's as JSON files in the extension's user folder. A preset
+contains only values that differ from the defaults.
 """
 
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 import bpy
 from bpy.props import StringProperty
+from bpy.types import Context, Menu, Operator, PropertyGroup
 
 from ..errors import InputError
 from ..formats.files import read_json, write_json
@@ -16,32 +16,29 @@ from . import state
 from .properties import properties_of_a_preset
 from .state import operator
 
-BUILT_IN: dict[str, dict[str, Any]] = {
-    "Benchmark": {},
-    "Quick look": {
-        **PinholeCamera.parse("320x240").to_dict(),
-        "light": "path",
-        "samples": 4,
-        "frames": "::60",
-    },
-    "Reference, path traced": {"light": "path", "samples": 256, "frames": "::"},
-}
+_SMALL = PinholeCamera.parse("320x240").to_dict()
+_PRESETS: list[tuple[str, dict[str, Any]]] = [
+    ("Benchmark", {}),
+    ("Quick look", {**_SMALL, "light": "path", "samples": 4, "frames": "::60"}),
+    ("Reference, path traced", {"light": "path", "samples": 256, "frames": "::"}),
+]
+BUILT_IN = dict(_PRESETS)
 
 
-def values(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
+def values(settings: PropertyGroup) -> dict[str, Any]:
     """The values that differ from the defaults, ready for JSON."""
-    found = {
-        name: getattr(settings, name)
-        for name in properties_of_a_preset()
-        if settings.is_property_set(name)
-    }
-    for name, value in found.items():
-        if not isinstance(value, bool | int | float | str):
-            found[name] = sorted(value) if isinstance(value, set) else list(value)
+    found = {}
+    for name in filter(settings.is_property_set, properties_of_a_preset()):
+        value = getattr(settings, name)
+        if isinstance(value, set):
+            value = sorted(value)
+        elif not isinstance(value, bool | int | float | str):
+            value = list(value)
+        found[name] = value
     return found
 
 
-def apply(settings: bpy.types.PropertyGroup, chosen: dict[str, Any]) -> None:
+def apply(settings: PropertyGroup, chosen: dict[str, Any]) -> None:
     """Set the values of a preset, and all other settings to their defaults.
 
     Raises InputError for an unknown name or value.
@@ -54,9 +51,9 @@ def apply(settings: bpy.types.PropertyGroup, chosen: dict[str, Any]) -> None:
         settings.property_unset(name)
     for name, value in chosen.items():
         try:
-            setattr(
-                settings, name, set(value) if isinstance(getattr(settings, name), set) else value
-            )
+            if isinstance(getattr(settings, name), set):
+                value = set(value)
+            setattr(settings, name, value)
         except (TypeError, ValueError) as error:
             raise InputError("a value that fits", setting=name, found=error) from None
 
@@ -67,15 +64,15 @@ def own() -> dict[str, Path]:
 
 
 @operator("Use Preset", undo=True, preset=StringProperty())
-def preset(self, context):
+def preset(self: Operator, context: Context) -> None:
     """Use the settings of a preset. Folder, files, scene and trajectory do not change"""
     stored = own()
     if self.preset not in (*BUILT_IN, *stored):
         raise InputError(f"a preset ({', '.join((*BUILT_IN, *stored))})", found=self.preset)
-    apply(
-        context.scene.iclnuim,
-        BUILT_IN[self.preset] if self.preset in BUILT_IN else read_json(stored[self.preset]),
-    )
+    chosen = BUILT_IN.get(self.preset)
+    if chosen is None:
+        chosen = read_json(stored[self.preset])
+    apply(context.scene.iclnuim, chosen)
 
 
 @operator(
@@ -83,22 +80,22 @@ def preset(self, context):
     invoke=lambda self, context, event: context.window_manager.invoke_props_dialog(self),
     preset=StringProperty(name="Name", default="My preset"),
 )
-def preset_save(self, context):
+def preset_save(self: Operator, context: Context) -> None:
     """Save the current settings as a new preset, in the extension's user folder"""
     name = "".join(c for c in self.preset if c.isalnum() or c in " -_").strip()
     if not name or name in BUILT_IN:
-        raise InputError(
-            "a name of letters and digits that no built-in preset has", found=self.preset
-        )
+        expected = "a name of letters and digits that no built-in preset has"
+        raise InputError(expected, found=self.preset)
     write_json(state.user_folder("presets") / f"{name}.json", values(context.scene.iclnuim))
 
 
-class ICLNUIM_MT_presets(bpy.types.Menu):
+class ICLNUIM_MT_presets(Menu):
     """Load or save settings as a preset"""
 
-    bl_idname, bl_label = "ICLNUIM_MT_presets", "Presets"
+    bl_idname = "ICLNUIM_MT_presets"
+    bl_label = "Presets"
 
-    def draw(self, context):
+    def draw(self, context: Context) -> None:
         for name in (*BUILT_IN, *own()):
             self.layout.operator("iclnuim.preset", text=name).preset = name
         self.layout.separator()

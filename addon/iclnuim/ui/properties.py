@@ -1,6 +1,5 @@
 """The panel's settings as Blender properties, saved in the .blend with each scene. They are made
-from the declared settings and registries, and
-converted to a render job.
+from the declared settings and registries, and converted to a render job.
 """
 
 import itertools
@@ -50,7 +49,8 @@ _OTHER_TRAJECTORIES = {
     4: (
         "FILE",
         "Trajectory file",
-        "TUM, *.gt.freiburg, *.gt.sim, KITTI, EuRoC or POV-Ray; the format is detected by name and content",
+        "TUM, *.gt.freiburg, *.gt.sim, KITTI, EuRoC or POV-Ray; "
+        "the format is detected by name and content",
     ),
     5: (
         "CAMERA",
@@ -58,8 +58,14 @@ _OTHER_TRAJECTORIES = {
         "The animation of the scene's active camera, one pose per frame of the timeline",
     ),
 }
-_FILE_OF_POSES = "Camera-to-world poses; right-handed unless the file is named *.gt.freiburg or starts like the released trajectories"
-_OUT = "raw/, clean/ and noisy/ are created in it. If empty: iclnuim next to the saved .blend, or in the extension's user folder if it is not saved"
+_FILE_OF_POSES = (
+    "Camera-to-world poses; right-handed unless the file is named *.gt.freiburg "
+    "or starts like the released trajectories"
+)
+_OUT = (
+    "raw/, clean/ and noisy/ are created in it. If empty: iclnuim next to the saved .blend, "
+    "or in the extension's user folder if it is not saved"
+)
 _AUTO = {0: ("AUTO", "Auto", "The default")}
 _EQUATION_2 = "paper, equation 2"
 
@@ -86,7 +92,8 @@ class PanelSettings(Settings):
     )
     start_rotation: tuple[float, float, float] = setting(
         (math.pi / 2, 0.0, 0.0),
-        "rotation of Blender's camera at the first pose, XYZ Euler; (90, 0, 0) degrees looks along +y",
+        "rotation of Blender's camera at the first pose, XYZ Euler; "
+        "(90, 0, 0) degrees looks along +y",
         label="Rotation",
     )
     show_path: bool = setting(
@@ -98,7 +105,8 @@ class PanelSettings(Settings):
     write_noisy: bool = setting(True, "write a sequence with the sensor's noise", label="Noisy")
     frames: str = setting(
         ":60",
-        "poses to render, as A:B:S: from A to before B, every S-th (30 per second); :: means all, a number means one frame",
+        "poses to render, as A:B:S: from A to before B, every S-th (30 per second); "
+        ":: means all, a number means one frame",
     )
     delta: str = setting(
         "1s",
@@ -127,36 +135,23 @@ def properties_of_this_file() -> dict[str, Any]:
 
     Presets do not change them.
     """
-    scenes = ((s.name, s.title, s.description) for s in SCENES.values())
-    paths = ((name, name, text) for name, text in TRAJECTORIES.items())
-    units = (
-        (name, name, f"One unit of the file is {metres:g} m") for name, metres in UNITS_M.items()
-    )
+    scenes = _items(((s.name, s.title, s.description) for s in SCENES.values()), _OTHER_SCENES)
+    paths = _items(((name, name, text) for name, text in TRAJECTORIES.items()), _OTHER_TRAJECTORIES)
+    units = [(name, name, f"One unit of the file is {UNITS_M[name]:g} m") for name in UNITS_M]
+    changes: dict[str, Any] = {"update": _trajectory_changed}
+    kinds = f"Scene file: {_OTHER_SCENES[3][2].partition(';')[0]}"
+    estimate = "Estimated trajectory, camera to world, stamps in seconds (TUM and others)"
+    truth = "Ground-truth trajectory; empty: the trajectory chosen above"
     return {
-        "scene_source": EnumProperty(
-            name="Scene", items=_items(scenes, _OTHER_SCENES), update=_trajectory_changed
-        ),
-        "scene_file": _file(
-            "File",
-            f"Scene file: {_OTHER_SCENES[3][2].partition(';')[0]}",
-            update=_trajectory_changed,
-        ),
+        "scene_source": EnumProperty(name="Scene", items=scenes, **changes),
+        "scene_file": _file("File", kinds, **changes),
         **_properties(SceneReading),
         "scene_unit": _choice(declared(SceneReading)["unit_m"], units),
-        "trajectory_source": EnumProperty(
-            name="Trajectory",
-            items=_items(paths, _OTHER_TRAJECTORIES),
-            default="kt2",
-            update=_trajectory_changed,
-        ),
-        "trajectory_file": _file("File", _FILE_OF_POSES, update=_trajectory_changed),
+        "trajectory_source": EnumProperty(name="Trajectory", items=paths, default="kt2", **changes),
+        "trajectory_file": _file("File", _FILE_OF_POSES, **changes),
         "out": _file("Output folder", _OUT, "DIR_PATH"),
-        "estimate": _file(
-            "Estimate", "Estimated trajectory, camera to world, stamps in seconds (TUM and others)"
-        ),
-        "truth": _file(
-            "Ground truth", "Ground-truth trajectory; empty: the trajectory chosen above"
-        ),
+        "estimate": _file("Estimate", estimate),
+        "truth": _file("Ground truth", truth),
     }
 
 
@@ -164,14 +159,19 @@ def properties_of_a_preset() -> dict[str, Any]:
     """Name -> property, of all other settings."""
     noise = {"depth_noise": "released", "rgb_noise": "released"}
     groups = (PanelSettings, PinholeCamera, SequenceOptions, RenderJob, AlignmentSettings)
-    return {name: made for group in groups for name, made in _properties(group, **noise).items()}
+    found: dict[str, Any] = {}
+    for group in groups:
+        found |= _properties(group, **noise)
+    return found
 
 
 def label_of(setting: str) -> str:
     """The panel's label of a setting of the library, for error messages."""
-    names = {s.name: name for group in _GROUPS for name, s in settings_of(group).items()}
+    names = {setting: setting}
+    for group in _GROUPS:
+        names |= {s.name: name for name, s in settings_of(group).items()}
     made = {**properties_of_this_file(), **properties_of_a_preset()}
-    found = made.get(names.get(setting, setting)) or made.get(f"{setting}_source")
+    found = made.get(names[setting]) or made.get(f"{setting}_source")
     return found.keywords["name"] if found else setting
 
 
@@ -188,7 +188,9 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
 
     def reading(self) -> SceneReading:
         """How a scene file is read: axes, units, textures."""
-        return SceneReading(**self.values_of(SceneReading) if self.scene_source == "FILE" else {})
+        if self.scene_source != "FILE":
+            return SceneReading()
+        return SceneReading(**self.values_of(SceneReading))
 
     def to_job(self, scene: str, trajectory: str) -> RenderJob:
         """The render job; `scene` and `trajectory` are built-in names or files (inputs.py).
@@ -216,17 +218,15 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
             return None
         options = SequenceOptions(**self.values_of(SequenceOptions))
         if not options.formats:
-            raise InputError(
-                "one or more", setting="formats", found="none", hint="switching Clean and Noisy off"
-            )
-        models = {"clean": ("none", "none")} if self.write_clean else {}
-        if self.write_noisy:
-            models["noisy"] = (options.depth_noise, options.rgb_noise)
+            hint = "switching Clean and Noisy off"
+            raise InputError("one or more", setting="formats", found="none", hint=hint)
         rest = {"seed": options.seed, "depth_units": options.depth_units}
-        variants = {
-            str(out / name): {"depth": depth, "rgb": rgb, **rest}
-            for name, (depth, rgb) in models.items()
-        }
+        variants = {}
+        if self.write_clean:
+            variants[str(out / "clean")] = {"depth": "none", "rgb": "none", **rest}
+        if self.write_noisy:
+            noise = {"depth": options.depth_noise, "rgb": options.rgb_noise}
+            variants[str(out / "noisy")] = {**noise, **rest}
         return {"formats": list(options.formats), "variants": variants}
 
 
@@ -237,8 +237,10 @@ def settings_of(group: type) -> dict[str, Setting]:
     """
     names = {}
     for s in declared(group).values():
-        unit = "" if s.shown[0] == s.unit else f"_{s.shown[0]}"
-        names[_GROUPS[group] + s.name.removesuffix(f"_{s.unit}") + unit] = s
+        name = s.name.removesuffix(f"_{s.unit}")
+        if s.shown[0] != s.unit:
+            name += f"_{s.shown[0]}"
+        names[_GROUPS[group] + name] = s
     return names
 
 
@@ -247,9 +249,8 @@ def _properties(group: type, **defaults: Any) -> dict[str, Any]:
 
     `defaults`: the panel's defaults where they differ from the declaration.
     """
-    return {
-        name: _property(s, defaults.get(name, s.default)) for name, s in settings_of(group).items()
-    }
+    settings = settings_of(group).items()
+    return {name: _property(s, defaults.get(name, s.default)) for name, s in settings}
 
 
 def _property(s: Setting, default: Any) -> Any:
@@ -262,21 +263,22 @@ def _property(s: Setting, default: Any) -> Any:
         return _choice(s, (("ON", "On", ""), ("OFF", "Off", "")))
     if s.kind is bool:
         return BoolProperty(default=default, **more)
+    subtype = _SUBTYPES.get(s.name, "NONE")
     if s.kind is str:
-        return StringProperty(default=default or "", subtype=_SUBTYPES.get(s.name, "NONE"), **more)
+        return StringProperty(default=default or "", subtype=subtype, **more)
     if s.length is not None:
-        return FloatVectorProperty(
-            size=s.length, default=default, subtype=_SUBTYPES.get(s.name, "NONE"), **more
-        )
+        return FloatVectorProperty(size=s.length, default=default, subtype=subtype, **more)
     factor = s.shown[1]
-    kind = s.kind
-    limits = {
-        key: kind(v * factor) for key, v in (("min", s.low), ("max", s.high)) if math.isfinite(v)
-    }
+    if math.isfinite(s.low):
+        more["min"] = s.kind(s.low * factor)
+    if math.isfinite(s.high):
+        more["max"] = s.kind(s.high * factor)
     if s.optional:
-        limits["min"] = 0  # 0 means the default
-    make, digits = (IntProperty, {}) if kind is int else (FloatProperty, {"precision": 3})
-    return make(default=kind((default or 0) * factor), **limits, **digits, **more)
+        more["min"] = 0  # 0 means the default
+    default = s.kind((default or 0) * factor)
+    if s.kind is int:
+        return IntProperty(default=default, **more)
+    return FloatProperty(default=default, precision=3, **more)
 
 
 def _value(s: Setting, shown: Any) -> Any:
@@ -294,11 +296,10 @@ def _value(s: Setting, shown: Any) -> Any:
 
 def _words(s: Setting, unit: str = "") -> dict[str, Any]:
     """The name and tooltip of a property: help, unit and source."""
-    details = "; ".join(filter(None, (unit, s.source)))
-    return {
-        "name": s.label,
-        "description": _sentence(s.help) + (f" ({details})" if details else ""),
-    }
+    description = _sentence(s.help)
+    if unit or s.source:
+        description += f" ({'; '.join(filter(None, (unit, s.source)))})"
+    return {"name": s.label, "description": description}
 
 
 def _sentence(text: str) -> str:

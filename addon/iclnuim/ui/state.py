@@ -79,11 +79,8 @@ def user_folder(name: str) -> Path:
     try:
         return Path(bpy.utils.extension_path_user(PACKAGE, path=name, create=True))
     except ValueError:  # run from a checkout, not as an installed extension
-        folder = (
-            Path(tempfile.gettempdir())
-            / f"iclnuim-{os.getuid() if hasattr(os, 'getuid') else 0}"
-            / name
-        )
+        user = os.getuid() if hasattr(os, "getuid") else 0
+        folder = Path(tempfile.gettempdir()) / f"iclnuim-{user}" / name
         folder.mkdir(parents=True, exist_ok=True)
         return folder
 
@@ -110,23 +107,24 @@ def start(
     """
     state = current()
     state.work.check_idle()
-    options = {"job": job.to_dict(), "nice": 10}
+    options = {"job": job.to_dict(), "nice": 10, "asked": ()}
+    if job.light == "auto":
+        options["asked"] = command.get("frames", ())
     log = user_folder("log") / "child.txt"
-    options["asked"] = command.get("frames", ()) if job.light == "auto" else ()
-    worker = WorkerClient(
-        worker_command(), options, out, log, environment={"ICLNUIM_CACHE": str(cache_folder())}
-    )
+    environment = {"ICLNUIM_CACHE": str(cache_folder())}
+    worker = WorkerClient(worker_command(), options, out, log, environment=environment)
     state.work.start(kind, command, worker, when_done)
     state.on_done = on_done
-    state.on_tick = None if bpy.app.background else on_tick
-    if bpy.app.background:
-        while state.work.busy:
-            time.sleep(POLL_S)
-            _tick()
-        if state.work.phase == "failed":
-            raise WorkError(state.work.message)
-    elif not bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.register(_tick, persistent=True)
+    if not bpy.app.background:
+        state.on_tick = on_tick
+        if not bpy.app.timers.is_registered(_tick):
+            bpy.app.timers.register(_tick, persistent=True)
+        return
+    while state.work.busy:
+        time.sleep(POLL_S)
+        _tick()
+    if state.work.phase == "failed":
+        raise WorkError(state.work.message)
 
 
 def later(action: Callable[[], None], seconds: float = 0.2) -> None:
@@ -155,52 +153,51 @@ def operator(
     """
 
     def made(function: Callable[..., None]) -> type[bpy.types.Operator]:
-        name = function.__name__
-
         def execute(self: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
-            work = current().work
-            if work.phase == "failed":  # the message belongs to the previous step
-                work.phase = "idle"
-                work.message = ""
-            try:
-                function(self, context)
-            except IclnuimError as error:
-                text = error.worded(work.name_of)
-                if not work.busy:
-                    work.phase = "failed"
-                    work.message = text
-                self.report({"WARNING"}, text)
-                return {"CANCELLED"}
-            return {"FINISHED"}
+            return _executed(function, self, context)
 
         members: dict[str, Any] = {
             "__doc__": function.__doc__,
             "__module__": function.__module__,
+            "__annotations__": properties,
+            "bl_idname": f"iclnuim.{function.__name__}",
+            "bl_label": label,
             "execute": execute,
         }
-        members |= {
-            "bl_idname": f"iclnuim.{name}",
-            "bl_label": label,
-            "__annotations__": properties,
-        }
-        members |= {"bl_options": {"REGISTER", "UNDO"}} if undo else {}
-        return type(
-            f"ICLNUIM_OT_{name}",
-            (bpy.types.Operator,),
-            members | ({"invoke": invoke} if invoke else {}),
-        )
+        if undo:
+            members["bl_options"] = {"REGISTER", "UNDO"}
+        if invoke:
+            members["invoke"] = invoke
+        return type(f"ICLNUIM_OT_{function.__name__}", (bpy.types.Operator,), members)
 
     return made
 
 
+def _executed(
+    function: Callable[..., None], operator: bpy.types.Operator, context: bpy.types.Context
+) -> set[str]:
+    work = current().work
+    if work.phase == "failed":  # the message belongs to the previous step
+        work.phase = "idle"
+        work.message = ""
+    try:
+        function(operator, context)
+    except IclnuimError as error:
+        text = error.worded(work.name_of)
+        if not work.busy:
+            work.phase = "failed"
+            work.message = text
+        operator.report({"WARNING"}, text)
+        return {"CANCELLED"}
+    return {"FINISHED"}
+
+
 def areas(kind: str) -> list[bpy.types.Area]:
     """The areas of all windows whose editor is of this kind."""
-    return [
-        area
-        for w in bpy.context.window_manager.windows
-        for area in w.screen.areas
-        if area.type == kind
-    ]
+    found = []
+    for window in bpy.context.window_manager.windows:
+        found += [area for area in window.screen.areas if area.type == kind]
+    return found
 
 
 def redraw() -> None:
@@ -228,6 +225,7 @@ def _tick() -> float | None:
         try:
             finish()
         except IclnuimError as error:
-            state.work.phase, state.work.message = "failed", error.worded(state.work.name_of)
+            state.work.phase = "failed"
+            state.work.message = error.worded(state.work.name_of)
         redraw()
     return None

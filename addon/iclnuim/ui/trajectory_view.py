@@ -38,7 +38,8 @@ def refresh(context: bpy.types.Context) -> None:
     try:
         chosen, sentence = inputs.trajectory(context)
     except IclnuimError as error:
-        panel.trajectory_lines, panel.trajectory_warning = [], error.worded(panel.work.name_of)
+        panel.trajectory_lines = []
+        panel.trajectory_warning = error.worded(panel.work.name_of)
         panel.shapes = {name: shape for name, shape in panel.shapes.items() if name == "estimate"}
         return
     s = statistics(chosen)
@@ -69,15 +70,12 @@ def show_estimate(positions_m: np.ndarray, reference_m: np.ndarray, error_m: np.
 
 def _key(scene: bpy.types.Scene) -> tuple:
     made = {**properties.properties_of_this_file(), **properties.properties_of_a_preset()}
-    values = (
-        getattr(scene.iclnuim, name) for name, one in made.items() if "update" in one.keywords
-    )
-    shown = bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
-    return (
-        scene.name,
-        shown,
-        *(v if isinstance(v, (str, float, bool)) else tuple(v) for v in values),
-    )
+    key = [scene.name, bpy.data.collections.get(COLLECTION, {}).get(SHOWN)]
+    for name, one in made.items():
+        if "update" in one.keywords:
+            value = getattr(scene.iclnuim, name)
+            key.append(value if isinstance(value, (str, float, bool)) else tuple(value))
+    return tuple(key)
 
 
 def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
@@ -91,15 +89,18 @@ def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
     points = trajectory.positions_m
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
-    moving = np.flatnonzero(lengths > 1e-9)
-    cast = context.scene.ray_cast
-    through = [
-        i
-        for i in moving
-        if cast(depsgraph, points[i], steps[i] / lengths[i], distance=float(lengths[i]))[0]
-    ]
-    more = f" and {len(through) - 1} more" if len(through) > 1 else ""
-    return f"the trajectory passes through a surface at frame {through[0]}{more}" if through else ""
+    through = []
+    for i in np.flatnonzero(lengths > 1e-9):
+        length = float(lengths[i])
+        hit = context.scene.ray_cast(depsgraph, points[i], steps[i] / length, distance=length)
+        if hit[0]:
+            through.append(i)
+    if not through:
+        return ""
+    place = f"frame {through[0]}"
+    if len(through) > 1:
+        place += f" and {len(through) - 1} more"
+    return f"the trajectory passes through a surface at {place}"
 
 
 def _show(name: str, points: np.ndarray, colours: object) -> None:
@@ -118,10 +119,8 @@ def _frusta(poses: SE3, camera: PinholeCamera) -> np.ndarray:
     """(16 n, 3) end points of line segments: eight lines per camera."""
     u = np.array([0, camera.width, camera.width, 0]) - 0.5
     v = np.array([0, 0, camera.height, camera.height]) - 0.5
-    corners = (
-        np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)], -1)
-        * _FRUSTUM_DEPTH_M
-    )
+    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)], -1)
+    corners = rays * _FRUSTUM_DEPTH_M
     world = np.einsum("nij,kj->nki", poses.rotation, corners) + poses.translation[:, None]
     around = np.roll(world, -1, axis=1)
     eye = np.broadcast_to(poses.translation[:, None], world.shape)

@@ -18,6 +18,13 @@ GRACE_S = 4.0
 BUSY = ("starting", "preparing", "rendering", "writing", "stopping")
 
 
+_STAY = "finished frames stay, and Resume continues after them"
+
+
+def _now(now_s: float | None) -> float:
+    return time.monotonic() if now_s is None else now_s
+
+
 @dataclass
 class Work:
     """The state that the panel shows. phase: idle, one of BUSY, done, stopped or failed. done and
@@ -47,10 +54,8 @@ class Work:
     def check_idle(self) -> None:
         """Raises WorkError if other work is running."""
         if self.busy:
-            raise WorkError(
-                f"a {self.kind} is already running",
-                hint="again when it has finished, or Cancel first",
-            )
+            hint = "again when it has finished, or Cancel first"
+            raise WorkError(f"a {self.kind} is already running", hint=hint)
 
     def start(
         self, kind: str, command: Mapping[str, Any], worker: WorkerClient, when_done: str = "done"
@@ -60,20 +65,15 @@ class Work:
         `kind` is its name in the panel. Raises WorkError if other work is running.
         """
         self.check_idle()
-        vars(self).update(
-            vars(
-                Work(
-                    self.name_of, "starting", kind, message="Blender is starting in the background"
-                )
-            )
-        )
+        starting = "Blender is starting in the background"
+        vars(self).update(vars(Work(self.name_of, "starting", kind, message=starting)))
         self.worker = worker
         self._when_done = when_done
         worker.send(command)
 
     def poll(self, now_s: float | None = None) -> bool:
         """Process the worker's events without waiting. Returns True if there were any."""
-        now_s = time.monotonic() if now_s is None else now_s
+        now_s = _now(now_s)
         if self.worker is None:
             return False
         worker = self.worker
@@ -87,12 +87,11 @@ class Work:
     def cancel(self, now_s: float | None = None) -> None:
         """Request a stop. Finished frames stay."""
         if self.busy and self.worker is not None:
-            at_once = self.phase in ("starting", "preparing")
+            self._stopping_since_s = _now(now_s)
+            if self.phase in ("starting", "preparing"):  # there is no frame to finish
+                self._stopping_since_s -= GRACE_S
             self.phase = "stopping"
             self.message = "stopping; finished frames stay"
-            self._stopping_since_s = (time.monotonic() if now_s is None else now_s) - (
-                GRACE_S if at_once else 0.0
-            )
             self.worker.stop()
 
     def end(self) -> None:
@@ -105,7 +104,7 @@ class Work:
 
     def frames_per_second(self, now_s: float | None = None) -> float:
         """Frames per second of the current stage; 0 before its first frame."""
-        elapsed = (time.monotonic() if now_s is None else now_s) - self._stage_begun_s
+        elapsed = _now(now_s) - self._stage_begun_s
         return self.done / elapsed if self.done and elapsed > 0 else 0.0
 
     def seconds_left(self, now_s: float | None = None) -> float | None:
@@ -129,31 +128,41 @@ class Work:
                 self._stage_begun_s = now_s
                 self._become("rendering", "rendering")
             case events.FrameDone(frame) | events.Written(frame):
-                self.done = self.done + 1
+                self.done += 1
                 self.last_frame = frame
-                black = event.black if isinstance(event, events.FrameDone) else None
-                if black and not any(black in note for note in self.notes):
-                    self.notes.append(f"frame {frame} is black: {black}")
+                if isinstance(event, events.FrameDone):
+                    self._note_black(frame, event.black)
             case events.ChunkDone() if self.worker is not None:
                 self.worker.stop()
             case events.Failed():
-                resume = self.done and self.phase in ("rendering", "writing")
-                text = named(event.template or event.text, self.name_of)
-                text += "; finished frames stay, and Resume continues after them" if resume else ""
+                self.message = named(event.template or event.text, self.name_of)
+                if self.done and self.phase in ("rendering", "writing"):
+                    self.message += f"; {_STAY}"
                 self.phase = "failed"
-                self.message = text
             case events.Exited(code, log):
                 self.worker = self._stopping_since_s = None
-                ended = f"the background Blender exited unexpectedly (code {code}); finished frames stay; try Resume"
-                if self.phase == "stopping" or (code == 130 and self.phase != "failed"):
-                    self.phase = "stopped"
-                    self.message = "stopped; finished frames stay, and Resume continues after them"
-                elif code == 0 and self.phase != "failed":
-                    self.phase = "done"
-                    self.message = self._when_done
-                elif self.phase != "failed":
-                    self.phase = "failed"
-                    self.message = ended + (f". The end of its log: {log}" if log else "")
+                self._exited(code, log)
+
+    def _note_black(self, frame: int, black: str | None) -> None:
+        """Add a note of a black frame, once for each reason."""
+        if black and not any(black in note for note in self.notes):
+            self.notes.append(f"frame {frame} is black: {black}")
+
+    def _exited(self, code: int, log: str | None) -> None:
+        if self.phase == "failed":
+            return
+        if self.phase == "stopping" or code == 130:
+            self.phase = "stopped"
+            self.message = f"stopped; {_STAY}"
+        elif code == 0:
+            self.phase = "done"
+            self.message = self._when_done
+        else:
+            self.phase = "failed"
+            self.message = f"the background Blender exited unexpectedly (code {code}); "
+            self.message += "finished frames stay; try Resume"
+            if log:
+                self.message += f". The end of its log: {log}"
 
     def _become(self, phase: str, message: str) -> None:
         if self.phase != "stopping":
