@@ -14,6 +14,8 @@ from iclnuim.console import Console
 from iclnuim.errors import WorkError
 from iclnuim.headless.options import Actions, action, count
 
+_OURS = "iclnuim evaluate ate"
+
 
 def configure(actions: Actions) -> None:
     help = "time of trajectory evaluation next to that of evo_ape, each a whole process"
@@ -28,8 +30,7 @@ def configure(actions: Actions) -> None:
 
 def _evaluate(args: argparse.Namespace, console: Console) -> None:
     files = [args.reference, args.estimate]
-    ours = [sys.executable, "-m", "iclnuim", "evaluate", "ate", *files]
-    commands = {"iclnuim evaluate ate": ours}
+    commands = {_OURS: [sys.executable, "-m", "iclnuim", "evaluate", "ate", *files]}
     beside = str(Path(sys.executable).parent)
     evo_ape = shutil.which("evo_ape", path=beside) or shutil.which("evo_ape")
     if evo_ape:
@@ -58,7 +59,7 @@ def _seconds(command: list[str]) -> float:
 
 
 def _table(figures: dict[str, dict[str, float]]) -> str:
-    ours_s = figures["iclnuim evaluate ate"]["median_s"]
+    ours_s = figures[_OURS]["median_s"]
     rows = [f"{'':22}   median    minimum   ratio"]
     for name, row in figures.items():
         ratio = row["median_s"] / ours_s

@@ -93,7 +93,7 @@ def _compare_light(args: argparse.Namespace, console: Console) -> None:
     results = []
     for method in methods:
         results.append(comparison.run(method))
-        console.note(light_comparison.row(results[-1]))
+        console.note(" ".join(light_comparison.row(results[-1])))
         progress.advance()
     if args.plot:
         charts.save(light_comparison.figure(results), args.plot)

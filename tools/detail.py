@@ -5,7 +5,6 @@ are compared with those of the finest level.
 from __future__ import annotations
 
 import io
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
@@ -20,8 +19,6 @@ from iclnuim.blender import surfaces
 from iclnuim.blender.light import light_map
 from iclnuim.blender.open import scene
 from iclnuim.blender.render import worker
-from iclnuim.dataset.run_folder import read_run
-from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
@@ -30,15 +27,14 @@ from iclnuim.job import RenderJob
 from iclnuim.native_output import native_output_in
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.sensor.transfer import srgb_from_light
-from iclnuim.worker_events import Event, FrameDone
 
 from .detail_colour import by_lamp
+from .rendered import rendered
 
 #: Depth beyond this is the painted surroundings, which do not depend on triangles.
 _MAX_DEPTH_M = 15.0
 #: A pixel with a larger error shows another surface, or one of another shape.
 OFF_M = 0.005
-Note = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -76,14 +72,10 @@ def views_of(room: str, count: int) -> Trajectory:
     """A trajectory of `count` poses, spread over the room's four shipped trajectories, with stamps
     0.1 s apart.
     """
-    every = [
-        read_trajectory(shipped.trajectory_file(f"{room}/{kt}")).trajectory
-        for kt in shipped.TRAJECTORY_NAMES
-    ]
-    R, t = (
-        np.concatenate([getattr(one.T_world_camera, name) for one in every])
-        for name in ("rotation", "translation")
-    )
+    files = [shipped.trajectory_file(f"{room}/{kt}") for kt in shipped.TRAJECTORY_NAMES]
+    poses = [read_trajectory(file).trajectory.T_world_camera for file in files]
+    R = np.concatenate([T.rotation for T in poses])
+    t = np.concatenate([T.translation for T in poses])
     picked = np.linspace(0, len(t) - 1, count + 2).round().astype(int)[1:-1]
     return Trajectory(np.arange(count) / 10.0, SE3(R[picked], t[picked]))
 
@@ -94,16 +86,11 @@ class Room:
     Files are written to `folder`.
     """
 
-    def __init__(
-        self, name: str, views: Trajectory, camera: PinholeCamera, folder: Path, note: Note
-    ) -> None:
-        self.name, self.views, self.camera, self.folder, self.note = (
-            name,
-            views,
-            camera,
-            folder,
-            note,
-        )
+    def __init__(self, name: str, views: Trajectory, camera: PinholeCamera, folder: Path) -> None:
+        self.name = name
+        self.views = views
+        self.camera = camera
+        self.folder = folder
         self._path = folder / "views.txt"
         write_trajectory(self._path, views, "tum")
 
@@ -135,7 +122,7 @@ class Room:
             return by_lamp(self.name, self.views, self.camera, self.folder)
 
     def lit(self, detail: float, map_size: int, map_samples: int) -> Light:
-        """Times with baked light: seconds of the bake (recorded when it was made), and per frame."""
+        """Times with baked light: seconds of the bake, as recorded then, and per frame."""
         job = RenderJob(
             f"{self.name}/views",
             str(self._blend(detail)),
@@ -145,7 +132,7 @@ class Room:
             map_samples=map_samples,
         )
         bake_s = light_map.read_recipe(worker.bake_light(job, lambda event: None)[0])["seconds"]
-        _, frame_s = frames_of(job, self.folder / f"frames-{detail:g}-{map_size}")
+        frame_s = rendered(job, self.folder / f"frames-{detail:g}-{map_size}")[-1]
         return Light(float(bake_s), frame_s)
 
     def _blend(self, detail: float) -> Path:
@@ -153,65 +140,45 @@ class Room:
 
 
 def measure_levels(
-    room: str,
+    room: Room,
     levels: Sequence[float],
     lit: Sequence[float],
-    views: int,
-    camera: PinholeCamera,
     map_size: int,
     map_samples: int,
-    note: Note,
-    on_step: Callable[[], object],
+    on_level: Callable[[Level], None],
 ) -> list[Level]:
     """Measure all levels, coarsest first; those in `lit` also with baked light.
 
     The others are compared with the finest level.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        scene = Room(room, views_of(room, views), camera, Path(folder), note)
-        found: list[Level] = []
-        finest_z_m = finest_rgb = None
-        for detail in sorted({*levels, *lit}, reverse=True):
-            triangles, build_s = scene.build(detail)
-            depth_z_m = scene.depth()
-            finest_z_m = depth_z_m if finest_z_m is None else finest_z_m
-            rgb, frame_s = scene.colour()
-            psnr_db, off = (None, None) if finest_rgb is None else difference(rgb, finest_rgb)
-            finest_rgb = rgb if finest_rgb is None else finest_rgb
-            light = scene.lit(detail, map_size, map_samples) if detail in lit else None
-            found.append(
-                Level(
-                    detail,
-                    triangles,
-                    build_s,
-                    *depth_error(depth_z_m, finest_z_m),
-                    frame_s,
-                    psnr_db,
-                    off,
-                    light,
-                )
-            )
-            note(str(found[-1]))
-            on_step()
+    found: list[Level] = []
+    finest_z_m = finest_rgb = None
+    for detail in sorted({*levels, *lit}, reverse=True):
+        triangles, build_s = room.build(detail)
+        depth_z_m = room.depth()
+        rgb, frame_s = room.colour()
+        psnr_db = median_of_255 = None
+        if finest_z_m is None or finest_rgb is None:
+            finest_z_m = depth_z_m
+            finest_rgb = rgb
+        else:
+            psnr_db, median_of_255 = difference(rgb, finest_rgb)
+        mean_m, p99_m, off_share = depth_error(depth_z_m, finest_z_m)
+        level = Level(
+            detail=detail,
+            triangles=triangles,
+            build_s=build_s,
+            mean_m=mean_m,
+            p99_m=p99_m,
+            off_share=off_share,
+            frame_s=frame_s,
+            psnr_db=psnr_db,
+            median_of_255=median_of_255,
+            light=room.lit(detail, map_size, map_samples) if detail in lit else None,
+        )
+        on_level(level)
+        found.append(level)
     return found[::-1]
-
-
-def frames_of(job: RenderJob, out: Path) -> tuple[np.ndarray, float]:
-    """All frames of a job, (n, h, w, 3) scene-linear, and the median seconds per frame in Cycles,
-    without the first.
-    """
-    times: list[float] = []
-
-    def listen(event: Event) -> None:
-        if isinstance(event, FrameDone):
-            times.append(event.cycles or 0.0)
-
-    with worker.Session(job, out, listen) as session:
-        session.render("::", lambda: False)
-    run = read_run(out)
-    frames = [read_exr(run.frame_file(n)) for n in run.frame_numbers()]
-    rgb = np.stack([np.stack([f[c] for c in "RGB"], -1) for f in frames]).astype(np.float32)
-    return rgb, float(np.median(times[1:]))
 
 
 def depth_error(depth_z_m: np.ndarray, finest_z_m: np.ndarray) -> tuple[float, float, float]:
@@ -238,6 +205,8 @@ def knee(cost: Sequence[float], error: Sequence[float]) -> int:
 
     Satopaa, Albrecht, Irwin, Raghavan: Finding a kneedle in a haystack, ICDCSW 2011.
     """
-    x, y = (np.asarray(values, float) for values in (cost, error))
-    x, y = ((v - v.min()) / max(float(np.ptp(v)), 1e-30) for v in (x, y))
+    x = np.asarray(cost, float)
+    y = np.asarray(error, float)
+    x = (x - x.min()) / max(float(np.ptp(x)), 1e-30)
+    y = (y - y.min()) / max(float(np.ptp(y)), 1e-30)
     return int(np.argmax(1 - x - y))

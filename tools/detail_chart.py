@@ -16,6 +16,7 @@ from matplotlib.ticker import NullLocator
 from .detail import Level, knee
 from .detail_maps import MapSize
 from .detail_unseen import Unseen
+from .rendered import markdown
 
 _HEADER = (
     "detail",
@@ -54,99 +55,81 @@ def figure(rooms: dict[str, list[Level]], maps: dict[str, list[MapSize]]) -> Fig
 
 
 def _times(axes: Axes, levels: Sequence[Level], style: dict) -> None:
-    for what, line in (("build_s", ":"), ("bake_s", "-"), ("frame_s", "--")):
-        some = [level for level in levels if level.light] if what == "bake_s" else levels
-        values = [getattr(level.light if what == "bake_s" else level, what) for level in some]
-        label = f"{style['label']}: {what.removesuffix('_s')}" if some else None
-        axes.plot(_x(some), values, line, marker=".", color=style["color"], label=label)
+    lit = [level for level in levels if level.light]
+    bake_s = [level.light.bake_s for level in levels if level.light]
+    lines = [
+        ("build", ":", levels, [level.build_s for level in levels]),
+        ("bake", "-", lit, bake_s),
+        ("frame", "--", levels, [level.frame_s for level in levels]),
+    ]
+    for what, line, some, seconds in lines:
+        label = f"{style['label']}: {what}" if some else None
+        axes.plot(_x(some), seconds, line, marker=".", color=style["color"], label=label)
 
 
 def _sizes(axes: Axes, row: Sequence[MapSize], style: dict) -> None:
     compared = [m for m in row if m.psnr_db is not None]
     largest = "".join(f", {m.size}: {m.bake_s:.0f} s" for m in row if m.psnr_db is None)
-    axes.plot(
-        [m.size for m in compared],
-        [m.psnr_db or 0.0 for m in compared],
-        "o-",
-        color=style["color"],
-        label=style["label"] + largest,
-    )
-    for m in compared:
-        axes.annotate(
-            f"{m.bake_s:.0f} s",
-            (m.size, m.psnr_db),
-            xytext=(8, -4),
-            textcoords="offset points",
-            fontsize=8,
-        )
+    sizes = [m.size for m in compared]
+    psnr_db = [m.psnr_db or 0.0 for m in compared]
+    axes.plot(sizes, psnr_db, "o-", color=style["color"], label=style["label"] + largest)
+    for m, at in zip(compared, zip(sizes, psnr_db, strict=True), strict=True):
+        _annotate(axes, f"{m.bake_s:.0f} s", at, (8, -4))
+
+
+def _annotate(axes: Axes, text: str, at: tuple[float, float], by: tuple[int, int]) -> None:
+    axes.annotate(text, at, xytext=by, textcoords="offset points", fontsize=8)
 
 
 def _x(levels: Sequence[Level]) -> list[float]:
     return [level.triangles / 1000 for level in levels]
 
 
+def _mean_mm(levels: Sequence[Level]) -> list[float]:
+    return [1e3 * level.mean_m for level in levels]
+
+
 def _depth(axes: Axes, levels: Sequence[Level], style: dict, label_at: tuple[int, int]) -> None:
     shown = [level for level in levels if level.mean_m > 0]
-    axes.plot(
-        _x(shown),
-        [1e3 * level.mean_m for level in shown],
-        marker="o",
-        markerfacecolor="white",
-        **style,
-    )
+    axes.plot(_x(shown), _mean_mm(shown), marker="o", markerfacecolor="white", **style)
     for level in shown:
-        axes.annotate(
-            f"{level.detail:g}",
-            (level.triangles / 1000, 1e3 * level.mean_m),
-            xytext=label_at,
-            textcoords="offset points",
-            fontsize=8,
-        )
+        at = (level.triangles / 1000, 1e3 * level.mean_m)
+        _annotate(axes, f"{level.detail:g}", at, label_at)
     axes.margins(y=0.1)
     default = [level for level in shown if level.detail == 1.0]
-    axes.plot(_x(default), [1e3 * level.mean_m for level in default], "o", color=style["color"])
-    at = levels[knee_of(levels)]
-    axes.plot(
-        _x([at]),
-        [1e3 * at.mean_m],
-        "o",
-        markersize=14,
-        markerfacecolor="none",
-        markeredgecolor=style["color"],
-    )
+    axes.plot(_x(default), _mean_mm(default), "o", color=style["color"])
+    knee = [levels[knee_of(levels)]]
+    ring = {"markersize": 14, "markerfacecolor": "none", "markeredgecolor": style["color"]}
+    axes.plot(_x(knee), _mean_mm(knee), "o", **ring)
 
 
 def _label(panels: Sequence[Axes]) -> None:
-    titles = (
-        {
-            "ylabel": "mean depth error against the finest level (mm)",
-            "yscale": "log",
-            "title": "numbers: detail; filled: default; ring: knee",
-        },
-        {
-            "ylabel": "PSNR against the finest level (dB)",
-            "title": "colour, lit by a lamp at the camera",
-        },
-        {"ylabel": "seconds", "yscale": "log", "title": "times"},
-        {
-            "ylabel": "PSNR against the largest map (dB)",
-            "xscale": "log",
-            "title": "light map; numbers: time of the bake",
-        },
+    panels[0].set(
+        ylabel="mean depth error against the finest level (mm)",
+        title="numbers: detail; filled: default; ring: knee",
+        yscale="log",
     )
-    for axes, texts in zip(panels, titles, strict=False):
-        axes.set(
-            xlabel="size of the light map (texels)" if "xscale" in texts else "thousand triangles",
-            **texts,
-        )
+    panels[1].set(
+        ylabel="PSNR against the finest level (dB)", title="colour, lit by a lamp at the camera"
+    )
+    panels[2].set(ylabel="seconds", title="times", yscale="log")
+    for axes in panels:
+        axes.set(xlabel="thousand triangles")
         axes.grid(alpha=0.3)
         axes.legend(frameon=False, fontsize=8)
-    if len(panels) == len(titles):
-        _name_sizes(panels[-1])
+    for axes in panels[3:]:
+        axes.set(
+            xlabel="size of the light map (texels)",
+            ylabel="PSNR against the largest map (dB)",
+            title="light map; numbers: time of the bake",
+            xscale="log",
+        )
+        _name_sizes(axes)
 
 
 def _name_sizes(axes: Axes) -> None:
-    sizes = sorted({int(x) for line in axes.lines for x in np.asarray(line.get_xdata())})
+    drawn = np.concatenate([np.asarray(line.get_xdata()) for line in axes.lines])
+    sizes = np.unique(drawn.astype(int)).tolist()
     axes.margins(x=0.25)
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xticks(sizes, labels=map(str, sizes))
@@ -160,58 +143,37 @@ def knee_of(levels: Sequence[Level]) -> int:
 def table(levels: Sequence[Level]) -> str:
     """One row per level, in Markdown; the knee is marked."""
     marked = knee_of(levels)
-    return "\n".join(
-        [
-            _line(_HEADER),
-            _line(["---"] * len(_HEADER)),
-            *(_row(v, k == marked) for k, v in enumerate(levels)),
-        ]
-    )
+    return markdown(_HEADER, [_row(level, k == marked) for k, level in enumerate(levels)])
 
 
-def _row(level: Level, is_knee: bool) -> str:
-    light = level.light
-    return _line(
-        (
-            f"{level.detail:g}{' (knee)' if is_knee else ''}",
-            f"{level.triangles:,}",
-            f"{1e3 * level.mean_m:.3f}",
-            f"{1e3 * level.p99_m:.2f}",
-            f"{level.off_share:.2%}",
-            f"{level.build_s:.1f}",
-            "" if level.psnr_db is None else f"{level.psnr_db:.1f}",
-            f"{light.bake_s:.0f}" if light else "",
-            f"{level.frame_s:.3f}",
-        )
-    )
+def _row(level: Level, is_knee: bool) -> list[str]:
+    return [
+        f"{level.detail:g}{' (knee)' if is_knee else ''}",
+        f"{level.triangles:,}",
+        f"{1e3 * level.mean_m:.3f}",
+        f"{1e3 * level.p99_m:.2f}",
+        f"{level.off_share:.2%}",
+        f"{level.build_s:.1f}",
+        "" if level.psnr_db is None else f"{level.psnr_db:.1f}",
+        f"{level.light.bake_s:.0f}" if level.light else "",
+        f"{level.frame_s:.3f}",
+    ]
 
 
 def maps_table(row: Sequence[MapSize]) -> str:
     """One row per size of the light map, in Markdown."""
-    lines = [_line(_MAPS), _line(["---"] * len(_MAPS))]
+    rows = []
     for m in row:
-        compared = m.psnr_db is not None
-        lines.append(
-            _line(
-                (
-                    m.size,
-                    f"{m.bake_s:.0f}",
-                    f"{m.psnr_db:.1f}" if compared else "",
-                    f"{m.median_of_255:.2f}" if compared else "",
-                    f"{m.frame_s:.3f}",
-                )
-            )
-        )
-    return "\n".join(lines)
+        errors = ["", ""]
+        if m.psnr_db is not None:
+            errors = [f"{m.psnr_db:.1f}", f"{m.median_of_255:.2f}"]
+        rows.append([m.size, f"{m.bake_s:.0f}", *errors, f"{m.frame_s:.3f}"])
+    return markdown(_MAPS, rows)
 
 
 def unseen_line(share: Unseen) -> str:
     """A sentence about the parts that are never seen."""
-    texels = (
-        "" if share.texels is None else f", {share.texels:.1%} of the used texels of the light map"
-    )
-    return f"{share.room}: no shipped trajectory sees {share.triangles:.1%} of the triangles, {share.surface:.1%} of the surface{texels} ({share.poses} poses)"
-
-
-def _line(cells: Sequence[object]) -> str:
-    return "| " + " | ".join(map(str, cells)) + " |"
+    parts = f"{share.triangles:.1%} of the triangles, {share.surface:.1%} of the surface"
+    if share.texels is not None:
+        parts += f", {share.texels:.1%} of the used texels of the light map"
+    return f"{share.room}: no shipped trajectory sees {parts} ({share.poses} poses)"

@@ -32,20 +32,22 @@ def by_lamp(
     )
     settings.apply(job)
     scene = bpy.context.scene
-    scene.cycles.max_bounces, scene.cycles.use_light_tree = 0, False
+    scene.cycles.max_bounces = 0
+    scene.cycles.use_light_tree = False
     scene.cycles.light_sampling_threshold = 0.0  # otherwise weak light is sampled at random
     scene.world = None
     for thing in scene.objects:
         if thing.type == "LIGHT":
             thing.hide_render = True
     camera.keyframe(views.T_world_camera, pinhole)
-    lamp = bpy.data.objects.new(
-        "lamp at the camera", bpy.data.lights.new("lamp at the camera", "POINT")
-    )
-    lamp.data.energy, lamp.data.shadow_soft_size = _POWER_W, 0.0
+    name = "lamp at the camera"
+    lamp = bpy.data.objects.new(name, bpy.data.lights.new(name, "POINT"))
+    lamp.data.energy = _POWER_W
+    lamp.data.shadow_soft_size = 0.0
     scene.collection.objects.link(lamp)
     lamp.parent = scene.camera
-    found, seconds = [], []
+    found = []
+    seconds = []
     for number in range(len(views)):
         raw = folder / "lamp.exr"
         begun = time.perf_counter()

@@ -17,7 +17,11 @@ from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import RenderJob
 
-from .detail import difference, frames_of, views_of
+from .detail import difference, views_of
+from .rendered import rendered
+
+#: Samples of every light map.
+_SAMPLES = 32
 
 
 @dataclass(frozen=True)
@@ -39,13 +43,12 @@ def measure_sizes(
     sizes: Sequence[int],
     views: int,
     camera: PinholeCamera,
-    map_samples: int,
     note: Callable[[str], None],
     on_step: Callable[[], object],
 ) -> list[MapSize]:
-    """Measure all sizes, smallest first. Light in the cache is not baked again. A size that is too
-    small for the charts of the room is left
-    out with a note.
+    """Measure all sizes, smallest first. Light in the cache is not baked again.
+
+    A size that is too small for the charts of the room is left out with a note.
     """
     found: list[MapSize] = []
     largest: np.ndarray | None = None
@@ -53,26 +56,20 @@ def measure_sizes(
         path = Path(folder) / "views.txt"
         write_trajectory(path, views_of(room, views), "tum")
         for size in sorted(sizes, reverse=True):
-            job = RenderJob(room, room, str(path), camera, map_size=size, map_samples=map_samples)
+            job = RenderJob(room, room, str(path), camera, map_size=size, map_samples=_SAMPLES)
+            on_step()
             try:
                 light, _ = worker.bake_light(job, lambda event: None)
             except InputError as refusal:
                 note(f"{room}, {size} texels: left out: {refusal}")
-                on_step()
                 continue
-            rgb, frame_s = frames_of(job, Path(folder) / str(size))
-            psnr_db, off = (None, None) if largest is None else difference(rgb, largest)
-            largest = rgb if largest is None else largest
-            found.append(
-                MapSize(
-                    size,
-                    float(light_map.read_recipe(light)["seconds"]),
-                    frame_s,
-                    psnr_db,
-                    off,
-                    light,
-                )
-            )
+            rgb, _, frame_s = rendered(job, Path(folder) / str(size))
+            psnr_db = median_of_255 = None
+            if largest is None:
+                largest = rgb
+            else:
+                psnr_db, median_of_255 = difference(rgb, largest)
+            bake_s = float(light_map.read_recipe(light)["seconds"])
+            found.append(MapSize(size, bake_s, frame_s, psnr_db, median_of_255, light))
             note(f"{room}: {found[-1]}")
-            on_step()
     return found[::-1]

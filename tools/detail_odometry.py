@@ -14,10 +14,12 @@ import subprocess
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import Any
 
+import numpy as np
 from iclnuim import shipped
 from iclnuim.benchmark.odometry.registry import names, odometer
 from iclnuim.console import Console
@@ -25,24 +27,24 @@ from iclnuim.dataset.frames import read_truth
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import is_file, make_folder, read_json, write_json
 from iclnuim.headless.method_options import installed, require
-from iclnuim.headless.options import Actions, action, count, numbers
+from iclnuim.headless.options import Actions, action, add_plot, count, numbers, whole_numbers
 from iclnuim.native_output import native_output_in
 from iclnuim.version import __version__
 
 #: The level that is shipped.
 DEFAULT = 1.0
 KINDS = ("clean", "noisy")
-#: A level is sufficient if errors change by less than this share at the next one, or by less than
-#: between seeds where they are below SMALL_M.
-SHARE, SMALL_M = 0.05, 0.010
+#: A level is sufficient if errors change by less than this share at the next one.
+SHARE = 0.05
+#: Errors below this may also change by as much as between seeds.
+SMALL_M = 0.010
 _VOXEL_M = 4.5 / 512
 
 
 @dataclass(frozen=True)
 class Build:
     """A room at a level of detail with a seed. ate_m: by kind of sequence and method, None if lost.
-    surface_m: mean distance of the
-    fused surface to this model.
+    surface_m: mean distance of the fused surface to this model.
     """
 
     sequence: str
@@ -58,44 +60,23 @@ def configure(actions: Actions) -> None:
     example = "iclnuim bench detail-odometry kt2 --levels 0.5,1,1.4 --seeds 0,1,2"
     parser = action(actions, "detail-odometry", help, example, _run)
     add = parser.add_argument
-    add(
-        "sequences",
-        nargs="*",
-        default=["kt2", "office/kt0"],
-        metavar="SEQUENCE",
-        help="default: kt2 office/kt0",
-    )
+    help = "default: kt2 office/kt0"
+    add("sequences", nargs="*", default=["kt2", "office/kt0"], metavar="SEQUENCE", help=help)
     help = "levels of detail; default: 0.35,0.5,0.7,1,1.4"
     add("--levels", type=numbers, default=(0.35, 0.5, 0.7, 1.0, 1.4), metavar="D,D", help=help)
-    add(
-        "--seeds",
-        type=numbers,
-        default=(0, 1, 2),
-        metavar="N,N",
-        help="seeds of the room at level 1; default: 0,1,2",
-    )
+    help = "seeds of the room at level 1; default: 0,1,2"
+    add("--seeds", type=whole_numbers, default=(0, 1, 2), metavar="N,N", help=help)
     add("--start", type=int, default=80, metavar="N", help="the first frame; default: 80")
-    add(
-        "--first",
-        type=count,
-        default=240,
-        metavar="N",
-        help="number of frames from there; default: 240",
-    )
+    help = "number of frames from there; default: 240"
+    add("--first", type=count, default=240, metavar="N", help=help)
     add("--map-size", type=int, default=1024, metavar="N", help="light map size; default: 1024")
     add("--map-samples", type=int, default=8, metavar="N", help="light map samples; default: 8")
     help = "an odometer; may be given several times; default: every one that is installed"
     add("--method", action="append", metavar="NAME", help=help)
     add("--camera", metavar="WxH", help="default: 640x480")
-    add(
-        "-o",
-        "--out",
-        type=Path,
-        default=Path("out/detail"),
-        metavar="DIR",
-        help="default: out/detail; resumed",
-    )
-    add("--plot", type=Path, metavar="FILE", help="draw the results (.png, .pdf, .svg)")
+    out = {"type": Path, "default": Path("out/detail"), "metavar": "DIR"}
+    add("-o", "--out", **out, help="default: out/detail; resumed")
+    add_plot(parser)
 
 
 def _run(args: argparse.Namespace, console: Console) -> None:
@@ -112,14 +93,13 @@ def _run(args: argparse.Namespace, console: Console) -> None:
     if not all(0.15 <= d <= 3 for d in args.levels):
         raise InputError("levels within 0.15..3", found=args.levels)
     methods = args.method or installed(names(), "best", console)
-    variants = [(s, d, 0) for s in sequences for d in sorted(args.levels)]
-    variants += [
-        (s, DEFAULT, int(seed))
-        for s in sequences
-        for seed in args.seeds
-        if (s, DEFAULT, int(seed)) not in variants
-    ]
-    progress, builds = console.progress(len(variants), "bench detail-odometry", "rooms"), []
+    variants: list[tuple[str, float, int]] = []
+    for sequence in sequences:
+        variants += [(sequence, detail, 0) for detail in sorted(args.levels)]
+        variants += [(sequence, DEFAULT, seed) for seed in args.seeds]
+    variants = list(dict.fromkeys(variants))
+    progress = console.progress(len(variants), "bench detail-odometry", "rooms")
+    builds = []
     for sequence, detail, seed in variants:
         builds.append(_measured(sequence, detail, seed, methods, args))
         console.note(str(builds[-1]))
@@ -144,54 +124,35 @@ def _measured(
     room, kt = sequence.split("/")
     folder = args.out.resolve() / room / f"{detail:g}_{seed}" / kt
     settings = {
-        "version": __version__, "methods": list(methods), "frames": [args.start, args.first],
-        "light": [args.map_size, args.map_samples], "camera": args.camera,
-    }  # fmt: skip
+        "version": __version__,
+        "methods": list(methods),
+        "frames": [args.start, args.first],
+        "light": [args.map_size, args.map_samples],
+        "camera": args.camera,
+    }
     kept = folder / "build.json"
     if is_file(kept) and (found := read_json(kept)).get("settings") == settings:
         return Build(**found["build"])
     make_folder(folder)
     scene = folder.parent / f"{room}.blend"
     if not scene.is_file():
-        _iclnuim(
-            "scene",
-            "build",
-            room,
-            "--detail",
-            f"{detail:g}",
-            "--seed",
-            str(seed),
-            "--out",
-            str(scene),
-        )
-    camera = ("--camera", args.camera) if args.camera else ()
-    frames = ("--frames", f"{args.start}:{args.start + args.first}")
-    light = (
-        "--light",
-        "baked",
-        "--map-size",
-        str(args.map_size),
-        "--map-samples",
-        str(args.map_samples),
-    )
-    path = str(shipped.trajectory_file(sequence))
-    _iclnuim(
-        "make",
-        "--scene",
-        str(scene),
-        "--trajectory",
-        path,
-        *frames,
-        *light,
-        *camera,
-        "--out",
-        str(folder),
-    )
+        level = ["--detail", f"{detail:g}", "--seed", str(seed)]
+        _iclnuim("scene", "build", room, *level, "--out", str(scene))
+    _make(folder, scene, sequence, args)
     triangles, surface_m = _surface(folder / KINDS[0], scene, args.first)
     ate_m = {kind: _errors(folder / kind, methods, args.first) for kind in KINDS}
     build = Build(sequence, detail, seed, triangles, ate_m, surface_m)
     write_json(kept, {"settings": settings, "build": asdict(build)})
     return build
+
+
+def _make(folder: Path, scene: Path, sequence: str, args: argparse.Namespace) -> None:
+    words = ["--scene", str(scene), "--trajectory", str(shipped.trajectory_file(sequence))]
+    words += ["--frames", f"{args.start}:{args.start + args.first}", "--light", "baked"]
+    words += ["--map-size", str(args.map_size), "--map-samples", str(args.map_samples)]
+    if args.camera:
+        words += ["--camera", args.camera]
+    _iclnuim("make", *words, "--out", str(folder))
 
 
 def _iclnuim(*words: str) -> None:
@@ -221,11 +182,14 @@ def _errors(folder: Path, methods: Sequence[str], frames: int) -> dict[str, floa
     from iclnuim.benchmark.odometry.track import Tracker
 
     segment = _segment(folder, frames)
-    variants = [
-        curves.Variant(name, None, Tracker(odometer(name), segment.camera)) for name in methods
-    ]
+    variants = []
+    for name in methods:
+        tracker = Tracker(odometer(name), segment.camera)
+        variants.append(curves.Variant(name, None, tracker))
     points = curves.interleaved("detail", variants, segment.frames, segment.truth, lambda: None)
-    return {p.method: None if p.failed else p.ate_m for p in points}
+    found = dict.fromkeys(methods)
+    found |= {p.method: p.ate_m for p in points if not p.failed}
+    return found
 
 
 def _surface(folder: Path, scene: Path, frames: int) -> tuple[int, float]:
@@ -245,8 +209,7 @@ def _surface(folder: Path, scene: Path, frames: int) -> tuple[int, float]:
 
 def changes(builds: Sequence[Build]) -> list[dict[str, Any]]:
     """For each sequence, kind and method: ATE by level, its relative change at the next level up,
-    and the range between seeds at level 1
-    divided by their median.
+    and the range between seeds at level 1 divided by their median.
     """
     rows = []
     for sequence in dict.fromkeys(b.sequence for b in builds):
@@ -256,13 +219,13 @@ def changes(builds: Sequence[Build]) -> list[dict[str, Any]]:
             for method in levels[0].ate_m[kind]:
                 ate_m = [b.ate_m[kind][method] for b in levels]
                 seeds_m = [b.ate_m[kind][method] for b in own if b.detail == DEFAULT]
-                steps = [_change(a, b) for a, b in zip(ate_m, ate_m[1:], strict=False)]
-                rows.append(
-                    {
-                        "sequence": sequence, "kind": kind, "method": method, "levels": [b.detail for b in levels],
-                        "ate_m": ate_m, "seeds_m": seeds_m, "change": steps, "spread": _spread(seeds_m),
-                    }
-                )  # fmt: skip
+                row: dict[str, Any] = {"sequence": sequence, "kind": kind, "method": method}
+                row["levels"] = [b.detail for b in levels]
+                row["ate_m"] = ate_m
+                row["seeds_m"] = seeds_m
+                row["change"] = [_change(a, b) for a, b in pairwise(ate_m)]
+                row["spread"] = _spread(seeds_m)
+                rows.append(row)
     return rows
 
 
@@ -293,32 +256,43 @@ def sufficient_level(builds: Sequence[Build]) -> float | None:
 
 
 def _is_small(row: dict[str, Any], k: int) -> bool:
-    change, spread = row["change"][k], row["spread"]
+    change = row["change"][k]
     if change is None:
         return False
     ate_m = row["ate_m"][k + 1]
-    return change <= SHARE or (
-        spread is not None and ate_m is not None and ate_m < SMALL_M and change <= spread
-    )
+    is_small = ate_m is not None and ate_m < SMALL_M
+    return change <= SHARE or (is_small and change <= (row["spread"] or 0.0))
 
 
 def _text(builds: Sequence[Build], sufficient: dict[str, float | None]) -> str:
     lines = []
     for row in changes(builds):
-        figures = "".join(f"{'-' if m is None else f'{1e3 * m:.3g}':>9}" for m in row["ate_m"])
+        line = f"{row['sequence']:<16}{row['kind']:<7}{row['method']:<26}"
+        for m in row["ate_m"]:
+            line += f"{'-':>9}" if m is None else f"{1e3 * m:9.3g}"
         spread = "-" if row["spread"] is None else f"{row['spread']:.0%}"
-        lines.append(
-            f"{row['sequence']:<16}{row['kind']:<7}{row['method']:<26}{figures}   seeds {spread}"
-        )
+        lines.append(f"{line}   seeds {spread}")
     for b in builds:
-        lines.append(
-            f"{b.sequence} {b.detail:g}, seed {b.seed}: {b.triangles:,} triangles, surface {1e3 * b.surface_m:.3f} mm"
-        )
-    lines += [
-        f"{name}: sufficient from level {'none' if d is None else f'{d:g}'}"
-        for name, d in sufficient.items()
-    ]
+        room = f"{b.sequence} {b.detail:g}, seed {b.seed}"
+        surface = f"{b.triangles:,} triangles, surface {1e3 * b.surface_m:.3f} mm"
+        lines.append(f"{room}: {surface}")
+    for name, detail in sufficient.items():
+        lines.append(f"{name}: sufficient from level {'none' if detail is None else f'{detail:g}'}")
     return "\n".join(lines)
+
+
+def _draw(axes: Any, row: dict[str, Any], style: dict[str, Any]) -> Any:
+    """Draw a method's errors; returns its line, None if all are lost."""
+    ate_mm = 1e3 * np.array(row["ate_m"], float)  # NaN where it is lost
+    seeds_mm = 1e3 * np.array(row["seeds_m"], float)
+    if np.isnan(ate_mm).all():
+        return None
+    known = ~np.isnan(ate_mm)
+    (line,) = axes.plot(np.array(row["levels"])[known], ate_mm[known], **style)
+    if not np.isnan(seeds_mm).all():
+        ends = [np.nanmin(seeds_mm), np.nanmax(seeds_mm)]
+        axes.plot([DEFAULT] * 2, ends, color=style["color"], linewidth=4, alpha=0.35)
+    return line
 
 
 def _figure(builds: Sequence[Build]) -> Any:
@@ -333,26 +307,13 @@ def _figure(builds: Sequence[Build]) -> Any:
     drawing = Figure(figsize=(4.2 * len(panels) / 2 + 2.2, 7.4), layout="constrained")
     grid = drawing.subplots(2, -(-len(panels) // 2), sharex=True, sharey=True, squeeze=False)
     methods = list(dict.fromkeys(row["method"] for row in rows))
-    shown = {}
+    shown: dict[str, Any] = {}
     for axes, (sequence, kind) in zip(grid.T.flat, panels, strict=False):
-        for row in (r for r in rows if (r["sequence"], r["kind"]) == (sequence, kind)):
-            points = [
-                (d, 1e3 * m)
-                for d, m in zip(row["levels"], row["ate_m"], strict=True)
-                if m is not None
-            ]
-            if not points:
-                continue
-            style = look(row["method"], methods)
-            (shown[row["method"]],) = axes.plot(*zip(*points, strict=True), **style)
-            if known := [1e3 * m for m in row["seeds_m"] if m is not None]:
-                axes.plot(
-                    [DEFAULT] * 2,
-                    [min(known), max(known)],
-                    color=style["color"],
-                    linewidth=4,
-                    alpha=0.35,
-                )
+        for row in rows:
+            if (row["sequence"], row["kind"]) == (sequence, kind):
+                line = _draw(axes, row, look(row["method"], methods))
+                if line is not None:
+                    shown[row["method"]] = line
         axes.set(xscale="log", yscale="log", title=f"{sequence} {kind}")
         axes.set_xticks(rows[0]["levels"], labels=[f"{d:g}" for d in rows[0]["levels"]])
         axes.xaxis.set_minor_formatter("")

@@ -5,7 +5,6 @@ and the texels of its light map.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -43,36 +42,29 @@ class Unseen:
     texels: float | None
 
 
-def measure(
-    room: str, every: int, camera: PinholeCamera, light: Path | None, on_pose: Callable[[], object]
-) -> Unseen:
+def measure(room: str, every: int, camera: PinholeCamera, light: Path | None) -> Unseen:
     """Shares that are not seen from every Nth pose of the room's four trajectories. light: folder
     of its baked light. A triangle seen in part counts as seen.
     """
     with native_output_in(Path(os.devnull)):
         scene.open_scene(room)
         whole = model.scene_model()
-        uv, has = _map_uv(light) if light else (None, None)
+        layout = _map_uv(light) if light else None
     pieces, origin = whole.cut(PIECE_M)
-    visibility, poses = Visibility(pieces), 0
+    visibility = Visibility(pieces)
+    poses = 0
     for kt in shipped.TRAJECTORY_NAMES:
-        T = read_trajectory(shipped.trajectory_file(f"{room}/{kt}")).trajectory.T_world_camera[
-            ::every
-        ]
-        visibility.along(camera, T, on_pose)
-        poses += len(T.translation)
+        trajectory = read_trajectory(shipped.trajectory_file(f"{room}/{kt}")).trajectory
+        T_world_camera = trajectory.T_world_camera[::every]
+        visibility.along(camera, T_world_camera, lambda: None)
+        poses += len(T_world_camera)
     seen = visibility.seen
     triangles = np.zeros(len(whole), bool)
     triangles[origin[seen.any(1)]] = True
     area = np.where(np.abs(pieces.corners_m).max((1, 2)) < _OUTSIDE_M, pieces.area_m2(), 0.0)
-    texels = None if uv is None or has is None else _texels(whole, uv, has, seen)
-    return Unseen(
-        room,
-        poses,
-        float(1 - triangles.mean()),
-        float(area[~seen.any(1)].sum() / area.sum()),
-        texels,
-    )
+    surface = float(area[~seen.any(1)].sum() / area.sum())
+    texels = _texels(whole, *layout, seen) if layout else None
+    return Unseen(room, poses, float(1 - triangles.mean()), surface, texels)
 
 
 def _map_uv(folder: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -71,7 +71,8 @@ class Chaos:
     def __init__(
         self, sequence: str, options: tuple[str, ...], out: Path, rng: np.random.Generator
     ) -> None:
-        self.out, self._rng = Path(out), rng
+        self.out = Path(out)
+        self._rng = rng
         self._command = [sys.executable, "-m", "iclnuim", "make", sequence, *options]
         self._command += ["--worker-timeout", str(STUCK_AFTER_S), "--out", str(self.out)]
         self._orphans: list[psutil.Process] = []
@@ -99,14 +100,14 @@ class Chaos:
         parent = self.start()
         errors = parent.communicate()[1]
         if parent.returncode:
-            raise WorkError(
-                f"an undisturbed command ended with code {parent.returncode}: {errors.strip()[-500:]}"
-            )
+            code = f"an undisturbed command ended with code {parent.returncode}"
+            raise WorkError(f"{code}: {errors.strip()[-500:]}")
 
     def disturb(self, kind: str) -> None:
         """Start the command, and disturb it at a random moment after three more frames."""
         if kind == "full":
-            return self._fill_the_disk()
+            self._fill_the_disk()
+            return
         parent = self.start()
         self._wait_for_frames(parent)
         time.sleep(self._rng.uniform(0, 0.3))
@@ -125,10 +126,9 @@ class Chaos:
         parent.wait(120)
         if parent.stderr:
             parent.stderr.close()
-        return None
 
     def _recover(self, kind: str, parent: subprocess.Popen, victim: psutil.Process | None) -> None:
-        """Check that a command that lost a worker continues, and that Ctrl-C then ends it cleanly."""
+        """Check that a command that lost a worker continues, and ends cleanly after Ctrl-C."""
         self._wait_for_frames(parent)
         if kind == "stop" and victim and still_there([victim], STUCK_AFTER_S + 20):
             raise WorkError("a stopped worker was not replaced")
@@ -154,37 +154,42 @@ class Chaos:
         killed.
         """
         orphans = {process.pid for process in self._orphans}
-        before, until = len(finished(self.out)), time.monotonic() + seconds
+        before = len(finished(self.out))
+        until = time.monotonic() + seconds
         while sum(pid not in orphans for _, pid in finished(self.out)[before:]) < FRAMES_BETWEEN:
             if parent.poll() is not None:
                 errors = parent.communicate()[1].strip()[-300:]
-                raise WorkError(
-                    f"the command ended (code {parent.returncode}) before it could be disturbed: {errors}"
-                )
+                ended = f"the command ended (code {parent.returncode})"
+                raise WorkError(f"{ended} before it could be disturbed: {errors}")
             if time.monotonic() > until:
                 raise WorkError(f"fewer than {FRAMES_BETWEEN} new frames in {seconds:.0f} s")
             time.sleep(0.02)
 
     def damage(self, undisturbed: Path) -> Damage:
         """Compare the output with that of the same command without disturbances."""
-        ours, whole = contents(self.out), contents(undisturbed)
-        numbers = [n.split("/")[-1] for n in whole if n.startswith("clean/rgb/")]
+        ours = contents(self.out)
+        whole = contents(undisturbed)
         names = sorted(n for n in ours.keys() | whole.keys() if ours.get(n) != whole.get(n))
-        lost = {n.split("/")[-1] for n in names if n not in ours}
-        broken = {n.split("/")[-1] for n in names if n in ours}
-        twice = sum(
-            times > 1 for times in Counter(number for number, _ in finished(self.out)).values()
+        times = Counter(number for number, _ in finished(self.out))
+        return Damage(
+            frames=sum(name.startswith("clean/rgb/") for name in whole),
+            kills=sum(self.happened[kind] for kind in ("worker", "parent", "both")),
+            broken=len({Path(name).name for name in names if name in ours}),
+            lost=len({Path(name).name for name in names if name not in ours}),
+            twice=sum(count > 1 for count in times.values()),
+            outlived=len(still_there(self._orphans, 30)),
+            events=dict(self.happened),
+            names=tuple(names),
         )
-        kills = sum(self.happened[kind] for kind in ("worker", "parent", "both"))
-        outlived = len(still_there(self._orphans, 30))
-        counts = kills, len(broken), len(lost), twice, outlived
-        return Damage(len(numbers), *counts, dict(self.happened), tuple(names))
 
 
 def finished(out: Path) -> list[tuple[int, int]]:
     """(frame, process that finished it), in the order of the workers' journal."""
-    journal, found = out / "raw/.farm/finished.jsonl", []
-    for line in journal.read_text("utf-8", "replace").split("\n")[:-1] if journal.exists() else []:
+    journal = out / "raw/.farm/finished.jsonl"
+    if not journal.exists():
+        return []
+    found = []
+    for line in journal.read_text("utf-8", "replace").split("\n")[:-1]:
         with contextlib.suppress(ValueError):
             entry = json.loads(line)
             found.append((entry["frame"], entry["pid"]))
@@ -196,8 +201,8 @@ def contents(out: Path) -> dict[str, bytes]:
 
     The recorded commit is removed, as it may change between the runs and decides no pixel.
     """
-    files = [p for name in ("clean", "noisy") for p in (out / name).rglob("*") if p.is_file()]
-    found = {str(p.relative_to(out)): p.read_bytes() for p in files}
+    files = [*(out / "clean").rglob("*"), *(out / "noisy").rglob("*")]
+    found = {str(p.relative_to(out)): p.read_bytes() for p in files if p.is_file()}
     for name in ("clean/recipe.json", "noisy/recipe.json"):
         recipe = json.loads(found.get(name, b'{"source": {"run": {}}}'))
         recipe.pop("source_commit", None)

@@ -4,7 +4,7 @@ after kills.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from .farm_model import Model
 from .farm_throughput import Throughput
+from .rendered import markdown
 
 if TYPE_CHECKING:
     from .farm_chaos import Damage
@@ -55,17 +56,11 @@ def _draw_rates(axes: Axes, results: Sequence[Throughput]) -> None:
     for k, name in enumerate(names):
         own = [r for r in results if r.name == name]
         best = max(r.frames_an_hour for r in own)
-        places = [
-            splits.index((r.workers, r.threads)) + (k - (len(names) - 1) / 2) * width for r in own
-        ]
+        beside = (k - (len(names) - 1) / 2) * width
+        places = [splits.index((r.workers, r.threads)) + beside for r in own]
+        heights = [100 * r.frames_an_hour / best for r in own]
         label = f"{name}: 100 % = {best:.0f} per hour"
-        bars = axes.bar(
-            places,
-            [100 * r.frames_an_hour / best for r in own],
-            width,
-            color=COLOURS[k],
-            label=label,
-        )
+        bars = axes.bar(places, heights, width, color=COLOURS[k], label=label)
         axes.bar_label(bars, [f"{100 * r.busy_share:.0f} %\nbusy" for r in own], fontsize=7)
     axes.set_xticks(range(len(splits)), [f"{workers} x {threads}" for workers, threads in splits])
     axes.set(
@@ -76,10 +71,8 @@ def _draw_rates(axes: Axes, results: Sequence[Throughput]) -> None:
 
 def _draw_start(axes: Axes, model: Model, colour: str) -> None:
     seconds = np.geomspace(1, 3600, 100)
-    label = f"{model.name}: start-up {model.startup_s:.1f} s"
-    axes.plot(
-        seconds, 100 * model.startup_s / (model.startup_s + seconds), color=colour, label=label
-    )
+    lost = 100 * model.startup_s / (model.startup_s + seconds)
+    axes.plot(seconds, lost, color=colour, label=f"{model.name}: start-up {model.startup_s:.1f} s")
     axes.axvline(model.chunk_s, color="grey", linestyle=":", linewidth=1)
     axes.set(xscale="log", ylim=(0, 100), ylabel="% of time lost to start-up")
     axes.set_xlabel(f"seconds of frames in a chunk (dotted: {model.chunk_s:.0f}, as in the model)")
@@ -88,12 +81,8 @@ def _draw_start(axes: Axes, model: Model, colour: str) -> None:
 def _draw_scaling(axes: Axes, model: Model, colour: str, nodes: int) -> None:
     counts = np.unique(np.geomspace(1, 1e5, 80).astype(int))
     hours = [model.seconds(int(n)) / 3600 for n in counts]
-    axes.plot(
-        counts,
-        hours,
-        color=colour,
-        label=f"{model.name}: {model.seconds(nodes) / 3600:.2g} h on {nodes}",
-    )
+    label = f"{model.name}: {model.seconds(nodes) / 3600:.2g} h on {nodes}"
+    axes.plot(counts, hours, color=colour, label=label)
     limit = model.stops_scaling()[0]
     if limit <= counts[-1]:
         axes.plot(limit, model.seconds(limit) / 3600, "o", color=colour)
@@ -105,21 +94,19 @@ def _draw_scaling(axes: Axes, model: Model, colour: str, nodes: int) -> None:
 def table(results: Sequence[Throughput]) -> str:
     """One row per split, in Markdown."""
     best = {r.name: max(o.frames_an_hour for o in results if o.name == r.name) for r in results}
-    return _table(_SPLITS, [_split_row(r, best[r.name]) for r in results])
+    return markdown(_SPLITS, [_split_row(r, best[r.name]) for r in results])
 
 
-def _split_row(r: Throughput, best: float) -> Iterable[str]:
-    rate, share = f"{r.frames_an_hour:.0f}", f"{r.frames_an_hour / best:.2f}"
-    lost = f"{100 * r.startup_s / (r.startup_s + 300):.1f} %"
-    return (
+def _split_row(r: Throughput, best: float) -> list[str]:
+    return [
         r.name,
         f"{r.workers} x {r.threads}",
-        rate,
-        share,
+        f"{r.frames_an_hour:.0f}",
+        f"{r.frames_an_hour / best:.2f}",
         f"{100 * r.busy_share:.0f} %",
         f"{r.startup_s:.1f}",
-        lost,
-    )
+        f"{100 * r.startup_s / (r.startup_s + 300):.1f} %",
+    ]
 
 
 def damage_figure(damages: Mapping[str, Damage]) -> Figure:
@@ -136,9 +123,8 @@ def damage_figure(damages: Mapping[str, Damage]) -> Figure:
     axes.set_yticks(range(len(damages)), damages)
     axes.invert_yaxis()
     first = next(iter(damages.values()))
-    axes.set(
-        xlabel=f"frames of {first.frames} after {first.kills} kill -9, each followed by the same command"
-    )
+    kills = f"{first.kills} kill -9, each followed by the same command"
+    axes.set_xlabel(f"frames of {first.frames} after {kills}")
     axes.margins(x=0.1)
     axes.legend(frameon=False, loc="center right")
     return drawn
@@ -146,12 +132,7 @@ def damage_figure(damages: Mapping[str, Damage]) -> Figure:
 
 def damage_table(damages: Mapping[str, Damage]) -> str:
     """The damage as a table in Markdown."""
-    rows = [
-        (n, d.frames, d.kills, d.broken, d.lost, d.twice, d.outlived) for n, d in damages.items()
-    ]
-    return _table(_DAMAGE, rows)
-
-
-def _table(header: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(map(str, cells))} |" for cells in lines)
+    rows = []
+    for name, d in damages.items():
+        rows.append((name, d.frames, d.kills, d.broken, d.lost, d.twice, d.outlived))
+    return markdown(_DAMAGE, rows)

@@ -70,9 +70,8 @@ class Model:
         by_chunks = ceil(self.chunks / self.workers_a_node)
         by_store = int(self.chunks * self.chunk_seconds / (self._stored_s * self.workers_a_node))
         if by_store < by_chunks:
-            return max(
-                1, by_store
-            ), f"the file system at {self.bytes_a_second / 1e9:g} GB/s is the limit"
+            limit = f"the file system at {self.bytes_a_second / 1e9:g} GB/s is the limit"
+            return max(1, by_store), limit
         return by_chunks, "every worker has one chunk"
 
 
@@ -87,26 +86,27 @@ def of(measured: Throughput, **known: Any) -> Model:
     )
 
 
-def figures(model: Model, nodes: int) -> dict:
+def figures(model: Model, nodes: int) -> dict[str, Any]:
     """The model, and its results for a number of nodes."""
     limit, why = model.stops_scaling()
-    hours, efficiency = round(model.seconds(nodes) / 3600, 3), round(model.efficiency(nodes), 3)
-    results = {
+    return {
+        **asdict(model),
+        "frames_a_chunk": model.frames_a_chunk,
         "nodes": nodes,
-        "hours": hours,
-        "efficiency": efficiency,
+        "hours": round(model.seconds(nodes) / 3600, 3),
+        "efficiency": round(model.efficiency(nodes), 3),
         "scales_to_nodes": limit,
         "then": why,
     }
-    return {**asdict(model), "frames_a_chunk": model.frames_a_chunk, **results}
 
 
 def summary(model: Model, nodes: int) -> str:
     """The results of the model as a sentence."""
     limit, why = model.stops_scaling()
     return (
-        f"{model.name}: {model.sequences} sequences of {model.frames_a_sequence} frames on {nodes} nodes of {model.workers_a_node} workers: "
-        f"{model.seconds(nodes) / 3600:.2f} h, {100 * model.efficiency(nodes):.0f} % of it on frames "
-        f"(start-up {model.startup_s:.1f} s, chunks of {model.frames_a_chunk} frames, {model.frame_s:.3f} s per frame); "
-        f"scales to {limit} nodes, then {why}"
+        f"{model.name}: {model.sequences} sequences of {model.frames_a_sequence} frames "
+        f"on {nodes} nodes of {model.workers_a_node} workers: "
+        f"{model.seconds(nodes) / 3600:.2f} h, {100 * model.efficiency(nodes):.0f} % of it "
+        f"on frames (start-up {model.startup_s:.1f} s, chunks of {model.frames_a_chunk} frames, "
+        f"{model.frame_s:.3f} s per frame); scales to {limit} nodes, then {why}"
     )

@@ -63,7 +63,8 @@ def measure(job: RenderJob, workers: int, threads: int, frames: int) -> Throughp
 
     The light map must be in the cache.
     """
-    own, count = own_cores(), len(load_trajectory(job))
+    own = own_cores()
+    count = len(load_trajectory(job))
     cores = [own[k * threads : (k + 1) * threads] for k in range(workers)]
     numbers = tuple(k * count // frames for k in range(frames))
     with tempfile.TemporaryDirectory() as folder:
@@ -82,7 +83,9 @@ class _Clock:
     """
 
     def __init__(self, run: LocalRun, workers: int) -> None:
-        self._run, self._workers, self._count = run, workers, 0
+        self._run = run
+        self._workers = workers
+        self._count = 0
         self._begun = time.perf_counter()
         self._first: tuple[float, float, int] | None = None
         self._last: tuple[float, float, int] | None = None
@@ -94,22 +97,16 @@ class _Clock:
         now = time.perf_counter(), sum(_cpu_seconds(w.client.pid) for w in workers), self._count
         if self._first is None and sum(w.rendered > 0 for w in workers) >= self._workers:
             self._first = now
-        if (
-            self._first is not None
-            and len(workers) == self._workers
-            and all(w.left for w in workers)
-        ):
+        all_busy = len(workers) == self._workers and all(w.left for w in workers)
+        if self._first is not None and all_busy:
             self._last = now  # only while all are busy, as the end of the run would lower the rate
 
     def result(self, job: RenderJob, workers: int, threads: int, frames: int) -> Throughput:
         wall_s = time.perf_counter() - self._begun
         first, last = self._first, self._last
         if first is None or last is None or last == first:
-            raise InputError(
-                f"enough frames to keep {workers} workers busy at the same time",
-                found=frames,
-                hint=f"--frames {3 * frames}",
-            )
+            expected = f"enough frames to keep {workers} workers busy at the same time"
+            raise InputError(expected, found=frames, hint=f"--frames {3 * frames}")
         seconds, cpu_s, count = (b - a for a, b in zip(first, last, strict=True))
         rate = count / seconds
         return Throughput(
@@ -161,5 +158,6 @@ def row(r: Throughput) -> str:
     """The result as one line of text."""
     return (
         f"{r.name}: {r.workers} x {r.threads} threads: {r.frames_an_hour:8.0f} frames per hour, "
-        f"cores {100 * r.busy_share:.0f} % busy, start-up {r.startup_s:.1f} s ({100 * r.startup_share:.0f} % of {r.wall_s:.0f} s)"
+        f"cores {100 * r.busy_share:.0f} % busy, "
+        f"start-up {r.startup_s:.1f} s ({100 * r.startup_share:.0f} % of {r.wall_s:.0f} s)"
     )

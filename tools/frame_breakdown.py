@@ -5,7 +5,7 @@ its EXR files add to that of Cycles.
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
@@ -52,22 +52,34 @@ def measure(job: RenderJob, frame_range: str) -> Breakdown:
         if len(closed) <= WARM_UP + 1:
             raise InputError(f"at least {WARM_UP + 2} frames to measure", found=len(closed))
         cycles, starts = _spans(ticks)
-        rays = _rays(job, [event.frame for event in closed], Path(folder), ticks)
-    spans = ([b - a for a, b in pairwise(starts[WARM_UP:])], cycles[WARM_UP:], rays)
-    frame_ms, cycles_ms, rays_ms = (1e3 * statistics.median(seconds) for seconds in spans)
-    close_ms = 1e3 * statistics.median(event.close or 0.0 for event in closed[WARM_UP:])
-    shading_ms, overhead_ms = max(0.0, cycles_ms - rays_ms), frame_ms - cycles_ms
-    return Breakdown(len(closed), frame_ms, cycles_ms, rays_ms, shading_ms, close_ms, overhead_ms)
+        rays = _rays([event.frame for event in closed], Path(folder), ticks)
+    frame_ms = _median_ms(b - a for a, b in pairwise(starts[WARM_UP:]))
+    cycles_ms = _median_ms(cycles[WARM_UP:])
+    rays_ms = _median_ms(rays)
+    return Breakdown(
+        frames=len(closed),
+        frame_ms=frame_ms,
+        cycles_ms=cycles_ms,
+        rays_ms=rays_ms,
+        shading_ms=max(0.0, cycles_ms - rays_ms),
+        close_ms=_median_ms(event.close or 0.0 for event in closed[WARM_UP:]),
+        overhead_ms=frame_ms - cycles_ms,
+    )
+
+
+def _median_ms(seconds: Iterable[float]) -> float:
+    return 1e3 * statistics.median(seconds)
 
 
 @contextmanager
 def _clock() -> Iterator[list[tuple[str, float]]]:
     """Collect (name, seconds) of every render_pre and render_post."""
     ticks: list[tuple[str, float]] = []
-    names = ("render_pre", "render_post")
-    handlers = {
-        name: (lambda *_, name=name: ticks.append((name, time.perf_counter()))) for name in names
-    }
+
+    def handler_of(name: str) -> Callable[..., None]:
+        return lambda *_: ticks.append((name, time.perf_counter()))
+
+    handlers = {name: handler_of(name) for name in ("render_pre", "render_post")}
     for name, handler in handlers.items():
         bpy.app.handlers.persistent(handler)
         getattr(bpy.app.handlers, name).append(handler)
@@ -80,15 +92,12 @@ def _clock() -> Iterator[list[tuple[str, float]]]:
 
 def _spans(ticks: list[tuple[str, float]]) -> tuple[list[float], list[float]]:
     """Seconds in Cycles and start time of each frame."""
-    starts, ends = (
-        [when for n, when in ticks if n == name] for name in ("render_pre", "render_post")
-    )
+    starts = [seconds for name, seconds in ticks if name == "render_pre"]
+    ends = [seconds for name, seconds in ticks if name == "render_post"]
     return [b - a for a, b in zip(starts, ends, strict=True)], starts
 
 
-def _rays(
-    job: RenderJob, numbers: list[int], folder: Path, ticks: list[tuple[str, float]]
-) -> list[float]:
+def _rays(numbers: list[int], folder: Path, ticks: list[tuple[str, float]]) -> list[float]:
     """Seconds of the same views with all materials black.
 
     The scene is still open from the frame loop.
@@ -98,9 +107,8 @@ def _rays(
     black.use_nodes = True
     black.node_tree.nodes.clear()
     surface = black.node_tree.nodes.new("ShaderNodeOutputMaterial")
-    black.node_tree.links.new(
-        black.node_tree.nodes.new("ShaderNodeHoldout").outputs[0], surface.inputs[0]
-    )
+    holdout = black.node_tree.nodes.new("ShaderNodeHoldout")
+    black.node_tree.links.new(holdout.outputs[0], surface.inputs[0])
     scene.view_layers[0].material_override = black
     ticks.clear()
     with native_output_in(folder / "log"):

@@ -1,9 +1,8 @@
 """Compares lighting methods (path tracing, baked light) with a reference of many path-traced
-samples: seconds per frame, error, and flicker
-between frames, as a table and as a chart. Errors are those of display values, 0..1.
+samples: seconds per frame, error, and flicker between frames, as a table and as a chart. Errors are
+those of display values, 0..1.
 """
 
-import hashlib
 import json
 import statistics
 import tempfile
@@ -11,19 +10,23 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from iclnuim import shipped
-from iclnuim.dataset.run_folder import load_trajectory, read_run
-from iclnuim.formats.exr import read_exr
+from iclnuim.dataset.run_folder import load_trajectory
+from iclnuim.formats.files import sha256
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.job import RenderJob
 from iclnuim.report.charts import COLOURS
 from iclnuim.sensor.transfer import srgb_from_light
 from iclnuim.worker_events import Event, FrameDone, Note, Ready
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from .rendered import markdown, read_frames
 
 REFERENCE_SAMPLES = 2048
 #: Seeds of the two halves of the reference. Their noise must be independent of each other and of
@@ -90,7 +93,8 @@ def error(frames: np.ndarray, halves: np.ndarray) -> Error:
     """
     a, b = (srgb_from_light(frames) - srgb_from_light(half) for half in halves)
     whole = srgb_from_light(frames) - srgb_from_light(halves.mean(0))
-    median, noise = float(np.median(np.abs(whole))), float(np.median(np.abs(a - b))) / 2
+    median = float(np.median(np.abs(whole)))
+    noise = float(np.median(np.abs(a - b))) / 2
     return Error(
         psnr_db=tuple(_decibels(np.mean(x * y)) for x, y in zip(a, b, strict=True)),
         psnr_to_reference_db=tuple(_decibels(np.mean(x**2)) for x in whole),
@@ -122,18 +126,12 @@ def carried_difference(
     pixels = camera.project(points).reshape(camera.height, camera.width, 2).astype(np.float32)
     z = points[:, 2].reshape(camera.height, camera.width)
     x, y = pixels[..., 0].copy(), pixels[..., 1].copy()
-    b = cv2.remap(
-        srgb_from_light(rgb_b).astype(np.float32), x, y, cv2.INTER_LINEAR, borderValue=(np.nan,) * 3
-    )
-    nearest, farthest = (
-        cv2.remap(f(depth_b_z_m, np.ones((2, 2))), x, y, cv2.INTER_NEAREST)
-        for f in (cv2.erode, cv2.dilate)
-    )
-    same = (
-        (depth_a_z_m > 0)
-        & (np.abs(nearest - z) < _SAME_SURFACE * z)
-        & (np.abs(farthest - z) < _SAME_SURFACE * z)
-    )
+    display = srgb_from_light(rgb_b).astype(np.float32)
+    b = cv2.remap(display, x, y, cv2.INTER_LINEAR, borderValue=(np.nan,) * 3)
+    same = depth_a_z_m > 0
+    for extreme in (cv2.erode, cv2.dilate):
+        z_b = cv2.remap(extreme(depth_b_z_m, np.ones((2, 2))), x, y, cv2.INTER_NEAREST)
+        same &= np.abs(z_b - z) < _SAME_SURFACE * z
     difference = np.abs(b - srgb_from_light(rgb_a)).mean(-1)
     return difference[same & np.isfinite(difference)]
 
@@ -154,21 +152,16 @@ def methods(job: RenderJob, map_sizes: Sequence[int]) -> list[Method]:
     """All methods: path tracing with and without denoising, and baked light with each map size; the
     map size of the job has all sample counts.
     """
-    path = [
-        Method(family, f"{n}", job.changed(light="path", samples=n, denoise=denoise))
-        for family, denoise in (("path traced, denoised", True), ("path traced", False))
-        for n in _PATH_SAMPLES
-    ]
-    baked = [
-        Method(
-            f"baked, {size} map",
-            f"{n}",
-            job.changed(light="baked", samples=n, denoise=False, map_size=size),
-        )
-        for size in map_sizes
-        for n in (_BAKED_SAMPLES if size == job.map_size else (job.samples,))
-    ]
-    return baked + path
+    found = []
+    for size in map_sizes:
+        for n in _BAKED_SAMPLES if size == job.map_size else (job.samples,):
+            lit = job.changed(light="baked", samples=n, denoise=False, map_size=size)
+            found.append(Method(f"baked, {size} map", f"{n}", lit))
+    for family, denoise in (("path traced, denoised", True), ("path traced", False)):
+        for n in _PATH_SAMPLES:
+            lit = job.changed(light="path", samples=n, denoise=denoise)
+            found.append(Method(family, f"{n}", lit))
+    return found
 
 
 class Comparison:
@@ -184,48 +177,42 @@ class Comparison:
         small: PinholeCamera,
         note: Callable[[str], None],
     ) -> None:
-        self.job, self.views, self.small, self.note = job, list(views), small, note
+        self.job = job
+        self.views = list(views)
+        self.small = small
+        self.note = note
         #: (2, n, h, w, 3), two independent halves; rendered once and kept in the cache; an
         #: interrupted render is resumed
         self.references = np.stack([self._reference(seed) for seed in _REFERENCE_SEEDS])
 
     def run(self, method: Method) -> Result:
-        slow = method.job.light == "path" and (method.job.samples or 0) > _SLOW_SAMPLES
         firsts = self.views[::2]
+        numbers = sorted({*self.views, *(n + 1 for n in firsts)})
+        timed = self.views
+        if method.job.light == "path" and (method.job.samples or 0) > _SLOW_SAMPLES:
+            timed = self.views[:1]
         with tempfile.TemporaryDirectory() as folder:
             small = Path(folder) / "small"
-            self._render(
-                replace(method.job, camera=self.small),
-                small,
-                sorted({*self.views, *(n + 1 for n in firsts)}),
-            )
+            self._render(replace(method.job, camera=self.small), small, numbers)
             found = error(read_frames(small, self.views)[0], self.references)
             flicker = self._flicker(small, firsts)
-            times = self._render(
-                method.job, Path(folder) / "full", self.views[:1] if slow else self.views
-            )
+            times = self._render(method.job, Path(folder) / "full", timed)
         # the first frame, in which Cycles reads the scene, counts only if it is the only one
-        seconds = (
-            statistics.median(np.diff(times)[1:-1]) if len(times) > 3 else times[-1] - times[0]
-        )
+        seconds = times[-1] - times[0]
+        if len(times) > 3:
+            seconds = statistics.median(np.diff(times)[1:-1])
         return Result(method, seconds, found, flicker)
 
     def _reference(self, seed: int) -> np.ndarray:
         from iclnuim.blender.render import worker
 
         samples = REFERENCE_SAMPLES // len(_REFERENCE_SEEDS)
-        job = replace(
-            self.job.changed(light="path", samples=samples, denoise=False, seed=seed),
-            camera=self.small,
-        )
+        job = self.job.changed(light="path", samples=samples, denoise=False, seed=seed)
+        job = replace(job, camera=self.small)
         recipe = worker.recipe(job)
-        key = json.dumps(
-            [recipe[k] for k in ("job", "scene_sha256", "trajectory_sha256", "blender")],
-            sort_keys=True,
-        )
-        folder = (
-            shipped.cache_folder() / "references" / hashlib.sha256(key.encode()).hexdigest()[:20]
-        )
+        deciding = ("job", "scene_sha256", "trajectory_sha256", "blender")
+        key = sha256(json.dumps([recipe[k] for k in deciding], sort_keys=True).encode())
+        folder = shipped.cache_folder() / "references" / key[:20]
         self._render(job, folder, self.views)
         return read_frames(folder, self.views)[0]
 
@@ -250,23 +237,12 @@ class Comparison:
 
     def _flicker(self, folder: Path, firsts: list[int]) -> float:
         poses = load_trajectory(self.job).T_world_camera
-        rgb, depth_z_m = read_frames(folder, [n + k for n in firsts for k in (0, 1)])
         differences = []
-        for k, n in enumerate(firsts):
-            a, b = 2 * k, 2 * k + 1
+        for n in firsts:
+            (rgb_a, rgb_b), (z_a, z_b) = read_frames(folder, (n, n + 1))
             T_b_a = poses[n + 1].inverse() @ poses[n]
-            differences.append(
-                carried_difference(rgb[a], depth_z_m[a], rgb[b], depth_z_m[b], T_b_a, self.small)
-            )
+            differences.append(carried_difference(rgb_a, z_a, rgb_b, z_b, T_b_a, self.small))
         return float(np.median(np.concatenate(differences)))
-
-
-def read_frames(folder: Path, numbers: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """(n, h, w, 3) scene-linear RGB and (n, h, w) planar depth in metres."""
-    run = read_run(folder)
-    channels = [read_exr(run.frame_file(n)) for n in numbers]
-    rgb = np.stack([np.stack([c[name] for name in "RGB"], -1) for c in channels]).astype(np.float32)
-    return rgb, np.stack([c["Z"] for c in channels])
 
 
 def figure(results: Sequence[Result]) -> Figure:
@@ -275,21 +251,11 @@ def figure(results: Sequence[Result]) -> Figure:
     left, right = drawn.subplots(1, 2)
     for k, family in enumerate(dict.fromkeys(r.method.family for r in results)):
         line = [r for r in results if r.method.family == family]
-        style = {
-            "color": COLOURS[k % len(COLOURS)],
-            "label": family,
-            "marker": "o" if len(line) > 1 else "D",
-        }
-        for axes, values in (
-            (left, [r.error.mean_psnr_db for r in line]),
-            (right, [255 * r.flicker for r in line]),
-        ):
-            axes.plot([r.seconds for r in line], values, **style)
-            for r, value in zip(line, values, strict=True):
-                point = (r.seconds, value)
-                axes.annotate(
-                    r.method.label, point, xytext=(4, 4), textcoords="offset points", fontsize=8
-                )
+        marker = "o" if len(line) > 1 else "D"
+        style = {"color": COLOURS[k % len(COLOURS)], "label": family, "marker": marker}
+        seconds = [r.seconds for r in line]
+        _draw(left, line, seconds, [r.error.mean_psnr_db for r in line], style)
+        _draw(right, line, seconds, [255 * r.flicker for r in line], style)
     left.set_ylabel("PSNR (dB), mean of the views")
     right.set_ylabel("median change of a surface point\nfrom frame to frame (of 255)")
     right.set_yscale("log")
@@ -303,25 +269,38 @@ def figure(results: Sequence[Result]) -> Figure:
     return drawn
 
 
+def _draw(
+    axes: Axes,
+    line: Sequence[Result],
+    seconds: Sequence[float],
+    values: Sequence[float],
+    style: dict[str, Any],
+) -> None:
+    axes.plot(seconds, values, **style)
+    for r, at in zip(line, zip(seconds, values, strict=True), strict=True):
+        axes.annotate(r.method.label, at, xytext=(4, 4), textcoords="offset points", fontsize=8)
+
+
 def table(results: Sequence[Result]) -> str:
     """One row per method, in Markdown."""
-    head = (f"| {' | '.join(cells)} |" for cells in (_HEADER, ["---"] * len(_HEADER)))
-    return "\n".join([*head, *map(row, results)])
+    return markdown(_HEADER, map(row, results))
 
 
-def row(r: Result) -> str:
+def row(r: Result) -> list[str]:
     """The table row of a method."""
     error = r.error
-    psnr = (error.mean_psnr_db, min(error.psnr_db), float(np.mean(error.psnr_to_reference_db)))
-    figures = [
+    return [
+        r.method.family,
+        r.method.label,
         f"{r.seconds:.3f}",
-        *(f"{p:.1f}" for p in psnr),
+        f"{error.mean_psnr_db:.1f}",
+        f"{min(error.psnr_db):.1f}",
+        f"{np.mean(error.psnr_to_reference_db):.1f}",
         f"{error.median:.4f}",
         f"{error.median_to_reference:.4f}",
         f"{error.bias:+.4f}",
         f"{255 * r.flicker:.2f}",
     ]
-    return f"| {' | '.join([r.method.family, r.method.label, *figures])} |"
 
 
 def summary(results: Sequence[Result], job: RenderJob) -> str:
@@ -329,20 +308,17 @@ def summary(results: Sequence[Result], job: RenderJob) -> str:
     own = next((r for r in results if r.method.job == job.changed(light="baked")), None)
     if own is None:
         return ""
-    lines, psnr_db = [], own.error.mean_psnr_db
+    psnr_db = own.error.mean_psnr_db
+    lines = []
     for family in ("path traced, denoised", "path traced"):
-        line = sorted(
-            (r.error.mean_psnr_db, np.log(r.seconds)) for r in results if r.method.family == family
-        )
-        if line:
-            psnrs_db, log_s = np.array(line).T
-            seconds = np.exp(
-                np.interp(psnr_db, psnrs_db, log_s, right=np.inf)
-            )  # inf if the family never reaches it
-            ratio = (
-                f"{seconds / own.seconds:.0f} times less time"
-                if np.isfinite(seconds)
-                else "not reached by it"
-            )
-            lines.append(f"baked light against {family} at {psnr_db:.1f} dB: {ratio}")
+        line = [r for r in results if r.method.family == family]
+        if not line:
+            continue
+        line.sort(key=lambda r: r.error.mean_psnr_db)
+        reached = "not reached by it"
+        if psnr_db <= line[-1].error.mean_psnr_db:
+            log_s = np.log([r.seconds for r in line])
+            seconds = np.exp(np.interp(psnr_db, [r.error.mean_psnr_db for r in line], log_s))
+            reached = f"{seconds / own.seconds:.0f} times less time"
+        lines.append(f"baked light against {family} at {psnr_db:.1f} dB: {reached}")
     return "\n".join(lines)

@@ -1,6 +1,5 @@
 """Measures noise models, as a chart and as tables: the time of sequences relative to that of their
-files alone, the time of each model
-alone, and its similarity to published noisy frames.
+files alone, the time of each model alone, and its similarity to published noisy frames.
 
 Similarity is the overlap of two histograms of pixels. A bin of the histogram is given by the true
 depth or value of a pixel and by its error, or by the fact that the pixel is missing. The overlap is
@@ -8,6 +7,8 @@ the share of pixels that both noises put into the same bins: 1 if they are equal
 nothing in common. It measures amount, bias and gaps of the noise by depth and brightness, but not
 its correlation between pixels.
 """
+
+from __future__ import annotations
 
 import os
 import tempfile
@@ -19,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim.dataset.frame_pool import keep_freed_memory
-from iclnuim.dataset.frames import image_frames, run_frames
+from iclnuim.dataset.frames import FrameSource, image_frames, run_frames
 from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_options import SequenceSettings, noisy_images
 from iclnuim.errors import InputError
@@ -33,6 +34,8 @@ from iclnuim.sensor.transfer import srgb8
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from .rendered import markdown
+
 #: Pairs of depth and RGB models that users combine.
 PAIRS = (
     ("none", "none"),
@@ -41,8 +44,9 @@ PAIRS = (
     ("kinect2012", "paper"),
     ("redwood", "paper"),
 )
-#: Bin edges of true depth (m) and of true 8-bit values.
-_DEPTHS_M, _VALUES = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0]), np.array([40, 80, 120, 160, 200])
+#: Bin edges of true depth, and of true 8-bit values.
+_DEPTHS_M = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0])
+_VALUES = np.array([40, 80, 120, 160, 200])
 #: Disparity in steps of the paper's equation 3 is this constant divided by the depth in metres.
 _STEPS_M = 351.3
 #: Bins of errors: half a disparity step wide up to 6 steps for depth, one value wide up to 12 of
@@ -51,15 +55,22 @@ _BINS = 24
 _MISSING = _BINS + 1
 
 _MODELS = {"depth": DEPTH_MODELS, "rgb": RGB_MODELS}
+_PAIRS_HEADER = (
+    "depth + RGB",
+    "frames/s",
+    "relative to files alone",
+    "processor ms per frame",
+    "relative to files alone",
+)
+_MODELS_HEADER = ("model", "ms per frame", "overlap with the official noise")
 Figures = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)
 class PairTime:
     """Medians over rounds: frames per second (a frame reads one EXR and writes four PNGs, clean and
-    noisy) and processor time per frame.
-    ratio, cpu_ratio: both times relative to reading these EXRs and writing these PNGs alone, within
-    a round.
+    noisy) and processor time per frame. ratio, cpu_ratio: both times relative to reading these EXRs
+    and writing these PNGs alone, within a round.
     """
 
     depth: str
@@ -76,17 +87,11 @@ def pair_times(
     """Measure each of PAIRS on the frames of a run, `rounds` times, alternating between sequences
     with noise and files alone.
     """
-    source, found = run_frames(raw, frames), []
+    source = run_frames(raw, frames)
+    found = []
     for depth, rgb in PAIRS:
         noisy = SequenceSettings(depth_model(depth), rgb_model(rgb), seed=1)
-        images = []  # for each frame: clean colour and depth, noisy colour and depth
-        for number in source.numbers:
-            light, depth_z_m = source.load(number)
-            both = (
-                noisy_images(light, depth_z_m, source.camera, number, s)[:2]
-                for s in (SequenceSettings(), noisy)
-            )
-            images.append([image for pair in both for image in pair])
+        images = [_images(source, number, noisy) for number in source.numbers]
         times = []
         for _ in range(rounds):
             with tempfile.TemporaryDirectory() as scratch:
@@ -100,45 +105,78 @@ def pair_times(
             on_round()
         made_s, made_cpu, files_s, files_cpu = np.array(times).T
         count = len(source.numbers)
-        ratios = float(np.median(made_s / files_s)), float(np.median(made_cpu / files_cpu))
-        speeds = (count / float(np.median(made_s)), 1e3 * float(np.median(made_cpu)) / count)
-        found.append(PairTime(depth, rgb, *speeds, *ratios))
+        found.append(
+            PairTime(
+                depth=depth,
+                rgb=rgb,
+                frames_per_s=count / float(np.median(made_s)),
+                cpu_ms=1e3 * float(np.median(made_cpu)) / count,
+                ratio=float(np.median(made_s / files_s)),
+                cpu_ratio=float(np.median(made_cpu / files_cpu)),
+            )
+        )
     return found
+
+
+def _images(source: FrameSource, number: int, noisy: SequenceSettings) -> list[np.ndarray]:
+    """Clean colour and depth, noisy colour and depth of a frame."""
+    light, depth_z_m = source.load(number)
+    images: list[np.ndarray] = []
+    for settings in (SequenceSettings(), noisy):
+        images += noisy_images(light, depth_z_m, source.camera, number, settings)[:2]
+    return images
 
 
 def model_times_ms(raw: Path, frames: str, repeats: int = 15) -> dict[str, dict[str, float]]:
     """{"depth": {model: median ms per frame}, "rgb": ...}: processor time of one thread."""
     source = run_frames(raw, frames)
-    number = source.numbers[len(source.numbers) // 2]
-    light, depth_z_m = source.load(number)
+    frame = Frame.of(source, source.numbers[len(source.numbers) // 2])
 
     def median_ms(kind: str, name: str) -> float:
         times = []
         for _ in range(repeats + 1):  # the first run is not counted, as it makes tables
             start = time.thread_time()
-            _with_noise(kind, name, light, depth_z_m, source.camera, 0, number)
+            frame.with_noise(kind, name, 0)
             times.append(time.thread_time() - start)
         return 1e3 * float(np.median(times[1:]))
 
     keep_freed_memory()  # as the writer of sequences does
-    return {
-        kind: {name: median_ms(kind, name) for name in names} for kind, names in _MODELS.items()
-    }
+    return _of_every_model(median_ms)
 
 
-def _with_noise(
-    kind: str,
-    name: str,
-    light: np.ndarray,
-    depth_z_m: np.ndarray,
-    camera: PinholeCamera,
-    seed: int,
-    number: int,
-) -> np.ndarray:
-    """The depth of a frame in metres, or its 8-bit colour, with the noise of the model."""
-    if kind == "depth":
-        return depth_model(name).apply(depth_z_m, camera, frame_generator(seed, number, DEPTH))
-    return rgb_model(name).apply(light, frame_generator(seed, number, RGB))
+def _of_every_model(figure: Callable[[str, str], float]) -> dict[str, dict[str, float]]:
+    found = {}
+    for kind, names in _MODELS.items():
+        found[kind] = {name: figure(kind, name) for name in names}
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The images of a frame: scene-linear colour and planar depth."""
+
+    number: int
+    camera: PinholeCamera
+    light: np.ndarray
+    depth_z_m: np.ndarray
+
+    @classmethod
+    def of(cls, source: FrameSource, number: int) -> Frame:
+        light, depth_z_m = source.load(number)
+        return cls(number, source.camera, light, depth_z_m)
+
+    def image(self, kind: str) -> np.ndarray:
+        """The depth in metres, or the 8-bit colour."""
+        if kind == "depth":
+            return self.depth_z_m
+        return srgb8(self.light)
+
+    def with_noise(self, kind: str, name: str, seed: int) -> np.ndarray:
+        """The image with the noise of a model."""
+        if kind == "depth":
+            rng = frame_generator(seed, self.number, DEPTH)
+            return depth_model(name).apply(self.depth_z_m, self.camera, rng)
+        return rgb_model(name).apply(self.light, frame_generator(seed, self.number, RGB))
 
 
 def _clocks() -> np.ndarray:
@@ -176,27 +214,20 @@ def overlaps(clean: Path, noisy: Path) -> dict[str, dict[str, float]]:
     numbers = sorted(set(sources[0].numbers).intersection(sources[1].numbers))
     if not numbers:
         raise InputError(f"frames of {noisy}", path=clean, found="none of their numbers")
-    camera = sources[0].camera
-    (lights, depths), (noisy_lights, noisy_depths) = (
-        zip(*(source.load(n) for n in numbers), strict=True) for source in sources
-    )
+    clean_frames, noisy_frames = ([Frame.of(s, n) for n in numbers] for s in sources)
 
     def overlap(kind: str, name: str) -> float:
         """Overlap of the histograms over all frames."""
         cells = depth_cells if kind == "depth" else value_cells
-        clean, theirs = (
-            (depths, noisy_depths)
-            if kind == "depth"
-            else (map(srgb8, lights), map(srgb8, noisy_lights))
-        )
         first = second = np.zeros(4096)
-        for n, light, z_m, true, noisy in zip(numbers, lights, depths, clean, theirs, strict=True):
-            ours = _with_noise(kind, name, light, z_m, camera, 1, n)
-            first = first + np.bincount(cells(true, noisy), minlength=4096)
+        for frame, published in zip(clean_frames, noisy_frames, strict=True):
+            true = frame.image(kind)
+            ours = frame.with_noise(kind, name, 1)
+            first = first + np.bincount(cells(true, published.image(kind)), minlength=4096)
             second = second + np.bincount(cells(true, ours), minlength=4096)
         return float(np.minimum(first, second).sum() / first.sum())
 
-    return {kind: {name: overlap(kind, name) for name in names} for kind, names in _MODELS.items()}
+    return _of_every_model(overlap)
 
 
 def depth_cells(clean_z_m: np.ndarray, noisy_z_m: np.ndarray) -> np.ndarray:
@@ -227,11 +258,13 @@ def figure(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | Non
 
     Right: time of clean and noisy frames relative to their files alone.
     """
-    drawn = Figure(figsize=(11, 4.4) if overlaps else (5.5, 4.4), layout="constrained")
-    grid = drawn.add_gridspec(1, 2 if overlaps else 1, width_ratios=(1.25, 1) if overlaps else None)
+    drawn = Figure(figsize=(5.5, 4.4), layout="constrained")
     if overlaps:
-        _draw_models(drawn.add_subplot(grid[0]), times_ms, overlaps)
-    right = drawn.add_subplot(grid[-1])
+        drawn.set_figwidth(11)
+        left, right = drawn.subplots(1, 2, width_ratios=(1.25, 1))
+        _draw_models(left, times_ms, overlaps)
+    else:
+        right = drawn.subplots()
     names = [f"{p.depth}\n+ {p.rgb}" for p in pairs]
     right.bar(names, [p.cpu_ratio for p in pairs], color=COLOURS[4], width=0.6)
     right.axhline(1, color="black", linewidth=0.8)
@@ -265,26 +298,13 @@ def _draw_models(axes: Axes, times_ms: Figures, overlaps: Figures) -> None:
 
 def table(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> str:
     """Two tables in Markdown: pairs, then models."""
-    rows = [
-        (
-            "depth + RGB",
-            "frames/s",
-            "relative to files alone",
-            "processor ms per frame",
-            "relative to files alone",
-        )
-    ]
+    rows = []
     for p in pairs:
-        times = (f"{p.frames_per_s:.1f}", f"{p.ratio:.2f}", f"{p.cpu_ms:.0f}", f"{p.cpu_ratio:.2f}")
-        rows.append((f"{p.depth} + {p.rgb}", *times))
-    models = [("model", "ms per frame", "overlap with the official noise")]
+        times = [f"{p.frames_per_s:.1f}", f"{p.ratio:.2f}", f"{p.cpu_ms:.0f}", f"{p.cpu_ratio:.2f}"]
+        rows.append([f"{p.depth} + {p.rgb}", *times])
+    models = []
     for kind, by_name in times_ms.items():
         for name, ms in by_name.items():
-            models.append(
-                (f"{kind} {name}", f"{ms:.1f}", f"{overlaps[kind][name]:.3f}" if overlaps else "")
-            )
-    lines = (
-        [f"| {' | '.join(cells)} |" for cells in (t[0], ["---"] * len(t[0]), *t[1:])]
-        for t in (rows, models)
-    )
-    return "\n\n".join(map("\n".join, lines))
+            overlap = f"{overlaps[kind][name]:.3f}" if overlaps else ""
+            models.append([f"{kind} {name}", f"{ms:.1f}", overlap])
+    return f"{markdown(_PAIRS_HEADER, rows)}\n\n{markdown(_MODELS_HEADER, models)}"

@@ -42,11 +42,8 @@ class OfficialViews:
         bgr = cv2.imread(str(samples / self.picture.format(number)))
         depth = cv2.imread(str(samples / self.depth.format(number)), cv2.IMREAD_UNCHANGED)
         if bgr is None or depth is None:
-            raise InputError(
-                f"the official frame {number} (colour and depth)",
-                path=samples / self.sequence,
-                found="not both",
-            )
+            expected = f"the official frame {number} (colour and depth)"
+            raise InputError(expected, path=samples / self.sequence, found="not both")
         return bgr, depth / self.depth_scale
 
 
@@ -64,11 +61,23 @@ def _office_poses(samples: Path) -> SE3:
 
 
 LIVING_ROOM = OfficialViews(
-    "living_room", "lr_kt0", (0, 1, 50), "trajectories/lr_kt0_Tpov_cam_3x4.txt", _living_room_poses,
-    "lr_kt0/image_rgb_{}.png", "lr_kt0/image_depth_{}.pgm", 1000.0,
-)  # fmt: skip
+    scene="living_room",
+    sequence="lr_kt0",
+    frames=(0, 1, 50),
+    trajectory="trajectories/lr_kt0_Tpov_cam_3x4.txt",
+    poses=_living_room_poses,
+    picture="lr_kt0/image_rgb_{}.png",
+    depth="lr_kt0/image_depth_{}.pgm",
+    depth_scale=1000.0,
+)
 OFFICE = OfficialViews(
-    "office", "or_kt0", (600, 660, 719), "or_kt0/traj0.gt.freiburg", _office_poses,
-    "or_kt0/rgb/{}.png", "or_kt0/depth/{}.png", 5000.0,
-)  # fmt: skip
+    scene="office",
+    sequence="or_kt0",
+    frames=(600, 660, 719),
+    trajectory="or_kt0/traj0.gt.freiburg",
+    poses=_office_poses,
+    picture="or_kt0/rgb/{}.png",
+    depth="or_kt0/depth/{}.png",
+    depth_scale=5000.0,
+)
 VIEWS = {views.scene: views for views in (LIVING_ROOM, OFFICE)}

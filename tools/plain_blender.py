@@ -30,7 +30,9 @@ def render_animation(blend: Path, out: Path, first: int, last: int) -> None:
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = first, last
     render = scene.render
-    render.use_overwrite, render.use_placeholder, render.use_file_extension = False, True, True
+    render.use_overwrite = False
+    render.use_placeholder = True
+    render.use_file_extension = True
     render.filepath = str(out / "######")
     bpy.ops.render.render(animation=True)
 
@@ -44,11 +46,9 @@ class PlainBlender:
         self, blend: Path, out: Path, first: int, last: int, rng: np.random.Generator
     ) -> None:
         self._arguments = [str(blend), str(out), str(first), str(last)]
-        self.out, self._files, self._rng = (
-            out,
-            [out / f"{n:06}.exr" for n in range(first, last + 1)],
-            rng,
-        )
+        self.out = out
+        self._files = [out / f"{n:06}.exr" for n in range(first, last + 1)]
+        self._rng = rng
 
     def run(self, kills: int, note: Callable[[str], None]) -> Damage:
         """Kill the process `kills` times, each after at least three more frames, and start it
@@ -66,12 +66,12 @@ class PlainBlender:
             return subprocess.Popen(command, stdout=log, stderr=log)
 
     def _kill_once(self) -> None:
-        process, before = self._start(), self._there()
+        process = self._start()
+        before = self._there()
         while self._there() < before + FRAMES_BETWEEN:
             if process.poll() is not None:
-                raise WorkError(
-                    f"plain Blender ended before it could be killed; its log: {self.out.with_suffix('.log')}"
-                )
+                log = self.out.with_suffix(".log")
+                raise WorkError(f"plain Blender ended before it could be killed; its log: {log}")
             time.sleep(0.01)
         time.sleep(self._rng.uniform(0, 0.3))
         process.kill()

@@ -15,8 +15,7 @@ DEPTH_SHARES = (10, 25, 50, 75, 90)
 @dataclass(frozen=True)
 class Likeness:
     """Figures of one frame: FAST corners at threshold 20 and at OpenCV's default (10), median grey
-    gradient (8-bit units per
-    pixel), mean grey value 0..1, depth quantiles (m).
+    gradient (8-bit units per pixel), mean grey value 0..1, depth quantiles (m).
     """
 
     corners_20: int
@@ -27,21 +26,18 @@ class Likeness:
 
     def ratios_to(self, other: Likeness) -> dict[str, float | list[float]]:
         """self / other, figure by figure."""
-        mine, theirs = asdict(self), asdict(other)
-        return {k: (np.divide(mine[k], theirs[k]).round(3).tolist()) for k in mine}
+        theirs = asdict(other)
+        return {k: np.divide(v, theirs[k]).round(3).tolist() for k, v in asdict(self).items()}
 
 
 def measure(bgr: np.ndarray, depth_z_m: np.ndarray) -> Likeness:
     """Measure a frame: bgr (h, w, 3) uint8, planar depth (h, w) in metres, 0 = missing."""
     grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
     dy, dx = np.gradient(grey.astype(float))
-    corners_20, corners_10 = (
-        len(cv2.FastFeatureDetector.create(threshold=t).detect(grey)) for t in (20, 10)
-    )
     quantiles = np.percentile(depth_z_m[depth_z_m > 0], DEPTH_SHARES)
     return Likeness(
-        corners_20,
-        corners_10,
+        len(cv2.FastFeatureDetector.create(threshold=20).detect(grey)),
+        len(cv2.FastFeatureDetector.create(threshold=10).detect(grey)),
         float(np.median(np.hypot(dx, dy))),
         float(grey.mean() / 255),
         tuple(float(q) for q in quantiles),

@@ -21,7 +21,7 @@ from iclnuim.formats.exr import read_exr
 from iclnuim.formats.files import write_json
 from iclnuim.job import shipped_job
 from iclnuim.sensor.transfer import srgb_from_light
-from iclnuim.worker_events import Note
+from iclnuim.worker_events import Event, Note
 
 LEVELS = (400, 200, 100, 45, 20, 10, 5, 2)
 MIN_DB = 55.0
@@ -31,24 +31,26 @@ def psnr_db(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> floa
     """PSNR of two maps {"R", "G", "B": (rows, columns)} over the texels that are lit in the first,
     of sRGB values 0..1.
     """
-    a, b = (
-        np.stack([channels[name].astype(np.float64) for name in "RGB"], -1)
-        for channels in (first, second)
-    )
+    a = np.stack([first[name] for name in "RGB"], -1).astype(np.float64)
+    b = np.stack([second[name] for name in "RGB"], -1).astype(np.float64)
     lit = a.max(-1) > 0
-    shown = [srgb_from_light(values[lit]) for values in (a, b)]
-    return float(-10 * np.log10(np.mean((shown[0] - shown[1]) ** 2)))
+    difference = srgb_from_light(a[lit]) - srgb_from_light(b[lit])
+    return float(-10 * np.log10(np.mean(difference**2)))
 
 
 def ship(room: str) -> str:
     """Bake the map of `room` with the default settings, or read it from the cache, and write
     blend/light/ROOM; returns a line about it.
     """
-    job, target = shipped_job(f"{room}/kt0"), shipped.folder("blend") / "light" / room
+    job = shipped_job(f"{room}/kt0")
+    target = shipped.folder("blend") / "light" / room
     shutil.rmtree(target, ignore_errors=True)
-    made, _ = worker.bake_light(
-        job, lambda event: print(event.text, flush=True) if isinstance(event, Note) else None
-    )
+
+    def listen(event: Event) -> None:
+        if isinstance(event, Note):
+            print(event.text, flush=True)
+
+    made, _ = worker.bake_light(job, listen)
     target.mkdir(parents=True)
     light = read_exr(made / light_map.MAP)
     for level in LEVELS:
@@ -70,9 +72,8 @@ def ship(room: str) -> str:
     }
     write_json(target / light_map.RECIPE, recipe)
     size = sum(file.stat().st_size for file in target.iterdir())
-    return json.dumps(
-        {"room": room, "bytes": size, "level": level, "psnr_db": round(quality_db, 2)}
-    )
+    figures = {"room": room, "bytes": size, "level": level, "psnr_db": round(quality_db, 2)}
+    return json.dumps(figures)
 
 
 def write(path: Path, channels: dict[str, np.ndarray], level: float) -> None:

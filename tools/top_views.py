@@ -21,25 +21,27 @@ from iclnuim.report import charts
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-_ABOVE_FLOOR_M, _MARGIN_M, _STEP_M, _EDGE_M, _INCH_M = 2.3, 0.1, 0.01, 0.02, 1.62
+#: Height of the rays' origins above the floor, below the ceiling.
+_ABOVE_FLOOR_M = 2.3
+#: Border of the picture, side of a pixel, and metres on an inch of it.
+_MARGIN_M = 0.1
+_STEP_M = 0.01
+_INCH_M = 1.62
+#: A line is drawn where the height changes by more.
+_EDGE_M = 0.02
 _LIGHT = np.array([-0.3, 0.4, 0.87])
 
 
 def main(rooms: Sequence[str]) -> None:
     for room in rooms:
         scene.open_scene(room)
-        picture, extent = top_view(
-            RayCaster.of_model(found := model.scene_model()), found.corners_m, found.instance
-        )
+        found = model.scene_model()
+        picture, extent = top_view(RayCaster.of_model(found), found.corners_m, found.instance)
         for name in shipped.sequence_names():
             if name.startswith(f"{room}/"):
                 path = shipped.trajectory_file(name)
-                draw(
-                    picture,
-                    extent,
-                    read_trajectory(path).trajectory.T_world_camera,
-                    path.with_suffix(".png"),
-                )
+                poses = read_trajectory(path).trajectory.T_world_camera
+                draw(picture, extent, poses, path.with_suffix(".png"))
 
 
 def top_view(
@@ -51,9 +53,8 @@ def top_view(
     floor_m = np.percentile(corners_m[..., 2], 1)
     inside = corners_m[np.abs(corners_m[..., 2] - floor_m) < _ABOVE_FLOOR_M]
     low, high = np.percentile(inside[:, :2], [0.1, 99.9], axis=0)
-    x, y = (
-        np.arange(a - _MARGIN_M, b + _MARGIN_M, _STEP_M) for a, b in zip(low, high, strict=True)
-    )
+    (left, bottom), (right, top) = low - _MARGIN_M, high + _MARGIN_M
+    x, y = np.arange(left, right, _STEP_M), np.arange(bottom, top, _STEP_M)
     origins = np.stack(
         [*np.meshgrid(x, y[::-1]), np.full((len(y), len(x)), floor_m + _ABOVE_FLOOR_M)], -1
     )
@@ -85,17 +86,10 @@ def draw(
     colours = colormaps["viridis"](np.linspace(0, 1, len(places)))
     axes.scatter(places[:, 0], places[:, 1], s=2, c=colours, zorder=3)
     for place, look, colour in zip(places[::30], looks[::30], colours[::30], strict=True):
-        style = {
-            "arrowstyle": "-|>",
-            "color": colour,
-            "lw": 1.0,
-            "mutation_scale": 6,
-            "shrinkA": 0,
-            "shrinkB": 0,
-        }
-        axes.annotate(
-            "", place + 0.32 * look / np.linalg.norm(look), place, arrowprops=style, zorder=4
-        )
+        arrow = {"arrowstyle": "-|>", "mutation_scale": 6, "shrinkA": 0, "shrinkB": 0}
+        arrow |= {"color": colour, "lw": 1.0}
+        end = place + 0.32 * look / np.linalg.norm(look)
+        axes.annotate("", end, place, arrowprops=arrow, zorder=4)
     axes.plot(*places[0], "o", c=colours[0], ms=6)
     axes.plot(*places[-1], "s", c=colours[-1], ms=5, mec="k", mew=0.5)
     axes.axis("off")
