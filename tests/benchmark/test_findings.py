@@ -2,6 +2,8 @@
 figures.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from iclnuim.benchmark.experiments.correlation import (
@@ -54,6 +56,15 @@ def test_a_verdict_follows_the_figures(number):
     for words, holds in ((makes, True), (breaks, False)):
         ours = Ours(with_errors(results(3), 1e6, **words))
         assert apply_rule(RULES[number].holds, ours)[0] is holds
+
+
+@pytest.mark.parametrize(("growth", "holds"), [(2.5, True), (1.5, False)])
+def test_noise_increases_an_error_strongly_from_twice_on(growth, holds):
+    clean = [result(key, 0.01, 0.01) for key in all_keys() if key.noise == "clean"]
+    noisy = [replace(r.key, noise="noisy") for r in clean]
+    errors = [0.01 * (growth if key.trajectory == "kt3" else 1.1) for key in noisy]
+    ours = Ours([*clean, *map(result, noisy, errors)])
+    assert apply_rule(RULES[15].holds, ours)[0] is holds
 
 
 @pytest.mark.parametrize(("share", "found"), [(0.4, HOLDS), (0.6, FAILS), (None, MISSING)])
@@ -137,6 +148,11 @@ def test_pairs_on_one_sequence_say_whether_a_better_trajectory_means_a_better_su
     assert (correlation(turned).rho, correlation(turned).discordant) == (pytest.approx(-1), 6)
     near = [result(cell, 0.01 * 1.01**k, 0.02 / 2**k) for k, cell in enumerate(cells)]
     assert correlation(near).pairs == 0  # trajectories that hardly differ
+    elsewhere = [replace(cell, trajectory=f"kt{k}") for k, cell in enumerate(cells)][2:]
+    for share, pairs in ((0.92, 0), (0.85, 1)):  # errors that differ by 8 % and by 15 %
+        two = [result(cells[0], 0.01, 0.02), result(cells[1], 0.01 * share, 0.04)]
+        others = [result(key, 0.5, 0.5) for key in elsewhere]
+        assert correlation(two + others).pairs == pairs
     assert correlation(same[:3]) is None
     assert [row[0] for row in correlation_table(results()).rows] == [
         "all cells",

@@ -78,6 +78,82 @@ def test_what_is_said_is_held_against_what_is_true(truth, given, clean, expected
     } == expected
 
 
+def moved(truth, motions):
+    """Poses along `truth` but for a twist (n, 6) in each camera's frame."""
+    found = Trajectory(truth.stamps_s, truth.T_world_camera @ SE3.exp(motions))
+    return Poses(found, np.ones(len(truth), bool), np.array([]), len(truth))
+
+
+def ramp(truth, metres=0.0, degrees=0.0):
+    """A drift by so much in a second."""
+    rate = np.array([metres, 0, 0, 0, np.radians(degrees), 0])
+    return (truth.stamps_s - truth.stamps_s[0])[:, None] * rate
+
+
+def jump(truth, metres=0.0, degrees=0.0):
+    """A jump at frame 24: less than a second later, no drift over a second can be measured."""
+    motion = np.array([metres, 0, 0, 0, np.radians(degrees), 0])
+    return np.where(np.arange(len(truth))[:, None] < 24, 0, motion)
+
+
+def shake(truth, metres):
+    """Every other pose is off to one side, so that alignment changes nothing."""
+    side = np.where(np.arange(len(truth)) % 2, metres, -metres)
+    return side[:, None] * np.array([1, 0, 0, 0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("motions", "figure", "small", "large"),
+    [
+        (lambda truth, by: jump(truth, metres=by), "wrong", 0.015, 0.03),
+        (lambda truth, by: jump(truth, degrees=by), "wrong", 0.75, 1.5),
+        (lambda truth, by: ramp(truth, metres=by), "wrong", 0.04, 0.07),
+        (lambda truth, by: ramp(truth, degrees=by), "wrong", 1.5, 3.0),
+        (lambda truth, by: -shake(truth, by), "success", 0.15, 0.07),
+    ],
+    ids=["step", "turn", "drift", "turn over a second", "ATE"],
+)
+def test_a_pose_is_wrong_and_a_run_fails_beyond_its_bound_alone(
+    truth, motions, figure, small, large
+):
+    """By default 2 cm and 1 degree a step, 5 cm and 2 degrees over a second, an ATE of 10 cm."""
+    found = [
+        getattr(outcome(moved(truth, motions(truth, by)), truth, BOUNDS, True), figure)
+        for by in (small, large)
+    ]
+    assert [bool(value) for value in found] == [False, True]
+
+
+def test_an_alarm_at_the_first_frame_of_a_window_is_of_the_motion_before_it(truth):
+    """The window is (a, b]: the drift over the second before frame 36 begins at frame 6."""
+    drift = np.where(np.arange(len(truth))[:, None] < 36, 0, [[0.06, 0, 0, 0, 0, 0]])
+    jumped = moved(truth, drift)
+    for alarm, unnoticed in ((6, 1), (7, 0), (36, 0)):
+        alarms_s = truth.stamps_s[[alarm]]
+        good = np.arange(len(truth)) != 36  # the wrong step itself is reported
+        found = outcome(replace(jumped, good=good, alarms_s=alarms_s), truth, BOUNDS, False)
+        drifted = outcome(replace(jumped, alarms_s=alarms_s), truth, BOUNDS, False)
+        assert drifted.wrong == 12
+        # windows that end at frames 37 to 47 begin after frame 6
+        within = sum(not (end - 30 < alarm <= end) for end in range(37, 48))
+        assert found.false_successes == within
+        assert drifted.false_successes == within + 1
+        assert unnoticed == (not (36 - 30 < alarm <= 36))
+
+
+def test_under_constrained_frames_are_the_cause_from_a_tenth_on(truth):
+    def cause(count):
+        made = []
+        for k, stamp_s in enumerate(truth.stamps_s):
+            status = Status.DEGENERATE if 0 < k <= count else Status.OK
+            made.append(
+                Tracked(stamp_s, SE3.identity(), OdometryResult(SE3.identity(), status=status))
+            )
+        return diagnostics(made, {}, truth, None)["cause"]
+
+    assert cause(3) == "" and cause(6) == "13% under-constrained"  # of 47
+
+
 def test_nees_of_errors_drawn_from_the_stated_covariance_is_one(truth):
     rng, sigma = np.random.default_rng(1), np.array([0.001, 0.002, 0.003, 0.0005, 0.001, 0.002])
     information = np.diag(1 / sigma**2)
@@ -116,11 +192,13 @@ def test_a_fitness_that_is_too_small_is_a_flag_of_open3d_and_not_of_ours(truth):
         Tracked(t, T, OdometryResult(T, inliers=0.9))
         for t, T in zip(truth.stamps_s, truth.T_world_camera, strict=True)
     ]
-    low = [replace(f, result=replace(f.result, inliers=0.1)) for f in good]
+    low = [replace(f, result=replace(f.result, inliers=0.2)) for f in good]
+    enough = [replace(f, result=replace(f.result, inliers=0.4)) for f in good]
     fitness = BOUNDS.min_fitness
     assert (
         Poses.of(good, fitness).good.all()
         and not Poses.of(low, fitness).good.any()
+        and Poses.of(enough, fitness).good.all()
         and Poses.of(low).good.all()
     )
 
