@@ -17,7 +17,7 @@ from iclnuim.dataset.frames import (
     run_frames,
 )
 from iclnuim.dataset.inspection import inspect_sequence
-from iclnuim.dataset.layout import Row, SequenceCamera
+from iclnuim.dataset.layout import Row, SequenceCamera, posed
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.dataset.sequence_options import SequenceOptions
@@ -25,6 +25,8 @@ from iclnuim.errors import InputError
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.farm.run_plan import RunPlan
 from iclnuim.headless.farm.tasks import SequenceStage
 from iclnuim.headless.options import add_settings
@@ -687,3 +689,12 @@ def test_noise_on_a_written_clean_sequence_is_noise_on_its_pixels(run, tmp_path)
 def test_orb_slam3s_settings_have_the_rate_of_the_stamps(run, tmp_path, stride, fps):
     write_sequence(run_frames(run.path, f"::{stride}"), tmp_path / "out")
     assert f"\nCamera.fps: {fps}\n" in (tmp_path / "out/orb_slam3.yaml").read_text()
+
+
+@pytest.mark.parametrize(("steps_off", "has_pose"), [(0.0, True), (0.45, True), (0.55, False)])
+def test_a_pose_belongs_to_the_frame_that_is_nearest_in_time(steps_off, has_pose):
+    """At the usual rate of 30 frames per second; further away it belongs to a neighbour."""
+    stamps_s = 1 + np.arange(5) / 30
+    other = np.delete(stamps_s, 2)
+    late = Trajectory(np.sort(np.append(other, stamps_s[2] + steps_off / 30)), SE3.identity((5,)))
+    assert posed(stamps_s, late).tolist() == [True, True, has_pose, True, True]

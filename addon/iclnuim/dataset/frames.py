@@ -12,6 +12,7 @@ import numpy as np
 
 from ..channels import BASE, DEPTH, FURTHER, RGB, Channel, further_of
 from ..errors import InputError, within
+from ..evaluation.associate import nearest
 from ..formats.associations import LARGEST_NUMBER
 from ..formats.depth_units import metres_from_depth16
 from ..formats.exr import read_exr
@@ -333,27 +334,31 @@ def image_frames(
         pair = by_number[number]
         return sha256(read_bytes(pair.rgb, "an image") + read_bytes(pair.depth, "an image"))
 
-    names = "\n".join(f"{p.stamp_s:.9f} {p.rgb.name} {p.depth.name}" for p in pairs)
     paths = _kept_paths(folder, pairs)
-    origin = {
-        "images": folder.resolve().name,
-        "depth_units_per_metre": camera.depth_units_per_metre,
-        "list_sha256": sha256(names.encode()),
-        "names": "kept" if paths else "by frame number",
-    }
-    kept = {p.number: _kept(p, paths.get(p.number, {})) for p in pairs}
     return FrameSource(
         camera.pinhole,
         numbers,
         truth.stamps_s,
         load,
         truth.poses,
-        origin,
-        names=kept,
+        _origin(folder, pairs, camera, bool(paths)),
+        names={p.number: _kept(p, paths.get(p.number, {})) for p in pairs},
         truth_file=truth.file,
         depth_units_per_metre=camera.depth_units_per_metre,
         digest=digest,
     )
+
+
+def _origin(
+    folder: Path, pairs: list[ImagePair], camera: SequenceCamera, names_kept: bool
+) -> dict[str, object]:
+    names = "\n".join(f"{p.stamp_s:.9f} {p.rgb.name} {p.depth.name}" for p in pairs)
+    return {
+        "images": folder.resolve().name,
+        "depth_units_per_metre": camera.depth_units_per_metre,
+        "list_sha256": sha256(names.encode()),
+        "names": "kept" if names_kept else "by frame number",
+    }
 
 
 def original_frames(
@@ -384,9 +389,7 @@ class _TruthOfSome:
         if len(numbers) == len(self.stamps_s):
             return np.arange(len(own))
         chosen = np.sort([self.stamps_s[number] for number in numbers])
-        after = np.searchsorted(chosen, own)
-        near = np.stack([chosen[(after - 1).clip(0)], chosen[after.clip(max=len(chosen) - 1)]])
-        return np.flatnonzero(np.abs(near - own).min(0) <= self._reach_s + 1e-6)
+        return np.flatnonzero(nearest(own, chosen)[1] <= self._reach_s + 1e-6)
 
     def poses(self, numbers: tuple[int, ...]) -> Trajectory | None:
         if not self._loaded:

@@ -30,13 +30,13 @@ from .frames import (
     read_truth,
     unused_images,
 )
-from .layout import DISTORTED, SequenceCamera, usual_step_s
+from .layout import DISTORTED, SequenceCamera, posed, usual_step_s
 
 T = TypeVar("T")
 
 #: Number of colour and of depth images whose pixels are read.
 _SAMPLES = 24
-#: Maximum distance of a pose from its frame, as a share of the time between frames.
+#: Maximum distance of a frame from its pose, as a share of the time between frames.
 _SLACK = 0.5
 #: Larger residuals are caused by other surfaces, not by errors of the pose.
 _SAME_SURFACE_M = 0.3
@@ -271,13 +271,12 @@ def _poses(result: Inspection, pairs: list[ImagePair], truth: Trajectory) -> Non
     result.figures["poses"] = figures.frames
     result.figures["length_m"] = round(figures.length_m, 3)
     result.figures["max_speed_m_s"] = round(figures.max_speed, 3)
-    limit_s = _SLACK * usual + 1e-9
-    without = np.flatnonzero(nearest(stamps, truth.stamps_s)[1] > limit_s)
+    without = np.flatnonzero(~posed(stamps, truth))
     if without.size:
         names = _first([pairs[int(i)].rgb.name for i in without])
         result.odd.append(f"{without.size} frames without a pose: {names}")
     within = (truth.stamps_s > stamps[0] - usual) & (truth.stamps_s < stamps[-1] + usual)
-    idle = nearest(truth.stamps_s[within], np.sort(stamps))[1] > limit_s
+    idle = nearest(truth.stamps_s[within], np.sort(stamps))[1] > _SLACK * usual + 1e-9
     # a motion tracker has a higher rate than the frames
     if idle.any() and len(truth) <= 1.5 * len(pairs):
         result.odd.append(f"{idle.sum()} poses without a frame")

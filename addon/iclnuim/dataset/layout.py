@@ -17,6 +17,7 @@ import numpy as np
 
 from ..channels import BASE, DEPTH, RGB, Channel
 from ..errors import InputError, within
+from ..evaluation.associate import nearest
 from ..formats.associations import ImageList
 from ..formats.depth_units import UNITS_PER_METRE, check_units
 from ..formats.files import atomic_write, make_folder, read_json
@@ -258,10 +259,8 @@ def posed(stamps_s: np.ndarray, truth: Trajectory | None) -> np.ndarray:
     """(n,) bool: whether the trajectory has a pose within half a usual step of each stamp (n,)."""
     if truth is None:
         return np.zeros(len(stamps_s), bool)
-    own = truth.stamps_s
-    after = np.searchsorted(own, stamps_s).clip(1, max(1, len(own) - 1))
-    near = np.abs(own[np.stack([after - 1, np.minimum(after, len(own) - 1)])] - stamps_s).min(0)
-    return near <= _SLACK * usual_step_s(stamps_s) + 1e-6
+    off_s = nearest(stamps_s, truth.stamps_s)[1]
+    return off_s <= _SLACK * usual_step_s(stamps_s) + 1e-6
 
 
 def usual_step_s(stamps_s: np.ndarray) -> float:

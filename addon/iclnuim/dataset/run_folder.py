@@ -150,8 +150,12 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
     existing = path / "sequence.json"
     if existing.is_file():
         begun = read_json(existing)
-        record = Record("run", existing, run_identity(recipe), _changed(begun, recipe))
-        record.refuse_other(run_identity(begun))
+        there = run_identity(begun)
+        requested = run_identity(recipe)
+        hint = "another {out}"
+        if requested.get("mipmaps") and not there.get("mipmaps"):
+            hint = "turning {mipmaps} off to go on as before, or another {out}"
+        Record("run", existing, requested, _changed(begun, recipe), hint).refuse_other(there)
     elif path.is_dir() and any(path.iterdir()):
         # a run that was killed before its recipe was written leaves an empty exr/, camera.json,
         # groundtruth.txt and temporary files

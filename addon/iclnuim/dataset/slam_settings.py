@@ -89,7 +89,8 @@ DepthMapFactor: {float(units)!r}
 
 def stella_vslam(c: PinholeCamera, rate_hz: float, units: float) -> str:
     """YAML for `run_tum_rgbd_slam -v VOCABULARY -c THIS_FILE -d SEQUENCE`."""
-    return f"""# stella_vslam, RGB-D: run_tum_rgbd_slam -v VOCABULARY -c stella_vslam.yaml -d SEQUENCE
+    return f"""\
+# stella_vslam, RGB-D: run_tum_rgbd_slam -v VOCABULARY -c stella_vslam.yaml -d SEQUENCE
 Camera:
   name: "RGB-D"
   setup: "RGBD"

@@ -6,6 +6,7 @@ The lines of traj.txt correspond to the images in the order of their names
 """
 
 from pathlib import Path
+from typing import Any
 
 from ...channels import RGB
 from ...errors import InputError
@@ -59,9 +60,9 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
         header = image_header(image)
         published = (header.width, header.height) == (_PUBLISHED.width, _PUBLISHED.height)
         return SequenceCamera(_PUBLISHED, UNITS) if published else None
-    content = read_json(file).get("camera")
+    content: Any = read_json(file).get("camera")
     try:
-        values = [float(content[key]) for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")]  # type: ignore[index]
+        values = [float(content[key]) for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")]
         size = int(values[0]), int(values[1])
     except (KeyError, TypeError, ValueError, OverflowError):
         raise InputError("a camera with numbers w, h, fx, fy, cx, cy, scale", path=file) from None
