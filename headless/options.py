@@ -12,7 +12,7 @@ from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.settings import Setting, Settings, declared, find, plain
 
 S = TypeVar("S", bound=Settings)
-#: Endings of scene files, for help texts only; iclnuim.blender.open.scene decides which files are read.
+#: Endings of scene files, for help texts; iclnuim.blender.open.scene decides what is read.
 SCENE_KINDS = ".blend .glb .gltf .obj .ply .usd .fbx"
 
 
