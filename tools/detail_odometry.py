@@ -299,7 +299,7 @@ def _figure(builds: Sequence[Build]) -> Any:
     """A panel for each sequence and kind: ATE by detail; bars at level 1 are the range between
     seeds.
     """
-    from iclnuim.benchmark.experiments.curve_chart import look
+    from iclnuim.benchmark.experiments.error_chart import look
     from matplotlib.figure import Figure
 
     rows = changes(builds)

@@ -6,81 +6,50 @@ setting itself; the frame rate changes the time per second.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
-from iclnuim.report import pareto
 from iclnuim.report.charts import COLOURS
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from .curves import CURVES, Point
+from .error_chart import TICKS_MS, ErrorChart, look
 from .fusion_curve import FusedPoint
 
-_COLUMNS = 2
-_TICKS_MS = (2, 5, 10, 20, 50, 100, 200)
 #: Curves whose steps take the same time: the error is drawn over the setting.
 _OVER_SETTING = ("keyframe", "realtime")
 
 
 def figure(curve: str, results: Mapping[str, Sequence[Point]]) -> Figure:
-    """A panel for each sequence, with common axes. Ours are lines with dots; third-party ones are
-    dotted lines with squares.
-
-    The first and last step of a method have their values beside them. A cross is a step that lost
-    more than half of the frames it processed; it is not part of the front.
+    """Ours are lines with dots; third-party ones are dotted lines with squares. The first and last
+    step of a method have their values beside them. A cross is a step that lost more than half of
+    the frames it processed; it is not part of the front.
     """
     label, cost = _axis(curve)
-    columns = min(len(results), _COLUMNS)
-    rows = -(-len(results) // columns)
-    drawing = Figure(figsize=(4.6 * columns + 1.9, 3.5 * rows + 0.4), layout="constrained")
-    panels = drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    methods: dict[str, None] = {}
-    for points in results.values():
-        methods |= dict.fromkeys(p.method for p in points)
-    shown = {}
-    for axes, (name, points) in zip(panels.flat, results.items(), strict=False):
+    chart = ErrorChart(list(results), 2, 4.4)
+    methods = list(dict.fromkeys(p.method for p in chain.from_iterable(results.values())))
+    for name, points in results.items():
         for method in methods:
             own = [p for p in points if p.method == method and p.ate_m is not None]
             if own:
-                shown[method] = _line(axes, own, cost, look(method, list(methods)))
+                style = look(method, methods)
+                chart.shown[method] = _line(chart.panels[name], own, cost, style)
         if curve not in _OVER_SETTING:
-            _front(axes, points, cost)
-        axes.set(xscale="log", yscale="log", title=name)
-        ticks = _ticks(curve, points)
-        axes.set_xticks(ticks, labels=[f"{x:g}" for x in ticks])
-        axes.xaxis.set_minor_formatter("")
-        axes.grid(alpha=0.3)
-    for axes in panels.flat[len(results) :]:
-        axes.set_visible(False)
-    drawing.suptitle(f"{curve}: {CURVES[curve].unit}")
-    drawing.supxlabel(label, fontsize="medium")
-    drawing.supylabel("ATE RMSE [mm]", fontsize="medium")
-    drawing.legend(shown.values(), shown.keys(), loc="outside right upper", fontsize=8)
-    return drawing
+            good = [p for p in points if not p.failed and p.ate_m is not None]
+            chart.front(name, [(cost(p), 1e3 * (p.ate_m or 0.0)) for p in good])
+    if curve in _OVER_SETTING:
+        chart.ticks(_values(results))
+    elif curve == "rate":
+        chart.ticks(100.0 * ms for ms in TICKS_MS)
+    return chart.close(label, f"{curve}: {CURVES[curve].unit}")
 
 
-def _front(axes: Axes, points: Sequence[Point], cost: Callable[[Point], float]) -> None:
-    """Draw the Pareto front of the steps that did not fail."""
-    good = [p for p in points if not p.failed]
-    found = [(cost(p), 1e3 * p.ate_m) for p in good if p.ate_m is not None]
-    best = [found[k] for k in pareto.front(found)]
-    x = [one[0] for one in best]
-    y = [one[1] for one in best]
-    axes.plot(x, y, "--", color="grey", linewidth=0.8, zorder=0)
-
-
-def look(method: str, methods: Sequence[str]) -> dict[str, Any]:
-    """Line and marker of one of `methods`: colours in their order, hollow markers once these are
-    used up; dotted lines for third-party ones.
-    """
-    k = methods.index(method)
-    colour = COLOURS[k % len(COLOURS)]
-    inside = "white" if k >= len(COLOURS) else colour
-    style = {"color": colour, "markerfacecolor": inside, "linewidth": 1, "markersize": 4}
-    if method.startswith("baseline:"):
-        return {**style, "linestyle": ":", "marker": "s"}
-    return {**style, "linestyle": "-", "marker": "o"}
+def _values(results: Mapping[str, Sequence[Point]]) -> list[float]:
+    """The steps of all methods."""
+    points = chain.from_iterable(results.values())
+    return sorted({p.value for p in points if p.value is not None})
 
 
 def _axis(curve: str) -> tuple[str, Callable[[Point], float]]:
@@ -90,13 +59,6 @@ def _axis(curve: str) -> tuple[str, Callable[[Point], float]]:
     if curve == "rate":
         return "processing time in ms per second of the sequence", lambda p: p.ms * (p.value or 1.0)
     return "median ms per frame", lambda p: p.ms
-
-
-def _ticks(curve: str, points: Sequence[Point]) -> list[float]:
-    """Ticks of the horizontal axis: the steps, if it shows the setting."""
-    if curve in _OVER_SETTING:
-        return sorted({p.value for p in points if p.value is not None})
-    return [100.0 * ms for ms in _TICKS_MS] if curve == "rate" else list(_TICKS_MS)
 
 
 def _line(

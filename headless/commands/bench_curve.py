@@ -17,7 +17,6 @@ from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.inputs import Input
-    from iclnuim.benchmark.experiments.pool import Advance
     from iclnuim.benchmark.experiments.recipes.curve import Curve
     from iclnuim.benchmark.perturbations.segment import Segment
 
@@ -74,11 +73,7 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
     curve = _experiment(args, console)
     cv2.setNumThreads(args.threads)
     store = Store(args.out / curve.name, KIND)
-
-    def begin(total: int) -> "Advance":
-        return console.progress(total, f"bench curve {curve.name}").advance
-
-    curve.run(store, begin)
+    curve.run(store, console)
     points = curve.points(store)
     if args.plot:
         from iclnuim.report import charts

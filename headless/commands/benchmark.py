@@ -28,7 +28,6 @@ from ..options import common, count
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.cell import Measured
     from iclnuim.benchmark.experiments.paper_sources import Sources
-    from iclnuim.benchmark.experiments.pool import Advance
 
 _BYTES_A_WORKER = 2 << 30
 
@@ -149,13 +148,9 @@ def _measure(args: argparse.Namespace, console: Console) -> list[str]:
     if args.systems.is_dir():
         systems = external_keys(args.systems, keys, sources, args.first)
     paper = Paper(sources, keys, systems, args.first, surfaces=not args.no_surfaces)
-
-    def begin(total: int) -> "Advance":
-        return console.progress(total, "benchmark").advance
-
     with OutputLock(args.out / "work"):
         store = Store(args.out, KIND)
-        return paper.run(store, args.workers or _workers(), begin, console.note)
+        return paper.run(store, args.workers or _workers(), console)
 
 
 def _measurable(

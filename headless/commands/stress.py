@@ -19,7 +19,6 @@ from ..method_options import installed, require
 from ..options import common, count
 
 if TYPE_CHECKING:
-    from iclnuim.benchmark.experiments.pool import Advance
     from iclnuim.benchmark.experiments.recipes.stress import Stress
     from iclnuim.benchmark.perturbations.plan import Plan
 
@@ -124,11 +123,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     stress = _experiment(args, console, plan, may_be_empty=bool(given) and args.report_only)
     store = Store(args.out, KIND)
     if not args.report_only:
-
-        def begin(total: int) -> "Advance":
-            return console.progress(total, "stress", "cells").advance
-
-        stress.run(store, args.workers or cores(), begin)
+        stress.run(store, args.workers or cores(), console)
     others = () if args.methods or args.system else sorted({key.method for key in given})
     names = tuple(dict.fromkeys([*stress.names, *others]))
     cells = chosen(given, names, stress.perturbations, args.severities, args.starts)

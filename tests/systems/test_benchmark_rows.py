@@ -13,6 +13,7 @@ from iclnuim.benchmark.experiments.paper_keys import LAMBERTIAN, PaperKey
 from iclnuim.benchmark.experiments.paper_sources import Sources, external_keys
 from iclnuim.benchmark.experiments.recipes.paper import KIND, Paper
 from iclnuim.benchmark.experiments.store import Store
+from iclnuim.console import Console
 from iclnuim.formats.png import write_png
 
 KT2 = PaperKey("living_room", "kt2", "clean", "icp", "best", "default")
@@ -30,10 +31,15 @@ def store(sources):
 
 
 def measure(paper, store):
-    """Measure what is missing; returns the notes and the steps that progress showed."""
-    notes, steps = [], []
-    assert paper.run(store, 1, lambda total: steps.append, notes.append) == []
-    return notes, sum(steps)
+    """Measure what is missing; returns the notes and the frames that progress showed."""
+    console = Console()
+    console.note = (notes := []).append
+    console.progress = lambda total, label: (
+        shown.append(total) or Console(quiet=True).progress(total, label)
+    )
+    shown = []
+    assert paper.run(store, 1, console) == []
+    return notes, sum(shown)
 
 
 def test_runs_of_a_system_are_cells_whose_error_is_that_of_its_row(

@@ -6,11 +6,12 @@ missing, all are measured again.
 OUT/cells/CURVE/SEQUENCE/METHOD_VALUE   a cell
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from iclnuim.benchmark.fusion.surface_error import TrueSurface
+from iclnuim.console import Console
 from iclnuim.formats.files import sha256
 
 from ...perturbations.segment import Segment
@@ -79,10 +80,8 @@ class Curve:
             found.append(Cell(key, identity | {"method_code": method_code(method)}))
         return found
 
-    def run(self, store: Store, begin: Callable[[int], Advance]) -> None:
-        """Measure the sequences of which a step is missing. begin(number of frames) returns what
-        advances by one for each.
-        """
+    def run(self, store: Store, console: Console) -> None:
+        """Measure the sequences of which a step is missing."""
         folders = {name: str(one.sequence.folder) for name, one in self.inputs.items()}
         store.open({}, {"sequences": folders, **self.settings})
         jobs = []
@@ -94,8 +93,9 @@ class Curve:
                 self._measure(sequence, store, advance)
 
             jobs.append(Job(sequence, measure, self._length(segment)))
-        if jobs:
-            run_jobs(jobs, 1, begin(sum(job.steps for job in jobs)))
+        frames = sum(job.steps for job in jobs)
+        progress = console.progress(frames, f"bench curve {self.name}")
+        run_jobs(jobs, 1, progress.advance)
 
     def _length(self, segment: Segment) -> int:
         values = [value for _, value in self.steps if value is not None]

@@ -7,12 +7,13 @@ OUT/tables/, OUT/report.html         made from the cells alone
 OUT/models/, OUT/noise/, OUT/work/   data shared by cells while they are measured
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from iclnuim.benchmark.fusion.settings import QualitySettings
+from iclnuim.console import Console
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import sha256
 
@@ -61,32 +62,24 @@ class Paper:
             }
         return Cell(key, identity)
 
-    def run(
-        self,
-        store: Store,
-        workers: int,
-        begin: Callable[[int], Advance],
-        note: Callable[[str], object],
-    ) -> list[str]:
-        """Measure the missing cells; returns a sentence for each cell that could not be measured.
-        begin(number of frames) returns what advances by one for each frame.
-        """
+    def run(self, store: Store, workers: int, console: Console) -> list[str]:
+        """Measure the missing cells; returns a sentence for each cell that could not be measured."""
         store.open({"first": self.first})
         cells = self.cells()
         missing = store.missing(cells)
         measured = len(cells) - len(missing)
-        note(f"benchmark: {len(cells)} cells, {measured} of them already measured")
+        console.note(f"benchmark: {len(cells)} cells, {measured} of them already measured")
         problems: list[str] = []
 
         def on_problem(problem: str) -> None:
             problems.append(problem)
-            note(problem)
+            console.note(problem)
 
-        jobs = [self._job(cell, store) for cell in self._with_models(missing, note)]
+        jobs = [self._job(cell, store) for cell in self._with_models(missing, console)]
         noisy = {cell.key.sequence: cell.key for cell in missing if cell.key.seed}
         total = sum(job.steps for job in jobs)
         total += sum(self.sources.frames(key, self.first) for key in noisy.values())
-        advance = begin(total)
+        advance = console.progress(total, "benchmark").advance
 
         def on_frame(number: int) -> None:
             advance(1)
@@ -102,7 +95,7 @@ class Paper:
             self.sources.remove_work()
         return problems
 
-    def _with_models(self, cells: Sequence[Cell], note: Callable[[str], object]) -> list[Cell]:
+    def _with_models(self, cells: Sequence[Cell], console: Console) -> list[Cell]:
         """The cells, without a model where its triangles cannot be read: no surface is measured,
         and a later call measures it.
         """
@@ -113,7 +106,7 @@ class Paper:
                 self.sources.model(room)
             except WorkError as error:
                 failed.add(room)
-                note(f"surfaces of {room} are not measured: {error}")
+                console.note(f"surfaces of {room} are not measured: {error}")
         found = []
         for cell in cells:
             without = cell.identity.get("model") in failed

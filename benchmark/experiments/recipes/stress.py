@@ -5,13 +5,14 @@ OUT/cells/SEQUENCE/START/PERTURBATION_SEVERITY/METHOD   a cell; severity 0 is `c
 """
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS, odometer
+from iclnuim.console import Console
 from iclnuim.dataset.frames import FrameSource
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.errors import InputError
@@ -106,15 +107,15 @@ class Stress:
         places = [(*segment, *perturbation) for perturbation, segment in segments]
         return [self._cell(place, name) for place, name in product(places, self.names)]
 
-    def run(self, store: Store, workers: int, begin: Callable[[int], Advance]) -> None:
-        """Measure the missing cells. begin(number of them) returns what advances by one for each."""
+    def run(self, store: Store, workers: int, console: Console) -> None:
+        """Measure the missing cells."""
         methods = {label(system): system for system in self.systems}
         about = {"perturbations": self.plan.text, "methods": self.names}
         folders = {name: str(one.sequence.folder) for name, one in self.inputs.items()}
         store.open({}, {**about, "sequences": folders})
         one_thread()
         missing = store.missing(self.cells())
-        advance = begin(len(missing))
+        advance = console.progress(len(missing), "stress", "cells").advance
         tracked = [cell for cell in missing if cell.key.method not in methods]
         for perturbed in (False, True):
             some = [cell for cell in tracked if bool(cell.key.severity) == perturbed]
