@@ -14,7 +14,7 @@ from itertools import pairwise
 from typing import Any, NoReturn
 
 from iclnuim.console import Console
-from iclnuim.errors import IclnuimError, InputError
+from iclnuim.errors import IclnuimError, InputError, package_missing
 from iclnuim.formats.files import check_file, check_picture
 from iclnuim.version import __version__
 
@@ -96,6 +96,9 @@ def _run(argv: list[str]) -> int:
     except IclnuimError as error:
         print(f"iclnuim {command}: {error.worded(option_name)}", file=sys.stderr)
         return error.exit_code
+    except ModuleNotFoundError as error:
+        print(f"iclnuim {command}: {package_missing(command, error)}", file=sys.stderr)
+        return 3
     except KeyboardInterrupt:
         print(f"iclnuim {command}: interrupted", file=sys.stderr)
         return 130

@@ -16,27 +16,33 @@ from .version import __version__
 __all__ = [
     "__version__", "IclnuimError", "InputError", "WorkError",
     # poses, cameras, trajectories and their files
-    "SE3", "PinholeCamera", "Trajectory", "TrajectoryStatistics", "trajectory_statistics", "resample",
-    "LoadedTrajectory", "read_trajectory", "write_trajectory",
+    "SE3", "PinholeCamera", "Trajectory", "TrajectoryStatistics", "trajectory_statistics",
+    "resample", "LoadedTrajectory", "read_trajectory", "write_trajectory",
     # trajectory error: ATE and RPE
-    "absolute_trajectory_error", "relative_pose_error", "absolute_error", "AbsoluteError", "AbsoluteErrorSettings", "relative_error",
-    "RelativeError", "RelativeErrorSettings", "AlignmentSettings", "associate", "Association", "AssociationSettings",
+    "absolute_trajectory_error", "relative_pose_error", "absolute_error", "AbsoluteError",
+    "AbsoluteErrorSettings", "relative_error", "RelativeError", "RelativeErrorSettings",
+    "AlignmentSettings", "associate", "Association", "AssociationSettings",
     # recordings for the viewer Rerun
     "record_sequence", "record_runs", "record_surface",
     # rendered views
-    "view_errors", "ViewErrors", "ViewError", "ViewSettings", "psnr_db", "ssim", "RayCaster", "HeldOutView", "check_held_out", "choose_held_out",
+    "view_errors", "ViewErrors", "ViewError", "ViewSettings", "psnr_db", "ssim", "RayCaster",
+    "HeldOutView", "check_held_out", "choose_held_out",
     # sensor noise
-    "noisy_depth", "noisy_rgb", "linear_from_srgb8", "depth_model", "rgb_model", "DEPTH_MODELS", "RGB_MODELS",
+    "noisy_depth", "noisy_rgb", "linear_from_srgb8", "depth_model", "rgb_model", "DEPTH_MODELS",
+    "RGB_MODELS",
     # RGB-D sequences
-    "make_sequence", "write_sequence", "SequenceSettings", "WrittenSequence", "FrameSource", "frames_from", "image_frames", "run_frames",
-    "inspect_sequence", "Inspection", "RgbdSequence",
+    "make_sequence", "write_sequence", "SequenceSettings", "WrittenSequence", "FrameSource",
+    "frames_from", "image_frames", "run_frames", "inspect_sequence", "Inspection", "RgbdSequence",
     # rendering
-    "SCENES", "RenderJob", "read_recipe", "shipped_job", "render_frames", "render_pose", "RenderedFrame",
+    "SCENES", "RenderJob", "read_recipe", "shipped_job", "render_frames", "render_pose",
+    "RenderedFrame",
     # odometry
-    "odometer", "Odometer", "Frame", "OdometryResult", "OdometryStatus", "track", "Tracked", "Tracker", "run_odometers", "OdometryRun", "odometry_table",
+    "odometer", "Odometer", "Frame", "OdometryResult", "OdometryStatus", "track", "Tracked",
+    "Tracker", "run_odometers", "OdometryRun", "odometry_table",
     # surfaces
-    "fuse_sequence", "FuseSettings", "VolumeSettings", "FusedSurface", "Mesh", "read_mesh", "read_model", "write_ply", "TrueSurface", "SurfaceError",
-    "surface_quality", "SurfaceQuality", "QualitySettings", "SeenBy",
+    "fuse_sequence", "FuseSettings", "VolumeSettings", "FusedSurface", "Mesh", "read_mesh",
+    "read_model", "write_ply", "TrueSurface", "SurfaceError", "surface_quality", "SurfaceQuality",
+    "QualitySettings", "SeenBy",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -110,13 +116,13 @@ else:
 
 
 #: public name -> (module, its name there), read from the imports above
-_PLACES = {
-    alias.asname or alias.name: (node.module, alias.name)
-    for node in ast.walk(ast.parse(Path(__file__).read_text("utf-8")))
-    if isinstance(node, ast.ImportFrom) and node.level and node.module != "version"
-    for alias in node.names
-    if alias.asname or alias.name in __all__
-}
+_PLACES: dict[str, tuple[str, str]] = {}
+for _node in ast.walk(ast.parse(Path(__file__).read_text("utf-8"))):
+    if isinstance(_node, ast.ImportFrom) and _node.level and _node.module not in (None, "version"):
+        for _alias in _node.names:
+            _name = _alias.asname or _alias.name
+            if _name in __all__:
+                _PLACES[_name] = (_node.module, _alias.name)
 
 
 def register() -> None:

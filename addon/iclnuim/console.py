@@ -19,7 +19,9 @@ class Console:
 
     def result(self, values: dict, text: str) -> None:
         """Print the result of a command: `values` with --json, `text` without."""
-        print(json.dumps(values, indent=2, allow_nan=False) if self.as_json else text, flush=True)
+        if self.as_json:
+            text = json.dumps(values, indent=2, allow_nan=False)
+        print(text, flush=True)
 
     def note(self, text: str) -> None:
         """Print additional information to standard error."""
@@ -45,6 +47,7 @@ class Progress:
         self.started = time.monotonic()
         self.last = 0.0
         self.terminal = sys.stderr.isatty()
+        self._pause_s = 0.1 if self.terminal else 10.0
 
     def begin(self) -> None:
         """Start the clock.
@@ -57,16 +60,16 @@ class Progress:
     def advance(self, count: int = 1) -> None:
         self.done += count
         now = time.monotonic()
-        if self.enabled and (
-            now - self.last > (0.1 if self.terminal else 10.0) or self.done >= self.total
-        ):
-            self.last = now
-            rate = self.done / max(now - self.started, 1e-9)
-            left = str(
-                timedelta(seconds=max(0, round((self.total - self.done) / rate)))
-            ).removeprefix("0:")
-            text = f"{self.label}: {self.done}/{self.total} {self.unit}, {rate:.3g}/s, {left} left"
-            end = "\n" if not self.terminal or self.done >= self.total else ""
-            print(
-                ("\r\x1b[K" if self.terminal else "") + text, end=end, file=sys.stderr, flush=True
-            )
+        ended = self.done >= self.total
+        if not self.enabled or not (ended or now - self.last > self._pause_s):
+            return
+        self.last = now
+        rate = self.done / max(now - self.started, 1e-9)
+        left_s = max(0, round((self.total - self.done) / rate))
+        left = str(timedelta(seconds=left_s)).removeprefix("0:")
+        text = f"{self.label}: {self.done}/{self.total} {self.unit}, {rate:.3g}/s, {left} left"
+        if self.terminal:
+            text = f"\r\x1b[K{text}"
+        if ended or not self.terminal:
+            text += "\n"
+        print(text, end="", file=sys.stderr, flush=True)

@@ -27,7 +27,10 @@ class IclnuimError(Exception):
 
     def worded(self, name_of: Callable[[str], str] = str) -> str:
         """The message; `name_of` returns the name of each setting."""
-        return self.message + (f"; try {named(self.hint, name_of)}" if self.hint else "")
+        return self.message + self._advice(name_of)
+
+    def _advice(self, name_of: Callable[[str], str]) -> str:
+        return f"; try {named(self.hint, name_of)}" if self.hint else ""
 
     @property
     def template(self) -> str:
@@ -65,19 +68,15 @@ class InputError(IclnuimError):
 
     def worded(self, name_of: Callable[[str], str] = str) -> str:
         """The message; `name_of` returns the name of each setting."""
-        place = (
-            ""
-            if self.path is None
-            else f"{os.fspath(self.path)}{'' if self.line is None else f':{self.line}'}: "
-        )
-        what = "" if self.setting is None else f"{name_of(self.setting)}: "
-        text = f"{place}{what}expected {named(self.expected, name_of)}"
-        if self.found is not None:  # as one printable line of at most 200 characters
-            found = "".join(
-                c if c.isprintable() else "?" for c in " ".join(str(self.found).split())
-            )
-            text += f", found {found if len(found) <= 200 else found[:197] + '...'}"
-        return text + (f"; try {named(self.hint, name_of)}" if self.hint else "")
+        text = f"expected {named(self.expected, name_of)}"
+        if self.setting is not None:
+            text = f"{name_of(self.setting)}: {text}"
+        if self.path is not None:
+            line = "" if self.line is None else f":{self.line}"
+            text = f"{os.fspath(self.path)}{line}: {text}"
+        if self.found is not None:
+            text += f", found {_printable(self.found)}"
+        return text + self._advice(name_of)
 
     def at(self, path: str | os.PathLike[str]) -> "InputError":
         """The same error with `path` as its file.
@@ -88,6 +87,15 @@ class InputError(IclnuimError):
         moved = copy.copy(self)
         moved.path = path
         return moved
+
+
+def _printable(found: object) -> str:
+    """The text of any object as one printable line of at most 200 characters."""
+    line = " ".join(str(found).split())
+    for letter in set(line):
+        if not letter.isprintable():
+            line = line.replace(letter, "?")
+    return line if len(line) <= 200 else f"{line[:197]}..."
 
 
 @contextmanager
@@ -140,7 +148,8 @@ def how_to_get_bpy() -> str:
     version = {(3, 11): "4.5", (3, 13): "5.2"}.get(sys.version_info[:2])
     if version:
         return f"pip install 'bpy=={version}.*'"
-    return f"Python 3.11 or 3.13: there is no bpy for Python {sys.version_info[0]}.{sys.version_info[1]}"
+    here = f"Python {sys.version_info[0]}.{sys.version_info[1]}"
+    return f"Python 3.11 or 3.13: there is no bpy for {here}"
 
 
 def named(text: str, name_of: Callable[[str], str] = str) -> str:

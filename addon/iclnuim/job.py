@@ -55,9 +55,11 @@ class RenderJob(Settings):
         "baked",
         "how light is computed",
         choices={
-            "baked": "diffuse light from a map that is baked once per scene; reflections and glass are traced",
+            "baked": "diffuse light from a map that is baked once per scene; "
+            "reflections and glass are traced",
             "path": "every frame is fully path traced; slow, correct for moving objects",
-            "auto": "user-provided scenes: whichever takes less time, the default of the command line; built-in scenes: baked",
+            "auto": "user-provided scenes: whichever takes less time, "
+            "the default of the command line; built-in scenes: baked",
         },
         source="baked: paper, section III",
     )
@@ -74,7 +76,8 @@ class RenderJob(Settings):
     )
     mipmaps: bool = setting(
         True,
-        "filter textures for the distance at which they are seen; without, the pattern of distant cloth changes from frame to frame",
+        "filter textures for the distance at which they are seen; "
+        "without, the pattern of distant cloth changes from frame to frame",
         source="Williams 1983; not in the paper",
     )
     lambertian: bool = setting(False, "render without reflections")
@@ -88,7 +91,8 @@ class RenderJob(Settings):
     reading: SceneReading = field(default_factory=SceneReading)
     ground_truth: bool = setting(
         False,
-        "also write instances, classes and normals of every pixel, and objects.json (docs/guide/ground_truth.md)",
+        "also write instances, classes and normals of every pixel, "
+        "and objects.json (docs/guide/ground_truth.md)",
     )
     channels: tuple[str, ...] = setting(
         (),
@@ -143,9 +147,11 @@ class RenderJob(Settings):
             "ground_truth": values.pop("ground_truth"),
             "channels": list(values.pop("channels")),
         }
-        late["glass"] = "" if (glass := values.pop("glass")) == "surface" else glass
+        glass = values.pop("glass")
+        if glass != "surface":
+            late["glass"] = glass
         made = {"schema_version": SCHEMA_VERSION, **values, "camera": self.camera.to_dict()}
-        return {**made, **{key: value for key, value in late.items() if value}}
+        return made | {key: value for key, value in late.items() if value}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "RenderJob":
@@ -176,17 +182,16 @@ def bake_core_s(job: RenderJob) -> float:
     """Estimated core-seconds to bake the light map of a job, from its texels and samples and those
     of the coarse map. Scenes differ.
     """
+    # fine map: lamps and one bounce; coarse map: lamps and three bounces
     fine = job.map_size**2 * job.map_samples
     coarse = min(1024, job.map_size) ** 2 * 16
-    return (
-        _BAKE_CORE_S * (2 * fine + 4 * coarse) / (2 * 2048**2 * 32 + 4 * 1024**2 * 16)
-    )  # fine map: lamps and one bounce; coarse map: lamps and three bounces
+    return _BAKE_CORE_S * (2 * fine + 4 * coarse) / (2 * 2048**2 * 32 + 4 * 1024**2 * 16)
 
 
 def shipped_light(job: RenderJob) -> Path | None:
     """The folder of the light map that is shipped with the job's built-in scene, for any seed. None
-    for other scenes, for other settings of the
-    map, and if the scene's file is not the one that was baked.
+    for other scenes, for other settings of the map, and if the scene's file is not the one that was
+    baked.
     """
     if job.scene not in shipped.SCENE_NAMES or job.lambertian:
         return None
@@ -223,13 +228,14 @@ def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
         raise error.at(path) from None
     if PurePosixPath(job.sequence).is_absolute() or ".." in re.split(r"[/\\]", job.sequence):
         raise InputError("a sequence named such as living_room/kt2", path=path, found=job.sequence)
+    reading = job.reading
+    if reading.textures:
+        reading = replace(reading, textures=_inside(path, reading.textures, ()))
     return replace(
         job,
         scene=_inside(path, job.scene, shipped.SCENE_NAMES),
         trajectory=_inside(path, job.trajectory, shipped.sequence_names()),
-        reading=replace(
-            job.reading, textures=job.reading.textures and _inside(path, job.reading.textures, ())
-        ),
+        reading=reading,
     )
 
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 @contextmanager
 def native_output_in(log: Path, errors: bool = True) -> Iterator[None]:
-    """Send the output of C code to `log`: Blender prints dozens of lines per frame to file descriptor
-    1, and USD prints warnings to 2.
+    """Send the output of C code to `log`: Blender prints dozens of lines per frame to file
+    descriptor 1, and USD prints warnings to 2.
 
     Python's sys.stdout and sys.stderr are not redirected. errors: if False, descriptor 2 is not
     redirected either, for a process that has its own log there.

@@ -45,22 +45,19 @@ def noisy_depth(
     float32 of the same shape.
 
     model: a key of DEPTH_MODELS, or `module:function`; settings: settings of the model, by name
-    (docs/guide/sensor.md). camera: default is the benchmark's camera, scaled to the image's width. The
-    noise depends only on seed and frame number. Raises InputError for an unknown model or setting,
-    for whole numbers, and for another shape or size than the camera's.
+    (docs/guide/sensor.md). camera: default is the benchmark's camera, scaled to the image's width.
+    The noise depends only on seed and frame number. Raises InputError for an unknown model or
+    setting, for whole numbers, and for another shape or size than the camera's.
     """
     depth_z_m = _floating(depth_z_m, *_METRES)
     if depth_z_m.ndim != 2:
         raise InputError("depth (h, w) in metres", found=depth_z_m.shape)
     camera = camera or PinholeCamera.parse(f"{depth_z_m.shape[1]}x{depth_z_m.shape[0]}")
     if depth_z_m.shape != (camera.height, camera.width):
-        raise InputError(
-            f"depth of the camera's size {camera.width}x{camera.height}",
-            found=depth_z_m.shape[::-1],
-        )
-    return depth_model(model, settings).apply(
-        depth_z_m, camera, frame_generator(seed, frame, DEPTH)
-    )
+        expected = f"depth of the camera's size {camera.width}x{camera.height}"
+        raise InputError(expected, found=depth_z_m.shape[::-1])
+    rng = frame_generator(seed, frame, DEPTH)
+    return depth_model(model, settings).apply(depth_z_m, camera, rng)
 
 
 def noisy_rgb(
@@ -74,8 +71,8 @@ def noisy_rgb(
     sensor model.
 
     model: a key of RGB_MODELS, or `module:function`; settings: settings of the model, by name
-    (docs/guide/sensor.md). The noise depends only on seed and frame number. Raises InputError for an
-    unknown model or setting, and for whole numbers.
+    (docs/guide/sensor.md). The noise depends only on seed and frame number. Raises InputError for
+    an unknown model or setting, and for whole numbers.
     """
     rgb = _floating(rgb, *_LINEAR_RGB)
     return rgb_model(model, settings).apply(rgb, frame_generator(seed, frame, RGB))

@@ -83,11 +83,8 @@ def render_pose(scene: str, T_world_camera: SE3, **settings: Any) -> RenderedFra
     InputError and WorkError like render_frames.
     """
     if T_world_camera.shape:
-        raise InputError(
-            "a single pose",
-            found=f"poses of shape {T_world_camera.shape}",
-            hint="one of them, T[i]",
-        )
+        found = f"poses of shape {T_world_camera.shape}"
+        raise InputError("a single pose", found=found, hint="one of them, T[i]")
     with tempfile.TemporaryDirectory(prefix="iclnuim-") as folder:
         file = Path(folder) / "pose.txt"
         pose = SE3(T_world_camera.rotation[None], T_world_camera.translation[None])

@@ -28,18 +28,19 @@ from .errors import InputError
 Choices = Mapping[str, str]
 
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+_NUMBERS: dict[type, Any] = {int: Integral, float: Real}
 
 
 @dataclass(frozen=True)
 class Setting:
     """The declaration of one setting, as `declared` returns it.
 
-    kind: bool, int, float or str. For a tuple, `length` is its number of elements (0: one or more, or
-    none if the default is empty)
-    and `kind` the type of each. optional: None is allowed; `help` describes its meaning. option:
-    the option of the command line, empty if there is none. parse: converts the option's text, if
-    `kind` cannot. label: the label in the panel, which shows value * shown[1] in the unit shown[0].
-    others: a description of values that are allowed in addition to `choices`.
+    kind: bool, int, float or str. For a tuple, `length` is its number of elements (0: one or more,
+    or none if the default is empty) and `kind` the type of each. optional: None is allowed; `help`
+    describes its meaning. option: the option of the command line, empty if there is none. parse:
+    converts the option's text, if `kind` cannot. label: the label in the panel, which shows value *
+    shown[1] in the unit shown[0]. others: a description of values that are allowed in addition to
+    `choices`.
     """
 
     name: str
@@ -81,14 +82,18 @@ class Setting:
         if value is None and self.optional:
             return None
         if self.length is not None:
-            least = 0 if self.default == () else 1
-            if not isinstance(value, list | tuple) or len(value) != (
-                self.length or max(least, len(value))
-            ):
-                what = f"{self.length} numbers" if self.length else "a list of one or more"
-                raise InputError(what, setting=self.name, found=value)
-            return tuple(self._one(v) for v in value)
+            return tuple(self._one(v) for v in self._listed(value))
         return self._one(value)
+
+    def _listed(self, value: Any) -> list | tuple:
+        """The value if it has a number of elements that is allowed."""
+        fits = isinstance(value, list | tuple)
+        if self.length:
+            if not fits or len(value) != self.length:
+                raise InputError(f"{self.length} numbers", setting=self.name, found=value)
+        elif not fits or not (value or self.default == ()):
+            raise InputError("a list of one or more", setting=self.name, found=value)
+        return value
 
     def _one(self, value: Any) -> Any:
         choices = self.choices
@@ -96,18 +101,18 @@ class Setting:
             if not isinstance(value, self.kind) or value not in choices:
                 raise InputError(f"one of {', '.join(choices)}", setting=self.name, found=value)
             return value
-        if self.kind is bool or self.kind is str:
-            fits = isinstance(value, self.kind)
-        else:
-            number = isinstance(value, Integral if self.kind is int else Real) and not isinstance(
-                value, bool
-            )
-            fits = number and abs(value) <= sys.float_info.max and self.low <= value <= self.high
-        if not fits:
-            unit = f" ({self.unit})" if self.unit else ""
-            words = " ".join(filter(None, (_KINDS[self.kind], self.range)))
-            raise InputError(f"{words}{unit}", setting=self.name, found=value)
+        if not self._fits(value):
+            unit = self.unit and f"({self.unit})"
+            words = filter(None, (_KINDS[self.kind], self.range, unit))
+            raise InputError(" ".join(words), setting=self.name, found=value)
         return self.kind(value)
+
+    def _fits(self, value: Any) -> bool:
+        if self.kind is bool or self.kind is str:
+            return isinstance(value, self.kind)
+        if isinstance(value, bool) or not isinstance(value, _NUMBERS[self.kind]):
+            return False
+        return abs(value) <= sys.float_info.max and self.low <= value <= self.high
 
 
 def setting(
@@ -159,7 +164,6 @@ def _declarations(group: type) -> dict[str, Setting]:
 def _declaration(field: Any, hint: Any) -> Setting:
     about = dict(field.metadata["setting"])
     parts = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
-    optional = type(None) in parts
     kind = next(part for part in parts if part is not type(None))
     length = None
     if typing.get_origin(kind) is tuple:
@@ -167,13 +171,16 @@ def _declaration(field: Any, hint: Any) -> Setting:
         kind = elements[0]
         length = 0 if elements[-1] is Ellipsis else len(elements)
     words: dict[str, Any] = {
+        "name": field.name,
+        "kind": kind,
+        "default": field.default,
         "option": "--" + field.name.replace("_", "-"),
+        "label": field.name.replace("_", " ").capitalize(),
+        "optional": type(None) in parts,
+        "length": length,
         "shown": (about.get("unit", ""), 1.0),
     }
-    words["label"] = field.name.replace("_", " ").capitalize()
-    return Setting(
-        field.name, kind, field.default, optional=optional, length=length, **{**words, **about}
-    )
+    return Setting(**words | about)
 
 
 @dataclass(frozen=True)
@@ -192,9 +199,8 @@ class Settings:
             except InputError as error:
                 if declaration.option:
                     raise
-                expected = (
-                    f"{name} of {self.group.removeprefix('settings of ')} as {error.expected}"
-                )
+                group = self.group.removeprefix("settings of ")
+                expected = f"{name} of {group} as {error.expected}"
                 raise InputError(expected, found=error.found) from None
 
     @classmethod
@@ -216,16 +222,15 @@ class Settings:
     def to_dict(self) -> dict[str, Any]:
         """Every setting by name, ready for JSON; the inverse of from_dict."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in values.items()
-        }
+        for name, value in values.items():
+            if isinstance(value, tuple):
+                values[name] = list(value)
+        return values
 
     def changed(self, **settings: Any) -> Self:
         """A copy with other values; None means unchanged."""
-        return dataclasses.replace(
-            self, **{name: value for name, value in settings.items() if value is not None}
-        )
+        given = {name: value for name, value in settings.items() if value is not None}
+        return dataclasses.replace(self, **given)
 
 
 def _inner(kind: Any, value: Any, place: str) -> Any:

@@ -9,11 +9,13 @@ import platform
 import subprocess
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from itertools import product
 from pathlib import Path
 
 from .errors import InputError
 
 _PACKAGE = Path(__file__).resolve().parent
+_AGAIN = "installing iclnuim again"
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,8 @@ TRAJECTORIES: dict[str, str] = {
 }
 #: full name -> description; made to be difficult, not among the paper's eight sequences
 HARD_SEQUENCES: dict[str, str] = {
-    "living_room/window": "882 frames; a balcony window fills up to 43 % of the picture, and the floor mirrors it",
+    "living_room/window": "882 frames; a balcony window fills up to 43 % of the picture, "
+    "and the floor mirrors it",
 }
 SCENE_NAMES = tuple(SCENES)
 TRAJECTORY_NAMES = tuple(TRAJECTORIES)
@@ -60,11 +63,8 @@ def folder(name: str) -> Path:
     for place in (_PACKAGE / name, _PACKAGE.parents[1] / name):
         if place.is_dir():
             return place
-    raise InputError(
-        f"a folder {name}/ in the package or the checkout",
-        path=_PACKAGE,
-        hint="installing iclnuim again",
-    )
+    expected = f"a folder {name}/ in the package or the checkout"
+    raise InputError(expected, path=_PACKAGE, hint=_AGAIN)
 
 
 def is_scene(name: str) -> bool:
@@ -75,9 +75,7 @@ def scene_file(name: str) -> Path:
     """The .blend of a shipped scene. Raises InputError if it is missing."""
     path = folder("blend") / f"{name}.blend"
     if not path.is_file():
-        raise InputError(
-            "the shipped scene", path=path, found="no such file", hint="installing iclnuim again"
-        )
+        raise InputError("the shipped scene", path=path, found="no such file", hint=_AGAIN)
     return path
 
 
@@ -90,7 +88,7 @@ def cache_folder() -> Path:
 
 def paper_sequences() -> list[str]:
     """The names of the eight sequences of the paper's Table I."""
-    return [f"{scene}/{kt}" for scene in paper_scenes() for kt in TRAJECTORY_NAMES]
+    return ["/".join(names) for names in product(paper_scenes(), TRAJECTORY_NAMES)]
 
 
 def paper_scenes() -> list[str]:
@@ -100,9 +98,12 @@ def paper_scenes() -> list[str]:
 
 def further_sequences() -> list[str]:
     """The names of the sequences of scenes that the paper does not have."""
-    scenes = [folder("trajectories") / n for n, scene in SCENES.items() if not scene.in_paper]
-    files = [file for scene in scenes for file in sorted(scene.glob("*.txt"))]
-    return [f"{file.parent.name}/{file.stem}" for file in files]
+    found = []
+    for name, scene in SCENES.items():
+        if not scene.in_paper:
+            files = sorted((folder("trajectories") / name).glob("*.txt"))
+            found += [f"{name}/{file.stem}" for file in files]
+    return found
 
 
 def sequence_names() -> list[str]:
@@ -150,19 +151,11 @@ def source_commit() -> str | None:
     """
     if not (_PACKAGE.parents[1] / ".git").exists():
         return None
+    git = ["git", "describe", "--always", "--dirty=+", "--abbrev=40", "--exclude=*"]
     try:
-        git = [
-            "git",
-            "-C",
-            str(_PACKAGE),
-            "describe",
-            "--always",
-            "--dirty=+",
-            "--abbrev=40",
-            "--exclude=*",
-        ]
-        return subprocess.run(
-            git, capture_output=True, text=True, timeout=10, check=True
-        ).stdout.strip()
+        done = subprocess.run(
+            git, cwd=_PACKAGE, capture_output=True, text=True, timeout=10, check=True
+        )
+        return done.stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return None

@@ -287,19 +287,15 @@ class WorkerClient(subprocess.Popen[bytes]):
             text = self.log.read_text("utf-8", "replace")
         except OSError:
             return ""
-        kept = [
-            line.strip()
-            for line in text.splitlines()
-            if line.strip() and not line.startswith("OIIO DEBUG")
-        ]
+        kept = [line for line in text.splitlines() if not line.startswith("OIIO DEBUG")]
+        kept = list(filter(None, map(str.strip, kept)))
         return " | ".join(kept[-lines:])[:400]
 
     def _listen(self) -> None:
         assert self.stdout is not None
         for line in self.stdout:
-            with suppress(
-                ValueError, InputError
-            ):  # a line that Blender printed before its output was redirected
+            # other lines are what Blender printed before its output was redirected
+            with suppress(ValueError, InputError):
                 content = json.loads(line)
                 event = from_dict(content) if isinstance(content, dict) else None
                 if event is not None:
