@@ -99,6 +99,27 @@ def test_a_room_instead_of_a_wall_and_equal_repeats_are_refused(plane):
             calibrate_rgb(EXPOSURES, [stack[repeats] for stack in images])
 
 
+@pytest.mark.parametrize(("value", "used"), [(4, False), (9, True), (241, True), (246, False)])
+def test_values_near_black_and_white_are_not_used(value, used):
+    rng = np.random.default_rng(1)
+    images = [(value + rng.integers(-1, 2, (6, 20, 20, 3))).astype(np.uint8) for _ in range(2)]
+    with pytest.raises(InputError) as error:  # in the end both exposures look the same
+        calibrate_rgb([1.0, 2.0], images)
+    assert ("neither black nor white" in str(error.value)) != used
+
+
+@pytest.mark.parametrize(("period_px", "flat"), [(16, True), (32, False)])
+def test_waves_of_a_wall_count_as_relief_from_two_blocks_of_16_pixels_on(period_px, flat):
+    u = np.arange(160)
+    rng = np.random.default_rng(1)
+    disparity = 175.0 + 3 * np.sin(2 * np.pi * u / period_px) + rng.normal(0, 0.3, (4, 120, 160))
+    if flat:
+        assert calibrate_depth([351.3 / disparity]).frames == 4
+        return
+    with pytest.raises(InputError, match="a flat wall"):
+        calibrate_depth([351.3 / disparity])
+
+
 @pytest.mark.parametrize("exposure", [0.0, -1.0, float("inf"), float("nan")])
 @pytest.mark.filterwarnings("error")
 def test_an_exposure_that_is_not_positive_and_finite_is_refused(exposure):

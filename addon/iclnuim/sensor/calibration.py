@@ -18,7 +18,6 @@ from .transfer import light_from_srgb
 #: Values closer than this to black or white may be clipped and are not used for response or noise.
 _DARKEST = 6.0
 _BRIGHTEST = 244.0
-_BINS = 60
 #: Side in pixels of blocks over which the noise of a depth sensor averages out.
 _BLOCK = 16
 
@@ -170,7 +169,7 @@ def _noise_points(
         )
     light = np.concatenate(lights)
     variance = np.concatenate(variances)
-    groups = np.array_split(np.argsort(light), min(_BINS, max(2, len(light) // 50)))
+    groups = np.array_split(np.argsort(light), min(60, max(2, len(light) // 50)))
     light, variance = (np.array([values[g].mean() for g in groups]) for values in (light, variance))
     # closer to black or white than this, clipping reduces the variance
     whole = np.minimum(light, 1 - light) > 3.5 * np.sqrt(np.maximum(variance, 0))

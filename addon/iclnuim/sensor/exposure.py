@@ -20,7 +20,6 @@ STEP_PX = 1.0
 #: All rows of a band are rendered at the same instant. Maximum error of a point's position caused
 #: by this.
 ROW_ERROR_PX = 0.1
-_GRID_PX = 4
 _duration = partial(
     setting, unit="s", low=0.0, high=1.0, source="0 in the paper, section V", shown=("ms", 1000.0)
 )
@@ -100,10 +99,9 @@ def motion_px(
     metres; where depth is 0, the point is at infinity. A point is used while it is inside the
     image.
     """
-    depth = depth_z_m[::_GRID_PX, ::_GRID_PX]
-    points = (
-        camera.rays()[::_GRID_PX, ::_GRID_PX] * np.where(depth > 0, depth, 1e6)[..., None]
-    ).reshape(-1, 3)
+    grid = np.s_[::4, ::4]
+    depth = depth_z_m[grid]
+    points = (camera.rays()[grid] * np.where(depth > 0, depth, 1e6)[..., None]).reshape(-1, 3)
     pixels = np.stack(
         [camera.project(T_here_camera[i].inverse().apply(points)) for i in range(len(stamps_s))]
     )
