@@ -36,8 +36,8 @@ class Channel:
     """One image of every frame.
 
     name: kind of image, and its folder in a sequence. exr: name -> type of what it is made of in a
-    frame's EXR; `exr_name`: its name there in messages. cycles_pass: the attribute of Blender's
-    view layer that makes Cycles compute it.
+    frame's EXR; exr_name: its name there in messages, if it is another. cycles_pass: the attribute
+    of Blender's view layer that makes Cycles compute it.
 
     read(exr, class numbers): the image, (h, w) or (h, w, 3). encode(image, depth units per metre):
     the pixels of its PNG; decode(pixels, depth units per metre): the values that are compared.
@@ -51,10 +51,10 @@ class Channel:
     name: str
     description: str
     exr: Mapping[str, type[np.floating]]
-    exr_name: str
     cycles_pass: str
     read: Callable[[Exr, ClassNumbers], np.ndarray]
     png_bytes: float
+    exr_name: str = ""
     encode: Callable[[np.ndarray, float], np.ndarray] = lambda image, units: image
     decode: Callable[[np.ndarray, float], np.ndarray] = lambda pixels, units: pixels.astype(float)
     displayed: Callable[[np.ndarray], np.ndarray] = lambda image: image.astype(float)
@@ -97,59 +97,56 @@ _ALL = (
     Channel(
         RGB,
         "colour: scene-linear in EXR, 8-bit sRGB in a sequence",
-        dict.fromkeys("RGB", np.float16),
-        "RGB",
-        "use_pass_combined",
-        stacked(*"RGB"),
-        1.5,
+        exr=dict.fromkeys("RGB", np.float16),
+        exr_name="RGB",
+        cycles_pass="use_pass_combined",
+        read=stacked(*"RGB"),
         decode=lambda pixels, units: pixels.astype(np.float32),
         displayed=lambda image: 255 * np.clip(image.astype(np.float32), 0, 1) ** (1 / 2.2),
+        png_bytes=1.5,
         tolerance=3.0,
         loss=_rgb_loss,
     ),
     Channel(
         DEPTH,
         "planar depth in metres",
-        {"Z": np.float32},
-        "Z",
-        "use_pass_z",
-        lambda exr, class_numbers: exr["Z"],
-        0.5,
+        exr={"Z": np.float32},
+        exr_name="Z",
+        cycles_pass="use_pass_z",
+        read=lambda exr, class_numbers: exr["Z"],
         encode=depth16_from_metres,
         decode=lambda pixels, units: pixels / units,
+        png_bytes=0.5,
         tolerance=0.001,
         loss=_depth_loss,
     ),
     Channel(
         "instance",
         "number of the object in objects.json",
-        {INSTANCE: np.float32},
-        "instance",
-        "use_pass_object_index",
-        _instance,
-        0.024,
+        exr={INSTANCE: np.float32},
+        cycles_pass="use_pass_object_index",
+        read=_instance,
+        png_bytes=0.024,
         ground_truth=True,
     ),
     Channel(
         "class",
         "number of the object's class in classes.csv",
-        {INSTANCE: np.float32},
-        "class",
-        "use_pass_object_index",
-        _class,
-        0.024,
+        exr={INSTANCE: np.float32},
+        cycles_pass="use_pass_object_index",
+        read=_class,
+        png_bytes=0.024,
         ground_truth=True,
     ),
     Channel(
         "normal",
         "unit normal of the surface in the camera's frame",
-        dict.fromkeys(NORMAL, np.float32),
-        "normal",
-        "use_pass_normal",
-        stacked(*NORMAL),
-        1.3,
+        exr=dict.fromkeys(NORMAL, np.float32),
+        cycles_pass="use_pass_normal",
+        read=stacked(*NORMAL),
         encode=lambda image, units: normal16(image),
         decode=lambda pixels, units: (pixels - float(NORMAL_ZERO)) / NORMAL_STEPS,
+        png_bytes=1.3,
         tolerance=0.01,
         ground_truth=True,
     ),

@@ -196,8 +196,9 @@ def _shares(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, flo
     """Channel -> share of pixels that differ by more than its tolerance; 1 if one file lacks the
     channel, or the sizes differ.
     """
-    tolerances = {channel.exr_name: channel.tolerance for channel in CHANNELS.values()}
-    tolerances |= {name: channel.tolerance for name, channel in CHANNELS.items()}
+    tolerances = {}
+    for name, channel in CHANNELS.items():
+        tolerances[name] = tolerances[channel.exr_name or name] = channel.tolerance
     shares = {}
     for name in a | b:
         shares[name] = 1.0
@@ -220,7 +221,7 @@ def _values(file: Path, units_per_metre: float) -> dict[str, np.ndarray]:
         # not an image of the same channels, as classes are of instances
         if exr.keys() >= channel.exr.keys():
             image = channel.read(exr, lambda: np.zeros(0))
-            found[channel.exr_name] = channel.displayed(image)
+            found[channel.exr_name or channel.name] = channel.displayed(image)
             for name in channel.exr:
                 del exr[name]
     return found | {name: values.astype(float) for name, values in exr.items()}

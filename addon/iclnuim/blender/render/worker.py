@@ -64,9 +64,11 @@ class Session:
         requested: Sequence[int] = (),
     ) -> None:
         compat.require_supported_version()
-        self.emit, self.threads = emit, threads
+        self.emit = emit
+        self.threads = threads
         self.trajectory = load_trajectory(job)
-        self._opened, look = not shipped.is_scene(job.scene), None
+        self._opened = not shipped.is_scene(job.scene)
+        look = None
         self.job = _opened(job, emit) if self._opened else job
         if (
             self._opened
@@ -83,7 +85,8 @@ class Session:
         self.run = open_run(out, recipe(self.job), self.trajectory)
         if look:
             emit(events.Note(look.write(out)))
-        begun, features = read_run(out).recipe.get("machine", {}).get("features"), _features()
+        begun = read_run(out).recipe.get("machine", {}).get("features")
+        features = _features()
         if begun is not None and begun != features:
             processors = f"a processor with {' '.join(begun)}, this one has {' '.join(features)}"
             expected = "frames of both are equal within a tolerance, not byte by byte"
@@ -111,7 +114,8 @@ class Session:
             self._volumes = bool(
                 light_choice.volume_names(bpy.context.scene) or compat.volume_outputs()
             )
-            self._ready, self._opened = True, False
+            self._ready = True
+            self._opened = False
             self.emit(events.Ready())
 
     def bake(self) -> tuple[Path, bool]:
@@ -119,7 +123,8 @@ class Session:
         scene must be built again, preferably in a new
         process, which needs less memory.
         """
-        opened, self._ready, self._opened = self._opened, False, False
+        opened = self._opened
+        self._ready = self._opened = False
         folder, made = bake_light(self.job, self.emit, self.threads, opened)
         self._opened = not made
         return folder, made
@@ -350,7 +355,8 @@ def _work_folder(run: RunFolder) -> Path:
 
     It is in the run folder, or in ICLNUIM_SCRATCH, for example a node's local disk.
     """
-    host, place = platform.node(), Path(os.environ.get("ICLNUIM_SCRATCH") or run.path)
+    host = platform.node()
+    place = Path(os.environ.get("ICLNUIM_SCRATCH") or run.path)
     for old in place.glob(f".work-{host}-*"):
         if not process_is_running(int(old.name.rsplit("-", 1)[1])):
             shutil.rmtree(old, ignore_errors=True)
