@@ -19,7 +19,7 @@ from iclnuim.headless.options import Actions, action, add_plot, numbers
 from iclnuim.native_output import native_output_in
 
 if TYPE_CHECKING:
-    from .detail import Level
+    from .detail import DetailLevel
     from .detail_maps import MapSize
     from .detail_unseen import Unseen
 
@@ -94,7 +94,7 @@ def _measure(
     maps = {}
     unseen = []
 
-    def on_level(level: detail.Level) -> None:
+    def on_level(level: detail.DetailLevel) -> None:
         console.note(str(level))
         progress.advance()
 
@@ -116,7 +116,7 @@ def _measure(
 
 
 def _report(
-    levels: dict[str, list[Level]],
+    levels: dict[str, list[DetailLevel]],
     maps: dict[str, list[MapSize]],
     unseen: list[Unseen],
     console: Console,

@@ -48,7 +48,7 @@ class Light:
 
 
 @dataclass(frozen=True)
-class Level:
+class DetailLevel:
     """A room at a level of detail. mean_m, p99_m: depth errors against the finest level. off_share:
     share of pixels with an error beyond OFF_M.
 
@@ -145,13 +145,13 @@ def measure_levels(
     lit: Sequence[float],
     map_size: int,
     map_samples: int,
-    on_level: Callable[[Level], None],
-) -> list[Level]:
+    on_level: Callable[[DetailLevel], None],
+) -> list[DetailLevel]:
     """Measure all levels, coarsest first; those in `lit` also with baked light.
 
     The others are compared with the finest level.
     """
-    found: list[Level] = []
+    found: list[DetailLevel] = []
     finest_z_m = finest_rgb = None
     for detail in sorted({*levels, *lit}, reverse=True):
         triangles, build_s = room.build(detail)
@@ -164,7 +164,7 @@ def measure_levels(
         else:
             psnr_db, median_of_255 = difference(rgb, finest_rgb)
         mean_m, p99_m, off_share = depth_error(depth_z_m, finest_z_m)
-        level = Level(
+        level = DetailLevel(
             detail=detail,
             triangles=triangles,
             build_s=build_s,

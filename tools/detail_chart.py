@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from .detail import Level, knee
+from .detail import DetailLevel, knee
 from .detail_maps import MapSize
 from .detail_unseen import Unseen
 from .rendered import markdown
@@ -32,7 +32,7 @@ _HEADER = (
 _MAPS = ("map", "bake s", "PSNR dB to the largest", "median of 255", "frame s")
 
 
-def figure(rooms: dict[str, list[Level]], maps: dict[str, list[MapSize]]) -> Figure:
+def figure(rooms: dict[str, list[DetailLevel]], maps: dict[str, list[MapSize]]) -> Figure:
     """Depth error, colour error and times against triangles; colour error against light map size,
     if it was measured.
 
@@ -54,7 +54,7 @@ def figure(rooms: dict[str, list[Level]], maps: dict[str, list[MapSize]]) -> Fig
     return drawn
 
 
-def _times(axes: Axes, levels: Sequence[Level], style: dict) -> None:
+def _times(axes: Axes, levels: Sequence[DetailLevel], style: dict) -> None:
     lit = [level for level in levels if level.light]
     bake_s = [level.light.bake_s for level in levels if level.light]
     lines = [
@@ -81,15 +81,17 @@ def _annotate(axes: Axes, text: str, at: tuple[float, float], by: tuple[int, int
     axes.annotate(text, at, xytext=by, textcoords="offset points", fontsize=8)
 
 
-def _x(levels: Sequence[Level]) -> list[float]:
+def _x(levels: Sequence[DetailLevel]) -> list[float]:
     return [level.triangles / 1000 for level in levels]
 
 
-def _mean_mm(levels: Sequence[Level]) -> list[float]:
+def _mean_mm(levels: Sequence[DetailLevel]) -> list[float]:
     return [1e3 * level.mean_m for level in levels]
 
 
-def _depth(axes: Axes, levels: Sequence[Level], style: dict, label_at: tuple[int, int]) -> None:
+def _depth(
+    axes: Axes, levels: Sequence[DetailLevel], style: dict, label_at: tuple[int, int]
+) -> None:
     shown = [level for level in levels if level.mean_m > 0]
     axes.plot(_x(shown), _mean_mm(shown), marker="o", markerfacecolor="white", **style)
     for level in shown:
@@ -135,18 +137,18 @@ def _name_sizes(axes: Axes) -> None:
     axes.set_xticks(sizes, labels=map(str, sizes))
 
 
-def knee_of(levels: Sequence[Level]) -> int:
+def knee_of(levels: Sequence[DetailLevel]) -> int:
     """Index of the level at the knee of depth error against triangles."""
     return knee([level.triangles for level in levels], [level.mean_m for level in levels])
 
 
-def table(levels: Sequence[Level]) -> str:
+def table(levels: Sequence[DetailLevel]) -> str:
     """One row per level, in Markdown; the knee is marked."""
     marked = knee_of(levels)
     return markdown(_HEADER, [_row(level, k == marked) for k, level in enumerate(levels)])
 
 
-def _row(level: Level, is_knee: bool) -> list[str]:
+def _row(level: DetailLevel, is_knee: bool) -> list[str]:
     return [
         f"{level.detail:g}{' (knee)' if is_knee else ''}",
         f"{level.triangles:,}",

@@ -137,7 +137,7 @@ def carried_difference(
 
 
 @dataclass(frozen=True)
-class Result:
+class LightResult:
     """seconds: median time of a frame at full size. flicker: median difference of a surface point
     between consecutive frames, 0..1.
     """
@@ -185,7 +185,7 @@ class Comparison:
         #: interrupted render is resumed
         self.references = np.stack([self._reference(seed) for seed in _REFERENCE_SEEDS])
 
-    def run(self, method: Method) -> Result:
+    def run(self, method: Method) -> LightResult:
         firsts = self.views[::2]
         numbers = sorted({*self.views, *(n + 1 for n in firsts)})
         timed = self.views
@@ -201,7 +201,7 @@ class Comparison:
         seconds = times[-1] - times[0]
         if len(times) > 3:
             seconds = statistics.median(np.diff(times)[1:-1])
-        return Result(method, seconds, found, flicker)
+        return LightResult(method, seconds, found, flicker)
 
     def _reference(self, seed: int) -> np.ndarray:
         from iclnuim.blender.render import worker
@@ -245,7 +245,7 @@ class Comparison:
         return float(np.median(np.concatenate(differences)))
 
 
-def figure(results: Sequence[Result]) -> Figure:
+def figure(results: Sequence[LightResult]) -> Figure:
     """Left: PSNR (higher is better); right: flicker in 8-bit steps (lower is better)."""
     drawn = Figure(figsize=(12, 4.8), layout="constrained")
     left, right = drawn.subplots(1, 2)
@@ -271,7 +271,7 @@ def figure(results: Sequence[Result]) -> Figure:
 
 def _draw(
     axes: Axes,
-    line: Sequence[Result],
+    line: Sequence[LightResult],
     seconds: Sequence[float],
     values: Sequence[float],
     style: dict[str, Any],
@@ -281,12 +281,12 @@ def _draw(
         axes.annotate(r.method.label, at, xytext=(4, 4), textcoords="offset points", fontsize=8)
 
 
-def table(results: Sequence[Result]) -> str:
+def table(results: Sequence[LightResult]) -> str:
     """One row per method, in Markdown."""
     return markdown(_HEADER, map(row, results))
 
 
-def row(r: Result) -> list[str]:
+def row(r: LightResult) -> list[str]:
     """The table row of a method."""
     error = r.error
     return [
@@ -303,7 +303,7 @@ def row(r: Result) -> list[str]:
     ]
 
 
-def summary(results: Sequence[Result], job: RenderJob) -> str:
+def summary(results: Sequence[LightResult], job: RenderJob) -> str:
     """How much less time the job's baked light takes than path tracing with the same error."""
     own = next((r for r in results if r.method.job == job.changed(light="baked")), None)
     if own is None:

@@ -130,7 +130,7 @@ def _images(source: FrameSource, number: int, noisy: SequenceSettings) -> list[n
 def model_times_ms(raw: Path, frames: str, repeats: int = 15) -> dict[str, dict[str, float]]:
     """{"depth": {model: median ms per frame}, "rgb": ...}: processor time of one thread."""
     source = run_frames(raw, frames)
-    frame = Frame.of(source, source.numbers[len(source.numbers) // 2])
+    frame = FrameImages.of(source, source.numbers[len(source.numbers) // 2])
 
     def median_ms(kind: str, name: str) -> float:
         times = []
@@ -152,7 +152,7 @@ def _of_every_model(figure: Callable[[str, str], float]) -> dict[str, dict[str, 
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class FrameImages:
     """The images of a frame: scene-linear colour and planar depth."""
 
     number: int
@@ -161,7 +161,7 @@ class Frame:
     depth_z_m: np.ndarray
 
     @classmethod
-    def of(cls, source: FrameSource, number: int) -> Frame:
+    def of(cls, source: FrameSource, number: int) -> FrameImages:
         light, depth_z_m = source.load(number)
         return cls(number, source.camera, light, depth_z_m)
 
@@ -214,7 +214,7 @@ def overlaps(clean: Path, noisy: Path) -> dict[str, dict[str, float]]:
     numbers = sorted(set(sources[0].numbers).intersection(sources[1].numbers))
     if not numbers:
         raise InputError(f"frames of {noisy}", path=clean, found="none of their numbers")
-    clean_frames, noisy_frames = ([Frame.of(s, n) for n in numbers] for s in sources)
+    clean_frames, noisy_frames = ([FrameImages.of(s, n) for n in numbers] for s in sources)
 
     def overlap(kind: str, name: str) -> float:
         """Overlap of the histograms over all frames."""

@@ -25,7 +25,7 @@ _HEADER = ("sequence", "textures", "ms/frame", "median change", "mean change", "
 
 
 @dataclass(frozen=True)
-class Result:
+class TextureResult:
     """change_median, change_mean: difference of surface points between consecutive frames.
     difference: mean difference from the reference; None for the reference itself. ms: median time
     that Cycles takes for a frame.
@@ -39,7 +39,9 @@ class Result:
     difference: float | None
 
 
-def measure(job: RenderJob, firsts: Sequence[int]) -> tuple[list[Result], dict[str, np.ndarray]]:
+def measure(
+    job: RenderJob, firsts: Sequence[int]
+) -> tuple[list[TextureResult], dict[str, np.ndarray]]:
     """Renders the frames `firsts` and those that follow them.
 
     Returns a row per method, and by each method the part of a frame, half as wide and high
@@ -71,7 +73,7 @@ def measure(job: RenderJob, firsts: Sequence[int]) -> tuple[list[Result], dict[s
         if name != _REFERENCE:
             difference = float(np.abs(srgb_from_light(rgb) - reference).mean())
         figures = (1e3 * times_s[name], float(np.median(change)), float(change.mean()))
-        results.append(Result(job.sequence, name, *figures, difference))
+        results.append(TextureResult(job.sequence, name, *figures, difference))
     return results, _most_different_part(light)
 
 
@@ -122,7 +124,7 @@ def _finer(camera: PinholeCamera) -> PinholeCamera:
     )
 
 
-def table(results: Sequence[Result]) -> str:
+def table(results: Sequence[TextureResult]) -> str:
     """One row per sequence and method, in Markdown; differences of 255."""
     rows = []
     for r in results:

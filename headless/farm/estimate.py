@@ -27,7 +27,7 @@ START_S = 15.0
 
 
 @dataclass(frozen=True)
-class Figures:
+class FrameCost:
     """frame_core_s: core-seconds per frame. start_s: seconds until a worker has prepared its scene.
     frames: number of measured frames, 0 for defaults.
     """
@@ -37,7 +37,7 @@ class Figures:
     frames: int = 0
 
 
-def default(job: RenderJob) -> Figures:
+def default(job: RenderJob) -> FrameCost:
     """Default figures, from the living room, scaled by samples and pixels."""
     vga = job.camera.width * job.camera.height / (640 * 480)
     samples = job.samples or 0
@@ -46,31 +46,31 @@ def default(job: RenderJob) -> Figures:
         seconds = 0.3 + 3.0 * samples + 2.0 * bool(job.denoise)
     if not job.exposure.instant:
         seconds *= 8
-    return Figures(max(0.05, seconds * vga))
+    return FrameCost(max(0.05, seconds * vga))
 
 
-def measured(frames_core_s: Sequence[float], starts_s: Sequence[float], cores: int) -> Figures:
+def measured(frames_core_s: Sequence[float], starts_s: Sequence[float], cores: int) -> FrameCost:
     """Figures of a task's workers with `cores` cores each.
 
     The first frame of a worker includes preparation, so its time beyond the median counts as start.
     """
     if not frames_core_s or not starts_s:
-        return Figures(0.0)
+        return FrameCost(0.0)
     middle = median(frames_core_s)
     beyond_core_s = max(0.0, sum(frames_core_s) - middle * len(frames_core_s))
-    return Figures(
+    return FrameCost(
         middle, fmean(starts_s) + beyond_core_s / cores / len(starts_s), len(frames_core_s)
     )
 
 
-def known(job: RenderJob) -> Figures:
+def known(job: RenderJob) -> FrameCost:
     """The figures measured for frames of this kind, else the defaults."""
     with suppress(OSError, ValueError, TypeError, KeyError):
-        return Figures(**json.loads(_file(job).read_text("utf-8"))["figures"])
+        return FrameCost(**json.loads(_file(job).read_text("utf-8"))["figures"])
     return default(job)
 
 
-def keep(job: RenderJob, figures: Figures) -> None:
+def keep(job: RenderJob, figures: FrameCost) -> None:
     """Store figures in the cache, if it is writable; they replace earlier ones."""
     if figures.frames >= MIN_FRAMES and figures.frame_core_s > 0:
         with suppress(OSError, IclnuimError):
@@ -100,7 +100,7 @@ def _key(job: RenderJob) -> dict:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CostEstimate:
     """Estimate for the missing work. bake_core_hours: spent only if the cache does not have the
     light map. wall_minutes: without waiting in the queue.
     """
@@ -131,14 +131,12 @@ class Estimate:
         )
 
 
-def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
+def estimate(plan: RunPlan, chunks: list[int], known: FrameCost) -> CostEstimate:
     """Estimate the cost of the missing work. chunks: number of frames of each task."""
     job = plan.job
     cpus = plan.slurm.cpus
     frames = sum(chunks)
     largest = max(chunks, default=0)
-    pixels = job.camera.width * job.camera.height
-    channels = (*BASE, *job.further)
     bake_s = 0.0
     if job.light != "path" and chunks and not shipped_light(job):
         bake_s = bake_core_s(job)
@@ -148,25 +146,23 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
     wall_s = 0.0
     if chunks:
         wall_s += light_s + ceil(len(chunks) / plan.slurm.at_once) * task_s
-    total_bytes: float = frames * pixels * exr_bytes(channels)
     pairs_s = 0.0
     if plan.sequences is not None:
+        pixels = job.camera.width * job.camera.height
         pairs_s = len(plan.numbers) * PAIR_CORE_S * pixels / (640 * 480)
-        image_bytes = sum(channel.png_bytes for channel in channels)
-        total_bytes += len(plan.variants()) * len(plan.numbers) * pixels * image_bytes
     dataset_s = 10 + pairs_s / cpus
     if plan.sequences is not None:
         wall_s += dataset_s
     source = "defaults, as nothing is measured yet"
     if known.frames:
         source = f"measured on {known.frames} frames"
-    return Estimate(
+    return CostEstimate(
         frames=frames,
         tasks=len(chunks),
         frames_a_task=largest,
         core_hours=(frames * known.frame_core_s + bake_s + pairs_s + start_s) / 3600,
         bake_core_hours=bake_s / 3600,
-        gigabytes=total_bytes / 1e9,  # with all raw frames and the sequences
+        gigabytes=_gigabytes(plan, frames),
         wall_minutes=wall_s / 60,
         task_minutes=task_s / 60,
         light_minutes=light_s / 60,
@@ -174,3 +170,12 @@ def estimate(plan: RunPlan, chunks: list[int], known: Figures) -> Estimate:
         figures=f"{known.frame_core_s:.2f} core-seconds per frame, {known.start_s:.0f} s to start: "
         + source,
     )
+
+
+def _gigabytes(plan: RunPlan, frames: int) -> float:
+    """The size of `frames` raw frames and of all sequences."""
+    channels = (*BASE, *plan.job.further)
+    bytes_a_pixel: float = frames * exr_bytes(channels)
+    image_bytes = sum(channel.png_bytes for channel in channels)
+    bytes_a_pixel += len(plan.variants()) * len(plan.numbers) * image_bytes
+    return plan.job.camera.width * plan.job.camera.height * bytes_a_pixel / 1e9

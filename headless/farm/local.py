@@ -42,7 +42,7 @@ def not_started(client: WorkerClient, code: int) -> WorkError:
 
 
 @dataclass
-class Outcome:
+class RenderOutcome:
     """done: frames rendered in this run. failed: frames that were given up -> log of the worker.
     stopped: whether a stop was requested. deaths: number of workers that ended unexpectedly.
     black: frames that are entirely black -> likely cause.
@@ -112,14 +112,14 @@ class LocalFarm:
         self._tries: Counter[int] = Counter()
         self._todo: deque[Chunk] = deque()
         self._failed_starts = 0
-        self._outcome = Outcome()
+        self._outcome = RenderOutcome()
 
     @property
     def workers(self) -> list[Worker]:
         """The running workers."""
         return list(self._workers.values())
 
-    def run(self, chunks: list[Chunk]) -> Outcome:
+    def run(self, chunks: list[Chunk]) -> RenderOutcome:
         """Render until every frame is done or given up, or a stop is requested.
 
         Raises WorkerError, WorkError.

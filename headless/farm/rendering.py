@@ -34,7 +34,7 @@ from iclnuim.worker_events import (
 
 from ..isolation import crash_words
 from .chunks import chunks_of, granted_cores, local_size, own_cores, split
-from .local import Inbox, LocalFarm, Outcome, Worker, WorkerError, not_started
+from .local import Inbox, LocalFarm, RenderOutcome, Worker, WorkerError, not_started
 from .lock import OutputLock
 from .run_plan import RunPlan
 
@@ -154,7 +154,7 @@ class LocalRun:
         should_stop: Callable[[], bool] | None = None,
         cores: list[list[int]] | None = None,
         blend: Path | None = None,
-    ) -> Outcome:
+    ) -> RenderOutcome:
         """Render the missing frames of `numbers`. Raises InputError, WorkError; the outcome lists
         frames that were given up.
 
@@ -179,7 +179,7 @@ class LocalRun:
         if not reuse_worker:
             self.__exit__()
         if not missing or stop():
-            return Outcome(stopped=stop())
+            return RenderOutcome(stopped=stop())
         self._workers.job = self.job
         self.farm = self._farm(len(missing), cores, on_frame, stop, reuse_worker)
         return self.farm.run(chunks_of(missing, local_size(len(numbers), len(cores))))
@@ -267,7 +267,7 @@ def open_run(
                 out.rmdir()
 
 
-def report(outcome: Outcome, console: Console) -> int:
+def report(outcome: RenderOutcome, console: Console) -> int:
     """Report the outcome; returns the exit code. Raises WorkError if frames failed."""
     if outcome.black:
         first = min(outcome.black)

@@ -17,7 +17,7 @@ from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import InputError, WorkError
 
 from .chunks import Chunk, chunks_of, size_for_seconds
-from .estimate import Estimate, estimate
+from .estimate import CostEstimate, estimate
 from .estimate import known as known_figures
 from .farm_settings import SlurmSettings, minutes
 from .run_plan import RunPlan, read_plan
@@ -46,7 +46,7 @@ class Batch:
     """
 
     stages: list[tuple[str, Chunks]]
-    estimate: Estimate
+    estimate: CostEstimate
     waiting: dict[str, str]
 
 
@@ -196,7 +196,7 @@ def _executor(plan: RunPlan) -> Any:
 
 
 def _parameters(
-    settings: SlurmSettings, stage: str, expected: Estimate, dependency: str | None
+    settings: SlurmSettings, stage: str, expected: CostEstimate, dependency: str | None
 ) -> dict[str, Any]:
     """sbatch options under submitit's names.
 

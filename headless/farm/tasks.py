@@ -26,7 +26,7 @@ from iclnuim.worker_events import Event, FrameDone, Ready
 
 from . import estimate
 from .chunks import chunks_of, granted_cores, local_size, split
-from .local import LocalFarm, Outcome, Worker
+from .local import LocalFarm, RenderOutcome, Worker
 from .lock import STALE_S, OutputLock
 from .rendering import LocalRun, Workers, report
 from .run_plan import RunPlan
@@ -158,7 +158,7 @@ def frames(
     console: Console,
     on_frame: Callable[[int], None],
     should_stop: Callable[[], bool] = lambda: False,
-) -> Outcome:
+) -> RenderOutcome:
     """The second task: render the missing frames of the plan.
 
     Raises InputError, WorkError; the outcome lists frames that were given up.
@@ -167,7 +167,7 @@ def frames(
         light(plan, console, should_stop)
     missing = plan.missing()
     if not missing:
-        return Outcome()
+        return RenderOutcome()
     read_run(plan.raw).check_space(len(missing))
     cores = split(None, granted_cores())[: len(missing)]
     workers = Workers(plan.job, plan.raw, console, shared=True)
