@@ -91,13 +91,13 @@ def _differ(a: float, b: float) -> bool:
 
 def correlation_table(results: Sequence[Measured]) -> ResultTable:
     """Correlation over all cells, and over those of each room and each noise."""
-    groups = {"all cells": list(results)}
+    groups = [("all cells", list(results))]
     for name in ("room", "noise"):
         for value in sorted({getattr(r.key, name) for r in results}):
             own = [r for r in results if getattr(r.key, name) == value]
-            groups[value.replace("_", " ")] = own
+            groups.append((value.replace("_", " "), own))
     rows = []
-    for name, some in groups.items():
+    for name, some in groups:
         if found := correlation(some):
             figures = (f"{v:.3f}" for v in (found.rho, found.low, found.high))
             rows.append((name, str(found.n), *figures, str(found.pairs), str(found.discordant)))

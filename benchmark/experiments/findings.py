@@ -70,16 +70,13 @@ def findings_table(results: Sequence[Measured], preset: str = "best") -> ResultT
         texts = (finding["finding"], printed or "-", ours[0][1] or "-", verdict(answers), why)
         rows.append((str(number), finding["section"], *texts))
     columns = ("no.", "section", "finding", "printed", "ours", "verdict", "why")
-    name = "findings"
     title = "The findings of section VI, decided by rules over the cells."
-    if preset != "best":
-        name += f"_{preset}"
-        title += f" Preset {preset}."
     note = (
         "The verdicts apply to these cells only: frames, noise and odometers are ours, not the "
         "paper's. Errors in mm."
     )
-    return ResultTable(name, title, columns, tuple(rows), notes=(note,))
+    table = ResultTable("findings", title, columns, tuple(rows), notes=(note,))
+    return table.of_preset(preset)
 
 
 def apply_rule(rule: Callable[[PaperFigures], RuleResult], of: PaperFigures) -> RuleResult:

@@ -274,8 +274,8 @@ def diagnostics(
     """
     results = [f.result for f in tracked[1:]]
     used = [r for r in results if r.status is not Status.FAILED]
-    residual = _median([r.residual for r in used])
-    inliers = _median([r.inliers for r in used])
+    residual = median(r.residual for r in used if np.isfinite(r.residual))
+    inliers = median(r.inliers for r in used if np.isfinite(r.inliers))
     return {
         "nees": _nees(tracked, references_s, truth),
         "cause": _cause(results, residual, inliers, clean),
@@ -285,9 +285,16 @@ def diagnostics(
     }
 
 
-def _median(values: list[float]) -> float | None:
-    finite = [v for v in values if np.isfinite(v)]
-    return float(np.median(finite)) if finite else None
+def median(values: Iterable[float | None]) -> float | None:
+    """Of the values that are known; None if there is none."""
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None
+
+
+def mean(values: Iterable[float | None]) -> float | None:
+    """Of the values that are known; None if there is none."""
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
 
 
 def _nees(
@@ -306,7 +313,7 @@ def _nees(
         pair = sample(truth, np.array([references_s[f.stamp_s], f.stamp_s]))
         error = (pair[0].inverse() @ pair[1] @ f.result.T_reference_camera.inverse()).log()
         values.append(float(error @ f.result.information @ error) / 6)
-    return float(np.mean(values)) if values else None
+    return mean(values)
 
 
 def _cause(

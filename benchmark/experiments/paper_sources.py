@@ -174,10 +174,9 @@ def external_keys(
     sequences -> the trajectory matched to the frames.
     """
     sequences = {key.sequence: key for key in given if not key.seed}
-    staged = {
-        name: StagedSequence.of(sources.folder(key), first=first)
-        for name, key in sorted(sequences.items())
-    }
+    staged = {}
+    for name, key in sorted(sequences.items()):
+        staged[name] = StagedSequence.of(sources.folder(key), first=first)
     found = {}
     for run in system_store(systems).read_all(RunKey):
         images = run.identity["sequence_sha256"]

@@ -70,17 +70,10 @@ def preset_tables(results: Sequence[Measured], preset: str) -> list[ResultTable]
     others = [r.key for r in results if r.key.external] if preset == "best" else []
     others += [r.key for r in results if r.key.preset == preset and _is_further(r.key)]
     ate = [_ate_table(views, others, *where) for where in ATE_TABLES]
-    surfaces = [
-        _surface_table(views, room, noise)
-        for room, noise in product(shipped.paper_scenes(), NOISES)
-    ]
-    living_clean, living_noisy, *office = surfaces
+    surfaces = product([views], shipped.paper_scenes(), NOISES)
+    living_clean, living_noisy, *office = (_surface_table(*one) for one in surfaces)
     tables = [living_clean, *ate, living_noisy, *office]
-    if preset == "best":
-        return tables
-    return [
-        replace(t, name=f"{t.name}_{preset}", title=f"{t.title} Preset {preset}.") for t in tables
-    ]
+    return [table.of_preset(preset) for table in tables]
 
 
 def _is_further(key: PaperKey) -> bool:
@@ -272,7 +265,7 @@ def _surface_table(views: Sequence[Ours], room: str, noise: str) -> ResultTable:
             row.append(_mm(view.surface(where, statistic) for view in views))
             row += [_mm([printed.surface(where, statistic)], 1)] * in_paper
         rows.append(tuple(row))
-    for name, figure in _MORE_SURFACE.items():
+    for name, figure in _MORE_SURFACE:
         row = [name]
         for where in cells:
             row += [_mm(figure(view.figures(where)) for view in views), *[""] * in_paper]
@@ -310,35 +303,43 @@ def _not_fitted(figures: Mapping[str, Any]) -> float | None:
     return surface_of(figures, "mean", "given_m")
 
 
-_MORE_SURFACE: dict[str, Figure] = {
-    "Mean, not fitted": _not_fitted,
-    "Accuracy": quality_of("accuracy_m"),
-    "Completion": quality_of("completion_m"),
-    "Depth L1": quality_of("depth_l1_m"),
-}
+_MORE_SURFACE: tuple[tuple[str, Figure], ...] = (
+    ("Mean, not fitted", _not_fitted),
+    ("Accuracy", quality_of("accuracy_m")),
+    ("Completion", quality_of("completion_m")),
+    ("Depth L1", quality_of("depth_l1_m")),
+)
 
 
 # -- all cells
 
 
-#: Columns of the table of all cells -> (figure, factor).
-CELL_FIGURES: dict[str, tuple[Figure, float]] = {
-    "ATE mm": (ate_of, 1e3),
-    "RPE mm/s": (lambda figures: (figures.get("rpe_1s_m") or {}).get("rmse"), 1e3),
-    "lost": (lambda figures: figures.get("lost"), 1),
-    "degenerate": (lambda figures: figures.get("degenerate"), 1),
-    "surface mm": (surface_of, 1e3),
-    "not fitted mm": (_not_fitted, 1e3),
-    "accuracy mm": (quality_of("accuracy_m"), 1e3),
-    "completion mm": (quality_of("completion_m"), 1e3),
-    "Depth L1 mm": (quality_of("depth_l1_m"), 1e3),
-    "F 1 cm %": (quality_of("f_score", "1cm"), 100),
-    "F 2 cm %": (quality_of("f_score", "2cm"), 100),
-    "F 5 cm %": (quality_of("f_score", "5cm"), 100),
-}
-CELL_COLUMNS = (
-    "room", "trajectory", "noise", "seed", "odometer", "preset", "reference", "frames", *CELL_FIGURES,
-)  # fmt: skip
+def _rpe(figures: Mapping[str, Any]) -> float | None:
+    return (figures.get("rpe_1s_m") or {}).get("rmse")
+
+
+def _count(name: str) -> Figure:
+    return lambda figures: figures.get(name)
+
+
+#: Figures of the table of all cells, and their factors.
+_CELL_FIGURES: tuple[tuple[str, Figure, float], ...] = (
+    ("frames", _count("frames"), 1),
+    ("ATE mm", ate_of, 1e3),
+    ("RPE mm/s", _rpe, 1e3),
+    ("lost", _count("lost"), 1),
+    ("degenerate", _count("degenerate"), 1),
+    ("surface mm", surface_of, 1e3),
+    ("not fitted mm", _not_fitted, 1e3),
+    ("accuracy mm", quality_of("accuracy_m"), 1e3),
+    ("completion mm", quality_of("completion_m"), 1e3),
+    ("Depth L1 mm", quality_of("depth_l1_m"), 1e3),
+    ("F 1 cm %", quality_of("f_score", "1cm"), 100),
+    ("F 2 cm %", quality_of("f_score", "2cm"), 100),
+    ("F 5 cm %", quality_of("f_score", "5cm"), 100),
+)
+_CELL_NAME = ("room", "trajectory", "noise", "seed", "odometer", "preset", "reference")
+CELL_COLUMNS = (*_CELL_NAME, *(name for name, _, _ in _CELL_FIGURES))
 
 
 def cells_table(results: Sequence[Measured]) -> ResultTable:
@@ -350,7 +351,7 @@ def cell_row(result: Measured) -> tuple[str, ...]:
     """The texts of one row: figures with three decimals, counts with none."""
     key = result.key
     texts = []
-    for figure, factor in CELL_FIGURES.values():
+    for _, figure, factor in _CELL_FIGURES:
         value = figure(result.figures)
         if value is None:
             texts.append("")
@@ -358,7 +359,7 @@ def cell_row(result: Measured) -> tuple[str, ...]:
             texts.append(str(value) if isinstance(value, int) else f"{factor * value:.3f}")
     reference = f"run {key.run}" if key.external else key.reference
     name = (key.room, key.trajectory, key.noise, str(key.seed), key.title, key.preset, reference)
-    return (*name, str(result.figures.get("frames", "")), *texts)
+    return (*name, *texts)
 
 
 def _mm(values: Iterable[float | None], decimals: int = 2) -> str:
@@ -366,6 +367,5 @@ def _mm(values: Iterable[float | None], decimals: int = 2) -> str:
     known = [1e3 * value for value in values if value is not None]
     if not known:
         return ""
-    text = f"{median(known):.{decimals}f}"
-    low, high = min(known), max(known)
-    return text if low == high else f"{text} [{low:.{decimals}f}, {high:.{decimals}f}]"
+    middle, low, high = (f"{f(known):.{decimals}f}" for f in (median, min, max))
+    return middle if min(known) == max(known) else f"{middle} [{low}, {high}]"

@@ -2,7 +2,6 @@
 tables and as a page.
 """
 
-import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -12,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from ..perturbations.plan import SEVERITIES, Plan
+from .outcome import mean, median
 from .page import Page, Section
 from .recipes.stress import CLEAN, StressKey
 from .shades import shade, shown_mm
-from .table import Mark, ResultTable, mm
+from .table import Mark, ResultTable, mm, shown
 
 #: Figures of a cell by its key.
 Figures = Mapping[StressKey, Mapping[str, Any]]
@@ -50,20 +50,19 @@ class Group:
         wrong = [c for c in cells if c["wrong"]]
         noticed = [c["noticed_after"] for c in wrong if c["noticed_after"] is not None]
         causes = Counter(c["cause"] for c in cells if c["cause"])
-        nees = [c["nees"] for c in cells if c["nees"] is not None]
         return cls(
             segments=len(cells),
-            ate_m=_median(c["ate_m"] for c in cells),
+            ate_m=_median_with_failures(c["ate_m"] for c in cells),
             succeeded=float(np.mean([c["success"] for c in cells])),
             coverage=float(np.mean([c["coverage"] for c in cells])),
-            worst_step_m=_median(c["worst_step_m"] for c in cells),
+            worst_step_m=_median_with_failures(c["worst_step_m"] for c in cells),
             false_successes=sum(c["false_successes"] for c in cells) / after_first,
             false_alarms=sum(c["false_alarms"] for c in cells) / after_first,
             alarms=sum(c["alarms"] for c in cells) / after_first,
-            noticed=len(noticed) / len(wrong) if wrong else None,
-            noticed_after=float(np.median(noticed)) if noticed else None,
-            nees=float(np.mean(nees)) if nees else None,
-            cause=causes.most_common(1)[0][0] if causes else "",
+            noticed=mean(c["noticed_after"] is not None for c in wrong),
+            noticed_after=median(noticed),
+            nees=mean(c["nees"] for c in cells),
+            cause=max(causes, key=causes.__getitem__, default=""),
         )
 
     @property
@@ -96,16 +95,27 @@ class Group:
             f"false successes {self.false_successes:.1%}",
             f"false alarms {self.false_alarms:.1%}",
             f"alarms {self.alarms:.1%}",
-            "" if self.nees is None else f"NEES {self.nees:.2g}",
+            f"NEES {shown(self.nees, '.2g')}",
             self.notice(),
             self.cause,
         ]
         return "; ".join(filter(None, parts))
 
 
-def _median(values: Iterable[float | None]) -> float | None:
-    middle = float(np.median([math.inf if v is None else v for v in values]))
-    return middle if math.isfinite(middle) else None
+def _median_with_failures(values: Iterable[float | None]) -> float | None:
+    """The median, where None is larger than any figure."""
+    found = sorted((value is None, value or 0.0) for value in values)
+    low = found[(len(found) - 1) // 2]
+    high = found[len(found) // 2]
+    return None if high[0] else (low[1] + high[1]) / 2
+
+
+#: Rows of the unperturbed frames: title, figure, format, factor.
+_CLEAN_TOTALS = (
+    ("ATE mm", "ate_m", ".3g", 1e3),
+    ("false alarms", "false_alarms", ".1%", 1),
+    ("NEES", "nees", ".2g", 1),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,13 +147,6 @@ class Summary:
         perturbed = [self.groups.get((method, perturbation, k)) for k in severities]
         return [self.groups.get((method, CLEAN, 0)), *perturbed]
 
-    def fails_at(self, method: str, perturbation: str) -> int | None:
-        """The lowest severity at which the method fails, 0 if it fails unperturbed, None if it
-        never fails.
-        """
-        groups = enumerate(self.row(method, perturbation))
-        return next((severity for severity, g in groups if g and g.failed), None)
-
     def to_dict(self) -> dict[str, Any]:
         """The content of --json and OUT/stress.json."""
         cells = []
@@ -162,7 +165,7 @@ class Summary:
             for j, text in enumerate(texts, 1):
                 if text.isdecimal():
                     marks[i, j] = Mark(shade(100.0 / 4 ** int(text)))
-        rows += [(title, *values) for title, values in self._totals().items()]
+        rows += self._totals()
         bounds = self.plan.bounds
         note = (
             "A severity fails if at least half of its segments do: their ATE is above "
@@ -174,28 +177,28 @@ class Summary:
         return ResultTable("stress", title, columns, tuple(rows), notes=(note,), marks=marks)
 
     def _first_failure(self, method: str, perturbation: str) -> str:
-        """As a text; empty if it was not measured."""
-        severity = self.fails_at(method, perturbation)
-        if severity is not None:
-            return str(severity)
-        return "-" if any(self.row(method, perturbation)[1:]) else ""
+        """The lowest severity at which the method fails, 0 if it fails unperturbed; a dash if it
+        never fails, empty if it was not measured.
+        """
+        groups = self.row(method, perturbation)
+        failed = [str(severity) for severity, group in enumerate(groups) if group and group.failed]
+        return [*failed, *["-"] * any(groups[1:]), ""][0]
 
-    def _totals(self) -> dict[str, list[str]]:
-        """Title -> a text for each method, in the order of the methods."""
+    def _totals(self) -> list[tuple[str, ...]]:
+        """Rows of the unperturbed frames, and of means over all perturbed ones."""
+        rows = []
         cleans = [self.groups.get((m, CLEAN, 0)) for m in self.methods]
-        perturbed = []
-        for method in self.methods:
-            keys = [key for key in self.groups if key[0] == method and key[1] != CLEAN]
-            perturbed.append([self.groups[key] for key in keys])
-        nees = [None if c is None else c.nees for c in cleans]
-        return {
-            "clean: ATE mm": [mm(c.ate_m if c else None) for c in cleans],
-            "clean: false alarms": ["-" if c is None else f"{c.false_alarms:.1%}" for c in cleans],
-            "clean: NEES": ["-" if value is None else f"{value:.2g}" for value in nees],
-            "succeeded": [_share(g.succeeded for g in some) for some in perturbed],
-            "false successes": [_share(g.false_successes for g in some) for some in perturbed],
-            "false alarms": [_share(g.false_alarms for g in some) for some in perturbed],
-        }
+        for title, name, spec, factor in _CLEAN_TOTALS:
+            values = [getattr(clean, name, None) for clean in cleans]
+            rows.append((f"clean: {title}", *(shown(v, spec, factor) for v in values)))
+        for name in ("succeeded", "false_successes", "false_alarms"):
+            values = [self._mean(method, name) for method in self.methods]
+            rows.append((name.replace("_", " "), *(shown(v, ".1%") for v in values)))
+        return rows
+
+    def _mean(self, method: str, name: str) -> float | None:
+        keys = [key for key in self.groups if key[0] == method and key[1] != CLEAN]
+        return mean(getattr(self.groups[key], name) for key in keys)
 
     def of_method(self, method: str) -> ResultTable:
         """The ATE of a method in mm by perturbation and severity."""
@@ -203,26 +206,26 @@ class Summary:
         marks = {}
         for i, name in enumerate(self.perturbations):
             groups = self.row(method, name)
-            perturbation = self.plan.perturbations[name]
+            texts = [getattr(group, "mark", "") for group in groups]
+            rows.append((name, *texts, *self._verdict(method, name)))
             for severity, group in enumerate(groups):
                 if group is not None:
-                    level = perturbation.level(severity) if severity else "unperturbed"
                     style = shade(shown_mm(group.ate_m, group.failed))
-                    marks[i, 1 + severity] = Mark(style, f"{level}: {group.in_words()}")
-            texts = [group.mark if group else "" for group in groups]
-            rows.append((name, *texts, *self._verdict(method, name)))
+                    about = f"{self._level(name, severity)}: {group.in_words()}"
+                    marks[i, 1 + severity] = Mark(style, about)
         severities = map(str, range(SEVERITIES + 1))
         columns = ("", *severities, "fails at", "failure noticed", "diagnosed cause")
         return ResultTable(method, f"ATE of {method} in mm.", columns, tuple(rows), marks=marks)
 
+    def _level(self, name: str, severity: int) -> str:
+        return self.plan.perturbations[name].level(severity) if severity else "unperturbed"
+
     def _verdict(self, method: str, name: str) -> tuple[str, str, str]:
         """The level at which the method fails, whether it notices, and the diagnosed cause."""
-        severity = self.fails_at(method, name)
-        group = None if severity is None else self.row(method, name)[severity]
-        if group is None:
-            return "-", "", ""
-        level = self.plan.perturbations[name].level(severity) if severity else "unperturbed"
-        return level, group.notice(), group.cause
+        for severity, group in enumerate(self.row(method, name)):
+            if group and group.failed:
+                return self._level(name, severity), group.notice(), group.cause
+        return "-", "", ""
 
     def page(self) -> Page:
         """An overview, then a section for each method."""
@@ -243,8 +246,3 @@ class Summary:
 
 def _short(method: str) -> str:
     return method.removeprefix("baseline:")
-
-
-def _share(values: Iterable[float]) -> str:
-    found = list(values)
-    return f"{np.mean(found):.1%}" if found else "-"

@@ -4,8 +4,8 @@ import csv
 import io
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import zip_longest
+from dataclasses import dataclass, field, replace
+from itertools import chain, zip_longest
 from textwrap import wrap
 
 #: Maximum width of a column in a terminal, in characters.
@@ -38,6 +38,13 @@ class ResultTable:
     bold: frozenset[tuple[int, int]] = frozenset()
     notes: tuple[str, ...] = ()
     marks: Mapping[tuple[int, int], Mark] = field(default_factory=dict)
+
+    def of_preset(self, preset: str) -> "ResultTable":
+        """The table with the name of a preset, unless that is `best`."""
+        if preset == "best":
+            return self
+        title = f"{self.title} Preset {preset}."
+        return replace(self, name=f"{self.name}_{preset}", title=title)
 
     def column(self, j: int) -> list[str]:
         """The texts of a column, without its head."""
@@ -74,7 +81,7 @@ class ResultTable:
         rows = [list(self.columns), *self._marked(lambda text: f"{text}*")]
         wrapped = [[wrap(text, _WIDEST) or [""] for text in row] for row in rows]
         columns = list(zip(*wrapped, strict=True))
-        widths = [max(len(line) for lines in column for line in lines) for column in columns]
+        widths = [max(map(len, chain.from_iterable(column))) for column in columns]
         right = [self.is_number(j) for j in range(len(self.columns))]
         lines = []
         for row in wrapped:
@@ -91,7 +98,8 @@ class ResultTable:
         return rows
 
     def markdown(self) -> str:
-        rule = ["--:" if self.is_number(j) else ":--" for j in range(len(self.columns))]
+        columns = range(len(self.columns))
+        rule = [(":--", "--:")[self.is_number(j)] for j in columns]
         lines = []
         for row in (self.columns, rule, *self._marked(lambda text: f"**{text}**")):
             lines.append("| " + " | ".join(text.replace("|", r"\|") for text in row) + " |")
@@ -102,9 +110,12 @@ class ResultTable:
 
         Numbers are right-aligned, long texts are set as paragraphs.
         """
-        forms = "".join(map(self._latex_form, range(len(self.columns))))
+        forms = []
+        for j in range(len(self.columns)):
+            text = "p{0.2\\linewidth}" if self.is_long(j) else "l"
+            forms.append("r" if self.is_number(j) else text)
         lines = [r"\begin{table}", r"\centering", rf"\caption{{{_escaped(self.title)}}}"]
-        lines += [rf"\begin{{tabular}}{{{forms}}}", r"\hline"]
+        lines += [rf"\begin{{tabular}}{{{''.join(forms)}}}", r"\hline"]
         lines += [" & ".join(map(_escaped, self.columns)) + r" \\", r"\hline"]
         for i, row in enumerate(self.rows):
             texts = list(map(_escaped, row))
@@ -115,11 +126,6 @@ class ResultTable:
         notes = [rf"\\ {_escaped(note)}" for note in self.notes]
         return "\n".join([*lines, r"\hline", r"\end{tabular}", *notes, r"\end{table}"])
 
-    def _latex_form(self, j: int) -> str:
-        if self.is_number(j):
-            return "r"
-        return "p{0.2\\linewidth}" if self.is_long(j) else "l"
-
     def csv(self) -> str:
         stream = io.StringIO()
         writer = csv.writer(stream, lineterminator="\n")
@@ -127,9 +133,14 @@ class ResultTable:
         return stream.getvalue().removesuffix("\n")
 
 
+def shown(value: float | None, spec: str, factor: float = 1) -> str:
+    """A figure times a factor as a text; a dash for None."""
+    return "-" if value is None else format(factor * value, spec)
+
+
 def mm(length_m: float | None, spec: str = ".3g") -> str:
     """A length in mm as a text; a dash for None."""
-    return "-" if length_m is None else format(1e3 * length_m, spec)
+    return shown(length_m, spec, 1e3)
 
 
 def _line(texts: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> str:

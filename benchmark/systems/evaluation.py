@@ -5,9 +5,10 @@ Only the trajectory is evaluated; how the process ended is reported in a note.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,8 @@ from .system import ResultSettings, System
 
 #: A pose matches a frame if their stamps differ by less than 1 ms and by less than a quarter of a
 #: frame: enough for six digits, or a float.
-_MATCH_S, _MATCH_SHARE = 1e-3, 0.25
+_MATCH_S = 1e-3
+_MATCH_SHARE = 0.25
 #: Coverage below which a note reports it.
 _WHOLE = 0.9
 _SECOND = RelativeErrorSettings(1.0, "seconds")
@@ -51,7 +53,8 @@ def evaluate_run(
     """Read the trajectory `name` that a run wrote into run/out, write it as run/matched/NAME.txt
     (TUM, with the stamps of the frames), and evaluate that file.
     """
-    result, notes = system.trajectories[name], _how(ended)
+    result = system.trajectories[name]
+    notes = _how(ended)
     file = run / "out" / result.file
     try:
         written, read_notes = _read(file, run / "matched", result, cut=ended.how != "exit 0")
@@ -77,10 +80,8 @@ def _empty(file: Path) -> bool:
 
 
 def _last_line(log: Path) -> str:
-    lines = (
-        log.read_bytes().decode("utf-8", "replace").strip().splitlines() if log.is_file() else []
-    )
-    return f"; its last line: {lines[-1].strip()[:120]}" if lines else ""
+    text = log.read_bytes().decode("utf-8", "replace").strip() if log.is_file() else ""
+    return f"; its last line: {text.splitlines()[-1].strip()[:120]}" if text else ""
 
 
 def _read(
@@ -92,7 +93,8 @@ def _read(
     """
     matched.mkdir(exist_ok=True)
     lines = read_text(file, "a trajectory").splitlines(keepends=True)
-    notes, whole = [], lines[:-1] if cut and not lines[-1].endswith("\n") else lines
+    notes = []
+    whole = lines[:-1] if cut and not lines[-1].endswith("\n") else lines
     good = [line for line in whole if not _not_finite(line)]
     if left_out := len(whole) - len(good):
         notes.append(f"{left_out} poses with NaN or infinity")
@@ -125,25 +127,25 @@ def _matched(
         numbers = np.rint(frames_of_stamps(written.stamps_s, 1.0)).astype(int)
         if numbers[-1] >= len(own_s):
             raise InputError(f"frames 0 to {len(own_s) - 1}", found=numbers[-1])
-        theirs_s, window_s = own_s[numbers], 1e-9
+        theirs_s = own_s[numbers]
+        window_s = 1e-9
     else:
         theirs_s = written.stamps_s - sequence.offset_s(system.settings.stage)
         window_s = min(_MATCH_S, _MATCH_SHARE / sequence.rate_hz)
     pairs = associate(own_s, theirs_s, AssociationSettings(max_difference_s=window_s))
     left = len(written) - len(pairs)
     if 2 * len(pairs) < min(len(written), len(own_s)):
-        found = f"{left} of {len(written)} that match no frame, {theirs_s[0]:.6f} to {theirs_s[-1]:.6f} s"
-        fit = (
-            best_offset(sequence.truth, Trajectory(theirs_s, written.T_world_camera))
-            if sequence.truth
-            else None
-        )
-        found += f"; they fit best {-fit[0]:+.9g} s off" if fit else ""
-        raise InputError(
-            f"the stamps of the frames, {own_s[0]:.6f} to {own_s[-1]:.6f} s", found=found
-        )
+        found = f"{left} of {len(written)} that match no frame, {_range(theirs_s)}"
+        theirs = Trajectory(theirs_s, written.T_world_camera)
+        if sequence.truth and (fit := best_offset(sequence.truth, theirs)):
+            found += f"; they fit best {-fit[0]:+.9g} s off"
+        raise InputError(f"the stamps of the frames, {_range(own_s)}", found=found)
     notes = [f"{left} stamps that match no frame"] if left else []
     return Trajectory(own_s[pairs.first], written.T_world_camera[pairs.second]), notes
+
+
+def _range(stamps_s: np.ndarray) -> str:
+    return f"{stamps_s[0]:.6f} to {stamps_s[-1]:.6f} s"
 
 
 def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> Evaluation:
@@ -153,21 +155,20 @@ def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> 
     truth = sequence.truth
     if truth is None:
         return Evaluation(len(found), None, None, tuple(notes))
-    errors: list[float | None] = []
-    for measure in (absolute_error, partial(relative_error, settings=_SECOND)):
-        try:
-            errors.append(measure(truth, found).translation_m.rmse)
-        except InputError as error:
-            notes += (
-                [] if errors else [error.worded()]
-            )  # no note for a trajectory too short for pairs one second apart
-            errors.append(None)
-    if errors[0] is not None and (
-        better := BetterOffset.of(truth, found, AbsoluteErrorSettings(), errors[0])
-    ):
-        shift = f"stamps are {-better.offset_s:+.9g} s off: {1e3 * better.rmse_m:.3f} mm with this offset corrected"
-        notes.insert(0, shift)
-    return Evaluation(len(found), errors[0], errors[1], tuple(notes))
+    ate_m = None
+    rpe_m = None
+    try:
+        ate_m = absolute_error(truth, found).translation_m.rmse
+    except InputError as error:
+        notes.append(error.worded())
+    with suppress(InputError):  # a trajectory may be too short for pairs one second apart
+        rpe_m = relative_error(truth, found, _SECOND).translation_m.rmse
+    if ate_m is None:
+        return Evaluation(len(found), None, rpe_m, tuple(notes))
+    if better := BetterOffset.of(truth, found, AbsoluteErrorSettings(), ate_m):
+        corrected = f"{1e3 * better.rmse_m:.3f} mm with this offset corrected"
+        notes.insert(0, f"stamps are {-better.offset_s:+.9g} s off: {corrected}")
+    return Evaluation(len(found), ate_m, rpe_m, tuple(notes))
 
 
 def row(name: str, frames: int, runs: Sequence[tuple[Ended, Evaluation]]) -> dict:
@@ -177,9 +178,8 @@ def row(name: str, frames: int, runs: Sequence[tuple[Ended, Evaluation]]) -> dic
     Times per frame are those of the whole process, including its start and reading the images.
     """
     ates = [v.ate_rmse_m for _, v in runs if v.ate_rmse_m is not None]
-    ms = [1e3 * ended.wall_s / frames for ended, v in runs if v.matched]
+    median_ms = _middle([1e3 * ended.wall_s / frames for ended, v in runs if v.matched])
     matched = float(np.median([v.matched for _, v in runs]))
-    median_ms = _middle(ms)
     return {
         "odometer": name,
         "frames": frames,
@@ -191,27 +191,28 @@ def row(name: str, frames: int, runs: Sequence[tuple[Ended, Evaluation]]) -> dic
         "ms_95": None,
         "frames_per_s": 1e3 / median_ms if median_ms else None,
         "ate_rmse_m": _middle(ates),
-        "rpe_1s_rmse_m": _middle([v.rpe_1s_rmse_m for _, v in runs if v.rpe_1s_rmse_m is not None]),
+        "rpe_1s_rmse_m": _middle([v.rpe_1s_rmse_m for _, v in runs]),
         "ate_quartiles_m": np.percentile(ates, (25, 75)).tolist() if ates else None,
         "runs": len(runs),
         "good_runs": sum(v.matched > 0 for _, v in runs),
-        **{
-            key: _middle([getattr(ended, key) for ended, _ in runs])
-            for key in ("wall_s", "cpu_s", "peak_bytes")
-        },
+        "wall_s": _middle([ended.wall_s for ended, _ in runs]),
+        "cpu_s": _middle([ended.cpu_s for ended, _ in runs]),
+        "peak_bytes": _middle([ended.peak_bytes for ended, _ in runs]),
         "notes": _joined(runs),
     }
 
 
-def _middle(values: list) -> float | None:
-    return float(np.median(values)) if values else None
+def _middle(values: Iterable[float | None]) -> float | None:
+    """The median of the values that are known; None if there is none."""
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None
 
 
 def _joined(runs: Sequence[tuple[Ended, Evaluation]]) -> list[str]:
     """Every note once, preceded by the numbers of its runs unless it applies to all."""
-    texts = dict.fromkeys(note for _, evaluation in runs for note in evaluation.notes)
+    texts = chain.from_iterable(evaluation.notes for _, evaluation in runs)
     found = []
-    for text in texts:
+    for text in dict.fromkeys(texts):
         numbers = [str(number) for number, (_, v) in enumerate(runs, 1) if text in v.notes]
         found.append(text if len(numbers) == len(runs) else f"run {', '.join(numbers)}: {text}")
     return found

@@ -49,19 +49,7 @@ def run_command(
     killed.
     """
     started = time.monotonic()
-    with open(log, "wb") as output:
-        try:
-            process = subprocess.Popen(
-                command,
-                cwd=folder,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, **(environment or {})},
-                start_new_session=True,
-            )
-        except OSError as error:
-            raise WorkError(f"{command[0]}: cannot be started: {error.strerror or error}") from None
+    process = _begun(command, folder, log, {**os.environ, **(environment or {})})
     watch = _Watch(process.pid, started + limit_s)
     try:
         _, status, usage = os.wait4(process.pid, 0)
@@ -72,13 +60,31 @@ def run_command(
         _kill(process.pid)
         if process.returncode is None:
             process.wait()
-    code = process.returncode
-    how = (
-        "time limit" if watch.late else f"exit {code}" if code >= 0 else signal.Signals(-code).name
-    )
-    return Ended(
-        wall_s, usage.ru_utime + usage.ru_stime, watch.peak_bytes or usage.ru_maxrss * 1024, how
-    )
+    peak_bytes = watch.peak_bytes or usage.ru_maxrss * 1024
+    how = "time limit" if watch.late else _how(process.returncode)
+    return Ended(wall_s, usage.ru_utime + usage.ru_stime, peak_bytes, how)
+
+
+def _begun(
+    command: list[str], folder: Path, log: Path, environment: Mapping[str, str]
+) -> subprocess.Popen:
+    with open(log, "wb") as output:
+        try:
+            return subprocess.Popen(
+                command,
+                cwd=folder,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise WorkError(f"{command[0]}: cannot be started: {error.strerror or error}") from None
+
+
+def _how(code: int) -> str:
+    return f"exit {code}" if code >= 0 else signal.Signals(-code).name
 
 
 def _kill(group: int) -> None:
@@ -92,8 +98,11 @@ class _Watch:
     """
 
     def __init__(self, process: int, deadline: float) -> None:
-        self.late, self.peak_bytes = False, 0
-        self._process, self._deadline, self._over = process, deadline, threading.Event()
+        self.late = False
+        self.peak_bytes = 0
+        self._process = process
+        self._deadline = deadline
+        self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -112,7 +121,8 @@ class _Watch:
 
 def _resident_bytes(process: int) -> int:
     """Resident memory of a process and its children, from Linux's /proc; 0 on other systems."""
-    total, left = 0, [process]
+    total = 0
+    left = [process]
     page = os.sysconf("SC_PAGE_SIZE")
     while left:
         place = Path(f"/proc/{left.pop()}")

@@ -89,21 +89,17 @@ class StagedSequence:
         It takes about 0.4 ms a frame.
         """
         with ThreadPoolExecutor() as pool:  # hashing and reading do not need Python's global lock
-            hashes = pool.map(
-                lambda p: (sha256(read_bytes(p.rgb)), sha256(read_bytes(p.depth))), self.pairs
-            )
-            lines = [
-                f"{p.stamp_s:.6f} {rgb} {depth}"
-                for p, (rgb, depth) in zip(self.pairs, hashes, strict=True)
-            ]
-        return sha256("\n".join(lines).encode())
+            lines = pool.map(_identified, self.pairs)
+            return sha256("\n".join(lines).encode())
 
     def is_staged_in(self, stage: Path) -> bool:
         """Whether all links of a view lead to these images: they may have been moved since it was
         written.
         """
-        images = {os.path.abspath(path) for pair in self.pairs for path in (pair.rgb, pair.depth)}
-        return all(os.readlink(path) in images for path in stage.rglob("*") if path.is_symlink())
+        images = {os.path.abspath(pair.rgb) for pair in self.pairs}
+        images |= {os.path.abspath(pair.depth) for pair in self.pairs}
+        links = filter(Path.is_symlink, stage.rglob("*"))
+        return all(os.readlink(link) in images for link in links)
 
     def offset_s(self, settings: StageSettings) -> float:
         """Whole seconds added to the stamps of the view."""
@@ -134,33 +130,35 @@ class StagedSequence:
         stamps = [f"{pair.stamp_s + offset_s:.6f}" for pair in self.pairs]
         if len(set(stamps)) < len(stamps):
             raise InputError("stamps at least a microsecond apart", path=self.name)
-        names = (
-            stamps
-            if settings.names == "stamp"
-            else [f"{number:06}" for number in range(len(stamps))]
-        )
+        names = stamps
+        if settings.names == "number":
+            names = [f"{number:06}" for number in range(len(stamps))]
         lists = {}
         for kind, folder in (("rgb", settings.rgb), ("depth", settings.depth)):
             make_folder(stage / folder)
             images = [getattr(pair, kind) for pair in self.pairs]
-            endings = [image.suffix if kind == "rgb" else ".png" for image in images]
-            files = [
-                f"{folder}/{name}{ending}" for name, ending in zip(names, endings, strict=True)
-            ]
             own = self.camera.depth_units_per_metre
             units = self.units(settings) if kind == "depth" else own
-            for image, file in zip(images, files, strict=True):
-                _place(image, stage / file, own, units)
+            files = []
+            for image, name in zip(images, names, strict=True):
+                ending = image.suffix if kind == "rgb" else ".png"
+                files.append(f"{folder}/{name}{ending}")
+                _place(image, stage / files[-1], own, units)
             lists[kind] = ImageList(tuple(map(float, stamps)), tuple(files), tuple(stamps))
             write_image_list(stage / f"{kind}.txt", lists[kind])
-        rgb, depth = lists["rgb"], lists["depth"]
-        first, second = (depth, rgb) if settings.order == "depth-first" else (rgb, depth)
-        write_associations(stage / "associations.txt", Associations(first, second))
+        order = ("depth", "rgb") if settings.order == "depth-first" else ("rgb", "depth")
+        both = Associations(lists[order[0]], lists[order[1]])
+        write_associations(stage / "associations.txt", both)
         if settings.settings:
             text = SLAM_SETTINGS[settings.settings](
                 self.camera.pinhole, self.rate_hz, self.units(settings)
             )
             atomic_write_text(stage / settings.settings_file, text)
+
+
+def _identified(pair: ImagePair) -> str:
+    hashes = (sha256(read_bytes(pair.rgb)), sha256(read_bytes(pair.depth)))
+    return f"{pair.stamp_s:.6f} {' '.join(hashes)}"
 
 
 def _place(image: Path, file: Path, own: float, units: float) -> None:

@@ -53,7 +53,8 @@ class StageSettings(Settings):
     )
     first_stamp_s: float = parameter(
         1.0,
-        "minimum of the first stamp: whole seconds are added to all stamps, and subtracted from the result; many systems stop at a stamp of 0",
+        "minimum of the first stamp: whole seconds are added to all stamps, and subtracted from "
+        "the result; many systems stop at a stamp of 0",
         unit="s",
     )
     settings: str | None = parameter(
@@ -204,16 +205,24 @@ def read_system(name: str, given: Mapping[str, str]) -> System:
             if not isinstance(table, dict):
                 raise InputError(f"a table [{key}]", found=table)
         settings = SystemSettings.from_dict(rest)
-        results = {
-            key: ResultSettings.from_dict(value) for key, value in tables["trajectories"].items()
-        }
+        results = {}
+        for key, value in tables["trajectories"].items():
+            results[key] = ResultSettings.from_dict(value)
         if not results:
             raise InputError("a table [trajectories.NAME]", found="none")
         options = _options({"program": settings.program or "", **tables["options"]}, given)
     except InputError as error:
         raise error.at(file) from None
     environment = {key: str(value) for key, value in tables["environment"].items()}
-    return System(short, settings, results, options, environment, content, file.parent.resolve())
+    return System(
+        name=short,
+        settings=settings,
+        trajectories=results,
+        options=options,
+        environment=environment,
+        content=content,
+        here=file.parent.resolve(),
+    )
 
 
 def _file_of(name: str) -> Path:

@@ -89,7 +89,7 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
         "threads": args.threads,
         "seed": _SEED,
     }
-    text = "\n\n".join(table.text() for table in curve.tables(points))
+    text = "\n\n".join(curve.table(*one).text() for one in points.items())
     console.result({"recipe": recipe, "points": rows}, text)
 
 
@@ -102,22 +102,22 @@ def _experiment(args: argparse.Namespace, console: Console) -> "Curve":
     if args.curve not in known:
         raise InputError(f"a curve ({', '.join(known)})", found=args.curve)
     _check_values(args.curve, args.values or ())
-    values = args.values or curve.default_values(args.curve)
     inputs = _inputs(args, console)
     segments = {name: _segment(args, one) for name, one in inputs.items()}
     settings: dict[str, Any] = {"threads": args.threads, "seed": _SEED}
     if args.curve == curve.FUSION:
         require("bench curve voxel", "igl")
-        from iclnuim.benchmark.fusion.surface_error import TrueSurface
-        from iclnuim.blender.open.model_file import read_model
+        from iclnuim.benchmark.experiments.fusion_curve import VALUES
+        from iclnuim.benchmark.fusion.surface_error import TrueSurface, read_model
 
         surface = TrueSurface(*read_model(args.model))
-        steps: list[curves.Step] = [("fusion", value) for value in values]
+        steps: list[curves.Step] = [("fusion", value) for value in args.values or VALUES]
         settings["model"] = curve.surface_sha256(surface)
-        return curve.Curve(args.curve, inputs, segments, steps, settings, surface)
+        return curve.FusionCurve(args.curve, inputs, segments, steps, settings, surface)
     methods = args.method or ["icp", "rgbd"]
     if "all" in methods:
         methods = installed(names(), "best", console)
+    values = args.values or curves.CURVES[args.curve].values
     steps = curves.steps_of(args.curve, methods, values)
     return curve.Curve(args.curve, inputs, segments, steps, settings)
 

@@ -6,9 +6,10 @@ missing, all are measured again.
 OUT/cells/CURVE/SEQUENCE/METHOD_VALUE   a cell
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from iclnuim.benchmark.fusion.surface_error import TrueSurface
 from iclnuim.console import Console
@@ -18,20 +19,19 @@ from ...perturbations.segment import Segment
 from .. import curves, fusion_curve
 from ..cell import Cell
 from ..code_version import code_of, method_code
-from ..curves import CURVES, Point, Step
+from ..curves import Point, Step
 from ..fusion_curve import FusedPoint
 from ..inputs import Input
 from ..page import Page, Section
 from ..pool import Advance, Job, run_jobs
 from ..store import Store
-from ..table import ResultTable, mm
+from ..table import ResultTable, mm, shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 KIND = "curve"
 FUSION = "voxel"
-_EXPERIMENTS = "iclnuim.benchmark.experiments"
 
 
 @dataclass(frozen=True)
@@ -45,15 +45,14 @@ class CurveKey:
 
     @property
     def place(self) -> str:
-        value = "default" if self.value is None else f"{self.value:g}"
-        name = f"{self.method.replace(':', '_')}_{value}"
+        name = f"{self.method.replace(':', '_')}_{shown(self.value, 'g')}"
         return f"{self.curve}/{self.sequence.replace('/', '_')}/{name}"
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """The experiment. start, frames: which frames of each input. settings: further settings that
-    decide the figures. surface: the true surface, for the curve of fusion.
+    """The experiment with odometers. segments: which frames of each input. settings: further
+    settings that decide the figures. module: that of the measurement. point: its figures.
     """
 
     name: str
@@ -61,17 +60,18 @@ class Curve:
     segments: Mapping[str, Segment]
     steps: Sequence[Step]
     settings: Mapping[str, Any]
-    surface: TrueSurface | None = None
+
+    module: ClassVar[str] = curves.__name__
+    point: ClassVar[Callable[..., Any]] = Point
 
     def cells(self, sequence: str) -> list[Cell]:
         """The cells of a sequence."""
         segment = self.segments[sequence]
-        module = "fusion_curve" if self.surface else "curves"
         identity = {
             "input": self.inputs[sequence].sha256,
             "numbers": [segment.numbers[0], segment.numbers[-1]],
             "camera": segment.camera.to_dict(),
-            "code": code_of(f"{_EXPERIMENTS}.{module}"),
+            "code": code_of(self.module),
             **self.settings,
         }
         found = []
@@ -86,91 +86,88 @@ class Curve:
         store.open({}, {"sequences": folders, **self.settings})
         jobs = []
         for sequence, segment in self.segments.items():
-            if not store.missing(self.cells(sequence)):
-                continue
-
-            def measure(advance: Advance, sequence: str = sequence) -> None:
-                self._measure(sequence, store, advance)
-
-            jobs.append(Job(sequence, measure, self._length(segment)))
+            if store.missing(self.cells(sequence)):
+                measure = partial(self._measure, sequence, store)
+                jobs.append(Job(sequence, measure, self._length(segment)))
         frames = sum(job.steps for job in jobs)
         progress = console.progress(frames, f"bench curve {self.name}")
         run_jobs(jobs, 1, progress.advance)
 
-    def _length(self, segment: Segment) -> int:
+    def _values(self) -> list[float]:
         values = [value for _, value in self.steps if value is not None]
-        return curves.length(self.name, list(dict.fromkeys(values)), segment)
+        return list(dict.fromkeys(values))
+
+    def _length(self, segment: Segment) -> int:
+        return curves.length(self.name, self._values(), segment)
 
     def _measure(self, sequence: str, store: Store, advance: Advance) -> None:
-        segment = self.segments[sequence]
+        points = self._points(self.segments[sequence], lambda: advance(1))
+        for cell, point in zip(self.cells(sequence), points, strict=True):
+            store.write(cell, asdict(point))
 
-        def progress() -> None:
-            advance(1)
-
-        if self.surface is None:
-            steps = curves.measure(self.name, self.steps, segment, progress)
-            figures = [asdict(point) for point in steps]
-        else:
-            voxels_m = [value for _, value in self.steps if value is not None]
-            fused = fusion_curve.measure(voxels_m, segment, self.surface, progress)
-            figures = [asdict(point) for point in fused]
-        for cell, one in zip(self.cells(sequence), figures, strict=True):
-            store.write(cell, one)
+    def _points(self, segment: Segment, progress: Callable[[], object]) -> Sequence[Any]:
+        return curves.measure(self.name, self.steps, segment, progress)
 
     def points(self, store: Store) -> dict[str, list[Any]]:
         """The measured points of each sequence."""
-        point = FusedPoint if self.surface else Point
         found = {}
         for sequence in self.segments:
             measured = store.read(self.cells(sequence))
-            found[sequence] = [point(**one.figures) for one in measured]
+            found[sequence] = [self.point(**one.figures) for one in measured]
         return found
 
-    def tables(self, points: Mapping[str, Sequence[Any]]) -> list[ResultTable]:
-        """A table for each sequence."""
-        table = _fusion_table if self.surface else _table
-        return [table(sequence, found) for sequence, found in points.items()]
+    def table(self, sequence: str, points: Sequence[Any]) -> ResultTable:
+        """A row for each step."""
+        rows = []
+        for p in points:
+            tracked = f"{p.tracked}/{p.frames}"
+            errors = (mm(p.ate_m, ".3f"), f"{p.ms:.1f}")
+            rows.append((p.method, shown(p.value, "g"), tracked, *errors))
+        columns = ("method", "value", "tracked", "ATE mm", "ms")
+        return ResultTable("curve", sequence, columns, tuple(rows))
 
     def page(self, points: Mapping[str, Sequence[Any]]) -> Page:
         """A section for each sequence."""
         lead = "Times can be compared within a sequence, whose steps were measured together."
         sections = []
-        for table in self.tables(points):
-            sections.append(Section(table.title.replace("/", "-"), table.title, tables=[table]))
+        for name, found in points.items():
+            sections.append(Section(name.replace("/", "-"), name, "", [self.table(name, found)]))
         return Page(f"ICL-NUIM: curve {self.name}", lead, sections)
 
     def figure(self, points: Mapping[str, Sequence[Any]]) -> "Figure":
         """Error over cost."""
-        from ..curve_chart import figure, fusion_figure
+        from ..curve_chart import figure
 
-        return fusion_figure(points) if self.surface else figure(self.name, points)
+        return figure(self.name, points)
+
+
+@dataclass(frozen=True, eq=False)
+class FusionCurve(Curve):
+    """The experiment with voxels, whose surfaces are compared with the true surface."""
+
+    surface: TrueSurface
+
+    module: ClassVar[str] = fusion_curve.__name__
+    point: ClassVar[Callable[..., Any]] = FusedPoint
+
+    def _points(self, segment: Segment, progress: Callable[[], object]) -> Sequence[Any]:
+        return fusion_curve.measure(self._values(), segment, self.surface, progress)
+
+    def table(self, sequence: str, points: Sequence[Any]) -> ResultTable:
+        rows = []
+        for p in points:
+            errors = (mm(p.mean_m, ".3f"), mm(p.median_m, ".3f"), mm(p.p95_m, ".3f"))
+            costs = (f"{p.ms:.1f}", f"{p.meshing_s:.1f}", f"{p.memory_mb:.0f}", f"{p.vertices}")
+            rows.append((mm(p.voxel_m, ".1f"), *errors, *costs))
+        columns = ("voxel mm", "mean mm", "median", "95 %", "ms", "meshing s", "MB", "vertices")
+        return ResultTable("curve", sequence, columns, tuple(rows))
+
+    def figure(self, points: Mapping[str, Sequence[Any]]) -> "Figure":
+        from ..curve_chart import fusion_figure
+
+        return fusion_figure(points)
 
 
 def surface_sha256(surface: TrueSurface) -> str:
     """What identifies a model."""
     return sha256(surface.vertices.tobytes() + surface.triangles.tobytes())
-
-
-def _table(sequence: str, points: Sequence[Point]) -> ResultTable:
-    rows = []
-    for p in points:
-        value = "-" if p.value is None else f"{p.value:g}"
-        tracked = f"{p.tracked}/{p.frames}"
-        rows.append((p.method, value, tracked, mm(p.ate_m, ".3f"), f"{p.ms:.1f}"))
-    columns = ("method", "value", "tracked", "ATE mm", "ms")
-    return ResultTable("curve", sequence, columns, tuple(rows))
-
-
-def _fusion_table(sequence: str, points: Sequence[FusedPoint]) -> ResultTable:
-    rows = []
-    for p in points:
-        errors = (mm(p.mean_m, ".3f"), mm(p.median_m, ".3f"), mm(p.p95_m, ".3f"))
-        costs = (f"{p.ms:.1f}", f"{p.meshing_s:.1f}", f"{p.memory_mb:.0f}", f"{p.vertices}")
-        rows.append((mm(p.voxel_m, ".1f"), *errors, *costs))
-    columns = ("voxel mm", "mean mm", "median", "95 %", "ms", "meshing s", "MB", "vertices")
-    return ResultTable("curve", sequence, columns, tuple(rows))
-
-
-def default_values(curve: str) -> tuple[float, ...]:
-    """The values of a curve without --values."""
-    return fusion_curve.VALUES if curve == FUSION else CURVES[curve].values

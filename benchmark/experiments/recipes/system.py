@@ -137,10 +137,9 @@ class SystemRuns:
         self.store.write(cell, {"title": self.system.title, **figures})
 
     def _row(self, name: str, places: list[Path], ended: list[Ended]) -> dict[str, Any]:
-        runs = [
-            (one, evaluate_run(self.sequence, self.system, name, place, one))
-            for place, one in zip(places, ended, strict=True)
-        ]
+        runs = []
+        for place, one in zip(places, ended, strict=True):
+            runs.append((one, evaluate_run(self.sequence, self.system, name, place, one)))
         alone = name == "final" or len(self.system.trajectories) == 1
         title = self.system.title if alone else f"{self.system.title} {name}"
         values = row(title, len(self.sequence.pairs), runs)
