@@ -11,6 +11,7 @@ from iclnuim.geometry.se3 import SE3
 
 CAMERA = PinholeCamera.parse("160x120")
 BIG = PinholeCamera.parse("320x240")
+VGA = PinholeCamera.parse("640x480")
 STEP = SE3.exp(np.array([0.006, -0.004, 0.005, 0.004, -0.003, 0.005]))
 ROOM = ((0.8, 0.0, 0.6), (-0.8, 0.0, 0.6), (0.0, 0.8, 0.6))
 WALL = ((0.0, 0.0, 1.0),)

@@ -7,7 +7,12 @@ import pytest
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.benchmark.odometry import kernels  # noqa: E402
-from iclnuim.benchmark.odometry.certainty import BLOCKS, jackknife_information, spread_information  # noqa: E402
+from iclnuim.benchmark.odometry.certainty import (  # noqa: E402
+    BLOCKS,
+    disagreement,
+    jackknife_information,
+    spread_information,
+)
 from iclnuim.benchmark.odometry.normal_equations import NormalEquations  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
 from odometry_scenes import BIG, ROOM, STEP, run, view  # noqa: E402
@@ -116,3 +121,22 @@ def test_images_with_depth_of_a_sensor_add_its_bias_to_their_own_variance(
     added = np.linalg.inv(with_bias.information) - np.linalg.inv(without.information)
     expected = (share * length_m) ** 2 * np.diag([1, 1, 1, 0, 0, 0])
     assert np.allclose(added, expected, rtol=1e-3, atol=1e-12)
+
+
+@pytest.mark.parametrize(("step_mm", "noisy"), [(1.0, False), (1.4, True)])
+def test_normals_of_rounded_depth_disagree_from_a_millimetre_on(step_mm, noisy):
+    """At 2 m, in a quarter of a VGA image: what a 16-bit image rounds is no noise of a sensor."""
+    exact = view(0, ROOM, camera=BIG).depth_z_m
+    rounded = (np.round(exact * 1e3 / step_mm) * step_mm / 1e3).astype(np.float32)
+    one, other = (kernels.normals(depth, BIG.intrinsics, 1) for depth in (exact, rounded))
+    both = (one[..., 2] != 0) & (other[..., 2] != 0)
+    assert (disagreement(np.sum(one * other, axis=-1)[both]) > 0) is noisy
+
+
+def test_noise_of_normals_is_the_mean_that_their_median_implies():
+    rng = np.random.default_rng(2)
+    cosines = 1 - rng.exponential(0.004, 20_000)
+    assert disagreement(cosines) == pytest.approx(0.004, rel=0.05)
+    cosines[::5] = 0.0  # edges
+    assert disagreement(cosines) < 0.006
+    assert disagreement(cosines[:0]) == 0

@@ -11,7 +11,7 @@ from iclnuim.benchmark.odometry.icp import Icp  # noqa: E402
 from iclnuim.benchmark.odometry.protocol import Status  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
 from iclnuim.benchmark.odometry.solver import MAX_SIGMA_M  # noqa: E402
-from odometry_scenes import BIG, CAMERA, ROOM, WALL, run, view  # noqa: E402
+from odometry_scenes import BIG, CAMERA, ROOM, STEP, WALL, run, view  # noqa: E402
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.001])
@@ -59,3 +59,40 @@ def test_a_first_guess_ten_degrees_off_ends_where_a_good_one_does(name):
     good, off = (method.align(one, other, guess) for guess in (SE3.identity(), rotation))
     assert off.status is Status.OK
     assert np.abs(off.T_reference_camera.matrix - good.T_reference_camera.matrix).max() < 1e-4
+
+
+@pytest.mark.parametrize(("noise", "rough"), [(0.0006, False), (0.00085, True)])
+def test_depth_is_a_sensors_from_a_millimetre_of_noise_on(noise, rough):
+    """Of 2 m depth, in a quarter of a VGA image; a renderer's is exact to a tenth of it."""
+    levels = odometer("icp").prepare(view(0, ROOM, noise, BIG), BIG)
+    assert levels[0].rough is rough
+    assert levels[0].normal_step == (3 if rough else 1)
+
+
+class Counting(Icp):
+    """Counts the alignments of a frame."""
+
+    count = 0
+
+    def planes(self, pair, guess):
+        self.count += 1
+        return super().planes(pair, guess)
+
+
+@pytest.mark.parametrize(("off_deg", "alignments"), [(0.5, 1), (1.0, 2)])
+def test_a_guess_is_poor_where_the_surfaces_are_centimetres_apart(off_deg, alignments):
+    """11 mm, as after a usual prediction, and 22 mm."""
+    method = Counting(Icp.PRESETS["best"])
+    one, other = (method.prepare(view(i, ROOM, camera=BIG), BIG) for i in range(2))
+    off = SE3.exp(np.array([0, 0, 0, 0, np.radians(off_deg), 0]))
+    assert method.align(one, other, STEP @ off).status is Status.OK
+    assert method.count == alignments
+
+
+@pytest.mark.parametrize(("tilt", "expected"), [(0.6, Status.DEGENERATE), (1.0, Status.OK)])
+def test_a_flat_niche_is_degenerate_and_a_deep_one_is_not(tilt, expected):
+    """Three faces that lean by `tilt` from the wall."""
+    planes = ((tilt, 0, 1), (-tilt, tilt / 2, 1), (0, -tilt, 1))
+    method = Icp(replace(Icp.PRESETS["paper"], bilateral=False))
+    result = run(method, [view(i, planes, camera=BIG) for i in range(2)], BIG)[1].result
+    assert result.status is expected

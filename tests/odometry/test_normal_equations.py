@@ -71,3 +71,12 @@ def test_the_rotation_step_is_the_least_squares_solution():
     twist = NormalEquations(J.T @ J, J.T @ r, 1.0, 50, np.zeros(3), 1.0).rotation_step()
     np.testing.assert_allclose(twist[3:], np.linalg.lstsq(J[:, 3:], r, rcond=None)[0], rtol=1e-8)
     assert not twist[:3].any()
+
+
+@pytest.mark.parametrize(("share", "updated"), [(7e-10, False), (1.4e-9, True)])
+def test_a_direction_that_is_known_by_rounding_alone_is_not_updated(share, updated):
+    A = np.diag([1e6, 1e6, 1e6, 1e6, 1e6, 1e6 * share])
+    equations = NormalEquations(A, A @ np.ones(6), 1.0, 50, np.zeros(3), 1.0)
+    step, unobservable = equations.step(np.zeros(6))
+    np.testing.assert_allclose(step, [1, 1, 1, 1, 1, float(updated)], rtol=1e-6)
+    assert unobservable == (not updated)

@@ -13,8 +13,14 @@ from iclnuim.benchmark.odometry.photometric import Dvo, Rgbd  # noqa: E402
 from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, Status  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
 from iclnuim.benchmark.odometry.solver import Limits  # noqa: E402
-from iclnuim.benchmark.odometry.terms.photometric import TiledTerm  # noqa: E402
+from iclnuim.benchmark.odometry.terms.photometric import (  # noqa: E402
+    PhotometricSettings,
+    PhotometricTerm,
+    TiledTerm,
+)
 from odometry_scenes import BIG, CAMERA, ROOM, STEP, after, error_m, run, view  # noqa: E402
+
+PLAIN = PhotometricSettings(min_gradients=(1,), max_depth_m=13.0, mean_gradient=True, spread=1.0)
 
 
 def test_blocks_of_tiles_add_up_to_the_equations_of_the_motion():
@@ -104,3 +110,61 @@ def test_a_change_of_exposure_is_no_motion(name):
         for i, f in enumerate(frames)
     ]
     assert error_m(run(name, changed, BIG)) < error_m(run(name, frames, BIG)) + 5e-4
+
+
+def pair_of(frame, current):
+    return Pair([level_of(frame)], [level_of(current)])
+
+
+def level_of(frame):
+    return Level(frame.grey, frame.depth_z_m, BIG)
+
+
+@pytest.mark.parametrize(("other", "related"), [(2.7, True), (6.0, False)])
+def test_images_whose_contrast_hardly_agrees_are_unrelated(other, related):
+    """Another texture, without a place of its own, is added to the image: 0.35 and 0.16 agree."""
+    frame = view(0, ROOM, camera=BIG)
+    texture = np.random.default_rng(1).normal(0, frame.grey.std(), frame.grey.shape)
+    changed = replace(frame, grey=(frame.grey + other * texture).astype(np.float32))
+    term = PhotometricTerm(pair_of(frame, changed), PLAIN, 0)
+    term.linearise(SE3.identity(), 0)
+    assert (not term.unrelated()) is related
+
+
+@pytest.mark.parametrize(("pixels", "significant"), [(21, False), (42, True)])
+def test_a_correlation_of_a_few_pixels_is_not_significant(pixels, significant):
+    grey = np.random.default_rng(3).integers(0, 2, (BIG.height, BIG.width)) * 200
+    depth = np.zeros(grey.shape)
+    depth[100, 100 : 100 + 4 * pixels] = 2.0
+    frame = Frame.of(grey, depth, 0.0)
+    term = PhotometricTerm(pair_of(frame, frame), PLAIN, 0)
+    term.linearise(SE3.identity(), 0)
+    term.residual[pixels:] = np.nan
+    assert np.isfinite(term.correlation()) == significant
+
+
+def test_two_rounded_images_are_as_certain_as_rounding_leaves_them():
+    """Equal images have no residual; the stated variance is that of the rounding of both."""
+    frame = view(0, ROOM, camera=BIG)
+    term = PhotometricTerm(pair_of(frame, frame), PLAIN, 0)
+    equations = term.linearise(SE3.identity(), 0)
+    rng = np.random.default_rng(0)
+    exact = rng.uniform(0, 255, (2, 100_000))
+    rounding = np.var((np.round(exact) - exact)[0] - (np.round(exact) - exact)[1])
+    seen = np.isfinite(term.residual)
+    J = term.J[seen].astype(float)
+    np.testing.assert_allclose(equations.A, J.T @ J / rounding, rtol=0.02)
+
+
+def test_the_tiles_behind_a_pane_are_given_up_and_no_others():
+    """The share of the image that counts is the share of the visible image that is no glass."""
+    frames = [behind_glass(i) for i in (0, 3, 6, 9)]
+    frames = [replace(f, grey=np.round(f.grey)) for f in frames]
+    found = run("rgbd", frames, BIG)[-1].result
+    method = odometer("rgbd")
+    term = TiledTerm(
+        Pair(*(method.prepare(f, BIG) for f in (frames[0], frames[-1]))), method.settings, 1
+    )
+    term.linearise(after(9), 0)
+    clear = np.isfinite(term.residual) & (term.seen.points[:, 0] >= -0.9)
+    assert found.inliers == pytest.approx(np.count_nonzero(clear) / term.pixels, abs=0.02)

@@ -35,3 +35,24 @@ def test_a_coarse_level_without_overlap_is_left_out_and_the_finest_is_not():
 
     assert result(empty, term).T_reference_camera.translation == pytest.approx([1e-3, 0, 0])
     assert result(term, empty).status is Status.FAILED
+
+
+def aligned(step_m=1e-3, sigma_m=1e-3):
+    """The result where all directions have the standard deviation sigma_m."""
+    A = np.eye(6) / sigma_m**2
+    term = NormalEquations(
+        A, A[0] * step_m, 1.0, 500, np.zeros(3), length_m=1.0, is_information=True
+    )
+    return solve([Pass(Once(term), 3, Stop())], SE3.identity(), Limits())
+
+
+def test_a_motion_that_no_hand_makes_in_a_frame_is_a_failure():
+    """0.3 m in a thirtieth of a second are 9 m/s."""
+    assert aligned(step_m=0.2).status is Status.OK
+    failed = aligned(step_m=0.4)
+    assert failed.status is Status.FAILED and failed.reason.startswith("step: 0.400 m")
+
+
+def test_a_motion_that_is_uncertain_by_millimetres_is_degenerate():
+    assert aligned(sigma_m=0.002).status is Status.OK
+    assert aligned(sigma_m=0.004).status is Status.DEGENERATE

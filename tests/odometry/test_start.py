@@ -1,14 +1,17 @@
 """Where an alignment starts after a sudden motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.benchmark.odometry.candidates import Estimate  # noqa: E402
-from iclnuim.benchmark.odometry.protocol import OdometryResult, Status, failure  # noqa: E402
+from iclnuim.benchmark.odometry.levels import Pair  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, Status, failure  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
-from iclnuim.benchmark.odometry.start import Start  # noqa: E402
+from iclnuim.benchmark.odometry.start import Start, initialise  # noqa: E402
 from odometry_scenes import BIG, ROOM, WALL, after, error_m, run, view  # noqa: E402
 
 
@@ -97,3 +100,46 @@ def test_the_authors_settings_report_a_motion_if_half_of_the_image_has_changed(n
     assert result.status is not Status.OK and result.reason.startswith(
         ("image: does not fit", "overlap", "step")
     )
+
+
+@pytest.mark.parametrize(("other", "poor"), [(0.3, False), (0.8, True)])
+def test_images_fit_where_nine_tenths_of_their_contrast_agree(other, poor):
+    """Another texture is added to the current image: the correlation is 0.96 and 0.80."""
+    method, frame = odometer("rgbd"), view(0, ROOM, camera=BIG)
+    texture = view(40, ROOM, camera=BIG).grey[:, ::-1]
+    changed = replace(frame, grey=frame.grey + np.float32(other) * (texture - texture.mean()))
+    pair = Pair(method.prepare(frame, BIG), method.prepare(changed, BIG))
+    start = initialise(pair, method.settings, method.schedule(pair.reference), SE3.identity())
+    assert start.poor is poor
+
+
+@pytest.mark.parametrize(("period", "corrected"), [(0.6, True), (0.35, False)])
+def test_a_fit_over_less_than_half_of_the_view_is_not_trusted(period, corrected):
+    """Wallpaper that repeats itself, on a sphere about the camera: a guess that is a period off
+    fits where both images overlap.
+    """
+    method, rays = odometer("rgbd"), BIG.rays()
+    azimuth = np.arctan2(rays[..., 0], rays[..., 2])
+    angle = period * np.ptp(azimuth[BIG.height // 2])
+    wave = 2 * np.pi * azimuth / angle
+    grey = 128 + 60 * np.sin(wave) + 30 * np.sin(2 * wave + 1) + 20 * np.sin(40 * rays[..., 1])
+    frame = Frame.of(grey, 2 / np.linalg.norm(rays, axis=-1), 0.0)
+    pair = Pair(method.prepare(frame, BIG), method.prepare(frame, BIG))
+    guess = SE3.exp(np.array([0, 0, 0, 0, angle, 0]))
+    start = initialise(pair, method.settings, method.schedule(pair.reference), guess)
+    assert (start.guesses[0] is not guess) is corrected
+    if corrected:
+        assert np.abs(start.guesses[0].log()).max() < 0.01
+
+
+def test_an_alignment_after_a_poor_prediction_may_take_a_few_times_as_long():
+    """The slowest of these takes more than twice the iterations of a usual frame, and no more than
+    three times as many.
+    """
+    method = odometer("rgbd")
+    one, other = (method.prepare(view(i, ROOM, camera=BIG), BIG) for i in (0, 30))
+    usual = sum(method.iterations) + method.iterations[method.finest]  # its last level runs twice
+    off = SE3.exp(np.array([0, 0, 0, np.radians(20), 0, 0]))
+    found = method.align(one, other, after(30) @ off)
+    assert np.abs((after(30).inverse() @ found.T_reference_camera).log()).max() < 1e-3
+    assert found.converged and 2 * usual < found.iterations <= 3 * usual

@@ -1,9 +1,11 @@
 """Prediction, lost and repeated frames."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
@@ -153,3 +155,31 @@ def test_a_hundred_lost_frames_leave_the_pose_a_rigid_motion():
             float(k), Frame.of(image.grey + k % 2, image.depth_z_m, float(k))
         ).T_world_camera
         assert np.abs(pose.rotation @ pose.rotation.T - np.eye(3)).max() < 1e-12
+
+
+def test_a_prediction_that_no_image_confirms_fades_within_a_second():
+    """To a fifth; before a bare wall a camera that has stopped would slide on for ever."""
+
+    class Blind:
+        name, reference = "blind", "frame"
+
+        def prepare(self, frame, camera):
+            return frame.stamp_s
+
+        def align(self, reference, current, guess):
+            if current < 0.04:
+                return OdometryResult(STEP)
+            return OdometryResult(guess, under_constrained=1)
+
+    frames = [(k / 30, replace(view(k % 2, ROOM), stamp_s=k / 30)) for k in range(32)]
+    poses = [f.T_world_camera for f in track(Blind(), CAMERA, frames)]
+    lengths_m = [np.linalg.norm((a.inverse() @ b).translation) for a, b in pairwise(poses)]
+    assert 0.1 < lengths_m[-1] / lengths_m[0] < 0.4
+
+
+@pytest.mark.parametrize(("share", "lost"), [(0.014, True), (0.028, False)])
+def test_a_frame_with_depth_in_a_fiftieth_of_its_pixels_is_not_tracked(share, lost):
+    depth = np.zeros((480, 640))
+    depth.flat[: int(share * depth.size)] = 2.0
+    fault = Frame.of(depth, depth, 0.0).fault(PinholeCamera.parse("640x480"))
+    assert fault.startswith("depth: only") is lost
