@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from iclnuim.errors import InputError, WorkError
 from iclnuim.evaluation.absolute_error import absolute_error
+from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.report.charts import COLOURS
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,7 +14,7 @@ from .protocol import Status
 from .run import Run
 from .solver import MAX_SIGMA_M, MIN_EIGENVALUE
 
-SIZE_INCHES = 12, 6
+SIZE_INCHES = (12, 6)
 
 
 def figure(runs: list[Run]) -> Figure:
@@ -42,51 +43,47 @@ def show(runs: list[Run]) -> None:
 
 
 def _fill(drawing: Figure, runs: list[Run]) -> None:
-    """Draw all panels. The residual of a single run has the unit of its method; those of several
-    are divided by their medians.
-    Uncertainty is a standard deviation where all presets have a noise model, else the smallest
-    eigenvalue.
-    """
-    grid, single = drawing.add_gridspec(2, 2, width_ratios=(1, 1.2)), len(runs) == 1
+    """Draw all panels."""
+    grid = drawing.add_gridspec(2, 2, width_ratios=(1, 1.2))
     _trajectories(drawing.add_subplot(grid[:, 0]), runs)
-    above, below = (drawing.add_subplot(grid[row, 1]) for row in range(2))
+    _residuals(drawing.add_subplot(grid[0, 1]), runs)
+    _uncertainty(drawing.add_subplot(grid[1, 1]), runs)
+
+
+def _residuals(axes: Axes, runs: list[Run]) -> None:
+    """The residual of a single run has the unit of its method; those of several are divided by
+    their medians.
+    """
     residuals = _values(runs, "residual")
-    if not single:
-        has_values = [np.isfinite(values[1:]).any() for values in residuals]
-        residuals = [
-            v / (np.nanmedian(v[1:]) or 1.0) if k else v
-            for v, k in zip(residuals, has_values, strict=True)
-        ]
-    _over_time(above, runs, residuals, Status.FAILED, color="black", linewidth=0.6)
-    above.set(
-        title="residual; lost frames black",
-        ylabel="method's own unit" if single else "share of each median",
-    )
-    curves, limit, label = (
-        _values(runs, "largest_sigma_m", 1e3),
-        1e3 * MAX_SIGMA_M,
-        "standard deviation [mm]",
-    )
+    label = "method's own unit"
+    if len(runs) > 1:
+        label = "share of each median"
+        for k, values in enumerate(residuals):
+            if np.isfinite(values[1:]).any():
+                residuals[k] = values / (np.nanmedian(values[1:]) or 1.0)
+    _over_time(axes, runs, residuals, Status.FAILED, color="black", linewidth=0.6)
+    axes.set(title="residual; lost frames black", ylabel=label)
+
+
+def _uncertainty(axes: Axes, runs: list[Run]) -> None:
+    """A standard deviation where all presets have a noise model, else the smallest eigenvalue."""
+    curves = _values(runs, "largest_sigma_m", 1e3)
+    limit = 1e3 * MAX_SIGMA_M
+    label = "standard deviation [mm]"
     if all(np.isfinite(values).any() for values in curves):
-        below.set_yscale("log")
+        axes.set_yscale("log")
     else:
-        curves, limit, label = (
-            _values(runs, "smallest_eigenvalue"),
-            MIN_EIGENVALUE,
-            "eigenvalue, share of the trace",
-        )
-    _over_time(
-        below,
-        runs,
-        curves,
-        Status.DEGENERATE if single else None,
-        color=COLOURS[3],
-        linewidth=0.8,
-        alpha=0.5,
-    )
-    below.axhline(limit, color="grey", linestyle="--", linewidth=0.8)
-    title = "least certain direction" + ("; degenerate frames marked" if single else "")
-    below.set(title=title, xlabel="time [s]", ylabel=label)
+        curves = _values(runs, "smallest_eigenvalue")
+        limit = MIN_EIGENVALUE
+        label = "eigenvalue, share of the trace"
+    title = "least certain direction"
+    marked = None
+    if len(runs) == 1:
+        title += "; degenerate frames marked"
+        marked = Status.DEGENERATE
+    _over_time(axes, runs, curves, marked, color=COLOURS[3], linewidth=0.8, alpha=0.5)
+    axes.axhline(limit, color="grey", linestyle="--", linewidth=0.8)
+    axes.set(title=title, xlabel="time [s]", ylabel=label)
 
 
 def _values(runs: list[Run], name: str, factor: float = 1.0) -> list[np.ndarray]:
@@ -99,9 +96,8 @@ def _over_time(
 ) -> None:
     """A curve per run, and a vertical line at each frame whose status is `marked`."""
     for i, (run, values) in enumerate(zip(runs, curves, strict=True)):
-        axes.plot(
-            [f.stamp_s for f in run.frames], values, color=COLOURS[i % len(COLOURS)], linewidth=1
-        )
+        stamps_s = [f.stamp_s for f in run.frames]
+        axes.plot(stamps_s, values, color=COLOURS[i % len(COLOURS)], linewidth=1)
         for f in run.frames:
             if f.result.status is marked:
                 axes.axvline(f.stamp_s, **line)
@@ -111,32 +107,19 @@ def _trajectories(axes: Axes, runs: list[Run]) -> None:
     """Trajectories along the two axes with the most motion, in the world of the ground truth or,
     without it, of the first camera.
     """
-    truth, estimates_m = runs[0].truth, []
-    for run in runs:
-        try:
-            poses = (
-                run.trajectory.T_world_camera
-                if truth is None
-                else absolute_error(truth, run.trajectory).aligned
-            )
-            estimates_m.append(poses.translation)
-        except InputError:
-            truth = None
-            estimates_m = [r.trajectory.positions_m for r in runs]
-            break
+    truth = runs[0].truth
+    try:
+        estimates_m = [_in_world_of(truth, run) for run in runs]
+    except InputError:
+        truth = None
+        estimates_m = [run.trajectory.positions_m for run in runs]
     x, y = sorted(np.argsort(np.ptp(np.concatenate(estimates_m), axis=0))[1:])
     if truth is not None:
-        axes.plot(
-            truth.positions_m[:, x],
-            truth.positions_m[:, y],
-            color="grey",
-            linewidth=1,
-            label="truth",
-        )
+        true_m = truth.positions_m
+        axes.plot(true_m[:, x], true_m[:, y], color="grey", linewidth=1, label="truth")
     for i, (run, at_m) in enumerate(zip(runs, estimates_m, strict=True)):
-        axes.plot(
-            at_m[:, x], at_m[:, y], color=COLOURS[i % len(COLOURS)], linewidth=1.2, label=run.name
-        )
+        colour = COLOURS[i % len(COLOURS)]
+        axes.plot(at_m[:, x], at_m[:, y], color=colour, linewidth=1.2, label=run.name)
     axes.set(
         title=", ".join(run.name for run in runs),
         xlabel=f"{'xyz'[x]} [m]",
@@ -144,3 +127,12 @@ def _trajectories(axes: Axes, runs: list[Run]) -> None:
     )
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(loc="best", fontsize="small")
+
+
+def _in_world_of(truth: Trajectory | None, run: Run) -> np.ndarray:
+    """(n, 3): positions of a run, aligned with the ground truth, if any. Raises InputError where
+    the alignment is undetermined.
+    """
+    if truth is None:
+        return run.trajectory.positions_m
+    return absolute_error(truth, run.trajectory).aligned.translation

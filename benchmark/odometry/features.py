@@ -68,10 +68,10 @@ def features(frame: Frame, camera: PinholeCamera, levels: int, count: int) -> Fe
         images.append(cv2.pyrDown(images[-1]))
     found = [_inside(eigenvalue_corners(image), image.shape) for image in images]
     threshold = _threshold(np.concatenate([scores for _, scores in found]), count)
-    kept = [
-        strongest(uv[scores >= threshold], scores[scores >= threshold], images[n].shape[1])
-        for n, (uv, scores) in enumerate(found)
-    ]
+    kept = []
+    for image, (uv, scores) in zip(images, found, strict=True):
+        strong = scores >= threshold
+        kept.append(strongest(uv[strong], scores[strong], image.shape[1]))
     level = np.repeat(np.arange(len(images)), [len(uv) for uv in kept])
     uv = np.concatenate([uv * 2**n for n, uv in enumerate(kept)]).astype(float)
     z = frame.depth_z_m[uv[:, 1].astype(int), uv[:, 0].astype(int)]

@@ -22,8 +22,8 @@ from .terms.plane import IcpSettings, PlaneTerm
 #: because depth is biased, and noise shortens the motion: of each component between two frames, of
 #: its length against a model.
 ROUGH_ERROR = 0.1
-#: Standard deviation of the motion of a noisy frame about its prediction, for frames where the image
-#: alone constrains the motion.
+#: Standard deviation of the motion of a noisy frame about its prediction, for frames where the
+#: image alone constrains the motion.
 ROUGH_PRIOR_M = 0.01
 #: Number of pixels of a noisy image that share one error, next to planes whose offset of depth is
 #: known: fewer than on clean frames, whose errors are those of interpolation. With 12 motions are

@@ -1,5 +1,5 @@
-"""Image pyramids: each level has its own camera, and is the 2x2 mean of the one before, so that K is
-defined at pixel centres on every level.
+"""Image pyramids: each level has its own camera, and is the 2x2 mean of the one before, so that K
+is defined at pixel centres on every level.
 """
 
 from dataclasses import dataclass, replace

@@ -8,8 +8,8 @@ import numpy as np
 from iclnuim.geometry import so3
 from iclnuim.geometry.se3 import SE3
 
-#: A direction whose eigenvalue is below this share of the largest one is unobservable: what rounding
-#: leaves of zero.
+#: A direction whose eigenvalue is below this share of the largest one is unobservable: what
+#: rounding leaves of zero.
 RANK_TOLERANCE = 1e-9
 ORIGIN = np.zeros(3)
 

@@ -125,10 +125,12 @@ class MatchesReference(Reference):
 class MatchedKeyframeReference(KeyframeReference):
     """A keyframe as above, replaced by the current frame as soon as fewer than `min_share` of the
     matches of its first alignment are left: points that move differently are few between close
-    frames, and may be the majority between far ones. 0.75 is ORB-SLAM2's bound for RGB-D cameras (R. Mur-Artal, J. D. Tardos, T-RO 2017;
-    `thRefRatio` in its Tracking.cc). A frame that does not fit the keyframe is aligned with the
-    frame before, as in the authors' program of FOVIS; after MAX_LOST such frames in a row the
-    current one is the keyframe.
+    frames, and may be the majority between far ones.
+
+    0.75 is ORB-SLAM2's bound for RGB-D cameras (R. Mur-Artal, J. D. Tardos, T-RO 2017; `thRefRatio`
+    in its Tracking.cc). A frame that does not fit the keyframe is aligned with the frame before, as
+    in the authors' program of FOVIS; after MAX_LOST such frames in a row the current one is the
+    keyframe.
     """
 
     tries_last = True

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_images, read_truth
@@ -45,7 +46,8 @@ class Sequence:
             raise InputError(
                 f"a depth offset from {-MAX_OFFSET} to {MAX_OFFSET} per metre", found=depth_offset
             )
-        self.folder, self.depth_offset = Path(folder), depth_offset
+        self.folder = Path(folder)
+        self.depth_offset = depth_offset
         self.pairs: list[ImagePair] = find_pairs(self.folder)
         present = next((p.rgb for p in self.pairs if is_file(p.rgb)), None)
         if present is None:
@@ -72,16 +74,18 @@ class Sequence:
         return len(self.pairs)
 
     def frames(self, first: int | None = None) -> Iterator[tuple[float, Frame | str]]:
-        """(stamp, frame or the reason why it cannot be read) of all pairs, or of the `first` ones."""
+        """(stamp, frame or the reason why it cannot be read) of all pairs, or of the `first`
+        ones.
+        """
         for pair in self.pairs[:first]:
-            try:
-                rgb, depth_z_m = self.images(pair)
-                yield (
-                    pair.stamp_s,
-                    Frame.of(rgb, depth_z_m, pair.stamp_s, depth_offset=self.depth_offset),
-                )
-            except InputError as error:
-                yield pair.stamp_s, f"image: {error}"
+            yield pair.stamp_s, self._frame(pair)
+
+    def _frame(self, pair: ImagePair) -> Frame | str:
+        try:
+            rgb, depth_z_m = self.images(pair)
+            return Frame.of(rgb, depth_z_m, pair.stamp_s, depth_offset=self.depth_offset)
+        except InputError as error:
+            return f"image: {error}"
 
     def images(self, pair: ImagePair) -> tuple[np.ndarray, np.ndarray]:
         """rgb (h, w, 3) uint8 and planar depth (h, w) float32 in metres, without the offset
@@ -124,12 +128,10 @@ class Run:
 
     def _rmse_m(self, measure: Callable) -> float | None:
         """The RMSE in metres; None without ground truth, or if it cannot be computed."""
+        if self.truth is None:
+            return None
         try:
-            return (
-                None
-                if self.truth is None
-                else measure(self.truth, self.trajectory).translation_m.rmse
-            )
+            return measure(self.truth, self.trajectory).translation_m.rmse
         except InputError:
             return None
 
@@ -183,9 +185,10 @@ def run_together(
         sequence.folder
     )  # before the work: an error in it must not discard a finished run
     camera = sequence.camera.pinhole
-    trackers = [
-        Tracker(o, camera, policy, against(o, camera) if against else None) for o in odometers
-    ]
+    trackers = []
+    for o in odometers:
+        reference = against(o, camera) if against else None
+        trackers.append(Tracker(o, camera, policy, reference))
     tracked: list[list[Tracked]] = [[] for _ in odometers]
     total = min(len(sequence), frames or len(sequence))
     bar = progress(total, ", ".join(o.name for o in odometers)) if progress else None
@@ -204,20 +207,38 @@ def table(runs: Iterable[Run | dict]) -> str:
     Rows of `iclnuim run` may lack values: their ms are those of the whole process. Their notes are
     printed below the row.
     """
-    head = f"{'frames':>7}{'lost':>6}{'degen.':>8}{'ms':>8}{'ms 95%':>8}{'1/s':>7}{'ATE [mm]':>10}{'RPE [mm/s]':>12}"
-    lines = [f"{'odometer':<26}{head}"]
-    for r in (run.to_dict() if isinstance(run, Run) else run for run in runs):
-        ate, rpe = (_or_dash(r[k], ".3f", 1e3) for k in ("ate_rmse_m", "rpe_1s_rmse_m"))
-        ms, ms_95, rate = (
-            _or_dash(r.get(k), ".1f") for k in ("ms_median", "ms_95", "frames_per_s")
-        )
-        figures = (
-            f"{r['frames']:>7}{r['lost']:>6}{_or_dash(r['degenerate'], 'd'):>8}{ms:>8}{ms_95:>8}"
-        )
-        lines.append(f"{r['odometer']:<26}{figures}{rate:>7}{ate:>10}{rpe:>12}")
-        lines += [f"    {note}" for note in r.get("notes", ())]
+    lines = [
+        f"{'odometer':<26}" + "".join(f"{column.title:>{column.width}}" for column in _COLUMNS)
+    ]
+    for run in runs:
+        row = run.to_dict() if isinstance(run, Run) else run
+        lines.append(f"{row['odometer']:<26}" + "".join(column.cell(row) for column in _COLUMNS))
+        lines += [f"    {note}" for note in row.get("notes", ())]
     return "\n".join(lines)
 
 
-def _or_dash(value: float | None, spec: str, factor: float = 1) -> str:
-    return "-" if value is None else format(value * factor, spec)
+class _Column(NamedTuple):
+    """A column of table(); key: of to_dict()."""
+
+    title: str
+    width: int
+    key: str
+    format: str = "d"
+    factor: float = 1
+
+    def cell(self, row: dict) -> str:
+        value = row.get(self.key)
+        text = "-" if value is None else format(value * self.factor, self.format)
+        return f"{text:>{self.width}}"
+
+
+_COLUMNS = (
+    _Column("frames", 7, "frames"),
+    _Column("lost", 6, "lost"),
+    _Column("degen.", 8, "degenerate"),
+    _Column("ms", 8, "ms_median", ".1f"),
+    _Column("ms 95%", 8, "ms_95", ".1f"),
+    _Column("1/s", 7, "frames_per_s", ".1f"),
+    _Column("ATE [mm]", 10, "ate_rmse_m", ".3f", 1e3),
+    _Column("RPE [mm/s]", 12, "rpe_1s_rmse_m", ".3f", 1e3),
+)

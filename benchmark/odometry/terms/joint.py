@@ -16,9 +16,11 @@ WEIGHT_RGBD = 0.1
 
 
 class JointTerm:
-    """The sum of both equations; weight_b: of the photometric right-hand side. Where the image's are
-    information, each term is weighted by its own variance, independent of units. error: a further
-    error of the motion that planes measure (NormalEquations.with_error).
+    """The sum of both equations. Where the image's are information, each term is weighted by its
+    own variance, independent of units.
+
+    weight_b: of the photometric right-hand side; error: a further error of the motion that planes
+    measure (NormalEquations.with_error).
     """
 
     def __init__(

@@ -224,7 +224,7 @@ class TiledTerm(PhotometricTerm):
 
 
 class FirmTerm:
-    """A TiledTerm with a firm prior on the depth of inlier tiles, and without its geometric term."""
+    """A TiledTerm with a firm prior on the depth of inlier tiles, without its geometric term."""
 
     def __init__(self, loose: TiledTerm) -> None:
         self.loose = loose

@@ -41,8 +41,8 @@ class IcpSettings:
 
 
 class PlaneTerm:
-    """Point-to-plane equations in metres on one level. distance_m: RMS distance between the surfaces
-    where the term was first linearised.
+    """Point-to-plane equations in metres on one level. distance_m: RMS distance between the
+    surfaces where the term was first linearised.
     """
 
     def __init__(self, pair: Pair, settings: IcpSettings, level: int) -> None:

@@ -1,4 +1,6 @@
-"""Reprojection errors of matched corners in both images: A. Huang et al., ISRR 2011, section 3.5."""
+"""Reprojection errors of matched corners in both images: A. Huang et al., ISRR 2011, section
+3.5.
+"""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
