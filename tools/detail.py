@@ -16,7 +16,7 @@ import numpy as np
 from iclnuim import shipped
 from iclnuim.blend.builder import build_scene
 from iclnuim.blender import surfaces
-from iclnuim.blender.light import light_map
+from iclnuim.blender.light import light_files
 from iclnuim.blender.open import scene
 from iclnuim.blender.render import worker
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
@@ -131,7 +131,7 @@ class Room:
             map_size=map_size,
             map_samples=map_samples,
         )
-        bake_s = light_map.read_recipe(worker.bake_light(job, lambda event: None)[0])["seconds"]
+        bake_s = light_files.read_recipe(worker.bake_light(job, lambda event: None)[0])["seconds"]
         frame_s = rendered(job, self.folder / f"frames-{detail:g}-{map_size}")[-1]
         return Light(float(bake_s), frame_s)
 

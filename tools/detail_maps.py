@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from iclnuim.blender.light import light_map
+from iclnuim.blender.light import light_files
 from iclnuim.blender.render import worker
 from iclnuim.errors import InputError
 from iclnuim.formats.trajectories import write_trajectory
@@ -69,7 +69,7 @@ def measure_sizes(
                 largest = rgb
             else:
                 psnr_db, median_of_255 = difference(rgb, largest)
-            bake_s = float(light_map.read_recipe(light)["seconds"])
+            bake_s = float(light_files.read_recipe(light)["seconds"])
             found.append(MapSize(size, bake_s, frame_s, psnr_db, median_of_255, light))
             note(f"{room}: {found[-1]}")
     return found[::-1]

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from iclnuim import shipped
 from iclnuim.blender import surfaces
-from iclnuim.blender.light import light_map
+from iclnuim.blender.light import light_files
 from iclnuim.blender.open import scene
 from iclnuim.blender.render import model
 from iclnuim.formats.scene_model import SceneModel
@@ -71,7 +71,7 @@ def _map_uv(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     """(2, m, 3, 2) positions in the light map of front and back, and (2, m) which sides have one;
     triangles in the order of scene_model.
     """
-    layout = light_map.load_layout(folder)
+    layout = light_files.load_layout(folder)
     with surfaces.as_rendered(bpy.context.scene) as depsgraph:
         parts = surfaces.parts(depsgraph)
         try:

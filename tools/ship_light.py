@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 from iclnuim import shipped
-from iclnuim.blender.light import light_map
+from iclnuim.blender.light import light_files
 from iclnuim.blender.open import scene
 from iclnuim.blender.render import worker
 from iclnuim.formats.exr import read_exr
@@ -52,25 +52,25 @@ def ship(room: str) -> str:
 
     made, _ = worker.bake_light(job, listen)
     target.mkdir(parents=True)
-    light = read_exr(made / light_map.MAP)
+    light = read_exr(made / light_files.MAP)
     for level in LEVELS:
-        write(target / light_map.MAP, light, level)
-        quality_db = psnr_db(light, read_exr(target / light_map.MAP))
+        write(target / light_files.MAP, light, level)
+        quality_db = psnr_db(light, read_exr(target / light_files.MAP))
         if quality_db >= MIN_DB:
             break
-    shutil.copyfile(made / light_map.LAYOUT, target / light_map.LAYOUT)
+    shutil.copyfile(made / light_files.LAYOUT, target / light_files.LAYOUT)
     fits = {
         "scene_sha256": scene.scene_sha256(room),
         "size": job.map_size,
         "samples": job.map_samples,
     }
     recipe = {
-        **light_map.read_recipe(made),
+        **light_files.read_recipe(made),
         "fits": fits,
         "codec": f"DWAB {level}",
         "psnr_db": round(quality_db, 2),
     }
-    write_json(target / light_map.RECIPE, recipe)
+    write_json(target / light_files.RECIPE, recipe)
     size = sum(file.stat().st_size for file in target.iterdir())
     figures = {"room": room, "bytes": size, "level": level, "psnr_db": round(quality_db, 2)}
     return json.dumps(figures)

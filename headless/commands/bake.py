@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> None:
     try:
-        from iclnuim.blender.light import light_map
+        from iclnuim.blender.light import light_files
         from iclnuim.blender.render import worker
     except ImportError as error:
         raise blender_missing("bake", error) from None
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
             console.note(event.text)
 
     folder, _ = worker.bake_light(_job(args), listen)
-    recipe = light_map.read_recipe(folder)
+    recipe = light_files.read_recipe(folder)
     text = f"{folder}\n{recipe['texels']} texels, baked in {recipe['seconds']} s"
     console.result({"folder": str(folder), **recipe}, text)
 

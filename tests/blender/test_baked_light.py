@@ -181,16 +181,15 @@ def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
 def test_reflections_of_a_bright_spot_are_clamped_as_path_tracing_clamps_them(tmp_path):
     """A sheet of light 50 in a mirror and seen itself: gloss beside a bare lamp would show specks."""
     from iclnuim.blender import compat
-    from iclnuim.blender.light import lit_scene
+    from iclnuim.blender.light import baked_material
     from iclnuim.blender.render import frames, settings
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     light = bpy.data.images.new("light", 4, 4, float_buffer=True, is_data=True)
     light.pixels.foreach_set(np.full(4 * 4 * 4, 100.0, np.float32))
-    wall = lit_scene.baked_copy(
-        compat.matt_material("wall", (0.5, 0.5, 0.5, 1.0))[0], light, False, limit=10.0
-    )
+    plaster, _ = compat.matt_material("wall", (0.5, 0.5, 0.5, 1.0))
+    wall = baked_material.baked_copy(plaster, baked_material.Baked(light, False, limit=10.0))
     mirror = bpy.data.materials.new("mirror")
     mirror.use_nodes = True
     node = mirror.node_tree.nodes["Principled BSDF"]
@@ -199,7 +198,7 @@ def test_reflections_of_a_bright_spot_are_clamped_as_path_tracing_clamps_them(tm
     for y, material in ((-1.0, wall), (2.0, mirror)):
         sheet = bpy.data.meshes.new(material.name)
         sheet.from_pydata([(-9, y, -9), (9, y, -9), (9, y, 9), (-9, y, 9)], [], [(0, 1, 2, 3)])
-        sheet.uv_layers.new(name=lit_scene.FRONT_UV)
+        sheet.uv_layers.new(name=baked_material.FRONT_UV)
         sheet.materials.append(material)
         scene.collection.objects.link(bpy.data.objects.new(material.name, sheet))
     scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
@@ -222,7 +221,7 @@ def test_a_bake_says_beforehand_how_long_it_takes_and_one_without_reflections_wh
     """The time is that of the cached map with reflections; without one it is estimated from the
     texels.
     """
-    from iclnuim.blender.light import light_map
+    from iclnuim.blender.light import light_files, light_map
     from iclnuim.blender.open import scene
     from iclnuim.blender.render import settings
     from iclnuim.formats.files import write_json
@@ -230,9 +229,9 @@ def test_a_bake_says_beforehand_how_long_it_takes_and_one_without_reflections_wh
 
     def made(folder, *rest):
         folder.mkdir(parents=True)
-        for name in (light_map.MAP, light_map.LAYOUT):
+        for name in (light_files.MAP, light_files.LAYOUT):
             (folder / name).touch()
-        write_json(folder / light_map.RECIPE, {"seconds": 386.0})
+        write_json(folder / light_files.RECIPE, {"seconds": 386.0})
 
     scene.open_scene(str(room))
     tree = bpy.data.materials["wall"].node_tree
@@ -342,19 +341,20 @@ def test_hidden_texels_get_fewer_samples_and_the_same_light(tmp_path, monkeypatc
     it.
     """
     from iclnuim.blender import surfaces
-    from iclnuim.blender.light import light_map, light_sampling
+    from iclnuim.blender.light import light_sampling, map_points
     from iclnuim.blender.render import settings
     from iclnuim.job import RenderJob
+    from iclnuim.lightmap.layout import lay_out
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
     bpy.data.objects["sun"].rotation_euler = (math.radians(-60), 0, 0)
     settings.apply(RenderJob("a", str(tmp_path / "room.blend"), "kt0", light="baked"), 1)
     with surfaces.rendered_parts() as (found, _):
         whole = surfaces.joined(found)
-        layout = light_map.lay_out(whole, np.ones((whole.faces, 2), bool), 64)
+        layout = lay_out(whole, np.ones((whole.faces, 2), bool), 64)
         points_m, normals = layout.points()
         seen = normals[:, 2] + (normals[:, 1] < -0.5) > 0.5  # the floor's top and the wall's front
-        texels = light_map._Points(
+        texels = map_points.MapPoints(
             layout, seen, np.array([[0.0, 0.0, 1.5]]), 32, 1, np.zeros(whole.faces, bool)
         )
         asked = []

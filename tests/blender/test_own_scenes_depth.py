@@ -127,7 +127,7 @@ def test_a_white_principled_ball_cannot_be_told_from_a_white_furnace(tmp_path, s
     at every angle.
     """
     from iclnuim.blender import compat
-    from iclnuim.blender.light import lit_scene
+    from iclnuim.blender.light import baked_material
 
     scene = made.fresh(bpy)
     world = bpy.data.worlds.new("white")
@@ -137,11 +137,11 @@ def test_a_white_principled_ball_cannot_be_told_from_a_white_furnace(tmp_path, s
     bpy.ops.mesh.primitive_uv_sphere_add(segments=128, ring_count=64)
     ball = bpy.context.object
     bpy.ops.object.shade_smooth()
-    ball.data.uv_layers.new(name=lit_scene.FRONT_UV)
+    ball.data.uv_layers.new(name=baked_material.FRONT_UV)
     light = bpy.data.images.new("light", 4, 4, float_buffer=True, is_data=True)
     light.pixels.foreach_set(np.ones(64, np.float32))
     white = made.material(bpy, "white", (1, 1, 1), **settings)
-    ball.data.materials.append(lit_scene.baked_copy(white, light, False))
+    ball.data.materials.append(baked_material.baked_copy(white, baked_material.Baked(light, False)))
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     camera.data.type, camera.data.ortho_scale, camera.location = "ORTHO", 2.0, (0, 0, 5)
     scene.collection.objects.link(camera)

@@ -12,7 +12,8 @@ from iclnuim.job import shipped_job, shipped_light
 
 pytest.importorskip("bpy", reason="needs the bpy package")
 
-from iclnuim.blender.light import light_map  # noqa: E402
+from iclnuim.blender import surfaces  # noqa: E402
+from iclnuim.blender.light import light_files  # noqa: E402
 from iclnuim.blender.open import scene  # noqa: E402
 from iclnuim.blender.render import worker  # noqa: E402
 
@@ -26,12 +27,12 @@ def test_it_fits_the_room_as_it_is(room):
     """
     folder = shipped_light(shipped_job(f"{room}/kt0"))
     assert folder == shipped.folder("blend") / "light" / room
-    recipe, layout = light_map.read_recipe(folder), light_map.load_layout(folder)
+    recipe, layout = light_files.read_recipe(folder), light_files.load_layout(folder)
     assert recipe["psnr_db"] >= 55
-    channels = read_exr(folder / light_map.MAP)
+    channels = read_exr(folder / light_files.MAP)
     assert {c.shape for c in channels.values()} == {(2048, 2048)} and channels.keys() == set("RGB")
     scene.open_scene(room)
-    with light_map.surfaces.rendered_parts() as (found, _):
+    with surfaces.rendered_parts() as (found, _):
         assert layout.part_corners == tuple(len(part.mesh.loops) for part in found)
 
 
@@ -63,14 +64,14 @@ def test_it_is_left_aside_for_other_maps_rooms_and_scenes(monkeypatch, tmp_path,
     )
     monkeypatch.setattr(shipped, "folder", lambda name: blend)
     assert shipped_light(job) == blend / "light" / room
-    light = blend / "light" / room / light_map.MAP
+    light = blend / "light" / room / light_files.MAP
     light.rename(light.with_name("away"))
     assert shipped_light(job) is None
     light.with_name("away").rename(light)
-    recipe = blend / "light" / room / light_map.RECIPE
+    recipe = blend / "light" / room / light_files.RECIPE
     changed = read_json(recipe)
     changed["fits"]["scene_sha256"] = "0" * 64
     write_json(recipe, changed)
     assert shipped_light(job) is None
-    (blend / "light" / room / light_map.MAP).unlink()
+    (blend / "light" / room / light_files.MAP).unlink()
     assert shipped_light(job) is None

@@ -1,4 +1,6 @@
-"""Properties of materials that decide how light is baked and passes: diffuse, translucent, glass."""
+"""Properties of materials that decide how light is baked and passes: diffuse, translucent,
+glass.
+"""
 
 from bpy.types import Material, Node, NodeSocket, NodeTree
 
@@ -10,8 +12,7 @@ DIFFUSE = {"BSDF_DIFFUSE", "SUBSURFACE_SCATTERING"}
 
 def kind(material: Material | None) -> tuple[bool, bool, bool]:
     """Whether a material shows light on the side that is seen, whether light passes through from
-    the other side, and whether it reflects light to
-    others.
+    the other side, and whether it reflects light to others.
 
     No material, or one without nodes, is diffuse.
     """
@@ -19,8 +20,10 @@ def kind(material: Material | None) -> tuple[bool, bool, bool]:
     if tree is None:
         return True, False, True
     nodes = nodes_of(tree)
-    types, principled = {n.type for n in nodes}, [n for n in nodes if n.type == "BSDF_PRINCIPLED"]
-    diffuse, translucent = bool(types & DIFFUSE), "BSDF_TRANSLUCENT" in types
+    types = {node.type for node in nodes}
+    principled = [node for node in nodes if node.type == "BSDF_PRINCIPLED"]
+    diffuse = bool(types & DIFFUSE)
+    translucent = "BSDF_TRANSLUCENT" in types
     sends = diffuse or translucent or any(map(reflects, principled))
     return diffuse or any(map(has_diffuse, principled)), translucent, sends
 
@@ -28,10 +31,8 @@ def kind(material: Material | None) -> tuple[bool, bool, bool]:
 def is_glass(node: Node) -> bool:
     """Whether the node is a shader that transmits light, at least in part."""
     if node.type == "BSDF_PRINCIPLED":
-        return (
-            constant(node.inputs["Transmission Weight"]) != 0.0
-            and constant(node.inputs["Metallic"]) != 1.0
-        )
+        transmission = constant(node.inputs["Transmission Weight"])
+        return transmission != 0.0 and constant(node.inputs["Metallic"]) != 1.0
     return node.type in {"BSDF_GLASS", "BSDF_REFRACTION"}
 
 
@@ -41,9 +42,8 @@ def tree_of(material: Material | None) -> NodeTree | None:
 
 def has_diffuse(principled: Node) -> bool:
     """False only for pure metal or pure glass."""
-    return not any(
-        constant(principled.inputs[name]) == 1.0 for name in ("Metallic", "Transmission Weight")
-    )
+    metal = constant(principled.inputs["Metallic"])
+    return metal != 1.0 and constant(principled.inputs["Transmission Weight"]) != 1.0
 
 
 def reflects(principled: Node) -> bool:
@@ -52,5 +52,5 @@ def reflects(principled: Node) -> bool:
 
 
 def f0(ior: NodeSocket) -> float:
-    """Reflectance at normal incidence; for a linked IOR, the value of the unlinked input is used."""
+    """Reflectance at normal incidence; for a linked IOR, by the value of the unlinked input."""
     return float(((ior.default_value - 1) / (ior.default_value + 1)) ** 2)

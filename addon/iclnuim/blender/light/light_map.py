@@ -14,10 +14,7 @@ rooms at the default size are shipped in blend/light.
 import functools
 import hashlib
 import json
-import shutil
-import tempfile
 import time
-import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -27,40 +24,41 @@ import bpy
 import numpy as np
 
 from ... import shipped
-from ...errors import IclnuimError, InputError, WorkError
-from ...formats.exr import write_exr
+from ...errors import IclnuimError, InputError
 from ...formats.files import read_bytes, read_json, sha256, write_json
-from ...job import LIGHT_FILES, RenderJob, bake_core_s, shipped_light
-from ...lightmap.denoise import contrast, denoise, fill, grown, next_to_known
+from ...job import RenderJob, bake_core_s, shipped_light
 from ...lightmap.layout import Layout, lay_out
 from ...lightmap.surfaces import BACK, FRONT
 from ...version import __version__
 from .. import compat, materials, surfaces
 from ..surfaces import Part
-from . import light_sampling, lit_scene, scene_key
+from . import lit_scene, scene_key
+from .light_files import MAP, is_whole, load_layout, read_recipe, store
 from .lit_scene import LitScene, MapLayout
+from .map_points import MapPoints, seen_texels
+from .viewpoints import viewpoints
 
-MAP, LAYOUT, RECIPE = LIGHT_FILES
 #: Cycles' bounces for a frame with baked light: diffuse light is in the map; two reflections are
 #: enough for mirrors and gloss.
 BOUNCES = {
-    "max_bounces": 8, "diffuse_bounces": 0, "glossy_bounces": 2, "transmission_bounces": 8, "transparent_max_bounces": 16,
-}  # fmt: skip
+    "max_bounces": 8,
+    "diffuse_bounces": 0,
+    "glossy_bounces": 2,
+    "transmission_bounces": 8,
+    "transparent_max_bounces": 16,
+}
+#: Places of cameras that decide what is visible: in a room of 40 m3, one within every 0.85 m.
 _VIEWPOINTS = 64
 #: The back of a surface gets no texels if less than this share of it is visible, relative to the
 #: front: it is seen only through cracks.
 _GLIMPSE = 0.02
 #: Side and samples of the coarse map. A gathered ray averages over its texels, so that with twice
 #: the samples frames are no closer to those of many samples (addon/README.md).
-_COARSE_SIZE, _COARSE_SAMPLES = 1024, 8
+_COARSE_SIZE = 1024
+_COARSE_SAMPLES = 8
+#: Bounces of diffuse light in the map: each keeps at most the albedo of the walls, so that after
+#: eight, even at 0.8, less than 17 % of the first is left, in dark corners.
 _MAX_BOUNCES = 8
-#: Hidden texels get the samples divided by this, for all lamps together: they are not shown, and a
-#: gathered ray averages over many of them.
-_HIDDEN_SHARE = 4
-_STEPS_INTO_VIEW = (0.2, 0.4, 0.6, 0.8, 1.0)
-#: A dark texel is hidden without further tests if its chart has at least this number of texels, and
-#: none of them within this number of steps was found visible by the first tests.
-_LARGE_CHART, _NEAR_STEPS = 64, 4
 
 
 def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
@@ -90,9 +88,8 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
         if lacking := not is_whole(folder):
             report(_beforehand(job))
             _make(folder, found, depsgraph, chosen, key, report)
-    with suppress(
-        IclnuimError, OSError
-    ):  # a note for `find`; it is optional if the cache cannot be written
+    # a note for `find`; it is optional if the cache cannot be written
+    with suppress(IclnuimError, OSError):
         (cache / "light/known").mkdir(parents=True, exist_ok=True)
         write_json(_note_file(cache, job), {"map": folder.name})
     return folder, lacking
@@ -102,40 +99,43 @@ def _beforehand(job: RenderJob) -> str:
     """A message with the estimated time of the bake: the time of the scene's map with the other
     setting of `lambertian`, or from its texels.
     """
-    known = find(shipped.cache_folder(), job.changed(lambertian=not job.lambertian))
-    estimate = bake_core_s(job) / bpy.context.scene.render.threads
-    seconds = read_recipe(known[0]).get("seconds", estimate) if known else estimate
+    seconds = bake_core_s(job) / bpy.context.scene.render.threads
+    if known := find(shipped.cache_folder(), job.changed(lambertian=not job.lambertian)):
+        seconds = read_recipe(known[0]).get("seconds", seconds)
+    duration = f"about {max(1, seconds):.0f} s"
     if job.lambertian:
-        return f"light map: without reflections the light differs, so a separate map is baked, in about {max(1, seconds):.0f} s"
-    return f"light map: baked in about {max(1, seconds):.0f} s"
+        reason = "without reflections the light differs, so a separate map is baked"
+        return f"light map: {reason}, in {duration}"
+    return f"light map: baked in {duration}"
 
 
 def apply(folder: Path, limit: float | None = None) -> LitScene:
     """Show the open scene lit by the light map in `folder`, in memory; the result can be reverted.
-    limit: as in lit_scene.baked_copy.
+    limit: as in baked_material.Baked.
     """
     with surfaces.as_rendered(bpy.context.scene) as depsgraph:
         image = bpy.data.images.load(str(folder / MAP), check_existing=False)
         image.colorspace_settings.name = "Non-Color"
-        if (
-            limit is not None
-        ):  # without brighter light the limit is not needed, and materials are simpler
-            pixels = np.empty(len(image.pixels), np.float32)
-            image.pixels.foreach_get(pixels)
-            limit = limit if pixels.max() > limit else None
+        if limit is not None and _brightest(image) <= limit:
+            limit = None  # then materials are simpler
         lit = lit_scene.show(surfaces.parts(depsgraph), load_layout(folder), image, limit=limit)
-    for lamp in (
-        bpy.context.scene.objects
-    ):  # lamps that are not visible in reflections: all their light is in the map
-        portal = lamp.type == "LIGHT" and lamp.data.type == "AREA" and lamp.data.cycles.is_portal
-        if (
-            lamp.type == "LIGHT"
-            and not lamp.hide_render
-            and (portal or not (lamp.visible_glossy or lamp.visible_camera))
-        ):
-            lit.hidden.append((lamp, lamp.name, False))
-            lamp.hide_render = True
+    for lamp in bpy.context.scene.objects:
+        if lamp.type == "LIGHT" and not lamp.hide_render and _is_all_in_map(lamp):
+            lit.hide(lamp, lamp.name)
     return lit
+
+
+def _brightest(image: bpy.types.Image) -> float:
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    return float(pixels.max())
+
+
+def _is_all_in_map(lamp: bpy.types.Object) -> bool:
+    """Whether all light of a lamp is in the map: it is a portal, or not visible in reflections."""
+    if lamp.data.type == "AREA" and lamp.data.cycles.is_portal:
+        return True
+    return not (lamp.visible_glossy or lamp.visible_camera)
 
 
 def _make(
@@ -146,20 +146,21 @@ def _make(
     key: dict,
     report: Callable[[str], None],
 ) -> None:
-    started, seed = time.perf_counter(), chosen["seed"]
+    started = time.perf_counter()
+    seed = chosen["seed"]
     whole = surfaces.joined(found)
-    places = light_sampling.viewpoints(depsgraph, whole, _VIEWPOINTS, seed)
+    places = viewpoints(depsgraph, whole, _VIEWPOINTS, seed)
     report(f"light map: {len(found)} objects, {whole.faces} faces, {len(places)} viewpoints")
     shows, translucent, sends = _kinds(found)
     layout = lay_out(whole, np.repeat(sends[:, None], 2, 1), chosen["coarse_size"])
-    seen = _seen(layout, places, seed)
+    seen = seen_texels(layout, places, seed)
     wanted, exposure = _seen_sides(layout, seen, shows, translucent)
-    coarse = _Points(layout, seen > 0, places, chosen["coarse_samples"], seed, translucent)
+    coarse = MapPoints(layout, seen > 0, places, chosen["coarse_samples"], seed, translucent)
     report(f"coarse map: {coarse.layout.summary()}")
     first = coarse.direct()
     layout = lay_out(whole, wanted, chosen["size"], exposure, coarse.contrast(first))
-    seen = _seen(layout, places, seed + 1)
-    fine = _Points(layout, seen > 0, places, chosen["samples"], seed + 1, translucent)
+    seen = seen_texels(layout, places, seed + 1)
+    fine = MapPoints(layout, seen > 0, places, chosen["samples"], seed + 1, translucent)
     with _bounced(found, coarse, first):
         report(f"fine map: {fine.layout.summary()}")
         light = fine.map(fine.direct(sky=False) + fine.gathered(sky=True))
@@ -178,15 +179,14 @@ def _make(
 
 
 @contextmanager
-def _bounced(found: list[Part], coarse: "_Points", first: np.ndarray) -> Iterator[None]:
+def _bounced(found: list[Part], coarse: MapPoints, first: np.ndarray) -> Iterator[None]:
     """The scene lit by the coarse map with all bounces except the last; `first` is the direct
     light.
     """
     cycles = bpy.context.scene.cycles
     light = coarse.map(first)
-    image = bpy.data.images.new(
-        "light map", light.shape[1], light.shape[0], float_buffer=True, is_data=True
-    )
+    size = light.shape[1::-1]
+    image = bpy.data.images.new("light map", *size, float_buffer=True, is_data=True)
     lit_scene.set_pixels(image, light)
     copies = [replace(part, mesh=part.mesh.copy()) for part in found]
     lit = lit_scene.show(copies, _map_layout(found, coarse.layout), image, gathering=True)
@@ -201,19 +201,6 @@ def _bounced(found: list[Part], coarse: "_Points", first: np.ndarray) -> Iterato
 
 def _map_layout(found: list[Part], layout: Layout) -> MapLayout:
     return MapLayout(*layout.uv(), tuple(len(part.mesh.loops) for part in found))
-
-
-def _seen(layout: Layout, places: np.ndarray, seed: int) -> np.ndarray:
-    """(N,) light of lamps at the cameras' places on each texel, see light_sampling.seen."""
-    texels = layout.texels
-    chart = texels.image(texels.chart, -1)
-    large = np.bincount(texels.chart)[texels.chart] >= _LARGE_CHART
-
-    def hidden(found: np.ndarray) -> np.ndarray:
-        near = grown(texels.image(found, False), chart, _NEAR_STEPS)
-        return large & ~near.ravel()[texels.index]
-
-    return light_sampling.seen(*layout.points(), places, seed, hidden)
 
 
 def _seen_sides(
@@ -246,166 +233,12 @@ def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return diffuse | translucent, translucent, sends
 
 
-class _Points:
-    """The texels of a map: their points, whether they are visible, and the light on them."""
-
-    def __init__(
-        self,
-        layout: Layout,
-        seen: np.ndarray,
-        places: np.ndarray,
-        samples: int,
-        seed: int,
-        translucent: np.ndarray,
-    ) -> None:
-        self.layout, self.samples, self.seed = layout, samples, seed
-        self.points_m, self.normals = layout.points()
-        image = layout.texels.image
-        self.chart, self.facing = (
-            image(layout.texels.chart, -1),
-            image(self.normals.astype(np.float32)),
-        )
-        # visible texels, and texels whose light passes through to a visible side
-        seen, rows = seen.copy(), np.flatnonzero(translucent[layout.face_of_texel] & ~seen)
-        seen[rows] = light_sampling.seen(self.points_m[rows], -self.normals[rows], places, seed) > 0
-        self.visible = image(seen, False)
-        self._into_view(places)
-
-    def _into_view(self, places: np.ndarray) -> None:
-        """Move the point of each hidden texel next to a visible one to the first visible point on
-        the line to that texel.
-
-        So the light close to a contact of two surfaces is sampled there, and not at a texel farther
-        away.
-        """
-        hidden, near = next_to_known(self.visible, self.chart)
-        hidden_row, near_row = (
-            np.searchsorted(self.layout.texels.index, k) for k in (hidden, near)
-        )
-        share = np.array(_STEPS_INTO_VIEW)[:, None, None]
-        points, normals = (
-            (1 - share) * v[hidden_row] + share * v[near_row] for v in (self.points_m, self.normals)
-        )
-        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-        seen = np.ones(points.shape[:2], bool)  # the last is the visible texel itself
-        tested = light_sampling.seen(
-            points[:-1].reshape(-1, 3), normals[:-1].reshape(-1, 3), places, self.seed
-        )
-        seen[:-1] = tested.reshape(seen[:-1].shape) > 0
-        first = seen.argmax(0), np.arange(len(hidden))
-        self.points_m[hidden_row], self.normals[hidden_row] = points[first], normals[first]
-        self.visible.ravel()[hidden] = True
-
-    def direct(self, sky: bool = True) -> np.ndarray:
-        """(2, N, 3) direct light by two halves of the samples, see light_sampling.direct."""
-        method = functools.partial(
-            light_sampling.direct, materials=list(bpy.data.materials), sky=sky
-        )
-        return self._sampled(method, functools.partial(method, together=True))
-
-    def gathered(self, sky: bool = False) -> np.ndarray:
-        """(2, N, 3) light from the surfaces of the open scene, see light_sampling.gathered."""
-        method = functools.partial(light_sampling.gathered, sky=sky)
-        return self._sampled(method, method)
-
-    def _sampled(
-        self, method: Callable[..., np.ndarray], for_hidden: Callable[..., np.ndarray]
-    ) -> np.ndarray:
-        visible = self.visible.ravel()[self.layout.texels.index]
-        light = np.zeros((2, len(visible), 3), np.float32)
-        hidden_samples = max(2, self.samples // _HIDDEN_SHARE)
-        for rows, sampled, samples in (
-            (visible, method, self.samples),
-            (~visible, for_hidden, hidden_samples),
-        ):
-            light[:, rows] = sampled(self.points_m[rows], self.normals[rows], samples, self.seed)
-        return light
-
-    def contrast(self, light: np.ndarray) -> np.ndarray:
-        """(F, 2) mean squared change of light between neighbouring texels, for each side."""
-        image = self.layout.texels.image
-        steps = contrast(image(light[0]), image(light[1]), self.chart)
-        return self.layout.per_side(steps.ravel()[self.layout.texels.index])
-
-    def map(self, light: np.ndarray) -> np.ndarray:
-        """The map (size, size, 3): denoised, with hidden texels next to visible ones and gutters
-        filled.
-        """
-        image = self.layout.texels.image
-        smooth = denoise(image(light[0]), image(light[1]), self.chart, self.facing, self.visible)
-        filled, reached = fill(smooth, self.visible, self.chart, 2)
-        smooth = np.where(reached[..., None], filled, smooth)
-        return fill(smooth, self.chart >= 0, self.chart, 2)[0].astype(np.float32)
-
-
-def is_whole(folder: Path) -> bool:
-    """Whether the folder contains a complete light map. The recipe is written last."""
-    return all((folder / name).is_file() for name in LIGHT_FILES)
-
-
-def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> None:
-    """Write a map (rows, columns, 3), row 0 at the bottom, to a temporary folder and rename it, so
-    that two processes cannot interfere.
-
-    Light above the range of half floats, as close to a lamp of radius 0, is clipped. Raises
-    WorkError for NaN.
-    """
-    if np.isnan(light).any():
-        problem = "the light map contains NaN and is not stored"
-        raise WorkError(problem, hint="path tracing: {light} path")
-    light = np.minimum(light, np.finfo(np.float16).max)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    try:
-        write_exr(
-            temporary / MAP,
-            {name: light[::-1, :, k].astype(np.float16) for k, name in enumerate("RGB")},
-        )
-        stored = {
-            "uv": layout.uv.astype(np.float32),
-            "has": layout.has,
-            "part_corners": np.array(layout.part_corners),
-        }
-        np.savez_compressed(temporary / LAYOUT, **stored)
-        write_json(temporary / RECIPE, recipe)
-        temporary.chmod(0o755)
-        try:
-            temporary.rename(folder)
-        except OSError:
-            if not is_whole(
-                folder
-            ):  # otherwise another process was first; equal keys give equal maps
-                shutil.rmtree(folder, ignore_errors=True)
-                temporary.rename(folder)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
-def load_layout(folder: Path) -> MapLayout:
-    """Read the layout of a light map. Raises WorkError if the file is damaged."""
-    try:
-        with np.load(folder / LAYOUT) as stored:
-            return MapLayout(
-                stored["uv"], stored["has"], tuple(int(n) for n in stored["part_corners"])
-            )
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        problem = f"the light map cannot be read ({error}); delete this folder and bake again"
-        raise WorkError(f"{folder}: {problem}") from None
-
-
-def read_recipe(folder: Path) -> dict:
-    """The recipe of a light map: what it was baked from."""
-    return read_json(folder / RECIPE)
-
-
 def find(cache: Path, job: RenderJob) -> tuple[Path, int, float] | None:
     """(folder, size in bytes, age in seconds) of the shipped or noted light map for the job's
     scene, settings and Blender; None if there is none.
     """
     try:
-        folder = shipped_light(job) or cache / "light" / str(
-            read_json(_note_file(cache, job))["map"]
-        )
+        folder = shipped_light(job) or _noted(cache, job)
         if not is_whole(folder):
             return None
         files = [path.stat() for path in folder.iterdir()]
@@ -414,22 +247,25 @@ def find(cache: Path, job: RenderJob) -> tuple[Path, int, float] | None:
     return folder, sum(f.st_size for f in files), time.time() - max(f.st_mtime for f in files)
 
 
+def _noted(cache: Path, job: RenderJob) -> Path:
+    return cache / "light" / str(read_json(_note_file(cache, job))["map"])
+
+
 def _note_file(cache: Path, job: RenderJob) -> Path:
-    light = [job.map_size, job.map_samples, job.seed, job.lambertian]
     # only the scene's own file: other files it refers to are known only when it is open
     path = shipped.scene_file(job.scene) if shipped.is_scene(job.scene) else Path(job.scene)
     decides = [
         _file_hash(path, path.stat().st_mtime_ns),
         job.reading.to_dict(),
-        *light,
+        job.map_size,
+        job.map_samples,
+        job.seed,
+        job.lambertian,
         compat.version_line(),
         __version__,
     ]
-    return (
-        cache
-        / "light/known"
-        / f"{hashlib.sha256(json.dumps(decides).encode()).hexdigest()[:20]}.json"
-    )
+    digest = hashlib.sha256(json.dumps(decides).encode()).hexdigest()
+    return cache / f"light/known/{digest[:20]}.json"
 
 
 @functools.lru_cache(maxsize=4)

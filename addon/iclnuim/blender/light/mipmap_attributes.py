@@ -1,7 +1,8 @@
-"""Attributes of meshes that the shaders of filtered textures read: how densely a texture covers each
-face, positions in the image with levels, and the width of a pixel at a distance of 1.
+"""Attributes of meshes that the shaders of filtered textures read: how densely a texture covers
+each face, positions in the image with levels, and the width of a pixel at a distance of 1.
 """
 
+import itertools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -16,8 +17,8 @@ from .mipmap_images import LEVELS, margins
 #: Prefix of the face attributes with the square root of the area in a UV map per square metre; the
 #: map's name follows.
 DENSITY = "UV per metre "
-#: Prefixes of attributes that depend on a texture, too: positions p in level 0, and the footprint of
-#: a pixel at a distance of 1 m.
+#: Prefixes of attributes that depend on a texture, too: positions p in level 0, and the footprint
+#: of a pixel at a distance of 1 m.
 POSITION = "mipmap position "
 FOOTPRINT = "mipmap footprint "
 #: A face lies within one repeat of a texture if it does so up to this share of the repeat: rounded
@@ -56,7 +57,8 @@ def place(objects: Iterable[Object], found: list[Texture], pixel: float) -> dict
     surfaces with the material.
     """
     objects = list(objects)
-    if any(modifier.type == "NODES" for thing in objects for modifier in thing.modifiers):
+    modifiers = itertools.chain.from_iterable(thing.modifiers for thing in objects)
+    if any(modifier.type == "NODES" for modifier in modifiers):
         return {}  # they may assign materials to new surfaces
     largest = _largest(objects)
     users: dict[Material, list[Object]] = {texture.material: [] for texture in found}

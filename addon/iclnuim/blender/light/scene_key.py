@@ -14,15 +14,20 @@ from ..surfaces import Part, array_of
 
 #: Cycles settings that change the light, not only its noise.
 _CYCLES = (
-    "max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces", "volume_bounces", "transparent_max_bounces",
-    "caustics_reflective", "caustics_refractive", "blur_glossy", "sample_clamp_direct", "sample_clamp_indirect",
+    "max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces", "volume_bounces",
+    "transparent_max_bounces",
+    "caustics_reflective", "caustics_refractive", "blur_glossy", "sample_clamp_direct",
+    "sample_clamp_indirect",
     "light_sampling_threshold", "use_fast_gi",
 )  # fmt: skip
 #: Properties of nodes and lamps that do not change light.
 _NOT_LIGHT = {
-    "rna_type", "name", "location", "width", "height", "select", "show_options", "show_preview", "hide", "label", "color",
-    "use_custom_color", "parent", "inputs", "outputs", "internal_links", "dimensions", "bl_idname", "location_absolute",
-    "warning_propagation", "name_full", "users", "use_fake_user", "tag", "session_uid", "is_missing", "preview", "asset_data",
+    "rna_type", "name", "location", "width", "height", "select", "show_options", "show_preview",
+    "hide", "label", "color",
+    "use_custom_color", "parent", "inputs", "outputs", "internal_links", "dimensions", "bl_idname",
+    "location_absolute",
+    "warning_propagation", "name_full", "users", "use_fake_user", "tag", "session_uid",
+    "is_missing", "preview", "asset_data",
     "library", "image_user", "show_texture",
 }  # fmt: skip
 #: Types of a struct's pointers that are included.
@@ -31,39 +36,30 @@ _POINTED = (bpy.types.ColorRamp, bpy.types.CurveMapping, bpy.types.Image)
 
 def key_parts(found: list[Part], scene: bpy.types.Scene) -> dict[str, str]:
     """A hash (hexadecimal) for each of: surfaces, materials, images, lamps, world, bounces."""
-    materials = {m for part in found for m in part.mesh.materials if m is not None}
-    trees = [
-        block.node_tree
-        for block in (*materials, scene.world)
-        if block is not None and block.node_tree
-    ]
-    lamps = [
-        _text(_lamp(thing))
-        for thing in scene.objects
-        if thing.type == "LIGHT" and not thing.hide_render
-    ]
-    sky = scene.world
-    world = {} if sky is None else {"colour": tuple(sky.color), "nodes": _tree(sky.node_tree)}
+    materials: set[bpy.types.Material] = set()
+    for part in found:
+        materials.update(material for material in part.mesh.materials if material is not None)
+    images = set()
+    for block in (*materials, scene.world):
+        if block is not None and block.node_tree:
+            nodes = nodes_of(block.node_tree)
+            images.update(_image(n.image) for n in nodes if getattr(n, "image", None))
+    lamps = [o for o in scene.objects if o.type == "LIGHT" and not o.hide_render]
+    world = {}
+    if scene.world is not None:
+        world = {"colour": tuple(scene.world.color), "nodes": _tree(scene.world.node_tree)}
     return {
-        "surfaces": _hash(*[_part(p) for p in found]),
+        "surfaces": _hash(*map(_part, found)),
         "materials": _hash(*sorted(_text(_material(m)) for m in materials)),
-        "images": _hash(
-            *sorted(
-                {_image(n.image) for t in trees for n in nodes_of(t) if getattr(n, "image", None)}
-            )
-        ),
-        "lamps": _hash(*sorted(lamps)),
+        "images": _hash(*sorted(images)),
+        "lamps": _hash(*sorted(_text(_lamp(lamp)) for lamp in lamps)),
         "world": _hash(_text(world)),
-        "bounces": _hash(
-            _text(
-                {
-                    name: getattr(scene.cycles, name)
-                    for name in _CYCLES
-                    if hasattr(scene.cycles, name)
-                }
-            )
-        ),
+        "bounces": _hash(_text(_present(scene.cycles, _CYCLES))),
     }
+
+
+def _present(thing: object, names: tuple[str, ...]) -> dict:
+    return {name: getattr(thing, name) for name in names if hasattr(thing, name)}
 
 
 def _hash(*items: bytes | str) -> str:
@@ -75,11 +71,13 @@ def _hash(*items: bytes | str) -> str:
 
 
 def _text(value: object) -> str:
-    """Convert plain values to text that does not depend on addresses or the order of dictionaries."""
+    """Convert plain values to text that does not depend on addresses or the order of
+    dictionaries.
+    """
     if isinstance(value, dict):
         return "{" + ",".join(f"{k}:{_text(v)}" for k, v in sorted(value.items())) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ",".join(_text(v) for v in value) + "]"
+        return "[" + ",".join(map(_text, value)) + "]"
     return f"{value:.7g}" if isinstance(value, float) else str(value)
 
 
@@ -94,33 +92,35 @@ def _part(part: Part) -> bytes:
         np.round(array_of(mesh.corner_normals, "vector", 3, np.float32) * 1e4).astype(np.int32),
         *[array_of(layer.data, "uv", 2, np.float32) for layer in mesh.uv_layers],
     ]
-    names = [m.name if m else "" for m in mesh.materials]
-    rays = [
-        getattr(part.source, f"visible_{ray}", True)
-        for ray in ("diffuse", "glossy", "transmission", "shadow")
-    ]
+    names = [getattr(material, "name", "") for material in mesh.materials]
+    rays = _visible(part.source, "diffuse", "glossy", "transmission", "shadow")
     return _hash(*[a.tobytes() for a in arrays], _text([part.name, names, rays])).encode()
 
 
+def _visible(thing: bpy.types.Object, *rays: str) -> list[bool]:
+    return [getattr(thing, f"visible_{ray}", True) for ray in rays]
+
+
 def _material(material: bpy.types.Material) -> dict:
-    cycles = {
-        name: getattr(material.cycles, name, None)
-        for name in ("emission_sampling", "use_transparent_shadow")
+    names = ("emission_sampling", "use_transparent_shadow")
+    return {
+        "name": material.name,
+        "cycles": {name: getattr(material.cycles, name, None) for name in names},
+        "nodes": _tree(material.node_tree),
+        "colour": tuple(material.diffuse_color),
     }
-    look = {"nodes": _tree(material.node_tree), "colour": tuple(material.diffuse_color)}
-    return {"name": material.name, "cycles": cycles, **look}
 
 
 def _lamp(thing: bpy.types.Object) -> dict:
-    data, matrix = thing.data, np.round(np.array(thing.matrix_world), 6).ravel().tolist()
+    data = thing.data
     names = ("is_portal", "cast_shadow", "max_bounces", "use_multiple_importance_sampling")
-    cycles = {name: getattr(data.cycles, name, None) for name in names}
-    rays = [
-        getattr(thing, f"visible_{ray}", True)
-        for ray in ("diffuse", "glossy", "transmission", "camera")
-    ]
-    shines = {"data": _plain_properties(data), "nodes": _tree(data.node_tree)}
-    return {"matrix": matrix, "cycles": cycles, "rays": rays, **shines}
+    return {
+        "matrix": np.round(np.array(thing.matrix_world), 6).ravel().tolist(),
+        "cycles": {name: getattr(data.cycles, name, None) for name in names},
+        "rays": _visible(thing, "diffuse", "glossy", "transmission", "camera"),
+        "data": _plain_properties(data),
+        "nodes": _tree(data.node_tree),
+    }
 
 
 def _tree(tree: bpy.types.NodeTree | None) -> list:
@@ -130,31 +130,36 @@ def _tree(tree: bpy.types.NodeTree | None) -> list:
     if tree is None:
         return []
     nodes = [_node(node) for node in sorted(tree.nodes, key=lambda n: n.name)]
-    ends = [
-        (k.from_node.name, k.from_socket.identifier, k.to_node.name, k.to_socket.identifier)
-        for k in tree.links
-    ]
+    ends = []
+    for link in tree.links:
+        source = (link.from_node.name, link.from_socket.identifier)
+        ends.append((*source, link.to_node.name, link.to_socket.identifier))
     return [nodes, sorted(ends)]
 
 
 def _node(node: bpy.types.Node) -> dict:
     sockets = [s for s in [*node.inputs, *node.outputs] if hasattr(s, "default_value")]
-    inputs = [(s.identifier, _value(s.default_value)) for s in sockets]
-    inner = _tree(node.node_tree) if node.type == "GROUP" else []
-    what = {"name": node.name, "kind": node.bl_idname, "settings": _plain_properties(node)}
-    return {**what, "inputs": inputs, "inner": inner}
+    return {
+        "name": node.name,
+        "kind": node.bl_idname,
+        "settings": _plain_properties(node),
+        "inputs": [(s.identifier, _value(s.default_value)) for s in sockets],
+        "inner": _tree(node.node_tree) if node.type == "GROUP" else [],
+    }
 
 
 def _plain_properties(thing: bpy.types.bpy_struct) -> dict:
     """The numbers, texts, colour ramps and curves of an RNA struct."""
     found = {}
     for entry in thing.bl_rna.properties:
-        name, points = entry.identifier, entry.type == "POINTER"
-        left_out = name in _NOT_LIGHT or name.startswith("bl_") or entry.type == "COLLECTION"
-        if left_out or (entry.is_readonly and not points):
+        name = entry.identifier
+        if name in _NOT_LIGHT or name.startswith("bl_") or entry.type == "COLLECTION":
+            continue
+        is_pointer = entry.type == "POINTER"
+        if entry.is_readonly and not is_pointer:
             continue
         value = getattr(thing, name, None)
-        if value is not None and (not points or isinstance(value, _POINTED)):
+        if value is not None and (not is_pointer or isinstance(value, _POINTED)):
             found[name] = _value(value)
     return found
 
@@ -164,22 +169,25 @@ def _value(value: Any) -> Any:
         stops = [(e.position, tuple(e.color)) for e in value.elements]
         return [value.interpolation, value.color_mode, value.hue_interpolation, stops]
     if isinstance(value, bpy.types.CurveMapping):
-        return [
-            [(tuple(p.location), p.handle_type) for p in curve.points] for curve in value.curves
-        ]
+        return [_curve_points(curve) for curve in value.curves]
     if isinstance(value, bool | int | float | str | list | tuple):
         return value
     return tuple(value) if hasattr(value, "__len__") else str(getattr(value, "name", ""))
+
+
+def _curve_points(curve: bpy.types.CurveMap) -> list:
+    return [(tuple(point.location), point.handle_type) for point in curve.points]
 
 
 def _image(image: bpy.types.Image) -> str:
     """A hash of name, colour space and content: the packed or referenced file, or the pixels of an
     image that is only in memory.
     """
-    file = Path(bpy.path.abspath(image.filepath, library=image.library)) if image.filepath else None
+    file = Path(bpy.path.abspath(image.filepath, library=image.library))
+    is_saved = image.source == "FILE" and image.filepath and not image.is_dirty
     if image.packed_file is not None:
         content = image.packed_file.data
-    elif image.source == "FILE" and file is not None and file.is_file() and not image.is_dirty:
+    elif is_saved and file.is_file():
         content = file.read_bytes()
     else:
         pixels = np.empty(len(image.pixels), np.float32)

@@ -1,0 +1,103 @@
+"""Places of cameras in the free space of the open scene, from which its surfaces are seen."""
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+from ...geometry.points import farthest_points
+from ...lightmap.surfaces import Surfaces
+from ..surfaces import rendered_lamps
+
+#: Rays that look round at a place: their share of hits is then known within 7 %.
+_RAYS = 48
+#: Places that are tried for each one wanted: at least some are in free space in every room.
+_TRIED = 24
+#: A place is in free space if less than this share of its rays ends at the back of a surface.
+_MAX_BACKS = 0.1
+#: Free places are used if at least this share of the rays of the most enclosed place hits surfaces:
+#: they are inside rooms, if there are any. If less than half of the places qualify, the scene is
+#: open and these few are niches: then the second, lower share is used.
+_ENCLOSED = 0.9
+_IN_THE_OPEN = 0.25
+#: No camera is nearer to a surface, and places before a surface are at most this far: a room.
+_NEAREST_M = 0.1
+_FARTHEST_M = 4.0
+
+
+def viewpoints(
+    depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, seed: int
+) -> np.ndarray:
+    """(up to count, 3) places in metres distributed over the scene's free space: in rooms, not
+    inside solids or behind walls.
+    """
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(_RAYS, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    places = [_place_before(depsgraph, surfaces, rng) for _ in range(count * _TRIED)]
+    hits = np.array([_front_hits(depsgraph, p, directions) for p in places])
+    enclosed = hits[hits > 0] >= _ENCLOSED * hits.max()
+    share = _ENCLOSED if enclosed.sum() >= enclosed.size / 2 else _IN_THE_OPEN
+    free = np.array(places)[(hits > 0) & (hits >= share * hits.max())]
+    lamps = [lamp for lamp in rendered_lamps(bpy.context.scene) if lamp.data.type != "SUN"]
+    lamps_m = [lamp.matrix_world.translation for lamp in lamps]
+    if lamps_m and not any(_sees_one(depsgraph, place, lamps_m) for place in free):
+        # the normals of the walls may point outward: then places with a view of a lamp are inside
+        # the room
+        seeing = [place for place in places if _sees_one(depsgraph, place, lamps_m)]
+        free = np.concatenate([free, seeing or np.zeros((0, 3))])
+    return free if len(free) <= count else farthest_points(free, count)
+
+
+def _place_before(
+    depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, rng: np.random.Generator
+) -> np.ndarray:
+    """A random place on a ray from a random triangle, in front of it or behind it; each object has
+    the same probability.
+    """
+    thing = rng.integers(surfaces.face_object[-1] + 1)
+    faces = np.searchsorted(surfaces.face_object, [thing, thing + 1])
+    first, end = np.searchsorted(surfaces.triangle_face, faces)
+    corners = surfaces.corners_m[surfaces.triangles[rng.integers(first, end)]]
+    ray = rng.normal(size=3)
+    ray /= np.linalg.norm(ray)
+    start = rng.dirichlet(np.ones(3)) @ corners + 1e-3 * ray
+    hit, location, *_ = depsgraph.scene.ray_cast(
+        depsgraph, Vector(start), Vector(ray), distance=_FARTHEST_M
+    )
+    reach = np.linalg.norm(np.array(location) - start) if hit else _FARTHEST_M
+    return start + rng.uniform(0.1, 0.9) * reach * ray
+
+
+def _sees_one(depsgraph: bpy.types.Depsgraph, place: np.ndarray, lamps_m: list[Vector]) -> bool:
+    """Whether at least one lamp is visible from the place, and no surface is close to the place."""
+    scene = depsgraph.scene
+    origin = Vector(place)
+    for direction in np.vstack([np.eye(3), -np.eye(3)]):
+        if scene.ray_cast(depsgraph, origin, Vector(direction), distance=_NEAREST_M)[0]:
+            return False
+    for lamp_m in lamps_m:
+        ray = lamp_m - origin
+        if not ray.length or not scene.ray_cast(depsgraph, origin, ray, distance=ray.length)[0]:
+            return True
+    return False
+
+
+def _front_hits(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: np.ndarray) -> int:
+    """The number of rays that end at the front of a surface; 0 for a place that is not in free
+    space.
+    """
+    origin = Vector(place)
+    backs = fronts = 0
+    for direction in directions:
+        hit, location, normal, *_ = depsgraph.scene.ray_cast(depsgraph, origin, Vector(direction))
+        if not hit:
+            continue
+        if (location - origin).length < _NEAREST_M:
+            return 0
+        if normal.dot(Vector(direction)) > 0:
+            backs += 1
+        else:
+            fronts += 1
+        if backs > _MAX_BACKS * _RAYS:
+            return 0
+    return fronts
