@@ -398,7 +398,9 @@ def test_a_run_goes_on_with_its_own_filter_of_textures_alone(render_here, patter
     out = tmp_path / "run"
     frame(render_here, out, patterned, 0.25, mipmaps=False)
     recipe = json.loads((out / "sequence.json").read_text())
-    with pytest.raises(InputError, match="found frames without mipmaps; try another out"):
+    with pytest.raises(
+        InputError, match="found frames without mipmaps; try turning mipmaps off to go on"
+    ):
         frame(render_here, out, patterned, 0.25)
     recipe["job"]["mipmaps"] = True
     del recipe["texture_filter"]

@@ -39,7 +39,7 @@ def key_parts(found: list[Part], scene: bpy.types.Scene) -> dict[str, str]:
     materials: set[bpy.types.Material] = set()
     for part in found:
         materials.update(material for material in part.mesh.materials if material is not None)
-    images = set()
+    images: set[str] = set()
     for block in (*materials, scene.world):
         if block is not None and block.node_tree:
             nodes = nodes_of(block.node_tree)
