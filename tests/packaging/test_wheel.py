@@ -75,7 +75,7 @@ def test_what_is_needed_is_in_it_and_nothing_of_the_checkout_alone(wheel, reposi
         "py.typed",
         "blender_manifest.toml",
         "benchmark/experiments/paper.json",
-        "benchmark/experiments/report.html",
+        "benchmark/experiments/page.html",
     }
     shipped |= {"headless/farm/iclnuim.def", "headless/farm/flamenco/iclnuim.js"}
     systems = repository / "benchmark/systems"
@@ -91,7 +91,11 @@ def test_what_is_needed_is_in_it_and_nothing_of_the_checkout_alone(wheel, reposi
     shipped |= {
         f"trajectories/{room}/kt{k}.txt" for room in ("living_room", "office") for k in range(4)
     }
-    for source, name in (("addon/iclnuim", ""), ("headless", "headless/")):
+    for source, name in (
+        ("addon/iclnuim", ""),
+        ("headless", "headless/"),
+        ("benchmark", "benchmark/"),
+    ):
         shipped |= {
             name + str(path.relative_to(repository / source))
             for path in (repository / source).rglob("*.py")
