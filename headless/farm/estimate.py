@@ -23,6 +23,8 @@ MIN_FRAMES = 3
 #: Core-seconds to write a frame of both sequences, living room at 640 x 480
 #: (docs/measured/farm.md).
 PAIR_CORE_S = 0.1
+#: Seconds until a worker has prepared its scene, the living room; of a run's own scene once it is
+#: measured.
 START_S = 15.0
 
 
