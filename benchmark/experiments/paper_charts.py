@@ -190,7 +190,7 @@ def _not_measured(axes: Axes) -> None:
 
 
 def _best_trajectories(material: Material) -> Figure:
-    """8: for each sequence, the estimate with the least ATE of the five, over the true trajectory."""
+    """8: for each sequence, the best estimate of the five over the true trajectory."""
     rows = list(product(NOISES, shipped.paper_scenes()))
     figure = Figure(figsize=(13, 13), layout="constrained")
     what = "The best of the five odometers on each sequence (colour) over the ground truth (grey)"

@@ -1,5 +1,5 @@
-"""Measures one cell of the paper's experiments: the motion, ATE and RPE, the surface fused along it,
-its error, and two pictures.
+"""Measures one cell of the paper's experiments: the motion, ATE and RPE, the surface fused along
+it, its error, and two pictures.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""Measures the cells of an experiment on all cores, each job in a forked process with one thread."""
+"""Measures the cells of an experiment on all cores, in forked processes with one thread each."""
 
 import multiprocessing
 import os

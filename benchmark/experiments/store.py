@@ -74,10 +74,6 @@ class Store:
             raise InputError(f"cells of format {FORMAT}", path=path, found="older ones", hint=hint)
         return existing
 
-    def setting(self, name: str) -> Any:
-        """A value of the recipe; None if there is no recipe."""
-        return self._recipe().get(name) if is_file(self.out / "recipe.json") else None
-
     def file(self, key: Key) -> Path:
         """The file of a cell."""
         return self.out / "cells" / f"{key.place}{_ENDING}"

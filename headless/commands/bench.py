@@ -1,4 +1,4 @@
-"""`iclnuim bench`: measurements of time and error; each reports its figures and their conditions."""
+"""`iclnuim bench`: measurements of time and error, with their conditions."""
 
 import argparse
 import importlib
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from iclnuim import checkout
 from iclnuim.benchmark.experiments.recipes.system import merged, read_results
-from iclnuim.benchmark.odometry.registry import names, odometer
+from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS, names, odometer
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 
@@ -38,10 +38,16 @@ _TOOLS = {
 def configure(parser: argparse.ArgumentParser) -> None:
     actions = subcommands(parser, "WHAT")
     help = "speed and error of our odometers and third-party ones in one run"
-    example = "iclnuim bench odometry out/living_room/kt2/clean out/living_room/kt2/noisy --plot odometry.png"
+    example = (
+        "iclnuim bench odometry out/living_room/kt2/clean out/living_room/kt2/noisy --plot "
+        "odometry.png"
+    )
     odometry = action(actions, "odometry", help, example, _odometry)
     add = odometry.add_argument
-    what = "sequences with ground truth, or earlier results: output of --json, or results.json of `iclnuim run`"
+    what = (
+        "sequences with ground truth, or earlier results: output of --json, or results.json of "
+        "`iclnuim run`"
+    )
     add("folders", type=Path, nargs="+", metavar="DIR", help=what)
     add_camera_options(odometry)
     add("--preset", default="best", help="preset of our odometers: best (default) or paper")
@@ -81,8 +87,9 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.benchmark.odometry.run import table
 
     only = args.only or ""
-    systems = {name if ":" in name else f"ours:{name}": name for name in names()}
-    which = [name for system, name in systems.items() if only in system]  # as in `iclnuim run`
+    # named as in `iclnuim run`
+    which = [name for name in ODOMETERS if only in f"ours:{name}"]
+    which += [name for name in BASELINES if only in name]
     if not which:
         raise InputError(f"part of a name of {', '.join(names())}", found=args.only)
     results = []

@@ -29,8 +29,14 @@ _LARGEST = {"rate": 1000.0}
 
 
 def configure(actions: Actions) -> None:
-    help = "speed against accuracy of odometers as one setting changes in steps, all steps on the same frames"
-    example = "iclnuim bench curve iterations out/living_room/kt2/clean --method icp --method rgbd --plot iterations.png"
+    help = (
+        "speed against accuracy of odometers as one setting changes in steps, all steps on the "
+        "same frames"
+    )
+    example = (
+        "iclnuim bench curve iterations out/living_room/kt2/clean --method icp --method rgbd "
+        "--plot iterations.png"
+    )
     curve = action(actions, "curve", help, example, _curve)
     add = curve.add_argument
     add(
@@ -40,7 +46,10 @@ def configure(actions: Actions) -> None:
     )
     add("folders", type=Path, nargs="+", metavar="DIR", help="sequences with ground truth")
     add_camera_options(curve)
-    help = "an odometer; may be given several times; default: icp and rgbd; all: every one that is installed"
+    help = (
+        "an odometer; may be given several times; default: icp and rgbd; all: every one that is "
+        "installed"
+    )
     add("--method", action="append", metavar="NAME", help=help)
     help = "for the curve voxel: a room or a mesh file; default: living_room"
     add("--model", default="living_room", metavar="MODEL", help=help)

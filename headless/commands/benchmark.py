@@ -44,9 +44,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="default: out/benchmark",
     )
-    help = "folder of the same sequences rendered without reflections (`iclnuim make all --lambertian -o DIR`), for finding 11"
+    help = (
+        "folder of the same sequences rendered without reflections (`iclnuim make all --lambertian"
+        " -o DIR`), for finding 11"
+    )
     add("--lambertian", type=Path, metavar="DIR", help=help)
-    help = "only some cells, by words of room, trajectory, noise, odometer, preset, reference; kt0,kt2/icp: ICP on kt0 and on kt2"
+    help = (
+        "only some cells, by words of room, trajectory, noise, odometer, preset, reference; "
+        "kt0,kt2/icp: ICP on kt0 and on kt2"
+    )
     add("--only", metavar="FILTER", help=help)
     add("--first", type=count, metavar="N", help="only the first N frames of every sequence")
     add(
@@ -63,13 +69,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="number of noise seeds of the noisy sequences; default: 1, the existing sequences",
     )
-    help = "what frames are aligned against: default, frame, keyframe, entropy, model; default: see docs/guide/benchmark.md"
+    help = (
+        "what frames are aligned against: default, frame, keyframe, entropy, model; default: see "
+        "docs/guide/benchmark.md"
+    )
     add("--references", type=_words, default=[], metavar="R,R", help=help)
     help = (
         "measure trajectories only: Tables III to VI; surfaces that are measured already are kept"
     )
     add("--no-surfaces", action="store_true", help=help)
-    help = "results of `iclnuim run` on the same sequences, shown as further rows; default: out/systems"
+    help = (
+        "results of `iclnuim run` on the same sequences, shown as further rows; default: "
+        "out/systems"
+    )
     add("--systems", type=Path, default=Path("out/systems"), metavar="DIR", help=help)
     add(
         "--workers",
@@ -240,8 +252,7 @@ def _values(results: "list[Measured]", tables: list[ResultTable]) -> dict:
     for result in results:
         figures = {name: v for name, v in result.figures.items() if name != "path"}
         cells.append({"cell": asdict(result.key), "folder": str(result.folder), **figures})
-    rows = {
-        t.name: {"title": t.title, "columns": t.columns, "rows": t.rows, "notes": t.notes}
-        for t in tables
-    }
+    rows = {}
+    for t in tables:
+        rows[t.name] = {"title": t.title, "columns": t.columns, "rows": t.rows, "notes": t.notes}
     return {"cells": cells, "tables": rows}

@@ -16,7 +16,10 @@ from ..outputs import refuse_existing
 
 def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    help = "1: the living room in clay; 2, 3: frames; 4: noise; 5, 7: surfaces; 6, 9: heat maps; 8: trajectories"
+    help = (
+        "1: the living room in clay; 2, 3: frames; 4: noise; 5, 7: surfaces; 6, 9: heat maps; 8: "
+        "trajectories"
+    )
     add("number", type=int, choices=range(1, 10), metavar="N", help=help)
     add(
         "-o",

@@ -7,10 +7,16 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from iclnuim.benchmark.experiments.recipes.system import SystemRuns, system_store, write_results
+from iclnuim.benchmark.experiments.recipes.system import (
+    SystemRuns,
+    read_results,
+    system_store,
+    write_results,
+)
 from iclnuim.benchmark.experiments.table import ResultTable, mm
 from iclnuim.benchmark.systems.staging import StagedSequence
 from iclnuim.benchmark.systems.system import built_in, read_system
@@ -75,6 +81,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """
     system = read_system(args.system, _options(args))
     store = system_store(args.out)
+    file = args.out / "results.json"
+    if file.is_file():
+        read_results(file)  # an older one is refused before the work
     experiments = []
     for folder in args.folders:
         sequence = StagedSequence.of(folder, camera_from(args, folder), args.first)
@@ -97,11 +106,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
             rows = e.run(args.runs, limit_s, progress.advance)
             results.append({"sequence": e.sequence.name, "preset": None, "runs": rows})
             write_results(args.out, results[-1:])
-    file = args.out / "results.json"
     console.note(f"{file} written; `iclnuim bench odometry` shows it next to other results")
     console.result({"results": results}, "\n\n".join(table(one).text() for one in results))
-    covered = any(row["coverage"] for one in results for row in one["runs"])
-    return 0 if covered else 3
+    found = [row for row in chain.from_iterable(one["runs"] for one in results) if row["coverage"]]
+    return 0 if found else 3
 
 
 _COLUMNS = (

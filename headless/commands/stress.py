@@ -45,7 +45,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="OUT",
         help="default: out/stress",
     )
-    help = "only perturbations whose name contains TEXT, such as `holes`; may be given several times; default: all"
+    help = (
+        "only perturbations whose name contains TEXT, such as `holes`; may be given several times;"
+        " default: all"
+    )
     add("--only", action="append", default=[], metavar="TEXT", help=help)
     add(
         "--severities",
@@ -55,11 +58,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="such as 1,2,5; default: all five",
     )
     help = (
-        "an odometer, or all whose name contains TEXT, such as `baseline`; may be given several times; "
-        "default: all that are installed, with --system none"
+        "an odometer, or all whose name contains TEXT, such as `baseline`; may be given several "
+        "times; default: all that are installed, with --system none"
     )
     add("--methods", action="append", default=[], metavar="TEXT", help=help)
-    help = "a system of `iclnuim run`, such as orbslam3; may be given several times; with --methods, next to these"
+    help = (
+        "a system of `iclnuim run`, such as orbslam3; may be given several times; with --methods, "
+        "next to these"
+    )
     add("--system", action="append", default=[], metavar="SYSTEM", help=help)
     help = "an option of a system; may be given several times"
     add("--set", action="append", default=[], metavar="SYSTEM.NAME=VALUE", help=help)
@@ -84,7 +90,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="table and pages of the existing cells; measure nothing",
     )
-    help = "also report the cells of FILE, a stress.csv, that are not in OUT: measured elsewhere, or docs/measured/stress.csv"
+    help = (
+        "also report the cells of FILE, a stress.csv, that are not in OUT: measured elsewhere, or "
+        "docs/measured/stress.csv"
+    )
     add("--cells", type=Path, metavar="FILE", help=help)
     add(
         "--plot", type=Path, metavar="FILE", help="draw heat maps of all methods (.png, .pdf, .svg)"
@@ -176,18 +185,16 @@ def _experiment(
 
 
 def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
-    """Names of the requested odometers; those whose packages are missing are left out, with a note."""
+    """Names of the requested odometers that are installed; a note names each other one."""
     texts = args.methods or [""]
-    exact = {text for text in texts if text in names()}  # icp is also part of icp_rgbd
-    selected = [
-        name
-        for name in names()
-        if name in exact or any(text in name for text in texts if text not in exact)
-    ]
+    selected = []
+    for name in names():
+        # icp is also part of icp_rgbd
+        if any(text == name or (text in name and text not in names()) for text in texts):
+            selected.append(name)
     if not selected:
-        raise InputError(
-            f"part of a name of {', '.join(names())}", setting="--methods", found=args.methods[0]
-        )
+        expected = f"part of a name of {', '.join(names())}"
+        raise InputError(expected, setting="--methods", found=args.methods[0])
     return tuple(installed(selected, args.preset, console))
 
 

@@ -141,6 +141,14 @@ def test_runs_are_taken_up_again_and_other_settings_refused(run, fake, tmp_path)
     assert "expected the experiment that was started there" in err and len(err.splitlines()) == 1
 
 
+def test_older_results_are_refused_before_the_work(run, fake, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/results.json").write_text('{"races": []}')
+    _, err = run(fake("good"), code=2)
+    assert "run it again" in err and len(err.splitlines()) == 1
+    assert not (tmp_path / "out/cells").exists()
+
+
 def test_changed_images_are_refused_and_moved_ones_are_not(run, fake, make_sequence, tmp_path):
     data = make_sequence(tmp_path / "data/clean")
     run(fake("good"), folder=data)

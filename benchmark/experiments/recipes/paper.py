@@ -63,7 +63,7 @@ class Paper:
         return Cell(key, identity)
 
     def run(self, store: Store, workers: int, console: Console) -> list[str]:
-        """Measure the missing cells; returns a sentence for each cell that could not be measured."""
+        """Measure the missing cells; returns a sentence for each one that cannot be measured."""
         store.open({"first": self.first})
         cells = self.cells()
         missing = store.missing(cells)
