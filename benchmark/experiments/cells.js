@@ -105,9 +105,9 @@ function opened(cell) {
   if (cell.failed) box.append(make("p", {}, `Failed: ${cell.failed}`));
   if (cell.path) { figure(pathChart(cell.path, cell.title), "Trajectory: estimate in colour, ground truth in grey"); figure(errorChart(cell.path, cell.title), "Error over time"); }
   const picture = (name, text) => { if (cell[name]) figure(make("img", { src: cell[name], alt: `${text} of ${cell.name}`, width: 720, height: 540 }), text); };
-  picture("heat", "Surface coloured by its distance to the model");
-  if (cell.heat) box.lastChild.append(make("div", { class: "heat" }), make("span", { class: "soft" }, data.heat_text));
-  picture("surface_picture", "Surface in its fused colours");
+  picture("heat_jpg", "Surface coloured by its distance to the model");
+  if (cell.heat_jpg) box.lastChild.append(make("div", { class: "heat" }), make("span", { class: "soft" }, data.heat_text));
+  picture("surface_jpg", "Surface in its fused colours");
   if (data.films[cell.sequence]) figure(make("video", { src: data.films[cell.sequence], controls: "", muted: "", loop: "", preload: "none" }), "The sequence: colour and depth");
   const list = make("dl"), pair = (name, text) => list.append(make("div", {}, make("dt", {}, name), make("dd", {}, text)));
   columns.forEach((name, k) => { if (cell.row[k]) pair(name, cell.row[k]); });

@@ -52,7 +52,9 @@ class PaperKey:
     @property
     def title(self) -> str:
         """Name of the odometer in tables."""
-        return ODOMETERS[self.odometer].title if self.odometer in ODOMETERS else self.odometer
+        if self.odometer in ODOMETERS:
+            return ODOMETERS[self.odometer].title
+        return self.odometer
 
     @property
     def words(self) -> set[str]:

@@ -83,7 +83,7 @@ def _about(out: Path) -> str:
 def _tiles(results: Sequence[Measured], findings: ResultTable) -> list[tuple[str, str]]:
     verdicts = Counter(row[5] for row in findings.rows)
     failed = sum("failed" in result.figures for result in results)
-    tiles = [(len(results), f"cells measured{f', {failed} failed' if failed else ''}")]
+    tiles = [(len(results), "cells measured"), (failed, "cells failed")]
     tiles.append((len({r.key.sequence for r in results}), "sequences"))
     for name in (HOLDS, FAILS, UNDECIDED, MISSING):
         tiles.append((verdicts[name], f"of {len(findings.rows)} findings: {name}"))
@@ -100,9 +100,8 @@ def _data(results: Sequence[Measured], films: Mapping[str, bytes]) -> dict[str, 
     left = _PICTURES - sum(map(len, films.values())) * 4 // 3
     for found, result, name in _pictures(cells, results):
         path = result.folder / f"{name}.jpg"
-        text = _inline("image/jpeg", path.read_bytes()) if path.is_file() else ""
-        if text and len(text) <= left:
-            found["surface_picture" if name == "surface" else name] = text
+        if path.is_file() and len(text := _inline("image/jpeg", path.read_bytes())) <= left:
+            found[f"{name}_jpg"] = text
             left -= len(text)
     columns = range(len(CELL_COLUMNS))
     return {
@@ -128,8 +127,6 @@ def _pictures(
 def _row(result: Measured) -> dict[str, Any]:
     key = result.key
     row = cell_row(result)
-    ate_m = ate_of(result.figures)
-    surface_m = surface_of(result.figures)
     return {
         "name": key.place,
         "sequence": key.sequence,
@@ -138,12 +135,16 @@ def _row(result: Measured) -> dict[str, Any]:
         "title": key.title,
         "row": row,
         "search": " ".join((key.place, *row)).lower(),
-        "ate": None if ate_m is None else 1e3 * ate_m,
-        "surface": None if surface_m is None else 1e3 * surface_m,
+        "ate": _mm(ate_of(result.figures)),
+        "surface": _mm(surface_of(result.figures)),
         "failed": result.figures.get("failed", ""),
         "path": result.figures.get("path"),
         "more": _more(result),
     }
+
+
+def _mm(length_m: float | None) -> float | None:
+    return None if length_m is None else 1e3 * length_m
 
 
 def _more(result: Measured) -> dict[str, str]:

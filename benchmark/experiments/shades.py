@@ -5,6 +5,7 @@ colour vision and in grey.
 import math
 
 import numpy as np
+from matplotlib.colors import LinearSegmentedColormap, to_hex
 
 #: Ends of the scale in mm.
 LOW_MM = 0.1
@@ -17,8 +18,9 @@ _BRIGHT = 0.55
 
 def shown_mm(ate_m: float | None, failed: bool) -> float:
     """The error in mm that the colour shows: the highest for a failure."""
-    value_mm = math.inf if ate_m is None else 1e3 * ate_m
-    return float(np.clip(max(value_mm, HIGH_MM) if failed else value_mm, LOW_MM, HIGH_MM))
+    if failed or ate_m is None:
+        return HIGH_MM
+    return float(np.clip(1e3 * ate_m, LOW_MM, HIGH_MM))
 
 
 def ink(error_mm: float) -> str:
@@ -28,12 +30,13 @@ def ink(error_mm: float) -> str:
 
 def shade(error_mm: float) -> str:
     """CSS of the colour of an error, and of a text on it."""
-    position = _place(error_mm) * (len(COLOURS) - 1)
-    k = min(int(position), len(COLOURS) - 2)
-    low = np.array([*bytes.fromhex(COLOURS[k][1:])])
-    high = np.array([*bytes.fromhex(COLOURS[k + 1][1:])])
-    r, g, b = np.rint(low + (high - low) * (position - k)).astype(int)
-    return f"background:rgb({r},{g},{b});color:{ink(error_mm)}"
+    colour = to_hex(colour_map()(_place(error_mm)))
+    return f"background:{colour};color:{ink(error_mm)}"
+
+
+def colour_map() -> LinearSegmentedColormap:
+    """The colours from 0 to 1 on the scale."""
+    return LinearSegmentedColormap.from_list("ate", COLOURS)
 
 
 def _place(error_mm: float) -> float:

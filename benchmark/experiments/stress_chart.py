@@ -7,11 +7,11 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from ..perturbations.plan import SEVERITIES
-from .shades import COLOURS, HIGH_MM, LOW_MM, ink, shown_mm
+from .shades import HIGH_MM, LOW_MM, colour_map, ink, shown_mm
 from .stress_tables import Summary
 
 _COLUMNS = 5
@@ -34,7 +34,7 @@ def figure(summary: Summary) -> Figure:
     for axes in panels[-1]:
         axes.set_xlabel("severity")
     label = "ATE [mm]; \u00d7: failure, !: failure not noticed"
-    scale = ScalarMappable(LogNorm(LOW_MM, HIGH_MM), _colour_map())
+    scale = ScalarMappable(LogNorm(LOW_MM, HIGH_MM), colour_map())
     drawing.colorbar(scale, ax=panels, label=label, shrink=0.6, extend="both")
     return drawing
 
@@ -53,8 +53,4 @@ def _panel(axes: Axes, summary: Summary, method: str) -> None:
     axes.set_xticks(range(SEVERITIES + 1))
     axes.tick_params(labelbottom=True)
     norm = LogNorm(LOW_MM, HIGH_MM)
-    axes.imshow(values, cmap=_colour_map(), norm=norm, aspect="auto")
-
-
-def _colour_map() -> LinearSegmentedColormap:
-    return LinearSegmentedColormap.from_list("ate", COLOURS)
+    axes.imshow(values, cmap=colour_map(), norm=norm, aspect="auto")

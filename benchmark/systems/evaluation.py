@@ -80,8 +80,10 @@ def _empty(file: Path) -> bool:
 
 
 def _last_line(log: Path) -> str:
-    text = log.read_bytes().decode("utf-8", "replace").strip() if log.is_file() else ""
-    return f"; its last line: {text.splitlines()[-1].strip()[:120]}" if text else ""
+    if not log.is_file():
+        return ""
+    lines = log.read_bytes().decode("utf-8", "replace").strip().splitlines()
+    return "".join(f"; its last line: {line.strip()[:120]}" for line in lines[-1:])
 
 
 def _read(
@@ -140,7 +142,9 @@ def _matched(
         if sequence.truth and (fit := best_offset(sequence.truth, theirs)):
             found += f"; they fit best {-fit[0]:+.9g} s off"
         raise InputError(f"the stamps of the frames, {_range(own_s)}", found=found)
-    notes = [f"{left} stamps that match no frame"] if left else []
+    notes = []
+    if left:
+        notes.append(f"{left} stamps that match no frame")
     return Trajectory(own_s[pairs.first], written.T_world_camera[pairs.second]), notes
 
 

@@ -65,7 +65,7 @@ def test_it_is_one_well_formed_file_that_loads_nothing(report):
     data = json.loads(
         re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)[1]
     )
-    assert len(data["cells"]) == 18 and data["cells"][0]["heat"].startswith("data:image/jpeg")
+    assert len(data["cells"]) == 18 and data["cells"][0]["heat_jpg"].startswith("data:image/jpeg")
     assert {"DVO", "FOVIS", "RGB-D", "ICP", "ICP+RGB-D"} == set(data["colours"])
 
 

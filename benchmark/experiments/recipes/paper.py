@@ -50,10 +50,12 @@ class Paper:
         identity: dict[str, Any] = {
             "first": self.first,
             "input": self.sources.identity(key),
-            "trajectory": sha256(path.read_bytes()) if path else None,
             "code": code_of(measure.__module__),
-            "method_code": None if path else method_code(key.odometer),
         }
+        if path:
+            identity["trajectory"] = sha256(path.read_bytes())
+        else:
+            identity["method_code"] = method_code(key.odometer)
         if self.surfaces:
             identity |= {
                 "model": self.sources.model_name(key),
@@ -109,9 +111,9 @@ class Paper:
                 console.note(f"surfaces of {room} are not measured: {error}")
         found = []
         for cell in cells:
-            without = cell.identity.get("model") in failed
-            identity = {**cell.identity, "model": None}
-            found.append(replace(cell, identity=identity) if without else cell)
+            if cell.identity.get("model") in failed:
+                cell = replace(cell, identity={**cell.identity, "model": None})
+            found.append(cell)
         return found
 
     def _job(self, cell: Cell, store: Store) -> Job:

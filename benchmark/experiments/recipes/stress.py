@@ -137,24 +137,26 @@ class Stress:
                 yield name, start
 
     def _cell(self, place: tuple[str, int, str, int], method: str) -> Cell:
-        ours = method in ODOMETERS
-        key = StressKey(*place, method, self.preset if ours and self.preset != "best" else "")
+        preset = ""
+        if method in ODOMETERS and self.preset != "best":
+            preset = self.preset
+        key = StressKey(*place, method, preset)
         plan = self.plan
-        perturbation = plan.perturbations.get(key.perturbation)
-        level = perturbation.levels[key.severity - 1] if perturbation and key.severity else None
-        system = next((s for s in self.systems if label(s) == method), None)
         identity = {
-            "level": level,
-            "fixed": dict(plan.fixed.get(key.perturbation, {})),
             "frames": plan.frames,
             "seed": plan.seed,
             "bounds": plan.bounds.to_dict(),
             "input": self.inputs[key.sequence].sha256,
             "frames_code": code_of(*_frames_code(key.perturbation)),
             "method_code": method_code(method),
-            "options": system.chosen_options if system else None,
-            "runs": self._runs(system) if system else 1,
         }
+        if key.severity:
+            identity["level"] = plan.perturbations[key.perturbation].levels[key.severity - 1]
+            identity["fixed"] = dict(plan.fixed.get(key.perturbation, {}))
+        for system in self.systems:
+            if label(system) == method:
+                identity["options"] = system.chosen_options
+                identity["runs"] = self._runs(system)
         return Cell(key, identity)
 
     def _clean_outcomes(self, store: Store) -> dict[StressKey, Outcome]:
@@ -222,7 +224,7 @@ class Stress:
             file = experiment.store.folder(cell.key) / "matched" / f"{name}.txt"
             poses = Poses.of_file(_read(file), stamps_s)
             found.append(outcome(poses, truth, self.plan.bounds, clean))
-        found.sort(key=lambda one: np.inf if one.ate_m is None else one.ate_m)
+        found.sort(key=lambda one: (one.ate_m is None, one.ate_m or 0.0))
         return found[len(found) // 2]
 
     def _runs(self, system: System) -> int:
@@ -231,8 +233,10 @@ class Stress:
 
 def _frames_code(perturbation: str) -> list[str]:
     """The modules that decide the frames and figures of a perturbation's cells."""
-    own = _PERTURBATIONS.get(perturbation)
-    return [*_FRAMES_CODE, *([own.function.__module__] if own else [])]
+    modules = [*_FRAMES_CODE]
+    if perturbation in _PERTURBATIONS:
+        modules.append(_PERTURBATIONS[perturbation].function.__module__)
+    return modules
 
 
 def label(system: System) -> str:
