@@ -1,5 +1,5 @@
-"""The paper's Tables I to VII with our figures next to the printed ones, the same tables for other
-rooms, and a table of all cells. Errors in mm.
+"""The paper's Tables I to VII with our figures next to the printed ones, the same tables for
+surfaces of the office, and a table of all cells, which has other rooms too. Errors in mm.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -57,7 +57,7 @@ def all_tables(results: Sequence[Measured]) -> list[ResultTable]:
     tables = [table_1()]
     for preset in presets_of(results):
         tables += preset_tables(results, preset)
-    return [*tables, *room_tables(results), cells_table(results)]
+    return [*tables, cells_table(results)]
 
 
 def preset_tables(results: Sequence[Measured], preset: str) -> list[ResultTable]:
@@ -81,27 +81,6 @@ def _is_further(key: PaperKey) -> bool:
     if key.external or key.odometer in paper_titles():
         return False
     return key.odometer in ODOMETERS and key.reference == _reference(key.odometer)
-
-
-def room_tables(results: Sequence[Measured]) -> list[ResultTable]:
-    """The ATE in rooms that the paper does not have."""
-    keys = [r.key for r in results if r.key.room not in shipped.paper_scenes()]
-    ates = {r.key: ate_of(r.figures) for r in results}
-    tables = []
-    for room in dict.fromkeys(key.room for key in keys):
-        own = [key for key in keys if key.room == room]
-        columns = list(dict.fromkeys(f"{key.trajectory} {key.noise}" for key in own))
-        by_row: dict[tuple[str, ...], dict[str, list[float | None]]] = {}
-        for key in own:
-            row = by_row.setdefault((key.title, key.preset, key.reference), {})
-            row.setdefault(f"{key.trajectory} {key.noise}", []).append(ates[key])
-        rows = []
-        for name, found in by_row.items():
-            rows.append((*name, *(_mm(found.get(column, ())) for column in columns)))
-        title = f"ATE in mm, {room.replace('_', ' ')}, a room that the paper does not have."
-        head = ("odometer", "preset", "reference", *columns)
-        tables.append(ResultTable(f"ate_{room}", title, head, tuple(rows)))
-    return tables
 
 
 # -- Table I
@@ -344,7 +323,10 @@ CELL_COLUMNS = (*_CELL_NAME, *(name for name, _, _ in _CELL_FIGURES))
 
 def cells_table(results: Sequence[Measured]) -> ResultTable:
     """One row per cell."""
-    return ResultTable("cells", "All cells.", CELL_COLUMNS, tuple(map(cell_row, results)))
+    rows = tuple(map(cell_row, results))
+    others = {r.key.room for r in results} - set(shipped.paper_scenes())
+    notes = [f"The paper's tables do not have {_words(room)}." for room in sorted(others)]
+    return ResultTable("cells", "All cells.", CELL_COLUMNS, rows, notes=tuple(notes))
 
 
 def cell_row(result: Measured) -> tuple[str, ...]:
