@@ -27,9 +27,10 @@ from .terms.reprojection import Matches, ReprojectionTerm
 #: level of the pyramid).
 SMALL_ROWS = 30
 #: A preliminary motion is iterated until a step is shorter than this (metres, radians; half a
-#: pixel).
+#: pixel): it only has to tell inliers from outliers.
 ROUGH_STEP = 1e-3
-#: Maximum number of evaluations of the geometric term.
+#: Maximum number of evaluations of the geometric term: after the first one the points have moved
+#: by centimetres, after the second by less than a step.
 MAX_EVALUATIONS = 3
 
 

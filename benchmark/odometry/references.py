@@ -161,7 +161,8 @@ class MatchedKeyframeReference(KeyframeReference):
 class EntropyReference(KeyframeReference):
     """A keyframe is used while the ratio of the motion's entropy to that of the keyframe's first
     motion is at least min_ratio: C. Kerl, J. Sturm, D. Cremers, "Dense visual SLAM for RGB-D
-    cameras", IROS 2013, section IV-B. The next keyframe is the last frame for which this was true.
+    cameras", IROS 2013, section IV-B (0.91 in their program dvo_slam). The next keyframe is the
+    last frame for which this was true.
     """
 
     def __init__(self, min_ratio: float = 0.91) -> None:

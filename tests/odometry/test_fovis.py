@@ -77,20 +77,35 @@ def test_a_known_motion_is_found_from_one_kept_frame(preset):
     assert error_m(found[-1], poses[-1]) < 0.05 * np.linalg.norm(poses[-1].translation)
 
 
-def test_what_is_seen_through_glass_does_not_count_as_lying_on_it():
+def behind_a_pane(poses: list[SE3]) -> list[Frame]:
     """A pane 0.9 m away before half of the view, which depth sees and colour does not."""
-    poses, frames = path(4), []
+    frames = []
     for T in poses:
         rays, frame = CAMERA.rays() @ T.rotation.T, seen(T)
         pane = (0.9 - T.translation[2]) / rays[..., 2]
         on = T.translation[0] + pane * rays[..., 0] < 0
         frames.append(Frame.of(frame.grey, np.where(on, pane, frame.depth_z_m), 0.0))
+    return frames
+
+
+def test_what_is_seen_through_glass_does_not_count_as_lying_on_it():
+    poses = path(4)
+    frames = behind_a_pane(poses)
     settings, moved = Fovis.PRESETS["best"], np.linalg.norm(poses[-1].translation)
     without, found = (
         list(track(Fovis(s), CAMERA, enumerate(frames)))
         for s in (replace(settings, depth=False), settings)
     )
     assert error_m(found[-1], poses[-1]) < 0.1 * moved < 0.2 * error_m(without[-1], poses[-1])
+
+
+def test_behind_glass_most_corners_agree_with_the_motion_and_it_is_right_to_millimetres():
+    """9 mm a frame; the parallax of the pane is smallest in the first one."""
+    poses = path(3)
+    found = tracked("best", behind_a_pane(poses))
+    assert error_m(found[1], poses[1]) < 0.004
+    assert error_m(found[2], poses[2]) < 0.001
+    assert found[1].result.inliers > 0.75 and found[2].result.inliers > 0.75
 
 
 def test_the_frames_around_one_without_depth_are_tracked():
@@ -217,3 +232,17 @@ def test_corners_are_spread_over_the_image_and_have_depth():
     bucket = found.uv[found.level == 0] // features.BUCKET_PX
     assert np.unique(bucket, axis=0, return_counts=True)[1].max() <= features.PER_BUCKET
     assert np.allclose(CAMERA.project(found.points_m), found.uv)
+
+
+def test_the_scores_of_corners_are_opencvs():
+    image = np.random.default_rng(0).integers(0, 255, (60, 80)).astype(np.uint8)
+    found = features.smaller_eigenvalues(image)[8:-8, 8:-8]
+    np.testing.assert_allclose(found, cv2.cornerMinEigenVal(image, 7)[8:-8, 8:-8], rtol=1e-4)
+
+
+@pytest.mark.parametrize(("levels", "corners"), [(4, 0), (5, 1)])
+def test_a_corner_has_a_contrast_of_a_few_grey_levels(levels, corners):
+    """Less is noise of a camera."""
+    image = np.full((120, 160), 100, np.uint8)
+    image[60:, 80:] += levels
+    assert len(features.eigenvalue_corners(image)[0]) == corners

@@ -7,10 +7,12 @@ import pytest
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim.benchmark.odometry.icp import Icp  # noqa: E402
+from iclnuim.benchmark.odometry.icp import Icp, estimate_rotation  # noqa: E402
+from iclnuim.benchmark.odometry.levels import Level, Pair  # noqa: E402
 from iclnuim.benchmark.odometry.protocol import Status  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
 from iclnuim.benchmark.odometry.solver import MAX_SIGMA_M  # noqa: E402
+from iclnuim.benchmark.odometry.terms.plane import PlaneTerm  # noqa: E402
 from odometry_scenes import BIG, CAMERA, ROOM, STEP, WALL, run, view  # noqa: E402
 
 
@@ -26,8 +28,8 @@ def test_a_bare_wall_is_flagged_with_and_without_noise_and_a_room_is_not(noise):
 
 @pytest.mark.parametrize(
     ("side", "floor", "expected"),
-    [(0.43, 0.63, Status.DEGENERATE), (0.45, 0.66, Status.OK)],
-    ids=["border", "more"],
+    [(0.43, 0.63, Status.DEGENERATE), (0.437, 0.64, Status.OK), (0.45, 0.66, Status.OK)],
+    ids=["border", "a little more", "more"],
 )
 def test_a_motion_that_rests_on_the_last_border_of_two_faces_is_flagged_on_noisy_frames(
     side, floor, expected
@@ -96,3 +98,29 @@ def test_a_flat_niche_is_degenerate_and_a_deep_one_is_not(tilt, expected):
     method = Icp(replace(Icp.PRESETS["paper"], bilateral=False))
     result = run(method, [view(i, planes, camera=BIG) for i in range(2)], BIG)[1].result
     assert result.status is expected
+
+
+def test_a_guess_half_a_right_angle_off_is_turned_back_by_planes():
+    """35 degrees; all surfaces are seen at once, at a distance of metres."""
+    method = odometer("icp")
+    pair = Pair(*(method.prepare(view(i, ROOM, camera=BIG), BIG) for i in range(2)))
+    for axis in (*np.eye(3), *-np.eye(3)):
+        guess = STEP @ SE3.exp(np.r_[0, 0, 0, np.radians(35) * axis])
+        found = STEP.inverse() @ estimate_rotation(pair, method.settings, guess)
+        assert np.abs(found.log()[3:]).max() < np.radians(1.5)
+
+
+@pytest.mark.parametrize(("angle_deg", "matched"), [(21, True), (42, False)])
+def test_normals_of_noisy_depth_match_to_thirty_degrees(angle_deg, matched):
+    """A page at 20 cm, turned about its middle: all of its points stay near. On exact depth normals
+    twelve degrees apart are of two surfaces.
+    """
+    grey, z_m = np.full((120, 160), 100, np.float32), np.full((120, 160), 0.2, np.float32)
+    method, about = odometer("icp"), SE3(np.eye(3), [0, 0, 0.2])
+    turn = about @ SE3.exp(np.array([0, 0, 0, 0, np.radians(angle_deg), 0])) @ about.inverse()
+    for rough in (True, False):
+        levels = [Level(grey, z_m, CAMERA, rough=rough)]
+        pair = Pair(levels, levels)
+        term = PlaneTerm(pair, method.plane_settings(pair), 0)
+        term.linearise(turn, 0)
+        assert np.isfinite(term.residual).any() == (matched and rough)

@@ -7,8 +7,13 @@ import pytest
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim.benchmark.odometry.icp_rgbd import is_biased  # noqa: E402
+from iclnuim.benchmark.odometry.icp_rgbd import (  # noqa: E402
+    component_errors,
+    is_biased,
+    length_error,
+)
 from iclnuim.benchmark.odometry.levels import Pair  # noqa: E402
+from iclnuim.benchmark.odometry.normal_equations import NormalEquations  # noqa: E402
 from iclnuim.benchmark.odometry.protocol import Frame, Status  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
 from odometry_scenes import BIG, ROOM, STEP, WALL, error_m, run, view  # noqa: E402
@@ -106,3 +111,15 @@ def test_the_slip_of_2013_changes_the_path():
         for preset in ("paper", "kintinuous2013")
     )
     assert np.abs(paper - slip).max() > 1e-6
+
+
+@pytest.mark.parametrize(("errors", "turned"), [(component_errors, True), (length_error, False)])
+def test_planes_of_noisy_frames_know_a_motion_to_a_tenth(errors, turned):
+    """However many points they have: noise shortens all of their motions alike."""
+    T = SE3.exp(np.array([0.04, 0, 0.03, 0, 0.02, 0]))
+    certain = NormalEquations.of_information(1e12 * np.eye(6)).with_error(errors(T))
+    deviation = np.sqrt(np.diag(np.linalg.inv(certain.A)))
+    length_m = np.linalg.norm(T.translation)
+    along = np.hypot(deviation[0], deviation[2]) if not turned else deviation[0]
+    assert 0.07 < along / length_m < 0.14
+    assert (0.0014 < deviation[4] < 0.0028) == turned

@@ -10,7 +10,7 @@ from iclnuim.formats.png import write_png
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.benchmark.odometry.registry import ODOMETERS, names, odometer  # noqa: E402
 from iclnuim.benchmark.odometry.run import Sequence  # noqa: E402
-from iclnuim.errors import WorkError  # noqa: E402
+from iclnuim.errors import InputError, WorkError  # noqa: E402
 from iclnuim.headless import method_options  # noqa: E402
 from iclnuim.headless.cli import main  # noqa: E402
 
@@ -185,3 +185,16 @@ def test_a_comparison_of_the_built_in_ones_alone(stretch, capsys):
 def test_the_page_lists_every_odometer(repository):
     page = (repository / "docs/guide/odometry.md").read_text()
     assert all(f"`{name}`" in page for name in names())
+
+
+def test_an_offset_leaves_the_largest_depth_of_an_image_before_the_camera(tmp_path):
+    """65.5 m in millimetres; an offset of 1 / 65.5 m would move it to infinity."""
+    for kind, image in (
+        ("rgb", np.zeros((480, 640, 3), np.uint8)),
+        ("depth", np.full((480, 640), 65535, np.uint16)),
+    ):
+        (tmp_path / kind).mkdir()
+        write_png(tmp_path / kind / "0.png", image)
+    assert Sequence(tmp_path, 0.0105).depth_offset == 0.0105
+    with pytest.raises(InputError, match="depth offset"):
+        Sequence(tmp_path, 0.0155)

@@ -157,7 +157,7 @@ def test_two_rounded_images_are_as_certain_as_rounding_leaves_them():
 
 
 def test_the_tiles_behind_a_pane_are_given_up_and_no_others():
-    """The share of the image that counts is the share of the visible image that is no glass."""
+    """What counts is the visible image that is no glass, and some of the tiles at its border."""
     frames = [behind_glass(i) for i in (0, 3, 6, 9)]
     frames = [replace(f, grey=np.round(f.grey)) for f in frames]
     found = run("rgbd", frames, BIG)[-1].result
@@ -167,4 +167,5 @@ def test_the_tiles_behind_a_pane_are_given_up_and_no_others():
     )
     term.linearise(after(9), 0)
     clear = np.isfinite(term.residual) & (term.seen.points[:, 0] >= -0.9)
-    assert found.inliers == pytest.approx(np.count_nonzero(clear) / term.pixels, abs=0.02)
+    clear_share = np.count_nonzero(clear) / term.pixels
+    assert clear_share <= found.inliers < clear_share + 0.03

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
+from iclnuim.geometry import so3
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
@@ -135,3 +136,14 @@ def test_errors_add_up_once_a_kept_frame():
         tracker = Tracker(odometer("dvo"), CAMERA, against=reference)
         found.append(error_m([tracker.add(f.stamp_s, f) for f in frames]))
     assert found[1] < found[0]
+
+
+def test_a_keyframe_lasts_for_a_hand_or_some_degrees():
+    """Of drift per keyframe there is the less the longer it lasts, and of its view the less left."""
+    reference = KeyframeReference()
+    kept_m = [reference.renew(None, i, SE3(np.eye(3), [0.02 * i, 0, 0]))[0] for i in range(16)]
+    assert kept_m.count(0) in range(8, 14)  # 16 to 28 cm
+    reference = KeyframeReference()
+    turns = [SE3(so3.exp(np.array([0, np.radians(i), 0])), np.zeros(3)) for i in range(16)]
+    kept_deg = [reference.renew(None, i, T)[0] for i, T in enumerate(turns)]
+    assert kept_deg.count(0) in range(8, 15)

@@ -56,3 +56,9 @@ def test_a_motion_that_no_hand_makes_in_a_frame_is_a_failure():
 def test_a_motion_that_is_uncertain_by_millimetres_is_degenerate():
     assert aligned(sigma_m=0.002).status is Status.OK
     assert aligned(sigma_m=0.004).status is Status.DEGENERATE
+
+
+@pytest.mark.parametrize(("count", "status"), [(14, Status.FAILED), (28, Status.OK)])
+def test_a_fiftieth_of_the_pixels_has_to_match(count, status):
+    term = NormalEquations(np.eye(6), np.zeros(6), 1.0, count, np.zeros(3), 1.0)
+    assert solve([Pass(Once(term), 3, Stop())], SE3.identity(), Limits()).status is status

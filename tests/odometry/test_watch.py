@@ -26,6 +26,9 @@ def test_the_frame_after_an_outlier_is_reported_as_the_motion_between_them_is_wr
     assert states([0, 1e-3, 2e-2, 3e-3, 4e-3], bad=(2,)) == ["", "", "test", outlier, ""]
     assert states([0, 1e-3, 3e-3, 3e-3, 4e-3], bad=(2,)) == ["", "", "test", "", ""]
     assert states([0, 1e-3, 2e-2, 3e-3, 4e-3], bad=()) == [""] * 5  # not doubted
+    # a third of what counts as wrong: 2 cm
+    assert states([0, 1e-3, 1.1e-2, 3e-3, 4e-3], bad=(2,)) == ["", "", "test", outlier, ""]
+    assert states([0, 1e-3, 6.7e-3, 3e-3, 4e-3], bad=(2,)) == ["", "", "test", "", ""]
     assert states([0, 1e-3, 2e-2, 2e-2, 3e-3, 4e-3], bad=(2,), lost=(3,)) == [
         "",
         "",
@@ -100,3 +103,17 @@ def test_an_unconverged_pose_far_from_its_prediction_is_reported():
     assert reasons([0, 0.01, 0.045, 0.08], still, unconverged=(2, 3)) == ["", "", far, ""]
     assert reasons([0, 0.01, 0.045, 0.08], still, unconverged=()) == [""] * 4
     assert reasons(still, [0, 0.2, 1.6, 3.0], unconverged=(2, 3)) == ["", "", far, ""]
+
+
+@pytest.mark.parametrize(("off_deg", "is_outlier"), [(0.23, False), (0.47, True)])
+def test_an_outlier_may_be_one_of_rotation(off_deg, is_outlier):
+    """A third of what counts as wrong: 1 degree."""
+
+    def result_of(one, other):
+        angles_deg = [0, 0, off_deg, 0, 0]
+        axis = np.array([0, 0, np.radians(angles_deg[other] - angles_deg[one])])
+        status = Status.DEGENERATE if other == 2 else Status.OK
+        return OdometryResult(SE3(so3.exp(axis), np.zeros(3)), status)
+
+    reasons = reasons_of_tracked(5, result_of)
+    assert (reasons[3] == "track: the pose before was an outlier") is is_outlier

@@ -22,9 +22,8 @@ STRIDE = 4
 #: KinectFusion's).
 MAX_DISTANCE_M = 0.10
 MIN_COSINE = math.cos(math.radians(30.0))
-#: Degrees of freedom of Student's t, and its initial scale.
+#: Degrees of freedom of Student's t, as for the planes of ICP.
 NU = 10.0
-SIGMA_M = 0.005
 #: If a smaller share of the points is matched, the two depth images show different places, and
 #: depth is not used.
 MIN_MATCHED = 0.2
@@ -69,7 +68,7 @@ class DepthTerm:
         self.pixels = len(self.seen.points)
         self.residual = np.empty(self.pixels, np.float32)
         self.cosine = np.empty(self.pixels, np.float32)
-        self.sigma = SIGMA_M
+        self.sigma = 0.005  # a first scale; the fixed-point iteration forgets it
         self.noise = 0.0
         self.evaluations = 0
         self.equations = NO_EQUATIONS

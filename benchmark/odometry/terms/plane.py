@@ -62,7 +62,7 @@ class PlaneTerm:
         self.J = np.empty((count, 6), np.float32)
         self.J1 = np.empty((count, 6), np.float32)
         self.sums = np.empty((GRID[0] * GRID[1], 34))
-        self.sigma = 0.005
+        self.sigma = 0.005  # a first scale; the fixed-point iteration forgets it
         self.disagreement = 0.0
         self.distance_m = math.nan
 
