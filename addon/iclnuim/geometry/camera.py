@@ -150,7 +150,7 @@ class BlenderCamera:
     sensor_fit: str = "HORIZONTAL"
 
 
-def blender_from_pinhole(camera: PinholeCamera, sensor_width_mm: float = 36.0) -> BlenderCamera:
+def blender_from_pinhole(camera: PinholeCamera) -> BlenderCamera:
     """The exact Blender settings for a K, also with fx != fy and an off-centre principal point.
 
     Blender's shifts are in units of the image width (horizontal fit). It has one focal length, so
@@ -167,7 +167,7 @@ def blender_from_pinhole(camera: PinholeCamera, sensor_width_mm: float = 36.0) -
     if not 1 / MAX_PIXEL_ASPECT <= camera.fx / camera.fy <= MAX_PIXEL_ASPECT:
         expected = f"focal lengths whose ratio is at most {MAX_PIXEL_ASPECT}, as Blender renders"
         raise InputError(expected, found=f"fx {camera.fx:g} and fy {camera.fy:g}")
-    sensor_width_mm = max(sensor_width_mm, camera.width / camera.fx)
+    sensor_width_mm = max(36.0, camera.width / camera.fx)
     pixel_aspect_x = max(1.0, camera.fy / camera.fx)
     pixel_aspect_y = max(1.0, camera.fx / camera.fy)
     lens = camera.fx * sensor_width_mm / camera.width

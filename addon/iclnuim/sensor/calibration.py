@@ -98,9 +98,7 @@ def _check_series(gains: np.ndarray, images: Sequence[np.ndarray]) -> None:
         raise InputError("two or more 8-bit images of each exposure", found="fewer")
 
 
-def calibrate_depth(
-    walls: Sequence[np.ndarray], disparity_cm: float = KINECT_CM_PX, sigma_s_px: float = 0.5
-) -> DepthCalibration:
+def calibrate_depth(walls: Sequence[np.ndarray], sigma_s_px: float = 0.5) -> DepthCalibration:
     """Estimate disparity noise and pixel shift from `walls[k]` (frames, h, w), planar metres of a
     static flat wall, 0 = missing.
 
@@ -109,7 +107,7 @@ def calibrate_depth(
     different slopes determine both sigmas; otherwise `sigma_s_px` is assumed. Raises InputError if
     less than a tenth of a wall was measured, or if it is not flat or moves.
     """
-    rows = [_wall(np.asarray(wall, float), disparity_cm / 100) for wall in walls]
+    rows = [_wall(np.asarray(wall, float), KINECT_CM_PX / 100) for wall in walls]
     slope2, variance = (np.array(column) for column in zip(*rows, strict=True))
     frames = sum(len(wall) for wall in walls)
     variance = variance - 1 / 12

@@ -76,13 +76,12 @@ def _depth_range(depth_z_m: np.ndarray) -> tuple[float, float]:
     return near_m, far_m
 
 
-def error_plot(
-    stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float, width: int = 960, height: int = 600
-) -> np.ndarray:
-    """Plot of the error over time in centimetres: (height, width, 3) uint8.
+def error_plot(stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float) -> np.ndarray:
+    """Plot of the error over time in centimetres: (600, 960, 3) uint8.
 
     Colours are those of the 3D view; a dark line is the RMSE.
     """
+    width, height = 960, 600
     image = np.full((height, width, 3), _PAPER, np.uint8)
     left = 90
     right = width - 30

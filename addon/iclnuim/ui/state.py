@@ -127,7 +127,7 @@ def start(
         raise WorkError(state.work.message)
 
 
-def later(action: Callable[[], None], seconds: float = 0.2) -> None:
+def later(action: Callable[[], None]) -> None:
     """Call `action` after the window has been redrawn.
 
     It is not called if the extension is disabled before.
@@ -139,7 +139,7 @@ def later(action: Callable[[], None], seconds: float = 0.2) -> None:
         action()
 
     waiting.add(act)
-    bpy.app.timers.register(act, first_interval=seconds)
+    bpy.app.timers.register(act, first_interval=0.2)
 
 
 def operator(
