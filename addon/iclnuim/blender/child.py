@@ -99,7 +99,8 @@ class Commands:
 
 def main(arguments: list[str]) -> int:
     """Execute commands until there are no more. Returns the exit code."""
-    emit, commands = EventStream(), Commands()
+    emit = EventStream()
+    commands = Commands()
     _load_package()
     from iclnuim.errors import IclnuimError
     from iclnuim.worker_events import Failed
@@ -128,7 +129,8 @@ def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> i
     from iclnuim import worker_events as events
 
     writes_no_bytecode = sys.dont_write_bytecode
-    import bpy  # noqa: F401  this import disables bytecode: our modules would be compiled at each start
+    # this import disables bytecode: our modules would be compiled at each start
+    import bpy  # noqa: F401
 
     sys.dont_write_bytecode = writes_no_bytecode
     from iclnuim.blender import compat
@@ -146,27 +148,36 @@ def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> i
         job = job.changed(denoise=False)
     if options.get("journal"):
         emit.journal = os.open(options["journal"], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    with worker.Session(
-        job, out, emit, options.get("threads"), options.get("asked", ())
-    ) as session:
+    threads = options.get("threads")
+    with worker.Session(job, out, emit, threads, options.get("asked", ())) as session:
         emit(events.Started(frames=len(session.trajectory), pid=os.getpid()))
         threading.Thread(target=heartbeat, daemon=True).start()
         while (command := commands.next()) is not None:
-            begun, stopped = time.perf_counter(), commands.stopped
-            rendered, whole = 0, True
-            if command.get("bake"):
-                folder, made = session.bake()
-                emit(events.Baked(str(folder), made))
-            elif command.get("blend"):
-                session.save_blend(Path(command["blend"]))
-            else:
-                rendered, whole = _render(session, command, emit, stopped.is_set)
+            begun = time.perf_counter()
+            rendered, whole = _execute(session, command, emit, commands.stopped.is_set)
             seconds = round(time.perf_counter() - begun, 4)
-            emit((events.ChunkDone if whole else events.Stopped)(rendered, seconds, _rss_mb()))
             if not whole:
+                emit(events.Stopped(rendered, seconds, _rss_mb()))
                 return 130
+            emit(events.ChunkDone(rendered, seconds, _rss_mb()))
     emit(events.Done())
     return 0
+
+
+def _execute(
+    session: worker.Session, command: dict, emit: EventStream, should_stop: Callable[[], bool]
+) -> tuple[int, bool]:
+    """Execute a command. Returns the number of frames rendered, and whether nothing is missing."""
+    from iclnuim.worker_events import Baked
+
+    if command.get("bake"):
+        folder, made = session.bake()
+        emit(Baked(str(folder), made))
+    elif command.get("blend"):
+        session.save_blend(Path(command["blend"]))
+    else:
+        return _render(session, command, emit, should_stop)
+    return 0, True
 
 
 def _render(
@@ -179,7 +190,8 @@ def _render(
     from iclnuim.dataset.sequence import writer_of
     from iclnuim.worker_events import Missing, Written
 
-    wanted, numbers = command.get("sequences"), command["frames"]
+    wanted = command.get("sequences")
+    numbers = command["frames"]
     writer = writer_of(session.run, numbers, wanted) if wanted else None
     rendered, whole = session.render(numbers, should_stop)
     if writer is not None and whole:
@@ -206,9 +218,8 @@ def _share_the_machine(options: dict) -> None:
 def _rss_mb() -> float:
     """Resident memory of this process; 0 if the system does not report it."""
     try:
-        return (
-            int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-        )
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
     except OSError:
         return 0.0
 
@@ -229,9 +240,8 @@ def _load_package() -> None:
 
 
 if __name__ == "__main__":
-    sys.path[:] = [
-        p for p in sys.path if Path(p or ".").resolve() != Path(__file__).resolve().parent
-    ]
+    own = Path(__file__).resolve().parent
+    sys.path[:] = [place for place in sys.path if Path(place or ".").resolve() != own]
     code = main(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:])
     sys.stdout.flush()
     sys.stderr.flush()

@@ -5,6 +5,7 @@ Each function checks for the feature, not for the version.
 """
 
 import io
+import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -63,10 +64,8 @@ def matt_material(
         material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()
-    output, diffuse = (
-        tree.nodes.new("ShaderNodeOutputMaterial"),
-        tree.nodes.new("ShaderNodeBsdfDiffuse"),
-    )
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
     tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
     if colour is not None:
         diffuse.inputs["Color"].default_value = colour
@@ -75,23 +74,22 @@ def matt_material(
 
 def nodes_of(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
     """All nodes of a tree, including those of groups."""
-    own = list(tree.nodes)
-    return own + [
-        n for g in own if g.type == "GROUP" and g.node_tree for n in nodes_of(g.node_tree)
-    ]
+    found = list(tree.nodes)
+    for node in tree.nodes:
+        if node.type == "GROUP" and node.node_tree:
+            found += nodes_of(node.node_tree)
+    return found
 
 
 def volume_outputs() -> list[bpy.types.Node]:
     """The output nodes with a volume, of materials and worlds in use."""
-    trees = [
-        block.node_tree
-        for block in (*bpy.data.materials, *bpy.data.worlds)
-        if block.users and block.node_tree
-    ]
-    outputs = (
-        n for tree in trees for n in tree.nodes if n.type in ("OUTPUT_MATERIAL", "OUTPUT_WORLD")
-    )
-    return [n for n in outputs if n.inputs["Volume"].is_linked]
+    found = []
+    for block in (*bpy.data.materials, *bpy.data.worlds):
+        for node in block.node_tree.nodes if block.users and block.node_tree else ():
+            is_output = node.type in ("OUTPUT_MATERIAL", "OUTPUT_WORLD")
+            if is_output and node.inputs["Volume"].is_linked:
+                found.append(node)
+    return found
 
 
 def unlink(socket: bpy.types.NodeSocket) -> None:
@@ -117,9 +115,8 @@ def bake(thing: bpy.types.Object, **options: object) -> None:
         with redirect_stdout(io.StringIO()):  # Blender prints each time that the image is not saved
             result = bpy.ops.object.bake(**options)
     except RuntimeError as error:
-        raise WorkError(
-            f"{thing.name}: cannot be baked: Blender: {' '.join(str(error).split())}"
-        ) from None
+        message = " ".join(str(error).split())
+        raise WorkError(f"{thing.name}: cannot be baked: Blender: {message}") from None
     if result != {"FINISHED"}:
         raise WorkError(f"{thing.name}: Blender stopped baking")
 
@@ -131,7 +128,8 @@ def set_multilayer_exr(image_settings: bpy.types.ImageFormatSettings) -> None:
     """
     if hasattr(image_settings, "media_type"):
         image_settings.media_type = "MULTI_LAYER_IMAGE"
-    image_settings.file_format, image_settings.color_depth = "OPEN_EXR_MULTILAYER", "32"
+    image_settings.file_format = "OPEN_EXR_MULTILAYER"
+    image_settings.color_depth = "32"
     image_settings.exr_codec = "NONE"
 
 
@@ -144,14 +142,12 @@ def fcurves(datablock: bpy.types.ID, action: bpy.types.Action) -> Any:
     animation.action = action
     if not hasattr(action, "slots"):
         return action.fcurves
-    slot = (
-        action.slots[0]
-        if len(action.slots)
-        else action.slots.new(id_type=datablock.id_type, name=datablock.name)
-    )
+    slots = action.slots
+    layers = action.layers
+    slot = next(iter(slots), None) or slots.new(id_type=datablock.id_type, name=datablock.name)
     animation.action_slot = slot
-    layer = action.layers[0] if len(action.layers) else action.layers.new("Layer")
-    strip = layer.strips[0] if len(layer.strips) else layer.strips.new(type="KEYFRAME")
+    layer = next(iter(layers), None) or layers.new("Layer")
+    strip = next(iter(layer.strips), None) or layer.strips.new(type="KEYFRAME")
     return strip.channelbag(slot, ensure=True).fcurves
 
 
@@ -194,16 +190,13 @@ def _channels(result: Any) -> dict[str, np.ndarray]:
     channels: dict[str, np.ndarray] = {}
     for layer in result.layers:
         for found in layer.passes:
-            values = np.empty(
-                result.resolution_y * result.resolution_x * found.channels, np.float32
-            )
+            size = (result.resolution_y, result.resolution_x, found.channels)
+            values = np.empty(math.prod(size), np.float32)
             found.rect.foreach_get(values)
-            image = values.reshape(result.resolution_y, result.resolution_x, -1)[::-1]
+            image = values.reshape(size)[::-1]
             names = found.channel_id or "RGBA"
-            channels |= {
-                f"{layer.name}.{found.name}.{names[k]}": image[..., k]
-                for k in range(found.channels)
-            }
+            for k in range(found.channels):
+                channels[f"{layer.name}.{found.name}.{names[k]}"] = image[..., k]
     return channels
 
 
@@ -239,13 +232,11 @@ def import_usd(path: str) -> object:
     """Import USD with preview materials. Raises AttributeError in builds without USD."""
     if not _is_there(bpy.ops.wm.usd_import):
         raise AttributeError("usd")
-    known = bpy.ops.wm.usd_import.get_rna_type().properties.keys()
-    wanted = {
-        "import_usd_preview": True,
-        "set_frame_range": False,
-        "apply_unit_conversion_scale": True,
-    }
-    return bpy.ops.wm.usd_import(filepath=path, **{k: v for k, v in wanted.items() if k in known})
+    options = {"import_usd_preview": True, "set_frame_range": False}
+    # not in every version
+    if "apply_unit_conversion_scale" in bpy.ops.wm.usd_import.get_rna_type().properties:
+        options["apply_unit_conversion_scale"] = True
+    return bpy.ops.wm.usd_import(filepath=path, **options)
 
 
 def usd_library() -> Any:
@@ -278,10 +269,9 @@ def curves_of(action: bpy.types.Action) -> list[bpy.types.FCurve]:
     """
     if not hasattr(action, "layers"):
         return list(action.fcurves)
-    return [
-        c
-        for layer in action.layers
-        for strip in layer.strips
-        for bag in strip.channelbags
-        for c in bag.fcurves
-    ]
+    curves = []
+    for layer in action.layers:
+        for strip in layer.strips:
+            for bag in strip.channelbags:
+                curves += bag.fcurves
+    return curves

@@ -9,7 +9,7 @@ _MAX_CHARACTERS = 160
 
 def names_of(things: Iterable[Any]) -> str:
     """The names of datablocks, or the names given, in order; only the first ones of many."""
-    names = sorted(t if isinstance(t, str) else t.name for t in things)
+    names = sorted(getattr(thing, "name", thing) for thing in things)
     shown = ", ".join(names[:_MAX_NAMES])[:_MAX_CHARACTERS]
     if len(names) > _MAX_NAMES:
         return f"{shown} and {len(names) - _MAX_NAMES} more"

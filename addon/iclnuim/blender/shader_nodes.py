@@ -1,4 +1,4 @@
-"""Arithmetic in shader node trees: each function adds nodes and returns the socket of the result."""
+"""Arithmetic in shader node trees: each function adds nodes and returns the result's socket."""
 
 import math
 from typing import TypeAlias
@@ -19,14 +19,12 @@ def feed(tree: NodeTree, source: Source, target: NodeSocket) -> None:
     if isinstance(source, NodeSocket) and (source.is_output or source.is_linked):
         tree.links.new(source if source.is_output else source.links[0].from_socket, target)
         return
-    value, wanted = (
-        source.default_value if isinstance(source, NodeSocket) else source,
-        target.default_value,
-    )
+    value = source.default_value if isinstance(source, NodeSocket) else source
+    wanted = target.default_value
     if isinstance(wanted, int | float):  # in bpy 5.2 this includes booleans
-        target.default_value = (
-            value if isinstance(value, int | float) else sum(tuple(value)[:3]) / 3
-        )
+        if not isinstance(value, int | float):
+            value = sum(tuple(value)[:3]) / 3
+        target.default_value = value
     elif isinstance(value, int | float):
         target.default_value = (value,) * 3 + (1.0,) * (len(wanted) - 3)
     else:
@@ -89,11 +87,9 @@ def product(tree: NodeTree, *sources: Source) -> Source:
 
 
 def one_minus(tree: NodeTree, source: Source) -> Source:
-    return (
-        1.0 - source
-        if isinstance(source, int | float)
-        else calculate(tree, "SUBTRACT", 1.0, source)
-    )
+    if isinstance(source, int | float):
+        return 1.0 - source
+    return calculate(tree, "SUBTRACT", 1.0, source)
 
 
 def polynomial(tree: NodeTree, coefficients: tuple[float, ...], x: Source) -> Source:

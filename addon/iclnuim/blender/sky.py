@@ -18,19 +18,18 @@ def gives_light(world: bpy.types.World | None) -> bool:
         return False
     if not world.use_nodes:
         return max(world.color) > 0
-    outputs = [
-        node
-        for node in world.node_tree.nodes
-        if node.type == "OUTPUT_WORLD" and node.is_active_output
-    ]
-    shaders = [link.from_node for output in outputs for link in output.inputs["Surface"].links]
-    return any(not _is_black(shader) for shader in shaders)
+    shaders = []
+    for node in world.node_tree.nodes:
+        if node.type == "OUTPUT_WORLD" and node.is_active_output:
+            shaders += [link.from_node for link in node.inputs["Surface"].links]
+    return not all(map(_is_black, shaders))
 
 
 def _is_black(shader: bpy.types.Node) -> bool:
     if shader.type != "BACKGROUND":
         return False
-    colour, strength = shader.inputs["Color"], shader.inputs["Strength"]
+    colour = shader.inputs["Color"]
+    strength = shader.inputs["Strength"]
     no_colour = not colour.is_linked and max(colour.default_value[:3]) == 0
     return no_colour or (not strength.is_linked and strength.default_value == 0)
 

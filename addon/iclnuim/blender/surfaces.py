@@ -15,12 +15,15 @@ import numpy as np
 from ..lightmap.surfaces import Surfaces, join
 from .compat import temporarily
 
+#: Points closer than this are at the same position.
+_SAME_PLACE_M = 1e-5
 SURFACE_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 #: Properties for the level of detail in the viewport and in renders: subdivision and
 #: multiresolution, screws, curves, metaballs, oceans.
 _LEVELS = (
     ("levels", "render_levels"), ("steps", "render_steps"), ("resolution_u", "render_resolution_u"),
-    ("resolution_v", "render_resolution_v"), ("resolution", "render_resolution"), ("viewport_resolution", "resolution"),
+    ("resolution_v", "render_resolution_v"), ("resolution", "render_resolution"),
+    ("viewport_resolution", "resolution"),
 )  # fmt: skip
 
 
@@ -58,9 +61,8 @@ class Part:
     def vertices_m(self) -> np.ndarray:
         """(n, 3) in metres, our world."""
         matrix = np.array(self.matrix)
-        return (
-            array_of(self.mesh.vertices, "co", 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
-        )
+        vertices = array_of(self.mesh.vertices, "co", 3).astype(float)
+        return vertices @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def triangles(panes: bool = True) -> Surface:
@@ -69,33 +71,29 @@ def triangles(panes: bool = True) -> Surface:
 
     panes: include surfaces that only have a Transparent BSDF.
     """
-    vertices, faces, owners, count = (
-        [np.zeros((0, 3))],
-        [np.zeros((0, 3), np.int32)],
-        [np.zeros(0, np.int32)],
-        0,
-    )
-    names: list[str] = []
-    held_out: list[bool] = []
+    vertices = [np.zeros((0, 3))]
+    faces = [np.zeros((0, 3), np.int32)]
+    counts: list[int] = []
+    shown: list[Part] = []
+    start = 0
     with rendered_parts() as (found, _):
         for part in found:
             if part.source.visible_camera and len(part.mesh.loop_triangles):
-                vertices.append(part.vertices_m())
                 kept = solid(part) if panes else solid(part) & ~_is_pane(part)
-                faces.append(
-                    array_of(part.mesh.loop_triangles, "vertices", 3, np.int32)[kept] + count
-                )
-                owners.append(np.full(len(faces[-1]), len(names), np.int32))
-                names.append(part.name)
-                held_out.append(part.source.is_holdout)
-                count += len(vertices[-1])
-    owner = np.concatenate(owners)
+                vertices.append(part.vertices_m())
+                faces.append(array_of(part.mesh.loop_triangles, "vertices", 3, np.int32)[kept])
+                faces[-1] += start
+                start += len(vertices[-1])
+                counts.append(len(faces[-1]))
+                shown.append(part)
+    owners = np.repeat(np.arange(len(shown), dtype=np.int32), counts)
+    held_out = np.array([part.source.is_holdout for part in shown], bool)
     return Surface(
-        np.concatenate(vertices),
-        np.concatenate(faces),
-        owner,
-        tuple(names),
-        np.array(held_out, bool)[owner],
+        vertices=np.concatenate(vertices),
+        triangles=np.concatenate(faces),
+        owners=owners,
+        names=tuple(part.name for part in shown),
+        held_out=held_out[owners],
     )
 
 
@@ -114,15 +112,15 @@ def triangle_count() -> int:
     """The number of triangles that the open scene renders, including every instance, without curves
     and texts.
     """
+    count = 0
     with as_rendered(bpy.context.scene) as depsgraph:
-        shown = ((i.object, i.is_instance) for i in depsgraph.object_instances if i.show_self)
-        seen = (
-            thing
-            for thing, instanced in shown
-            if thing.visible_camera and (instanced or not thing.hide_render)
-        )
-        meshes = (thing.data for thing in seen if thing.type == "MESH")
-        return sum(len(mesh.loops) - 2 * len(mesh.polygons) for mesh in meshes)
+        for instance in depsgraph.object_instances:
+            thing = instance.object
+            if not instance.show_self or thing.type != "MESH" or not thing.visible_camera:
+                continue
+            if instance.is_instance or not thing.hide_render:
+                count += len(thing.data.loops) - 2 * len(thing.data.polygons)
+    return count
 
 
 @contextmanager
@@ -134,29 +132,26 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
     with ExitStack() as stack:
 
         def hold(thing: Any, **values: object) -> None:
-            stack.enter_context(
-                temporarily(thing, **{k: v for k, v in values.items() if getattr(thing, k) != v})
-            )
+            changed = {name: v for name, v in values.items() if getattr(thing, name) != v}
+            stack.enter_context(temporarily(thing, **changed))
 
         for collection in bpy.data.collections:
             hold(collection, hide_viewport=collection.hide_render)
         for layer in layers_below(bpy.context.view_layer.layer_collection):
             hold(layer, hide_viewport=False)
         for thing in bpy.data.objects:
-            hold(
-                thing,
-                hide_viewport=thing.hide_render,
-                show_instancer_for_viewport=thing.show_instancer_for_render,
-            )
+            hold(thing, hide_viewport=thing.hide_render)
+            hold(thing, show_instancer_for_viewport=thing.show_instancer_for_render)
             if thing.hide_get():
                 thing.hide_set(False)
                 stack.callback(thing.hide_set, True)
             for modifier in thing.modifiers:
                 hold(modifier, show_viewport=modifier.show_render, **_levels(modifier))
             hold(thing.data, **_levels(thing.data))
-        for tree in (tree for tree in bpy.data.node_groups if tree.bl_idname == "GeometryNodeTree"):
-            for node in (node for node in tree.nodes if node.bl_idname == "GeometryNodeIsViewport"):
-                hold(node, mute=True)  # then its output is False
+        for tree in bpy.data.node_groups:
+            for node in tree.nodes:
+                if node.bl_idname == "GeometryNodeIsViewport":
+                    hold(node, mute=True)  # then its output is False
         depsgraph = bpy.context.evaluated_depsgraph_get()
         depsgraph.update()
         yield depsgraph
@@ -166,13 +161,13 @@ def _levels(thing: Any) -> dict[str, object]:
     """Viewport properties for the level of detail of a modifier, curve or metaball, and their
     values in renders. 0 usually means no change.
     """
-    both = [
-        (shown, rendered)
-        for shown, rendered in _LEVELS
-        if hasattr(thing, shown) and hasattr(thing, rendered)
-    ]
-    levels = {shown: getattr(thing, rendered) for shown, rendered in both}
-    return {shown: level for shown, level in levels.items() if level or shown == "levels"}
+    levels = {}
+    for shown, rendered in _LEVELS:
+        if hasattr(thing, shown) and hasattr(thing, rendered):
+            level = getattr(thing, rendered)
+            if level or shown == "levels":
+                levels[shown] = level
+    return levels
 
 
 def layers_below(
@@ -182,10 +177,11 @@ def layers_below(
 
     The top one is never hidden.
     """
-    shown = [
-        c for c in layer.children if not (rendered and (c.exclude or c.collection.hide_render))
-    ]
-    return [inner for child in shown for inner in (child, *layers_below(child, rendered))]
+    below = []
+    for child in layer.children:
+        if not rendered or not (child.exclude or child.collection.hide_render):
+            below += [child, *layers_below(child, rendered)]
+    return below
 
 
 def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
@@ -200,43 +196,49 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
         hidden = thing.original.hide_render and not instance.is_instance
         if not instance.show_self or thing.type not in SURFACE_TYPES or hidden:
             continue
-        # an instance made by Geometry Nodes is not an object: it has a mesh and materials, but the
-        # name of the object
-        by_nodes = instance.is_instance and instance.parent.original == thing.original
-        if by_nodes and isinstance(thing.data, bpy.types.Mesh):
-            mesh = thing.data.copy()
-        else:
-            mesh = bpy.data.meshes.new_from_object(
-                thing, preserve_all_data_layers=True, depsgraph=depsgraph
-            )
+        mesh = _mesh_of(instance, depsgraph)
         if mesh is None or not len(mesh.polygons):
             continue
-        mesh.calc_loop_triangles()
-        shown = mesh.materials if by_nodes else [slot.material for slot in thing.material_slots]
-        for number, material in enumerate(shown):
-            # materials may be linked to the object instead of its data; clearing the mesh's
-            # materials would reset the faces' indices
-            material = material and material.original
-            if number < len(mesh.materials):
-                mesh.materials[number] = material
-            else:
-                mesh.materials.append(material)
-        if isinstance(
-            thing.data, bpy.types.Mesh
-        ):  # generated coordinates refer to its bounding box before the modifiers
-            mesh.use_auto_texspace = False
-            mesh.texspace_location, mesh.texspace_size = (
-                thing.data.texspace_location,
-                thing.data.texspace_size,
-            )
         origin = instance.parent.original if instance.is_instance else thing.original
-        matrix, single = instance.matrix_world.copy(), not instance.is_instance
-        found.append(Part(thing.name, mesh, matrix, thing.original, origin, single))
+        matrix = instance.matrix_world.copy()
+        is_single = not instance.is_instance
+        found.append(Part(thing.name, mesh, matrix, thing.original, origin, is_single))
         data.append(thing.data.as_pointer())
     users = Counter(data)
-    return [
-        replace(part, shared=users[pointer] > 1) for part, pointer in zip(found, data, strict=True)
-    ]
+    return [replace(part, shared=users[k] > 1) for part, k in zip(found, data, strict=True)]
+
+
+def _mesh_of(
+    instance: bpy.types.DepsgraphObjectInstance, depsgraph: bpy.types.Depsgraph
+) -> bpy.types.Mesh | None:
+    """A copy of the evaluated mesh of an instance, with the materials that it shows."""
+    thing = instance.object
+    # an instance made by Geometry Nodes is not an object: it has a mesh and materials, but the name
+    # of the object
+    by_nodes = instance.is_instance and instance.parent.original == thing.original
+    if by_nodes and isinstance(thing.data, bpy.types.Mesh):
+        mesh = thing.data.copy()
+    else:
+        options = {"preserve_all_data_layers": True, "depsgraph": depsgraph}
+        mesh = bpy.data.meshes.new_from_object(thing, **options)
+    if mesh is None or not len(mesh.polygons):
+        return mesh
+    mesh.calc_loop_triangles()
+    shown = mesh.materials if by_nodes else [slot.material for slot in thing.material_slots]
+    for number, material in enumerate(shown):
+        # materials may be linked to the object instead of its data; clearing the mesh's materials
+        # would reset the faces' indices
+        material = material and material.original
+        if number < len(mesh.materials):
+            mesh.materials[number] = material
+        else:
+            mesh.materials.append(material)
+    if isinstance(thing.data, bpy.types.Mesh):
+        # generated coordinates refer to its bounding box before the modifiers
+        mesh.use_auto_texspace = False
+        mesh.texspace_location = thing.data.texspace_location
+        mesh.texspace_size = thing.data.texspace_size
+    return mesh
 
 
 @contextmanager
@@ -260,22 +262,21 @@ def joined(found: list[Part]) -> Surfaces:
 
 
 def _surfaces(part: Part) -> Surfaces:
-    mesh, matrix = part.mesh, np.array(part.matrix)
+    mesh = part.mesh
     vertices = part.vertices_m()
     vertex_of_corner = array_of(mesh.loops, "vertex_index", 1, np.int32)
     triangles = array_of(mesh.loop_triangles, "loops", 3, np.int32).astype(int)
-    mirrored = np.linalg.det(matrix[:3, :3]) < 0  # wound the other way
-    welded = np.unique(np.round(vertices / 1e-5).astype(np.int64), axis=0, return_inverse=True)[
-        1
-    ].reshape(-1)
+    if np.linalg.det(np.array(part.matrix)[:3, :3]) < 0:  # wound the other way
+        triangles = triangles[:, ::-1]
+    starts = array_of(mesh.polygons, "loop_start", 1, np.int32).astype(int)
+    places = np.round(vertices / _SAME_PLACE_M).astype(np.int64)
+    _, welded = np.unique(places, axis=0, return_inverse=True)
     return Surfaces(
         corners_m=vertices[vertex_of_corner],
         normals=world_normals(part, mesh.corner_normals),
-        vertex=welded[vertex_of_corner],
-        face_start=np.append(
-            array_of(mesh.polygons, "loop_start", 1, np.int32).astype(int), len(mesh.loops)
-        ),
-        triangles=triangles[:, ::-1] if mirrored else triangles,
+        vertex=welded.reshape(-1)[vertex_of_corner],
+        face_start=np.append(starts, len(mesh.loops)),
+        triangles=triangles,
         triangle_face=array_of(mesh.loop_triangles, "polygon_index", 1, np.int32).astype(int),
         face_object=np.zeros(len(mesh.polygons), int),
     )
@@ -283,9 +284,8 @@ def _surfaces(part: Part) -> Surfaces:
 
 def world_normals(part: Part, found: Any) -> np.ndarray:
     """(n, 3) unit normals in the world, of the corners or vertices of a part."""
-    normals = array_of(found, "vector", 3).astype(float) @ _normal_matrix(
-        np.array(part.matrix)[:3, :3]
-    )
+    to_world = _normal_matrix(np.array(part.matrix)[:3, :3])
+    normals = array_of(found, "vector", 3).astype(float) @ to_world
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
 
@@ -300,18 +300,15 @@ def _normal_matrix(linear: np.ndarray) -> np.ndarray:
 
 
 def rendered_lamps(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The lamps that are rendered: not hidden, and in at least one collection that is not hidden."""
+    """The lamps that are rendered: not hidden, and in at least one collection that is not
+    hidden.
+    """
     top = bpy.context.view_layer.layer_collection
-    shown = {
-        thing
-        for layer in (top, *layers_below(top, rendered=True))
-        for thing in layer.collection.objects
-    }
-    return [
-        thing
-        for thing in scene.objects
-        if thing.type == "LIGHT" and not thing.hide_render and thing in shown
-    ]
+    shown = set(top.collection.objects)
+    for layer in layers_below(top, rendered=True):
+        shown.update(layer.collection.objects)
+    lamps = [thing for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render]
+    return [lamp for lamp in lamps if lamp in shown]
 
 
 def put(thing: bpy.types.Object, matrix: mathutils.Matrix) -> list[bpy.types.Object]:
@@ -321,27 +318,31 @@ def put(thing: bpy.types.Object, matrix: mathutils.Matrix) -> list[bpy.types.Obj
     """
     matrix = matrix.copy()
     thing.matrix_world = matrix
-    if np.allclose(
-        np.array(mathutils.Matrix.LocRotScale(*matrix.decompose())), np.array(matrix), atol=1e-5
-    ):
+    without_shear = mathutils.Matrix.LocRotScale(*matrix.decompose())
+    if np.allclose(np.array(without_shear), np.array(matrix), atol=_SAME_PLACE_M):
         return []
     parent = bpy.data.objects.new("sheared", None)
     bpy.context.scene.collection.objects.link(parent)
     thing.matrix_basis.identity()
-    thing.parent, thing.matrix_parent_inverse = parent, matrix
+    thing.parent = parent
+    thing.matrix_parent_inverse = matrix
     return [parent]
 
 
 def make_lamps_real() -> None:
     """Make instanced lamps objects of the scene, because a light map is sampled lamp by lamp."""
     with as_rendered(bpy.context.scene) as depsgraph:
-        shown = [
-            (i.object.original, i.matrix_world.copy(), i.is_instance)
-            for i in depsgraph.object_instances
-            if i.object.type == "LIGHT"
-        ]
-    instanced = {lamp for lamp, _, is_instance in shown if is_instance}
-    for lamp, matrix, _ in (row for row in shown if row[0] in instanced):
+        shown = []
+        instanced = set()
+        for instance in depsgraph.object_instances:
+            lamp = instance.object.original
+            if lamp.type == "LIGHT":
+                shown.append((lamp, instance.matrix_world.copy()))
+                if instance.is_instance:
+                    instanced.add(lamp)
+    for lamp, matrix in shown:
+        if lamp not in instanced:
+            continue
         made = lamp.copy()
         made.animation_data_clear()
         made.constraints.clear()
@@ -363,26 +364,31 @@ def solid(part: Part) -> np.ndarray:
     """(m,) whether a camera ray ends at the triangle; it does not at the bounds of a volume without
     a surface.
     """
-    ends = [
-        not (o and o.inputs["Volume"].is_linked and not o.inputs["Surface"].is_linked)
-        for o in _outputs(part)
-    ]
+    ends = []
+    for output in _outputs(part):
+        sockets = output and output.inputs
+        ends.append(
+            not (sockets and sockets["Volume"].is_linked and not sockets["Surface"].is_linked)
+        )
     return _of_triangles(part, ends)
 
 
 def _is_pane(part: Part) -> np.ndarray:
     """(m,) whether light passes straight through the triangle."""
-    links = [list(o.inputs["Surface"].links) if o else [] for o in _outputs(part)]
-    return _of_triangles(
-        part, [any(link.from_node.type == "BSDF_TRANSPARENT" for link in own) for own in links]
-    )
+    panes = []
+    for output in _outputs(part):
+        links = output.inputs["Surface"].links if output else ()
+        panes.append(any(link.from_node.type == "BSDF_TRANSPARENT" for link in links))
+    return _of_triangles(part, panes)
 
 
 def _outputs(part: Part) -> list[Any]:
     """The Cycles output node of each material of the part; None for a material without nodes."""
-    return [
-        m and m.use_nodes and m.node_tree.get_output_node("CYCLES") for m in part.mesh.materials
-    ] or [None]
+    outputs = []
+    for material in part.mesh.materials:
+        has_nodes = material and material.use_nodes
+        outputs.append(material.node_tree.get_output_node("CYCLES") if has_nodes else None)
+    return outputs or [None]
 
 
 def _of_triangles(part: Part, of_materials: list[bool]) -> np.ndarray:

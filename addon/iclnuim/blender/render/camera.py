@@ -8,19 +8,21 @@ import numpy as np
 
 from ...errors import InputError
 from ...geometry import axes
-from ...geometry.camera import PinholeCamera, blender_from_pinhole
+from ...geometry.camera import BlenderCamera, PinholeCamera, blender_from_pinhole
 from ...geometry.se3 import SE3
 from ...geometry.trajectory import Trajectory
 from .. import compat
+from ..notes import names_of
 from ..open import motion
 
 NAME = "ICL-NUIM camera"
+#: Number of the interpolation LINEAR of keys.
+_LINEAR = 1
 
 
 def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
     """Add an active camera that follows the poses (n,), pose i at frame i, with the intrinsics of
-    `camera`: exactly its K, without depth of
-    field, with clipping at 1 mm and 10 km.
+    `camera`: exactly its K, without depth of field, with clipping at 1 mm and 10 km.
 
     Interpolation is linear and the signs of the quaternions are continuous, so that the timeline
     plays the motion correctly.
@@ -31,33 +33,39 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
     scene.camera = thing
     for marker in scene.timeline_markers:
         marker.camera = None
-    render, lens, settings = scene.render, thing.data, blender_from_pinhole(camera)
-    render.resolution_x, render.resolution_y = settings.resolution_x, settings.resolution_y
-    render.resolution_percentage = 100
-    render.pixel_aspect_x, render.pixel_aspect_y = settings.pixel_aspect_x, settings.pixel_aspect_y
-    lens.type, lens.lens_unit, lens.sensor_fit = "PERSP", "MILLIMETERS", settings.sensor_fit
-    lens.sensor_width, lens.lens = settings.sensor_width, settings.lens
-    lens.shift_x, lens.shift_y = settings.shift_x, settings.shift_y
-    lens.dof.use_dof = False
-    lens.clip_start, lens.clip_end = 1e-3, 1e4
+    _set_lens(scene.render, thing.data, blender_from_pinhole(camera))
     thing.rotation_mode = "QUATERNION"
     # Time Stretching: frame n shows the keys at n times this factor
-    pace = render.frame_map_old / render.frame_map_new
+    pace = scene.render.frame_map_old / scene.render.frame_map_new
+    frames = np.arange(len(T_world_cv)) * pace
     curves = compat.fcurves(thing, bpy.data.actions.new(NAME))
-    for path, values in zip(
-        ("location", "rotation_quaternion"), _locations_and_quaternions(T_world_cv), strict=True
-    ):
-        for index in range(values.shape[1]):
-            curve = curves.new(data_path=path, index=index)
-            co = np.stack([np.arange(len(values)) * pace, values[:, index]], -1)
-            curve.keyframe_points.add(len(values))
-            curve.keyframe_points.foreach_set("co", co.astype(np.float32).ravel())
-            curve.keyframe_points.foreach_set(
-                "interpolation", np.ones(len(values), np.int32)
-            )  # 1 is LINEAR
-            curve.update()
-    scene.frame_start, scene.frame_end = 0, len(T_world_cv) - 1
+    locations, quaternions = _locations_and_quaternions(T_world_cv)
+    for path, values in (("location", locations), ("rotation_quaternion", quaternions)):
+        for index, column in enumerate(values.T):
+            points = curves.new(data_path=path, index=index).keyframe_points
+            points.add(len(column))
+            points.foreach_set("co", np.stack([frames, column], -1).astype(np.float32).ravel())
+            points.foreach_set("interpolation", np.full(len(column), _LINEAR, np.int32))
+    for curve in curves:
+        curve.update()
+    scene.frame_start = 0
+    scene.frame_end = len(T_world_cv) - 1
     return thing
+
+
+def _set_lens(
+    render: bpy.types.RenderSettings, lens: bpy.types.Camera, settings: BlenderCamera
+) -> None:
+    for name in ("resolution_x", "resolution_y", "pixel_aspect_x", "pixel_aspect_y"):
+        setattr(render, name, getattr(settings, name))
+    render.resolution_percentage = 100
+    lens.type = "PERSP"
+    lens.lens_unit = "MILLIMETERS"
+    for name in ("sensor_fit", "sensor_width", "lens", "shift_x", "shift_y"):
+        setattr(lens, name, getattr(settings, name))
+    lens.dof.use_dof = False
+    lens.clip_start = 1e-3
+    lens.clip_end = 1e4
 
 
 def _locations_and_quaternions(T_world_cv: SE3) -> tuple[np.ndarray, np.ndarray]:
@@ -85,11 +93,8 @@ def active(scene: bpy.types.Scene, name: str | None = None) -> bpy.types.Object:
             raise InputError(f"a camera of the scene: {names}", found=name)
         return found
     if scene.camera is None:
-        raise InputError(
-            "an active camera",
-            found="none",
-            hint="adding a camera (Add > Camera), or another trajectory",
-        )
+        hint = "adding a camera (Add > Camera), or another trajectory"
+        raise InputError("an active camera", found="none", hint=hint)
     return scene.camera
 
 
@@ -101,7 +106,8 @@ def trajectory(scene: bpy.types.Scene, camera: bpy.types.Object | None = None) -
     """
     if camera is None:
         active(scene)
-    before, matrices = scene.frame_current, []
+    before = scene.frame_current
+    matrices = []
     for frame in range(scene.frame_start, scene.frame_end + 1):
         scene.frame_set(frame)
         matrices.append(np.array((camera or active(scene)).matrix_world))
@@ -114,13 +120,12 @@ def timeline_note(scene: bpy.types.Scene) -> str | None:
     """A warning if the poses of `trajectory` and the scene's motion would be rendered at different
     times: pose 0 is rendered at frame 0.
     """
-    moves = motion.moving_names(scene) if scene.frame_start else []
-    if not moves:
+    moving = motion.moving_names(scene) if scene.frame_start else []
+    if not moving:
         return None
-    shift = f"the timeline starts at frame {scene.frame_start}, but pose 0 is rendered with moving objects as at frame 0"
-    return (
-        f"{shift} ({', '.join(moves)[:120]}): shift all animations so that the timeline starts at 0"
-    )
+    start = f"the timeline starts at frame {scene.frame_start}"
+    shift = f"pose 0 is rendered with moving objects as at frame 0 ({names_of(moving)})"
+    return f"{start}, but {shift}: shift all animations so that the timeline starts at 0"
 
 
 def _poses(matrices: np.ndarray) -> SE3:
@@ -135,17 +140,21 @@ def _poses(matrices: np.ndarray) -> SE3:
 
 def pinhole(scene: bpy.types.Scene, camera: bpy.types.Object) -> PinholeCamera | None:
     """The camera's K at the render's resolution; None if it is not a perspective camera."""
-    lens, render = camera.data, scene.render
+    lens = camera.data
+    render = scene.render
     if lens.type != "PERSP":
         return None
     width = max(1, render.resolution_x * render.resolution_percentage // 100)
     height = max(1, render.resolution_y * render.resolution_percentage // 100)
-    across, down = width * render.pixel_aspect_x, height * render.pixel_aspect_y
-    horizontal = lens.sensor_fit == "HORIZONTAL" or (lens.sensor_fit == "AUTO" and across >= down)
-    view, sensor = (across, lens.sensor_width) if horizontal else (down, lens.sensor_height)
-    sensor = lens.sensor_width if lens.sensor_fit == "AUTO" else sensor
+    across = width * render.pixel_aspect_x
+    down = height * render.pixel_aspect_y
+    is_auto = lens.sensor_fit == "AUTO"
+    is_horizontal = lens.sensor_fit == "HORIZONTAL" or (is_auto and across >= down)
+    view = across if is_horizontal else down
+    sensor = lens.sensor_width if is_horizontal or is_auto else lens.sensor_height
     focal = lens.lens * view / sensor
-    fx, fy = focal / render.pixel_aspect_x, focal / render.pixel_aspect_y
+    fx = focal / render.pixel_aspect_x
+    fy = focal / render.pixel_aspect_y
     cx = (width - 1) / 2 - lens.shift_x * view / render.pixel_aspect_x
     cy = (height - 1) / 2 + lens.shift_y * view / render.pixel_aspect_y
     return PinholeCamera(width, height, fx, fy, cx, cy)

@@ -18,15 +18,15 @@ _PLANE = 1e-4
 _GREY = (0.8, 0.8, 0.8)
 #: Shader nodes and inputs in which a material's colour is searched, in this order.
 _SHADERS = {
-    "BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color", "EMISSION": "Color", "BSDF_GLOSSY": "Color",
+    "BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color", "EMISSION": "Color", "BSDF_GLOSSY":
+    "Color",
     "BSDF_TRANSLUCENT": "Color", "BSDF_TRANSPARENT": "Color",
 }  # fmt: skip
 
 
 def scene_model(stretched: bool = False) -> SceneModel:
     """The open scene as a SceneModel. Objects have the instance numbers of the frames; held-out
-    objects have 0. Raises InputError for a scene
-    without surfaces.
+    objects have 0. Raises InputError for a scene without surfaces.
 
     stretched: normals of meshes that several objects share are scaled by their matrices and are not
     unit vectors: Cycles interpolates these in the mesh's space, and those of other meshes in the
@@ -38,32 +38,30 @@ def scene_model(stretched: bool = False) -> SceneModel:
         if not parts:
             raise InputError("a scene with surfaces", found="none")
         joined = surfaces.joined(parts)
+        counts = [len(part.mesh.loop_triangles) for part in parts]
+        corners_m = joined.corners_m[joined.triangles]
+        normals = joined.normals[joined.triangles]
         looks: dict[bpy.types.Material | None, int] = {}
-        faces = [array_of(part.mesh.loop_triangles, "polygon_index", 1, np.int32) for part in parts]
-        material = [
-            _materials(part, looks)[of_triangle]
-            for part, of_triangle in zip(parts, faces, strict=True)
-        ]
-        corners_m, normals = joined.corners_m[joined.triangles], joined.normals[joined.triangles]
-        ends = np.cumsum([len(part.mesh.loop_triangles) for part in parts])[:-1]
-        for part, corners, shown in zip(
-            parts, np.split(corners_m, ends), np.split(normals, ends), strict=True
-        ):
-            _shade_as_cycles(part, corners, shown)
+        material = []
+        start = 0
+        for part, count in zip(parts, counts, strict=True):
+            here = slice(start, start + count)
+            start += count
+            _shade_as_cycles(part, corners_m[here], normals[here])
             if stretched and part.shared:
-                shown /= np.linalg.norm(
-                    shown @ np.array(part.matrix)[:3, :3], axis=-1, keepdims=True
-                ).clip(1e-12)
+                in_mesh = normals[here] @ np.array(part.matrix)[:3, :3]
+                lengths = np.linalg.norm(in_mesh, axis=-1, keepdims=True)
+                normals[here] /= lengths.clip(1e-12)
+            material.append(_materials(part, looks))
+        numbers = [_number(part) for part in parts]
         model = SceneModel(
             corners_m=corners_m,
             normals=normals,
             uv=np.concatenate([_uv(part) for part in parts]),
             material=np.concatenate(material),
-            instance=np.concatenate(
-                [np.full(len(p.mesh.loop_triangles), _number(p)) for p in parts]
-            ),
-            looks=tuple(_look(m) for m in looks),
-            names={_number(part): part.source.name for part in parts if _number(part)},
+            instance=np.repeat(numbers, counts),
+            looks=tuple(map(_look, looks)),
+            names={n: part.source.name for n, part in zip(numbers, parts, strict=True) if n},
         )
         return model.chosen(np.concatenate([surfaces.solid(part) for part in parts]))
 
@@ -74,14 +72,14 @@ def _number(part: Part) -> int:
 
 def _shade_as_cycles(part: Part, corners_m: np.ndarray, normals: np.ndarray) -> None:
     """Change normals (m, 3, 3) where Cycles does not use the normals of Blender's corners: flat
-    faces that are not planar are shaded per
-    triangle, smooth faces in a mesh with flat faces by their vertices. Meshes with custom normals
-    or sharp edges are not changed.
+    faces that are not planar are shaded per triangle, smooth faces in a mesh with flat faces by
+    their vertices. Meshes with custom normals or sharp edges are not changed.
     """
-    mesh, sharp = part.mesh, part.mesh.attributes.get("sharp_edge")
-    if mesh.has_custom_normals or (
-        sharp is not None and array_of(sharp.data, "value", 1, bool).any()
-    ):
+    mesh = part.mesh
+    sharp = mesh.attributes.get("sharp_edge")
+    if sharp is not None and array_of(sharp.data, "value", 1, bool).any():
+        return
+    if mesh.has_custom_normals:
         return
     of_triangle = array_of(mesh.loop_triangles, "polygon_index", 1, np.int32)
     smooth = array_of(mesh.polygons, "use_smooth", 1, bool)[of_triangle]
@@ -97,41 +95,47 @@ def _shade_as_cycles(part: Part, corners_m: np.ndarray, normals: np.ndarray) -> 
 
 
 def _materials(part: Part, looks: dict[bpy.types.Material | None, int]) -> np.ndarray:
-    """(F,) number of each face's material in `looks`; new materials are added to it."""
-    slots = [part.mesh.materials[k] for k in range(len(part.mesh.materials))] or [None]
+    """(m,) number of each triangle's material in `looks`; new materials are added to it."""
+    slots = list(part.mesh.materials) or [None]
     numbers = np.array([looks.setdefault(material, len(looks)) for material in slots])
-    return numbers[np.maximum(surfaces.material_of_face(part), 0)]
+    of_triangle = array_of(part.mesh.loop_triangles, "polygon_index", 1, np.int32)
+    return numbers[np.maximum(surfaces.material_of_face(part), 0)][of_triangle]
 
 
 def _uv(part: Part) -> np.ndarray:
     """(m, 3, 2) texture coordinates of the UV map used for rendering; 0 if there is none."""
     mesh = part.mesh
     layer = next((u for u in mesh.uv_layers if u.active_render), None)
-    uv = (
-        np.zeros((len(mesh.loops), 2))
-        if layer is None
-        else array_of(layer.data, "uv", 2).astype(float)
-    )
+    if layer is None:
+        return np.zeros((len(mesh.loop_triangles), 3, 2))
+    uv = array_of(layer.data, "uv", 2).astype(float)
     return uv[array_of(mesh.loop_triangles, "loops", 3, np.int32)]
 
 
 def _look(material: bpy.types.Material | None) -> Appearance:
     if material is None:
         return Appearance("no material", _srgb(_GREY))
-    nodes = list(material.node_tree.nodes) if material.use_nodes and material.node_tree else []
-    shaders = [
-        n.inputs[socket] for kind, socket in _SHADERS.items() for n in nodes if n.type == kind
-    ]
-    if not shaders:
+    socket = _colour_of(material.node_tree) if material.use_nodes and material.node_tree else None
+    if socket is None:
         return Appearance(material.name, _srgb(material.diffuse_color[:3]))
-    image = _image_behind(shaders[0])
-    constant = (1.0, 1.0, 1.0) if image is not None else shaders[0].default_value[:3]
-    return Appearance(material.name, _srgb(constant), None if image is None else _pixels(image))
+    image = _image_behind(socket)
+    if image is None:
+        return Appearance(material.name, _srgb(socket.default_value[:3]))
+    return Appearance(material.name, _srgb((1.0, 1.0, 1.0)), _pixels(image))
+
+
+def _colour_of(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket | None:
+    for kind, name in _SHADERS.items():
+        for node in tree.nodes:
+            if node.type == kind:
+                return node.inputs[name]
+    return None
 
 
 def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:
     """The nearest image node that is connected to the socket, directly or through other nodes."""
-    waiting, seen = [socket], set()
+    waiting = [socket]
+    seen = set()
     while waiting:
         for link in waiting.pop(0).links:
             node = link.from_node

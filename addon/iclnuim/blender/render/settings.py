@@ -10,25 +10,32 @@ import bpy
 from ...errors import WorkError
 from ...job import RenderJob
 from .. import compat
+from ..shader_nodes import add_node, set_constant
 
-#: Inputs of a Principled surface without gloss.
-_MATT = {"Specular IOR Level": 0.0, "Metallic": 0.0, "Coat Weight": 0.0, "Sheen Weight": 0.0}
+#: Inputs of a Principled surface that are 0 without gloss.
+_MATT = {"Specular IOR Level", "Metallic", "Coat Weight", "Sheen Weight"}
 #: Cycles' first ray, which gives Z, misses the pixel centre by half a step of the filter's table:
 #: 8e-5 px with the narrow filter, 5e-4 px and more with a wide one. A BOX filter is one pixel wide,
 #: whatever its width setting is.
-CENTRE_FILTER_PX, WIDE_FILTER_PX = 0.01, 1.5
+CENTRE_FILTER_PX = 0.01
+WIDE_FILTER_PX = 1.5
 #: Cycles' settings of every frame. The bounces are those of path tracing: more change these rooms
 #: by less than the noise. With a fixed seed all frames would have the same noise pattern.
 #: sample_clamp_indirect limits the light of a path with bounces, to avoid fireflies. In tiles (by
 #: default of images over 2048 x 2048 pixels), Cycles has no passes in memory: frames would be
 #: black. From 5.2 on tiles cannot be turned off, only be as large as possible.
 _CYCLES = {
-    "device": "CPU", "shading_system": False, "sample_offset": 0, "use_adaptive_sampling": False, "time_limit": 0.0,
-    "use_animated_seed": True, "max_bounces": 8, "diffuse_bounces": 4, "glossy_bounces": 4, "transmission_bounces": 8,
-    "transparent_max_bounces": 16, "caustics_reflective": False, "caustics_refractive": False, "sample_clamp_direct": 0.0,
-    "sample_clamp_indirect": 10.0, "use_light_tree": True, "use_guiding": False, "debug_use_spatial_splits": True,
+    "device": "CPU", "shading_system": False, "sample_offset": 0, "use_adaptive_sampling": False,
+    "time_limit": 0.0,
+    "use_animated_seed": True, "max_bounces": 8, "diffuse_bounces": 4, "glossy_bounces": 4,
+    "transmission_bounces": 8,
+    "transparent_max_bounces": 16, "caustics_reflective": False, "caustics_refractive": False,
+    "sample_clamp_direct": 0.0,
+    "sample_clamp_indirect": 10.0, "use_light_tree": True, "use_guiding": False,
+    "debug_use_spatial_splits": True,
     "pixel_filter_type": "BLACKMAN_HARRIS", "film_exposure": 1.0, "use_sample_subset": False,
-    "use_fast_gi": False, "blur_glossy": 1.0, "light_sampling_threshold": 0.01, "texture_limit_render": "OFF",
+    "use_fast_gi": False, "blur_glossy": 1.0, "light_sampling_threshold": 0.01,
+    "texture_limit_render": "OFF",
     "use_auto_tile": False, "tile_size": compat.LARGEST_TILE_PX, "sampling_pattern": "AUTOMATIC",
     "scrambling_distance": 1.0, "auto_scrambling_distance": False,
 }  # fmt: skip
@@ -43,13 +50,17 @@ _LAYER = {
     "material_override": None,
 }
 _DENOISER = {
-    "denoiser": "OPENIMAGEDENOISE", "denoising_use_gpu": False, "denoising_input_passes": "RGB_ALBEDO_NORMAL",
+    "denoiser": "OPENIMAGEDENOISE", "denoising_use_gpu": False, "denoising_input_passes":
+    "RGB_ALBEDO_NORMAL",
     "denoising_prefilter": "FAST",
 }  # fmt: skip
 _RENDER = {
-    "engine": "CYCLES", "film_transparent": False, "use_motion_blur": False, "use_persistent_data": True, "use_simplify": False,
-    "use_border": False, "use_crop_to_border": False, "use_multiview": False, "use_compositing": False, "use_sequencer": False,
-    "use_freestyle": False, "use_file_extension": False, "use_overwrite": True, "use_placeholder": False,
+    "engine": "CYCLES", "film_transparent": False, "use_motion_blur": False, "use_persistent_data":
+    True, "use_simplify": False,
+    "use_border": False, "use_crop_to_border": False, "use_multiview": False, "use_compositing":
+    False, "use_sequencer": False,
+    "use_freestyle": False, "use_file_extension": False, "use_overwrite": True, "use_placeholder":
+    False,
 }  # fmt: skip
 
 
@@ -62,34 +73,33 @@ def apply(job: RenderJob, threads: int | None = None) -> None:
     if job.denoise and not compat.has_denoiser():
         hint = "more {samples} without {denoise}, or the bpy package"
         raise WorkError("this Blender has no OpenImageDenoise", hint=hint)
-    scene, layer = bpy.context.scene, bpy.context.scene.view_layers[0]
+    scene = bpy.context.scene
+    layer = scene.view_layers[0]
     if job.lambertian:
         remove_gloss()
-    width = WIDE_FILTER_PX if job.antialias else CENTRE_FILTER_PX
-    own = {
-        "samples": job.samples,
-        "seed": job.seed,
-        "use_denoising": job.denoise,
-        "filter_width": width,
-    }
     assign(scene.render, _RENDER)
-    assign(scene.cycles, {**_CYCLES, **own, **(_DENOISER if job.denoise else {})})
+    assign(scene.cycles, _CYCLES)
+    scene.cycles.samples = job.samples
+    scene.cycles.seed = job.seed
+    scene.cycles.filter_width = WIDE_FILTER_PX if job.antialias else CENTRE_FILTER_PX
+    scene.cycles.use_denoising = job.denoise
+    if job.denoise:
+        assign(scene.cycles, _DENOISER)
     compat.set_multilayer_exr(scene.render.image_settings)
     # with date and times in the header, files of equal frames would differ
-    assign(
-        scene.render, {name: False for name in dir(scene.render) if name.startswith("use_stamp")}
-    )
+    stamps = [name for name in dir(scene.render) if name.startswith("use_stamp")]
+    assign(scene.render, dict.fromkeys(stamps, False))
     for other in scene.view_layers:
         other.use = other == layer
     passes = [name for name in dir(layer) if name.startswith("use_pass_")]
     assign(layer, {name: name in ("use_pass_combined", "use_pass_z") for name in passes})
-    layer.pass_alpha_threshold = (
-        0.0  # a pane of glass counts as a surface: Z is that of the first surface a ray hits
-    )
+    # a pane of glass counts as a surface: Z is that of the first surface a ray hits
+    layer.pass_alpha_threshold = 0.0
     assign(layer, _LAYER)
     assign(layer.cycles, {"denoising_store_passes": False, "use_denoising": True})
     if threads:
-        scene.render.threads_mode, scene.render.threads = "FIXED", threads
+        scene.render.threads_mode = "FIXED"
+        scene.render.threads = threads
 
 
 def assign(thing: object, values: Mapping[str, object]) -> None:
@@ -104,10 +114,12 @@ def without_volumes() -> Iterator[None]:
     Z.
     """
     with ExitStack() as stack:
-        for thing in (o for o in bpy.data.objects if o.type == "VOLUME"):
-            stack.enter_context(compat.temporarily(thing, hide_render=True))
+        for thing in bpy.data.objects:
+            if thing.type == "VOLUME":
+                stack.enter_context(compat.temporarily(thing, hide_render=True))
         for output in compat.volume_outputs():
-            tree, before = output.id_data, output.inputs["Volume"].links[0].from_socket
+            tree = output.id_data
+            before = output.inputs["Volume"].links[0].from_socket
             # a volume of density 0: without any volume, its bounds would be a black surface
             empty = tree.nodes.new("ShaderNodeVolumeAbsorption")
             empty.inputs["Density"].default_value = 0.0
@@ -124,25 +136,24 @@ def remove_gloss() -> None:
     A mix or sum with a Glossy BSDF is replaced by its other part; a metal becomes a matt surface of
     its colour; specular, metallic, coat and sheen of a Principled surface are set to 0.
     """
-    for tree in [m.node_tree for m in bpy.data.materials if m.use_nodes and m.node_tree]:
-        for node in [n for n in tree.nodes if n.type in ("MIX_SHADER", "ADD_SHADER")]:
+    for material in bpy.data.materials:
+        if material.use_nodes and material.node_tree:
+            _remove_gloss_of(material.node_tree)
+
+
+def _remove_gloss_of(tree: bpy.types.NodeTree) -> None:
+    for node in list(tree.nodes):
+        if node.type in ("MIX_SHADER", "ADD_SHADER"):
             shaders = [s for s in node.inputs if s.type == "SHADER" and s.is_linked]
-            others = [
-                s.links[0].from_socket
-                for s in shaders
-                if not s.links[0].from_node.type.startswith("BSDF_GLOSSY")
-            ]
+            sources = [shader.links[0].from_socket for shader in shaders]
+            others = [s for s in sources if not s.node.type.startswith("BSDF_GLOSSY")]
             if len(shaders) == 2 and len(others) == 1:
                 compat.redirect(node.outputs[0], others[0])
-        for node in [n for n in tree.nodes if n.type == "BSDF_GLOSSY"]:
-            matt = tree.nodes.new("ShaderNodeBsdfDiffuse")
-            matt.inputs["Color"].default_value = node.inputs["Color"].default_value
-            if node.inputs["Color"].is_linked:
-                tree.links.new(node.inputs["Color"].links[0].from_socket, matt.inputs["Color"])
-            compat.redirect(node.outputs[0], matt.outputs[0])
+    for node in list(tree.nodes):
+        if node.type == "BSDF_GLOSSY":
+            matt = add_node(tree, "BsdfDiffuse", node.inputs["Color"])
+            compat.redirect(node.outputs[0], matt)
             tree.nodes.remove(node)
-        for node in [n for n in tree.nodes if n.type == "BSDF_PRINCIPLED"]:
-            for name, value in _MATT.items():
-                if name in node.inputs:
-                    compat.unlink(node.inputs[name])
-                    node.inputs[name].default_value = value
+        elif node.type == "BSDF_PRINCIPLED":
+            for name in _MATT & set(node.inputs.keys()):
+                set_constant(node.inputs[name], 0.0)
