@@ -46,9 +46,10 @@ __all__ = [
 ]  # fmt: skip
 
 if TYPE_CHECKING:
-    from .benchmark.fusion.mesh import FusedSurface, Mesh, fuse_sequence
+    from .benchmark.fusion.mesh import Mesh
     from .benchmark.fusion.quality import SeenBy, SurfaceQuality, surface_quality
     from .benchmark.fusion.recording import record_surface
+    from .benchmark.fusion.sequence import FusedSurface, fuse_sequence
     from .benchmark.fusion.settings import FuseSettings, QualitySettings, VolumeSettings
     from .benchmark.fusion.surface_error import SurfaceError, TrueSurface
     from .benchmark.odometry.protocol import Frame, Odometer, OdometryResult

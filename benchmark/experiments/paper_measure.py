@@ -159,8 +159,8 @@ def _surface(
     and by ICP as in the paper.
     """
     from iclnuim.benchmark.fusion.alignment import first_poses_transform
-    from iclnuim.benchmark.fusion.mesh import fuse_sequence
     from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality
+    from iclnuim.benchmark.fusion.sequence import fuse_sequence
     from iclnuim.benchmark.fusion.surface_error import TrueSurface
 
     started = time.process_time()

@@ -1,5 +1,4 @@
-"""Triangle mesh of a sequence in any TUM-like format and a trajectory: its images are fused, and
-the volume is meshed.
+"""The triangle mesh of a volume.
 
 Marching cubes (W. Lorensen, H. Cline, SIGGRAPH 1987) over blocks, compiled: first triangles by the
 keys of their edges, then vertices by key. The 256 cases are computed. On each face one line
@@ -12,24 +11,14 @@ axis, where (i, j, k) is its start voxel, relative to a corner below all blocks,
 vertex shared by several cubes therefore has one key.
 """
 
-import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from iclnuim.dataset.frames import ImagePair
-from iclnuim.dataset.layout import SequenceCamera
-from iclnuim.errors import InputError
-from iclnuim.evaluation.associate import AssociationSettings, associate
-from iclnuim.geometry.se3 import SE3
-from iclnuim.geometry.trajectory import Trajectory, frame_slice, sample
 from numba import njit, prange
 
-from ..odometry.run import Sequence
-from .kernels import UNIT, row_of
-from .settings import FuseSettings
-from .volume import BlockLimitError, Volume
+from .grid import UNIT, Grid, row_of
+from .volume import Volume
 
 SIDE = 1 << 19
 #: Corners around each face, counter-clockwise as seen from outside.
@@ -52,11 +41,8 @@ def loops(case: int) -> list[list[int]]:
             if inside[i] or not inside[(i + 1) % 4]:
                 continue
             run = next(n for n in range(1, 4) if not inside[(i + 1 + n) % 4])
-            entered, left = (
-                edge(face[i], face[(i + 1) % 4]),
-                edge(face[(i + run) % 4], face[(i + run + 1) % 4]),
-            )
-            following[entered] = left
+            entered = edge(face[i], face[(i + 1) % 4])
+            following[entered] = edge(face[(i + run) % 4], face[(i + run + 1) % 4])
     found = []
     while following:
         loop = [next(iter(following))]
@@ -73,10 +59,12 @@ def case_table() -> tuple[np.ndarray, np.ndarray]:
 
     Loops are triangulated as fans; normals point away from the inside.
     """
-    cases = [
-        [(loop[0], *loop[i : i + 2]) for loop in loops(case) for i in range(1, len(loop) - 1)]
-        for case in range(256)
-    ]
+    cases: list[list[tuple[int, int, int]]] = []
+    for case in range(256):
+        cases.append([])
+        for loop in loops(case):
+            for i in range(1, len(loop) - 1):
+                cases[-1].append((loop[0], loop[i], loop[i + 1]))
     count = np.array([len(c) for c in cases], np.int8)
     edges = np.zeros((256, count.max(), 3), np.int8)
     for case, found in enumerate(cases):
@@ -87,88 +75,124 @@ def case_table() -> tuple[np.ndarray, np.ndarray]:
 COUNT, EDGES = case_table()
 
 
+class Cubes(NamedTuple):
+    """The blocks `rows` whose cubes are meshed, if all corners of a cube have at least min_weight,
+    and one of them is in a row where `leaves` is true. low (3,): a block below all blocks.
+    """
+
+    rows: np.ndarray
+    min_weight: float
+    leaves: np.ndarray
+    low: np.ndarray
+
+
 @njit(cache=True)
-def _cubes(grid, row, min_weight, leaves, edges, count, low, keys):
+def _triangles(grid: Grid, cubes: Cubes, row: int, keys: np.ndarray) -> int:
     """The triangles of a block's cubes, written to keys (n, 3) unless that is empty. Returns their
     number.
-
-    A cube is used if all its corners have at least min_weight, and one of them is in a row that
-    leaves.
     """
-    a0, b0, c0 = grid.place[row, 0], grid.place[row, 1], grid.place[row, 2]
-    near, found, any_leaves = np.empty(8, np.int64), 0, False
+    a, b, c = grid.place[row, 0], grid.place[row, 1], grid.place[row, 2]
+    near = np.empty(8, np.int64)
+    any_leaves = False
     for n in range(8):
-        near[n] = row_of(grid, a0 + (n >> 2), b0 + (n >> 1 & 1), c0 + (n & 1))
-        any_leaves = any_leaves or leaves[near[n]]
+        near[n] = row_of(grid, a + (n >> 2), b + (n >> 1 & 1), c + (n & 1))
+        any_leaves = any_leaves or cubes.leaves[near[n]]
     if not any_leaves:
         return 0
+    low = cubes.low
+    found = 0
     for at in range(512):
         i, j, k = at >> 6, at >> 3 & 7, at & 7
-        case, whole, mine = 0, True, False
-        for n in range(8):
-            x, y, z = i + (n >> 2), j + (n >> 1 & 1), k + (n & 1)
-            other = near[(x >> 3) * 4 + (y >> 3) * 2 + (z >> 3)]
-            place = (x & 7) * 64 + (y & 7) * 8 + (z & 7)
-            if other == 0 or grid.weight[other, place] < min_weight:
-                whole = False
-                break
-            mine = mine or leaves[other]
-            case |= (1 << n) if grid.tsdf[other, place] <= 0.0 else 0
-        if not (whole and mine):
-            continue
+        case = _case(grid, cubes, near, i, j, k)
         if keys.shape[0]:
-            for m in range(count[case]):
+            corner = ((a - low[0]) * 8 + i, (b - low[1]) * 8 + j, (c - low[2]) * 8 + k)
+            for m in range(COUNT[case]):
                 for e in range(3):
-                    edge = edges[case, m, e]
-                    n = edge // 3
-                    x = (a0 - low[0]) * 8 + i + (n >> 2)
-                    y = (b0 - low[1]) * 8 + j + (n >> 1 & 1)
-                    z = (c0 - low[2]) * 8 + k + (n & 1)
-                    keys[found + m, e] = ((x * SIDE + y) * SIDE + z) * 3 + edge % 3
-        found += count[case]
+                    keys[found + m, e] = _key(corner, EDGES[case, m, e])
+        found += COUNT[case]
     return found
 
 
+@njit(cache=True, inline="always")
+def _case(grid: Grid, cubes: Cubes, near: np.ndarray, i: int, j: int, k: int) -> int:
+    """The case of the cube at voxel (i, j, k) of a block; 0, which has no triangles, if it is not
+    used. near (8,): rows of the block and of its neighbours above.
+    """
+    case = 0
+    mine = False
+    for n in range(8):
+        x = i + (n >> 2)
+        y = j + (n >> 1 & 1)
+        z = k + (n & 1)
+        row = near[(x >> 3) * 4 + (y >> 3) * 2 + (z >> 3)]
+        place = (x & 7) * 64 + (y & 7) * 8 + (z & 7)
+        if row == 0 or grid.weight[row, place] < cubes.min_weight:
+            return 0
+        mine = mine or cubes.leaves[row]
+        if grid.tsdf[row, place] <= 0.0:
+            case |= 1 << n
+    return case if mine else 0
+
+
+@njit(cache=True, inline="always")
+def _key(corner: tuple[int, int, int], edge: int) -> int:
+    n = edge // 3
+    x = corner[0] + (n >> 2)
+    y = corner[1] + (n >> 1 & 1)
+    z = corner[2] + (n & 1)
+    return ((x * SIDE + y) * SIDE + z) * 3 + edge % 3
+
+
 @njit(cache=True, parallel=True)
-def list_triangles(grid, rows, min_weight, leaves, edges, count, low, start, keys, totals):
+def list_triangles(
+    grid: Grid, cubes: Cubes, start: np.ndarray, keys: np.ndarray, totals: np.ndarray
+) -> None:
     """Write the number of triangles of each block r to totals (rows,), and the triangles to keys
-    (n, 3) from start[r] to start[r + 1],
-    unless that is empty."""
-    for r in prange(rows.shape[0]):
+    (n, 3) from start[r] to start[r + 1], unless that is empty.
+    """
+    for r in prange(cubes.rows.shape[0]):
         part = keys[start[r] : start[r + 1]]
-        totals[r] = _cubes(grid, rows[r], min_weight, leaves, edges, count, low, part)
+        totals[r] = _triangles(grid, cubes, cubes.rows[r], part)
 
 
 @njit(cache=True, parallel=True)
-def place_vertices(grid, keys, low, voxel, points, colours):
+def place_vertices(
+    grid: Grid,
+    keys: np.ndarray,
+    low: np.ndarray,
+    voxel: float,
+    points: np.ndarray,
+    colours: np.ndarray,
+) -> None:
     """Write the zero crossing of the distance on each edge to points, and its colour (mean of the
     ends that have one) to colours.
     """
     channels = grid.colour.shape[2] - 1
     for v in prange(keys.shape[0]):
-        axis, rest = keys[v] % 3, keys[v] // 3
+        axis = keys[v] % 3
+        rest = keys[v] // 3
         p = np.empty(3, np.int64)
         p[0] = rest // (SIDE * SIDE) + low[0] * 8
-        p[1], p[2] = rest // SIDE % SIDE + low[1] * 8, rest % SIDE + low[2] * 8
+        p[1] = rest // SIDE % SIDE + low[1] * 8
+        p[2] = rest % SIDE + low[2] * 8
         q = p.copy()
         q[axis] += 1
         one = row_of(grid, p[0] >> 3, p[1] >> 3, p[2] >> 3)
         two = row_of(grid, q[0] >> 3, q[1] >> 3, q[2] >> 3)
         i = (p[0] & 7) * 64 + (p[1] & 7) * 8 + (p[2] & 7)
         j = (q[0] & 7) * 64 + (q[1] & 7) * 8 + (q[2] & 7)
-        f, g = grid.tsdf[one, i], grid.tsdf[two, j]
-        share = f / (f - g)
+        f = grid.tsdf[one, i]
+        share = f / (f - grid.tsdf[two, j])
         for a in range(3):
             points[v, a] = p[a] * voxel
         points[v, axis] += share * voxel
         if channels:
             w = (1 - share) if grid.colour[one, i, channels] else 0.0
             x = share if grid.colour[two, j, channels] else 0.0
-            for c in range(channels):
-                mixed = w * grid.colour[one, i, c] + x * grid.colour[two, j, c]
-                colours[v, c] = (
-                    np.uint8(min(mixed / (256 * (w + x)) + 0.5, 255.0)) if w + x > 0 else 0
-                )
+            if w + x > 0:
+                for c in range(channels):
+                    mixed = w * grid.colour[one, i, c] + x * grid.colour[two, j, c]
+                    colours[v, c] = np.uint8(min(mixed / (256 * (w + x)) + 0.5, 255.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,16 +208,15 @@ class Mesh:
     @classmethod
     def joined(cls, parts: "list[Mesh]") -> "Mesh":
         """One mesh; vertices of different parts are not merged."""
-        if not parts:
-            return cls(
-                np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 3), np.uint8)
-            )
+        empty = cls(
+            np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 3), np.uint8)
+        )
+        parts = parts or [empty]
         starts = np.cumsum([0, *(len(part.points) for part in parts)])
+        triangles = [part.triangles + start for part, start in zip(parts, starts, strict=False)]
         return cls(
             np.concatenate([part.points for part in parts]),
-            np.concatenate(
-                [part.triangles + start for part, start in zip(parts, starts, strict=False)]
-            ),
+            np.concatenate(triangles),
             np.concatenate([part.colours for part in parts]),
         )
 
@@ -206,20 +229,22 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float 
     gaps and overlaps. A cube is used if all its corners have at least `min_weight` frames; slanted
     views, and voxels behind the surface, have smaller weights.
     """
-    grid, rows = volume.grid, volume.rows()
-    leaves = np.ones(len(grid.place), bool) if leaves is None else leaves
+    grid = volume.grid
+    rows = volume.rows()
     if not len(rows):
         return Mesh.joined([])
+    if leaves is None:
+        leaves = np.ones(len(grid.place), bool)
     low = grid.place[rows].min(axis=0).astype(np.int64)
-    common = (max(1.0, min_weight * UNIT), leaves, EDGES, COUNT, low)
+    cubes = Cubes(rows, max(1.0, min_weight * UNIT), leaves, low)
     totals = np.zeros(len(rows), np.int64)
-    list_triangles(
-        grid, rows, *common, np.zeros(len(rows) + 1, np.int64), np.empty((0, 3), np.int64), totals
-    )
-    rows, totals = rows[totals > 0], totals[totals > 0]
+    no_keys = np.empty((0, 3), np.int64)
+    list_triangles(grid, cubes, np.zeros(len(rows) + 1, np.int64), no_keys, totals)
+    cubes = cubes._replace(rows=rows[totals > 0])
+    totals = totals[totals > 0]
     start = np.concatenate([[0], np.cumsum(totals)])
     keys = np.empty((start[-1], 3), np.int64)
-    list_triangles(grid, rows, *common, start, keys, totals)
+    list_triangles(grid, cubes, start, keys, totals)
     unique, corners = np.unique(keys, return_inverse=True)
     points = np.empty((len(unique), 3), np.float32)
     colours = np.zeros((len(unique), volume.settings.channels), np.uint8)
@@ -227,122 +252,3 @@ def extract(volume: Volume, leaves: np.ndarray | None = None, min_weight: float 
     if colours.shape[1] == 1:
         colours = np.repeat(colours, 3, axis=1)
     return Mesh(points, corners.reshape(-1, 3).astype(np.int32), colours)
-
-
-# -- a sequence
-
-
-@dataclass(frozen=True, eq=False)
-class FusedSurface:
-    """The mesh, in the trajectory's world; the camera that was used; the frames left out, with
-    reasons; counts and times.
-    """
-
-    mesh: Mesh
-    camera: SequenceCamera
-    left_out: list[str]
-    figures: dict
-
-
-def fuse_sequence(
-    folder: Path | str,
-    trajectory: Trajectory,
-    settings: FuseSettings | None = None,
-    progress: Callable | None = None,
-    camera: SequenceCamera | None = None,
-) -> FusedSurface:
-    """Fuse all images that have a pose. `progress(total, label)` returns an object with advance();
-    camera: by default the folder's.
-
-    Raises InputError if there is nothing to fuse, BlockLimitError if one frame needs more than
-    max_blocks.
-    """
-    if not isinstance(trajectory, Trajectory):
-        hint = "iclnuim.read_trajectory(file).trajectory"
-        raise InputError("a Trajectory", found=type(trajectory).__name__, hint=hint)
-    settings, sequence = settings or FuseSettings(), Sequence(folder, camera=camera)
-    chosen = [sequence.pairs[i] for i in frame_slice(settings.frames, len(sequence))]
-    posed, poses = _posed(chosen, trajectory, settings.max_difference_s)
-    parts: list[Mesh] = []
-    volume = Volume(
-        settings.volume,
-        lambda volume, leaves: parts.append(extract(volume, leaves, settings.min_weight)),
-    )
-    bar = progress(len(posed), "fuse") if progress else None
-    without = [p.stamp_s for p in chosen if p not in set(posed)]
-    left_out = [
-        f"{stamp_s:.6f} s: no pose within {settings.max_difference_s} s" for stamp_s in without
-    ]
-    refused: list[InputError] = []
-    started, fusing_s = time.perf_counter(), 0.0
-    for i, pair in enumerate(posed):
-        try:
-            rgb, depth_z_m = sequence.images(pair)
-            before = time.perf_counter()
-            volume.integrate(depth_z_m, sequence.camera.pinhole, poses[i], rgb)
-            fusing_s += time.perf_counter() - before
-        except BlockLimitError:
-            raise
-        except InputError as error:
-            left_out.append(f"{pair.stamp_s:.6f} s: {error}")
-            refused.append(error)
-        if bar:
-            bar.advance()
-    before = time.perf_counter()
-    parts.append(extract(volume, min_weight=settings.min_weight))
-    mesh = Mesh.joined([part for part in parts if len(part.triangles)])
-    if not len(mesh.triangles):
-        raise _no_surface(folder, volume.frames, left_out, refused)
-    figures = {
-        "frames": volume.frames,
-        "left_out": len(left_out),
-        "seconds": time.perf_counter() - started,
-        "fusing_ms_a_frame": 1e3 * fusing_s / max(volume.frames, 1),
-        "meshing_s": time.perf_counter() - before,
-        "blocks_at_most": volume.max_used,
-        "memory_mb": volume.bytes_used / 1e6,
-        "parts_that_left": len(parts) - 1,
-        "vertices": len(mesh.points),
-        "triangles": len(mesh.triangles),
-        "camera": asdict(sequence.camera),
-        "settings": asdict(settings),
-    }
-    return FusedSurface(mesh, sequence.camera, left_out, figures)
-
-
-def _no_surface(
-    folder: Path | str, fused: int, left_out: list[str], refused: list[InputError]
-) -> InputError:
-    """The error for no surface, with the number of frames left out, and the reason of the first
-    whose images were refused, if any was.
-    """
-    found, hint = f"no triangle in {fused} fused frames", None
-    if left_out:
-        first = left_out[0]
-        if refused:
-            first, hint = str(refused[0]).partition("; try ")[0], refused[0].hint
-        found += f"; {len(left_out)} left out, the first: {first.removeprefix(f'{folder}/')}"
-    return InputError("images that produce a surface", path=folder, found=found, hint=hint)
-
-
-def _posed(
-    pairs: list[ImagePair], trajectory: Trajectory, max_difference_s: float
-) -> tuple[list[ImagePair], SE3]:
-    """The pairs with a pose near their stamp, and the poses (n,) at their stamps, interpolated
-    between neighbouring poses.
-    """
-    stamps_s = np.array([pair.stamp_s for pair in pairs])
-    rule = AssociationSettings("nearest", max_difference_s)
-    found = np.unique(associate(trajectory.stamps_s, stamps_s, rule).second) if len(pairs) else []
-    if not len(found):
-        covered = (
-            f"{trajectory.stamps_s[0]:.3f}..{trajectory.stamps_s[-1]:.3f} s"
-            if len(trajectory)
-            else "no poses"
-        )
-        images = f"{stamps_s.min():.3f}..{stamps_s.max():.3f} s" if len(pairs) else "none"
-        raise InputError("images that have a pose", found=f"poses at {covered}, images at {images}")
-    if len(trajectory) == 1:
-        return [pairs[i] for i in found], trajectory.T_world_camera[np.zeros(len(found), int)]
-    at_s = np.clip(stamps_s[found], trajectory.stamps_s[0], trajectory.stamps_s[-1])
-    return [pairs[i] for i in found], sample(trajectory, at_s)

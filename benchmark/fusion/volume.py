@@ -7,53 +7,37 @@ to a callback and released.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
-from . import kernels
+from .fuse_kernels import Pool, fuse, touch
+from .grid import UNIT, CameraPose, Grid, Rule
 from .settings import VolumeSettings
-
-#: TILE: side in pixels of the tiles that share one depth range in a raycast. STRIDE: pixel step at
-#: which a depth image allocates blocks.
-TILE, STRIDE = 8, 2
+from .trace_kernels import TILE, View, ranges, trace
 
 
 class BlockLimitError(InputError):
     """One frame needs more blocks than max_blocks."""
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """Raycast of the volume: depth (h, w), normals_camera (h, w, 3) towards free space, colour (h,
-    w, channels).
-
-    float32, NaN where a ray hits nothing; normals are also NaN at the border of the observed
-    region.
-    """
-
-    depth_z_m: np.ndarray
-    normals_camera: np.ndarray
-    colour: np.ndarray
-
-
-def _empty_grid(s: VolumeSettings, rows: int) -> kernels.Grid:
+def _empty_grid(s: VolumeSettings, rows: int) -> Grid:
     """A grid without blocks.
 
     The system allocates zeroed pages at the first write, so many rows take no memory until they are
     used.
     """
-    return kernels.Grid(
-        np.zeros(3, np.int64),
-        np.zeros((s.window_blocks,) * 3, np.int32),
-        np.zeros((rows, 3), np.int32),
-        np.zeros((rows, 512), np.float32),
-        np.zeros((rows, 512), np.uint16),
-        np.zeros((rows, 512 if s.channels else 1, s.channels + 1), np.uint16),
-        np.zeros(rows, bool),
+    coloured = 512 if s.channels else 1
+    return Grid(
+        first=np.zeros(3, np.int64),
+        slots=np.zeros((s.window_blocks,) * 3, np.int32),
+        place=np.zeros((rows, 3), np.int32),
+        tsdf=np.zeros((rows, 512), np.float32),
+        weight=np.zeros((rows, 512), np.uint16),
+        colour=np.zeros((rows, coloured, s.channels + 1), np.uint16),
+        inside=np.zeros(rows, bool),
     )
 
 
@@ -71,20 +55,32 @@ class Volume:
         rows = s.max_blocks + 1
         try:
             self.grid = _empty_grid(s, rows)
-            self._free = np.arange(rows - 1, 0, -1, dtype=np.int32)
-            self._stamp, self._rows = np.zeros(rows, np.int32), np.zeros(rows, np.int32)
+            self._pool = Pool(
+                free=np.arange(rows - 1, 0, -1, dtype=np.int32),
+                listed=np.zeros(rows, np.int32),
+                seen=np.zeros(rows, np.int32),
+                state=np.array([s.max_blocks, 0, 0]),
+            )
         except MemoryError:
             raise InputError(
                 "blocks that fit into memory", setting="max_blocks", found=s.max_blocks
             ) from None
-        self._n_free = s.max_blocks
-        self._on_leaving, self._placed = leaving, False
-        self.frames = self.max_used = self._tick = 0
+        self._rule = Rule(
+            voxel=s.voxel_m,
+            trunc=s.truncation_m,
+            behind=s.behind_m,
+            slanted=s.slanted,
+            max_weight=s.max_weight * UNIT,
+        )
+        self._on_leaving = leaving
+        self._placed = False
+        self.frames = 0
+        self.max_used = 0
 
     @property
     def blocks(self) -> int:
         """Number of allocated blocks."""
-        return self.settings.max_blocks - self._n_free
+        return self.settings.max_blocks - int(self._pool.state[0])
 
     @property
     def bytes_used(self) -> int:
@@ -106,56 +102,53 @@ class Volume:
         Raises InputError for wrong sizes or an invalid pose, BlockLimitError if one frame needs
         more than max_blocks.
         """
-        depth, T = np.asarray(depth_m, np.float32), _checked_pose(T_world_camera)
+        depth = np.asarray(depth_m, np.float32)
+        T = _checked_pose(T_world_camera)
         if depth.shape != (camera.height, camera.width):
             raise InputError(
                 f"depth of the camera's size {camera.width}x{camera.height}",
                 found=depth.shape[::-1],
             )
         image = self._checked(image, depth.shape)
-        K, s = camera.intrinsics, self.settings
-        usable = (depth > 0) & (depth < s.far_m)  # false for NaN
-        inverse = np.divide(
-            np.float32(1), depth, out=np.zeros_like(depth), where=usable
-        )  # 0: missing or too far
+        usable = (depth > 0) & (depth < self.settings.far_m)  # false for NaN
+        inverse = np.zeros_like(depth)  # 0: missing or too far
+        np.divide(np.float32(1), depth, out=inverse, where=usable)
         self.follow(T.translation)
-        n = self._allocated(inverse, K, T)
-        if n is None:
-            rows = self.rows()  # memory is full: the half that is farthest from the camera leaves
-            far = np.linalg.norm(self.grid.place[rows] * (8 * s.voxel_m) - T.translation, axis=1)
-            self._release(rows[np.argsort(far, kind="stable")[len(rows) // 2 :]])
-            n = self._allocated(inverse, K, T)
-        if n is None:
-            hint = "larger voxels or more blocks"
-            raise BlockLimitError(f"a frame within {s.max_blocks} blocks", found="more", hint=hint)
-        rule = (s.voxel_m, s.truncation_m, s.behind_m, s.slanted, s.max_weight * kernels.UNIT)
-        kernels.fuse(self.grid, inverse, image, K, *_parts(T.inverse()), *rule, self._rows, n)
+        lost = self._allocate(inverse, camera, T)
+        if lost:
+            self._release(self._farther_half(T.translation))
+            lost = self._allocate(inverse, camera, T)
+        if lost:
+            raise BlockLimitError(
+                f"a frame within {self.settings.max_blocks} blocks",
+                found="more",
+                hint="larger voxels or more blocks",
+            )
+        rows = self._pool.listed[: self._pool.state[1]]
+        fuse(self.grid, inverse, image, _camera_pose(camera, T.inverse()), self._rule, rows)
         self.frames += 1
 
     def raycast(
         self, camera: PinholeCamera, T_world_camera: SE3, normals: bool = True, colour: bool = True
     ) -> View:
         """Raycast of the surface: trilinear zero crossing, normals from the gradient."""
-        T, shape = _checked_pose(T_world_camera), (camera.height, camera.width)
+        T = _checked_pose(T_world_camera)
+        shape = (camera.height, camera.width)
+        channels = self.settings.channels
         view = View(
             np.full(shape, np.nan, np.float32),
             np.full((*shape, 3) if normals else (0, 0, 3), np.nan, np.float32),
-            np.full((*shape, self.settings.channels) if colour else (0, 0, 3), np.nan, np.float32),
+            np.full((*shape, channels) if colour else (0, 0, 3), np.nan, np.float32),
         )
-        near, far = self._ranges(camera, T)
-        arrays = (near, far, view.depth_z_m, view.normals_camera, view.colour)
-        s = self.settings
-        kernels.trace(
-            self.grid, camera.intrinsics, *_parts(T), s.voxel_m, s.truncation_m, TILE, *arrays
-        )
+        trace(self.grid, _camera_pose(camera, T), self._rule, self._reach(camera, T), view)
         return view
 
     def follow(self, centre_m: np.ndarray) -> None:
         """Move the window if its centre is two blocks or more from the camera; blocks outside it
         leave.
         """
-        side, block_m = self.settings.window_blocks, 8 * self.settings.voxel_m
-        first = np.floor(centre_m / block_m).astype(np.int64) - side // 2
+        side = self.settings.window_blocks
+        first = np.floor(centre_m / (8 * self.settings.voxel_m)).astype(np.int64) - side // 2
         if self._placed and np.abs(first - self.grid.first).max() < 2:
             return
         rows = self.rows()
@@ -168,49 +161,54 @@ class Volume:
         """Allocated rows, sorted by the position of their blocks, so that the order does not depend
         on earlier releases.
         """
-        used = np.ones(len(self._stamp), bool)
+        used = np.ones(len(self._pool.seen), bool)
         used[0] = False
-        used[self._free[: self._n_free]] = False
+        used[self._pool.free[: self._pool.state[0]]] = False
         rows = np.flatnonzero(used)
         place = self.grid.place[rows]
         return rows[np.lexsort((place[:, 2], place[:, 1], place[:, 0]))].astype(np.int32)
 
-    def _ranges(self, camera: PinholeCamera, T: SE3) -> tuple[np.ndarray, np.ndarray]:
-        """Depth range of the blocks with a surface per tile of the image, limited to far_m."""
-        shape = (-(-camera.height // TILE), -(-camera.width // TILE))
-        near, far = np.full(shape, np.inf, np.float32), np.zeros(shape, np.float32)
-        K, voxel_m = camera.intrinsics, self.settings.voxel_m
-        kernels.ranges(self.grid, self.max_used, K, *_parts(T.inverse()), voxel_m, TILE, near, far)
-        return near, np.minimum(far, np.float32(self.settings.far_m))
-
-    def _allocated(self, inverse: np.ndarray, K: np.ndarray, T: SE3) -> int | None:
-        """Allocate the blocks near the depth image.
-
-        Returns the number of rows listed in self._rows, None if max_blocks is not enough.
+    def _reach(self, camera: PinholeCamera, T: SE3) -> np.ndarray:
+        """(2, h, w): depth range of the blocks with a surface per tile of the image, limited to
+        far_m.
         """
-        s = self.settings
-        self._tick += 1
-        state = (self._stamp, self._tick, self._free, self._n_free, self._rows)
-        n, self._n_free, lost = kernels.touch(
-            self.grid, inverse, K, *_parts(T), s.voxel_m, s.truncation_m, STRIDE, *state
-        )
+        reach = np.zeros((2, -(-camera.height // TILE), -(-camera.width // TILE)), np.float32)
+        reach[0] = np.inf
+        pose = _camera_pose(camera, T.inverse())
+        ranges(self.grid, self.max_used, pose, self.settings.voxel_m, reach)
+        reach[1] = np.minimum(reach[1], np.float32(self.settings.far_m))
+        return reach
+
+    def _allocate(self, inverse: np.ndarray, camera: PinholeCamera, T: SE3) -> int:
+        """List and allocate the blocks near the depth image. Returns the number of those for which
+        max_blocks is not enough.
+        """
+        lost = touch(self.grid, inverse, _camera_pose(camera, T), self._rule, self._pool)
         self.max_used = max(self.max_used, self.blocks)
-        return None if lost else n
+        return lost
+
+    def _farther_half(self, centre_m: np.ndarray) -> np.ndarray:
+        """The half of the allocated rows that is farthest from a place."""
+        rows = self.rows()
+        places_m = self.grid.place[rows] * (8 * self.settings.voxel_m)
+        order = np.argsort(np.linalg.norm(places_m - centre_m, axis=1), kind="stable")
+        return rows[order[len(rows) // 2 :]]
 
     def _release(self, rows: np.ndarray) -> None:
         if not len(rows):
             return
         if self._on_leaving:
-            leaves = np.zeros(len(self._stamp), bool)
+            leaves = np.zeros(len(self._pool.seen), bool)
             leaves[rows] = True
             self._on_leaving(self, leaves)
         slots = self.grid.place[rows] & (self.settings.window_blocks - 1)
         self.grid.slots[slots[:, 0], slots[:, 1], slots[:, 2]] = 0
-        self.grid.tsdf[rows], self.grid.weight[rows], self.grid.colour[rows] = 0, 0, 0
-        self.grid.inside[rows] = False
-        self._stamp[rows] = 0
-        self._free[self._n_free : self._n_free + len(rows)] = rows
-        self._n_free += len(rows)
+        for values in (self.grid.tsdf, self.grid.weight, self.grid.colour, self.grid.inside):
+            values[rows] = 0
+        self._pool.seen[rows] = 0
+        free = self._pool.state[0]
+        self._pool.free[free : free + len(rows)] = rows
+        self._pool.state[0] += len(rows)
 
     def _checked(self, image: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
         channels = self.settings.channels
@@ -222,13 +220,13 @@ class Volume:
             raise InputError(
                 f"an image of the depth's size, {channels} channels", found=image.shape
             )
-        return np.ascontiguousarray(
-            image, np.float32
-        )  # one type, compiled once; 0..255 is exact in it
+        # one type, compiled once; 0..255 is exact in it
+        return np.ascontiguousarray(image, np.float32)
 
 
-def _parts(T: SE3) -> tuple[np.ndarray, np.ndarray]:
-    return np.ascontiguousarray(T.rotation), np.ascontiguousarray(T.translation)
+def _camera_pose(camera: PinholeCamera, T: SE3) -> CameraPose:
+    rotation = np.ascontiguousarray(T.rotation)
+    return CameraPose(camera.intrinsics, rotation, np.ascontiguousarray(T.translation))
 
 
 def _checked_pose(T: SE3) -> SE3:

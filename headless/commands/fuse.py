@@ -61,7 +61,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     require("fuse", "numba", "cv2")
     if args.plot:
         require("fuse --plot", "embreex")
-    from iclnuim.benchmark.fusion.mesh import fuse_sequence
+    from iclnuim.benchmark.fusion.sequence import fuse_sequence
     from iclnuim.dataset.frames import find_pairs, find_truth
     from iclnuim.shipped import source_commit
     from iclnuim.version import __version__

@@ -10,29 +10,32 @@ from iclnuim.benchmark.fusion.mesh import Mesh, edge, extract, loops  # noqa: E4
 from iclnuim.benchmark.fusion.settings import VolumeSettings  # noqa: E402
 from iclnuim.benchmark.fusion.volume import Volume  # noqa: E402
 from iclnuim.formats.ply import write_ply  # noqa: E402
+from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
+from iclnuim.geometry.se3 import SE3  # noqa: E402
 
 SETTINGS = VolumeSettings(
-    voxel_m=0.02, truncation_m=0.08, behind_m=0.08, window_blocks=16, max_blocks=4096
+    voxel_m=0.02, truncation_m=0.08, behind_m=0.08, window_blocks=64, max_blocks=8192
 )
 
 
-def filled(distance):
-    """A volume whose voxels hold distance(x, y, z), all seen 16 sixteenths, over (-0.64..0.64 m)^3."""
-    volume = Volume(SETTINGS)
-    volume.follow(np.zeros(3))
-    grid, row = volume.grid, 0
+CAMERA = PinholeCamera(64, 64, 120.0, 120.0, 31.5, 31.5)
+
+
+def filled(distance, leaving=None):
+    """A volume whose voxels hold distance(x, y, z), all seen once, over a bit more than
+    (-0.64..0.64 m)^3. Depth images of parallel planes allocate its blocks.
+    """
+    volume = Volume(SETTINGS, leaving)
+    for height_m in np.arange(-0.7, 0.71, 0.1):
+        depth_z_m = np.full((64, 64), 3 + height_m, np.float32)
+        volume.integrate(depth_z_m, CAMERA, SE3(np.eye(3), np.array([0, 0, -3.0])))
+    grid = volume.grid
     steps = np.arange(8)
-    for block in np.ndindex(8, 8, 8):
-        b = np.array(block) - 4
-        row += 1
-        grid.slots[tuple(b & 15)] = row
-        grid.place[row] = b
-        axes = [(8 * b[a] + steps) * SETTINGS.voxel_m for a in range(3)]
+    for row in volume.rows():
+        axes = [(8 * grid.place[row, a] + steps) * SETTINGS.voxel_m for a in range(3)]
         grid.tsdf[row] = distance(*np.meshgrid(*axes, indexing="ij")).ravel()
-    grid.weight[1 : row + 1] = 16
-    grid.colour[1 : row + 1] = (256 * 10, 256 * 20, 256 * 30, 1)
-    volume._n_free = SETTINGS.max_blocks - row
-    volume.max_used = row
+        grid.weight[row] = 16
+        grid.colour[row] = (256 * 10, 256 * 20, 256 * 30, 1)
     return volume
 
 
@@ -88,14 +91,16 @@ def test_noise_is_closed_too_whatever_faces_are_ambiguous():
 
 
 def test_what_leaves_and_what_stays_make_the_whole():
-    whole = extract(filled(sphere))
-    volume = filled(sphere)
+    """The window, 10.24 m wide, leaves the sphere in two directions, so that it is meshed in three
+    parts.
+    """
     parts = []
-    volume._on_leaving = lambda volume, leaves: parts.append(extract(volume, leaves))
-    rows = volume.rows()
-    volume._release(rows[volume.grid.place[rows][:, 0] < 0])
-    volume._release(volume.rows()[volume.grid.place[volume.rows()][:, 1] < 1])
+    volume = filled(sphere, lambda volume, leaves: parts.append(extract(volume, leaves)))
+    whole = extract(volume)
+    volume.follow(np.array([4.9, 0, -3]))
+    volume.follow(np.array([4.9, -4.9, -3]))
     parts.append(extract(volume))
+    assert [len(part.triangles) > 1000 for part in parts] == [True] * 3
     joined = Mesh.joined(parts)
     assert len(joined.triangles) == len(whole.triangles)
 
@@ -108,7 +113,6 @@ def test_what_leaves_and_what_stays_make_the_whole():
 
 def test_unseen_voxels_leave_a_hole_and_no_guess():
     volume = filled(sphere)
-    volume.grid.weight[: len(volume.grid.weight) // 2, :] = 16
     rows = volume.rows()
     volume.grid.weight[rows[volume.grid.place[rows][:, 2] >= 0]] = 0
     assert extract(volume).points[:, 2].max() <= 0

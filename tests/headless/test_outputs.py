@@ -115,7 +115,7 @@ def test_a_surface_replaces_no_json_that_is_not_its_recipe(sequence, name, capsy
     if name == "notes":
         path.write_text("[1]")
     before = path.read_bytes()
-    monkeypatch.setattr("iclnuim.benchmark.fusion.mesh.fuse_sequence", None)
+    monkeypatch.setattr("iclnuim.benchmark.fusion.sequence.fuse_sequence", None)
     assert main(["fuse", "seq", "-o", f"{name}.ply"]) == 2
     error = capsys.readouterr().err
     assert f"{name}.json: expected" in error and "another name for --out" in error

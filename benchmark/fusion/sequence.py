@@ -1,0 +1,167 @@
+"""The surface of a sequence in any supported format and a trajectory: its images are fused, and the
+volume is meshed.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+from iclnuim.dataset.frames import ImagePair
+from iclnuim.dataset.layout import SequenceCamera
+from iclnuim.errors import InputError
+from iclnuim.evaluation.associate import AssociationSettings, associate
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory, frame_slice, sample
+
+from ..odometry.run import Sequence
+from .mesh import Mesh, extract
+from .settings import FuseSettings
+from .volume import BlockLimitError, Volume
+
+
+@dataclass(frozen=True, eq=False)
+class FusedSurface:
+    """The mesh, in the trajectory's world; the camera that was used; the frames left out, with
+    reasons; counts and times.
+    """
+
+    mesh: Mesh
+    camera: SequenceCamera
+    left_out: list[str]
+    figures: dict
+
+
+def fuse_sequence(
+    folder: Path | str,
+    trajectory: Trajectory,
+    settings: FuseSettings | None = None,
+    progress: Callable | None = None,
+    camera: SequenceCamera | None = None,
+) -> FusedSurface:
+    """Fuse all images that have a pose. `progress(total, label)` returns an object with advance();
+    camera: by default the folder's.
+
+    Raises InputError if there is nothing to fuse, BlockLimitError if one frame needs more than
+    max_blocks.
+    """
+    if not isinstance(trajectory, Trajectory):
+        hint = "iclnuim.read_trajectory(file).trajectory"
+        raise InputError("a Trajectory", found=type(trajectory).__name__, hint=hint)
+    settings = settings or FuseSettings()
+    sequence = Sequence(folder, camera=camera)
+    chosen = [sequence.pairs[i] for i in frame_slice(settings.frames, len(sequence))]
+    posed, poses = _posed(chosen, trajectory, settings.max_difference_s)
+    fusion = _Fusion(sequence, settings)
+    for pair in chosen:
+        if pair not in posed:
+            reason = f"no pose within {settings.max_difference_s} s"
+            fusion.left_out.append(f"{pair.stamp_s:.6f} s: {reason}")
+    bar = progress(len(posed), "fuse") if progress else None
+    started = time.perf_counter()
+    for i, pair in enumerate(posed):
+        fusion.add(pair, poses[i])
+        if bar:
+            bar.advance()
+    fused = time.perf_counter()
+    mesh = fusion.mesh()
+    if not len(mesh.triangles):
+        raise fusion.no_surface(folder)
+    ended = time.perf_counter()
+    volume = fusion.volume
+    figures = {
+        "frames": volume.frames,
+        "left_out": len(fusion.left_out),
+        "seconds": ended - started,
+        "fusing_ms_a_frame": 1e3 * fusion.fusing_s / max(volume.frames, 1),
+        "meshing_s": ended - fused,
+        "blocks_at_most": volume.max_used,
+        "memory_mb": volume.bytes_used / 1e6,
+        "parts_that_left": len(fusion.parts) - 1,
+        "vertices": len(mesh.points),
+        "triangles": len(mesh.triangles),
+        "camera": asdict(sequence.camera),
+        "settings": asdict(settings),
+    }
+    return FusedSurface(mesh, sequence.camera, fusion.left_out, figures)
+
+
+@dataclass(eq=False)
+class _Fusion:
+    """The fusion of a sequence so far: meshes of the parts that left the volume, frames left out
+    with reasons, errors of images, and the time that fusing took.
+    """
+
+    sequence: Sequence
+    settings: FuseSettings
+    parts: list[Mesh] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+    refused: list[InputError] = field(default_factory=list)
+    fusing_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.volume = Volume(self.settings.volume, self._mesh_part)
+
+    def _mesh_part(self, volume: Volume, leaves: np.ndarray | None = None) -> None:
+        self.parts.append(extract(volume, leaves, self.settings.min_weight))
+
+    def add(self, pair: ImagePair, T_world_camera: SE3) -> None:
+        """Fuse one frame, or leave it out if its images are invalid."""
+        try:
+            rgb, depth_z_m = self.sequence.images(pair)
+            started = time.perf_counter()
+            self.volume.integrate(depth_z_m, self.sequence.camera.pinhole, T_world_camera, rgb)
+            self.fusing_s += time.perf_counter() - started
+        except BlockLimitError:
+            raise
+        except InputError as error:
+            self.left_out.append(f"{pair.stamp_s:.6f} s: {error}")
+            self.refused.append(error)
+
+    def mesh(self) -> Mesh:
+        """Mesh what remains in the volume, and join all parts."""
+        self._mesh_part(self.volume)
+        return Mesh.joined([part for part in self.parts if len(part.triangles)])
+
+    def no_surface(self, folder: Path | str) -> InputError:
+        """The error for no surface, with the number of frames left out, and the reason of the first
+        whose images were refused, if any was.
+        """
+        found = f"no triangle in {self.volume.frames} fused frames"
+        hint = None
+        if self.left_out:
+            first = self.left_out[0]
+            if self.refused:
+                first = str(self.refused[0]).partition("; try ")[0]
+                hint = self.refused[0].hint
+            first = first.removeprefix(f"{folder}/")
+            found += f"; {len(self.left_out)} left out, the first: {first}"
+        return InputError("images that produce a surface", path=folder, found=found, hint=hint)
+
+
+def _posed(
+    pairs: list[ImagePair], trajectory: Trajectory, max_difference_s: float
+) -> tuple[list[ImagePair], SE3]:
+    """The pairs with a pose near their stamp, and the poses (n,) at their stamps, interpolated
+    between neighbouring poses.
+    """
+    stamps_s = np.array([pair.stamp_s for pair in pairs])
+    found = np.zeros(0, int)
+    if len(pairs):
+        rule = AssociationSettings("nearest", max_difference_s)
+        found = np.unique(associate(trajectory.stamps_s, stamps_s, rule).second)
+    if not len(found):
+        poses = _covered(trajectory.stamps_s) or "no poses"
+        images = _covered(stamps_s) or "none"
+        raise InputError("images that have a pose", found=f"poses at {poses}, images at {images}")
+    posed = [pairs[i] for i in found]
+    if len(trajectory) == 1:
+        return posed, trajectory.T_world_camera[np.zeros(len(found), int)]
+    at_s = np.clip(stamps_s[found], trajectory.stamps_s[0], trajectory.stamps_s[-1])
+    return posed, sample(trajectory, at_s)
+
+
+def _covered(stamps_s: np.ndarray) -> str:
+    """`0.000..29.300 s`, empty without stamps."""
+    return f"{stamps_s.min():.3f}..{stamps_s.max():.3f} s" if len(stamps_s) else ""
