@@ -131,7 +131,7 @@ class IcpRgbd(Icp):
     def _jointly(
         self, pair: Pair, planes: Planes, schedule: list[tuple[int, int]], guess: SE3
     ) -> Candidate:
-        """Both terms in all passes (Whelan 2013, equation 15)."""
+        """Both terms in all passes (Whelan 2013, section IV)."""
         settings = self.photometric
         if pair.rough and not pair.rendered:
             settings = replace(settings, spread=CALIBRATED_SPREAD)

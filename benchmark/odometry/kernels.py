@@ -44,13 +44,6 @@ class SurfacePoints(NamedTuple):
 
 
 @njit(cache=True)
-def _put(out: np.ndarray, p: tuple) -> None:
-    out[0] = p[0]
-    out[1] = p[1]
-    out[2] = p[2]
-
-
-@njit(cache=True)
 def _put_row(J: np.ndarray, p: tuple, n: tuple) -> None:
     """J (6,): derivative by a twist from the left of what changes by n with the point p."""
     x, y, z = p
@@ -118,16 +111,21 @@ def halve_depth_median(z: np.ndarray) -> np.ndarray:
             for i in range(2 * v - 1, 2 * v + 2):
                 for j in range(2 * u - 1, 2 * u + 2):
                     d = z[min(max(i, 0), h - 1), min(max(j, 0), w - 1)]
-                    if d > 0:
-                        seen[n] = d
-                        n += 1
+                    if not d > 0:
+                        continue
+                    k = n
+                    n += 1
+                    while k > 0 and seen[k - 1] > d:
+                        seen[k] = seen[k - 1]
+                        k -= 1
+                    seen[k] = d
             if n > 4:
-                out[v, u] = np.median(seen[:n])
+                out[v, u] = (seen[(n - 1) // 2] + seen[n // 2]) / 2
     return out
 
 
 @njit(cache=True)
-def _facing(k: np.ndarray, pixel: Pair, left: Pair, right: Pair, above: Pair, below: Pair) -> tuple:
+def _facing(k: tuple, pixel: Pair, left: Pair, right: Pair, above: Pair, below: Pair) -> tuple:
     """Unit normal at a pixel (v, u) of the surface through its neighbours, each a column or row and
     its depth; 0 if undefined.
     """
@@ -164,6 +162,7 @@ def normals(z: np.ndarray, k: np.ndarray, s: int) -> np.ndarray:
     missing; 0 at depth edges.
     """
     h, w = z.shape
+    camera = (k[0], k[1], k[2], k[3])
     out = np.zeros((h, w, 3), np.float32)
     for v in range(s, h - s):
         for u in range(s, w - s):
@@ -187,7 +186,10 @@ def normals(z: np.ndarray, k: np.ndarray, s: int) -> np.ndarray:
                     below = (v, d)
             step = _largest_step(d, left[1], right[1], above[1], below[1])
             if step <= (0.02 + 0.02 * s) * d:
-                _put(out[v, u], _facing(k, (v, u), left, right, above, below))
+                x, y, towards = _facing(camera, (v, u), left, right, above, below)
+                out[v, u, 0] = x
+                out[v, u, 1] = y
+                out[v, u, 2] = towards
     return out
 
 
@@ -221,7 +223,9 @@ def gradient_points(k: np.ndarray, image: Pair, rule: tuple) -> GradientPoints:
             p = a * fx / d
             q = b * fy / d
             o = -(p * x + q * y) / d
-            _put(points[n], (x, y, d))
+            points[n, 0] = x
+            points[n, 1] = y
+            points[n, 2] = d
             _put_row(J[n], (x, y, d), (p, q, o))
             greys[n] = grey[v, u]
             tiles[n] = (v * down // h) * across + u * across // w
@@ -344,7 +348,9 @@ def surface_points(
             if normals[v, u, 2] == 0:
                 continue
             d = z[v, u]
-            _put(points[n], ((u - cx) / fx * d, (v - cy) / fy * d, d))
+            points[n, 0] = (u - cx) / fx * d
+            points[n, 1] = (v - cy) / fy * d
+            points[n, 2] = d
             directions[n] = normals[v, u]
             blocks[n] = (v * down // h) * across + u * across // w
             n += 1
@@ -352,32 +358,25 @@ def surface_points(
 
 
 @njit(cache=True)
-def _associated(
-    T: np.ndarray, k: np.ndarray, point: np.ndarray, z: np.ndarray, gate: Pair
-) -> tuple:
-    """Projective association: the row (-1 without a match) and column of the reference's depth z
-    that T projects a point to, the moved point, and the way from it to the reference's one.
-
-    gate: number of pixels at the border that do not match, and the maximum distance.
-    """
-    h, w = z.shape
+def _pixel(q: tuple, k: tuple, shape: tuple, border: int) -> Pair:
+    """The row and column that a point is projected to; -1 outside the image or in its border."""
     fx, fy, cx, cy = k
-    border, max_distance = gate
-    none = (0.0, 0.0, 0.0)
-    q = _moved(T, point[0], point[1], point[2])
+    h, w = shape
     if q[2] < NEAREST_M:
-        return -1, -1, none, none
+        return -1, -1
     a = fx * q[0] / q[2] + cx + 0.5
     b = fy * q[1] / q[2] + cy + 0.5
-    if not (a >= border and b >= border and a < w - border and b < h - border):
-        return -1, -1, none, none
-    j = int(a)
-    i = int(b)
-    e = z[i, j]
-    way = ((j - cx) / fx * e - q[0], (i - cy) / fy * e - q[1], e - q[2])
-    if _dot(way, way) > max_distance * max_distance:
-        return -1, -1, none, none
-    return i, j, q, way
+    if a >= border and b >= border and a < w - border and b < h - border:
+        return int(b), int(a)
+    return -1, -1
+
+
+@njit(cache=True)
+def _way(q: tuple, k: tuple, pixel: Pair, depth: Any) -> tuple:
+    """From a point to that of a pixel with a depth."""
+    fx, fy, cx, cy = k
+    i, j = pixel
+    return (j - cx) / fx * depth - q[0], (i - cy) / fy * depth - q[1], depth - q[2]
 
 
 @njit(cache=True)
@@ -398,14 +397,20 @@ def plane_residuals(
     z, normals = surface
     max_distance, min_cosine = gate
     residual, J, residual1, J1 = out
-    for n in range(len(seen.points)):
+    camera = (k[0], k[1], k[2], k[3])
+    points = seen.points
+    directions = seen.normals
+    for n in range(len(points)):
         residual[n] = np.nan
-        i, j, q, way = _associated(T, k, seen.points[n], z, (0, max_distance))
+        q = _moved(T, points[n, 0], points[n, 1], points[n, 2])
+        i, j = _pixel(q, camera, z.shape, 0)
         if i < 0 or normals[i, j, 2] == 0:
             continue
+        way = _way(q, camera, (i, j), z[i, j])
+        if _dot(way, way) > max_distance * max_distance:
+            continue
         one = (normals[i, j, 0], normals[i, j, 1], normals[i, j, 2])
-        normal = seen.normals[n]
-        other = _rotated(T, normal[0], normal[1], normal[2])
+        other = _rotated(T, directions[n, 0], directions[n, 1], directions[n, 2])
         if _dot(one, other) < min_cosine:
             continue
         residual[n] = _dot(one, way)
@@ -428,10 +433,11 @@ def _add_point(o: np.ndarray, r: float, weight: float, p: tuple) -> None:
 
 
 @njit(cache=True)
-def _add_pair(o: np.ndarray, one: Pair, other: Pair, weight: float, p: tuple) -> None:
+def _add_pair(
+    o: np.ndarray, J: np.ndarray, J1: np.ndarray, residuals: Pair, weight: float, p: tuple
+) -> None:
     """Add one pixel to the sums o (34,) that block_sums() describes."""
-    J, r = one
-    J1, q = other
+    r, q = residuals
     half = 0.5 * weight
     n = 0
     for a in range(6):
@@ -472,7 +478,7 @@ def block_sums(
             continue
         p = (points[i, 0], points[i, 1], points[i, 2])
         weight = _weight(r, student)
-        _add_pair(out[blocks[i]], (J[i], r), (J1[i], residual1[i]), weight, p)
+        _add_pair(out[blocks[i]], J[i], J1[i], (r, residual1[i]), weight, p)
 
 
 @njit(cache=True)
@@ -513,7 +519,7 @@ def tile_sums(seen: GradientPoints, rows: tuple, student: Pair, out: np.ndarray)
 
 
 @njit(cache=True)
-def _normal(z: np.ndarray, v: int, u: int, k: np.ndarray) -> tuple:
+def _normal(z: np.ndarray, v: int, u: int, k: tuple) -> tuple:
     """Unit normal by differences over a pixel to each side; its z is 0 at depth edges and where
     depth is missing.
     """
@@ -533,18 +539,23 @@ def _normal(z: np.ndarray, v: int, u: int, k: np.ndarray) -> tuple:
 def depth_points(k: np.ndarray, z: np.ndarray, stride: int) -> SurfacePoints:
     """The pixels with a normal in every stride-th row and column, in one block."""
     fx, fy, cx, cy = k
+    camera = (fx, fy, cx, cy)
     size = -(-z.shape[0] // stride) * -(-z.shape[1] // stride)
     points = np.empty((size, 3), np.float32)
     directions = np.empty((size, 3), np.float32)
     n = 0
     for v in range(1, z.shape[0] - 1, stride):
         for u in range(1, z.shape[1] - 1, stride):
-            normal = _normal(z, v, u, k)
+            normal = _normal(z, v, u, camera)
             if normal[2] == 0:
                 continue
             d = z[v, u]
-            _put(points[n], ((u - cx) / fx * d, (v - cy) / fy * d, d))
-            _put(directions[n], normal)
+            points[n, 0] = (u - cx) / fx * d
+            points[n, 1] = (v - cy) / fy * d
+            points[n, 2] = d
+            directions[n, 0] = normal[0]
+            directions[n, 1] = normal[1]
+            directions[n, 2] = normal[2]
             n += 1
     return SurfacePoints(points[:n], directions[:n], np.zeros(n, np.int16))
 
@@ -561,17 +572,23 @@ def depth_sums(
     """
     max_distance, min_cosine, sigma, nu = rule
     residual, cosine = out
+    camera = (k[0], k[1], k[2], k[3])
+    points = seen.points
+    directions = seen.normals
     result = np.zeros(34)
     J = np.empty(6)
     J1 = np.empty(6)
-    for n in range(len(seen.points)):
+    for n in range(len(points)):
         residual[n] = np.nan
-        i, j, q, way = _associated(T, k, seen.points[n], z, (1, max_distance))
+        q = _moved(T, points[n, 0], points[n, 1], points[n, 2])
+        i, j = _pixel(q, camera, z.shape, 1)
         if i < 0:
             continue
-        one = _normal(z, i, j, k)
-        normal = seen.normals[n]
-        other = _rotated(T, normal[0], normal[1], normal[2])
+        way = _way(q, camera, (i, j), z[i, j])
+        if _dot(way, way) > max_distance * max_distance:
+            continue
+        one = _normal(z, i, j, camera)
+        other = _rotated(T, directions[n, 0], directions[n, 1], directions[n, 2])
         cosine[n] = _dot(one, other)
         if one[2] == 0 or cosine[n] < min_cosine:
             continue
@@ -580,7 +597,7 @@ def depth_sums(
         _put_row(J, q, one)
         _put_row(J1, q, other)
         weight = (nu + 1) / (nu + (r / sigma) ** 2)
-        _add_pair(result, (J, r), (J1, _dot(other, way)), weight, q)
+        _add_pair(result, J, J1, (r, _dot(other, way)), weight, q)
     return result
 
 

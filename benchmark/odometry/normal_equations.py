@@ -137,7 +137,7 @@ class NormalEquations:
         """The Gauss-Newton step (6,), and the number of directions in which the prior outweighs the
         images.
 
-        The prior has the standard deviation `prior_m` (Kerl 2013, section III-E). It keeps
+        The prior has the standard deviation `prior_m` (as in Kerl 2013). It keeps
         under-constrained directions near the prediction; total_twist (6,) is the accumulated motion
         from it. Without a prior such directions are not updated (solution remapping, Zhang, Kaess,
         Singh 2016). The prior is on the motion of the camera, whose centre is at camera_m (3,): a

@@ -96,7 +96,7 @@ class PhotometricTerm:
         self.current = pair.current[level]
         self.settings = settings
         self.scale_once = scale_once
-        self.sigma = 5.0  # Kerl 2013, section III-D
+        self.sigma = 5.0  # the start of Kerl 2013
         self.gain = 0.0
         self.pixels = pair.reference[level].grey.size // (2 if self.sparse else 1)
         rule = (settings.min_gradients[level], settings.max_depth_m, *TILES, self.sparse)
