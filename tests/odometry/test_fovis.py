@@ -246,3 +246,12 @@ def test_a_corner_has_a_contrast_of_a_few_grey_levels(levels, corners):
     image = np.full((120, 160), 100, np.uint8)
     image[60:, 80:] += levels
     assert len(features.eigenvalue_corners(image)[0]) == corners
+
+
+def test_a_description_keeps_the_whole_contrast_of_its_patch():
+    """Greys of 30 and 225 about the middle of a byte: neither is clipped."""
+    image = np.full((40, 40), 30, np.uint8)
+    image[:, 20:] = 225
+    found = features.describe(image, np.array([[20, 20]]))[0].astype(int)
+    assert np.ptp(found) == 195
+    assert abs(found.mean() - 128) < 1
