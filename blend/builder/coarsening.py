@@ -34,7 +34,7 @@ def feature_m(detail: float) -> float:
 
 
 def coarser(mesh: Mesh, within_m: float) -> Mesh:
-    """Like `_merged`, with the smallest features first: otherwise they would connect larger ones."""
+    """Like `_merged`, the smallest features first: otherwise they would connect larger ones."""
     for halvings in (3, 2, 1, 0):
         mesh = _merged(mesh, within_m / 2**halvings)
     return mesh
@@ -133,11 +133,15 @@ def _placed(mesh: Mesh, group: np.ndarray, kept: np.ndarray, within_m: float) ->
     area = _area_normals(mesh)[kept]
     size = np.linalg.norm(area, axis=1)
     normal = area / np.maximum(size, 1e-30)[:, None]
-    A, b, weight = np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros(count)
+    A = np.zeros((count, 3, 3))
+    b = np.zeros((count, 3))
+    weight = np.zeros(count)
     for k in range(4):
         there = mesh.faces[kept, k] >= 0
         corner = mesh.faces[kept[there], k]
-        own, n, w = group[corner], normal[there], size[there]
+        own = group[corner]
+        n = normal[there]
+        w = size[there]
         ahead = np.einsum("ij,ij->i", n, mesh.verts[corner] - middle[own])
         np.add.at(A, own, w[:, None, None] * n[:, :, None] * n[:, None, :])
         np.add.at(b, own, (w * ahead)[:, None] * n)

@@ -82,7 +82,9 @@ def shrub(rng: np.random.Generator, size: tuple[float, float, float], detail: fl
     """A leafy bush in a box of `size` (x, y, z) above the origin: small folded leaves that face
     outwards, some left out at low detail.
     """
-    parts, leaves = [], 420  # always drawn from the seed, so that later draws do not change
+    # always drawn from the seed, so that later draws do not change
+    parts = []
+    leaves = 420
     d = rng.normal(size=(leaves, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     r = rng.uniform(0.45, 1.0, (leaves, 1)) ** 0.6
@@ -96,13 +98,13 @@ def shrub(rng: np.random.Generator, size: tuple[float, float, float], detail: fl
         length = rng.uniform(0.035, 0.06)
         fold = np.cross(wide, long) * 0.004
         p = [[c, c + wide * 0.001, c + wide * 0.002]]
-        p += [
-            [
-                c + long * length * f - wide * w,
-                c + long * length * f - fold,
-                c + long * length * f + wide * w,
-            ]
-            for f, w in ((0.4, 0.012), (1.0, 0.001))
-        ]
+        for f, w in ((0.4, 0.012), (1.0, 0.001)):
+            p.append(
+                [
+                    c + long * length * f - wide * w,
+                    c + long * length * f - fold,
+                    c + long * length * f + wide * w,
+                ]
+            )
         parts.append(grid(np.array(p)))
     return join(parts[: steps(leaves, min(detail, 1.0), 20)])

@@ -20,7 +20,7 @@ def board(
     turn: bool = False,
     arcs: int = 1,
 ) -> Mesh:
-    """A planed board with rounded edges; grain along x, or along the other axis if `turn` is set."""
+    """A planed board with rounded edges; grain along x, or along the other axis with `turn`."""
     shift = (0.37 * centre[0] + 0.21 * centre[2], 0.61 * centre[1] + 0.13 * centre[2])
     return rounded_box(size, radius, arcs).box_mapped(WOOD_TILE, shift, turn).moved(*centre)
 
@@ -31,7 +31,8 @@ def coffee_table(width: float, depth: float, top: float, detail: float) -> Mesh:
     """
     parts = [board((width, depth, 0.032), (0, 0, top - 0.016), 0.008, arcs=2)]
     n = steps(14, detail, 8)
-    sx, sy = width / 2 - 0.10, depth / 2 - 0.085
+    sx = width / 2 - 0.10
+    sy = depth / 2 - 0.085
     stand = []
     for i in (-1, 1):
         for j in (-1, 1):
@@ -50,10 +51,15 @@ def coffee_table(width: float, depth: float, top: float, detail: float) -> Mesh:
         stand.append(board((2 * sx - 0.05, 0.022, 0.055), (0, j * (sy + 0.001), top - 0.0655)))
     for k in np.linspace(-1, 1, 7):
         stand.append(board((2 * sx + 0.015, 0.055, 0.014), (0, k * (sy - 0.035), 0.17), 0.003))
-    stand += [
-        bar((i * (sx + 0.021), -sy - 0.015, 0.155), (i * (sx + 0.021), sy + 0.015, 0.155), 0.009, n)
-        for i in (-1, 1)
-    ]
+    for i in (-1, 1):
+        stand.append(
+            bar(
+                (i * (sx + 0.021), -sy - 0.015, 0.155),
+                (i * (sx + 0.021), sy + 0.015, 0.155),
+                0.009,
+                n,
+            )
+        )
     return join(parts + [s.painted(1) for s in stand])
 
 
@@ -121,7 +127,8 @@ def sideboard(width: float, depth: float, height: float, detail: float) -> Mesh:
     metal, 2 dark
     inside.
     """
-    low, t = 0.14, 0.022
+    low = 0.14
+    t = 0.022
     tall = height - low
     parts = [
         board((width, depth, t), (0, 0, height - t / 2)),
@@ -140,7 +147,8 @@ def sideboard(width: float, depth: float, height: float, detail: float) -> Mesh:
         .moved(0, -depth / 2 + 0.035, low + tall / 2)
         .painted(2),
     ]
-    inside, clear = width - 2 * t, tall - 2 * t
+    inside = width - 2 * t
+    clear = tall - 2 * t
     third = inside / 3
     front = -depth / 2 + 0.012
     knob = (
@@ -252,18 +260,19 @@ def foot_lamp(shade: tuple[float, float, float], detail: float) -> tuple[Mesh, M
         ],
         steps(16, detail, 8),
     )
-    arms = [
-        tube(
-            [
-                [0.018 * c, 0.018 * s, socket - 0.02],
-                [radius * 0.6 * c, radius * 0.6 * s, socket - 0.03],
-                [(radius - 0.001) * c, (radius - 0.001) * s, low + 0.006],
-            ],
-            0.0022,
-            5,
+    arms = []
+    for c, s in [(np.cos(a), np.sin(a)) for a in np.radians([30, 150, 270])]:
+        arms.append(
+            tube(
+                [
+                    [0.018 * c, 0.018 * s, socket - 0.02],
+                    [radius * 0.6 * c, radius * 0.6 * s, socket - 0.03],
+                    [(radius - 0.001) * c, (radius - 0.001) * s, low + 0.006],
+                ],
+                0.0022,
+                5,
+            )
         )
-        for c, s in [(np.cos(a), np.sin(a)) for a in np.radians([30, 150, 270])]
-    ]
     drum = lathe(
         [
             (radius, low),
@@ -275,9 +284,8 @@ def foot_lamp(shade: tuple[float, float, float], detail: float) -> tuple[Mesh, M
     )
     drum = Mesh(drum.verts, drum.faces, drum.uv * np.array([4.0, 0.8]), drum.material)
     turn = np.linspace(0, 2 * np.pi, n + 1)
-    rings = [
-        np.stack([radius * np.cos(turn), radius * np.sin(turn), 0 * turn + z], 1)
-        for z in (low + 0.002, high - 0.002)
-    ]
+    rings = []
+    for z in (low + 0.002, high - 0.002):
+        rings.append(np.stack([radius * np.cos(turn), radius * np.sin(turn), 0 * turn + z], 1))
     rims = [tube(ring, 0.0032, 6, closed_ends=False).painted(1) for ring in rings]
     return join([foot, pole, *arms]), join([drum, *rims]), bulb.moved(z=socket)

@@ -36,7 +36,9 @@ def sun(
     a, e = np.radians([azimuth_deg, elevation_deg])
     direction = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
     data = bpy.data.lights.new(name, "SUN")
-    data.energy, data.color, data.angle = strength, colour, np.radians(angle_deg)
+    data.energy = strength
+    data.color = colour
+    data.angle = np.radians(angle_deg)
     return _add(name, data, tuple(10 * direction), (0.0, 0.0, 0.0))
 
 
@@ -51,8 +53,11 @@ def spot(
     radius: float,
 ) -> bpy.types.Object:
     data = bpy.data.lights.new(name, "SPOT")
-    data.energy, data.color, data.shadow_soft_size = power, colour, radius
-    data.spot_size, data.spot_blend = np.radians(cone_deg), soft
+    data.energy = power
+    data.color = colour
+    data.shadow_soft_size = radius
+    data.spot_size = np.radians(cone_deg)
+    data.spot_blend = soft
     return _unseen(_add(name, data, location, towards))
 
 
@@ -60,7 +65,9 @@ def lamp(
     name: str, location: Place, power: float, colour: Place, radius: float
 ) -> bpy.types.Object:
     data = bpy.data.lights.new(name, "POINT")
-    data.energy, data.color, data.shadow_soft_size = power, colour, radius
+    data.energy = power
+    data.color = colour
+    data.shadow_soft_size = radius
     return _unseen(_add(name, data, location))
 
 
@@ -77,7 +84,9 @@ def portal(
 ) -> bpy.types.Object:
     """A portal: an opening through which the sky is sampled. It emits no light."""
     data = bpy.data.lights.new(name, "AREA")
-    data.shape, data.size, data.size_y = "RECTANGLE", width, height
+    data.shape = "RECTANGLE"
+    data.size = width
+    data.size_y = height
     data.cycles.is_portal = True
     return _add(name, data, location, towards)
 
@@ -96,8 +105,11 @@ def daylight(
     invisible to the camera.
     """
     data = bpy.data.lights.new(name, "AREA")
-    data.shape, data.size, data.size_y = "RECTANGLE", width, height
-    data.energy, data.color = power, colour
+    data.shape = "RECTANGLE"
+    data.size = width
+    data.size_y = height
+    data.energy = power
+    data.color = colour
     obj = _add(name, data, location, towards)
     obj.visible_camera = False
     obj.visible_glossy = False
@@ -111,10 +123,9 @@ def sky(image: bpy.types.Image, strength: float) -> None:
         world.use_nodes = True
     tree = world.node_tree
     tree.nodes.clear()
-    texture, background, out = (
-        tree.nodes.new(k)
-        for k in ("ShaderNodeTexEnvironment", "ShaderNodeBackground", "ShaderNodeOutputWorld")
-    )
+    texture = tree.nodes.new("ShaderNodeTexEnvironment")
+    background = tree.nodes.new("ShaderNodeBackground")
+    out = tree.nodes.new("ShaderNodeOutputWorld")
     texture.image = image
     background.inputs["Strength"].default_value = strength
     tree.links.new(texture.outputs["Color"], background.inputs["Color"])

@@ -51,12 +51,15 @@ def build(seed: int = 0, detail: float = 1.0) -> None:
 
 
 def _shell(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    w, d, h = X1 - X0, Y1 - Y0, Z1 - Z0
+    w = X1 - X0
+    d = Y1 - Y0
+    h = Z1 - Z0
     stage.add(
         "floor", "floor", plane((X0, Y0 - 0.20, Z0), (w, 0, 0), (0, d + 0.20, 0), 2.1), "floor"
     )
     stage.add("ceiling", "ceiling", plane((X0, Y0, Z1), (0, d, 0), (w, 0, 0), 2.5), "ceiling")
-    low, tall = Z0 + SKIRT_TOP - 0.004, h - SKIRT_TOP + 0.004
+    low = Z0 + SKIRT_TOP - 0.004
+    tall = h - SKIRT_TOP + 0.004
     x0, x1, top = DOOR
     hole = (x0 + 0.1 - X0, x1 - 0.1 - X0, -1.0, top - 0.1 - low)
     stage.add(
@@ -78,7 +81,7 @@ def _shell(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     hole = (X1 - b, X1 - a, -1.0, e - low)
     inner = plane((X1, Y0, low), (-w, 0, 0), (0, 0, tall), 2.5, (0.77, 0.25), hole)
     stage.add(
-        "wall_window", "wall", join([inner, *_reveal(a, b, Z0, e, 0.20)]), "wall", "white paint"
+        "wall_window", "wall", join([inner, *_reveal(a, b, Z0, e, 0.20)]), ("wall", "white paint")
     )
 
 
@@ -95,7 +98,8 @@ def _reveal(a: float, b: float, c: float, e: float, deep: float) -> list[Mesh]:
 
 
 def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    h, t = SKIRT_TOP, SKIRT_THICK
+    h = SKIRT_TOP
+    t = SKIRT_THICK
     runs = [
         skirting((X0, Y1), (X0, Y0), h, t, (True, True)),
         skirting((X0, Y0), (WINDOW[0] - 0.002, Y0), h, t, (True, False), capped=True),
@@ -115,41 +119,39 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     leaf = door(x1 - x0 - 0.19, top - Z0 - 0.095, detail).moved(
         (x0 + x1) / 2, Y1 - 0.0015, Z0 + 0.003
     )
-    stage.add("door", "door", leaf, "white paint", "steel")
+    stage.add("door", "door", leaf, ("white paint", "steel"))
     art = picture(1.36, 1.02, 0.055)
     stage.add(
         "picture_landscape",
         "picture",
         art.moved(-0.225, Y1 - 0.002, 1.695),
-        "frame wood",
-        "mat",
-        "landscape",
+        ("frame wood", "mat", "landscape"),
     )
     art = picture(1.36, 1.02, 0.055).turned("z", -90)
     stage.add(
         "picture_coast",
         "picture",
         art.moved(X1 - 0.002, -0.785, 1.695),
-        "frame wood",
-        "mat",
-        "coast",
+        ("frame wood", "mat", "coast"),
     )
     for k, (x, y) in enumerate(SPOTS, 1):
         fitting = stage.add(
-            f"ceiling_spot_{k}", "lamp", spot(detail).moved(x, y, Z1), "trim", "lens"
+            f"ceiling_spot_{k}", "lamp", spot(detail).moved(x, y, Z1), ("trim", "lens")
         )
         fitting.visible_diffuse = (
             False  # the spot lamp gives the light; the emission is only visible
         )
     frame, panes = window(*WINDOW, detail)
-    stage.add("window_frame", "window", frame.moved(0, Y0 - 0.025, 0), "white paint", "steel")
+    stage.add("window_frame", "window", frame.moved(0, Y0 - 0.025, 0), ("white paint", "steel"))
     stage.add("window_pane", "window", panes.moved(0, Y0 - 0.025, 0), "glass")
 
 
 def _seating(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    stage.add("sofa_wall", "sofa", sofa(rng, detail).moved(-0.2375, 0.86, Z0), "sofa", "dark metal")
+    stage.add(
+        "sofa_wall", "sofa", sofa(rng, detail).moved(-0.2375, 0.86, Z0), ("sofa", "dark metal")
+    )
     second = sofa(rng, detail).turned("z", -90).moved(1.44, -0.7825, Z0)
-    stage.add("sofa_side", "sofa", second, "sofa", "dark metal")
+    stage.add("sofa_side", "sofa", second, ("sofa", "dark metal"))
     seat = 0.640
     red = pillow(rng, 0.44, 0.21, detail).turned("x", -17).turned("z", 21).moved(-0.615, 1.41, seat)
     stage.add("pillow_crimson", "pillow", red, "crimson")
@@ -170,29 +172,28 @@ def _seating(stage: Stage, rng: np.random.Generator, detail: float) -> None:
             name,
             "chair",
             chair(detail).turned("z", turn).moved(x, y, Z0 + 0.0005),
-            "oak",
-            "grey seat",
+            ("oak", "grey seat"),
         )
 
 
 def _table(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    top, x, y = 0.647, 0.045, -0.475
+    top = 0.647
+    x = 0.045
+    y = -0.475
     on_rug = Z0 + 0.0112
     stage.add(
         "table",
         "table",
         coffee_table(1.01, 0.67, top - on_rug, detail).moved(x, y, on_rug),
-        "oak",
-        "nut",
+        ("oak", "nut"),
     )
     stage.add("plate", "plate", plate(detail).moved(0.20, -0.36, top + 0.0002), "porcelain")
-    fruits = [
-        fruit(rng, 0.039, detail).moved(0.20 + dx, -0.36 + dy, top + 0.0145 + dz)
-        for dx, dy, dz in ((-0.047, -0.012, 0.0), (0.036, -0.040, 0.0), (0.022, 0.046, 0.0))
-    ]
+    fruits = []
+    for dx, dy, dz in ((-0.047, -0.012, 0.0), (0.036, -0.040, 0.0), (0.022, 0.046, 0.0)):
+        fruits.append(fruit(rng, 0.039, detail).moved(0.20 + dx, -0.36 + dy, top + 0.0145 + dz))
     stage.add("fruit", "fruit", join(fruits), "orange")
     stage.add("vase", "vase", vase(detail).moved(0.40, -0.655, top + 0.0002), "glaze")
-    stage.add("twigs", "plant", twigs(rng, detail).moved(0.40, -0.655, top), "bark", "bud")
+    stage.add("twigs", "plant", twigs(rng, detail).moved(0.40, -0.655, top), ("bark", "bud"))
     volumes = [
         book((0.29, 0.22, 0.030)).turned("z", 8),
         book((0.25, 0.19, 0.024)).turned("z", -7).moved(z=0.0304),
@@ -201,7 +202,7 @@ def _table(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     for k, (volume, cover) in enumerate(
         zip(volumes, ("book blue", "book cream", "book red"), strict=True), 1
     ):
-        stage.add(f"book_{k}", "books", volume.moved(-0.24, -0.36, top + 0.0003), cover, "paper")
+        stage.add(f"book_{k}", "books", volume.moved(-0.24, -0.36, top + 0.0003), (cover, "paper"))
     paper = magazine(rng, (0.21, 0.28), detail).turned("z", 20).moved(-0.02, -0.645, top + 0.0004)
     stage.add("magazine", "books", paper, "coast")
 
@@ -212,26 +213,24 @@ def _media(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         "sideboard",
         "cabinet",
         sideboard(1.36, 0.42, 0.50, detail).turned("z", 180).moved(x, y, Z0 + 0.0005),
-        "nut",
-        "brass",
-        "dark metal",
+        ("nut", "brass", "dark metal"),
     )
     tv = television(1.04, detail).turned("z", 180).moved(x - 0.06, y - 0.04, Z0 + 0.501)
-    stage.add("tv", "television", tv, "dark metal", "screen", "steel")
+    stage.add("tv", "television", tv, ("dark metal", "screen", "steel"))
     for k, (height, cover) in enumerate(((0.024, "book red"), (0.030, "book cream")), 4):
         lying = (
             book((0.20, 0.14, height))
             .turned("z", 90 - 9 * k)
             .moved(x + 0.585 - 0.0, y + 0.05, Z0 + 0.5008 + (0.0246 if k == 5 else 0))
         )
-        stage.add(f"book_{k}", "books", lying, cover, "paper")
+        stage.add(f"book_{k}", "books", lying, (cover, "paper"))
 
 
 def _lamps(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     for name, (x, y) in LAMPS.items():
         stand, shade, bulb = foot_lamp((0.182, 1.337, 1.582), detail)
         stage.add(f"lamp_{name}", "lamp", stand.moved(x, y, Z0), "steel")
-        stage.add(f"lamp_shade_{name}", "lamp", shade.moved(x, y, Z0), "shade", "steel")
+        stage.add(f"lamp_shade_{name}", "lamp", shade.moved(x, y, Z0), ("shade", "steel"))
         shining = stage.add(f"lamp_bulb_{name}", "lamp", bulb.moved(x, y, Z0), "bulb")
         shining.visible_shadow = shining.visible_diffuse = (
             False  # the lamp inside gives the light; the emission is only visible
@@ -240,7 +239,7 @@ def _lamps(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 
 def _plant(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     x, y = -2.09, 0.66
-    stage.add("plant_pot", "pot", pot(rng, 0.17, 0.31, detail).moved(x, y, Z0), "pot", "soil")
+    stage.add("plant_pot", "pot", pot(rng, 0.17, 0.31, detail).moved(x, y, Z0), ("pot", "soil"))
     soil = Z0 + 0.27
     stems = [
         (
@@ -348,14 +347,15 @@ def _plant(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     ]
     parts = [stalk(np.array(path), thick, detail).painted(1) for path, thick in stems]
     parts += [blade(np.array(path), width, cup, detail, roll) for path, width, cup, roll in leaves]
-    stage.add("plant", "plant", join(parts), "leaf", "stalk")
+    stage.add("plant", "plant", join(parts), ("leaf", "stalk"))
 
 
 def _textiles(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    stage.add("rug", "rug", rug(rng, 1.66, 1.86, detail).moved(0.19, -0.43, Z0), "rug", "fringe")
+    stage.add("rug", "rug", rug(rng, 1.66, 1.86, detail).moved(0.19, -0.43, Z0), ("rug", "fringe"))
     over = throw(rng, detail).turned("z", 180).moved(LENGTH / 2 - 0.14, 0.40)
     stage.add("throw", "blanket", over.turned("z", -90).moved(1.44, -0.7825, Z0), "knit")
-    y, height = Y0 + 0.105, 2.365
+    y = Y0 + 0.105
+    height = 2.365
     left = curtain(rng, 0.46, height, 9, detail).moved(-2.395, y, Z0 + 0.012)
     right = curtain(rng, 0.46, height, 9, detail).moved(-0.10, y, Z0 + 0.012)
     stage.add("curtain_left", "curtain", left, "curtain")
@@ -369,7 +369,10 @@ def _textiles(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 
 
 def _balcony(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    x0, x1, y0, y1 = -3.1, 1.3, -4.55, Y0 - 0.20
+    x0 = -3.1
+    x1 = 1.3
+    y0 = -4.55
+    y1 = Y0 - 0.20
     slab = (
         rounded_box((x1 - x0, y1 - y0, 0.16), 0.01)
         .moved((x0 + x1) / 2, (y0 + y1) / 2, Z0 - 0.10)
@@ -379,10 +382,9 @@ def _balcony(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     kerb = rounded_box((x1 - x0, 0.10, 0.22), 0.01).moved((x0 + x1) / 2, y0 + 0.05, Z0 + 0.0905)
     stage.add("balcony_kerb", "wall", kerb, "white paint")
     low, high = Z0 + 0.20, Z0 + 1.02
-    posts = [
-        bar((x, y0 + 0.05, low), (x, y0 + 0.05, high), 0.007, steps(8, detail, 5))
-        for x in np.linspace(x0 + 0.05, x1 - 0.05, steps(38, detail, 8))
-    ]
+    posts = []
+    for x in np.linspace(x0 + 0.05, x1 - 0.05, steps(38, detail, 8)):
+        posts.append(bar((x, y0 + 0.05, low), (x, y0 + 0.05, high), 0.007, steps(8, detail, 5)))
     hand = rounded_box((x1 - x0, 0.055, 0.035), 0.010).moved(
         (x0 + x1) / 2, y0 + 0.05, high + 0.0165
     )

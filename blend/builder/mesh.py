@@ -28,11 +28,14 @@ class Mesh:
         return replace(self, verts=self.verts + np.array([x, y, z]))
 
     def turned(self, axis: str, degrees: float) -> Mesh:
-        """Rotate about a coordinate axis through the origin, counter-clockwise seen from its tip."""
+        """Rotate about a coordinate axis, counter-clockwise seen from the tip of the axis."""
         c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
         i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
         R = np.eye(3)
-        R[i, i], R[i, j], R[j, i], R[j, j] = c, -s, s, c
+        R[i, i] = c
+        R[i, j] = -s
+        R[j, i] = s
+        R[j, j] = c
         return replace(self, verts=self.verts @ R.T)
 
     def mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> Mesh:
@@ -84,7 +87,8 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The same numbers as np.cross for (N,3) arrays, in a fraction of its time for the few rows of
     a small part.
     """
-    (a0, a1, a2), (b0, b1, b2) = a.T, b.T
+    (a0, a1, a2) = a.T
+    (b0, b1, b2) = b.T
     return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], -1)
 
 
@@ -135,14 +139,16 @@ def _places(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _drop_repeated_corners(
     faces: np.ndarray, uv: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    faces, uv = faces.copy(), uv.copy()
+    faces = faces.copy()
+    uv = uv.copy()
     for k in range(4):
         quad = faces[:, 3] >= 0
         same = quad & (faces[:, k] == faces[:, (k + 1) % 4])
         if not same.any():
             continue
         order = [i for i in range(4) if i != k] + [k]
-        faces[same], uv[same] = faces[same][:, order], uv[same][:, order]
+        faces[same] = faces[same][:, order]
+        uv[same] = uv[same][:, order]
         faces[same, 3] = -1
     a, b, c, d = faces.T
     good = (a != b) & (b != c) & (a != c) & ((d < 0) | ((d != a) & (d != b) & (d != c)))

@@ -59,7 +59,9 @@ def build(seed: int = 0, detail: float = 1.0) -> None:
 
 
 def _shell(stage: Stage, rng: np.random.Generator, detail: float) -> None:
-    w, d, h = X1 - X0, Y1 - Y0, Z1 - Z0
+    w = X1 - X0
+    d = Y1 - Y0
+    h = Z1 - Z0
     stage.add(
         "floor", "floor", plane((X0, Y0, Z0), (w, 0, 0), (0, d, 0), 2.0, (0.25, 0.35)), "floor"
     )
@@ -83,16 +85,16 @@ def _shell(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 def _ceiling(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     panels, rails = ceiling()
     stage.add("ceiling", "ceiling", panels, "ceiling")
-    stage.add("ceiling_rails", "ceiling", rails, "rail", "ceiling")
+    stage.add("ceiling_rails", "ceiling", rails, ("rail", "ceiling"))
     for k, (x, y) in enumerate(LUMINAIRES, 1):
         fitting = stage.add(
-            f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), "rail", "tube light"
+            f"luminaire_{k}", "lamp", luminaire().moved(x, y, Z1), ("rail", "tube light")
         )
         fitting.visible_diffuse = (
             False  # the rectangle beneath it gives the light; the emission is only visible
         )
     for k, (x, y) in enumerate(VENTS, 1):
-        stage.add(f"vent_{k}", "vent", vent(detail).moved(x, y, Z1), "vent", "steel paint")
+        stage.add(f"vent_{k}", "vent", vent(detail).moved(x, y, Z1), ("vent", "steel paint"))
 
 
 def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
@@ -112,8 +114,7 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         "door",
         "door",
         door(b - a - 0.11, top - 0.055, detail).moved((a + b) / 2, Y1 - 0.0015, Z0 + 0.003),
-        "door",
-        "steel",
+        ("door", "steel"),
     )
     for k, y in enumerate((-0.725, -0.675), 1):
         stage.add(
@@ -127,25 +128,27 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         "picture_rocks",
         "picture",
         art.moved(X0 + 0.002, 0.955, Z0 + 1.495),
-        "black",
-        "mat",
-        "rocks",
+        ("black", "mat", "rocks"),
     )
     art = slim_picture(0.53, 0.53, 0.02).turned("z", 90)
     stage.add(
         "picture_window",
         "picture",
         art.moved(X0 + 0.002, -2.905, Z0 + 1.455),
-        "black",
-        "mat",
-        "still life",
+        ("black", "mat", "still life"),
     )
     art = slim_picture(0.75, 0.52, 0.05).turned("z", -90)
     stage.add(
-        "picture_coast", "picture", art.moved(X1 - 0.002, 1.45, Z0 + 1.60), "black", "mat", "coast"
+        "picture_coast",
+        "picture",
+        art.moved(X1 - 0.002, 1.45, Z0 + 1.60),
+        ("black", "mat", "coast"),
     )
     stage.add(
-        "clock", "clock", clock(detail).moved(0.86, Y1 - 0.001, Z0 + 2.02), "black", "dial", "black"
+        "clock",
+        "clock",
+        clock(detail).moved(0.86, Y1 - 0.001, Z0 + 2.02),
+        ("black", "dial", "black"),
     )
     _board(stage, rng)
     for k, (x, y, turn) in enumerate(((X0, 2.55, 90), (X1, -0.55, -90), (X1, 2.6, -90)), 1):
@@ -153,8 +156,7 @@ def _wall_pieces(stage: Stage, rng: np.random.Generator, detail: float) -> None:
             f"socket_{k}",
             "socket",
             socket_plate().turned("z", turn).moved(x - np.sign(x) * 0.0005, y, Z0 + 0.26),
-            "white plastic",
-            "dark",
+            ("white plastic", "dark"),
         )
 
 
@@ -163,7 +165,7 @@ def _board(stage: Stage, rng: np.random.Generator) -> None:
     from .office_stationery import page
 
     board = notice_board(1.25, 0.85).turned("z", -90).moved(X1 - 0.001, -1.78, Z0 + 1.50)
-    stage.add("notice_board", "board", board, "beech", "cork")
+    stage.add("notice_board", "board", board, ("beech", "cork"))
     spots = (
         (-0.42, 0.16),
         (-0.15, 0.18),
@@ -177,20 +179,23 @@ def _board(stage: Stage, rng: np.random.Generator) -> None:
     for x, z in spots:
         leaf = page(rng, 0.0005, 0.02).turned("z", rng.normal(0, 5)).turned("x", 90)
         sheets.append(leaf.moved(x, -0.0107, z))
-    pins = [
-        block((0.009, 0.010, 0.009), (x, -0.0165, z + 0.125), 0.002).painted(1) for x, z in spots
-    ]
+    pins = []
+    for x, z in spots:
+        pins.append(block((0.009, 0.010, 0.009), (x, -0.0165, z + 0.125), 0.002).painted(1))
     notes = join([*sheets, *pins]).turned("z", -90).moved(X1 - 0.001, -1.78, Z0 + 1.50)
-    stage.add("notices", "paper", notes, "pages", "red plastic")
+    stage.add("notices", "paper", notes, ("pages", "red plastic"))
 
 
 def _desks(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     skins = ("laminate", "steel paint", "blue board", "black")
     for name, x, y, turn, width in (
-        ("desk_a", -1.65, -2.206, 0, 1.60), ("desk_b1", 1.65, -2.205, 0, 1.60), ("desk_b2", 1.65, -1.35, 180, 1.60),
-        ("desk_c", 2.05, 1.35, -90, 1.60), ("desk_d", -2.07, 2.50, 90, 1.60),
-    ):  # fmt: skip
-        stage.add(name, "desk", desk(width, 0.80).turned("z", turn).moved(x, y, Z0), *skins)
+        ("desk_a", -1.65, -2.206, 0, 1.60),
+        ("desk_b1", 1.65, -2.205, 0, 1.60),
+        ("desk_b2", 1.65, -1.35, 180, 1.60),
+        ("desk_c", 2.05, 1.35, -90, 1.60),
+        ("desk_d", -2.07, 2.50, 90, 1.60),
+    ):
+        stage.add(name, "desk", desk(width, 0.80).turned("z", turn).moved(x, y, Z0), skins)
     for k, (x, y, turn) in enumerate(
         ((-2.10, -2.30, 0), (2.10, -2.30, 0), (2.05, 1.85, -90), (-2.07, 3.0, 90)), 1
     ):
@@ -198,9 +203,7 @@ def _desks(stage: Stage, rng: np.random.Generator, detail: float) -> None:
             f"drawers_{k}",
             "cabinet",
             drawers(detail).turned("z", turn).moved(x, y, Z0 + 0.0005),
-            "grey case",
-            "steel",
-            "black",
+            ("grey case", "steel", "black"),
         )
     for k, (x, y, turn) in enumerate(
         (
@@ -217,9 +220,7 @@ def _desks(stage: Stage, rng: np.random.Generator, detail: float) -> None:
             f"chair_{k}",
             "chair",
             chair.turned("z", turn).moved(x, y, Z0 + 0.0005),
-            "cloth",
-            "black",
-            "steel",
+            ("cloth", "black", "steel"),
         )
 
 
@@ -236,9 +237,7 @@ def _storage(stage: Stage, rng: np.random.Generator, detail: float) -> None:
             f"cabinet_{k}",
             "cabinet",
             filing_cabinet(labels, detail).turned("z", turn).moved(x, y, Z0 + 0.0005),
-            "ochre",
-            "steel paint",
-            "labels",
+            ("ochre", "steel paint", "labels"),
         )
     on = Z0 + 1.3207
     stage.add("trays_red", "tray", tray(2).turned("z", 90).moved(0.24, -3.47, on), "red plastic")
@@ -249,7 +248,7 @@ def _storage(stage: Stage, rng: np.random.Generator, detail: float) -> None:
         "pages",
     )
     stage.add(
-        "binders_cabinet", "books", binder_row(rng, 4).moved(0.68, 3.24, on), "spines", "paper"
+        "binders_cabinet", "books", binder_row(rng, 4).moved(0.68, 3.24, on), ("spines", "paper")
     )
     for k, x in enumerate((-1.475, -0.475), 1):
         case, levels = bookcase(0.94, 1.88, 5)
@@ -267,16 +266,14 @@ def _storage(stage: Stage, rng: np.random.Generator, detail: float) -> None:
                     binder_row(rng, int(rng.integers(7, 11))).moved(
                         place["x"] - 0.44, place["y"] - 0.01, place["z"]
                     ),
-                    "spines",
-                    "paper",
+                    ("spines", "paper"),
                 )
             else:
                 stage.add(
                     f"books_{k}_{row}",
                     "books",
                     book_row(rng, 0.88, 0.33, rng.uniform(0.6, 0.95)).moved(**place),
-                    "spines",
-                    "paper",
+                    ("spines", "paper"),
                 )
 
 
@@ -287,8 +284,7 @@ def _floor_things(stage: Stage, rng: np.random.Generator, detail: float) -> None
             f"waste_basket_{k}",
             "basket",
             waste_basket(rng, detail).moved(x, y, Z0),
-            "black" if k % 2 else "grey case",
-            "paper",
+            ("black" if k % 2 else "grey case", "paper"),
         )
     box = block((0.40, 0.30, 0.26), (0, 0, 0.1305), 0.003)
     lid = block((0.41, 0.31, 0.05), (0, 0, 0.2605), 0.003)

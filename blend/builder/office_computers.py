@@ -14,7 +14,8 @@ from .solids import block, loft, mound, rounded_ring
 
 def monitor(detail: float) -> Mesh:
     """A 17-inch CRT on its swivel foot, 0.41 x 0.45 x 0.45; slots 0 plastic, 1 screen, 2 dark."""
-    n, z = 3, 0.27
+    n = 3
+    z = 0.27
 
     def ring(w: float, h: float, y: float, radius: float, lift: float = 0.0) -> np.ndarray:
         outline = rounded_ring(w, h, radius, n)
@@ -38,28 +39,22 @@ def monitor(detail: float) -> Mesh:
     ]
     body = loft([ring(*r) for r in (*front, *shell, *tail)])
     screen = mound(0.304, 0.232, 0.012).moved(0, -0.1985, 0.018).painted(1)
-    slots = [
-        block((0.20, 0.003, 0.006), (0, 0.2255, k * 0.014 - 0.06), 0.001).painted(2)
-        for k in range(9)
-    ]
-    slots += [
-        block((0.003, 0.11, 0.005), (s * 0.1475, 0.155, k * 0.014 - 0.05), 0.001).painted(2)
-        for s in (-1, 1)
-        for k in range(8)
-    ]
-    buttons = [
-        block((0.012, 0.006, 0.007), (x, -0.2175, -0.155), 0.0015)
-        for x in (-0.06, -0.04, -0.02, 0.0)
-    ]
+    slots = []
+    for k in range(9):
+        slots.append(block((0.20, 0.003, 0.006), (0, 0.2255, k * 0.014 - 0.06), 0.001).painted(2))
+    for s in (-1, 1):
+        for k in range(8):
+            slots.append(
+                block((0.003, 0.11, 0.005), (s * 0.1475, 0.155, k * 0.014 - 0.05), 0.001).painted(2)
+            )
+    buttons = []
+    for x in (-0.06, -0.04, -0.02, 0.0):
+        buttons.append(block((0.012, 0.006, 0.007), (x, -0.2175, -0.155), 0.0015))
     power = block((0.022, 0.007, 0.012), (0.14, -0.2175, -0.155), 0.002)
     lamp = block((0.005, 0.004, 0.003), (0.112, -0.2165, -0.155), 0.0005).painted(2)
     head = join([body, screen, *slots, *buttons, power, lamp]).moved(z=z)
-    neck = loft(
-        [
-            np.concatenate([rounded_ring(0.17, 0.17, 0.04), np.full((16, 1), t)], 1)
-            for t in (0.045, 0.085)
-        ]
-    )
+    outline = rounded_ring(0.17, 0.17, 0.04)
+    neck = loft([np.column_stack([outline, np.full(16, height)]) for height in (0.045, 0.085)])
     foot = lathe(
         [
             (0, 0.0006),
@@ -151,19 +146,15 @@ def tower(detail: float) -> Mesh:
         block((0.125, 0.003, 0.003), (0, -0.2246, 0.347), 0.0005).painted(2),
         block((0.102, 0.006, 0.022), (0, -0.221, 0.25), 0.002).painted(2),
     ]
-    parts += [
-        block((0.12, 0.004, 0.004), (0, -0.2203, z), 0.001).painted(2)
-        for z in np.arange(0.04, 0.15, 0.012)
-    ]
+    for z in np.arange(0.04, 0.15, 0.012):
+        parts.append(block((0.12, 0.004, 0.004), (0, -0.2203, z), 0.001).painted(2))
     button = lathe([(0, 0), (0.010, 0), (0.008, 0.005), (0, 0.006)], steps(14, detail, 8)).turned(
         "x", 90
     )
     parts += [button.moved(-0.05, -0.2195, 0.205), button.moved(0.05, -0.2195, 0.205).painted(2)]
-    parts += [
-        block((0.02, 0.02, 0.012), (i * 0.07, j * 0.17, 0.0065), 0.002).painted(2)
-        for i in (-1, 1)
-        for j in (-1, 1)
-    ]
+    for i in (-1, 1):
+        for j in (-1, 1):
+            parts.append(block((0.02, 0.02, 0.012), (i * 0.07, j * 0.17, 0.0065), 0.002).painted(2))
     return join(parts)
 
 

@@ -18,16 +18,18 @@ def desk(width: float, depth: float, side_boards: bool = True) -> Mesh:
     0 laminate, 1 steel, 2 side
     board, 3 rubber.
     """
-    x, y, leg, top = width / 2, depth / 2, 0.05, DESK_TOP
+    x = width / 2
+    y = depth / 2
+    leg = 0.05
+    top = DESK_TOP
     parts = [block((width, depth, 0.022), (0, 0, top - 0.011), 0.003, 0.9)]
-    steel = [
-        block((width - 0.004, 0.045, 0.022), (0, s * (y - 0.0235), top - 0.0295), 0.002)
-        for s in (-1, 1)
-    ]
-    steel += [
-        block((0.045, depth - 0.1, 0.022), (s * (x - 0.0235), 0, top - 0.0295), 0.002)
-        for s in (-1, 1)
-    ]
+    steel = []
+    for s in (-1, 1):
+        steel.append(
+            block((width - 0.004, 0.045, 0.022), (0, s * (y - 0.0235), top - 0.0295), 0.002)
+        )
+    for s in (-1, 1):
+        steel.append(block((0.045, depth - 0.1, 0.022), (s * (x - 0.0235), 0, top - 0.0295), 0.002))
     for i in (-1, 1):
         for j in (-1, 1):
             steel.append(
@@ -70,7 +72,9 @@ def drawers(detail: float) -> Mesh:
     wheel = lathe(
         [(0, -0.011), (0.026, -0.011), (0.029, 0), (0.026, 0.011), (0, 0.011)], steps(12, detail, 8)
     ).turned("y", 90)
-    parts += [wheel.moved(i * 0.17, j * 0.19, 0.0295).painted(2) for i in (-1, 1) for j in (-1, 1)]
+    for i in (-1, 1):
+        for j in (-1, 1):
+            parts.append(wheel.moved(i * 0.17, j * 0.19, 0.0295).painted(2))
     return join(parts)
 
 
@@ -92,7 +96,8 @@ def swivel_chair(rng: np.random.Generator, detail: float) -> Mesh:
         ],
         n,
     )
-    plastic, start = [hub], rng.uniform(0, 72)
+    plastic = [hub]
+    start = rng.uniform(0, 72)
     wheel = lathe(
         [(0, -0.02), (0.022, -0.02), (0.025, -0.012), (0.025, 0.012), (0.022, 0.02), (0, 0.02)], n
     ).turned("x", 90)

@@ -28,32 +28,25 @@ def _computer(
     key: str,
     detail: float,
     rng: np.random.Generator,
-    at: tuple,
-    turn: float,
-    board: tuple,
+    at: tuple[float, float, float],
+    board: tuple[float, float, float],
     screen: str = "screen",
 ) -> None:
-    """Monitor at (x, y), rotated; before the rotation its user sits at -y.
-
-    Keyboard at `board` (x, y, rotation) with a mouse.
+    """A monitor at `at` (x, y, rotation); before the rotation its user sits at -y. A keyboard at
+    `board` (x, y, rotation) with a mouse.
     """
     stage.add(
         f"monitor_{key}",
         "monitor",
-        monitor(detail).turned("z", turn).moved(at[0], at[1], TOP),
-        "cream",
-        screen,
-        "slot",
+        monitor(detail).turned("z", at[2]).moved(at[0], at[1], TOP),
+        ("cream", screen, "slot"),
     )
     x, y, angle = board
     stage.add(
         f"keyboard_{key}",
         "keyboard",
         keyboard(rng).turned("z", angle).moved(x, y, TOP),
-        "cream",
-        "key",
-        "grey keys",
-        "dark",
+        ("cream", "key", "grey keys", "dark"),
     )
     a = np.radians(angle)
     beside = np.array([x, y]) + 0.31 * np.array([np.cos(a), np.sin(a)])
@@ -70,9 +63,7 @@ def _tower(stage: Stage, key: str, detail: float, x: float, y: float, turn: floa
         f"tower_{key}",
         "computer",
         tower(detail).turned("z", turn).moved(x, y, Z0 + 0.0002),
-        "cream",
-        "grey case",
-        "dark",
+        ("cream", "grey case", "dark"),
     )
 
 
@@ -89,7 +80,7 @@ def dress_a(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     """Desk A as in the original: trays, keyboard, a monitor with its back to the room and cables in
     front.
     """
-    _computer(stage, "a", detail, rng, (-2.09, -1.985), -16, (-1.82, -2.36, 8))
+    _computer(stage, "a", detail, rng, (-2.09, -1.985, -16), (-1.82, -2.36, 8))
     stage.add("trays_blue", "tray", tray(2).moved(-1.10, -2.06, TOP), "blue plastic")
     stage.add("trays_black", "tray", tray(3).moved(-1.35, -1.965, TOP), "black")
     heaps = [
@@ -99,7 +90,8 @@ def dress_a(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     heaps.append(paper_pile(rng, 4, 0.009, 1.5).moved(-1.10, -2.06, TOP + 0.007))
     stage.add("papers_trays", "paper", join(heaps), "paper")
     _papers(stage, rng, "a", ((-1.42, -2.42, 12, 0), (-1.15, -2.42, -20, 2)))
-    edge, over = -1.806 + 0.012, TOP + 0.004
+    edge = -1.806 + 0.012
+    over = TOP + 0.004
     leads = (
         (-2.13, -1.745, 0.0042, "black", 0.62, 0.04),
         (-2.25, -1.77, 0.0050, "white plastic", 0.40, 0.13),
@@ -124,49 +116,41 @@ def dress_b(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     """The pair of desks: B2's monitor with a dark screen to the room, red folder, green jar; B1
     with phone and a lit screen.
     """
-    _computer(stage, "b2", detail, rng, (1.27, -1.51), 168, (1.36, -1.13, 176))
+    _computer(stage, "b2", detail, rng, (1.27, -1.51, 168), (1.36, -1.13, 176))
     stage.add(
         "folder_red",
         "folder",
         folder(rng, 0.018).turned("z", 100).moved(1.66, -1.42, TOP),
-        "red card",
-        "pages",
+        ("red card", "pages"),
     )
     stage.add(
         "folder_red_2",
         "folder",
         folder(rng, 0.012).turned("z", 92).moved(1.65, -1.425, TOP + 0.032),
-        "red card",
-        "pages",
+        ("red card", "pages"),
     )
     stage.add(
         "pen_jar_b",
         "jar",
         pen_jar(rng, detail).moved(1.03, -2.33, TOP),
-        "green glass",
-        "black",
-        "yellow",
-        "red plastic",
+        ("green glass", "black", "yellow", "red plastic"),
     )
     stage.add(
         "phone_b",
         "phone",
         phone(detail).turned("z", 200).moved(2.08, -1.22, TOP),
-        "phone",
-        "white plastic",
-        "black",
+        ("phone", "white plastic", "black"),
     )
     _papers(stage, rng, "b2", ((1.75, -1.15, -14, 3), (2.02, -1.53, 8, 5), (1.55, -1.10, 24, 0)))
-    _computer(stage, "b1", detail, rng, (1.78, -2.06), 6, (1.74, -2.43, 3), "lit screen")
+    _computer(stage, "b1", detail, rng, (1.78, -2.06, 6), (1.74, -2.43, 3), screen="lit screen")
     stage.add(
-        "mug_b", "mug", mug(detail).turned("z", 40).moved(2.28, -2.40, TOP), "glaze", "coffee"
+        "mug_b", "mug", mug(detail).turned("z", 40).moved(2.28, -2.40, TOP), ("glaze", "coffee")
     )
     stage.add(
         "stapler_b",
         "stapler",
         stapler(detail).turned("z", 70).moved(1.24, -2.36, TOP),
-        "black",
-        "steel",
+        ("black", "steel"),
     )
     stage.add("trays_b", "tray", tray(3).moved(2.27, -2.02, TOP), "grey case")
     _papers(stage, rng, "b1", ((1.42, -2.44, 15, 2), (2.05, -2.44, -8, 4), (2.27, -2.02, 0, 1)))
@@ -187,31 +171,30 @@ def dress_b(stage: Stage, rng: np.random.Generator, detail: float) -> None:
 
 def dress_c(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     """Desk C along the right wall: monitor, lamp, papers, mug."""
-    _computer(stage, "c", detail, rng, (2.16, 1.28), -84, (1.80, 1.26, -92), "lit screen")
+    _computer(stage, "c", detail, rng, (2.16, 1.28, -84), (1.80, 1.26, -92), screen="lit screen")
     stage.add(
-        "lamp_c", "lamp", desk_lamp(detail).turned("z", 60).moved(2.28, 0.74, TOP), "chrome", "bulb"
+        "lamp_c",
+        "lamp",
+        desk_lamp(detail).turned("z", 60).moved(2.28, 0.74, TOP),
+        ("chrome", "bulb"),
     )
     stage.add(
         "phone_c",
         "phone",
         phone(detail).turned("z", -70).moved(2.02, 1.90, TOP),
-        "cream",
-        "grey keys",
-        "black",
+        ("cream", "grey keys", "black"),
     )
     stage.add(
         "mug_c",
         "mug",
         mug(detail).turned("z", 130).moved(1.86, 0.72, TOP),
-        "blue plastic",
-        "coffee",
+        ("blue plastic", "coffee"),
     )
     stage.add(
         "folder_green",
         "folder",
         folder(rng, 0.02).turned("z", -80).moved(2.26, 1.94, TOP),
-        "green card",
-        "pages",
+        ("green card", "pages"),
     )
     _papers(stage, rng, "c", ((1.84, 0.92, -100, 2), (1.85, 1.66, -80, 3), (2.10, 0.86, -96, 0)))
     _tower(stage, "c", detail, 2.22, 0.80, -90)
@@ -232,44 +215,36 @@ def dress_d(stage: Stage, rng: np.random.Generator, detail: float) -> None:
     """Desk D along the bare wall: binders, phone, lamp, open folders, a monitor."""
     from .office_storage import binder_row
 
-    _computer(stage, "d", detail, rng, (-2.18, 2.62), 78, (-1.84, 2.56, 86))
+    _computer(stage, "d", detail, rng, (-2.18, 2.62, 78), (-1.84, 2.56, 86))
     stage.add(
         "phone_d",
         "phone",
         phone(detail).turned("z", 75).moved(-2.0, 2.02, TOP),
-        "cream",
-        "grey keys",
-        "black",
+        ("cream", "grey keys", "black"),
     )
     stage.add(
         "binders_d",
         "books",
         binder_row(rng, 5).turned("z", 90).moved(-2.17, 3.02 - 0.12, TOP),
-        "spines",
-        "paper",
+        ("spines", "paper"),
     )
     stage.add(
         "folder_buff",
         "folder",
         folder(rng, 0.016).turned("z", 70).moved(-1.90, 1.83, TOP),
-        "buff card",
-        "pages",
+        ("buff card", "pages"),
     )
     stage.add(
         "pen_jar_d",
         "jar",
         pen_jar(rng, detail).moved(-2.08, 2.27, TOP),
-        "red plastic",
-        "black",
-        "yellow",
-        "white plastic",
+        ("red plastic", "black", "yellow", "white plastic"),
     )
     stage.add(
         "lamp_d",
         "lamp",
         desk_lamp(detail).turned("z", 165).moved(-2.33, 2.20, TOP),
-        "chrome",
-        "bulb",
+        ("chrome", "bulb"),
     )
     stage.add("trays_d", "tray", tray(2).turned("z", 90).moved(-2.26, 1.90, TOP), "black")
     _papers(stage, rng, "d", ((-1.88, 2.14, 60, 1), (-1.88, 3.08, 96, 4), (-2.26, 1.90, 90, 1)))

@@ -17,8 +17,12 @@ def light() -> None:
     """
     for k, (x, y) in enumerate(LUMINAIRES, 1):
         data = bpy.data.lights.new(f"luminaire_light_{k}", "AREA")
-        data.shape, data.size, data.size_y = "RECTANGLE", 0.94, 0.44
-        data.energy, data.color, data.spread = POWER_W, (1.0, 0.985, 0.90), np.radians(SPREAD_DEG)
+        data.shape = "RECTANGLE"
+        data.size = 0.94
+        data.size_y = 0.44
+        data.energy = POWER_W
+        data.color = (1.0, 0.985, 0.90)
+        data.spread = np.radians(SPREAD_DEG)
         obj = bpy.data.objects.new(data.name, data)
         obj.location = (x, y, Z1 - LOW - 0.001)
         obj.visible_camera = obj.visible_glossy = False

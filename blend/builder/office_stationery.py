@@ -31,14 +31,13 @@ def paper_pile(
     rng: np.random.Generator, count: int, wad: float = 0.006, askew: float = 7.0
 ) -> Mesh:
     """Wads of paper on one another, each a little askew."""
-    return join(
-        [
-            page(rng, wad, 0.0 if k < count - 1 else 0.008)
-            .turned("z", rng.normal(0, askew))
-            .moved(rng.normal(0, 0.004), rng.normal(0, 0.005), k * (wad + 0.0004))
-            for k in range(count)
-        ]
-    )
+    wads = []
+    for k in range(count):
+        curl = 0.0 if k < count - 1 else 0.008
+        turned = page(rng, wad, curl).turned("z", rng.normal(0, askew))
+        shift = (rng.normal(0, 0.004), rng.normal(0, 0.005))
+        wads.append(turned.moved(*shift, k * (wad + 0.0004)))
+    return join(wads)
 
 
 def tray(levels: int) -> Mesh:
@@ -50,11 +49,9 @@ def tray(levels: int) -> Mesh:
         parts += [_side(s).moved(z=z) for s in (-1, 1)]
         parts.append(block((0.236, 0.003, 0.066), (0, 0.1635, z + 0.036), 0.001))
         parts.append(block((0.236, 0.003, 0.018), (0, -0.1635, z + 0.012), 0.001))
-        parts += [
-            block((0.012, 0.012, 0.07), (i * 0.114, j * 0.15, z + 0.036), 0.002)
-            for i in (-1, 1)
-            for j in (-1, 1)
-        ]
+        for i in (-1, 1):
+            for j in (-1, 1):
+                parts.append(block((0.012, 0.012, 0.07), (i * 0.114, j * 0.15, z + 0.036), 0.002))
     return join(parts)
 
 
@@ -96,15 +93,16 @@ def phone(detail: float) -> Mesh:
     def top(y: float) -> float:
         return 0.0005 + 0.05 * (0.65 + 2.2 * (y + 0.11) / 0.4)
 
-    keys = [
-        block(
-            (0.017, 0.012, 0.008),
-            (0.01 + 0.025 * i, -0.07 + 0.022 * j, top(-0.07 + 0.022 * j)),
-            0.002,
-        ).painted(1)
-        for i in range(3)
-        for j in range(4)
-    ]
+    keys = []
+    for i in range(3):
+        for j in range(4):
+            keys.append(
+                block(
+                    (0.017, 0.012, 0.008),
+                    (0.01 + 0.025 * i, -0.07 + 0.022 * j, top(-0.07 + 0.022 * j)),
+                    0.002,
+                ).painted(1)
+            )
     window = (
         block((0.07, 0.022, 0.004), (0.035, 0.045, top(0.045)), 0.001).turned("x", 0).painted(2)
     )
@@ -121,13 +119,14 @@ def phone(detail: float) -> Mesh:
     handset = tube(
         arc, [0.018, 0.019, 0.014, 0.013, 0.0125, 0.013, 0.015, 0.020, 0.019], steps(12, detail, 6)
     )
-    cups = [
-        lathe(
-            [(0, -0.012), (0.024, -0.012), (0.027, 0.0), (0.022, 0.014), (0, 0.016)],
-            steps(16, detail, 8),
-        ).moved(-0.065, y, z)
-        for y, z in ((-0.088, 0.070), (0.088, 0.106))
-    ]
+    cups = []
+    for y, z in ((-0.088, 0.070), (0.088, 0.106)):
+        cups.append(
+            lathe(
+                [(0, -0.012), (0.024, -0.012), (0.027, 0.0), (0.022, 0.014), (0, 0.016)],
+                steps(16, detail, 8),
+            ).moved(-0.065, y, z)
+        )
     t = np.linspace(0, 1, steps(26 * 8, detail, 60))
     coil = np.stack(
         [
@@ -157,17 +156,17 @@ def desk_lamp(detail: float) -> Mesh:
         n,
     )
     joints = [(0.0, 0.0, 0.045), (0.075, 0.0, 0.215), (-0.035, 0.0, 0.385)]
-    arms = [
-        bar(np.add(a, (0, s * 0.009, 0)), np.add(b, (0, s * 0.009, 0)), 0.0032, 8)
-        for a, b in zip(joints[:-1], joints[1:], strict=True)
-        for s in (-1, 1)
-    ]
-    knobs = [
-        lathe([(0, -0.016), (0.009, -0.015), (0.011, 0), (0.009, 0.015), (0, 0.016)], 12)
-        .turned("x", 90)
-        .moved(*p)
-        for p in joints
-    ]
+    arms = []
+    for a, b in zip(joints[:-1], joints[1:], strict=True):
+        for s in (-1, 1):
+            arms.append(bar(np.add(a, (0, s * 0.009, 0)), np.add(b, (0, s * 0.009, 0)), 0.0032, 8))
+    knobs = []
+    for p in joints:
+        knobs.append(
+            lathe([(0, -0.016), (0.009, -0.015), (0.011, 0), (0.009, 0.015), (0, 0.016)], 12)
+            .turned("x", 90)
+            .moved(*p)
+        )
     spring = bar((0.012, 0, 0.075), (0.058, 0, 0.165), 0.005, 8)
     outer = [
         (0.072, 0.0),
@@ -215,10 +214,8 @@ def pen_jar(rng: np.random.Generator, detail: float) -> Mesh:
     pens = []
     for k in range(6):
         a = 2 * np.pi * (k + rng.random()) / 6
-        foot, head = (
-            0.022 * np.array([np.cos(a), np.sin(a)]),
-            0.036 * np.array([np.cos(a + 2.6), np.sin(a + 2.6)]),
-        )
+        foot = 0.022 * np.array([np.cos(a), np.sin(a)])
+        head = 0.036 * np.array([np.cos(a + 2.6), np.sin(a + 2.6)])
         tip = foot + (head - foot) * 1.35
         pens.append(
             bar(
@@ -273,9 +270,9 @@ def folder(rng: np.random.Generator, thick: float = 0.012) -> Mesh:
         .moved(0.012, rng.normal(0, 0.006), 0.0015)
         .painted(1)
     )
-    covers = [
-        block((0.235, 0.315, 0.0012), (0, 0, z), 0.0003) for z in (0.0008, 0.0022 + thick * 0.75)
-    ]
+    covers = []
+    for z in (0.0008, 0.0022 + thick * 0.75):
+        covers.append(block((0.235, 0.315, 0.0012), (0, 0, z), 0.0003))
     lid = covers[1].mapped(
         lambda v: (
             v + np.stack([0 * v[:, 0], 0 * v[:, 0], 0.012 * np.clip(v[:, 0] / 0.117, 0, 1) ** 2], 1)

@@ -13,20 +13,24 @@ from .shapes import lathe, tube
 from .solids import block, printed
 
 #: Cells of the spine atlas: columns of books, then columns of binders.
-BOOK_CELLS, BINDER_CELLS = 24, 8
+BOOK_CELLS = 24
+BINDER_CELLS = 8
 
 
 def filing_cabinet(labels: tuple[int, int, int], detail: float) -> Mesh:
     """Three drawers, 0.47 x 0.66 x 1.32 m; slots 0 paint, 1 steel, 2 labels (an image of six,
     `labels` says which).
     """
-    w, d, h = 0.468, 0.62, 1.32
+    w = 0.468
+    d = 0.62
+    h = 1.32
     parts = [
         block((w, d, h), (0, 0.02, h / 2), 0.004, 1.1),
         block((w - 0.03, 0.02, 0.05), (0, -0.285, 0.025), 0.001),
     ]
     for k, cell in enumerate(labels):
-        z, pull = 0.265 + 0.425 * (2 - k), (0.010, 0.0, 0.004)[k]
+        z = 0.265 + 0.425 * (2 - k)
+        pull = (0.010, 0.0, 0.004)[k]
         front = -0.3015 - pull
         parts.append(
             block((w - 0.032, 0.022 + pull, 0.412), (0, front + (0.011 + pull / 2), z), 0.004, 1.1)
@@ -57,15 +61,17 @@ def filing_cabinet(labels: tuple[int, int, int], detail: float) -> Mesh:
 
 def bookcase(width: float, height: float, shelves: int) -> tuple[Mesh, list[float]]:
     """An open bookcase 0.32 m deep. Returns it and the heights of its shelves."""
-    t, depth = 0.022, 0.30
-    side = [
-        board((t, depth, height), (s * (width / 2 - t / 2), 0, height / 2), 0.002, turn=True)
-        for s in (-1, 1)
-    ]
+    t = 0.022
+    depth = 0.30
+    side = []
+    for s in (-1, 1):
+        side.append(
+            board((t, depth, height), (s * (width / 2 - t / 2), 0, height / 2), 0.002, turn=True)
+        )
     levels = np.linspace(0.07, height - t / 2, shelves + 1)
-    planks = [
-        board((width - 2 * t - 0.0006, depth - 0.012, t), (0, 0.002, z), 0.002) for z in levels[:-1]
-    ]
+    planks = []
+    for z in levels[:-1]:
+        planks.append(board((width - 2 * t - 0.0006, depth - 0.012, t), (0, 0.002, z), 0.002))
     planks.append(board((width + 0.01, depth + 0.01, t), (0, 0, height + t / 2 + 0.0003), 0.003))
     back = block(
         (width - 2 * t - 0.0006, 0.006, height - 0.0025),
@@ -83,7 +89,8 @@ def book_row(rng: np.random.Generator, width: float, tallest: float, fill: float
     """Books standing in a row from -width/2, their spines to -y, the last one leaning; slots 0
     covers (atlas), 1 paper.
     """
-    parts, x = [], -width / 2
+    parts = []
+    x = -width / 2
     while x < width / 2 - (1 - fill) * width - 0.05:
         thick = float(np.clip(rng.lognormal(-3.5, 0.45), 0.014, 0.062))
         size = (thick, rng.uniform(0.13, 0.22), min(tallest - 0.02, rng.uniform(0.19, 0.30)))
@@ -93,7 +100,8 @@ def book_row(rng: np.random.Generator, width: float, tallest: float, fill: float
             )
         )
         x += thick + 0.0008
-    thick, tall = 0.022, min(tallest - 0.03, 0.23)
+    thick = 0.022
+    tall = min(tallest - 0.03, 0.23)
     lean = (
         _standing((thick, 0.15, tall), int(rng.integers(BOOK_CELLS)))
         .moved(-thick / 2, 0.085)
@@ -106,7 +114,8 @@ def binder_row(rng: np.random.Generator, count: int) -> Mesh:
     """Lever-arch files side by side, spines to -y, starting at x = 0; slots 0 covers (atlas), 1
     paper.
     """
-    parts, x = [], 0.0
+    parts = []
+    x = 0.0
     for _ in range(count):
         thick = float(rng.choice([0.052, 0.078]))
         cell = BOOK_CELLS + int(rng.integers(BINDER_CELLS))
@@ -123,7 +132,9 @@ def _standing(size: tuple[float, float, float], cell: int) -> Mesh:
     """One upright volume: cover of three sides with a rounded spine, page block; texture cell
     `cell` of the atlas.
     """
-    w, d, h = size[0] / 2, size[1] / 2, size[2]
+    w = size[0] / 2
+    d = size[1] / 2
+    h = size[2]
     r = min(0.3 * w, 0.006)
     outer = np.array([(-w, d), (-w, -d + r), (-w + r, -d), (w - r, -d), (w, -d + r), (w, d)])
     inner = np.array(
@@ -133,11 +144,11 @@ def _standing(size: tuple[float, float, float], cell: int) -> Mesh:
             (w - 0.0025, d),
         ]
     )
-    rows = [
-        np.concatenate([o, np.full((6, 1), z)], 1)
-        for o, z in ((inner, 0), (outer, 0), (outer, h), (inner, h), (inner, 0))
-    ]
-    total, plain = BOOK_CELLS + BINDER_CELLS, (cell + 0.02) / (BOOK_CELLS + BINDER_CELLS)
+    rows = []
+    for o, z in ((inner, 0), (outer, 0), (outer, h), (inner, h), (inner, 0)):
+        rows.append(np.concatenate([o, np.full((6, 1), z)], 1))
+    total = BOOK_CELLS + BINDER_CELLS
+    plain = (cell + 0.02) / (BOOK_CELLS + BINDER_CELLS)
     u = (cell + np.array([0.02, 0.02, 0.08, 0.92, 0.98, 0.98])) / total
     uv = np.stack([np.stack([u, np.full(6, v)], 1) for v in (0.01, 0.01, 0.99, 0.99, 0.01)])
     uv[[0, 3, 4], :, 0] = plain

@@ -13,10 +13,14 @@ Colour = tuple[float, float, float]
 
 #: Letters 5 x 7 for the cabinets' labels, rows from the top, five bits each.
 _GLYPHS = {
-    "A": (14, 17, 17, 31, 17, 17, 17), "D": (30, 17, 17, 17, 17, 17, 30), "E": (31, 16, 16, 30, 16, 16, 31),
-    "H": (17, 17, 17, 31, 17, 17, 17), "I": (14, 4, 4, 4, 4, 4, 14), "L": (16, 16, 16, 16, 16, 16, 31),
-    "M": (17, 27, 21, 21, 17, 17, 17), "P": (30, 17, 17, 30, 16, 16, 16), "Q": (14, 17, 17, 17, 21, 18, 13),
-    "T": (31, 4, 4, 4, 4, 4, 4), "U": (17, 17, 17, 17, 17, 17, 14), "Z": (31, 1, 2, 4, 8, 16, 31), "-": (0, 0, 0, 31, 0, 0, 0),
+    "A": (14, 17, 17, 31, 17, 17, 17), "D": (30, 17, 17, 17, 17, 17, 30), "E": (31, 16, 16, 30, 16,
+    16, 31),
+    "H": (17, 17, 17, 31, 17, 17, 17), "I": (14, 4, 4, 4, 4, 4, 14), "L": (16, 16, 16, 16, 16, 16,
+    31),
+    "M": (17, 27, 21, 21, 17, 17, 17), "P": (30, 17, 17, 30, 16, 16, 16), "Q": (14, 17, 17, 17, 21,
+    18, 13),
+    "T": (31, 4, 4, 4, 4, 4, 4), "U": (17, 17, 17, 17, 17, 17, 14), "Z": (31, 1, 2, 4, 8, 16, 31),
+    "-": (0, 0, 0, 31, 0, 0, 0),
 }  # fmt: skip
 LABELS = ("A-D", "E-H", "I-L", "M-P", "Q-T", "U-Z")
 
@@ -140,7 +144,8 @@ def _write(rng: np.random.Generator, leaf: np.ndarray, list_like: bool, chart: b
     for y in np.arange(0.08, 0.86, 0.026):
         if chart and 0.2 < y < 0.5 or rng.random() < 0.08:
             continue
-        x, end = 0.1 + 0.05 * list_like, rng.uniform(0.55, 0.9) if rng.random() < 0.25 else 0.9
+        x = 0.1 + 0.05 * list_like
+        end = rng.uniform(0.55, 0.9) if rng.random() < 0.25 else 0.9
         while x < (0.5 if list_like and rng.random() < 0.5 else end):
             word = rng.uniform(0.02, 0.09)
             leaf[int(y * n) : int((y + 0.010) * n), int(x * n) : int(min(x + word, end) * n)] = (
@@ -164,7 +169,8 @@ def spines(rng: np.random.Generator, size: tuple[int, int], books: int, binders:
     on binders.
     """
     h, w = size
-    out, cell = np.zeros((h, w, 3)), w // (books + binders)
+    out = np.zeros((h, w, 3))
+    cell = w // (books + binders)
     dyes = np.array(
         [
             (0.45, 0.10, 0.10),
@@ -226,7 +232,9 @@ def spreadsheet(rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     for r in range(rows):
         sheet[r * sheet.shape[0] // rows] = 0.88
         for c in range(columns):
-            x0, y0, fill = c * sheet.shape[1] // columns, r * sheet.shape[0] // rows, rng.random()
+            x0 = c * sheet.shape[1] // columns
+            y0 = r * sheet.shape[0] // rows
+            fill = rng.random()
             sheet[:, x0] = 0.88
             if fill < 0.75:
                 sheet[
@@ -239,7 +247,8 @@ def dial(rng: np.random.Generator, size: int) -> np.ndarray:
     """A clock face: minute marks, bold hours."""
     del rng
     y, x = (np.mgrid[0:size, 0:size] + 0.5) / size * 2 - 1
-    r, a = np.hypot(x, y), np.degrees(np.arctan2(x, y))
+    r = np.hypot(x, y)
+    a = np.degrees(np.arctan2(x, y))
     minute, hour = (np.abs((a / step + 0.5) % 1 - 0.5) * step for step in (6, 30))
     ink = ((r > 0.86) & (r < 0.94) & (minute < 0.7)) | ((r > 0.70) & (r < 0.94) & (hour < 2.2))
     return to_bytes(blend((0.93, 0.93, 0.90), (0.06, 0.06, 0.07), ink * 1.0))

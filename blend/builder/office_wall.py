@@ -13,7 +13,9 @@ from .shapes import bar, frame, lathe, steps, tube
 from .solids import block, printed
 from .wallpieces import plane
 
-FRAME, DIVIDER = 0.025, 0.03  # widths of a luminaire's frame, and of the bar between its panels
+# widths of a luminaire's frame, and of the bar between its panels
+FRAME = 0.025
+DIVIDER = 0.03
 
 
 def is_luminaire(x: float, y: float) -> bool:
@@ -27,24 +29,25 @@ def ceiling() -> tuple[Mesh, Mesh]:
     Flanks as dark as the rails would be rows of dots in most images: they are 1 mm high.
     """
     xs, ys = (np.unique(np.clip(np.arange(-8, 9) * PANEL, a, b)) for a, b in ((X0, X1), (Y0, Y1)))
-    cells = [
-        plane((a, c, Z1), (0, d - c, 0), (b - a, 0, 0), 2.0, (c / 2.0, a / 2.0))
-        for a, b in zip(xs[:-1], xs[1:], strict=True)
-        for c, d in zip(ys[:-1], ys[1:], strict=True)
-        if not is_luminaire((a + b) / 2, (c + d) / 2)
-    ]
+    cells = []
+    for a, b in zip(xs[:-1], xs[1:], strict=True):
+        for c, d in zip(ys[:-1], ys[1:], strict=True):
+            if not is_luminaire((a + b) / 2, (c + d) / 2):
+                cells.append(
+                    plane((a, c, Z1), (0, d - c, 0), (b - a, 0, 0), 2.0, (c / 2.0, a / 2.0))
+                )
     long = [_strip((x, (Y0 + Y1) / 2, Z1), (0.024, Y1 - Y0), RAIL) for x in xs[1:-1]]
-    cross = [
-        _strip(((a + b) / 2, y, Z1), (b - a - 0.024, 0.024), RAIL)
-        for y in ys[1:-1]
-        for a, b in zip(xs[:-1], xs[1:], strict=True)
-    ]
-    edge = [_strip((x, 0, Z1), (0.022, Y1 - Y0), RAIL) for x in (X0 + 0.011, X1 - 0.011)] + [
-        _strip((0, y, Z1), (X1 - X0 - 0.044, 0.022), RAIL) for y in (Y0 + 0.011, Y1 - 0.011)
-    ]
-    return join(cells), join(
-        [part for rail in (*long, *cross, *edge) for part in _with_flanks(rail)]
-    )
+    cross = []
+    for y in ys[1:-1]:
+        for a, b in zip(xs[:-1], xs[1:], strict=True):
+            cross.append(_strip(((a + b) / 2, y, Z1), (b - a - 0.024, 0.024), RAIL))
+    edge = [_strip((x, 0, Z1), (0.022, Y1 - Y0), RAIL) for x in (X0 + 0.011, X1 - 0.011)]
+    size = (X1 - X0 - 0.044, 0.022)
+    edge += [_strip((0, y, Z1), size, RAIL) for y in (Y0 + 0.011, Y1 - 0.011)]
+    rails = []
+    for rail in (*long, *cross, *edge):
+        rails += _with_flanks(rail)
+    return join(cells), join(rails)
 
 
 def _with_flanks(strip: Mesh) -> list[Mesh]:
@@ -69,17 +72,18 @@ def luminaire() -> Mesh:
     inner = h - 2 * FRAME
     rim = frame(w, h, [(0, 0.0), (0, LOW), (FRAME, LOW), (FRAME, 0.0)]).turned("x", 90)
     middle = _strip((0, 0, 0), (DIVIDER, inner), LOW)
-    near, far = DIVIDER / 2, w / 2 - FRAME
-    lights = [
-        printed((x, 0, 0), (0, inner, 0), (far - near, 0, 0)).painted(1)
-        for x in (-(near + far) / 2, (near + far) / 2)
-    ]
+    near = DIVIDER / 2
+    far = w / 2 - FRAME
+    lights = []
+    for x in (-(near + far) / 2, (near + far) / 2):
+        lights.append(printed((x, 0, 0), (0, inner, 0), (far - near, 0, 0)).painted(1))
     return join([rim, middle, *lights])
 
 
 def vent(detail: float) -> Mesh:
     """A round air outlet of concentric cones hanging out of z = 0; slots 0 metal, 1 the gaps."""
-    n, low = steps(40, detail, 16), -VENT_LOW
+    n = steps(40, detail, 16)
+    low = -VENT_LOW
     rings = []
     for outer in (0.152, 0.118, 0.084, 0.050):
         profile = [
@@ -117,7 +121,7 @@ def slim_picture(width: float, height: float, mat: float) -> Mesh:
 
 
 def clock(detail: float) -> Mesh:
-    """A wall clock facing -y at ten past ten, 0.30 m across; slots 0 rim, 1 dial (image), 2 hands."""
+    """A wall clock facing -y at ten past ten, 0.30 m across; slots 0 rim, 1 dial, 2 hands."""
     n = steps(48, detail, 16)
     rim = lathe(
         [
@@ -173,13 +177,10 @@ def socket_plate() -> Mesh:
     parts = [block((0.15, 0.010, 0.082), (0, -0.0052, 0), 0.003)]
     for x in (-0.036, 0.036):
         dish = facing(lathe([(0.0, -0.002), (0.020, -0.002), (0.022, 0.0)], 16), 1).turned("x", 90)
-        parts += [
-            dish.moved(x, -0.0127, 0),
-            *[
-                block((0.005, 0.003, 0.005), (x + s * 0.0095, -0.0112, 0), 0.0005).painted(1)
-                for s in (-1, 1)
-            ],
-        ]
+        parts.append(dish.moved(x, -0.0127, 0))
+        for s in (-1, 1):
+            hole = block((0.005, 0.003, 0.005), (x + s * 0.0095, -0.0112, 0), 0.0005)
+            parts.append(hole.painted(1))
     return join(parts)
 
 

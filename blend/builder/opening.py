@@ -13,19 +13,23 @@ def open_with(place_m: tuple[float, float, float], down_deg: float, turn_deg: fl
     about z.
     """
     scene = bpy.context.scene
-    scene.render.engine, scene.render.filepath = "CYCLES", "//"
+    scene.render.engine = "CYCLES"
+    scene.render.filepath = "//"
     scene.view_settings.view_transform = "Standard"
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = (
-        640,
-        480,
-        100,
-    )
-    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = 1.0, 481.2 / 480.0
+    scene.render.resolution_x = 640
+    scene.render.resolution_y = 480
+    scene.render.resolution_percentage = 100
+    scene.render.pixel_aspect_x = 1.0
+    scene.render.pixel_aspect_y = 481.2 / 480.0
     scene.unit_settings.system = "METRIC"
     camera = bpy.data.cameras.new("camera")
-    camera.sensor_fit, camera.sensor_width, camera.lens = "HORIZONTAL", 36.0, 481.2 * 36.0 / 640
-    camera.clip_start, camera.clip_end = 0.01, FARTHEST_M
+    camera.sensor_fit = "HORIZONTAL"
+    camera.sensor_width = 36.0
+    camera.lens = 481.2 * 36.0 / 640
+    camera.clip_start = 0.01
+    camera.clip_end = FARTHEST_M
     obj = bpy.data.objects.new("camera", camera)
-    obj.location, obj.rotation_euler = place_m, (np.radians(down_deg), 0.0, np.radians(turn_deg))
+    obj.location = place_m
+    obj.rotation_euler = (np.radians(down_deg), 0.0, np.radians(turn_deg))
     scene.collection.objects.link(obj)
     scene.camera = obj

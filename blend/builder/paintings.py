@@ -108,7 +108,8 @@ def _town(rng: np.random.Generator, out: np.ndarray, horizon: float) -> np.ndarr
     h, w = out.shape[:2]
     for k in range(150):
         near = k / 150
-        bw, bh = int(w * (0.004 + 0.010 * near)), int(h * (0.020 + 0.045 * near))
+        bw = int(w * (0.004 + 0.010 * near))
+        bh = int(h * (0.020 + 0.045 * near))
         x0, y0 = (
             int(rng.integers(0, w - bw)),
             int(h * (horizon - 0.02 - 0.17 * near + 0.01 * rng.normal())),

@@ -58,7 +58,8 @@ def weave(rng: np.random.Generator, size: int, threads: int, irregular: float = 
     x = x + irregular * 1.2 * cloud(rng, (size, size), 1.2, 1, threads)
     y = y + irregular * 1.2 * cloud(rng, (size, size), 1.2, 1, threads)
     warp_up = (np.floor(x) + np.floor(y)) % 2 == 0
-    across_warp, along_warp = np.sin(np.pi * (x % 1)), np.sin(np.pi * (y % 1))
+    across_warp = np.sin(np.pi * (x % 1))
+    along_warp = np.sin(np.pi * (y % 1))
     crown = np.where(
         warp_up, across_warp * (0.55 + 0.45 * along_warp), along_warp * (0.55 + 0.45 * across_warp)
     )

@@ -48,7 +48,8 @@ def rounded_box(
     flats = np.array([f for _, f in axes])
     sides = []
     for a in range(3):
-        b, c = (a + 1) % 3, (a + 2) % 3
+        b = (a + 1) % 3
+        c = (a + 2) % 3
         p = np.zeros((len(axes[c][0]), len(axes[b][0]), 3))
         p[..., b], p[..., c] = np.meshgrid(axes[b][0], axes[c][0])
         for sign in (-1, 1):
@@ -89,8 +90,12 @@ def smooth_profile(points: ArrayLike, count: int) -> np.ndarray:
     p = np.asarray(points, float)
     p = np.concatenate([[2 * p[0] - p[1]], p, [2 * p[-1] - p[-2]]])
     t = np.linspace(0, len(p) - 3 - 1e-9, count)
-    k, s = t.astype(int), (t % 1)[:, None]
-    a, b, c, d = p[k], p[k + 1], p[k + 2], p[k + 3]
+    k = t.astype(int)
+    s = (t % 1)[:, None]
+    a = p[k]
+    b = p[k + 1]
+    c = p[k + 2]
+    d = p[k + 3]
     return 0.5 * (
         2 * b + (c - a) * s + (2 * a - 5 * b + 4 * c - d) * s**2 + (3 * b - a - 3 * c + d) * s**3
     )
@@ -118,10 +123,12 @@ def tube(path: ArrayLike, radius: ArrayLike, sides: int = 8, closed_ends: bool =
     angle = np.linspace(0, 2 * np.pi, sides + 1)[None, :, None]
     ring = path[:, None] + r * (np.cos(angle) * n[:, None] + np.sin(angle) * b[:, None])
     length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    rows, along = [ring], [length]
+    rows = [ring]
+    along = [length]
     if closed_ends:
         ends = [np.repeat(path[i][None, None], sides + 1, 1) for i in (0, -1)]
-        rows, along = [ends[0], ring, ends[1]], [[0.0], length, [length[-1]]]
+        rows = [ends[0], ring, ends[1]]
+        along = [[0.0], length, [length[-1]]]
     uv = np.stack(np.meshgrid(np.linspace(0, 1, sides + 1), np.concatenate(along)), -1)
     body = grid(np.concatenate(rows), uv)
     return outward(body)
@@ -144,7 +151,8 @@ def frame(
     parts = []
     for turn in range(4):
         w, h = (width, height) if turn % 2 == 0 else (height, width)
-        rows, uvs = [], []
+        rows = []
+        uvs = []
         run = 0.0
         for k, (inset, out) in enumerate(profile):
             run += 0 if k == 0 else float(np.hypot(*np.subtract(profile[k], profile[k - 1])))
@@ -158,11 +166,14 @@ def frame(
 
 def sheet(points: np.ndarray, thickness: float, uv: np.ndarray | None = None) -> Mesh:
     """Cloth or leaf: a surface (m,n,3) given a thickness along its normals, with closed rims."""
-    du, dv = np.gradient(points, axis=1), np.gradient(points, axis=0)
+    du = np.gradient(points, axis=1)
+    dv = np.gradient(points, axis=0)
     normal = np.cross(du, dv)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
-    top, low = points + normal * thickness / 2, points - normal * thickness / 2
-    front, back = grid(top, uv), grid(low, uv).flipped()
+    top = points + normal * thickness / 2
+    low = points - normal * thickness / 2
+    front = grid(top, uv)
+    back = grid(low, uv).flipped()
     rim_top = np.concatenate([top[0, :-1], top[:-1, -1], top[-1, :0:-1], top[:0:-1, 0], top[:1, 0]])
     rim_low = np.concatenate([low[0, :-1], low[:-1, -1], low[-1, :0:-1], low[:0:-1, 0], low[:1, 0]])
     rim = grid(np.stack([rim_low, rim_top]))

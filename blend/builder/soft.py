@@ -13,8 +13,14 @@ from .mesh import Mesh, grid, join, outward, welded
 from .shapes import lathe, ripples, rounded_box, sheet, steps, tube
 from .solids import block
 
-LENGTH, DEPTH = 2.335, 0.985  # the sofa as measured from official depth
-ARM, ARM_TOP, SEAT_TOP, BACK_TOP, BELLY = 0.28, 0.6795, 0.514, 0.842, 0.155
+# the sofa as measured from official depth
+LENGTH = 2.335
+DEPTH = 0.985
+ARM = 0.28
+ARM_TOP = 0.6795
+SEAT_TOP = 0.514
+BACK_TOP = 0.842
+BELLY = 0.155
 FABRIC_TILE = 0.32
 GAP = 0.012  # between the cushions, and between these and the arms: two pixels in official frames
 
@@ -35,7 +41,8 @@ def _seat(x0: float, x1: float, rng: np.random.Generator, detail: float) -> Mesh
     """A seat cushion: domed, front edge rolled, a little sat upon."""
     n = steps(9, detail)
     seat = _placed_box((x0, 0.002, 0.352), (x1, 0.70, SEAT_TOP - 0.006), 0.03, 2, (n, n, 2))
-    cx, hx = (x0 + x1) / 2, (x1 - x0) / 2
+    cx = (x0 + x1) / 2
+    hx = (x1 - x0) / 2
 
     def sag(v: np.ndarray) -> np.ndarray:
         s, t = (v[:, 0] - cx) / hx, (v[:, 1] - 0.35) / 0.35
@@ -71,7 +78,8 @@ def sofa(rng: np.random.Generator, detail: float) -> Mesh:
 
     Centred in x, front at y = 0, back at y = DEPTH, floor at z = 0.
     """
-    half, inner = LENGTH / 2, LENGTH / 2 - ARM
+    half = LENGTH / 2
+    inner = LENGTH / 2 - ARM
     n = steps(6, detail)
     arm = _placed_box((-half, 0.0, BELLY), (-inner, 0.698, ARM_TOP), 0.028, 2, (2, n, 3))
 
@@ -100,11 +108,10 @@ def sofa(rng: np.random.Generator, detail: float) -> Mesh:
     foot = lathe(
         [(0, 0.0), (0.018, 0.0), (0.020, 0.004), (0.026, BELLY + 0.004)], steps(12, detail, 6)
     ).painted(1)
-    feet = [
-        foot.moved(x, y)
-        for x in (-half + 0.075, -inner + 0.02, inner - 0.02, half - 0.075)
-        for y in (0.055, DEPTH - 0.06)
-    ]
+    feet = []
+    for x in (-half + 0.075, -inner + 0.02, inner - 0.02, half - 0.075):
+        for y in (0.055, DEPTH - 0.06):
+            feet.append(foot.moved(x, y))
     feet += [foot.moved(0, 0.055), foot.moved(0, DEPTH - 0.06)]
     return join(
         [
@@ -130,7 +137,8 @@ def pillow(
     s, t = np.meshgrid(
         np.sin(np.linspace(-1, 1, n) * np.pi / 2), np.sin(np.linspace(-1, 1, n) * np.pi / 2)
     )
-    pinch, corner = 0.05, 0.045 * s**8 * t**8
+    pinch = 0.05
+    corner = 0.045 * s**8 * t**8
     x, z = s * (1 - pinch * (1 - t**2) - corner), t * (1 - pinch * (1 - s**2) - corner)
     body = np.clip((1 - s**2) * (1 - t**2), 0, 1)
     flat = np.stack([x, 0 * x, z], -1).reshape(-1, 3) * size / 2
@@ -166,9 +174,8 @@ def _outline(x: np.ndarray, z: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]
         (-1, slice(None, None, -1)),
         (slice(None, None, -1), 0),
     )
-    return [
-        (x[i][:-1] if k < 3 else x[i], z[i][:-1] if k < 3 else z[i]) for k, i in enumerate(sides)
-    ]
+    first = [(x[i][:-1], z[i][:-1]) for i in sides[:3]]
+    return [*first, (x[sides[3]], z[sides[3]])]
 
 
 def curtain(
@@ -181,10 +188,8 @@ def curtain(
     columns, rows = pleats * steps(10, detail, 5) + 1, steps(22, detail, 6)
     s, t = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows) ** 0.85)
     flat = np.stack([s * width * 2.2, 0 * s, t * height * 0.35], -1).reshape(-1, 3)
-    drift, vary = (
-        ripples(flat, rng, 0.55).reshape(s.shape),
-        ripples(flat, rng, 0.30).reshape(s.shape),
-    )
+    drift = ripples(flat, rng, 0.55).reshape(s.shape)
+    vary = ripples(flat, rng, 0.30).reshape(s.shape)
     loose = 1 - t
     phase = 2 * np.pi * (pleats * s + 0.16 * drift * loose)
     fold = np.sin(phase) + 0.25 * np.sin(2 * phase + 0.6)
@@ -203,7 +208,8 @@ def rug(rng: np.random.Generator, width: float, length: float, detail: float) ->
 
     Slots: 0 rug, 1 fringe.
     """
-    nx, ny = steps(36, detail), steps(36, detail)
+    nx = steps(36, detail)
+    ny = steps(36, detail)
     x, y = np.meshgrid(
         np.linspace(-width / 2, width / 2, nx + 1), np.linspace(-length / 2, length / 2, ny + 1)
     )
@@ -240,7 +246,10 @@ def throw(rng: np.random.Generator, detail: float) -> Mesh:
     sides. x across the
     arm, y along it.
     """
-    half, drop_out, drop_in, wide = ARM / 2 + 0.009, 0.40, 0.155, 0.42
+    half = ARM / 2 + 0.009
+    drop_out = 0.40
+    drop_in = 0.155
+    wide = 0.42
     corner = 0.03
     path = [
         (-half - 0.012, -drop_out),

@@ -16,7 +16,7 @@ Place = Sequence[float]
 
 
 def loft(rings: Sequence[np.ndarray], closed: bool = True, uv: np.ndarray | None = None) -> Mesh:
-    """A closed body through rings (n,3) of equal count; its ends are flat fans about their middles."""
+    """A closed body through rings (n, 3) of equal count; its ends are flat fans."""
     rows = [np.concatenate([r, r[:1]]) for r in np.asarray(rings, float)]
     if closed:
         rows = [
@@ -35,7 +35,9 @@ def rounded_ring(width: float, height: float, radius: float, arcs: int = 3) -> n
     turned = [corner, corner[:, ::-1] * [-1, 1], -corner, corner[:, ::-1] * [1, -1]]
     signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
     middle = np.array([width / 2 - radius, height / 2 - radius])
-    fixed = [t if k % 2 == 0 else _quarter(radius, angle, k) for k, t in enumerate(turned)]
+    fixed = []
+    for k, t in enumerate(turned):
+        fixed.append(t if k % 2 == 0 else _quarter(radius, angle, k))
     return np.concatenate([np.array(s) * middle + f for s, f in zip(signs, fixed, strict=True)])
 
 
@@ -81,14 +83,12 @@ def _chamfered(size: tuple[float, ...], chamfer: float) -> Mesh:
             index[(*signs, axis)] = len(verts)
             verts.append(s * np.where(np.arange(3) == axis, half, half - c))
     for axis in range(3):
-        b, d = (axis + 1) % 3, (axis + 2) % 3
+        b = (axis + 1) % 3
+        d = (axis + 2) % 3
         for side in (0, 1):
-            faces.append(
-                [
-                    index[(*_corner(axis, side, b, i, d, j), axis)]
-                    for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))
-                ]
-            )
+            around = ((0, 0), (1, 0), (1, 1), (0, 1))
+            corners = [_corner(axis, side, b, i, d, j) for i, j in around]
+            faces.append([index[(*corner, axis)] for corner in corners])
         for i, j in np.ndindex(2, 2):
             ends = [_corner(axis, e, b, i, d, j) for e in (0, 1)]
             faces.append(
@@ -105,7 +105,9 @@ def _chamfered(size: tuple[float, ...], chamfer: float) -> Mesh:
 
 def _corner(axis: int, side: int, b: int, i: int, d: int, j: int) -> tuple[int, ...]:
     signs = [0, 0, 0]
-    signs[axis], signs[b], signs[d] = side, i, j
+    signs[axis] = side
+    signs[b] = i
+    signs[d] = j
     return tuple(signs)
 
 

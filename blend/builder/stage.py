@@ -5,6 +5,7 @@ sharp edges.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator, Sequence
 
 import bpy
 import numpy as np
@@ -24,11 +25,19 @@ class Stage:
     def __init__(
         self, seed: int, materials: dict[str, bpy.types.Material], detail: float = 1.0
     ) -> None:
-        self.seed, self.materials, self.feature_m = seed, materials, feature_m(detail)
+        self.seed = seed
+        self.materials = materials
+        self.feature_m = feature_m(detail)
         self.count = 0
 
-    def add(self, name: str, class_name: str, mesh: Mesh, *materials: str) -> bpy.types.Object:
-        """One object from a mesh in world coordinates; slot k shows material materials[k]."""
+    def add(
+        self, name: str, class_name: str, mesh: Mesh, materials: str | Sequence[str]
+    ) -> bpy.types.Object:
+        """One object from a mesh in world coordinates; slot k shows material materials[k], or the
+        only one.
+        """
+        if isinstance(materials, str):
+            materials = [materials]
         self.count += 1
         data = to_blender(name, coarser(mesh, self.feature_m) if self.feature_m > 0 else mesh)
         for key in materials:
@@ -74,7 +83,8 @@ def _mark_sharp(data: bpy.types.Mesh, mesh: Mesh, sizes: np.ndarray) -> None:
     data.loops.foreach_get("edge_index", edge_of_corner)
     face_of_corner = np.repeat(np.arange(len(sizes)), sizes)
     order = np.argsort(edge_of_corner, kind="stable")
-    edge, face = edge_of_corner[order], face_of_corner[order]
+    edge = edge_of_corner[order]
+    face = face_of_corner[order]
     pair = np.flatnonzero(edge[1:] == edge[:-1])
     normal = face_normals(mesh)
     cosine = np.einsum("ij,ij->i", normal[face[pair]], normal[face[pair + 1]])
@@ -84,7 +94,7 @@ def _mark_sharp(data: bpy.types.Mesh, mesh: Mesh, sizes: np.ndarray) -> None:
     attribute.data.foreach_set("value", sharp)
 
 
-def _evaluated_meshes():
+def _evaluated_meshes() -> Iterator[tuple[bpy.types.Object, bpy.types.Mesh]]:
     graph = bpy.context.evaluated_depsgraph_get()
     for obj in sorted(bpy.context.scene.objects, key=lambda o: o.name):
         if obj.type == "MESH":
@@ -112,4 +122,5 @@ def geometry_hash() -> str:
 
 def triangle_count() -> int:
     """Triangles of all meshes in the current scene."""
-    return sum(len(p.vertices) - 2 for _, data in _evaluated_meshes() for p in data.polygons)
+    meshes = [data for _, data in _evaluated_meshes()]
+    return sum(len(mesh.loops) - 2 * len(mesh.polygons) for mesh in meshes)

@@ -84,7 +84,8 @@ def plate(detail: float) -> Mesh:
 def fruit(rng: np.random.Generator, radius: float, detail: float) -> Mesh:
     """An orange resting on z = 0: slightly flattened, dimpled at the stalk."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, steps(16, detail, 6))
-    r, z = radius * np.cos(angle), 0.93 * radius * np.sin(angle)
+    r = radius * np.cos(angle)
+    z = 0.93 * radius * np.sin(angle)
     z = z - 0.12 * radius * np.exp(-((r / (0.22 * radius)) ** 2)) * (z > 0)
     r[0] = r[-1] = 0.0
     ball = lathe(np.stack([r, z], 1), steps(24, detail, 8))
@@ -96,7 +97,7 @@ def fruit(rng: np.random.Generator, radius: float, detail: float) -> Mesh:
 
 
 def book(size: tuple[float, float, float]) -> Mesh:
-    """A lying book (width x, depth y, thickness): boards and spine (slot 0), paper block (slot 1)."""
+    """A lying book (width x, depth y, thickness): slots 0 boards and spine, 1 paper block."""
     w, d, t = size
     covers = [rounded_box((w, d, 0.003), 0.0012).moved(0, 0, z) for z in (0.0015, t - 0.0015)]
     spine = rounded_box((0.004, d, t), 0.0015).moved(-w / 2 - 0.0005, 0, t / 2)

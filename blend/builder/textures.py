@@ -106,12 +106,10 @@ def rug(rng: np.random.Generator, size: int) -> np.ndarray:
     y, x = np.mgrid[0:size, 0:size] / (size - 1)
     wobble = 0.004 * cloud(rng, (size, size), 1.5, 2, 30)
     edge = np.minimum(np.minimum(x, 1 - x) * 1.15, np.minimum(y, 1 - y)) + wobble
-    ivory, red, navy, ochre = (
-        (0.74, 0.69, 0.60),
-        (0.46, 0.20, 0.17),
-        (0.20, 0.24, 0.32),
-        (0.62, 0.49, 0.31),
-    )
+    ivory = (0.74, 0.69, 0.60)
+    red = (0.46, 0.20, 0.17)
+    navy = (0.20, 0.24, 0.32)
+    ochre = (0.62, 0.49, 0.31)
     u, v = (x - 0.5) * 7 + wobble * 3, (y - 0.5) * 8 + wobble * 3
     cell = np.abs(u - np.round(u)) + np.abs(v - np.round(v))
     odd = (np.round(u) + np.round(v)) % 2

@@ -52,7 +52,8 @@ def skirting(
     inner corner. capped: close the other ends, where the board is thicker than what it meets: there
     is no wall behind it, and outside would be seen past it.
     """
-    a, b = np.array(start, float), np.array(end, float)
+    a = np.array(start, float)
+    b = np.array(end, float)
     along = (b - a) / np.linalg.norm(b - a)
     into = np.array([-along[1], along[0]])
     profile = [
@@ -78,10 +79,12 @@ def skirting(
 
 
 def door(width: float, height: float, detail: float) -> Mesh:
-    """Leaf with two sunken panels and a lever, in the x-z plane facing -y; slots: 0 paint, 1 metal."""
+    """A leaf with two sunken panels and a lever, facing -y; slots 0 paint, 1 metal."""
     del detail
     x, z = width / 2, height / 2
-    rail, groove, sunk = 0.13, 0.012, 0.006
+    rail = 0.13
+    groove = 0.012
+    sunk = 0.006
     middle = 0.92
     parts = []
     for z0, z1 in ((0.20, middle - 0.065), (middle + 0.065, height - rail)):
@@ -124,7 +127,9 @@ def casing(width: float, height: float, board: float, thick: float) -> Mesh:
     top = rounded_box((width, thick, board), 0.004).moved(0, -thick / 2, height - board / 2)
     left = upright.moved(-width / 2 + board / 2)
     parts = [left, upright.moved(width / 2 - board / 2), top]
-    w, deep, below = width - 0.02, 0.04, 0.01
+    w = width - 0.02
+    deep = 0.04
+    below = 0.01
     sides = frame(w, height, [(0.0, 0.0), (0.0, -deep)])
     back = plane((-w / 2, deep, -height / 2), (w, 0, 0), (0, 0, height), 1.0)
     closed = join([sides, back]).moved(z=height / 2 - below)
@@ -163,7 +168,8 @@ def picture(width: float, height: float, mat: float) -> Mesh:
         hole=(mat, 2 * w - mat, mat, 2 * h - mat),
     ).painted(1)
     chamfer = frame(2 * (w - mat), 2 * (h - mat), [(0, 0.015), (bevel, 0.012)]).painted(1)
-    pw, ph = w - mat - bevel, h - mat - bevel
+    pw = w - mat - bevel
+    ph = h - mat - bevel
     p = np.array([[[-pw, -0.012, -ph], [pw, -0.012, -ph]], [[-pw, -0.012, ph], [pw, -0.012, ph]]])
     return join([rim, board, chamfer, grid(p).painted(2)])
 
@@ -188,7 +194,8 @@ def spot(detail: float) -> Mesh:
 
 def _bars(width: float, height: float, section: float, depth: float) -> Mesh:
     """A closed mitred frame of rectangular section with eased edges, centred in the x-z plane."""
-    d, e = depth / 2, 0.004
+    d = depth / 2
+    e = 0.004
     loop = [
         (0, -d),
         (0, d - e),
@@ -207,10 +214,15 @@ def window(x0: float, x1: float, z0: float, z1: float, detail: float) -> tuple[M
     opening x0..x1,
     z0..z1.
     """
-    width, height, cx, cz = x1 - x0, z1 - z0, (x0 + x1) / 2, (z0 + z1) / 2
+    width = x1 - x0
+    height = z1 - z0
+    cx = (x0 + x1) / 2
+    cz = (z0 + z1) / 2
     outer = _bars(width - 0.002, height - 0.002, 0.045, 0.07).moved(cx, 0, cz)
-    leaf_w, leaf_h = (width - 2 * 0.047) / 2 - 0.002, height - 2 * 0.047
-    frames, panes = [outer], []
+    leaf_w = (width - 2 * 0.047) / 2 - 0.002
+    leaf_h = height - 2 * 0.047
+    frames = [outer]
+    panes = []
     for sign in (-1, 1):
         x = cx + sign * (leaf_w / 2 + 0.0015)
         frames.append(_bars(leaf_w, leaf_h, 0.06, 0.056).moved(x, 0.012, cz))
@@ -250,8 +262,13 @@ def rail(x0: float, x1: float, detail: float) -> Mesh:
         n,
     )
     ends = [knob.turned("y", 90).moved(x0 - 0.02), knob.turned("y", -90).moved(x1 + 0.02)]
-    brackets = [
-        tube([[x, -0.098, -0.03], [x, -0.05, -0.03], [x, -0.01, -0.022], [x, 0, -0.008]], 0.006, 8)
-        for x in (x0 + 0.08, x1 - 0.08)
-    ]
+    brackets = []
+    for x in (x0 + 0.08, x1 - 0.08):
+        brackets.append(
+            tube(
+                [[x, -0.098, -0.03], [x, -0.05, -0.03], [x, -0.01, -0.022], [x, 0, -0.008]],
+                0.006,
+                8,
+            )
+        )
     return join([pole, *ends, *brackets])
