@@ -117,7 +117,8 @@ def _experiment(args: argparse.Namespace, console: Console) -> "Curve":
     if args.curve == curve.FUSION:
         require("bench curve voxel", "igl")
         from iclnuim.benchmark.experiments.fusion_curve import VALUES
-        from iclnuim.benchmark.fusion.surface_error import TrueSurface, read_model
+        from iclnuim.benchmark.fusion.surface_error import TrueSurface
+        from iclnuim.blender.open.model_file import read_model
 
         surface = TrueSurface(*read_model(args.model))
         steps: list[curves.Step] = [("fusion", value) for value in args.values or VALUES]
