@@ -37,7 +37,8 @@ def client(tmp_path):
 
 
 def until(client, kind):
-    found, end = [], time.monotonic() + 20
+    found = []
+    end = time.monotonic() + 20
     while time.monotonic() < end and not any(isinstance(event, kind) for event in found):
         found += client.events()
         time.sleep(0.01)

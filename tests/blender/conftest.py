@@ -31,7 +31,8 @@ def cornered_room(tmp_path_factory) -> Path:
         mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
         bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, mesh))
     lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
-    lamp.location, lamp.data.energy = (0, 0, 2.5), 100.0
+    lamp.location = (0, 0, 2.5)
+    lamp.data.energy = 100.0
     bpy.context.scene.collection.objects.link(lamp)
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     return path
@@ -140,7 +141,11 @@ def render_here(cornered_room, forward_path):
             )
         notes = []
         out.parent.mkdir(parents=True, exist_ok=True)
-        listen = lambda event: notes.append(event.text) if isinstance(event, Note) else None  # noqa: E731
+
+        def listen(event):
+            if isinstance(event, Note):
+                notes.append(event.text)
+
         with worker.Session(job, out, listen) as session:
             _, whole = session.render(frames, lambda: False)
         assert whole

@@ -11,9 +11,11 @@ from pathlib import Path
 import own_scene_files as made
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\n"
-PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+PLY = "ply\nformat ascii 1.0\nelement vertex 3\n"
+PLY += "property float x\nproperty float y\nproperty float z\nelement face 1\n"
 PLY += "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
-USD_MESH = 'def Mesh "M" { int[] faceVertexCounts = [3]; int[] faceVertexIndices = [0,1,2]; point3f[] points = [(0,0,0),(1,0,0),(0,1,0)];'
+USD_MESH = 'def Mesh "M" { int[] faceVertexCounts = [3]; int[] faceVertexIndices = [0,1,2]; '
+USD_MESH += "point3f[] points = [(0,0,0),(1,0,0),(0,1,0)];"
 
 
 def write(path: Path, content: str | bytes) -> Path:
@@ -28,8 +30,10 @@ class Maker:
     """
 
     def __init__(self, bpy, root: Path, way: str) -> None:
-        self.bpy, self.way = bpy, way
-        self.inside, self.outside = root / "scenes" / way, root / "outside"
+        self.bpy = bpy
+        self.way = way
+        self.inside = root / "scenes" / way
+        self.outside = root / "outside"
         self.inside.mkdir(parents=True)
         self.outside.mkdir(exist_ok=True)
 
@@ -58,10 +62,12 @@ class Maker:
                 "mtl": "newmtl m\nKd 1 0 0\n",
             }
             contents |= {
-                "ies": "IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 2 1 1 2 0 0 0\n1 1 100\n0 90\n0\n100 0\n"
+                "ies": "IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 2 1 1 2 0 0 0\n"
+                "1 1 100\n0 90\n0\n100 0\n"
             }
             contents |= {
-                "stl": "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n"
+                "stl": "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n"
+                "vertex 0 1 0\nendloop\nendfacet\nendsolid\n"
             }
             write(path, contents.get(kind, "secret"))
         return path
@@ -79,24 +85,31 @@ class Maker:
 def gltf(maker, image=None, buffer=None, glb=False, suffix=None):
     data = struct.pack("<9f6f3H", 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1, 0, 1, 2)
     write(maker.inside / "own.bin", data)
-    views = [
-        {"buffer": 0, "byteOffset": o, "byteLength": n} for o, n in ((0, 36), (36, 24), (60, 6))
-    ]
+    views = []
+    for o, n in ((0, 36), (36, 24), (60, 6)):
+        views.append({"buffer": 0, "byteOffset": o, "byteLength": n})
     kinds = ((5126, "VEC3"), (5126, "VEC2"), (5123, "SCALAR"))
-    accessors = [
-        {"bufferView": k, "componentType": c, "count": 3, "type": t}
-        for k, (c, t) in enumerate(kinds)
-    ]
+    accessors = []
+    for k, (c, t) in enumerate(kinds):
+        accessors.append({"bufferView": k, "componentType": c, "count": 3, "type": t})
     accessors[0] |= {"min": [0, 0, 0], "max": [1, 1, 0]}
     if buffer:
         (maker.outside / f"{maker.way}.bin").write_bytes(data)
+    attributes = {"POSITION": 0, "TEXCOORD_0": 1}
+    texture = {"baseColorTexture": {"index": 0}}
     content = {
-        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "bufferViews": views,
-        "buffers": [{"uri": buffer or "own.bin", "byteLength": 66}], "accessors": accessors,
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}} if image else {}}],
-        "textures": [{"source": 0}], "images": [{"uri": image}] if image else [],
-    }  # fmt: skip
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "bufferViews": views,
+        "buffers": [{"uri": buffer or "own.bin", "byteLength": 66}],
+        "accessors": accessors,
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": 2, "material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": texture if image else {}}],
+        "textures": [{"source": 0}],
+        "images": [{"uri": image}] if image else [],
+    }
     text = json.dumps(content).encode()
     if glb:
         text += b" " * (-len(text) % 4)
@@ -123,11 +136,14 @@ def usd(maker, head="", body="", before="", name="scene.usda"):
 
 
 def usd_textured(maker, picture):
-    body = 'rel material:binding = </T>; texCoord2f[] primvars:st = [(0,0),(1,0),(0,1)] (interpolation = "vertex")'
+    body = "rel material:binding = </T>; texCoord2f[] primvars:st = [(0,0),(1,0),(0,1)] "
+    body += '(interpolation = "vertex")'
     before = f"""def Material "T" {{ token outputs:surface.connect = </T/S.outputs:surface>;
-    def Shader "S" {{ uniform token info:id = "UsdPreviewSurface"; color3f inputs:diffuseColor.connect = </T/P.outputs:rgb>;
+    def Shader "S" {{ uniform token info:id = "UsdPreviewSurface"; \
+color3f inputs:diffuseColor.connect = </T/P.outputs:rgb>;
         token outputs:surface }}
-    def Shader "P" {{ uniform token info:id = "UsdUVTexture"; asset inputs:file = @{picture}@; float3 outputs:rgb }} }}"""
+    def Shader "P" {{ uniform token info:id = "UsdUVTexture"; \
+asset inputs:file = @{picture}@; float3 outputs:rgb }} }}"""
     return usd(maker, body=body, before=before)
 
 
@@ -174,7 +190,8 @@ def blend(add, kind=None, link=None, **options):
 
     def make(maker):
         secret = maker.secret(kind) if kind else maker.outside
-        bpy, scene = maker.bpy, made.fresh(maker.bpy)
+        bpy = maker.bpy
+        scene = made.fresh(maker.bpy)
         box = made.box(bpy, "box", (0, 0, 0), (1, 1, 1), made.material(bpy, "m"))
         scene.world = bpy.data.worlds.new("world")
         name = f"//../../outside/{secret.name}" if kind else None
@@ -188,7 +205,8 @@ def blend(add, kind=None, link=None, **options):
 
 def _image(bpy, box, name, source="FILE", **user):
     image = bpy.data.images.new("picture", 4, 4)
-    image.source, image.filepath = source, name
+    image.source = source
+    image.filepath = name
     tree = box.data.materials[0].node_tree
     node = tree.nodes.new("ShaderNodeTexImage")
     node.image = image
@@ -227,7 +245,7 @@ def _through_a_library(bpy, box, maker):
 
 
 def _loaded(collection, user):
-    """A datablock that is loaded from the file itself, and named relative to the scene after that."""
+    """A datablock that is loaded from the file itself, and then named relative to the scene."""
 
     def add(bpy, box, maker, kind):
         secret = (
@@ -263,13 +281,15 @@ def _speaker(bpy, box, sound):
 
 def _text(bpy, box, block):
     curve = bpy.data.curves.new("text", "FONT")
-    curve.body, curve.font = "abc", block
+    curve.body = "abc"
+    curve.font = block
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("text", curve))
 
 
 def _background(bpy, box, clip):
     constraint = box.constraints.new("CAMERA_SOLVER")
-    constraint.use_active_clip, constraint.clip = False, clip
+    constraint.use_active_clip = False
+    constraint.clip = clip
 
 
 def _volume(bpy, box, name):
@@ -280,20 +300,23 @@ def _volume(bpy, box, name):
 
 def _mesh_cache(bpy, box, name):
     modifier = box.modifiers.new("cache", "MESH_CACHE")
-    modifier.cache_format, modifier.filepath = "PC2", name
+    modifier.cache_format = "PC2"
+    modifier.filepath = name
 
 
 def _sequence_cache(bpy, box, name):
     bpy.ops.cachefile.open(filepath=name)
     modifier = box.modifiers.new("cache", "MESH_SEQUENCE_CACHE")
-    modifier.cache_file, modifier.object_path = bpy.data.cache_files[0], "/M"
+    modifier.cache_file = bpy.data.cache_files[0]
+    modifier.object_path = "/M"
 
 
 def _import_node(node, computed=False):
     def add(bpy, box, name):
         tree = bpy.data.node_groups.new("nodes", "GeometryNodeTree")
         tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-        reads, out = tree.nodes.new(f"GeometryNodeImport{node}"), tree.nodes.new("NodeGroupOutput")
+        reads = tree.nodes.new(f"GeometryNodeImport{node}")
+        out = tree.nodes.new("NodeGroupOutput")
         if computed:
             join = tree.nodes.new("GeometryNodeStringJoin")
             for part in reversed((name[:-9], name[-9:])):
@@ -321,15 +344,18 @@ def _ies(bpy, box, name):
     ies, shine, out = (
         lamp.node_tree.nodes.new(f"ShaderNode{n}") for n in ("TexIES", "Emission", "OutputLight")
     )
-    ies.mode, ies.filepath = "EXTERNAL", name
+    ies.mode = "EXTERNAL"
+    ies.filepath = name
     lamp.node_tree.links.new(ies.outputs[0], shine.inputs["Strength"])
     lamp.node_tree.links.new(shine.outputs[0], out.inputs[0])
 
 
 def _osl(bpy, box, name):
-    bpy.context.scene.render.engine, bpy.context.scene.cycles.shading_system = "CYCLES", True
+    bpy.context.scene.render.engine = "CYCLES"
+    bpy.context.scene.cycles.shading_system = True
     node = box.data.materials[0].node_tree.nodes.new("ShaderNodeScript")
-    node.mode, node.filepath = "EXTERNAL", name
+    node.mode = "EXTERNAL"
+    node.filepath = name
 
 
 def _ocean(bpy, box, maker):
@@ -344,7 +370,8 @@ def _point_cache(bpy, box, maker):
     folder.mkdir()
     modifier = box.modifiers.new("cloth", "CLOTH")
     cache = modifier.point_cache
-    cache.use_external, cache.filepath = True, f"//../../outside/{maker.way}"
+    cache.use_external = True
+    cache.filepath = f"//../../outside/{maker.way}"
 
 
 def _fluid(bpy, box, maker):
@@ -415,11 +442,75 @@ def _playlist(inside, secret):
     )
 
 
+def _obj_map_of_any_file(m):
+    write(m.inside / "own.txt", f"newmtl m\nmap_Kd {m.up('png')}\n")
+    return obj(m, "own.txt")
+
+
+def _obj_like_usd(m):
+    return write(obj(m), f"#usda 1.0\nmtllib {m.up('mtl')}\n{TRIANGLE}f 1 2 3\n")
+
+
+def _gltf_image_percent(m):
+    return gltf(m, m.up("png").replace("..", "%2e%2e").replace("/", "%2F"))
+
+
+def _usd_variant(m):
+    inner = f'variantSet "v" = {{ "x" (references = @{m.up("usda")}@) {{}} }}'
+    variants = '(variantSets = "v"; variants = { string v = "x" })'
+    return usd(m, before=f'def "R" {variants} {{ {inner} }}')
+
+
+def _usd_expression(m):
+    head = 'expressionVariables = { string D = "../.." }'
+    path = f'"${{D}}/outside/{m.secret("usda").name}"'
+    return usd(m, head=head, before=f'def "R" (references = @`{path}`@) {{}}')
+
+
+def _usd_inner(m):
+    _inner_usd(m.inside, m.secret("usda"))
+    return usd(m, head="subLayers = [@./inner.usda@]")
+
+
+def _usd_dome(m):
+    return usd(m, before=f'def DomeLight "L" {{ asset inputs:texture:file = @{m.up("png")}@ }}')
+
+
+def _usd_volume(m):
+    file = f'asset filePath = @{m.up("vdb")}@; token fieldName = "density"'
+    field = f'rel field:density = </V/F>; def OpenVDBAsset "F" {{ {file} }}'
+    return usd(m, before=f'def Volume "V" {{ {field} }}')
+
+
+def _usd_clip(m):
+    paths = f'asset[] assetPaths = [@{m.up("usda")}@]; string primPath = "/M"'
+    times = f"double2[] active = [(0, 0)]; asset manifestAssetPath = @{m.up('usda')}@"
+    clips = f"clips = {{ dictionary default = {{ {paths}; {times} }} }}"
+    return usd(m, before=f'def "C" ({clips}) {{ float a }}')
+
+
+def _usd_materialx(m):
+    include = f'<xi:include href="{m.up("mtlx")}"/>'
+    head = '<materialx version="1.38" xmlns:xi="http://www.w3.org/2001/XInclude">'
+    write(m.inside / "look.mtlx", f'<?xml version="1.0"?>\n{head}{include}</materialx>')
+    return usd(m, head="subLayers = [@./look.mtlx@]")
+
+
+def _sequence(b, x, n):
+    _image(b, x, n, "SEQUENCE", frame_duration=2, frame_start=0, use_auto_refresh=True)
+
+
+def _film(b, x, n):
+    _image(b, x, n, "MOVIE", frame_duration=2, use_auto_refresh=True)
+
+
+#: Import nodes of Geometry Nodes, and the endings of what they read.
+IMPORTED = {"OBJ": "obj", "PLY": "ply", "STL": "stl", "CSV": "csv", "Text": "txt", "VDB": "vdb"}
 #: Name of the way -> the function that writes its scene and returns the file.
 WAYS = {
     "gltf_image": lambda m: gltf(m, m.up("png")),
     "gltf_image_backslash": lambda m: gltf(m, m.up("png").replace("/", "\\")),
-    "gltf_image_percent": lambda m: gltf(m, m.up("png").replace("..", "%2e%2e").replace("/", "%2F")),
+    "gltf_image_percent": _gltf_image_percent,
     "gltf_image_both": lambda m: gltf(m, m.up("png").replace("/", "%5C")),
     "gltf_image_absolute": lambda m: gltf(m, str(m.secret("png"))),
     "gltf_image_file_url": lambda m: gltf(m, m.secret("png").as_uri()),
@@ -437,32 +528,32 @@ WAYS = {
     "obj_map_options": lambda m: obj(m, line=f"map_Bump -bm 0.5 -o 1 1 1 {m.up('png')}"),
     "obj_map_backslash": lambda m: obj(m, line="map_Ks " + m.up("png").replace("/", "\\")),
     "obj_map_absolute": lambda m: obj(m, line=f"\tMAP_KD {m.secret('png')}"),
-    "obj_map_of_any_file": lambda m: (write(m.inside / "own.txt", f"newmtl m\nmap_Kd {m.up('png')}\n"), obj(m, "own.txt"))[1],
+    "obj_map_of_any_file": _obj_map_of_any_file,
     "obj_mtllib_goes_on": lambda m: obj(m, "\\\n" + m.up("mtl")),
-    "obj_like_usd": lambda m: write(obj(m), f"#usda 1.0\nmtllib {m.up('mtl')}\n{TRIANGLE}f 1 2 3\n"),
+    "obj_like_usd": _obj_like_usd,
     "obj_map_nul": lambda m: obj(m, line=f"map_Kd {m.up('png')}\0.png"),
     "obj_map_cut": lambda m: obj(m, line=f"map_Kd {cut(m)}"),
     "usd_sublayer": lambda m: usd(m, head=f"subLayers = [@{m.up('usda')}@]"),
     "usd_reference": lambda m: usd(m, before=f'def "R" (references = @{m.up("usda")}@) {{}}'),
     "usd_payload": lambda m: usd(m, before=f'def "R" (payload = @{m.up("usda")}@) {{}}'),
-    "usd_variant": lambda m: usd(m, before=f'def "R" (variantSets = "v"; variants = {{ string v = "x" }}) {{ variantSet "v" = {{ "x" (references = @{m.up("usda")}@) {{}} }} }}'),
-    "usd_expression": lambda m: usd(m, head='expressionVariables = { string D = "../.." }', before=f'def "R" (references = @`"${{D}}/outside/{m.secret("usda").name}"`@) {{}}'),
-    "usd_inner": lambda m: (_inner_usd(m.inside, m.secret("usda")), usd(m, head="subLayers = [@./inner.usda@]"))[1],
+    "usd_variant": _usd_variant,
+    "usd_expression": _usd_expression,
+    "usd_inner": _usd_inner,
     "usd_texture": lambda m: usd_textured(m, m.up("png")),
     "usd_texture_absolute": lambda m: usd_textured(m, m.secret("png")),
-    "usd_dome": lambda m: usd(m, before=f'def DomeLight "L" {{ asset inputs:texture:file = @{m.up("png")}@ }}'),
-    "usd_volume": lambda m: usd(m, before=f'def Volume "V" {{ rel field:density = </V/F>; def OpenVDBAsset "F" {{ asset filePath = @{m.up("vdb")}@; token fieldName = "density" }} }}'),
-    "usd_clip": lambda m: usd(m, before=f'def "C" (clips = {{ dictionary default = {{ asset[] assetPaths = [@{m.up("usda")}@]; string primPath = "/M"; double2[] active = [(0, 0)]; asset manifestAssetPath = @{m.up("usda")}@ }} }}) {{ float a }}'),
-    "usd_materialx": lambda m: (write(m.inside / "look.mtlx", f'<?xml version="1.0"?>\n<materialx version="1.38" xmlns:xi="http://www.w3.org/2001/XInclude"><xi:include href="{m.up("mtlx")}"/></materialx>'), usd(m, head="subLayers = [@./look.mtlx@]"))[1],
+    "usd_dome": _usd_dome,
+    "usd_volume": _usd_volume,
+    "usd_clip": _usd_clip,
+    "usd_materialx": _usd_materialx,
     "usdz_sublayer": usdz,
     "usdc_reference": usdc,
     "fbx_texture": fbx,
     "blend_image": blend(_image, "png"),
     "blend_image_compressed": blend(_image, "png", compress=True),
     "blend_image_symlink": blend(_image, "png", symlink("own.png")),
-    "blend_sequence": blend(lambda b, x, n: _image(b, x, n, "SEQUENCE", frame_duration=2, frame_start=0, use_auto_refresh=True), "png", _next_frame),
+    "blend_sequence": blend(_sequence, "png", _next_frame),
     "blend_tiles": blend(lambda b, x, n: _image(b, x, n, "TILED"), "png", _tile),
-    "blend_playlist": blend(lambda b, x, n: _image(b, x, n, "MOVIE", frame_duration=2, use_auto_refresh=True), "ts", _playlist),
+    "blend_playlist": blend(_film, "ts", _playlist),
     "blend_library": blend(_linked),
     "blend_through_a_library": blend(_through_a_library),
     "blend_clip": loaded("movieclips", "png", _background),
@@ -473,7 +564,7 @@ WAYS = {
     "blend_alembic": blend(_sequence_cache, "abc"),
     "blend_usd_cache": blend(_sequence_cache, "usda"),
     "blend_usd_cache_inner": blend(_sequence_cache, "usda", _inner_usd),
-    **{f"blend_nodes_{n.lower()}": blend(_import_node(n), k) for n, k in (("OBJ", "obj"), ("PLY", "ply"), ("STL", "stl"), ("CSV", "csv"), ("Text", "txt"), ("VDB", "vdb"))},
+    **{f"blend_nodes_{n.lower()}": blend(_import_node(n), kind) for n, kind in IMPORTED.items()},
     "blend_nodes_obj_inner": blend(_import_node("OBJ"), "mtl", _inner_obj),
     "blend_nodes_computed": blend(_import_node("OBJ", computed=True), "obj"),
     "blend_ies": blend(_ies, "ies"),
@@ -483,4 +574,4 @@ WAYS = {
     "blend_fluid": blend(_fluid),
     "blend_nodes_bake": blend(_nodes_bake),
     "blend_external_data": blend(_external_data),
-}  # fmt: skip
+}

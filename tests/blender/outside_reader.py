@@ -25,7 +25,8 @@ if __name__ == "__main__":
                 scene.open_empty()
                 importers.load(file)
             opened = bpy.context.scene
-            opened.render.engine, opened.cycles.samples = "CYCLES", 1
+            opened.render.engine = "CYCLES"
+            opened.cycles.samples = 1
             opened.render.resolution_x = opened.render.resolution_y = 8
             opened.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
             opened.camera.location = (0.3, 0.3, 5)

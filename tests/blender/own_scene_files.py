@@ -17,7 +17,8 @@ def picture(bpy, path: Path, value=0.5, size=16):
     pixels = np.ones((size, size, 4), np.float32)
     pixels[: size // 2, :, :3] = value
     image.pixels.foreach_set(pixels.ravel())
-    image.filepath_raw, image.file_format = str(path), "PNG"
+    image.filepath_raw = str(path)
+    image.file_format = "PNG"
     image.save()
     return image
 
@@ -54,7 +55,8 @@ def add(bpy, name, vertices, faces, *materials, uv=True):
 
 def box(bpy, name, low, high, *materials):
     """Faces outwards."""
-    (a, b, c), (d, e, f) = low, high
+    (a, b, c) = low
+    (d, e, f) = high
     v = [(a, b, c), (d, b, c), (d, e, c), (a, e, c), (a, b, f), (d, b, f), (d, e, f), (a, e, f)]
     q = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
     return add(bpy, name, v, q, *materials)
@@ -107,15 +109,18 @@ def small_room(bpy, folder: Path):
         (0.4, 0.3, 0.5),
         material(bpy, "metal", (0.8, 0.7, 0.3), Metallic=1.0),
     )
-    turned.location, turned.rotation_euler = (-1.2, 0.9, 0), (0, 0, 0.6)
+    turned.location = (-1.2, 0.9, 0)
+    turned.rotation_euler = (0, 0, 0.6)
     lamp(bpy)
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     scene.collection.objects.link(camera)
-    scene.camera, camera.rotation_euler = camera, (math.radians(80), 0, 0)
+    scene.camera = camera
+    camera.rotation_euler = (math.radians(80), 0, 0)
     for frame, x in ((1, -0.5), (5, 0.5)):
         camera.location = (x, -1.8, 1.4)
         camera.keyframe_insert("location", frame=frame)
-    scene.frame_start, scene.frame_end = 1, 5
+    scene.frame_start = 1
+    scene.frame_end = 5
     image.filepath = "//tex/floor.png"
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "room.blend"))
     return folder / "room.blend"

@@ -97,9 +97,11 @@ def box(
     inward: bool = False,
 ) -> bpy.types.Object:
     """A closed box; `inward`: its normals point to its inside."""
-    corners = [
-        (x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])
-    ]
+    corners = []
+    for x in (low[0], high[0]):
+        for y in (low[1], high[1]):
+            for z in (low[2], high[2]):
+                corners.append((x, y, z))
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return mesh(name, corners, [face[::-1] for face in faces] if inward else faces, surface)
 
@@ -268,11 +270,9 @@ def collection_instances(folder: Path) -> None:
     moved(piece, library)
     for k, place in enumerate(((0.8, 0.5, 0), (-0.6, 1.2, 0))):
         carrier = bpy.data.objects.new(f"stand {k}", None)
-        carrier.instance_type, carrier.instance_collection, carrier.location = (
-            "COLLECTION",
-            library,
-            place,
-        )
+        carrier.instance_type = "COLLECTION"
+        carrier.instance_collection = library
+        carrier.location = place
         bpy.context.scene.collection.objects.link(carrier)
 
 
@@ -288,7 +288,9 @@ def particle_hair(folder: Path) -> None:
     )
     rug.modifiers.new("hair", "PARTICLE_SYSTEM")
     settings = rug.particle_systems[0].settings
-    settings.type, settings.count, settings.hair_length = "HAIR", 200, 0.3
+    settings.type = "HAIR"
+    settings.count = 200
+    settings.hair_length = 0.3
 
 
 @scene(light="path", note="hair")
@@ -346,7 +348,8 @@ def fog_that_is_instanced(folder: Path) -> None:
     library = bpy.data.collections.new("library")
     moved(bpy.data.objects["fog"], library)
     carrier = bpy.data.objects.new("stand", None)
-    carrier.instance_type, carrier.instance_collection = "COLLECTION", library
+    carrier.instance_type = "COLLECTION"
+    carrier.instance_collection = library
     bpy.context.scene.collection.objects.link(carrier)
 
 
@@ -381,7 +384,8 @@ def made_by_nodes(
 ) -> None:
     """A node in place of a thing's own mesh, and a material on what it makes."""
     tree, _, start, end = nodes_that_shift(thing)
-    node, paint = tree.nodes.new(kind), tree.nodes.new("GeometryNodeSetMaterial")
+    node = tree.nodes.new(kind)
+    paint = tree.nodes.new("GeometryNodeSetMaterial")
     paint.inputs["Material"].default_value = surface
     for source, target in ((start, node), (node, paint), (paint, end)):
         tree.links.new(source.outputs[0], target.inputs[0])
@@ -447,10 +451,8 @@ def sun_through_thin_glass(folder: Path) -> None:
     pane = bpy.data.materials.new("pane")
     pane.use_nodes = True
     pane.node_tree.nodes.clear()
-    output, glass = (
-        pane.node_tree.nodes.new("ShaderNodeOutputMaterial"),
-        pane.node_tree.nodes.new("ShaderNodeBsdfGlass"),
-    )
+    output = pane.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    glass = pane.node_tree.nodes.new("ShaderNodeBsdfGlass")
     glass.inputs["Roughness"].default_value = 0.0
     pane.node_tree.links.new(glass.outputs[0], output.inputs["Surface"])
     window_room(pane)
@@ -492,21 +494,22 @@ def vitrine(folder: Path) -> None:
 def window_room(pane: bpy.types.Material) -> None:
     """A room with a hole in the wall x = 2, a pane in it, sun and sky outside."""
     walls = material("walls", (0.7, 0.65, 0.6))
-    a, b = 2.0, 2.5
+    a = 2.0
+    b = 2.5
     mesh("floor", [(-a, -a, 0), (a, -a, 0), (a, a, 0), (-a, a, 0)], [(0, 1, 2, 3)], walls)
     mesh("ceiling", [(-a, -a, b), (-a, a, b), (a, a, b), (a, -a, b)], [(0, 1, 2, 3)], walls)
     mesh("back", [(-a, a, 0), (-a, a, b), (a, a, b), (a, a, 0)][::-1], [(0, 1, 2, 3)], walls)
     mesh("front", [(-a, -a, 0), (-a, -a, b), (a, -a, b), (a, -a, 0)], [(0, 1, 2, 3)], walls)
     mesh("left", [(-a, -a, 0), (-a, a, 0), (-a, a, b), (-a, -a, b)], [(0, 1, 2, 3)], walls)
-    outer, inner = (
-        [(a, -a, 0), (a, a, 0), (a, a, b), (a, -a, b)],
-        [(a, -1, 0.8), (a, 1, 0.8), (a, 1, 2.0), (a, -1, 2.0)],
-    )
+    outer = [(a, -a, 0), (a, a, 0), (a, a, b), (a, -a, b)]
+    inner = [(a, -1, 0.8), (a, 1, 0.8), (a, 1, 2.0), (a, -1, 2.0)]
     ring = [(k, 4 + k, 4 + (k + 1) % 4, (k + 1) % 4) for k in range(4)]
     mesh("right", outer + inner, ring, walls)
     mesh("pane", inner, [(0, 1, 2, 3)], pane)
     sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
-    sun.data.energy, sun.data.angle, sun.rotation_euler = 4.0, 0.05, (0.0, 0.9, 0.2)
+    sun.data.energy = 4.0
+    sun.data.angle = 0.05
+    sun.rotation_euler = (0.0, 0.9, 0.2)
     bpy.context.scene.collection.objects.link(sun)
     sky = bpy.data.worlds.new("sky")
     sky.use_nodes = True
@@ -590,10 +593,8 @@ def unlit_room(folder: Path) -> None:
     glow = bpy.data.materials.new("baked")
     glow.use_nodes = True
     glow.node_tree.nodes.clear()
-    output, emission = (
-        glow.node_tree.nodes.new("ShaderNodeOutputMaterial"),
-        glow.node_tree.nodes.new("ShaderNodeEmission"),
-    )
+    output = glow.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    emission = glow.node_tree.nodes.new("ShaderNodeEmission")
     emission.inputs["Color"].default_value = (0.4, 0.5, 0.6, 1.0)
     glow.node_tree.links.new(emission.outputs[0], output.inputs["Surface"])
     box("room", (-2, -2, 0), (2, 2, 2.5), glow, inward=True)
@@ -682,7 +683,8 @@ def transparent_leaves(folder: Path) -> None:
     image.pixels.foreach_set(pixels.ravel())
     image.pack()
     texture = leaf.node_tree.nodes.new("ShaderNodeTexImage")
-    texture.image, texture.interpolation = image, "Closest"
+    texture.image = image
+    texture.interpolation = "Closest"
     leaf.node_tree.links.new(
         texture.outputs["Alpha"], leaf.node_tree.nodes["Principled BSDF"].inputs["Alpha"]
     )
@@ -710,24 +712,23 @@ def levels_for_rendering(folder: Path) -> None:
     room(furnished=False)
     blue = material("blue", (0.2, 0.3, 0.7))
     curve = bpy.data.curves.new("curve", "CURVE")
-    curve.dimensions, curve.bevel_depth, curve.resolution_u, curve.render_resolution_u = (
-        "3D",
-        0.15,
-        1,
-        12,
-    )
+    curve.dimensions = "3D"
+    curve.bevel_depth = 0.15
+    curve.resolution_u = 1
+    curve.render_resolution_u = 12
     spline = curve.splines.new("BEZIER")
     spline.bezier_points.add(1)
     for point, place in zip(
         spline.bezier_points, ((-1.2, 0.2, 0.3), (-0.2, 0.8, 1.2)), strict=True
     ):
-        point.co, point.handle_left_type, point.handle_right_type = place, "FREE", "FREE"
-        point.handle_left, point.handle_right = (
-            (place[0] - 0.6, *place[1:]),
-            (place[0] + 0.6, *place[1:]),
-        )
+        point.co = place
+        point.handle_left_type = "FREE"
+        point.handle_right_type = "FREE"
+        point.handle_left = (place[0] - 0.6, *place[1:])
+        point.handle_right = (place[0] + 0.6, *place[1:])
     ball = bpy.data.metaballs.new("ball")
-    ball.resolution, ball.render_resolution = 0.5, 0.1
+    ball.resolution = 0.5
+    ball.render_resolution = 0.1
     ball.elements.new().co = (0.6, 0.6, 1.4)
     screw = mesh("screw", [(0.35, 0, 0), (0.35, 0, 0.6)], [], blue)
     screw.data.edges.add(1)
@@ -740,7 +741,8 @@ def levels_for_rendering(folder: Path) -> None:
         bpy.context.scene.collection.objects.link(bpy.data.objects.new(data.name, data))
     piece = box("piece", (-0.3, -0.3, 0), (0.3, 0.3, 0.6), blue)
     subdivision = piece.modifiers.new("subdivision", "SUBSURF")
-    subdivision.levels, subdivision.render_levels = 0, 2
+    subdivision.levels = 0
+    subdivision.render_levels = 2
     instanced(piece, (0.9, 0.2, 0))
 
 
@@ -749,11 +751,9 @@ def instanced(piece: bpy.types.Object, place: tuple) -> None:
     library = bpy.data.collections.new("library")
     moved(piece, library)
     carrier = bpy.data.objects.new("stand", None)
-    carrier.instance_type, carrier.instance_collection, carrier.location = (
-        "COLLECTION",
-        library,
-        place,
-    )
+    carrier.instance_type = "COLLECTION"
+    carrier.instance_collection = library
+    carrier.location = place
     bpy.context.scene.collection.objects.link(carrier)
 
 
@@ -762,10 +762,9 @@ def nodes_that_shift(thing: bpy.types.Object) -> tuple:
     tree = bpy.data.node_groups.new("shift", "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
-    nodes = [
-        tree.nodes.new(kind)
-        for kind in ("GeometryNodeTransform", "NodeGroupInput", "NodeGroupOutput")
-    ]
+    nodes = []
+    for kind in ("GeometryNodeTransform", "NodeGroupInput", "NodeGroupOutput"):
+        nodes.append(tree.nodes.new(kind))
     tree.links.new(nodes[1].outputs[0], nodes[0].inputs[0])
     tree.links.new(nodes[0].outputs[0], nodes[2].inputs[0])
     thing.modifiers.new("shift", "NODES").node_group = tree
@@ -778,7 +777,8 @@ def is_viewport(folder: Path) -> None:
     room()
     tree, shift, start, end = nodes_that_shift(bpy.data.objects["box"])
     shift.inputs["Translation"].default_value = (-1, 0, 0)
-    asks, switch = tree.nodes.new("GeometryNodeIsViewport"), tree.nodes.new("GeometryNodeSwitch")
+    asks = tree.nodes.new("GeometryNodeIsViewport")
+    switch = tree.nodes.new("GeometryNodeSwitch")
     for source, target in ((asks, "Switch"), (start, "False"), (shift, "True")):
         tree.links.new(source.outputs[0], switch.inputs[target])
     tree.links.new(switch.outputs[0], end.inputs[0])
@@ -811,7 +811,8 @@ def colour_changes_in_a_group(folder: Path) -> None:
     room()
     group = bpy.data.node_groups.new("group", "ShaderNodeTree")
     group.interface.new_socket("Color", in_out="OUTPUT", socket_type="NodeSocketColor")
-    colour, end = group.nodes.new("ShaderNodeRGB"), group.nodes.new("NodeGroupOutput")
+    colour = group.nodes.new("ShaderNodeRGB")
+    end = group.nodes.new("NodeGroupOutput")
     group.links.new(colour.outputs[0], end.inputs[0])
     for value, frame in (((1, 0, 0, 1), 0), ((0, 0, 1, 1), 20)):
         colour.outputs[0].default_value = value
@@ -832,7 +833,8 @@ def displaced_instances(folder: Path) -> None:
     instanced(pieces[0], (0.6, 0.4, 0.2))
     moved(pieces[1], collection("out"))
     bpy.context.view_layer.layer_collection.children["out"].exclude = True
-    bpy.context.scene.render.use_simplify, bpy.context.scene.render.simplify_subdivision = True, 0
+    bpy.context.scene.render.use_simplify = True
+    bpy.context.scene.render.simplify_subdivision = 0
 
 
 @scene(light="path", note="toon")
@@ -882,17 +884,21 @@ def view_layers(folder: Path) -> None:
 @scene(note="displaced surfaces (sheet)")
 def displaced_in_a_library(folder: Path) -> None:
     """What a library holds is displaced as the file's own is."""
-    xs, ys = np.linspace(-0.9, 0.9, 40), np.linspace(-0.9, 0.9, 40)
-    vertices = [(x, y, 0.6) for y in ys for x in xs]
-    faces = [
-        (r * 40 + c, r * 40 + c + 1, (r + 1) * 40 + c + 1, (r + 1) * 40 + c)
-        for r in range(39)
-        for c in range(39)
-    ]
+    xs = np.linspace(-0.9, 0.9, 40)
+    ys = np.linspace(-0.9, 0.9, 40)
+    vertices = []
+    for y in ys:
+        for x in xs:
+            vertices.append((x, y, 0.6))
+    faces = []
+    for r in range(39):
+        for c in range(39):
+            faces.append((r * 40 + c, r * 40 + c + 1, (r + 1) * 40 + c + 1, (r + 1) * 40 + c))
     waves = material("waves")
     waves.displacement_method = "DISPLACEMENT"
     tree = waves.node_tree
-    noise, height = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeDisplacement")
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    height = tree.nodes.new("ShaderNodeDisplacement")
     height.inputs["Scale"].default_value = 0.2
     tree.links.new(noise.outputs[0], height.inputs["Height"])
     tree.links.new(height.outputs[0], tree.get_output_node("ALL").inputs["Displacement"])
@@ -940,8 +946,10 @@ def displaced_piece(name: str = "piece") -> bpy.types.Object:
     bumpy = material("bumpy", (0.2, 0.5, 0.2))
     bumpy.displacement_method = "DISPLACEMENT"
     tree = bumpy.node_tree
-    noise, moves = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeDisplacement")
-    noise.inputs["Scale"].default_value, moves.inputs["Scale"].default_value = 3.0, 0.3
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    moves = tree.nodes.new("ShaderNodeDisplacement")
+    noise.inputs["Scale"].default_value = 3.0
+    moves.inputs["Scale"].default_value = 0.3
     tree.links.new(noise.outputs[0], moves.inputs["Height"])
     tree.links.new(moves.outputs[0], tree.nodes["Material Output"].inputs["Displacement"])
     piece = box(name, (-0.3, -0.3, 0), (0.3, 0.3, 0.5), bumpy)
@@ -954,8 +962,11 @@ def standing(
 ) -> bpy.types.Object:
     """An instance of a collection."""
     carrier = bpy.data.objects.new("stand", None)
-    carrier.instance_type, carrier.instance_collection = "COLLECTION", what
-    carrier.location, carrier.scale, carrier.rotation_euler = place, scale, (0, 0, turn)
+    carrier.instance_type = "COLLECTION"
+    carrier.instance_collection = what
+    carrier.location = place
+    carrier.scale = scale
+    carrier.rotation_euler = (0, 0, turn)
     bpy.context.scene.collection.objects.link(carrier)
     return carrier
 
@@ -966,7 +977,8 @@ def instances_in_instances(folder: Path) -> None:
     others, themselves mirrored.
     """
     room(furnished=False)
-    inner, outer = bpy.data.collections.new("inner"), bpy.data.collections.new("outer")
+    inner = bpy.data.collections.new("inner")
+    outer = bpy.data.collections.new("outer")
     moved(box("post", (-0.1, -0.1, 0), (0.25, 0.1, 0.4), material("green", (0.2, 0.6, 0.2))), inner)
     moved(
         mesh(
@@ -991,12 +1003,15 @@ def instances_in_instances(folder: Path) -> None:
             [(0, 1, 2, 3)],
             material("red"),
         )
-        carrier.location, carrier.instance_type = place, kind
-        carrier.use_instance_faces_scale, carrier.show_instancer_for_render = True, kind == "VERTS"
+        carrier.location = place
+        carrier.instance_type = kind
+        carrier.use_instance_faces_scale = True
+        carrier.show_instancer_for_render = kind == "VERTS"
         child = box(
             f"on {kind}", (-0.05, -0.05, 0), (0.05, 0.05, 0.2), material("blue", (0.2, 0.2, 0.7))
         )
-        child.parent, child.scale = carrier, (-1, 1, 1)
+        child.parent = carrier
+        child.scale = (-1, 1, 1)
 
 
 @scene()
@@ -1010,8 +1025,10 @@ def smooth_twins_of_other_proportions(folder: Path) -> None:
         face.use_smooth = True
     other = bpy.data.objects.new("other", one.data)
     bpy.context.scene.collection.objects.link(other)
-    one.location, one.scale = (-0.3, 1.0, 0.7), (1, 0.6, 2)
-    other.location, other.scale = (0.6, 0.9, 0.4), (1.6, 0.6, 1)
+    one.location = (-0.3, 1.0, 0.7)
+    one.scale = (1, 0.6, 2)
+    other.location = (0.6, 0.9, 0.4)
+    other.scale = (1.6, 0.6, 1)
 
 
 @scene(map_samples=16)
@@ -1060,7 +1077,8 @@ def grease_pencil(folder: Path) -> None:
     for point, place in zip(
         drawing.strokes[0].points, ((-1, 0.5, 0.4), (0, 0.5, 0.4), (0, 0.5, 1.4)), strict=True
     ):
-        point.position, point.radius = place, 0.05
+        point.position = place
+        point.radius = 0.05
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("drawing", data))
 
 
@@ -1070,11 +1088,9 @@ def settings_that_spoil(folder: Path) -> None:
     camera.
     """
     room()
-    scene, render, layer = (
-        bpy.context.scene,
-        bpy.context.scene.render,
-        bpy.context.scene.view_layers[0],
-    )
+    scene = bpy.context.scene
+    render = bpy.context.scene.render
+    layer = bpy.context.scene.view_layers[0]
     render.engine = "CYCLES"
     for owner, values in (
         (
@@ -1132,7 +1148,7 @@ def edges_alone(folder: Path) -> None:
 
 
 def gltf(path: Path) -> Path:
-    """A minimal glTF of the scene's first mesh, without a material: the format's default is metal."""
+    """A minimal glTF of the scene's first mesh, without a material, which is metal by default."""
     data = bpy.context.scene.objects[0].data
     data.calc_loop_triangles()
     points = np.array([v.co for v in data.vertices], np.float32)[:, [0, 2, 1]] * (1, 1, -1)

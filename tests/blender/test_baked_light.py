@@ -30,16 +30,15 @@ def matt_room(path, sun_deg=30.0, strength=2.0, colours=((0.8, 0.3, 0.2), (0.5, 
         material.use_nodes = True
         tree = material.node_tree
         tree.nodes.clear()
-        shader, out = (
-            tree.nodes.new("ShaderNodeBsdfDiffuse"),
-            tree.nodes.new("ShaderNodeOutputMaterial"),
-        )
+        shader = tree.nodes.new("ShaderNodeBsdfDiffuse")
+        out = tree.nodes.new("ShaderNodeOutputMaterial")
         shader.inputs["Color"].default_value = (*colour, 1)
         tree.links.new(shader.outputs[0], out.inputs[0])
         mesh.materials.append(material)
         bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, mesh))
     sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
-    sun.data.energy, sun.data.angle = strength, 0.0
+    sun.data.energy = strength
+    sun.data.angle = 0.0
     sun.rotation_euler = (0, math.radians(sun_deg), 0)
     bpy.context.scene.collection.objects.link(sun)
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
@@ -122,13 +121,11 @@ def test_showing_a_map_and_taking_it_back_leaves_the_scene_as_it_was(room, cache
 
     def state():
         objects = sorted((o.name, o.hide_render, o.data.name) for o in bpy.context.scene.objects)
-        meshes = sorted(
-            (m.name, len(m.loops), tuple(u.name for u in m.uv_layers)) for m in bpy.data.meshes
-        )
-        nodes = sorted(
-            (m.name, tuple(n.bl_idname for n in m.node_tree.nodes)) for m in bpy.data.materials
-        )
-        return objects, meshes, nodes
+        meshes = [(m.name, len(m.loops), m.uv_layers.keys()) for m in bpy.data.meshes]
+        nodes = []
+        for material in bpy.data.materials:
+            nodes.append((material.name, [n.bl_idname for n in material.node_tree.nodes]))
+        return objects, sorted(meshes), sorted(nodes)
 
     before = state()
     folder = next(iter(cache.glob("light/*/light.exr"))).parent
@@ -162,15 +159,10 @@ def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
     material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()
-    diffuse, glossy, mix, out = (
-        tree.nodes.new(k)
-        for k in (
-            "ShaderNodeBsdfDiffuse",
-            "ShaderNodeBsdfGlossy",
-            "ShaderNodeMixShader",
-            "ShaderNodeOutputMaterial",
-        )
-    )
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    glossy = tree.nodes.new("ShaderNodeBsdfGlossy")
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    out = tree.nodes.new("ShaderNodeOutputMaterial")
     tree.links.new(diffuse.outputs[0], mix.inputs[1])
     tree.links.new(glossy.outputs[0], mix.inputs[2])
     tree.links.new(mix.outputs[0], out.inputs["Surface"])
@@ -179,7 +171,7 @@ def test_lambertian_frames_have_no_reflections(render, tmp_path, monkeypatch):
 
 
 def test_reflections_of_a_bright_spot_are_clamped_as_path_tracing_clamps_them(tmp_path):
-    """A sheet of light 50 in a mirror and seen itself: gloss beside a bare lamp would show specks."""
+    """A sheet of light 50, seen in a mirror and itself: gloss beside a bare lamp shows specks."""
     from iclnuim.blender import compat
     from iclnuim.blender.light import baked_material
     from iclnuim.blender.render import frames, settings
@@ -193,7 +185,8 @@ def test_reflections_of_a_bright_spot_are_clamped_as_path_tracing_clamps_them(tm
     mirror = bpy.data.materials.new("mirror")
     mirror.use_nodes = True
     node = mirror.node_tree.nodes["Principled BSDF"]
-    node.inputs["Metallic"].default_value, node.inputs["Roughness"].default_value = 1.0, 0.0
+    node.inputs["Metallic"].default_value = 1.0
+    node.inputs["Roughness"].default_value = 0.0
     node.inputs["Base Color"].default_value = (1.0, 1.0, 1.0, 1.0)
     for y, material in ((-1.0, wall), (2.0, mirror)):
         sheet = bpy.data.meshes.new(material.name)
@@ -204,7 +197,9 @@ def test_reflections_of_a_bright_spot_are_clamped_as_path_tracing_clamps_them(tm
     scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     scene.collection.objects.link(scene.camera)
     scene.render.resolution_x = scene.render.resolution_y = 4
-    scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 1, False
+    scene.render.engine = "CYCLES"
+    scene.cycles.samples = 1
+    scene.cycles.use_denoising = False
     compat.set_multilayer_exr(scene.render.image_settings)
     settings.assign(scene.view_layers[0], {"use_pass_z": True})
     for towards, seen in ((0.0, 10.0), (math.pi, 50.0)):  # the mirror, the wall itself
@@ -235,19 +230,22 @@ def test_a_bake_says_beforehand_how_long_it_takes_and_one_without_reflections_wh
 
     scene.open_scene(str(room))
     tree = bpy.data.materials["wall"].node_tree
-    gloss, output = tree.nodes.new("ShaderNodeBsdfPrincipled"), tree.nodes["Material Output"]
+    gloss = tree.nodes.new("ShaderNodeBsdfPrincipled")
+    output = tree.nodes["Material Output"]
     tree.links.new(gloss.outputs[0], output.inputs["Surface"])
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "room.blend"))
     monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path))
     monkeypatch.setattr(light_map, "_make", made)
-    job, notes = RenderJob("a", str(tmp_path / "room.blend"), "kt0", map_size=32, map_samples=2), []
+    job = RenderJob("a", str(tmp_path / "room.blend"), "kt0", map_size=32, map_samples=2)
+    notes = []
     for lambertian in (False, False, True):
         scene.open_scene(job.scene)
         settings.apply(job.changed(lambertian=lambertian))
         light_map.prepare(job.changed(lambertian=lambertian), notes.append)
     assert notes == [
         "light map: baked in about 1 s",
-        "light map: without reflections the light differs, so a separate map is baked, in about 386 s",
+        "light map: without reflections the light differs, so a separate map is baked, "
+        "in about 386 s",
     ]
 
 
@@ -319,17 +317,20 @@ def test_the_sky_is_the_same_with_the_lamps_and_with_the_surfaces(tmp_path):
     sky.node_tree.nodes["Background"].inputs["Color"].default_value = (0.4, 0.5, 0.6, 1.0)
     tree = bpy.data.materials["wall"].node_tree
     tree.nodes.clear()
-    shine, out = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeOutputMaterial")
+    shine = tree.nodes.new("ShaderNodeEmission")
+    out = tree.nodes.new("ShaderNodeOutputMaterial")
     shine.inputs["Strength"].default_value = 0.3
     tree.links.new(shine.outputs[0], out.inputs[0])
     points_m = np.random.default_rng(2).uniform([-2, -2, 0], [2, 1.9, 0], (3000, 3))
-    up, materials = np.tile([0.0, 0.0, 1.0], (3000, 1)), list(bpy.data.materials)
+    up = np.tile([0.0, 0.0, 1.0], (3000, 1))
+    materials = list(bpy.data.materials)
 
     def light(with_lamps, with_surfaces):
         lamps = light_sampling.direct(points_m, up, 64, 1, materials, sky=with_lamps)
         return lamps, light_sampling.gathered(points_m, up, 64, 1, sky=with_surfaces)
 
-    (lamps, surfaces), (lamps_alone, together) = light(True, False), light(False, True)
+    (lamps, surfaces) = light(True, False)
+    (lamps_alone, together) = light(False, True)
     assert lamps_alone.mean() < 0.9 * lamps.mean() and together.mean() > 1.5 * surfaces.mean()
     assert (lamps_alone + together).mean((0, 1)) == pytest.approx(
         (lamps + surfaces).mean((0, 1)), rel=0.003
@@ -390,7 +391,8 @@ def _point_lamps(count):
     lamps = []
     for k in range(count):
         data = bpy.data.lights.new(f"lamp {k}", "POINT")
-        data.energy, data.shadow_soft_size = 10.0 * (1 + k), 0.0
+        data.energy = 10.0 * (1 + k)
+        data.shadow_soft_size = 0.0
         thing = bpy.data.objects.new(f"lamp {k}", data)
         thing.location = (-2 + 0.5 * k, -1 - 0.1 * k, 1.5 + 0.2 * k)
         bpy.context.scene.collection.objects.link(thing)
@@ -434,9 +436,8 @@ def test_large_lamps_share_passes_only_with_one_sample_each(tmp_path):
         lamp.data.shadow_soft_size = 0.5
 
     def passes(samples):
-        return [
-            (len(one.lamps), one.samples) for one in light_sampling._lamp_passes(lamps, samples)
-        ]
+        found = light_sampling._lamp_passes(lamps, samples)
+        return [(len(one.lamps), one.samples) for one in found]
 
     assert passes(12) == [(2, 2), *[(1, 4)] * 8]
     assert passes(24) == [(2, 6), *[(1, 8)] * 8]
@@ -453,10 +454,12 @@ def test_the_halves_of_the_samples_have_independent_noise(tmp_path):
 
     bpy.ops.wm.open_mainfile(filepath=str(matt_room(tmp_path / "room.blend")))
     (lamp,) = _point_lamps(1)
-    lamp.data.shadow_soft_size, lamp.location = 2.0, (0, 4, 8)
+    lamp.data.shadow_soft_size = 2.0
+    lamp.location = (0, 4, 8)
     bpy.context.view_layer.update()
     points_m = np.random.default_rng(5).uniform([-2, -2, 0], [2, 1.9, 0], (4000, 3))
-    up, materials = np.tile([0.0, 0.0, 1.0], (4000, 1)), list(bpy.data.materials)
+    up = np.tile([0.0, 0.0, 1.0], (4000, 1))
+    materials = list(bpy.data.materials)
     a, b = light_sampling.direct(points_m, up, 8, 1, materials)[..., 0]
     errors = np.stack([a, b]) - light_sampling.direct(points_m, up, 512, 2, materials).mean(0)[:, 0]
     noisy = np.abs(errors).max(0) > 0

@@ -78,19 +78,20 @@ def awkward_scene(tmp_path_factory):
     bmesh.ops.create_cube(work, size=0.5)
     work.to_mesh(box)
     crate = bpy.data.objects.new("crate", box)
-    crate.rotation_euler, crate.scale, crate["class_name"] = (0.2, 0.1, 0.7), (1.0, 0.6, 0.4), "box"
+    crate.rotation_euler = (0.2, 0.1, 0.7)
+    crate.scale = (1.0, 0.6, 0.4)
+    crate["class_name"] = "box"
     shelf = bpy.data.collections.new("shelf")
     shelf.objects.link(crate)
     for x in (0.1, 0.9):
         place = bpy.data.objects.new(f"place {x}", None)
-        place.instance_type, place.instance_collection, place.location = (
-            "COLLECTION",
-            shelf,
-            (x, 0.3, 0.4),
-        )
+        place.instance_type = "COLLECTION"
+        place.instance_collection = shelf
+        place.location = (x, 0.3, 0.4)
         bpy.context.scene.collection.objects.link(place)
     lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
-    lamp.location, lamp.data.energy = (0, 0, 2.5), 100.0
+    lamp.location = (0, 0, 2.5)
+    lamp.data.energy = 100.0
     bpy.context.scene.collection.objects.link(lamp)
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     return path
@@ -127,7 +128,8 @@ def test_instances_and_normals_are_those_of_rays_through_the_pixel_centres(
     from iclnuim.blender.open import scene
 
     scene.open_scene(str(awkward_scene))
-    judge, run = judge_of_open_scene(), read_run(truth_run)
+    judge = judge_of_open_scene()
+    run = read_run(truth_run)
     poses = read_trajectory(truth_run / "groundtruth.txt", "tum").trajectory.T_world_camera
     for number in (0, 6):
         frame = read_exr(run.frame_file(number))
@@ -197,7 +199,8 @@ def test_the_table_names_every_object_with_pose_boxes_class_and_nyu40_label(trut
     assert len({row["id"] for row in table["objects"]}) == 4
     for row in table["objects"]:
         low, high = (np.array(row["box_world_m"][k]) for k in ("min", "max"))
-        centre, size = np.array(row["box_m"]["centre"]), np.array(row["box_m"]["size"])
+        centre = np.array(row["box_m"]["centre"])
+        size = np.array(row["box_m"]["size"])
         assert np.all(np.abs(centre - (low + high) / 2) < 1e-5 + (high - low) * 0.2)
         assert np.linalg.norm(size) <= np.linalg.norm(high - low) + 1e-5
     T = np.array(rows["ball"]["T_world_object"])
@@ -210,9 +213,8 @@ def test_colour_and_depth_keep_their_bits_and_many_samples_do_not_blend_the_trut
     small = {"scene": awkward_scene, "camera": "160x120"}
     render_here(tmp_path / "plain", "6", **small, samples=1)
     render_here(tmp_path / "many", "6", **small, samples=4, antialias=True, ground_truth=True)
-    truth, plain, many = (
-        read_exr(p / "exr/000006.exr") for p in (truth_run, tmp_path / "plain", tmp_path / "many")
-    )
+    runs = (truth_run, tmp_path / "plain", tmp_path / "many")
+    truth, plain, many = (read_exr(run / "exr/000006.exr") for run in runs)
     assert set(plain) == set("RGBZ")
     assert all(np.array_equal(plain[c], truth[c]) for c in "RGBZ")
     assert all(np.array_equal(many[c], truth[c]) for c in set(truth) - set("RGB"))
@@ -232,7 +234,8 @@ def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_format(truth_r
     for form in ("tum", "euroc"):
         command += ["--format", form]
     subprocess.run(command, check=True, timeout=120)
-    tum, euroc = tmp_path / "out/tum", tmp_path / "out/euroc"
+    tum = tmp_path / "out/tum"
+    euroc = tmp_path / "out/euroc"
     frame = read_exr(truth_run / "exr/000006.exr")
     instance, kind = (read_depth16(tum / f"{name}/000006.png") for name in ("instance", "class"))
     assert np.array_equal(instance, frame["instance"].astype(int))
@@ -341,11 +344,8 @@ def test_normals_survive_sixteen_bits_to_a_five_hundredth_of_a_degree():
 
 def test_every_class_of_the_shipped_rooms_has_a_number_and_a_label(repository):
     text = (repository / "blend/README.md").read_text()
-    listed = {
-        line.split("|")[3].strip()
-        for line in text.splitlines()
-        if line.startswith("| ") and "`" in line
-    }
+    rows = [line for line in text.splitlines() if line.startswith("| ") and "`" in line]
+    listed = {row.split("|")[3].strip() for row in rows}
     listed = {name for name in listed if name.isidentifier()}
     assert len(listed) > 30 and listed <= set(classes.KINDS)
     numbers = [kind.id for kind in classes.KINDS.values()]
@@ -364,11 +364,10 @@ def test_depth_where_a_pane_is_seen_is_its_own_none_or_that_of_what_stands_behin
     bpy.ops.wm.open_mainfile(filepath=str(cornered_room))
     glass = bpy.data.materials.new("glass")
     glass.use_nodes = True
-    nodes, links = glass.node_tree.nodes, glass.node_tree.links
-    clear, output = (
-        nodes.new("ShaderNodeBsdfTransparent"),
-        glass.node_tree.get_output_node("CYCLES"),
-    )
+    nodes = glass.node_tree.nodes
+    links = glass.node_tree.links
+    clear = nodes.new("ShaderNodeBsdfTransparent")
+    output = glass.node_tree.get_output_node("CYCLES")
     links.new(clear.outputs[0], output.inputs["Surface"])
     pane = bpy.data.meshes.new("pane")
     pane.from_pydata(
@@ -385,15 +384,11 @@ def test_depth_where_a_pane_is_seen_is_its_own_none_or_that_of_what_stands_behin
         assert main(["check-depth", "--quiet", str(tmp_path / kind)]) == 0, capsys.readouterr()
         recipe = json.loads((tmp_path / kind / "sequence.json").read_text())["job"]
         assert recipe.get("glass", "surface") == kind
-        assert all(
-            np.array_equal(frames[kind][c], frames["surface"][c])
-            for c in ("R", "G", "B", "instance")
-        )
+        for channel in ("R", "G", "B", "instance"):
+            assert np.array_equal(frames[kind][channel], frames["surface"][channel])
     render_here(tmp_path / "open", "3", samples=1)
-    clear_z_m, (pane_z_m, none_z_m, behind_z_m) = (
-        read_exr(tmp_path / "open/exr/000003.exr")["Z"],
-        (f["Z"] for f in frames.values()),
-    )
+    clear_z_m = read_exr(tmp_path / "open/exr/000003.exr")["Z"]
+    (pane_z_m, none_z_m, behind_z_m) = (f["Z"] for f in frames.values())
     glazed = pane_z_m != clear_z_m
     assert 0.3 < glazed.mean() < 0.7
     assert np.array_equal(none_z_m, np.where(glazed, 0, clear_z_m))

@@ -15,7 +15,8 @@ from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 
 TEXELS = 64
 #: Distance of the plane from the camera, and width of a pixel there with fx = fy = 64.
-DISTANCE_M, PIXEL_M = 2.0, 2.0 / 64
+DISTANCE_M = 2.0
+PIXEL_M = 2.0 / 64
 
 
 def new_image(pixels, colour_space="sRGB", **settings):
@@ -43,9 +44,9 @@ def textured(image, shader="Emission", **settings):
     material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()
-    texture, shine, out = (
-        tree.nodes.new(f"ShaderNode{k}") for k in ("TexImage", shader, "OutputMaterial")
-    )
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    shine = tree.nodes.new(f"ShaderNode{shader}")
+    out = tree.nodes.new("ShaderNodeOutputMaterial")
     texture.image = image
     for key, value in settings.items():
         setattr(texture, key, value)
@@ -78,10 +79,13 @@ def pixels_of(image):
 
 def levels_of(image, size):
     """The levels of a texture of size x size texels, without their margins."""
-    pixels, before = pixels_of(image), mipmap_images.margins(size)[0]
+    pixels = pixels_of(image)
+    before = mipmap_images.margins(size)[0]
     found = []
     for k in range(mipmap_images.LEVELS):
-        margin, side, start = before // 2**k, size // 2**k, image.size[0] // 2 // 2**k
+        margin = before // 2**k
+        side = size // 2**k
+        start = image.size[0] // 2 // 2**k
         found.append(pixels[margin : margin + side, start + margin : start + margin + side, :3])
     return found
 
@@ -102,7 +106,8 @@ def test_a_repeated_texture_continues_in_its_margins_and_a_single_one_ends_there
     for extension, outside in (("REPEAT", (ramp[0, -1, 0], ramp[0, 0, 0])), ("EXTEND", (0.0, 1.0))):
         pixels = pixels_of(mipmap_images.with_mipmaps(new_image(ramp), extension))
         row = pixels[before, pixels.shape[1] // 2 :, 0]
-        left, right = row[before - 1], row[before + TEXELS]
+        left = row[before - 1]
+        right = row[before + TEXELS]
         assert (left, right) == pytest.approx(outside, abs=1 / 255)
     assert mipmap_images.margins(682) == (32, 54) and (32 + 682 + 54) % 32 == 0
 
@@ -139,7 +144,8 @@ def test_density_is_that_of_faces_in_the_world(empty):
 
 def with_mapping(material, texture):
     tree = material.node_tree
-    mapping, uv = tree.nodes.new("ShaderNodeMapping"), tree.nodes.new("ShaderNodeTexCoord")
+    mapping = tree.nodes.new("ShaderNodeMapping")
+    uv = tree.nodes.new("ShaderNodeTexCoord")
     mapping.inputs["Scale"].default_value = (4.0, 1.0, 1.0)
     tree.links.new(uv.outputs["UV"], mapping.inputs["Vector"])
     tree.links.new(mapping.outputs[0], texture.inputs["Vector"])
@@ -152,10 +158,8 @@ def with_generated_coordinates(material, texture):
 
 def with_alpha(material, texture):
     tree = material.node_tree
-    mix, out = (
-        tree.nodes.new("ShaderNodeMixShader"),
-        next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL"),
-    )
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    out = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
     tree.links.new(texture.outputs["Alpha"], mix.inputs[0])
     tree.links.new(mix.outputs[0], out.inputs["Surface"])
 
@@ -195,7 +199,8 @@ def test_textures_that_are_filtered(empty, change, scale):
 
 def test_a_texture_in_a_group_of_two_materials_is_filtered_once(empty):
     group = bpy.data.node_groups.new("shared", "ShaderNodeTree")
-    texture, output = group.nodes.new("ShaderNodeTexImage"), group.nodes.new("NodeGroupOutput")
+    texture = group.nodes.new("ShaderNodeTexImage")
+    output = group.nodes.new("NodeGroupOutput")
     group.interface.new_socket("Colour", in_out="OUTPUT", socket_type="NodeSocketColor")
     texture.image = image = new_image(checks())
     group.links.new(texture.outputs["Color"], output.inputs[0])
@@ -239,7 +244,9 @@ def patterned(tmp_path_factory):
         image.pack()
         plane(textured(image, shader)[0], repeats=8.0 / PIXEL_M * texels / TEXELS)
         sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
-        sun.rotation_euler, sun.data.energy = (np.pi / 2, 0.0, 0.0), np.pi  # shines along +y
+        # shines along +y
+        sun.rotation_euler = (np.pi / 2, 0.0, 0.0)
+        sun.data.energy = np.pi
         bpy.context.scene.collection.objects.link(sun)
         files[texels, shader] = folder / f"{shader}-{texels}.blend"
         bpy.ops.wm.save_as_mainfile(filepath=str(files[texels, shader]))
@@ -262,10 +269,9 @@ def test_a_distant_pattern_is_its_mean_and_a_close_one_is_unchanged(
     render_here, patterned, tmp_path
 ):
     for texels in (7.3, 0.25):
-        (plain, plain_z), (filtered, z) = (
-            frame(render_here, tmp_path / f"{texels}-{mipmaps}", patterned, texels, mipmaps=mipmaps)
-            for mipmaps in (False, True)
-        )
+        place = tmp_path / f"{texels}"
+        plain, plain_z = frame(render_here, place / "plain", patterned, texels, mipmaps=False)
+        filtered, z = frame(render_here, place / "filtered", patterned, texels, mipmaps=True)
         assert np.array_equal(z, plain_z) and plain_z == pytest.approx(DISTANCE_M, abs=1e-4)
         if texels > 1:
             assert plain.std() > 0.1  # any of the texels within the pixel
@@ -332,9 +338,10 @@ def frames_of_tiles(
         camera="64x64,64,64,31.7,31.3",
         samples=1,
     )
-    whole = [
-        n.operation for n in bpy.data.materials["material"].node_tree.nodes if n.type == "VECT_MATH"
-    ]
+    whole = []
+    for n in bpy.data.materials["material"].node_tree.nodes:
+        if n.type == "VECT_MATH":
+            whole.append(n.operation)
     channels = read_exr(folder / "run/exr/000000.exr")
     return np.stack([channels[c] for c in "RGB"], -1).astype(float), whole
 

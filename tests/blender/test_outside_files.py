@@ -31,8 +31,10 @@ SAMPLE = (
 #: Refused too, though Blender by itself is not seen to open these: it would in a window, aloud, in
 #: another version, or beside a real cache.
 NOT_SEEN = {
-    "gltf_image_file_url", "obj_map_absolute", "obj_mtllib_absolute", "usd_clip", "usd_dome", "blend_tiles", "blend_clip", "blend_sound",
-    "blend_nodes_obj_inner", "blend_nodes_bake", "blend_osl", "blend_ocean", "blend_point_cache", "blend_fluid",
+    "gltf_image_file_url", "obj_map_absolute", "obj_mtllib_absolute", "usd_clip", "usd_dome",
+    "blend_tiles", "blend_clip", "blend_sound",
+    "blend_nodes_obj_inner", "blend_nodes_bake", "blend_osl", "blend_ocean", "blend_point_cache",
+    "blend_fluid",
 }  # fmt: skip
 
 
@@ -41,7 +43,8 @@ def opened(files: dict[str, Path], mode: str) -> tuple[set[str], list[dict]]:
     rows.
     """
     root = next(iter(files.values())).parents[2]
-    trace, rows = root / f"{mode}.trace", root / f"{mode}.jsonl"
+    trace = root / f"{mode}.trace"
+    rows = root / f"{mode}.jsonl"
     watch = ["strace", "-f", "-y", "-qq", "-e", "trace=open,openat,openat2,creat", "-o", str(trace)]
     command = [*watch, sys.executable, str(READER), str(rows), mode, *map(str, files.values())]
     done = subprocess.run(command, cwd=root, capture_output=True, timeout=1800, check=False)

@@ -78,22 +78,26 @@ def test_a_format_that_says_nothing_has_its_guess_told(exported):
     ],
 )
 def test_a_size_of_no_room_gets_a_word(tmp_path, kind, size, said):
-    corners = [
-        (x * size[0], y * size[1], z * size[2]) for x in (0, 1) for y in (0, 1) for z in (0, 1)
-    ]
+    corners = []
+    for x in (0, 1):
+        for y in (0, 1):
+            for z in (0, 1):
+                corners.append((x * size[0], y * size[1], z * size[2]))
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     texts = {
         "obj": "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
         + "".join("f " + " ".join(str(k + 1) for k in face) + "\n" for face in faces),
         "usda": f"""#usda 1.0\n(\n upAxis = "Z"\n metersPerUnit = 1\n)\ndef Mesh "room" {{
-            int[] faceVertexCounts = {[4] * 6}\n            int[] faceVertexIndices = {[k for f in faces for k in f]}
+            int[] faceVertexCounts = {[4] * 6}
+            int[] faceVertexIndices = {[k for f in faces for k in f]}
             point3f[] points = {corners}\n}}\n""",
     }
     (tmp_path / f"room.{kind}").write_text(texts[kind])
     notes = opened(tmp_path / f"room.{kind}")
-    assert (
-        any(said in note for note in notes) if said else not any("room" in note for note in notes)
-    )
+    if said:
+        assert any(said in note for note in notes)
+    else:
+        assert not any("room" in note for note in notes)
 
 
 def test_a_tf_of_3ds_max_makes_no_glass_and_that_of_glass_does(tmp_path):
@@ -108,12 +112,10 @@ def test_a_tf_of_3ds_max_makes_no_glass_and_that_of_glass_does(tmp_path):
     faces = "".join(f"usemtl {name}\nf 1 2 3\n" for name in kinds)
     (tmp_path / "room.obj").write_text(f"mtllib max.mtl\nv 0 0 0\nv 3 0 0\nv 0 2 3\n{faces}")
     notes = opened(tmp_path / "room.obj")
-    glass = {
-        name: bpy.data.materials[name]
-        .node_tree.nodes["Principled BSDF"]
-        .inputs["Transmission Weight"]
-        for name in kinds
-    }
+    glass = {}
+    for name in kinds:
+        surface = bpy.data.materials[name].node_tree.nodes["Principled BSDF"]
+        glass[name] = surface.inputs["Transmission Weight"]
     assert {name: weight.default_value for name, weight in glass.items()} == {
         "wall": 0.0,
         "pane": 1.0,
@@ -123,7 +125,8 @@ def test_a_tf_of_3ds_max_makes_no_glass_and_that_of_glass_does(tmp_path):
 
 
 def test_a_gltf_with_an_extension_that_blender_lacks_is_refused_in_one_line(tmp_path, capsys):
-    path, names = tmp_path / "packed.gltf", ["EXT_that_nobody_has"]
+    path = tmp_path / "packed.gltf"
+    names = ["EXT_that_nobody_has"]
     path.write_text(
         json.dumps(
             {"asset": {"version": "2.0"}, "extensionsUsed": names, "extensionsRequired": names}
@@ -192,10 +195,8 @@ def test_units_of_a_blend_keep_the_picture(tmp_path):
     made.box(bpy, "box", (0, 0, 0), (100, 100, 250))
     lamp = made.lamp(bpy, "AREA", 100.0, (0, 0, 300))
     lamp.data.size = 50.0
-    bpy.context.scene.unit_settings.system, bpy.context.scene.unit_settings.scale_length = (
-        "METRIC",
-        0.01,
-    )
+    bpy.context.scene.unit_settings.system = "METRIC"
+    bpy.context.scene.unit_settings.scale_length = 0.01
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "cm.blend"))
     notes = opened(tmp_path / "cm.blend")
     assert any("centimetres" in note for note in notes)
@@ -211,7 +212,8 @@ def test_scripts_of_a_blend_never_run(tmp_path):
     mark = tmp_path / "ran"
     text = bpy.data.texts.new("start.py")
     text.from_string(
-        f"import bpy\nopen({str(mark)!r}, 'w').close()\nbpy.app.handlers.frame_change_post.append(print)"
+        f"import bpy\nopen({str(mark)!r}, 'w').close()\n"
+        "bpy.app.handlers.frame_change_post.append(print)"
     )
     text.use_module = True
     box = made.box(bpy, "box", (0, 0, 0), (1, 1, 1))
@@ -315,7 +317,8 @@ def test_vertex_numbers_beyond_the_end_do_not_reach_blenders_ply_reader(exported
 
 def test_a_coloured_scan_shows_its_colours(tmp_path):
     rows = ["0 0 0 255 0 0", "1 0 0 255 0 0", "0 1 0 255 0 0"]
-    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head = "ply\nformat ascii 1.0\nelement vertex 3\n"
+    head += "property float x\nproperty float y\nproperty float z\n"
     head += "property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n"
     text = (
         head
@@ -344,7 +347,8 @@ def test_what_moves_leads_to_path_tracing_with_a_word(room):
 
 def test_a_timeline_that_does_not_start_at_0_is_named_where_things_move(room):
     opened(room)
-    here, crate = bpy.context.scene, bpy.data.objects["crate"]
+    here = bpy.context.scene
+    crate = bpy.data.objects["crate"]
     assert camera.timeline_note(here) is None  # the camera moves, nothing else
     for frame, z in ((1, 0.0), (9, 1.0)):
         crate.location.z = z
@@ -356,7 +360,8 @@ def test_a_timeline_that_does_not_start_at_0_is_named_where_things_move(room):
 
 def test_what_hangs_on_a_moving_thing_moves_and_a_constant_action_does_not(room):
     opened(room)
-    crate, chest = bpy.data.objects["crate"], bpy.data.objects["chest"]
+    crate = bpy.data.objects["crate"]
+    chest = bpy.data.objects["chest"]
     crate.keyframe_insert("location", frame=1)
     crate.keyframe_insert("location", frame=9)
     assert motion.moving_names(bpy.context.scene) == []
@@ -379,10 +384,8 @@ def test_a_scene_without_light_gets_one_and_a_closed_one_gets_lamps_inside(tmp_p
     made.fresh(bpy)
     made.box(bpy, "crate", (0, 0, 0), (1, 1, 1))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "open.blend"))
-    assert any(
-        "uniform white sky was added" in n and "inside" not in n
-        for n in opened(tmp_path / "open.blend")
-    )
+    notes = opened(tmp_path / "open.blend")
+    assert "inside" not in next(n for n in notes if "uniform white sky was added" in n)
     made.fresh(bpy)
     room = made.box(bpy, "room", (-2, -2, 0), (2, 2, 2.5))
     room.data.flip_normals()
@@ -398,14 +401,16 @@ def test_displacement_by_a_material_is_in_the_mesh_as_the_formula_has_it(tmp_pat
     material = made.material(bpy, "lifted")
     tree = material.node_tree
     lift = tree.nodes.new("ShaderNodeDisplacement")
-    lift.inputs["Height"].default_value, lift.inputs["Midlevel"].default_value = 1.0, 0.5
+    lift.inputs["Height"].default_value = 1.0
+    lift.inputs["Midlevel"].default_value = 0.5
     lift.inputs["Scale"].default_value = 0.2
     tree.links.new(lift.outputs[0], tree.nodes["Material Output"].inputs["Displacement"])
     material.displacement_method = "DISPLACEMENT"
     plane = made.add(
         bpy, "plane", [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)], [(0, 1, 2, 3)], material
     )
-    plane.location, plane.rotation_euler = (1, 2, 3), (0, 0, math.radians(30))
+    plane.location = (1, 2, 3)
+    plane.rotation_euler = (0, 0, math.radians(30))
     made.lamp(bpy)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "lifted.blend"))
     notes = opened(tmp_path / "lifted.blend")

@@ -31,7 +31,8 @@ def rich_room(folder: Path) -> Path:
     crate = bpy.data.objects["crate"]
     crate.modifiers.new("round", "BEVEL").width = 0.05
     twin = bpy.data.objects.new("twin", crate.data)
-    twin.scale, twin.location = (-1, 1, 1.2), (2.2, -0.4, 0)
+    twin.scale = (-1, 1, 1.2)
+    twin.location = (2.2, -0.4, 0)
     bpy.context.scene.collection.objects.link(twin)
     many = bpy.data.collections.new("many")
     pin = made.box(bpy, "pin", (-0.05, -0.05, 0), (0.05, 0.05, 0.6), made.material(bpy, "pin"))
@@ -39,25 +40,31 @@ def rich_room(folder: Path) -> Path:
     many.objects.link(pin)
     for k in range(3):
         place = bpy.data.objects.new(f"place{k}", None)
-        place.instance_type, place.instance_collection = "COLLECTION", many
-        place.location, place.rotation_euler = (-2 + 0.3 * k, 1.7, 0), (0.2 * k, 0, k)
+        place.instance_type = "COLLECTION"
+        place.instance_collection = many
+        place.location = (-2 + 0.3 * k, 1.7, 0)
+        place.rotation_euler = (0.2 * k, 0, k)
         bpy.context.scene.collection.objects.link(place)
     n = 24
-    grid = [(0.06 * i - 0.7, 0.06 * j - 0.7, 0.0) for j in range(n) for i in range(n)]
-    quads = [
-        (j * n + i, j * n + i + 1, j * n + n + i + 1, j * n + n + i)
-        for j in range(n - 1)
-        for i in range(n - 1)
-    ]
+    grid = []
+    for j in range(n):
+        for i in range(n):
+            grid.append((0.06 * i - 0.7, 0.06 * j - 0.7, 0.0))
+    quads = []
+    for j in range(n - 1):
+        for i in range(n - 1):
+            quads.append((j * n + i, j * n + i + 1, j * n + n + i + 1, j * n + n + i))
     waves = made.material(bpy, "waves")
     tree = waves.node_tree
-    noise, lift = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeDisplacement")
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    lift = tree.nodes.new("ShaderNodeDisplacement")
     lift.inputs["Scale"].default_value = 0.25
     tree.links.new(noise.outputs[0], lift.inputs["Height"])
     tree.links.new(lift.outputs[0], tree.nodes["Material Output"].inputs["Displacement"])
     waves.displacement_method = "DISPLACEMENT"
     sheet = made.add(bpy, "sheet", grid, quads, waves, uv=False)
-    sheet.location, sheet.rotation_euler = (1.6, 1.2, 1.2), (1.0, 0, 0)
+    sheet.location = (1.6, 1.2, 1.2)
+    sheet.rotation_euler = (1.0, 0, 0)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "room.blend"))
     return folder / "room.blend"
 
@@ -143,10 +150,14 @@ def test_a_white_principled_ball_cannot_be_told_from_a_white_furnace(tmp_path, s
     white = made.material(bpy, "white", (1, 1, 1), **settings)
     ball.data.materials.append(baked_material.baked_copy(white, baked_material.Baked(light, False)))
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    camera.data.type, camera.data.ortho_scale, camera.location = "ORTHO", 2.0, (0, 0, 5)
+    camera.data.type = "ORTHO"
+    camera.data.ortho_scale = 2.0
+    camera.location = (0, 0, 5)
     scene.collection.objects.link(camera)
     scene.camera = camera
-    scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 64, False
+    scene.render.engine = "CYCLES"
+    scene.cycles.samples = 64
+    scene.cycles.use_denoising = False
     scene.cycles.filter_width = 0.01
     scene.render.resolution_x = scene.render.resolution_y = 48
     compat.set_multilayer_exr(scene.render.image_settings)

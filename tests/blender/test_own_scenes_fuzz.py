@@ -53,7 +53,8 @@ def damaged(rng, data: bytes, text: bool) -> bytes:
     """
     changed = bytearray(data)
     way = rng.integers(8)
-    at, length = int(rng.integers(len(data))), int(rng.integers(1, 300))
+    at = int(rng.integers(len(data)))
+    length = int(rng.integers(1, 300))
     if way == 0:
         return data[:at]
     if way == 1:
@@ -75,7 +76,8 @@ def outcomes(files: list[Path], answers: Path) -> tuple[list[dict], list[str]]:
     """What became of each file, and the files that Blender crashed on; it is started again behind
     those.
     """
-    crashed, left = [], [str(f) for f in files]
+    crashed = []
+    left = [str(f) for f in files]
     while left:
         done = subprocess.run(
             [sys.executable, str(READER), str(answers), *left],

@@ -50,7 +50,8 @@ def rendered(tmp_path_factory):
 
     def render(name, light, **settings):
         folder = Path(tempfile.mkdtemp(prefix=f"{name}-{light}-", dir=base))
-        file, notes = scene_gallery.make(name, folder), []
+        file = scene_gallery.make(name, folder)
+        notes = []
         camera = PinholeCamera.parse("48x36")
         job = RenderJob(
             "gallery", str(file), str(base / "poses.txt"), camera=camera, light=light, **settings
@@ -96,11 +97,10 @@ def test_awkward_scenes_are_right_or_named(name, rendered, monkeypatch, tmp_path
 
 #: Rays are cast at surfaces, and hair is none.
 STRANDS = {"particle_hair", "hair_curves", "lamp_outside", "hair_in_an_instance", "points_by_nodes"}
-RENDERS = [
-    name
-    for name, entry in scene_gallery.GALLERY.items()
-    if not entry.refused and name not in STRANDS
-]
+RENDERS = []
+for name, entry in scene_gallery.GALLERY.items():
+    if not entry.refused and name not in STRANDS:
+        RENDERS.append(name)
 QUICK_TRUTH = {
     "fog_in_a_box",
     "bent_quads_beside_smooth_ones",
@@ -114,7 +114,7 @@ def test_depth_and_ground_truth_are_those_of_rays(name, rendered, command_here):
     pytest.importorskip("embreex")
     if name == "bent_quads_beside_smooth_ones" and scene_gallery.bpy.app.version >= (5, 0):
         pytest.xfail(
-            "Blender 5 shades flat faces beside smooth ones in another way, which is not followed yet"
+            "Blender 5 shades flat faces beside smooth ones in another way, not followed yet"
         )
     frame, _, _, run = rendered(name, "path", samples=2, ground_truth=True)
     code, printed, said = command_here("check-depth", "--json", "--quiet", run)
@@ -131,8 +131,10 @@ def test_depth_and_ground_truth_are_those_of_rays(name, rendered, command_here):
 #: Of these, plain Cycles is the judge, with the bounces and settings of the file; without caustics,
 #: glass and transparency it agrees.
 PLAIN = {
-    "plain_room", "displaced_twice_in_a_library", "displaced_instances", "instances_in_instances", "instanced_lamps_and_shear", "background_set", "mirrored_object",
-    "levels_for_rendering", "is_viewport", "instances_on_a_point_cloud", "lamp_in_excluded_collection", "mixed_normals", "point_lamp_without_size",
+    "plain_room", "displaced_twice_in_a_library", "displaced_instances", "instances_in_instances",
+    "instanced_lamps_and_shear", "background_set", "mirrored_object",
+    "levels_for_rendering", "is_viewport", "instances_on_a_point_cloud",
+    "lamp_in_excluded_collection", "mixed_normals", "point_lamp_without_size",
 }  # fmt: skip
 
 
@@ -147,7 +149,8 @@ def test_path_traced_frames_are_those_of_plain_cycles(name, rendered, tmp_path):
         read_trajectory(run / "groundtruth.txt", "tum").trajectory.T_world_camera,
         PinholeCamera.parse("48x36"),
     )
-    scene.render.engine, scene.view_layers[0].use_pass_z = "CYCLES", True
+    scene.render.engine = "CYCLES"
+    scene.view_layers[0].use_pass_z = True
     settings.assign(
         scene.cycles,
         {"samples": 256, "filter_width": settings.CENTRE_FILTER_PX, "use_denoising": True},
@@ -162,9 +165,8 @@ def test_path_traced_frames_are_those_of_plain_cycles(name, rendered, tmp_path):
 
 @pytest.mark.slow
 def test_render_settings_of_a_file_change_no_frame(rendered):
-    plain, spoiled = (
-        rendered(name, "path", samples=4)[0] for name in ("plain_room", "settings_that_spoil")
-    )
+    plain, *_ = rendered("plain_room", "path", samples=4)
+    spoiled, *_ = rendered("settings_that_spoil", "path", samples=4)
     assert all(np.array_equal(plain[channel], spoiled[channel]) for channel in "RGBZ")
 
 
@@ -198,24 +200,25 @@ def test_sun_and_sky_shine_through_window_glass(rendered):
     """Cycles lets them through glass as caustics only, which are not sampled: the room was as dark
     as without a window.
     """
-    glazed, opened = (
-        rendered(name, "path", samples=16)[0] for name in ("sun_through_thin_glass", "open_window")
-    )
+    glazed, *_ = rendered("sun_through_thin_glass", "path", samples=16)
+    opened, *_ = rendered("open_window", "path", samples=16)
     means = [np.mean([frame[c] for c in "RGB"]) for frame in (glazed, opened)]
     assert 0.9 < means[0] / means[1] < 1.0
 
 
 def test_sky_is_no_outline():
-    """One triangle before the camera, the rest sky; a frame that lacks half of it has an outline."""
+    """One triangle before the camera, the rest sky; a frame without half of it has an outline."""
     pytest.importorskip("embreex")
     from iclnuim.formats.scene_model import SceneModel
     from iclnuim.geometry.se3 import SE3
     from iclnuim.raycast.checks import TruthCaster, truth_summary
 
     corners_m = np.array([[[-1.0, -1, 4], [1, -1, 4], [0, 1, 4]]])
-    normals, none = np.tile([0.0, 0, -1], (1, 3, 1)), np.zeros(1, int)
+    normals = np.tile([0.0, 0, -1], (1, 3, 1))
+    none = np.zeros(1, int)
     judge = TruthCaster(SceneModel(corners_m, normals, np.zeros((1, 3, 2)), none, none + 7))
-    camera, pose = PinholeCamera.parse("48x36"), SE3(np.eye(3), np.zeros(3))
+    camera = PinholeCamera.parse("48x36")
+    pose = SE3(np.eye(3), np.zeros(3))
     depth_z_m, instance, normal = judge.frame(camera, pose)
     frame = {
         "Z": depth_z_m,
@@ -260,9 +263,8 @@ def test_of_equal_faces_one_stays_but_boxes_that_touch_are_left_alone():
     )
     scene_gallery.bpy.data.objects["floor seen from above"].data.flip_normals()
     assert coplanar.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
-    assert [len(box.data.polygons) for box in stack] == [6, 6, 6] and not any(
-        box.location.length for box in stack
-    )
+    assert [len(box.data.polygons) for box in stack] == [6, 6, 6]
+    assert not any(box.location.length for box in stack)
     twins = [scene_gallery.box(name, (3, 0, 0), (4, 1, 1)) for name in ("one", "twin")]
     assert "twin" in coplanar.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     assert [len(box.data.polygons) for box in twins] == [6, 0]
@@ -272,7 +274,10 @@ def test_a_rug_lies_on_a_floor_of_tiles_and_a_poster_that_shows_its_back_is_name
     from iclnuim.blender.open import coplanar
 
     scene_gallery.bpy.ops.wm.read_factory_settings(use_empty=True)
-    corners = [(x, y, 0) for y in range(9) for x in range(9)]
+    corners = []
+    for y in range(9):
+        for x in range(9):
+            corners.append((x, y, 0))
     tiles = [(k, k + 1, k + 10, k + 9) for k in range(71) if k % 9 < 8]
     floor = scene_gallery.mesh("floor", corners, tiles)
     rug = scene_gallery.mesh(
@@ -281,7 +286,8 @@ def test_a_rug_lies_on_a_floor_of_tiles_and_a_poster_that_shows_its_back_is_name
     assert "(rug): moved" in coplanar.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     assert rug.location.z > 0 and floor.location.z == 0
     # a mirrored one is wound the other way, and faces up all the same
-    rug.location, rug.scale = (6.3, 0, 0), (-1, 1, 1)
+    rug.location = (6.3, 0, 0)
+    rug.scale = (-1, 1, 1)
     scene_gallery.bpy.context.view_layer.update()
     assert "(rug): moved" in coplanar.remove_coincident_faces(scene_gallery.bpy.context.scene)[0]
     rug.matrix_basis.identity()

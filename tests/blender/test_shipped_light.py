@@ -27,7 +27,8 @@ def test_it_fits_the_room_as_it_is(room):
     """
     folder = shipped_light(shipped_job(f"{room}/kt0"))
     assert folder == shipped.folder("blend") / "light" / room
-    recipe, layout = light_files.read_recipe(folder), light_files.load_layout(folder)
+    recipe = light_files.read_recipe(folder)
+    layout = light_files.load_layout(folder)
     assert recipe["psnr_db"] >= 55
     channels = read_exr(folder / light_files.MAP)
     assert {c.shape for c in channels.values()} == {(2048, 2048)} and channels.keys() == set("RGB")
@@ -51,7 +52,8 @@ def test_nothing_is_baked_where_it_serves(monkeypatch, tmp_path):
 
 
 def test_it_is_left_aside_for_other_maps_rooms_and_scenes(monkeypatch, tmp_path, repository):
-    job, room = shipped_job(f"{ROOMS[0]}/kt1"), ROOMS[0]
+    job = shipped_job(f"{ROOMS[0]}/kt1")
+    room = ROOMS[0]
     others = (
         {"map_size": 512},
         {"map_samples": 64},

@@ -7,7 +7,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
-DISTANCE_M, STEP_M, EDGE_M, WIDTH, HEIGHT, F = 3.0, 0.19, 0.313, 160, 120, 120.0
+DISTANCE_M = 3.0
+STEP_M = 0.19
+EDGE_M = 0.313
+WIDTH = 160
+HEIGHT = 120
+F = 120.0
 MOTION_PX = F * STEP_M / DISTANCE_M
 
 
@@ -32,9 +37,8 @@ def edge(tmp_path_factory):
     material = bpy.data.materials.new("glow")
     material.use_nodes = True
     material.node_tree.nodes.clear()
-    glow, out = (
-        material.node_tree.nodes.new(k) for k in ("ShaderNodeEmission", "ShaderNodeOutputMaterial")
-    )
+    glow = material.node_tree.nodes.new("ShaderNodeEmission")
+    out = material.node_tree.nodes.new("ShaderNodeOutputMaterial")
     material.node_tree.links.new(glow.outputs[0], out.inputs[0])
     mesh.materials.append(material)
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("sheet", mesh))

@@ -27,11 +27,8 @@ def captured() -> Room:
     from iclnuim.blend.builder import stage
     from iclnuim.blender import surfaces
 
-    objects = {
-        o.name: (o["instance_id"], o["class_name"])
-        for o in bpy.context.scene.objects
-        if o.type == "MESH"
-    }
+    meshes = [o for o in bpy.context.scene.objects if o.type == "MESH"]
+    objects = {o.name: (o["instance_id"], o["class_name"]) for o in meshes}
     return Room(objects, surfaces.triangles(), stage.geometry_hash(), stage.triangle_count())
 
 

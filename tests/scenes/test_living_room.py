@@ -1,4 +1,4 @@
-"""The living room: what the code builds, what the file holds, and how both agree with the original."""
+"""The living room: what the code builds, what the file holds, how both agree with the original."""
 
 import re
 
@@ -63,7 +63,9 @@ def test_it_stays_within_its_means(built):
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(build):
-    first, again, other = build(3, 0.15), build(3, 0.15), build(4, 0.15)
+    first = build(3, 0.15)
+    again = build(3, 0.15)
+    other = build(4, 0.15)
     assert first.sha256 == again.sha256 != other.sha256
     assert first.objects == other.objects
     assert first.triangles < 60_000
@@ -167,11 +169,10 @@ def test_no_two_objects_share_a_visible_surface(built, rays, rng_directions):
     splits = counts["ray_splits"].numpy()
     near = counts["t_hit"].numpy() < 4e-5
     owners = built.surface.owners[counts["primitive_ids"].numpy()]
-    shared = [
-        i
-        for i in range(len(splits) - 1)
-        if len(set(owners[splits[i] : splits[i + 1]][near[splits[i] : splits[i + 1]]])) > 1
-    ]
+    shared = []
+    for i in range(len(splits) - 1):
+        if len(set(owners[splits[i] : splits[i + 1]][near[splits[i] : splits[i + 1]]])) > 1:
+            shared.append(i)
     assert len(shared) <= 1e-4 * len(start), {
         tuple(built.surface.names[o] for o in owners[splits[i] : splits[i + 1]][:2]) for i in shared
     }
@@ -187,7 +188,9 @@ def rng_directions():
 def test_bare_floor_ceiling_and_walls_agree_with_official_depth_to_a_centimetre(
     samples, built, rays, kt
 ):
-    poses, agreed, bare = official_poses(samples, kt), [], []
+    poses = official_poses(samples, kt)
+    agreed = []
+    bare = []
     for number in OFFICIAL[kt]:
         truth = official_depth(samples, kt, number)
         T = poses[number]
@@ -209,7 +212,8 @@ def test_bare_floor_ceiling_and_walls_agree_with_official_depth_to_a_centimetre(
 @pytest.mark.parametrize("kt", list(OFFICIAL))
 def test_nine_tenths_of_each_frame_lie_within_3_cm_of_the_original(samples, built, rays, kt):
     for number in OFFICIAL[kt]:
-        T, truth = official_poses(samples, kt)[number], official_depth(samples, kt, number)
+        T = official_poses(samples, kt)[number]
+        truth = official_depth(samples, kt, number)
         depth, _, _ = rays(T.translation, directions() @ T.rotation.T)
         assert (np.abs(depth - truth)[truth > 0] < 0.03).mean() > 0.9, number
 
@@ -223,9 +227,7 @@ def test_the_official_paths_keep_20_cm_from_every_surface(samples, built, rays, 
 
 def test_the_page_of_facts_lists_every_object(built, repository):
     text = (repository / "blend/README.md").read_text().partition("## The office")[0]
-    listed = {
-        name: (int(number), kind)
-        for number, name, kind in re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", text, re.M)
-    }
+    rows = re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", text, re.M)
+    listed = {name: (int(number), kind) for number, name, kind in rows}
     assert listed == built.objects
     assert f"{built.triangles:,}" in text

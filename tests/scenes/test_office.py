@@ -20,8 +20,10 @@ from iclnuim.blend.builder import build_scene, office_textures  # noqa: E402
 from iclnuim.tools.official_views import OFFICE  # noqa: E402
 
 LISTED = {
-    "wall", "floor", "ceiling", "lamp", "vent", "desk", "cabinet", "monitor", "keyboard", "mouse", "computer", "cable", "phone",
-    "tray", "bookcase", "books", "picture", "clock", "basket", "stand", "door", "chair", "paper", "folder", "board",
+    "wall", "floor", "ceiling", "lamp", "vent", "desk", "cabinet", "monitor", "keyboard", "mouse",
+    "computer", "cable", "phone",
+    "tray", "bookcase", "books", "picture", "clock", "basket", "stand", "door", "chair", "paper",
+    "folder", "board",
 }  # fmt: skip
 #: Close to which kt0 passes, as the original does.
 CEILING = ("ceiling", "ceiling_rails")
@@ -63,11 +65,8 @@ def captured():
     from iclnuim.blend.builder import stage
     from iclnuim.blender import surfaces
 
-    objects = {
-        o.name: (o["instance_id"], o["class_name"])
-        for o in bpy.context.scene.objects
-        if o.type == "MESH"
-    }
+    meshes = [o for o in bpy.context.scene.objects if o.type == "MESH"]
+    objects = {o.name: (o["instance_id"], o["class_name"]) for o in meshes}
     found = surfaces.triangles()
     caster = o3d.t.geometry.RaycastingScene()
     caster.add_triangles(found.vertices.astype(np.float32), found.triangles.astype(np.uint32))
@@ -103,7 +102,9 @@ def test_the_office_stays_within_its_means(office):
 
 
 def test_the_same_seed_gives_the_same_office_and_another_seed_another():
-    first, again, other = built(3, 0.15), built(3, 0.15), built(4, 0.15)
+    first = built(3, 0.15)
+    again = built(3, 0.15)
+    other = built(4, 0.15)
     assert first.sha256 == again.sha256 != other.sha256
     assert first.objects.keys() == other.objects.keys()
     assert first.triangles < 135_000
@@ -168,10 +169,8 @@ def test_no_two_things_of_the_office_share_a_visible_surface(office, rng_directi
         lines = np.concatenate([start, rng_directions[seen]], -1).astype(np.float32)
         hits = office.caster.list_intersections(lines)
         near = hits["t_hit"].numpy() < 4e-5
-        ray, owners = (
-            hits["ray_ids"].numpy()[near].astype(int),
-            office.surface.owners[hits["primitive_ids"].numpy()[near]],
-        )
+        ray = hits["ray_ids"].numpy()[near].astype(int)
+        owners = office.surface.owners[hits["primitive_ids"].numpy()[near]]
         first = np.full(len(start), -1)
         first[ray[::-1]] = owners[::-1]
         shared = owners != first[ray]
@@ -208,14 +207,13 @@ def test_the_offices_ceiling_is_as_flat_as_the_originals(office):
             ]
     assert len(heights) == len(names) == 16
     below_m = {name: 5.4 - z for name, z in heights.items()}
-    assert all(
-        b.min() > -0.0062 and b.max() < 0.0103 for b in below_m.values()
-    )  # flanks end above the panels
+    for below in below_m.values():  # flanks end above the panels
+        assert below.min() > -0.0062 and below.max() < 0.0103
     assert max(below_m["ceiling_rails"]) < 0.0012
 
 
 def test_the_carpet_keeps_its_contrast_where_a_pixel_covers_4_mm():
-    """Its finest contrast was measured in official frames, and mipmaps average 4 x 4 texels there."""
+    """Its finest contrast was measured in official frames; mipmaps average 4 x 4 texels there."""
     carpet = office_textures.carpet(np.random.default_rng(0), 2048, (0.31, 0.305, 0.298))[
         ..., 1
     ].astype(np.float32)
@@ -245,11 +243,10 @@ def test_bare_floor_ceiling_and_walls_of_the_office_agree_with_official_depth_to
     depth, owner, _ = office.cast(
         T.translation, PinholeCamera().rays().reshape(480, 640, 3) @ T.rotation.T
     )
-    bare = [
-        i
-        for i, n in enumerate(office.surface.names)
-        if n.startswith("wall_") or n in ("floor", "ceiling")
-    ]
+    bare = []
+    for i, n in enumerate(office.surface.names):
+        if n.startswith("wall_") or n in ("floor", "ceiling"):
+            bare.append(i)
     plane = np.isin(owner, bare) & (truth > 0)
     error = np.abs(depth - truth)[plane]
     assert plane.mean() > 0.5
@@ -270,9 +267,7 @@ def test_most_of_each_official_office_frame_lies_within_3_cm(samples, office, nu
 def test_the_page_of_facts_lists_everything_in_the_office(office, repository):
     text = (repository / "blend/README.md").read_text()
     text = text[text.index("## The office") :]
-    listed = {
-        n: (int(k), kind)
-        for k, n, kind in re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", text, re.M)
-    }
+    rows = re.findall(r"^\| (\d+) \| `(\w+)` \| (\w+) \|", text, re.M)
+    listed = {name: (int(number), kind) for number, name, kind in rows}
     assert listed == office.objects
     assert f"{office.triangles:,}" in text

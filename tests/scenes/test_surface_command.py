@@ -1,4 +1,4 @@
-"""`iclnuim surface`: the whole scene in our world, what a path saw of it, and refusals in a line."""
+"""`iclnuim surface`: the whole scene in our world, what a path saw of it, refusals in a line."""
 
 import json
 import subprocess
@@ -42,7 +42,8 @@ def room(tmp_path_factory):
     ):
         bpy.ops.mesh.primitive_cube_add(size=1, location=location, scale=size)
         thing = bpy.context.object
-        thing.name, thing["class_name"] = name, "wall" if inside else "cabinet"
+        thing.name = name
+        thing["class_name"] = "wall" if inside else "cabinet"
         if inside:
             thing.data.flip_normals()
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "room.blend"))
@@ -87,7 +88,8 @@ def test_what_a_path_saw_is_what_its_rays_meet_and_nothing_behind_it(room, tmp_p
     )  # fmt: skip
     assert code == 0, said
     assert surface(room / "room.blend", "-o", tmp_path / "room.ply")[0] == 0
-    (_, whole), (part, seen) = caster_of(tmp_path / "room.ply"), caster_of(tmp_path / "seen.ply")
+    (_, whole) = caster_of(tmp_path / "room.ply")
+    (part, seen) = caster_of(tmp_path / "seen.ply")
     camera = PinholeCamera.parse("160x120")
     T = read_trajectory(room / "path.txt").trajectory.T_world_camera
     for k in range(5):
@@ -128,9 +130,10 @@ def test_unknown_scenes_names_and_endings_are_refused_in_a_line(room, tmp_path, 
     ):
         code, _, said = surface(*arguments)
         assert code == 2 and words in said, said
-        ours = [
-            line for line in said.splitlines() if line.startswith("iclnuim")
-        ]  # Blender may have lines of its own
+        ours = []
+        for line in said.splitlines():
+            if line.startswith("iclnuim"):
+                ours.append(line)
         assert len(ours) == 1 and "Traceback" not in said
 
 

@@ -232,10 +232,11 @@ def import_usd(path: str) -> object:
     """Import USD with preview materials. Raises AttributeError in builds without USD."""
     if not _is_there(bpy.ops.wm.usd_import):
         raise AttributeError("usd")
-    options = {"import_usd_preview": True, "set_frame_range": False}
-    # not in every version
-    if "apply_unit_conversion_scale" in bpy.ops.wm.usd_import.get_rna_type().properties:
-        options["apply_unit_conversion_scale"] = True
+    known = bpy.ops.wm.usd_import.get_rna_type().properties.keys()
+    wanted = {"import_usd_preview", "apply_unit_conversion_scale"}
+    options = dict.fromkeys(wanted & set(known), True)
+    if "set_frame_range" in known:
+        options["set_frame_range"] = False
     return bpy.ops.wm.usd_import(filepath=path, **options)
 
 
