@@ -12,7 +12,8 @@ from ..sky import gives_light
 #: 20 m2, about ten places a square metre, whose shares of rays are known within 7 %.
 _PLACES = 400
 _RAYS = 48
-#: A place needs lamps if less than this share of its rays reaches the sky, or half a window.
+#: A place needs lamps if less than this share of its rays reaches the sky: in a room, less than a
+#: small window lets through.
 _MAX_SKY = 0.03
 #: A place is in free space if less than this share of its rays ends at the back of a surface.
 _MAX_BACKS = 0.1
