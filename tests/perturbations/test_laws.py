@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from iclnuim.benchmark.experiments.cell import RecordingOdometer
+from iclnuim.benchmark.experiments.outcome import RecordingOdometer
 from iclnuim.benchmark.odometry.protocol import Frame
 from iclnuim.benchmark.perturbations.filters import random_field
 from iclnuim.benchmark.perturbations.motion import Shift
