@@ -12,8 +12,6 @@ from numba import njit, prange
 
 from .grid import UNIT, CameraPose, Grid, Rule
 
-#: Pixel step at which a depth image allocates blocks.
-STRIDE = 2
 #: If the distance along the normal is more than this share of the distance along z, the nearest
 #: point of the surface counts as observed.
 STEEP = 0.9
@@ -39,7 +37,7 @@ class Pool(NamedTuple):
 @njit(cache=True)
 def touch(grid: Grid, inverse: np.ndarray, camera: CameraPose, rule: Rule, pool: Pool) -> int:
     """List the blocks within the truncation distance of a measured depth, and allocate missing
-    ones. Every STRIDE-th pixel is used. Returns the number of blocks that could not be allocated.
+    ones. Every second pixel of every second row is used. Returns the number of blocks that could not be allocated.
 
     In one function: numba's code is several times slower if the inner loop calls another one.
     """
@@ -50,8 +48,8 @@ def touch(grid: Grid, inverse: np.ndarray, camera: CameraPose, rule: Rule, pool:
     size = 8.0 * rule.voxel
     step = 2.0 * rule.voxel
     count = grid.slots.shape[0]
-    for v in range(0, inverse.shape[0], STRIDE):
-        for u in range(0, inverse.shape[1], STRIDE):
+    for v in range(0, inverse.shape[0], 2):
+        for u in range(0, inverse.shape[1], 2):
             if inverse[v, u] <= 0.0:
                 continue
             measured = 1.0 / inverse[v, u]

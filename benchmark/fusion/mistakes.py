@@ -30,8 +30,6 @@ _MIRROR_FIT = 0.01
 #: A mean distance above this share of the model's size, that ICP from the given pose does not bring
 #: near, is that of another world frame.
 _OTHER_WORLD = 0.03
-#: Number of vertices that the checks use.
-_SAMPLE = 5000
 
 
 def warnings(
@@ -44,7 +42,7 @@ def warnings(
     size_m = checks.size_m
     if not size_m or mean_m <= _NEAR * size_m:  # 0: nearly all vertices are in one place
         return ()
-    some = points[:: max(1, len(points) // _SAMPLE)]
+    some = points[:: max(1, len(points) // 5000)]
     if found := checks.unit(some, T, unit_m):
         return (found,)
     moved = T.apply(some)
