@@ -55,3 +55,11 @@ def test_results_cannot_be_changed(wander):
     for array in (result.translation_error_m, result.association.first, result.alignment.extents_m):
         with pytest.raises(ValueError):
             array[0] = 0
+
+
+def test_recall_is_the_share_of_frames_within_one_five_and_ten_centimetres():
+    """One error below and one above each of the three thresholds."""
+    errors_m = np.array([0.009, 0.011, 0.049, 0.051, 0.099, 0.101])
+    values = Completeness.of(errors_m, 8).to_dict()
+    shares = {"1cm": 1 / 8, "5cm": 3 / 8, "10cm": 5 / 8}
+    assert values["recall"] == pytest.approx(shares)
