@@ -19,7 +19,7 @@ from iclnuim.formats.scene_model import SceneModel
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.native_output import native_output_in
-from iclnuim.raycast.caster import Visibility
+from iclnuim.raycast.visibility import Visibility
 
 #: Longest edge of the pieces whose visibility is tested.
 PIECE_M = 0.1

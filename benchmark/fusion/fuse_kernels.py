@@ -37,7 +37,8 @@ class Pool(NamedTuple):
 @njit(cache=True)
 def touch(grid: Grid, inverse: np.ndarray, camera: CameraPose, rule: Rule, pool: Pool) -> int:
     """List the blocks within the truncation distance of a measured depth, and allocate missing
-    ones. Every second pixel of every second row is used. Returns the number of blocks that could not be allocated.
+    ones. Every second pixel of every second row is used. Returns the number of blocks that could
+    not be allocated.
 
     In one function: numba's code is several times slower if the inner loop calls another one.
     """

@@ -12,6 +12,7 @@ from iclnuim.raycast.caster import RayCaster
 from .surface_error import SurfaceError
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _BACKGROUND = 255
@@ -40,7 +41,8 @@ def picture(
         if colours is None or not colours.shape[1]:
             colour = np.full((len(corners), 3), 200.0)
         else:
-            u, v = hits.uv[seen, :1], hits.uv[seen, 1:]
+            u = hits.uv[seen, :1]
+            v = hits.uv[seen, 1:]
             parts = colours.astype(np.float32)[corners]
             colour = (1 - u - v) * parts[:, 0] + u * parts[:, 1] + v * parts[:, 2]
         image[seen] = colour * (0.35 + 0.65 * facing[:, None])
@@ -53,13 +55,14 @@ def _rays(
     """Origin (3,) and unit directions (width height, 3) of a camera that looks at the centre, 40
     degrees downwards; field of view 40 degrees.
     """
-    pitch, reach = np.radians(40), np.tan(np.radians(20))
-    backward = np.array(
-        [-np.cos(pitch) * np.sqrt(0.5), -np.cos(pitch) * np.sqrt(0.5), np.sin(pitch)]
-    )
+    pitch = np.radians(40)
+    reach = np.tan(np.radians(20))
+    back = -np.cos(pitch) * np.sqrt(0.5)
+    backward = np.array([back, back, np.sin(pitch)])
     right = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0])
-    x, y = np.linspace(-reach, reach, width), np.linspace(reach, -reach, height) * height / width
-    direction = -backward + x[None, :, None] * right + y[:, None, None] * np.cross(backward, right)
+    x = np.linspace(-reach, reach, width)[None, :, None]
+    y = np.linspace(reach, -reach, height)[:, None, None] * height / width
+    direction = -backward + x * right + y * np.cross(backward, right)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     origin = centre + backward * size * 0.5 / reach * 0.95
     return origin.astype(np.float32), direction.reshape(-1, 3).astype(np.float32)
@@ -82,13 +85,12 @@ def clay(
     normal = hits.normal[seen]
     facing = (normal * towards).sum(1, keepdims=True)
     normal = np.where(facing > 0, -normal, normal)
-    places = (
-        T_world_camera.translation + directions[seen] * hits.distance[seen][:, None] + 1e-3 * normal
-    )
-    rng, open_rays = np.random.default_rng(0), np.zeros(len(places), np.float32)
-    for _ in range(
-        rays
-    ):  # points on a unit sphere around the tip of the normal: cosine-weighted directions
+    places = T_world_camera.translation + directions[seen] * hits.distance[seen][:, None]
+    places = places + 1e-3 * normal
+    rng = np.random.default_rng(0)
+    open_rays = np.zeros(len(places), np.float32)
+    for _ in range(rays):
+        # points on a unit sphere around the tip of the normal: cosine-weighted directions
         point = rng.normal(size=(len(places), 3))
         point = normal + point / np.linalg.norm(point, axis=1, keepdims=True)
         point /= np.maximum(np.linalg.norm(point, axis=1, keepdims=True), 1e-6)
@@ -112,15 +114,16 @@ def error_figure(
     points: np.ndarray, triangles: np.ndarray, error: SurfaceError, max_mm: float
 ) -> "Figure":
     """Image and histogram of the error. points (n, 3) in the model's world; without triangles they
-    are drawn from above. Dark is near,
-    bright is `max_mm` and more."""
+    are drawn from above. Dark is near, bright is `max_mm` and more.
+    """
     from matplotlib import colormaps, colors
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
     drawing = Figure(figsize=(14, 5.6), layout="constrained")
     surface, histogram = drawing.subplots(1, 2, width_ratios=(1.35, 1))
-    distances_mm, scale = error.distances_m * 1e3, colormaps["turbo"]
+    distances_mm = error.distances_m * 1e3
+    scale = colormaps["turbo"]
     colours = scale(np.clip(distances_mm / max_mm, 0, 1))[:, :3] * 255
     if len(triangles):
         surface.imshow(picture(points, triangles, colours, 1120, 840))
@@ -133,23 +136,22 @@ def error_figure(
     drawing.colorbar(
         mappable, ax=surface, label="distance to the model [mm]", extend="max", shrink=0.8
     )
-    bins = np.linspace(0, max_mm, 101)
-    histogram.hist(
-        np.minimum(distances_mm, max_mm),
-        bins,
-        weights=np.full(len(points), 100 / len(points)),
-        color="#0072B2",
-    )
+    _draw_histogram(histogram, error, max_mm)
+    return drawing
+
+
+def _draw_histogram(axes: "Axes", error: SurfaceError, max_mm: float) -> None:
+    distances_mm = np.minimum(error.distances_m * 1e3, max_mm)
+    weights = np.full(len(distances_mm), 100 / len(distances_mm))
+    axes.hist(distances_mm, 100, range=(0, max_mm), weights=weights, color="#0072B2")
     s = error.statistics
     for value, style, name in ((s.median * 1e3, "--", "median"), (s.mean * 1e3, "-", "mean")):
-        histogram.axvline(
-            min(value, max_mm), color="#D55E00", linestyle=style, label=f"{name} {value:.3f} mm"
-        )
-    histogram.set(
+        label = f"{name} {value:.3f} mm"
+        axes.axvline(min(value, max_mm), color="#D55E00", linestyle=style, label=label)
+    axes.set(
         yscale="log",
         xlabel=f"distance [mm]; the last bar holds all beyond {max_mm:g}",
         ylabel="vertices [%]",
     )
-    histogram.legend()
-    histogram.grid(alpha=0.3)
-    return drawing
+    axes.legend()
+    axes.grid(alpha=0.3)

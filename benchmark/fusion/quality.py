@@ -13,8 +13,9 @@ import numpy as np
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
-from iclnuim.raycast.caster import RayCaster, seen_points
+from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.distance import TriangleDistance, slabs
+from iclnuim.raycast.visibility import seen_points
 
 from .samples import areas_m2, sampled, thinned, within_reach
 from .settings import QualitySettings
@@ -85,7 +86,8 @@ class SurfaceQuality:
 
     def f_score(self, near_m: float) -> float | None:
         """Harmonic mean of precision and recall."""
-        precision, recall = self.precision(near_m), self.recall(near_m)
+        precision = self.precision(near_m)
+        recall = self.recall(near_m)
         return None if recall is None else 2 * precision * recall / max(precision + recall, 1e-300)
 
     def to_dict(self) -> dict:
@@ -146,10 +148,10 @@ def surface_quality(
     if to_samples or seen_by is None:
         model_m = sampled(surface.vertices, surface.triangles, settings.samples, settings.seed)
     accuracy_m = _to_points(samples_m, model_m) if to_samples else surface.distance(samples_m)
-    if seen_by is None and not whole:
-        return SurfaceQuality(accuracy_m)
     if seen_by is not None:
         model_m = seen_by.points_m
+    elif not whole:
+        return SurfaceQuality(accuracy_m)
     if is_cloud:
         completion_m = _to_points(model_m, points)
     elif to_samples:
@@ -158,9 +160,7 @@ def surface_quality(
         completion_m = TriangleDistance(points, triangles).distance(model_m)
     if seen_by is None:
         return SurfaceQuality(accuracy_m, completion_m)
-    depth_l1_m = None
-    if not is_cloud:
-        depth_l1_m = _depth_l1_m(seen_by, points, triangles, settings.far_m)
+    depth_l1_m = None if is_cloud else _depth_l1_m(seen_by, points, triangles, settings.far_m)
     return SurfaceQuality(accuracy_m, completion_m, seen_by.area_m2, depth_l1_m)
 
 

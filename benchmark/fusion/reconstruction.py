@@ -1,4 +1,4 @@
-"""Reads what a surface is compared with: a reconstruction, and what places it in the model's world."""
+"""Reads a reconstruction, and what places it in the model's world."""
 
 from dataclasses import dataclass
 from pathlib import Path

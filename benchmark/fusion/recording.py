@@ -41,11 +41,9 @@ def record_surface(
             "world/surface", recorder.rerun.AnyValues(error_mm=distances_mm.astype(np.float32))
         )
         recorder.static("errors", recorder.rerun.BarChart(counts))
-        s = error.statistics
-        text = "\n".join(
-            f"{name}: {1e3 * getattr(s, name):.3f} mm"
-            for name in ("mean", "median", "std", "min", "max")
-        )
+        s = error.statistics.to_dict()
+        names = ("mean", "median", "std", "min", "max")
+        text = "\n".join(f"{name}: {1e3 * s[name]:.3f} mm" for name in names)
         recorder.static("statistics", recorder.rerun.TextDocument(text))
 
     record(path, of, fill)

@@ -71,11 +71,14 @@ class ModelReference(Reference):
     def __init__(self, odometer: Odometer, camera: PinholeCamera, preset: str = "best") -> None:
         if preset not in PRESETS:
             raise InputError(f"a preset of the model ({', '.join(PRESETS)})", found=preset)
-        self.settings, self.odometer, self.camera = PRESETS[preset], odometer, camera
+        self.settings = PRESETS[preset]
+        self.odometer = odometer
+        self.camera = camera
         geometry_alone = isinstance(odometer, PyramidOdometer) and not odometer.reads_grey
         self.volume = Volume(replace(self.settings.volume, channels=0 if geometry_alone else 1))
         self._view: Any = None
-        self._T_world_view, self._age = SE3.identity(), 0
+        self._T_world_view = SE3.identity()
+        self._age = 0
 
     def renew(
         self, frame: Frame, prepared: Any, T_world_camera: SE3, result: OdometryResult | None = None
@@ -84,10 +87,8 @@ class ModelReference(Reference):
         self._age += 1
         if self._view is None or self._outdated(T_world_camera, result):
             self.volume.integrate(frame.depth_z_m, self.camera, T_world_camera, frame.grey)
-            self._view, self._T_world_view = (
-                self._rendered(frame, prepared, T_world_camera),
-                T_world_camera,
-            )
+            self._view = self._rendered(frame, prepared, T_world_camera)
+            self._T_world_view = T_world_camera
             self._age = 0
         return self._view, self._T_world_view
 
@@ -96,7 +97,8 @@ class ModelReference(Reference):
 
         It is not fused, because its pose was not measured and would corrupt the model.
         """
-        self._view, self._age = None, 0
+        self._view = None
+        self._age = 0
         return prepared, T_world_camera
 
     def _outdated(self, T_world_camera: SE3, result: OdometryResult | None) -> bool:

@@ -26,28 +26,23 @@ def sampled(points: np.ndarray, triangles: np.ndarray, count: int, seed: int) ->
     if not until_m2[-1] > 0:
         raise InputError("triangles with an area", found=f"{len(triangles)} without")
     at_m2 = (np.arange(count) + rng.random()) * (until_m2[-1] / count)
-    corners = points[
-        triangles[np.searchsorted(until_m2, at_m2, side="right").clip(max=len(triangles) - 1)]
-    ]
-    u, v = ((rng.random(2) + np.arange(count)[:, None] * _R2) % 1).T
-    beyond = u + v > 1  # the other half of the square, rotated onto the triangle
-    u, v = np.where(beyond, 1 - u, u)[:, None], np.where(beyond, 1 - v, v)[:, None]
+    rows = np.searchsorted(until_m2, at_m2, side="right").clip(max=len(triangles) - 1)
+    corners = points[triangles[rows]]
+    uv = (rng.random(2) + np.arange(count)[:, None] * _R2) % 1
+    beyond = uv.sum(axis=1, keepdims=True) > 1  # the other half of the square, rotated onto
+    u, v = np.where(beyond, 1 - uv, uv).T[..., None]
     return (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
 
 
 def thinned(points: np.ndarray, count: int, seed: int) -> np.ndarray:
-    """At most `count` of the points (n, 3) of a cloud: the first point of each cell of side CELL_M."""
+    """At most `count` of the points (n, 3) of a cloud: the first one of each cell of side CELL_M."""
     cells = np.floor((points - points.min(0)) / CELL_M).astype(np.int64)
     sides = cells.max(0) + 1
-    _, first = np.unique(
-        (cells[:, 0] * sides[1] + cells[:, 1]) * sides[2] + cells[:, 2], return_index=True
-    )
+    keys = (cells[:, 0] * sides[1] + cells[:, 1]) * sides[2] + cells[:, 2]
+    first = np.unique(keys, return_index=True)[1]
     if len(first) > count:
-        first = first[
-            (
-                (np.arange(count) + np.random.default_rng(seed).random()) * (len(first) / count)
-            ).astype(int)
-        ]
+        start = np.random.default_rng(seed).random()
+        first = first[((np.arange(count) + start) * (len(first) / count)).astype(int)]
     return points[first]
 
 
@@ -59,7 +54,8 @@ def within_reach(
     """
     from scipy.spatial import cKDTree
 
-    tree, found = cKDTree(places), [np.zeros((0, 3, 3))]
+    tree = cKDTree(places)
+    found = [np.zeros((0, 3, 3))]
     while len(corners):
         middle = corners.mean(1)
         radius = np.linalg.norm(corners - middle[:, None], axis=2).max(1)

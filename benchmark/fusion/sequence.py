@@ -59,31 +59,17 @@ def fuse_sequence(
             reason = f"no pose within {settings.max_difference_s} s"
             fusion.left_out.append(f"{pair.stamp_s:.6f} s: {reason}")
     bar = progress(len(posed), "fuse") if progress else None
-    started = time.perf_counter()
     for i, pair in enumerate(posed):
         fusion.add(pair, poses[i])
         if bar:
             bar.advance()
-    fused = time.perf_counter()
+    started = time.perf_counter()
     mesh = fusion.mesh()
     if not len(mesh.triangles):
         raise fusion.no_surface(folder)
-    ended = time.perf_counter()
-    volume = fusion.volume
-    figures = {
-        "frames": volume.frames,
-        "left_out": len(fusion.left_out),
-        "seconds": ended - started,
-        "fusing_ms_a_frame": 1e3 * fusion.fusing_s / max(volume.frames, 1),
-        "meshing_s": ended - fused,
-        "blocks_at_most": volume.max_used,
-        "memory_mb": volume.bytes_used / 1e6,
-        "parts_that_left": len(fusion.parts) - 1,
-        "vertices": len(mesh.points),
-        "triangles": len(mesh.triangles),
-        "camera": asdict(sequence.camera),
-        "settings": asdict(settings),
-    }
+    figures = {**fusion.figures(), "meshing_s": time.perf_counter() - started}
+    figures |= {"vertices": len(mesh.points), "triangles": len(mesh.triangles)}
+    figures |= {"camera": asdict(sequence.camera), "settings": asdict(settings)}
     return FusedSurface(mesh, sequence.camera, fusion.left_out, figures)
 
 
@@ -101,6 +87,7 @@ class _Fusion:
     fusing_s: float = 0.0
 
     def __post_init__(self) -> None:
+        self.started = time.perf_counter()
         self.volume = Volume(self.settings.volume, self._mesh_part)
 
     def _mesh_part(self, volume: Volume, leaves: np.ndarray | None = None) -> None:
@@ -123,6 +110,18 @@ class _Fusion:
         """Mesh what remains in the volume, and join all parts."""
         self._mesh_part(self.volume)
         return Mesh.joined([part for part in self.parts if len(part.triangles)])
+
+    def figures(self) -> dict:
+        """Counts and times so far; parts_that_left: without what remained in the volume."""
+        return {
+            "frames": self.volume.frames,
+            "left_out": len(self.left_out),
+            "seconds": time.perf_counter() - self.started,
+            "fusing_ms_a_frame": 1e3 * self.fusing_s / max(self.volume.frames, 1),
+            "blocks_at_most": self.volume.max_used,
+            "memory_mb": self.volume.bytes_used / 1e6,
+            "parts_that_left": len(self.parts) - 1,
+        }
 
     def no_surface(self, folder: Path | str) -> InputError:
         """The error for no surface, with the number of frames left out, and the reason of the first

@@ -12,10 +12,9 @@ from iclnuim.settings import Settings, same_as, setting
 @dataclass(frozen=True)
 class VolumeSettings(Settings):
     """A frame is fused from truncation_m in front of its surface to truncation_m behind it. This
-    produces false walls of that depth
-    behind the edges of objects, and slanted views shrink curved objects. With a smaller behind_m,
-    distances are measured along the normal, slanted views have smaller weights, and the weight
-    decreases to 0 at behind_m behind the surface.
+    produces false walls of that depth behind the edges of objects, and slanted views shrink curved
+    objects. With a smaller behind_m, distances are measured along the normal, slanted views have
+    smaller weights, and the weight decreases to 0 at behind_m behind the surface.
     """
 
     group = "volume settings"
@@ -31,7 +30,8 @@ class VolumeSettings(Settings):
     )
     truncation_m: float = setting(
         0.045,
-        "truncation distance, at least two voxels; if it is not given, the command fuse uses three voxels where these are more",
+        "truncation distance, at least two voxels; if it is not given, the command fuse uses three "
+        "voxels where these are more",
         unit="m",
         high=10.0,
         option="--truncation",
@@ -42,7 +42,8 @@ class VolumeSettings(Settings):
     )
     slanted: int = setting(
         1,
-        "multiple of truncation_m, along z, up to which a slanted surface is fused behind itself; above 1: only where it continues",
+        "multiple of truncation_m, along z, up to which a slanted surface is fused behind itself; "
+        "above 1: only where it continues",
         low=1,
         high=10,
         option="",
@@ -111,7 +112,8 @@ class FuseSettings(Settings):
 #: Target of the distance from a sample -> explanation.
 NEAREST = {
     "triangle": "of the other surface: results do not depend on the number of samples",
-    "sample": "of the other surface, as in the scripts of NICE-SLAM and Co-SLAM: results include the spacing of the samples",
+    "sample": "of the other surface, as in the scripts of NICE-SLAM and Co-SLAM: results include "
+    "the spacing of the samples",
 }
 
 

@@ -54,7 +54,7 @@ def wrapped_phase(segment: Segment, mhz: float) -> Segment:
 
 @perturbation
 def few_zones(segment: Segment, size_px: float) -> Segment:
-    """A sensor with few zones, such as 8 x 8: all pixels of a zone of size_px have its mean depth."""
+    """A sensor with few zones, such as 8 x 8: pixels of a zone of size_px have its mean depth."""
     side = int(size_px)
 
     def change(number: int, depth_z_m: np.ndarray) -> np.ndarray:

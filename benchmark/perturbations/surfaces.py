@@ -56,7 +56,7 @@ class PlaneHits:
         return (self.depth_z_m > 0) & ((self.depth_z_m < depth_z_m) | (depth_z_m == 0))
 
     def in_middle(self, percent: float) -> np.ndarray:
-        """(h, w) whether a pixel is on the rectangle that covers this share of the anchor's view."""
+        """(h, w) whether a pixel is on the rectangle with this share of the anchor's view."""
         half_m = np.sqrt(percent / 100) * self.half_view_m
         return (np.abs(self.right_m) < half_m[0]) & (np.abs(self.down_m) < half_m[1])
 

@@ -27,8 +27,10 @@ from iclnuim.raycast.checks import (
 from ..isolation import opened_scene
 from ..options import common, count
 
-#: Guaranteed limits for depth and ground truth.
-_MIN_SHARE, _MAX_MEDIAN_M = 0.999, 1e-5
+#: Guaranteed share of pixels with right depth, and with right ground truth.
+_MIN_SHARE = 0.999
+#: Guaranteed median error of depth.
+_MAX_MEDIAN_M = 1e-5
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -45,13 +47,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
     numbers = frames.frame_numbers()
     if not numbers:
         raise InputError("a run with at least one frame", path=args.folder)
-    spread = (
-        np.linspace(0, len(numbers) - 1, min(args.max_frames, len(numbers))).round().astype(int)
-    )
-    picked = sorted({numbers[i] for i in spread})
+    spread = np.linspace(0, len(numbers) - 1, min(args.max_frames, len(numbers)))
+    picked = sorted({numbers[i] for i in spread.round().astype(int)})
     poses = read_trajectory(args.folder / "groundtruth.txt", "tum").trajectory.T_world_camera
     casters = _casters(frames.job, frames.recipe, picked, console)
-    progress, errors, truths = console.progress(len(picked), "check-depth"), [], []
+    progress = console.progress(len(picked), "check-depth")
+    errors = []
+    truths = []
     for number, (caster, truth_caster) in zip(picked, casters, strict=True):
         channels = read_exr(frames.frame_file(number))
         with within(frames.frame_file(number)):
@@ -62,15 +64,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
     result = depth_summary(errors)
     truth = truth_summary(truths) if truths else None
     failed = _failed(result, truth)
-    figures = {**asdict(result), **(asdict(truth) if truth else {})}
-    figures = {
-        name: None if np.isnan(value) else value for name, value in figures.items()
-    }  # JSON has no NaN
+    figures = asdict(result)
+    if truth:
+        figures |= asdict(truth)
+    for name, value in figures.items():
+        if np.isnan(value):
+            figures[name] = None  # JSON has no NaN
     values = {"frames": picked, **figures, "failed": failed}
-    console.result(
-        values,
-        "\n".join([_text(len(picked), result, truth), *(f"failed: {text}" for text in failed)]),
-    )
+    lines = [_text(len(picked), result, truth), *(f"failed: {text}" for text in failed)]
+    console.result(values, "\n".join(lines))
     return 3 if failed else 0
 
 
@@ -82,11 +84,11 @@ def _failed(e: DepthErrors, truth: TruthErrors | None) -> list[str]:
             "equal instances": truth.equal_instance_share,
             "normals within 0.1 degrees": truth.normal_within_share,
         }
-    failed = [
-        f"{name}: {share:.4%} of the pixels, the limit is {_MIN_SHARE:.1%} or more"
-        for name, share in shares.items()
-        if not share >= _MIN_SHARE
-    ]
+    failed = []
+    for name, share in shares.items():
+        if not share >= _MIN_SHARE:
+            limit = f"the limit is {_MIN_SHARE:.1%} or more"
+            failed.append(f"{name}: {share:.4%} of the pixels, {limit}")
     if not e.median_m < _MAX_MEDIAN_M:
         failed.append(
             f"|Z error| median: {e.median_m * 1e3:.6f} mm, the limit is {_MAX_MEDIAN_M * 1e3:g} mm"
@@ -110,7 +112,8 @@ def _casters(
         opened = scene.bpy.context.scene
         if strands := light_choice.strand_names(opened):
             console.note(
-                f"note: rays do not hit hair, curves and points ({', '.join(strands)[:120]}), so pixels on them fail"
+                "note: rays do not hit hair, curves and points "
+                f"({', '.join(strands)[:120]}), so pixels on them fail"
             )
         if not motion.moving_names(opened):
             return [_caster(job, console)] * len(picked)
@@ -132,11 +135,8 @@ def _caster(job: RenderJob, console: Console) -> tuple[RayCaster, TruthCaster | 
     console.note(f"{len(found.triangles)} triangles of {len(found.names)} objects")
     caster = RayCaster(found.vertices, found.triangles, found.held_out)
     if behind is not found:
-        caster = GlassCaster(
-            caster,
-            RayCaster(behind.vertices, behind.triangles, behind.held_out),
-            job.glass == "none",
-        )
+        behind_caster = RayCaster(behind.vertices, behind.triangles, behind.held_out)
+        caster = GlassCaster(caster, behind_caster, job.glass == "none")
     return caster, truth_caster
 
 

@@ -26,28 +26,19 @@ _RECIPE = ".json"
 def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("folder", type=Path, metavar="DIR", help="a sequence in any supported format")
-    add(
-        "--poses",
-        type=Path,
-        metavar="FILE",
-        help="trajectory in any supported format; default: ground truth of DIR",
-    )
+    help = "trajectory in any supported format; default: ground truth of DIR"
+    add("--poses", type=Path, metavar="FILE", help=help)
     help = "the surface as a PLY with colour; its recipe is written next to it"
     add("-o", "--out", type=Path, metavar="MESH", required=True, help=help)
     help = "best (default): a window of 18 m; paper: a window of 4.5 m that follows the camera"
     add("--preset", default="best", help=help)
     add_settings(parser, VolumeSettings)
     add_settings(parser, FuseSettings)
-    add(
-        "--plot",
-        type=Path,
-        metavar="PNG",
-        help="a picture of the surface, seen obliquely from above",
-    )
+    help = "a picture of the surface, seen obliquely from above"
+    add("--plot", type=Path, metavar="PNG", help=help)
     add_camera_options(parser)
-    common(
-        parser, "iclnuim fuse out/living_room/kt2/clean --poses est.txt -o kt2.ply --plot kt2.png"
-    )
+    example = "iclnuim fuse out/living_room/kt2/clean --poses est.txt -o kt2.ply --plot kt2.png"
+    common(parser, example)
     parser.set_defaults(beside_out=_RECIPE)
 
 
@@ -63,17 +54,8 @@ def run(args: argparse.Namespace, console: Console) -> None:
         require("fuse --plot", "embreex")
     from iclnuim.benchmark.fusion.sequence import fuse_sequence
     from iclnuim.dataset.frames import find_pairs, find_truth
-    from iclnuim.shipped import source_commit
-    from iclnuim.version import __version__
 
-    if args.preset not in PRESETS:
-        raise InputError(f"a preset ({', '.join(PRESETS)})", found=args.preset)
-    settings = settings_from(args, FuseSettings(_volume_settings(args)))
-    volume = settings.volume
-    if args.truncation is None and volume.truncation_m > PRESETS[args.preset].truncation_m:
-        console.note(
-            f"truncation distance {volume.truncation_m:g} m: three voxels of {volume.voxel_m:g} m"
-        )
+    settings = _settings(args, console)
     find_pairs(args.folder)  # a folder without a sequence is reported as such
     poses = args.poses or find_truth(args.folder)
     if poses is None:
@@ -86,30 +68,37 @@ def run(args: argparse.Namespace, console: Console) -> None:
     surface = fuse_sequence(args.folder, loaded.trajectory, settings, console.progress, camera)
     for line in surface.left_out[:5]:
         console.note(f"left out: {line}")
-    write_ply(args.out, surface.mesh.points, surface.mesh.triangles, colours=surface.mesh.colours)
-    figures = {
-        "mesh": str(args.out),
-        "sequence": str(args.folder),
-        "poses": str(poses),
-        **surface.figures,
-    }
-    recipe = {
+    mesh = surface.mesh
+    write_ply(args.out, mesh.points, mesh.triangles, colours=mesh.colours)
+    figures = {"mesh": str(args.out), "sequence": str(args.folder), "poses": str(poses)}
+    figures |= surface.figures
+    write_json(recipe_file, {**_recipe_head(), **figures})
+    if args.plot:
+        _draw(mesh, loaded, args.plot)
+    console.result(figures, _text(figures))
+
+
+def _recipe_head() -> dict:
+    from iclnuim.shipped import source_commit
+    from iclnuim.version import __version__
+
+    return {
         "schema_version": 1,
         "kind": "surface",
         "iclnuim": __version__,
         "source_commit": source_commit(),
     }
-    write_json(recipe_file, {**recipe, **figures})
-    if args.plot:
-        _draw(surface.mesh, loaded, args.plot)
-    f, rate = figures, figures["frames"] / figures["seconds"]
-    lines = (
-        f"{f['mesh']}: {f['vertices']} vertices, {f['triangles']} triangles",
-        f"{f['frames']} frames fused, {f['left_out']} left out, {f['seconds']:.1f} s ({rate:.1f} frames per second with reading; "
-        f"fusing alone {f['fusing_ms_a_frame']:.1f} ms per frame, meshing {f['meshing_s']:.1f} s)",
-        f"at most {f['blocks_at_most']} blocks, {f['memory_mb']:.0f} MB; {f['parts_that_left']} parts left the window",
+
+
+def _text(f: dict) -> str:
+    return (
+        f"{f['mesh']}: {f['vertices']} vertices, {f['triangles']} triangles\n"
+        f"{f['frames']} frames fused, {f['left_out']} left out, {f['seconds']:.1f} s "
+        f"({f['frames'] / f['seconds']:.1f} frames per second with reading; fusing alone "
+        f"{f['fusing_ms_a_frame']:.1f} ms per frame, meshing {f['meshing_s']:.1f} s)\n"
+        f"at most {f['blocks_at_most']} blocks, {f['memory_mb']:.0f} MB; {f['parts_that_left']} "
+        "parts left the window"
     )
-    console.result(figures, "\n".join(lines))
 
 
 def _refuse_other_json(path: Path) -> None:
@@ -127,18 +116,23 @@ def _refuse_other_json(path: Path) -> None:
         raise InputError(expected, path=path, found="another file", hint="another name for {out}")
 
 
-def _volume_settings(args: argparse.Namespace) -> VolumeSettings:
+def _settings(args: argparse.Namespace, console: Console) -> FuseSettings:
     """The preset with the given options.
 
     The truncation distance, unless given, and the distance behind a surface grow with the voxels.
     """
+    if args.preset not in PRESETS:
+        raise InputError(f"a preset ({', '.join(PRESETS)})", found=args.preset)
     base = PRESETS[args.preset]
     voxel_m = base.voxel_m if args.voxel is None else args.voxel
-    truncation_m = (
-        max(base.truncation_m, 3 * voxel_m) if args.truncation is None else args.truncation
-    )
+    truncation_m = args.truncation
+    if truncation_m is None:
+        truncation_m = max(base.truncation_m, 3 * voxel_m)
     behind_m = min(max(base.behind_m, 2 * voxel_m), truncation_m)
-    return settings_from(args, base, truncation_m=truncation_m, behind_m=behind_m)
+    volume = settings_from(args, base, truncation_m=truncation_m, behind_m=behind_m)
+    if args.truncation is None and volume.truncation_m > base.truncation_m:
+        console.note(f"truncation distance {truncation_m:g} m: three voxels of {voxel_m:g} m")
+    return settings_from(args, FuseSettings(volume))
 
 
 def _draw(mesh: "Mesh", loaded: LoadedTrajectory, path: Path) -> None:

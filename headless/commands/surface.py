@@ -26,63 +26,40 @@ WRITERS = {".ply": write_ply, ".obj": write_obj}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "scene", metavar="SCENE", help=f"living_room, office, or a file: {SCENE_KINDS}"
-    )
     add = parser.add_argument
-    add(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="MODEL",
-        help=".ply, or .obj with .mtl and textures; default: SCENE.ply, if there is no such file",
+    add("scene", metavar="SCENE", help=f"living_room, office, or a file: {SCENE_KINDS}")
+    help = ".ply, or .obj with .mtl and textures; default: SCENE.ply, if there is no such file"
+    add("-o", "--out", type=Path, metavar="MODEL", help=help)
+    help = "only what this trajectory saw: kt2, office/kt0 or a file; may be given several times"
+    add("--seen-by", action="append", metavar="TRAJECTORY", help=help)
+    help = "for --seen-by: use every Nth pose; default: 10"
+    add("--every", type=int, default=10, metavar="N", help=help)
+    help = (
+        "for --seen-by: longest edge of the pieces whose visibility is tested, in metres; "
+        "default: 0.05"
     )
-    seen_by = "only what this trajectory saw: kt2, office/kt0 or a file; may be given several times"
-    add("--seen-by", action="append", metavar="TRAJECTORY", help=seen_by)
-    add(
-        "--every",
-        type=int,
-        default=10,
-        metavar="N",
-        help="for --seen-by: use every Nth pose; default: 10",
-    )
-    cell = "for --seen-by: longest edge of the pieces whose visibility is tested, in metres; default: 0.05"
-    add("--cell", type=float, default=0.05, metavar="M", help=cell)
+    add("--cell", type=float, default=0.05, metavar="M", help=help)
     help = "camera of --seen-by; default: 640x480 and the paper's K"
     add("--camera", metavar="WxH[,FX,FY,CX,CY]", help=help)
-    without = "leave out an object, or a class such as backdrop; may be given several times"
-    add("--without", action="append", default=[], metavar="NAME", help=without)
+    help = "leave out an object, or a class such as backdrop; may be given several times"
+    add("--without", action="append", default=[], metavar="NAME", help=help)
     add_scene_options(parser)
-    common(
-        parser,
-        "iclnuim surface living_room -o living_room_kt2.ply --seen-by kt2 --without backdrop",
-    )
+    example = "iclnuim surface living_room -o living_room_kt2.ply --seen-by kt2 --without backdrop"
+    common(parser, example)
     parser.set_defaults(opens="scene")
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
-    out = args.out or Path(f"{Path(args.scene).stem}.ply")
-    if out.suffix.lower() not in WRITERS:
-        raise InputError(
-            "a file name ending in .ply or .obj", path=out, found=out.suffix or "no ending"
-        )
-    if args.out is None:
-        refuse_existing(out, "-o MODEL")
-    check_file(out)
-    if out.suffix.lower() == ".obj" and not out.exists():
-        for part in obj_parts(out):
-            refuse_existing(part, "another name for {out}")
+    out = _checked_out(args)
     if args.every < 1 or not args.cell > 0:
-        raise InputError(
-            "--every of at least 1 and --cell above 0", found=f"{args.every}, {args.cell:g}"
-        )
+        expected = "--every of at least 1 and --cell above 0"
+        raise InputError(expected, found=f"{args.every}, {args.cell:g}")
     poses = [poses_of(name, args.scene)[:: args.every] for name in args.seen_by or ()]
     camera = PinholeCamera.parse(args.camera) if args.camera else PinholeCamera()
     model = _model(args)
     if not len(model):
-        raise InputError(
-            "at least one object of the scene", found="all objects left out by --without"
-        )
+        found = "all objects left out by --without"
+        raise InputError("at least one object of the scene", found=found)
     whole_m2 = float(model.area_m2().sum())
     if poses:
         model = _seen(model, camera, poses, args.cell, console)
@@ -90,19 +67,34 @@ def run(args: argparse.Namespace, console: Console) -> None:
             what = "a trajectory that sees part of the scene"
             raise InputError(what, found="nothing seen", hint="a trajectory of this scene")
     WRITERS[out.suffix.lower()](out, model)
-    area_m2, points_m = float(model.area_m2().sum()), model.corners_m.reshape(-1, 3)
+    area_m2 = float(model.area_m2().sum())
+    points_m = model.corners_m.reshape(-1, 3)
     figures = {
         "file": str(out),
         "triangles": len(model),
         "objects": len(np.unique(model.instance)),
         "area_m2": round(area_m2, 3),
-        **(
-            {"share_of_surface": round(area_m2 / whole_m2, 4) if whole_m2 else 0.0} if poses else {}
-        ),
-        "min_m": points_m.min(0).round(3).tolist(),
-        "max_m": points_m.max(0).round(3).tolist(),
     }
+    if poses:
+        figures["share_of_surface"] = round(area_m2 / whole_m2, 4) if whole_m2 else 0.0
+    figures["min_m"] = points_m.min(0).round(3).tolist()
+    figures["max_m"] = points_m.max(0).round(3).tolist()
     console.result(figures, "\n".join(f"{key:17} {value}" for key, value in figures.items()))
+
+
+def _checked_out(args: argparse.Namespace) -> Path:
+    """The file to write; raises InputError if it cannot be, or if others would be lost."""
+    out = args.out or Path(f"{Path(args.scene).stem}.ply")
+    if out.suffix.lower() not in WRITERS:
+        expected = "a file name ending in .ply or .obj"
+        raise InputError(expected, path=out, found=out.suffix or "no ending")
+    if args.out is None:
+        refuse_existing(out, "-o MODEL")
+    check_file(out)
+    if out.suffix.lower() == ".obj" and not out.exists():
+        for part in obj_parts(out):
+            refuse_existing(part, "another name for {out}")
+    return out
 
 
 def poses_of(name: str, scene: str) -> SE3:
@@ -120,29 +112,25 @@ def _model(args: argparse.Namespace) -> SceneModel:
 
         found = model.scene_model()
         rows = ground_truth.objects_table()["objects"]
-    known = {
-        word: {r["id"] for r in rows if word in (r["name"], r["class"])} for word in args.without
-    }
-    for word, ids in known.items():
+    left_out = {0}  # held out of frames
+    for word in args.without:
+        ids = {row["id"] for row in rows if word in (row["name"], row["class"])}
         if not ids:
-            listed = ", ".join(sorted({r["class"] for r in rows}))
+            listed = ", ".join(sorted({row["class"] for row in rows}))
             raise InputError(f"an object's name or a class ({listed})", found=word)
-    left_out = sorted({0}.union(*known.values()))  # 0: held out of frames
-    return found.chosen(~np.isin(found.instance, left_out))
+        left_out |= ids
+    return found.chosen(~np.isin(found.instance, sorted(left_out)))
 
 
 def _seen(
     model: SceneModel, camera: PinholeCamera, poses: list[SE3], cell_m: float, console: Console
 ) -> SceneModel:
-    from iclnuim.raycast.caster import Visibility
+    from iclnuim.raycast.visibility import Visibility
 
     smallest_m = float(np.sqrt(2 * model.area_m2().sum() / _MAX_PIECES))
     if cell_m < smallest_m:
-        raise InputError(
-            f"at least {smallest_m:.3g} m in a scene of this size",
-            setting="--cell",
-            found=f"{cell_m:g}",
-        )
+        expected = f"at least {smallest_m:.3g} m in a scene of this size"
+        raise InputError(expected, setting="--cell", found=f"{cell_m:g}")
     pieces, _ = model.cut(cell_m)
     visibility = Visibility(pieces)
     progress = console.progress(sum(len(T.translation) for T in poses), "surface", "poses")

@@ -21,8 +21,9 @@ from iclnuim.benchmark.fusion.samples import CELL_M, areas_m2, sampled, thinned 
 from iclnuim.benchmark.fusion.settings import QualitySettings  # noqa: E402
 from iclnuim.benchmark.fusion.surface_error import TrueSurface  # noqa: E402
 from iclnuim.blender.open.model_file import read_model  # noqa: E402
-from iclnuim.raycast.caster import RayCaster, seen_points  # noqa: E402
+from iclnuim.raycast.caster import RayCaster  # noqa: E402
 from iclnuim.raycast.distance import TriangleDistance  # noqa: E402
+from iclnuim.raycast.visibility import seen_points  # noqa: E402
 
 
 def rectangle(corner, along, across, cells=1):

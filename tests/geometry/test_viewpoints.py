@@ -10,8 +10,9 @@ from iclnuim.errors import InputError
 from iclnuim.geometry.handheld_plan import FreeSpace
 
 pytest.importorskip("embreex")
-from iclnuim.raycast.caster import RayCaster, viewpoints  # noqa: E402
+from iclnuim.raycast.caster import RayCaster  # noqa: E402
 from iclnuim.raycast.distance import TriangleDistance
+from iclnuim.raycast.viewpoints import viewpoints  # noqa: E402
 
 #: Corner of a unit cube -> its six faces, normals outside; a room shows its inner sides.
 CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)

@@ -67,7 +67,9 @@ class GlassCaster(RayCaster):
     """
 
     def __init__(self, surface: RayCaster, behind: RayCaster, holes: bool) -> None:
-        self._surface, self._behind, self._holes = surface, behind, holes
+        self._surface = surface
+        self._behind = behind
+        self._holes = holes
 
     def depth(
         self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)
@@ -76,9 +78,8 @@ class GlassCaster(RayCaster):
         behind = self._behind.depth(camera, T_world_camera, offset_px)
         if not self._holes:
             return behind
-        return np.where(
-            behind == self._surface.depth(camera, T_world_camera, offset_px), behind, 0.0
-        )
+        in_front = self._surface.depth(camera, T_world_camera, offset_px)
+        return np.where(behind == in_front, behind, 0.0)
 
 
 def compare_depth(
@@ -105,7 +106,8 @@ def _edges(
 
     On a plane 1/Z is linear in the image, so its second difference over a tenth of a pixel is 0.
     """
-    found, nothing_around = np.zeros(centre.shape, bool), np.ones(centre.shape, bool)
+    found = np.zeros(centre.shape, bool)
+    nothing_around = np.ones(centre.shape, bool)
     for u, v in ((EDGE_OFFSET_PX, 0.0), (0.0, EDGE_OFFSET_PX)):
         sides = [caster.depth(camera, T_world_camera, (sign * u, sign * v)) for sign in (1, -1)]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -138,7 +140,8 @@ class TruthCaster:
     """
 
     def __init__(self, model: SceneModel) -> None:
-        self._model, self._caster = model, RayCaster.of_model(model)
+        self._model = model
+        self._caster = RayCaster.of_model(model)
         self._of_instance: dict[int, RayCaster] = {}
 
     def frame(
@@ -152,39 +155,33 @@ class TruthCaster:
         triangle = np.maximum(hits.triangle, 0)
         seen = (hits.triangle >= 0) & (self._model.instance[triangle] > 0)
         u, v = np.moveaxis(hits.uv.astype(float), -1, 0)
-        normal = np.einsum(
-            "hwk,hwkc->hwc", np.stack([1 - u - v, u, v], -1), self._model.normals[triangle]
-        )
+        weights = np.stack([1 - u - v, u, v], -1)
+        normal = np.einsum("hwk,hwkc->hwc", weights, self._model.normals[triangle])
         a, b, c = np.moveaxis(self._model.corners_m[triangle], -2, 0)
         behind = np.einsum("hwc,hwc->hw", np.cross(b - a, c - a), rays) > 0
         normal = np.where(behind[..., None], -normal, normal) @ T_world_camera.rotation
         normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
-        return (
-            np.where(seen, hits.distance, 0),
-            np.where(seen, self._model.instance[triangle], 0),
-            normal,
-        )
+        instance = np.where(seen, self._model.instance[triangle], 0)
+        return np.where(seen, hits.distance, 0), instance, normal
 
     def compare(
         self, frame: dict[str, np.ndarray], camera: PinholeCamera, T_world_camera: SE3
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Compare a frame's channels where there is a single surface: (n,) whether instances are
-        equal, (n,) degrees between normals; and
-        the number of pixels (3,) with a surface, an outline, and coincident surfaces.
+        equal, (n,) degrees between normals; and the number of pixels (3,) with a surface, an
+        outline, and coincident surfaces.
         """
         depth_z_m, instance, normal = self.frame(camera, T_world_camera)
         seen = (depth_z_m > 0) | (frame["Z"] > 0)
         same = (depth_z_m > 0) & (np.abs(frame["Z"] - depth_z_m) < _SAME_PLACE_M)
         found = np.stack([frame[name] for name in NORMAL], -1).astype(float)
-        degrees = np.degrees(
-            2 * np.arcsin(np.minimum(np.linalg.norm(found - normal, axis=-1) / 2, 1))
-        )
+        half_chord = np.linalg.norm(found - normal, axis=-1) / 2
+        degrees = np.degrees(2 * np.arcsin(np.minimum(half_chord, 1)))
         coincident = np.zeros_like(same)
         for number in np.unique(frame[INSTANCE][same & (frame[INSTANCE] != instance)]):
             rows = same & (frame[INSTANCE] == number) & (frame[INSTANCE] != instance)
-            coincident[rows] = self._coincides(
-                int(number), camera.rays()[rows], T_world_camera, depth_z_m[rows]
-            )
+            rays = camera.rays()[rows]
+            coincident[rows] = self._coincides(int(number), rays, T_world_camera, depth_z_m[rows])
         single = same & ~coincident
         counts = np.array([seen.sum(), (seen & ~same).sum(), coincident.sum()])
         return (frame[INSTANCE] == instance)[single], degrees[single], counts
@@ -198,23 +195,24 @@ class TruthCaster:
             return np.zeros(len(rays), bool)
         if number not in self._of_instance:
             self._of_instance[number] = RayCaster.of_model(self._model.chosen(selected))
-        hits = self._of_instance[number].cast(
-            T_world_camera.translation, rays @ T_world_camera.rotation.T
-        )
+        caster = self._of_instance[number]
+        hits = caster.cast(T_world_camera.translation, rays @ T_world_camera.rotation.T)
         return np.abs(hits.distance - depth_z_m) <= _COINCIDENT * depth_z_m
 
 
 def truth_summary(found: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> TruthErrors:
     """Statistics over the results of `TruthCaster.compare` for all frames."""
-    equal, degrees = (np.concatenate([f[k] for f in found]) for k in (0, 1))
-    seen, outline, coincident = np.sum([f[2] for f in found], 0)
-    shares = float(outline / max(seen, 1)), float(coincident / max(seen, 1))
+    equal = np.concatenate([one[0] for one in found])
+    degrees = np.concatenate([one[1] for one in found])
+    seen, outline, coincident = np.sum([one[2] for one in found], 0)
     if not len(equal):  # only sky is not an error
-        return TruthErrors(*((0.0, 180.0, 180.0, 0.0) if seen else (1.0, 0.0, 0.0, 1.0)), *shares)
+        equal = np.array([not seen])
+        degrees = np.array([180.0 if seen else 0.0])
     return TruthErrors(
-        float(equal.mean()),
-        float(np.median(degrees)),
-        float(np.percentile(degrees, 99.9)),
-        float((degrees < PROMISED_DEG).mean()),
-        *shares,
+        equal_instance_share=float(equal.mean()),
+        normal_median_deg=float(np.median(degrees)),
+        normal_p999_deg=float(np.percentile(degrees, 99.9)),
+        normal_within_share=float((degrees < PROMISED_DEG).mean()),
+        outline_share=float(outline / max(seen, 1)),
+        coincident_share=float(coincident / max(seen, 1)),
     )

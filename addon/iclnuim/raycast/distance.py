@@ -68,11 +68,11 @@ class TriangleDistance:
         for rows in slabs(self.vertices, self.triangles, self._slab):
             part = self.triangles[rows]
             corners = self.vertices[part]
-            low, high = corners.min((0, 1)), corners.max((0, 1))
+            to_box_m = _distance_to_box(points_m, corners.min((0, 1)), corners.max((0, 1)))
             del corners
             # skip points that are farther from the slab's box than from the triangles of an earlier
             # slab
-            candidates = np.flatnonzero(_distance_to_box(points_m, low, high) < found.distance_m)
+            candidates = np.flatnonzero(to_box_m < found.distance_m)
             if not len(candidates):
                 continue
             part_nearest = self._query(self._build_tree(part), part, points_m[candidates])

@@ -12,25 +12,31 @@ from ..geometry import so3
 from ..geometry.camera import PinholeCamera
 from ..geometry.handheld import rotation_world_camera
 from ..geometry.se3 import SE3
-from .caster import RayCaster, seen_points
+from .caster import RayCaster
+from .visibility import seen_points
 
-#: A view is new if its distance to every training view is at least this, or the angle between their
-#: viewing directions is.
-MIN_DISTANCE_M, MIN_ANGLE_DEG = 0.5, 20.0
+#: A view is new if its distance to every training view is at least this ...
+MIN_DISTANCE_M = 0.5
+#: ... or the angle between their viewing directions is.
+MIN_ANGLE_DEG = 20.0
 #: Maximum share of a view's pixels whose surface no training view saw.
 MAX_UNSEEN = 0.01
-#: Approximate number of rays of a view: every 4th pixel of every 4th row of 640 x 480. A candidate
-#: is first checked with fewer rays and a subset of this number of training views.
-_RAYS, _ROUGH_RAYS, _ROUGH_VIEWS = 19_200, 800, 100
+#: Approximate number of rays of a view: every 4th pixel of every 4th row of 640 x 480.
+_RAYS = 19_200
+#: A candidate is first checked with fewer rays ...
+_ROUGH_RAYS = 800
+#: ... and a subset of this number of training views.
+_ROUGH_VIEWS = 100
 #: Limit for chosen views. It is lower than MAX_UNSEEN, because rays do not go through all pixels.
 _CHOSEN_UNSEEN = 0.005
 #: Number of rays in all directions for checking the clearance of a place.
 _SIDES = 64
 #: Number of training views that are checked together.
 _BATCH = 8
-#: Maximum number of candidates per requested view, and minimum distance of a chosen view from any
-#: surface.
-_ATTEMPTS, _CLEAR_M = 1000, 0.25
+#: Maximum number of candidates per requested view.
+_ATTEMPTS = 1000
+#: Minimum distance of a chosen view from any surface.
+_CLEAR_M = 0.25
 _HINT = "a number of views, which are then chosen"
 
 
@@ -68,18 +74,25 @@ def check_held_out(
     views = [T_world_view[k] for k in range(len(T_world_view))]
     nearest = [_nearest(view, T_world_training) for view in views]
     if near := [k for k, place in enumerate(nearest) if not HeldOutView(*place, 0.0).is_new]:
-        expected = f"held-out views {MIN_DISTANCE_M:g} m or {MIN_ANGLE_DEG:g} degrees from every training view"
-        found = "view {} at {:.3f} m and {:.1f} degrees".format(near[0], *nearest[near[0]])
-        more = f", and {len(near) - 1} more" if len(near) > 1 else ""
-        raise InputError(expected, found=found + more, hint=_HINT)
+        expected = (
+            f"held-out views {MIN_DISTANCE_M:g} m or {MIN_ANGLE_DEG:g} degrees from every training "
+            "view"
+        )
+        distance_m, angle_deg = nearest[near[0]]
+        found = f"view {near[0]} at {distance_m:.3f} m and {angle_deg:.1f} degrees"
+        if len(near) > 1:
+            found += f", and {len(near) - 1} more"
+        raise InputError(expected, found=found, hint=_HINT)
     found_views = []
     for k, (view, place) in enumerate(zip(views, nearest, strict=True)):
         found_views.append(HeldOutView(*place, _unseen(caster, camera, view, T_world_training)))
         if found_views[-1].unseen > MAX_UNSEEN:
-            expected = f"held-out views with at most {MAX_UNSEEN:.0%} of pixels whose surface no training view saw"
-            raise InputError(
-                expected, found=f"view {k} with {found_views[-1].unseen:.1%}", hint=_HINT
+            expected = (
+                f"held-out views with at most {MAX_UNSEEN:.0%} of pixels whose surface no training "
+                "view saw"
             )
+            found = f"view {k} with {found_views[-1].unseen:.1%}"
+            raise InputError(expected, found=found, hint=_HINT)
         on_view()
     return found_views
 
@@ -99,7 +112,8 @@ def choose_held_out(
     They have no roll relative to the z axis of the world. The same arguments give the same views.
     Raises InputError if too few are found.
     """
-    rng, chosen = np.random.default_rng(seed), SE3.identity((0,))
+    rng = np.random.default_rng(seed)
+    chosen = SE3.identity((0,))
     some = T_world_training[:: -(-len(T_world_training) // _ROUGH_VIEWS)]
     for _ in range(_ATTEMPTS * count):
         view = _candidate(caster, T_world_training, rng)
@@ -113,7 +127,10 @@ def choose_held_out(
             on_view()
         if len(chosen) == count:
             return chosen
-    expected = f"{count} views of what training saw, {MIN_DISTANCE_M:g} m or {MIN_ANGLE_DEG:g} degrees from its views and each other"
+    expected = (
+        f"{count} views of what training saw, {MIN_DISTANCE_M:g} m or {MIN_ANGLE_DEG:g} degrees "
+        "from its views and each other"
+    )
     raise InputError(expected, found=len(chosen), hint="fewer, or training views that see more")
 
 
@@ -122,22 +139,20 @@ def _candidate(caster: RayCaster, T_world_training: SE3, rng: np.random.Generato
     point, or between two training views. None if
     the position is too close to a surface, or not visible from the training view.
     """
-    training, other_training = (
-        T_world_training[int(row)] for row in rng.integers(len(T_world_training), size=2)
-    )
+    row, other_row = rng.integers(len(T_world_training), size=2)
+    training = T_world_training[int(row)]
     ray = training.rotation @ [*rng.uniform((-0.3, -0.2), (0.3, 0.2)), 1.0]
     distance = float(caster.cast(training.translation, ray[None]).distance[0])
     around = rng.normal(scale=(np.radians(30), 0.1)) * rng.random()
-    nearer, between = rng.uniform(0.3, 1.1), rng.random()
-    offset, is_between = rng.normal(scale=0.15, size=3), rng.random() < 0.5
+    nearer = rng.uniform(0.3, 1.1)
+    between = rng.random()
+    offset = rng.normal(scale=0.15, size=3)
+    is_between = rng.random() < 0.5
     if not np.isfinite(distance):
         return None
     point = training.translation + distance * ray
-    place = (
-        training.translation
-        + between * (other_training.translation - training.translation)
-        + offset
-    )
+    way = T_world_training[int(other_row)].translation - training.translation
+    place = training.translation + between * way + offset
     if not is_between:
         rotated = so3.exp(np.array([0.0, 0.0, around[0]])) @ (training.translation - point)
         place = point + nearer * rotated + [0.0, 0.0, around[1] * distance]
@@ -154,7 +169,8 @@ def _is_free(caster: RayCaster, place: np.ndarray, seen_from: np.ndarray) -> boo
     and `seen_from`.
     """
     k = np.arange(_SIDES) + 0.5  # spiral over the sphere
-    azimuth, z = np.pi * (1 + 5**0.5) * k, 1 - 2 * k / _SIDES
+    azimuth = np.pi * (1 + 5**0.5) * k
+    z = 1 - 2 * k / _SIDES
     across = np.sqrt(1 - z * z)
     rays = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], -1)
     sight = caster.cast(seen_from, (place - seen_from)[None]).distance[0]
@@ -170,10 +186,10 @@ def _nearest(view: SE3, others: SE3) -> tuple[float, float]:
     (k,).
     """
     distance_m = np.linalg.norm(others.translation - view.translation, axis=-1)
-    ahead, their_ahead = view.rotation[:, 2], others.rotation[..., 2]
-    angle_deg = np.degrees(
-        np.arctan2(np.linalg.norm(np.cross(their_ahead, ahead), axis=-1), their_ahead @ ahead)
-    )
+    ahead = view.rotation[:, 2]
+    their_ahead = others.rotation[..., 2]
+    sine = np.linalg.norm(np.cross(their_ahead, ahead), axis=-1)
+    angle_deg = np.degrees(np.arctan2(sine, their_ahead @ ahead))
     k = int(np.maximum(distance_m / MIN_DISTANCE_M, angle_deg / MIN_ANGLE_DEG).argmin())
     return float(distance_m[k]), float(angle_deg[k])
 
@@ -190,14 +206,15 @@ def _unseen(
     met = np.isfinite(hits.distance)
     towards = rays[met]
     points = view.translation + hits.distance[met, None].astype(float) * towards
-    sides = hits.normal[met] * np.where((hits.normal[met] * towards).sum(1) > 0, -1.0, 1.0)[:, None]
-    order = np.linalg.norm(T_world_training.translation - view.translation, axis=-1).argsort(
-        kind="stable"
-    )
+    sides = hits.normal[met]
+    sides = sides * np.where((sides * towards).sum(1) > 0, -1.0, 1.0)[:, None]
+    away_m = np.linalg.norm(T_world_training.translation - view.translation, axis=-1)
+    order = away_m.argsort(kind="stable")
     for start in range(0, len(order), _BATCH):  # the nearest views usually saw most points
         some = T_world_training[order[start : start + _BATCH]]
         remaining = ~seen_points(caster, points, camera, some, sides=sides)
-        points, sides = points[remaining], sides[remaining]
+        points = points[remaining]
+        sides = sides[remaining]
         if not len(points):
             break
     return len(points) / len(rays)

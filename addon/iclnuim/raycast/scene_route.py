@@ -7,8 +7,9 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.handheld_plan import FreeSpace, PlanSettings, Waypoint
 from ..geometry.scene_axes import is_plausible, shape_of
-from .caster import RayCaster, viewpoints
+from .caster import RayCaster
 from .distance import TriangleDistance
+from .viewpoints import viewpoints
 
 #: The route around obstacles may leave the box of the waypoints by this distance.
 DETOUR_M = 2.0
