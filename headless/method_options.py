@@ -9,7 +9,7 @@ from pathlib import Path
 from iclnuim.benchmark.odometry.registry import PACKAGES, odometer
 from iclnuim.benchmark.odometry.run import Sequence
 from iclnuim.console import Console
-from iclnuim.errors import WorkError
+from iclnuim.errors import IclnuimError, WorkError
 
 from .sequence_options import camera_from, note_camera, note_unused_images
 
@@ -35,16 +35,17 @@ def require(what: str, *modules: str) -> None:
 
 
 def installed(names: list[str], preset: str, console: Console) -> list[str]:
-    """The odometers whose packages are installed; a note reports each one that is left out.
+    """The odometers that have the preset and whose packages are installed; a note reports each one
+    that is left out.
 
-    Raises WorkError if none is left.
+    Raises InputError or WorkError if none is left.
     """
     found = []
     for name in names:
         try:
             odometer(name, preset)
             found.append(name)
-        except WorkError as error:
+        except IclnuimError as error:
             if name == names[-1] and not found:
                 raise
             console.note(f"left out: {error}")

@@ -111,6 +111,9 @@ def _compare(args: argparse.Namespace, console: Console) -> None:
     except ImportError:
         package = "opencv-contrib-python-headless"
         raise WorkError(f"scene compare needs OpenCV; try: pip install {package}") from None
+    if args.name not in official_views.VIEWS:
+        known = ", ".join(official_views.VIEWS)
+        raise InputError(f"a scene with official frames ({known})", found=args.name)
     views = official_views.VIEWS[args.name]
     if not (args.samples_dir / views.trajectory).is_file():
         raise InputError(

@@ -78,9 +78,9 @@ def odometer(name: str, preset: str = "best") -> Odometer:
     try:
         found = getattr(import_module(entry.module, __package__), entry.class_name)
     except ModuleNotFoundError as error:
-        raise WorkError(
-            f"{name} needs {error.name}; try: pip install {PACKAGES[error.name or '']}"
-        ) from None
+        package = error.name or ""
+        distribution = PACKAGES.get(package, package)
+        raise WorkError(f"{name} needs {package}; try: pip install {distribution}") from None
     if preset not in found.PRESETS:
         raise InputError(f"a preset of {name} ({', '.join(found.PRESETS)})", found=preset)
     return found(found.PRESETS[preset])

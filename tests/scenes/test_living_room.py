@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from iclnuim.blend.builder import build_scene
+from iclnuim.errors import InputError
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.shipped import SCENES
@@ -54,7 +55,7 @@ def directions():
 
 def test_the_registry_is_read_without_building_and_names_what_it_has():
     assert "living_room" in SCENES
-    with pytest.raises(KeyError, match="living_room"):
+    with pytest.raises(InputError, match="living_room"):
         build_scene("no such room")
 
 

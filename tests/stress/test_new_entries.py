@@ -8,6 +8,8 @@ import shutil
 import pytest
 from iclnuim import shipped
 from iclnuim.benchmark.odometry import registry
+from iclnuim.console import Console
+from iclnuim.headless.method_options import installed
 from iclnuim.tools import measured
 
 CLASS = '''
@@ -152,3 +154,18 @@ def test_a_scene_that_the_paper_does_not_have_works_in_every_command(
     assert result(command_here, *curve, "--method", "baseline:opencv-icp")["points"]
     compared = ("bench", "odometry", box, "--only", "baseline:opencv-icp", "--first", "6")
     assert result(command_here, *compared)["results"]
+
+
+def test_an_odometer_whose_package_or_preset_is_missing_is_left_out_of_a_comparison(
+    still, tmp_path, monkeypatch, capsys
+):
+    for name, line in (("lame", "import not_there\n"), ("plain", "PRESETS = {}\n")):
+        text = line + CLASS.replace('"still"', f'"{name}"')
+        (tmp_path / f"{name}_odometer.py").write_text(text.replace('"paper":', '"other":'))
+        entry = registry.OdometerEntry(f"{name}_odometer", "Still", name, "geometric")
+        monkeypatch.setitem(registry.ODOMETERS, name, entry)
+    console = Console()
+    assert installed(["still", "lame", "plain"], "paper", console) == ["still"]
+    notes = capsys.readouterr().err
+    assert "left out: lame needs not_there; try: pip install not_there" in notes
+    assert "left out: expected a preset of plain (best, other), found paper" in notes
