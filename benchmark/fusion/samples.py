@@ -35,7 +35,7 @@ def sampled(points: np.ndarray, triangles: np.ndarray, count: int, seed: int) ->
 
 
 def thinned(points: np.ndarray, count: int, seed: int) -> np.ndarray:
-    """At most `count` of the points (n, 3) of a cloud: the first one of each cell of side CELL_M."""
+    """At most `count` of the points (n, 3) of a cloud: the first of each cell of CELL_M."""
     cells = np.floor((points - points.min(0)) / CELL_M).astype(np.int64)
     sides = cells.max(0) + 1
     keys = (cells[:, 0] * sides[1] + cells[:, 1]) * sides[2] + cells[:, 2]

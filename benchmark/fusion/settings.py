@@ -100,7 +100,8 @@ class FuseSettings(Settings):
     volume: VolumeSettings = field(default_factory=VolumeSettings)
     min_weight: float = setting(
         0.25,
-        "mesh only voxels that at least this many frames saw; slanted views count less; use 3 with noise",
+        "mesh only voxels that at least this many frames saw; slanted views count less; use 3 with "
+        "noise",
         low=0.0,
     )
     frames: str = setting("::", "only these images, as a Python slice A:B:S")

@@ -78,14 +78,12 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def _failed(e: DepthErrors, truth: TruthErrors | None) -> list[str]:
     """A sentence for each figure beyond its limit."""
-    shares = {"within 0.1 mm": e.within_01mm_share}
+    shares = [("within 0.1 mm", e.within_01mm_share)]
     if truth:
-        shares |= {
-            "equal instances": truth.equal_instance_share,
-            "normals within 0.1 degrees": truth.normal_within_share,
-        }
+        shares.append(("equal instances", truth.equal_instance_share))
+        shares.append(("normals within 0.1 degrees", truth.normal_within_share))
     failed = []
-    for name, share in shares.items():
+    for name, share in shares:
         if not share >= _MIN_SHARE:
             limit = f"the limit is {_MIN_SHARE:.1%} or more"
             failed.append(f"{name}: {share:.4%} of the pixels, {limit}")
@@ -141,23 +139,23 @@ def _caster(job: RenderJob, console: Console) -> tuple[RayCaster, TruthCaster | 
 
 
 def _text(frames: int, e: DepthErrors, truth: TruthErrors | None) -> str:
-    rows = {
-        "frames": f"{frames}",
-        "pixels": f"{e.pixels}",
-        "on an edge (left out)": f"{e.edge_share:.3%}",
-        "hit by one of the two only": f"{e.lost_share:.4%}",
-        "|Z error| median": f"{e.median_m * 1e3:.6f} mm",
-        "|Z error| 99.9 %": f"{e.p999_m * 1e3:.6f} mm",
-        "|Z error| largest": f"{e.max_m * 1e3:.6f} mm",
-        "within 0.1 mm": f"{e.within_01mm_share:.4%}",
-    }
+    rows = [
+        ("frames", f"{frames}"),
+        ("pixels", f"{e.pixels}"),
+        ("on an edge (left out)", f"{e.edge_share:.3%}"),
+        ("hit by one of the two only", f"{e.lost_share:.4%}"),
+        ("|Z error| median", f"{e.median_m * 1e3:.6f} mm"),
+        ("|Z error| 99.9 %", f"{e.p999_m * 1e3:.6f} mm"),
+        ("|Z error| largest", f"{e.max_m * 1e3:.6f} mm"),
+        ("within 0.1 mm", f"{e.within_01mm_share:.4%}"),
+    ]
     if truth:
-        rows |= {
-            "on an outline (left out)": f"{truth.outline_share:.3%}",
-            "on faces that coincide (left out)": f"{truth.coincident_share:.3%}",
-            "equal instances": f"{truth.equal_instance_share:.4%}",
-            "normals, median": f"{truth.normal_median_deg:.6f} degrees",
-            "normals, 99.9 %": f"{truth.normal_p999_deg:.6f} degrees",
-            "normals within 0.1 degrees": f"{truth.normal_within_share:.4%}",
-        }
-    return "\n".join(f"{name:<34} {value}" for name, value in rows.items())
+        rows += [
+            ("on an outline (left out)", f"{truth.outline_share:.3%}"),
+            ("on faces that coincide (left out)", f"{truth.coincident_share:.3%}"),
+            ("equal instances", f"{truth.equal_instance_share:.4%}"),
+            ("normals, median", f"{truth.normal_median_deg:.6f} degrees"),
+            ("normals, 99.9 %", f"{truth.normal_p999_deg:.6f} degrees"),
+            ("normals within 0.1 degrees", f"{truth.normal_within_share:.4%}"),
+        ]
+    return "\n".join(f"{name:<34} {value}" for name, value in rows)

@@ -71,3 +71,22 @@ def test_no_route_is_found_out_without_a_search():
     space, _ = space_and_caster(*rooms)
     with pytest.raises(InputError, match="a route between them"):
         space.route(np.array([1.0, 1, 1.4]), np.array([39.0, 19, 1.4]), 0.25)
+
+
+@pytest.mark.parametrize(("step_m", "is_connected"), [(0.15, True), (0.45, False)])
+def test_people_step_up_to_a_platform_but_not_onto_a_table(step_m, is_connected):
+    """A platform over two fifths of the room: places above it are used if a step leads there."""
+    room, platform = box((0, 0, 0), (6, 4, 2.6), True), box((3.6, 0, 0), (6, 4, step_m))
+    space, caster = space_and_caster(room, platform)
+    places = np.array([w.position_m for w in viewpoints(space, caster, 12, 0.25, 0)])
+    assert (places[:, 0] > 3.6).any() == is_connected
+
+
+def test_a_terrace_before_an_open_room_is_no_room():
+    """There at most 3 of 5 level rays hit something of those that do in the room."""
+    room = box((0, 0, 0), (6, 4, 2.6), True, leave_out=(5,))
+    open_side = room[(room[..., 1] != 4).any(1)]
+    terrace = box((0, 4, -0.1), (6, 9, 0), leave_out=())
+    space, caster = space_and_caster(open_side, terrace)
+    places = np.array([w.position_m for w in viewpoints(space, caster, 12, 0.25, 0)])
+    assert places[:, 1].max() < 4.2

@@ -133,3 +133,12 @@ def test_chosen_views_are_new_seen_level_and_always_the_same(parted_room):
         InputError, match="expected 1 views of what training saw, .*, found 0; try fewer"
     ):
         choose_held_out(parted_room, CAMERA, looking(0, (0, 9.0, 0)), 1)  # outside, looking away
+
+
+def test_chosen_views_keep_a_quarter_of_a_metre_from_walls():
+    """In a corridor of 80 cm that leaves 30 cm in its middle."""
+    corridor = RayCaster(CORNERS * (0.2, 1, 1), TRIANGLES)
+    places = [(x, y, 0.0) for y in np.linspace(-2.2, 1.0, 9) for x in (-0.25, 0.25)]
+    training = looking(0, *places)
+    views = choose_held_out(corridor, PinholeCamera.parse("40x30"), training, 5, seed=0)
+    assert np.abs(views.translation[:, 0]).max() < 0.17

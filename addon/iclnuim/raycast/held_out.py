@@ -23,18 +23,6 @@ MIN_ANGLE_DEG = 20.0
 MAX_UNSEEN = 0.01
 #: Approximate number of rays of a view: every 4th pixel of every 4th row of 640 x 480.
 _RAYS = 19_200
-#: A candidate is first checked with fewer rays ...
-_ROUGH_RAYS = 800
-#: ... and a subset of this number of training views.
-_ROUGH_VIEWS = 100
-#: Limit for chosen views. It is lower than MAX_UNSEEN, because rays do not go through all pixels.
-_CHOSEN_UNSEEN = 0.005
-#: Number of rays in all directions for checking the clearance of a place.
-_SIDES = 64
-#: Number of training views that are checked together.
-_BATCH = 8
-#: Maximum number of candidates per requested view.
-_ATTEMPTS = 1000
 #: Minimum distance of a chosen view from any surface.
 _CLEAR_M = 0.25
 _HINT = "a number of views, which are then chosen"
@@ -114,14 +102,15 @@ def choose_held_out(
     """
     rng = np.random.default_rng(seed)
     chosen = SE3.identity((0,))
-    some = T_world_training[:: -(-len(T_world_training) // _ROUGH_VIEWS)]
-    for _ in range(_ATTEMPTS * count):
+    some = T_world_training[:: -(-len(T_world_training) // 100)]  # for a first, rough check
+    for _ in range(1000 * count):
         view = _candidate(caster, T_world_training, rng)
         if view is None or not all(_is_new(view, T) for T in (T_world_training, chosen)):
             continue
-        if _unseen(caster, camera, view, some, _ROUGH_RAYS) > MAX_UNSEEN:
+        if _unseen(caster, camera, view, some, 800) > MAX_UNSEEN:
             continue
-        if _unseen(caster, camera, view, T_world_training) <= _CHOSEN_UNSEEN:
+        # half of the limit, because rays do not go through all pixels
+        if _unseen(caster, camera, view, T_world_training) <= MAX_UNSEEN / 2:
             places = np.array([*chosen.translation, view.translation])
             chosen = SE3(np.array([*chosen.rotation, view.rotation]), places)
             on_view()
@@ -168,9 +157,10 @@ def _is_free(caster: RayCaster, place: np.ndarray, seen_from: np.ndarray) -> boo
     """Whether no surface is within _CLEAR_M of `place`, along rays in all directions, or between it
     and `seen_from`.
     """
-    k = np.arange(_SIDES) + 0.5  # spiral over the sphere
+    sides = 64
+    k = np.arange(sides) + 0.5  # spiral over the sphere
     azimuth = np.pi * (1 + 5**0.5) * k
-    z = 1 - 2 * k / _SIDES
+    z = 1 - 2 * k / sides
     across = np.sqrt(1 - z * z)
     rays = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], -1)
     sight = caster.cast(seen_from, (place - seen_from)[None]).distance[0]
@@ -210,8 +200,8 @@ def _unseen(
     sides = sides * np.where((sides * towards).sum(1) > 0, -1.0, 1.0)[:, None]
     away_m = np.linalg.norm(T_world_training.translation - view.translation, axis=-1)
     order = away_m.argsort(kind="stable")
-    for start in range(0, len(order), _BATCH):  # the nearest views usually saw most points
-        some = T_world_training[order[start : start + _BATCH]]
+    for start in range(0, len(order), 8):  # the nearest views usually saw most points
+        some = T_world_training[order[start : start + 8]]
         remaining = ~seen_points(caster, points, camera, some, sides=sides)
         points = points[remaining]
         sides = sides[remaining]

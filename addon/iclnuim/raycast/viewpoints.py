@@ -7,10 +7,6 @@ from ..geometry.handheld_plan import MARGINS_M, FreeSpace, Waypoint, rounded
 from ..geometry.points import farthest_points
 from .caster import RayCaster
 
-#: Number of candidates.
-_CANDIDATES = 3000
-#: Number of rays from each.
-_RAYS = 64
 #: Heights of eyes and cameras above the floor.
 _LOW_EYES_M = 1.2
 _HIGH_EYES_M = 1.7
@@ -36,7 +32,7 @@ def viewpoints(
     if not 2 <= count <= 100:
         raise InputError("2 to 100 viewpoints", found=count)
     rng = np.random.default_rng(seed)
-    rays = rng.normal(size=(_RAYS, 3))
+    rays = rng.normal(size=(64, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     places = np.zeros((0, 3))
     largest = 0
@@ -104,7 +100,7 @@ def _camera_places(
     part = ndimage.label(space.clearance_m >= clear_m, np.ones((3, 3, 3)))[0][tuple(cells.T)]
     group = floor * (part.max() + 1) + part
     places[:, 2] = floors + below.clip(_LOW_EYES_M, _HIGH_EYES_M)
-    sampled = rng.permutation(len(places))[:_CANDIDATES]
+    sampled = rng.permutation(len(places))[:3000]  # enough to choose from, and soon cast
     sampled = sampled[_in_rooms(places[sampled], caster, rays)]
     names, counts = np.unique(group[sampled], return_counts=True)
     return places[sampled[group[sampled] == names[counts.argmax()]]] if len(sampled) else places[:0]
