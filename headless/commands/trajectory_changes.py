@@ -20,8 +20,6 @@ from ..options import Actions, action
 from .trajectory_options import FILE, add_reading, check_out, loaded
 
 Change = Callable[[argparse.Namespace, Trajectory, Console], Trajectory]
-#: Formats with stamps; the others number their frames.
-_WITH_STAMPS = ("tum", "euroc", "vslam-lab")
 
 
 def configure(actions: Actions) -> None:
@@ -108,15 +106,15 @@ def _run(change: Change, args: argparse.Namespace, console: Console) -> None:
         console.result({}, files.trajectory_text(changed, to, options).rstrip("\n"))
         return
     files.write_trajectory(args.out, changed, to, options)
-    goes_to = files.writer_of(to).goes_to
-    console.note(f"{args.out}: {goes_to}")
-    if to not in _WITH_STAMPS and args.file_rate != trajectories.FRAME_RATE_HZ:
+    writer = files.writer_of(to)
+    console.note(f"{args.out}: {writer.goes_to}")
+    if not writer.has_stamps and args.file_rate != trajectories.FRAME_RATE_HZ:
         rate = f"{args.file_rate:g}"
         console.note(
             f"note: {args.out} has no stamps; its frames are at {rate} Hz: "
             f"give --file-rate {rate} where it is read"
         )
-    if "stamps are not written" in goes_to:
+    if "stamps are not written" in writer.goes_to:
         consequence = (
             "a line's number is no longer that of its frame: "
             "programs that read this file assume one pose per frame"

@@ -22,6 +22,7 @@ from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_seq
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
+from iclnuim.formats import trajectories
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
@@ -698,3 +699,17 @@ def test_a_pose_belongs_to_the_frame_that_is_nearest_in_time(steps_off, has_pose
     other = np.delete(stamps_s, 2)
     late = Trajectory(np.sort(np.append(other, stamps_s[2] + steps_off / 30)), SE3.identity((5,)))
     assert posed(stamps_s, late).tolist() == [True, True, has_pose, True, True]
+
+
+@pytest.mark.parametrize(("folder", "name"), [("tum", "tum"), ("vslam-lab", "vslam-lab")])
+def test_the_entry_of_a_trajectory_format_says_whether_lines_are_poses(
+    all_formats, monkeypatch, folder, name
+):
+    source = image_frames(all_formats / folder)
+    some = source.numbers[1:3]
+    format, data = source.truth_file(some)
+    assert format == name and len(data.splitlines()) == 3  # with the header
+    entry = trajectories.FORMATS[name]
+    reader = dataclasses.replace(entry.reader, first_pose=None)
+    monkeypatch.setitem(trajectories.FORMATS, name, entry._replace(reader=reader))
+    assert source.truth_file(some) is None

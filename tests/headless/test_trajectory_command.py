@@ -1,5 +1,6 @@
 """`iclnuim trajectory` as a user types it: figures, files, statements of frames, refusals."""
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -7,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
+from iclnuim.formats.trajectories import FORMATS, read_trajectory, write_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, adopt, resample
 from iclnuim.headless.cli import main
@@ -255,6 +256,19 @@ def test_a_file_without_stamps_at_another_rate_is_noted_with_the_option_that_rea
     if noted:
         _, out, _ = run("info", tmp_path / name, "--file-rate", "60")
         assert " at 60 Hz" in out
+
+
+@pytest.mark.parametrize(
+    ("name", "has_stamps"), [("tum", False), ("kitti", True), ("vslam-lab", False)]
+)
+def test_the_entry_of_a_format_says_whether_its_files_have_stamps(
+    run, walk, tmp_path, monkeypatch, name, has_stamps
+):
+    entry = FORMATS[name]
+    writer = dataclasses.replace(entry.writer, has_stamps=has_stamps)
+    monkeypatch.setitem(FORMATS, name, entry._replace(writer=writer))
+    _, _, err = run("resample", walk, "--rate", 60, "-o", tmp_path / "a", "--to", name)
+    assert ("give --file-rate 60 where it is read" in err) != has_stamps
 
 
 @pytest.mark.parametrize(

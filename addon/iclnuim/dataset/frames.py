@@ -19,7 +19,7 @@ from ..formats.exr import read_exr
 from ..formats.files import data_lines, is_file, read_bytes, read_json, real_path, sha256
 from ..formats.images import ARRAY, image_header, read_array, read_colour8, seen_by
 from ..formats.png import read_depth16
-from ..formats.trajectories import read_trajectory
+from ..formats.trajectories import FORMATS, read_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..sensor.transfer import light_from_srgb8
@@ -28,8 +28,6 @@ from .layout import SequenceCamera, SequenceFrame, posed, usual_step_s
 from .run_folder import RunFolder, read_run
 from .sequence_formats import format_of
 
-#: Text formats with one pose per line: the poses of some frames are a subset of the lines.
-_A_POSE_A_LINE = ("tum", "gt.freiburg", "euroc", "vslam-lab")
 #: Names, without ending, of further images in a format that stores them beside the depth.
 _FURTHER_IMAGE = re.compile(f"({'|'.join(FURTHER)})[0-9]+")
 #: Format and bytes of a ground-truth file.
@@ -406,15 +404,14 @@ class _TruthOfSome:
             return None
         format = self._loaded.read_as.format
         rows = self._rows(numbers)
-        if format not in _A_POSE_A_LINE or not len(rows):
+        first_pose = FORMATS[format].reader.first_pose
+        if first_pose is None or not len(rows):
             return None
         data = read_bytes(self._path)
         if len(rows) == len(self._loaded.trajectory):
             return format, data
         text = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
-        lines = [number for number, _ in data_lines(text)]
-        if format == "vslam-lab":
-            del lines[0]  # the names of the columns
+        lines = [number for number, _ in data_lines(text)][first_pose:]
         if len(lines) != len(self._loaded.trajectory):  # lines that repeat a stamp were left out
             return None
         dropped = set(lines).difference(lines[row] for row in rows)

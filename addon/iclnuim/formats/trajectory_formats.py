@@ -160,6 +160,7 @@ FORMATS = {
             handedness="left",
             how=_why_freiburg,
             hint="{from} tum if these are seconds",
+            first_pose=0,
         ),
         TrajectoryWriter(
             "%d " + _POSE,
@@ -197,6 +198,7 @@ FORMATS = {
             number_rows.vslam_lab_rows,
             SCALAR_LAST,
             f"VSLAM-LAB: stamps in nanoseconds, {_RIGHT_IN_OWN}",
+            first_pose=1,  # after the names of the columns
         ),
         TrajectoryWriter(
             _POSE_WITH_COMMAS,
@@ -206,6 +208,7 @@ FORMATS = {
             header="ts (ns),tx ({symbol}),ty ({symbol}),tz ({symbol}),qx,qy,qz,qw\n",
             word="vslam",
             texts=(".csv", ".txt"),
+            has_stamps=True,
         ),
     ),
     # quaternion scalar FIRST; more columns (velocity, biases) may follow
@@ -214,6 +217,7 @@ FORMATS = {
             number_rows.euroc_rows,
             SCALAR_FIRST,
             "EuRoC: stamps in nanoseconds, world <- body taken as " + _RIGHT_IN_OWN,
+            first_pose=0,
         ),
         TrajectoryWriter(
             _POSE_WITH_COMMAS,
@@ -223,6 +227,7 @@ FORMATS = {
             trajectory_writer.with_nanoseconds,
             header=_EUROC_HEADER,
             endings=(".csv",),
+            has_stamps=True,
         ),
     ),
     "pov-matrix": TrajectoryFormat(
@@ -303,7 +308,11 @@ FORMATS = {
     ),
     "tum": TrajectoryFormat(
         TrajectoryReader(
-            number_rows.tum_rows, SCALAR_LAST, "TUM: stamps in {how}", how=_tum_stamps
+            number_rows.tum_rows,
+            SCALAR_LAST,
+            "TUM: stamps in {how}",
+            how=_tum_stamps,
+            first_pose=0,
         ),
         TrajectoryWriter(
             "%s " + _POSE,
@@ -312,6 +321,7 @@ FORMATS = {
             trajectory_writer.with_seconds,
             header=TUM_HEADER,
             endings=(".tum", ".txt"),
+            has_stamps=True,
         ),
     ),
     # frame numbers as stamps, as written by odometers on ICL-NUIM; never detected, only used by

@@ -29,7 +29,8 @@ class TrajectoryReader:
     stamps, lines are counted from 0. sentence: how a file was read; {rate} is replaced by the frame
     rate, {how} by the result of `how`. convert: makes the file's poses right-handed cv camera poses
     (None if they are that already) in `world`. handedness: of the file's poses. hint: for the error
-    of invalid frame numbers.
+    of invalid frame numbers. first_pose: for a text format with one pose per line, the lines of
+    data before the first pose; the poses of some frames are then a subset of the lines.
     """
 
     rows: Callable[[Source], NumberTable]
@@ -40,6 +41,7 @@ class TrajectoryReader:
     handedness: str = "right"
     how: Callable[[Source, NumberTable, Trajectory], str] = _nothing
     hint: str | None = None
+    first_pose: int | None = None
 
     def read(self, format: str, source: Source, options: FileOptions) -> LoadedTrajectory:
         """Read a file. Raises InputError with the line for invalid content."""

@@ -54,7 +54,8 @@ class TrajectoryWriter:
     line: a printf format of all columns in order, after the stamp or frame number if `given`
     returns such. header: may contain {unit} or {symbol} of the positions. goes_to: description of
     the written file. endings, word: file names that select this format: endings, or a word in the
-    name of a file that ends in `texts`.
+    name of a file that ends in `texts`. has_stamps: whether a file has the stamps of its poses; a
+    reader of the others needs the frame rate.
     """
 
     line: str
@@ -66,6 +67,7 @@ class TrajectoryWriter:
     endings: tuple[str, ...] = ()
     word: str = ""
     texts: tuple[str, ...] = (".txt",)
+    has_stamps: bool = False
 
     def text(self, trajectory: Trajectory, options: FileOptions) -> str:
         """The text of a file in this format.
