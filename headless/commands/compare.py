@@ -1,27 +1,38 @@
-"""`iclnuim compare A B`: compares frames byte for byte, or within a tolerance if processors or
-Blender versions differ.
+"""`iclnuim compare A B`: compares every file of two folders byte for byte, or, if processors or
+Blender versions differ, images within a tolerance.
 """
 
 import argparse
 import json
+import re
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from iclnuim.channels import CHANNELS, DEPTH, RGB
+from iclnuim.channels import CHANNELS, DEPTH, FURTHER, RGB
 from iclnuim.console import Console
 from iclnuim.dataset.frames import read_camera
+from iclnuim.dataset.journal import JOURNAL
+from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.errors import InputError, within
 from iclnuim.formats.exr import read_exr
-from iclnuim.formats.files import read_json
-from iclnuim.formats.png import read_png
+from iclnuim.formats.files import read_bytes, read_json
+from iclnuim.formats.images import ARRAY, read_array, read_colour8
+from iclnuim.formats.png import png_header, read_png
 
 from ..options import common
 
 #: The largest share of pixels of a frame beyond a channel's tolerance: rounding moves edges.
 SHARE = 0.01
+_EXR = ".exr"
+_PNG = ".png"
+_IMAGES = (_EXR, _PNG, ".jpg", ".jpeg", ARRAY)
+#: Files that are not compared: recipes, which tell where a folder comes from, and hashes of images.
+_ORIGINS = ("recipe.json", "sequence.json", JOURNAL)
+#: The start of a file's or folder's name that is a channel's: depth_0, depth0, depth000000.png.
+_CHANNEL = re.compile(f"({'|'.join(CHANNELS)})(?![a-z])")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -36,13 +47,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     found = compare(args.a, args.b, args.tolerance)
+    counts = f"{found['files']} images and {found['other_files']} other files"
     if found["by_bytes"]:
-        how = f"{found['files']} files compared byte for byte ({found['why']})"
+        how = f"{counts} compared byte for byte ({found['why']})"
     else:
         colour = CHANNELS[RGB].tolerance
         depth_mm = 1000 * CHANNELS[DEPTH].tolerance
         how = (
-            f"{found['files']} files compared within a tolerance ({found['why']}): "
+            f"{counts} compared, images within a tolerance ({found['why']}): "
             f"{colour:g} of 255, {depth_mm:g} mm, {100 * SHARE:g} % of the pixels; "
             f"worst file {100 * found['largest_share']:.2g} %"
         )
@@ -54,27 +66,29 @@ def run(args: argparse.Namespace, console: Console) -> int:
         names.append(f"{name} ({', '.join(channels) or 'no channel'})")
     names += [f"{name} (in one folder only)" for name in found["only_in_one"]]
     more = f" and {len(names) - 10} more" if len(names) > 10 else ""
-    counts = f"{len(found['different'])} differ, {len(found['only_in_one'])} are in one folder only"
-    console.result(found, f"{how}: {counts}: {', '.join(names[:10])}{more}")
+    unlike = f"{len(found['different'])} differ, {len(found['only_in_one'])} are in one folder only"
+    console.result(found, f"{how}: {unlike}: {', '.join(names[:10])}{more}")
     return 3
 
 
 def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
-    """Compare the frames of two runs (EXR) or two sequences (PNG). Raises InputError if a folder is
-    neither, or if their kinds differ.
+    """Compare the files of two runs or two sequences, except for recipes, journals and hidden
+    files. Raises InputError if a folder is neither, or if no image is in both.
 
-    Keys: `different`: names of files that are in both folders and differ; `channels`: file ->
-    channels that differ (none if only the header differs); `largest_share`: share of pixels beyond
-    the tolerance in the worst file (0 if bytes were compared).
+    Keys: `files`, `other_files`: numbers of images and of other files in both folders; `different`:
+    names of files that are in both folders and differ; `channels`: file -> channels that differ
+    (none if only the header differs, or it is no image that can be read); `largest_share`: share of
+    pixels beyond the tolerance in the worst file (0 if bytes were compared).
     """
     # the bytes depend on these
     origins = zip(("Blender", "processor features"), _origin(a), _origin(b), strict=True)
     differences = [f"{name}: {x} and {y}" for name, x, y in origins if x != y]
     why = "requested" if by_tolerance else "; ".join(differences)
-    one = _Images.of(a)
-    other = _Images.of(b)
-    both = sorted(one.files.keys() & other.files.keys())
-    if not both:
+    one = _Files.of(a)
+    other = _Files.of(b)
+    both = sorted(one.paths.keys() & other.paths.keys())
+    images = sum(map(_is_image, both))
+    if not images:
         raise InputError(
             "frames with the same numbers in both folders", path=b, found=f"none that {a} has too"
         )
@@ -87,9 +101,10 @@ def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
     for name, result in zip(both, results, strict=True):
         if result.differs:
             channels[name] = result.channels
-    alone = sorted(one.files.keys() ^ other.files.keys())
+    alone = sorted(one.paths.keys() ^ other.paths.keys())
     return {
-        "files": len(both),
+        "files": images,
+        "other_files": len(both) - images,
         "by_bytes": not why,
         "why": why or "same kind of processor, same Blender",
         "different": list(channels),
@@ -101,21 +116,66 @@ def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
 
 
 @dataclass(frozen=True)
-class _Images:
-    """The images of a folder by name, and the depth units per metre of its PNGs."""
+class _Files:
+    """The compared files of a folder by their path in it."""
 
-    files: dict[str, Path]
-    units_per_metre: float
+    folder: Path
+    paths: dict[str, Path]
+    #: Depth units per metre by the folder of a sequence; filled when they are needed.
+    units: dict[Path, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, folder: Path) -> "_Images":
-        images = (path for path in folder.glob("*/*") if path.suffix in (".exr", ".png"))
-        files = {str(p.relative_to(folder)): p for p in images if p.name[0] != "."}
-        png = next((file for file in files.values() if file.suffix == ".png"), None)
-        return cls(files, read_camera(folder, png).depth_units_per_metre if png else 1.0)
+    def of(cls, folder: Path) -> "_Files":
+        paths = {}
+        for path in folder.rglob("*"):
+            inside = path.relative_to(folder)
+            hidden = any(part.startswith(".") for part in inside.parts)
+            if path.is_file() and not hidden and path.name not in _ORIGINS:
+                paths[inside.as_posix()] = path
+        return cls(folder, paths)
 
-    def values(self, name: str) -> dict[str, np.ndarray]:
-        return _values(self.files[name], self.units_per_metre)
+    def values(self, name: str) -> dict[str, np.ndarray] | None:
+        """The values of an image by channel, as channels.py describes them: colour 0..255, depth in
+        metres, normals -1..1, labels. None if it is not an image that can be read.
+        """
+        stored = _stored(name, self.paths[name])
+        if stored is None or name.endswith(ARRAY):
+            return stored
+        if name.endswith(_EXR):
+            return _displayed(stored)
+        ((channel, pixels),) = stored.items()
+        units = self._units_per_metre(name) if channel == DEPTH else 1.0
+        return {channel: CHANNELS[channel].decode(pixels, units)}
+
+    def _units_per_metre(self, name: str) -> float:
+        """The depth units per metre of a depth image, in whose sequence's folder the camera is: one
+        of the folders of several formats, or the folder itself.
+        """
+        top = name.partition("/")[0]
+        folder = self.folder / top if top in FORMATS else self.folder
+        if folder not in self.units:
+            self.units[folder] = read_camera(folder, self.paths[name]).depth_units_per_metre
+        return self.units[folder]
+
+
+def _is_image(name: str) -> bool:
+    return name.endswith(_IMAGES)
+
+
+def _channel_of(name: str, path: Path) -> str:
+    """The channel of a PNG: that in its name or the nearest folder's, if it is neither colour nor
+    depth; else depth if it has one channel of 16 bits, colour otherwise.
+    """
+    header = png_header(path)
+    deep = header.bits == 16
+    for part in reversed(name.split("/")):
+        if found := _CHANNEL.match(part):
+            channel = FURTHER.get(found[1])
+            # a normal of 8 bits would be within any tolerance
+            if channel and (deep or not channel.tolerance):
+                return channel.name
+            break
+    return DEPTH if deep and header.colour == "grey" else RGB
 
 
 class _Result(NamedTuple):
@@ -126,20 +186,32 @@ class _Result(NamedTuple):
     share: float = 0.0
 
 
-def _other_bytes(a: _Images, b: _Images, name: str) -> _Result:
+def _other_bytes(a: _Files, b: _Files, name: str) -> _Result:
     """The comparison of a file byte for byte. PNGs of the same pixels are equal: another library
     may have compressed them.
     """
-    if a.files[name].read_bytes() == b.files[name].read_bytes():
+    if _same_bytes(a, b, name):
         return _Result(False, [])
-    different = _other_channels(a.files[name], b.files[name])
-    same_pixels = name.endswith(".png") and different == []
+    different = _other_channels(a.paths[name], b.paths[name], name)
+    same_pixels = name.endswith(_PNG) and different == []
     return _Result(not same_pixels, different or [])
 
 
-def _beyond_tolerance(a: _Images, b: _Images, name: str) -> _Result:
-    """The comparison of a file within the tolerances of its channels."""
-    shares = _shares(a.values(name), b.values(name))
+def _same_bytes(a: _Files, b: _Files, name: str) -> bool:
+    return read_bytes(a.paths[name]) == read_bytes(b.paths[name])
+
+
+def _beyond_tolerance(a: _Files, b: _Files, name: str) -> _Result:
+    """The comparison of an image within the tolerances of its channels, of another file, or one
+    that cannot be decoded, byte for byte.
+    """
+    if _same_bytes(a, b, name):
+        return _Result(False, [])
+    one = a.values(name)
+    other = b.values(name)
+    if one is None or other is None:
+        return _Result(True, [])
+    shares = _shares(one, other)
     beyond = [channel for channel, share in shares.items() if share > SHARE]
     return _Result(bool(beyond), beyond, max(shares.values()))
 
@@ -173,23 +245,36 @@ def _object_in(content: dict, *keys: str) -> dict:
     return content
 
 
-def _other_channels(a: Path, b: Path) -> list[str] | None:
-    """Names of the channels that are not bitwise equal; None if a file cannot be read."""
-    try:
-        one = _stored(a)
-        other = _stored(b)
-    except InputError:
+def _other_channels(a: Path, b: Path, name: str) -> list[str] | None:
+    """Names of the channels that are not bitwise equal; None if a file is not an image that can be
+    read.
+    """
+    one = _stored(name, a)
+    other = _stored(name, b)
+    if one is None or other is None:
         return None
     different = []
-    for name in one | other:
-        both = name in one and name in other
-        if not (both and np.array_equal(one[name], other[name], equal_nan=True)):
-            different.append(name)
+    for channel in one | other:
+        both = channel in one and channel in other
+        if not (both and np.array_equal(one[channel], other[channel], equal_nan=True)):
+            different.append(channel)
     return different
 
 
-def _stored(file: Path) -> dict[str, np.ndarray]:
-    return read_exr(file) if file.suffix == ".exr" else _values(file, 1.0)
+def _stored(name: str, path: Path) -> dict[str, np.ndarray] | None:
+    """The stored values of an image by channel; None if it is not an image that can be read."""
+    if not _is_image(name):
+        return None
+    try:
+        if name.endswith(_EXR):
+            return read_exr(path)
+        if name.endswith(ARRAY):
+            return {DEPTH: read_array(path)}
+        if name.endswith(_PNG):
+            return {_channel_of(name, path): read_png(path)}
+        return {RGB: read_colour8(path)}
+    except InputError:
+        return None
 
 
 def _shares(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, float]:
@@ -203,19 +288,15 @@ def _shares(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> dict[str, flo
     for name in a | b:
         shares[name] = 1.0
         if name in a and name in b and a[name].shape == b[name].shape:
-            beyond = np.abs(a[name] - b[name]) > tolerances.get(name, 0.0)
-            shares[name] = float(beyond.mean())
+            near = np.isclose(
+                a[name], b[name], rtol=0.0, atol=tolerances.get(name, 0.0), equal_nan=True
+            )
+            shares[name] = float((~near).mean())
     return shares
 
 
-def _values(file: Path, units_per_metre: float) -> dict[str, np.ndarray]:
-    """The values of an image file by channel, as channels.py describes them: colour 0..255 clipped
-    to a display's range, depth in metres, normals -1..1, labels.
-    """
-    if file.suffix == ".png":
-        name = file.parent.name if file.parent.name in CHANNELS else RGB
-        return {name: CHANNELS[name].decode(read_png(file), units_per_metre)}
-    exr = read_exr(file)
+def _displayed(exr: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The values of a frame by channel; colour is clipped to a display's range."""
     found = {}
     for channel in CHANNELS.values():
         # not an image of the same channels, as classes are of instances
