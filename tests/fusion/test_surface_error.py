@@ -14,7 +14,7 @@ pytest.importorskip("numba")
 pytest.importorskip("embreex")
 from iclnuim.benchmark.fusion.pictures import picture  # noqa: E402
 from iclnuim.benchmark.fusion.reconstruction import read_pairs, read_reconstruction  # noqa: E402
-from iclnuim.benchmark.fusion.surface_error import TrueSurface  # noqa: E402
+from iclnuim.benchmark.fusion.surface_error import SurfaceError, TrueSurface  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.meshes import read_mesh  # noqa: E402
 from iclnuim.formats.ply import write_ply  # noqa: E402
@@ -54,6 +54,13 @@ def test_points_on_the_surface_are_at_zero_and_others_at_their_distance():
     np.testing.assert_allclose(surface.error(lifted).distances_m, 0.2, atol=1e-6)
     outside = np.array([[2.0, 2.0, 0.5]])
     assert surface.error(outside).distances_m[0] == pytest.approx(np.sqrt(2), abs=1e-6)
+
+
+def test_the_shares_within_are_those_of_one_five_ten_and_fifty_millimetres():
+    """One distance below and one above each of the four bounds."""
+    distances_m = np.array([0.0009, 0.0011, 0.0049, 0.0051, 0.009, 0.011, 0.049, 0.051])
+    within = SurfaceError(distances_m, SE3.identity()).to_dict()["within"]
+    assert within == {"1mm": 1 / 8, "5mm": 3 / 8, "10mm": 5 / 8, "50mm": 7 / 8}
 
 
 def test_the_fit_finds_the_motion_back():
