@@ -13,7 +13,7 @@ from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import check_file
 
-from ..method_options import open_sequence, require
+from ..method_options import installed, open_sequence, require
 from ..options import add_plot, add_rerun, checked_rerun, common, count
 from ..sequence_options import add_camera_options
 
@@ -63,7 +63,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
     recording = checked_rerun(args)
     if args.out:
         check_file(args.out / "x.txt" if args.all and args.out.exists() else args.out)
-    names = ODOMETERS if args.all else [args.method]
+    names = [args.method]
+    if args.all:
+        names = installed(list(ODOMETERS), args.preset, console)
     odometers = [odometer(name, args.preset) for name in names]
     sequence = open_sequence(args, console, args.folder, args.depth_offset)
     against = partial(make_reference, args.reference, preset=args.preset)

@@ -9,6 +9,7 @@ import pytest
 from iclnuim import shipped
 from iclnuim.benchmark.odometry import registry
 from iclnuim.console import Console
+from iclnuim.headless.cli import main
 from iclnuim.headless.method_options import installed
 from iclnuim.tools import measured
 
@@ -157,7 +158,7 @@ def test_a_scene_that_the_paper_does_not_have_works_in_every_command(
 
 
 def test_an_odometer_whose_package_or_preset_is_missing_is_left_out_of_a_comparison(
-    still, tmp_path, monkeypatch, capsys
+    still, folder, tmp_path, monkeypatch, capsys
 ):
     for name, line in (("lame", "import not_there\n"), ("plain", "PRESETS = {}\n")):
         text = line + CLASS.replace('"still"', f'"{name}"')
@@ -169,3 +170,7 @@ def test_an_odometer_whose_package_or_preset_is_missing_is_left_out_of_a_compari
     notes = capsys.readouterr().err
     assert "left out: lame needs not_there; try: pip install not_there" in notes
     assert "left out: expected a preset of plain (best, other), found paper" in notes
+    assert main(["odometry", "--all", str(folder), "--first", "2", "--preset", "paper"]) == 0
+    shown, notes = capsys.readouterr()
+    assert "still" in shown and "plain" not in shown
+    assert "left out: lame needs not_there" in notes
