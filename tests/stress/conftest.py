@@ -1,55 +1,17 @@
-"""A textured box seen along a hand-held sort of motion, in memory and on disk."""
+"""The textured box as a sequence on disk."""
 
-import numpy as np
+import sys
+from pathlib import Path
+
 import pytest
 
-pytest.importorskip("cv2", reason="OpenCV is not installed")
-from iclnuim import frames_from, write_sequence
-from iclnuim.benchmark.perturbations.segment import Segment
-from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.geometry.se3 import SE3
-from iclnuim.geometry.trajectory import Trajectory, stamps_of_frames
-from iclnuim.sensor.transfer import srgb8
-
-CAMERA = PinholeCamera.parse("160x120")
-FRAMES = 48
-
-
-def pose_at(stamp_s):
-    start = SE3.from_quat_xyzw([-0.775, 0.281, -0.193, 0.532], [0.0, 0.0, 1.4])
-    return start @ SE3.exp(
-        (np.asarray(stamp_s, float)[..., None] - 1) * [0.2, 0.05, 0.15, 0.05, 0.2, 0.05]
-    )
-
-
-def look(T_world_camera):
-    """Scene-linear light and planar depth of a box of 4 x 5 x 2.5 m."""
-    rays = CAMERA.rays() @ T_world_camera.rotation.T
-    walls = np.where(rays > 0, [2.0, 2.5, 2.5], [-2.0, -2.5, 0.0])
-    depth_z_m = ((walls - T_world_camera.translation) / rays).min(axis=-1)
-    points = T_world_camera.translation + rays * depth_z_m[..., None]
-    light = (
-        0.4 + 0.15 * np.sin(points * [7, 9, 11]) + 0.15 * np.sin(13 * points.sum(-1, keepdims=True))
-    )
-    return light.astype(np.float32), depth_z_m.astype(np.float32)
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from box_scene import CAMERA, look, segment, truth  # noqa: E402, F401
+from iclnuim import frames_from, write_sequence  # noqa: E402
 
 
 @pytest.fixture(scope="session")
-def truth():
-    stamps_s = stamps_of_frames(np.arange(FRAMES))
-    return Trajectory(stamps_s, pose_at(stamps_s))
-
-
-@pytest.fixture(scope="session")
-def segment(truth):
-    images = {n: look(truth.T_world_camera[n]) for n in range(FRAMES)}
-    load = {n: (srgb8(light), depth_z_m) for n, (light, depth_z_m) in images.items()}.__getitem__
-    stamps_s = dict(enumerate(truth.stamps_s.tolist()))
-    return Segment(CAMERA, CAMERA, tuple(range(4, 44)), stamps_s, truth, load, seed=3)
-
-
-@pytest.fixture(scope="session")
-def folder(truth, tmp_path_factory):
+def folder(truth, tmp_path_factory):  # noqa: F811
     folder = tmp_path_factory.mktemp("stress") / "box/clean"
     write_sequence(
         frames_from(CAMERA, truth, lambda n: look(truth.T_world_camera[n])), folder, workers=1
