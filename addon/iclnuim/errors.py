@@ -112,7 +112,7 @@ class WorkError(IclnuimError):
 
 
 #: Package name -> the distribution that contains it, where its name is another one.
-_DISTRIBUTIONS = {
+DISTRIBUTIONS = {
     "cv2": "opencv-contrib-python-headless",
     "igl": "libigl",
     "open3d": "open3d-cpu",
@@ -127,7 +127,7 @@ def package_missing(what: str, error: ModuleNotFoundError) -> WorkError:
     if name.startswith("iclnuim."):
         hint = "./setup.sh in a clone of the repository"
         return WorkError(f"{what} needs iclnuim.benchmark, which is not installed here", hint=hint)
-    hint = f"pip install {_DISTRIBUTIONS.get(name, name)}"
+    hint = f"pip install {DISTRIBUTIONS.get(name, name)}"
     return WorkError(f"{what} needs the package {name}", hint=hint)
 
 

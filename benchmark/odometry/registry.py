@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from importlib import import_module
 
-from iclnuim.errors import InputError, WorkError
+from iclnuim.errors import DISTRIBUTIONS, InputError, WorkError
 
 from .protocol import Odometer
 
@@ -46,11 +46,9 @@ BASELINES = {
     "baseline:open3d-hybrid": ("Open3dOdometer", "Hybrid", "open3d"),
 }
 #: import name -> package for pip
-PACKAGES = {
+PACKAGES = DISTRIBUTIONS | {
     "numba": "numba",
-    "cv2": "opencv-contrib-python-headless",
     "cv2.rgbd": "'opencv-contrib-python-headless==4.11.*'",
-    "open3d": "open3d-cpu",
 }
 
 

@@ -21,8 +21,7 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, sample
 from iclnuim.sensor.transfer import light_from_srgb8
 
-from ...perturbations.plan import SEVERITIES, Plan
-from ...perturbations.registry import functions
+from ...perturbations.plan import FUNCTIONS, SEVERITIES, Plan
 from ...perturbations.segment import Segment
 from ...systems.staging import StagedSequence
 from ...systems.system import System
@@ -39,7 +38,6 @@ CLEAN = "clean"
 _BENCHMARK = "iclnuim.benchmark"
 #: What selects frames, and computes the figures of a cell.
 _FRAMES_CODE = (f"{_BENCHMARK}.perturbations.plan", f"{_BENCHMARK}.experiments.outcome")
-_PERTURBATIONS = functions()
 
 
 @dataclass(frozen=True, order=True)
@@ -234,8 +232,8 @@ class Stress:
 def _frames_code(perturbation: str) -> list[str]:
     """The modules that decide the frames and figures of a perturbation's cells."""
     modules = [*_FRAMES_CODE]
-    if perturbation in _PERTURBATIONS:
-        modules.append(_PERTURBATIONS[perturbation].function.__module__)
+    if perturbation in FUNCTIONS:
+        modules.append(FUNCTIONS[perturbation].function.__module__)
     return modules
 
 
