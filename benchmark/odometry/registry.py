@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from importlib import import_module
+from typing import Literal
 
 from iclnuim.errors import DISTRIBUTIONS, InputError, WorkError
 
@@ -12,7 +13,7 @@ from .protocol import Odometer
 class OdometerEntry:
     """An odometer of ours: its class by module and name, and what tables say of it.
 
-    title: its name in tables. family: what it aligns, one of FAMILIES. references: what the
+    title: its name in tables. family: what it aligns. references: what the
     benchmark aligns its frames against; the first is the paper's. in_paper: whether it is one of
     the five odometers of the paper.
     """
@@ -20,12 +21,11 @@ class OdometerEntry:
     module: str
     class_name: str
     title: str
-    family: str
+    family: Literal["photometric", "geometric", "features"]
     references: tuple[str, ...] = ("default",)
     in_paper: bool = False
 
 
-FAMILIES = ("photometric", "geometric", "features")
 _MODEL_FIRST = ("model", "default")
 #: In the order of the paper's tables; this module imports neither numba nor OpenCV.
 ODOMETERS = {
