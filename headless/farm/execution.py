@@ -26,7 +26,7 @@ def execute(
     """
     refuse_print_only(plan, print_only)
     read_as = read_trajectory(trajectory_file(plan.job)).read_as
-    if read_as.repeated:
+    if read_as.repeated or read_as.lost:
         console.note(f"{plan.job.trajectory}: {read_as.sentence}")
     if not plan.held_out:
         return _run(plan, console, print_only, blend)

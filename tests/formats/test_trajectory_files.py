@@ -27,6 +27,52 @@ def file(tmp_path):
     return write
 
 
+# -- lost poses
+
+_LOST = {
+    "nan": "nan " * 15 + "nan",
+    "minus infinity": "-inf " * 15 + "-inf",
+    "infinity that ends in 0 0 0 1": "inf " * 12 + "0 0 0 1",
+    "an empty line": "",
+    "a line of blanks": " \t",
+}
+
+
+def _square_row(x: float) -> str:
+    return f"1 0 0 {x} 0 1 0 0 0 0 1 0 0 0 0 1"
+
+
+@pytest.mark.parametrize("lost", _LOST)
+def test_a_lost_row_keeps_its_place(file, lost):
+    rows = [_square_row(x) for x in range(9)]
+    rows[2] = rows[3] = rows[8] = _LOST[lost]
+    loaded = read_trajectory(file("traj.txt", "\n".join(["# poses", *rows]) + "\n"))
+    np.testing.assert_array_equal(loaded.rows, [0, 1, 4, 5, 6, 7])
+    np.testing.assert_array_equal(loaded.trajectory.positions_m[:, 0], loaded.rows)
+    np.testing.assert_allclose(loaded.trajectory.stamps_s, 1 + loaded.rows / 30, atol=5.1e-7)
+    trailing = not lost.startswith(("nan", "minus", "inf"))
+    assert loaded.row_count == (8 if trailing else 9)
+    assert loaded.read_as.lost == loaded.row_count - 6
+    assert f"{loaded.read_as.lost} of {loaded.row_count} rows" in loaded.read_as.sentence
+
+
+def test_empty_lines_between_all_rows_are_no_lost_poses(file):
+    loaded = read_trajectory(file("traj.txt", "\n\n".join(map(_square_row, range(5)))))
+    assert loaded.row_count == 5 and loaded.read_as.lost == 0
+
+
+def test_a_lost_first_row_of_seven_columns_keeps_its_place(file):
+    rows = ["nan " * 7, "nan " * 7, "1 0 0 0 0 0 1", "2 0 0 0 0 0 1"]
+    loaded = read_trajectory(file("pose_left.txt", "\n".join(rows)))
+    np.testing.assert_array_equal(loaded.rows, [2, 3])
+
+
+def test_a_lost_row_with_a_stamp_is_left_out_with_a_note(file):
+    loaded = read_trajectory(file("a.txt", "1 0 0 0 0 0 0 1\n2 nan 0 0 0 0 0 1\n3 0 0 0 0 0 0 1\n"))
+    np.testing.assert_array_equal(loaded.trajectory.stamps_s, [1, 3])
+    assert loaded.rows is None and "1 of 3 rows" in loaded.read_as.sentence
+
+
 # -- TUM
 
 

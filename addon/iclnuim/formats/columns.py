@@ -70,6 +70,10 @@ class NumberTable:
         """Whether a frame number precedes the twelve numbers of a 3x4 matrix."""
         return self.values.shape[1] == 13
 
+    def at(self, rows: np.ndarray) -> "NumberTable":
+        """The table of some rows (m,)."""
+        return NumberTable(self.values[rows], lambda row: self.place(int(rows[row])), self.ticks)
+
     def error(self, row: int, expected: str, found: object, hint: str | None = None) -> InputError:
         path, line = self.place(int(row))
         return InputError(expected, path=path, line=line, found=found, hint=hint)
@@ -79,7 +83,7 @@ def read_table(
     source: Source, columns: tuple[int, ...], expected: str, delimiter: str | None = None
 ) -> NumberTable:
     """Read all lines that are neither blank nor comments (#). Each must have one of the given
-    numbers of columns, all finite.
+    numbers of columns; a lost pose may be nan or inf.
 
     Raises InputError with the first invalid line; `expected` describes a valid line.
     """
@@ -93,10 +97,6 @@ def read_table(
     table = NumberTable(values, lambda row: (source.path, data_lines(source.text)[row][0]))
     if values.shape[1] not in columns:
         raise table.error(0, expected, f"{values.shape[1]} columns")
-    if not np.isfinite(values).all():
-        row, column = np.argwhere(~np.isfinite(values))[0]
-        found = f"{values[row, column]} in column {column + 1}"
-        raise table.error(row, "finite numbers", found, "removing the line")
     return table
 
 

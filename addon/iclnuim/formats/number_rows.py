@@ -37,7 +37,9 @@ def tum_rows(source: Source) -> NumberTable:
 def square_rows(source: Source) -> NumberTable:
     """(n, 16). Raises InputError for a line that does not end in 0 0 0 1."""
     table = read_table(source, (16,), _SQUARE)
-    wrong = np.flatnonzero(np.abs(table.values[:, 12:] - (0, 0, 0, 1)).max(axis=1) > 1e-6)
+    finite = np.isfinite(table.values).all(axis=1)
+    off = np.abs(table.values[:, 12:] - (0, 0, 0, 1)).max(axis=1)
+    wrong = np.flatnonzero(finite & (off > 1e-6))
     if wrong.size:
         found = " ".join(f"{value:g}" for value in table.values[wrong[0], 12:])
         raise table.error(wrong[0], f"{_SQUARE}, ending in 0 0 0 1", found)

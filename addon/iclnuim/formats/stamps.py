@@ -24,11 +24,12 @@ def stamp_ticks(stamps: np.ndarray) -> float:
     """Ticks per second of stamps (n,): 1, or 1e9 if the median step, or a single stamp, is far too
     large for seconds.
     """
+    stamps = stamps[np.isfinite(stamps)]
     steps = np.diff(stamps)
     steps = steps[steps > 0]
     if steps.size:
         return 1e9 if np.median(steps) > LONGEST_STEP_S else 1.0
-    return 1e9 if np.abs(stamps).max() > LARGEST_STAMP_S else 1.0
+    return 1e9 if np.abs(stamps).max(initial=0) > LARGEST_STAMP_S else 1.0
 
 
 def seconds_of(

@@ -1,5 +1,6 @@
 """Reading a trajectory file: from the rows of its table to right-handed cv camera poses."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,11 +11,13 @@ from ..geometry import so3
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from .columns import Columns, NumberTable
+from .files import data_lines
 from .stamps import seconds_of
 from .trajectory_source import OWN_WORLD, FileOptions, LoadedTrajectory, ReadAs, Source
 
 #: Larger positions (a thousand kilometres) are rejected as damaged.
 LARGEST_POSITION_M = 1e6
+_EMPTY_LINE = re.compile(r"[\n\r][^\S\n\r]*[\n\r]")
 
 
 def _nothing(source: Source, table: NumberTable, trajectory: Trajectory) -> str:
@@ -44,15 +47,21 @@ class TrajectoryReader:
     first_pose: int | None = None
 
     def read(self, format: str, source: Source, options: FileOptions) -> LoadedTrajectory:
-        """Read a file. Raises InputError with the line for invalid content."""
-        table = self.rows(source)
-        columns = self.columns.shifted(1) if table.is_numbered else self.columns
+        """Read a file. Raises InputError with the line for invalid content.
+
+        A row without a finite pose is left out; the numbers of the other rows do not change.
+        """
+        every = self.rows(source)
+        columns = self.columns.shifted(1) if every.is_numbered else self.columns
+        counted = np.arange(len(every.values))
+        if not columns.leave_first:
+            counted += _empty_lines_before(source, every)
+        kept = _finite_rows(every, columns)
+        table = every.at(kept)
         poses = _poses(table, columns, options.unit_m)
         if self.convert:
             poses = self.convert(poses)
-        stamps = np.arange(float(len(poses)))
-        if columns.leave_first:
-            stamps = table.values[:, 0]
+        stamps = table.values[:, 0] if columns.leave_first else counted[kept].astype(float)
         stamps_s, rows = seconds_of(table, stamps, options.rate_hz, self.hint)
         trajectory = Trajectory(stamps_s, poses[rows])
         how = self.how(source, table, trajectory)
@@ -60,8 +69,39 @@ class TrajectoryReader:
         repeated = len(poses) - len(rows)
         if repeated:
             sentence += f"; {repeated} repeated stamp{'s' * (repeated > 1)} left out"
-        read_as = ReadAs(format, self.handedness, self.world, sentence, repeated)
-        return LoadedTrajectory(trajectory, read_as)
+        row_count = int(counted[-1]) + 1
+        lost = row_count - len(poses)
+        if lost:
+            sentence += f"; {lost} of {row_count} rows have no finite pose and are left out"
+        read_as = ReadAs(format, self.handedness, self.world, sentence, repeated, lost)
+        if columns.leave_first:
+            return LoadedTrajectory(trajectory, read_as)
+        return LoadedTrajectory(trajectory, read_as, counted[kept], row_count)
+
+
+def _finite_rows(table: NumberTable, columns: Columns) -> np.ndarray:
+    """The rows (m,) whose pose is finite. Raises InputError if there are none."""
+    finite = np.isfinite(table.values[:, columns.position + columns.orientation]).all(axis=1)
+    if not finite.any():
+        raise table.error(0, "a row of finite numbers", f"none in {len(finite)} rows")
+    return np.flatnonzero(finite)
+
+
+def _empty_lines_before(source: Source, table: NumberTable) -> np.ndarray:
+    """(n,) how many empty lines are between the first row and each row: lost poses, unless every
+    second line is empty.
+    """
+    none = np.zeros(len(table.values), int)
+    if not _EMPTY_LINE.search(source.text):
+        return none
+    numbers = [number for number, _ in data_lines(source.text)]
+    if len(numbers) != len(none):
+        return none
+    lines = source.text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    empty = np.cumsum([not line.strip() for line in lines])
+    before = empty[np.array(numbers) - 1]
+    before -= before[0]
+    return before if 2 * before[-1] < len(before) else none
 
 
 def _poses(table: NumberTable, columns: Columns, unit_m: float) -> SE3:

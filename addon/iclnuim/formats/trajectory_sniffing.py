@@ -85,11 +85,12 @@ def is_colmap(source: Source) -> bool:
 
 
 def is_tartanair(source: Source) -> bool:
-    """Whether the first line has seven numbers that end in a unit quaternion."""
+    """Whether the first line has seven numbers that end in a unit quaternion, or a lost pose."""
     if source.columns != 7 or not source.starts_with_numbers:
         return False
     quaternion = [float(field) for field in source.first_lines[0].split()[3:]]
-    return bool(abs(np.linalg.norm(quaternion) - 1) < 0.01)
+    norm = np.linalg.norm(quaternion)
+    return bool(abs(norm - 1) < 0.01 or not np.isfinite(norm))
 
 
 def is_tum(source: Source) -> bool:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import InputError
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
 from .files import data_lines, is_number, read_text
@@ -18,7 +20,7 @@ OUR_WORLD = "our world (metres, z up)"
 class ReadAs:
     """How a file was read: format, handedness of its poses, world of the resulting trajectory, and
     a sentence for the user. repeated: number of stamps that were left out because they repeat the
-    previous one.
+    previous one. lost: number of rows without a finite pose, which were left out.
     """
 
     format: str
@@ -26,14 +28,21 @@ class ReadAs:
     frame: str
     sentence: str
     repeated: int = 0
+    lost: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class LoadedTrajectory:
-    """A right-handed trajectory of cv camera poses, and how its file was read."""
+    """A right-handed trajectory of cv camera poses, and how its file was read.
+
+    rows: for a file with neither stamps nor frame numbers, (n,) the rows of the poses, from 0;
+    row_count: of how many rows, lost ones included.
+    """
 
     trajectory: Trajectory
     read_as: ReadAs
+    rows: np.ndarray | None = None
+    row_count: int = 0
 
 
 @dataclass(frozen=True)
