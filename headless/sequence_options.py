@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from iclnuim.console import Console
 from iclnuim.dataset.bags_and_logs import LogSettings
-from iclnuim.dataset.layout import DISTORTED, SequenceCamera
+from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
@@ -138,9 +138,9 @@ def note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console)
 
 
 def note_camera(folder: Path, camera: SequenceCamera, console: Console) -> None:
-    """Print a note if no file gave the camera, and if its file gives a lens distortion."""
-    if camera.distorted:
-        console.note(f"{folder}: {DISTORTED}")
+    """Print a note if no file gave the camera, and what its file says and is not applied."""
+    for note in camera.notes:
+        console.note(f"{folder}: {note}")
     if camera.assumed:
         c = camera.pinhole
         size = f"{c.width}x{c.height},{c.fx:g},{c.fy:g},{c.cx:g},{c.cy:g}"

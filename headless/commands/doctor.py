@@ -52,6 +52,7 @@ PACKAGES = (
     ("embreex", "embreex", False, "check-depth, clearances, visibility of surfaces", "embreex"),
     ("open3d-cpu", "open3d", False, "Open3D's odometers; glTF meshes", "open3d-cpu"),
     ("matplotlib", "matplotlib", False, "plots", "matplotlib"),
+    ("PyYAML", "yaml", False, "cameras of the formats euroc and vslam-lab", "PyYAML"),
     ("submitit", "submitit", False, "Slurm", "submitit"),
     ("rosbags", "rosbags", False, "ROS bags", "rosbags"),
     ("rerun-sdk", "rerun", False, "recordings for the viewer Rerun", "rerun-sdk"),

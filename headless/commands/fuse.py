@@ -53,16 +53,16 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if args.plot:
         require("fuse --plot", "embreex")
     from iclnuim.benchmark.fusion.sequence import fuse_sequence
-    from iclnuim.dataset.frames import find_pairs, find_truth
+    from iclnuim.dataset.frames import find_pairs, find_truth, load_truth
 
     settings = _settings(args, console)
     find_pairs(args.folder)  # a folder without a sequence is reported as such
     poses = args.poses or find_truth(args.folder)
-    if poses is None:
+    loaded = read_trajectory(args.poses) if args.poses else load_truth(args.folder)
+    if poses is None or loaded is None:
         raise InputError(
             "a ground truth in the folder", path=args.folder, found="none", hint="--poses FILE"
         )
-    loaded = read_trajectory(poses)
     console.note(f"{poses}: {loaded.read_as.sentence}")
     camera = open_sequence(args, console, args.folder).camera
     surface = fuse_sequence(args.folder, loaded.trajectory, settings, console.progress, camera)

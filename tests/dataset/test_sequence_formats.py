@@ -320,8 +320,9 @@ def test_our_own_reader_takes_back_what_was_written(all_formats, shared_run, tru
     ("file", "old", "new", "message"),
     [
         ("nerf/transforms.json", '"frames"', '"views"', "a list of frames"),
-        ("nerf/transforms.json", '"depth_file_path"', '"depth"', "depth_file_path, found frame 0"),
-        ("nerf/transforms.json", '"fl_x"', '"f"', "numbers w, h, fl_x"),
+        ("nerf/transforms.json", '"file_path"', '"path"', "file_path, found frame 0"),
+        ("nerf/transforms.json", '"depth_', '"d_', "depth_file_path or depth_path, found none"),
+        ("nerf/transforms.json", '"fl_x": ', '"fl_x": "wide", "f": ', "a number for fl_x"),
         ("euroc/mav0/cam0/data.csv", "1033333000,", "a,", "lines `nanoseconds,image`"),
         (
             "euroc/mav0/depth0/sensor.yaml",
@@ -579,7 +580,7 @@ def test_a_lens_distortion_that_is_ignored_is_noted(
     all_formats, tmp_path, file, old, new, command_here
 ):
     name = file.split("/")[0]
-    assert not read_camera(all_formats / name, find_pairs(all_formats / name)[0].rgb).distorted
+    assert read_camera(all_formats / name, find_pairs(all_formats / name)[0].rgb).notes == ()
     shutil.copytree(all_formats / name, tmp_path / name)
     text = (tmp_path / file).read_text()
     (tmp_path / file).write_text(text.replace(old, new))

@@ -19,7 +19,7 @@ from ..formats.exr import read_exr
 from ..formats.files import data_lines, is_file, read_bytes, read_json, real_path, sha256
 from ..formats.images import ARRAY, image_header, read_array, read_colour8, seen_by
 from ..formats.png import read_depth16
-from ..formats.trajectories import FORMATS, read_trajectory
+from ..formats.trajectories import FORMATS, LoadedTrajectory, read_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..sensor.transfer import light_from_srgb8
@@ -173,10 +173,27 @@ def find_truth(folder: Path) -> Path | None:
     return format_of(folder).reader.truth(folder)
 
 
-def read_truth(folder: Path) -> Trajectory | None:
-    """The ground truth of a sequence as right-handed poses, or None."""
+def load_truth(folder: Path) -> LoadedTrajectory | None:
+    """The ground truth of a sequence as right-handed poses of its camera, and how its file was
+    read, or None.
+    """
     path = find_truth(folder)
-    return None if path is None else read_trajectory(path).trajectory
+    if path is None:
+        return None
+    loaded = read_trajectory(path)
+    mount = format_of(folder).reader.mount(folder)
+    if mount is None:
+        return loaded
+    own = loaded.trajectory
+    poses = Trajectory(own.stamps_s, own.T_world_camera @ mount)
+    how = f"{loaded.read_as.sentence}; poses of the camera by T_BS of its file"
+    return LoadedTrajectory(poses, replace(loaded.read_as, sentence=how))
+
+
+def read_truth(folder: Path) -> Trajectory | None:
+    """The ground truth of a sequence as right-handed poses of its camera, or None."""
+    loaded = load_truth(folder)
+    return None if loaded is None else loaded.trajectory
 
 
 _CAMERA_HINT = (
@@ -377,7 +394,8 @@ class _TruthOfSome:
     def __init__(self, folder: Path, stamps_s: dict[int, float]) -> None:
         self.stamps_s = stamps_s
         self._path = find_truth(folder)
-        self._loaded = None if self._path is None else read_trajectory(self._path)
+        self._loaded = load_truth(folder)
+        self._is_mounted = format_of(folder).reader.mount(folder) is not None
         self._reach_s = 0.5 * usual_step_s(np.array(list(stamps_s.values())))
 
     def _rows(self, numbers: tuple[int, ...]) -> np.ndarray:
@@ -398,9 +416,9 @@ class _TruthOfSome:
     def file(self, numbers: tuple[int, ...]) -> TruthFile | None:
         """Format and bytes of the ground-truth file; of some frames, its comments and their lines.
 
-        None if it does not have one pose per line.
+        None if it does not have one pose of the camera per line.
         """
-        if self._loaded is None or self._path is None:
+        if self._loaded is None or self._path is None or self._is_mounted:
             return None
         format = self._loaded.read_as.format
         rows = self._rows(numbers)

@@ -30,7 +30,7 @@ from .frames import (
     read_truth,
     unused_images,
 )
-from .layout import DISTORTED, SequenceCamera, posed, usual_step_s
+from .layout import SequenceCamera, posed, usual_step_s
 
 T = TypeVar("T")
 
@@ -188,8 +188,7 @@ def _camera(result: Inspection, camera: SequenceCamera, headers: list[PngHeader]
     if camera.assumed:
         units = f"{camera.depth_units_per_metre:g} depth units per metre"
         result.odd.append(f"no camera.json: the benchmark's camera and {units} are used")
-    if camera.distorted:
-        result.odd.append(DISTORTED)
+    result.odd += camera.notes
     known = {(camera.width, camera.height) for camera in (c, camera.colour or c)}
     if others := {(h.width, h.height) for h in headers} - known:
         sizes = ", ".join(f"{w} x {h}" for w, h in sorted(others))

@@ -4,8 +4,8 @@ in this format is detected and read.
 Each format is a module in layouts/ and an entry of the registry in sequence_formats.py.
 """
 
-import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from functools import cached_property
@@ -20,7 +20,7 @@ from ..errors import InputError, within
 from ..evaluation.associate import nearest
 from ..formats.associations import ImageList
 from ..formats.depth_units import UNITS_PER_METRE, check_units
-from ..formats.files import atomic_write, make_folder, read_json
+from ..formats.files import atomic_write, is_file, make_folder, read_json
 from ..formats.images import image_header
 from ..formats.stamps import stamp_text
 from ..formats.trajectories import write_trajectory
@@ -29,10 +29,6 @@ from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, stamps_of_frames
 
 CAMERA = "camera.json"
-DISTORTED = (
-    "the lens distortion in the camera's file is ignored: "
-    "images are read as those of a pinhole camera"
-)
 #: Maximum distance in time between a pose and its frame, as a share of the usual step between
 #: frames.
 _SLACK = 0.5
@@ -74,6 +70,20 @@ class Row(NamedTuple):
     number: int | None = None
 
 
+def with_depth(rows: list[Row], folder: Path) -> list[Row]:
+    """The rows without those whose depth image alone is missing: `unused_images` names these.
+
+    Raises InputError if all are missing.
+    """
+    found = [row for row in rows if is_file(row.depth) or not is_file(row.rgb)]
+    if rows and not found:
+        missing = rows[0].depth
+        with suppress(ValueError):
+            missing = missing.relative_to(folder)
+        raise InputError(f"{missing.as_posix()} for {rows[0].rgb.name}", path=folder, found="none")
+    return found
+
+
 def numbered_row(top: Path, number: int, rgb: Path, depth: Path) -> Row:
     """The pair of a frame whose stamp is that of its number. Raises InputError without depth."""
     if not depth.is_file():
@@ -85,16 +95,15 @@ def numbered_row(top: Path, number: int, rgb: Path, depth: Path) -> Row:
 @dataclass(frozen=True)
 class SequenceCamera:
     """The pinhole camera, and the depth units per metre. assumed: no file contains the camera.
-    colour: the camera of the colour images if it
-    differs; it has the same pose. distorted: the file also gives a lens distortion, which is
-    ignored.
+    colour: the camera of the colour images if it differs; it has the same pose. notes: a sentence
+    for everything in its file that is not applied, such as a lens distortion.
     """
 
     pinhole: PinholeCamera
     depth_units_per_metre: float = UNITS_PER_METRE
     assumed: bool = False
     colour: PinholeCamera | None = None
-    distorted: bool = False
+    notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict:
         """The content of camera.json."""
@@ -153,13 +162,15 @@ class Reader:
 
     found: whether a folder has the format; rows: its pairs in the order of time; camera(folder,
     colour image): None if no file contains it; truth: the file or folder with its poses, None if
-    there is none. All raise InputError for files that cannot be read.
+    there is none; mount: the pose of the camera in the frame that the ground truth follows, None
+    if that is the camera's. All raise InputError for files that cannot be read.
     """
 
     found: Callable[[Path], bool]
     rows: Callable[[Path], list[Row]]
     camera: Callable[[Path, Path], SequenceCamera | None]
     truth: Callable[[Path], Path | None]
+    mount: Callable[[Path], SE3 | None] = lambda folder: None
 
 
 @dataclass(frozen=True)
@@ -332,13 +343,6 @@ def pinhole_of(image: Path, fx: float, fy: float, cx: float, cy: float) -> Pinho
     """
     header = image_header(image)
     return PinholeCamera(header.width, header.height, fx, abs(fy), cx, cy)
-
-
-def is_distorted(yaml: str) -> bool:
-    """Whether `distortion_coefficients: [...]` in a camera's file contains anything but zeros."""
-    lists = re.findall(r"distortion_coefficients: *\[([^\]]*)\]", yaml)
-    numbers = ",".join(lists).lower().split(",")
-    return any(re.search("[1-9]", number.partition("e")[0]) for number in numbers)
 
 
 def numbers_in(path: Path, values: list[str], count: int, what: str) -> list[float]:

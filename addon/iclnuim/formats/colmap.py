@@ -1,5 +1,7 @@
-"""COLMAP's images.txt: lines `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, each followed by a
-line of image points.
+"""COLMAP's images, as text or binary (https://colmap.github.io/format.html).
+
+images.txt has lines `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, each followed by a line of
+image points; images.bin is read as the text that it stands for.
 
 Its images have no stamps. The last number in a name is the frame's number, or its stamp in
 nanoseconds, or, with a decimal point, in seconds.
@@ -8,11 +10,13 @@ nanoseconds, or, with a decimal point, in seconds.
 import os
 import re
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
 from ..geometry.trajectory import stamps_of_frames
+from .colmap_binary import BinaryFile
 from .columns import NumberTable
 from .files import data_lines, is_number
 from .stamps import LARGEST_FRAME
@@ -24,11 +28,12 @@ _STAMP = re.compile(r"(\d+(?:\.\d+)?)(?:\.[A-Za-z]\w*)?$", re.ASCII)
 
 @dataclass(frozen=True)
 class _Images:
-    """The images of a file in the order of time: their names, line numbers, and values (n, 8) as
-    returned by `rows`.
+    """The images of a file in the order of time: their names, cameras, line numbers, and values
+    (n, 8) as returned by `rows`.
     """
 
     names: list[str]
+    cameras: list[str]
     lines: list[int]
     values: np.ndarray
     ticks: float | None
@@ -52,10 +57,41 @@ def rows(source: Source) -> NumberTable:
 
 def stamps_and_names(path: str | os.PathLike[str]) -> list[tuple[float, str]]:
     """Stamp in seconds and name of each image, in the order of time."""
-    images = _read(Source(path))
+    images = _read(source_of(path))
     first = images.values[:, 0]
     stamps_s = first / images.ticks if images.ticks else stamps_of_frames(first)
     return list(zip(stamps_s.tolist(), images.names, strict=True))
+
+
+def camera_numbers(path: str | os.PathLike[str]) -> set[str]:
+    """The numbers of the cameras of the images."""
+    return set(_read(source_of(path)).cameras)
+
+
+def source_of(path: str | os.PathLike[str]) -> Source:
+    """A file to be read; the lines of a file of images that is binary."""
+    source = Source(path)
+    return source.with_text(_text_of_binary(source.path)) if is_binary(source.path) else source
+
+
+def is_binary(path: Path) -> bool:
+    """Whether a file has the name of COLMAP's binary images."""
+    return path.name == "images.bin"
+
+
+def _text_of_binary(path: Path) -> str:
+    """The lines of images.txt that images.bin stands for, without points."""
+    content = BinaryFile(path)
+    lines = []
+    (count,) = content.take("Q")
+    for _ in range(count):
+        number, *pose, camera = content.take("I7dI")
+        name = content.take_name()
+        (points,) = content.take("Q")
+        content.skip(24 * points)
+        values = " ".join(f"{value!r}" for value in pose)
+        lines.append(f"{number} {values} {camera} {' '.join(name.split())}\n")
+    return "".join(lines)
 
 
 def _read(source: Source) -> _Images:
@@ -71,14 +107,15 @@ def _read(source: Source) -> _Images:
             expected = f"{EXPECTED}, with a name that ends in the frame's number or stamp"
             raise InputError(expected, path=source.path, line=number, found=line)
         w, x, y, z, *translation = (float(field) for field in fields[1:8])
-        found.append(((float(stamp[1]), *translation, x, y, z, w), number, fields[9]))
+        pose = (float(stamp[1]), *translation, x, y, z, w)
+        found.append((pose, number, fields[9], fields[8]))
         whole &= "." not in stamp[1]
     found.sort()
-    values, numbers, names = zip(*found, strict=True)
+    values, numbers, names, cameras = zip(*found, strict=True)
     table = np.array(values)
     ticks = None
     if not whole:
         ticks = 1.0
     elif table[0, 0] > LARGEST_FRAME:
         ticks = 1e9
-    return _Images(list(names), list(numbers), table, ticks)
+    return _Images(list(names), list(cameras), list(numbers), table, ticks)

@@ -15,6 +15,8 @@ from .files import read_json, read_text
 from .trajectory_source import Source
 
 _MATRIX = "a 4 x 4 matrix"
+#: Key of transforms.json: units of length of its poses per metre.
+APPLIED_SCALE = "applied_scale"
 
 
 def is_scannet(source: Source) -> bool:
@@ -49,12 +51,15 @@ def numbers_of_names(names: Sequence[str]) -> list[int]:
 
 def nerf_rows(source: Source) -> NumberTable:
     """(n, 13): the number at the end of the image's name, or else the frame's index in the list,
-    and three rows of its matrix.
+    and three rows of its matrix, with positions in metres: those of the file divided by its
+    applied_scale.
     """
-    frames = read_json(source.path).get("frames")
+    content = read_json(source.path)
+    frames = content.get("frames")
     valid = isinstance(frames, list) and all(isinstance(frame, dict) for frame in frames)
     if not frames or not valid:
         raise InputError("a list of frames", path=source.path)
+    scale = _applied_scale(source.path, content)
     numbers = numbers_of_names([str(frame.get("file_path")) for frame in frames])
     found = []
     for number, frame in zip(numbers, frames, strict=True):
@@ -62,8 +67,20 @@ def nerf_rows(source: Source) -> NumberTable:
         rows = matrix if isinstance(matrix, list) else []
         flat = itertools.chain.from_iterable(row for row in rows if isinstance(row, list))
         values = _numbers(source.path, list(flat))
-        found.append((float(number), *_rows_of(source.path, values)))
+        if len(values) == 12 and len(rows) == 3:
+            values = np.append(values, (0, 0, 0, 1))
+        pose = _rows_of(source.path, values)
+        pose[3::4] = [position / scale for position in pose[3::4]]
+        found.append((float(number), *pose))
     return NumberTable(np.array(sorted(found)), lambda row: (source.path, None))
+
+
+def _applied_scale(path: Path, content: dict) -> float:
+    """How many units of the positions a metre has, which nerfstudio's converters write."""
+    (scale,) = _numbers(path, [content.get(APPLIED_SCALE, 1.0)])
+    if not 1e-6 <= scale <= 1e6:
+        raise InputError(f"{APPLIED_SCALE} of 1e-6 to 1e6", path=path, found=f"{scale:g}")
+    return float(scale)
 
 
 def _numbers(path: Path, values: list) -> np.ndarray:

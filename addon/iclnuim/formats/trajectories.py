@@ -4,12 +4,12 @@ import os
 
 from ..errors import InputError
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
-from . import trajectory_formats
+from . import colmap, trajectory_formats
 from .anchored import ANCHORED_WORLD
 from .files import atomic_write_text
 from .trajectory_formats import FORMATS, TrajectoryFormat
 from .trajectory_sniffing import sniffed
-from .trajectory_source import FileOptions, LoadedTrajectory, ReadAs, Source
+from .trajectory_source import FileOptions, LoadedTrajectory, ReadAs
 from .trajectory_writer import TrajectoryWriter
 
 __all__ = ["ANCHORED_WORLD", "FORMATS", "TUM_HEADER", "FileOptions", "LoadedTrajectory", "ReadAs"]
@@ -41,7 +41,7 @@ def read_trajectory(
     Raises InputError with file and line for a file that cannot be read.
     """
     options = FileOptions(rate_hz, unit_m)
-    source = Source(path)
+    source = colmap.source_of(path)
     format = format or sniffed(source)
     return _known(format).reader.read(format, source, options)
 

@@ -1,5 +1,5 @@
-"""COLMAP's text model, for splatting programs: images/, sparse/0/ with cameras.txt, images.txt,
-points3D.txt, and test.txt.
+"""COLMAP's model for splatting programs: images/, sparse/0/ with cameras.txt, images.txt,
+points3D.txt, and test.txt. Binary models are read too.
 
 COLMAP has no depth: we add it in depth/ and camera.json. COLMAP's pixel centres are at +0.5, its
 poses are world to camera, scalar first (https://colmap.github.io/format.html). test.txt lists every
@@ -8,16 +8,27 @@ poses are world to camera, scalar first (https://colmap.github.io/format.html). 
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ...channels import DEPTH, RGB
-from ...errors import InputError
+from ...errors import InputError, within
 from ...formats import colmap
-from ...formats.files import atomic_write_text, data_lines, is_file, make_folder, read_text
+from ...formats.colmap_cameras import MODELS, read_cameras
+from ...formats.files import atomic_write_text, is_file, make_folder
 from ...geometry.camera import PinholeCamera
-from ..layout import Contents, Reader, Row, SequenceCamera, SequenceFormat, camera_file, numbers_in
+from ..known_keys import DISTORTED
+from ..layout import (
+    Contents,
+    Reader,
+    Row,
+    SequenceCamera,
+    SequenceFormat,
+    camera_file,
+    with_depth,
+)
 from . import listed
 
 _MODELS = ("sparse/0", "sparse")
@@ -117,61 +128,53 @@ def _seen(
     yield from zip(k.tolist(), pixels[k, 0].tolist(), pixels[k, 1].tolist(), strict=True)
 
 
-def _model(folder: Path) -> Path | None:
-    models = [folder / name for name in _MODELS]
-    return next((model for model in models if (model / "images.txt").is_file()), None)
-
-
-def _found(folder: Path) -> bool:
-    files = [folder / name / "images.txt" for name in _MODELS]
-    return any(file.is_file() or file.with_suffix(".bin").is_file() for file in files)
+def _images(folder: Path) -> Path | None:
+    """The file with the images of the model."""
+    models = [folder / model for model in _MODELS]
+    files = [model / "images.txt" for model in models]
+    files += [model / "images.bin" for model in models]
+    return next((file for file in files if is_file(file)), None)
 
 
 def _rows(folder: Path) -> list[Row]:
     """The images of the model in the order of time, each with depth/NAME.png."""
-    model = _model(folder)
-    if model is None:
-        hint = "COLMAP's model_converter, which makes text of a binary model"
-        raise InputError("sparse/0/images.txt", path=folder, found="a binary model", hint=hint)
-    found = []
-    for stamp_s, name in colmap.stamps_and_names(model / "images.txt"):
+    images = _images(folder)
+    if images is None:
+        raise InputError("sparse/0/images.txt", path=folder, found="none")
+    rows = []
+    for stamp_s, name in colmap.stamps_and_names(images):
         depth = folder / DEPTH / Path(name).with_suffix(".png")
-        if not is_file(depth):
-            expected = f"depth/{depth.name} in addition to COLMAP's images, which have no depth"
-            raise InputError(expected, path=folder, found="none")
-        found.append(Row(stamp_s, folder / "images" / name, depth))
-    return found
+        rows.append(Row(stamp_s, folder / "images" / name, depth))
+    return with_depth(rows, folder)
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
-    """The camera of the model, which must have no distortion; the depth units are those of
-    camera.json.
-    """
+    """The camera of the model; the depth units are those of camera.json."""
     ours = camera_file(folder)
-    model = _model(folder)
-    if model is None or not (model / "cameras.txt").is_file():
+    images = _images(folder)
+    if images is None or not is_file(images.with_stem("cameras")):
         return ours
-    file = model / "cameras.txt"
-    lines = data_lines(read_text(file))
-    if len(lines) != 1:
-        raise InputError("one camera", path=file, found=len(lines))
-    number, line = lines[0]
-    _, kind, *values = [*line.split(), "", ""]
-    known = {"PINHOLE": 6, "SIMPLE_PINHOLE": 5}
-    if kind not in known:
-        expected = f"a camera {' or '.join(known)}, without distortion"
-        raise InputError(expected, path=file, line=number, found=kind)
-    what = "WIDTH HEIGHT and the numbers of a " + kind
-    w, h, *f, cx, cy = numbers_in(file, values[:-2], known[kind], what)
-    pinhole = PinholeCamera(int(w), int(h), f[0], f[-1], cx - 0.5, cy - 0.5)
-    if ours is None:
-        return SequenceCamera(pinhole)
-    return SequenceCamera(pinhole, ours.depth_units_per_metre)
-
-
-def _truth(folder: Path) -> Path | None:
-    model = _model(folder)
-    return model / "images.txt" if model else None
+    file = images.with_stem("cameras")
+    known = read_cameras(file)
+    used = colmap.camera_numbers(images)
+    if missing := sorted(used.difference(known)):
+        expected = f"the cameras of {images.name}"
+        raise InputError(expected, path=file, found=f"no camera {missing[0]}")
+    cameras = {known[number] for number in used}
+    if len(cameras) != 1:
+        expected = "one camera, the same for all images"
+        raise InputError(expected, path=file, found=f"{len(cameras)} different cameras")
+    (camera,) = cameras
+    if not camera.model.is_pinhole:
+        pinholes = ", ".join(model.name for model in MODELS if model.is_pinhole)
+        expected = f"a camera model that is a pinhole without distortion ({pinholes})"
+        raise InputError(expected, path=file, found=camera.model.name)
+    f = camera.focal_lengths
+    cx, cy = camera.centre
+    with within(file):
+        pinhole = PinholeCamera(camera.width, camera.height, f[0], f[-1], cx - 0.5, cy - 0.5)
+    found = replace(ours or SequenceCamera(pinhole), pinhole=pinhole)
+    return replace(found, notes=(DISTORTED,)) if any(camera.coefficients) else found
 
 
 FORMAT = SequenceFormat(
@@ -180,7 +183,7 @@ FORMAT = SequenceFormat(
     "and a test split; depth/",
     lambda frame, kind: f"{_FOLDERS.get(kind, kind)}/{frame.number:06}.png",
     _write,
-    Reader(_found, _rows, _camera, _truth),
+    Reader(lambda folder: _images(folder) is not None, _rows, _camera, _images),
     stamps="numbers",
     depth_stamps=False,
     every_pose=True,

@@ -4,23 +4,25 @@
 
 import csv
 import io
-import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...channels import DEPTH, RGB
-from ...errors import InputError
+from ...errors import InputError, within
 from ...formats.depth_units import UNITS_PER_METRE, check_units
-from ...formats.files import atomic_write_text, read_text
+from ...formats.files import atomic_write_text, is_file, read_text
 from ...formats.stamps import stamp_text_of_ns
+from ...formats.yaml_files import read_yaml
+from ...geometry.se3 import SE3
+from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, names, pose_of
 from ..layout import (
     Contents,
     Reader,
     Row,
     SequenceCamera,
     SequenceFormat,
-    is_distorted,
     numbers_in,
     pinhole_of,
     truth_at,
@@ -30,6 +32,18 @@ from ..layout import (
 _LIST = "rgb.csv"
 _CAMERA = "calibration.yaml"
 _TRUTH = "groundtruth.csv"
+#: Name of the camera that the list and the depth images belong to.
+_NAME = "rgb_0"
+#: Keys of a camera (VSLAM-LAB's DatasetVSLAMLab_calibration.py).
+KEYS = Keys(
+    used=names("cam_name focal_length principal_point depth_factor T_BS"),
+    harmless=names("cam_type depth_name image_dimension fps"),
+    required={
+        "cam_model": any_of("pinhole"),
+        "distortion_type": any_of(*WITHOUT_PROJECTION),
+    },
+    distortion=names("distortion_coefficients"),
+)
 _COLUMNS = ("ts_rgb_0 (ns)", "path_rgb_0", "ts_depth_0 (ns)", "path_depth_0")
 
 
@@ -86,22 +100,42 @@ def _rows(folder: Path) -> list[Row]:
     return sorted(found)
 
 
+def _said(folder: Path) -> dict[str, Any]:
+    """What the file says of the camera of the list; {} without a file."""
+    file = folder / _CAMERA
+    if not is_file(file):
+        return {}
+    cameras = read_yaml(file).get("cameras")
+    entries = cameras if isinstance(cameras, list) else []
+    for entry in entries:
+        if isinstance(entry, dict) and entry.get("cam_name", _NAME) == _NAME:
+            return entry
+    raise InputError(f"the camera {_NAME} in the list cameras", path=file, found="none")
+
+
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
     file = folder / _CAMERA
-    if not file.is_file():
+    said = _said(folder)
+    if not said:
         return None
-    text = read_text(file)
-    pattern = r"(focal_length|principal_point|depth_factor): *\[?([^\]\n]*)\]?"
-    values = dict(re.findall(pattern, text))
-    numbers = []
+    notes = KEYS.notes([said], file)
+    values: list[Any] = []
     for name in ("focal_length", "principal_point"):
-        numbers += values.get(name, "").split(",")
+        value = said.get(name)
+        values += value if isinstance(value, list) else [value]
     what = "focal_length: [fx, fy], principal_point: [cx, cy]"
-    fx, fy, cx, cy = numbers_in(file, numbers, 4, what)
-    units = values.get("depth_factor", str(UNITS_PER_METRE)).strip(" ,")
+    fx, fy, cx, cy = numbers_in(file, values, 4, what)
+    units = said.get("depth_factor", UNITS_PER_METRE)
     (per_metre,) = numbers_in(file, [units], 1, "depth_factor as a number")
-    pinhole = pinhole_of(image, fx, fy, cx, cy)
-    return SequenceCamera(pinhole, check_units(per_metre), distorted=is_distorted(text))
+    with within(file):
+        pinhole = pinhole_of(image, fx, fy, cx, cy)
+        return SequenceCamera(pinhole, check_units(per_metre), notes=notes)
+
+
+def _mount(folder: Path) -> SE3 | None:
+    """The pose of the camera in the body, which the ground truth follows."""
+    T_body_camera = pose_of(_said(folder).get("T_BS"), folder / _CAMERA)
+    return None if np.array_equal(T_body_camera.matrix, np.eye(4)) else T_body_camera
 
 
 FORMAT = SequenceFormat(
@@ -109,6 +143,6 @@ FORMAT = SequenceFormat(
     "VSLAM-LAB: rgb_0/, depth_0/, rgb.csv and groundtruth.csv in nanoseconds, calibration.yaml",
     lambda f, kind: f"{kind}_0/{f.number:06}.png",
     _write,
-    Reader(lambda folder: (folder / _LIST).is_file(), _rows, _camera, truth_at(_TRUTH)),
+    Reader(lambda folder: (folder / _LIST).is_file(), _rows, _camera, truth_at(_TRUTH), _mount),
     stamps="ns",
 )

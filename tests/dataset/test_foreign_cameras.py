@@ -1,0 +1,457 @@
+"""What files of other programs say of the camera is applied, refused or noted, never ignored without
+a word.
+"""
+
+import json
+import math
+import re
+import shutil
+import struct
+
+import numpy as np
+import pytest
+from iclnuim.dataset.frames import find_pairs, image_frames, load_truth, read_camera, read_truth
+from iclnuim.dataset.inspection import inspect_sequence
+from iclnuim.dataset.known_keys import DISTORTED
+from iclnuim.errors import InputError
+from iclnuim.formats.colmap_cameras import MODELS
+from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.geometry.se3 import SE3
+
+CAMERA_KEYS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
+BODY = SE3.exp(np.array([0.1, -0.2, 0.05, 0.3, 1.2, -0.7]))
+
+
+@pytest.fixture
+def copied(all_formats, tmp_path):
+    """`copied(name)`: an own copy of the sequence in this format."""
+
+    def copy(name: str):
+        return shutil.copytree(all_formats / name, tmp_path / name)
+
+    return copy
+
+
+def camera_of(folder):
+    return read_camera(folder, find_pairs(folder)[0].rgb)
+
+
+def matrix_text(T: SE3) -> str:
+    return ", ".join(f"{value:.17g}" for value in T.matrix.ravel())
+
+
+def replaced(path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert re.search(old, text)
+    path.write_text(re.sub(old, lambda found: new, text))
+
+
+def changed_nerf(copied, change):
+    folder = copied("nerf")
+    content = json.loads((folder / "transforms.json").read_text())
+    change(content)
+    (folder / "transforms.json").write_text(json.dumps(content))
+    return folder
+
+
+def into_frames(content):
+    own = {key: content.pop(key) for key in CAMERA_KEYS}
+    content["frames"] = [frame | own for frame in content["frames"]]
+
+
+def angles_alone(content):
+    for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"):
+        del content[key]
+
+
+def degrees_alone(content):
+    content["x_fov"] = math.degrees(content["camera_angle_x"])
+    for key in ("fl_x", "fl_y", "camera_angle_x", "camera_angle_y"):
+        del content[key]
+
+
+def names_without_endings(content):
+    for frame in content["frames"]:
+        for key in ("file_path", "depth_file_path"):
+            frame[key] = "./" + frame[key].removesuffix(".png")
+
+
+def windows_names(content):
+    for frame in content["frames"]:
+        for key in ("file_path", "depth_file_path"):
+            frame[key] = frame[key].replace("/", "\\")
+
+
+def depth_path_alone(content):
+    for frame in content["frames"]:
+        del frame["depth_file_path"]
+
+
+def three_rows(content):
+    for frame in content["frames"]:
+        del frame["transform_matrix"][3]
+
+
+def texts(content):
+    for frame in content["frames"]:
+        rows = frame["transform_matrix"]
+        frame["transform_matrix"] = [[repr(value) for value in row] for row in rows]
+    content |= {key: str(content[key]) for key in CAMERA_KEYS}
+
+
+def scaled_poses(content):
+    content["applied_scale"] = 0.25
+    for frame in content["frames"]:
+        for row in frame["transform_matrix"][:3]:
+            row[3] *= 0.25
+
+
+def other_key_of_the_depth_scale(content):
+    content["depth_unit_scale_factor"] = content.pop("integer_depth_scale")
+
+
+def neutral(content):
+    content |= {"camera_model": "PINHOLE", "is_fisheye": False, "k3": 0, "k4": None}
+    content |= {"applied_transform": np.eye(4)[:3].tolist(), "scale": 1.0, "offset": [0, 0, 0]}
+    content |= {"aabb_scale": 16, "applied_scale": 1, "orientation_override": "none"}
+    content |= {"rolling_shutter": [0, 0, 0, 0], "ply_file_path": "sparse.ply"}
+    content["frames"][0]["colmap_im_id"] = 4
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        into_frames,
+        angles_alone,
+        degrees_alone,
+        names_without_endings,
+        windows_names,
+        depth_path_alone,
+        three_rows,
+        texts,
+        scaled_poses,
+        other_key_of_the_depth_scale,
+        neutral,
+    ],
+)
+def test_transforms_of_other_programs_are_the_same_sequence(copied, all_formats, change):
+    folder = changed_nerf(copied, change)
+    camera = camera_of(folder)
+    expected = camera_of(all_formats / "nerf")
+    assert camera.pinhole.intrinsics == pytest.approx(expected.pinhole.intrinsics, rel=1e-9)
+    assert camera.depth_units_per_metre == pytest.approx(expected.depth_units_per_metre)
+    assert camera.notes == ()
+    truth = read_truth(all_formats / "nerf").T_world_camera.matrix
+    assert np.allclose(read_truth(folder).T_world_camera.matrix, truth, atol=1e-12)
+    assert [pair.depth.name for pair in find_pairs(folder)] == [
+        pair.depth.name for pair in find_pairs(all_formats / "nerf")
+    ]
+    assert inspect_sequence(folder).odd == inspect_sequence(all_formats / "nerf").odd
+
+
+def in_a_frame(**values):
+    return lambda content: content["frames"][2].update(values)
+
+
+def in_all(**values):
+    return lambda content: content.update(values)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (in_a_frame(fl_x=40), "frames with the same camera, found fl_x from 40 to 48"),
+        (in_a_frame(cy=22.5), "the same camera, found cy"),
+        (in_a_frame(w=32), "the same camera, found w"),
+        (in_all(camera_model="OPENCV_FISHEYE"), "pinhole camera, found camera_model OPENCV_FISH"),
+        (in_all(camera_model="EQUIRECTANGULAR"), "pinhole camera, found camera_model"),
+        (in_a_frame(camera_model="ORTHOPHOTO"), "pinhole camera, found camera_model"),
+        (in_all(is_fisheye=True), "pinhole camera, found is_fisheye"),
+        (in_all(orthographic=True), "pinhole camera, found orthographic"),
+        (in_all(ftheta_p0=0.0), "pinhole camera, found ftheta_p0"),
+        (in_all(from_mitsuba=True), "from_mitsuba"),
+        (in_all(integer_depth_scale=-1), "one depth scale above 0"),
+        (in_all(depth_unit_scale_factor=0.001), "one depth scale .* 0.0002 and 0.001"),
+        (in_all(camera_angle_x=0), "camera_angle_x of less than half a turn"),
+        (in_all(fl_y="wide"), "a number for fl_y"),
+        (in_all(cx=[32]), "a number for cx"),
+        (in_all(h=1e400), "finite|JSON|number"),
+    ],
+)
+def test_transforms_with_another_camera_are_refused(copied, change, message):
+    folder = changed_nerf(copied, change)
+    with pytest.raises(InputError, match=message) as error:
+        camera_of(folder)
+    assert "transforms.json" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "note"),
+    [
+        (in_a_frame(k1=0.1), DISTORTED),
+        (in_all(k3=0.1), DISTORTED),
+        (in_all(p2="0.001"), DISTORTED),
+        (in_all(distortion_params=[0, 0, 0, 0, 0, 0.1]), DISTORTED),
+        (
+            in_all(applied_transform=[[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0]]),
+            "applied_transform",
+        ),
+        (in_all(scale=0.33), "scale 0.33"),
+        (in_all(offset=[0.5, 0.5, 0.5]), r"offset \[0.5"),
+        (in_all(orientation_override="up"), "orientation_override up"),
+        (in_all(rolling_shutter=[0, 0, 1, 0]), "rolling_shutter"),
+        (in_a_frame(mask_path="masks/2.png"), "mask_path"),
+        (in_a_frame(transform_matrix_start=[[1]]), "transform_matrix_start"),
+        (in_all(depth_offset=0.5), "depth_offset 0.5"),
+        (in_all(camera_angle_x=1.0), "fl_x gives a focal length of 48 .*camera_angle_x gives 58"),
+    ],
+)
+def test_what_transforms_say_and_is_not_applied_is_noted(copied, change, note, command_here):
+    folder = changed_nerf(copied, change)
+    assert any(re.search(note, sentence) for sentence in camera_of(folder).notes)
+    assert any(re.search(note, sentence) for sentence in inspect_sequence(folder).odd)
+    code, _, noted = command_here("convert", folder, folder.parent / "out")
+    assert code == 0 and re.search(note, noted)
+
+
+@pytest.mark.parametrize(
+    ("format", "depth"), [("nerf", "depth/000002.png"), ("colmap", "depth/000002.png")]
+)
+def test_a_frame_without_its_depth_image_is_left_out_with_a_note(
+    copied, format, depth, command_here
+):
+    folder = copied(format)
+    (folder / depth).unlink()
+    assert [pair.number for pair in find_pairs(folder)] == [0, 1, 3]
+    found = inspect_sequence(folder)
+    assert not any("000002.png" in error for error in found.wrong)
+    assert any("000002.png" in warning for warning in found.odd)
+    code, _, noted = command_here("convert", folder, folder.parent / "out")
+    assert code == 0 and "000002.png" in noted
+    shutil.rmtree(folder / "depth")
+    with pytest.raises(InputError, match="depth/000000.png for 000000.png, found none"):
+        find_pairs(folder)
+
+
+def test_a_frame_of_transforms_that_names_no_depth_is_left_out(copied):
+    folder = changed_nerf(copied, lambda content: content["frames"].append({"file_path": "a.png"}))
+    assert len(find_pairs(folder)) == 4
+
+
+def with_body(folder, file: str, T: SE3):
+    replaced(folder / file, r"\[1.0, 0.0, 0.0, 0.0, 0.0, 1.0[^\]]*\]", f"[{matrix_text(T)}]")
+
+
+@pytest.mark.parametrize(
+    ("format", "files"),
+    [
+        ("euroc", ("mav0/cam0/sensor.yaml", "mav0/depth0/sensor.yaml")),
+        ("vslam-lab", ("calibration.yaml",)),
+    ],
+)
+def test_poses_of_a_body_become_those_of_its_camera(
+    copied, all_formats, format, files, command_here
+):
+    folder = copied(format)
+    for file in files:
+        with_body(folder, file, BODY)
+    truth = read_truth(all_formats / format)
+    moved = read_truth(folder)
+    expected = (truth.T_world_camera @ BODY).matrix
+    assert np.allclose(moved.T_world_camera.matrix, expected, atol=1e-9)
+    assert "T_BS" in load_truth(folder).read_as.sentence
+    assert camera_of(folder).notes == ()
+    # a copy in the same format has the poses of the camera, not the file of the body
+    numbers = image_frames(folder).numbers
+    assert image_frames(folder).truth_file(numbers) is None
+    assert image_frames(all_formats / format).truth_file(numbers) is not None
+    code, _, _ = command_here("convert", folder, folder.parent / "out")
+    written = read_truth(folder.parent / "out").T_world_camera.matrix
+    assert code == 0 and np.allclose(written, expected, atol=1e-6)
+
+
+def test_euroc_poses_of_another_body_than_the_cameras_are_converted(copied, all_formats):
+    folder = copied("euroc")
+    for file in ("mav0/cam0/sensor.yaml", "mav0/depth0/sensor.yaml"):
+        with_body(folder, file, BODY)
+    tracked = SE3.exp(np.array([0, 0.3, 0.1, 1, 0.4, 0.2]))
+    rows = "\n    ".join(f"{value:.17g}," for value in tracked.matrix.ravel()).removesuffix(",")
+    sensor = folder / "mav0/state_groundtruth_estimate0/sensor.yaml"
+    sensor.write_text(f"%YAML:1.0\n# Vicon\nT_BS: !!opencv-matrix\n  rows: 4\n  data: [{rows}]\n")
+    expected = read_truth(all_formats / "euroc").T_world_camera @ tracked.inverse() @ BODY
+    assert np.allclose(read_truth(folder).T_world_camera.matrix, expected.matrix, atol=1e-9)
+
+
+CAMERAS = ("mav0/cam0/sensor.yaml", "mav0/depth0/sensor.yaml", "calibration.yaml")
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "note"),
+    [
+        (0, r"\[0.0, 0.0, 0.0, 0.0\]", "[-0.28, 0.07, 0, 0]", DISTORTED),
+        (1, r"\[0.0, 0.0, 0.0, 0.0\]", "\n  - 0.0\n  - 0.01", DISTORTED),
+        (
+            0,
+            "comment",
+            "timeshift_cam_imu: 0.0125\ncomment",
+            "sensor.yaml .* timeshift_cam_imu 0.01",
+        ),
+        (1, "comment", "shutter: rolling\ncomment", "shutter rolling"),
+        (0, "data: .*", f"data: [{matrix_text(BODY)}]", "T_BS of cam0 and depth0 differ"),
+        (2, "fps", "distortion_coefficients: [0.26, -0.95],\n     fps", DISTORTED),
+        (2, "fps", "line_delay: 0.00003,\n     fps", "line_delay 0.00003"),
+    ],
+)
+def test_what_a_sensor_file_says_and_is_not_applied_is_noted(copied, file, old, new, note):
+    folder = copied("vslam-lab" if file == 2 else "euroc")
+    replaced(folder / CAMERAS[file], old, new)
+    assert any(re.search(note, sentence) for sentence in camera_of(folder).notes)
+    assert any(re.search(note, sentence) for sentence in inspect_sequence(folder).odd)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "message"),
+    [
+        (0, "radial-tangential", "equidistant", "found distortion_model equidistant"),
+        (1, "camera_model: pinhole", "camera_model: omni", "found camera_model omni"),
+        (0, "data: .*", "data: [1, 2]", "T_BS with the 16 numbers"),
+        (0, "data: .*", f"data: [{'2, ' * 15}2]", "sensor.yaml"),
+        (1, "resolution: .*", "resolution: [64]", "resolution: .w, h. and intrinsics"),
+        (1, "resolution: .*", "resolution: [64, 48", "sensor.yaml:.*: expected YAML"),
+        (2, "cam_model: pinhole", "cam_model: pinhole, distortion_type: equid4", "equid4"),
+        (2, "cam_name: rgb_0", "cam_name: rgb_1", "the camera rgb_0"),
+    ],
+)
+def test_a_sensor_file_of_another_camera_is_refused(copied, file, old, new, message):
+    folder = copied("vslam-lab" if file == 2 else "euroc")
+    replaced(folder / CAMERAS[file], old, new)
+    with pytest.raises(InputError, match=message) as error:
+        camera_of(folder)
+    assert str(folder) in str(error.value)
+
+
+def test_another_colour_camera_of_euroc_is_read(copied):
+    folder = copied("euroc")
+    replaced(folder / CAMERAS[0], "intrinsics: .*", "intrinsics: [50, 50, 30, 24]")
+    camera = camera_of(folder)
+    assert camera.colour.intrinsics.tolist() == [50, 50, 30, 24]
+    assert camera.pinhole.intrinsics.tolist() == [48, 48, 31.5, 23.5]
+
+
+def test_the_camera_of_vslam_lab_is_that_of_the_list_also_beside_a_second_one(copied):
+    folder = copied("vslam-lab")
+    text = (folder / CAMERAS[2]).read_text()
+    second = "  - {cam_name: rgb_1, cam_model: pinhole, focal_length: [1, 1], fps: 30}\n"
+    (folder / CAMERAS[2]).write_text(text + second)
+    assert camera_of(folder).pinhole.fx == 48
+
+
+NUMBERS = "64 48"
+
+
+@pytest.mark.parametrize(
+    ("line", "note"),
+    [
+        ("1 SIMPLE_PINHOLE 64 48 48 32 24", ()),
+        ("1 SIMPLE_RADIAL 64 48 48 32 24 0", ()),
+        ("1 RADIAL 64 48 48 32 24 0 0.0", ()),
+        ("1 OPENCV 64 48 48 48 32 24 0 0 0 0", ()),
+        ("1 FULL_OPENCV 64 48 48 48 32 24 0 0 0 0 0 0 0 0", ()),
+        ("1 DIVISION 64 48 48 48 32 24 0", ()),
+        ("1 PINHOLE 64 48 48 48 32 24\n7 PINHOLE 64 48 90 90 32 24", ()),
+        ("1 SIMPLE_RADIAL 64 48 48 32 24 -0.02", (DISTORTED,)),
+        ("1 OPENCV 64 48 48 48 32 24 0 0 0 0.001", (DISTORTED,)),
+    ],
+)
+def test_cameras_of_colmap(copied, line, note):
+    folder = copied("colmap")
+    (folder / "sparse/0/cameras.txt").write_text(f"# cameras\n{line}\n")
+    camera = camera_of(folder)
+    assert camera.pinhole.intrinsics.tolist() == [48, 48, 31.5, 23.5]
+    assert camera.notes == note and camera.depth_units_per_metre == 5000
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("1 OPENCV_FISHEYE 64 48 48 48 32 24 0 0 0 0", "pinhole .*found OPENCV_FISHEYE"),
+        ("1 FOV 64 48 48 48 32 24 0", "pinhole .*found FOV"),
+        ("1 SIMPLE_FISHEYE 64 48 48 32 24", "pinhole .*found SIMPLE_FISHEYE"),
+        ("1 EQUIRECTANGULAR 64 48 64 48", "pinhole .*found EQUIRECTANGULAR"),
+        ("1 NEW 64 48 48 32 24", "a camera model of COLMAP, found NEW"),
+        ("1", "a camera model of COLMAP"),
+        ("1 PINHOLE 64 48 48 32 24", "numbers of a PINHOLE"),
+        ("1 PINHOLE 64 48 48 x 32 24", "numbers of a PINHOLE"),
+        ("2 PINHOLE 64 48 48 48 32 24", "the cameras of images.txt, found no camera 1"),
+    ],
+)
+def test_other_cameras_of_colmap_are_refused(copied, lines, message):
+    folder = copied("colmap")
+    (folder / "sparse/0/cameras.txt").write_text(lines + "\n")
+    with pytest.raises(InputError, match=message) as error:
+        camera_of(folder)
+    assert "cameras.txt" in str(error.value)
+
+
+def second_camera(folder, line: str) -> None:
+    model = folder / "sparse/0"
+    replaced(model / "images.txt", " 1 000002.png", " 2 000002.png")
+    (model / "cameras.txt").write_text(f"1 PINHOLE 64 48 48 48 32 24\n{line}\n")
+
+
+def test_images_of_several_cameras_in_colmap(copied):
+    folder = copied("colmap")
+    second_camera(folder, "2 PINHOLE 64 48 48 48 32 24")
+    assert camera_of(folder).pinhole.fx == 48
+    (folder / "sparse/0/cameras.txt").write_text(
+        "1 PINHOLE 64 48 48 48 32 24\n2 PINHOLE 64 48 50 50 32 24\n"
+    )
+    with pytest.raises(InputError, match="one camera, .* found 2 different cameras"):
+        camera_of(folder)
+
+
+def made_binary(model) -> None:
+    """A model's text files as binary ones, by COLMAP's description of them."""
+    lines = [line for line in (model / "images.txt").read_text().splitlines()[1:] if line.strip()]
+    images = [line.split() for line in lines if line.endswith(".png")]
+    data = struct.pack("<Q", len(images))
+    for number, *pose, camera, name in images:
+        data += struct.pack("<I7dI", int(number), *map(float, pose), int(camera))
+        data += name.encode() + b"\0" + struct.pack("<Q2ddq", 2, 0, 0, 0, 0)[:8]
+        data += struct.pack("<ddqddq", 1.5, 2.5, -1, 3.5, 4.5, 7)
+    (model / "images.bin").write_bytes(data)
+    camera = struct.pack("<QIiQQ4d", 1, 1, 1, 64, 48, 48, 48, 32, 24)
+    (model / "cameras.bin").write_bytes(camera)
+    for file in model.glob("*.txt"):
+        file.unlink()
+
+
+def test_a_binary_model_of_colmap_is_read(copied, all_formats):
+    folder = copied("colmap")
+    made_binary(folder / "sparse/0")
+    assert camera_of(folder) == camera_of(all_formats / "colmap")
+    names = [pair.rgb.name for pair in find_pairs(folder)]
+    assert names == [pair.rgb.name for pair in find_pairs(all_formats / "colmap")]
+    expected = read_truth(all_formats / "colmap").T_world_camera.matrix
+    assert np.allclose(read_truth(folder).T_world_camera.matrix, expected, atol=1e-12)
+    assert read_trajectory(folder / "sparse/0/images.bin").read_as.format == "colmap"
+    whole = (folder / "sparse/0/images.bin").read_bytes()
+    for data in (whole[:-40], b"", whole[:90]):
+        (folder / "sparse/0/images.bin").write_bytes(data)
+        with pytest.raises(InputError, match=r"images.bin: expected a whole binary file"):
+            find_pairs(folder)
+
+
+def test_a_binary_camera_of_colmap_that_is_damaged_or_unknown_is_refused(copied):
+    folder = copied("colmap")
+    made_binary(folder / "sparse/0")
+    file = folder / "sparse/0/cameras.bin"
+    whole = file.read_bytes()
+    for data, message in (
+        (whole[:-1], "a whole binary file"),
+        (whole[:12] + struct.pack("<i", len(MODELS)) + whole[16:], "a camera model of COLMAP"),
+        (whole[:12] + struct.pack("<i", 5) + whole[16:], "a whole binary file"),
+    ):
+        file.write_bytes(data)
+        with pytest.raises(InputError, match=message):
+            camera_of(folder)
