@@ -62,10 +62,12 @@ NAMES = {
     "scannet": "pose/1.txt",
 }
 NAMES |= {"nerf": "transforms.json", "tum-inverse": "inverse.txt", "tum-wxyz": "wxyz.txt"}
+NAMES |= {"open3d": "trajectory.json", "named-columns": "named.csv", "matrix-blocks": "a.log"}
+NAMES |= {"tum-unstamped": "poses.txt", "positions": "positions.txt"}
 #: Read beside whole files of the same folder.
 FOLDERS = {"pov-cameras": "scene_0000.txt", "scannet": "0.txt"}
 #: By default a fifth of the damaged files.
-FEWER = ("scannet", "nerf", "vslam-lab", "tartanair")
+FEWER = ("scannet", "nerf", "open3d", "vslam-lab", "tartanair", "tum-unstamped")
 
 
 def flip_bytes(rng, data: bytes) -> bytes:
@@ -206,6 +208,33 @@ def content_of(format: str) -> bytes:
     if format == "tum-wxyz":
         fields = [line.split() for line in trajectory_text(WALK, "tum").splitlines()[1:]]
         return "".join(" ".join(q[:4] + q[7:] + q[4:7]) + "\n" for q in fields).encode()
+    if format == "open3d":
+        cameras = [
+            {"class_name": "PinholeCameraParameters", "extrinsic": matrix.T.ravel().tolist()}
+            for matrix in WALK.T_world_camera.inverse().matrix
+        ]
+        content = {"class_name": "PinholeCameraTrajectory", "parameters": cameras}
+        return json.dumps(content, indent=1).encode()
+    if format == "named-columns":
+        names = ",time [us],p_x,p_y,p_z,q_w,q_x,q_y,q_z,note\n"
+        fields = [line.split() for line in trajectory_text(WALK, "tum").splitlines()[1:]]
+        return (
+            names.encode()
+            + "".join(
+                f"{i},{1e6 * float(q[0]):.0f},{','.join(q[1:4] + q[7:] + q[4:7])},word\n"
+                for i, q in enumerate(fields)
+            ).encode()
+        )
+    if format == "matrix-blocks":
+        text = ""
+        for i, matrix in enumerate(WALK.T_world_camera.matrix):
+            rows = "\n".join(" ".join(f"{value:.16f}" for value in row) for row in matrix)
+            text += f"{i} {i} {i + 1}\n{rows}\n"
+        return text.encode()
+    if format in ("tum-unstamped", "positions"):
+        fields = [line.split() for line in trajectory_text(WALK, "tum").splitlines()[1:]]
+        kept = slice(1, 8) if format == "tum-unstamped" else slice(0, 4)
+        return "".join(" ".join(q[kept]) + "\n" for q in fields).encode()
     return trajectory_text(WALK, format).encode()
 
 
@@ -229,7 +258,7 @@ def test_damaged_trajectories_are_read_or_refused(tmp_path, format, files):
         content_of(format),
         [1],
         files,
-        lambda: read_trajectory(source, next(forms)),
+        lambda: read_trajectory(source, next(forms), positions_suffice=format == "positions"),
         check_trajectory,
     )
     assert taken > files / 40 and refused > files / 4

@@ -94,7 +94,7 @@ CASES = {
         1,
         ["4x4 matrix", "0 0 1 1"],
     ),
-    "15 columns": ("a.txt", "1 " * 15, 1, ["12, 13 or 16", "found 15 columns"]),
+    "15 columns": ("a.txt", "1 " * 15, 1, ["12, 13, 16 or 17", "found 15 columns"]),
     "an image without number": (
         "images.txt",
         IMAGE + IMAGE.replace("7.png", "x.png"),
@@ -117,7 +117,7 @@ CASES = {
         "a.txt",
         TUM + "3.0 1e30 0 0 0 0 0 1\n",
         3,
-        ["at most 1e+06 m", "1e+30 m", "unit"],
+        ["at most 2.5e+07 m", "1e+30 m", "unit"],
     ),
     "ids that are none": (
         "a.gt.freiburg",
@@ -176,7 +176,12 @@ CASES = {
     "a value of words": ("c.txt", COMMAND.replace("val21=0", "val21=x0"), 1, ["found val21=x0"]),
     "a value twice": ("c.txt", COMMAND.strip() + " Declare=val00=1\n", 1, ["each once"]),
     "the same image twice": ("c.txt", COMMAND * 2, 2, ["frame number above the 1"]),
-    "9 columns of CSV": ("a.csv", "1,0,0,0,1,0,0,0,0\n", 1, ["8 or 17 columns", "found 9 columns"]),
+    "9 columns of CSV": (
+        "a.csv",
+        "1,0,0,0,1,0,0,0,0\n",
+        1,
+        ["8, 11 or 17 columns", "found 9 columns"],
+    ),
     "an empty field": ("a.csv", CSV + "2,0,,0,1,0,0,0\n", 2, ["separated by commas", "''"]),
     "a zero quaternion in CSV": (
         "a.csv",

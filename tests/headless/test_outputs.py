@@ -391,16 +391,15 @@ def test_values_of_image_files_are_not_taken_for_metres_or_light():
 
 
 @pytest.mark.parametrize(
-    ("header", "stamp", "expected"),
+    ("stamp", "expected"),
     [
-        ("", "1.033333", "stamps in whole nanoseconds, as in EuRoC, found 1.033333"),
-        ("", "1000000001", "stamps in nanoseconds, as in EuRoC, found stamps 1 apart"),
-        ("#timestamp,x,y,z,qx,qy,qz,qw\n", "1033333000", "columns qw, qx, qy, qz, as in EuRoC"),
+        ("1.033333", "stamps in whole nanoseconds, as in EuRoC, found 1.033333"),
+        ("1000000001", "stamps in nanoseconds, as in EuRoC, found stamps 1 apart"),
     ],
-    ids=["seconds", "frame numbers", "order"],
+    ids=["seconds", "frame numbers"],
 )
-def test_a_tum_file_with_commas_is_not_read_as_euroc(tmp_path, header, stamp, expected, capsys):
-    (tmp_path / "est.csv").write_text(f"{header}1000000000,0,0,0,0,0,0,1\n{stamp},0,0,1,0,0,0,1\n")
+def test_a_tum_file_with_commas_is_not_read_as_euroc(tmp_path, stamp, expected, capsys):
+    (tmp_path / "est.csv").write_text(f"1000000000,0,0,0,0,0,0,1\n{stamp},0,0,1,0,0,0,1\n")
     assert main(["trajectory", "info", str(tmp_path / "est.csv")]) == 2
     error = capsys.readouterr().err
     assert expected in error and "blanks instead of commas" in error

@@ -16,7 +16,15 @@ from ..evaluation.associate import nearest
 from ..formats.associations import LARGEST_NUMBER
 from ..formats.depth_units import metres_from_depth16
 from ..formats.exr import read_exr
-from ..formats.files import data_lines, is_file, read_bytes, read_json, real_path, sha256
+from ..formats.files import (
+    data_lines,
+    is_file,
+    read_bytes,
+    read_json,
+    read_text,
+    real_path,
+    sha256,
+)
 from ..formats.images import ARRAY, image_header, read_array, read_colour8, seen_by
 from ..formats.png import read_depth16
 from ..formats.trajectories import FORMATS, LoadedTrajectory, read_trajectory
@@ -428,7 +436,7 @@ class _TruthOfSome:
         data = read_bytes(self._path)
         if len(rows) == len(self._loaded.trajectory):
             return format, data
-        text = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+        text = read_text(self._path).replace("\r\n", "\n").replace("\r", "\n")
         lines = [number for number, _ in data_lines(text)][first_pose:]
         if len(lines) != len(self._loaded.trajectory):  # lines that repeat a stamp were left out
             return None

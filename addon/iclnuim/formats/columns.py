@@ -6,7 +6,7 @@ Numbers are read by numpy; the invalid line is searched only after an error.
 import io
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,20 +59,27 @@ MATRIX = Columns((3, 7, 11), (0, 1, 2, 4, 5, 6, 8, 9, 10))
 class NumberTable:
     """Values (n, columns), and a function that returns file and line (from 1) of a row. `ticks`:
     ticks per second of the stamps in column 0, or None if it contains frame numbers or a pose.
+
+    Of a file that names its columns: columns, where they are in `values`; metres, the unit of
+    positions (None if it is not named); note, what else to tell of it.
     """
 
     values: np.ndarray
     place: Callable[[int], tuple[str | os.PathLike[str], int | None]]
     ticks: float | None = None
+    columns: Columns | None = None
+    metres: float | None = None
+    note: str = ""
 
     @property
     def is_numbered(self) -> bool:
-        """Whether a frame number precedes the twelve numbers of a 3x4 matrix."""
+        """Whether a frame number or a stamp precedes the twelve numbers of a 3x4 matrix."""
         return self.values.shape[1] == 13
 
     def at(self, rows: np.ndarray) -> "NumberTable":
         """The table of some rows (m,)."""
-        return NumberTable(self.values[rows], lambda row: self.place(int(rows[row])), self.ticks)
+        values = self.values[rows]
+        return replace(self, values=values, place=lambda row: self.place(int(rows[row])))
 
     def error(self, row: int, expected: str, found: object, hint: str | None = None) -> InputError:
         path, line = self.place(int(row))
@@ -80,37 +87,45 @@ class NumberTable:
 
 
 def read_table(
-    source: Source, columns: tuple[int, ...], expected: str, delimiter: str | None = None
+    source: Source, columns: tuple[int, ...], expected: str, used: tuple[int, ...] | None = None
 ) -> NumberTable:
     """Read all lines that are neither blank nor comments (#). Each must have one of the given
-    numbers of columns; a lost pose may be nan or inf.
+    numbers of columns, or, of any number, the columns `used` from 0, which are read alone. A lost
+    pose may be nan or inf.
 
     Raises InputError with the first invalid line; `expected` describes a valid line.
     """
     if not source.first_lines:
         raise InputError(expected, path=source.path, found="comments alone")
-    text = io.StringIO(source.text, newline=None)
+    text = io.StringIO(source.table)
+    form = {"delimiter": source.delimiter, "usecols": used}
     try:
-        values = np.loadtxt(text, dtype=float, comments="#", delimiter=delimiter, ndmin=2)
-    except (ValueError, OverflowError):
-        raise _first_bad_line(source, columns, expected, delimiter) from None
-    table = NumberTable(values, lambda row: (source.path, data_lines(source.text)[row][0]))
-    if values.shape[1] not in columns:
+        values = np.loadtxt(text, ndmin=2, **form)  # type: ignore[call-overload]
+    except (ValueError, OverflowError, IndexError):
+        raise _first_bad_line(source, columns, expected, used) from None
+    table = NumberTable(values, lambda row: (source.path, data_lines(source.table)[row][0]))
+    if used is None and values.shape[1] not in columns:
         raise table.error(0, expected, f"{values.shape[1]} columns")
     return table
 
 
 def _first_bad_line(
-    source: Source, columns: tuple[int, ...], expected: str, delimiter: str | None
+    source: Source, columns: tuple[int, ...], expected: str, used: tuple[int, ...] | None
 ) -> InputError:
     usual = None
-    for number, line in data_lines(source.text):
-        fields = line.split(delimiter)
-        bad = next((field for field in fields if not is_number(field)), None)
+    for number, line in data_lines(source.table):
+        fields = line.split(source.delimiter)
+        read = fields
+        if used is not None:
+            read = [fields[column] for column in used if column < len(fields)]
+        bad = next((field for field in read if not is_number(field)), None)
         if bad is not None:
             return InputError(expected, path=source.path, line=number, found=repr(bad.strip()[:40]))
         usual = usual or len(fields)
-        if len(fields) not in columns or len(fields) != usual:
+        wrong = len(fields) not in columns or len(fields) != usual
+        if used is not None:
+            wrong = len(read) < len(used)
+        if wrong:
             found = f"{len(fields)} columns"
             return InputError(expected, path=source.path, line=number, found=found)
     return InputError(expected, path=source.path, found="lines that cannot be read as numbers")

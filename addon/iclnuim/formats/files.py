@@ -2,6 +2,7 @@
 file and line.
 """
 
+import codecs
 import errno
 import hashlib
 import json
@@ -264,13 +265,14 @@ def is_file(path: str | os.PathLike[str]) -> bool:
 
 
 def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
-    """Read UTF-8 text.
+    """Read text in UTF-8 or UTF-16.
 
     Raises InputError for a missing, unreadable, empty or binary file, and for a saved web page.
     """
     data = read_bytes(path, what)
     if not data.strip():
         raise InputError(what, path=path, found="an empty file")
+    data = _utf8_of_utf16(data)
     if b"\0" in data:
         raise InputError(what, path=path, found="a binary file")
     try:
@@ -285,6 +287,24 @@ def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
             what, path=path, line=1, found="a web page", hint="downloading the file itself again"
         )
     return text
+
+
+def _utf8_of_utf16(data: bytes) -> bytes:
+    """Text in UTF-16, with its mark or with a zero in every second of the first bytes, as UTF-8;
+    other data unchanged.
+    """
+    start = data[:64]
+    encoding = ""
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encoding = "utf-16"
+    elif len(start) > 1 and not any(start[1::2]) and all(start[::2]):
+        encoding = "utf-16-le"
+    elif len(start) > 1 and not any(start[::2]) and all(start[1::2]):
+        encoding = "utf-16-be"
+    try:
+        return data.decode(encoding).encode() if encoding else data
+    except UnicodeError:
+        return data
 
 
 def data_lines(text: str) -> list[tuple[int, str]]:

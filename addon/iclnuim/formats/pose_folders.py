@@ -1,5 +1,5 @@
-"""Poses as matrices: ScanNet's folder with one file per frame, and transforms.json of NeRF
-programs.
+"""Poses as matrices: ScanNet's folder with one file per frame, transforms.json of NeRF programs,
+and Open3D's camera trajectories.
 """
 
 import itertools
@@ -81,6 +81,27 @@ def _applied_scale(path: Path, content: dict) -> float:
     if not 1e-6 <= scale <= 1e6:
         raise InputError(f"{APPLIED_SCALE} of 1e-6 to 1e6", path=path, found=f"{scale:g}")
     return float(scale)
+
+
+def is_open3d(source: Source) -> bool:
+    """Whether a file is JSON with the class of Open3D's camera trajectories."""
+    return source.path.suffix.lower() == ".json" and '"PinholeCameraTrajectory"' in source.text
+
+
+def open3d_rows(source: Source) -> NumberTable:
+    """(n, 12): three rows of each world-to-camera matrix; in the file it is column by column."""
+    cameras = read_json(source.path).get("parameters")
+    valid = isinstance(cameras, list) and all(isinstance(camera, dict) for camera in cameras)
+    if not cameras or not valid:
+        raise InputError("a list of parameters", path=source.path)
+    found = []
+    for camera in cameras:
+        matrix = camera.get("extrinsic")
+        values = _numbers(source.path, matrix if isinstance(matrix, list) else [])
+        if len(values) == 16:
+            values = values.reshape(4, 4).T.ravel()
+        found.append(_rows_of(source.path, values))
+    return NumberTable(np.array(found), lambda row: (source.path, None))
 
 
 def _numbers(path: Path, values: list) -> np.ndarray:

@@ -13,23 +13,51 @@ LARGEST_STAMP_S = 1e11
 LARGEST_FRAME = 10**9
 #: A stamp may differ from its frame's time by this share of a frame.
 STAMP_SLACK = 0.01
-#: Stamps whose median step is longer are nanoseconds (10,000 frames per second), not seconds (one
-#: frame per day).
-LONGEST_STEP_S = 1e5
+#: Stamps of a clock of this century, 1990 to 2100 in seconds since 1970, are recognised in any unit
+#: by their size if they are not further apart than the second number.
+_CLOCK_S = (6.3e8, 4.1e9)
+_CLOCK_STEP_S = 100.0
+#: Other stamps are told by their median step: nanoseconds from a million (a thousand frames per
+#: second), and whole microseconds from a thousand, which would be twenty minutes.
+_STEP_NS = 1e6
+_STEP_US = 1e3
+#: Ticks per second of the units of stamps.
+_TICKS = (1.0, 1e3, 1e6, 1e9)
 #: Whole numbers whose median step is shorter (10,000 frames per second) are no nanoseconds.
 SHORTEST_STEP_NS = 1e5
 
 
 def stamp_ticks(stamps: np.ndarray) -> float:
-    """Ticks per second of stamps (n,): 1, or 1e9 if the median step, or a single stamp, is far too
-    large for seconds.
-    """
+    """Ticks per second of stamps (n,): 1, 1e3, 1e6 or 1e9, by their size or their median step."""
     stamps = stamps[np.isfinite(stamps)]
     steps = np.diff(stamps)
     steps = steps[steps > 0]
-    if steps.size:
-        return 1e9 if np.median(steps) > LONGEST_STEP_S else 1.0
-    return 1e9 if np.abs(stamps).max(initial=0) > LARGEST_STAMP_S else 1.0
+    step = float(np.median(steps)) if steps.size else 0.0
+    size = float(np.median(np.abs(stamps))) if stamps.size else 0.0
+    for ticks in _TICKS:
+        if _CLOCK_S[0] <= size / ticks <= _CLOCK_S[1] and step / ticks < _CLOCK_STEP_S:
+            return ticks
+    if step >= _STEP_NS or not steps.size and size > LARGEST_STAMP_S:
+        return 1e9
+    whole = bool((stamps == np.rint(stamps)).all())
+    return 1e6 if whole and step >= _STEP_US and steps.size > 1 else 1.0
+
+
+def ticks_unless_frames(numbers: np.ndarray) -> float | None:
+    """Ticks per second of a column (n,) of stamps; None if it has frame numbers: whole numbers of
+    no clock.
+    """
+    finite = numbers[np.isfinite(numbers)]
+    ticks = stamp_ticks(finite)
+    whole = (finite == np.rint(finite)).all() and finite.max(initial=0) <= LARGEST_FRAME
+    return None if whole and ticks == 1.0 else ticks
+
+
+def plausible(stamps: np.ndarray, ticks: float) -> bool:
+    """Whether the median step of stamps (n,) in this unit is 10 microseconds to a day."""
+    steps = np.diff(stamps)
+    steps = steps[steps > 0] / ticks
+    return not steps.size or bool(1e-5 <= np.median(steps) <= 1e5)
 
 
 def seconds_of(

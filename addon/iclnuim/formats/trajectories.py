@@ -30,20 +30,25 @@ def read_trajectory(
     *,
     rate_hz: float = FRAME_RATE_HZ,
     unit_m: float = 1.0,
+    positions_suffice: bool = False,
 ) -> LoadedTrajectory:
     """Read a right-handed trajectory of cv camera poses (camera to world, metres), and how the file
     was read.
 
     `format` is a name of FORMATS; without it, the format is detected by name and content. `rate_hz`
     is used if a file has frame numbers. `unit_m` is the file's unit of length in metres (0.01 for
-    the office's POV-Ray files).
+    the office's POV-Ray files). `positions_suffice`: also read a file without rotations, whose
+    rotations are then the identity.
 
     Raises InputError with file and line for a file that cannot be read.
     """
     options = FileOptions(rate_hz, unit_m)
     source = colmap.source_of(path)
     format = format or sniffed(source)
-    return _known(format).reader.read(format, source, options)
+    loaded = _known(format).reader.read(format, source, options)
+    if not (loaded.read_as.has_rotations or positions_suffice):
+        raise InputError("poses with rotations", path=path, found="positions alone")
+    return loaded
 
 
 def write_trajectory(

@@ -9,7 +9,16 @@ import numpy as np
 from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
-from . import anchored, colmap, number_rows, pose_folders, pov, trajectory_writer
+from . import (
+    anchored,
+    colmap,
+    matrix_blocks,
+    named_rows,
+    number_rows,
+    pose_folders,
+    pov,
+    trajectory_writer,
+)
 from .anchored import ANCHORED_WORLD
 from .columns import MATRIX, SCALAR_FIRST, SCALAR_LAST, Columns, NumberTable
 from .trajectory_reader import TrajectoryReader
@@ -22,6 +31,15 @@ from .trajectory_writer import TrajectoryWriter
 FAR_M = 50.0
 
 
+_UNITS_OF_TICKS = {
+    None: "frames",
+    1.0: "seconds",
+    1e3: "milliseconds",
+    1e6: "microseconds",
+    1e9: "nanoseconds",
+}
+
+
 class TrajectoryFormat(NamedTuple):
     """A trajectory format; writer: None if it is only read."""
 
@@ -30,8 +48,23 @@ class TrajectoryFormat(NamedTuple):
 
 
 def _numbering(source: Source, table: NumberTable, trajectory: Trajectory) -> str:
-    """The unit of a table's first column: frames, seconds or nanoseconds."""
-    return {None: "frames", 1.0: "seconds"}.get(table.ticks, "nanoseconds")
+    """The unit of a table's first column: frames or a unit of time."""
+    return _UNITS_OF_TICKS[table.ticks]
+
+
+def _stamps(source: Source, table: NumberTable, trajectory: Trajectory) -> str:
+    """The stamps of a table with stamps, with frame numbers, or with neither."""
+    if table.ticks is not None:
+        return f"stamps in {_UNITS_OF_TICKS[table.ticks]}"
+    columns = table.columns or MATRIX.shifted(int(table.is_numbered))
+    if columns.leave_first:
+        return "stamps 1 + frame number/{rate} s"
+    return "stamps 1 + line/{rate} s, lines from 0"
+
+
+def _named(source: Source, table: NumberTable, trajectory: Trajectory) -> str:
+    """The stamps, and the names in the header."""
+    return f"{' '.join(source.names)}; {_stamps(source, table, trajectory)}"
 
 
 def _tum_stamps(source: Source, table: NumberTable, trajectory: Trajectory) -> str:
@@ -86,9 +119,11 @@ _POV = Columns((9, 10, 11), (0, 3, 6, 1, 4, 7, 2, 5, 8))
 _POSE = "%.9f %.9f %.9f %.12f %.12f %.12f %.12f\n"
 _POSE_WITH_COMMAS = "%d," + _POSE.replace(" ", ",")
 _MATRIX_LINE = " ".join((["%.12f"] * 3 + ["%.9f"]) * 3) + "\n"
-_matrix_rows = number_rows.plain_rows(
+_pov_rows = number_rows.plain_rows(
     (12, 13), "12 columns of a 3x4 matrix, or 13 with the frame number first"
 )
+_unstamped_rows = number_rows.plain_rows((7,), "7 columns: tx ty tz qx qy qz qw")
+_UNSTAMPED = Columns((0, 1, 2), (3, 4, 5, 6))
 _MIRRORED = "LEFT-handed y-up poses made right-handed by mirroring y"
 _FROM_POV = f"(y up), converted to {OUR_WORLD}, stamps 1 + frame/{{rate}} s"
 _RIGHT_IN_OWN = f"right-handed camera-to-world poses in {OWN_WORLD}"
@@ -114,6 +149,36 @@ FORMATS = {
             "transforms.json: OpenGL camera poses converted to right-handed cv camera poses in "
             f"{OWN_WORLD}, stamps 1 + number/{{rate}} s by the images' names",
             convert=axes.world_cv_from_world_blender,
+        )
+    ),
+    # PinholeCameraTrajectory in JSON, world to camera
+    "open3d": TrajectoryFormat(
+        TrajectoryReader(
+            pose_folders.open3d_rows,
+            MATRIX,
+            "Open3D's camera trajectory: world-to-camera poses inverted to right-handed "
+            f"camera-to-world poses in {OWN_WORLD}, {{how}}",
+            convert=SE3.inverse,
+            how=_stamps,
+        )
+    ),
+    # any table whose header names its columns in an order of its own
+    "named-columns": TrajectoryFormat(
+        TrajectoryReader(
+            named_rows.named_rows,
+            SCALAR_LAST,
+            f"columns as the header names them ({{how}}), {_RIGHT_IN_OWN}",
+            how=_named,
+        )
+    ),
+    # 4x4 matrices; with the line of frame numbers the .log of Redwood, the augmented ICL-NUIM data
+    # set and Open3D
+    "matrix-blocks": TrajectoryFormat(
+        TrajectoryReader(
+            matrix_blocks.block_rows,
+            MATRIX,
+            f"blocks of a 4x4 matrix (as in Redwood's .log): {_RIGHT_IN_OWN}, {{how}}",
+            how=_stamps,
         )
     ),
     # ICL-NUIM's own format, one file per frame
@@ -216,7 +281,8 @@ FORMATS = {
         TrajectoryReader(
             number_rows.euroc_rows,
             SCALAR_FIRST,
-            "EuRoC: stamps in nanoseconds, world <- body taken as " + _RIGHT_IN_OWN,
+            "EuRoC: stamps in {how}, world <- body taken as " + _RIGHT_IN_OWN,
+            how=_numbering,
             first_pose=0,
         ),
         TrajectoryWriter(
@@ -232,7 +298,7 @@ FORMATS = {
     ),
     "pov-matrix": TrajectoryFormat(
         TrajectoryReader(
-            _matrix_rows,
+            _pov_rows,
             MATRIX,
             f"pov-matrix: LEFT-handed poses in the POV world {_FROM_POV}{{how}}",
             convert=axes.world_cv_from_pov,
@@ -251,7 +317,10 @@ FORMATS = {
     ),
     "kitti": TrajectoryFormat(
         TrajectoryReader(
-            _matrix_rows, MATRIX, f"KITTI rows: {_RIGHT_IN_OWN}, stamps 1 + frame/{{rate}} s"
+            number_rows.matrix_rows,
+            MATRIX,
+            f"KITTI rows: {_RIGHT_IN_OWN}, {{how}}",
+            how=_stamps,
         ),
         TrajectoryWriter(
             _MATRIX_LINE,
@@ -266,7 +335,8 @@ FORMATS = {
         TrajectoryReader(
             number_rows.square_rows,
             MATRIX,
-            f"Replica rows: {_RIGHT_IN_OWN}, stamps 1 + line/{{rate}} s, lines from 0",
+            f"Replica rows: {_RIGHT_IN_OWN}, {{how}}",
+            how=_stamps,
         ),
         TrajectoryWriter(
             _MATRIX_LINE.replace("\n", " 0 0 0 1\n"),
@@ -291,8 +361,8 @@ FORMATS = {
     # x forward, y right, z down
     "tartanair": TrajectoryFormat(
         TrajectoryReader(
-            number_rows.plain_rows((7,), "7 columns: tx ty tz qx qy qz qw"),
-            Columns((0, 1, 2), (3, 4, 5, 6)),
+            _unstamped_rows,
+            _UNSTAMPED,
             "TartanAir: poses in NED axes (x forward, y right, z down) converted to "
             f"{OUR_WORLD}, stamps 1 + line/{{rate}} s, lines from 0",
             convert=axes.world_cv_from_ned,
@@ -300,11 +370,29 @@ FORMATS = {
         ),
         TrajectoryWriter(
             _POSE,
-            Columns((0, 1, 2), (3, 4, 5, 6)),
+            _UNSTAMPED,
             "TartanAir: 7 columns, poses in NED axes (x forward, y right, z down)" + _NO_STAMPS,
             trajectory_writer.ned_alone,
             word="pose_left",
         ),
+    ),
+    "tum-unstamped": TrajectoryFormat(
+        TrajectoryReader(
+            _unstamped_rows,
+            _UNSTAMPED,
+            f"TUM without stamps: {_RIGHT_IN_OWN}, {{how}} (the format tartanair reads its 7 "
+            "columns as poses in NED axes)",
+            how=_stamps,
+        )
+    ),
+    # positions alone, as of a laser tracker or a satellite receiver
+    "positions": TrajectoryFormat(
+        TrajectoryReader(
+            number_rows.position_rows,
+            SCALAR_LAST,
+            f"positions without rotations, {{how}}, in {OWN_WORLD}",
+            how=_stamps,
+        )
     ),
     "tum": TrajectoryFormat(
         TrajectoryReader(

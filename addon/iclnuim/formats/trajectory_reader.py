@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,8 +15,13 @@ from .files import data_lines
 from .stamps import seconds_of
 from .trajectory_source import OWN_WORLD, FileOptions, LoadedTrajectory, ReadAs, Source
 
-#: Larger positions (a thousand kilometres) are rejected as damaged.
+#: Positions further from the first one (a thousand kilometres) are rejected as damaged.
 LARGEST_POSITION_M = 1e6
+#: Positions up to here, which include all coordinates of maps (UTM 1e7, Web Mercator 2.004e7), are
+#: moved to the first one.
+LARGEST_COORDINATE_M = 2.5e7
+#: A rotation matrix that is this far from a rotation (largest entry of R^T R - I) is mentioned.
+_NOTABLE = 1e-3
 _EMPTY_LINE = re.compile(r"[\n\r][^\S\n\r]*[\n\r]")
 
 
@@ -52,31 +57,51 @@ class TrajectoryReader:
         A row without a finite pose is left out; the numbers of the other rows do not change.
         """
         every = self.rows(source)
-        columns = self.columns.shifted(1) if every.is_numbered else self.columns
+        columns = every.columns or self.columns.shifted(int(every.is_numbered))
         counted = np.arange(len(every.values))
         if not columns.leave_first:
             counted += _empty_lines_before(source, every)
         kept = _finite_rows(every, columns)
         table = every.at(kept)
-        poses = _poses(table, columns, options.unit_m)
+        unit_m = options.unit_m
+        if unit_m == 1.0 and table.metres:
+            unit_m = table.metres
+        poses, few_digits = _poses(table, columns, unit_m)
         if self.convert:
             poses = self.convert(poses)
+        poses, shift_m = _near_the_origin(table, poses)
         stamps = table.values[:, 0] if columns.leave_first else counted[kept].astype(float)
         stamps_s, rows = seconds_of(table, stamps, options.rate_hz, self.hint)
         trajectory = Trajectory(stamps_s, poses[rows])
         how = self.how(source, table, trajectory)
-        sentence = self.sentence.format(rate=f"{options.rate_hz:g}", how=how)
-        repeated = len(poses) - len(rows)
-        if repeated:
-            sentence += f"; {repeated} repeated stamp{'s' * (repeated > 1)} left out"
-        row_count = int(counted[-1]) + 1
-        lost = row_count - len(poses)
-        if lost:
-            sentence += f"; {lost} of {row_count} rows have no finite pose and are left out"
-        read_as = ReadAs(format, self.handedness, self.world, sentence, repeated, lost)
+        read_as = ReadAs(
+            format,
+            self.handedness,
+            self.world,
+            self.sentence.replace("{how}", how).replace("{rate}", f"{options.rate_hz:g}"),
+            repeated=len(poses) - len(rows),
+            lost=int(counted[-1]) + 1 - len(poses),
+            shift_m=shift_m,
+            has_rotations=bool(columns.orientation),
+        )
+        read_as = _with_remarks(read_as, table.note + few_digits, int(counted[-1]) + 1)
         if columns.leave_first:
             return LoadedTrajectory(trajectory, read_as)
-        return LoadedTrajectory(trajectory, read_as, counted[kept], row_count)
+        return LoadedTrajectory(trajectory, read_as, counted[kept], int(counted[-1]) + 1)
+
+
+def _with_remarks(read_as: ReadAs, note: str, row_count: int) -> ReadAs:
+    """The same with what was changed or left out in its sentence."""
+    sentence = read_as.sentence + note
+    if any(read_as.shift_m):
+        first = " ".join(f"{metres:.10g}" for metres in read_as.shift_m)
+        sentence += f"; positions are relative to the first one, {first} m"
+    if read_as.repeated:
+        plural = "s" * (read_as.repeated > 1)
+        sentence += f"; {read_as.repeated} repeated stamp{plural} left out"
+    if read_as.lost:
+        sentence += f"; {read_as.lost} of {row_count} rows have no finite pose and are left out"
+    return replace(read_as, sentence=sentence)
 
 
 def _finite_rows(table: NumberTable, columns: Columns) -> np.ndarray:
@@ -104,19 +129,43 @@ def _empty_lines_before(source: Source, table: NumberTable) -> np.ndarray:
     return before if 2 * before[-1] < len(before) else none
 
 
-def _poses(table: NumberTable, columns: Columns, unit_m: float) -> SE3:
-    """The poses in a table's columns, with positions in units of `unit_m`.
+def _poses(table: NumberTable, columns: Columns, unit_m: float) -> tuple[SE3, str]:
+    """The poses in a table's columns, with positions in units of `unit_m`, and a note on their
+    rotations. Without columns of an orientation, rotations are the identity.
 
     Raises InputError with the line.
     """
     positions_m = table.values[:, columns.position] * unit_m
+    _check_lengths(table, positions_m, LARGEST_COORDINATE_M)
+    if not columns.orientation:
+        return SE3(np.broadcast_to(np.eye(3), (len(positions_m), 3, 3)), positions_m), ""
+    values = table.values[:, columns.orientation]
+    rotations = _rotations(table, values)
+    note = ""
+    if values.shape[1] == 9 and np.abs(rotations.reshape(-1, 9) - values).max() > _NOTABLE / 2:
+        note = "; its rotation matrices have few digits and were made orthonormal"
+    return SE3(rotations, positions_m), note
+
+
+def _near_the_origin(table: NumberTable, poses: SE3) -> tuple[SE3, tuple[float, ...]]:
+    """The poses, and what was subtracted from their positions: the first one if they are as large
+    as the coordinates of maps. Raises InputError with the line of a position that is still far.
+    """
+    shift_m = np.zeros(3)
+    if np.abs(poses.translation).max() > LARGEST_POSITION_M:
+        shift_m = poses.translation[0]
+    moved_m = poses.translation - shift_m
+    _check_lengths(table, moved_m, LARGEST_POSITION_M)
+    return SE3(poses.rotation, moved_m), tuple(shift_m.tolist())
+
+
+def _check_lengths(table: NumberTable, positions_m: np.ndarray, limit_m: float) -> None:
     largest = np.abs(positions_m).max(axis=1)
-    absurd = np.flatnonzero(~(largest <= LARGEST_POSITION_M))
+    absurd = np.flatnonzero(~(largest <= limit_m))
     if absurd.size:
-        expected = f"a position of at most {LARGEST_POSITION_M:g} m"
+        expected = f"a position of at most {limit_m:g} m"
         found = f"{largest[absurd[0]]:g} m"
         raise table.error(absurd[0], expected, found, "another unit or another format")
-    return SE3(_rotations(table, table.values[:, columns.orientation]), positions_m)
 
 
 def _rotations(table: NumberTable, values: np.ndarray) -> np.ndarray:

@@ -5,9 +5,9 @@ import re
 import numpy as np
 
 from ..errors import InputError
-from . import colmap, pose_folders
+from . import colmap, matrix_blocks, named_rows, pose_folders
 from .anchored import starts_as_official
-from .files import data_lines
+from .files import data_lines, is_number
 from .number_rows import VSLAM_LAB_STAMP
 from .trajectory_source import Source
 
@@ -48,20 +48,27 @@ def is_freiburg(source: Source) -> bool:
 
 
 def is_sim(source: Source) -> bool:
-    """Whether a file is named `*.gt.sim`, or starts with four numbers."""
+    """Whether a file is named `*.gt.sim`, or starts with a rotation and a position."""
     if source.name.endswith(".gt.sim"):
         return True
-    return source.columns == 4 and source.starts_with_numbers
+    rows = source.first_rows[:3]
+    fields = sum(rows, [])
+    if [len(row) for row in rows] != [4, 4, 4] or not all(map(is_number, fields)):
+        return False
+    rotation = np.array(fields, float).reshape(3, 4)[:, :3]
+    if not np.abs(rotation).max() < 2:
+        return False
+    return bool(np.abs(rotation @ rotation.T - np.eye(3)).max() < 0.1)
 
 
 def is_vslam_lab(source: Source) -> bool:
     """Whether the first line has the names of VSLAM-LAB's columns."""
-    return "".join(source.first_lines[:1]).lower().startswith(VSLAM_LAB_STAMP)
+    return source.header.lstrip().startswith(VSLAM_LAB_STAMP)
 
 
 def is_euroc(source: Source) -> bool:
-    """Whether a line has a comma."""
-    return any("," in line for line in source.first_lines)
+    """Whether commas separate the columns."""
+    return source.delimiter == ","
 
 
 def is_pov_matrix(source: Source) -> bool:
@@ -75,22 +82,42 @@ def is_kitti(source: Source) -> bool:
 
 
 def is_replica(source: Source) -> bool:
-    """Whether the first line has the numbers of a 4x4 matrix."""
-    return source.columns == 16 and source.starts_with_numbers
+    """Whether the first line has the numbers of a 4x4 matrix, or a number before them."""
+    if not source.starts_with_numbers or source.columns not in (16, 17):
+        return False
+    last = [float(field) for field in source.first_rows[0][-4:]]
+    return source.columns == 16 or last == [0, 0, 0, 1] or not np.isfinite(last).all()
 
 
 def is_colmap(source: Source) -> bool:
     """Whether the first line is one of COLMAP's images."""
-    return bool(source.first_lines) and colmap.names_an_image(source.first_lines[0])
+    lines = source.first_lines
+    return bool(lines) and colmap.names_an_image(lines[0]) and is_number(lines[0].split()[0])
 
 
 def is_tartanair(source: Source) -> bool:
+    """Whether a file of poses without stamps has a name that TartanAir's programs use, or is beside
+    TartanAir's images.
+    """
+    if not is_unstamped(source):
+        return False
+    folder = source.path.parent
+    named = re.fullmatch(r"pose_(left|right|gt|est|[lr]cam_\w+)\.txt", source.name)
+    return bool(named) or any(map(folder.glob, _TARTANAIR_FOLDERS))
+
+
+def is_unstamped(source: Source) -> bool:
     """Whether the first line has seven numbers that end in a unit quaternion, or a lost pose."""
     if source.columns != 7 or not source.starts_with_numbers:
         return False
-    quaternion = [float(field) for field in source.first_lines[0].split()[3:]]
-    norm = np.linalg.norm(quaternion)
+    norm = np.linalg.norm([float(field) for field in source.first_rows[0][3:]])
     return bool(abs(norm - 1) < 0.01 or not np.isfinite(norm))
+
+
+def is_positions(source: Source) -> bool:
+    """Whether the first two lines have three numbers, or a stamp and three."""
+    lengths = {len(row) for row in source.first_rows}
+    return source.starts_with_numbers and (lengths == {3} or lengths == {4})
 
 
 def is_tum(source: Source) -> bool:
@@ -98,22 +125,28 @@ def is_tum(source: Source) -> bool:
     return source.columns == 8
 
 
+_TARTANAIR_FOLDERS = ("image_left", "depth_left", "image_lcam_*", "depth_lcam_*")
 #: Format -> whether a file has it, in the order in which they are asked: the first that answers
 #: yes is the file's format. A format that is not listed is only read by its name.
 SNIFFED = {
     "scannet": pose_folders.is_scannet,
+    "open3d": pose_folders.is_open3d,
     "nerf": is_nerf,
     "pov-cameras": is_pov_camera,
     "pov-commands": is_pov_command,
+    "colmap": is_colmap,
     "gt.freiburg": is_freiburg,
     "gt.sim": is_sim,
+    "tartanair": is_tartanair,
+    "named-columns": named_rows.is_named,
     "vslam-lab": is_vslam_lab,
-    "euroc": is_euroc,
     "pov-matrix": is_pov_matrix,
     "kitti": is_kitti,
     "replica": is_replica,
-    "colmap": is_colmap,
-    "tartanair": is_tartanair,
+    "tum-unstamped": is_unstamped,
+    "matrix-blocks": matrix_blocks.is_blocks,
+    "positions": is_positions,
+    "euroc": is_euroc,
     "tum": is_tum,
 }
 
@@ -124,8 +157,9 @@ def sniffed(source: Source) -> str:
         if has_it(source):
             return format
     expected = (
-        "a trajectory: 8 columns (TUM), 12, 13 or 16 (matrix rows), blocks of 3 lines with 4, "
-        "POV-Ray commands, CSV or COLMAP's images.txt"
+        "a trajectory: 8 columns (TUM), 12, 13, 16 or 17 (matrix rows), 7 (without stamps), 3 or 4 "
+        "(positions), blocks of a matrix, POV-Ray commands, CSV, COLMAP's images.txt, or a header "
+        "that names the columns"
     )
     if not source.columns:
         raise InputError(expected, path=source.path, found="comments alone")

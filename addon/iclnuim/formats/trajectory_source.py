@@ -10,10 +10,16 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
+from .column_names import names_in
 from .files import data_lines, is_number, read_text
 
 OWN_WORLD = "the file's own world"
 OUR_WORLD = "our world (metres, z up)"
+_DATA = re.compile(r"^[^\S\n]*[^#\s]", re.MULTILINE)
+#: Names of columns are searched in so many of the comments before the first line of data.
+_COMMENTS = 20
+_LONGEST_LINE = 10_000
+_QUOTES_AND_BRACKETS = str.maketrans(dict.fromkeys("\"'[]"))
 
 
 @dataclass(frozen=True)
@@ -21,6 +27,8 @@ class ReadAs:
     """How a file was read: format, handedness of its poses, world of the resulting trajectory, and
     a sentence for the user. repeated: number of stamps that were left out because they repeat the
     previous one. lost: number of rows without a finite pose, which were left out.
+    shift_m: what was subtracted from all positions, in `frame`. has_rotations: whether the file has
+    rotations; without them, those of the trajectory are the identity.
     """
 
     format: str
@@ -29,6 +37,8 @@ class ReadAs:
     sentence: str
     repeated: int = 0
     lost: int = 0
+    shift_m: tuple[float, ...] = (0.0, 0.0, 0.0)
+    has_rotations: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +80,6 @@ class Source:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
 
-    def with_text(self, text: str) -> "Source":
-        """The same path with another text."""
-        other = Source(self.path)
-        other.__dict__["text"] = text
-        return other
-
     @property
     def name(self) -> str:
         """The file's name in lower case."""
@@ -83,38 +87,103 @@ class Source:
 
     @cached_property
     def text(self) -> str:
-        """The text of the file.
+        """The text of the file, with line ends \\n.
 
         Raises InputError for a missing, empty or binary file or a web page.
         """
-        return read_text(self.path, "a trajectory file")
+        text = read_text(self.path, "a trajectory file")
+        return text.replace("\r\n", "\n").replace("\r", "\n")
+
+    @cached_property
+    def table(self) -> str:
+        """The text for a reader of columns: a line of names is a comment, and quotes, brackets and
+        separators at the ends of lines are left out. Line numbers are those of the text.
+        """
+        start, end = self._title
+        mark = "#" if end > start else ""
+        return self._plain(f"{self.text[:start]}{mark}{self.text[start:]}")
+
+    def _plain(self, text: str) -> str:
+        text = text.translate(_QUOTES_AND_BRACKETS)
+        if self.delimiter == ";":
+            text = text.replace(",", ".")
+        if self._first_line.endswith((",", ";")):
+            text = re.sub(r"[,;][^\S\n]*$", "", text, flags=re.MULTILINE)
+        return text
 
     @cached_property
     def header(self) -> str:
-        """The comment lines (#) before the first line of data, in lower case."""
+        """The comment lines (#) before the first line of data, and a line of names there, in lower
+        case.
+        """
         return self.text[: self._first_data].lower()
+
+    @cached_property
+    def names(self) -> list[str]:
+        """The names of the columns in the last line before the data that names x, y and z; [] if
+        none does.
+        """
+        for line in self.text[: self._first_data].split("\n")[: -_COMMENTS - 1 : -1]:
+            if names := names_in(line[:_LONGEST_LINE]):
+                return names
+        return []
+
+    @property
+    def has_title(self) -> bool:
+        """Whether a line of names is no comment."""
+        start, end = self._title
+        return end > start
 
     @cached_property
     def first_lines(self) -> list[str]:
         """The first two lines of data, without comments; fewer if the file has fewer."""
-        start = self.text[self._first_data : self._first_data + 10_000]
+        start = self.text[self._first_data : self._first_data + _LONGEST_LINE]
         return [line for _, line in data_lines(start)][:2]
+
+    @cached_property
+    def delimiter(self) -> str | None:
+        """What parts the columns of the first line of data: a semicolon, a comma, or (None) blanks
+        and tabs.
+        """
+        inside = self._first_line.rstrip(",;")
+        return next((sign for sign in ";," if sign in inside), None)
+
+    @cached_property
+    def first_rows(self) -> list[list[str]]:
+        """The fields of the first four lines of data; fewer if the file has fewer."""
+        start = self.text[self._first_data : self._first_data + _LONGEST_LINE]
+        lines = data_lines(self._plain(start))[:4]
+        return [[field.strip() for field in line.split(self.delimiter)] for _, line in lines]
 
     @property
     def columns(self) -> int:
-        """The number of columns, separated by blanks, of the first line of data."""
-        return len(self._first_fields)
+        """The number of columns of the first line of data."""
+        return len(self.first_rows[0]) if self.first_rows else 0
 
     @property
     def starts_with_numbers(self) -> bool:
         """Whether every field of the first line of data is a number."""
-        return bool(self.first_lines) and all(map(is_number, self._first_fields))
+        return bool(self.first_rows) and all(map(is_number, self.first_rows[0]))
 
     @property
-    def _first_fields(self) -> list[str]:
-        return self.first_lines[0].split() if self.first_lines else []
+    def _first_line(self) -> str:
+        return "".join(self.first_lines[:1])
+
+    @cached_property
+    def _title(self) -> tuple[int, int]:
+        """Where the first line that is no comment starts and ends if it names columns; an empty
+        range if it does not.
+        """
+        found = _DATA.search(self.text)
+        if not found:
+            return len(self.text), len(self.text)
+        start = found.start()
+        end = self.text.find("\n", start)
+        if end < 0 or not names_in(self.text[start : min(end, start + _LONGEST_LINE)]):
+            return start, start
+        return start, end
 
     @cached_property
     def _first_data(self) -> int:
-        found = re.search(r"^[^\S\n]*[^#\s]", self.text, re.MULTILINE)
+        found = _DATA.search(self.text, self._title[1])
         return found.start() if found else len(self.text)
