@@ -80,6 +80,12 @@ class Source:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
 
+    def with_text(self, text: str) -> "Source":
+        """The same path with another text."""
+        other = Source(self.path)
+        other.__dict__["text"] = text
+        return other
+
     @property
     def name(self) -> str:
         """The file's name in lower case."""
