@@ -112,12 +112,16 @@ def _camera(args: argparse.Namespace, console: Console) -> None:
     with opened_scene("trajectory camera", str(Path(args.scene).resolve()), reading):
         import bpy
         from iclnuim.blender.render import camera as cameras
+        from iclnuim.blender.render.camera_notes import camera_notes
 
-        camera = cameras.active(bpy.context.scene, args.camera_object)
-        animated = cameras.trajectory(bpy.context.scene, camera if args.camera_object else None)
-        lens = cameras.pinhole(bpy.context.scene, camera)
-        if note := cameras.timeline_note(bpy.context.scene):
-            console.note(f"note: {note}")
+        scene = bpy.context.scene
+        camera = cameras.active(scene, args.camera_object)
+        chosen = camera if args.camera_object else None
+        animated = cameras.trajectory(scene, chosen)
+        lens = cameras.pinhole(scene, camera)
+        for note in (cameras.timeline_note(scene), *camera_notes(scene, chosen)):
+            if note:
+                console.note(f"note: {note}")
     write_trajectory(out, animated, "tum")
     figures: dict[str, Any] = {"frames": len(animated)}
     if len(animated) > 1:

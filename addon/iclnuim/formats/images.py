@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from . import png
+from .exif import refuse_turned
 from .files import atomic_write, read_bytes
 from .libraries import first_library
 from .png import PngHeader
@@ -21,6 +22,9 @@ ARRAY = ".npy"
 _QUALITY = 100
 _NUMPY = b"\x93NUMPY"
 _JPEG = b"\xff\xd8\xff"
+#: The segment of a JPEG with EXIF data, and how it starts.
+_APP1 = 0xE1
+_EXIF = b"Exif\0\0"
 _MAX_PIXELS = 1 << 28
 
 
@@ -149,7 +153,7 @@ def _start(path: str | os.PathLike[str]) -> bytes:
 def _jpeg_header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
     """Size and kind from the frame header (SOF).
 
-    Raises InputError if the file has no end marker or is damaged.
+    Raises InputError if the file has no end marker, is damaged, or is to be turned.
     """
     place = 2
     cut = InputError("a whole JPEG image", path=path, found="a truncated or damaged file")
@@ -158,6 +162,8 @@ def _jpeg_header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
     while place + 9 <= len(data) and data[place] == 0xFF:
         marker = data[place + 1]
         size = struct.unpack_from(">H", data, place + 2)[0]
+        if marker == _APP1 and data[place + 4 : place + 10] == _EXIF:
+            refuse_turned(data[place + 10 : place + 2 + size], path)
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             bits, height, width, channels = struct.unpack_from(">BHHB", data, place + 4)
             if not 0 < width * height <= _MAX_PIXELS or bits != 8:

@@ -18,6 +18,7 @@ from types import ModuleType
 import numpy as np
 
 from ..errors import InputError
+from .exif import refuse_turned
 from .files import atomic_write, read_bytes
 from .libraries import first_library
 
@@ -148,7 +149,8 @@ def _chunk(kind: bytes, content: bytes) -> tuple[bytes, ...]:
 
 def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
     """The content of the file and its header, after a check that every chunk is complete and has
-    the right checksum. OpenCV would decode half a file without an error.
+    the right checksum, and that the image is not to be turned. OpenCV would decode half a file
+    without an error.
     """
     data = read_bytes(path, "a PNG image")
     header = _header(path, data)
@@ -164,6 +166,8 @@ def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
         checksum = struct.unpack_from(">I", data, end - 4)[0]
         if zlib.crc32(memoryview(data)[place + 4 : end - 4]) != checksum:
             raise InputError("a whole PNG image", path=path, found="a wrong checksum", hint=_AGAIN)
+        if kind == b"eXIf":
+            refuse_turned(data[place + 8 : end - 4], path)
         place = end
     return data, header
 

@@ -14,6 +14,7 @@ import numpy as np
 from .. import shipped
 from ..blender.light import light_map
 from ..blender.render import camera
+from ..blender.render.camera_notes import camera_notes
 from ..dataset.run_folder import read_run
 from ..errors import IclnuimError, InputError, WorkError
 from ..formats import exr, png
@@ -41,7 +42,7 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
     settings = context.scene.iclnuim
     if settings.trajectory_source == "CAMERA":
         loaded = camera.trajectory(context.scene)
-        sentence = "the active camera's animation"
+        sentence = "; ".join(["the active camera's animation", *camera_notes(context.scene)])
     elif settings.trajectory_source == "FILE":
         if not settings.trajectory_file:
             hint = "choosing one under {trajectory}"

@@ -22,17 +22,17 @@ def moving_names(scene: bpy.types.Scene) -> list[str]:
     """
     moving = _timed_names(scene)
     for thing in scene.objects:
-        if thing.type == "CAMERA" or (thing.hide_render and not _varies(thing)):
+        if thing.type == "CAMERA" or (thing.hide_render and not varies(thing)):
             continue
         if (thing.type != "EMPTY" or thing.instance_collection) and _moves(thing, set()):
             moving.add(thing.name)
     for material in bpy.data.materials:
         if material.users and material.node_tree:
             tree = material.node_tree
-            if _varies(material) or _varies_inside(tree) or _shows_film(tree):
+            if varies(material) or _varies_inside(tree) or _shows_film(tree):
                 moving.add(material.name)
     sky = scene.world
-    if sky is not None and (_varies(sky) or _varies_inside(sky.node_tree)):
+    if sky is not None and (varies(sky) or _varies_inside(sky.node_tree)):
         return [*sorted(moving), "the sky"]
     return sorted(moving)
 
@@ -86,7 +86,7 @@ def _varies_inside(tree: bpy.types.NodeTree | None) -> bool:
     if tree is None:
         return False
     nodes = compat.nodes_of(tree)
-    return _varies(tree) or any(_varies(n.node_tree) for n in nodes if n.type == "GROUP")
+    return varies(tree) or any(varies(n.node_tree) for n in nodes if n.type == "GROUP")
 
 
 def _moves(thing: bpy.types.Object, seen: set[bpy.types.Object]) -> bool:
@@ -96,7 +96,7 @@ def _moves(thing: bpy.types.Object, seen: set[bpy.types.Object]) -> bool:
     if thing in seen:
         return False
     seen.add(thing)
-    if any(map(_varies, _blocks(thing))) or _varies_inside(getattr(thing.data, "node_tree", None)):
+    if any(map(varies, _blocks(thing))) or _varies_inside(getattr(thing.data, "node_tree", None)):
         return True
     if _is_simulated(thing) or (thing.rigid_body and thing.rigid_body.type == "ACTIVE"):
         return True
@@ -114,7 +114,7 @@ def _depends_on(thing: bpy.types.Object) -> Iterator[bpy.types.Object | None]:
         yield from (o for o in thing.instance_collection.all_objects if o.type != "CAMERA")
 
 
-def _varies(block: bpy.types.ID | None) -> bool:
+def varies(block: bpy.types.ID | None) -> bool:
     """Whether a datablock has an action or strip whose curves are not constant, or a driver."""
     animation = getattr(block, "animation_data", None)
     if animation is None:
