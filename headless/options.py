@@ -1,11 +1,13 @@
 """Options shared by all commands."""
 
 import argparse
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
+from iclnuim import shipped
 from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.geometry.scene_axes import SceneReading
@@ -14,6 +16,17 @@ from iclnuim.settings import Setting, Settings, declared, find, plain
 S = TypeVar("S", bound=Settings)
 #: Endings of scene files, for help texts; iclnuim.blender.open.scene decides what is read.
 SCENE_KINDS = ".blend .glb .gltf .obj .ply .usd .fbx"
+
+
+def trajectory_file(text: str) -> str:
+    """A file or a folder; if there is none, the file of the built-in trajectory of that name, such
+    as `office/kt0`, or `kt2` of the living room.
+    """
+    if not os.path.exists(text):
+        for name in (text, f"living_room/{text}"):
+            if name in shipped.sequence_names():
+                return str(shipped.trajectory_file(name))
+    return text
 
 
 def add_settings(

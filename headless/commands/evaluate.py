@@ -20,7 +20,14 @@ from iclnuim.formats.files import atomic_write_text
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.report.trajectory_report import ComparedFile, Report, error_text
 
-from ..options import Actions, action, add_settings, settings_from, subcommands
+from ..options import (
+    Actions,
+    action,
+    add_settings,
+    settings_from,
+    subcommands,
+    trajectory_file,
+)
 from . import evaluate_surface
 
 #: Title and factor of each figure of `views`.
@@ -47,7 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def default_action(argv: list[str]) -> str:
     """`ate` for words that begin with a file or a folder."""
-    first = argv[0] if argv else ""
+    first = trajectory_file(argv[0]) if argv else ""
     is_path = not first.startswith("-") and ("." in first or os.path.exists(first))
     return "ate" if is_path else ""
 
@@ -96,11 +103,11 @@ def _configure_views(actions: Actions) -> None:
 def _files_and_times(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     help = (
-        "ground truth, in any format that `iclnuim trajectory info` reads, or a sequence that "
-        "contains it"
+        "ground truth, in any format that `iclnuim trajectory info` reads, a sequence that "
+        "contains it, or the name of a built-in trajectory (living_room/kt2)"
     )
     add("reference", type=_ground_truth, metavar="GT", help=help)
-    add("estimate", metavar="EST", help="estimated trajectory")
+    add("estimate", type=trajectory_file, metavar="EST", help="estimated trajectory")
     help = "format of EST: tum, tum-ids, tum-inverse, kitti ..."
     add("--from", dest="format", metavar="FORMAT", help=help)
     help = "format of GT; default: by name and content, as for EST"
@@ -115,6 +122,7 @@ def _files_and_times(parser: argparse.ArgumentParser) -> None:
 
 def _ground_truth(text: str) -> str:
     """The file, or the ground truth in the folder of a sequence."""
+    text = trajectory_file(text)
     if not os.path.isdir(text):
         return text
     from iclnuim.dataset.frames import find_truth
@@ -149,8 +157,14 @@ def _report(
 ) -> None:
     """Read ground truth and estimate, report how each was read, and report the errors."""
     sources = []
+    of_positions = False
+    if isinstance(settings, AbsoluteErrorSettings):
+        of_positions = settings.alignment.method != "origin"
     for path, format in ((args.reference, args.reference_from), (args.estimate, args.format)):
-        sources.append(ComparedFile(path, read_trajectory(path, format, rate_hz=args.file_rate)))
+        loaded = read_trajectory(
+            path, format, rate_hz=args.file_rate, positions_suffice=of_positions
+        )
+        sources.append(ComparedFile(path, loaded))
         console.note(f"{path}: {sources[-1].loaded.read_as.sentence}")
     report = Report.of(sources[0], sources[1], settings)
     if args.csv:

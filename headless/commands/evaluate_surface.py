@@ -19,6 +19,7 @@ from ..options import (
     checked_rerun,
     option_name,
     settings_from,
+    trajectory_file,
 )
 from .surface import poses_of
 
@@ -71,9 +72,9 @@ def _add_placement(parser: argparse.ArgumentParser) -> None:
         "trajectory along which MESH was fused; with --truth, its first pose is aligned with the "
         "true one"
     )
-    add("--poses", type=Path, metavar="EST", help=help)
+    add("--poses", type=trajectory_file, metavar="EST", help=help)
     help = "ground truth of that trajectory, in the model's world"
-    add("--truth", type=Path, metavar="GT", help=help)
+    add("--truth", type=trajectory_file, metavar="GT", help=help)
     help = (
         "how the poses align: origin (default): by the first pose; yaw or se3: by the whole "
         "trajectory"

@@ -13,7 +13,7 @@ from iclnuim.formats.ply import write_ply
 from iclnuim.formats.trajectories import ANCHORED_WORLD, LoadedTrajectory, read_trajectory
 
 from ..method_options import open_sequence, require
-from ..options import add_settings, common, settings_from
+from ..options import add_settings, common, settings_from, trajectory_file
 from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("folder", type=Path, metavar="DIR", help="a sequence in any supported format")
     help = "trajectory in any supported format; default: ground truth of DIR"
-    add("--poses", type=Path, metavar="FILE", help=help)
+    add("--poses", type=trajectory_file, metavar="FILE", help=help)
     help = "the surface as a PLY with colour; its recipe is written next to it"
     add("-o", "--out", type=Path, metavar="MESH", required=True, help=help)
     help = "best (default): a window of 18 m; paper: a window of 4.5 m that follows the camera"

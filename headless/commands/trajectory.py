@@ -22,6 +22,7 @@ from ..options import (
     add_scene_options,
     settings_from,
     subcommands,
+    trajectory_file,
 )
 from . import trajectory_changes, trajectory_make
 from .trajectory_options import FILE, add_reading, check_out, loaded
@@ -40,7 +41,7 @@ def _configure_info(actions: Actions) -> None:
     help = "frames, length, duration, speeds, rotation rates, gaps, and how each file was read"
     example = "iclnuim trajectory info trajectories/living_room/kt2.txt"
     info = action(actions, "info", help, example, _info)
-    info.add_argument("files", nargs="+", metavar="FILE", help=FILE)
+    info.add_argument("files", nargs="+", type=trajectory_file, metavar="FILE", help=FILE)
     add_reading(info)
 
 
@@ -48,7 +49,7 @@ def _configure_plot(actions: Actions) -> None:
     help = "top view and time plots of position, speed and rotation rate"
     example = "iclnuim trajectory plot kt0.txt kt2.txt -o trajectories.png"
     plot = action(actions, "plot", help, example, _plot, json=False)
-    plot.add_argument("files", nargs="+", metavar="FILE", help="trajectory files")
+    plot.add_argument("files", nargs="+", type=trajectory_file, metavar="FILE", help=FILE)
     help = "the picture (.png, .pdf or .svg); an existing file is overwritten"
     plot.add_argument("-o", "--out", required=True, metavar="PNG", help=help)
     add_reading(plot)

@@ -16,7 +16,7 @@ from iclnuim.geometry.scene_axes import parse_unit
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
-from ..options import Actions, action
+from ..options import Actions, action, trajectory_file
 from .trajectory_options import FILE, add_reading, check_out, loaded
 
 Change = Callable[[argparse.Namespace, Trajectory, Console], Trajectory]
@@ -33,7 +33,7 @@ def _configure_convert(actions: Actions) -> None:
     example = "iclnuim trajectory convert traj0.gt.freiburg kt0.txt"
     convert = action(actions, "convert", help, example, partial(_run, _restamped), json=False)
     add = convert.add_argument
-    add("source", metavar="IN", help=FILE)
+    add("source", type=trajectory_file, metavar="IN", help=FILE)
     words = ", ".join(writer.word for _, writer in files.FORMATS.values() if writer and writer.word)
     help = (
         "output file; its name decides the format: .tum .txt .csv .kitti .gt.freiburg .gt.sim; "
@@ -56,7 +56,7 @@ def _configure_adopt(actions: Actions) -> None:
     )
     adopt = action(actions, "adopt", help, example, partial(_run, _adopted), json=False)
     add = adopt.add_argument
-    add("source", metavar="SOURCE", help="a trajectory file")
+    add("source", type=trajectory_file, metavar="SOURCE", help=FILE)
     help = "camera to world, 'x,y,z,qx,qy,qz,qw', or a trajectory file whose first pose is used"
     add("--start", required=True, metavar="POSE", help=help)
     help = "scale of the translations of SOURCE (default 1)"
@@ -69,7 +69,7 @@ def _configure_resample(actions: Actions) -> None:
     help = "the same motion at another frame rate, by interpolation on SE(3)"
     example = "iclnuim trajectory resample kt2.txt --rate 120 -o kt2_120hz.txt"
     resample = action(actions, "resample", help, example, partial(_run, _resampled), json=False)
-    resample.add_argument("source", metavar="SOURCE", help="a trajectory file")
+    resample.add_argument("source", type=trajectory_file, metavar="SOURCE", help=FILE)
     resample.add_argument("--rate", required=True, type=float, metavar="HZ", help="15 to 240")
     _add_out(resample)
     _add_writing(resample)
@@ -156,6 +156,7 @@ def _note_gaps(trajectory: Trajectory, consequence: str, console: Console) -> No
 
 def _start_pose(text: str) -> tuple[SE3, str]:
     """The pose given by --start, and the name of its world."""
+    text = trajectory_file(text)
     if os.path.exists(text):
         first = files.read_trajectory(text)
         return first.trajectory.T_world_camera[0], first.read_as.frame

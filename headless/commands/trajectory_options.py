@@ -9,7 +9,7 @@ from iclnuim.geometry.scene_axes import parse_unit
 
 from ..outputs import refuse_existing
 
-FILE = "a trajectory file or a folder of POV-Ray camera files"
+FILE = "a trajectory file, a folder of POV-Ray camera files, or a built-in one (living_room/kt2)"
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:

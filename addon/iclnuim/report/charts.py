@@ -129,7 +129,10 @@ def error_figure(report: Report) -> Figure:
     _label_plane(along, plane)
     _series(over_time, stamps_s, errors_m, "translation error (m)", ESTIMATE_COLOUR)
     errors_deg = np.degrees(result.rotation_error_rad)
-    _series(rotation, stamps_s, errors_deg, "rotation error (deg)", ROTATION_COLOUR)
+    if np.isfinite(errors_deg).all():
+        _series(rotation, stamps_s, errors_deg, "rotation error (deg)", ROTATION_COLOUR)
+    else:
+        rotation.set_axis_off()  # positions alone
     return figure
 
 

@@ -10,7 +10,7 @@ JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, sha
     pairs                 number of compared poses; largest_difference_s: largest difference of
                           their stamps
     translation_error_m   {rmse, mean, median, std, min, max}
-    rotation_error_deg    the same six
+    rotation_error_deg    the same six; null if one of the files has positions alone
     coverage, recall {1cm, 5cm, 10cm}, area_under_curve     over all ground-truth frames
     alignment             {scale, translation_m [3], quat_xyzw [4], poses_used, extents_m [3],
                           residual_rms_m}
@@ -51,6 +51,7 @@ from ..evaluation.associate import pair_up
 from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
 from ..evaluation.time_offset import best_offset
 from ..formats.trajectories import LoadedTrajectory
+from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from .other_reading import WORTH_M, WORTH_SHARE, OtherReading
 
@@ -72,6 +73,18 @@ class ComparedFile:
             "poses": len(self.loaded.trajectory),
             "read_as": self.loaded.read_as.sentence,
         }
+
+    def from_origin_of(self, other: "ComparedFile") -> "ComparedFile":
+        """The same with positions relative to those of `other`, if map coordinates of one of them
+        were moved to its first position.
+        """
+        shift_m = np.subtract(self.loaded.read_as.shift_m, other.loaded.read_as.shift_m)
+        if not shift_m.any():
+            return self
+        trajectory = self.loaded.trajectory
+        T = trajectory.T_world_camera
+        moved = Trajectory(trajectory.stamps_s, SE3(T.rotation, T.translation + shift_m))
+        return replace(self, loaded=replace(self.loaded, trajectory=moved))
 
 
 @dataclass(frozen=True)
@@ -234,9 +247,13 @@ class Report:
 
         Raises InputError, with the estimate's path, if the two cannot be compared.
         """
+        estimate = estimate.from_origin_of(reference)
         both = reference.loaded.trajectory, estimate.loaded.trajectory
         try:
             result = _measured(*both, settings)
+            if not all(file.loaded.read_as.has_rotations for file in (reference, estimate)):
+                unknown = np.full_like(result.rotation_error_rad, np.nan)
+                result = replace(result, rotation_error_rad=unknown)
             unit = OtherUnit.of(*both, settings, result)
             reading = None
             offset = None
@@ -317,7 +334,7 @@ class Report:
             "largest_difference_s": float(np.abs(result.association.difference_s).max()),
             **before,
             "translation_error_m": result.translation_m.to_dict(),
-            "rotation_error_deg": result.rotation_deg.to_dict(),
+            "rotation_error_deg": self._rotation_deg(),
             **after,
             "mirror": {
                 "mirrored": mirror.mirrored,
@@ -329,6 +346,12 @@ class Report:
             "reading": self.other_reading and asdict(self.other_reading),
             "warnings": self.warnings,
         }
+
+    def _rotation_deg(self) -> dict | None:
+        """The statistics of the rotation errors, None without rotations."""
+        if np.isnan(self.result.rotation_error_rad).any():
+            return None
+        return self.result.rotation_deg.to_dict()
 
     def csv(self) -> str:
         result = self.result
@@ -364,6 +387,9 @@ def error_text(values: dict) -> str:
     lines = [title(values), f"{'':16}" + "".join(f"{name:>11}" for name in STATISTICS)]
     rows = (("translation (m)", "translation_error_m"), ("rotation (deg)", "rotation_error_deg"))
     for label, key in rows:
+        if values[key] is None:
+            lines.append(f"{label:16} none: positions alone")
+            continue
         lines.append(f"{label:16}" + "".join(_cell(values[key][name]) for name in STATISTICS))
     truth = f"{values['reference']['poses']} ground-truth"
     poses = f"{truth} and {values['estimate']['poses']} estimated poses"
