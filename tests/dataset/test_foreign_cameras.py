@@ -455,3 +455,55 @@ def test_a_binary_camera_of_colmap_that_is_damaged_or_unknown_is_refused(copied)
         file.write_bytes(data)
         with pytest.raises(InputError, match=message):
             camera_of(folder)
+
+
+ALIGNMENT = "axisAlignment = 0.9 0.4 0 -2 -0.4 0.9 0 1 0 0 1 0 0 0 0 1\ncolorWidth = 64\n"
+
+
+@pytest.mark.parametrize(
+    ("format", "file", "content", "note"),
+    [
+        ("scannet", "frames/intrinsic/extrinsic_color.txt", BODY, "extrinsic_color"),
+        ("scannet", "frames/intrinsic/extrinsic_depth.txt", BODY, "extrinsic_depth"),
+        ("scannet", "scene0000_00.txt", ALIGNMENT, "axisAlignment"),
+        ("scannet", "frames/scene0000_00.txt", ALIGNMENT, "axisAlignment"),
+        ("replica", "cam_params.json", {"k1": 0.1}, DISTORTED),
+        ("replica", "cam_params.json", {"crop_edge": 8}, "crop_edge 8"),
+        ("replica", "cam_params.json", {"depth_trunc": 4}, "depth_trunc 4"),
+    ],
+)
+def test_what_other_files_say_and_is_not_applied_is_noted(copied, format, file, content, note):
+    folder = copied(format)
+    assert camera_of(folder).notes == ()
+    path = folder / file
+    if isinstance(content, SE3):
+        path.write_text(matrix_text(content).replace(",", " "))
+    elif isinstance(content, dict):
+        known = json.loads(path.read_text())
+        path.write_text(json.dumps({"camera": known["camera"] | content}))
+    else:
+        path.write_text(content)
+    (found,) = camera_of(folder).notes
+    assert note in found
+
+
+def test_another_colour_camera_of_the_same_size_is_read_in_scannet(copied):
+    folder = copied("scannet")
+    replaced(folder / "frames/intrinsic/intrinsic_color.txt", "^48 0 31.5", "50 0 30")
+    assert camera_of(folder).colour.intrinsics.tolist() == [50, 48, 30, 23.5]
+
+
+@pytest.mark.parametrize(
+    ("format", "file", "old", "new"),
+    [
+        ("scannet", "frames/intrinsic/intrinsic_depth.txt", "^48 0 ", "48 0.5 "),
+        ("scannet", "frames/intrinsic/intrinsic_color.txt", "0 0 1 0\n", "0 0 2 0\n"),
+        ("icl-nuim", "calibration.txt", " 0.000000 31", " 0.500000 31"),
+        ("icl-nuim", "calibration.txt", "1.000000", "2.000000"),
+    ],
+)
+def test_a_camera_matrix_with_skew_is_refused(copied, format, file, old, new):
+    folder = copied(format)
+    replaced(folder / file, old, new)
+    with pytest.raises(InputError, match=f"{file}: expected a camera matrix fx 0 cx"):
+        camera_of(folder)

@@ -345,6 +345,22 @@ def pinhole_of(image: Path, fx: float, fy: float, cx: float, cy: float) -> Pinho
     return PinholeCamera(header.width, header.height, fx, abs(fy), cx, cy)
 
 
+def pinhole_of_matrix(image: Path, path: Path, matrix: np.ndarray) -> PinholeCamera:
+    """The camera with an image's size and the camera matrix (3, 3) or (4, 4) of a file.
+
+    Raises InputError for a matrix with skew, or another last row or column.
+    """
+    rest = matrix.copy()
+    for place in ((0, 0), (1, 1), (0, 2), (1, 2)):
+        rest[place] = 0
+    rest -= np.diag([0.0, 0.0, 1.0, 1.0][: len(matrix)])
+    if np.abs(rest).max() > 1e-6:
+        expected = "a camera matrix fx 0 cx, 0 fy cy, 0 0 1"
+        raise InputError(expected, path=path, found=" ".join(f"{v:g}" for v in matrix.ravel()))
+    (fx, _, cx), (_, fy, cy) = matrix[:2, :3].tolist()
+    return pinhole_of(image, fx, fy, cx, cy)
+
+
 def numbers_in(path: Path, values: list[str], count: int, what: str) -> list[float]:
     """Convert `count` values to finite numbers. Raises InputError with the file's name."""
     try:

@@ -31,6 +31,7 @@ from ..layout import (
     camera_file,
     numbers_in,
     pinhole_of,
+    pinhole_of_matrix,
     write_truth,
 )
 
@@ -212,9 +213,9 @@ def camera(folder: Path, image: Path) -> SequenceCamera | None:
     values = read_text(path).split()
     if len(values) == 4:
         fx, fy, cx, cy = numbers_in(path, values, 4, _K)
-    else:
-        fx, _, cx, _, fy, cy, *_ = numbers_in(path, values, 9, _K)
-    return SequenceCamera(pinhole_of(image, fx, fy, cx, cy))
+        return SequenceCamera(pinhole_of(image, fx, fy, cx, cy))
+    matrix = np.reshape(numbers_in(path, values, 9, _K), (3, 3))
+    return SequenceCamera(pinhole_of_matrix(image, path, matrix))
 
 
 def truth(folder: Path) -> Path | None:

@@ -16,6 +16,7 @@ from ...formats.images import image_header
 from ...formats.trajectories import write_trajectory
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import Trajectory
+from ..known_keys import Keys, names, zeros
 from ..layout import (
     Contents,
     Reader,
@@ -31,6 +32,13 @@ UNITS = 6553.5
 _PUBLISHED = PinholeCamera(1200, 680, 600.0, 600.0, 599.5, 339.5)
 _TRAJECTORY = "traj.txt"
 _CAMERA = "cam_params.json"
+_NUMBERS = ("w", "h", "fx", "fy", "cx", "cy", "scale")
+#: Keys of cam_params.json.
+KEYS = Keys(
+    used=frozenset(_NUMBERS),
+    noted={"crop_edge": zeros},
+    distortion=names("distortion k1 k2 k3 k4 k5 k6 p1 p2"),
+)
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
@@ -60,13 +68,16 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
         header = image_header(image)
         published = (header.width, header.height) == (_PUBLISHED.width, _PUBLISHED.height)
         return SequenceCamera(_PUBLISHED, UNITS) if published else None
-    content: Any = read_json(file).get("camera")
+    content: Any = read_json(file)
+    others = {key: value for key, value in content.items() if key != "camera"}
+    content = content.get("camera")
     try:
-        values = [float(content[key]) for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")]
+        values = [float(content[key]) for key in _NUMBERS]
         size = int(values[0]), int(values[1])
     except (KeyError, TypeError, ValueError, OverflowError):
         raise InputError("a camera with numbers w, h, fx, fy, cx, cy, scale", path=file) from None
-    return SequenceCamera(PinholeCamera(*size, *values[2:6]), check_units(values[6]))
+    notes = KEYS.notes([content, others], file)
+    return SequenceCamera(PinholeCamera(*size, *values[2:6]), check_units(values[6]), notes=notes)
 
 
 def _image(frame: SequenceFrame, kind: str) -> str:

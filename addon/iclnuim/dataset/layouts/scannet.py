@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ...channels import RGB
-from ...formats.files import atomic_write_text, make_folder, read_text
+from ...formats.files import atomic_write_text, data_lines, make_folder, read_text
+from ..known_keys import Keys, identity, names
 from ..layout import (
     Contents,
     Reader,
@@ -18,9 +19,21 @@ from ..layout import (
     camera_file,
     numbered_row,
     numbers_in,
-    pinhole_of,
+    pinhole_of_matrix,
 )
 
+#: Keys of the files intrinsic/extrinsic_*.txt, which are their names,
+EXTRINSICS = Keys(names(""), noted={"extrinsic_color": identity, "extrinsic_depth": identity})
+#: and of a scan's file, scene0000_00.txt, whose intrinsics are also in intrinsic/.
+SCAN = Keys(
+    used=names(""),
+    harmless=names(
+        "appVersionId colorHeight colorWidth depthHeight depthWidth fx_color fx_depth fy_color "
+        "fy_depth mx_color mx_depth my_color my_depth numColorFrames numDepthFrames "
+        "numIMUmeasurements sceneType serverVersionId deviceId deviceName sceneLabel userName"
+    ),
+    noted={"axisAlignment": identity, "colorToDepthExtrinsics": identity},
+)
 #: Depth units per metre (depthShift of its .sens files).
 UNITS = 1000.0
 
@@ -59,7 +72,7 @@ def _rows(folder: Path) -> list[Row]:
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
-    """The camera of the depth images, and that of the colour images if their size differs, as in
+    """The camera of the depth images, and that of the colour images if it is another one, as in
     ScanNet's data.
     """
     if there := camera_file(folder):
@@ -70,10 +83,31 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
         file = _top(folder) / f"intrinsic/intrinsic_{kind}.txt"
         if not file.is_file():
             return None
-        k = numbers_in(file, read_text(file).split(), 16, "the sixteen numbers of a 4 x 4 matrix")
-        cameras.append(pinhole_of(path, k[0], k[5], k[2], k[6]))
-    same_size = (cameras[0].width, cameras[0].height) == (cameras[1].width, cameras[1].height)
-    return SequenceCamera(cameras[0], UNITS, colour=None if same_size else cameras[1])
+        cameras.append(pinhole_of_matrix(path, file, _matrix_of(file)))
+    colour = None if cameras[0] == cameras[1] else cameras[1]
+    return SequenceCamera(cameras[0], UNITS, colour=colour, notes=_notes(folder))
+
+
+def _matrix_of(file: Path) -> np.ndarray:
+    """(4, 4)."""
+    values = read_text(file).split()
+    what = "the sixteen numbers of a 4 x 4 matrix"
+    return np.reshape(numbers_in(file, values, 16, what), (4, 4))
+
+
+def _notes(folder: Path) -> tuple[str, ...]:
+    """What the extrinsics, and the scan's own file, say and is not applied."""
+    found: list[str] = []
+    top = _top(folder)
+    for file in sorted(top.glob("intrinsic/extrinsic_*.txt")):
+        found += EXTRINSICS.notes([{file.stem: _matrix_of(file).ravel().tolist()}], file)
+    for file in sorted({*folder.glob("scene*_*.txt"), *top.glob("scene*_*.txt")}):
+        said = {}
+        for _, line in data_lines(read_text(file)):
+            key, _, value = line.partition("=")
+            said[key.strip()] = value.split()
+        found += SCAN.notes([said], file)
+    return tuple(found)
 
 
 def _image(frame: SequenceFrame, kind: str) -> str:
