@@ -19,7 +19,7 @@ from .levels import MIN_SIDE, Level
 from .protocol import Frame
 from .terms.reprojection import Matches
 
-#: Radius in pixels of the patch that describes a corner.
+#: Radius in pixels of the patch that describes a corner (section 3.3: 9 x 9 pixels).
 REACH = 4
 #: Mean grey value of a description.
 MID_GREY = 128.0
@@ -30,7 +30,7 @@ MIN_EIGENVALUE = (2 / 255) ** 2
 #: 255.
 SOBEL_SQUARES = np.float32(1 / (2 * 49 * 1020.0**2))
 #: Side in pixels of a bucket, and the maximum number of corners in it; the strongest are used
-#: (section 3.1).
+#: (section 3.1; "bucket-width" and "max-keypoints-per-bucket" of the authors' program).
 BUCKET_PX = 80
 PER_BUCKET = 25
 

@@ -36,29 +36,28 @@ MAX_EVALUATIONS = 3
 
 @dataclass(frozen=True)
 class FovisSettings:
-    """The defaults are those of the paper, and of the authors' program (fovis 1.2) where the paper
-    has none. Corners are maxima of the structure tensor instead of FAST's.
+    """The defaults are those of the paper, and where it has none the options of the authors'
+    program (fovis 1.2), named here. Corners are maxima of the structure tensor instead of FAST's.
     """
 
-    levels: int = 3
+    levels: int = 3  # section 3.1: a Gaussian pyramid ("max-pyramid-level")
     count: int = 1229  # corners per frame: one per 250 pixels ("target-pixels-per-feature")
-    searches_px: tuple[float, ...] = (
-        25.0,
-    )  # search radii around the position predicted by the current motion
+    # search radii around the position predicted by the current motion ("feature-search-window")
+    searches_px: tuple[float, ...] = (25.0,)
     #: If a smaller share agrees in the narrow search, the wide one is used (noisy frames: 0.42 and
     #: more near the prediction).
     widen_below: float = 0.35
     #: If a smaller share of the matches agrees, a rotation is estimated from small images, and the
     #: motion with more inliers is used; 1: always (section 3.2).
     rotate_below: float = 1.0
-    max_distance_m: float = 0.1  # maximum difference of two consistent distances
-    max_error_px: float = 1.5  # maximum error of an inlier
+    # maximum difference of two consistent distances ("clique-inlier-threshold")
+    max_distance_m: float = 0.1
+    max_error_px: float = 1.5  # of an inlier ("inlier-max-reprojection-error")
     min_agreement: float = 0.1  # minimum share of inliers; unrelated images have up to 0.07
-    min_inliers: int = 10
-    nu: float = (
-        0.0  # degrees of freedom of Student's t, whose equations are information; 0: least squares
-    )
-    iterations: int = 6
+    min_inliers: int = 10  # "min-features-for-estimate"
+    # degrees of freedom of Student's t, whose equations are information; 0: least squares
+    nu: float = 0.0
+    iterations: int = 6  # of refineMotionEstimateBidirectional (section 3.5)
     limits: Limits = Limits(min_inliers=0.0)
     stop: Stop = Stop(min_step=1e-4)
     depth: bool = False  # the geometric term selects the corners and checks the motion

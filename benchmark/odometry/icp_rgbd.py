@@ -31,6 +31,8 @@ ROUGH_PRIOR_M = 0.01
 #: larger (noisy living room kt1, kt2, office kt2).
 CALIBRATED_SPREAD = 24.0
 
+#: The levels of KinectFusion's ICP (Newcombe 2011, section 3.5) with the gradients of Kintinuous'
+#: RGBDOdometry, which runs both terms on them (Whelan 2013, section IV-B).
 _PAPER = PhotometricSettings(iterations=(10, 5, 4), min_gradients=(12, 5, 3), max_depth_m=13.0)
 Planes = dict[int, PlaneTerm]
 

@@ -30,7 +30,7 @@ class Rgbd(PyramidOdometer):
             iterations=(0, 4, 2, 2),
             min_gradients=(12, 2, 3, 2),
             max_depth_m=13.0,
-            nu=5.0,
+            nu=5.0,  # Kerl 2013, section III-C
             mean_gradient=True,
             spread=1.0,
             tiles=True,
@@ -72,12 +72,14 @@ class Dvo(Rgbd):
 
     name = "dvo"
     PRESETS = {
+        # Kerl 2013, section III, and where it has no number DenseTracker::Config of its program:
+        # MaxIterationsPerLevel, IntensityDerivativeThreshold, Precision
         "paper": PhotometricSettings(
             iterations=(0, 100, 100, 100),
             min_gradients=(0, 0, 0, 0),
             max_depth_m=1e9,
             max_dz_m=0.05,
-            nu=5.0,
+            nu=5.0,  # section III-C
             scale_once=True,
             median_depth=True,
             stop=Stop(min_step=1e-7, min_decrease=5e-7, undo=True),

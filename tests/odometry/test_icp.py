@@ -110,6 +110,26 @@ def test_a_guess_half_a_right_angle_off_is_turned_back_by_planes():
         assert np.abs(found.log()[3:]).max() < np.radians(1.5)
 
 
+def test_a_guess_a_right_angle_s_half_off_is_turned_back_though_many_surfaces_mismatch():
+    """45 degrees, about the two axes and in the senses in which the corner has a minimum there."""
+    method = odometer("icp")
+    pair = Pair(*(method.prepare(view(i, ROOM, camera=BIG), BIG) for i in range(2)))
+    for axis in (np.eye(3)[0], -np.eye(3)[0], -np.eye(3)[1]):
+        guess = STEP @ SE3.exp(np.r_[0, 0, 0, np.radians(45) * axis])
+        found = STEP.inverse() @ estimate_rotation(pair, method.settings, guess)
+        assert np.abs(found.log()[3:]).max() < np.radians(1.5)
+
+
+def test_a_guess_that_is_turned_by_twenty_degrees_is_turned_back_in_a_room_twice_as_large():
+    """Surfaces 4 to 8 m away are a metre and more from where the guess has them."""
+    method, frame = odometer("icp"), view(0, ROOM, camera=BIG)
+    levels = method.prepare(replace(frame, depth_z_m=2 * frame.depth_z_m), BIG)
+    for axis in (*np.eye(3), *-np.eye(3)):
+        guess = SE3.exp(np.r_[0, 0, 0, np.radians(20) * axis])
+        found = estimate_rotation(Pair(levels, levels), method.settings, guess)
+        assert np.abs(found.log()[3:]).max() < np.radians(1.5)
+
+
 @pytest.mark.parametrize(("angle_deg", "matched"), [(21, True), (42, False)])
 def test_normals_of_noisy_depth_match_to_thirty_degrees(angle_deg, matched):
     """A page at 20 cm, turned about its middle: all of its points stay near. On exact depth normals

@@ -7,6 +7,7 @@ import pytest
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
+from iclnuim.benchmark.odometry import start  # noqa: E402
 from iclnuim.benchmark.odometry.candidates import Estimate  # noqa: E402
 from iclnuim.benchmark.odometry.levels import Pair  # noqa: E402
 from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, Status, failure  # noqa: E402
@@ -143,3 +144,21 @@ def test_an_alignment_after_a_poor_prediction_may_take_a_few_times_as_long():
     found = method.align(one, other, after(30) @ off)
     assert np.abs((after(30).inverse() @ found.T_reference_camera).log()).max() < 1e-3
     assert found.converged and 2 * usual < found.iterations <= 3 * usual
+
+
+def test_a_roll_of_twenty_degrees_is_registered_in_a_few_rounds(monkeypatch):
+    """To some degrees, from which the alignment goes on; each round costs as much as an alignment
+    of coarse images.
+    """
+    rounds = []
+    register = start._register
+    monkeypatch.setattr(start, "_register", lambda *images: rounds.append(1) or register(*images))
+    method = odometer("rgbd")
+    pair = Pair(*(method.prepare(view(i, ROOM, camera=BIG), BIG) for i in (0, 20)))
+    for sense in (1, -1):
+        rounds.clear()
+        guess = after(20) @ SE3.exp(np.array([0, 0, 0, 0, 0, sense * np.radians(20)]))
+        found = initialise(pair, method.settings, method.schedule(pair.reference), guess)
+        error = after(20).inverse() @ found.guesses[0]
+        assert np.linalg.norm(error.log()[3:]) < np.radians(3)
+        assert len(rounds) < 15

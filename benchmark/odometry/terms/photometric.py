@@ -59,13 +59,15 @@ class PhotometricSettings:
     """Settings of the photometric term, and of an odometer with no other term. Tuples run from fine
     to coarse; gradients are in grey levels per pixel.
 
-    The defaults are Steinbruecker 2011 as Kintinuous runs it.
+    The defaults are Steinbruecker 2011 as Kintinuous runs it (Whelan 2013, section IV-B; the
+    constructor of RGBDOdometry in its code).
     """
 
     iterations: tuple[int, ...] = (10, 7, 7, 7)  # maximum on each level; 0: level not used
-    min_gradients: tuple[float, ...] = (12, 5, 3, 1)
-    max_depth_m: float = 6.0
-    max_dz_m: float = 0.07  # between warped and measured depth; more is an occlusion
+    min_gradients: tuple[float, ...] = (12, 5, 3, 1)  # minimumGradientMagnitudes there
+    max_depth_m: float = 6.0  # maxDepthRGB there
+    # between warped and measured depth; more is an occlusion (maxDepthDeltaRGB there)
+    max_dz_m: float = 0.07
     nu: float = 0.0  # degrees of freedom of Student's t (Kerl 2013: 5); 0: least squares
     # scale of Student's t: estimated once per level, except the coarsest (Kerl 2013); not with
     # tiles

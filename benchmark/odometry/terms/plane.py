@@ -18,16 +18,18 @@ from ..solver import MIN_EIGENVALUE, Limits, Stop
 @dataclass(frozen=True)
 class IcpSettings:
     """Settings of the geometric term and of the odometer. Tuples run from fine to coarse. The
-    defaults are Kintinuous' (KinectFusion).
+    defaults are KinectFusion's (Newcombe 2011, section 3.5), as Kintinuous runs it.
 
     A frame is noisy (from a sensor) if its normals three pixels apart differ by more than
     MAX_ROUGHNESS. Its normals are then computed over rough_step pixels.
     """
 
-    iterations: tuple[int, ...] = (10, 5, 4)  # maximum on each level; 0: level not used
+    # maximum on each level (Newcombe 2011, section 3.5: z_max); 0: level not used
+    iterations: tuple[int, ...] = (10, 5, 4)
     strides: tuple[int, ...] = (1, 1, 1)  # distance between the rows and columns that are used
     bilateral: bool = True  # depth filter, 13 x 13, 4.5 px, 30 mm
-    max_distance_m: float = 0.10  # KinectFusion's
+    # thresholds of distance and normals (Newcombe 2011, section 3.5), in Kintinuous' ICPOdometry
+    max_distance_m: float = 0.10
     max_angle_deg: float = 20.0
     nu: float = 0.0  # degrees of freedom of Student's t; 0: least squares
     # products of the residuals along the normals of both images, as information; not squares along
