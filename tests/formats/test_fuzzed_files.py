@@ -3,6 +3,7 @@ InputError, never anything else.
 """
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +22,14 @@ from iclnuim.formats.associations import (
     write_image_list,
 )
 from iclnuim.formats.images import read_colour8
+from iclnuim.formats.meshes import read_mesh_or_cloud
 from iclnuim.formats.trajectories import FORMATS, read_trajectory, trajectory_text
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+
+sys.path.insert(0, str(Path(__file__).parent))
+import mesh_files as made  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("error")
 FILES = pytest.mark.parametrize("files", [500, pytest.param(2000, marks=pytest.mark.slow)])
@@ -382,3 +387,34 @@ def test_damaged_sequences_are_read_or_refused(sequences, format, files):
         taken, refused = taken + found[0], refused + found[1]
     assert refused and (taken or files < 100)
     read_sequence(folder)
+
+
+#: Files of each kind of mesh that are damaged in turn.
+MESHES = {
+    "obj": ("continued lines", "coordinates and normals", "negative numbers between vertices"),
+    "off": ("plain", "all", "coloured faces"),
+    "ply": ("plain", "strips", "big doubles", "strip with restarts", "triangles and quads"),
+    "stl": ("two solids", "binary"),
+}
+
+
+def check_mesh(found) -> None:
+    points, triangles, colours = found
+    assert len(points) and points.shape[1] == 3 and triangles.shape[1] == 3
+    assert not len(triangles) or 0 <= triangles.min() <= triangles.max() < len(points)
+    assert colours.shape in ((len(points), 0), (len(points), 3))
+
+
+@FILES
+@pytest.mark.parametrize("kind", MESHES)
+def test_damaged_meshes_are_read_or_refused(tmp_path, kind, files):
+    path = tmp_path / f"a.{kind}"
+    taken = 0
+    refused = 0
+    count = -(-files // len(MESHES[kind]))
+    for name in MESHES[kind]:
+        whole = made.content(kind, name)
+        some = read_all(path, whole, [6], count, lambda: read_mesh_or_cloud(path), check_mesh)
+        taken += some[0]
+        refused += some[1]
+    assert taken > files / 40 and refused > files / 4

@@ -91,8 +91,8 @@ def test_a_plane_alone_cannot_be_fitted():
         ("mesh.ply", None, "no such file"),
         (
             "mesh.off",
-            "CNOFF\n1 0 0\n0 0 0 0 0 1 1 1 1 1\n",
-            "a complete mesh, found .*; try a .ply",
+            "CNOFF\n2 0 0\n0 0 0 0 0 1 1 1 1 1\n",
+            "2 of vertices, found the end of the file after 1",
         ),
         (
             "mesh.glb",

@@ -246,10 +246,11 @@ def _finite(text: str) -> float:
     return value
 
 
-def read_bytes(path: str | os.PathLike[str], what: str = "a file") -> bytes:
-    """The content of a file. Raises InputError if it cannot be read."""
+def read_bytes(path: str | os.PathLike[str], what: str = "a file", most: int = -1) -> bytes:
+    """The content of a file, or at most so many bytes. Raises InputError if it cannot be read."""
     try:
-        return Path(path).read_bytes()
+        with open(path, "rb") as file:
+            return file.read(most)
     except (OSError, ValueError) as error:
         words = {"IsADirectoryError": "a folder", "FileNotFoundError": "no such file or folder"}
         found = words.get(type(error).__name__) or getattr(error, "strerror", None) or error

@@ -1,16 +1,18 @@
-"""Reads meshes and point clouds as arrays: PLY here, OBJ, STL and OFF by libigl, glTF by Open3D."""
+"""Reads meshes and point clouds as arrays."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError, WorkError
-from ..native_output import native_output_in
+from .obj import read_obj
+from .off import read_off
 from .ply import read_ply
+from .stl import read_stl
 
+_READERS = {".obj": read_obj, ".stl": read_stl, ".off": read_off}
 GLTF_ENDINGS = (".gltf", ".glb")
-MESH_ENDINGS = (".ply", ".obj", ".stl", ".off", *GLTF_ENDINGS)
+MESH_ENDINGS = (".ply", *_READERS, *GLTF_ENDINGS)
 
 
 def read_mesh(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -44,32 +46,11 @@ def read_mesh_or_cloud(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         model = read_ply(path)
         points, triangles, colours = model.points, model.triangles, model.colours
     else:
-        points, triangles = _read_gltf(path) if ending in GLTF_ENDINGS else _read_plain(path)
+        points, triangles = _READERS.get(ending, _read_gltf)(path)
         colours = np.zeros((len(points), 0), np.uint8)
     if not len(points):
         raise InputError("a mesh or a point cloud with points", path=path, found="none")
     return points, triangles, colours
-
-
-def _read_plain(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    try:
-        import igl
-    except ImportError:
-        raise WorkError(
-            f"{path}: {path.suffix} is read by libigl; try: pip install libigl, or a .ply"
-        ) from None
-    try:
-        with native_output_in(Path(os.devnull)):
-            points, triangles = igl.read_triangle_mesh(str(path))
-    except RuntimeError as error:
-        found = str(error).splitlines()[0]
-        raise InputError("a complete mesh", path=path, found=found, hint="a .ply") from None
-    triangles = triangles.reshape(-1, 3).astype(np.int64)
-    if path.suffix.lower() == ".stl":
-        # Each triangle has corners of its own: means over vertices would depend on the format.
-        points, merged = np.unique(points, axis=0, return_inverse=True)
-        triangles = merged.reshape(-1)[triangles]
-    return points, triangles
 
 
 def _read_gltf(path: Path) -> tuple[np.ndarray, np.ndarray]:
