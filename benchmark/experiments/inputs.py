@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from iclnuim.benchmark.odometry.run import Sequence
-from iclnuim.dataset.frames import find_truth, read_truth, rendered_job, require_images
+from iclnuim.dataset.frames import find_truth, read_truth, rendered_job
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_bytes, sha256
 from iclnuim.geometry.trajectory import Trajectory
@@ -28,12 +28,11 @@ class Input:
 
     @classmethod
     def of(cls, sequence: Sequence, name: str) -> "Input":
-        """Raises InputError without ground truth or without one of the images."""
+        """Raises InputError without ground truth."""
         folder = sequence.folder
         truth = read_truth(folder)
         if truth is None:
             raise InputError("a ground truth in the folder", path=folder, found="none")
-        require_images(folder, sequence.pairs)
         return cls(name, sequence, truth, input_sha256(folder))
 
 

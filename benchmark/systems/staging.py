@@ -23,7 +23,6 @@ from iclnuim.dataset.frames import (
     read_camera,
     read_depth_m,
     read_truth,
-    require_images,
     sequence_name,
 )
 from iclnuim.dataset.layout import SequenceCamera
@@ -66,7 +65,6 @@ class StagedSequence:
         Raises InputError if there are none, or the camera is unknown.
         """
         pairs = find_pairs(folder)[:first]
-        require_images(folder, pairs)
         return cls(
             sequence_name(folder),
             tuple(pairs),

@@ -10,13 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from iclnuim.console import Console
-from iclnuim.errors import InputError
+from iclnuim.errors import InputError, within
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings
 from iclnuim.evaluation.align import AlignmentSettings
 from iclnuim.evaluation.associate import AssociationSettings
 from iclnuim.evaluation.image_error import ViewSettings
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, parse_delta
 from iclnuim.formats.files import atomic_write_text
+from iclnuim.formats.image_names import files_in
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.report.trajectory_report import ComparedFile, Report, error_text
 
@@ -121,16 +122,14 @@ def _files_and_times(parser: argparse.ArgumentParser) -> None:
 
 
 def _ground_truth(text: str) -> str:
-    """The file, or the ground truth in the folder of a sequence."""
+    """The file or the folder of a sequence, which contains a ground truth."""
     text = trajectory_file(text)
     if not os.path.isdir(text):
         return text
     from iclnuim.dataset.frames import find_truth
 
-    truth = find_truth(Path(text))
-    if truth is not None:
-        return str(truth)
-    if any(Path(text).glob("*.txt")):  # a folder of POV-Ray camera files is itself a trajectory
+    # a folder of POV-Ray camera files is itself a trajectory
+    if find_truth(Path(text)) is not None or files_in(Path(text), "*.txt"):
         return text
     expected = "a ground truth (groundtruth.txt, *.gt.freiburg, *.gt.sim)"
     raise InputError(expected, path=text, found="none")
@@ -156,16 +155,12 @@ def _report(
     console: Console,
 ) -> None:
     """Read ground truth and estimate, report how each was read, and report the errors."""
-    sources = []
     of_positions = False
     if isinstance(settings, AbsoluteErrorSettings):
         of_positions = settings.alignment.method != "origin"
-    for path, format in ((args.reference, args.reference_from), (args.estimate, args.format)):
-        loaded = read_trajectory(
-            path, format, rate_hz=args.file_rate, positions_suffice=of_positions
-        )
-        sources.append(ComparedFile(path, loaded))
-        console.note(f"{path}: {sources[-1].loaded.read_as.sentence}")
+    sources = _compared(args, settings.association.offset_s, of_positions)
+    for source in sources:
+        console.note(f"{source.path}: {source.loaded.read_as.sentence}")
     report = Report.of(sources[0], sources[1], settings)
     if args.csv:
         atomic_write_text(args.csv, report.csv())
@@ -175,6 +170,32 @@ def _report(
         save(error_figure(report), args.plot)
     values = report.to_dict()
     console.result(values, error_text(values))
+
+
+def _compared(
+    args: argparse.Namespace, offset_s: float, of_positions: bool
+) -> tuple[ComparedFile, ComparedFile]:
+    """Ground truth and estimate, with the stamps of the same frames if one has none and no offset
+    is given.
+    """
+    from iclnuim.dataset.frames import find_truth, load_truth, tied_to_sequence
+    from iclnuim.dataset.pose_lines import tied_to_poses
+
+    options = {"rate_hz": args.file_rate, "positions_suffice": of_positions}
+    estimate = read_trajectory(args.estimate, args.format, **options)
+    folder = Path(args.reference)
+    found = find_truth(folder) if folder.is_dir() else None
+    file = found or folder
+    truth = load_truth(folder, **options) if found and not args.reference_from else None
+    if truth is None:
+        truth = read_trajectory(file, args.reference_from, **options)
+    if not offset_s:
+        with within(args.estimate):
+            if found:
+                truth, estimate = tied_to_sequence(folder, truth, estimate)
+            else:
+                truth, estimate = tied_to_poses(truth, estimate)
+    return ComparedFile(str(file), truth), ComparedFile(args.estimate, estimate)
 
 
 def run_views(args: argparse.Namespace, console: Console) -> None:

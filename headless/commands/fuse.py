@@ -10,7 +10,7 @@ from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.formats.files import check_file, is_file, read_json, write_json
 from iclnuim.formats.ply import write_ply
-from iclnuim.formats.trajectories import ANCHORED_WORLD, LoadedTrajectory, read_trajectory
+from iclnuim.formats.trajectories import ANCHORED_WORLD, LoadedTrajectory
 
 from ..method_options import open_sequence, require
 from ..options import add_settings, common, settings_from, trajectory_file
@@ -53,12 +53,12 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if args.plot:
         require("fuse --plot", "embreex")
     from iclnuim.benchmark.fusion.sequence import fuse_sequence
-    from iclnuim.dataset.frames import find_pairs, find_truth, load_truth
+    from iclnuim.dataset.frames import find_pairs, find_truth, load_poses, load_truth
 
     settings = _settings(args, console)
     find_pairs(args.folder)  # a folder without a sequence is reported as such
     poses = args.poses or find_truth(args.folder)
-    loaded = read_trajectory(args.poses) if args.poses else load_truth(args.folder)
+    loaded = load_poses(args.folder, args.poses) if args.poses else load_truth(args.folder)
     if poses is None or loaded is None:
         raise InputError(
             "a ground truth in the folder", path=args.folder, found="none", hint="--poses FILE"

@@ -229,7 +229,7 @@ def test_a_frame_without_its_depth_image_is_left_out_with_a_note(
     code, _, noted = command_here("convert", folder, folder.parent / "out")
     assert code == 0 and "000002.png" in noted
     shutil.rmtree(folder / "depth")
-    with pytest.raises(InputError, match="depth/000000.png for 000000.png, found none"):
+    with pytest.raises(InputError, match="has no depth/000000.png"):
         find_pairs(folder)
 
 

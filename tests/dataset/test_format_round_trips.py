@@ -54,7 +54,6 @@ def test_the_table_says_what_the_formats_declare(table):
         "ns": "nanoseconds",
         "ids": "frame ids, 30 a second",
         "numbers": "none, numbers in names",
-        "rows": "none, order of names",
     }
     frame = SequenceFrame(3, 1.1)
     for name, format in FORMATS.items():

@@ -118,7 +118,7 @@ def test_missing_unlisted_broken_and_odd_images_are_named(folder):
     write_png(folder / "depth/000007.png", np.zeros((72, 96, 3), np.uint8))
     found = inspect_sequence(folder)
     wrong = "\n".join(found.wrong)
-    assert "1 images in the lists do not exist: 000003.png" in wrong
+    assert "1 images in the lists do not exist: 000003.png" in "\n".join(found.odd)
     assert "000005.png: expected a whole PNG image, found a truncated file" in wrong
     assert "rgb images differ: 10 of 96 x 72, 8-bit RGB, 1 of 10 x 10, 8-bit RGB" in wrong
     assert "not 16-bit grey" in wrong

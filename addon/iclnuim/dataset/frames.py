@@ -3,16 +3,20 @@ user-provided sequence, whose pairs, camera and ground
 truth are found here.
 """
 
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..channels import BASE, DEPTH, FURTHER, RGB, Channel, further_of
 from ..errors import InputError, within
 from ..evaluation.associate import nearest
+from ..evaluation.depth_pairs import depth_residuals
 from ..formats.associations import LARGEST_NUMBER
 from ..formats.depth_units import metres_from_depth16
 from ..formats.exr import read_exr
@@ -25,14 +29,17 @@ from ..formats.files import (
     real_path,
     sha256,
 )
+from ..formats.image_names import files_in, numbers_in_names
 from ..formats.images import ARRAY, image_header, read_array, read_colour8, seen_by
 from ..formats.png import read_depth16
 from ..formats.trajectories import FORMATS, LoadedTrajectory, read_trajectory
 from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_slice
 from ..sensor.transfer import light_from_srgb8
 from .ground_truth import FurtherImages
-from .layout import SequenceCamera, SequenceFrame, posed, usual_step_s
+from .layout import Row, SequenceCamera, SequenceFrame, posed, usual_step_s
+from .pose_lines import ImagesOfLines, Residuals, tied_to_images, tied_to_poses
 from .run_folder import RunFolder, read_run
 from .sequence_formats import format_of
 
@@ -95,33 +102,79 @@ class ImagePair:
 
 def find_pairs(folder: Path) -> list[ImagePair]:
     """The pairs of a sequence in any known format (sequence_formats.py), in the order of time.
+    Frames without one of the images are left out.
 
     Raises InputError if there are no pairs.
     """
     folder = Path(folder)
+    rows = find_rows(folder)
+    whole = [row for row in rows if row.rgb is not None and row.depth is not None]
+    numbers = _frame_numbers(whole) or list(range(len(whole)))
+    pairs = []
+    for number, row in zip(numbers, whole, strict=True):
+        if row.rgb is not None and row.depth is not None and row.is_pair:
+            pairs.append(ImagePair(number, row.stamp_s, row.rgb, row.depth, row.written))
+    if not pairs:
+        raise _no_pairs(folder, whole)
+    return pairs
+
+
+def find_rows(folder: Path) -> list[Row]:
+    """The frames of a sequence in the order of time, also those without one of the images. Raises
+    InputError if there is no such folder.
+    """
     if not folder.is_dir():
         found = "a file" if folder.exists() else "nothing"
         raise InputError("a folder with a sequence", path=folder, found=found)
-    rows = format_of(folder).reader.rows(folder)
-    if not rows:
-        inside = sorted(path.parent.name for path in folder.glob("*/recipe.json"))
-        if inside:
-            hint = f"a folder inside: {', '.join(inside)}"
-        elif all(any((folder / kind).glob("*")) for kind in ("rgb", "depth")):
-            hint = "equal file names in rgb/ (PNG or JPEG) and depth/ (PNG), "
-            hint += "or rgb.txt and depth.txt with their stamps"
-        else:
-            hint = "a folder with rgb/*.png and depth/*.png"
-        raise InputError("pairs of colour and depth images", path=folder, found="none", hint=hint)
+    return format_of(folder).reader.rows(folder)
+
+
+def _no_pairs(folder: Path, rows: list[Row]) -> InputError:
+    inside = sorted(path.parent.name for path in folder.glob("*/recipe.json"))
+    found = "none"
+    if rows:
+        missing = next(path for path in (rows[0].rgb, rows[0].depth) if path and not is_file(path))
+        first = os.path.relpath(missing, folder)
+        found = f"none in {len(rows)} frames, the first of which has no {first}"
+        hint = "the folder that the lists are relative to"
+    elif inside:
+        hint = f"a folder inside: {', '.join(inside)}"
+    elif all(any((folder / kind).glob("*")) for kind in ("rgb", "depth")):
+        hint = "equal file names in rgb/ (PNG or JPEG) and depth/ (PNG), "
+        hint += "or rgb.txt and depth.txt with their stamps"
+    else:
+        hint = "a folder with rgb/*.png and depth/*.png"
+    return InputError("pairs of colour and depth images", path=folder, found=found, hint=hint)
+
+
+def _frame_numbers(rows: list[Row]) -> list[int] | None:
+    """The frame numbers of rows; None if they do not increase, or a name has none."""
     numbers: list[int] = []
     for row in rows:
-        number = _number(row.rgb.stem) if row.number is None else row.number
+        number = row.number
+        if number is None:
+            number = _number((row.rgb or row.depth or Path()).stem)
         if number is None or (numbers and number <= numbers[-1]):
-            numbers = list(range(len(rows)))
-            break
+            return None
         numbers.append(number)
-    named = zip(numbers, rows, strict=True)
-    return [ImagePair(number, r.stamp_s, r.rgb, r.depth, r.written) for number, r in named]
+    return numbers
+
+
+def _numbers_in_names(rows: list[Row]) -> list[int] | None:
+    """The numbers in the names of colour images, None if they do not increase; stamps with decimals
+    are none.
+    """
+    names = [row.rgb.name for row in rows if row.rgb and "." not in row.rgb.stem]
+    numbers = numbers_in_names(names)
+    return numbers if numbers and len(names) == len(rows) and numbers == sorted(numbers) else None
+
+
+def missing_images(folder: Path) -> list[Path]:
+    """The images of a sequence's lists that do not exist."""
+    found = []
+    for row in find_rows(folder):
+        found += [path for path in (row.rgb, row.depth) if path and not is_file(path)]
+    return found
 
 
 def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
@@ -133,18 +186,10 @@ def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
     for kind, paths in used.items():
         there: set[Path] = set()
         for parent, ending in {(path.parent, path.suffix) for path in paths}:
-            there.update(map(real_path, parent.glob(f"*{ending}")))
+            there.update(map(real_path, files_in(parent, f"*{ending}")))
         unused = there - used[RGB] - used[DEPTH]
         found[kind] = sorted(path for path in unused if not _FURTHER_IMAGE.fullmatch(path.stem))
     return found
-
-
-def require_images(folder: Path, pairs: Iterable[ImagePair]) -> None:
-    """Raises InputError if an image of the pairs does not exist."""
-    for pair in pairs:
-        for path in (pair.rgb, pair.depth):
-            if not path.is_file():
-                raise InputError("all images of the sequence", path=folder, found=f"no {path}")
 
 
 def rendered_job(folder: Path) -> dict:
@@ -181,27 +226,83 @@ def find_truth(folder: Path) -> Path | None:
     return format_of(folder).reader.truth(folder)
 
 
-def load_truth(folder: Path) -> LoadedTrajectory | None:
+def load_truth(folder: Path, **options: Any) -> LoadedTrajectory | None:
     """The ground truth of a sequence as right-handed poses of its camera, and how its file was
-    read, or None.
+    read, or None. options: those of read_trajectory.
     """
     path = find_truth(folder)
     if path is None:
         return None
-    loaded = read_trajectory(path)
+    loaded = load_poses(folder, path, **options)
     mount = format_of(folder).reader.mount(folder)
     if mount is None:
         return loaded
     own = loaded.trajectory
     poses = Trajectory(own.stamps_s, own.T_world_camera @ mount)
     how = f"{loaded.read_as.sentence}; poses of the camera by T_BS of its file"
-    return LoadedTrajectory(poses, replace(loaded.read_as, sentence=how))
+    return replace(loaded, trajectory=poses, read_as=replace(loaded.read_as, sentence=how))
 
 
 def read_truth(folder: Path) -> Trajectory | None:
     """The ground truth of a sequence as right-handed poses of its camera, or None."""
     loaded = load_truth(folder)
     return None if loaded is None else loaded.trajectory
+
+
+def load_poses(folder: Path, path: Path | str, **options: Any) -> LoadedTrajectory:
+    """Poses of a sequence's frames from any file; without stamps and frame numbers in the file, the
+    line of each frame is found (pose_lines.py). options: those of read_trajectory. Raises
+    InputError if the line cannot be told.
+    """
+    loaded = read_trajectory(path, **options)
+    if not loaded.is_counted:
+        return loaded
+    with within(path):
+        return tied_to_images(loaded, _images_of_lines(folder))
+
+
+def tied_to_sequence(
+    folder: Path, truth: LoadedTrajectory, estimate: LoadedTrajectory
+) -> tuple[LoadedTrajectory, LoadedTrajectory]:
+    """The ground truth of a sequence, and an estimate with the stamps of its images or poses.
+
+    Raises InputError if an estimate without stamps has another number of rows than both.
+    """
+    if estimate.is_counted:
+        images = _images_of_lines(folder)
+        if len(images.stamps_s) == estimate.row_count:
+            return truth, tied_to_images(estimate, images)
+    return tied_to_poses(truth, estimate)
+
+
+def _images_of_lines(folder: Path) -> ImagesOfLines:
+    rows = find_rows(folder)
+    numbers = _frame_numbers(rows) or _numbers_in_names(rows)
+    stamps_s = np.array([row.stamp_s for row in rows])
+    return ImagesOfLines(stamps_s, numbers, _residuals_of(folder, rows))
+
+
+def _residuals_of(folder: Path, rows: list[Row]) -> Residuals:
+    """A function that compares the depth of some frames with readings of their poses."""
+
+    def residuals(frames: np.ndarray, readings: list[SE3]) -> list[float]:
+        pairs = [rows[frame] for frame in frames.tolist()]
+        first = next((row.rgb for row in rows if row.is_pair), None)
+        if first is None:
+            return [float("nan")] * len(readings)
+        camera = read_camera(folder, first)
+
+        def load(frame: int) -> np.ndarray | None:
+            depth = pairs[frame].depth
+            if depth is None:
+                return None
+            with suppress(InputError):
+                return read_depth_m(depth, camera.depth_units_per_metre)
+            return None
+
+        return depth_residuals(load, readings, camera.pinhole)
+
+    return residuals
 
 
 _CAMERA_HINT = (

@@ -17,6 +17,7 @@ from ..formats.depth_units import LARGEST_UNIT
 from ..formats.files import is_file
 from ..formats.images import ARRAY, image_header, read_colour8
 from ..formats.png import PngHeader
+from ..formats.trajectories import LoadedTrajectory
 from ..geometry import axes
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -25,9 +26,10 @@ from .frames import (
     ImagePair,
     find_pairs,
     find_truth,
+    load_truth,
+    missing_images,
     read_camera,
     read_depth_m,
-    read_truth,
     unused_images,
 )
 from .layout import SequenceCamera, posed, usual_step_s
@@ -84,12 +86,13 @@ def inspect_sequence(folder: Path | str) -> Inspection:
     if camera is not None:
         _camera(result, camera, headers)
         depths = _depth(result, pairs, camera)
-    truth = result.attempt(read_truth, folder)
-    if truth is None:
+    loaded = result.attempt(load_truth, folder)
+    if loaded is None:
         if find_truth(folder) is None:
             result.odd.append("no ground truth")
         return result
-    _poses(result, pairs, truth)
+    truth = loaded.trajectory
+    _poses(result, pairs, loaded)
     if camera is not None and depths:
         _handedness(result, depths, truth, camera)
     return result
@@ -98,10 +101,10 @@ def inspect_sequence(folder: Path | str) -> Inspection:
 def _count(result: Inspection, pairs: list[ImagePair]) -> None:
     result.figures["pairs"] = len(pairs)
     unused = unused_images(pairs)
+    missing = missing_images(result.folder)
+    _report(result.odd, missing, "{} images in the lists do not exist: {}")
     for kind, paths in (("rgb", {p.rgb for p in pairs}), ("depth", {p.depth for p in pairs})):
-        missing = sorted(path for path in paths if not is_file(path))
-        result.figures[f"{kind}_images"] = len(paths) - len(missing) + len(unused[kind])
-        _report(result.wrong, missing, "{} images in the lists do not exist: {}")
+        result.figures[f"{kind}_images"] = len(paths) + len(unused[kind])
         _report(
             result.odd,
             unused[kind],
@@ -263,9 +266,9 @@ def _range(
         result.odd.append(f"{missing:.0%} of the depth is missing")
 
 
-def _poses(result: Inspection, pairs: list[ImagePair], truth: Trajectory) -> None:
+def _poses(result: Inspection, pairs: list[ImagePair], loaded: LoadedTrajectory) -> None:
+    truth = loaded.trajectory
     stamps = np.array([p.stamp_s for p in pairs])
-    usual = usual_step_s(stamps)
     figures = statistics(truth)
     result.figures["poses"] = figures.frames
     result.figures["length_m"] = round(figures.length_m, 3)
@@ -274,13 +277,26 @@ def _poses(result: Inspection, pairs: list[ImagePair], truth: Trajectory) -> Non
     if without.size:
         names = _first([pairs[int(i)].rgb.name for i in without])
         result.odd.append(f"{without.size} frames without a pose: {names}")
-    within = (truth.stamps_s > stamps[0] - usual) & (truth.stamps_s < stamps[-1] + usual)
-    idle = nearest(truth.stamps_s[within], np.sort(stamps))[1] > _SLACK * usual + 1e-9
-    # a motion tracker has a higher rate than the frames
-    if idle.any() and len(truth) <= 1.5 * len(pairs):
-        result.odd.append(f"{idle.sum()} poses without a frame")
+    if loaded.read_as.lost:
+        lost = f"{loaded.read_as.lost} of {loaded.row_count} rows have no finite pose"
+        result.odd.append(f"{lost} and are left out")
+    if idle := _without_frame(loaded, stamps):
+        result.odd.append(f"{idle} poses without a frame")
     if figures.max_speed > 5:
         result.odd.append(f"a jump: the camera moves at up to {figures.max_speed:.1f} m/s")
+
+
+def _without_frame(loaded: LoadedTrajectory, stamps_s: np.ndarray) -> int:
+    """The number of poses that belong to no frame; 0 for those of a motion tracker, which has a
+    higher rate than the frames.
+    """
+    if loaded.is_counted:
+        return loaded.row_count - loaded.read_as.lost - len(loaded.trajectory)
+    usual = usual_step_s(stamps_s)
+    poses_s = loaded.trajectory.stamps_s
+    poses_s = poses_s[(poses_s > stamps_s[0] - usual) & (poses_s < stamps_s[-1] + usual)]
+    idle = nearest(poses_s, np.sort(stamps_s))[1] > _SLACK * usual + 1e-9
+    return int(idle.sum()) if len(loaded.trajectory) <= 1.5 * len(stamps_s) else 0
 
 
 def _handedness(

@@ -5,7 +5,6 @@ Each format is a module in layouts/ and an entry of the registry in sequence_for
 """
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from functools import cached_property
@@ -21,8 +20,9 @@ from ..evaluation.associate import nearest
 from ..formats.associations import ImageList
 from ..formats.depth_units import UNITS_PER_METRE, check_units
 from ..formats.files import atomic_write, is_file, make_folder, read_json
+from ..formats.image_names import by_numbers, numbers_in_names
 from ..formats.images import image_header
-from ..formats.stamps import stamp_text
+from ..formats.stamps import seconds_of_names, stamp_text
 from ..formats.trajectories import write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -58,38 +58,46 @@ class SequenceFrame:
 
 
 class Row(NamedTuple):
-    """A pair that was found: stamp in seconds, images, the texts of their stamps in the lists, and
-    the frame's number if the format has one.
-    Otherwise the number is that in the colour image's name, or the row.
+    """A frame that was found: stamp in seconds, images, the texts of their stamps in the lists, and
+    the frame's number if the format has one. Otherwise the number is that in the colour image's
+    name, or the row. An image that is missing is None, or a file that does not exist.
     """
 
     stamp_s: float
-    rgb: Path
-    depth: Path
+    rgb: Path | None
+    depth: Path | None
     written: tuple[str, str] = ("", "")
     number: int | None = None
 
+    @property
+    def is_pair(self) -> bool:
+        """Whether both images exist."""
+        return all(path is not None and is_file(path) for path in (self.rgb, self.depth))
 
-def with_depth(rows: list[Row], folder: Path) -> list[Row]:
-    """The rows without those whose depth image alone is missing: `unused_images` names these.
 
-    Raises InputError if all are missing.
+def rows_by_name(colours: Mapping[str, Path], depths: Mapping[str, Path]) -> list[Row]:
+    """A row for each name of a colour or depth image, in the order of the numbers in the names:
+    frame numbers, or stamps in a known unit. Names without numbers are counted from 0.
+
+    Raises InputError for another unit of time.
     """
-    found = [row for row in rows if is_file(row.depth) or not is_file(row.rgb)]
-    if rows and not found:
-        missing = rows[0].depth
-        with suppress(ValueError):
-            missing = missing.relative_to(folder)
-        raise InputError(f"{missing.as_posix()} for {rows[0].rgb.name}", path=folder, found="none")
-    return found
-
-
-def numbered_row(top: Path, number: int, rgb: Path, depth: Path) -> Row:
-    """The pair of a frame whose stamp is that of its number. Raises InputError without depth."""
-    if not depth.is_file():
-        missing = depth.relative_to(top).as_posix()
-        raise InputError(f"{missing} for {rgb.name}", path=top, found="none")
-    return Row(float(stamps_of_frames(number)), rgb, depth, number=number)
+    names = sorted(colours.keys() | depths.keys(), key=by_numbers)
+    numbers = numbers_in_names(names)
+    stamps = None
+    if numbers is None:
+        numbers = list(range(len(names)))
+    else:
+        numbers, names = (
+            list(column) for column in zip(*sorted(zip(numbers, names, strict=True)), strict=True)
+        )
+        stamps = seconds_of_names(numbers)
+    if stamps:
+        named = zip(names, *stamps, strict=True)
+        return [
+            Row(s, colours.get(name), depths.get(name), (text, text)) for name, s, text in named
+        ]
+    counted = zip(names, numbers, stamps_of_frames(numbers).tolist(), strict=True)
+    return [Row(s, colours.get(name), depths.get(name), number=n) for name, n, s in counted]
 
 
 @dataclass(frozen=True)
@@ -181,7 +189,7 @@ class SequenceFormat:
     `check` raises InputError for contents that the format cannot represent.
 
     stamps: how stamps are stored: "text" (exact text), "ns" (whole nanoseconds), "ids" (frame
-    numbers), or not at all: only frame "numbers" in names, or the order of the "rows". fixed_units:
+    numbers), or not at all: only frame "numbers" in names. fixed_units:
     the depth units per metre that programs for this format assume; None: the requested units.
     every_pose: each frame must have a pose. keeps_names: images from a sequence in such a format
     keep their paths. fixed_camera: the only camera that programs for this format support.
@@ -251,10 +259,8 @@ class SequenceFormat:
                 "depth images get the stamps of their colour images, "
                 f"up to {1e3 * apart_s:.3g} ms from their own"
             )
-        if self.stamps in ("numbers", "rows"):
-            counted = list(range(len(frames)))
-            if self.stamps == "numbers":
-                counted = [frame.number for frame in frames]
+        if self.stamps == "numbers":
+            counted = [frame.number for frame in frames]
             if not np.abs(stamps_of_frames(counted) - contents.stamps_s).max() <= 1e-6:
                 found.append(
                     "this format has no stamps; its frames are read at 30 frames per second"

@@ -17,7 +17,14 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.trajectory import FRAME_RATE_HZ, frames_of_stamps, stamps_of_frames
 from .files import atomic_write_text, data_lines, read_text
-from .stamps import LARGEST_FRAME, LARGEST_STAMP_S, STAMP_SLACK, stamp_text
+from .stamps import (
+    LARGEST_FRAME,
+    LARGEST_STAMP_S,
+    STAMP_SLACK,
+    stamp_text,
+    stamp_text_of_ns,
+    stamp_ticks,
+)
 
 #: Larger numbers in names are no frame numbers, but stamps.
 LARGEST_NUMBER = 9_999_999
@@ -180,23 +187,35 @@ def _rows(path: str | os.PathLike[str], columns: int, what: str) -> list[tuple[i
 def _image_list(
     path: str | os.PathLike[str], rows: list[tuple[int, list[str]]], column: int, increasing: bool
 ) -> ImageList:
-    stamps_s = []
-    for number, fields in rows:
-        try:
-            stamp_s = float(fields[column])
-        except ValueError:
-            stamp_s = math.nan
+    stamps = np.array([_finite(fields[column]) for _, fields in rows])
+    ticks = stamp_ticks(stamps)
+    stamps_s = (stamps / ticks).tolist()
+    for (number, fields), stamp_s in zip(rows, stamps_s, strict=True):
         if not abs(stamp_s) <= LARGEST_STAMP_S:
             expected = f"a stamp in seconds in column {column + 1}"
             raise InputError(expected, path=path, line=number, found=repr(fields[column]))
-        stamps_s.append(stamp_s)
     late = np.flatnonzero(np.diff(stamps_s) <= 0)
     if increasing and late.size:
         row = int(late[0]) + 1
         expected = f"a stamp above the {stamps_s[row - 1]:.15g} of line {rows[row - 1][0]}"
         raise InputError(expected, path=path, line=rows[row][0], found=f"{stamps_s[row]:.15g}")
     paths, written = (tuple(fields[place] for _, fields in rows) for place in (column + 1, column))
+    if ticks != 1:
+        written = tuple(_in_seconds(text, ticks) for text in written)
     return ImageList(tuple(stamps_s), paths, written)
+
+
+def _in_seconds(text: str, ticks: float) -> str:
+    """The text in seconds of a stamp in ticks; "" of one that is no whole number."""
+    return stamp_text_of_ns(int(text) * round(1e9 / ticks)) if text.isdecimal() else ""
+
+
+def _finite(text: str) -> float:
+    """The number of a text; NaN for other texts."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def _is_number_of(text: str, path: str) -> bool:

@@ -122,6 +122,23 @@ def stamp_text(stamp_s: float) -> str:
     return _nine_digits(Decimal(repr(float(stamp_s))))
 
 
+def seconds_of_names(numbers: list[int]) -> tuple[list[float], list[str]] | None:
+    """Stamps in seconds of images named by whole numbers, and their texts; None if these are frame
+    numbers. Raises InputError if they are stamps in no known unit of time.
+    """
+    stamps = np.sort(np.array(numbers, float))
+    ticks = ticks_unless_frames(stamps)
+    if ticks is None:
+        return None
+    if stamps[-1] / ticks > LARGEST_STAMP_S:
+        expected = "images named by frame numbers, stamps in milliseconds, microseconds or "
+        expected += "nanoseconds, or stamps in seconds with decimals"
+        hint = "rgb.txt and depth.txt with the stamps of the images"
+        raise InputError(expected, found="another unit of time", hint=hint)
+    texts = [stamp_text_of_ns(number * round(1e9 / ticks)) for number in numbers]
+    return [number / ticks for number in numbers], texts
+
+
 def stamp_text_of_ns(nanoseconds: int) -> str:
     """The text in seconds of a stamp in nanoseconds, with six to nine digits after the decimal
     point.

@@ -85,9 +85,9 @@ class TrajectoryReader:
             has_rotations=bool(columns.orientation),
         )
         read_as = _with_remarks(read_as, table.note + few_digits, int(counted[-1]) + 1)
-        if columns.leave_first:
-            return LoadedTrajectory(trajectory, read_as)
-        return LoadedTrajectory(trajectory, read_as, counted[kept], int(counted[-1]) + 1)
+        of_poses = counted[kept][rows]
+        is_counted = not columns.leave_first
+        return LoadedTrajectory(trajectory, read_as, of_poses, int(counted[-1]) + 1, is_counted)
 
 
 def _with_remarks(read_as: ReadAs, note: str, row_count: int) -> ReadAs:

@@ -2,7 +2,7 @@
 
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -45,14 +45,15 @@ class ReadAs:
 class LoadedTrajectory:
     """A right-handed trajectory of cv camera poses, and how its file was read.
 
-    rows: for a file with neither stamps nor frame numbers, (n,) the rows of the poses, from 0;
-    row_count: of how many rows, lost ones included.
+    rows (n,): the rows of the poses, from 0, of row_count rows, lost ones included. is_counted:
+    whether the file has neither stamps nor frame numbers; the stamps are those of the rows.
     """
 
     trajectory: Trajectory
     read_as: ReadAs
-    rows: np.ndarray | None = None
+    rows: np.ndarray = field(default_factory=lambda: np.arange(0))
     row_count: int = 0
+    is_counted: bool = False
 
 
 @dataclass(frozen=True)

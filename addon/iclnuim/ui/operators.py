@@ -16,6 +16,7 @@ from .. import shipped
 from ..blender.open import importers, orient, sanitize, scene_paths
 from ..blender.render import camera as keyed_camera
 from ..dataset.frames import read_frame
+from ..dataset.pose_lines import tied_to_poses
 from ..dataset.run_folder import read_run
 from ..dataset.sequence_options import SequenceOptions, noisy_images
 from ..errors import InputError
@@ -212,9 +213,12 @@ def evaluate(self: Operator, context: Context) -> None:
     if not settings.estimate:
         hint = "choosing a file as {estimate}"
         raise InputError("an estimated trajectory", found="none", hint=hint)
-    estimate = read_trajectory(bpy.path.abspath(settings.estimate)).trajectory
+    estimated = read_trajectory(bpy.path.abspath(settings.estimate))
+    estimate = estimated.trajectory
     if settings.truth:
-        truth = read_trajectory(bpy.path.abspath(settings.truth)).trajectory
+        reference = read_trajectory(bpy.path.abspath(settings.truth))
+        reference, estimated = tied_to_poses(reference, estimated)
+        truth, estimate = reference.trajectory, estimated.trajectory
     else:
         truth = inputs.trajectory(context)[0]
     alignment = AlignmentSettings(**settings.values_of(AlignmentSettings))

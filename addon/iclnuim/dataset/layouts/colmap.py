@@ -27,7 +27,6 @@ from ..layout import (
     SequenceCamera,
     SequenceFormat,
     camera_file,
-    with_depth,
 )
 from . import listed
 
@@ -145,7 +144,7 @@ def _rows(folder: Path) -> list[Row]:
     for stamp_s, name in colmap.stamps_and_names(images):
         depth = folder / DEPTH / Path(name).with_suffix(".png")
         rows.append(Row(stamp_s, folder / "images" / name, depth))
-    return with_depth(rows, folder)
+    return rows
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...channels import DEPTH, RGB
-from ...errors import InputError
+from ...errors import InputError, within
 from ...evaluation.associate import associate
 from ...formats.associations import (
     Associations,
@@ -19,8 +19,8 @@ from ...formats.associations import (
     write_image_list,
 )
 from ...formats.files import data_lines, is_file, read_text, write_json
-from ...formats.stamps import LARGEST_FRAME, SHORTEST_STEP_NS, stamp_text_of_ns
-from ...geometry.trajectory import stamps_of_frames
+from ...formats.image_names import files_in, numbers_in_names
+from ...formats.stamps import seconds_of_names
 from ..layout import (
     CAMERA,
     Contents,
@@ -32,6 +32,7 @@ from ..layout import (
     numbers_in,
     pinhole_of,
     pinhole_of_matrix,
+    rows_by_name,
     write_truth,
 )
 
@@ -92,31 +93,47 @@ def _listed(folder: Path) -> list[Row]:
         return []
     if len(files) == 1:
         pairs = read_associations(files[0])
-        rgb = pairs.rgb
-        depth = pairs.depth
-        indices = [(i, i) for i in range(len(pairs))]
-    else:
-        rgb, depth = read_image_lists(*files)
-        both = associate(np.array(rgb.stamps_s), np.array(depth.stamps_s))
-        indices = list(zip(both.first.tolist(), both.second.tolist(), strict=True))
-        if not indices and len(rgb) and len(depth) and found(folder):
-            expected = "stamps in depth.txt near those in rgb.txt"
-            spans = f"{_span(RGB, rgb)}; {_span(DEPTH, depth)}"
-            raise InputError(expected, path=folder, found=spans)
-    found_rows = []
-    for i, j in indices:
-        texts = (_text(rgb, i), _text(depth, j))
-        row = Row(rgb.stamps_s[i], folder / rgb.paths[i], folder / depth.paths[j], texts)
-        found_rows.append(row)
+        both = zip(_items(folder, pairs.rgb), _items(folder, pairs.depth), strict=True)
+        return [_row(one, other) for one, other in both]
+    rgb, depth = read_image_lists(*files)
+    found_rows = _associated(_items(folder, rgb), _items(folder, depth))
+    if not found_rows and found(folder):
+        expected = "stamps in depth.txt near those in rgb.txt"
+        spans = f"{_span(RGB, rgb)}; {_span(DEPTH, depth)}"
+        raise InputError(expected, path=folder, found=spans)
     return found_rows
+
+
+#: Stamp in seconds, image, and the text of the stamp.
+_Item = tuple[float, Path, str]
+
+
+def _items(folder: Path, images: ImageList) -> list[_Item]:
+    written = images.written or [""] * len(images)
+    paths = [folder / path for path in images.paths]
+    return list(zip(images.stamps_s, paths, written, strict=True))
+
+
+def _row(colour: _Item, depth: _Item) -> Row:
+    return Row(colour[0], colour[1], depth[1], (colour[2], depth[2]))
+
+
+def _associated(colours: list[_Item], depths: list[_Item]) -> list[Row]:
+    """The colour images with the depth images of near stamps, or without one; [] without a pair."""
+    stamps_s = [np.array([item[0] for item in items]) for items in (colours, depths)]
+    both = associate(stamps_s[0], stamps_s[1])
+    partner = dict(zip(both.first.tolist(), both.second.tolist(), strict=True))
+    found_rows = []
+    for i, colour in enumerate(colours):
+        if i in partner:
+            found_rows.append(_row(colour, depths[partner[i]]))
+        else:
+            found_rows.append(Row(colour[0], colour[1], None))
+    return found_rows if partner else []
 
 
 def _span(kind: str, images: ImageList) -> str:
     return f"{kind} {images.stamps_s[0]:.3f}..{images.stamps_s[-1]:.3f} s"
-
-
-def _text(images: ImageList, row: int) -> str:
-    return images.written[row] if images.written else ""
 
 
 def _images(folder: Path, kind: str) -> dict[str, Path]:
@@ -125,7 +142,7 @@ def _images(folder: Path, kind: str) -> dict[str, Path]:
     Colour may be JPEG; if an image is there in both formats, the PNG is used.
     """
     found: dict[str, Path] = {}
-    there = list((folder / kind).glob("*"))
+    there = files_in(folder / kind)
     for ending in (".jpeg", ".jpg", ".png") if kind == RGB else (".png",):
         found |= {path.stem: path for path in there if path.suffix.lower() == ending}
     return found
@@ -144,15 +161,21 @@ def _by_stamp(folder: Path) -> list[Row]:
 
 
 def paired_by_stamp(rgb: list[Path], depth: list[Path]) -> list[Row]:
-    """The pairs of images whose names are stamps in seconds; the stamps of a pair may differ.
+    """The pairs of images whose names are stamps; the stamps of a pair may differ.
 
     Raises InputError for other names.
     """
-    rgb, depth = (sorted(images, key=_stamp_s) for images in (rgb, depth))
-    stamps_s = [np.array([_stamp_s(path) for path in images]) for images in (rgb, depth)]
-    both = associate(stamps_s[0], stamps_s[1])
-    pairs = ((rgb[i], depth[j]) for i, j in zip(both.first, both.second, strict=True))
-    return [Row(_stamp_s(one), one, other, (one.stem, other.stem)) for one, other in pairs]
+    return _associated(sorted(_stamped(rgb)), sorted(_stamped(depth)))
+
+
+def _stamped(images: list[Path]) -> list[_Item]:
+    names = [image.stem for image in images]
+    if all(name.isdecimal() for name in names):
+        with within(images[0]):
+            stamps = seconds_of_names(list(map(int, names)))
+        if stamps:
+            return list(zip(stamps[0], images, stamps[1], strict=True))
+    return [(_stamp_s(image), image, image.stem) for image in images]
 
 
 def _stamp_s(image: Path) -> float:
@@ -164,41 +187,18 @@ def _stamp_s(image: Path) -> float:
 
 
 def _by_name(folder: Path) -> list[Row]:
-    """The pairs of equal names.
-
-    If all names end in a number and are otherwise equal, it is the number of the frame, or its
-    stamp in nanoseconds.
+    """The frames of images with equal names. Without numbers in all names, those of both kinds
+    count.
     """
-    depths = _images(folder, DEPTH)
     colours = _images(folder, RGB)
-    stems = sorted((stem for stem in colours if stem in depths), key=_parts)
-    split = [re.fullmatch(r"(.*?)(\d*)", stem, re.ASCII | re.DOTALL) for stem in stems]
-    numbers = [int(name[2]) for name in split if name and name[2]]
-    if len(numbers) < len(stems) or len({name[1] for name in split if name}) > 1:
-        every = enumerate(stems)
-        return [Row(float(stamps_of_frames(i)), colours[n], depths[n]) for i, n in every]
-    named = list(zip(numbers, stems, strict=True))
-    if max(numbers, default=0) <= LARGEST_FRAME:
-        numbered = [(float(stamps_of_frames(number)), number, stem) for number, stem in named]
-        return [Row(s, colours[stem], depths[stem], number=n) for s, n, stem in numbered]
-    if len(numbers) > 1 and np.median(np.diff(numbers)) < SHORTEST_STEP_NS:
-        expected = "images named by frame numbers, stamps in nanoseconds, "
-        expected += "or stamps in seconds with decimals"
-        hint = "rgb.txt and depth.txt with the stamps of the images"
-        raise InputError(expected, path=colours[stems[0]], found="another unit of time", hint=hint)
-    found_rows = []
-    for stamp_ns, stem in named:
-        text = stamp_text_of_ns(stamp_ns)
-        found_rows.append(Row(stamp_ns / 1e9, colours[stem], depths[stem], (text, text)))
-    return found_rows
-
-
-def _parts(stem: str) -> list[tuple[int, str]]:
-    """A key that sorts names by the numbers in them: frame_9 before frame_10."""
-    found = []
-    for part in re.split(r"(\d+)", stem, flags=re.ASCII):
-        found.append((int(part), "") if part.isdecimal() else (-1, part))
-    return found
+    depths = _images(folder, DEPTH)
+    both = colours.keys() & depths.keys()
+    if numbers_in_names([*(colours.keys() | depths.keys())]) is None:
+        colours, depths = ({name: images[name] for name in both} for images in (colours, depths))
+    if not both:
+        return []
+    with within(colours[min(both)]):
+        return rows_by_name(colours, depths)
 
 
 def camera(folder: Path, image: Path) -> SequenceCamera | None:
@@ -221,7 +221,7 @@ def camera(folder: Path, image: Path) -> SequenceCamera | None:
 def truth(folder: Path) -> Path | None:
     """The ground-truth file, or None."""
     for pattern in _TRUTHS:
-        if files := sorted(folder.glob(pattern)):
+        if files := files_in(folder, pattern):
             return files[0]
     return None
 

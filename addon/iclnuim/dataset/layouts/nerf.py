@@ -27,7 +27,6 @@ from ..layout import (
     SequenceCamera,
     SequenceFormat,
     numbers_in,
-    with_depth,
 )
 
 FILE = Path("transforms.json")
@@ -158,7 +157,7 @@ def _rows(folder: Path) -> list[Row]:
     if frames and not rows:
         expected = "frames with file_path, and depth_file_path or depth_path"
         raise InputError(expected, path=folder / FILE, found="none")
-    return with_depth(sorted(rows), folder)
+    return sorted(rows)
 
 
 def _image(folder: Path, name: str) -> Path:

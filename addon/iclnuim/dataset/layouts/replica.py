@@ -12,6 +12,7 @@ from ...channels import RGB
 from ...errors import InputError
 from ...formats.depth_units import check_units
 from ...formats.files import read_json, write_json
+from ...formats.image_names import files_in
 from ...formats.images import image_header
 from ...formats.trajectories import write_trajectory
 from ...geometry.camera import PinholeCamera
@@ -24,7 +25,7 @@ from ..layout import (
     SequenceCamera,
     SequenceFormat,
     SequenceFrame,
-    numbered_row,
+    rows_by_name,
 )
 
 #: Depth units per metre in the systems' settings for Replica; the range ends at 10 m.
@@ -49,13 +50,11 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 
 
 def _rows(folder: Path) -> list[Row]:
-    """The pairs in the order of the names; a depth image has the number of its colour image."""
-    found = []
-    images = [*folder.glob("results/frame*.jpg"), *folder.glob("results/frame*.png")]
-    for place, image in enumerate(sorted(images)):
-        depth = image.with_name(f"depth{image.stem.removeprefix('frame')}.png")
-        found.append(numbered_row(folder, place, image, depth))
-    return found
+    """The frames; a depth image has the number of its colour image."""
+    results = folder / "results"
+    colours = {path.stem[5:]: path for path in files_in(results, "frame*.jpg", "frame*.png")}
+    depths = {path.stem[5:]: path for path in files_in(results, "depth*.png")}
+    return rows_by_name(colours, depths)
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
@@ -97,7 +96,7 @@ FORMAT = SequenceFormat(
         _camera,
         lambda folder: folder / _TRAJECTORY,
     ),
-    stamps="rows",
+    stamps="numbers",
     depth_stamps=False,
     fixed_units=UNITS,
     every_pose=True,

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...channels import RGB
 from ...formats.files import atomic_write_text, data_lines, make_folder, read_text
+from ...formats.image_names import files_in
 from ..known_keys import Keys, identity, names
 from ..layout import (
     Contents,
@@ -17,9 +18,9 @@ from ..layout import (
     SequenceFormat,
     SequenceFrame,
     camera_file,
-    numbered_row,
     numbers_in,
     pinhole_of_matrix,
+    rows_by_name,
 )
 
 #: Keys of the files intrinsic/extrinsic_*.txt, which are their names,
@@ -61,14 +62,16 @@ def _top(folder: Path) -> Path:
 
 
 def _rows(folder: Path) -> list[Row]:
-    """The pairs, by the numbers in the names."""
+    """The frames, by the numbers in the names."""
     top = _top(folder)
-    images = [*top.glob("color/*.jpg"), *top.glob("color/*.png")]
-    by_number = {int(image.stem): image for image in images if image.stem.isdecimal()}
-    found = []
-    for number, image in sorted(by_number.items()):
-        found.append(numbered_row(top, number, image, top / f"depth/{image.stem}.png"))
-    return found
+    return rows_by_name(
+        _by_number(files_in(top / "color", "*.jpg", "*.png")),
+        _by_number(files_in(top / "depth", "*.png")),
+    )
+
+
+def _by_number(images: list[Path]) -> dict[str, Path]:
+    return {image.stem: image for image in images if image.stem.isdecimal()}
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:

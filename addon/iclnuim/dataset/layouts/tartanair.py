@@ -9,6 +9,7 @@ of pose_left.txt correspond to the images in the order of their names.
 from pathlib import Path
 
 from ...channels import DEPTH, RGB
+from ...formats.image_names import files_in
 from ...formats.images import image_header
 from ...formats.trajectories import write_trajectory
 from ...geometry.camera import PinholeCamera
@@ -21,7 +22,7 @@ from ..layout import (
     SequenceFormat,
     SequenceFrame,
     camera_file,
-    numbered_row,
+    rows_by_name,
 )
 from . import listed
 
@@ -37,11 +38,11 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 
 
 def _rows(folder: Path) -> list[Row]:
-    found = []
-    for place, image in enumerate(sorted((folder / "image_left").glob("*.png"))):
-        depth = folder / f"depth_left/{image.stem}_depth.npy"
-        found.append(numbered_row(folder, place, image, depth))
-    return found
+    depths = files_in(folder / "depth_left", "*_depth.npy")
+    return rows_by_name(
+        {path.stem: path for path in files_in(folder / "image_left", "*.png")},
+        {path.stem.removesuffix("_depth"): path for path in depths},
+    )
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
@@ -68,7 +69,7 @@ FORMAT = SequenceFormat(
         _camera,
         lambda folder: folder / _POSES,
     ),
-    stamps="rows",
+    stamps="numbers",
     depth_stamps=False,
     every_pose=True,
     fixed_camera=PUBLISHED,

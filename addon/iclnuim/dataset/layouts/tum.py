@@ -8,6 +8,7 @@ from pathlib import Path
 from ...channels import DEPTH, RGB
 from ...formats.depth_units import UNITS_PER_METRE
 from ...formats.files import atomic_write_text
+from ...formats.image_names import files_in
 from .. import slam_settings
 from ..layout import Contents, Reader, Row, SequenceFormat
 from . import listed
@@ -37,7 +38,7 @@ def _by_stamp(folder: Path) -> list[Row]:
     """The pairs of the lists, else of images with near stamps."""
     if listed.found(folder):
         return listed.rows(folder)
-    rgb, depth = (list((folder / f"{kind}_sync").glob("*.png")) for kind in (RGB, DEPTH))
+    rgb, depth = (files_in(folder / f"{kind}_sync", "*.png") for kind in (RGB, DEPTH))
     return listed.paired_by_stamp(rgb, depth)
 
 

@@ -1,0 +1,154 @@
+"""Which line of a pose file belongs to which image, if the file has neither stamps nor frame
+numbers (Replica, KITTI, TartanAir, Redwood): one rule.
+
+With as many lines as images the i-th image has the i-th line. With more lines, the line is the
+number of the image minus that of the first line, if the numbers tell it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..evaluation.associate import nearest
+from ..formats.trajectory_source import LoadedTrajectory
+from ..geometry.se3 import SE3
+from ..geometry.trajectory import Trajectory
+from .layout import usual_step_s
+
+#: residuals(frames (n,), readings of their poses (n,)): of each reading the relative difference
+#: between depth and poses; NaN if it cannot be told.
+Residuals = Callable[[np.ndarray, list[SE3]], list[float]]
+#: Of two readings of the lines, one is chosen if its residual is below this share of the other's.
+_CLEARLY = 0.7
+#: A stamp may differ from that of a frame number by this share of a frame.
+_SLACK = 0.01
+_HINT = "a file with stamps (TUM) or frame numbers in its first column"
+
+
+@dataclass(frozen=True, eq=False)
+class ImagesOfLines:
+    """The images that lines are tied to, in the order of time: stamps (n,) in seconds, frame
+    numbers if their names have them, and how depth agrees with poses.
+    """
+
+    stamps_s: np.ndarray
+    numbers: Sequence[int] | None
+    residuals: Residuals
+
+
+def tied_to_images(loaded: LoadedTrajectory, images: ImagesOfLines) -> LoadedTrajectory:
+    """The poses of the images, with the images' stamps. Poses without an image are left out.
+
+    Raises InputError if the line of an image cannot be told.
+    """
+    count = loaded.row_count
+    n = len(images.stamps_s)
+    if n == count:
+        return _tied(loaded, images.stamps_s, np.arange(n), "one line for each image")
+    if n > count or images.numbers is None:
+        raise _not_told(count, f"{n} images")
+    firsts = first_numbers(images.numbers, count)
+    numbers = np.array(images.numbers)
+    if not firsts:
+        raise _not_told(count, f"{n} images, {numbers[0]} to {numbers[-1]}")
+    first, how = firsts[0], "by the numbers of the images"
+    if len(firsts) > 1:
+        first, how = _by_depth(loaded, images, firsts)
+    sentence = f"{count} lines for {n} images: the first line is that of number {first}, {how}"
+    return _tied(loaded, images.stamps_s, numbers - first, sentence)
+
+
+def tied_to_poses(
+    reference: LoadedTrajectory, estimate: LoadedTrajectory
+) -> tuple[LoadedTrajectory, LoadedTrajectory]:
+    """Reference and estimate with the stamps of the same frames, if one of them has neither stamps
+    nor frame numbers: of as many rows, the i-th rows are of the same frame.
+
+    Raises InputError for other numbers of rows, unless the estimate has the stamps of the frames.
+    """
+    if estimate.is_counted:
+        lines = reference.rows
+        if estimate.row_count != reference.row_count:
+            lines = np.arange(len(reference.trajectory))
+        if estimate.row_count not in (reference.row_count, len(lines)):
+            raise _not_told(estimate.row_count, f"rows of the ground truth, {reference.row_count}")
+        how = "row i belongs to pose i of the ground truth"
+        return reference, _tied(estimate, reference.trajectory.stamps_s, lines, how)
+    if not reference.is_counted or _are_near(reference.trajectory, estimate.trajectory):
+        return reference, estimate
+    if estimate.row_count != reference.row_count:
+        raise _not_told(reference.row_count, f"poses in the estimate, {estimate.row_count}")
+    how = "row i belongs to pose i of the estimate"
+    return _tied(reference, estimate.trajectory.stamps_s, estimate.rows, how), estimate
+
+
+def _are_near(reference: Trajectory, estimate: Trajectory) -> bool:
+    """Whether most stamps of an estimate are those of frames of the reference."""
+    slack_s = _SLACK * usual_step_s(reference.stamps_s) + 1e-6
+    off_s = nearest(estimate.stamps_s, reference.stamps_s)[1]
+    return bool(np.median(off_s) <= slack_s)
+
+
+def first_numbers(numbers: Sequence[int], lines: int) -> list[int]:
+    """The numbers that the image of the first line may have, for fewer images than lines: 0 if
+    image 0 is there, 1 if the last number is that of the lines, else all with which each of the
+    ascending numbers has a line: 0, 1, the first number, and that with which the last image has the
+    last line.
+    """
+    first, last = numbers[0], numbers[-1]
+    usual = [0, 1, first, last - lines + 1]
+    if first == 0:
+        usual = [0]
+    elif last == lines:
+        usual = [1]
+    return sorted({k for k in usual if max(0, last - lines + 1) <= k <= first})
+
+
+def _by_depth(
+    loaded: LoadedTrajectory, images: ImagesOfLines, firsts: list[int]
+) -> tuple[int, str]:
+    """Which of the numbers of the first line agrees best with depth, and the figures."""
+    numbers = np.array(images.numbers)
+    lines = [numbers - first for first in firsts]
+    posed = np.all([np.isin(each, loaded.rows) for each in lines], axis=0)
+    frames = np.flatnonzero(posed)
+    readings = [_poses_of(loaded, each[frames]) for each in lines]
+    found = np.full(len(firsts), np.nan)
+    if len(frames) > 1:
+        found = np.array(images.residuals(frames, readings))
+    figures = ", ".join(f"{100 * r:.2f} % with {k}" for k, r in zip(firsts, found, strict=True))
+    best, second = np.argsort(found)[:2]
+    if found[best] < _CLEARLY * found[second]:
+        return firsts[best], f"by depth against poses ({figures})"
+    raise InputError(
+        f"images whose numbers tell the line of the first one ({' or '.join(map(str, firsts))})",
+        found=f"{loaded.row_count} lines for {len(numbers)} images, {numbers[0]} to {numbers[-1]}; "
+        f"depth differs from poses by {figures}",
+        hint=_HINT,
+    )
+
+
+def _poses_of(loaded: LoadedTrajectory, lines: np.ndarray) -> SE3:
+    return loaded.trajectory.T_world_camera[np.searchsorted(loaded.rows, lines)]
+
+
+def _tied(
+    loaded: LoadedTrajectory, stamps_s: np.ndarray, lines: np.ndarray, how: str
+) -> LoadedTrajectory:
+    """The poses of some lines (n,) with the stamps (n,); lines without a pose are left out."""
+    there = np.isin(lines, loaded.rows)
+    if not there.any():
+        raise InputError("a pose for one of the images", found="none")
+    trajectory = Trajectory(stamps_s[there], _poses_of(loaded, lines[there]))
+    read_as = loaded.read_as
+    same = len(trajectory) == len(loaded.trajectory)
+    if not same or np.abs(trajectory.stamps_s - loaded.trajectory.stamps_s).max() > 1e-6:
+        read_as = replace(read_as, sentence=f"{read_as.sentence}; {how}")
+    return replace(loaded, trajectory=trajectory, read_as=read_as, rows=lines[there])
+
+
+def _not_told(lines: int, others: str) -> InputError:
+    expected = f"as many lines without stamps as {others}"
+    return InputError(expected, found=f"{lines} lines", hint=_HINT)
