@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "settings": "errors",
     "checkout": "errors",
     "version": "",
-    "console": "",
+    "console": "formats",
     "worker_events": "errors formats",
     "__main__": "errors checkout headless headless.cli benchmark",
     "shipped": "errors",

@@ -1,9 +1,10 @@
 """Output of a command: results go to standard output, notes and progress to standard error."""
 
-import json
 import sys
 import time
 from datetime import timedelta
+
+from .formats.files import json_text
 
 
 class Console:
@@ -20,7 +21,7 @@ class Console:
     def result(self, values: dict, text: str) -> None:
         """Print the result of a command: `values` with --json, `text` without."""
         if self.as_json:
-            text = json.dumps(values, indent=2, allow_nan=False)
+            text = json_text(values, ascii=True)
         print(text, flush=True)
 
     def note(self, text: str) -> None:

@@ -327,12 +327,14 @@ def read_camera(folder: Path, image: Path) -> SequenceCamera:
 
 
 def read_depth_m(path: Path, units_per_metre: float) -> np.ndarray:
-    """Read (h, w) float32 planar metres, 0 = missing, from a 16-bit PNG or an array of metres.
+    """Read (h, w) float32 planar metres, 0 = missing, from a 16-bit PNG or an array of metres,
+    whose NaN and infinity are missing depth.
 
     Raises InputError.
     """
     if path.suffix == ARRAY:
-        return read_array(path)
+        depth_z_m = read_array(path)
+        return np.where(np.isfinite(depth_z_m), depth_z_m, np.float32(0))
     return metres_from_depth16(read_depth16(path), units_per_metre)
 
 

@@ -15,7 +15,7 @@ from ..errors import InputError, WorkError
 from ..evaluation.associate import nearest
 from ..formats.depth_units import LARGEST_UNIT
 from ..formats.files import is_file
-from ..formats.images import ARRAY, image_header, read_colour8
+from ..formats.images import ARRAY, image_header, read_array, read_colour8
 from ..formats.png import PngHeader
 from ..formats.trajectories import LoadedTrajectory
 from ..geometry import axes
@@ -213,9 +213,11 @@ def _depth(
     c = camera.pinhole
     depths: list[tuple[float, np.ndarray]] = []
     others: list[str] = []
+    not_finite = 0
     for pair in _sampled(pairs):
         with contextlib.suppress(InputError):  # reported already
             depth = read_depth_m(pair.depth, camera.depth_units_per_metre)
+            not_finite += _not_finite(pair.depth)
             if depth.shape == (c.height, c.width):
                 depths.append((pair.stamp_s, depth))
             else:
@@ -226,6 +228,9 @@ def _depth(
         result.wrong.append(f"{several} are not of {size}: {others[0]}")
         if not depths:
             return []
+    if not_finite:
+        count = f"{not_finite} depths of {len(depths)} inspected images"
+        result.odd.append(f"{count} are NaN or infinite: they are read as missing")
     largest_m = np.float32(LARGEST_UNIT) / np.float32(camera.depth_units_per_metre)
     if pairs[0].depth.suffix == ARRAY:
         largest_m = np.float32(np.inf)
@@ -236,6 +241,13 @@ def _depth(
     pixels = len(depths) * c.width * c.height
     _range(result, np.concatenate(seen), pixels, camera.depth_units_per_metre, largest_m)
     return depths
+
+
+def _not_finite(path: Path) -> int:
+    """The number of depths of an array of metres that are NaN or infinite."""
+    if path.suffix != ARRAY:
+        return 0
+    return int(np.count_nonzero(~np.isfinite(read_array(path))))
 
 
 def _range(

@@ -200,11 +200,27 @@ def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:
     atomic_write(path, lambda temporary: temporary.write_bytes(text.encode()))
 
 
+def json_text(content: object, ascii: bool = False) -> str:
+    """The text of JSON: indented, keys in the given order, NaN and infinity as null, which JSON
+    does not have. ascii: other letters as escapes.
+    """
+    finite = _with_nulls(content)
+    return json.dumps(finite, indent=2, ensure_ascii=ascii, allow_nan=False)
+
+
+def _with_nulls(content: object) -> object:
+    if isinstance(content, dict):
+        return {key: _with_nulls(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_with_nulls(value) for value in content]
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content
+
+
 def write_json(path: str | os.PathLike[str], content: dict) -> None:
-    """Write JSON: indented, keys in the given order, with a line end at the end."""
-    atomic_write_text(
-        path, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    )
+    """Write the text of JSON, with a line end at the end."""
+    atomic_write_text(path, json_text(content) + "\n")
 
 
 def read_json(path: str | os.PathLike[str]) -> dict:
