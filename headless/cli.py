@@ -127,6 +127,10 @@ def _run_command(argv: list[str]) -> int:
     if given.get("csv"):
         check_file(args.csv)
     console = Console(given.get("quiet", False), given.get("json", False))
+    if given.get("reads_sequences"):
+        from .sequence_options import read_bags
+
+        read_bags(args, console)
     work = partial(args.run, args, console)
     opened = given.get(given.get("opens", ""))  # the file that the command opens in Blender
     if opened:

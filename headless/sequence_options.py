@@ -2,6 +2,8 @@
 
 import argparse
 import sys
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +14,7 @@ from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
+from iclnuim.formats.bags import is_bag
 from iclnuim.formats.depth_units import UNITS_PER_METRE, check_units
 from iclnuim.formats.files import content_of_json, is_file
 from iclnuim.geometry.camera import PinholeCamera
@@ -84,7 +87,28 @@ def _json(text: str | None) -> dict[str, Any] | None:
     return content_of_json(text, "noise settings in JSON")
 
 
+def read_bags(args: argparse.Namespace, console: Console) -> None:
+    """Unpack the bags among the sequences that a command reads, with progress, and print how each
+    is read. The command itself reports what is wrong with them.
+    """
+    given = vars(args)
+    sequences = [given.get("folder"), given.get("source"), *(given.get("folders") or [])]
+    for path in sequences:
+        if path and is_bag(path):
+            from iclnuim.dataset.bag_sequence import unpacked
+
+            def progress(total: int, path: Path = path) -> Callable[[], None]:
+                return console.progress(total, f"reading {path}", "images").advance
+
+            with suppress(InputError):
+                folder, notes = unpacked(path, progress)
+                for sentence in notes:
+                    console.note(f"{path}: {sentence}")
+                console.note(f"{path}: unpacked in {folder}, which may be removed afterwards")
+
+
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(reads_sequences=True)
     help = "default: camera.json of the folder, or the benchmark's camera"
     parser.add_argument("--camera", metavar="WxH,FX,FY,CX,CY", help=help)
     help = "depth units per metre; default: those of camera.json, or 5000"

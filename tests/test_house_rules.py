@@ -91,7 +91,7 @@ MAY_LOAD_A_CHECKOUT = {
 #: in a function, where they are needed; the other rooms of library and farm import numpy alone. An
 #: encoder of images is the first of several that is there (formats/libraries.py).
 OUTSIDE = {
-    "formats": ("numpy", "open3d"),
+    "formats": ("numpy", "open3d rosbags"),
     "blender": ("numpy bpy bmesh mathutils", "pxr _cycles zstandard"),
     "ui": ("numpy bpy mathutils", "gpu gpu_extras"),
     "report": ("numpy matplotlib", "rerun"),

@@ -16,6 +16,7 @@ from iclnuim.evaluation.align import AlignmentSettings
 from iclnuim.evaluation.associate import AssociationSettings
 from iclnuim.evaluation.image_error import ViewSettings
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, parse_delta
+from iclnuim.formats.bags import is_bag
 from iclnuim.formats.files import atomic_write_text
 from iclnuim.formats.image_names import files_in
 from iclnuim.formats.trajectories import read_trajectory
@@ -122,9 +123,9 @@ def _files_and_times(parser: argparse.ArgumentParser) -> None:
 
 
 def _ground_truth(text: str) -> str:
-    """The file or the folder of a sequence, which contains a ground truth."""
+    """The file, which may be a bag, or the folder of a sequence, which contains a ground truth."""
     text = trajectory_file(text)
-    if not os.path.isdir(text):
+    if not os.path.isdir(text) or is_bag(text):
         return text
     from iclnuim.dataset.frames import find_truth
 
@@ -184,7 +185,7 @@ def _compared(
     options = {"rate_hz": args.file_rate, "positions_suffice": of_positions}
     estimate = read_trajectory(args.estimate, args.format, **options)
     folder = Path(args.reference)
-    found = find_truth(folder) if folder.is_dir() else None
+    found = find_truth(folder) if folder.is_dir() and not is_bag(folder) else None
     file = found or folder
     truth = load_truth(folder, **options) if found and not args.reference_from else None
     if truth is None:

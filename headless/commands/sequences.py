@@ -296,7 +296,7 @@ def configure_inspect(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--preview", type=Path, metavar="FOLDER", help=help)
     add_rerun(parser, "its images, camera and poses")
     example = "iclnuim inspect out/living_room/kt2/noisy --preview pictures"
-    common(parser, example).set_defaults(run=_inspect)
+    common(parser, example).set_defaults(run=_inspect, reads_sequences=True)
 
 
 def _inspect(args: argparse.Namespace, console: Console) -> int:

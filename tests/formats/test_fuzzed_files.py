@@ -244,7 +244,8 @@ def content_of(format: str) -> bytes:
 
 
 def test_every_format_is_fuzzed():
-    assert set(NAMES) == set(FORMATS)
+    """Bags in tests/dataset/test_fuzzed_bags.py."""
+    assert set(NAMES) == set(FORMATS) - {"rosbag"}
 
 
 @FILES

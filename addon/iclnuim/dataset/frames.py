@@ -18,6 +18,7 @@ from ..errors import InputError, within
 from ..evaluation.associate import nearest
 from ..evaluation.depth_pairs import depth_residuals
 from ..formats.associations import LARGEST_NUMBER
+from ..formats.bags import is_bag
 from ..formats.depth_units import metres_from_depth16
 from ..formats.exr import read_exr
 from ..formats.files import (
@@ -123,9 +124,9 @@ def find_rows(folder: Path) -> list[Row]:
     """The frames of a sequence in the order of time, also those without one of the images. Raises
     InputError if there is no such folder.
     """
-    if not folder.is_dir():
+    if not folder.is_dir() and not is_bag(folder):
         found = "a file" if folder.exists() else "nothing"
-        raise InputError("a folder with a sequence", path=folder, found=found)
+        raise InputError("a folder with a sequence, or a ROS bag", path=folder, found=found)
     return format_of(folder).reader.rows(folder)
 
 

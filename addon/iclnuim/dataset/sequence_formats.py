@@ -6,6 +6,7 @@ list these entries.
 from pathlib import Path
 
 from ..errors import InputError
+from . import bag_sequence
 from .layout import SequenceFormat
 from .layouts import (
     colmap,
@@ -45,5 +46,9 @@ def sequence_format(name: str) -> SequenceFormat:
 
 
 def format_of(folder: Path) -> SequenceFormat:
-    """The format of a folder. If none is detected, tum, whose reader reports what is missing."""
+    """The format of a folder, or of a bag, which is only read. If none is detected, tum, whose
+    reader reports what is missing.
+    """
+    if bag_sequence.FORMAT.reader.found(folder):
+        return bag_sequence.FORMAT
     return next((format for format in FORMATS.values() if format.reader.found(folder)), tum.FORMAT)

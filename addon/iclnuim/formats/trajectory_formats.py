@@ -11,6 +11,7 @@ from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from . import (
     anchored,
+    bag_poses,
     colmap,
     matrix_blocks,
     named_rows,
@@ -132,6 +133,10 @@ _NO_STAMPS = "; stamps are not written"
 
 #: name -> format
 FORMATS = {
+    # the note of its table has the topic and the frames
+    "rosbag": TrajectoryFormat(
+        TrajectoryReader(bag_poses.rows, SCALAR_LAST, f"ROS bag: {_RIGHT_IN_OWN}")
+    ),
     # one 4x4 matrix per file
     "scannet": TrajectoryFormat(
         TrajectoryReader(

@@ -7,9 +7,15 @@ import numpy as np
 from ..errors import InputError
 from . import colmap, matrix_blocks, named_rows, pose_folders
 from .anchored import starts_as_official
+from .bags import is_bag
 from .files import data_lines, is_number
 from .number_rows import VSLAM_LAB_STAMP
 from .trajectory_source import Source
+
+
+def is_rosbag(source: Source) -> bool:
+    """Whether the path is that of a bag, which may be a folder."""
+    return is_bag(source.path)
 
 
 def is_nerf(source: Source) -> bool:
@@ -129,6 +135,7 @@ _TARTANAIR_FOLDERS = ("image_left", "depth_left", "image_lcam_*", "depth_lcam_*"
 #: Format -> whether a file has it, in the order in which they are asked: the first that answers
 #: yes is the file's format. A format that is not listed is only read by its name.
 SNIFFED = {
+    "rosbag": is_rosbag,
     "scannet": pose_folders.is_scannet,
     "open3d": pose_folders.is_open3d,
     "nerf": is_nerf,
