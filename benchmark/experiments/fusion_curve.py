@@ -15,8 +15,6 @@ from iclnuim.benchmark.fusion.volume import Volume
 from ..perturbations.segment import Segment
 
 VALUES = (0.035, 0.0176, 4.5 / 512, 0.004)
-#: Truncation distance in voxels; the default distance is the minimum.
-_TRUNCATION = 3.0
 
 
 @dataclass(frozen=True)
@@ -45,10 +43,12 @@ def measure(
     base = PRESETS["best"]
     volumes = []
     for voxel_m in values:
-        reach_m = max(base.truncation_m, _TRUNCATION * voxel_m)
-        behind_m = max(base.behind_m, 2 * voxel_m)
+        truncation_m, behind_m = base.reach_m(voxel_m)
         settings = base.changed(
-            voxel_m=float(voxel_m), truncation_m=reach_m, behind_m=behind_m, max_blocks=400_000
+            voxel_m=float(voxel_m),
+            truncation_m=truncation_m,
+            behind_m=behind_m,
+            max_blocks=400_000,
         )
         volumes.append(Volume(settings, lambda volume, leaves: None))
     seconds = np.zeros(len(volumes))

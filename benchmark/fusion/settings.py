@@ -83,6 +83,10 @@ class VolumeSettings(Settings):
             found = f"{self.window_blocks} and {self.channels}"
             raise InputError("a window of 4, 8, 16 ... blocks, and 0, 1 or 3 channels", found=found)
 
+    def reach_m(self, voxel_m: float) -> tuple[float, float]:
+        """(truncation_m, behind_m), if they are at least three and two voxels of another side."""
+        return max(self.truncation_m, 3 * voxel_m), max(self.behind_m, 2 * voxel_m)
+
 
 #: paper: the cyclic volume of 4.5 m of Kintinuous; best: 18 m, larger than the rooms.
 PRESETS = {

@@ -125,10 +125,10 @@ def _settings(args: argparse.Namespace, console: Console) -> FuseSettings:
         raise InputError(f"a preset ({', '.join(PRESETS)})", found=args.preset)
     base = PRESETS[args.preset]
     voxel_m = base.voxel_m if args.voxel is None else args.voxel
-    truncation_m = args.truncation
-    if truncation_m is None:
-        truncation_m = max(base.truncation_m, 3 * voxel_m)
-    behind_m = min(max(base.behind_m, 2 * voxel_m), truncation_m)
+    truncation_m, behind_m = base.reach_m(voxel_m)
+    if args.truncation is not None:
+        truncation_m = args.truncation
+        behind_m = min(behind_m, truncation_m)
     volume = settings_from(args, base, truncation_m=truncation_m, behind_m=behind_m)
     if args.truncation is None and volume.truncation_m > base.truncation_m:
         console.note(f"truncation distance {truncation_m:g} m: three voxels of {voxel_m:g} m")

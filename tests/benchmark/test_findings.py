@@ -139,6 +139,18 @@ def test_the_rank_correlation_and_its_interval_are_scipys():
     assert high == pytest.approx(theirs.confidence_interval.high, abs=0.05)
 
 
+def test_an_interval_is_of_the_data_and_not_of_the_draw():
+    """Its ends move with a standard deviation of about 0.01, between a half and twice which the
+    cells themselves are too few to tell; the order of the cells draws anew.
+    """
+    rng = np.random.default_rng(3)
+    x = rng.normal(size=16)
+    y = 0.6 * x + 0.8 * rng.normal(size=16)
+    orders = [rng.permutation(16) for _ in range(30)]
+    low_ends = [interval(x[order], y[order])[0] for order in orders]
+    assert 0.0095 < np.std(low_ends) < 0.0142
+
+
 def test_pairs_on_one_sequence_say_whether_a_better_trajectory_means_a_better_surface():
     cells = [r.key for r in only(results(), room="office", trajectory="kt1", noise="clean")][:4]
     same = [result(cell, 0.01 * 2**k, 0.02 * 2**k) for k, cell in enumerate(cells)]

@@ -21,7 +21,7 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, sample
 from iclnuim.sensor.transfer import light_from_srgb8
 
-from ...perturbations.plan import FUNCTIONS, SEVERITIES, Plan
+from ...perturbations.plan import FUNCTIONS, Plan
 from ...perturbations.segment import Segment
 from ...systems.staging import StagedSequence
 from ...systems.system import System
@@ -84,12 +84,12 @@ class Stress:
     plan: Plan
     inputs: Mapping[str, Input]
     methods: tuple[str, ...]
-    systems: tuple[System, ...] = ()
-    perturbations: tuple[str, ...] = ()
-    severities: tuple[int, ...] = tuple(range(1, SEVERITIES + 1))
-    starts: int | None = None
-    preset: str = "best"
-    runs: int = 5
+    systems: tuple[System, ...]
+    perturbations: tuple[str, ...]
+    severities: tuple[int, ...]
+    starts: int | None
+    preset: str
+    runs: int
 
     @property
     def names(self) -> list[str]:
