@@ -18,7 +18,7 @@ _TICKS = (
 _METRES = {"m": 1.0, "metres": 1.0, "meters": 1.0, "cm": 0.01, "mm": 0.001}
 
 _BEFORE = "(?:(?:field|msg|data|header|pose|transform|camera|cam|gt|est)_)*"
-_FRAME = "(?:[a-z]{1,2}|world|map|odom|camera|cam|body|imu|device)"
+_FRAME = "(?:[a-z]{1,2}|world|map|odom|camera|cam|body|imu|device|odometry)"
 _POSITION = "(?:position|pos|translation|trans|location|loc|p|t)"
 _QUATERNION = "(?:quaternion|quat|orientation|rotation|rot|q|r)"
 
@@ -70,8 +70,13 @@ class NamedColumns:
 
 
 def names_in(line: str) -> list[str]:
-    """The names of columns in a line that names x, y and z, else []."""
+    """The names of columns in a line that names x, y and z, else []; words before a colon are
+    none.
+    """
     text = line.strip().lstrip("#% ").rstrip(",;")
+    after = names_in(text.partition(":")[2]) if ":" in text else []
+    if after:
+        return after
     for delimiter in (",", ";", "\t", None):
         names = text.split(delimiter) if delimiter else _parted_by_blanks(text)
         quantities = [_quantity(name) for name in names]
@@ -103,6 +108,11 @@ def columns_of(names: Sequence[str]) -> NamedColumns | None:
         metres=_unit(names[position[0]], _METRES),
         others=tuple(name for column, name in enumerate(names) if column not in used),
     )
+
+
+def is_known(name: str) -> bool:
+    """Whether a name is one of a stamp, a frame number, a position or a rotation."""
+    return bool(_quantity(name))
 
 
 def _each_once(found: dict[str, list[int]], quantities: Sequence[str]) -> tuple[int, ...]:

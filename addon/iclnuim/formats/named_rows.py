@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
-from .column_names import NamedColumns, columns_of
+from .column_names import NamedColumns, columns_of, is_known
 from .columns import MATRIX, SCALAR_FIRST, SCALAR_LAST, Columns, NumberTable, read_table
 from .files import is_number
 from .stamps import plausible, stamp_ticks
@@ -13,6 +13,8 @@ from .trajectory_source import Source
 
 _EXPECTED = "a header that names each of x, y, z and, but for positions alone, qx, qy, qz, qw once"
 _SHOWN = 6
+#: Digits of nanoseconds since 1970.
+_DIGITS_NS = 19
 #: A unit quaternion in a file has this length, up to the error of three digits.
 _NORM_TOLERANCE = 0.01
 
@@ -28,17 +30,29 @@ def named_columns(source: Source) -> NamedColumns | None:
     if not source.names or missing > 1:
         return None
     if missing <= 0:
-        return columns_of(source.names[:count])
+        found = columns_of(source.names[:count])
+        return found if source.has_title or _is_no_prose(source, found) else None
     shifts = (1, 0) if source.has_title else (0, 1)
     found = [columns_of([""] * shift + source.names) for shift in shifts]
     valid = (one for one in found if one and _has_unit_quaternion(source.first_rows[0], one))
     return next(valid, found[0])
 
 
+def _is_no_prose(source: Source, named: NamedColumns | None) -> bool:
+    """Whether a comment lists columns: x, y and z are neighbours, and if it has more words than
+    there are columns, the first is a name.
+    """
+    if named is None or len(source.names) > source.columns and not is_known(source.names[0]):
+        return False
+    x, y, z = named.position
+    return len(named.orientation) == 9 or (y, z) == (x + 1, x + 2)
+
+
 def is_named(source: Source) -> bool:
     """Whether a header names columns in another layout than those that their number means."""
     named = named_columns(source)
-    if named is None:
+    contradicts = source.has_title and len(source.names) > source.columns
+    if named is None or contradicts:
         return source.has_title and source.columns > 0
     if named.metres not in (None, 1.0):
         return True
@@ -54,7 +68,8 @@ def _is_usual(source: Source, named: NamedColumns, layout: Columns) -> bool:
         return False
     if source.delimiter is None:
         return source.columns == 8 and layout == SCALAR_LAST and named.ticks in (None, 1.0)
-    nanoseconds = named.ticks == 1e9 or len(source.first_rows[0][0]) > 9
+    first = source.first_rows[0][0]
+    nanoseconds = named.ticks == 1e9 or named.ticks is None and len(first) >= _DIGITS_NS
     if layout == SCALAR_LAST:
         return source.names[0].lower() == "ts (ns)" and source.columns == 8
     return layout == SCALAR_FIRST and nanoseconds and source.columns in (8, 17)

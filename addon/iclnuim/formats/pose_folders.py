@@ -90,13 +90,15 @@ def is_open3d(source: Source) -> bool:
 
 def open3d_rows(source: Source) -> NumberTable:
     """(n, 12): three rows of each world-to-camera matrix; in the file it is column by column."""
-    cameras = read_json(source.path).get("parameters")
-    valid = isinstance(cameras, list) and all(isinstance(camera, dict) for camera in cameras)
-    if not cameras or not valid:
-        raise InputError("a list of parameters", path=source.path)
+    content = read_json(source.path)
+    matrices = content.get("extrinsic")  # of the first versions, with one camera
+    cameras = content.get("parameters", [])
+    if isinstance(cameras, list) and all(isinstance(camera, dict) for camera in cameras):
+        matrices = [camera.get("extrinsic") for camera in cameras] or matrices
+    if not matrices or not isinstance(matrices, list):
+        raise InputError("a list of parameters with extrinsic", path=source.path)
     found = []
-    for camera in cameras:
-        matrix = camera.get("extrinsic")
+    for matrix in matrices:
         values = _numbers(source.path, matrix if isinstance(matrix, list) else [])
         if len(values) == 16:
             values = values.reshape(4, 4).T.ravel()

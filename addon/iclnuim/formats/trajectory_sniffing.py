@@ -73,8 +73,8 @@ def is_vslam_lab(source: Source) -> bool:
 
 
 def is_euroc(source: Source) -> bool:
-    """Whether commas separate the columns."""
-    return source.delimiter == ","
+    """Whether commas separate the columns, of which the first is a number."""
+    return source.delimiter == "," and is_number(source.first_rows[0][0])
 
 
 def is_pov_matrix(source: Source) -> bool:
@@ -107,9 +107,10 @@ def is_tartanair(source: Source) -> bool:
     """
     if not is_unstamped(source):
         return False
-    folder = source.path.parent
-    named = re.fullmatch(r"pose_(left|right|gt|est|[lr]cam_\w+)\.txt", source.name)
-    return bool(named) or any(map(folder.glob, _TARTANAIR_FOLDERS))
+    if re.fullmatch(r"pose_(left|right|gt|est|[lr]cam_\w+)\.txt", source.name):
+        return True
+    beside = source.path.parent.glob
+    return any(next(beside(name), None) for name in _TARTANAIR_FOLDERS)
 
 
 def is_unstamped(source: Source) -> bool:
@@ -143,6 +144,7 @@ SNIFFED = {
     "pov-commands": is_pov_command,
     "colmap": is_colmap,
     "gt.freiburg": is_freiburg,
+    "matrix-blocks": matrix_blocks.is_blocks,
     "gt.sim": is_sim,
     "tartanair": is_tartanair,
     "named-columns": named_rows.is_named,
@@ -151,7 +153,6 @@ SNIFFED = {
     "kitti": is_kitti,
     "replica": is_replica,
     "tum-unstamped": is_unstamped,
-    "matrix-blocks": matrix_blocks.is_blocks,
     "positions": is_positions,
     "euroc": is_euroc,
     "tum": is_tum,

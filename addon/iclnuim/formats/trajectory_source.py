@@ -19,6 +19,8 @@ _DATA = re.compile(r"^[^\S\n]*[^#\s]", re.MULTILINE)
 #: Names of columns are searched in so many of the comments before the first line of data.
 _COMMENTS = 20
 _LONGEST_LINE = 10_000
+#: What printf of older Windows programs writes for nan and infinity; # is no comment there.
+_NAN_OF_WINDOWS = r"-?1\.#(?:INF|IND|QNAN)\w*"
 _QUOTES_AND_BRACKETS = str.maketrans(dict.fromkeys("\"'[]"))
 
 
@@ -99,6 +101,8 @@ class Source:
         Raises InputError for a missing, empty or binary file or a web page.
         """
         text = read_text(self.path, "a trajectory file")
+        if "1.#" in text:
+            text = re.sub(_NAN_OF_WINDOWS, "nan", text)
         return text.replace("\r\n", "\n").replace("\r", "\n")
 
     @cached_property

@@ -13,7 +13,8 @@ from ..errors import InputError
 #: printed decimals are enough.
 QUAT_NORM_TOLERANCE = 1e-2
 #: A matrix with R^T R = I up to this (largest entry) becomes the nearest rotation, else an error.
-MATRIX_TOLERANCE = 1e-3
+#: Three printed decimals are enough: they cause at most 2 sqrt(3) 0.0005 = 1.74e-3.
+MATRIX_TOLERANCE = 2e-3
 _SMALL_ANGLE = 1e-4
 
 
