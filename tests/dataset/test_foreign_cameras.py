@@ -19,6 +19,8 @@ from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
 
 CAMERA_KEYS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
+# files of the cameras of euroc and vslam-lab
+CAMERAS = ("mav0/cam0/sensor.yaml", "mav0/depth0/sensor.yaml", "calibration.yaml")
 BODY = SE3.exp(np.array([0.1, -0.2, 0.05, 0.3, 1.2, -0.7]))
 
 
@@ -260,7 +262,8 @@ def test_poses_of_a_body_become_those_of_its_camera(
     expected = (truth.T_world_camera @ BODY).matrix
     assert np.allclose(moved.T_world_camera.matrix, expected, atol=1e-9)
     assert "T_BS" in load_truth(folder).read_as.sentence
-    assert camera_of(folder).notes == ()
+    (note,) = camera_of(folder).notes
+    assert note.startswith("T_BS is applied") and f"{_distance_mm():.3g} mm" in note
     # a copy in the same format has the poses of the camera, not the file of the body
     numbers = image_frames(folder).numbers
     assert image_frames(folder).truth_file(numbers) is None
@@ -268,6 +271,20 @@ def test_poses_of_a_body_become_those_of_its_camera(
     code, _, _ = command_here("convert", folder, folder.parent / "out")
     written = read_truth(folder.parent / "out").T_world_camera.matrix
     assert code == 0 and np.allclose(written, expected, atol=1e-6)
+
+
+def _distance_mm() -> float:
+    return 1000 * np.linalg.norm(BODY.translation)
+
+
+def test_a_sensor_without_a_pose_has_that_of_the_other(copied, all_formats):
+    folder = copied("euroc")
+    with_body(folder, CAMERAS[0], BODY)
+    replaced(folder / CAMERAS[1], r"T_BS:\n(.*\n){3}", "")
+    expected = read_truth(all_formats / "euroc").T_world_camera @ BODY
+    assert np.allclose(read_truth(folder).T_world_camera.matrix, expected.matrix, atol=1e-9)
+    (note,) = camera_of(folder).notes
+    assert note.startswith("T_BS is applied")
 
 
 def test_euroc_poses_of_another_body_than_the_cameras_are_converted(copied, all_formats):
@@ -280,9 +297,6 @@ def test_euroc_poses_of_another_body_than_the_cameras_are_converted(copied, all_
     sensor.write_text(f"%YAML:1.0\n# Vicon\nT_BS: !!opencv-matrix\n  rows: 4\n  data: [{rows}]\n")
     expected = read_truth(all_formats / "euroc").T_world_camera @ tracked.inverse() @ BODY
     assert np.allclose(read_truth(folder).T_world_camera.matrix, expected.matrix, atol=1e-9)
-
-
-CAMERAS = ("mav0/cam0/sensor.yaml", "mav0/depth0/sensor.yaml", "calibration.yaml")
 
 
 @pytest.mark.parametrize(

@@ -126,6 +126,20 @@ def pose_of(value: Any, path: Path) -> SE3:
         return SE3.from_matrix(matrix)
 
 
+def is_identity(T: SE3) -> bool:
+    """Whether a pose is the identity, but for rounding."""
+    return bool(np.abs(T.matrix - np.eye(4)).max() < _SAME)
+
+
+def mount_notes(T_truth_camera: SE3 | None) -> tuple[str, ...]:
+    """A sentence if the ground truth follows another frame than the camera's."""
+    if T_truth_camera is None:
+        return ()
+    distance_mm = 1000 * float(np.linalg.norm(T_truth_camera.translation))
+    applied = "T_BS is applied: the ground truth follows a body"
+    return (f"{applied}, and the camera is {distance_mm:.3g} mm from its origin",)
+
+
 def zeros(value: Any) -> bool:
     """Whether a value contains nothing but zeros, or false."""
     numbers = numbers_of(value)

@@ -2,8 +2,7 @@
 state_groundtruth_estimate0; stamps in ns.
 """
 
-import itertools
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from ...formats.stamps import stamp_text_of_ns
 from ...formats.yaml_files import read_yaml
 from ...geometry.camera import PinholeCamera
 from ...geometry.se3 import SE3
-from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, names, pose_of
+from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, is_identity, mount_notes, names, pose_of
 from ..layout import (
     Contents,
     Reader,
@@ -33,8 +32,8 @@ _ROOT = Path("mav0")
 _SENSORS = {RGB: "cam"}
 _TRUTH = Path("mav0/state_groundtruth_estimate0/data.csv")
 _UNITS = "depth_units_per_metre"
-#: Larger entries of the pose of a camera in another are no rounding.
-_APART = 1e-5
+#: Folders of the cameras; the first decides.
+_CAMERAS = ("depth0", "cam0")
 #: Keys of EuRoC's sensor.yaml and of those that follow it.
 KEYS = Keys(
     used=names(f"T_BS resolution intrinsics {_UNITS}"),
@@ -91,52 +90,37 @@ def _rows(folder: Path) -> list[Row]:
 
 def _camera(folder: Path, image: Path) -> SequenceCamera:
     """The depth camera, and the colour camera if it is another one."""
-    sensors = [sensor for name in ("depth0", "cam0") if (sensor := _Sensor.of(folder, name))]
-    if not sensors:
-        file = folder / _ROOT / "depth0/sensor.yaml"
+    files = [file for name in _CAMERAS if is_file(file := _sensor_file(folder, name))]
+    if not files:
+        file = _sensor_file(folder, _CAMERAS[0])
         raise InputError("the depth camera's file", path=file, found="none")
-    first = sensors[0]
-    last = sensors[-1]
-    notes = []
-    for note in itertools.chain.from_iterable(sensor.notes for sensor in sensors):
-        if note not in notes:
-            notes.append(note)
-    apart = first.T_body_camera.inverse() @ last.T_body_camera
-    if np.abs(apart.matrix - np.eye(4)).max() > _APART:
-        distance_mm = 1000 * float(np.linalg.norm(apart.translation))
-        notes.append(
-            f"T_BS of cam0 and depth0 differ (positions by {distance_mm:.3g} mm): "
-            "colour is read as if it had the pose of the depth camera"
-        )
-    colour = last.pinhole if last.pinhole != first.pinhole else None
-    return SequenceCamera(first.pinhole, first.units, colour=colour, notes=tuple(notes))
+    cameras = [_camera_in(file) for file in files]
+    depth = cameras[0]
+    colour = cameras[-1].pinhole
+    notes = [*depth.notes, *cameras[-1].notes, *mount_notes(_mount(folder)), *_apart(folder)]
+    return replace(
+        depth,
+        colour=colour if colour != depth.pinhole else None,
+        notes=tuple(dict.fromkeys(notes)),
+    )
 
 
-@dataclass(frozen=True, eq=False)
-class _Sensor:
-    """A camera's sensor.yaml."""
+def _sensor_file(folder: Path, name: str) -> Path:
+    return folder / _ROOT / name / "sensor.yaml"
 
-    pinhole: PinholeCamera
-    units: float
-    T_body_camera: SE3
-    notes: tuple[str, ...]
 
-    @classmethod
-    def of(cls, folder: Path, name: str) -> "_Sensor | None":
-        """Read the file of a sensor; None if there is none."""
-        file = folder / _ROOT / name / "sensor.yaml"
-        if not is_file(file):
-            return None
-        said = read_yaml(file)
-        notes = KEYS.notes([said], file)
-        what = "resolution: [w, h] and intrinsics: [fx, fy, cx, cy]"
-        values = [*_list(said, "resolution"), *_list(said, "intrinsics")]
-        width, height, *intrinsics = numbers_in(file, values, 6, what)
-        what = "depth_units_per_metre as a number"
-        (per_metre,) = numbers_in(file, [said.get(_UNITS, UNITS_PER_METRE)], 1, what)
-        with within(file):
-            pinhole = PinholeCamera(int(width), int(height), *intrinsics)
-            return cls(pinhole, check_units(per_metre), pose_of(said.get("T_BS"), file), notes)
+def _camera_in(file: Path) -> SequenceCamera:
+    """The camera of one sensor."""
+    said = read_yaml(file)
+    notes = KEYS.notes([said], file)
+    values = [*_list(said, "resolution"), *_list(said, "intrinsics")]
+    what = "resolution: [w, h] and intrinsics: [fx, fy, cx, cy]"
+    width, height, *intrinsics = numbers_in(file, values, 6, what)
+    what = "depth_units_per_metre as a number"
+    (per_metre,) = numbers_in(file, [said.get(_UNITS, UNITS_PER_METRE)], 1, what)
+    with within(file):
+        pinhole = PinholeCamera(int(width), int(height), *intrinsics)
+        return SequenceCamera(pinhole, check_units(per_metre), notes=notes)
 
 
 def _list(said: dict[str, Any], key: str) -> list:
@@ -144,16 +128,32 @@ def _list(said: dict[str, Any], key: str) -> list:
     return value if isinstance(value, list) else [value]
 
 
-def _mount(folder: Path) -> SE3 | None:
-    """The pose of the depth camera in the frame that the ground truth follows: T_BS of both are
-    poses in the body.
+def _T_body(folder: Path, *sensors: str) -> SE3:
+    """T_BS, the pose in the body, of the first of these sensors whose file gives it; else the
+    identity.
     """
-    camera = next((s for name in ("depth0", "cam0") if (s := _Sensor.of(folder, name))), None)
-    file = folder / _TRUTH.parent / "sensor.yaml"
-    T_body_camera = camera.T_body_camera if camera else SE3.identity()
-    if is_file(file):
-        T_body_camera = pose_of(read_yaml(file).get("T_BS"), file).inverse() @ T_body_camera
-    return None if np.array_equal(T_body_camera.matrix, np.eye(4)) else T_body_camera
+    for sensor in sensors:
+        file = _sensor_file(folder, sensor)
+        said = read_yaml(file) if is_file(file) else {}
+        if "T_BS" in said:
+            return pose_of(said["T_BS"], file)
+    return SE3.identity()
+
+
+def _mount(folder: Path) -> SE3 | None:
+    """The pose of the depth camera in the frame that the ground truth follows."""
+    T_truth_camera = _T_body(folder, _TRUTH.parent.name).inverse() @ _T_body(folder, *_CAMERAS)
+    return None if is_identity(T_truth_camera) else T_truth_camera
+
+
+def _apart(folder: Path) -> list[str]:
+    """A sentence if the colour camera has another pose than the depth camera."""
+    T_depth_colour = _T_body(folder, *_CAMERAS).inverse() @ _T_body(folder, *_CAMERAS[::-1])
+    if is_identity(T_depth_colour):
+        return []
+    distance_mm = 1000 * float(np.linalg.norm(T_depth_colour.translation))
+    differ = f"T_BS of cam0 and depth0 differ (positions by {distance_mm:.3g} mm)"
+    return [f"{differ}: colour is read as if it had the pose of the depth camera"]
 
 
 FORMAT = SequenceFormat(

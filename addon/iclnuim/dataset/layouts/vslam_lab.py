@@ -16,7 +16,7 @@ from ...formats.files import atomic_write_text, is_file, read_text
 from ...formats.stamps import stamp_text_of_ns
 from ...formats.yaml_files import read_yaml
 from ...geometry.se3 import SE3
-from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, names, pose_of
+from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, is_identity, mount_notes, names, pose_of
 from ..layout import (
     Contents,
     Reader,
@@ -118,7 +118,7 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
     said = _said(folder)
     if not said:
         return None
-    notes = KEYS.notes([said], file)
+    notes = KEYS.notes([said], file) + mount_notes(_mount(folder))
     values: list[Any] = []
     for name in ("focal_length", "principal_point"):
         value = said.get(name)
@@ -135,7 +135,7 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
 def _mount(folder: Path) -> SE3 | None:
     """The pose of the camera in the body, which the ground truth follows."""
     T_body_camera = pose_of(_said(folder).get("T_BS"), folder / _CAMERA)
-    return None if np.array_equal(T_body_camera.matrix, np.eye(4)) else T_body_camera
+    return None if is_identity(T_body_camera) else T_body_camera
 
 
 FORMAT = SequenceFormat(
