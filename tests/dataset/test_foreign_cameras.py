@@ -7,6 +7,8 @@ import math
 import re
 import shutil
 import struct
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +21,9 @@ from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
 
 CAMERA_KEYS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from colmap_binary import made_binary  # noqa: E402
+
 # files of the cameras of euroc and vslam-lab
 CAMERAS = ("mav0/cam0/sensor.yaml", "mav0/depth0/sensor.yaml", "calibration.yaml")
 BODY = SE3.exp(np.array([0.1, -0.2, 0.05, 0.3, 1.2, -0.7]))
@@ -360,9 +365,6 @@ def test_the_camera_of_vslam_lab_is_that_of_the_list_also_beside_a_second_one(co
     assert camera_of(folder).pinhole.fx == 48
 
 
-NUMBERS = "64 48"
-
-
 @pytest.mark.parametrize(
     ("line", "note"),
     [
@@ -422,22 +424,6 @@ def test_images_of_several_cameras_in_colmap(copied):
     )
     with pytest.raises(InputError, match="one camera, .* found 2 different cameras"):
         camera_of(folder)
-
-
-def made_binary(model) -> None:
-    """A model's text files as binary ones, by COLMAP's description of them."""
-    lines = [line for line in (model / "images.txt").read_text().splitlines()[1:] if line.strip()]
-    images = [line.split() for line in lines if line.endswith(".png")]
-    data = struct.pack("<Q", len(images))
-    for number, *pose, camera, name in images:
-        data += struct.pack("<I7dI", int(number), *map(float, pose), int(camera))
-        data += name.encode() + b"\0" + struct.pack("<Q2ddq", 2, 0, 0, 0, 0)[:8]
-        data += struct.pack("<ddqddq", 1.5, 2.5, -1, 3.5, 4.5, 7)
-    (model / "images.bin").write_bytes(data)
-    camera = struct.pack("<QIiQQ4d", 1, 1, 1, 64, 48, 48, 48, 32, 24)
-    (model / "cameras.bin").write_bytes(camera)
-    for file in model.glob("*.txt"):
-        file.unlink()
 
 
 def test_a_binary_model_of_colmap_is_read(copied, all_formats):

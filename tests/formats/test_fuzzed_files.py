@@ -3,6 +3,7 @@ InputError, never anything else.
 """
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from iclnuim import frames_from
 from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
 from iclnuim.dataset.rendered_views import read_keyframes
 from iclnuim.dataset.sequence import write_sequence
+from iclnuim.dataset.sequence_formats import FORMATS as LAYOUTS
 from iclnuim.errors import InputError
 from iclnuim.formats.associations import (
     Associations,
@@ -28,8 +30,9 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 import mesh_files as made  # noqa: E402
+from colmap_binary import made_binary  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("error")
 FILES = pytest.mark.parametrize("files", [500, pytest.param(2000, marks=pytest.mark.slow)])
@@ -332,13 +335,18 @@ def test_damaged_lists_of_keyframes_are_read_or_refused(tmp_path, files):
 #: Files of the sequence formats that are damaged in turn.
 SEQUENCES = {
     "replica": ("traj.txt", "cam_params.json", "results/frame000001.jpg"),
-    "scannet": ("frames/pose/1.txt", "frames/intrinsic/intrinsic_depth.txt"),
+    "scannet": (
+        "frames/pose/1.txt",
+        "frames/intrinsic/intrinsic_depth.txt",
+        "frames/intrinsic/extrinsic_color.txt",
+    ),
+    "colmap-binary": ("sparse/0/images.bin", "sparse/0/cameras.bin"),
     "colmap": ("sparse/0/images.txt", "sparse/0/cameras.txt", "camera.json"),
     "eth3d": ("associated.txt", "calibration.txt", "groundtruth.txt"),
     "vslam-lab": ("rgb.csv", "calibration.yaml", "groundtruth.csv"),
     "tartanair": ("pose_left.txt", "depth_left/000001_left_depth.npy", "camera.json"),
     "rtabmap": ("associations.txt", "camera.json"),
-    "euroc": ("mav0/cam0/data.csv", "mav0/depth0/sensor.yaml"),
+    "euroc": ("mav0/cam0/data.csv", "mav0/cam0/sensor.yaml", "mav0/depth0/sensor.yaml"),
     "nerf": ("transforms.json",),
 }
 
@@ -350,7 +358,10 @@ def sequences(tmp_path_factory):
     camera = PinholeCamera(8, 6, 8.0, 8.0, 3.5, 2.5)
     light, depth_z_m = np.full((6, 8, 3), 0.5, np.float32), np.full((6, 8), 2.0, np.float32)
     source = frames_from(camera, WALK[:3], lambda number: (light, depth_z_m))
-    write_sequence(source, out / "all", formats=tuple(SEQUENCES), workers=1)
+    written = tuple(name for name in SEQUENCES if name in LAYOUTS)
+    write_sequence(source, out / "all", formats=written, workers=1)
+    shutil.copytree(out / "all/colmap", out / "all/colmap-binary")
+    made_binary(out / "all/colmap-binary/sparse/0")
     return out / "all"
 
 
