@@ -1,6 +1,7 @@
 """Options for sequences: noise models, output formats, and the camera of a recorded sequence."""
 
 import argparse
+import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -150,8 +151,12 @@ def units_from(args: argparse.Namespace) -> float:
 
 def note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console) -> None:
     """Print a note if images of the sequence are in no pair."""
-    from iclnuim.dataset.frames import unused_images
+    from iclnuim.dataset.frames import missing_images, unused_images
 
+    if missing := missing_images(folder):
+        first = os.path.relpath(missing[0], folder)
+        left_out = "images in its lists do not exist, and their frames are left out"
+        console.note(f"{folder}: {len(missing)} {left_out}, the first {first}")
     counts = []
     for kind, paths in unused_images(pairs).items():
         if paths:

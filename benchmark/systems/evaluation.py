@@ -89,32 +89,22 @@ def _last_line(log: Path) -> str:
 def _read(
     file: Path, matched: Path, result: ResultSettings, cut: bool
 ) -> tuple[Trajectory, list[str]]:
-    """Read a trajectory. Lines with NaN or infinity are frames that the system did not track; they
-    are left out, and a note counts them.
-    cut: the last line may be incomplete.
+    """Read a trajectory. Rows without a finite pose are frames that the system did not track; a note
+    counts them. cut: the last line may be incomplete.
     """
     matched.mkdir(exist_ok=True)
     lines = read_text(file, "a trajectory").splitlines(keepends=True)
     notes = []
-    whole = lines[:-1] if cut and not lines[-1].endswith("\n") else lines
-    good = [line for line in whole if not _not_finite(line)]
-    if left_out := len(whole) - len(good):
-        notes.append(f"{left_out} poses with NaN or infinity")
-        if not any(line.strip() and not line.lstrip().startswith("#") for line in good):
-            raise InputError("finite poses", found="only NaN or infinity")
-    if len(good) < len(lines):
+    if cut and not lines[-1].endswith("\n"):
         file = matched / f"whole_{file.name}"
-        atomic_write_text(file, "".join(good))
+        atomic_write_text(file, "".join(lines[:-1]))
     rate_hz = 1.0 if result.counted else FRAME_RATE_HZ
     loaded = read_trajectory(file, result.format, rate_hz=rate_hz)
+    if loaded.read_as.lost:
+        notes.append(f"{loaded.read_as.lost} poses with NaN or infinity")
     if loaded.read_as.repeated:
         notes.append(f"{loaded.read_as.repeated} repeated stamps left out")
     return loaded.trajectory, notes
-
-
-def _not_finite(line: str) -> bool:
-    fields = line.split("#", 1)[0].replace(",", " ").lower().split()
-    return any(field.lstrip("+-") in ("nan", "inf", "infinity") for field in fields)
 
 
 def _matched(

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from iclnuim.benchmark.fusion.reconstruction import Reconstruction
     from iclnuim.benchmark.fusion.surface_error import SurfaceError
     from iclnuim.geometry.se3 import SE3
+    from iclnuim.geometry.trajectory import Trajectory
 
 #: Least and largest upper end of a heat map.
 _MIN_ERROR_MM = 1e-3
@@ -185,8 +186,7 @@ def _given_transform(args: argparse.Namespace) -> "SE3":
         return read_transform(args.transform)
     if not args.poses:
         return SE3.identity()
-    poses = read_trajectory(args.poses).trajectory
-    return first_poses_transform(poses, read_trajectory(args.truth).trajectory)
+    return first_poses_transform(*_poses_and_truth(args))
 
 
 def _fitted_transform(
@@ -209,8 +209,17 @@ def _fitted_transform(
         return T
     if args.fit_poses == "origin":
         return given
-    poses = read_trajectory(args.poses).trajectory
-    return trajectories_transform(poses, read_trajectory(args.truth).trajectory, args.fit_poses)
+    return trajectories_transform(*_poses_and_truth(args), args.fit_poses)
+
+
+def _poses_and_truth(args: argparse.Namespace) -> "tuple[Trajectory, Trajectory]":
+    """--poses and --truth, with the stamps of the same frames."""
+    from iclnuim.dataset.pose_lines import tied_to_poses
+
+    estimate = read_trajectory(args.poses)
+    with within(args.poses):
+        truth, estimate = tied_to_poses(read_trajectory(args.truth), estimate)
+    return estimate.trajectory, truth.trajectory
 
 
 def _text(values: dict) -> str:

@@ -45,6 +45,7 @@ from iclnuim.formats.files import (
     real_path,
     sha256,
 )
+from iclnuim.formats.image_names import files_in
 from iclnuim.formats.png import read_depth16, read_rgb8
 from iclnuim.sensor.calibration import (
     DepthCalibration,
@@ -219,7 +220,7 @@ def _calibrate(args: argparse.Namespace, console: Console) -> None:
     rgb = depth = None
     if (folder / EXPOSURES).is_file():
         rgb = _calibrate_rgb(folder / EXPOSURES)
-    walls = [wall for wall in (folder / "depth", *sorted(folder.glob("wall*"))) if _has_png(wall)]
+    walls = [wall for wall in (folder / "depth", *files_in(folder, "wall*")) if _has_png(wall)]
     if walls:
         own = camera_file(folder) if args.units is None else None
         depth = _calibrate_depth(walls, own.depth_units_per_metre if own else units_from(args))
@@ -238,7 +239,7 @@ def _calibrate(args: argparse.Namespace, console: Console) -> None:
 
 
 def _has_png(folder: Path) -> bool:
-    return folder.is_dir() and any(folder.glob("*.png"))
+    return bool(files_in(folder, "*.png"))
 
 
 def _rgb_lines(rgb: RgbCalibration) -> list[str]:
@@ -282,7 +283,7 @@ def _calibrate_rgb(file: Path) -> RgbCalibration:
 def _calibrate_depth(walls: list[Path], units_per_metre: float) -> DepthCalibration:
     stacks = []
     for wall in walls:
-        frames = [read_depth16(path) for path in sorted(wall.glob("*.png"))]
+        frames = [read_depth16(path) for path in files_in(wall, "*.png")]
         if len({frame.shape for frame in frames}) != 1:
             raise InputError("depth images of one size", path=wall, found="several")
         stacks.append(metres_from_depth16(np.stack(frames), units_per_metre))

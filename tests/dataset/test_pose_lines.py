@@ -78,8 +78,8 @@ def test_depth_decides_between_two_readings_and_says_its_figures(read, shares, f
     numbers = [1, 2, 3, 4]
     tied = tied_to_images(read(range(5)), images(numbers, lambda frames, readings: list(shares)))
     assert x_of(tied) == [number - first for number in numbers]
-    figures = f"({100 * shares[0]:.2f} % with 0, {100 * shares[1]:.2f} % with 1)"
-    assert figures in tied.read_as.sentence
+    figures = f"{100 * shares[0]:.2f} % with 0, {100 * shares[1]:.2f} % with 1"
+    assert figures in tied.read_as.sentence and figures in tied.by_depth
 
 
 @pytest.mark.parametrize("shares", [(0.01, 0.009), (np.nan, np.nan), (0.0, np.nan), (0.0, 0.0)])

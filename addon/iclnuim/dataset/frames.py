@@ -140,7 +140,7 @@ def _no_pairs(folder: Path, rows: list[Row]) -> InputError:
         hint = "the folder that the lists are relative to"
     elif inside:
         hint = f"a folder inside: {', '.join(inside)}"
-    elif all(any((folder / kind).glob("*")) for kind in ("rgb", "depth")):
+    elif all(files_in(folder / kind) for kind in ("rgb", "depth")):
         hint = "equal file names in rgb/ (PNG or JPEG) and depth/ (PNG), "
         hint += "or rgb.txt and depth.txt with their stamps"
     else:

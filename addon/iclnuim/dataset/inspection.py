@@ -292,6 +292,8 @@ def _poses(result: Inspection, pairs: list[ImagePair], loaded: LoadedTrajectory)
     if loaded.read_as.lost:
         lost = f"{loaded.read_as.lost} of {loaded.row_count} rows have no finite pose"
         result.odd.append(f"{lost} and are left out")
+    if loaded.by_depth:
+        result.odd.append(loaded.by_depth)
     if idle := _without_frame(loaded, stamps):
         result.odd.append(f"{idle} poses without a frame")
     if figures.max_speed > 5:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..formats.files import atomic_write, read_bytes, sha256
+from ..formats.image_names import is_visible
 from .journal import JOURNAL, read_entries
 from .recipe import read_recipe
 
@@ -128,7 +129,7 @@ def packed_names(folder: Path) -> list[str]:
     files.
     """
     files = (path for path in Path(folder).rglob("*") if path.is_file())
-    packed = (path for path in files if path.name[0] != "." and path.name != JOURNAL)
+    packed = (path for path in files if is_visible(path) and path.name != JOURNAL)
     return sorted(path.relative_to(folder).as_posix() for path in packed)
 
 

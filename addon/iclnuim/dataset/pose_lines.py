@@ -53,11 +53,13 @@ def tied_to_images(loaded: LoadedTrajectory, images: ImagesOfLines) -> LoadedTra
     numbers = np.array(images.numbers)
     if not firsts:
         raise _not_told(count, f"{n} images, {numbers[0]} to {numbers[-1]}")
-    first, how = firsts[0], "by the numbers of the images"
+    first = firsts[0]
+    figures = ""
     if len(firsts) > 1:
-        first, how = _by_depth(loaded, images, firsts)
-    sentence = f"{count} lines for {n} images: the first line is that of number {first}, {how}"
-    return _tied(loaded, images.stamps_s, numbers - first, sentence)
+        first, figures = _by_depth(loaded, images, firsts)
+    sentence = f"{count} lines for {n} images: the first line is that of number {first}{figures}"
+    tied = _tied(loaded, images.stamps_s, numbers - first, sentence)
+    return replace(tied, by_depth=sentence if figures else "")
 
 
 def tied_to_poses(
@@ -121,7 +123,7 @@ def _by_depth(
     figures = ", ".join(f"{100 * r:.2f} % with {k}" for k, r in zip(firsts, found, strict=True))
     best, second = np.argsort(found)[:2]
     if found[best] < _CLEARLY * found[second]:
-        return firsts[best], f"by depth against poses ({figures})"
+        return firsts[best], f", as depth differs least from poses: {figures}"
     raise InputError(
         f"images whose numbers tell the line of the first one ({' or '.join(map(str, firsts))})",
         found=f"{loaded.row_count} lines for {len(numbers)} images, {numbers[0]} to {numbers[-1]}; "

@@ -25,6 +25,7 @@ from ..channels import BASE, Channel, exr_bytes, exr_types, further_of
 from ..errors import InputError, WorkError, within
 from ..formats import exr
 from ..formats.files import make_folder, read_json, sha256, write_json
+from ..formats.image_names import files_in
 from ..formats.trajectories import read_trajectory, write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
@@ -160,8 +161,8 @@ def open_run(path: Path, recipe: dict, trajectory: Trajectory) -> RunFolder:
         # a run that was killed before its recipe was written leaves an empty exr/, camera.json,
         # groundtruth.txt and temporary files
         left = ("exr", "camera.json", "groundtruth.txt")
-        others = [p for p in path.iterdir() if p.name not in left and p.name[0] != "."]
-        if others or any((path / "exr").glob("*")):
+        others = [p for p in files_in(path) if p.name not in left]
+        if others or files_in(path / "exr"):
             expected = "an empty folder or a run folder"
             raise InputError(expected, path=path, found="other files", hint="another {out}")
     elif path.exists() and not path.is_dir():

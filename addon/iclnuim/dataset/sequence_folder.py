@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..formats.depth_units import KINDS
 from ..formats.files import locked, make_folder, write_json, writer_has_ended
+from ..formats.image_names import files_in
 from .frames import FrameSource
 from .image_files import paths_of, same_image
 from .journal import JournalEntry
@@ -145,7 +146,7 @@ class SequenceFolder:
             found = ""
             if not self.out.is_dir():
                 found = "a file"
-            elif any(not path.name.startswith(".") for path in self.out.iterdir()):
+            elif files_in(self.out):
                 found = "other files"
             if found:
                 expected = "an empty folder or a sequence to resume"

@@ -17,6 +17,7 @@ import numpy as np
 from ..errors import InputError
 from .columns import NumberTable
 from .files import data_lines, read_text
+from .image_names import files_in
 from .trajectory_source import Source
 
 FOLDER = "a folder of POV-Ray camera files (scene_00_0000.txt and so on)"
@@ -84,7 +85,7 @@ def _numbered(folder: Path) -> list[tuple[int, Path]]:
     numbers.
     """
     files: dict[int, Path] = {}
-    for path in sorted(folder.glob("*.txt")):
+    for path in files_in(folder, "*.txt"):
         number = _number(path)
         if number in files:
             found = f"frame {number} again, as in {files[number].name}"
