@@ -56,7 +56,7 @@ CASES = {
         "a.txt",
         "1 0 nan 0 0 0 0 1\n2 0 0 0 0 0 0 inf\n",
         1,
-        ["a row of finite numbers", "none in 2 rows"],
+        ["finite poses", "none in 2 rows"],
     ),
     "a zero quaternion": (
         "a.txt",

@@ -108,7 +108,7 @@ def _finite_rows(table: NumberTable, columns: Columns) -> np.ndarray:
     """The rows (m,) whose pose is finite. Raises InputError if there are none."""
     finite = np.isfinite(table.values[:, columns.position + columns.orientation]).all(axis=1)
     if not finite.any():
-        raise table.error(0, "a row of finite numbers", f"none in {len(finite)} rows")
+        raise table.error(0, "finite poses", f"none in {len(finite)} rows")
     return np.flatnonzero(finite)
 
 
