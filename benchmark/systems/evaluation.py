@@ -20,7 +20,7 @@ from iclnuim.evaluation.time_offset import best_offset
 from iclnuim.formats.files import atomic_write_text, read_text
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.trajectory import FRAME_RATE_HZ, Trajectory, frames_of_stamps
-from iclnuim.report.trajectory_report import BetterOffset
+from iclnuim.report.explained_error import ExplainedError
 
 from .process import Ended
 from .staging import StagedSequence
@@ -159,10 +159,18 @@ def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> 
         rpe_m = relative_error(truth, found, _SECOND).translation_m.rmse
     if ate_m is None:
         return Evaluation(len(found), None, rpe_m, tuple(notes))
-    if better := BetterOffset.of(truth, found, AbsoluteErrorSettings(), ate_m):
-        corrected = f"{1e3 * better.rmse_m:.3f} mm with this offset corrected"
-        notes.insert(0, f"stamps are {-better.offset_s:+.9g} s off: {corrected}")
+    explained = ExplainedError.of_trajectories(truth, found, AbsoluteErrorSettings())
+    if explained is not None:
+        notes.insert(0, _explained(explained))
     return Evaluation(len(found), ate_m, rpe_m, tuple(notes))
+
+
+def _explained(explained: ExplainedError) -> str:
+    offset_s = explained.explanation.change.offset_s
+    if not offset_s:
+        return explained.sentence()
+    corrected = f"{1e3 * explained.found.translation_m.rmse:.3f} mm with this offset corrected"
+    return f"stamps are {-offset_s:+.9g} s off: {corrected}"
 
 
 def row(name: str, frames: int, runs: Sequence[tuple[Ended, Evaluation]]) -> dict:

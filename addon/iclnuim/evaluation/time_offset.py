@@ -45,6 +45,21 @@ def best_offset(reference: Trajectory, estimate: Trajectory) -> tuple[float, flo
     return _rounded(reference, estimate, _refined(reference, estimate, coarse_s, step_s))
 
 
+def onto_stamps(reference_s: np.ndarray, estimate_s: np.ndarray, offset_s: float) -> float:
+    """The offset nearest to `offset_s` with which most stamps of the estimate coincide with one of
+    the reference; both (n,), increasing.
+    """
+    shifted_s = estimate_s + offset_s
+    inside = (shifted_s >= reference_s[0]) & (shifted_s <= reference_s[-1])
+    if not inside.any():
+        return offset_s
+    shifted_s = shifted_s[inside]
+    after = np.clip(np.searchsorted(reference_s, shifted_s), 1, len(reference_s) - 1)
+    missing_s = np.stack([reference_s[after - 1], reference_s[after]]) - shifted_s
+    nearest_s = np.where(np.abs(missing_s[0]) < np.abs(missing_s[1]), missing_s[0], missing_s[1])
+    return round(offset_s + float(np.median(nearest_s)), 6)
+
+
 def _rms_by_lag(rows: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lags (m,) in frames with enough pairs, and the RMS (m,) after a rigid alignment of x[k] and
     y[rows[k] + lag].

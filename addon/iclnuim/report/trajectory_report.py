@@ -19,12 +19,12 @@ JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, sha
                           stamps fits much better, else null:
                           translation error with the offset, and that of the same poses without it
     unit                  {scale, rmse_m, given_rmse_m} if the estimate's positions, multiplied by a
-                          scale far from 1, fit much better, else
-                          null: translation error with the scale corrected, and without
-    reading               {kind, rmse_m, given_rmse_m, rotation_rmse_deg, given_rotation_rmse_deg}
-                          if the estimate fits much better with
-                          its poses inverted (kind inverse) or its quaternions read with the scalar
-                          first (wxyz), else null
+                          scale, fit much better, else null: translation error with the scale
+                          corrected, and without
+    reading               {kind, of, rmse_m, given_rmse_m, rotation_rmse_deg,
+                          given_rotation_rmse_deg} if it fits much better read otherwise: kind is
+                          inverse, inverse rotations, wxyz, xyzw, rotation, arm, body, mirror or
+                          axes (evaluation/explanation.py), of is estimate or reference; else null
     warnings              list of sentences, empty without warnings
 
 JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and
@@ -39,23 +39,18 @@ translation_error_m, rotation_error_deg.
 
 import os
 from dataclasses import asdict, dataclass, replace
-from functools import partial
-from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..errors import InputError
-from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
-from ..evaluation.align import Alignment, MirrorCheck
-from ..evaluation.associate import pair_up
-from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
-from ..evaluation.time_offset import best_offset
+from ..evaluation.absolute_error import AbsoluteError
+from ..evaluation.align import Alignment
+from ..evaluation.relative_error import RelativeError
 from ..formats.trajectories import LoadedTrajectory
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
-from .other_reading import WORTH_M, WORTH_SHARE, OtherReading
+from .explained_error import ExplainedError, Settings, measured
 
-Settings: TypeAlias = AbsoluteErrorSettings | RelativeErrorSettings
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
 ERRORS = "translation_error_m,rotation_error_deg"
 
@@ -87,137 +82,6 @@ class ComparedFile:
         return replace(self, loaded=replace(self.loaded, trajectory=moved))
 
 
-@dataclass(frozen=True)
-class BetterOffset:
-    """An offset in seconds that, added to the estimate's stamps, greatly reduces the error; RMSE in
-    metres of the same poses with and without it.
-    """
-
-    offset_s: float
-    rmse_m: float
-    given_rmse_m: float
-
-    @classmethod
-    def of(
-        cls, reference: Trajectory, estimate: Trajectory, settings: Settings, rmse_m: float
-    ) -> "BetterOffset | None":
-        """The better offset; None if no constant offset has a much smaller error than `rmse_m`,
-        measured with the same settings.
-        """
-        found = best_offset(reference, estimate) if rmse_m > WORTH_M else None
-        if found is None:
-            return None
-        offset_s = found[0]
-        shifted = replace(settings, association=replace(settings.association, offset_s=offset_s))
-        try:
-            same = estimate[np.unique(pair_up(reference, estimate, shifted.association).second)]
-            with_it = _measured(reference, same, shifted).translation_m.rmse
-            without = _measured(reference, same, settings).translation_m.rmse
-        except InputError:
-            return None
-        if with_it >= WORTH_SHARE * min(rmse_m, without):
-            return None
-        return cls(offset_s, with_it, without)
-
-    @property
-    def sentence(self) -> str:
-        errors = f"{1000 * self.rmse_m:.3g} mm instead of {1000 * self.given_rmse_m:.3g}"
-        advice = f"try an offset of {self.offset_s:.9g} s"
-        return f"another time offset fits much better: {errors} on the same poses; {advice}"
-
-
-#: Other scales than these are no drift of an odometer in metres, but another unit of length, or
-#: none.
-_METRES = (0.5, 2.0)
-#: A scale fits if the remaining RMS is below this share of the reference's extent: a failed
-#: estimate can always be shrunk to a point.
-_FITS = 0.25
-#: A unit is named if its length in metres is within this share of the scale.
-_UNITS_M = {
-    "millimetres": 1e-3,
-    "centimetres": 1e-2,
-    "inches": 0.0254,
-    "feet": 0.3048,
-    "kilometres": 1e3,
-}
-_UNIT_SHARE = 0.02
-
-
-@dataclass(frozen=True)
-class OtherUnit:
-    """A scale that greatly reduces the error when the estimate's positions are multiplied by it;
-    RMSE in metres with and without it.
-    """
-
-    scale: float
-    rmse_m: float
-    given_rmse_m: float
-
-    @classmethod
-    def of(
-        cls,
-        reference: Trajectory,
-        estimate: Trajectory,
-        settings: Settings,
-        given: AbsoluteError | RelativeError,
-    ) -> "OtherUnit | None":
-        """The other scale, with the error under the same settings; None if no scale far from 1
-        fits, or the settings correct the scale.
-        """
-        if given.mirror.rotation_rms_m >= _FITS * given.mirror.extent_m:
-            return None
-        try:
-            if isinstance(settings, AbsoluteErrorSettings):
-                alignment = replace(settings.alignment, method="sim3")
-                absolute = absolute_error(
-                    reference, estimate, replace(settings, alignment=alignment)
-                )
-                scale = absolute.alignment.scale
-                found: AbsoluteError | RelativeError = absolute
-            else:
-                relative = relative_error(
-                    reference, estimate, replace(settings, correct_scale=True)
-                )
-                scale = relative.scale
-                found = relative
-        except InputError:
-            return None
-        rmse_m = found.translation_m.rmse
-        given_m = given.translation_m.rmse
-        if _METRES[0] <= scale <= _METRES[1] or rmse_m >= WORTH_SHARE * given_m:
-            return None
-        return cls(scale, rmse_m, given_m)
-
-    @property
-    def sentence(self) -> str:
-        advice = "it may have no unit of length; try correcting its scale"
-        for name, length_m in _UNITS_M.items():
-            if abs(self.scale / length_m - 1) < _UNIT_SHARE:
-                unit = f"it may be in {name}"
-                advice = f"{unit}; try converting it to metres, or correcting its scale"
-        better = f"the estimate fits much better multiplied by {self.scale:.4g}"
-        errors = f"{1000 * self.rmse_m:.3g} mm instead of {1000 * self.given_rmse_m:.3g}"
-        return f"{better}: {errors}; {advice}"
-
-
-def _measured(
-    reference: Trajectory, estimate: Trajectory, settings: Settings
-) -> AbsoluteError | RelativeError:
-    measure: Any = absolute_error if isinstance(settings, AbsoluteErrorSettings) else relative_error
-    return measure(reference, estimate, settings)
-
-
-def _mirrored(mirror: MirrorCheck, handedness: str) -> str:
-    """The warning of an estimate that was read with this handedness."""
-    advice = "gt.freiburg if its poses are left-handed with frame ids"
-    advice += ", else making it again with fy = +480"
-    if handedness == "left":
-        advice = "tum or tum-ids, since it was read as left-handed"
-    reflected = f"the error of the best reflection is {1000 * mirror.reflection_rms_m:.3g} mm"
-    rotated = f"that of the best rotation {1000 * mirror.rotation_rms_m:.3g} mm"
-    return f"the estimate is mirrored: {reflected}, {rotated}; try reading it as {advice}"
-
-
 def _uncertain(alignment: Alignment) -> str:
     """The warning of an alignment whose rotation about the trajectory's line is noise."""
     extent = f"the trajectory's second extent is {1000 * alignment.extents_m[1]:.3g} mm"
@@ -237,9 +101,7 @@ class Report:
     estimate: ComparedFile
     settings: Settings
     result: AbsoluteError | RelativeError
-    better_offset: BetterOffset | None
-    other_unit: OtherUnit | None
-    other_reading: OtherReading | None
+    explained: ExplainedError | None
 
     @classmethod
     def of(cls, reference: ComparedFile, estimate: ComparedFile, settings: Settings) -> "Report":
@@ -248,38 +110,22 @@ class Report:
         Raises InputError, with the estimate's path, if the two cannot be compared.
         """
         estimate = estimate.from_origin_of(reference)
-        both = reference.loaded.trajectory, estimate.loaded.trajectory
+        files = reference.loaded, estimate.loaded
         try:
-            result = _measured(*both, settings)
-            if not all(file.loaded.read_as.has_rotations for file in (reference, estimate)):
+            result = measured(files[0].trajectory, files[1].trajectory, settings)
+            if not all(file.read_as.has_rotations for file in files):
                 unknown = np.full_like(result.rotation_error_rad, np.nan)
                 result = replace(result, rotation_error_rad=unknown)
-            unit = OtherUnit.of(*both, settings, result)
-            reading = None
-            offset = None
-            if not (result.mirror.mirrored or unit):
-                measure = partial(_measured, both[0], settings=settings)
-                reading = OtherReading.of(both[1], result, measure)
-                if reading is None:
-                    offset = BetterOffset.of(*both, settings, result.translation_m.rmse)
         except InputError as error:
             if error.path is not None:
                 raise
             raise error.at(estimate.path) from None
-        return cls(
-            reference,
-            estimate,
-            settings,
-            result,
-            better_offset=offset,
-            other_unit=unit,
-            other_reading=reading,
-        )
+        explained = ExplainedError.of(*files, settings)
+        return cls(reference, estimate, settings, result, explained)
 
     @property
     def warnings(self) -> list[str]:
         found = []
-        read_as = self.estimate.loaded.read_as
         if self._maybe_frame_numbers():
             poses = len(self.estimate.loaded.trajectory)
             matched = f"{len(self.result.association.second)} of its {poses} poses"
@@ -288,14 +134,9 @@ class Report:
                 f"and only {matched} have a ground-truth pose; "
                 "if they are frame numbers, try reading it as tum-ids"
             )
-        if self.result.mirror.mirrored:
-            found.append(_mirrored(self.result.mirror, read_as.handedness))
-        if self.better_offset:
-            found.append(self.better_offset.sentence)
-        if self.other_unit:
-            found.append(self.other_unit.sentence)
-        elif self.other_reading:
-            found.append(self.other_reading.sentence(read_as.format))
+        if self.explained:
+            formats = self.reference.loaded.read_as.format, self.estimate.loaded.read_as.format
+            found.append(self.explained.sentence(*formats))
         elif isinstance(self.result, AbsoluteError) and self.result.alignment.rotation_is_noise:
             found.append(_uncertain(self.result.alignment))
         return found
@@ -325,6 +166,9 @@ class Report:
             coverage = result.association.coverage
             before = {"coverage": coverage, "rpe_pairs": len(result.start), "scale": result.scale}
         mirror = result.mirror
+        explained: dict = {"time_offset": None, "unit": None, "reading": None}
+        if self.explained:
+            explained = self.explained.to_dict()
         return {
             "metric": "ate" if after else "rpe",
             "reference": self.reference.to_dict(),
@@ -341,9 +185,7 @@ class Report:
                 "rotation_rms_m": mirror.rotation_rms_m,
                 "reflection_rms_m": mirror.reflection_rms_m,
             },
-            "time_offset": self.better_offset and asdict(self.better_offset),
-            "unit": self.other_unit and asdict(self.other_unit),
-            "reading": self.other_reading and asdict(self.other_reading),
+            **explained,
             "warnings": self.warnings,
         }
 

@@ -1,0 +1,128 @@
+"""Pairs of poses of a ground truth and an estimate, as the explanations of a bad estimate compare
+them: the error of all positions after an alignment, and the error of the motions between the poses
+of each pair.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..geometry import so3
+from ..geometry.se3 import SE3
+from .align import principal_extents, umeyama
+
+#: More pairs than these take longer and tell nothing new.
+_MAX_PAIRS = 2000
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How poses are compared: over pairs `delta` frames apart; after the best scale, if the user
+    asked for that; without rotations, if a file has none.
+    """
+
+    delta: int = 10
+    with_scale: bool = False
+    positions_only: bool = False
+
+
+@dataclass(frozen=True)
+class Errors:
+    """RMS of position errors after the best alignment, of translations and of rotation angles of
+    the motions between the poses of each pair.
+    """
+
+    position_m: float
+    motion_m: float
+    turn_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedPoses:
+    """Associated poses of both trajectories: the m first poses of m pairs, then their m later ones.
+
+    how: how errors are computed.
+    """
+
+    reference: SE3
+    estimate: SE3
+    how: "Comparison"
+
+    @classmethod
+    def of(cls, reference: SE3, estimate: SE3, how: "Comparison", delta: int) -> "ComparedPoses":
+        """Pairs of poses `delta` apart, of associated poses (n,) each, n > delta."""
+        pairs = len(reference) - delta
+        start = np.arange(0, pairs, -(-pairs // _MAX_PAIRS))
+        rows = np.concatenate([start, start + delta])
+        return cls(reference[rows], estimate[rows], how)
+
+    def __len__(self) -> int:
+        return len(self.reference) // 2
+
+    def changed(self, reference: SE3, estimate: SE3) -> "ComparedPoses":
+        return ComparedPoses(reference, estimate, self.how)
+
+    @cached_property
+    def halves(self) -> tuple["ComparedPoses", "ComparedPoses"]:
+        """The pairs of the first and of the second half of the distance that the ground truth
+        travels.
+        """
+        positions_m = self.reference.translation[: len(self)]
+        steps_m = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
+        travelled_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+        middle = int(np.searchsorted(travelled_m, travelled_m[-1] / 2))
+        middle = min(max(middle, len(self) // 4), len(self) - len(self) // 4)
+        return self._pairs(np.arange(middle)), self._pairs(np.arange(middle, len(self)))
+
+    def _pairs(self, pairs: np.ndarray) -> "ComparedPoses":
+        rows = np.concatenate([pairs, pairs + len(self)])
+        return self.changed(self.reference[rows], self.estimate[rows])
+
+    def scale(self) -> float:
+        """The factor of the estimate's positions that fits the ground truth's best."""
+        x = self.estimate.translation
+        if principal_extents(x)[0] == 0.0:
+            return 1.0
+        return umeyama(x, self.reference.translation, with_scale=True)[1]
+
+    def motions(self) -> tuple[SE3, SE3]:
+        """Motions (m,) of the ground truth and of the estimate between the poses of each pair."""
+        return _motions(self.reference), _motions(self.estimate)
+
+    def sizes_m(self) -> tuple[float, float]:
+        """Extent of the ground truth, and RMS of its motions."""
+        extent_m = float(np.linalg.norm(principal_extents(self.reference.translation)))
+        return extent_m, rms(_motions(self.reference).translation)
+
+    @cached_property
+    def errors(self) -> Errors:
+        scale = self.scale() if self.how.with_scale else 1.0
+        x = scale * self.estimate.translation
+        y = self.reference.translation
+        T, _ = umeyama(x, y)
+        if self.how.positions_only:
+            steps_m = _steps(y) - _steps(T.apply(x))
+            return Errors(rms(y - T.apply(x)), rms(steps_m), 0.0)
+        true, estimated = self.motions()
+        turns = np.swapaxes(true.rotation, -1, -2) @ estimated.rotation
+        return Errors(
+            position_m=rms(y - T.apply(x)),
+            motion_m=rms(scale * estimated.translation - true.translation),
+            turn_rad=rms(so3.angle(turns)[:, None]),
+        )
+
+
+def rms(vectors: np.ndarray) -> float:
+    """Root of the mean squared length of vectors (n, d)."""
+    return float(np.sqrt(np.mean(np.sum(vectors * vectors, axis=-1))))
+
+
+def _steps(positions_m: np.ndarray) -> np.ndarray:
+    half = len(positions_m) // 2
+    return positions_m[half:] - positions_m[:half]
+
+
+def _motions(poses: SE3) -> SE3:
+    half = len(poses) // 2
+    return poses[:half].inverse() @ poses[half:]
