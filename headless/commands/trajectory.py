@@ -72,7 +72,7 @@ def _configure_camera(actions: Actions) -> None:
 def _info(args: argparse.Namespace, console: Console) -> None:
     found = []
     for file in args.files:
-        one = loaded(args, file)
+        one = loaded(args, file, positions_suffice=True)
         figures = asdict(trajectories.statistics(one.trajectory))
         found.append({"file": os.fspath(file), "read_as": asdict(one.read_as), **figures})
     console.result({"trajectories": found}, "\n\n".join(map(_info_text, found)))
@@ -82,14 +82,17 @@ def _info_text(one: dict[str, Any]) -> str:
     gaps = "none"
     if one["gaps"]:
         gaps = f"{one['gaps']}, the longest step is {one['longest_gap_s']:.3f} s"
-    mean_rate = f"{one['mean_rotation_rate']:.2f} degrees/s on average"
+    rotation = "none: positions alone"
+    if one["read_as"]["has_rotations"]:
+        rotation = f"{one['mean_rotation_rate']:.2f} degrees/s on average"
+        rotation += f", {one['max_rotation_rate']:.2f} at most"
     return f"""{one["file"]}
   read as   {one["read_as"]["sentence"]}
   frames    {one["frames"]} at {one["rate_hz"]:.6g} Hz
   length    {one["length_m"]:.3f} m
   duration  {one["duration_s"]:.3f} s
   speed     {one["mean_speed"]:.3f} m/s on average, {one["max_speed"]:.3f} at most
-  rotation  {mean_rate}, {one["max_rotation_rate"]:.2f} at most
+  rotation  {rotation}
   gaps      {gaps}"""
 
 

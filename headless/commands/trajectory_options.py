@@ -24,8 +24,16 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add("--file-rate", type=float, default=30.0, metavar="HZ", help=help)
 
 
-def loaded(args: argparse.Namespace, file: str) -> files.LoadedTrajectory:
-    return files.read_trajectory(file, args.source_format, rate_hz=args.file_rate, unit_m=args.unit)
+def loaded(
+    args: argparse.Namespace, file: str, positions_suffice: bool = False
+) -> files.LoadedTrajectory:
+    return files.read_trajectory(
+        file,
+        args.source_format,
+        rate_hz=args.file_rate,
+        unit_m=args.unit,
+        positions_suffice=positions_suffice,
+    )
 
 
 def check_out(out: str | os.PathLike[str], force: bool) -> None:

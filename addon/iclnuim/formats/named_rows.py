@@ -30,8 +30,8 @@ def named_columns(source: Source) -> NamedColumns | None:
     if not source.names or missing > 1:
         return None
     if missing <= 0:
-        found = columns_of(source.names[:count])
-        return found if source.has_title or _is_no_prose(source, found) else None
+        named = columns_of(source.names[:count])
+        return named if source.has_title or _is_no_prose(source, named) else None
     shifts = (1, 0) if source.has_title else (0, 1)
     found = [columns_of([""] * shift + source.names) for shift in shifts]
     valid = (one for one in found if one and _has_unit_quaternion(source.first_rows[0], one))
