@@ -227,6 +227,18 @@ def test_of_several_topics_the_registered_raw_ones_are_read(tmp_path):
     assert np.array_equal(depth, MM / np.float32(1000))
 
 
+def test_infrared_images_are_no_depth(tmp_path):
+    """They have its encodings."""
+    for number, topic in enumerate(("/k/ir/image_raw", "/k/image_ir", "/cam/infra1/image")):
+        for encoding in ("mono16", "16UC1"):
+            path = tmp_path / f"{number}{encoding}.bag"
+            recorded(path, ("/k/rgb/image_raw", topic, "/k/rgb/camera_info"), depth=(MM, encoding))
+            with pytest.raises(InputError, match="a topic of depth images"):
+                find_pairs(path)
+    topics = ("/air/rgb/image", "/iris/depth/image", "/iris/camera_info")
+    assert find_pairs(recorded(tmp_path / "x.bag", topics))
+
+
 def test_depth_that_is_not_registered_is_read_with_its_own_camera_and_a_note(tmp_path):
     other = PinholeCamera(8, 6, 4.0, 4.25, 3.5, 2.5)
 

@@ -2,7 +2,6 @@
 camera and ground truth of a TUM sequence, which then is read.
 """
 
-import hashlib
 import os
 import shutil
 from collections.abc import Callable
@@ -25,6 +24,7 @@ from ..formats.files import (
     make_folder,
     not_written,
     read_json,
+    sha256,
     whole_folder,
     write_json,
 )
@@ -55,9 +55,8 @@ def unpacked(path: Path, progress: Progress | None = None) -> tuple[Path, list[s
     """
     file, topics = split_topics(path)
     state = [(one.name, one.stat().st_size, one.stat().st_mtime_ns) for one in _files(file)]
-    key = hashlib.sha256(
-        repr((__version__, os.path.realpath(file), topics, state)).encode()
-    ).hexdigest()
+    identity = repr((__version__, os.path.realpath(file), topics, state))
+    key = sha256(identity.encode())
     folder = cache_folder() / "bags" / f"{file.name}-{key[:12]}"
     make_folder(folder.parent)
     if not folder.is_dir():
@@ -114,7 +113,8 @@ class _Unpacking:
             done()
         for kind, images in self.written.items():
             if not images:
-                raise self.bag.error(f"{kind} images that can be read", self.unreadable[0])
+                found = (self.unreadable or ["none"])[0]
+                raise self.bag.error(f"{kind} images that can be read", found)
         self._write_camera()
         for kind, images in self.written.items():
             self._write_list(kind, images)

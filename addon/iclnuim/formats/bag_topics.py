@@ -19,6 +19,8 @@ _COLOURS = (("rgb8", "bgr8", "rgba8", "bgra8", "8UC3", "8UC4"), ("mono8", "8UC1"
 _DEPTHS = (("16UC1", "32FC1"), ("mono16",))
 #: What the names of topics contain, if encodings do not decide.
 _NAMES = {"colour": ("rgb", "color", "colour"), "depth": ("depth",)}
+#: Infrared images have the encodings of depth.
+_INFRARED = re.compile(r"(?<![a-z])(ir(?![a-z])|infra)", re.IGNORECASE)
 _UNIT = "/option/Depth_Units/value"
 _TRANSPORTS = ("/compressedDepth", "/compressed")
 
@@ -37,7 +39,8 @@ def image_topics(bag: Bag) -> ImageTopics:
     """The topics of the images. Raises InputError, with the topics, if none or several fit."""
     encodings = {topic: encoding_of(bag.first(topic)) for topic in bag.topics_of(IMAGE, COMPRESSED)}
     colours = _candidates(bag, encodings, "colour", _COLOURS)
-    depths = _candidates(bag, encodings, "depth", _DEPTHS)
+    known = {topic: one for topic, one in encodings.items() if not _INFRARED.search(topic)}
+    depths = _candidates(bag, known, "depth", _DEPTHS)
     pairs = list(itertools.product(colours, depths))
     together = [(c, d) for c, d in pairs if bag.frame(c) == bag.frame(d)]
     if len(together) == 1:
@@ -86,7 +89,7 @@ def _candidates(
     if len(found) == 1:
         return found
     named = [topic for topic in found if any(name in topic.lower() for name in _NAMES[what])]
-    return bag.preferred(found) if set(bag.given).intersection(found) else named or found
+    return [topic for topic in found if topic in bag.given] or named or found
 
 
 def _without_transport(topic: str) -> str:

@@ -4,7 +4,7 @@ optional package rosbags, without ROS.
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
 from importlib.util import find_spec
@@ -87,7 +87,7 @@ class Bag:
     def error(self, expected: str, found: object, hint: str | None = None) -> InputError:
         return InputError(expected, path=self.path, found=found, hint=hint)
 
-    def described(self, topics: Iterator[str] | Any) -> str:
+    def described(self, topics: Iterable[str]) -> str:
         """Topics with their types, in one line."""
         names = [f"{topic} ({self.types[topic].split('/')[-1]})" for topic in topics]
         return ", ".join(names) or "no messages"
@@ -96,13 +96,11 @@ class Bag:
         """The topics of these types."""
         return [topic for topic, type in self.types.items() if type in types]
 
-    def preferred(self, topics: list[str]) -> list[str]:
-        """Those of the topics that are given; all, if none is."""
-        return [topic for topic in topics if topic in self.given] or topics
-
     def only(self, topics: list[str], what: str) -> str:
-        """The preferred topic of a list. Raises InputError that names them if there are several."""
-        topics = self.preferred(topics)
+        """The topic of a list, of several the given one. Raises InputError that names them if they
+        are more.
+        """
+        topics = [topic for topic in topics if topic in self.given] or topics
         if len(topics) > 1:
             hint = f"{self.path}:{topics[0]}"
             raise self.error(f"one topic of {what}", self.described(topics), hint)
