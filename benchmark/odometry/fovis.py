@@ -84,7 +84,7 @@ class Fovis:
             searches_px=(25.0, 4.0),
             # unrelated images: up to 0.07, furnished rooms: 0.4 and more
             rotate_below=0.25,
-            nu=5.0,
+            nu=5.0,  # Kerl 2013, section III-C
             stop=Stop(min_step=1e-5),
             depth=True,
             limits=Limits(min_inliers=0.0, prior_m=0.03),

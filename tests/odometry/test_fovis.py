@@ -6,14 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from iclnuim.geometry import so3
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 cv2 = pytest.importorskip("cv2")
-from iclnuim.benchmark.odometry import features  # noqa: E402
-from iclnuim.benchmark.odometry.fovis import Fovis  # noqa: E402
+from iclnuim.benchmark.odometry import features, fovis  # noqa: E402
+from iclnuim.benchmark.odometry.fovis import (  # noqa: E402
+    Fovis,
+    Preliminary,
+    _Search,
+    estimate_rotation,
+)
+from iclnuim.benchmark.odometry.normal_equations import NormalEquations  # noqa: E402
 from iclnuim.benchmark.odometry.protocol import Frame  # noqa: E402
+from iclnuim.benchmark.odometry.terms.reprojection import Matches  # noqa: E402
 from iclnuim.benchmark.odometry.track import track  # noqa: E402
 
 CAMERA = PinholeCamera.parse("320x240")
@@ -255,3 +263,104 @@ def test_a_description_keeps_the_whole_contrast_of_its_patch():
     found = features.describe(image, np.array([[20, 20]]))[0].astype(int)
     assert np.ptp(found) == 195
     assert abs(found.mean() - 128) < 1
+
+
+def test_the_small_images_find_a_turn_of_seven_degrees_to_less_than_the_search():
+    """24 pixels. Coarser ones leave a third of them, and on finer ones the turn is too far."""
+    odometer = Fovis(Fovis.PRESETS["best"])
+    turn = SE3.exp(np.array([0, 0, 0, 0, np.radians(7), 0]))
+    one, other = (odometer.prepare(seen(T), CAMERA) for T in (SE3.identity(), turn))
+    found = estimate_rotation(one, other, SE3.identity())
+    assert so3.angle(found.rotation.T @ turn.rotation) * CAMERA.fx < 6
+
+
+def test_the_narrow_search_bears_the_error_of_a_prediction_and_takes_no_other_corner():
+    """A prediction that is 2.4 pixels off, and one that is 7.2 pixels off: on a texture that
+    repeats itself, that is another place.
+    """
+    odometer = Fovis(Fovis.PRESETS["best"])
+    T = path(2)[1]
+    one, other = (odometer.prepare(seen(pose), CAMERA) for pose in (SE3.identity(), T))
+    search = _Search(one, other, odometer.settings)
+    near_px = odometer.settings.searches_px[-1]
+    found = [
+        search.around(T @ SE3.exp(np.array([0, 0, 0, 0, off_rad, 0])), near_px)
+        for off_rad in (0.01, 0.03)
+    ]
+    assert len(found[0].inliers) > 300 and found[1].reason
+
+
+def searches_of(monkeypatch, shares):
+    """The radii of the searches of an alignment, if those around the guess find these shares of
+    their matches to agree (narrow, wide); and whether a rotation was estimated.
+    """
+    searched = []
+    turned = []
+
+    def around(self, start, search_px):
+        searched.append(search_px)
+        share = shares[search_px > 10]
+        return Preliminary(start, [None] * 20, share, search_px, "not refined")
+
+    monkeypatch.setattr(_Search, "around", around)
+    monkeypatch.setattr(
+        fovis, "estimate_rotation", lambda one, other, guess: turned.append(guess) or guess
+    )
+    odometer = Fovis(Fovis.PRESETS["best"])
+    frame = odometer.prepare(seen(SE3.identity()), CAMERA)
+    odometer.align(frame, frame, SE3.identity())
+    return searched, bool(turned)
+
+
+@pytest.mark.parametrize(("share", "wide"), [(0.25, True), (0.49, False)])
+def test_the_wide_search_is_for_frames_of_whose_matches_most_disagree(monkeypatch, share, wide):
+    """Noisy frames near their prediction have 0.42 and more."""
+    searched, turned = searches_of(monkeypatch, (share, 0.9))
+    assert (len(searched) > 1) is wide and not turned
+
+
+@pytest.mark.parametrize(("share", "rotates"), [(0.17, True), (0.35, False)])
+def test_a_rotation_is_estimated_where_hardly_any_match_agrees(monkeypatch, share, rotates):
+    """Unrelated images have up to 0.07, furnished rooms 0.4 and more."""
+    assert searches_of(monkeypatch, (0.0, share))[1] is rotates
+
+
+@pytest.mark.parametrize(("share", "related"), [(0.07, False), (0.14, True)])
+def test_frames_of_whose_matches_a_fourteenth_agrees_are_of_two_places(monkeypatch, share, related):
+    """Chance alone makes up to 0.07 agree; 400 matches, of which a share moves alike."""
+    rng = np.random.default_rng(0)
+    count = 400
+    uv, z_m = rng.uniform((20, 20), (300, 220), (count, 2)), rng.uniform(1, 3, count)
+    points_m = features.points(CAMERA, uv, z_m)
+    moved_m = points_m.copy()
+    moved_m[int(share * count) :] += rng.uniform(0.5, 5, (count - int(share * count), 3))
+    found = Matches(
+        uv, points_m, CAMERA.project(moved_m), moved_m, np.zeros(count, int), np.ones(count)
+    )
+    monkeypatch.setattr(fovis, "match", lambda *images: found)
+    odometer = Fovis(replace(Fovis.PRESETS["best"], depth=False))
+    frame = odometer.prepare(seen(SE3.identity()), CAMERA)
+    result = _Search(frame, frame, odometer.settings).around(SE3.identity(), 4.0)
+    assert (not result.reason) is related
+
+
+@pytest.mark.parametrize(("step_mm", "again"), [(0.7, False), (1.4, True)])
+def test_the_geometric_term_is_evaluated_again_while_a_motion_moves_by_a_millimetre(step_mm, again):
+    """And a few times at most: each costs as much as all iterations of the corners."""
+    evaluated = []
+
+    class Geometry:
+        def linearise(self, T):
+            evaluated.append(T)
+            return NormalEquations.of_information(np.eye(6))
+
+    class Corners:
+        def solved(self, T, A, b, iterations, min_step):
+            step = np.array([step_mm / 1e3, 0, 0, 0, 0, 0])
+            return SE3.exp(step) @ T, step
+
+    odometer = Fovis(Fovis.PRESETS["best"])
+    frame = odometer.prepare(seen(SE3.identity()), CAMERA)
+    search = _Search(frame, frame, odometer.settings)
+    search._estimate(Corners(), SE3.identity(), 1e-5, Geometry())
+    assert len(evaluated) in (range(3, 5) if again else range(1, 2))
