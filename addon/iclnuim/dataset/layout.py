@@ -83,21 +83,22 @@ def rows_by_name(colours: Mapping[str, Path], depths: Mapping[str, Path]) -> lis
     """
     names = sorted(colours.keys() | depths.keys(), key=by_numbers)
     numbers = numbers_in_names(names)
-    stamps = None
     if numbers is None:
         numbers = list(range(len(names)))
+        stamps = None
     else:
-        numbers, names = (
-            list(column) for column in zip(*sorted(zip(numbers, names, strict=True)), strict=True)
-        )
+        names = [name for _, name in sorted(zip(numbers, names, strict=True))]
+        numbers.sort()
         stamps = seconds_of_names(numbers)
-    if stamps:
-        named = zip(names, *stamps, strict=True)
-        return [
-            Row(s, colours.get(name), depths.get(name), (text, text)) for name, s, text in named
-        ]
-    counted = zip(names, numbers, stamps_of_frames(numbers).tolist(), strict=True)
-    return [Row(s, colours.get(name), depths.get(name), number=n) for name, n, s in counted]
+    rows = []
+    for name, number, stamp_s in zip(
+        names, numbers, stamps_of_frames(numbers).tolist(), strict=True
+    ):
+        rows.append(Row(stamp_s, colours.get(name), depths.get(name), number=number))
+    if stamps is None:
+        return rows
+    stamped = zip(rows, *stamps, strict=True)
+    return [Row(s, row.rgb, row.depth, (text, text)) for row, s, text in stamped]
 
 
 @dataclass(frozen=True)

@@ -121,8 +121,9 @@ def _by_depth(
     if len(frames) > 1:
         found = np.array(images.residuals(frames, readings))
     figures = ", ".join(f"{100 * r:.2f} % with {k}" for k, r in zip(firsts, found, strict=True))
-    best, second = np.argsort(found)[:2]
-    if found[best] < _CLEARLY * found[second]:
+    order = np.argsort(found)
+    best = order[0]
+    if found[best] < _CLEARLY * found[order[1]]:
         return firsts[best], f", as depth differs least from poses: {figures}"
     raise InputError(
         f"images whose numbers tell the line of the first one ({' or '.join(map(str, firsts))})",
