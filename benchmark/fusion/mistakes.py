@@ -5,6 +5,7 @@ says in a sentence what is wrong and what to set; settings stand in it as `{name
 """
 
 from itertools import permutations, product
+from typing import NamedTuple
 
 import numpy as np
 from iclnuim.errors import InputError
@@ -14,14 +15,73 @@ from iclnuim.raycast.distance import TriangleDistance
 
 from .alignment import icp
 
-#: Units, in metres, that reconstructions have by mistake.
-OTHER_UNITS_M = (*(unit_m for name, unit_m in UNITS_M.items() if name != "m"), 1000.0)
-#: A mean distance below this share of the model's size is near: nothing is checked.
+
+class _OtherUnit(NamedTuple):
+    """A unit in metres that the reconstruction or the model has by mistake; scale: by which the
+    reconstruction is then to be multiplied, relative to the model.
+    """
+
+    whose: str
+    setting: str
+    unit_m: float
+    read_m: float
+    scale: float
+
+    def moved(self, points: np.ndarray, T: SE3) -> np.ndarray:
+        """The points (n, 3), with this unit, in the world of the model and its unit as read."""
+        if self.whose == "model":
+            return T.apply(points) * self.scale
+        return T.apply(points * self.scale)
+
+    def words(self, ratio: float, model_m: float) -> str:
+        """The unit, and the sizes as read: of the model, and `ratio` times it."""
+        return (
+            f"the {self.whose} seems to be in {_unit(self.unit_m)[0]}, not in "
+            f"{_unit(self.read_m)[0]} (as read, the reconstruction is {ratio * model_m:.4g} m "
+            f"large and the model {model_m:.4g} m)"
+        )
+
+    def means(self, mean: float, given_m: float) -> str:
+        """The mean distances, with this unit (in the model's as read) and as given; the advice."""
+        then_m = mean / self.scale if self.whose == "model" else mean
+        return (
+            f"the mean distance is then {1e3 * then_m:.3g} mm instead of {1e3 * given_m:.3g} mm; "
+            f"set {self.setting} to {_unit(self.unit_m)[1]}"
+        )
+
+
+def _other_unit(scale: float, units_m: tuple[float, float]) -> _OtherUnit:
+    """Of two that are known the one that was set, or of the reconstruction."""
+    mesh_m, model_m = units_m
+    mesh = _OtherUnit("reconstruction", "{unit}", mesh_m * scale, mesh_m, scale)
+    model = _OtherUnit("model", "{model_unit}", model_m / scale, model_m, scale)
+    if not _is_known(model.unit_m):
+        return mesh
+    if not _is_known(mesh.unit_m) or (mesh_m == 1 and model_m != 1):
+        return model
+    return mesh
+
+
+def _is_known(unit_m: float) -> bool:
+    return bool(np.isclose(list(UNITS_M.values()), unit_m, rtol=1e-9).any())
+
+
+#: Between units that are mistaken for each other.
+_SCALES = [unit_m for unit_m in UNITS_M.values() if unit_m != 1]
+_SCALES += [1 / unit_m for unit_m in _SCALES]
+#: A mean distance below this share of the model's size is near: only the sizes are checked.
 _NEAR = 0.002
 #: Valid size ratio of a reconstruction in metres to its model: from a part of it ...
 _MIN_RATIO = 0.04
 #: ... to all of it with some outliers.
 _MAX_RATIO = 1.6
+#: Another unit fits if the mean distance is below this share of the model's size ...
+_UNIT_FIT = 0.05
+#: ... and, where the sizes are valid, this share of the reconstruction's, and of the mean distance
+#: as read, both relative to the size.
+_UNIT_RATIO = 0.25
+#: A model is larger only if it is not in metres, and neither is the reconstruction that fits it.
+_LARGEST_M = 1000.0
 #: A reconstruction is mirrored if a reflection has a mean distance below this share of the best
 #: rigid fit's ...
 _MIRROR_RATIO = 0.25
@@ -33,18 +93,25 @@ _OTHER_WORLD = 0.03
 
 
 def warnings(
-    model: TriangleDistance, points: np.ndarray, T: SE3, mean_m: float, unit_m: float
+    model: TriangleDistance,
+    points: np.ndarray,
+    T: SE3,
+    mean_m: float,
+    units_m: tuple[float, float] = (1.0, 1.0),
 ) -> tuple[str, ...]:
-    """At most one sentence. points (n, 3) in metres, which were in unit_m; T: T_model_mesh, with
-    which their mean distance is mean_m.
+    """At most one sentence. points (n, 3) in metres; T: T_model_mesh, with which their mean
+    distance is mean_m; units_m: those in which they and the model were.
     """
     checks = _Checks(model)
     size_m = checks.size_m
-    if not size_m or mean_m <= _NEAR * size_m:  # 0: nearly all vertices are in one place
+    if not size_m:  # nearly all vertices are in one place
         return ()
     some = points[:: max(1, len(points) // 5000)]
-    if found := checks.unit(some, T, unit_m):
+    is_near = mean_m <= _NEAR * size_m
+    if found := checks.unit(some, T, units_m, is_near):
         return (found,)
+    if is_near:
+        return _both_units(size_m, units_m)
     moved = T.apply(some)
     fitted_m = checks.fitted_mean_m(moved)
     if found := checks.mirrored(moved, fitted_m):
@@ -55,7 +122,17 @@ def warnings(
             "seems to be in another world frame; set {poses} to the trajectory that was used for "
             "fusion, and {truth} to its ground truth",
         )
-    return ()
+    return _both_units(size_m, units_m)
+
+
+def _both_units(size_m: float, units_m: tuple[float, float]) -> tuple[str, ...]:
+    """Warning if both may be in another unit, so that only their size tells it."""
+    if size_m <= _LARGEST_M or units_m != (1, 1):
+        return ()
+    return (
+        f"the model is {size_m:.4g} m large: if it and the reconstruction are in millimetres, set "
+        "{unit} and {model_unit} to mm",
+    )
 
 
 class _Checks:
@@ -77,33 +154,38 @@ class _Checks:
         except InputError:
             return given_m
 
-    def unit(self, points: np.ndarray, T: SE3, unit_m: float) -> str:
-        """Warning if the size is not valid for the model or a part of it in metres, with the unit
-        that fits or gives a similar size.
+    def unit(self, points: np.ndarray, T: SE3, units_m: tuple[float, float], is_near: bool) -> str:
+        """Warning if the size is not valid for the model or a part of it, or if another unit of one
+        of them fits much better, with the unit that fits or gives a similar size. units_m: of the
+        reconstruction and of the model, as read. Of what is near the model no size is invalid: a
+        small part of it, or one in metres near a wall of a model in millimetres.
         """
-        low, high = _box(points)
-        ratio = float(np.linalg.norm(high - low)) / self.size_m
-        if _MIN_RATIO < ratio < _MAX_RATIO:
+        ratio = _diagonal(points) / self.size_m
+        if not ratio or (is_near and ratio > _MIN_RATIO):
             return ""
-        possible = [f for f in OTHER_UNITS_M if _MIN_RATIO < ratio * f < _MAX_RATIO]
-        means_m = {factor: self.mean_m(T.apply(points * factor)) for factor in possible}
-        best = min(possible, key=means_m.__getitem__, default=1.0)
-        if possible and means_m[best] < 0.05 * self.size_m:
-            name, setting = _unit(best * unit_m)
-            given_mm = 1e3 * self.mean_m(T.apply(points))
-            return (
-                f"the reconstruction seems to be in {name}, not in {_unit(unit_m)[0]}: its mean "
-                f"distance is then {1e3 * means_m[best]:.3g} mm instead of {given_mm:.3g} mm; "
-                f"set its unit to {setting}"
-            )
-        advice = "check its unit"
-        for factor in possible:
-            if ratio * factor > 0.5:
-                advice = f"set its unit to {_unit(factor * unit_m)[1]}"
-                break
+        is_valid = is_near or _is_valid(ratio)
+        scales = [scale for scale in _SCALES if _is_valid(ratio * scale)]
+        possible = [_other_unit(scale, units_m) for scale in scales]
+        given_m = self.mean_m(T.apply(points))
+        fits = []
+        for one in possible:
+            mean = self.mean_m(one.moved(points, T))
+            share = mean / (one.scale * ratio * self.size_m)
+            better = min(_UNIT_FIT, _UNIT_RATIO * given_m / (ratio * self.size_m))
+            if mean < _UNIT_FIT * self.size_m and (not is_valid or share < better):
+                fits.append((mean, one))
+        if fits:
+            mean, best = min(fits, key=lambda fit: fit[0])
+            return f"{best.words(ratio, self.size_m)}: {best.means(mean, given_m)}"
+        if is_valid:
+            return ""
+        advice = "check {unit} and {model_unit}"
+        similar = [one for one in possible if ratio * one.scale > 0.5]
+        if similar:
+            advice = f"set {similar[0].setting} to {_unit(similar[0].unit_m)[1]}"
         return (
-            f"the reconstruction is {ratio:.3g} times as large as the model, which is in metres; "
-            f"{advice}"
+            f"the reconstruction is {ratio:.3g} times as large as the model, which is "
+            f"{self.size_m:.4g} m large; {advice}"
         )
 
     def mirrored(self, moved: np.ndarray, fitted_m: float) -> str:
@@ -142,6 +224,16 @@ class _Checks:
                 starts.append((self.mean_m(some @ R.T + t), R, t))
         starts.sort(key=lambda start: start[0])
         return [moved @ R.T + t for _, R, t in starts[:10]]
+
+
+def _diagonal(points: np.ndarray) -> float:
+    low, high = _box(points)
+    return float(np.linalg.norm(high - low))
+
+
+def _is_valid(ratio: float) -> bool:
+    """Whether a reconstruction may be so many times as large as its model."""
+    return _MIN_RATIO < ratio < _MAX_RATIO
 
 
 def _axis_rotations() -> list[np.ndarray]:

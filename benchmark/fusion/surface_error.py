@@ -66,11 +66,16 @@ class TrueSurface(TriangleDistance):
         return RayCaster(self.vertices, self.triangles)
 
     def error(
-        self, points: np.ndarray, T_model_mesh: SE3 | None = None, unit_m: float = 1.0
+        self,
+        points: np.ndarray,
+        T_model_mesh: SE3 | None = None,
+        unit_m: float = 1.0,
+        model_unit_m: float = 1.0,
     ) -> SurfaceError:
         """Error of a reconstruction's vertices (n, 3) in metres, with warnings if its unit,
         handedness or world frame seems to be wrong.
-        `unit_m`: the unit from which they were converted to metres, for these warnings.
+        `unit_m`, `model_unit_m`: the units from which they and the model were converted to metres,
+        for these warnings.
 
         Raises InputError for another shape, if there are no vertices, or if some are NaN, infinite
         or too far away.
@@ -85,7 +90,7 @@ class TrueSurface(TriangleDistance):
         check_positions(points)
         T = SE3.identity() if T_model_mesh is None else T_model_mesh
         distances_m = self.distance(T.apply(points))
-        advice = warnings(self, points, T, float(distances_m.mean()), unit_m)
+        advice = warnings(self, points, T, float(distances_m.mean()), (unit_m, model_unit_m))
         return SurfaceError(distances_m, T, advice)
 
     def aligned(self, points: np.ndarray, T_model_mesh: SE3) -> SE3:

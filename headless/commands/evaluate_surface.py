@@ -44,6 +44,8 @@ def configure(actions: Actions) -> None:
     add("mesh", type=Path, metavar="MESH", help=help)
     help = "the truth: living_room, office, a .blend, or a mesh file"
     add("--model", required=True, metavar="MODEL", help=help)
+    help = "unit of a mesh file as MODEL: as --unit"
+    add("--model-unit", default="m", metavar="UNIT", help=help)
     _add_placement(surface)
     help = (
         "completion of what this trajectory saw: kt2, office/kt0 or a file; or all; default: GT of "
@@ -65,7 +67,7 @@ def configure(actions: Actions) -> None:
 def _add_placement(parser: argparse.ArgumentParser) -> None:
     """Add the options that place the mesh in the model's world."""
     add = parser.add_argument
-    help = "unit of MESH: m (default), cm, mm, in, ft or a number of metres"
+    help = "unit of MESH: m (default), cm, mm, inch, foot or a number of metres"
     add("--unit", default="m", metavar="UNIT", help=help)
     help = "file with the 16 numbers of T_model_mesh, row by row; default: the identity"
     add("--transform", type=Path, metavar="FILE", help=help)
@@ -101,6 +103,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
     settings = settings_from(args, QualitySettings())
     unit_m = parse_unit(args.unit)
+    model_unit_m = parse_unit(args.model_unit)
     recording = checked_rerun(args)
     if not _MIN_ERROR_MM <= args.max_error <= _MAX_ERROR_MM:
         expected = f"{_MIN_ERROR_MM:g} to {_MAX_ERROR_MM:g} mm"
@@ -112,10 +115,10 @@ def run(args: argparse.Namespace, console: Console) -> None:
     given = _given_transform(args)
     T = _fitted_transform(args, given, unit_m, console)
     with within(args.model):
-        surface = TrueSurface(*read_model(args.model))
+        surface = TrueSurface(*read_model(args.model, model_unit_m))
     if args.align == "icp":
         T = surface.aligned(mesh.points, T)
-    error = surface.error(mesh.points, T, unit_m)
+    error = surface.error(mesh.points, T, unit_m, model_unit_m)
     _draw(args, mesh, error, recording, console)
     values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **error.to_dict()}
     values["warnings"] = [named(text, option_name) for text in error.warnings]

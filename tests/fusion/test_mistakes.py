@@ -31,7 +31,7 @@ def advice(points, model=MODEL, mean_m=None):
     """The sentence about a reconstruction with this mean distance, by default its own."""
     if mean_m is None:
         mean_m = float(model.distance(points).mean())
-    return " ".join(warnings(model, points, SE3.identity(), mean_m, 1.0))
+    return " ".join(warnings(model, points, SE3.identity(), mean_m))
 
 
 def noisy(points, sigma_m):
@@ -52,13 +52,13 @@ def test_icp_is_not_pulled_by_points_beyond_three_medians(clutter_m):
 @pytest.mark.parametrize(("scale", "is_valid"), [(0.05, True), (0.033, False)])
 def test_a_part_of_a_scene_has_at_least_4_percent_of_its_size(scale, is_valid):
     found = advice(on(BOX, SIDES) * scale + (0.5, 0, 0.5))
-    assert (" its unit" in found) != is_valid
+    assert ("unit} " in found) != is_valid
 
 
 @pytest.mark.parametrize(("scale", "is_valid"), [(1.4, True), (1.9, False)])
 def test_with_outliers_a_reconstruction_is_up_to_1_6_times_as_large(scale, is_valid):
     found = advice(on(BOX, SIDES) * scale)
-    assert (" its unit" in found) != is_valid
+    assert ("unit} " in found) != is_valid
 
 
 @pytest.mark.parametrize(("mean_m", "is_near"), [(0.0045, True), (0.0075, False)])
@@ -100,3 +100,22 @@ def test_a_mirrored_reconstruction_fits_four_times_as_well_as_any_rigid_motion(s
     """16 and 28 mm. Many triangles are near any point: rigid fits are 82 mm away."""
     model, points = without_symmetry(300)
     assert ("is mirrored" in advice(noisy(points * (-1, 1, 1), sigma_m), model)) == is_named
+
+
+@pytest.mark.parametrize(("sigma_m", "is_named"), [(0.15, True), (0.3, False)])
+def test_another_unit_fits_within_5_percent_of_the_size(sigma_m, is_named):
+    """4 and 7 percent."""
+    points = noisy(on(BOX, SIDES), sigma_m)
+    assert ("millimetres" in advice(1000 * points)) == is_named
+
+
+@pytest.mark.parametrize(("share", "is_named"), [(0.02, True), (0.04, False)])
+def test_where_the_sizes_are_valid_another_unit_fits_four_times_as_well(share, is_named):
+    """A plate of 2 x 2 and 0.15 high in feet, as a model that is read in metres: as read, the mean
+    distance is 12 percent of the reconstruction's size, in feet it is `share`.
+    """
+    plate = (BOX * (1, 1, 0)) + (0, 0, 0.15)
+    model = TriangleDistance(plate, SIDES)
+    points = on(plate, SIDES)
+    points[:, 2] += np.random.default_rng(1).normal(0, share * np.sqrt(8) / 0.8, len(points))
+    assert ("the model seems to be in feet" in advice(0.3048 * points, model)) == is_named

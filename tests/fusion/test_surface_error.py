@@ -1,6 +1,7 @@
 """Distances to the true surface, alignment, and the commands that fuse and judge."""
 
 import json
+import re
 import subprocess
 
 import numpy as np
@@ -177,7 +178,6 @@ def in_the_room(rng, n=5000):
         ("cm", "centimetres", 100),
         ("in", "inches", 1 / 0.0254),
         ("ft", "feet", 1 / 0.3048),
-        ("1000", "units of 1000 m", 0.001),
     ],
 )
 def test_another_unit_is_named(unit, words, factor):
@@ -187,7 +187,7 @@ def test_another_unit_is_named(unit, words, factor):
     )
     (warning,) = surface.error(factor * points).warnings
     assert (
-        f"seems to be in {words}, not in metres" in warning and f"set its unit to {unit}" in warning
+        f"seems to be in {words}, not in metres" in warning and f"set {{unit}} to {unit}" in warning
     )
     away = factor * (points + (50, 0, 0))
     assert (
@@ -195,6 +195,44 @@ def test_another_unit_is_named(unit, words, factor):
         or unit in surface.error(away).warnings[0]
     )
     assert surface.error(points).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("unit", "words", "factor"),
+    [
+        ("mm", "millimetres", 1000),
+        ("cm", "centimetres", 100),
+        ("in", "inches", 1 / 0.0254),
+        ("ft", "feet", 1 / 0.3048),
+    ],
+)
+def test_another_unit_of_the_model_is_named_with_both_sizes(unit, words, factor):
+    surface = TrueSurface(factor * (ROOM + (5, 2, 0)), ROOM_SIDES)
+    points = in_the_room(np.random.default_rng(1))
+    (warning,) = surface.error(points).warnings
+    assert f"the model seems to be in {words}, not in metres" in warning
+    assert re.search(r"reconstruction is 3\.\d+ m large and the model", warning)
+    assert re.search(r"then 0\.\d+ mm instead of", warning)
+    assert warning.endswith(f"set {{model_unit}} to {unit}")
+    right = TrueSurface(ROOM + (5, 2, 0), ROOM_SIDES).error(points, model_unit_m=1 / factor)
+    assert right.warnings == ()
+    (warning,) = right_unit_of_metres(points, factor).warnings
+    assert f"the model seems to be in metres, not in {words}" in warning
+
+
+def right_unit_of_metres(points, factor):
+    """A model in metres of which another unit was said."""
+    surface = TrueSurface((ROOM + (5, 2, 0)) / factor, ROOM_SIDES)
+    return surface.error(points, model_unit_m=1 / factor)
+
+
+@pytest.mark.parametrize(("factor", "is_named"), [(300, False), (350, True)])
+def test_a_model_of_more_than_a_kilometre_may_be_in_millimetres_like_its_reconstruction(
+    factor, is_named
+):
+    surface = TrueSurface(factor * ROOM, ROOM_SIDES)
+    warnings = surface.error(factor * (in_the_room(np.random.default_rng(1)) - (5, 2, 0))).warnings
+    assert is_named == any("set {unit} and {model_unit} to mm" in text for text in warnings)
 
 
 @pytest.mark.parametrize(
@@ -210,7 +248,7 @@ def test_the_advised_unit_is_that_of_the_file_also_if_another_was_given(
     )
     (warning,) = surface.error(points / true_m * given_m, unit_m=given_m).warnings
     assert f"seems to be in {true}, not in {given}" in warning and warning.endswith(
-        f"set its unit to {setting}"
+        f"set {{unit}} to {setting}"
     )
 
 
@@ -382,7 +420,7 @@ def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path, icl):
         found["cloud.ply", "--plot"]["distance_m"]["mean"] < 0.001
         and (tmp_path / "error.png").stat().st_size > 1000
     )
-    assert found["mm.ply",]["warnings"][0].endswith("set its unit to mm")
+    assert found["mm.ply",]["warnings"][0].endswith("set --unit to mm")
     assert (
         found["mm.ply", "--unit"]["distance_m"]["mean"] < 0.001
         and found["mm.ply", "--unit"]["warnings"] == []
@@ -392,6 +430,34 @@ def test_the_command_takes_a_point_cloud_and_a_unit_and_warns(tmp_path, icl):
         "warning: the reconstruction is mirrored"
         in icl("evaluate", "surface", "mirrored.ply", "--model", "model.ply").stdout
     )
+
+
+@pytest.mark.parametrize("unit", ["mm", "0.001", "inch", "foot"])
+def test_the_unit_of_the_model_is_set_or_advised(tmp_path, icl, unit):
+    factor = {"inch": 1 / 0.0254, "foot": 1 / 0.3048}.get(unit, 1000)
+    write_ply(tmp_path / "mesh.ply", BOX.astype(np.float32), SIDES.astype(np.int32))
+    write_ply(tmp_path / "model.ply", (factor * BOX).astype(np.float32), SIDES.astype(np.int32))
+    words = ("evaluate", "surface", "mesh.ply", "--model", "model.ply", "--samples", "2000")
+    found = json.loads(icl(*words, "--json").stdout)
+    short = {"inch": "in", "foot": "ft"}.get(unit, "mm")
+    assert found["warnings"][0].endswith(f"set --model-unit to {short}")
+    found = json.loads(icl(*words, "--model-unit", unit, "--json").stdout)
+    assert found["distance_m"]["mean"] < 1e-6 and found["warnings"] == []
+
+
+@pytest.mark.parametrize(
+    ("model", "unit", "words"),
+    [
+        ("mesh.ply", "furlong", "a unit"),
+        ("mesh.ply", "0", "--model-unit: expected 1e-06"),
+        ("mesh.ply", "nan", "--model-unit: expected 1e-06"),
+        ("living_room", "mm", "a mesh file .* with --model-unit, found living_room"),
+    ],
+)
+def test_a_unit_that_no_model_has_is_refused(tmp_path, icl, model, unit, words):
+    write_ply(tmp_path / "mesh.ply", BOX.astype(np.float32), SIDES.astype(np.int32))
+    done = icl("evaluate", "surface", "mesh.ply", "--model", model, "--model-unit", unit)
+    assert done.returncode == 2 and re.search(words, done.stderr)
 
 
 def test_a_mesh_has_the_same_vertices_in_every_format(tmp_path):

@@ -80,8 +80,8 @@ def folder(tmp_path):
     "words",
     [
         "inspect seq",
-        "evaluate surface mesh.ply --model model.ply --samples 500",
-        "evaluate surface model.ply --model model.ply --samples 500 --align icp",
+        "evaluate surface mesh.ply --model model.ply --samples 2000",
+        "evaluate surface model.ply --model model.ply --samples 2000 --align icp",
         "evaluate ate still.txt still.txt",
         "evaluate rpe still.txt still.txt",
         "trajectory info still.txt",

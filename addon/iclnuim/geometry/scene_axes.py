@@ -43,9 +43,9 @@ CLEARLY_UNIT = 4.0
 
 
 def parse_unit(text: str) -> float:
-    """The unit in metres, from `cm`, `in`, ... or a number. Raises InputError."""
+    """The unit in metres, from `cm`, `in`, `inch`, ... or a number. Raises InputError."""
     try:
-        return UNITS_M.get(text) or float(text)
+        return UNITS_M.get({"inch": "in", "foot": "ft"}.get(text, text)) or float(text)
     except ValueError:
         expected = f"a unit: {', '.join(UNITS_M)}, or metres as a number"
         raise InputError(expected, found=text) from None

@@ -10,16 +10,21 @@ from ...formats.meshes import MESH_ENDINGS, read_mesh
 from ...native_output import native_output_in
 
 
-def read_model(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """points (n, 3) and triangles (m, 3) of a mesh file, a built-in scene by name, or a .blend; in
-    the world of the file, z up for scenes.
+def read_model(name: str, unit_m: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """points (n, 3) in metres and triangles (m, 3) of a mesh file in units of unit_m, a built-in
+    scene by name, or a .blend; in the world of the file, z up for scenes.
 
-    Raises InputError if it is none of these or has no triangle, WorkError if a reader or bpy is
-    missing.
+    Raises InputError if it is none of these or has no triangle, or for a unit of a scene, which has
+    its own, WorkError if a reader or bpy is missing.
     """
+    if not 1e-6 <= unit_m <= 1e6:
+        raise InputError("1e-06 to 1e+06 m", setting="model_unit", found=unit_m)
     if Path(name).suffix.lower() in MESH_ENDINGS:
         points, triangles, _ = read_mesh(name)
-        return points, triangles
+        return points * unit_m, triangles
+    if unit_m != 1:
+        expected = f"a mesh file ({', '.join(MESH_ENDINGS)}) with {{model_unit}}"
+        raise InputError(expected, found=name)
     with native_output_in(Path(os.devnull)):  # importing bpy may print
         try:
             from .. import surfaces
