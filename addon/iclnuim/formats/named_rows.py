@@ -13,8 +13,6 @@ from .trajectory_source import Source
 
 _EXPECTED = "a header that names each of x, y, z and, but for positions alone, qx, qy, qz, qw once"
 _SHOWN = 6
-#: Digits of nanoseconds since 1970.
-_DIGITS_NS = 19
 #: A unit quaternion in a file has this length, up to the error of three digits.
 _NORM_TOLERANCE = 0.01
 
@@ -68,11 +66,12 @@ def _is_usual(source: Source, named: NamedColumns, layout: Columns) -> bool:
         return False
     if source.delimiter is None:
         return source.columns == 8 and layout == SCALAR_LAST and named.ticks in (None, 1.0)
-    first = source.first_rows[0][0]
-    nanoseconds = named.ticks == 1e9 or named.ticks is None and len(first) >= _DIGITS_NS
     if layout == SCALAR_LAST:
         return source.names[0].lower() == "ts (ns)" and source.columns == 8
-    return layout == SCALAR_FIRST and nanoseconds and source.columns in (8, 17)
+    if layout != SCALAR_FIRST or source.columns not in (8, 17):
+        return False
+    stamps = [row[0] for row in source.first_rows if is_number(row[0])]
+    return named.ticks == 1e9 or named.ticks is None and stamp_ticks(np.array(stamps, float)) >= 1e6
 
 
 def named_rows(source: Source) -> NumberTable:

@@ -18,7 +18,7 @@ _VSLAM_LAB = "8 columns separated by commas: ts (ns), tx, ty, tz, qx, qy, qz, qw
 _EUROC_COUNTS = (8, 11, 17)
 _EUROC = "8, 11 or 17 columns separated by commas: stamp in ns, x, y, z, qw, qx, qy, qz"
 #: A table of TUM's columns with commas has another order of the quaternion, and other stamps.
-_NO_COMMAS = "blanks instead of commas, or a header, for a TUM file"
+_NO_COMMAS = "a header that names the columns, or {from} tum, or tum-wxyz if qw is first"
 #: A row of TUM's files.
 TUM = "8 columns: timestamp tx ty tz qx qy qz qw"
 _MATRIX = "12 columns of a 3x4 matrix, or 13 with the frame number or stamp first"
