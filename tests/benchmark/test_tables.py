@@ -155,3 +155,11 @@ def test_one_table_of_a_benchmark_in_a_format(tmp_path, capsys):
     assert named(all_tables([result(ICP, 0.0015, 0.003)]), "cells").rows[0][:7] == (
         "living_room", "kt2", "clean", "0", "ICP", "best", "model",
     )  # fmt: skip
+
+
+def test_a_name_stays_in_one_line_and_a_sentence_is_a_paragraph():
+    """The longest name of a method or a sequence has some thirty characters."""
+    columns = ("method", "what was found")
+    rows = (("baseline:open3d-hybrid on living_room", "all poses after the first second are lost"),)
+    table = ResultTable("names", "Names.", columns, (*rows, ("icp", "x" * 60)))
+    assert [table.is_long(0), table.is_long(1)] == [False, True]

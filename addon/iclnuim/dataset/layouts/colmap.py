@@ -40,6 +40,7 @@ _WITNESSES = 8
 _POINTS = 20_000
 #: Maximum relative difference of depth in another image if it is the same surface.
 _SAME_SURFACE = 0.01
+#: Every 8th image is held out, as in Mip-NeRF 360 and 3D Gaussian Splatting (`llffhold`).
 _HELD_OUT = 8
 
 
