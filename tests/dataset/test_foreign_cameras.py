@@ -487,6 +487,20 @@ def test_what_other_files_say_and_is_not_applied_is_noted(copied, format, file, 
     assert note in found
 
 
+def test_a_distortion_in_camera_json_is_noted(copied):
+    folder = copied("tum")
+    known = json.loads((folder / "camera.json").read_text())
+    for coefficients, notes in (
+        ({"k1": 0, "distortion": [0.0, 0]}, ()),
+        ({"distortion": [0.0, 0.1]}, (DISTORTED,)),
+    ):
+        (folder / "camera.json").write_text(json.dumps(known | coefficients))
+        assert camera_of(folder).notes == notes
+    (folder / "camera.json").write_text(json.dumps(known | {"skew": 0.1}))
+    with pytest.raises(InputError, match="skew"):
+        camera_of(folder)
+
+
 def test_another_colour_camera_of_the_same_size_is_read_in_scannet(copied):
     folder = copied("scannet")
     replaced(folder / "frames/intrinsic/intrinsic_color.txt", "^48 0 31.5", "50 0 30")
@@ -507,3 +521,50 @@ def test_a_camera_matrix_with_skew_is_refused(copied, format, file, old, new):
     replaced(folder / file, old, new)
     with pytest.raises(InputError, match=f"{file}: expected a camera matrix fx 0 cx"):
         camera_of(folder)
+
+
+@pytest.mark.parametrize(("share", "differs"), [(0.007, False), (0.015, True)])
+def test_keys_that_agree_but_for_rounding_are_the_same(copied, share, differs):
+    def change(content):
+        content["depth_unit_scale_factor"] = content["integer_depth_scale"]
+        content["x_fov"] = 2 * math.degrees(math.atan(32 / (48 * (1 + share))))
+
+    folder = changed_nerf(copied, change)
+    assert bool(camera_of(folder).notes) == differs
+    file = folder / "transforms.json"
+    content = json.loads(file.read_text())
+    content["depth_unit_scale_factor"] *= 1 + share
+    file.write_text(json.dumps(content))
+    if differs:
+        with pytest.raises(InputError, match="one depth scale"):
+            camera_of(folder)
+    else:
+        camera_of(folder)
+
+
+@pytest.mark.parametrize(("change", "differs"), [(0.7e-6, False), (1.5e-6, True)])
+def test_smaller_differences_than_a_millionth_are_rounding(copied, change, differs):
+    other = SE3(np.eye(3), np.array([0, change, 0]))
+    folder = changed_nerf(copied, in_all(applied_transform=other.matrix[:3].tolist()))
+    assert bool(camera_of(folder).notes) == differs
+    folder = copied("euroc")
+    for file in CAMERAS[:2]:
+        with_body(folder, file, other)
+    assert bool(camera_of(folder).notes) == differs
+
+
+@pytest.mark.parametrize(("change", "message"), [(0.7e-6, None), (1.5e-6, "the same camera")])
+def test_cameras_of_frames_are_the_same_to_a_millionth(copied, change, message):
+    folder = changed_nerf(copied, in_a_frame(fl_x=48 * (1 - change)))
+    if message is None:
+        camera_of(folder)
+        return
+    with pytest.raises(InputError, match=message):
+        camera_of(folder)
+
+
+@pytest.mark.parametrize("scale", [0.9e-6, 1.1e6, 0, -1, "x"])
+def test_an_applied_scale_beyond_all_reason_is_refused(copied, scale):
+    folder = changed_nerf(copied, in_all(applied_scale=scale))
+    with pytest.raises(InputError, match="transforms.json: expected applied_scale of"):
+        read_truth(folder)

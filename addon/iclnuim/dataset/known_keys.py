@@ -11,14 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, within
-from ..geometry.se3 import SE3
+from ..errors import InputError
 
 DISTORTED = (
     "the lens distortion in the camera's file is ignored: "
     "images are read as those of a pinhole camera"
 )
-#: Names of distortion models (of EuRoC, Kalibr, ROS and VSLAM-LAB) that are a pinhole camera if
+
+
+def names(text: str) -> frozenset[str]:
+    """The words of a text."""
+    return frozenset(text.split())
+
+
+#: Names of the coefficients of a distortion,
+COEFFICIENTS = names("k1 k2 k3 k4 k5 k6 p1 p2 distortion distortion_params")
+#: and of distortion models (of EuRoC, Kalibr, ROS and VSLAM-LAB) that are a pinhole camera if
 #: all coefficients are 0; an equidistant one is a fisheye then.
 WITHOUT_PROJECTION = (
     *("radial-tangential", "radtan", "radtan4", "radtan5", "radtan8"),
@@ -29,11 +37,6 @@ _SAME = 1e-6
 
 #: Whether a value changes nothing.
 Neutral = Callable[[Any], bool]
-
-
-def names(text: str) -> frozenset[str]:
-    """The words of a text."""
-    return frozenset(text.split())
 
 
 @dataclass(frozen=True)
@@ -58,19 +61,18 @@ class Keys:
         Raises InputError for a value that a pinhole camera cannot have.
         """
         unused: dict[str, str] = {}
-        distorted = False
+        found: list[str] = []
         for key, value in _entries(said):
             if key in self.required and not self.required[key](value):
                 expected = "the settings of a pinhole camera"
-                raise InputError(expected, path=path, found=f"{key} {_short(value)}")
-            distorted |= key in self.distortion and not zeros(value)
+                raise InputError(expected, path=path, found=f"{key} {short(value)}")
+            if key in self.distortion and not zeros(value):
+                found = [DISTORTED]
             if key not in self._applied and not self.noted.get(key, absent)(value):
-                unused.setdefault(key, f"{key} {_short(value)}")
-        found = [DISTORTED] if distorted else []
+                unused.setdefault(key, f"{key} {short(value)}")
         if unused:
-            found.append(
-                f"{path.name} has settings that are not applied: {', '.join(unused.values())}"
-            )
+            settings = ", ".join(unused.values())
+            found.append(f"{path.name} has settings that are not applied: {settings}")
         return tuple(found)
 
     @property
@@ -86,58 +88,24 @@ def _entries(said: Iterable[Mapping[str, Any]]) -> Iterable[tuple[str, Any]]:
                 yield str(key), value
 
 
-def _short(value: object) -> str:
+def short(value: object) -> str:
+    """The value as one line of at most 40 characters."""
     text = " ".join(str(value).split())
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 
 def numbers_of(value: Any) -> np.ndarray | None:
     """The numbers in a value, in lists of any depth, as (n,); None if there is anything else."""
-    parts = value if isinstance(value, list) else [value]
-    found: list[float] = []
-    for part in parts:
-        if isinstance(part, list):
-            inner = numbers_of(part)
-            if inner is None:
-                return None
-            found += inner.tolist()
-            continue
-        try:
-            found.append(float(part))
-        except (TypeError, ValueError, OverflowError):
-            return None
-    return np.array(found)
+    parts = list(value.values()) if isinstance(value, dict) else value
+    try:
+        return np.asarray(parts, float).ravel()
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
-def pose_of(value: Any, path: Path) -> SE3:
-    """The pose in a 4 x 4 matrix, which may be a mapping with `data`; the identity for None.
-
-    Raises InputError for anything else.
-    """
-    if value is None:
-        return SE3.identity()
-    numbers = numbers_of(value.get("data") if isinstance(value, dict) else value)
-    if numbers is None or len(numbers) != 16 or not np.isfinite(numbers).all():
-        raise InputError(
-            "T_BS with the 16 numbers of a 4 x 4 matrix", path=path, found=_short(value)
-        )
-    matrix = numbers.reshape(4, 4)
-    with within(path):
-        return SE3.from_matrix(matrix)
-
-
-def is_identity(T: SE3) -> bool:
-    """Whether a pose is the identity, but for rounding."""
-    return bool(np.abs(T.matrix - np.eye(4)).max() < _SAME)
-
-
-def mount_notes(T_truth_camera: SE3 | None) -> tuple[str, ...]:
-    """A sentence if the ground truth follows another frame than the camera's."""
-    if T_truth_camera is None:
-        return ()
-    distance_mm = 1000 * float(np.linalg.norm(T_truth_camera.translation))
-    applied = "T_BS is applied: the ground truth follows a body"
-    return (f"{applied}, and the camera is {distance_mm:.3g} mm from its origin",)
+def as_list(value: Any) -> list[Any]:
+    """A list as it is, any other value as the only one of a list."""
+    return value if isinstance(value, list) else [value]
 
 
 def zeros(value: Any) -> bool:

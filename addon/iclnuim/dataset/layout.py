@@ -27,6 +27,7 @@ from ..formats.trajectories import write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_rate_hz, sample, stamps_of_frames
+from .known_keys import COEFFICIENTS, Keys, names
 
 CAMERA = "camera.json"
 #: Maximum distance in time between a pose and its frame, as a share of the usual step between
@@ -332,7 +333,9 @@ def camera_file(folder: Path) -> SequenceCamera | None:
 
 
 def _camera_of(settings: dict) -> SequenceCamera:
-    """The camera of the content of camera.json."""
+    """The camera of the content of camera.json, to which others may have added a distortion."""
+    coefficients = {name: settings.pop(name) for name in COEFFICIENTS if name in settings}
+    notes = Keys(used=names(""), distortion=COEFFICIENTS).notes([coefficients], Path(CAMERA))
     units = settings.pop("depth_units_per_metre", UNITS_PER_METRE)
     if isinstance(units, bool) or not isinstance(units, int | float):
         raise InputError("depth_units_per_metre as a number", found=units)
@@ -340,7 +343,7 @@ def _camera_of(settings: dict) -> SequenceCamera:
     missing = [name for name in needed if name not in settings]
     if missing:  # the defaults are those of another camera
         raise InputError(f"a camera with {', '.join(needed)}", found=f"no {', '.join(missing)}")
-    return SequenceCamera(PinholeCamera.from_dict(settings), check_units(units))
+    return SequenceCamera(PinholeCamera.from_dict(settings), check_units(units), notes=notes)
 
 
 def pinhole_of(image: Path, fx: float, fy: float, cx: float, cy: float) -> PinholeCamera:

@@ -5,6 +5,7 @@ and Open3D's camera trajectories.
 import itertools
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path, PurePath
 
 import numpy as np
@@ -77,10 +78,11 @@ def nerf_rows(source: Source) -> NumberTable:
 
 def _applied_scale(path: Path, content: dict) -> float:
     """How many units of the positions a metre has, which nerfstudio's converters write."""
-    (scale,) = _numbers(path, [content.get(APPLIED_SCALE, 1.0)])
-    if not 1e-6 <= scale <= 1e6:
-        raise InputError(f"{APPLIED_SCALE} of 1e-6 to 1e6", path=path, found=f"{scale:g}")
-    return float(scale)
+    given = content.get(APPLIED_SCALE, 1.0)
+    with suppress(TypeError, ValueError, OverflowError):
+        if 1e-6 <= float(given) <= 1e6:
+            return float(given)
+    raise InputError(f"{APPLIED_SCALE} of 1e-6 to 1e6", path=path, found=given)
 
 
 def is_open3d(source: Source) -> bool:

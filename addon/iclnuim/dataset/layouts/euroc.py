@@ -4,7 +4,6 @@ state_groundtruth_estimate0; stamps in ns.
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from ...formats.stamps import stamp_text_of_ns
 from ...formats.yaml_files import read_yaml
 from ...geometry.camera import PinholeCamera
 from ...geometry.se3 import SE3
-from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, is_identity, mount_notes, names, pose_of
+from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, as_list, names
 from ..layout import (
     Contents,
     Reader,
@@ -27,6 +26,7 @@ from ..layout import (
     truth_at,
     write_truth,
 )
+from ..mount import is_identity, mount_notes, pose_of
 
 _ROOT = Path("mav0")
 _SENSORS = {RGB: "cam"}
@@ -113,7 +113,7 @@ def _camera_in(file: Path) -> SequenceCamera:
     """The camera of one sensor."""
     said = read_yaml(file)
     notes = KEYS.notes([said], file)
-    values = [*_list(said, "resolution"), *_list(said, "intrinsics")]
+    values = as_list(said.get("resolution")) + as_list(said.get("intrinsics"))
     what = "resolution: [w, h] and intrinsics: [fx, fy, cx, cy]"
     width, height, *intrinsics = numbers_in(file, values, 6, what)
     what = "depth_units_per_metre as a number"
@@ -123,19 +123,13 @@ def _camera_in(file: Path) -> SequenceCamera:
         return SequenceCamera(pinhole, check_units(per_metre), notes=notes)
 
 
-def _list(said: dict[str, Any], key: str) -> list:
-    value = said.get(key)
-    return value if isinstance(value, list) else [value]
-
-
 def _T_body(folder: Path, *sensors: str) -> SE3:
     """T_BS, the pose in the body, of the first of these sensors whose file gives it; else the
     identity.
     """
     for sensor in sensors:
         file = _sensor_file(folder, sensor)
-        said = read_yaml(file) if is_file(file) else {}
-        if "T_BS" in said:
+        if is_file(file) and "T_BS" in (said := read_yaml(file)):
             return pose_of(said["T_BS"], file)
     return SE3.identity()
 

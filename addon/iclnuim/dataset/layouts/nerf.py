@@ -19,7 +19,7 @@ from ...formats.pose_folders import APPLIED_SCALE, numbers_of_names
 from ...geometry import axes
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import stamps_of_frames
-from ..known_keys import Keys, absent, any_of, identity, names, one, zeros
+from ..known_keys import COEFFICIENTS, Keys, absent, any_of, identity, names, one, zeros
 from ..layout import (
     Contents,
     Reader,
@@ -73,7 +73,7 @@ KEYS = Keys(
         "from_mitsuba": zeros,
         "normal_mts_args": absent,
     },
-    distortion=names("k1 k2 k3 k4 k5 k6 p1 p2 distortion_params"),
+    distortion=COEFFICIENTS,
 )
 #: Endings of images, which names may lack.
 _ENDINGS = (".png", ".jpg", ".jpeg", ".npy")

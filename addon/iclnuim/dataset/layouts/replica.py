@@ -17,7 +17,7 @@ from ...formats.images import image_header
 from ...formats.trajectories import write_trajectory
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import Trajectory
-from ..known_keys import Keys, names, zeros
+from ..known_keys import COEFFICIENTS, Keys, zeros
 from ..layout import (
     Contents,
     Reader,
@@ -38,7 +38,7 @@ _NUMBERS = ("w", "h", "fx", "fy", "cx", "cy", "scale")
 KEYS = Keys(
     used=frozenset(_NUMBERS),
     noted={"crop_edge": zeros},
-    distortion=names("distortion k1 k2 k3 k4 k5 k6 p1 p2"),
+    distortion=COEFFICIENTS,
 )
 
 

@@ -16,7 +16,7 @@ from ...formats.files import atomic_write_text, is_file, read_text
 from ...formats.stamps import stamp_text_of_ns
 from ...formats.yaml_files import read_yaml
 from ...geometry.se3 import SE3
-from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, is_identity, mount_notes, names, pose_of
+from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, as_list, names
 from ..layout import (
     Contents,
     Reader,
@@ -28,6 +28,7 @@ from ..layout import (
     truth_at,
     write_truth,
 )
+from ..mount import is_identity, mount_notes, pose_of
 
 _LIST = "rgb.csv"
 _CAMERA = "calibration.yaml"
@@ -119,10 +120,7 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
     if not said:
         return None
     notes = KEYS.notes([said], file) + mount_notes(_mount(folder))
-    values: list[Any] = []
-    for name in ("focal_length", "principal_point"):
-        value = said.get(name)
-        values += value if isinstance(value, list) else [value]
+    values = as_list(said.get("focal_length")) + as_list(said.get("principal_point"))
     what = "focal_length: [fx, fy], principal_point: [cx, cy]"
     fx, fy, cx, cy = numbers_in(file, values, 4, what)
     units = said.get("depth_factor", UNITS_PER_METRE)
