@@ -236,6 +236,25 @@ def test_lines_in_a_folder_of_rgb_and_depth(copied, written, lists, first):
     assert numbers_with_poses(folder, load_poses(folder, poses)) == without(3)
 
 
+@pytest.mark.parametrize("form", ["redwood", "kitti with numbers", "matrices", "kitti"])
+@pytest.mark.parametrize(("first", "lost"), [(0, ()), (1, ()), (1, (4,)), (0, (11,)), (0, (4, 5))])
+def test_numbers_that_count_the_lines_from_0(copied, written, form, first, lost):
+    """Redwood's .log numbers its poses from 0, its images from 1."""
+    folder = copied("replica")
+    rename(folder, "replica", lambda n: None if n in lost else f"{n + first:06}")
+    blocks = []
+    for number, line in enumerate((folder / "traj.txt").read_text().splitlines()):
+        values = line.split()
+        rows = [" ".join(values[start : start + 4]) for start in (0, 4, 8, 12)]
+        if form == "redwood":
+            rows.insert(0, f"{number} {number} {number + 1}")
+        if form.startswith("kitti"):
+            rows = [" ".join([str(number)] * (form != "kitti") + values[:12])]
+        blocks += rows
+    (folder / "poses.log").write_text("\n".join(blocks) + "\n")
+    assert numbers_with_poses(folder, load_poses(folder, folder / "poses.log")) == without(*lost)
+
+
 @pytest.mark.parametrize("ticks", [1e3, 1e6, 1e9])
 @pytest.mark.parametrize("rate_hz", [3.0, 30.0])
 def test_stamps_in_names_have_their_unit(copied, ticks, rate_hz):

@@ -40,7 +40,7 @@ from ..geometry.trajectory import Trajectory, frame_slice
 from ..sensor.transfer import light_from_srgb8
 from .ground_truth import FurtherImages
 from .layout import Row, SequenceCamera, SequenceFrame, posed, usual_step_s
-from .pose_lines import ImagesOfLines, Residuals, tied_to_images, tied_to_poses
+from .pose_lines import ImagesOfLines, Residuals, numbers_only_count, tied_to_images, tied_to_poses
 from .run_folder import RunFolder, read_run
 from .sequence_formats import format_of
 
@@ -256,10 +256,13 @@ def load_poses(folder: Path, path: Path | str, **options: Any) -> LoadedTrajecto
     InputError if the line cannot be told.
     """
     loaded = read_trajectory(path, **options)
-    if not loaded.is_counted:
+    if not (loaded.is_counted or loaded.is_numbered):
+        return loaded
+    images = _images_of_lines(folder)
+    if loaded.is_numbered and not numbers_only_count(loaded, images):
         return loaded
     with within(path):
-        return tied_to_images(loaded, _images_of_lines(folder))
+        return tied_to_images(loaded, images)
 
 
 def tied_to_sequence(

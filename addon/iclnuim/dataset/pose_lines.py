@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..evaluation.associate import nearest
 from ..formats.trajectory_source import LoadedTrajectory
 from ..geometry.se3 import SE3
-from ..geometry.trajectory import Trajectory
+from ..geometry.trajectory import Trajectory, stamps_of_frames
 from .layout import usual_step_s
 
 #: residuals(frames (n,), readings of their poses (n,)): of each reading the relative difference
@@ -60,6 +60,15 @@ def tied_to_images(loaded: LoadedTrajectory, images: ImagesOfLines) -> LoadedTra
     sentence = f"{count} lines for {n} images: the first line is that of number {first}{figures}"
     tied = _tied(loaded, images.stamps_s, numbers - first, sentence)
     return replace(tied, by_depth=sentence if figures else "")
+
+
+def numbers_only_count(loaded: LoadedTrajectory, images: ImagesOfLines) -> bool:
+    """Whether the frame numbers of a file are not those of the images, but count its rows from 0."""
+    numbers = images.numbers
+    if not numbers or len(numbers) > loaded.row_count or numbers[-1] < loaded.row_count:
+        return False
+    of_rows_s = stamps_of_frames(loaded.rows)
+    return bool(np.abs(loaded.trajectory.stamps_s - of_rows_s).max() < 1e-6)
 
 
 def tied_to_poses(

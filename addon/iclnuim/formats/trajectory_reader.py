@@ -85,9 +85,14 @@ class TrajectoryReader:
             has_rotations=bool(columns.orientation),
         )
         read_as = _with_remarks(read_as, table.note + few_digits, int(counted[-1]) + 1)
-        of_poses = counted[kept][rows]
-        is_counted = not columns.leave_first
-        return LoadedTrajectory(trajectory, read_as, of_poses, int(counted[-1]) + 1, is_counted)
+        return LoadedTrajectory(
+            trajectory,
+            read_as,
+            rows=counted[kept][rows],
+            row_count=int(counted[-1]) + 1,
+            is_counted=not columns.leave_first,
+            is_numbered=columns.leave_first and table.ticks is None,
+        )
 
 
 def _with_remarks(read_as: ReadAs, note: str, row_count: int) -> ReadAs:
