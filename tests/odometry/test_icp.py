@@ -144,3 +144,36 @@ def test_normals_of_noisy_depth_match_to_thirty_degrees(angle_deg, matched):
         term = PlaneTerm(pair, method.plane_settings(pair), 0)
         term.linearise(turn, 0)
         assert np.isfinite(term.residual).any() == (matched and rough)
+
+
+def along_a_wall(rough, relief):
+    """The information along a wall, as a share of that across it, in units of the variance of the
+    noise of its normals: each image has its own noise, and both have a common relief, of `relief`
+    times that variance.
+    """
+    rng = np.random.default_rng(4)
+    noise = 0.03
+    levels = []
+    common = np.sqrt(relief) * noise * rng.normal(size=(CAMERA.height, CAMERA.width, 2))
+    for _ in range(2):
+        slopes = common + noise * rng.normal(size=common.shape)
+        normals = np.concatenate([slopes, -np.ones((*slopes.shape[:2], 1))], axis=2)
+        normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+        depth = np.full(common.shape[:2], 2.0, np.float32)
+        levels.append(Level(np.zeros_like(depth), depth, CAMERA, rough=rough))
+        levels[-1].__dict__["normals"] = normals.astype(np.float32)
+    pair = Pair(levels[:1], levels[1:])
+    term = PlaneTerm(pair, odometer("icp").plane_settings(pair), 0)
+    A = term.linearise(SE3.identity(), 0).A
+    return A[0, 0] / A[2, 2] / noise**2
+
+
+@pytest.mark.parametrize(
+    ("rough", "noise", "relief"), [(False, 1.5, 3.0), (True, 0.4, 1.0)], ids=["exact", "noisy"]
+)
+def test_normals_that_agree_by_chance_are_no_relief_and_relief_is_known(rough, noise, relief):
+    """Steps of depth at the same pixels are common to both images. On exact depth as much as the
+    normals disagree can be, on a sensor's, whose noise changes, little of it.
+    """
+    assert along_a_wall(rough, noise) < 0.05
+    assert along_a_wall(rough, relief) > 0.25

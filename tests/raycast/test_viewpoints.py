@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
-from iclnuim.raycast import viewpoints
+
+pytest.importorskip("embreex", reason="casts rays")
+from iclnuim.raycast import viewpoints  # noqa: E402
 
 #: Level rays, which meet walls, and as many that are not.
 RAYS = np.r_[np.tile([1.0, 0, 0], (100, 1)), np.tile([0, 0, 1.0], (100, 1))]
