@@ -152,7 +152,9 @@ def test_depth_decides_whether_the_first_or_the_last_image_is_lost(copied, forma
     folder = copied(format)
     rename(folder, format, lambda n: None if n == lost else f"{n + first:06}")
     assert numbers_with_poses(folder) == without(lost)
-    assert re.search(r"\d % with \d.*\d % with \d", load_truth(folder).read_as.sentence)
+    figures = r"\d % with \d.*\d % with \d"
+    assert re.search(figures, load_truth(folder).read_as.sentence)
+    assert re.search(figures, "\n".join(inspect_sequence(folder).odd))
 
 
 @both

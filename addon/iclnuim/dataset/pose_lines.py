@@ -158,7 +158,8 @@ def _tied(
     same = len(trajectory) == len(loaded.trajectory)
     if not same or np.abs(trajectory.stamps_s - loaded.trajectory.stamps_s).max() > 1e-6:
         read_as = replace(read_as, sentence=f"{read_as.sentence}; {how}")
-    return replace(loaded, trajectory=trajectory, read_as=read_as, rows=lines[there])
+    tied = replace(loaded, trajectory=trajectory, read_as=read_as, rows=lines[there])
+    return replace(tied, is_counted=True)
 
 
 def _not_told(lines: int, others: str) -> InputError:

@@ -49,7 +49,8 @@ class LoadedTrajectory:
 
     rows (n,): the rows of the poses, from 0, of row_count rows, lost ones included. is_counted:
     whether the file has neither stamps nor frame numbers; the stamps are those of the rows.
-    is_numbered: whether it has frame numbers. by_depth: if depth images told which rows belong to which images, the figures.
+    is_numbered: whether it has frame numbers. by_depth: if depth images told which rows belong to
+    which images, the figures.
     """
 
     trajectory: Trajectory
