@@ -36,6 +36,17 @@ def test_a_jpeg_keeps_colour_to_four_levels_whoever_writes_and_reads_it(
     assert np.abs(read_colour8(tmp_path / "a.jpg", reader).astype(int) - ramp).max() <= 4
 
 
+@pytest.mark.parametrize("reader", BACKENDS)
+@pytest.mark.parametrize(("mode", "kind"), [("L", "8-bit grey"), ("CMYK", "8-bit with 4 channels")])
+def test_jpegs_of_other_colours_are_colour(tmp_path, ramp, reader, mode, kind):
+    Image = pytest.importorskip("PIL.Image")
+    made = Image.fromarray(ramp).convert(mode)
+    made.save(tmp_path / "a.jpg", quality=100, subsampling=0)
+    assert str(image_header(tmp_path / "a.jpg")) == f"64 x 48, {kind}"
+    expected = np.array(made.convert("RGB")).astype(int)
+    assert np.abs(read_colour8(tmp_path / "a.jpg", reader) - expected).max() <= 4
+
+
 @pytest.mark.parametrize("kind", ["<f4", "<f2", ">f8"])
 def test_depth_in_metres_is_read_in_every_kind_of_float(tmp_path, kind):
     depth = np.arange(12.0).reshape(3, 4)

@@ -59,9 +59,7 @@ def read_colour8(path: str | os.PathLike[str], backend: str | None = None) -> np
         if image is not None:
             image = module.cvtColor(image, module.COLOR_BGR2RGB)
     else:
-        image = module.ImageInput.open(os.fspath(path))
-        if image is not None:
-            image = image.read_image(0, 0, 0, 3, module.UINT8)
+        image = png.read_oiio(module, os.fspath(path), header, 3)
     if image is None or image.shape != (header.height, header.width, 3):
         raise InputError("a whole JPEG image", path=path, found="pixels that cannot be decoded")
     return image
@@ -169,6 +167,7 @@ def _jpeg_header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
             if not 0 < width * height <= _MAX_PIXELS or bits != 8:
                 found = f"{width} x {height}, {bits} bits"
                 raise InputError("an image of a sane size", path=path, found=found)
-            return PngHeader(width, height, bits, "RGB" if channels == 3 else "grey")
+            colour = {1: "grey", 3: "RGB"}.get(channels, f"with {channels} channels")
+            return PngHeader(width, height, bits, colour)
         place += 2 + size
     raise cut

@@ -209,16 +209,15 @@ def _read(
         elif image is not None:
             image = image[..., None]
     else:
-        image = _read_oiio(module, os.fspath(path), header, channels)
+        image = read_oiio(module, os.fspath(path), header, channels)
     if image is None or image.shape != (header.height, header.width, channels):
         found = "pixels that cannot be decoded"
         raise InputError("a whole PNG image", path=path, found=found, hint=_AGAIN)
     return image
 
 
-def _read_oiio(
-    module: ModuleType, path: str, header: PngHeader, channels: int
-) -> np.ndarray | None:
+def read_oiio(module: ModuleType, path: str, header: PngHeader, channels: int) -> np.ndarray | None:
+    """(height, width, channels) by OpenImageIO; grey is repeated, alpha dropped. None if it fails."""
     config = module.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     image = module.ImageInput.open(path, config)
