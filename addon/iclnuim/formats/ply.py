@@ -51,11 +51,15 @@ def read_ply(path: Path) -> PlyModel:
         found = ", ".join(vertices.scalars) or "none"
         raise InputError("vertices with x, y and z", path=path, found=found)
     points = np.stack([vertices.scalars[name] for name in "xyz"], -1).astype(np.float64)
+    return PlyModel(points, _triangles(elements), _colours(vertices, len(points)))
+
+
+def _triangles(elements: dict[str, Columns]) -> np.ndarray:
     triangles = [np.zeros((0, 3), np.int64)]
     for name, unrolled in _UNROLLED.items():
         for corners, counts in elements.get(name, Columns()).lists.values():
             triangles.append(unrolled(corners, counts))
-    return PlyModel(points, np.concatenate(triangles), _colours(vertices, len(points)))
+    return np.concatenate(triangles)
 
 
 def _colours(vertices: Columns, count: int) -> np.ndarray:
@@ -69,9 +73,15 @@ def _colours(vertices: Columns, count: int) -> np.ndarray:
     return np.clip(np.nan_to_num(rgb), 0, 255).astype(np.uint8)
 
 
-def check_ply(path: Path) -> None:
-    """Raises InputError if a face uses a vertex that does not exist, or the file is truncated."""
-    _checked(path)
+def check_ply(path: Path) -> np.ndarray:
+    """The triangles (m, 3) of a file for Blender. Raises InputError if a face uses a vertex that
+    does not exist, the file is truncated, or it has triangle strips.
+    """
+    elements = _checked(path)
+    if elements.get("tristrips", Columns()).count:
+        expected = "polygons, which Blender can read"
+        raise InputError(expected, path=path, found="triangle strips")
+    return _triangles(elements)
 
 
 def write_ply(

@@ -7,12 +7,16 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 from ...errors import InputError
+from ...formats.obj import read_obj
 from ...formats.ply import check_ply
 from ...shipped import SCENES
 from .. import compat
 
+#: Importers leave out faces that are not valid, which are few.
+_WHOLE = 0.9
 #: The importers keep the file's axes: orient.py rotates and scales.
 _OWN_AXES = {"forward_axis": "Y", "up_axis": "Z"}
 
@@ -51,8 +55,12 @@ def load(path: Path) -> None:
     A .blend replaces the session, and its scripts are not run. Raises InputError.
     """
     kind = path.suffix.lower()
+    triangles = np.zeros((0, 3), np.int64)
     if kind == ".ply":
-        check_ply(path)
+        triangles = check_ply(path)
+    elif kind == ".obj":
+        _, triangles = read_obj(path)
+    before = _triangle_count()
     # importers written in Python log every node of the file and every missing texture
     logging.disable(logging.ERROR)
     try:
@@ -71,6 +79,27 @@ def load(path: Path) -> None:
     if result != {"FINISHED"}:
         rejected = "a file that its importer rejects"
         raise InputError("a scene that Blender can read", path=path, found=rejected)
+    _check_whole(path, triangles, _triangle_count() - before)
+
+
+def _triangle_count() -> int:
+    """The triangles of all meshes; a polygon of n corners has n - 2."""
+    return sum(len(mesh.loops) - 2 * len(mesh.polygons) for mesh in bpy.data.meshes)
+
+
+def _check_whole(path: Path, triangles: np.ndarray, imported: int) -> None:
+    """Raises InputError if Blender's importer has passed over triangles (m, 3) of a file, as for
+    comments in lines of an OBJ file. Faces that stand twice may be missing.
+    """
+    if not len(triangles) or imported == len(triangles):
+        return
+    corners = np.sort(triangles, axis=1)
+    proper = corners[(np.diff(corners, axis=1) > 0).all(axis=1)]
+    least = _WHOLE * len(np.unique(proper, axis=0))
+    if not least <= imported <= len(triangles):
+        expected = f"{len(triangles)} triangles that Blender can read"
+        hint = "writing the file again with another program"
+        raise InputError(expected, path=path, found=imported, hint=hint)
 
 
 def open_blend(path: Path) -> object:
