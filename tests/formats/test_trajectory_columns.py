@@ -72,6 +72,10 @@ SECONDS = {
     "stamp last": table("tx ty tz qx qy qz qw timestamp", *AT, *LAST, S),
     "matrix by names": table("t r00 r10 r20 r01 r11 r21 r02 r12 r22 t_x t_y t_z", S, *WALK.T_world_camera.rotation.transpose(2, 1, 0).reshape(9, COUNT), *AT),
     "comma at the end": table("timestamp,x,y,z,qx,qy,qz,qw,", S, *AT, *LAST, separator=",", end=","),
+    "PlotJuggler": table("__time,/vio/pose/pose/position/x,/vio/pose/pose/position/y,/vio/pose/pose/position/z,/vio/pose/pose/orientation/x,/vio/pose/pose/orientation/y,/vio/pose/pose/orientation/z,/vio/pose/pose/orientation/w", S, *AT, *LAST, separator=","),
+    "MATLAB": table("% made by me\n% t x y z qw qx qy qz", S, *AT, *FIRST),
+    "rotation as r": table("timestamp,tx,ty,tz,rx,ry,rz,rw", S, *AT, *LAST, separator=","),
+    "ROS 2": table("header.stamp.sec,header.stamp.nanosec,pose.pose.position.x,pose.pose.position.y,pose.pose.position.z,pose.pose.orientation.x,pose.pose.orientation.y,pose.pose.orientation.z,pose.pose.orientation.w", S.astype(int), np.rint(S % 1 * 1e9).astype(int), *AT, *LAST, separator=","),
     "prose after other names": table("# timestamp tx ty tz qw qx qy qz; seconds, metres", S, *AT, *FIRST),
     "prose after the names": table("# timestamp tx ty tz qx qy qz qw; seconds, x y z in metres", S, *AT, *LAST),
     "prose before the names": table("# ground truth\n# made at x = 1, y = 2, z = 3\n# timestamp tx ty tz qx qy qz qw", S, *AT, *LAST),
@@ -363,10 +367,27 @@ def test_the_unit_of_stamps_from_zero_is_told_by_their_steps(tmp_path, step, uni
 
 
 @pytest.mark.parametrize("first_s", [6.4e8, 4.0e9])
-@pytest.mark.parametrize("step_s", [0.1, 99.0])
+@pytest.mark.parametrize("step_s", [0.1, 999.0])
 @pytest.mark.parametrize("ticks", [1, 1e3, 1e6, 1e9])
 def test_stamps_of_a_clock_are_told_by_their_size(tmp_path, first_s, step_s, ticks):
     stamps_s = first_s + step_s * np.arange(COUNT)
     (tmp_path / "a.txt").write_text(table("", np.rint(stamps_s * ticks * 10) / 10, *AT, *LAST))
     found = read_trajectory(tmp_path / "a.txt").trajectory.stamps_s
     np.testing.assert_allclose(found, stamps_s, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("first_s", [1000, 3000])
+@pytest.mark.parametrize("rate_hz", [30, 1000])
+def test_nanoseconds_since_a_computers_start_are_no_clocks_milliseconds(tmp_path, first_s, rate_hz):
+    stamps_s = first_s + np.arange(COUNT) / rate_hz
+    (tmp_path / "a.txt").write_text(table("", np.rint(stamps_s * 1e9).astype(int), *AT, *LAST))
+    found = read_trajectory(tmp_path / "a.txt").trajectory.stamps_s
+    np.testing.assert_allclose(found, stamps_s, rtol=0, atol=1e-6)
+
+
+def test_frame_numbers_may_be_named(tmp_path):
+    text = table("frame_id,tx,ty,tz,qw,qx,qy,qz,file", NUMBERS, *AT, *FIRST, WORD, separator=",")
+    (tmp_path / "a.csv").write_text(text)
+    as_walk(read_trajectory(tmp_path / "a.csv"), NUMBER_STAMPS)
+    (tmp_path / "a.csv").write_text(text.replace("frame_id", "image_file"))
+    as_walk(read_trajectory(tmp_path / "a.csv"))

@@ -25,7 +25,7 @@ _QUATERNION = "(?:quaternion|quat|orientation|rotation|rot|q|r)"
 
 def _along(stem: str, axis: str) -> str:
     """The pattern of an axis of a vector, with the frames that it may name: t_x, p_RS_R_x."""
-    return f"{_BEFORE}{stem}_?(?:{_FRAME}_)*{axis}(?:_{_FRAME})*"
+    return f"(?:{_BEFORE}{stem}_?(?:{_FRAME}_)*{axis}(?:_{_FRAME})*)"
 
 
 _POSITIONS = ("x", "y", "z")
@@ -36,10 +36,10 @@ _SYNONYMS = {
     "stamp": r"\w*(?:time|stamp)s?|t|ts|(?:\w*stamp_|)(?:secs?|seconds)",
     "nanoseconds": r"(?:\w*stamp_|)(?:nsecs?|nanosecs?|nanoseconds)",
     "frame": r"(?:\w+_)?(?:frame|id|idx|index|seq)(?:_id|_number)?",
-    "x": f"{_along(_POSITION, 'x')}|{_BEFORE}x|easting|[mrt]03",
-    "y": f"{_along(_POSITION, 'y')}|{_BEFORE}y|northing|[mrt]13",
-    "z": f"{_along(_POSITION, 'z')}|{_BEFORE}z|altitude|[mrt]23",
-    **{name: _along(_QUATERNION, name[1]) for name in _QUATERNIONS},
+    "x": f"{_along(_POSITION, 'x')}|{_BEFORE}x|\\w+_position_x|easting|[mrt]03",
+    "y": f"{_along(_POSITION, 'y')}|{_BEFORE}y|\\w+_position_y|northing|[mrt]13",
+    "z": f"{_along(_POSITION, 'z')}|{_BEFORE}z|\\w+_position_z|altitude|height|elevation|[mrt]23",
+    **{q: f"{_along(_QUATERNION, q[1])}|\\w+_orientation_{q[1]}" for q in _QUATERNIONS},
     **{entry: f"[mrt]{entry[1:]}" for entry in _ENTRIES},
 }
 

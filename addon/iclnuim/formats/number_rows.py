@@ -73,11 +73,10 @@ def _ticks_if_numbered(table: NumberTable) -> float | None:
 
 def vslam_lab_rows(source: Source) -> NumberTable:
     """(n, 8) values of VSLAM-LAB's groundtruth.csv. Raises InputError without its header."""
-    first, *_ = data_lines(source.text) or [(0, "")]
-    if not first[1].lower().startswith(VSLAM_LAB_STAMP):
+    if not source.header.lstrip("# \n").startswith(VSLAM_LAB_STAMP):
+        number, found = next(iter(data_lines(source.text)), (None, "comments alone"))
         expected = f"the header {VSLAM_LAB_STAMP}..."
-        found = first[1] or "comments alone"
-        raise InputError(expected, path=source.path, line=first[0] or None, found=found)
+        raise InputError(expected, path=source.path, line=number, found=found)
     return replace(read_table(source, (8,), _VSLAM_LAB), ticks=1e9)
 
 

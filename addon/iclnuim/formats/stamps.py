@@ -13,10 +13,11 @@ LARGEST_STAMP_S = 1e11
 LARGEST_FRAME = 10**9
 #: A stamp may differ from its frame's time by this share of a frame.
 STAMP_SLACK = 0.01
-#: Stamps of a clock of this century, 1990 to 2100 in seconds since 1970, are recognised in any unit
-#: by their size if they are not further apart than the second number.
+#: Stamps of a clock, 1990 to 2100 in seconds since 1970, are recognised in any unit by their size.
 _CLOCK_S = (6.3e8, 4.1e9)
-_CLOCK_STEP_S = 100.0
+#: They are closer than this. Nanoseconds since a computer's start, a quarter to an hour ago, are a
+#: million apart or more: as milliseconds they would be a clock's with this step.
+_CLOCK_STEP_S = 1000.0
 #: Other stamps are told by their median step: nanoseconds from a million (a thousand frames per
 #: second), and whole microseconds from a thousand, which would be twenty minutes.
 _STEP_NS = 1e6

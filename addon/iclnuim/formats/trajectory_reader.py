@@ -127,7 +127,7 @@ def _empty_lines_before(source: Source, table: NumberTable) -> np.ndarray:
     numbers = [number for number, _ in data_lines(source.text)]
     if len(numbers) != len(none):
         return none
-    lines = source.text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    lines = source.text.split("\n")
     empty = np.cumsum([not line.strip() for line in lines])
     before = empty[np.array(numbers) - 1]
     before -= before[0]

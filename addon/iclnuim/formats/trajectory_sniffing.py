@@ -69,7 +69,7 @@ def is_sim(source: Source) -> bool:
 
 def is_vslam_lab(source: Source) -> bool:
     """Whether the first line has the names of VSLAM-LAB's columns."""
-    return source.header.lstrip().startswith(VSLAM_LAB_STAMP)
+    return source.header.lstrip("# \n").startswith(VSLAM_LAB_STAMP)
 
 
 def is_euroc(source: Source) -> bool:
@@ -107,7 +107,7 @@ def is_tartanair(source: Source) -> bool:
     """
     if not is_unstamped(source):
         return False
-    if re.fullmatch(r"pose_(left|right|gt|est|[lr]cam_\w+)\.txt", source.name):
+    if re.search(r"pose_(left|right)|^pose_(gt|est|[lr]cam_\w+)\.txt$", source.name):
         return True
     beside = source.path.parent.glob
     return any(next(beside(name), None) for name in _TARTANAIR_FOLDERS)

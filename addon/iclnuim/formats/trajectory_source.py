@@ -21,7 +21,6 @@ _COMMENTS = 20
 _LONGEST_LINE = 10_000
 #: What printf of older Windows programs writes for nan and infinity; # is no comment there.
 _NAN_OF_WINDOWS = r"-?1\.#(?:INF|IND|QNAN)\w*"
-_QUOTES_AND_BRACKETS = str.maketrans(dict.fromkeys("\"'[]"))
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ class Source:
     def with_text(self, text: str) -> "Source":
         """The same path with another text."""
         other = Source(self.path)
-        other.__dict__["text"] = text
+        other.__dict__["_content"] = text
         return other
 
     @property
@@ -100,75 +99,85 @@ class Source:
 
     @cached_property
     def text(self) -> str:
-        """The text of the file, with line ends \\n.
+        """The text of the file, with line ends \\n. All comments are after #, also a line of names of
+        columns before the data.
 
         Raises InputError for a missing, empty or binary file or a web page.
         """
-        text = read_text(self.path, "a trajectory file")
-        if "1.#" in text:
-            text = re.sub(_NAN_OF_WINDOWS, "nan", text)
-        return text.replace("\r\n", "\n").replace("\r", "\n")
+        content = self._content
+        found = _DATA.search(content)
+        start = found.start() if found else len(content)
+        if names_in(content[start : start + _LONGEST_LINE].partition("\n")[0]):
+            return f"{content[:start]}#{content[start:]}"
+        return content
+
+    @cached_property
+    def _content(self) -> str:
+        content = read_text(self.path, "a trajectory file")
+        if "1.#" in content:
+            content = re.sub(_NAN_OF_WINDOWS, "nan", content)
+        content = content.replace("\r\n", "\n").replace("\r", "\n")
+        if content.lstrip().startswith(("%", "//")):
+            content = re.sub(r"^[^\S\n]*(?:%|//)", "#", content, flags=re.MULTILINE)
+        return content
+
+    @property
+    def has_title(self) -> bool:
+        """Whether the line of names is no comment in the file."""
+        return len(self.text) > len(self._content)
 
     @cached_property
     def table(self) -> str:
-        """The text for a reader of columns: a line of names is a comment, and quotes, brackets and
-        separators at the ends of lines are left out. Line numbers are those of the text.
+        """The text for a reader of columns: without quotes, brackets, and separators at the ends of
+        lines. Line numbers are those of the text.
         """
-        start, end = self._title
-        mark = "#" if end > start else ""
-        return self._plain(f"{self.text[:start]}{mark}{self.text[start:]}")
+        return self._plain(self.text)
 
     def _plain(self, text: str) -> str:
-        text = text.translate(_QUOTES_AND_BRACKETS)
-        if self.delimiter == ";":
+        first = "".join(self.first_lines[:1])
+        for sign in set("\"'[]").intersection(first):
+            text = text.replace(sign, "")
+        if ";" in first:
             text = text.replace(",", ".")
-        if self._first_line.endswith((",", ";")):
-            text = re.sub(r"[,;][^\S\n]*$", "", text, flags=re.MULTILINE)
+        if first.endswith((",", ";")):
+            text = re.sub(r"[,;.][^\S\n]*$", "", text, flags=re.MULTILINE)
         return text
 
     @cached_property
     def header(self) -> str:
-        """The comment lines (#) before the first line of data, and a line of names there, in lower
-        case.
-        """
+        """The comment lines (#) before the first line of data, in lower case."""
         return self.text[: self._first_data].lower()
 
     @cached_property
     def names(self) -> list[str]:
-        """The names of the columns in the last line before the data that names x, y and z; [] if
+        """The names of the columns in the last comment before the data that names x, y and z; [] if
         none does.
         """
-        for line in self.text[: self._first_data].split("\n")[: -_COMMENTS - 1 : -1]:
+        comments = self.text[: self._first_data].split("\n")
+        for line in comments[: -_COMMENTS - 1 : -1]:
             if names := names_in(line[:_LONGEST_LINE]):
                 return names
         return []
 
-    @property
-    def has_title(self) -> bool:
-        """Whether a line of names is no comment."""
-        start, end = self._title
-        return end > start
-
     @cached_property
     def first_lines(self) -> list[str]:
-        """The first two lines of data, without comments; fewer if the file has fewer."""
+        """The first four lines of data, without comments; fewer if the file has fewer."""
         start = self.text[self._first_data : self._first_data + _LONGEST_LINE]
-        return [line for _, line in data_lines(start)][:2]
+        return [line for _, line in data_lines(start)][:4]
 
     @cached_property
     def delimiter(self) -> str | None:
         """What parts the columns of the first line of data: a semicolon, a comma, or (None) blanks
         and tabs.
         """
-        inside = self._first_line.rstrip(",;")
+        inside = "".join(self.first_lines[:1]).rstrip(",;")
         return next((sign for sign in ";," if sign in inside), None)
 
     @cached_property
     def first_rows(self) -> list[list[str]]:
         """The fields of the first four lines of data; fewer if the file has fewer."""
-        start = self.text[self._first_data : self._first_data + _LONGEST_LINE]
-        lines = data_lines(self._plain(start))[:4]
-        return [[field.strip() for field in line.split(self.delimiter)] for _, line in lines]
+        rows = [self._plain(line).split(self.delimiter) for line in self.first_lines]
+        return [[field.strip() for field in row] for row in rows]
 
     @property
     def columns(self) -> int:
@@ -180,25 +189,7 @@ class Source:
         """Whether every field of the first line of data is a number."""
         return bool(self.first_rows) and all(map(is_number, self.first_rows[0]))
 
-    @property
-    def _first_line(self) -> str:
-        return "".join(self.first_lines[:1])
-
-    @cached_property
-    def _title(self) -> tuple[int, int]:
-        """Where the first line that is no comment starts and ends if it names columns; an empty
-        range if it does not.
-        """
-        found = _DATA.search(self.text)
-        if not found:
-            return len(self.text), len(self.text)
-        start = found.start()
-        end = self.text.find("\n", start)
-        if end < 0 or not names_in(self.text[start : min(end, start + _LONGEST_LINE)]):
-            return start, start
-        return start, end
-
     @cached_property
     def _first_data(self) -> int:
-        found = _DATA.search(self.text, self._title[1])
+        found = _DATA.search(self.text)
         return found.start() if found else len(self.text)
