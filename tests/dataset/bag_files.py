@@ -55,7 +55,9 @@ class Recording:
         serialize = self.store.serialize_ros1 if self.one else self.store.serialize_cdr
         self.writer.write(self.connections[topic], recorded_ns, serialize(message, kind))
 
-    def image(self, topic: str, stamp_ns: int, pixels: np.ndarray, encoding: str, **more) -> None:
+    def image(
+        self, topic: str, stamp_ns: int, pixels: np.ndarray, encoding: str, **more: Any
+    ) -> None:
         """Pixels (h, w) or (h, w, c), in rows of `padding` further bytes; `big`: big-endian."""
         if more.get("big"):
             pixels = pixels.astype(pixels.dtype.newbyteorder(">"))
@@ -81,7 +83,7 @@ class Recording:
         content = np.frombuffer(data, np.uint8)
         self.write(topic, self.new(kind, header=header, format=format, data=content), stamp_ns)
 
-    def info(self, topic: str, stamp_ns: int, camera, **more) -> None:
+    def info(self, topic: str, stamp_ns: int, camera: Any, **more: Any) -> None:
         """The camera of the images as K; `d`: distortion, `p`: another camera as P."""
         roi = self.new(
             "sensor_msgs/msg/RegionOfInterest",
@@ -107,14 +109,20 @@ class Recording:
         )
         self.write(topic, message, stamp_ns)
 
-    def pose_of(self, seven) -> Any:
+    def pose_of(self, seven: Any) -> Any:
         x, y, z, *turn = map(float, seven)
         rotation = self.new("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", turn, strict=True)))
         point = self.new("geometry_msgs/msg/Point", x=x, y=y, z=z)
         return self.new("geometry_msgs/msg/Pose", position=point, orientation=rotation)
 
     def pose(
-        self, topic: str, kind: str, stamp_ns: int, seven, frame: str = "world", child: str = ""
+        self,
+        topic: str,
+        kind: str,
+        stamp_ns: int,
+        seven: Any,
+        frame: str = "world",
+        child: str = "",
     ) -> None:
         """x y z qx qy qz qw as a PoseStamped, PoseWithCovarianceStamped, Odometry or
         TransformStamped.
@@ -138,7 +146,7 @@ class Recording:
         room = "nav_msgs" if kind == "Odometry" else "geometry_msgs"
         self.write(topic, self.new(f"{room}/msg/{kind}", **values), stamp_ns)
 
-    def path(self, topic: str, stamps_ns, poses, frame: str = "world") -> None:
+    def path(self, topic: str, stamps_ns: Any, poses: Any, frame: str = "world") -> None:
         """A path that grows by a pose in every message."""
         stamped = []
         for stamp_ns, seven in zip(stamps_ns, poses, strict=True):
@@ -148,7 +156,7 @@ class Recording:
             path = self.new("nav_msgs/msg/Path", header=header, poses=list(stamped))
             self.write(topic, path, stamp_ns)
 
-    def transform(self, stamp_ns: int, parent: str, child: str, seven) -> Any:
+    def transform(self, stamp_ns: int, parent: str, child: str, seven: Any) -> Any:
         pose = self.pose_of(seven)
         place = pose.position
         move = self.new("geometry_msgs/msg/Vector3", x=place.x, y=place.y, z=place.z)
@@ -160,7 +168,7 @@ class Recording:
             transform=self.new(kind, translation=move, rotation=pose.orientation),
         )
 
-    def transforms(self, topic: str, stamp_ns: int, edges, kind: str = _TF) -> None:
+    def transforms(self, topic: str, stamp_ns: int, edges: Any, kind: str = _TF) -> None:
         """(parent, child, x y z qx qy qz qw) at one time."""
         messages = [self.transform(stamp_ns, *edge) for edge in edges]
         self.write(topic, self.new(kind, transforms=messages), stamp_ns)

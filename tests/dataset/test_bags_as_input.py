@@ -253,6 +253,43 @@ def test_depth_that_is_not_registered_is_read_with_its_own_camera_and_a_note(tmp
     assert "resampled" in " ".join(unpacked(path)[1])
 
 
+def test_registered_depth_has_the_camera_of_colour_unless_it_has_another_size(tmp_path):
+    other = PinholeCamera(8, 6, 4.0, 4.25, 3.5, 2.5)
+    half = PinholeCamera(4, 3, 4.0, 4.25, 1.5, 1.0)
+    path = recorded(
+        tmp_path / "x.bag",
+        also=lambda bag: bag.info("/camera/depth/camera_info", NS, other),
+    )
+    _, camera, (colour, _), _ = read(path)
+    assert camera.pinhole == CAMERA and np.array_equal(colour, RGB)
+    assert "camera_info of depth differs" in camera.notes[0]
+    path = recorded(
+        tmp_path / "half.bag",
+        depth=(MM[::2, ::2].copy(), "16UC1"),
+        also=lambda bag: bag.info("/camera/depth/camera_info", NS, half),
+    )
+    _, camera, (colour, depth), _ = read(path)
+    assert camera.pinhole == half and not camera.notes
+    assert colour.shape == (3, 4, 3) and depth.shape == (3, 4)
+
+
+@pytest.mark.parametrize("unit", ["0.0001", "0", "x", "-1", "inf"])
+def test_the_unit_of_depth_that_librealsense_writes_is_used(tmp_path, unit):
+    def also(bag):
+        text = bag.new("std_msgs/msg/String", data=unit)
+        bag.write("/device_0/sensor_0/option/Depth_Units/value", text, NS)
+
+    names = [f"/device_0/sensor_{i}/{name}" for i, name in ((1, "Color_0"), (0, "Depth_0"))]
+    topics = (f"{names[0]}/image/data", f"{names[1]}/image/data", f"{names[0]}/info/camera_info")
+    path = recorded(tmp_path / "x.bag", topics, also=also, depth=(MM, "mono16"))
+    if unit != "0.0001":
+        with pytest.raises(InputError, match="metres per unit of depth in /device_0"):
+            find_pairs(path)
+        return
+    assert np.allclose(read(path)[2][1], MM / 10000)
+    assert "10000 units per metre" in unpacked(path)[1][0]
+
+
 def test_rectified_images_have_the_camera_p_and_others_warn_of_distortion(tmp_path):
     rectified = PinholeCamera(8, 6, 7.0, 7.0, 3.25, 2.25)
     info = {"d": [0.1, 0, 0, 0, 0], "p": rectified}

@@ -130,7 +130,9 @@ def test_a_surface_and_its_recipe_are_replaced_by_the_next(sequence):
 
 def test_a_folder_that_does_not_exist_is_not_taken_for_one_without_ground_truth(tmp_path, capsys):
     assert main(["fuse", str(tmp_path / "none"), "-o", str(tmp_path / "m.ply")]) == 2
-    assert "expected a folder with a sequence, found nothing" in capsys.readouterr().err
+    assert (
+        "expected a folder with a sequence, or a ROS bag, found nothing" in capsys.readouterr().err
+    )
 
 
 def test_a_figure_without_a_name_replaces_no_file(tmp_path, monkeypatch, capsys):

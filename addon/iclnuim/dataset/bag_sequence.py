@@ -115,6 +115,7 @@ class _Unpacking:
             if not images:
                 found = (self.unreadable or ["none"])[0]
                 raise self.bag.error(f"{kind} images that can be read", found)
+        self._note_topics()
         self._write_camera()
         for kind, images in self.written.items():
             self._write_list(kind, images)
@@ -152,19 +153,29 @@ class _Unpacking:
 
     def _write_camera(self) -> None:
         """Write the camera of the depth images, if there is a camera_info, and see colour as it
-        does. Add the notes on images and cameras.
+        does. Depth of the frame and the size of colour is registered to it, and has its camera.
         """
         topics = self.topics
-        self._note_topics()
-        depth = self._camera(topics.depth, topics.depth_info or topics.colour_info)
-        colour = self._camera(topics.colour, topics.colour_info or topics.depth_info)
+        depth = self._camera(topics.depth, topics.depth_info)
+        colour = self._camera(topics.colour, topics.colour_info) or depth
+        depth = depth or colour
         if depth is None or colour is None:
             return
+        if self._registered and (colour.width, colour.height) == (depth.width, depth.height):
+            if colour != depth:
+                self.warnings.append(
+                    "the camera_info of depth differs from that of colour, which is used"
+                )
+            depth = colour
         write_json(self.folder / CAMERA, SequenceCamera(depth, self.units).to_dict())
         if colour != depth:
             self.notes.append("colour is resampled to the camera of the depth images")
             for stamp, path in self.written[RGB].items():
                 self.written[RGB][stamp] = _resampled(path, colour, depth)
+
+    @cached_property
+    def _registered(self) -> bool:
+        return self.bag.frame(self.topics.colour) == self.bag.frame(self.topics.depth)
 
     def _camera(self, topic: str, info_topic: str | None) -> PinholeCamera | None:
         """The camera of images: of rectified ones P, of others K. None if it was not calibrated."""
@@ -191,11 +202,11 @@ class _Unpacking:
         colour = f"colour {self.topics.colour} ({encoding_of(bag.first(self.topics.colour))})"
         depth = f"depth {self.topics.depth} ({encoding}, {unit})"
         self.notes.append(f"{colour}, {depth}, camera {infos}")
-        first, second = (bag.frame(topic) for topic in (self.topics.colour, self.topics.depth))
-        if first != second:
+        if not self._registered:
+            frames = [bag.frame(topic) for topic in (self.topics.colour, self.topics.depth)]
             self.warnings.append(
-                f"colour is of the frame {first or 'without a name'}, depth of {second}: depth is "
-                "not registered to colour, and both are read as of one place"
+                f"the frames of colour and depth differ ({' and '.join(frames)}): depth is not "
+                "registered to colour, and both are read as of one place"
             )
         if self.unstamped:
             self.warnings.append(

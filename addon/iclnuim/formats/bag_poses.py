@@ -98,7 +98,7 @@ def _of_topic(bag: Bag, topic: str) -> NumberTable:
 
 
 def _edge_of(bag: Bag, topic: str) -> _Edge:
-    """The poses of a topic. Of a path, which grows from message to message, the last one is read."""
+    """The poses of a topic; of a path, which grows from message to message, the last one."""
     first = bag.first(topic)
     if bag.types[topic] == _PATH:
         _, time_ns, content = deque(bag.raw([topic]), maxlen=1)[0]

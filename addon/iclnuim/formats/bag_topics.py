@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import within
+from ..errors import InputError
 from .bags import IMAGE, Bag
 from .depth_units import check_units
 
@@ -44,7 +44,8 @@ def image_topics(bag: Bag) -> ImageTopics:
     pairs = list(itertools.product(colours, depths))
     together = [(c, d) for c, d in pairs if bag.frame(c) == bag.frame(d)]
     if len(together) == 1:
-        colours, depths = [together[0][0]], [together[0][1]]
+        colours = [together[0][0]]
+        depths = [together[0][1]]
     colour = bag.only(colours, "colour images")
     depth = bag.only(depths, "depth images")
     return ImageTopics(colour, depth, _camera_of(bag, colour), _camera_of(bag, depth))
@@ -68,8 +69,11 @@ def depth_units(bag: Bag) -> float:
     """
     for topic in bag.types:
         if topic.endswith(_UNIT):
-            with within(f"{bag.path}:{topic}"):
-                return check_units(round(1 / float(bag.first(topic).data), 3))
+            unit = str(bag.first(topic).data)
+            try:
+                return check_units(round(1 / float(unit), 3))
+            except (ValueError, ZeroDivisionError, InputError):
+                raise bag.error(f"metres per unit of depth in {topic}", unit) from None
     return 1000.0
 
 
