@@ -1,9 +1,11 @@
-"""Upright boxes: they hold every point, none is smaller, and turning the points turns the box."""
+"""Upright boxes: they hold every point, none is smaller, and turning the points turns the box.
+Farthest-point sampling.
+"""
 
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
-from iclnuim.geometry.points import upright_box
+from iclnuim.geometry.points import farthest_points, upright_box
 
 
 def about_z(yaw):
@@ -47,3 +49,14 @@ def test_a_flat_sheet_a_line_and_a_point_have_boxes_and_nothing_has_none():
     assert upright_box([[5, 6, 7]]).size_m == pytest.approx([0, 0, 0], abs=1e-12)
     with pytest.raises(InputError, match="at least one point"):
         upright_box(np.zeros((0, 3)))
+
+
+def test_each_chosen_point_is_the_farthest_from_those_before():
+    """Wherever the origin is."""
+    points = np.random.default_rng(6).normal(size=(60, 3)) + (5, -3, 1)
+    chosen = farthest_points(points, 12, first=4)
+    assert np.array_equal(chosen[0], points[4])
+    for n in range(1, 12):
+        apart = np.linalg.norm(points[:, None] - chosen[:n], axis=2).min(axis=1)
+        assert np.array_equal(chosen[n], points[apart.argmax()])
+    assert len(farthest_points(points, 100)) == 60
