@@ -6,7 +6,7 @@ the motions M between two poses fulfil M_true = X^-1 M_estimate X: the rotation 
 rotation and translations alike.
 """
 
-from itertools import combinations
+from itertools import combinations, permutations, product
 
 import numpy as np
 
@@ -37,7 +37,7 @@ def body_rotation(poses: ComparedPoses) -> np.ndarray:
         size = rms(x) * rms(y)
         if size > 0.0:
             covariance += y.T @ x / (len(x) * size)
-    return orthogonal(covariance).T
+    return _rotation(covariance).T
 
 
 def lever_arm(poses: ComparedPoses, rotation: np.ndarray) -> np.ndarray:
@@ -62,21 +62,36 @@ def body_pose(poses: ComparedPoses) -> SE3:
 
 
 def world_of_positions(poses: ComparedPoses, mirrored: bool = False) -> np.ndarray:
-    """The rotation B (3, 3), or reflection, of the estimate's positions into the world of its
-    rotations: R^T B dp is the ground truth's motion.
+    """The change of axes B (3, 3), or the mirrored one, of the estimate's positions into the world
+    of its rotations: R^T B dp is the ground truth's motion.
     """
     half = len(poses)
     true, _ = poses.motions()
     y = (poses.estimate.rotation[:half] @ true.translation[..., None])[..., 0]
     x = poses.estimate.translation[half:] - poses.estimate.translation[:half]
-    return orthogonal(y.T @ x, -1.0 if mirrored else 1.0)
+    agreement = [np.vdot(B, y.T @ x) for B in _AXES[mirrored]]
+    return _AXES[mirrored][int(np.argmax(agreement))]
 
 
-def orthogonal(covariance: np.ndarray, determinant: float = 1.0) -> np.ndarray:
-    """The R (3, 3) with this determinant that minimises |y - R x|^2, of the sum of y x^T."""
+def _changes_of_axes(determinant: int) -> list[np.ndarray]:
+    """The 24 matrices of this determinant that swap and reverse axes."""
+    found = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            B = np.zeros((3, 3))
+            B[range(3), order] = signs
+            if np.linalg.det(B) * determinant > 0:
+                found.append(B)
+    return found
+
+
+_AXES = {False: _changes_of_axes(1), True: _changes_of_axes(-1)}
+
+
+def _rotation(covariance: np.ndarray) -> np.ndarray:
+    """The R (3, 3) that minimises |y - R x|^2, of the sum of y x^T."""
     u, _, vt = np.linalg.svd(covariance)
-    sign = determinant * np.sign(np.linalg.det(u @ vt))
-    return (u * np.array([1.0, 1.0, sign])) @ vt
+    return (u * np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])) @ vt
 
 
 def rotation_name(rotation: np.ndarray) -> str:

@@ -76,7 +76,7 @@ def explain(
         return None
     candidates = list(_read_otherwise(poses, reorders or {}))
     candidates += _shifted(reference, estimate, settings, how)
-    best = min(candidates, key=lambda candidate: candidate.cost)
+    best = _simplest(min(candidates, key=lambda candidate: candidate.cost), candidates)
     change = best.change
     if best.kind == "scale":
         change = _scale_of_all(reference, estimate, settings)
@@ -93,6 +93,18 @@ def explain(
         estimate=Trajectory(estimate.stamps_s + moved_s, T),
         delta=how.delta,
     )
+
+
+def _simplest(best: _Candidate, candidates: list[_Candidate]) -> _Candidate:
+    """The best candidate, or a part of it that explains nearly as much."""
+    parts = {"scale", best.kind}
+    if best.kind == "body":
+        parts |= {"rotation", "arm"}
+    for part in sorted(candidates, key=lambda candidate: candidate.cost):
+        is_part = part.kind in parts and part.parameters < best.parameters
+        if is_part and part.fit.explains() and not best.fit.halves_errors_of(part.fit):
+            return part
+    return best
 
 
 def _turns(trajectory: Trajectory) -> bool:

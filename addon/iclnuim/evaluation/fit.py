@@ -70,6 +70,11 @@ class Fit:
             return False
         return any(self._halves(name) for name in names)
 
+    def halves_errors_of(self, other: "Fit") -> bool:
+        """Whether it leaves at most half of what another explanation leaves."""
+        position = self.found.position_m <= WORTH_SHARE * other.found.position_m
+        return position or self.found.motion_m <= WORTH_SHARE * other.found.motion_m
+
     def _is_better_or_equal(self, name: str) -> bool:
         """Whether it makes an error clearly smaller, or does not concern it."""
         given_m = getattr(self.given, name)

@@ -138,8 +138,8 @@ def readings(how: Comparison, reorders: dict[str, Reorder | None]) -> list[Readi
     found.append(Reading("rotation", 3, _rotated))
     found.append(Reading("mirror", 3, _mirrored))
     found = _with_scales(found, how)
-    found.append(Reading("mirror", 3, _positions_mirrored))
-    found.append(Reading("axes", 3, _positions_turned))
+    found.append(Reading("mirror", 0, _positions_mirrored))
+    found.append(Reading("axes", 0, _positions_turned))
     found.append(Reading("arm", 3, _with_arm))
     found.append(Reading("body", 6, _of_another_body))
     return found
