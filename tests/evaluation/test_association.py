@@ -177,3 +177,33 @@ def test_an_overlap_without_a_pair_in_the_window_is_named():
     )
     with pytest.raises(InputError, match="within 0.02 s .* try a larger difference"):
         pair_up(first, second)
+
+
+@pytest.mark.parametrize("power", [1, 2, 3])
+@pytest.mark.parametrize("of", ["its stamps", "the ground truth's stamps"])
+def test_stamps_in_another_unit_of_time_are_named(power, of):
+    units = {1: "milliseconds", 2: "microseconds", 3: "nanoseconds"}
+    seconds = Trajectory(np.arange(1, 41) / 10, SE3.identity((40,)))
+    late = Trajectory(seconds.stamps_s[10:] * 1000.0**power, SE3.identity((30,)))
+    pair = (seconds, late) if of == "its stamps" else (late, seconds)
+    with pytest.raises(InputError, match=f"try {of} divided by 10+, if they are {units[power]}"):
+        pair_up(*pair)
+
+
+def test_a_short_part_of_a_long_ground_truth_is_in_no_other_unit():
+    truth = Trajectory(np.arange(40_000) / 10, SE3.identity((40_000,)))
+    assert len(pair_up(truth, truth[500:540])) == 40
+    with pytest.raises(InputError, match="offset"):
+        pair_up(truth, Trajectory(4100 + np.arange(200) / 10, SE3.identity((200,))))
+
+
+def test_an_offset_between_the_frames_is_moved_onto_the_stamps_that_pair():
+    rng = np.random.default_rng(4)
+    stamps_s = np.arange(200) / 10
+    walk = SE3.exp(np.cumsum(rng.normal(0, 0.05, (200, 6)), axis=0))
+    late = Trajectory(
+        stamps_s + 3.037, SE3(walk.rotation, walk.translation + rng.normal(0, 0.05, (200, 3)))
+    )
+    truth = Trajectory(stamps_s, walk)
+    with pytest.raises(InputError, match=r"a larger difference, or an offset of -3\.037 s"):
+        pair_up(truth, late, AssociationSettings(max_difference_s=0.001))

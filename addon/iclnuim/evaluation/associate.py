@@ -6,7 +6,7 @@ Both take O(n log n) for any window. Stamps are in seconds and strictly increasi
 """
 
 import heapq
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,11 +14,13 @@ from ..errors import InputError
 from ..geometry.se3 import read_only
 from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
-from .time_offset import best_offset
+from .time_offset import best_offset, onto_stamps
 
 #: If a round of mutual best matches pairs fewer than 1 in this number of stamps, the heap does the
 #: rest: a long chain would need one round per pair.
 _SLOW_ROUND = 16
+#: Two trajectories are of the same time if neither lasts this many times as long as the other.
+_SAME_SPAN = 3.0
 
 
 @dataclass(frozen=True)
@@ -115,28 +117,70 @@ def pair_up(
     reference_s = reference.stamps_s
     estimate_s = estimate.stamps_s
     association = associate(reference_s, estimate_s, settings)
+    if 2 * len(association) < len(estimate_s):
+        _refuse_another_unit(reference_s, estimate_s)
     if len(association):
         return association
     if len(reference_s) == 0 or len(estimate_s) == 0:
         raise InputError("trajectories of at least one pose", found="an empty one")
     span = _span(reference_s)
     shifted_s = estimate_s + settings.offset_s
+    best = pairing_offset(reference, estimate, settings)
+    offset = ""
+    if best:
+        offset = (
+            f"an offset of {_digits(best[0])} s where they fit best (to {1000 * best[1]:.3g} mm)"
+        )
     if shifted_s[0] > reference_s[-1] or shifted_s[-1] < reference_s[0]:
-        best = best_offset(reference, estimate)
-        if best:
-            offset_s, rms_m = best
-            why = f"where they fit best (to {1000 * rms_m:.3g} mm)"
-        else:
-            offset_s = reference_s[0] - estimate_s[0]
-            why = "if both start together"
-        shift = f"{offset_s:.6f}".rstrip("0").rstrip(".")
-        hint = f"an offset of {shift} s {why}, or the format tum-ids if these are frame numbers"
+        together = (
+            f"an offset of {_digits(reference_s[0] - estimate_s[0])} s if both start together"
+        )
+        hint = f"{offset or together}, or the format tum-ids if these are frame numbers"
         found = f"no overlap in time: {_span(shifted_s)}"
         raise InputError(f"stamps that overlap the ground truth's {span}", found=found, hint=hint)
     expected = f"stamps within {settings.max_difference_s:g} s of the ground truth's {span}"
-    raise InputError(
-        expected, found=f"none in {_span(shifted_s)}", hint="a larger difference, or an offset"
-    )
+    hint = f"a larger difference, or {offset or 'an offset'}"
+    raise InputError(expected, found=f"none in {_span(shifted_s)}", hint=hint)
+
+
+def pairing_offset(
+    reference: Trajectory, estimate: Trajectory, settings: AssociationSettings
+) -> tuple[float, float] | None:
+    """The offset of the best fit (time_offset.best_offset), moved onto the reference's stamps if
+    too few coincide with it; and the remaining RMS in metres.
+    """
+    best = best_offset(reference, estimate)
+    if best is None:
+        return None
+    offset_s, rms_m = best
+    with_it = replace(settings, offset_s=offset_s)
+    if 2 * len(associate(reference.stamps_s, estimate.stamps_s, with_it)) < len(estimate):
+        offset_s = onto_stamps(reference.stamps_s, estimate.stamps_s, offset_s)
+    return offset_s, rms_m
+
+
+def _digits(seconds: float) -> str:
+    return f"{seconds:.6f}".rstrip("0").rstrip(".")
+
+
+def _refuse_another_unit(reference_s: np.ndarray, estimate_s: np.ndarray) -> None:
+    """Raise InputError if one list spans a thousand times as long as the other, or a power of it,
+    as stamps in milliseconds, microseconds or nanoseconds do.
+    """
+    spans_s = [float(np.ptp(stamps_s)) for stamps_s in (reference_s, estimate_s) if len(stamps_s)]
+    if len(spans_s) < 2 or min(spans_s) == 0.0:
+        return
+    for power, unit in enumerate(("milliseconds", "microseconds", "nanoseconds"), 1):
+        factor = 1000.0**power
+        for whose, ratio in (
+            ("its stamps", spans_s[1] / spans_s[0]),
+            ("the ground truth's stamps", spans_s[0] / spans_s[1]),
+        ):
+            if factor / _SAME_SPAN < ratio < factor * _SAME_SPAN:
+                found = f"spans of {spans_s[1]:.4g} s and {spans_s[0]:.4g} s"
+                hint = f"{whose} divided by {factor:.0f}, if they are {unit}"
+                expected = "stamps in seconds of the same time as the ground truth's"
+                raise InputError(expected, found=found, hint=hint)
 
 
 def _span(stamps_s: np.ndarray) -> str:

@@ -14,11 +14,10 @@ import numpy as np
 
 from ..geometry.trajectory import Trajectory
 from .align import umeyama
-from .associate import AssociationSettings, associate
+from .associate import AssociationSettings, associate, pairing_offset
 from .compared_poses import ComparedPoses, Comparison
 from .fit import ROUNDING, Fit
 from .readings import Change, Reorder, readings, unchanged
-from .time_offset import best_offset, onto_stamps
 
 #: Scales within this factor are a drift of scale.
 DRIFT_OF_SCALE = 1.15
@@ -164,15 +163,11 @@ def _shifted(
     how: Comparison,
 ) -> Iterable[_Candidate]:
     """The best constant offset of the stamps, compared on the poses that both offsets pair."""
-    best = best_offset(reference, estimate)
+    best = pairing_offset(reference, estimate, settings)
     if best is None:
         return
     with_it = replace(settings, offset_s=best[0])
     paired = associate(reference.stamps_s, estimate.stamps_s, with_it)
-    if 2 * len(paired) < len(estimate):
-        offset_s = onto_stamps(reference.stamps_s, estimate.stamps_s, best[0])
-        with_it = replace(settings, offset_s=offset_s)
-        paired = associate(reference.stamps_s, estimate.stamps_s, with_it)
     same = estimate[np.unique(paired.second)]
     found = _compared(reference, same, with_it, how)
     given = _compared(reference, same, settings, how)
