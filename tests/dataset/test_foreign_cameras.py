@@ -122,7 +122,7 @@ def neutral(content):
     content |= {"applied_transform": np.eye(4)[:3].tolist(), "scale": 1.0, "offset": [0, 0, 0]}
     content |= {"aabb_scale": 16, "applied_scale": 1, "orientation_override": "none"}
     content |= {"rolling_shutter": [0, 0, 0, 0], "ply_file_path": "sparse.ply"}
-    content["frames"][0]["colmap_im_id"] = 4
+    content["frames"][0] |= {"colmap_im_id": 4, "is_bad": False, "sharpness": 12.5}
 
 
 @pytest.mark.parametrize(
@@ -208,6 +208,7 @@ def test_transforms_with_another_camera_are_refused(copied, change, message):
         (in_all(orientation_override="up"), "orientation_override up"),
         (in_all(rolling_shutter=[0, 0, 1, 0]), "rolling_shutter"),
         (in_a_frame(mask_path="masks/2.png"), "mask_path"),
+        (in_a_frame(is_bad=True), "is_bad True"),
         (in_a_frame(transform_matrix_start=[[1]]), "transform_matrix_start"),
         (in_all(depth_offset=0.5), "depth_offset 0.5"),
         (in_all(camera_angle_x=1.0), "fl_x gives a focal length of 48 .*camera_angle_x gives 58"),
@@ -280,6 +281,22 @@ def test_poses_of_a_body_become_those_of_its_camera(
 
 def _distance_mm() -> float:
     return 1000 * np.linalg.norm(BODY.translation)
+
+
+def test_the_lists_of_euroc_may_have_names_of_columns_blanks_and_commas_at_the_end(copied):
+    folder = copied("euroc")
+    names = [pair.rgb for pair in find_pairs(folder)]
+    for sensor in ("cam0", "depth0"):
+        file = folder / f"mav0/{sensor}/data.csv"
+        lines = file.read_text().splitlines()[1:]
+        text = "timestamp,filename\r\n" + "".join(f" {line} ,\r\n" for line in lines)
+        file.write_text(text.replace(",1", ", 1"), newline="")
+    assert [pair.rgb for pair in find_pairs(folder)] == names
+    file.write_text(text.replace("timestamp", "0"), newline="")
+    assert len(find_pairs(folder)) == len(names)
+    file.write_text(text + "later,1.png\n", newline="")
+    with pytest.raises(InputError, match="data.csv:6: expected lines `nanoseconds,image`"):
+        find_pairs(folder)
 
 
 def test_a_sensor_without_a_pose_has_that_of_the_other(copied, all_formats):

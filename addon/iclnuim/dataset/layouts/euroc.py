@@ -2,6 +2,7 @@
 state_groundtruth_estimate0; stamps in ns.
 """
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,7 +38,7 @@ _CAMERAS = ("depth0", "cam0")
 #: Keys of EuRoC's sensor.yaml and of those that follow it.
 KEYS = Keys(
     used=names(f"T_BS resolution intrinsics {_UNITS}"),
-    harmless=names("sensor_type comment rate_hz"),
+    harmless=names("sensor_type comment rate_hz rostopic cam_overlaps"),
     required={
         "camera_model": any_of("pinhole"),
         "distortion_model": any_of(*WITHOUT_PROJECTION),
@@ -76,16 +77,26 @@ depth_units_per_metre: {contents.depth_units_per_metre:g}
 
 def _rows(folder: Path) -> list[Row]:
     """Pairs of images with equal stamps in nanoseconds in both data.csv."""
-    images = []
-    for sensor in (folder / _ROOT / "cam0", folder / _ROOT / "depth0"):
-        try:
-            fields = [line.split(",") for _, line in data_lines(read_text(sensor / "data.csv"))]
-            images.append({int(stamp): sensor / "data" / name.strip() for stamp, name in fields})
-        except ValueError:
-            raise InputError("lines `nanoseconds,image`", path=sensor / "data.csv") from None
-    rgb, depth = images
+    rgb, depth = (_images(folder / _ROOT / sensor) for sensor in ("cam0", "depth0"))
     texts = {ns: stamp_text_of_ns(ns) for ns in rgb.keys() & depth.keys()}
     return [Row(ns / 1e9, rgb[ns], depth[ns], (texts[ns], texts[ns])) for ns in sorted(texts)]
+
+
+def _images(sensor: Path) -> dict[int, Path]:
+    """The images of a sensor's data.csv by their stamps in nanoseconds; names of columns may stand
+    in the first line.
+    """
+    file = sensor / "data.csv"
+    lines = data_lines(read_text(file))
+    if lines and re.match("[A-Za-z]", lines[0][1]):
+        del lines[0]
+    found = {}
+    for number, line in lines:
+        stamp, _, name = (part.strip() for part in line.rstrip(", ").partition(","))
+        if not re.fullmatch("[0-9]{1,19}", stamp) or not name or "," in name:
+            raise InputError("lines `nanoseconds,image`", path=file, line=number, found=line)
+        found[int(stamp)] = sensor / "data" / name
+    return found
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera:

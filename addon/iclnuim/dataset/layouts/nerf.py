@@ -60,6 +60,7 @@ KEYS = Keys(
         "rolling_shutter": zeros,
         "fisheye_crop_radius": zeros,
         "enable_ray_loading": zeros,
+        "is_bad": zeros,
     },
     required={
         "camera_model": any_of(
