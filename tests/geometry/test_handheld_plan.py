@@ -98,3 +98,24 @@ def test_one_viewpoint_is_no_trajectory():
 def test_a_straight_route_stays_straight():
     space = FreeSpace.between(LOW, HIGH, clearance)
     assert len(space.route(np.array([1.0, 1, 1]), np.array([2.0, 3, 1]), 0.3)) == 2
+
+
+@pytest.mark.parametrize(("first_deg", "last_deg"), [(60, 100), (160, 210), (-20, -100)])
+def test_the_camera_turns_the_short_way_from_one_gaze_to_the_next(first_deg, last_deg):
+    """Along a straight route in an open hall, also across the angle where numbers begin again."""
+
+    def waypoint(x, deg):
+        yaw = np.radians(deg)
+        return ((x, 2.0, 1.3), (x + np.cos(yaw), 2.0 + np.sin(yaw), 1.3))
+
+    made = planned(
+        [waypoint(1.0, first_deg), waypoint(5.0, last_deg)],
+        measure=lambda points: np.minimum(points - LOW, HIGH - points).min(1),
+        shake=0.0,
+    )
+    gaze = made.motion.trajectory.T_world_camera.rotation[:, :, 2]
+    middle = np.radians((first_deg + last_deg) / 2)
+    beside = gaze[:, :2] @ [np.cos(middle), np.sin(middle)] / np.linalg.norm(gaze[:, :2], axis=1)
+    half_way = np.degrees(np.arccos(beside.clip(-1, 1)))
+    assert half_way.max() < abs(last_deg - first_deg) / 2 + 5
+    assert half_way[len(half_way) // 2] < 5

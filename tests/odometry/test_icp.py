@@ -7,13 +7,14 @@ import pytest
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
+from iclnuim.benchmark.odometry import icp  # noqa: E402
 from iclnuim.benchmark.odometry.icp import Icp, estimate_rotation  # noqa: E402
 from iclnuim.benchmark.odometry.levels import Level, Pair  # noqa: E402
 from iclnuim.benchmark.odometry.protocol import Status  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
 from iclnuim.benchmark.odometry.solver import MAX_SIGMA_M  # noqa: E402
 from iclnuim.benchmark.odometry.terms.plane import PlaneTerm  # noqa: E402
-from odometry_scenes import BIG, CAMERA, ROOM, STEP, WALL, run, view  # noqa: E402
+from odometry_scenes import BIG, CAMERA, ROOM, STEP, VGA, WALL, run, view  # noqa: E402
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.001])
@@ -177,3 +178,22 @@ def test_normals_that_agree_by_chance_are_no_relief_and_relief_is_known(rough, n
     """
     assert along_a_wall(rough, noise) < 0.05
     assert along_a_wall(rough, relief) > 0.25
+
+
+@pytest.mark.parametrize("name", ["icp", "icp_rgbd"])
+def test_a_rotation_after_a_poor_guess_is_estimated_from_a_few_thousand_points(name, monkeypatch):
+    """Of a VGA image: its iterations, up to twenty, cost less than those of the alignment."""
+    terms = []
+
+    class Counted(PlaneTerm):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            terms.append(self)
+
+    monkeypatch.setattr(icp, "PlaneTerm", Counted)
+    method = odometer(name)
+    levels = method.prepare(view(0, ROOM, camera=VGA), VGA)
+    guess = SE3.exp(np.array([0, 0, 0, 0, np.radians(10), 0]))
+    found = estimate_rotation(Pair(levels, levels), method.settings, guess)
+    assert np.abs(found.log()[3:]).max() < np.radians(0.5)
+    assert 3000 < terms[0].pixels < 8000
