@@ -72,6 +72,7 @@ SECONDS = {
     "stamp last": table("tx ty tz qx qy qz qw timestamp", *AT, *LAST, S),
     "matrix by names": table("t r00 r10 r20 r01 r11 r21 r02 r12 r22 t_x t_y t_z", S, *WALK.T_world_camera.rotation.transpose(2, 1, 0).reshape(9, COUNT), *AT),
     "comma at the end": table("timestamp,x,y,z,qx,qy,qz,qw,", S, *AT, *LAST, separator=",", end=","),
+    "covariances": table("timestamp,x,y,z," + ",".join(f"field.pose.covariance.{i}" for i in range(72)) + ",qx,qy,qz,qw", S, *AT, *[ZERO] * 72, *LAST, separator=","),
     "PlotJuggler": table("__time,/vio/pose/pose/position/x,/vio/pose/pose/position/y,/vio/pose/pose/position/z,/vio/pose/pose/orientation/x,/vio/pose/pose/orientation/y,/vio/pose/pose/orientation/z,/vio/pose/pose/orientation/w", S, *AT, *LAST, separator=","),
     "MATLAB": table("% made by me\n% t x y z qw qx qy qz", S, *AT, *FIRST),
     "rotation as r": table("timestamp,tx,ty,tz,rx,ry,rz,rw", S, *AT, *LAST, separator=","),
@@ -391,3 +392,9 @@ def test_frame_numbers_may_be_named(tmp_path):
     as_walk(read_trajectory(tmp_path / "a.csv"), NUMBER_STAMPS)
     (tmp_path / "a.csv").write_text(text.replace("frame_id", "image_file"))
     as_walk(read_trajectory(tmp_path / "a.csv"))
+
+
+def test_a_long_comment_takes_no_time_and_no_stack(tmp_path):
+    for comment in (":" * 20_000, "x y " * 5_000, "p_a" * 7_000, "[" * 20_000, "t_" * 10_000):
+        (tmp_path / "a.txt").write_text(table(f"# {comment}", S, *AT, *LAST))
+        as_walk(read_trajectory(tmp_path / "a.txt"))

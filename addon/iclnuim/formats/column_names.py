@@ -70,18 +70,15 @@ class NamedColumns:
 
 
 def names_in(line: str) -> list[str]:
-    """The names of columns in a line that names x, y and z, else []; words before a colon are
-    none.
+    """The names of columns in a line that names x, y and z, else []; words before the first colon
+    are none.
     """
     text = line.strip().lstrip("#% ").rstrip(",;")
-    after = names_in(text.partition(":")[2]) if ":" in text else []
-    if after:
-        return after
-    for delimiter in (",", ";", "\t", None):
-        names = text.split(delimiter) if delimiter else _parted_by_blanks(text)
-        quantities = [_quantity(name) for name in names]
-        if set(_POSITIONS) <= set(quantities):
-            return [name.strip(" \"'") for name in names]
+    for part in (text.partition(":")[2], text):
+        for delimiter in (",", ";", "\t", None):
+            names = part.split(delimiter) if delimiter else _parted_by_blanks(part)
+            if set(_POSITIONS) <= set(map(_quantity, names)):
+                return [name.strip(" \"'") for name in names]
     return []
 
 

@@ -18,6 +18,8 @@ OUR_WORLD = "our world (metres, z up)"
 _DATA = re.compile(r"^[^\S\n]*[^#\s]", re.MULTILINE)
 #: Names of columns are searched in so many of the comments before the first line of data.
 _COMMENTS = 20
+#: A line of names has at most so many characters: tables of ROS name two covariances of 36.
+_LONGEST_NAMES = 4_000
 _LONGEST_LINE = 10_000
 #: What printf of older Windows programs writes for nan and infinity; # is no comment there.
 _NAN_OF_WINDOWS = r"-?1\.#(?:INF|IND|QNAN)\w*"
@@ -107,7 +109,7 @@ class Source:
         content = self._content
         found = _DATA.search(content)
         start = found.start() if found else len(content)
-        if names_in(content[start : start + _LONGEST_LINE].partition("\n")[0]):
+        if names_in(content[start : start + _LONGEST_NAMES].partition("\n")[0]):
             return f"{content[:start]}#{content[start:]}"
         return content
 
@@ -155,7 +157,7 @@ class Source:
         """
         comments = self.text[: self._first_data].split("\n")
         for line in comments[: -_COMMENTS - 1 : -1]:
-            if names := names_in(line[:_LONGEST_LINE]):
+            if names := names_in(line[:_LONGEST_NAMES]):
                 return names
         return []
 
