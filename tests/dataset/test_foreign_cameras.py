@@ -15,6 +15,8 @@ import pytest
 from iclnuim.dataset.frames import find_pairs, image_frames, load_truth, read_camera, read_truth
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.known_keys import DISTORTED
+from iclnuim.dataset.layouts import euroc, nerf, replica, vslam_lab
+from iclnuim.dataset.layouts.scannet import SCAN
 from iclnuim.errors import InputError
 from iclnuim.formats.colmap_cameras import MODELS
 from iclnuim.formats.trajectories import read_trajectory
@@ -585,3 +587,18 @@ def test_an_applied_scale_beyond_all_reason_is_refused(copied, scale):
     folder = changed_nerf(copied, in_all(applied_scale=scale))
     with pytest.raises(InputError, match="transforms.json: expected applied_scale of"):
         read_truth(folder)
+
+
+@pytest.mark.parametrize("keys", [nerf.KEYS, euroc.KEYS, vslam_lab.KEYS, replica.KEYS, SCAN])
+def test_every_key_of_a_format_has_one_meaning(keys, tmp_path):
+    kinds = (keys.used, keys.harmless, keys.noted, keys.required, keys.distortion)
+    assert len(set().union(*kinds)) == sum(map(len, kinds))
+    for key in keys.required:
+        with pytest.raises(InputError, match=f"found {key} other"):
+            keys.notes([{key: "other"}], tmp_path)
+    for key in [*keys.noted, "unknown"]:
+        assert f"{key} other" in " ".join(keys.notes([{key: "other"}], tmp_path))
+    for key in keys.used | keys.harmless:
+        assert keys.notes([{key: "other"}], tmp_path) == ()
+    for key in keys.distortion:
+        assert keys.notes([{key: "other"}], tmp_path) == (DISTORTED,)
