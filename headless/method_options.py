@@ -10,20 +10,24 @@ from iclnuim.benchmark.odometry.registry import PACKAGES, odometer
 from iclnuim.benchmark.odometry.run import Sequence
 from iclnuim.console import Console
 from iclnuim.errors import IclnuimError, WorkError
+from iclnuim.geometry.trajectory import Trajectory
 
-from .sequence_options import camera_from, note_camera, note_unused_images
+from .sequence_options import camera_from, note_sequence
 
 
 def open_sequence(
-    args: argparse.Namespace, console: Console, folder: Path, depth_offset: float = 0.0
+    args: argparse.Namespace,
+    console: Console,
+    folder: Path,
+    depth_offset: float = 0.0,
+    poses: Trajectory | None = None,
 ) -> Sequence:
     """Open the sequence with the camera given by the options, or with that of the folder.
 
-    Notes report what is assumed and left out.
+    Notes report what is assumed, left out and in doubt; poses: by default the ground truth.
     """
     sequence = Sequence(folder, depth_offset, camera_from(args, folder))
-    note_camera(folder, sequence.camera, console)
-    note_unused_images(folder, sequence.pairs, console)
+    note_sequence(folder, sequence.camera, console, poses)
     return sequence
 
 

@@ -20,10 +20,11 @@ from iclnuim.formats.depth_units import UNITS_PER_METRE, check_units
 from iclnuim.formats.files import content_of_json, is_file
 from iclnuim.geometry.camera import PinholeCamera
 
-from .options import add_settings, settings_from
+from .options import add_settings, option_name, settings_from
 
 if TYPE_CHECKING:
     from iclnuim.dataset.frames import ImagePair
+    from iclnuim.geometry.trajectory import Trajectory
 
 _EXAMPLES = {"depth": '{"sigma_d": 0.1}', "rgb": '{"exposure": 0.5}'}
 
@@ -131,9 +132,9 @@ def camera_from(args: argparse.Namespace, folder: Path) -> SequenceCamera | None
 def given_or_noted_camera(
     args: argparse.Namespace, console: Console, folder: Path
 ) -> SequenceCamera:
-    """The camera given by the options, else that of `folder`; see note_camera."""
+    """The camera given by the options, else that of `folder`; see note_sequence."""
     camera = camera_from(args, folder) or _camera_of(folder)
-    note_camera(folder, camera, console)
+    note_sequence(folder, camera, console)
     return camera
 
 
@@ -149,7 +150,34 @@ def units_from(args: argparse.Namespace) -> float:
     return check_units(UNITS_PER_METRE if args.units is None else args.units)
 
 
-def note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console) -> None:
+def note_sequence(
+    folder: Path,
+    camera: SequenceCamera | None,
+    console: Console,
+    poses: "Trajectory | None" = None,
+) -> None:
+    """Print what a command that reads a sequence assumes and leaves out, one note each: a camera
+    that no file gives, lens distortion, images in no pair; and a warning if depth does not agree
+    with the poses. By default the camera and the ground truth of the folder.
+    """
+    from iclnuim.dataset.frames import find_pairs, read_truth
+    from iclnuim.dataset.pose_check import doubt, pose_agreement
+
+    pairs = find_pairs(folder)
+    camera = camera or _camera_of(folder)
+    _note_camera(folder, camera, console)
+    _note_unused_images(folder, pairs, console)
+    with suppress(InputError):  # what reads the ground truth raises it
+        if poses is None:
+            poses = read_truth(folder)
+        if poses is None:
+            return
+        found = pose_agreement(pairs, camera, poses)
+        if found.doubtful:
+            console.note(f"warning: {folder}: {doubt(found, camera, option_name)}")
+
+
+def _note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console) -> None:
     """Print a note if images of the sequence are in no pair."""
     from iclnuim.dataset.frames import missing_images, unused_images
 
@@ -166,7 +194,7 @@ def note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console)
         console.note(f"{folder}: {unused}: {', '.join(counts)}")
 
 
-def note_camera(folder: Path, camera: SequenceCamera, console: Console) -> None:
+def _note_camera(folder: Path, camera: SequenceCamera, console: Console) -> None:
     """Print a note if no file gave the camera, and what its file says and is not applied."""
     for note in camera.notes:
         console.note(f"{folder}: {note}")

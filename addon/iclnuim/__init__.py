@@ -62,8 +62,9 @@ if TYPE_CHECKING:
     from .benchmark.odometry.run import table as odometry_table
     from .benchmark.odometry.track import Tracked, Tracker, track
     from .blender.open.model_file import read_model
+    from .dataset.findings import Inspection
     from .dataset.frames import FrameSource, image_frames, run_frames
-    from .dataset.inspection import Inspection, inspect_sequence
+    from .dataset.inspection import inspect_sequence
     from .dataset.rendered_views import ViewError, ViewErrors, view_errors
     from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
     from .errors import IclnuimError, InputError, WorkError

@@ -24,6 +24,7 @@ from iclnuim.formats.files import atomic_write_text, make_folder
 from ..farm.lock import OutputLock
 from ..method_options import require
 from ..options import common, count
+from ..sequence_options import note_sequence
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.cell import Measured
@@ -156,6 +157,8 @@ def _measure(args: argparse.Namespace, console: Console) -> list[str]:
     keys = all_keys(args.presets, range(args.seeds), args.references)
     keys += lambertian_keys(args.presets) if args.lambertian else []
     keys = _measurable(chosen(keys, args.only), sources, args, console)
+    for folder in sorted({sources.folder(key) for key in keys if not key.seed}):
+        note_sequence(folder, None, console)
     systems = {}
     if args.systems.is_dir():
         systems = external_keys(args.systems, keys, sources, args.first)

@@ -64,7 +64,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
             "a ground truth in the folder", path=args.folder, found="none", hint="--poses FILE"
         )
     console.note(f"{poses}: {loaded.read_as.sentence}")
-    camera = open_sequence(args, console, args.folder).camera
+    camera = open_sequence(args, console, args.folder, poses=loaded.trajectory).camera
     surface = fuse_sequence(args.folder, loaded.trajectory, settings, console.progress, camera)
     for line in surface.left_out[:5]:
         console.note(f"left out: {line}")

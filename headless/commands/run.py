@@ -24,7 +24,7 @@ from iclnuim.console import Console
 from iclnuim.errors import InputError
 
 from ..options import common, count
-from ..sequence_options import add_camera_options, camera_from, note_camera
+from ..sequence_options import add_camera_options, camera_from, note_sequence
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     experiments = []
     for folder in args.folders:
         sequence = StagedSequence.of(folder, camera_from(args, folder), args.first)
-        note_camera(folder, sequence.camera, console)
+        note_sequence(folder, sequence.camera, console)
         experiments.append(SystemRuns(system, sequence, store))
     if len({e.folder for e in experiments}) < len(experiments):
         raise InputError("sequences of different names", found=", ".join(map(str, args.folders)))

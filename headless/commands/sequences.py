@@ -22,7 +22,6 @@ from iclnuim.console import Console
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.frames import (
     FrameSource,
-    find_pairs,
     frames_with_poses,
     image_frames,
     original_frames,
@@ -62,7 +61,6 @@ from ..sequence_options import (
     check_format_units,
     given_or_noted_camera,
     log_settings,
-    note_unused_images,
     sequence_options,
     units_from,
 )
@@ -84,7 +82,7 @@ _LABELS = {
     "length_m": ("length of the trajectory", " m"),
     "max_speed_m_s": ("maximum speed", " m/s"),
     "depth_fits_poses_mm": ("difference of depth reprojected with the poses", " mm"),
-    "depth_fits_mirrored_poses_mm": ("the same with poses mirrored in y", " mm"),
+    "depth_fits_poses_percent": ("difference of depth relative to depth", " %"),
 }
 
 
@@ -162,7 +160,6 @@ def configure_convert(parser: argparse.ArgumentParser) -> None:
 def _convert(args: argparse.Namespace, console: Console) -> None:
     camera = given_or_noted_camera(args, console, args.source)
     source = original_frames(args.source, args.frames, camera)
-    note_unused_images(args.source, find_pairs(args.source), console)
     options = settings_from(args, SequenceOptions(depth_units=source.depth_units_per_metre))
     check_format_units(args, options)
     needing = [name for name in options.formats if sequence_format(name).every_pose]
@@ -211,7 +208,6 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
         raise InputError("a noise model: --depth-noise or --rgb-noise", found="neither")
     camera = given_or_noted_camera(args, console, Path(args.source))
     source = image_frames(Path(args.source), args.frames, camera)
-    note_unused_images(Path(args.source), find_pairs(Path(args.source)), console)
     _write(source, sequence_options(args), args, console)
 
 

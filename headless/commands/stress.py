@@ -17,6 +17,7 @@ from iclnuim.formats.files import make_folder, write_json
 
 from ..method_options import installed, require
 from ..options import common, count
+from ..sequence_options import note_sequence
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.recipes.stress import Stress
@@ -171,6 +172,8 @@ def _experiment(
         hint = f"{_DEFAULT[0]}, which `iclnuim make kt2` makes"
         raise InputError("a sequence", found="none", hint=hint)
     inputs = [Input.of(Sequence(folder), rendered_name(folder)) for folder in folders]
+    for one in inputs:
+        note_sequence(one.sequence.folder, one.sequence.camera, console, one.truth)
     return Stress(
         plan=plan,
         inputs={one.name: one for one in inputs},

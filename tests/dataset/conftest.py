@@ -1,5 +1,8 @@
 """A small synthetic run."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from iclnuim.dataset.frames import run_frames
@@ -8,6 +11,8 @@ from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 
 def make_run(folder):

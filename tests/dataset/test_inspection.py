@@ -57,9 +57,9 @@ def test_nothing_is_wrong_with_a_sound_sequence(sound):
     found = inspect_sequence(sound)
     assert (found.wrong, found.odd) == ([], [])
     assert found.figures["pairs"] == 12 and found.figures["rate_hz"] == 30
-    assert (
-        found.figures["depth_fits_poses_mm"] < 0.2 * found.figures["depth_fits_mirrored_poses_mm"]
-    )
+    assert found.figures["depth_fits_poses_mm"] < 10
+    assert found.figures["depth_fits_poses_percent"] < 0.1
+    assert "explanation" not in found.figures
 
 
 def test_left_handed_poses_are_seen_by_the_depth(folder):
@@ -68,7 +68,9 @@ def test_left_handed_poses_are_seen_by_the_depth(folder):
     truth = read_trajectory(folder / "groundtruth.txt").trajectory
     mirrored = Trajectory(truth.stamps_s, axes.mirrored_y(truth.T_world_camera))
     write_trajectory(folder / "groundtruth.txt", mirrored, "tum")
-    assert any("probably left-handed" in sentence for sentence in inspect_sequence(folder).wrong)
+    found = inspect_sequence(folder)
+    assert any("a left-handed camera" in sentence for sentence in found.wrong)
+    assert found.figures["explanation"]["kind"] == "mirrored"
 
 
 def test_poses_of_another_sequence_are_seen(folder):
@@ -153,12 +155,8 @@ def test_the_official_sequence_is_right_and_so_is_its_handedness(samples):
     found = inspect_sequence(samples / "or_kt0")
     assert found.wrong == []
     assert found.figures["pairs"] == 120 and found.figures["poses"] == 1507
-    assert (
-        found.figures["depth_fits_poses_mm"]
-        < 3
-        < 10
-        < found.figures["depth_fits_mirrored_poses_mm"]
-    )
+    assert found.figures["depth_fits_poses_mm"] < 3
+    assert found.figures["depth_fits_poses_percent"] < 0.01
 
 
 def test_depth_images_of_another_size_are_listed_and_do_not_end_the_inspection(sound, tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from iclnuim.geometry.se3 import SE3
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 from paired_poses import Pairs  # noqa: E402
 
 

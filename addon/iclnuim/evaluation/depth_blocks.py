@@ -5,7 +5,7 @@ and bilinear interpolation between blocks are exact there, and the noise of sing
 out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ..geometry.se3 import SE3
 
 #: Number of blocks along a row.
 _COLUMNS = 80
-_MIN_PX = 2
+_MIN_PX = 1
 _MAX_PX = 8
 #: A block with fewer pixels that have depth is left out.
 _MIN_SHARE = 0.6
@@ -22,8 +22,8 @@ _MIN_SHARE = 0.6
 #: relative range.
 _ONE_SURFACE = 0.03
 _ONE_NEIGHBOURHOOD = 0.1
-#: Of every this number of rows and columns of blocks one is transformed.
-_STEP = 2
+#: Approximate number of points along a row.
+_POINTS_IN_ROW = 40
 #: Of this number of blocks one is used to measure noise.
 _NOISE_STEP = 16
 
@@ -50,13 +50,28 @@ class DepthBlocks:
         np.divide(1, depth_z_m, out=inverse, where=valid)
         pixels = _in_blocks(inverse, size_px)
         valid = _in_blocks(valid, size_px)
-        count = np.maximum(valid.sum(-1), 1)
+        count = np.maximum(valid.sum(-1), _MIN_SHARE * size_px**2)
         mean = pixels.sum(-1) / count
         spread = np.sqrt(np.maximum(np.square(pixels).sum(-1) / count - mean**2, 0))
-        one_surface = (count >= _MIN_SHARE * size_px**2) & (spread <= _ONE_SURFACE * mean)
+        enough = valid.sum(-1) >= _MIN_SHARE * size_px**2
+        one_surface = enough & (spread <= _ONE_SURFACE * mean)
         points_m = _points_m(mean, valid, one_surface, camera)
         noise = _noise(pixels[one_surface & (count == size_px**2)][::_NOISE_STEP])
         return cls(camera, size_px, np.where(one_surface, mean, np.nan), points_m, noise)
+
+    def thinned(self, step: int) -> "DepthBlocks":
+        """The same with every `step`-th point."""
+        return replace(self, points_m=self.points_m[::step])
+
+    def along_rays(self) -> "DepthBlocks":
+        """The same if the depth was the distance along the ray of a pixel."""
+        rows, columns = self.inverse_per_m.shape
+        x = ((np.arange(columns) + 0.5) * self.size_px - 0.5 - self.camera.cx) / self.camera.fx
+        y = ((np.arange(rows) + 0.5) * self.size_px - 0.5 - self.camera.cy) / self.camera.fy
+        lengths = np.sqrt(1 + x**2 + y[:, None] ** 2)
+        of_points = np.linalg.norm(self.points_m, axis=-1, keepdims=True) / self.points_m[:, 2:]
+        inverse_per_m = self.inverse_per_m * lengths
+        return replace(self, inverse_per_m=inverse_per_m, points_m=self.points_m / of_points)
 
     def residuals(self, T_here_there: SE3, points_there_m: np.ndarray) -> np.ndarray:
         """(n,) relative differences in depth between points (n, 3), which another camera measured,
@@ -94,10 +109,11 @@ def _pixel_grid(size: int) -> tuple[np.ndarray, np.ndarray]:
 def _points_m(
     inverse: np.ndarray, valid: np.ndarray, chosen: np.ndarray, camera: PinholeCamera
 ) -> np.ndarray:
-    """(n, 3): every `_STEP`-th block of the chosen ones, at the centre of its valid pixels."""
+    """(n, 3): some of the chosen blocks, at the centre of their valid pixels."""
     size = round(valid.shape[-1] ** 0.5)
+    step = max(1, round(chosen.shape[1] / _POINTS_IN_ROW))
     sparse = np.zeros_like(chosen)
-    sparse[::_STEP, ::_STEP] = chosen[::_STEP, ::_STEP]
+    sparse[::step, ::step] = chosen[::step, ::step]
     row, column = np.nonzero(sparse)
     weights = valid[sparse] / valid[sparse].sum(-1, keepdims=True)
     u, v = _pixel_grid(size)

@@ -1,7 +1,8 @@
 """Pairs of depth images, chosen by the motion between them, and how well they agree with poses."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -58,14 +59,42 @@ class DepthPairs:
     def __len__(self) -> int:
         return len(self.first)
 
+    def __getitem__(self, chosen: np.ndarray | slice) -> "DepthPairs":
+        """Some of the pairs."""
+        return replace(self, first=self.first[chosen], second=self.second[chosen])
+
+    def thinned(self, step: int) -> "DepthPairs":
+        """The same pairs, with every `step`-th of their points."""
+        return replace(self, blocks={i: one.thinned(step) for i, one in self.blocks.items()})
+
+    @property
+    def noise(self) -> float:
+        """Median relative noise of a pixel; 0 if unknown."""
+        known = [one.noise for one in self.blocks.values() if np.isfinite(one.noise)]
+        return float(np.median(known)) if known else 0.0
+
+    @property
+    def depth_m(self) -> float:
+        """Median depth of the images in metres."""
+        return float(np.median([np.median(one.points_m[:, 2]) for one in self.blocks.values()]))
+
+    @cached_property
+    def along_rays(self) -> "DepthPairs":
+        """The same pairs if their depth is the distance along the ray."""
+        return replace(self, blocks={i: one.along_rays() for i, one in self.blocks.items()})
+
     def relative(self, T_world_camera: SE3) -> SE3:
         """(p,) T_second_first of the pairs by the poses (n,)."""
         return T_world_camera[self.second].inverse() @ T_world_camera[self.first]
 
     def residuals(self, T_second_first: SE3) -> np.ndarray:
-        """(p,) median relative difference in depth of each pair, moved by (p,) motions."""
-        found = np.empty(len(self))
-        for pair, (a, b) in enumerate(zip(self.first, self.second, strict=True)):
+        """(p,) median relative difference in depth of each pair, moved by (p,) motions; NaN for
+        motions that are.
+        """
+        found = np.full(len(self), np.nan)
+        for pair in np.flatnonzero(np.isfinite(T_second_first.translation).all(-1)):
+            a = int(self.first[pair])
+            b = int(self.second[pair])
             every = self.blocks[b].residuals(T_second_first[pair], self.blocks[a].points_m)
             found[pair] = _median(every)
         return found

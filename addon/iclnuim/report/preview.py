@@ -17,9 +17,9 @@ from ..dataset.frames import (
     read_images,
     read_truth,
 )
-from ..dataset.inspection import carried_residual
 from ..dataset.layout import SequenceCamera
 from ..errors import InputError
+from ..evaluation.carried_depth import carried_residual
 from ..formats.files import atomic_write, make_folder
 from ..formats.libraries import first_library
 from ..formats.png import write_png

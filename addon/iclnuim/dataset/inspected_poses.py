@@ -1,0 +1,106 @@
+"""Inspection of a sequence's ground truth: its frames, its speed, and depth against poses."""
+
+import itertools
+
+import numpy as np
+
+from ..evaluation.associate import nearest
+from ..evaluation.carried_depth import carried_residual
+from ..formats.trajectories import LoadedTrajectory
+from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
+from ..geometry.trajectory import Trajectory, sample, statistics
+from .findings import Inspection, first_names
+from .frames import ImagePair
+from .layout import SequenceCamera, posed, usual_step_s
+from .pose_check import TOO_LITTLE, doubt, pose_agreement
+
+#: Maximum distance of a frame from its pose, as a share of the time between frames.
+_SLACK = 0.5
+#: Larger residuals are caused by other surfaces, not by errors of the pose.
+_SAME_SURFACE_M = 0.3
+_STEP_PX = 6
+
+
+def inspect_poses(result: Inspection, pairs: list[ImagePair], loaded: LoadedTrajectory) -> None:
+    truth = loaded.trajectory
+    stamps = np.array([p.stamp_s for p in pairs])
+    figures = statistics(truth)
+    result.figures["poses"] = figures.frames
+    result.figures["length_m"] = round(figures.length_m, 3)
+    result.figures["max_speed_m_s"] = round(figures.max_speed, 3)
+    without = np.flatnonzero(~posed(stamps, truth))
+    if without.size:
+        names = first_names([pairs[int(i)].rgb.name for i in without])
+        result.odd.append(f"{without.size} frames without a pose: {names}")
+    if loaded.read_as.lost:
+        lost = f"{loaded.read_as.lost} of {loaded.row_count} rows have no finite pose"
+        result.odd.append(f"{lost} and are left out")
+    if loaded.by_depth:
+        result.odd.append(loaded.by_depth)
+    if idle := _without_frame(loaded, stamps):
+        result.odd.append(f"{idle} poses without a frame")
+    if figures.max_speed > 5:
+        result.odd.append(f"a jump: the camera moves at up to {figures.max_speed:.1f} m/s")
+
+
+def _without_frame(loaded: LoadedTrajectory, stamps_s: np.ndarray) -> int:
+    """The number of poses that belong to no frame; 0 for those of a motion tracker, which has a
+    higher rate than the frames.
+    """
+    if loaded.is_counted:
+        return loaded.row_count - loaded.read_as.lost - len(loaded.trajectory)
+    usual = usual_step_s(stamps_s)
+    poses_s = loaded.trajectory.stamps_s
+    poses_s = poses_s[(poses_s > stamps_s[0] - usual) & (poses_s < stamps_s[-1] + usual)]
+    idle = nearest(poses_s, np.sort(stamps_s))[1] > _SLACK * usual + 1e-9
+    return int(idle.sum()) if len(loaded.trajectory) <= 1.5 * len(stamps_s) else 0
+
+
+def inspect_depth_against_poses(
+    result: Inspection, pairs: list[ImagePair], camera: SequenceCamera, truth: Trajectory
+) -> None:
+    """Report whether the depth images agree with the poses."""
+    found = pose_agreement(pairs, camera, truth)
+    if not np.isfinite(found.residual):
+        return
+    result.figures["depth_fits_poses_percent"] = round(100 * found.residual, 3)
+    if sentence := doubt(found, camera):
+        result.wrong.append(sentence)
+    elif not found.told:
+        result.figures["depth_against_poses"] = TOO_LITTLE
+    if found.reading.kind:
+        result.figures["explanation"] = {
+            "kind": found.reading.kind,
+            "detail": found.reading.detail,
+            "depth_fits_poses_percent": round(100 * found.explained, 3),
+        }
+
+
+def inspect_distances(
+    result: Inspection,
+    depths: list[tuple[float, np.ndarray]],
+    truth: Trajectory,
+    camera: PinholeCamera,
+) -> None:
+    """Report the distance between successive ones of some depth images, with their stamps."""
+    first, last = truth.stamps_s[[0, -1]]
+    depths = [(stamp_s, depth) for stamp_s, depth in depths if first <= stamp_s <= last]
+    if len(depths) < 2 or len(truth) < 2:
+        return
+    distance_m = _fit_m(depths, sample(truth, np.array([stamp_s for stamp_s, _ in depths])), camera)
+    if np.isfinite(distance_m):
+        result.figures["depth_fits_poses_mm"] = round(1000 * distance_m, 2)
+
+
+def _fit_m(depths: list[tuple[float, np.ndarray]], T: SE3, camera: PinholeCamera) -> float:
+    """Median distance along z in metres between each of n depth images, transformed by the poses
+    (n,), and the next; NaN without overlap.
+    """
+    found = []
+    for i, ((_, a), (_, b)) in enumerate(itertools.pairwise(depths)):
+        T_next_this = T[i + 1].inverse() @ T[i]
+        found.append(carried_residual(a, b, T_next_this, camera, _STEP_PX).ravel())
+    every = np.abs(np.concatenate(found))
+    every = every[every < _SAME_SURFACE_M]  # NaN is not
+    return float(np.median(every)) if every.size > 100 else float("nan")

@@ -1,0 +1,119 @@
+"""Explanations of depth that does not agree with poses compete: the right one is named, and none
+where the images cannot tell.
+"""
+
+import collections
+
+import numpy as np
+import pytest
+from corrupted_sequence import KINDS, corrupted
+from iclnuim.evaluation.depth_against_poses import agreement
+from iclnuim.evaluation.depth_pairs import depth_residuals
+from iclnuim.geometry.se3 import SE3
+from moving_box import CAMERA, depth_z_m, hand_held, kinect
+
+#: The residual as read of sequences that count, as a multiple of that of the right data.
+COUNTED = 2
+
+
+def outcome(seed, kind=None):
+    """The kind, the kind that was named, whether it was noticed, and the multiple of the residual
+    with the right poses and depth.
+    """
+    case = corrupted(seed, kind)
+    found = agreement(case.load, case.read, CAMERA)
+    load = case.load
+    if case.kind == "ray":
+        rays = np.linalg.norm(CAMERA.rays(), axis=-1)
+
+        def load(i):
+            return case.load(i) / rays
+
+    right = depth_residuals(load, [case.right], CAMERA)[0]
+    return case.kind, found.reading.kind, found.doubtful, found.residual / right
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_is_read_wrongly_is_named(kind, seed):
+    _, named, noticed, multiple = outcome(seed, kind)
+    assert noticed or multiple < COUNTED
+    assert named == kind or multiple < COUNTED
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_nothing_is_named_in_right_sequences(seed):
+    _, named, noticed, _ = outcome(seed, "")
+    assert not named and not noticed
+
+
+@pytest.mark.slow
+def test_a_thousand_corrupted_sequences_and_half_as_many_right_ones():
+    counts = collections.Counter()
+    for seed in range(1000):
+        kind, named, noticed, multiple = outcome(seed)
+        counted = "counted" if multiple >= COUNTED else "rest"
+        counts[counted, "all"] += 1
+        counts[counted, "noticed"] += noticed
+        counts[counted, "right" if named == kind else "wrong"] += bool(named)
+    assert counts["counted", "noticed"] >= 0.98 * counts["counted", "all"]
+    assert counts["counted", "right"] >= 0.9 * counts["counted", "all"]
+    assert counts["counted", "wrong"] <= 0.02 * counts["counted", "all"]
+    assert not counts["rest", "wrong"]
+    assert not any(outcome(seed, "")[2] for seed in range(500))
+
+
+def test_the_unit_is_measured_to_half_a_percent():
+    T = hand_held(30, seed=4)
+    millimetres = SE3(T.rotation, 1000 * T.translation)
+    found = agreement(lambda i: kinect(depth_z_m(T[i]), i), millimetres, CAMERA)
+    assert found.reading.kind == "unit"
+    assert float(found.reading.detail) == pytest.approx(0.001, rel=5e-3)
+
+
+def test_a_smaller_unit_is_no_better_by_itself():
+    """Depth and poses in other units of the same ratio have the same relative residual."""
+    T = hand_held(12, seed=4)
+    small = SE3(T.rotation, 0.1 * T.translation)
+    depth_m = [kinect(depth_z_m(pose), seed=1) for pose in T]
+    in_metres = agreement(depth_m.__getitem__, T, CAMERA)
+    smaller = agreement(lambda i: 0.1 * depth_m[i], small, CAMERA)
+    assert not smaller.doubtful
+    assert smaller.residual == pytest.approx(in_metres.residual, rel=1e-3)
+
+
+def test_a_camera_that_does_not_move_cannot_tell():
+    T = hand_held(24, seed=1, extent=1e-4)
+    larger = SE3(T.rotation, 1.5 * T.translation)
+    for poses in (T, T.inverse(), larger):
+        found = agreement(lambda i: kinect(depth_z_m(T[i]), i), poses, CAMERA)
+        assert not found.told and not found.doubtful
+    assert not agreement(lambda i: depth_z_m(T[i]), T[:2], CAMERA).told
+
+
+def test_poses_of_another_sequence_do_not_match_and_are_not_explained():
+    T = hand_held(40, seed=1)
+    found = agreement(lambda i: depth_z_m(T[i]), hand_held(40, seed=2, extent=2), CAMERA)
+    assert not found.matches and not found.reading.kind
+    still = SE3.identity((40,))
+    found = agreement(lambda i: depth_z_m(still[i]), hand_held(40, seed=2), CAMERA)
+    assert not found.matches and not found.reading.kind
+
+
+def test_a_thing_that_moves_through_the_images_explains_nothing():
+    T = hand_held(24, seed=3)
+
+    def load(i):
+        depth_m = depth_z_m(T[i])
+        depth_m[:, 5 * i : 5 * i + 24] = 1.0
+        return depth_m
+
+    assert not agreement(load, T, CAMERA).doubtful
+
+
+def test_errors_of_a_good_estimate_are_not_in_doubt():
+    """Five millimetres and a quarter of a degree between frames."""
+    T = hand_held(24, seed=3)
+    noise = np.random.default_rng(1).normal(0, 1, (24, 6)) * ([0.003] * 3 + [0.002] * 3)
+    found = agreement(lambda i: depth_z_m(T[i]), T @ SE3.exp(noise), CAMERA)
+    assert not found.doubtful
