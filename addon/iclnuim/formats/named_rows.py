@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
+from ..geometry.so3 import QUAT_NORM_TOLERANCE
 from .column_names import NamedColumns, columns_of, is_known
 from .columns import MATRIX, SCALAR_FIRST, SCALAR_LAST, Columns, NumberTable, read_table
 from .files import is_number
@@ -13,8 +14,6 @@ from .trajectory_source import Source
 
 _EXPECTED = "a header that names each of x, y, z and, but for positions alone, qx, qy, qz, qw once"
 _SHOWN = 6
-#: A unit quaternion in a file has this length, up to the error of three digits.
-_NORM_TOLERANCE = 0.01
 
 
 def named_columns(source: Source) -> NamedColumns | None:
@@ -117,4 +116,4 @@ def _has_unit_quaternion(row: list[str], named: NamedColumns) -> bool:
     fields = [row[column] for column in named.orientation]
     if len(fields) != 4 or not all(map(is_number, fields)):
         return not fields
-    return bool(abs(np.linalg.norm([float(field) for field in fields]) - 1) < _NORM_TOLERANCE)
+    return bool(abs(np.linalg.norm([float(field) for field in fields]) - 1) < QUAT_NORM_TOLERANCE)

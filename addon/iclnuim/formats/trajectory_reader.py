@@ -20,8 +20,8 @@ LARGEST_POSITION_M = 1e6
 #: Positions up to here, which include all coordinates of maps (UTM 1e7, Web Mercator 2.004e7), are
 #: moved to the first one.
 LARGEST_COORDINATE_M = 2.5e7
-#: A rotation matrix that is this far from a rotation (largest entry of R^T R - I) is mentioned.
-_NOTABLE = 1e-3
+#: Rotation matrices whose entries change by more than the rounding to three digits are mentioned.
+_NOTABLE = 5e-4
 _EMPTY_LINE = re.compile(r"[\n\r][^\S\n\r]*[\n\r]")
 
 
@@ -63,10 +63,7 @@ class TrajectoryReader:
             counted += _empty_lines_before(source, every)
         kept = _finite_rows(every, columns)
         table = every.at(kept)
-        unit_m = options.unit_m
-        if unit_m == 1.0 and table.metres:
-            unit_m = table.metres
-        poses, few_digits = _poses(table, columns, unit_m)
+        poses, few_digits = _poses(table, columns, options.unit_m)
         if self.convert:
             poses = self.convert(poses)
         poses, shift_m = _near_the_origin(table, poses)
@@ -135,11 +132,14 @@ def _empty_lines_before(source: Source, table: NumberTable) -> np.ndarray:
 
 
 def _poses(table: NumberTable, columns: Columns, unit_m: float) -> tuple[SE3, str]:
-    """The poses in a table's columns, with positions in units of `unit_m`, and a note on their
-    rotations. Without columns of an orientation, rotations are the identity.
+    """The poses in a table's columns, with positions in units of `unit_m`, or, if that is 1, in the
+    unit that the file names; and a note on their rotations. Without columns of an orientation,
+    rotations are the identity.
 
     Raises InputError with the line.
     """
+    if unit_m == 1.0 and table.metres:
+        unit_m = table.metres
     positions_m = table.values[:, columns.position] * unit_m
     _check_lengths(table, positions_m, LARGEST_COORDINATE_M)
     if not columns.orientation:
@@ -147,7 +147,7 @@ def _poses(table: NumberTable, columns: Columns, unit_m: float) -> tuple[SE3, st
     values = table.values[:, columns.orientation]
     rotations = _rotations(table, values)
     note = ""
-    if values.shape[1] == 9 and np.abs(rotations.reshape(-1, 9) - values).max() > _NOTABLE / 2:
+    if values.shape[1] == 9 and np.abs(rotations.reshape(-1, 9) - values).max() > _NOTABLE:
         note = "; its rotation matrices have few digits and were made orthonormal"
     return SE3(rotations, positions_m), note
 
