@@ -70,6 +70,9 @@ def error_m(estimate, poses):
     ("sigma_m", "turn_deg", "renewed"),
     [
         (1e-4, 0.1, [0, 6]),
+        (1.4e-4, 0.1, [0, 6]),
+        (2.8e-4, 0.1, [0, 3, 6]),
+        (1e-4, 1.9, [0, 5]),  # the first turn beyond 8 degrees
         (1e-4, 3.0, [0, 3, 6]),
         (1e-3, 0.1, [0, 3, 6]),
         (float("nan"), 0.1, [0, 3, 6]),
@@ -87,6 +90,16 @@ def test_a_view_is_kept_while_it_tells_the_motion_and_shows_the_same(
         view, _ = model.renew(frames[0], prepared, T, result)
         views.append(view)
     assert [i for i in range(8) if i == 0 or views[i] is not views[i - 1]] == renewed
+
+
+def test_the_model_of_the_paper_is_fused_and_seen_anew_in_every_frame(small, camera, room):
+    """However certain the motion is (KinectFusion)."""
+    _, frames = room
+    one = odometer("icp")
+    model, prepared = ModelReference(one, camera, "paper"), one.prepare(frames[0], camera)
+    result = OdometryResult(SE3.identity(), largest_sigma_m=1e-5)
+    views = [model.renew(frames[0], prepared, SE3.identity(), result)[0] for _ in range(3)]
+    assert views[0] is not views[1] is not views[2]
 
 
 def test_icp_drifts_less_against_the_model(small, camera, room):
