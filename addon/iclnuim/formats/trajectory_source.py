@@ -101,8 +101,8 @@ class Source:
 
     @cached_property
     def text(self) -> str:
-        """The text of the file, with line ends \\n. All comments are after #, also a line before the
-        data that names its columns.
+        """The text of the file, with line ends \\n. All comments are after #, also the names of
+        columns before the data.
 
         Raises InputError for a missing, empty or binary file or a web page.
         """
