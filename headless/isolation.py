@@ -6,27 +6,55 @@ import os
 import pickle
 import signal
 import sys
+import tempfile
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from iclnuim import scene_wall
 from iclnuim.errors import IclnuimError, WorkError, blender_missing
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.native_output import native_output_in
 
 
 @contextmanager
-def opened_scene(what: str, file: str, reading: SceneReading) -> Iterator[list[str]]:
+def opened_scene(
+    what: str,
+    file: str,
+    reading: SceneReading,
+    reads: Iterable[Path] = (),
+    writes: Iterable[Path | None] = (),
+) -> Iterator[list[str]]:
     """Open the scene `file` in Blender, with Blender's output suppressed; yields the notes about
     the import. Raises WorkError, which names `what`, without bpy.
+
+    From here on this process, unless Blender is already loaded in it, reads and writes only what
+    the scene may read, the temporary folder, and what the command reads and writes besides.
     """
+    if "bpy" not in sys.modules:
+        _put_up_wall(file, reading, reads, writes)
     with native_output_in(Path(os.devnull)):  # even the import of bpy may print
         try:
             from iclnuim.blender.open import scene
         except ImportError as error:
             raise blender_missing(what, error) from None
         yield scene.open_scene(file, reading)
+
+
+def _put_up_wall(
+    file: str, reading: SceneReading, reads: Iterable[Path], writes: Iterable[Path | None]
+) -> None:
+    places = [Path(tempfile.gettempdir())]
+    places += [_existing_folder(path.resolve()) for path in writes if path is not None]
+    scene_wall.around(file, reading, sys.executable, reads, places).put_up()
+
+
+def _existing_folder(path: Path) -> Path:
+    """The folder itself, or the one in which the file or folder will be made."""
+    while not path.is_dir():
+        path = path.parent
+    return path
 
 
 def run_isolated(work: Callable[[], int | None], file: str) -> int:
@@ -39,25 +67,33 @@ def run_isolated(work: Callable[[], int | None], file: str) -> int:
     """
     if not hasattr(os, "fork") or "bpy" in sys.modules:
         return work() or 0
+    with tempfile.TemporaryDirectory(prefix="iclnuim-") as scratch:
+        status, pickled_error = _forked(work, scratch)
+    if os.WIFSIGNALED(status):
+        raise WorkError(crash_words(file, os.WTERMSIG(status)))
+    if pickled_error:
+        raise pickle.loads(pickled_error)
+    return os.waitstatus_to_exitcode(status)
+
+
+def _forked(work: Callable[[], int | None], scratch: str) -> tuple[int, bytes]:
+    """Run `work` in a forked process with this folder for temporary files. Returns its wait status
+    and its pickled error.
+    """
     reading, writing = os.pipe()
     sys.stdout.flush()
     sys.stderr.flush()
     child = os.fork()
     if child == 0:
         os.close(reading)
+        os.environ["TMPDIR"] = tempfile.tempdir = scratch
         _run(work, writing)
     os.close(writing)
     with os.fdopen(reading, "rb") as stream:
         pickled_error = stream.read()
     while True:  # Ctrl-C reaches both processes; still wait for the child
         with suppress(KeyboardInterrupt):
-            status = os.waitpid(child, 0)[1]
-            break
-    if os.WIFSIGNALED(status):
-        raise WorkError(crash_words(file, os.WTERMSIG(status)))
-    if pickled_error:
-        raise pickle.loads(pickled_error)
-    return os.waitstatus_to_exitcode(status)
+            return os.waitpid(child, 0)[1], pickled_error
 
 
 def crash_words(file: str, number: int) -> str:

@@ -7,6 +7,7 @@ import textwrap
 import time
 
 import pytest
+from iclnuim import wall
 from iclnuim.errors import WorkError
 from iclnuim.worker_events import Exited, FrameDone, Note, WorkerClient
 
@@ -19,6 +20,8 @@ WORKER = textwrap.dedent("""
         command = json.loads(line)
         if command.get("stop"):
             break
+        if command.get("write"):
+            open(command["write"], "w").close()
         if command.get("crash"):
             print("first line\\n\\nOIIO DEBUG: chatter", file=sys.stderr)
             sys.exit("the last line")
@@ -30,7 +33,8 @@ WORKER = textwrap.dedent("""
 def client(tmp_path):
     (tmp_path / "worker.py").write_text(WORKER)
     command = [sys.executable, str(tmp_path / "worker.py")]
-    client = WorkerClient(command, {"greeting": "hello"}, tmp_path / "out", tmp_path / "worker.log")
+    options = {"greeting": "hello", "job": {"scene": "office", "trajectory": "office/kt0"}}
+    client = WorkerClient(command, options, tmp_path / "out", tmp_path / "worker.log")
     yield client
     client.kill()
     client.close()
@@ -90,3 +94,16 @@ def test_a_worker_uses_large_pages_unless_the_user_has_set_the_allocator(
     (note,) = (event for event in until(client, Exited) if isinstance(event, Note))
     client.close()
     assert note.text == own if own else "hugetlb=1" in note.text
+
+
+@pytest.mark.skipif(not wall.version(), reason="this kernel has no Landlock")
+def test_a_worker_writes_only_its_folders(client, tmp_path):
+    for inside in (tmp_path / "out/a", client.temporary / "b"):
+        client.send({"write": str(inside), "frames": [1]})
+        until(client, FrameDone)
+        assert inside.is_file()
+    elsewhere = tmp_path.parent / f"{tmp_path.name}-elsewhere"
+    client.send({"write": str(elsewhere)})
+    [ended] = [event for event in until(client, Exited) if isinstance(event, Exited)]
+    assert ended.code == 1 and "Permission denied" in ended.log
+    assert not elsewhere.exists() and not client.temporary.exists()

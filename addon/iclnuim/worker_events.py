@@ -13,6 +13,7 @@ import queue
 import shutil
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -21,10 +22,15 @@ from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, dataclass_transform
 
+from . import scene_wall, shipped, wall
 from .errors import InputError, WorkError, how_to_get_bpy
-from .formats.files import write_json
+from .formats.files import make_folder, write_json
+from .geometry.scene_axes import SceneReading
+from .scene_wall import SceneWall
 
-CHILD = Path(__file__).resolve().parent / "blender/child.py"
+_PACKAGE = Path(__file__).resolve().parent
+CHILD = _PACKAGE / "blender/child.py"
+WALL = _PACKAGE / "wall.py"
 _BLENDER = ("-b", "--factory-startup", "--python-exit-code", "3", "-P", str(CHILD), "--")
 
 
@@ -194,15 +200,40 @@ _ALLOCATOR = {
 }
 
 
+def _further_folders(environment: Mapping[str, str]) -> list[Path]:
+    """The cache folder, and the folder for raw frames if there is one."""
+    cache = environment.get("ICLNUIM_CACHE") or shipped.cache_folder()
+    scratch = environment.get("ICLNUIM_SCRATCH")
+    return [Path(place).expanduser() for place in (cache, scratch) if place]
+
+
+def _wall_around(job: Mapping[str, Any], program: str, writable: list[Path]) -> SceneWall:
+    reading = SceneReading.from_dict(job.get("reading") or {})
+    trajectory = [Path(job["trajectory"])]
+    return scene_wall.around(job["scene"], reading, program, trajectory, writable)
+
+
+def _launcher(options_file: Path) -> list[str]:
+    """The command in front of a worker's, which puts up the wall of the options; none where the
+    kernel has no wall.
+    """
+    if not wall.version():
+        return []
+    return [sys.executable, "-I", "-S", str(WALL), str(options_file)]
+
+
 class WorkerClient(subprocess.Popen[bytes]):
     """A worker process. Its events are returned by `events()`, or put into `inbox` as (this client,
     event). The last event is Exited.
+
+    `temporary`: its folder for temporary files, removed when it has ended.
 
     terminate() and kill() end it immediately, kill() also if it is stopped or hangs; the unfinished
     frame is lost.
 
     `options`: {"job": {...}, "cores": [...], ...} as described in child.py. They are written to a
-    file next to `log`, which receives standard error.
+    file next to `log`, which receives standard error. The process is behind the wall of its scene
+    (scene_wall.py): it writes only the run folder `out`, `writable`, and a temporary folder.
     """
 
     def __init__(
@@ -213,6 +244,7 @@ class WorkerClient(subprocess.Popen[bytes]):
         log: Path,
         inbox: "queue.SimpleQueue[tuple[WorkerClient, Event]] | None" = None,
         environment: Mapping[str, str] | None = None,
+        writable: Sequence[Path] = (),
     ) -> None:
         """Raises WorkError if the process cannot be started."""
         self.log = log
@@ -220,15 +252,22 @@ class WorkerClient(subprocess.Popen[bytes]):
         self._inbox = queue.SimpleQueue() if inbox is None else inbox
         self._options_file = log.with_suffix(".json")
         self._last_s = time.monotonic()
-        write_json(self._options_file, dict(options))
+        self.temporary = Path(tempfile.mkdtemp(prefix="iclnuim-"))
+        own = {"TMPDIR": str(self.temporary), shipped.COMMIT: shipped.source_commit() or ""}
+        given = {**_ALLOCATOR, **os.environ, **own, **(environment or {})}
+        places = [out, log.parent, self.temporary, *writable, *_further_folders(given)]
+        for place in places:
+            make_folder(place)
+        behind = _wall_around(options["job"], command[0], places)
+        write_json(self._options_file, {**options, "wall": behind.to_dict()})
         try:
             with open(log, "wb") as errors:
                 super().__init__(
-                    [*command, str(self._options_file), str(out)],
+                    [*_launcher(self._options_file), *command, str(self._options_file), str(out)],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=errors,
-                    env={**_ALLOCATOR, **os.environ, **(environment or {})},
+                    env=given,
                     creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
                     # a separate process group: only the parent receives Ctrl-C, and the kernel ends
                     # a stopped child whose parent has exited
@@ -278,6 +317,7 @@ class WorkerClient(subprocess.Popen[bytes]):
         with suppress(OSError):  # the process may have ended before it read everything
             self.stdin.close()
         self._options_file.unlink(missing_ok=True)
+        shutil.rmtree(self.temporary, ignore_errors=True)
         if not keep_log:
             self.log.unlink(missing_ok=True)
 
@@ -303,4 +343,5 @@ class WorkerClient(subprocess.Popen[bytes]):
                     self._inbox.put((self, event))
         self.stdout.close()
         code = self.wait()
+        shutil.rmtree(self.temporary, ignore_errors=True)
         self._inbox.put((self, Exited(code, self.log_end(1) if code else None)))

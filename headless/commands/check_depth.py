@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim.console import Console
-from iclnuim.dataset.run_folder import read_run
+from iclnuim.dataset.run_folder import RunFolder, read_run
 from iclnuim.errors import InputError, within
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.job import RenderJob
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.checks import (
@@ -25,7 +26,7 @@ from iclnuim.raycast.checks import (
 )
 
 from ..isolation import opened_scene
-from ..options import common, count
+from ..options import add_settings, common, count, given_settings
 
 #: Guaranteed share of pixels with right depth, and with right ground truth.
 _MIN_SHARE = 0.999
@@ -39,18 +40,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     frames = "frames to check, spread over the run; default: 20"
     parser.add_argument("--max-frames", type=count, default=20, metavar="N", help=frames)
+    add_settings(parser, SceneReading, ["allow_outside"])
     common(parser, "iclnuim check-depth out/living_room/kt2/raw").set_defaults(opens="folder")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
     frames = read_run(args.folder)
+    allowed = given_settings(args, SceneReading, ["allow_outside"])
+    frames.job.reading.check_asked(bool(allowed), args.folder)
     numbers = frames.frame_numbers()
     if not numbers:
-        raise InputError("a run with at least one frame", path=args.folder)
+        hint = "frames of `iclnuim render`, or of `iclnuim make` with --keep-raw"
+        raise InputError("a run with at least one frame", path=args.folder, found="none", hint=hint)
     spread = np.linspace(0, len(numbers) - 1, min(args.max_frames, len(numbers)))
     picked = sorted({numbers[i] for i in spread.round().astype(int)})
     poses = read_trajectory(args.folder / "groundtruth.txt", "tum").trajectory.T_world_camera
-    casters = _casters(frames.job, frames.recipe, picked, console)
+    casters = _casters(frames, picked, console)
     progress = console.progress(len(picked), "check-depth")
     errors = []
     truths = []
@@ -95,15 +100,16 @@ def _failed(e: DepthErrors, truth: TruthErrors | None) -> list[str]:
 
 
 def _casters(
-    job: RenderJob, recipe: dict, picked: list[int], console: Console
+    frames: RunFolder, picked: list[int], console: Console
 ) -> list[tuple[RayCaster, TruthCaster | None]]:
     """For each frame, the casters for depth and (if the run has it) ground truth; all frames share
     them unless the scene moves.
     """
-    with opened_scene("check-depth", job.scene, job.reading):
+    job = frames.job
+    with opened_scene("check-depth", job.scene, job.reading, [frames.path]):
         from iclnuim.blender.open import light_choice, motion, scene
 
-        if scene.scene_sha256(job.scene) != recipe["scene_sha256"]:
+        if scene.scene_sha256(job.scene) != frames.recipe["scene_sha256"]:
             console.note(
                 f"note: the scene {job.scene} has changed since these frames were rendered"
             )

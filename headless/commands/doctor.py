@@ -12,7 +12,7 @@ import subprocess
 import sys
 from dataclasses import asdict, dataclass, replace
 
-from iclnuim import shipped
+from iclnuim import shipped, wall
 from iclnuim.console import Console
 from iclnuim.errors import InputError, how_to_get_bpy
 from iclnuim.version import __version__
@@ -96,6 +96,7 @@ def examine() -> list[Finding]:
         _opencv_odometers(),
         _sequences(),
         _slurm(),
+        _wall(),
         Finding("cores", str(len(own_cores())), True),
     ]
 
@@ -140,6 +141,15 @@ def _slurm() -> Finding:
     sbatch = shutil.which("sbatch")
     fix = "run this on a login node of your cluster; other engines do not need it"
     return Finding("Slurm", sbatch or "no sbatch on the PATH", bool(sbatch), fix)
+
+
+def _wall() -> Finding:
+    """What keeps a user's scene from reading files outside its folder."""
+    name = "wall around scenes"
+    if version := wall.version():
+        return Finding(name, f"Landlock {version}", True)
+    found = "names in the scene's files are checked, without a wall of the kernel"
+    return Finding(name, found, False, "Linux 5.13 or later with Landlock")
 
 
 def _conclusion(good: dict[str, bool], broken: list[Finding]) -> str:

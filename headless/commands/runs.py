@@ -16,6 +16,7 @@ from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob, read_recipe, shipped_job
 
@@ -64,6 +65,7 @@ def configure_render(parser: argparse.ArgumentParser) -> None:
 def configure_resume(parser: argparse.ArgumentParser) -> None:
     help = "output folder of `iclnuim render` or `make`"
     parser.add_argument("folder", type=Path, metavar="DIR", help=help)
+    options.add_settings(parser, SceneReading, ["allow_outside"])
     _add_farm_options(parser, "iclnuim resume out/living_room/kt2", _resume)
 
 
@@ -187,6 +189,7 @@ def _job(args: argparse.Namespace, sequence: str | None) -> RenderJob:
     if args.scene and not is_recipe and not {"map_size", "map_samples"} & given.keys():
         given.setdefault("light", "auto")
     job = _sequence_job(sequence, args)
+    _check_asked(job, args, sequence or "")
     return job.changed(reading=options.settings_from(args, job.reading), **given)
 
 
@@ -199,6 +202,12 @@ def _sequence_job(sequence: str | None, args: argparse.Namespace) -> RenderJob:
         raise InputError(expected, hint=", ".join(shipped.sequence_names()))
     name = f"{Path(args.scene).stem}/{Path(args.trajectory).stem}"
     return RenderJob(sequence=name, scene=args.scene, trajectory=args.trajectory)
+
+
+def _check_asked(job: RenderJob, args: argparse.Namespace, file: str | Path) -> None:
+    """Raises InputError if a recipe, but no option, lets the scene read files outside."""
+    allowed = options.given_settings(args, SceneReading, ["allow_outside"])
+    job.reading.check_asked(bool(allowed), file)
 
 
 def _held_out(name: str, job: RenderJob) -> str:
@@ -246,6 +255,7 @@ def _new_blend(blend: Path | None, plan: RunPlan, console: Console) -> Path | No
 def _resume(args: argparse.Namespace, console: Console) -> int:
     """Execute the recorded plan of the folder again; finished work is skipped."""
     plan = _with_farm_options(read_plan(find_run(args.folder)), args)
+    _check_asked(plan.job, args, args.folder)
     console.note(f"resuming: iclnuim {plan.command} {plan.job.sequence}")
     return execute(plan, console, args.print_only)
 

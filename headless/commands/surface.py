@@ -56,7 +56,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
         raise InputError(expected, found=f"{args.every}, {args.cell:g}")
     poses = [poses_of(name, args.scene)[:: args.every] for name in args.seen_by or ()]
     camera = PinholeCamera.parse(args.camera) if args.camera else PinholeCamera()
-    model = _model(args)
+    model = _model(args, out)
     if not len(model):
         found = "all objects left out by --without"
         raise InputError("at least one object of the scene", found=found)
@@ -106,8 +106,9 @@ def poses_of(name: str, scene: str) -> SE3:
     return read_trajectory(path).trajectory.T_world_camera
 
 
-def _model(args: argparse.Namespace) -> SceneModel:
-    with opened_scene("surface", args.scene, settings_from(args, SceneReading())):
+def _model(args: argparse.Namespace, out: Path) -> SceneModel:
+    reading = settings_from(args, SceneReading())
+    with opened_scene("surface", args.scene, reading, writes=[out]):
         from iclnuim.blender.render import ground_truth, model
 
         found = model.scene_model()

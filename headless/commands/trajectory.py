@@ -113,7 +113,8 @@ def _camera(args: argparse.Namespace, console: Console) -> None:
     out = args.out or Path(f"{Path(args.scene).stem}.txt")
     check_out(out, args.force)
     reading = settings_from(args, SceneReading())
-    with opened_scene("trajectory camera", str(Path(args.scene).resolve()), reading):
+    scene = str(Path(args.scene).resolve())
+    with opened_scene("trajectory camera", scene, reading, writes=[out]):
         import bpy
         from iclnuim.blender.render import camera as cameras
         from iclnuim.blender.render.camera_notes import camera_notes

@@ -175,7 +175,9 @@ def _surface(args: argparse.Namespace, console: Console) -> tuple[np.ndarray, np
     if file not in shipped.SCENE_NAMES:
         file = str(Path(file).resolve())
     reading = settings_from(args, SceneReading())
-    with opened_scene("a trajectory through a scene", file, reading) as notes:
+    what = "a trajectory through a scene"
+    reads = [Path(given) for given in args.viewpoints or ()]
+    with opened_scene(what, file, reading, reads, [args.out or Path()]) as notes:
         from iclnuim.blender import surfaces
 
         found = surfaces.triangles()

@@ -94,7 +94,8 @@ def _make(plan: RunPlan, record: Record, console: Console) -> None:
     """
     job = plan.job
     training = load_trajectory(job).T_world_camera[np.array(plan.numbers)]
-    with opened_scene("held-out views", job.scene, job.reading):
+    given = [] if plan.held_out.isdecimal() else [Path(plan.held_out)]
+    with opened_scene("held-out views", job.scene, job.reading, given, [plan.out]):
         from iclnuim.blender import surfaces
         from iclnuim.blender.open import motion, scene
 

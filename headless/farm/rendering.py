@@ -18,6 +18,7 @@ from typing import TypeVar
 from iclnuim.console import Console
 from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
 from iclnuim.errors import InputError, WorkError
+from iclnuim.formats.files import atomic_write
 from iclnuim.job import RenderJob
 from iclnuim.worker_events import (
     Baked,
@@ -171,8 +172,10 @@ class LocalRun:
             self.run.check_space(len(missing))
             baked = self.bake()
         if blend is not None:
-            self._client.send({"blend": str(blend.resolve())})
+            saved = (self.plan.raw / ".farm/scene.blend").resolve()
+            self._client.send({"blend": str(saved)})
             self._wait(ChunkDone)
+            atomic_write(blend, lambda temporary: shutil.move(saved, temporary))
         cores = (cores or split(self.plan.farm.workers))[: len(missing)]
         # after a bake, the worker would keep the memory of the bake
         reuse_worker = blend is None and not baked and cores[:1] == [own_cores()] and not stop()

@@ -15,6 +15,7 @@ bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import hostile_scenes as hostile  # noqa: E402
 import own_scene_files as made  # noqa: E402
+from iclnuim import wall  # noqa: E402
 from iclnuim.blender.open import scene  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry.scene_axes import SceneReading  # noqa: E402
@@ -43,12 +44,15 @@ def opened(files: dict[str, Path], mode: str) -> tuple[set[str], list[dict]]:
     rows.
     """
     root = next(iter(files.values())).parents[2]
+    (root / mode).mkdir()
     trace = root / f"{mode}.trace"
-    rows = root / f"{mode}.jsonl"
+    rows = root / mode / "rows.jsonl"
     watch = ["strace", "-f", "-y", "-qq", "-e", "trace=open,openat,openat2,creat", "-o", str(trace)]
     command = [*watch, sys.executable, str(READER), str(rows), mode, *map(str, files.values())]
     done = subprocess.run(command, cwd=root, capture_output=True, timeout=1800, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
+    if mode == "walled":  # the trace shows that they were tried
+        assert re.search(r"/outside/[^\n]*EACCES", trace.read_text(errors="replace"))
     found = re.findall(
         rf"= \d+<{re.escape(str(root))}/outside/([^./>]+)", trace.read_text(errors="replace")
     )
@@ -67,6 +71,8 @@ def test_no_way_of_naming_a_file_opens_one_outside(tmp_path, ways):
     files = {way: hostile.WAYS[way](hostile.Maker(bpy, tmp_path, way)) for way in ways}
     followed = {way: file for way, file in files.items() if way not in NOT_SEEN}
     assert opened(followed, "plain")[0] == set(followed)
+    if wall.version():
+        assert opened(followed, "walled")[0] == set()
     found, rows = opened(files, "checked")
     assert found == set()
     for row in rows:

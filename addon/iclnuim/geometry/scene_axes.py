@@ -91,6 +91,16 @@ class SceneReading(Settings):
     )
     allow_outside: bool = setting(False, "read all files that the scene refers to, in any folder")
 
+    def check_asked(self, allowed: bool, path: str | Path) -> None:
+        """Raises InputError if these settings, read from the file `path`, let the scene read files
+        outside its folder and the user's own act does not: no file may allow it.
+        """
+        if self.allow_outside and not allowed:
+            hint = "{allow_outside} if you trust the scene: this file cannot allow it"
+            raise InputError(
+                "{allow_outside}", path=path, found="a recipe that asks for it", hint=hint
+            )
+
     def to_dict(self) -> dict[str, Any]:
         """The inverse of from_dict; settings with their default values are left out."""
         known = declared(SceneReading)

@@ -164,6 +164,7 @@ def resume(self: Operator, context: Context) -> None:
         raise InputError("a render to resume", path=recipe.parent, found="none", hint=hint)
     inputs.check_free(out / "raw")
     run = read_run(out / "raw")
+    run.job.reading.check_asked(settings.reading().allow_outside, recipe)
     numbers = list(frame_slice(settings.frames, len(run.truth())))
     _render(run.job, out, numbers, settings.sequences(out))
 

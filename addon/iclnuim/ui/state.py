@@ -112,7 +112,9 @@ def start(
         options["asked"] = command.get("frames", ())
     log = user_folder("log") / "child.txt"
     environment = {"ICLNUIM_CACHE": str(cache_folder())}
-    worker = WorkerClient(worker_command(), options, out, log, environment=environment)
+    worker = WorkerClient(
+        worker_command(), options, out, log, environment=environment, writable=[out.parent]
+    )
     state.work.start(kind, command, worker, when_done)
     state.on_done = on_done
     if not bpy.app.background:

@@ -6,6 +6,7 @@ The file itself is never written.
 
 import hashlib
 import math
+import tempfile
 from pathlib import Path
 
 import bpy
@@ -13,6 +14,7 @@ import bpy
 from ... import shipped
 from ...errors import InputError
 from ...geometry.scene_axes import SceneReading
+from ...native_output import native_output_in
 from .. import compat, surfaces
 from ..notes import names_of
 from . import coplanar, displacement, glass, neutral_light, orient, sanitize, scene_paths
@@ -59,8 +61,11 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     be used.
     """
     notes = scene_paths.check(path, reading)
-    load(path)
-    scene_paths.check_open(path, reading)
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "blender.log"
+        with native_output_in(log):
+            load(path)
+        scene_paths.check_open(path, reading, log.read_text("utf-8", "replace"))
     if bpy.data.libraries:  # local copies of linked datablocks can be changed in memory
         bpy.ops.object.make_local(type="ALL")
     scene = bpy.context.scene

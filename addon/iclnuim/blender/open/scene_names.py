@@ -18,8 +18,10 @@ from ...errors import InputError
 from .. import compat
 from . import blend_names
 
-#: A backslash at the end of a line continues it on the next line.
-_REST = rb"(?:[ \t]|\\\r?\n)((?:\\\r?\n|[^\r\n])+)"
+#: Blender takes every byte up to the space for white space. A backslash at the end of a line
+#: continues it on the next line.
+_REST = rb"(?:[\0-\x09\x0b-\x20]|\\\r?\n)((?:\\\r?\n|[^\n])+)"
+_BLANK = bytes(range(33))
 _MTLLIB = re.compile(rb"mtllib" + _REST)
 _MAP = re.compile(rb"(?:map_\w+|bump|disp|decal|refl|norm)" + _REST, re.IGNORECASE)
 #: A string of a binary FBX: its length in four bytes, of which the last two are 0.
@@ -107,7 +109,7 @@ def _in_mtl(file: Path) -> Iterator[Named]:
         # may begin at any word
         yield Named(line, arguments)
         if arguments.startswith("-"):
-            for word in re.finditer(r"\S+", arguments):
+            for word in re.finditer(r"[^\0- ]+", arguments):
                 yield Named(line, arguments[word.start() :])
 
 
@@ -127,10 +129,11 @@ def _lines(file: Path, pattern: re.Pattern[bytes]) -> Iterator[tuple[str, str]]:
     with _mapped(file) as content:
         for found in pattern.finditer(content):
             start = content.rfind(b"\n", 0, found.start()) + 1
-            if not content[start : found.start()].strip(bytes(range(33))):
+            if not content[start : found.start()].strip(_BLANK):
                 line += content[at:start].count(b"\n")
                 at = start
-                yield f"line {line}", _text(re.sub(rb"\\\r?\n", b" ", found[1])).strip()
+                joined = re.sub(rb"\\\r?\n", b" ", found[1])
+                yield f"line {line}", _text(joined.strip(_BLANK))
 
 
 def _text(data: bytes) -> str:

@@ -37,6 +37,8 @@ _SPELLINGS = (
 _LONGEST = 1023
 #: Placeholders for the number of a tile or frame in a file's name.
 _NUMBER = re.compile(r"<UDIM>|<UVTILE>|(?<=[._])#+(?=\.)")
+#: Names of files in a line of Blender's log: in quotes, or in USD's at signs.
+_LOGGED = re.compile(r"'([^'\n]+)'|\"([^\"\n]+)\"|@([^@\n]+)@")
 
 
 def check(path: Path, reading: SceneReading) -> list[str]:
@@ -55,13 +57,24 @@ def check(path: Path, reading: SceneReading) -> list[str]:
     return [f"files that the scene refers to are missing ({names}): it is read without them"]
 
 
-def check_open(path: Path, reading: SceneReading) -> None:
+def check_open(path: Path, reading: SceneReading, log: str) -> None:
     """Check the references of the open scene: textures, libraries, volumes, caches, fonts and
-    sounds. Raises InputError.
+    sounds, and all else that Blender lists or could not read, as its `log` says. Raises InputError.
+
+    Scripts and the strips of the sequencer are removed from the open scene: they are never read.
     """
     for block, target in _open_files():
         if not _allowed(path, target, reading):
             _refuse(path, block.name, block.filepath, reading)
+    for text in list(bpy.data.texts):
+        bpy.data.texts.remove(text)
+    for scene in bpy.data.scenes:
+        scene.sequence_editor_clear()
+    listed = (Path(name) for name in bpy.utils.blend_paths(absolute=True))
+    logged = (Path(name) for name in itertools.chain(*_LOGGED.findall(log)) if _is_denied(name))
+    for target in (*listed, *logged):
+        if target.exists() and not _allowed(path, target, reading):
+            _refuse(path, "a reference", str(target), reading)
 
 
 def sha256(path: Path) -> str:
@@ -180,6 +193,18 @@ def _refuse(file: Path, place: str, name: str, reading: SceneReading) -> None:
         hint = f"moving them there, packing them into the file, {options}"
         expected = "textures and other files in the scene's own folder"
         raise InputError(expected, path=f"{file}: {place}", found=name, hint=hint)
+
+
+def _is_denied(name: str) -> bool:
+    """Whether the wall around this process (scene_wall.py) hides the file."""
+    try:
+        if os.path.isabs(name):
+            os.close(os.open(name, os.O_RDONLY | os.O_NONBLOCK))
+    except PermissionError:
+        return True
+    except (OSError, ValueError):
+        pass
+    return False
 
 
 def _resolved(target: Path) -> Path:

@@ -1,0 +1,133 @@
+"""The wall around a process that opens a scene: what it reads and writes, and who opens its gate."""
+
+import ctypes
+import json
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from iclnuim import scene_wall, wall
+from iclnuim.errors import InputError
+from iclnuim.geometry.scene_axes import SceneReading
+
+WALL = Path(wall.__file__)
+#: Opens the files of its arguments, to read or (`+`) to write, and prints which it could open.
+TRIES = """
+import json, sys
+opened = {}
+for name in sys.argv[1:]:
+    try:
+        open(name.lstrip("+"), "ab" if name.startswith("+") else "rb").close()
+        opened[name] = True
+    except PermissionError:
+        opened[name] = False
+print(json.dumps(opened))
+"""
+PYTHON = [sys.executable, "-I", "-c"]
+needs_landlock = pytest.mark.skipif(not wall.version(), reason="this kernel has no Landlock")
+
+
+def launcher(folder, paths):
+    """The command in front of another one, which puts up the wall."""
+    options = folder / "options.json"
+    options.write_text(json.dumps({"wall": paths.to_dict()}))
+    return [sys.executable, "-I", "-S", str(WALL), str(options)]
+
+
+def tried(command, names, **how):
+    done = subprocess.run(
+        [*command, *PYTHON, TRIES, *names], capture_output=True, check=True, **how
+    )
+    return json.loads(done.stdout)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in ("scene/room.obj", "scene/sub/wall.png", "textures/wood.png", "secret/key"):
+        (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
+        (tmp_path / name).write_text(name)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "scene/link.png").symlink_to(tmp_path / "secret/key")
+    return tmp_path
+
+
+def around(folder, **reading):
+    scene = str(folder / "scene/room.obj")
+    settings = SceneReading(**reading)
+    return scene_wall.around(scene, settings, sys.executable, [], [folder / "out"])
+
+
+@needs_landlock
+def test_the_scenes_folder_is_read_the_runs_is_written_and_nothing_else(folder):
+    may = {
+        "scene/room.obj": True,
+        "scene/sub/wall.png": True,
+        "scene/link.png": False,
+        "scene/../secret/key": False,
+        "textures/wood.png": False,
+    }
+    expected = {f"{folder}/{name}": answer for name, answer in may.items()}
+    expected |= {f"+{folder}/{name}": False for name in ("scene/room.obj", "scene/new", "new")}
+    expected |= {f"+{folder}/out/frame": True, "/etc/hostname": False, "/etc/passwd": True}
+    assert tried(launcher(folder, around(folder)), expected) == expected
+
+
+@needs_landlock
+def test_the_user_allows_a_folder_or_all(folder):
+    names = [str(folder / name) for name in ("textures/wood.png", "secret/key")]
+    one = around(folder, textures=str(folder / "textures"))
+    assert list(tried(launcher(folder, one), names).values()) == [True, False]
+    names.append(f"+{folder}/secret/new")
+    every = around(folder, allow_outside=True)
+    assert list(tried(launcher(folder, every), names).values()) == [True, True, False]
+
+
+@needs_landlock
+def test_what_the_wall_surrounds_cannot_take_it_down(folder):
+    inner = launcher(folder / "out", scene_wall.SceneWall(("/",), ("/",)))
+    secret = str(folder / "secret/key")
+    assert tried([*launcher(folder, around(folder)), *inner], [secret]) == {secret: False}
+    assert tried(inner, [secret]) == {secret: True}
+
+
+def without_landlock():
+    """Let landlock_create_ruleset answer ENOSYS in this process and its children, by seccomp."""
+    load, equal, answer = 0x20, 0x15, 0x06
+    program = [
+        (load, 0, 0, 0),  # the number of the system call
+        (equal, 0, 1, 444),
+        (answer, 0, 0, 0x00050000 | 38),  # SECCOMP_RET_ERRNO, ENOSYS
+        (answer, 0, 0, 0x7FFF0000),  # SECCOMP_RET_ALLOW
+    ]
+    code = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *line) for line in program))
+    filters = struct.pack("HP", len(program), ctypes.addressof(code))
+    libc = ctypes.CDLL(None, use_errno=True)
+    assert libc.prctl(38, 1, 0, 0, 0) == 0
+    assert libc.prctl(22, 2, filters, 0, 0) == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="seccomp is of Linux")
+def test_without_landlock_work_goes_on_and_doctor_says_so(folder):
+    secret = str(folder / "secret/key")
+    command = launcher(folder, around(folder))
+    assert tried(command, [secret], preexec_fn=without_landlock) == {secret: True}
+    program = "from iclnuim.headless.commands import doctor; print(doctor._wall())"
+    done = subprocess.run([*PYTHON, program], capture_output=True, preexec_fn=without_landlock)
+    assert b"without a wall of the kernel" in done.stdout, done.stderr
+
+
+def test_a_script_that_starts_blender_leads_to_its_folder(tmp_path):
+    script = tmp_path / "blender"
+    script.write_text('#!/bin/sh\nexec /opt/blender-4.5/blender "$@"\n')
+    allowed = scene_wall.around("office", SceneReading(), str(script)).readable
+    assert "/opt/blender-4.5" in allowed
+
+
+def test_only_the_users_own_act_opens_the_gate():
+    asked = SceneReading(allow_outside=True)
+    asked.check_asked(True, "recipe.json")
+    SceneReading().check_asked(False, "recipe.json")
+    with pytest.raises(InputError, match="recipe.json: expected .*allow"):
+        asked.check_asked(False, "recipe.json")
