@@ -11,7 +11,7 @@ import pytest
 from iclnuim.dataset import bags_and_logs
 from iclnuim.dataset.bags_and_logs import LogSettings, write_klg, write_rosbag
 from iclnuim.dataset.frames import run_frames
-from iclnuim.dataset.packing import pack
+from iclnuim.dataset.packing import check_packable, pack
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.errors import InputError
 from iclnuim.formats.png import read_depth16, read_rgb8
@@ -54,6 +54,16 @@ def test_an_unfinished_or_foreign_folder_is_not_packed(sequence, tmp_path):
     with pytest.raises(InputError, match="recipe.json"):
         pack(sequence, tmp_path / "a.tar.gz")
     assert not (tmp_path / "a.tar.gz").exists()
+
+
+def test_a_link_to_a_file_outside_is_not_published(sequence, tmp_path):
+    (tmp_path / "secret").write_text("secret")
+    (sequence / "notes.txt").symlink_to(tmp_path / "secret")
+    with pytest.raises(InputError, match=r"notes.txt: .*found a link to a file outside"):
+        check_packable(sequence, "CC-BY-4.0")
+    (sequence / "notes.txt").unlink()
+    (sequence / "notes.txt").symlink_to("groundtruth.txt")
+    check_packable(sequence, "CC-BY-4.0")
 
 
 def test_no_archive_of_another_origin_kind_or_place_is_written(sequence, tmp_path, command_here):

@@ -1,5 +1,7 @@
 """Images of a run in addition to colour and depth, and its table of objects and classes."""
 
+import csv
+import io
 from functools import cached_property
 from pathlib import Path
 
@@ -60,7 +62,9 @@ class FurtherImages:
         if INSTANCE not in exr_types(self.channels):
             return
         write_json(folder / OBJECTS, self.objects)
-        rows = ["class_id,class,nyu40_id,nyu40"]
-        for kind in self.objects["classes"]:
-            rows.append(f"{kind['id']},{kind['name']},{kind['nyu40_id']},{kind['nyu40']}")
-        atomic_write_text(folder / "classes.csv", "\n".join(rows) + "\n")
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(("class_id", "class", "nyu40_id", "nyu40"))
+        keys = ("id", "name", "nyu40_id", "nyu40")
+        table.writerows([kind[key] for key in keys] for kind in self.objects["classes"])
+        atomic_write_text(folder / "classes.csv", text.getvalue())

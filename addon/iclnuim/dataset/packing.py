@@ -134,7 +134,9 @@ def packed_names(folder: Path) -> list[str]:
 
 
 def check_packable(folder: Path, licence: str) -> None:
-    """Raises InputError for a folder without a finished recipe or for an unknown licence."""
+    """Raises InputError for a folder without a finished recipe, a link to a file outside, which
+    would be published, or an unknown licence.
+    """
     if not (folder / "recipe.json").is_file():
         hint = "the output folder of `iclnuim make`, `dataset`, `noise` or `convert`"
         raise InputError("a sequence", path=folder, found="no recipe.json", hint=hint)
@@ -142,6 +144,11 @@ def check_packable(folder: Path, licence: str) -> None:
     if not recipe.get("finished"):
         hint = "the command that began it, again"
         raise InputError("a finished sequence", path=folder / "recipe.json", hint=hint)
+    for path in folder.rglob("*"):
+        if path.is_symlink() and not path.resolve().is_relative_to(folder.resolve()):
+            expected = "files in the folder itself"
+            hint = "the file in place of the link, or without it"
+            raise InputError(expected, path=path, found="a link to a file outside", hint=hint)
     if licence not in LICENCES:
         raise InputError(f"a licence among {', '.join(LICENCES)}", found=licence)
 

@@ -26,12 +26,18 @@ _W_PER_M2 = 1.0
 _MIN_EMITTER_M = 0.03
 
 
-def light_up(scene: bpy.types.Scene) -> list[str]:
+def light_up(scene: bpy.types.Scene, lost_sky: bool) -> list[str]:
     """Add light to a scene that has none: a uniform white sky, and lamps inside rooms that the sky
     does not reach. Returns a note if light was added.
+
+    lost_sky: the image of the sky is missing: its plain colour stays, and counts as no light.
     """
-    if _has_light(scene):
+    if _has_light(scene, lost_sky):
         return []
+    if lost_sky:
+        lost = "the image of the sky is missing: its plain colour gives the light"
+        lamps = _light_inside(scene)
+        return [f"{lost}, and {lamps} soft lamps inside" if lamps else lost]
     world = bpy.data.worlds.new("Neutral light")
     if world.node_tree is None:
         world.use_nodes = True
@@ -45,11 +51,11 @@ def light_up(scene: bpy.types.Scene) -> list[str]:
     return [note]
 
 
-def _has_light(scene: bpy.types.Scene) -> bool:
+def _has_light(scene: bpy.types.Scene, lost_sky: bool) -> bool:
     if any(lamp.data.energy > 0 for lamp in surfaces.rendered_lamps(scene)):
         return True
     instances = any(o.type == "EMPTY" and o.instance_collection for o in scene.objects)
-    if (instances and bpy.data.lights) or gives_light(scene.world):
+    if (instances and bpy.data.lights) or (gives_light(scene.world) and not lost_sky):
         return True
     things = [o for o in scene.objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render]
     return any(max(thing.dimensions) > _MIN_EMITTER_M and _emits(thing) for thing in things)

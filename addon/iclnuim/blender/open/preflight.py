@@ -45,6 +45,8 @@ def _settings_notes(scene: bpy.types.Scene) -> list[str]:
     if not is_linear or view.exposure != 0 or view.gamma != 1:
         settings = f"{transform}, exposure {view.exposure:g}, gamma {view.gamma:g}"
         notes.append(f"{settings}: not applied, frames contain scene-linear RGB")
+    if (exposure := scene.cycles.film_exposure) != 1:
+        notes.append(f"film exposure {exposure:g}: not applied, 1 is the light of the scene")
     return notes
 
 
@@ -52,6 +54,7 @@ def _material_notes(baked: bool) -> list[str]:
     glass = []
     mixed = []
     bumps = []
+    bright = []
     for material in bpy.data.materials:
         if not material.users or not material.node_tree:
             continue
@@ -61,6 +64,8 @@ def _material_notes(baked: bool) -> list[str]:
             bumps.append(material)
         if not material.use_nodes:
             continue
+        if any(map(_reflects_more_than_it_gets, nodes)):
+            bright.append(material)
         if kinds & {"BSDF_GLASS", "BSDF_REFRACTION"} or _uses(nodes, "Transmission Weight", 0.0):
             glass.append(material)
         elif _uses(nodes, "Alpha", 1.0):
@@ -71,10 +76,21 @@ def _material_notes(baked: bool) -> list[str]:
     if mixed:
         effect = "Z is that of the nearest surface, visible or not"
         notes.append(f"partly transparent surfaces ({names_of(mixed)}): {effect}")
+    if bright:
+        effect = "they reflect more light than they get"
+        notes.append(f"colours above 1 ({names_of(bright)}): {effect}")
     if bumps:
         effect = "with baked light visible only in gloss"
         notes.append(f"normal maps or bumps ({names_of(bumps)}): {effect}")
     return notes
+
+
+def _reflects_more_than_it_gets(node: bpy.types.Node) -> bool:
+    name = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}.get(node.type)
+    if name is None:
+        return False
+    socket = node.inputs[name]
+    return not socket.is_linked and max(tuple(socket.default_value)[:3]) > 1
 
 
 def _uses(nodes: bpy.types.Nodes, name: str, neutral: float) -> bool:

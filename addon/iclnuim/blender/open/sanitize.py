@@ -1,12 +1,10 @@
-"""Repairs a user-provided scene so that it can be rendered: invalid numbers, missing images, vertex
+"""Repairs a user-provided scene so that it can be rendered: invalid numbers, vertex
 colours without a material, drivers written in Python.
 
 Everything is done in memory.
 """
 
 from collections.abc import Iterable
-from contextlib import suppress
-from pathlib import Path
 
 import bmesh
 import bpy
@@ -23,8 +21,8 @@ _MIN_AREA = 1e-14
 
 
 def sanitize(scene: bpy.types.Scene) -> list[str]:
-    """Repair all meshes, images and materials of the open session. Returns what was done."""
-    notes = [*_hide_lost_objects(scene), *_repair_meshes(), *_remove_missing_images()]
+    """Repair all meshes and materials of the open session. Returns what was done."""
+    notes = [*_hide_lost_objects(scene), *_repair_meshes()]
     if _show_vertex_colours(scene):
         notes.append("surfaces without a material show the colours of their vertices")
     scripts = [text for text in bpy.data.texts if text.use_module]
@@ -90,39 +88,6 @@ def _remove_lost_vertices(mesh: bpy.types.Mesh) -> int:
         finally:
             edited.free()
     return len(lost)
-
-
-def _remove_missing_images() -> list[str]:
-    """Remove missing or unreadable images from the materials, so that their plain values are shown
-    instead of magenta. Returns a note if a node showed one.
-    """
-    missing = [image for image in bpy.data.images if _is_missing(image)]
-    owners = [*bpy.data.materials, *bpy.data.worlds, *bpy.data.lights]
-    trees = [block.node_tree for block in owners if block.node_tree is not None]
-    is_shown = False
-    for tree in (*bpy.data.node_groups, *trees):
-        for node in tree.nodes:
-            if getattr(node, "image", None) in missing:
-                is_shown = True
-                for output in node.outputs:
-                    compat.unlink(output)
-    names = names_of(missing)
-    for image in missing:
-        bpy.data.images.remove(image)
-    if not is_shown:
-        return []
-    return [f"textures that are missing or broken ({names}): replaced by plain colour"]
-
-
-def _is_missing(image: bpy.types.Image) -> bool:
-    if image.source in ("GENERATED", "VIEWER"):
-        return False
-    with suppress(RuntimeError, OSError, ValueError):
-        if image.source in ("SEQUENCE", "TILED"):
-            file = Path(bpy.path.abspath(image.filepath, library=image.library))
-            return not any(file.parent.glob("*"))
-        return not (image.size[0] and image.size[1])
-    return True
 
 
 def _show_vertex_colours(scene: bpy.types.Scene) -> bool:

@@ -17,7 +17,17 @@ from ...geometry.scene_axes import SceneReading
 from ...native_output import native_output_in
 from .. import compat, surfaces
 from ..notes import names_of
-from . import coplanar, displacement, glass, neutral_light, orient, sanitize, scene_paths
+from . import (
+    coplanar,
+    displacement,
+    glass,
+    missing_images,
+    neutral_light,
+    orient,
+    plain_names,
+    sanitize,
+    scene_paths,
+)
 from .importers import checked_file, load, open_blend
 from .light_choice import MAX_BAKED
 
@@ -66,6 +76,7 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
         with native_output_in(log):
             load(path)
         scene_paths.check_open(path, reading, log.read_text("utf-8", "replace"))
+    notes += plain_names.rename()
     if bpy.data.libraries:  # local copies of linked datablocks can be changed in memory
         bpy.ops.object.make_local(type="ALL")
     scene = bpy.context.scene
@@ -75,6 +86,8 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
         raise InputError("a scene with at least one surface", path=path, found=[*notes, "none"][0])
     notes += _without_grease_pencil()
+    lost_sky = missing_images.sky_is_missing(scene.world)
+    notes += missing_images.replace_missing(scene)
     notes += sanitize.sanitize(scene)
     if path.suffix.lower() == ".obj":
         notes += glass.without_false_glass(path)
@@ -93,7 +106,7 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
     if names := glass.let_light_through(panes):
         passes = "light of lamps and sky passes straight through it, without caustics"
         notes.append(f"glass ({names_of(names)}): {passes}")
-    return [*notes, *neutral_light.light_up(scene)]
+    return [*notes, *neutral_light.light_up(scene, lost_sky)]
 
 
 def _neutral_settings(path: Path, scene: bpy.types.Scene) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from ...errors import InputError
 from ...geometry.points import upright_box
 from .. import surfaces
+from ..open.plain_names import plain
 from ..surfaces import SURFACE_TYPES, Part
 
 _SCHEMA_VERSION = 1
@@ -132,7 +133,7 @@ def objects_table() -> dict:
 
 def _class_name(thing: bpy.types.Object) -> str | None:
     own = thing.get("class_name")
-    return own if isinstance(own, str) and own else None
+    return plain(own) if isinstance(own, str) and own else None
 
 
 def _row(part: Part, kind: Kind) -> dict:

@@ -1,0 +1,134 @@
+"""Images of a user-provided scene that are missing or broken: the plain colour of the surface, or
+of the sky, replaces them.
+"""
+
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import bpy
+
+from .. import compat
+from ..notes import names_of
+
+#: Colour of a surface without its image, where nothing states one: Blender's own default.
+_PLAIN = (0.8, 0.8, 0.8, 1.0)
+_TILE = re.compile("<UDIM>|<UVTILE>")
+
+
+def replace_missing(scene: bpy.types.Scene) -> list[str]:
+    """Unlink missing images and image nodes without an image, and give what they were linked to a
+    plain colour. Returns a note if a node showed one.
+
+    A sequence or a set of tiles is missing if an image that may be shown is: Blender shows magenta
+    or black there.
+    """
+    missing = {image for image in bpy.data.images if _is_missing(image)}
+    shown = []
+    for tree, plain in _trees():
+        for node in tree.nodes:
+            if node.type not in ("TEX_IMAGE", "TEX_ENVIRONMENT") or not _is_linked(node):
+                continue
+            if node.image in missing or node.image is None or _lacks_a_frame(node, scene):
+                shown.append(
+                    Path(node.image.filepath).name if node.image else node.label or tree.name
+                )
+                _replace(node, plain)
+    for image in missing:
+        bpy.data.images.remove(image)
+    if not shown:
+        return []
+    return [
+        f"textures that are missing or broken ({names_of(set(shown))}): replaced by plain colour"
+    ]
+
+
+def sky_is_missing(world: bpy.types.World | None) -> bool:
+    """Whether the image of the sky, and with it its light, is missing. Call it before
+    replace_missing.
+    """
+    if world is None or not world.use_nodes:
+        return False
+    nodes = [node for node in world.node_tree.nodes if node.type == "TEX_ENVIRONMENT"]
+    return any(_is_linked(n) and (n.image is None or _is_missing(n.image)) for n in nodes)
+
+
+def _trees() -> Iterator[tuple[bpy.types.NodeTree, tuple[float, ...]]]:
+    """The trees of nodes that may show images, with the plain colour of each."""
+    for group in bpy.data.node_groups:
+        yield group, _PLAIN
+    for material in bpy.data.materials:
+        if material.node_tree is not None:
+            yield material.node_tree, tuple(material.diffuse_color)
+    for block in (*bpy.data.worlds, *bpy.data.lights):
+        if block.node_tree is not None:
+            yield block.node_tree, _PLAIN
+
+
+def _is_linked(node: bpy.types.Node) -> bool:
+    return any(output.is_linked for output in node.outputs)
+
+
+def _replace(node: bpy.types.Node, plain: tuple[float, ...]) -> None:
+    """Unlink the outputs. Shaders keep the colour that stands in their own socket."""
+    for output in node.outputs:
+        for target in [link.to_socket for link in output.links]:
+            is_shader = any(socket.type == "SHADER" for socket in target.node.outputs)
+            if not is_shader and output.type == target.type == "RGBA":
+                target.default_value = plain
+            elif not is_shader and output.type == target.type == "VALUE":
+                target.default_value = 1.0
+        compat.unlink(output)
+
+
+def _is_missing(image: bpy.types.Image) -> bool:
+    if image.source in ("GENERATED", "VIEWER"):
+        return False
+    with suppress(RuntimeError, OSError, ValueError):
+        if image.source == "SEQUENCE":
+            return not _numbers(image)
+        if image.source == "TILED":
+            return not all(_tile_file(image, tile.number).is_file() for tile in image.tiles)
+        return not (image.size[0] and image.size[1])
+    return True
+
+
+def _file(image: bpy.types.Image) -> Path:
+    return Path(bpy.path.abspath(image.filepath, library=image.library))
+
+
+def _tile_file(image: bpy.types.Image, number: int) -> Path:
+    """The file of a tile, named by its number (UDIM) or by its column and row from 1."""
+    column, row = (number - 1001) % 10 + 1, (number - 1001) // 10 + 1
+    names = {"<UDIM>": str(number), "<UVTILE>": f"u{column}_v{row}"}
+    file = _file(image)
+    return file.with_name(_TILE.sub(lambda found: names[found[0]], file.name))
+
+
+def _numbers(image: bpy.types.Image) -> set[int]:
+    """The numbers of the files of a sequence."""
+    file = _file(image)
+    head, _, tail = re.fullmatch(r"(.*?)(\d*)(\D*)", file.name).groups()  # type: ignore[union-attr]
+    pattern = re.compile(re.escape(head) + r"(\d+)" + re.escape(tail))
+    found = map(pattern.fullmatch, (entry.name for entry in file.parent.iterdir()))
+    return {int(match[1]) for match in found if match}
+
+
+def _lacks_a_frame(node: bpy.types.Node, scene: bpy.types.Scene) -> bool:
+    """Whether the image that a sequence's node shows in some frame from 0 on does not exist.
+
+    Blender counts frame `frame_start` as 1, stays within 0 and the duration, and adds the offset.
+    """
+    if node.image.source != "SEQUENCE":
+        return False
+    user = node.image_user
+    last = max(scene.frame_end, 0) - user.frame_start + 1
+    if user.use_cyclic:
+        shown = range(1, user.frame_duration + 1)
+    else:
+        shown = range(
+            min(max(1 - user.frame_start, 0), user.frame_duration),
+            min(max(last, 0), user.frame_duration) + 1,
+        )
+    return not {number + user.frame_offset for number in shown} <= _numbers(node.image)
