@@ -393,3 +393,19 @@ def test_depth_where_a_pane_is_seen_is_its_own_none_or_that_of_what_stands_behin
     assert 0.3 < glazed.mean() < 0.7
     assert np.array_equal(none_z_m, np.where(glazed, 0, clear_z_m))
     assert np.array_equal(behind_z_m, clear_z_m)
+
+
+def test_instances_hidden_in_the_viewport_alone_have_numbers():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    mesh = bpy.data.meshes.new("tile")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
+    assets = bpy.data.collections.new("assets")
+    asset = bpy.data.objects.new("asset", mesh)
+    assets.objects.link(asset)
+    shown = bpy.data.objects.new("shown", None)
+    shown.instance_type = "COLLECTION"
+    shown.instance_collection = assets
+    shown.hide_viewport = True
+    bpy.context.scene.collection.objects.link(shown)
+    classes.number_objects()
+    assert asset.pass_index == 1

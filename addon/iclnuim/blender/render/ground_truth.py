@@ -91,9 +91,10 @@ def number_objects() -> None:
     object share its number. Raises InputError for more than 32767 objects.
     """
     shown = [thing for thing in bpy.context.scene.objects if thing.type in SURFACE_TYPES]
-    instances = (i for i in bpy.context.evaluated_depsgraph_get().object_instances if i.is_instance)
-    # the type of the shown object decides: a point cloud contains meshes
-    instanced = {i.object.original for i in instances if i.object.type in SURFACE_TYPES}
+    with surfaces.as_rendered(bpy.context.scene) as depsgraph:  # not as the viewport shows it
+        instances = (i.object for i in depsgraph.object_instances if i.is_instance)
+        # the type of the shown object decides: a point cloud contains meshes
+        instanced = {thing.original for thing in instances if thing.type in SURFACE_TYPES}
     things = sorted(shown, key=lambda thing: thing.name)
     things += sorted(instanced.difference(shown), key=lambda thing: thing.name)
     if len(things) > _MAX_OBJECTS:
