@@ -45,7 +45,9 @@ def opened_scene(
 def _put_up_wall(
     file: str, reading: SceneReading, reads: Iterable[Path], writes: Iterable[Path | None]
 ) -> None:
-    places = [Path(tempfile.gettempdir())]
+    scratch = tempfile.gettempdir()
+    os.environ["BLENDER_USER_RESOURCES"] = scratch  # Blender prints if it cannot use the user's
+    places = [Path(scratch)]
     places += [_existing_folder(path.resolve()) for path in writes if path is not None]
     scene_wall.around(file, reading, sys.executable, reads, places).put_up()
 

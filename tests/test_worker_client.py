@@ -11,6 +11,7 @@ from iclnuim import wall
 from iclnuim.errors import WorkError
 from iclnuim.worker_events import Exited, FrameDone, Note, WorkerClient
 
+JOB = {"job": {"scene": "office", "trajectory": "office/kt0"}}
 WORKER = textwrap.dedent("""
     import json, sys
     options = json.load(open(sys.argv[1]))
@@ -33,7 +34,7 @@ WORKER = textwrap.dedent("""
 def client(tmp_path):
     (tmp_path / "worker.py").write_text(WORKER)
     command = [sys.executable, str(tmp_path / "worker.py")]
-    options = {"greeting": "hello", "job": {"scene": "office", "trajectory": "office/kt0"}}
+    options = {"greeting": "hello", **JOB}
     client = WorkerClient(command, options, tmp_path / "out", tmp_path / "worker.log")
     yield client
     client.kill()
@@ -76,7 +77,7 @@ def test_a_killed_worker_exits_below_zero(client):
 
 def test_a_program_that_is_not_there_is_one_line(tmp_path):
     with pytest.raises(WorkError, match="cannot be started"):
-        WorkerClient(["/no/such/program"], {}, tmp_path, tmp_path / "log.log")
+        WorkerClient(["/no/such/program"], JOB, tmp_path, tmp_path / "log.log")
 
 
 @pytest.mark.parametrize("own", [None, "glibc.malloc.check=0"])
@@ -89,7 +90,10 @@ def test_a_worker_uses_large_pages_unless_the_user_has_set_the_allocator(
         f'import json, os; print(json.dumps({{"event": "note", "text": os.environ["{name}"]}}))'
     )
     client = WorkerClient(
-        [sys.executable, str(tmp_path / "worker.py")], {}, tmp_path / "out", tmp_path / "worker.log"
+        [sys.executable, str(tmp_path / "worker.py")],
+        JOB,
+        tmp_path / "out",
+        tmp_path / "worker.log",
     )
     (note,) = (event for event in until(client, Exited) if isinstance(event, Note))
     client.close()

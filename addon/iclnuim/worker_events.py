@@ -247,6 +247,8 @@ class WorkerClient(subprocess.Popen[bytes]):
         writable: Sequence[Path] = (),
     ) -> None:
         """Raises WorkError if the process cannot be started."""
+        if shutil.which(command[0]) is None:
+            raise WorkError(f"{command[0]}: cannot be started: no such program")
         self.log = log
         self.asked_to_stop = False
         self._inbox = queue.SimpleQueue() if inbox is None else inbox
@@ -257,7 +259,7 @@ class WorkerClient(subprocess.Popen[bytes]):
         given = {**_ALLOCATOR, **os.environ, **own, **(environment or {})}
         places = [out, log.parent, self.temporary, *writable, *_further_folders(given)]
         for place in places:
-            make_folder(place)
+            make_folder(place, "another {out}")
         behind = _wall_around(options["job"], command[0], places)
         write_json(self._options_file, {**options, "wall": behind.to_dict()})
         try:

@@ -16,6 +16,7 @@ from iclnuim.headless.farm.farm_settings import FarmSettings
 from iclnuim.headless.farm.local import LocalFarm
 from iclnuim.worker_events import WorkerClient
 
+JOB = {"job": {"scene": "office", "trajectory": "office/kt0"}}
 #: A worker that speaks the protocol but renders nothing: it touches OUT/N and follows
 #: OUT/orders.json, frame -> what goes wrong how often.
 PRETENDER = textwrap.dedent("""
@@ -77,7 +78,9 @@ def farm(tmp_path):
         def start(cores, events: queue.SimpleQueue) -> WorkerClient:
             log = tmp_path / f"worker-{len(started)}.log"
             started.append(
-                WorkerClient([sys.executable, str(script)], {"cores": cores}, out, log, events)
+                WorkerClient(
+                    [sys.executable, str(script)], {"cores": cores, **JOB}, out, log, events
+                )
             )
             return started[-1]
 
@@ -143,7 +146,11 @@ def test_a_worker_that_does_not_start_is_not_tried_for_ever(tmp_path):
 
     def start(cores, events):
         return WorkerClient(
-            [sys.executable, "-c", "import sys; sys.exit('no bpy here')"], {}, tmp_path, log, events
+            [sys.executable, "-c", "import sys; sys.exit('no bpy here')"],
+            JOB,
+            tmp_path,
+            log,
+            events,
         )
 
     with pytest.raises(WorkError, match="no bpy here"):

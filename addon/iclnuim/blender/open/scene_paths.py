@@ -61,16 +61,17 @@ def check_open(path: Path, reading: SceneReading, log: str) -> None:
     """Check the references of the open scene: textures, libraries, volumes, caches, fonts and
     sounds, and all else that Blender lists or could not read, as its `log` says. Raises InputError.
 
-    Scripts and the strips of the sequencer are removed from the open scene: they are never read.
+    The strips of the sequencer are removed from the open scene: like scripts, they are never read.
     """
     for block, target in _open_files():
         if not _allowed(path, target, reading):
             _refuse(path, block.name, block.filepath, reading)
-    for text in list(bpy.data.texts):
-        bpy.data.texts.remove(text)
     for scene in bpy.data.scenes:
         scene.sequence_editor_clear()
-    listed = (Path(name) for name in bpy.utils.blend_paths(absolute=True))
+    scripts = {bpy.path.abspath(text.filepath) for text in bpy.data.texts}
+    listed = (Path(name) for name in bpy.utils.blend_paths(absolute=True) if name not in scripts)
+    # another .blend is a library, or only remembered as the origin of a copied block
+    listed = (target for target in listed if target.suffix != ".blend")
     logged = (Path(name) for name in itertools.chain(*_LOGGED.findall(log)) if _is_denied(name))
     for target in (*listed, *logged):
         if target.exists() and not _allowed(path, target, reading):
