@@ -160,7 +160,7 @@ def note_sequence(
     that no file gives, lens distortion, images in no pair; and a warning if depth does not agree
     with the poses. By default the camera and the ground truth of the folder.
     """
-    from iclnuim.dataset.frames import find_pairs, read_truth
+    from iclnuim.dataset.frames import find_pairs, load_truth
     from iclnuim.dataset.pose_check import doubt, pose_agreement
 
     pairs = find_pairs(folder)
@@ -169,9 +169,12 @@ def note_sequence(
     _note_unused_images(folder, pairs, console)
     with suppress(InputError):  # what reads the ground truth raises it
         if poses is None:
-            poses = read_truth(folder)
-        if poses is None:
-            return
+            truth = load_truth(folder)
+            if truth is None:
+                return
+            if truth.by_depth or truth.read_as.lost:
+                console.note(f"{folder}: {truth.read_as.sentence}")
+            poses = truth.trajectory
         found = pose_agreement(pairs, camera, poses)
         if found.doubtful:
             console.note(f"warning: {folder}: {doubt(found, camera, option_name)}")

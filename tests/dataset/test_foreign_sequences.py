@@ -157,6 +157,17 @@ def test_depth_decides_whether_the_first_or_the_last_image_is_lost(copied, forma
     assert re.search(figures, "\n".join(inspect_sequence(folder).odd))
 
 
+def test_a_conversion_says_how_lines_were_tied_and_which_were_lost(copied, tmp_path, command_here):
+    folder = copied("replica")
+    rename(folder, "replica", lambda n: None if n == 0 else f"{n:06}")
+    code, _, noted = command_here("convert", folder, tmp_path / "tied")
+    assert code == 0 and re.search(r"\d % with 0.*\d % with 1", noted)
+    change_lines(folder, "replica", lambda lines: [*lines[:5], "nan " * 16, *lines[6:]])
+    code, _, noted = command_here("convert", folder, tmp_path / "lost")
+    assert code == 0 and "1 of 12 rows have no finite pose" in noted
+    assert numbers_with_poses(tmp_path / "lost") == without(0, 5)
+
+
 @both
 def test_where_depth_cannot_decide_both_readings_are_refused(copied, format):
     folder = copied(format)

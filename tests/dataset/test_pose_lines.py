@@ -73,7 +73,7 @@ def test_lost_images_shift_no_pose(read):
     assert "8 lines for 4 images: the first line is that of number 1" in tied.read_as.sentence
 
 
-@pytest.mark.parametrize(("shares", "first"), [((0.01, 0.001), 1), ((0.001, 0.01), 0)])
+@pytest.mark.parametrize(("shares", "first"), [((0.01, 0.006), 1), ((0.006, 0.01), 0)])
 def test_depth_decides_between_two_readings_and_says_its_figures(read, shares, first):
     numbers = [1, 2, 3, 4]
     tied = tied_to_images(read(range(5)), images(numbers, lambda frames, readings: list(shares)))

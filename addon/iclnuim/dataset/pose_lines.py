@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..evaluation.associate import nearest
+from ..formats.stamps import STAMP_SLACK
 from ..formats.trajectory_source import LoadedTrajectory
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, stamps_of_frames
@@ -22,8 +23,6 @@ from .layout import usual_step_s
 Residuals = Callable[[np.ndarray, list[SE3]], list[float]]
 #: Of two readings of the lines, one is chosen if its residual is below this share of the other's.
 _CLEARLY = 0.7
-#: A stamp may differ from that of a frame number by this share of a frame.
-_SLACK = 0.01
 _HINT = "a file with stamps (TUM) or frame numbers in its first column"
 
 
@@ -97,7 +96,7 @@ def tied_to_poses(
 
 def _are_near(reference: Trajectory, estimate: Trajectory) -> bool:
     """Whether most stamps of an estimate are those of frames of the reference."""
-    slack_s = _SLACK * usual_step_s(reference.stamps_s) + 1e-6
+    slack_s = STAMP_SLACK * usual_step_s(reference.stamps_s) + 1e-6
     off_s = nearest(estimate.stamps_s, reference.stamps_s)[1]
     return bool(np.median(off_s) <= slack_s)
 
