@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
+from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba")
 from dataclasses import replace  # noqa: E402
 
+from iclnuim.benchmark.fusion import fuse_kernels  # noqa: E402
 from iclnuim.benchmark.fusion.mesh import extract  # noqa: E402
 from iclnuim.benchmark.fusion.settings import PRESETS, VolumeSettings  # noqa: E402
 from iclnuim.benchmark.fusion.volume import Volume  # noqa: E402
@@ -197,3 +199,34 @@ def test_what_lies_beside_and_behind_costs_a_raycast_nothing(camera, plane_depth
     np.testing.assert_array_equal(alone, volume._reach(camera, SE3.identity()))
     assert alone[0].min() > 1.2
     assert alone[1].max() < 1.8
+
+
+def test_a_plane_continues_at_every_pixel_of_it_however_thin_the_truncation():
+    """Its inverse depth is linear in the image; points behind it, of which the nearest one of the
+    plane lies between pixels.
+    """
+    K = (100.0, 110.0, 31.5, 23.5)
+    n = (0.4, -0.3, 0.5)
+    v, u = np.mgrid[:48, :64].astype(float)
+    inverse = n[0] * (u - K[2]) / K[0] + n[1] * (v - K[3]) / K[1] + n[2]
+    rng = np.random.default_rng(0)
+    for column, row in rng.uniform((20, 15), (44, 33), (50, 2)):
+        found = n[0] * (column - K[2]) / K[0] + n[1] * (row - K[3]) / K[1] + n[2]
+        for behind_m in (0.0, 0.05):
+            at = (column, row, 1 / found + behind_m)
+            assert fuse_kernels._continues(inverse, K, at, found, n, 1e-6)
+        assert not fuse_kernels._continues(inverse + 0.1, K, at, found, n, 0.01)
+
+
+def test_the_block_of_the_nearest_voxel_of_a_ray_is_fused():
+    """One pixel has depth; its ray runs a third of a voxel before the border of blocks."""
+    camera = PinholeCamera(64, 48, 100.0, 100.0, 32.0, 24.0)
+    depth = np.zeros((48, 64), np.float32)
+    depth[24, 32] = 1.0
+    border_m = 8 * VOXEL_M * np.array([3, -2])
+    T = SE3(np.eye(3), np.r_[border_m - 0.3 * VOXEL_M, 0.0])
+    volume = Volume(SMALL["best"])
+    volume.integrate(depth, camera, T)
+    rows = volume.grid.slots[volume.grid.slots > 0]
+    places = np.unique(volume.grid.place[rows, :2], axis=0)
+    assert places.tolist() == [[3, -2]]
