@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from iclnuim.benchmark.odometry.run import Sequence
-from iclnuim.dataset.frames import find_truth, read_truth, rendered_job
+from iclnuim.dataset.frames import find_truth, missing_images, read_truth, rendered_job
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_bytes, sha256
 from iclnuim.geometry.trajectory import Trajectory
@@ -28,11 +28,13 @@ class Input:
 
     @classmethod
     def of(cls, sequence: Sequence, name: str) -> "Input":
-        """Raises InputError without ground truth."""
+        """Raises InputError without ground truth or without one of the images."""
         folder = sequence.folder
         truth = read_truth(folder)
         if truth is None:
             raise InputError("a ground truth in the folder", path=folder, found="none")
+        if missing := missing_images(folder):  # the journal would be the same
+            raise InputError("all images of the sequence", path=folder, found=f"no {missing[0]}")
         return cls(name, sequence, truth, input_sha256(folder))
 
 
