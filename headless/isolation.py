@@ -25,9 +25,11 @@ def opened_scene(
     reading: SceneReading,
     reads: Iterable[Path] = (),
     writes: Iterable[Path | None] = (),
+    frames: int | None = None,
 ) -> Iterator[list[str]]:
-    """Open the scene `file` in Blender, with Blender's output suppressed; yields the notes about
-    the import. Raises WorkError, which names `what`, without bpy.
+    """Open the scene `file` in Blender, for a run of so many frames, with Blender's output
+    suppressed; yields the notes about the import. Raises WorkError, which names `what`, without
+    bpy.
 
     From here on this process, unless Blender is already loaded in it, reads and writes only what
     the scene may read, the temporary folder, and what the command reads and writes besides.
@@ -39,7 +41,7 @@ def opened_scene(
             from iclnuim.blender.open import scene
         except ImportError as error:
             raise blender_missing(what, error) from None
-        yield scene.open_scene(file, reading)
+        yield scene.open_scene(file, reading, frames)
 
 
 def _put_up_wall(

@@ -93,9 +93,13 @@ def _make(plan: RunPlan, record: Record, console: Console) -> None:
     scene.
     """
     job = plan.job
-    training = load_trajectory(job).T_world_camera[np.array(plan.numbers)]
+    whole = load_trajectory(job)
+    training = whole.T_world_camera[np.array(plan.numbers)]
     given = [] if plan.held_out.isdecimal() else [Path(plan.held_out)]
-    with opened_scene("held-out views", job.scene, job.reading, given, [plan.out]):
+    opening = opened_scene(
+        "held-out views", job.scene, job.reading, given, [plan.out], frames=len(whole)
+    )
+    with opening:
         from iclnuim.blender import surfaces
         from iclnuim.blender.open import motion, scene
 

@@ -1,11 +1,11 @@
 """What moves in the open scene: a light map and a depth of another time would be wrong there."""
 
-import math
 from collections.abc import Iterator
 
 import bpy
 
-from .. import compat, surfaces
+from .. import compat
+from .changes import SKY, changed_names
 
 #: Modifiers that move a surface.
 _SIMULATED = {
@@ -19,8 +19,13 @@ _CONSTANT = 1e-6
 def moving_names(scene: bpy.types.Scene) -> list[str]:
     """Names of objects and lights that move or change, in order, without cameras; the world is `the
     sky`.
+
+    Both the animations and frames of the timeline show it. Simulations are not evaluated: they
+    would lose their state.
     """
-    moving = _timed_names(scene)
+    moving: set[str] = set()
+    if not (scene.rigidbody_world or any(map(_is_simulated, bpy.data.objects))):
+        moving = changed_names(scene)
     for thing in scene.objects:
         if thing.type == "CAMERA" or (thing.hide_render and not varies(thing)):
             continue
@@ -32,39 +37,18 @@ def moving_names(scene: bpy.types.Scene) -> list[str]:
             if varies(material) or _varies_inside(tree) or _shows_film(tree):
                 moving.add(material.name)
     sky = scene.world
-    if sky is not None and (varies(sky) or _varies_inside(sky.node_tree)):
-        return [*sorted(moving), "the sky"]
-    return sorted(moving)
+    if sky is not None:
+        tree = sky.node_tree
+        if varies(sky) or _varies_inside(tree) or _shows_film(tree):
+            moving.add(SKY)
+    return sorted(moving, key=lambda name: (name == SKY, name))
 
 
-def _shows_film(tree: bpy.types.NodeTree) -> bool:
+def _shows_film(tree: bpy.types.NodeTree | None) -> bool:
+    if tree is None:
+        return False
     textures = [n for n in compat.nodes_of(tree) if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT")]
     return any(n.image and n.image.source in ("MOVIE", "SEQUENCE") for n in textures)
-
-
-def _timed_names(scene: bpy.types.Scene) -> set[str]:
-    """Objects whose geometry depends on the frame although they are not animated, for example by
-    Scene Time in Geometry Nodes.
-
-    Scenes with simulations are not evaluated: they would lose their state.
-    """
-    if scene.rigidbody_world or any(map(_is_simulated, bpy.data.objects)):
-        return set()
-    found: set[bpy.types.ID] = set()
-
-    def note(_: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-        found.update(u.id.original for u in depsgraph.updates if u.is_updated_geometry)
-
-    before = scene.frame_current_final
-    with surfaces.as_rendered(scene):
-        bpy.app.handlers.frame_change_post.append(note)
-        try:
-            scene.frame_set(scene.frame_current + 1)
-        finally:
-            bpy.app.handlers.frame_change_post.remove(note)
-            scene.frame_set(math.floor(before), subframe=before % 1)
-    things = [block for block in found if isinstance(block, bpy.types.Object)]
-    return {thing.name for thing in things if not any(map(_is_animated, _blocks(thing)))}
 
 
 def _is_simulated(thing: bpy.types.Object) -> bool:

@@ -42,8 +42,11 @@ def open_empty() -> None:
     bpy.context.preferences.filepaths.use_scripts_auto_execute = False
 
 
-def open_scene(name: str, reading: SceneReading | None = None) -> list[str]:
-    """Open a shipped scene or a file.
+def open_scene(
+    name: str, reading: SceneReading | None = None, frames: int | None = None
+) -> list[str]:
+    """Open a shipped scene or a file. `frames`: the number of frames of the run, which get the
+    timeline of the file from frame 0 on.
 
     Returns notes for the user. Raises InputError if it cannot be opened.
     """
@@ -51,7 +54,7 @@ def open_scene(name: str, reading: SceneReading | None = None) -> list[str]:
     if shipped.is_scene(name):
         open_blend(shipped.scene_file(name))
         return []
-    return open_file(checked_file(name), reading or SceneReading())
+    return open_file(checked_file(name), reading or SceneReading(), frames)
 
 
 def scene_sha256(name: str) -> str:
@@ -64,8 +67,8 @@ def scene_sha256(name: str) -> str:
     return hashlib.sha256(shipped.scene_file(name).read_bytes()).hexdigest()
 
 
-def open_file(path: Path, reading: SceneReading) -> list[str]:
-    """Open a file in the empty session.
+def open_file(path: Path, reading: SceneReading, frames: int | None = None) -> list[str]:
+    """Open a file in the empty session, for a run of so many `frames`.
 
     Returns notes for the user; the first describes how it was read. Raises InputError if it cannot
     be used.
@@ -81,6 +84,9 @@ def open_file(path: Path, reading: SceneReading) -> list[str]:
         bpy.ops.object.make_local(type="ALL")
     scene = bpy.context.scene
     _neutral_settings(path, scene)
+    if frames is not None:
+        scene.frame_start = 0
+        scene.frame_end = frames - 1
     _with_background_sets(scene)
     _look_at_rendered_layer(scene)
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):

@@ -69,7 +69,7 @@ class Session:
         self.trajectory = load_trajectory(job)
         self._opened = not shipped.is_scene(job.scene)
         look = None
-        self.job = _opened(job, emit) if self._opened else job
+        self.job = _opened(job, len(self.trajectory), emit) if self._opened else job
         if (
             self._opened
             and requested
@@ -125,7 +125,8 @@ class Session:
         """
         opened = self._opened
         self._ready = self._opened = False
-        folder, made = bake_light(self.job, self.emit, self.threads, opened)
+        frames = len(self.trajectory)
+        folder, made = bake_light(self.job, self.emit, self.threads, opened, frames)
         self._opened = not made
         return folder, made
 
@@ -190,7 +191,7 @@ class Session:
         """
         job = self.job
         table = None
-        _set_up(job, self.emit, self.threads, self._opened)
+        _set_up(job, self.emit, self.threads, self._opened, len(self.trajectory))
         if INSTANCE in exr_types(job.further):
             ground_truth.number_objects()
             table = ground_truth.objects_table()
@@ -268,22 +269,26 @@ def recipe(job: RenderJob) -> dict:
     }
 
 
-def _opened(job: RenderJob, emit: Emit) -> RenderJob:
+def _opened(job: RenderJob, frames: int, emit: Emit) -> RenderJob:
     """Open a user-provided scene before its run is opened: its textures are part of the recipe, and
     moving objects affect the choice of light.
     """
     with native_output_in(Path(os.devnull), errors=False):
-        notes = scene.open_scene(job.scene, job.reading)
+        notes = scene.open_scene(job.scene, job.reading, frames)
         job, more = light_choice.with_possible_light(job)
     _note_all(emit, [*notes, *more])
     return job
 
 
 def bake_light(
-    job: RenderJob, emit: Emit, threads: int | None = None, opened: bool = False
+    job: RenderJob,
+    emit: Emit,
+    threads: int | None = None,
+    opened: bool = False,
+    frames: int | None = None,
 ) -> tuple[Path, bool]:
-    """Open the job's scene, unless it is open, and find or bake its light map. Returns its folder,
-    and whether it was baked.
+    """Open the job's scene, for a run of so many frames, unless it is open, and find or bake its
+    light map. Returns its folder, and whether it was baked.
 
     Raises InputError for a scene whose light cannot be baked.
     """
@@ -291,15 +296,20 @@ def bake_light(
         tempfile.TemporaryDirectory() as folder,
         native_output_in(Path(folder) / "blender.log"),
     ):
-        _set_up(job, emit, threads, opened, must_bake=True)
+        _set_up(job, emit, threads, opened, frames, must_bake=True)
         return light_map.prepare(job, lambda text: emit(events.Note(text)))
 
 
 def _set_up(
-    job: RenderJob, emit: Emit, threads: int | None, opened: bool, must_bake: bool = False
+    job: RenderJob,
+    emit: Emit,
+    threads: int | None,
+    opened: bool,
+    frames: int | None,
+    must_bake: bool = False,
 ) -> None:
     """Open the job's scene unless it is open, emit notes about it, and set all settings."""
-    _note_all(emit, [] if opened else scene.open_scene(job.scene, job.reading))
+    _note_all(emit, [] if opened else scene.open_scene(job.scene, job.reading, frames))
     if must_bake and (obstacle := light_choice.reason_against_baking(bpy.context.scene)):
         wanted = "a scene whose light can be baked"
         raise InputError(wanted, path=job.scene, found=obstacle, hint="{light} path")

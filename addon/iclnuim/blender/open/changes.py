@@ -1,0 +1,151 @@
+"""What differs between frames of the open scene once Blender has evaluated them, whatever is the
+cause: modifiers, constraints, nodes, properties of the scene.
+"""
+
+import hashlib
+import math
+from collections import defaultdict
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .. import compat, surfaces
+
+#: Frames that are compared: the first, the last, and others spread between them.
+_FRAMES = 32
+#: Attributes of meshes by type: the property of a value, its width, and its type.
+_ATTRIBUTES = {
+    "FLOAT": ("value", 1, np.float32), "INT": ("value", 1, np.int32),
+    "BOOLEAN": ("value", 1, np.bool_), "FLOAT_VECTOR": ("vector", 3, np.float32),
+    "FLOAT2": ("vector", 2, np.float32), "FLOAT_COLOR": ("color", 4, np.float32),
+    "BYTE_COLOR": ("color", 4, np.float32),
+}  # fmt: skip
+#: Types of objects that are rendered.
+_RENDERED = {*surfaces.SURFACE_TYPES, "LIGHT", "CURVES", "POINTCLOUD", "VOLUME"}
+#: Larger differences of a matrix are motion: constant animations give others in the last digits.
+_STILL = 1e-5
+SKY = "the sky"
+
+
+def changed_names(scene: bpy.types.Scene) -> set[str]:
+    """Names of objects, lights and materials that are not the same at the first, the last and 30
+    spread frames of the timeline; the world is `the sky`. The current frame is restored.
+
+    Simulations without a cache would lose their state.
+    """
+    spread = np.linspace(scene.frame_start, scene.frame_end, _FRAMES).round().astype(int)
+    before = scene.frame_current_final
+    updated: set[bpy.types.ID] = set()
+
+    def note(_: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+        updated.update(update.id.original for update in depsgraph.updates)
+
+    changed: set[str] = set()
+    with surfaces.as_rendered(scene) as depsgraph:
+        bpy.app.handlers.frame_change_post.append(note)
+        try:
+            scene.frame_set(int(spread[0]))
+            first = _State(scene, depsgraph)
+            for frame in sorted(set(spread[1:].tolist()) - {scene.frame_start}):
+                updated.clear()
+                scene.frame_set(frame)
+                if updated - {scene}:
+                    changed |= first.differences(_State(scene, depsgraph))
+        finally:
+            bpy.app.handlers.frame_change_post.remove(note)
+            scene.frame_set(math.floor(before), subframe=before % 1)
+    return changed
+
+
+class _State:
+    """What is rendered in the current frame, by name: places (n, 4, 4) of the object or of all that
+    it instances, and hashes of all else.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+        self.places: defaultdict[str, list[np.ndarray]] = defaultdict(list)
+        self.looks: defaultdict[str, list[bytes]] = defaultdict(list)
+        hashes: dict[int, bytes] = {}
+        for instance in depsgraph.object_instances:
+            thing = instance.object
+            if instance.show_self and thing.type in _RENDERED:
+                owner = instance.parent or thing
+                self.places[owner.name].append(np.array(instance.matrix_world))
+                self.looks[owner.name].append(_shape(thing, hashes))
+        for name, tree in _trees(scene):
+            self.looks[name].append(_values(tree, scene))
+
+    def differences(self, other: "_State") -> set[str]:
+        """Names of what is not the same in both."""
+        names = self.looks.keys() | other.looks.keys()
+        return {name for name in names if not self._is_same(other, name)}
+
+    def _is_same(self, other: "_State", name: str) -> bool:
+        if self.looks.get(name) != other.looks.get(name):
+            return False
+        here = np.array(self.places.get(name, []))
+        there = np.array(other.places.get(name, []))
+        return here.shape == there.shape and np.allclose(here, there, rtol=0, atol=_STILL)
+
+
+def _shape(evaluated: bpy.types.Object, hashes: dict[int, bytes]) -> bytes:
+    """The hash of the mesh of an evaluated object, kept in `hashes` for its other instances."""
+    if evaluated.type not in surfaces.SURFACE_TYPES:
+        return b""
+    key = evaluated.data.as_pointer()
+    if key not in hashes:
+        if evaluated.type == "MESH":
+            hashes[key] = _mesh_hash(evaluated.data)
+        else:
+            hashes[key] = _mesh_hash(evaluated.to_mesh())
+            evaluated.to_mesh_clear()
+    return hashes[key]
+
+
+def _mesh_hash(mesh: bpy.types.Mesh | None) -> bytes:
+    if mesh is None:
+        return b""
+    digest = hashlib.sha1(surfaces.array_of(mesh.loops, "vertex_index", 1, np.int32).tobytes())
+    for attribute in mesh.attributes:
+        if attribute.data_type in _ATTRIBUTES:
+            values = surfaces.array_of(attribute.data, *_ATTRIBUTES[attribute.data_type])
+            digest.update(attribute.name.encode() + values.tobytes())
+    return digest.digest()
+
+
+def _trees(scene: bpy.types.Scene) -> Iterator[tuple[str, bpy.types.NodeTree]]:
+    for material in bpy.data.materials:
+        if material.users and material.node_tree:
+            yield material.name, material.node_tree
+    if scene.world is not None and scene.world.node_tree:
+        yield SKY, scene.world.node_tree
+
+
+def _values(tree: bpy.types.NodeTree, scene: bpy.types.Scene) -> bytes:
+    """The values of all sockets, and what the nodes read of the scene and of objects."""
+    found: list[object] = []
+    for node in compat.nodes_of(tree):
+        for socket in (*node.inputs, *node.outputs):
+            value: Any = getattr(socket, "default_value", None)
+            found.append(value[:] if hasattr(value, "__len__") else value)
+        if getattr(node, "object", None) is not None:
+            found.append(tuple(map(tuple, node.object.matrix_world)))
+        if getattr(node, "attribute_type", "") == "VIEW_LAYER":
+            found.append(_of_scene(scene, node.attribute_name))
+    return repr(found).encode()
+
+
+def _of_scene(scene: bpy.types.Scene, name: str) -> object:
+    """The value that a node reads from the view layer or the scene: of a custom property, or at a
+    path.
+    """
+    for block in (scene.view_layers[0], scene):
+        if block.get(name) is not None:
+            return repr(block[name])
+        try:
+            return repr(block.path_resolve(name))
+        except ValueError:
+            continue
+    return None
