@@ -106,8 +106,8 @@ def _casters(
     them unless the scene moves.
     """
     job = frames.job
-    count = len(frames.truth())
-    with opened_scene("check-depth", job.scene, job.reading, [frames.path], frames=count):
+    poses = len(frames.truth())
+    with opened_scene("check-depth", job.scene, job.reading, [frames.path], frames=poses):
         from iclnuim.blender.open import light_choice, motion, scene
 
         if scene.scene_sha256(job.scene) != frames.recipe["scene_sha256"]:
