@@ -26,7 +26,6 @@ from . import scene_wall, shipped, wall
 from .errors import InputError, WorkError, how_to_get_bpy
 from .formats.files import make_folder, write_json
 from .geometry.scene_axes import SceneReading
-from .scene_wall import SceneWall
 
 _PACKAGE = Path(__file__).resolve().parent
 CHILD = _PACKAGE / "blender/child.py"
@@ -207,12 +206,6 @@ def _further_folders(environment: Mapping[str, str]) -> list[Path]:
     return [Path(place).expanduser() for place in (cache, scratch) if place]
 
 
-def _wall_around(job: Mapping[str, Any], program: str, writable: list[Path]) -> SceneWall:
-    reading = SceneReading.from_dict(job.get("reading") or {})
-    trajectory = [Path(job["trajectory"])]
-    return scene_wall.around(job["scene"], reading, program, trajectory, writable)
-
-
 def _launcher(options_file: Path) -> list[str]:
     """The command in front of a worker's, which puts up the wall of the options; none where the
     kernel has no wall.
@@ -258,10 +251,7 @@ class WorkerClient(subprocess.Popen[bytes]):
         own = {"TMPDIR": str(self.temporary), shipped.COMMIT: shipped.source_commit() or ""}
         given = {**_ALLOCATOR, **os.environ, **own, **(environment or {})}
         places = [out, log.parent, self.temporary, *writable, *_further_folders(given)]
-        for place in places:
-            make_folder(place, "another {out}")
-        behind = _wall_around(options["job"], command[0], places)
-        write_json(self._options_file, {**options, "wall": behind.to_dict()})
+        self._write_options(options, command[0], places)
         try:
             with open(log, "wb") as errors:
                 super().__init__(
@@ -276,8 +266,21 @@ class WorkerClient(subprocess.Popen[bytes]):
                     process_group=0,
                 )
         except OSError as error:
+            shutil.rmtree(self.temporary, ignore_errors=True)
             raise WorkError(f"{command[0]}: cannot be started: {error.strerror or error}") from None
         threading.Thread(target=self._listen, daemon=True).start()
+
+    def _write_options(
+        self, options: Mapping[str, Any], program: str, writable: list[Path]
+    ) -> None:
+        """Write the options with the wall of the job's scene, and make the folders."""
+        for place in writable:
+            make_folder(place, "another {out}")
+        job = options["job"]
+        reading = SceneReading.from_dict(job.get("reading") or {})
+        trajectory = [Path(job["trajectory"])]
+        behind = scene_wall.around(job["scene"], reading, program, trajectory, writable)
+        write_json(self._options_file, {**options, "wall": behind.to_dict()})
 
     @property
     def silent_s(self) -> float:

@@ -62,7 +62,7 @@ def tied_to_images(loaded: LoadedTrajectory, images: ImagesOfLines) -> LoadedTra
 
 
 def numbers_only_count(loaded: LoadedTrajectory, images: ImagesOfLines) -> bool:
-    """Whether the frame numbers of a file are not those of the images, but count its rows from 0."""
+    """Whether the frame numbers of a file are not those of the images but count its rows from 0."""
     numbers = images.numbers
     if not numbers or len(numbers) > loaded.row_count or numbers[-1] < loaded.row_count:
         return False

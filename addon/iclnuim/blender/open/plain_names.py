@@ -1,6 +1,7 @@
 """Names of a user-provided scene that cannot be written into lists, tables and messages."""
 
 import re
+from itertools import chain
 
 import bpy
 
@@ -19,7 +20,7 @@ def rename() -> list[str]:
     """
     data = bpy.data
     kinds = [entry.identifier for entry in data.bl_rna.properties if entry.type == "COLLECTION"]
-    blocks = [block for kind in kinds for block in getattr(data, kind)]
+    blocks = chain.from_iterable([*getattr(data, kind)] for kind in kinds)
     count = sum(map(_rename, blocks))
     return [f"{count} names with unusual characters: changed"] if count else []
 
