@@ -117,3 +117,29 @@ def test_errors_of_a_good_estimate_are_not_in_doubt():
     noise = np.random.default_rng(1).normal(0, 1, (24, 6)) * ([0.003] * 3 + [0.002] * 3)
     found = agreement(lambda i: depth_z_m(T[i]), T @ SE3.exp(noise), CAMERA)
     assert not found.doubtful
+
+
+@pytest.mark.parametrize(("extent", "kind"), [(0.06, ""), (0.08, "unit")])
+def test_an_explanation_has_at_most_half_of_the_residual(extent, kind):
+    """With three times the distances the residual is 1.9 and 2.3 times that of the right poses."""
+    T = hand_held(30, seed=5, extent=extent)
+    larger = SE3(T.rotation, 3 * T.translation)
+    found = agreement(lambda i: kinect(depth_z_m(T[i]), i), larger, CAMERA)
+    assert found.reading.kind == kind
+
+
+@pytest.mark.parametrize(("millimetres", "matches"), [(20, True), (40, False)])
+def test_what_nothing_explains_is_a_mismatch_above_two_percent_of_depth(millimetres, matches):
+    T = hand_held(24, seed=3)
+    sizes = millimetres * np.array([1e-3] * 3 + [5e-4] * 3)
+    noise = SE3.exp(np.random.default_rng(1).normal(0, sizes, (24, 6)))
+    found = agreement(lambda i: depth_z_m(T[i]), T @ noise, CAMERA)
+    assert found.matches == matches and not found.reading.kind
+    assert found.residual == pytest.approx(0.02, rel=0.6)
+
+
+def test_an_error_of_the_camera_is_not_explained_by_a_reading_that_leaves_half_of_it():
+    """Depth that is eight pixels beside where the camera says, without noise."""
+    T = hand_held(40, seed=6)
+    found = agreement(lambda i: np.roll(depth_z_m(T[i]), 8, axis=1), T, CAMERA)
+    assert not found.reading.kind

@@ -17,6 +17,9 @@ from .pose_readings import AS_READ, STILL, Reading, discrete, scaled
 #: Relative residual that right poses may have: a constant, and a share of the noise of a pixel.
 _EXACT = 1e-4
 _NOISE_SHARE = 0.2
+#: An explanation leaves a residual of at most this multiple of the noise of a pixel, or something
+#: else is wrong, too.
+_NOISE_LEFT = 4
 #: An explanation has at most this share of the residual of the poses as read, and every explanation
 #: of another kind at least `_CLEARLY` times its residual.
 _AT_MOST = 0.5
@@ -97,11 +100,16 @@ def _explanations(pairs: DepthPairs, T: SE3) -> list[Reading]:
 
 
 def _halves(reading: Reading, pairs: DepthPairs, T: SE3) -> bool:
-    """Whether the residual is at most half of that of the poses as read."""
+    """Whether the residual is at most half of that of the poses as read; a quarter if it is larger
+    than noise explains.
+    """
     explained = reading.residuals(pairs, T)
     usable = np.isfinite(explained)
     as_read = AS_READ.residuals(pairs[usable], T)
-    return bool(usable.any()) and explained[usable].mean() <= _AT_MOST * as_read.mean()
+    share = _AT_MOST
+    if usable.any() and explained[usable].mean() > _EXACT + _NOISE_LEFT * pairs.noise:
+        share /= 2
+    return bool(usable.any()) and explained[usable].mean() <= share * as_read.mean()
 
 
 def _candidates(pairs: DepthPairs, T: SE3) -> list[Reading]:

@@ -24,8 +24,8 @@ _ONE_SURFACE = 0.03
 _ONE_NEIGHBOURHOOD = 0.1
 #: Approximate number of points along a row.
 _POINTS_IN_ROW = 40
-#: Of this number of blocks one is used to measure noise.
-_NOISE_STEP = 16
+#: Number of blocks of `_MAX_PX` pixels a side in which noise is measured.
+_NOISE_BLOCKS = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +56,8 @@ class DepthBlocks:
         enough = valid.sum(-1) >= _MIN_SHARE * size_px**2
         one_surface = enough & (spread <= _ONE_SURFACE * mean)
         points_m = _points_m(mean, valid, one_surface, camera)
-        noise = _noise(pixels[one_surface & (count == size_px**2)][::_NOISE_STEP])
-        return cls(camera, size_px, np.where(one_surface, mean, np.nan), points_m, noise)
+        inverse_per_m = np.where(one_surface, mean, np.nan)
+        return cls(camera, size_px, inverse_per_m, points_m, _noise(_in_blocks(inverse, _MAX_PX)))
 
     def thinned(self, step: int) -> "DepthBlocks":
         """The same with every `step`-th point."""
@@ -123,8 +123,13 @@ def _points_m(
     return np.stack([x_m, y_m, z_m], axis=-1)
 
 
-def _noise(pixels: np.ndarray) -> float:
-    """Median relative residual of inverse depths (n, size * size) from the planes of n blocks."""
+def _noise(blocks: np.ndarray) -> float:
+    """Median relative residual of inverse depths (rows, columns, size * size), 0 = missing, from
+    the planes of some blocks without missing pixels.
+    """
+    pixels = blocks[blocks.min(-1) > 0]
+    pixels = pixels[:: 1 + len(pixels) // _NOISE_BLOCKS]
+    pixels = pixels[pixels.std(-1) <= _ONE_SURFACE * pixels.mean(-1)]
     if not len(pixels):
         return float("nan")
     u, v = _pixel_grid(round(pixels.shape[-1] ** 0.5))
