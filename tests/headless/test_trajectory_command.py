@@ -379,10 +379,10 @@ def test_options_that_cannot_be_get_one_line(run, walk, tmp_path):
         run("plot", walk, "-o", tmp_path / "a.gif", "--quiet"), ".png, .pdf, .svg", "found .gif"
     )
     assert_refused(run("info", tmp_path), "a folder of POV-Ray camera files", "no such file")
-    code, _, err = run("info", walk, "--unit", "inch")
+    code, _, err = run("info", walk, "--unit", "parsec")
     assert (
         code == 2
-        and "expected a unit: m, dm, cm, mm, in, ft, or metres as a number, found inch" in err
+        and "expected a unit: m, dm, cm, mm, in, ft, or metres as a number, found parsec" in err
     )
 
 
