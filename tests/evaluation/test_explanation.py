@@ -11,6 +11,7 @@ import pytest
 from corrupted_estimates import KINDS, corrupted, estimate_of, truth_of
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
+from iclnuim.evaluation.constant_transform import rotation_name
 from iclnuim.evaluation.explanation import explain
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
@@ -221,3 +222,40 @@ def test_what_the_rotation_is_called_and_by_how_much_the_rpe_is_better(tmp_path)
         warning = Report.of(*files, AbsoluteErrorSettings()).warnings[0]
         assert words in warning and "a constant rotation of" in warning
         assert "RPE over 10 frames" in warning and "instead of" in warning
+
+
+@pytest.mark.parametrize(("off_deg", "is_named"), [(2.0, True), (4.0, False)])
+def test_a_usual_rotation_is_named_within_a_few_degrees(off_deg, is_named):
+    off = SE3.exp(np.r_[0, 0, 0, np.radians(off_deg), 0, 0]).rotation
+    name = rotation_name(corrupted_estimates.FLIPPED @ off)
+    assert ("OpenGL's" in name) == is_named
+
+
+def test_positions_without_rotations_are_given_scale_mirror_and_offset():
+    rng = np.random.default_rng(5)
+    truth = corrupted_estimates.flight(rng)
+    noisy = truth.positions_m + rng.normal(0, 0.01, (len(truth), 3))
+    for kind, positions_m, late_s in (
+        (None, noisy, 0.0),
+        ("scale", 3 * noisy, 0.0),
+        ("mirror", noisy * [1, 1, -1], 0.0),
+        ("offset", noisy, 1.0),
+    ):
+        still = SE3(np.broadcast_to(np.eye(3), (len(truth), 3, 3)), positions_m)
+        found = explain(truth, Trajectory(truth.stamps_s + late_s, still))
+        assert (found and found.kind) == kind
+
+
+def test_a_part_of_an_explanation_is_named_if_it_explains_nearly_as_much():
+    rng = np.random.default_rng(6)
+    truth = corrupted_estimates.flight(rng)
+    shake = SE3.exp(rng.normal(0, 1e-2, (len(truth), 6)))
+    tilt = SE3.exp(np.r_[0, 0, 0, 0.02, 0, 0])
+    for turn, kind in (
+        (tilt, "scale"),
+        (SE3(corrupted_estimates.FLIPPED, np.zeros(3)), "rotation"),
+    ):
+        poses = truth.T_world_camera @ shake @ turn
+        given = Trajectory(truth.stamps_s, SE3(poses.rotation, 3 * poses.translation))
+        found = explain(truth, given)
+        assert found.kind == kind and found.change.scale == pytest.approx(1 / 3, rel=0.01)

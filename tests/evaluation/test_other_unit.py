@@ -47,6 +47,8 @@ UNITS = [
     (7.7, "no unit of length; try correcting its scale"),
     (0.04, "no unit of length"),
     (1.3, "no unit of length"),
+    (1e3 * 1.007, "millimetres"),
+    (1e3 * 1.013, "no unit of length"),
     (1e-3, "in kilometres or the ground truth may be in mill"),
 ]
 

@@ -22,7 +22,7 @@ from .readings import Change, Reorder, readings, unchanged
 #: Scales within this factor are a drift of scale.
 DRIFT_OF_SCALE = 1.15
 #: Pairs of poses in each half.
-_MIN_PAIRS = 10
+_MIN_PAIRS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +53,9 @@ class _Candidate(NamedTuple):
     def cost(self) -> float:
         return self.fit.cost(self.parameters)
 
+    def explains(self) -> bool:
+        return self.fit.explains(concerns_all=self.kind in ("scale", "offset"))
+
 
 def explain(
     reference: Trajectory,
@@ -81,7 +84,7 @@ def explain(
         change = _scale_of_all(reference, estimate, settings)
         if is_drift(change.scale):
             return None
-    if not best.fit.explains():
+    if not best.explains():
         return None
     truth, T = change.applied(reference.T_world_camera, estimate.T_world_camera)
     moved_s = change.offset_s - settings.offset_s if change.offset_s else 0.0
@@ -101,7 +104,7 @@ def _simplest(best: _Candidate, candidates: list[_Candidate]) -> _Candidate:
         parts |= {"rotation", "arm"}
     for part in sorted(candidates, key=lambda candidate: candidate.cost):
         is_part = part.kind in parts and part.parameters < best.parameters
-        if is_part and part.fit.explains() and not best.fit.halves_errors_of(part.fit):
+        if is_part and part.explains() and not best.fit.halves_errors_of(part.fit):
             return part
     return best
 

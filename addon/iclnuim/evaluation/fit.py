@@ -61,25 +61,26 @@ class Fit:
         product = np.log(np.maximum(errors, ROUNDING)).sum() / 2
         return float(product) + PER_PARAMETER * parameters
 
-    def explains(self) -> bool:
-        """Whether it halves an error, and makes none of the others worse."""
-        if self.found.turn_rad > self.given.turn_rad / HALF_SHARE + ROUNDING:
+    def explains(self, concerns_all: bool = False) -> bool:
+        """Whether it halves an error and makes none of the others clearly worse; or makes all
+        others of lengths clearly smaller, if it concerns them all.
+        """
+        if self._left("turn_rad") > 1 / HALF_SHARE:
             return False
-        names = ("position_m", "motion_m")
-        if not all(self._is_better_or_equal(name) for name in names):
+        lengths = ("position_m", "motion_m")
+        limit = HALF_SHARE if concerns_all else 1 / HALF_SHARE
+        if any(self._left(name) > limit for name in lengths):
             return False
-        return any(self._halves(name) for name in names)
+        return any(self._halves(name) for name in lengths)
+
+    def _left(self, name: str) -> float:
+        """The share of an error that is left."""
+        return (getattr(self.found, name) + ROUNDING) / (getattr(self.given, name) + ROUNDING)
 
     def halves_errors_of(self, other: "Fit") -> bool:
         """Whether it leaves at most half of what another explanation leaves."""
         position = self.found.position_m <= WORTH_SHARE * other.found.position_m
         return position or self.found.motion_m <= WORTH_SHARE * other.found.motion_m
-
-    def _is_better_or_equal(self, name: str) -> bool:
-        """Whether it makes an error clearly smaller, or does not concern it."""
-        given_m = getattr(self.given, name)
-        found_m = getattr(self.found, name)
-        return found_m <= HALF_SHARE * given_m or abs(found_m - given_m) < ROUNDING * given_m
 
     def _halves(self, name: str) -> bool:
         limits_m = {
