@@ -24,7 +24,7 @@ class Job:
 
     name: str
     measure: Callable[[Advance], object]
-    steps: int = 1
+    steps: int
 
 
 def run_jobs(

@@ -107,7 +107,7 @@ from iclnuim.benchmark.experiments.pool import Job, run_jobs
 def wait(advance):
     open({str(tmp_path / "begun")!r}, "a").write("x")
     time.sleep(600)
-run_jobs([Job("a", wait), Job("b", wait)], 2, print)
+run_jobs([Job("a", wait, 1), Job("b", wait, 1)], 2, print)
 """
     with subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.DEVNULL) as process:
         deadline = time.monotonic() + 60

@@ -163,3 +163,12 @@ def test_a_name_stays_in_one_line_and_a_sentence_is_a_paragraph():
     rows = (("baseline:open3d-hybrid on living_room", "all poses after the first second are lost"),)
     table = ResultTable("names", "Names.", columns, (*rows, ("icp", "x" * 60)))
     assert [table.is_long(0), table.is_long(1)] == [False, True]
+
+
+def test_a_name_and_a_sentence_fit_into_the_columns_of_a_terminal():
+    """The sentence is wrapped, the name is not."""
+    name = "icp_rgbd on living_room/kt0"
+    table = ResultTable("names", "", ("method", "finding"), ((name, "lost at the wall " * 9),))
+    lines = table.text().splitlines()
+    assert max(map(len, lines)) <= 80
+    assert any(name in line for line in lines)
