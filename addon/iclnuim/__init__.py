@@ -16,7 +16,7 @@ from .version import __version__
 __all__ = [
     "__version__", "IclnuimError", "InputError", "WorkError",
     # poses, cameras, trajectories and their files
-    "SE3", "PinholeCamera", "Trajectory", "TrajectoryStatistics", "trajectory_statistics",
+    "SE3", "PinholeCamera", "Trajectory", "StampedPose", "TrajectoryStatistics", "trajectory_statistics",
     "resample", "LoadedTrajectory", "read_trajectory", "write_trajectory",
     # trajectory error: ATE and RPE
     "absolute_trajectory_error", "relative_pose_error", "absolute_error", "AbsoluteError",
@@ -32,7 +32,8 @@ __all__ = [
     "RGB_MODELS",
     # RGB-D sequences
     "make_sequence", "write_sequence", "SequenceSettings", "WrittenSequence", "FrameSource",
-    "frames_from", "image_frames", "run_frames", "inspect_sequence", "Inspection", "RgbdSequence",
+    "frames_from", "image_frames", "run_frames", "inspect_sequence", "Inspection", "open_sequence",
+    "RgbdSequence", "PosedFrame",
     # rendering
     "SCENES", "RenderJob", "read_recipe", "shipped_job", "render_frames", "render_pose",
     "RenderedFrame",
@@ -57,7 +58,6 @@ if TYPE_CHECKING:
     from .benchmark.odometry.recording import record_runs
     from .benchmark.odometry.registry import odometer
     from .benchmark.odometry.run import Run as OdometryRun
-    from .benchmark.odometry.run import Sequence as RgbdSequence
     from .benchmark.odometry.run import run_together as run_odometers
     from .benchmark.odometry.run import table as odometry_table
     from .benchmark.odometry.track import Tracked, Tracker, track
@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from .dataset.frames import FrameSource, image_frames, run_frames
     from .dataset.inspection import inspect_sequence
     from .dataset.rendered_views import ViewError, ViewErrors, view_errors
+    from .dataset.rgbd_sequence import PosedFrame, RgbdSequence, open_sequence
     from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
     from .errors import IclnuimError, InputError, WorkError
     from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
@@ -78,7 +79,7 @@ if TYPE_CHECKING:
     from .formats.trajectories import LoadedTrajectory, read_trajectory, write_trajectory
     from .geometry.camera import PinholeCamera
     from .geometry.se3 import SE3
-    from .geometry.trajectory import Trajectory, TrajectoryStatistics, resample
+    from .geometry.trajectory import StampedPose, Trajectory, TrajectoryStatistics, resample
     from .geometry.trajectory import statistics as trajectory_statistics
     from .job import RenderJob, read_recipe, shipped_job
     from .postprocess import (

@@ -13,6 +13,7 @@ from iclnuim.dataset.bags_and_logs import LogSettings, write_rosbag
 from iclnuim.dataset.frames import find_pairs, find_truth, read_camera, read_images, read_truth
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.known_keys import DISTORTED
+from iclnuim.dataset.rgbd_sequence import open_sequence
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.bags import is_bag
 from iclnuim.formats.trajectories import read_trajectory
@@ -211,6 +212,12 @@ def test_topics_that_do_not_decide_are_named_and_can_be_given(tmp_path):
     assert np.array_equal(read(chosen)[2][0], RGB[::-1])
     with pytest.raises(InputError, match="expected the topic /none, found /camera/rgb/image_color"):
         find_pairs(f"{path}:/none")
+
+
+def test_a_bag_is_opened_as_a_sequence(tmp_path):
+    sequence = open_sequence(recorded(tmp_path / "a.bag"))
+    assert len(sequence) == 4 and sequence.camera == CAMERA and sequence.truth is None
+    assert np.array_equal(sequence[3].rgb, RGB) and sequence[3].depth_z_m.max() == np.float32(1.47)
 
 
 def test_of_several_topics_the_registered_raw_ones_are_read(tmp_path):

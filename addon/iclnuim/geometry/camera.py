@@ -4,16 +4,21 @@ reproduce it exactly.
 Camera frame: cv (x right, y down, z forward). Depth is planar: z along the optical axis, in metres.
 """
 
+import json
+import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, within
 from ..settings import Settings, parameter
 
 _EQUATION_1 = "paper, equation 1"
+#: Keys of camera.json besides the camera's, where they have no effect on its rays.
+_BESIDE = ("depth_units_per_metre",)
 _CENTRE = "principal point, from the centre of the {} pixel"
 
 
@@ -69,7 +74,7 @@ class PinholeCamera(Settings):
     @classmethod
     def parse(cls, text: str) -> "PinholeCamera":
         """`WIDTHxHEIGHT,FX,FY,CX,CY`, the last four optional: by default the benchmark's view,
-        scaled to the width.
+        scaled to the width. A negative FY, as the paper prints it, is a y axis that points up.
         """
         parts = text.strip().split(",")
         size = re.fullmatch(r"(\d{1,9})x(\d{1,9})", parts[0])
@@ -82,9 +87,53 @@ class PinholeCamera(Settings):
                 width, height, 640 / 1.33 * scale, 480.0 * scale, (width - 1) / 2, (height - 1) / 2
             )
         try:
-            return cls(width, height, *(float(p) for p in parts[1:]))
+            fx, fy, cx, cy = map(float, parts[1:])
         except ValueError:
             raise InputError("numbers for FX,FY,CX,CY", found=text) from None
+        return cls(width, height, fx, abs(fy), cx, cy)
+
+    @classmethod
+    def from_K(cls, K: np.ndarray, width: int, height: int) -> "PinholeCamera":
+        """From a camera matrix (3, 3) in pixels and the size of the images. A negative fy, as the
+        paper prints it, is a y axis that points up.
+
+        Raises InputError for another matrix, also for one with skew.
+        """
+        K = np.asarray(K, float)
+        if K.shape != (3, 3) or K[0, 1] or K[1, 0] or K[2].tolist() != [0, 0, 1]:
+            raise InputError("a camera matrix [fx 0 cx; 0 fy cy; 0 0 1]", found=K.tolist())
+        return cls(width, height, K[0, 0], abs(K[1, 1]), K[0, 2], K[1, 2])
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> "PinholeCamera":
+        """The camera of a camera.json, as it stands in a sequence's folder.
+
+        Raises InputError for a file without width, height, fx, fy, cx, cy, and for one with a
+        distortion or anything else.
+        """
+        try:
+            content = json.loads(Path(path).read_bytes())
+        except OSError as error:
+            raise InputError("a camera.json", path=path, found=error.strerror) from None
+        except (ValueError, RecursionError) as error:
+            raise InputError("a camera.json", path=path, found=f"no JSON: {error}") from None
+        with within(path):
+            if not isinstance(content, dict):
+                raise InputError("a camera as a JSON object", found=content)
+            camera = {key: value for key, value in content.items() if key not in _BESIDE}
+            if missing := [f.name for f in fields(cls) if f.name not in camera]:
+                raise InputError("a whole camera", found=f"no {', '.join(missing)}")
+            return cls.from_dict(camera)
+
+    @classmethod
+    def of(cls, given: "CameraOrText") -> "PinholeCamera":
+        """The camera, or the one that a text describes (`parse`). Raises InputError."""
+        if isinstance(given, str):
+            return cls.parse(given)
+        if not isinstance(given, cls):
+            hint = "'640x480,525,525,319.5,239.5', or PinholeCamera.from_K"
+            raise InputError("a PinholeCamera or its text", found=type(given).__name__, hint=hint)
+        return given
 
     @property
     def K(self) -> np.ndarray:
@@ -128,6 +177,9 @@ class PinholeCamera(Settings):
         cx, cy = ((c + 0.5) / 2 - 0.5 for c in (self.cx, self.cy))
         return PinholeCamera(self.width // 2, self.height // 2, self.fx / 2, self.fy / 2, cx, cy)
 
+
+#: A camera, or its text `WIDTHxHEIGHT,FX,FY,CX,CY`.
+CameraOrText = PinholeCamera | str
 
 #: Blender's limits (the hard minimum and maximum of its properties resolution_x and
 #: pixel_aspect_x).

@@ -3,6 +3,7 @@
 `T_a_b` is the pose of b in a: p_a = T_a_b.apply(p_b), and T_a_b @ T_b_c = T_a_c. Lengths in metres.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,6 +59,26 @@ class SE3:
         if not np.isfinite(m).all():
             raise InputError("finite numbers", found="NaN or infinity")
         return cls(so3.nearest_rotation(m[..., :3, :3]), m[..., :3, 3])
+
+    @classmethod
+    def of(cls, given: "Poses") -> "SE3":
+        """The poses, or those of an array of matrices (..., 3, 4) or (..., 4, 4) or of a list of
+        matrices or of single poses.
+
+        Raises InputError for anything else.
+        """
+        if isinstance(given, cls):
+            return given
+        if isinstance(given, list | tuple) and given and all(isinstance(T, cls) for T in given):
+            given = [T.matrix for T in given]
+        try:
+            matrices = np.asarray(given, float)
+        except (TypeError, ValueError):
+            raise InputError("poses (SE3) or matrices (..., 4, 4)", found=_kind(given)) from None
+        if matrices.shape[-2:] not in ((3, 4), (4, 4)):
+            found = matrices.shape or _kind(given)
+            raise InputError("poses (SE3) or matrices (..., 4, 4)", found=found)
+        return cls.from_matrix(matrices)
 
     @classmethod
     def from_quat_xyzw(cls, quat_xyzw: np.ndarray, translation: np.ndarray) -> "SE3":
@@ -120,8 +141,9 @@ class SE3:
         r = np.swapaxes(self.rotation, -1, -2)
         return SE3(r, -(r @ self.translation[..., None])[..., 0])
 
-    def __matmul__(self, other: "SE3") -> "SE3":
+    def __matmul__(self, other: "Poses") -> "SE3":
         """Compose: T_a_b @ T_b_c = T_a_c; leading shapes broadcast."""
+        other = SE3.of(other)
         rotation = self.rotation @ other.rotation
         translation = (self.rotation @ other.translation[..., None])[..., 0] + self.translation
         return SE3(rotation, np.broadcast_to(translation, rotation.shape[:-1]))
@@ -159,7 +181,16 @@ class SE3:
         return self.translation.shape[:-1]
 
     def __len__(self) -> int:
+        if not self.shape:
+            raise TypeError("a single pose has no length")
         return self.shape[0]
+
+    def __iter__(self) -> Iterator["SE3"]:
+        """The poses along the first axis of the leading shape."""
+        return (self[i] for i in range(len(self)))
+
+    def __bool__(self) -> bool:
+        return not self.shape or len(self) > 0
 
     def __getitem__(self, index: Any) -> "SE3":
         """Indexing over the leading shape."""
@@ -169,8 +200,14 @@ class SE3:
         return SE3(self.rotation.reshape(-1, 3, 3)[picked], self.translation.reshape(-1, 3)[picked])
 
     def __repr__(self) -> str:
-        return (
-            f"SE3(shape={self.shape})"
-            if self.shape
-            else f"SE3(t={self.translation}, quat_xyzw={self.quat_xyzw})"
-        )
+        if self.shape:
+            return f"SE3(shape={self.shape})"
+        return f"SE3(t={self.translation}, quat_xyzw={self.quat_xyzw})"
+
+
+#: Poses, or matrices (..., 4, 4) as an array or a list.
+Poses = SE3 | np.ndarray | Sequence[Any]
+
+
+def _kind(given: object) -> str:
+    return type(given).__name__

@@ -1,13 +1,15 @@
 """A camera trajectory with time stamps: statistics, equation 2 of the paper, resampling, slices."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
 from . import so3
-from .se3 import SE3
+from .se3 import SE3, Poses
 
 FRAME_RATE_HZ = 30.0
 #: Stamp of frame 0 (not 0, which means no stamp in ROS and RTAB-Map), and number of decimals of
@@ -53,10 +55,18 @@ def frame_rate_hz(stamps_s: npt.ArrayLike) -> float:
     return float(f"{1 / step_s:.5g}")
 
 
+class StampedPose(NamedTuple):
+    """One pose of a trajectory, and its stamp in seconds."""
+
+    stamp_s: float
+    T_world_camera: SE3
+
+
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """Stamps (n,) in seconds, strictly increasing, and camera-to-world poses T_world_camera (n,) of
-    the cv camera.
+    the cv camera, which can be given as matrices (n, 4, 4). `trajectory[i]` and iteration give
+    (stamp, pose), a slice or indices a part of the trajectory.
     """
 
     stamps_s: np.ndarray
@@ -64,6 +74,7 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         stamps = np.array(self.stamps_s, float)
+        object.__setattr__(self, "T_world_camera", SE3.of(self.T_world_camera))
         if stamps.ndim != 1 or self.T_world_camera.shape != stamps.shape:
             raise InputError(
                 "as many poses as stamps", found=f"{self.T_world_camera.shape} and {stamps.shape}"
@@ -78,11 +89,12 @@ class Trajectory:
         object.__setattr__(self, "stamps_s", stamps)
 
     @classmethod
-    def at_rate(cls, T_world_camera: SE3, rate_hz: float = FRAME_RATE_HZ) -> "Trajectory":
-        """Pose i gets the stamp 1 + i / rate.
+    def at_rate(cls, T_world_camera: Poses, rate_hz: float = FRAME_RATE_HZ) -> "Trajectory":
+        """Pose i, of poses (n,) or matrices (n, 4, 4), gets the stamp 1 + i / rate seconds.
 
         Raises InputError for a single pose without a leading axis.
         """
+        T_world_camera = SE3.of(T_world_camera)
         if len(T_world_camera.shape) != 1:
             raise InputError("poses (n,)", found=f"poses {T_world_camera.shape}")
         return cls(stamps_of_frames(np.arange(len(T_world_camera)), rate_hz), T_world_camera)
@@ -90,9 +102,30 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.stamps_s)
 
-    def __getitem__(self, index: slice | np.ndarray) -> "Trajectory":
-        """Part of the trajectory, by slice or increasing indices."""
+    @overload
+    def __getitem__(self, index: int | np.integer) -> StampedPose: ...
+
+    @overload
+    def __getitem__(self, index: slice | np.ndarray) -> "Trajectory": ...
+
+    def __getitem__(
+        self, index: int | np.integer | slice | np.ndarray
+    ) -> "Trajectory | StampedPose":
+        """(stamp, pose) of a number; part of the trajectory by slice or increasing indices."""
+        if isinstance(index, int | np.integer):
+            return StampedPose(float(self.stamps_s[index]), self.T_world_camera[index])
         return Trajectory(self.stamps_s[index], self.T_world_camera[index])
+
+    def __iter__(self) -> Iterator[StampedPose]:
+        """(stamp, pose), one after the other."""
+        return (self[i] for i in range(len(self)))
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return "Trajectory(0 poses)"
+        first_s, last_s = self.stamps_s[[0, -1]]
+        extent = f"{first_s:.3f}..{last_s:.3f} s, {self.length_m():.3f} m"
+        return f"Trajectory({len(self)} poses, {extent})"
 
     @property
     def positions_m(self) -> np.ndarray:

@@ -1,0 +1,143 @@
+"""A sequence of RGB-D frames in Python: its frames by number, slice or iteration, its camera and its
+ground truth.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple, overload
+
+import numpy as np
+
+from ..errors import InputError
+from ..evaluation.associate import nearest
+from ..formats.depth_units import UNITS_PER_METRE, check_units
+from ..geometry.camera import CameraOrText, PinholeCamera
+from ..geometry.se3 import SE3
+from ..geometry.trajectory import Trajectory, sample
+from .frames import ImagePair, find_pairs, read_camera, read_images, read_truth
+from .layout import SequenceCamera, usual_step_s
+
+
+class PosedFrame(NamedTuple):
+    """One frame: its stamp in seconds, rgb (h, w, 3) uint8 sRGB, depth_z_m (h, w) float32 planar
+    depth in metres with 0 = missing, and the true pose of the cv camera, None without one.
+    """
+
+    stamp_s: float
+    rgb: np.ndarray
+    depth_z_m: np.ndarray
+    T_world_camera: SE3 | None
+
+    def __repr__(self) -> str:
+        size = "x".join(map(str, self.depth_z_m.shape[::-1]))
+        return f"PosedFrame({self.stamp_s:.6f} s, {size}, {self.T_world_camera})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RgbdSequence:
+    """A sequence on disk. `sequence[i]` and iteration read the images of one frame and give it as
+    (stamp_s, rgb, depth_z_m, T_world_camera); `sequence[10:20]` is a part, of which nothing is
+    read yet.
+
+    camera: the pinhole camera. Further: stamps_s (n,) in seconds, and the ground truth.
+    """
+
+    folder: Path
+    pairs: tuple[ImagePair, ...]
+    images: SequenceCamera
+    whole_truth: Trajectory | None
+    step_s: float
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    @property
+    def camera(self) -> PinholeCamera:
+        """The camera of depth and colour."""
+        return self.images.pinhole
+
+    @cached_property
+    def stamps_s(self) -> np.ndarray:
+        """(n,) seconds."""
+        return np.array([pair.stamp_s for pair in self.pairs])
+
+    @cached_property
+    def truth(self) -> Trajectory | None:
+        """The ground truth of these frames at its own rate, right-handed, of the cv camera; None
+        without one.
+        """
+        whole = self.whole_truth
+        if whole is None or not len(self):
+            return None
+        rows = np.flatnonzero(self._is_near(whole.stamps_s, self.stamps_s))
+        return whole[rows] if len(rows) else None
+
+    def _is_near(self, stamps_s: np.ndarray, others_s: np.ndarray) -> np.ndarray:
+        """(n,) bool: whether one of the others is within half a usual step of each stamp (n,)."""
+        return nearest(stamps_s, others_s)[1] <= 0.5 * self.step_s + 1e-6
+
+    @overload
+    def __getitem__(self, index: int | np.integer) -> PosedFrame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "RgbdSequence": ...
+
+    def __getitem__(self, index: int | np.integer | slice) -> "PosedFrame | RgbdSequence":
+        """A frame, or a part of the sequence.
+
+        Raises InputError for images that cannot be read, IndexError beyond the last frame.
+        """
+        if isinstance(index, slice):
+            return replace(self, pairs=self.pairs[index])
+        pair = self.pairs[index]
+        rgb, depth_z_m = read_images(pair, self.images)
+        return PosedFrame(pair.stamp_s, rgb, depth_z_m, self._pose(pair))
+
+    def __iter__(self) -> Iterator[PosedFrame]:
+        return (self[i] for i in range(len(self)))
+
+    def _pose(self, pair: ImagePair) -> SE3 | None:
+        """The true pose at the frame's stamp, between poses of the ground truth on a screw motion;
+        None farther than half a step from all of them.
+        """
+        truth = self.whole_truth
+        stamp_s = np.array([pair.stamp_s])
+        if truth is None or not self._is_near(stamp_s, truth.stamps_s)[0]:
+            return None
+        if len(truth) == 1:
+            return truth.T_world_camera[0]
+        return sample(truth, np.clip(stamp_s, *truth.stamps_s[[0, -1]]))[0]
+
+    def __repr__(self) -> str:
+        camera = self.camera
+        words = [str(self.folder), f"{len(self)} frames of {camera.width}x{camera.height}"]
+        if len(self):
+            words.append(f"{self.stamps_s[0]:.3f}..{self.stamps_s[-1]:.3f} s")
+        words.append("no ground truth" if self.truth is None else f"{len(self.truth)} true poses")
+        return f"RgbdSequence({', '.join(words)})"
+
+
+def open_sequence(
+    folder: Path | str,
+    camera: CameraOrText | None = None,
+    depth_units_per_metre: float = UNITS_PER_METRE,
+) -> RgbdSequence:
+    """Open a sequence in any known format, also a ROS bag: its frames are read when they are asked
+    for.
+
+    camera: where no file contains it, a PinholeCamera or its text `WIDTHxHEIGHT,FX,FY,CX,CY`;
+    depth_units_per_metre belongs to it. Raises InputError if there are no pairs of images, no
+    camera, or a ground truth that cannot be read.
+    """
+    folder = Path(folder)
+    pairs = tuple(find_pairs(folder))
+    if camera is not None:
+        images = SequenceCamera(PinholeCamera.of(camera), check_units(depth_units_per_metre))
+    elif depth_units_per_metre != UNITS_PER_METRE:
+        raise InputError("a camera with depth_units_per_metre", found="none")
+    else:
+        images = read_camera(folder, pairs[0].rgb)
+    step_s = usual_step_s(np.array([pair.stamp_s for pair in pairs]))
+    return RgbdSequence(folder, pairs, images, read_truth(folder), step_s)
