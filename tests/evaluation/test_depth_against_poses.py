@@ -143,3 +143,12 @@ def test_an_error_of_the_camera_is_not_explained_by_a_reading_that_leaves_half_o
     T = hand_held(40, seed=6)
     found = agreement(lambda i: np.roll(depth_z_m(T[i]), 8, axis=1), T, CAMERA)
     assert not found.reading.kind
+
+
+def test_depth_with_holes_everywhere_is_not_a_mismatch():
+    T = hand_held(24, seed=3)
+    seen = np.random.default_rng(1).random((120, 160)) < 0.3
+    seen[:40] = True
+    seen[:, ::3] = False
+    found = agreement(lambda i: np.where(seen, depth_z_m(T[i]), 0), T, CAMERA)
+    assert not found.doubtful

@@ -66,6 +66,7 @@ def agreement(load: LoadDepth, T_world_camera: SE3, camera: PinholeCamera) -> Ag
     25 frames are read.
     """
     pairs = DepthPairs.of(load, T_world_camera, camera)
+    pairs = pairs[np.isfinite(AS_READ.residuals(pairs, T_world_camera))]
     if len(pairs) < _MIN_PAIRS:
         return Agreement()
     residual = AS_READ.residual(pairs, T_world_camera)

@@ -107,16 +107,20 @@ def depth_residuals(load: LoadDepth, readings: Sequence[SE3], camera: PinholeCam
     pairs = DepthPairs.of(load, readings[0], camera)
     if not len(pairs):
         return [float("nan")] * len(readings)
-    return [float(pairs.residuals(pairs.relative(T)).mean()) for T in readings]
+    every = np.array([pairs.residuals(pairs.relative(T)) for T in readings])
+    measured = every[:, np.isfinite(every).all(0)]
+    return [float(row.mean()) if row.size else float("nan") for row in measured]
 
 
 def _median(residuals: np.ndarray) -> float:
-    """The median of residuals; of infinite ones, those beyond `_MAY_LEAVE` count."""
+    """The median of residuals; of infinite ones, those beyond `_MAY_LEAVE` count. NaN if too little
+    was measured.
+    """
     finite = residuals[np.isfinite(residuals)]
     left = int(np.isinf(residuals).sum())
     counted = max(0, left - int(_MAY_LEAVE * len(residuals)))
     if len(finite) < _MIN_POINTS / 2:
-        return LARGEST
+        return LARGEST if counted else float("nan")
     return float(np.median(np.append(finite.clip(max=LARGEST), np.full(counted, LARGEST))))
 
 
