@@ -27,6 +27,9 @@ __all__ = [
     # rendered views
     "view_errors", "ViewErrors", "ViewError", "ViewSettings", "psnr_db", "ssim", "RayCaster",
     "HeldOutView", "check_held_out", "choose_held_out",
+    # labels
+    "label_errors", "LabelErrors", "label_confusion", "label_figures", "LabelFigures",
+    "panoptic_quality", "PanopticQuality", "Segmentation", "read_class_map", "ClassMap",
     # sensor noise
     "noisy_depth", "noisy_rgb", "linear_from_srgb8", "depth_model", "rgb_model", "DEPTH_MODELS",
     "RGB_MODELS",
@@ -65,6 +68,8 @@ if TYPE_CHECKING:
     from .dataset.findings import Inspection
     from .dataset.frames import FrameSource, image_frames, run_frames
     from .dataset.inspection import inspect_sequence
+    from .dataset.label_classes import ClassMap, read_class_map
+    from .dataset.label_errors import LabelErrors, label_errors
     from .dataset.rendered_views import ViewError, ViewErrors, view_errors
     from .dataset.rgbd_sequence import PosedFrame, RgbdSequence, open_sequence
     from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
@@ -73,6 +78,8 @@ if TYPE_CHECKING:
     from .evaluation.align import AlignmentSettings
     from .evaluation.associate import Association, AssociationSettings, associate
     from .evaluation.image_error import ViewSettings, psnr_db, ssim
+    from .evaluation.labels import LabelFigures, label_confusion, label_figures
+    from .evaluation.panoptic import PanopticQuality, Segmentation, panoptic_quality
     from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
     from .formats.meshes import read_mesh
     from .formats.ply import write_ply

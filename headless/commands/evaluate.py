@@ -1,6 +1,6 @@
 """`iclnuim evaluate`: computes the error of an estimated trajectory against the ground truth,
-absolute (ate) and relative (rpe), of a reconstructed surface (surface: evaluate_surface.py), and of
-rendered views (views). iclnuim.report.trajectory_report documents what --json prints and --csv
+absolute (ate) and relative (rpe), of a reconstructed surface (surface: evaluate_surface.py), of
+rendered views (views), and of label images (labels: evaluate_labels.py). iclnuim.report.trajectory_report documents what --json prints and --csv
 writes.
 """
 
@@ -30,7 +30,7 @@ from ..options import (
     subcommands,
     trajectory_file,
 )
-from . import evaluate_surface
+from . import evaluate_labels, evaluate_surface
 
 #: Title and factor of each figure of `views`.
 _VIEW_COLUMNS = {
@@ -52,6 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _configure_rpe(actions)
     evaluate_surface.configure(actions)
     _configure_views(actions)
+    evaluate_labels.configure(actions)
 
 
 def default_action(argv: list[str]) -> str:

@@ -68,7 +68,7 @@ def contents(package: Path) -> Iterator[tuple[str, Path]]:
     for path in sorted(package.rglob("*")):
         name = path.relative_to(package)
         left_out = {"__pycache__", *_LEFT_OUT} & set(name.parts)
-        if path.is_file() and path.suffix in (".py", ".toml") and not left_out:
+        if path.is_file() and path.suffix in (".py", ".toml", ".csv") and not left_out:
             yield str(name), path
     for path in sorted(shipped.folder("blend").glob("*.blend")):
         yield f"blend/{path.name}", path

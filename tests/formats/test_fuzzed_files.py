@@ -5,12 +5,15 @@ InputError, never anything else.
 import json
 import shutil
 import sys
+import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 from iclnuim import frames_from
+from iclnuim.dataset import label_classes
 from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
+from iclnuim.dataset.label_classes import read_class_map
 from iclnuim.dataset.rendered_views import read_keyframes
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS as LAYOUTS
@@ -24,7 +27,9 @@ from iclnuim.formats.associations import (
     write_image_list,
 )
 from iclnuim.formats.images import read_colour8
+from iclnuim.formats.label_images import read_label_image
 from iclnuim.formats.meshes import read_mesh_or_cloud
+from iclnuim.formats.png import chunk, write_png
 from iclnuim.formats.trajectories import FORMATS, read_trajectory, trajectory_text
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
@@ -430,3 +435,72 @@ def test_damaged_meshes_are_read_or_refused(tmp_path, kind, files):
         taken += some[0]
         refused += some[1]
     assert taken > files / 40 and refused > files / 4
+
+
+def with_checksums(data: bytes) -> bytes:
+    """A PNG of the chunks of damaged data, with right checksums, so that more of it is decoded."""
+    parts = [data[:8]]
+    for kind, content in split_chunks(data):
+        parts += chunk(kind, content)
+    return b"".join(parts)
+
+
+def split_chunks(data: bytes):
+    place = 8
+    while place + 12 <= len(data):
+        size = int.from_bytes(data[place : place + 4], "big")
+        if place + 12 + size > len(data):
+            return
+        yield data[place + 4 : place + 8], data[place + 8 : place + 8 + size]
+        place += 12 + size
+
+
+def label_images(path):
+    """16-bit grey, colour, and a palette of 4 bits."""
+    rng = np.random.default_rng(7)
+    write_png(path, rng.integers(0, 1 << 16, (6, 8)).astype(np.uint16))
+    yield path.read_bytes()
+    write_png(path, rng.integers(0, 256, (6, 8, 3)).astype(np.uint8))
+    yield path.read_bytes()
+    header = b"\0\0\0\x08\0\0\0\x06\x04\x03\0\0\0"
+    rows = b"".join(b"\0" + row.tobytes() for row in rng.integers(0, 256, (6, 4)).astype(np.uint8))
+    parts = chunk(b"IHDR", header) + chunk(b"PLTE", rng.bytes(48)) + chunk(b"tRNS", b"\0\x80")
+    parts += chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    yield b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+@FILES
+def test_damaged_label_images_are_read_or_refused(tmp_path, files):
+    path = tmp_path / "label.png"
+    taken = refused = 0
+    for number, whole in enumerate(label_images(path)):
+        for k, changed in enumerate(damaged(whole, [8, number], -(-files // 3))):
+            path.write_bytes(with_checksums(changed) if k % 2 else changed)
+            try:
+                found = read_label_image(path)
+            except InputError as error:
+                refused += 1
+                assert "\n" not in str(error) and str(path) in str(error)
+                continue
+            taken += 1
+            assert found.ids is not None or found.colours is not None
+            assert found.ids is None or found.ids.dtype == np.uint16
+    assert taken and refused > files / 3
+
+
+@FILES
+@pytest.mark.parametrize("name", ["ours", "replica", "colours"])
+def test_damaged_tables_of_classes_are_read_or_refused(tmp_path, name, files):
+    path = tmp_path / "table.csv"
+    lines = ["id,class,truth,thing,red,green,blue", "0,void,,,,,", "1,wall,a|b,0,1,2,3"]
+    data = "\n".join([*lines, '7,"a, b",c,,255,0,0', "9,sofa,,1,4,5,6", ""]).encode()
+    if name != "colours":
+        data = (Path(label_classes.__file__).parent / f"classes/{name}.csv").read_bytes()
+
+    def check(table) -> None:
+        count = len(table.classes)
+        found = table.indices(np.arange(-2, 1 << 16)).values
+        assert count and found.min() >= 0 and found.max() <= count == len(table.names) - 1
+
+    taken, refused = read_all(path, data, [9], files, lambda: read_class_map(path), check)
+    assert taken and refused

@@ -11,7 +11,7 @@ same bytes on every processor. Layout: W3C, Portable Network Graphics, sections 
 import os
 import struct
 import zlib
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -59,7 +59,7 @@ def check_png(path: str | os.PathLike[str]) -> PngHeader:
 
     Raises InputError if it is damaged.
     """
-    return _checked(path)[1]
+    return checked_png(path)[1]
 
 
 def read_rgb8(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
@@ -112,7 +112,7 @@ def write_png(
     name, module = first_library("PNG", *COMPRESSORS, only=compressor)
     compress = module.zlib_compress if name == "deflate" else module.compress
     pixels = compress(_filtered(image).tobytes(), 1)
-    chunks = (*_chunk(b"IHDR", size + kind), *_chunk(b"IDAT", pixels), *_chunk(b"IEND", b""))
+    chunks = (*chunk(b"IHDR", size + kind), *chunk(b"IDAT", pixels), *chunk(b"IEND", b""))
     data = b"".join((_SIGNATURE, *chunks))
     atomic_write(path, lambda temporary: temporary.write_bytes(data))
 
@@ -122,7 +122,7 @@ def same_pixels(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:
 
     Raises InputError if one is damaged.
     """
-    headers = _checked(a)[1], _checked(b)[1]
+    headers = checked_png(a)[1], checked_png(b)[1]
     kinds = {(8, "RGB"): read_rgb8, (16, "RGB"): read_rgb16, (16, "grey"): read_depth16}
     read = kinds.get((headers[0].bits, headers[0].colour))
     return headers[0] == headers[1] and read is not None and np.array_equal(read(a), read(b))
@@ -142,12 +142,23 @@ def _filtered(image: np.ndarray) -> np.ndarray:
     return filtered
 
 
-def _chunk(kind: bytes, content: bytes) -> tuple[bytes, ...]:
+def chunk(kind: bytes, content: bytes) -> tuple[bytes, ...]:
+    """The parts of a chunk: length, kind, content, checksum."""
     checksum = zlib.crc32(content, zlib.crc32(kind))
     return (struct.pack(">I", len(content)), kind, content, struct.pack(">I", checksum))
 
 
-def _checked(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
+def chunks_of(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Kind and content of each chunk of a file that `checked_png` has read."""
+    place = 8
+    kind = b""
+    while kind != b"IEND":
+        size, kind = struct.unpack_from(">I4s", data, place)
+        yield kind, data[place + 8 : place + 8 + size]
+        place += 12 + size
+
+
+def checked_png(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
     """The content of the file and its header, after a check that every chunk is complete and has
     the right checksum, and that the image is not to be turned. OpenCV would decode half a file
     without an error.
@@ -197,7 +208,7 @@ def _read(
     backend: str | None,
 ) -> np.ndarray:
     """(height, width, channels)."""
-    data, header = _checked(path)
+    data, header = checked_png(path)
     if header.bits != bits or header.colour not in colours:
         raise InputError(expected, path=path, found=str(header))
     name, module = first_library("PNG", *BACKENDS, only=backend)

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 import bpy
 import numpy as np
 
+from ...dataset.label_classes import read_class_map
 from ...errors import InputError
 from ...geometry.points import upright_box
 from .. import surfaces
@@ -16,35 +17,11 @@ _DIGITS = 6  # micrometres
 _MAX_OBJECTS = 32767  # the maximum of Blender's pass index
 #: The 40 labels of NYU Depth v2 as reduced by Gupta, Arbelaez and Malik (CVPR 2013), from number 1
 #: on.
-NYU40 = (
-    "wall", "floor", "cabinet", "bed", "chair", "sofa", "table", "door", "window", "bookshelf",
-    "picture", "counter", "blinds", "desk", "shelves", "curtain", "dresser", "pillow", "mirror",
-    "floor mat", "clothes", "ceiling", "books", "refrigerator", "television", "paper", "towel",
-    "shower curtain", "box", "whiteboard", "person", "night stand", "toilet", "sink", "lamp",
-    "bathtub", "bag", "otherstructure", "otherfurniture", "otherprop",
-)  # fmt: skip
+NYU40 = read_class_map("nyu40").names[1:]
 UNLABELLED = "unlabelled"
 #: Kinds in user-provided scenes that are not in the table are numbered from here on, in
 #: alphabetical order.
 FIRST_OWN = 1000
-
-#: Our kinds and their NYU40 label, None if NYU40 has no label for it (things outside the window).
-#: Their order is their number: append new kinds at the end, so that existing label images keep
-#: their meaning.
-_LABELS = {
-    "wall": "wall", "floor": "floor", "ceiling": "ceiling", "door": "door", "window": "window",
-    "moulding": "otherstructure", "railing": "otherstructure", "backdrop": None, "sofa": "sofa",
-    "chair": "chair", "table": "table", "cabinet": "cabinet", "desk": "desk",
-    "bookcase": "bookshelf", "stand": "otherfurniture", "lamp": "lamp", "pillow": "pillow",
-    "blanket": "otherprop", "curtain": "curtain", "rug": "floor mat", "picture": "picture",
-    "television": "television", "books": "books", "paper": "paper", "plant": "otherprop",
-    "pot": "otherprop", "vase": "otherprop", "fruit": "otherprop", "plate": "otherprop",
-    "mug": "otherprop", "jar": "otherprop", "box": "box", "basket": "otherprop",
-    "monitor": "otherprop", "keyboard": "otherprop", "mouse": "otherprop", "computer": "otherprop",
-    "cable": "otherprop", "phone": "otherprop", "tray": "otherprop", "stapler": "otherprop",
-    "folder": "otherprop", "clock": "otherprop", "board": "otherprop", "socket": "otherprop",
-    "handle": "otherprop", "vent": "otherstructure",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -59,15 +36,17 @@ class Kind:
     nyu40: str
 
 
-def _kind(number: int, name: str, label: str | None) -> Kind:
-    if label is None:
+def _kind(number: int, name: str, label: str) -> Kind:
+    """The kind of an NYU40 label; of none for any other label."""
+    if label not in NYU40:
         return Kind(number, name, 0, UNLABELLED)
     return Kind(number, name, NYU40.index(label) + 1, label)
 
 
 #: name -> kind, of the shipped scenes
-_NUMBERED = enumerate(_LABELS.items(), 1)
-KINDS = {name: _kind(number, name, label) for number, (name, label) in _NUMBERED}
+KINDS = {
+    kind.name: _kind(kind.id, kind.name, kind.nyu40) for kind in read_class_map("ours").classes
+}
 NO_KIND = Kind(0, UNLABELLED, 0, UNLABELLED)
 
 
@@ -78,7 +57,7 @@ def kinds_of(names: list[str | None]) -> dict[str | None, Kind]:
     """
     found = {name: KINDS.get(name or "", NO_KIND) for name in names}
     for number, name in enumerate(sorted({n for n in names if n and n not in KINDS}), FIRST_OWN):
-        found[name] = _kind(number, name, name if name in NYU40 else None)
+        found[name] = _kind(number, name, name)
     return found
 
 

@@ -1,5 +1,6 @@
 """Replica in the format of neural mapping systems: results/frame000000.jpg,
-results/depth000000.png, traj.txt with one 4 x 4 matrix per line, cam_params.json.
+results/depth000000.png, traj.txt with one 4 x 4 matrix per line, cam_params.json. Classes and
+instances are semantic_class/semantic_class_0.png, semantic_instance/semantic_instance_0.png.
 
 The lines of traj.txt correspond to the images in the order of their names
 (https://github.com/cvg/nice-slam, src/utils/datasets.py).
@@ -8,7 +9,7 @@ The lines of traj.txt correspond to the images in the order of their names
 from pathlib import Path
 from typing import Any
 
-from ...channels import RGB
+from ...channels import INSTANCE, RGB
 from ...errors import InputError
 from ...formats.depth_units import check_units
 from ...formats.files import read_json, write_json
@@ -31,6 +32,7 @@ from ..layout import (
 #: Depth units per metre in the systems' settings for Replica; the range ends at 10 m.
 UNITS = 6553.5
 _PUBLISHED = PinholeCamera(1200, 680, 600.0, 600.0, 599.5, 339.5)
+_LABELS = ("class", INSTANCE)
 _TRAJECTORY = "traj.txt"
 _CAMERA = "cam_params.json"
 _NUMBERS = ("w", "h", "fx", "fy", "cx", "cy", "scale")
@@ -80,6 +82,8 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
 
 
 def _image(frame: SequenceFrame, kind: str) -> str:
+    if kind in _LABELS:  # as in Semantic-NeRF (Zhi et al., ICCV 2021)
+        return f"semantic_{kind}/semantic_{kind}_{frame.number}.png"
     name = "frame{:06}.jpg" if kind == RGB else kind + "{:06}.png"
     return f"results/{name.format(frame.number)}"
 
