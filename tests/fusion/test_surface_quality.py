@@ -15,12 +15,11 @@ from iclnuim.geometry.trajectory import Trajectory
 
 pytest.importorskip("embreex")
 pytest.importorskip("igl")
-cKDTree = pytest.importorskip("scipy.spatial").cKDTree
 from iclnuim.benchmark.fusion.alignment import pairs_transform  # noqa: E402
 from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality, what_was_seen  # noqa: E402
 from iclnuim.benchmark.fusion.reconstruction import read_reconstruction  # noqa: E402
 from iclnuim.benchmark.fusion.samples import CELL_M, areas_m2, sampled, thinned  # noqa: E402
-from iclnuim.benchmark.fusion.settings import QualitySettings, VolumeSettings  # noqa: E402
+from iclnuim.benchmark.fusion.settings import QualitySettings  # noqa: E402
 from iclnuim.benchmark.fusion.surface_error import TrueSurface  # noqa: E402
 from iclnuim.blender.open.model_file import read_model  # noqa: E402
 from iclnuim.raycast.caster import RayCaster  # noqa: E402
@@ -451,10 +450,3 @@ def test_a_camera_that_turns_by_ten_degrees_in_two_frames_leaves_no_gap_between_
     )
     assert used.area_m2 > 0.97 * whole.area_m2
     assert len(used.views.T_world_camera) < 4 * len(angles) / 30 + 1
-
-
-def test_the_samples_of_a_room_are_about_a_voxel_apart():
-    """Finer ones cost time, and tell no more of a surface that was fused in voxels of 8.8 mm."""
-    places = sampled(*ROOM, QualitySettings().samples, 0)
-    apart_m = cKDTree(places).query(places[::40], k=2)[0][:, 1]
-    assert 0.0070 < np.median(apart_m) < VolumeSettings().voxel_m
