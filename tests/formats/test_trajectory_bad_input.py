@@ -260,7 +260,7 @@ def test_a_frame_twice_in_a_folder_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "format", [name for name in FORMATS if name not in ("pov-cameras", "scannet")]
+    "format", [name for name in FORMATS if name not in ("pov-cameras", "scannet", "rosbag")]
 )
 def test_a_folder_is_no_file(tmp_path, format):
     with pytest.raises(InputError, match="found a folder"):
