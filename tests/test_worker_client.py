@@ -2,12 +2,14 @@
 lines of its log.
 """
 
+import importlib.util
 import sys
 import textwrap
 import time
+from pathlib import Path
 
 import pytest
-from iclnuim import wall
+from iclnuim import wall, worker_events
 from iclnuim.errors import WorkError
 from iclnuim.worker_events import Exited, FrameDone, Note, WorkerClient
 
@@ -111,3 +113,9 @@ def test_a_worker_writes_only_its_folders(client, tmp_path):
     [ended] = [event for event in until(client, Exited) if isinstance(event, Exited)]
     assert ended.code == 1 and "Permission denied" in ended.log
     assert not elsewhere.exists() and not client.temporary.exists()
+
+
+def test_the_package_is_compiled_before_a_worker_stands_behind_the_wall(client):
+    child = Path(worker_events.CHILD)
+    for module in (child, child.with_name("render") / "worker.py"):
+        assert Path(importlib.util.cache_from_source(str(module))).is_file()

@@ -6,6 +6,8 @@ and receives its events. The farm and the panel use it. It needs no Blender.
 client's pipes, prints them as lines on its standard output.
 """
 
+import compileall
+import functools
 import importlib.util
 import json
 import os
@@ -206,12 +208,22 @@ def _further_folders(environment: Mapping[str, str]) -> list[Path]:
     return [Path(place).expanduser() for place in (cache, scratch) if place]
 
 
+@functools.cache
+def _compile_package() -> None:
+    """Write the bytecode of this package, which no process behind the wall can write: each worker
+    would compile it again.
+    """
+    with suppress(OSError):
+        compileall.compile_dir(_PACKAGE, quiet=2)
+
+
 def _launcher(options_file: Path) -> list[str]:
     """The command in front of a worker's, which puts up the wall of the options; none where the
     kernel has no wall.
     """
     if not wall.version():
         return []
+    _compile_package()
     return [sys.executable, "-I", "-S", str(WALL), str(options_file)]
 
 

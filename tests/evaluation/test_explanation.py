@@ -108,7 +108,9 @@ def counted(kinds, seeds, folder):
             if not counts:
                 table[kind]["others"] += 1
                 # a mistake of a little less than twice the error may be named by its kind
-                table[kind]["others named"] += found is not None and found not in RIGHT.get(kind, ())
+                table[kind]["others named"] += found is not None and found not in RIGHT.get(
+                    kind, ()
+                )
                 continue
             table[kind]["all"] += 1
             table[kind]["noticed"] += found is not None
