@@ -1,12 +1,13 @@
 """Reads a reconstruction, and what places it in the model's world."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from iclnuim.errors import InputError, within
 from iclnuim.formats.files import data_lines, read_text
 from iclnuim.formats.meshes import read_mesh_or_cloud
+from iclnuim.formats.ply import MeshLabels, read_ply_labels
 from iclnuim.formats.trajectory_reader import LARGEST_POSITION_M
 from iclnuim.geometry.se3 import SE3
 
@@ -16,17 +17,20 @@ from .samples import areas_m2
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
     """points (n, 3) in metres, triangles (m, 3), m = 0 for a cloud; notes: sentences about parts of
-    the file that are not used.
+    the file that are not used; labels: of the triangles or of the points, if they were requested.
     """
 
     points: np.ndarray
     triangles: np.ndarray
     notes: tuple[str, ...] = ()
+    labels: MeshLabels | None = None
 
 
-def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction:
-    """Read a mesh or a point cloud in units of unit_m. Points that are not finite, and triangles
-    with such points, are left out.
+def read_reconstruction(
+    path: Path | str, unit_m: float = 1.0, labelled: bool = False
+) -> Reconstruction:
+    """Read a mesh or a point cloud in units of unit_m, and its labels if requested. Points that are
+    not finite, and triangles with such points, are left out.
 
     Raises InputError for a file that is neither, has no finite point or points too far away, and
     for an invalid unit, WorkError if a reader is missing.
@@ -34,9 +38,13 @@ def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction
     if not 1e-6 <= unit_m <= 1e6:
         raise InputError("1e-06 to 1e+06 m", setting="unit", found=unit_m)
     points, triangles, _ = read_mesh_or_cloud(Path(path))
+    labels = _labels(Path(path)) if labelled else None
     notes = []
     finite = np.isfinite(points).all(axis=1)
     if not finite.all():
+        if labels is not None:
+            rows = finite[triangles].all(axis=1) if labels.of_triangles else finite
+            labels = replace(labels, values=labels.values[rows])
         points, triangles, note = _finite_part(path, points, triangles, finite)
         notes.append(note)
     if unit_m != 1:
@@ -48,7 +56,17 @@ def read_reconstruction(path: Path | str, unit_m: float = 1.0) -> Reconstruction
     elif not areas_m2(points, triangles).any():
         notes.append(f"none of {len(triangles)} triangles has an area: read as a point cloud")
         triangles = triangles[:0]
-    return Reconstruction(points, triangles, tuple(notes))
+    if labels is not None and labels.of_triangles and not len(triangles):
+        raise InputError("labels of faces with an area", path=path, found="none")
+    return Reconstruction(points, triangles, tuple(notes), labels)
+
+
+def _labels(path: Path) -> MeshLabels:
+    """The labels of a PLY. Raises InputError for another mesh."""
+    if path.suffix.lower() != ".ply":
+        expected = "labels as a property of the faces or vertices of a .ply"
+        raise InputError(expected, path=path, found=path.suffix)
+    return read_ply_labels(path)
 
 
 def _finite_part(

@@ -47,19 +47,18 @@ def configure(actions: Actions) -> None:
     add("folder", type=Path, metavar="DIR", help=help)
     help = "a sequence with ground truth, in any format"
     add("--truth", type=Path, required=True, metavar="SEQUENCE", help=help)
-    add_label_options(labels)
+    add_classes(labels)
+    add("--csv", metavar="FILE", help="write the confusion matrix as a CSV table")
+    add("--plot", metavar="FILE", help="draw the confusion matrix (.png, .pdf, .svg)")
 
 
-def add_label_options(parser: argparse.ArgumentParser) -> None:
-    """Add --classes, --csv and --plot."""
-    add = parser.add_argument
+def add_classes(parser: argparse.ArgumentParser) -> None:
+    """Add --classes."""
     help = (
         "numbering of the labels: ours (default), nyu40, scannet20, replica, or a table (.csv) "
         "with columns id and class, and red, green, blue for labels in colour"
     )
-    add("--classes", default="ours", metavar="NAME|FILE", help=help)
-    add("--csv", metavar="FILE", help="write the confusion matrix as a CSV table")
-    add("--plot", metavar="FILE", help="draw the confusion matrix (.png, .pdf, .svg)")
+    parser.add_argument("--classes", default="ours", metavar="NAME|FILE", help=help)
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
@@ -81,12 +80,12 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
         save(confusion_figure(found), args.plot)
     values = {"folder": str(args.folder), "truth": str(args.truth), **found.to_dict()}
-    for sentence in notes(values):
+    for sentence in label_notes(values):
         console.note(f"note: {sentence}")
     console.result(values, labels_text(values))
 
 
-def notes(values: dict[str, Any]) -> list[str]:
+def label_notes(values: dict[str, Any]) -> list[str]:
     """A sentence for everything that does not count as the reader may expect."""
     found = []
     if values["missing"]:
@@ -122,7 +121,8 @@ def labels_text(values: dict[str, Any]) -> str:
             lines.append(f"{title:<24}{_percent(values[name])}")
     count = len(values["per_class"]) + len(values["rare"])
     lines.append(f"over {count} classes of the truth ({values['classes']}), in percent")
-    columns = {key: title for key, title in _COLUMNS.items() if key in values["per_class"][0]}
+    first = [*values["per_class"], *values["rare"]][0]
+    columns = {key: title for key, title in _COLUMNS.items() if key in first}
     lines.append(f"{'class':<24}" + "".join(f"{title:>9}" for title in columns.values()))
     lines += [_row(row, columns) for row in values["per_class"]]
     if values["rare"]:

@@ -21,12 +21,15 @@ from ..options import (
     settings_from,
     trajectory_file,
 )
+from .evaluate_labels import add_classes, label_notes, labels_text
 from .surface import poses_of
 
 if TYPE_CHECKING:
+    from iclnuim.benchmark.fusion.labels import TrueLabels
     from iclnuim.benchmark.fusion.quality import SeenBy
     from iclnuim.benchmark.fusion.reconstruction import Reconstruction
     from iclnuim.benchmark.fusion.surface_error import SurfaceError
+    from iclnuim.blender.open.model_file import ClassedModel
     from iclnuim.geometry.se3 import SE3
     from iclnuim.geometry.trajectory import Trajectory
 
@@ -58,6 +61,12 @@ def configure(actions: Actions) -> None:
         from iclnuim.benchmark.fusion.settings import QualitySettings
 
         add_settings(surface, QualitySettings)
+    help = (
+        "also compare the labels of MESH, a property class or label of faces or vertices of a .ply, "
+        "with the classes of the model"
+    )
+    add("--labels", action="store_true", help=help)
+    add_classes(surface)
     add("--plot", type=Path, metavar="FILE", help="heat map and histogram (.png, .pdf, .svg)")
     help = "upper end of the heat map; default: 10"
     add("--max-error", type=float, default=10.0, metavar="MM", help=help)
@@ -94,11 +103,11 @@ def _add_placement(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.benchmark.fusion.alignment import fit_effect
-    from iclnuim.benchmark.fusion.quality import surface_quality
+    from iclnuim.benchmark.fusion.quality import surface_quality, what_was_seen
     from iclnuim.benchmark.fusion.reconstruction import read_reconstruction
     from iclnuim.benchmark.fusion.settings import QualitySettings
     from iclnuim.benchmark.fusion.surface_error import TrueSurface
-    from iclnuim.blender.open.model_file import read_model
+    from iclnuim.blender.open.model_file import read_classed_model
     from iclnuim.geometry.scene_axes import parse_unit
 
     settings = settings_from(args, QualitySettings())
@@ -109,13 +118,17 @@ def run(args: argparse.Namespace, console: Console) -> None:
         expected = f"{_MIN_ERROR_MM:g} to {_MAX_ERROR_MM:g} mm"
         raise InputError(expected, setting="--max-error", found=args.max_error)
     seen_by = _seen_by(args)
-    mesh = read_reconstruction(args.mesh, unit_m)
+    if args.labels and seen_by is None and args.seen_by != "all":
+        expected = "{labels} with {seen_by}: a trajectory, or all"
+        raise InputError(expected, found="no trajectory that saw the model")
+    mesh = read_reconstruction(args.mesh, unit_m, args.labels)
     for note in mesh.notes:
         console.note(f"note: {args.mesh}: {note}")
     given = _given_transform(args)
     T = _fitted_transform(args, given, unit_m, console)
     with within(args.model):
-        surface = TrueSurface(*read_model(args.model, model_unit_m))
+        model = read_classed_model(args.model, model_unit_m)
+        surface = TrueSurface(model.points, model.triangles)
     if args.align == "icp":
         T = surface.aligned(mesh.points, T)
     error = surface.error(mesh.points, T, unit_m, model_unit_m)
@@ -126,18 +139,40 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if T is not given:  # a fit was computed
         values["as_given"] = fit_effect(surface, mesh.points, given, T)
     poses = 2 * len(seen_by.T_world_camera[:: settings.every]) if seen_by else 0
+    on_pose = console.progress(poses, "evaluate", "poses").advance if poses else None
+    seen = what_was_seen(surface, seen_by, settings, on_pose) if seen_by else None
     quality = surface_quality(
         surface,
         mesh.points,
         mesh.triangles,
         T,
-        seen_by,
+        seen,
         whole=args.seen_by == "all",
         settings=settings,
-        on_pose=console.progress(poses, "evaluate", "poses").advance if poses else None,
     )
     values["quality"] = {**settings.to_dict(), **quality.to_dict()}
+    if args.labels:
+        from iclnuim.benchmark.fusion.labels import surface_labels
+
+        truth = _true_labels(args.model, model)
+        labels = surface_labels(surface, truth, mesh, T, seen, args.classes, settings)
+        values["labels"] = labels.to_dict()
+        for sentence in label_notes(values["labels"]):
+            console.note(f"note: {sentence}")
     console.result(values, _text(values))
+
+
+def _true_labels(name: str, model: "ClassedModel") -> "TrueLabels":
+    """The classes of a scene, or the labels of a mesh file in our numbering."""
+    from iclnuim.benchmark.fusion.labels import TrueLabels
+    from iclnuim.formats.ply import read_ply_labels
+
+    if model.names:
+        return TrueLabels.of_names(model.names, model.of_triangles)
+    if not name.lower().endswith(".ply"):
+        raise InputError("a scene, or a .ply with labels of its faces", path=name)
+    with within(name):
+        return TrueLabels.of_mesh(read_ply_labels(Path(name)))
 
 
 def _draw(
@@ -237,6 +272,8 @@ def _text(values: dict) -> str:
         )
     lines += _quality_lines(values["quality"])
     lines += [f"warning: {text}" for text in values["warnings"]]
+    if "labels" in values:
+        lines.append(labels_text(values["labels"]))
     return "\n".join(lines)
 
 

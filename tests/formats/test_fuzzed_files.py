@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from iclnuim import frames_from
+from iclnuim.benchmark.fusion.reconstruction import read_reconstruction
 from iclnuim.dataset import label_classes
 from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
 from iclnuim.dataset.label_classes import read_class_map
@@ -503,4 +504,33 @@ def test_damaged_tables_of_classes_are_read_or_refused(tmp_path, name, files):
         assert count and found.min() >= 0 and found.max() <= count == len(table.names) - 1
 
     taken, refused = read_all(path, data, [9], files, lambda: read_class_map(path), check)
+    assert taken and refused
+
+
+@FILES
+@pytest.mark.parametrize("of", ["face", "vertex"])
+def test_damaged_labels_of_meshes_are_read_or_refused(tmp_path, of, files):
+    path = tmp_path / "labels.ply"
+    lines = ["ply", "format ascii 1.0", "element vertex 4"]
+    lines += [f"property float {axis}" for axis in "xyz"]
+    lines += ["property int label"] * (of == "vertex")
+    lines += ["element face 2", "property list uchar int vertex_indices"]
+    lines += ["property float class"] * (of == "face") + ["end_header"]
+    points = ["0 0 0", "1 0 0", "1 1 0", "0 1 0"]
+    faces = ["4 0 1 2 3", "3 0 1 2"]
+    if of == "vertex":
+        points = [f"{point} {number}" for number, point in enumerate(points)]
+    else:
+        faces = [f"{face} {number}" for number, face in enumerate(faces)]
+    data = "\n".join([*lines, *points, *faces, ""]).encode()
+
+    def check(mesh) -> None:
+        assert mesh.labels.values.dtype == np.int64
+        whole = mesh.triangles if mesh.labels.of_triangles else mesh.points
+        assert len(mesh.labels.values) == len(whole)
+
+    def read():
+        return read_reconstruction(path, labelled=True)
+
+    taken, refused = read_all(path, data, [10], files, read, check)
     assert taken and refused

@@ -31,7 +31,7 @@ _LEVELS = (
 class Surface:
     """vertices (n, 3) in metres, our world; triangles (m, 3) indices; owners (m,) index into names,
     one per object; held_out (m,): whether the
-    object is a holdout: frames have no depth there.
+    object is a holdout: frames have no depth there; classes: the class of each object, "" for none.
     """
 
     vertices: np.ndarray
@@ -39,6 +39,7 @@ class Surface:
     owners: np.ndarray
     names: tuple[str, ...]
     held_out: np.ndarray
+    classes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,14 @@ def triangles(panes: bool = True) -> Surface:
         owners=owners,
         names=tuple(part.name for part in shown),
         held_out=held_out[owners],
+        classes=tuple(class_name(part.source) or "" for part in shown),
     )
+
+
+def class_name(thing: bpy.types.Object) -> str | None:
+    """The class of an object, its custom property `class_name`; None if it has none."""
+    own = thing.get("class_name")
+    return own if isinstance(own, str) and own else None
 
 
 def box_corners_m(things: Iterable[bpy.types.Object]) -> np.ndarray:

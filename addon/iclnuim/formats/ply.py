@@ -23,6 +23,8 @@ _USED = {
     "tristrips": _INDICES,
 }
 _NAMES = {"f4": "float", "u1": "uchar", "i4": "int"}
+#: Names of a property with a class of each face or vertex, in the order in which they are looked for.
+_LABELS = ("class", "class_id", "label", "labels", "semantic", "scalar_label", "object_class")
 #: Elements of polygons, and the triangles of their lists.
 _UNROLLED = {"face": fans, "tristrips": strips}
 
@@ -71,6 +73,42 @@ def _colours(vertices: Columns, count: int) -> np.ndarray:
     if vertices.kinds["red"][0] == "f":
         rgb = np.rint(255 * rgb)
     return np.clip(np.nan_to_num(rgb), 0, 255).astype(np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class MeshLabels:
+    """Whole numbers of the triangles (m,), or else of the points (n,); -1 for values that are none."""
+
+    values: np.ndarray
+    of_triangles: bool
+
+
+def read_ply_labels(path: Path) -> MeshLabels:
+    """The labels of the triangles of `read_ply`, as far as faces have a property of one of the
+    names of _LABELS, else of its points. Raises InputError if there are none.
+    """
+    used = {"vertex": _LABELS, "face": (*_INDICES, *_LABELS), "tristrips": _INDICES}
+    elements = read_elements(path, used)
+    face = elements.get("face", Columns())
+    strips_too = elements.get("tristrips", Columns()).count
+    for element in (face, elements.get("vertex", Columns())):
+        name = next((name for name in _LABELS if name in element.scalars), None)
+        if name is None or (element is face and (strips_too or not face.lists)):
+            continue
+        values = _whole_numbers(element.scalars[name])
+        if element is not face:
+            return MeshLabels(values, False)
+        corners = next(iter(face.lists.values()))[1]
+        return MeshLabels(np.repeat(values, np.maximum(corners - 2, 0)), True)
+    expected = f"a property of faces or vertices named {', '.join(_LABELS[:-1])} or {_LABELS[-1]}"
+    raise InputError(expected, path=path, found="none")
+
+
+def _whole_numbers(values: np.ndarray) -> np.ndarray:
+    """As int64; -1 for fractions, NaN, infinity and numbers that are too large."""
+    with np.errstate(invalid="ignore"):
+        whole = (np.abs(values) < 1 << 31) & (values == np.floor(values))
+    return np.where(whole, values, -1).astype(np.int64)
 
 
 def check_ply(path: Path) -> np.ndarray:

@@ -9,7 +9,6 @@ from ...dataset.label_classes import read_class_map
 from ...errors import InputError
 from ...geometry.points import upright_box
 from .. import surfaces
-from ..open.plain_names import plain
 from ..surfaces import SURFACE_TYPES, Part
 
 _SCHEMA_VERSION = 1
@@ -99,8 +98,8 @@ def objects_table() -> dict:
     world, with its x axis along the longer horizontal side; full side lengths.
     """
     with surfaces.rendered_parts() as (found, _):
-        kinds = kinds_of([_class_name(part.source) for part in found])
-        rows = [_row(part, kinds[_class_name(part.source)]) for part in found]
+        kinds = kinds_of([surfaces.class_name(part.source) for part in found])
+        rows = [_row(part, kinds[surfaces.class_name(part.source)]) for part in found]
     rows.sort(key=lambda row: (row["id"], row["box_m"]["centre"]))
     listed = sorted({kind.id: kind for kind in kinds.values()}.values(), key=lambda kind: kind.id)
     return {
@@ -109,11 +108,6 @@ def objects_table() -> dict:
         "objects": rows,
         "classes": [asdict(kind) for kind in listed],
     }
-
-
-def _class_name(thing: bpy.types.Object) -> str | None:
-    own = thing.get("class_name")
-    return plain(own) if isinstance(own, str) and own else None
 
 
 def _row(part: Part, kind: Kind) -> dict:

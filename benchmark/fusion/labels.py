@@ -1,0 +1,111 @@
+"""Labels on a reconstruction against the classes of the model, over samples uniform by area of the
+surface that was seen: the figures do not depend on how finely either mesh is divided.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from iclnuim.dataset.label_classes import OURS, ClassMap, LabelClass, class_map, read_class_map
+from iclnuim.dataset.label_errors import LabelErrors
+from iclnuim.errors import InputError
+from iclnuim.evaluation.labels import VOID, label_confusion, label_figures
+from iclnuim.formats.ply import MeshLabels
+from iclnuim.geometry.se3 import SE3
+from iclnuim.raycast.distance import TriangleDistance
+
+from .quality import NEAR_M, Seen
+from .reconstruction import Reconstruction
+from .samples import sampled
+from .settings import QualitySettings
+from .surface_error import TrueSurface
+
+#: A sample without a part of the reconstruction within this distance has no label.
+_REACH_M = NEAR_M[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class TrueLabels:
+    """Classes of a model, and the index (m,) of each triangle's."""
+
+    kinds: tuple[LabelClass, ...]
+    of_triangles: np.ndarray
+
+    @classmethod
+    def of_names(cls, names: tuple[str, ...], of_triangles: np.ndarray) -> "TrueLabels":
+        """From names of classes; other names than ours may be NYU40 labels."""
+        ours = {kind.name: kind for kind in read_class_map(OURS).classes}
+        kinds = tuple(ours.get(name, LabelClass(0, name, name)) for name in names)
+        return cls(kinds, of_triangles)
+
+    @classmethod
+    def of_mesh(cls, labels: MeshLabels) -> "TrueLabels":
+        """From the faces of a mesh, labelled in our numbering. Raises InputError for others."""
+        if not labels.of_triangles:
+            raise InputError("a model with labels of its faces", found="labels of its vertices")
+        table = read_class_map(OURS)
+        indices = table.indices(labels.values)
+        if indices.unknown:
+            found = ", ".join(list(indices.unknown)[:3])
+            raise InputError("a model labelled in our numbering", found=found)
+        return cls((LabelClass(0, ""), *table.classes), indices.values)
+
+
+def surface_labels(
+    surface: TrueSurface,
+    truth: TrueLabels,
+    mesh: Reconstruction,
+    T_model_mesh: SE3,
+    seen: Seen | None,
+    classes: str = OURS,
+    settings: QualitySettings | None = None,
+) -> LabelErrors:
+    """Compare the labels of a reconstruction with the classes of the model at samples of the part
+    that was seen, or, for None, of all of it. A sample has the label of the nearest triangle (or
+    its nearest corner, or the nearest point of a cloud) within 5 cm.
+
+    Raises InputError if the reconstruction has no labels, or no sample has a true class.
+    """
+    if mesh.labels is None:
+        raise InputError("a reconstruction with labels", found="none")
+    settings = settings or QualitySettings()
+    if seen is None:
+        samples_m = sampled(surface.vertices, surface.triangles, settings.samples, settings.seed)
+    else:
+        samples_m = seen.points_m
+    known = {kind.id: kind for kind in truth.kinds if kind.id}
+    table = class_map(classes, ClassMap(OURS, tuple(known.values())))
+    of_kinds = np.array([table.of_truth(kind) for kind in truth.kinds], np.int32)
+    kinds = truth.of_triangles[surface.nearest(samples_m).triangle]
+    points_m = T_model_mesh.apply(mesh.points)
+    labels, distances_m = _nearest_labels(samples_m, points_m, mesh.triangles, mesh.labels)
+    predicted = table.indices(labels)
+    values = np.where(distances_m <= _REACH_M, predicted.values, VOID)
+    without = []
+    for index in np.unique(kinds):
+        name = truth.kinds[index].name
+        if name and of_kinds[index] == VOID:
+            without.append((name, int((kinds == index).sum())))
+    return LabelErrors(
+        table,
+        label_figures(label_confusion(of_kinds[kinds], values, len(table.classes))),
+        unknown=tuple(predicted.unknown.items()),
+        without=tuple(without),
+    )
+
+
+def _nearest_labels(
+    samples_m: np.ndarray, points_m: np.ndarray, triangles: np.ndarray, labels: MeshLabels
+) -> tuple[np.ndarray, np.ndarray]:
+    """The label of each sample's nearest triangle, corner or point, and the distance."""
+    if not len(triangles):
+        from scipy.spatial import cKDTree
+
+        distances_m, nearest = cKDTree(points_m).query(samples_m)
+        return labels.values[nearest], distances_m
+    found = TriangleDistance(points_m, triangles).nearest(samples_m)
+    if labels.of_triangles:
+        return labels.values[found.triangle], found.distance_m
+    corners = triangles[found.triangle]
+    off_m = np.linalg.norm(points_m[corners] - found.point_m[:, None], axis=2)
+    nearest = np.take_along_axis(corners, off_m.argmin(axis=1)[:, None], axis=1)[:, 0]
+    return labels.values[nearest], found.distance_m
