@@ -10,6 +10,7 @@ pytest.importorskip("numba")
 from dataclasses import replace  # noqa: E402
 
 from iclnuim.benchmark.fusion import fuse_kernels  # noqa: E402
+from iclnuim.benchmark.fusion.grid import read  # noqa: E402
 from iclnuim.benchmark.fusion.mesh import extract  # noqa: E402
 from iclnuim.benchmark.fusion.settings import PRESETS, VolumeSettings  # noqa: E402
 from iclnuim.benchmark.fusion.volume import Volume  # noqa: E402
@@ -230,3 +231,31 @@ def test_the_block_of_the_nearest_voxel_of_a_ray_is_fused():
     rows = volume.grid.slots[volume.grid.slots > 0]
     places = np.unique(volume.grid.place[rows, :2], axis=0)
     assert places.tolist() == [[3, -2]]
+
+
+def test_a_seen_point_of_a_rough_surface_is_at_the_zero_of_the_fused_distance():
+    """6 mm of noise: between voxels the distance is no straight line. In shares of the truncation."""
+    camera = PinholeCamera.parse("160x120")
+    noise = np.random.default_rng(5).normal(0, 0.006, (120, 160))
+    depth = 1.0 + 0.25 * camera.rays()[..., 0] + noise
+    volume = Volume(SMALL["best"])
+    volume.integrate(depth.astype(np.float32), camera, SE3.identity())
+    points, _ = points_world(volume, camera, SE3.identity())
+    points = points[np.isfinite(points).all(axis=2)]
+    assert len(points) > 15_000
+    fused = np.array([read(volume.grid, *point) for point in points[::7] / VOXEL_M])
+    assert np.abs(fused).max() < 0.005
+
+
+def test_colour_between_voxels_is_interpolated():
+    """A ramp along the image's rows and columns, on a tilted plane; a voxel is some pixels wide."""
+    camera = PinholeCamera(160, 120, 300.0, 300.0, 79.5, 59.5)
+    rays = camera.rays()
+    depth = (1.0 / (1.0 + 0.3 * rays[..., 0])).astype(np.float32)
+    v, u = np.mgrid[:120, :160]
+    image = np.stack([20 + u, 20 + 1.5 * v, 255 - u], axis=-1).astype(np.uint8)
+    volume = Volume(SMALL["best"])
+    volume.integrate(depth, camera, SE3.identity(), image)
+    seen = volume.raycast(camera, SE3.identity()).colour[20:100, 20:140]
+    error = np.abs(seen - image[20:100, 20:140].astype(float))
+    assert np.nanpercentile(error, 99) < 1.0
