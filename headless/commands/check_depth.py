@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+from iclnuim import shipped
 from iclnuim.console import Console
 from iclnuim.dataset.run_folder import RunFolder, read_run
 from iclnuim.errors import InputError, within
@@ -107,7 +108,8 @@ def _casters(
     """
     job = frames.job
     poses = len(frames.truth())
-    with opened_scene("check-depth", job.scene, job.reading, [frames.path], frames=poses):
+    reads = [frames.path, shipped.cache_folder()]
+    with opened_scene("check-depth", job.scene, job.reading, reads, frames=poses):
         from iclnuim.blender.open import light_choice, motion, scene
 
         if scene.scene_sha256(job.scene) != frames.recipe["scene_sha256"]:

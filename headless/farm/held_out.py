@@ -95,7 +95,9 @@ def _make(plan: RunPlan, record: Record, console: Console) -> None:
     job = plan.job
     whole = load_trajectory(job)
     training = whole.T_world_camera[np.array(plan.numbers)]
-    given = [] if plan.held_out.isdecimal() else [Path(plan.held_out)]
+    given = [shipped.cache_folder()]
+    if not plan.held_out.isdecimal():
+        given.append(Path(plan.held_out))
     opening = opened_scene(
         "held-out views", job.scene, job.reading, given, [plan.out], frames=len(whole)
     )

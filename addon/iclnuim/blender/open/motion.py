@@ -6,6 +6,7 @@ import bpy
 
 from .. import compat
 from .changes import SKY, changed_names
+from .simulations import is_unbaked
 
 #: Modifiers that move a surface.
 _SIMULATED = {
@@ -20,11 +21,11 @@ def moving_names(scene: bpy.types.Scene) -> list[str]:
     """Names of objects and lights that move or change, in order, without cameras; the world is `the
     sky`.
 
-    Both the animations and frames of the timeline show it. Simulations are not evaluated: they
-    would lose their state.
+    Both the animations and frames of the timeline show it. Simulations that are not baked are
+    not evaluated: they would lose their state.
     """
     moving: set[str] = set()
-    if not (scene.rigidbody_world or any(map(_is_simulated, bpy.data.objects))):
+    if not is_unbaked(scene):
         moving = changed_names(scene)
     for thing in scene.objects:
         if thing.type == "CAMERA" or (thing.hide_render and not varies(thing)):

@@ -27,6 +27,7 @@ from . import (
     plain_names,
     sanitize,
     scene_paths,
+    simulations,
 )
 from .importers import checked_file, load, open_blend
 from .light_choice import MAX_BAKED
@@ -74,6 +75,8 @@ def open_file(path: Path, reading: SceneReading, frames: int | None = None) -> l
     be used.
     """
     notes = scene_paths.check(path, reading)
+    if path.suffix.lower() == ".blend":
+        simulations.refuse_fluids(path)
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "blender.log"
         with native_output_in(log):
@@ -82,6 +85,11 @@ def open_file(path: Path, reading: SceneReading, frames: int | None = None) -> l
     notes += plain_names.rename()
     if bpy.data.libraries:  # local copies of linked datablocks can be changed in memory
         bpy.ops.object.make_local(type="ALL")
+    if frames is not None:
+        copy, words = simulations.baked(path, frames)
+        notes += words
+        if copy is not None:
+            open_blend(copy)
     scene = bpy.context.scene
     _neutral_settings(path, scene)
     if frames is not None:

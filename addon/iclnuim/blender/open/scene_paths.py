@@ -69,7 +69,8 @@ def check_open(path: Path, reading: SceneReading, log: str) -> None:
     for scene in bpy.data.scenes:
         scene.sequence_editor_clear()
     scripts = {bpy.path.abspath(text.filepath) for text in bpy.data.texts}
-    listed = (Path(name) for name in bpy.utils.blend_paths(absolute=True) if name not in scripts)
+    names = filter(None, bpy.utils.blend_paths(absolute=True))  # a cache without a path has ""
+    listed = (Path(name) for name in names if name not in scripts)
     # another .blend is a library, or only remembered as the origin of a copied block
     listed = (target for target in listed if target.suffix != ".blend")
     logged = (Path(name) for name in itertools.chain(*_LOGGED.findall(log)) if _is_denied(name))

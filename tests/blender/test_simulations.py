@@ -1,0 +1,172 @@
+"""Frames of simulated scenes are those of a simulation from its start, whichever are rendered."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy", reason="needs the bpy package")
+sys.path.insert(0, str(Path(__file__).parent))
+import simulated_scenes  # noqa: E402
+from iclnuim.blender.open import motion, scene, simulations  # noqa: E402
+from iclnuim.blender.render import worker  # noqa: E402
+from iclnuim.errors import InputError, WorkError  # noqa: E402
+from iclnuim.formats.trajectories import write_trajectory  # noqa: E402
+from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
+from iclnuim.geometry.se3 import SE3  # noqa: E402
+from iclnuim.geometry.trajectory import Trajectory  # noqa: E402
+from iclnuim.job import RenderJob  # noqa: E402
+
+FRAMES = 11
+#: Those of each run that a test of all classes renders.
+SPLITS = ([10], [5, 0], [3, 10])
+DEFAULT = ("rigid", "zone")
+LOOKS_DOWN = np.array([[1, 0, 0, 0], [0, -1, 0, -1.0], [0, 0, -1, 4.0], [0, 0, 0, 1]])
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache/simulations"
+
+
+def kinds():
+    for kind in simulated_scenes.KINDS:
+        marks = () if kind in DEFAULT else pytest.mark.slow
+        yield pytest.param(kind, marks=marks)
+
+
+def job_of(file, poses=FRAMES):
+    turned = LOOKS_DOWN @ np.array(
+        [[1, 0, 0, 0], [0, 0.8, -0.6, 0], [0, 0.6, 0.8, 0], [0, 0, 0, 1]]
+    )
+    whole = Trajectory.at_rate(SE3.from_matrix(np.repeat(turned[None], poses, 0)))
+    trajectory = file.with_name(f"poses{poses}.txt")
+    write_trajectory(trajectory, whole, "tum")
+    camera = PinholeCamera(48, 36, 36, 36, 23.5, 17.5)
+    names = {"sequence": "own", "scene": str(file), "trajectory": str(trajectory)}
+    return RenderJob(**names, camera=camera, light="path", samples=1)
+
+
+def render(job, numbers, out):
+    """Z of the frames, each run in an own folder, and the notes."""
+    notes = []
+    with worker.Session(job, out, notes.append, threads=1) as session:
+        session.render(numbers, lambda: False)
+    found = {}
+    for number in numbers:
+        found[number] = (out / f"exr/{number:06}.exr").read_bytes()
+    return found, [note.text for note in notes if hasattr(note, "text")]
+
+
+@pytest.mark.parametrize("kind", list(kinds()))
+def test_a_frame_is_the_same_whichever_others_are_rendered(kind, tmp_path, cache):
+    file = simulated_scenes.write(bpy, kind, tmp_path)
+    job = job_of(file)
+    whole, notes = render(job, range(FRAMES), tmp_path / "whole")
+    assert any("simulations (" in note and "baked up to frame 11" in note for note in notes)
+    assert whole[2] != whole[10]
+    for k, numbers in enumerate(SPLITS):
+        if k == 1:
+            next(cache.glob("*.blend")).unlink()
+        part, _ = render(job, numbers, tmp_path / f"part{k}")
+        assert all(part[n] == whole[n] for n in numbers)
+    assert not list(tmp_path.glob("blendcache*"))
+
+
+@pytest.mark.parametrize("kind", list(kinds()))
+def test_the_frames_are_those_of_blender_played_from_its_start(kind, tmp_path):
+    file = simulated_scenes.write(bpy, kind, tmp_path)
+    with_bake = states(file, FRAMES)
+    longer = states(file, 30)
+    bpy.ops.wm.open_mainfile(filepath=str(file))
+    played = [state(frame) for frame in range(FRAMES)]
+    for frame in range(2, FRAMES):  # a particle of frame 1 is baked where it is emitted
+        assert with_bake[frame] == pytest.approx(played[frame], abs=1e-5)
+        assert np.array_equal(with_bake[frame], longer[frame])
+
+
+def states(file, frames):
+    scene.open_scene(str(file), None, frames)
+    return [state(frame) for frame in [10, *range(FRAMES)]][1:]
+
+
+def state(frame):
+    """All vertices of meshes in the world, and ends of hair."""
+    bpy.context.scene.frame_set(frame)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    points = []
+    for instance in depsgraph.object_instances:
+        if instance.object.type == "MESH":
+            places = [instance.matrix_world @ v.co for v in instance.object.data.vertices]
+            points += sorted(tuple(place) for place in places)
+    for system in bpy.data.objects["crate"].evaluated_get(depsgraph).particle_systems:
+        if system.settings.type == "HAIR":
+            thing = bpy.data.objects["crate"].evaluated_get(depsgraph)
+            points += [tuple(system.co_hair(thing, particle_no=k, step=4)) for k in range(30)]
+    return np.array(sorted(points))
+
+
+def test_the_file_stays_and_its_textures_are_found_from_the_copy(tmp_path, cache):
+    file = simulated_scenes.write(bpy, "rigid", tmp_path)
+    before = file.read_bytes()
+    plain = worker.recipe(job_of(file))["scene_sha256"]
+    scene.open_scene(str(file), None, FRAMES)
+    assert bpy.data.filepath == str(next(cache.glob("*.blend")))
+    assert Path(bpy.data.images["floor"].filepath) == tmp_path / "floor.png"
+    assert file.read_bytes() == before
+    assert scene.scene_sha256(str(file)) == plain
+    assert motion.moving_names(bpy.context.scene) == ["crate"]
+
+
+def test_what_is_baked_in_the_file_is_not_baked_again(tmp_path, cache):
+    file = simulated_scenes.write(bpy, "rigid", tmp_path)
+    bpy.context.scene.rigidbody_world.point_cache.frame_end = 5
+    bpy.ops.ptcache.bake_all(bake=True)
+    bpy.ops.wm.save_mainfile()
+    scene.open_scene(str(file), None, FRAMES)
+    assert not list(cache.glob("*.blend"))
+
+
+def test_a_cache_that_cannot_be_written_and_a_full_disk(tmp_path, cache, monkeypatch):
+    file = simulated_scenes.write(bpy, "rigid", tmp_path)
+    cache.parent.mkdir()
+    cache.write_text("not a folder")
+    assert any("baked up to frame" in note for note in scene.open_scene(str(file), None, FRAMES))
+    assert bpy.data.filepath == str(file)
+    cache.unlink()
+    monkeypatch.setattr(simulations.shutil, "disk_usage", lambda path: NoSpace)
+    with pytest.raises(WorkError, match="simulations of 11 frames need up to"):
+        scene.open_scene(str(file), None, FRAMES)
+
+
+class NoSpace:
+    free = 1000
+
+
+FLUIDS = """
+import os, sys, bpy
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+for name, kind in (("flow", "FLOW"), ("domain", "DOMAIN")):
+    fluid = bpy.data.objects["crate"].modifiers.new("fluid", "FLUID")
+    fluid.fluid_type = kind
+    if kind == "DOMAIN":
+        fluid.domain_settings.cache_directory = "//fluid"
+    bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1].replace("scene", name))
+    bpy.data.objects["crate"].modifiers.remove(fluid)
+os._exit(0)
+"""
+
+
+def test_a_fluid_that_is_not_baked_is_refused_before_it_is_opened(tmp_path):
+    """The files are made by another process, which a domain would end."""
+    file = simulated_scenes.write(bpy, "rigid", tmp_path)
+    subprocess.run([sys.executable, "-c", FLUIDS, str(file)], check=False, capture_output=True)
+    scene.open_scene(str(tmp_path / "flow.blend"))
+    shutil.rmtree(tmp_path / "fluid", ignore_errors=True)
+    with pytest.raises(InputError, match="expected baked fluids"):
+        scene.open_scene(str(tmp_path / "domain.blend"))
+    assert not (tmp_path / "fluid").exists()
