@@ -27,7 +27,7 @@ from iclnuim.geometry import trajectory as trajectories
 from iclnuim.geometry.handheld_plan import PlanSettings, Waypoint, plan
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.raycast.scene_route import chosen_waypoints, space_around
+from iclnuim.raycast.scene_route import planned_in_rooms, space_around
 
 from ..isolation import opened_scene
 from ..options import Actions, action, add_scene_options, add_settings, settings_from
@@ -146,16 +146,15 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
     settings = settings_from(args, PlanSettings())
     vertices, triangles = _surface(args, console)
     count = _count_to_choose(args.viewpoints)
+    scene = Path(args.scene).name
     if count is None:
         waypoints = _waypoints(args.viewpoints)
         space = space_around(waypoints, vertices, triangles)
+        made = plan(waypoints, space, scene, settings)
     else:
-        waypoints, space = chosen_waypoints(vertices, triangles, count, settings)
-        for waypoint in waypoints:
-            points = (waypoint.position_m, waypoint.look_at_m or ())
-            texts = [",".join(f"{x:.2f}" for x in point) for point in points]
-            console.note(f"viewpoint {':'.join(texts)}")
-    made = plan(waypoints, space, Path(args.scene).name, settings)
+        made, notes = planned_in_rooms(vertices, triangles, count, scene, settings)
+        for note in notes:
+            console.note(note)
     name = (args.out or Path()) / Path(args.scene).stem
     recipe = json.dumps(asdict(made.recipe), indent=2) + "\n"
     _write_both(name, recipe, tum_text(made.motion.trajectory))

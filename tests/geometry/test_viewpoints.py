@@ -44,14 +44,14 @@ CUPBOARD = box((0, 3.0, 0), (3.0, 4, 0.95))
 def test_places_are_at_eye_height_above_the_floor_ceiling_or_not(leave_out, inside):
     room = box((0, 0, 0), (6, 4, 2.6), inside, leave_out)
     space, caster = space_and_caster(room, TABLE, CUPBOARD)
-    heights = [w.position_m[2] for w in viewpoints(space, caster, 6, 0.25, 0)]
+    heights = viewpoints(space, caster, 6, 0.25, 0)[0][:, 2]
     assert min(heights) >= 1.2 - 1e-3 and max(heights) <= 1.7 + 1e-3
 
 
 def test_places_lie_in_one_room_where_no_way_leads_to_the_other():
     rooms = box((0, 0, 0), (4, 4, 2.6), True), box((4.2, 0, 0), (9, 4, 2.6), True)
     space, caster = space_and_caster(*rooms)
-    places = np.array([w.position_m for w in viewpoints(space, caster, 6, 0.25, 0)])
+    places = viewpoints(space, caster, 6, 0.25, 0)[0]
     assert (places[:, 0] > 4.2).all()  # the larger one
     for a, b in pairwise(places):
         space.route(a, b, 0.25)
@@ -78,7 +78,7 @@ def test_people_step_up_to_a_platform_but_not_onto_a_table(step_m, is_connected)
     """A platform over two fifths of the room: places above it are used if a step leads there."""
     room, platform = box((0, 0, 0), (6, 4, 2.6), True), box((3.6, 0, 0), (6, 4, step_m))
     space, caster = space_and_caster(room, platform)
-    places = np.array([w.position_m for w in viewpoints(space, caster, 12, 0.25, 0)])
+    places = viewpoints(space, caster, 12, 0.25, 0)[0]
     assert (places[:, 0] > 3.6).any() == is_connected
 
 
@@ -88,5 +88,35 @@ def test_a_terrace_before_an_open_room_is_no_room():
     open_side = room[(room[..., 1] != 4).any(1)]
     terrace = box((0, 4, -0.1), (6, 9, 0), leave_out=())
     space, caster = space_and_caster(open_side, terrace)
-    places = np.array([w.position_m for w in viewpoints(space, caster, 12, 0.25, 0)])
+    places = viewpoints(space, caster, 12, 0.25, 0)[0]
     assert places[:, 1].max() < 4.2
+
+
+def test_the_space_of_a_person_ends_at_the_edges_of_the_floor_and_its_furniture():
+    """Spline and shake may lean a cell of 0.1 m over them, and the margins of a route not."""
+    floor, bed = box((0, 0, -0.1), (6, 4, 0)), box((2, 0, 0), (4, 2, 0.4))
+    wall = box((0, 4, 0), (6, 4.1, 2.6))
+    _, held = viewpoints(*space_and_caster(floor, bed, wall), 6, 0.25, 0)
+    sideways = np.array([1.3, 1.5, 1.74, 1.87, 2.1, 2.3])
+    over_the_edge = np.column_stack([sideways, np.ones(6), np.full(6, 1.45)])
+    clear = held.measure(over_the_edge)
+    assert (clear[:3] >= 0.25 + 0.15).all() and 0.25 < clear[3] < 0.25 + 0.15
+    assert clear[4] in (0.0, 0.25) and clear[5] == 0
+    heights = np.column_stack([np.ones(4), np.ones(4), [0.9, 1.25, 1.65, 2.0]])
+    assert (held.measure(heights) >= 0.25).tolist() == [False, True, True, False]
+    assert held.measure(np.array([[1.0, 9.0, 1.4], [-99.0, 1.0, 1.4]])).tolist() == [0, 0]
+
+
+def test_rows_of_seats_are_passed_along_the_steps_beside_them():
+    steps = [box((0, k, 0), (7, k + 1, 0.15 * (k + 1))) for k in range(5)]
+    seats = [box((1.5, k + 0.4, 0), (6.9, k + 0.8, 0.15 * k + 0.6)) for k in range(5)]
+    room = box((0, -1, 0), (7, 5, 4), True)
+    space, caster = space_and_caster(room, *steps, *seats)
+    places, held = viewpoints(space, caster, 8, 0.25, 0)
+    assert np.ptp(places[:, 2]) > 0.6
+    for a, b in pairwise(places):
+        shares = np.linspace(0, 1, 20)[:, None]
+        for corner, following in pairwise(held.route(a, b, 0.25)):
+            points = corner + shares * (following - corner)
+            below = caster.cast(points, np.broadcast_to([0, 0, -1.0], points.shape)).distance
+            assert below.min() > 1.0 and below.max() < 1.9

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry.handheld_plan import PlanSettings, Waypoint
-from iclnuim.raycast.scene_route import chosen_waypoints, space_around
+from iclnuim.geometry.se3 import SE3
+from iclnuim.raycast import scene_route
+from iclnuim.raycast.caster import RayCaster
+from iclnuim.raycast.gaze import shares_seen
+from iclnuim.raycast.scene_route import space_around
 
 
 def quad(origin, u, v):
@@ -59,7 +63,92 @@ def room(panel_x_m):
 
 @pytest.mark.parametrize("panel_x_m, belongs", [(4.4, True), (4.8, False)])
 def test_a_niche_belongs_to_the_room_and_what_is_behind_the_window_does_not(panel_x_m, belongs):
-    waypoints, space = chosen_waypoints(*room(panel_x_m), 3, PlanSettings())
-    assert len(waypoints) == 3
+    space = scene_route._space_of_building(*room(panel_x_m))
     high_m = space.low_m + space.cell_m * (np.array(space.clearance_m.shape) - 1)
     assert (high_m[0] >= panel_x_m) == belongs
+
+
+def slab(low, high):
+    """The six sides of an upright box."""
+    u, v, w = np.diag(np.subtract(high, low))
+    low = np.array(low)
+    sides = quad(low, u, v), quad(low, v, w), quad(low, w, u)
+    return *sides, quad(low + w, u, v), quad(low + u, v, w), quad(low + v, w, u)
+
+
+FLOOR = slab((0, 0, -0.1), (4, 4, 0))
+SIDES = {
+    "back": slab((0, 4, 0), (4, 4.1, 2.6)),
+    "left": slab((-0.1, 0, 0), (0, 4, 2.6)),
+    "right": slab((4, 0, 0), (4.1, 4, 2.6)),
+    "front": slab((0, -0.1, 0), (4, 0, 2.6)),
+}
+BED = slab((2.4, 2.6, 0), (3.9, 3.9, 0.4))
+TABLE = slab((1.2, 1.2, 0), (2.8, 2.8, 0.75))
+ROOMS = [
+    ("back left right front", BED),
+    ("back left right", BED),
+    ("back left", BED),
+    ("back left", TABLE),
+    ("left right", TABLE),
+    ("back", BED),
+]
+
+
+@pytest.mark.parametrize(("walls", "furniture"), ROOMS)
+def test_every_frame_looks_into_the_room_from_a_person_s_height(walls, furniture):
+    """However few walls: as a hand-held camera of kt0..kt3, and never over furniture or edges."""
+    sides = [side for name in walls.split() for side in SIDES[name]]
+    scene = surface(*FLOOR, *sides, *furniture)
+    made, notes = scene_route.planned_in_rooms(*scene, 6, "room", PlanSettings())
+    T_world_camera = made.motion.trajectory.T_world_camera
+    shares = shares_seen(T_world_camera[::15], RayCaster(*scene))
+    assert shares.min() >= 0.4 and shares.mean() >= 0.7
+    assert len(notes) == 6 and all(note.startswith("viewpoint ") for note in notes)
+    places = T_world_camera.translation
+    below = np.broadcast_to([0, 0, -1.0], places.shape)
+    heights = RayCaster(*scene).cast(places, below).distance
+    assert heights.min() > 1.05 and heights.max() < 1.85
+    pitches = np.degrees(np.arcsin(T_world_camera.rotation[:, 2, 2]))
+    assert np.percentile(pitches, 5) < -18 and np.percentile(pitches, 95) > -6
+    assert made.clearance_m >= 0.25
+
+
+def test_people_see_over_things_that_are_lower_than_they_are():
+    things = [thing for x in (2, 6) for y in (2, 6) for thing in slab((x, y, 0), (x + 1, y + 1, 1))]
+    scene = surface(*slab((0, 0, -0.1), (9, 9, 0)), *things)
+    made, notes = scene_route.planned_in_rooms(*scene, 6, "room", PlanSettings())
+    assert len(notes) == 6
+    assert made.motion.trajectory.positions_m[:, 2].min() > 1.1
+
+
+def test_a_floor_without_surroundings_is_said_to_show_little():
+    scene = surface(*slab((0, 0, -0.1), (1.2, 1.2, 0)))
+    _, notes = scene_route.planned_in_rooms(*scene, 2, "room", PlanSettings())
+    assert "% of the view on average" in notes[-1] and "another scene unit" in notes[-1]
+
+
+@pytest.mark.parametrize(
+    ("shares", "is_said"),
+    [
+        ([0.15, 1, 1], True),
+        ([0.25, 1, 1], False),
+        ([0.45, 0.45], True),
+        ([0.6, 0.6], False),
+    ],
+)
+def test_little_is_a_fifth_of_a_frame_or_half_of_all(monkeypatch, shares, is_said):
+    monkeypatch.setattr(scene_route, "shares_seen", lambda poses, caster: np.array(shares))
+    assert bool(scene_route._little_seen(SE3(np.eye(3)[None], np.zeros((1, 3))), None)) == is_said
+
+
+def test_a_frame_of_each_half_second_is_checked(monkeypatch):
+    checked = []
+
+    def shares(poses, caster):
+        checked.append(len(poses.translation))
+        return np.ones(1)
+
+    monkeypatch.setattr(scene_route, "shares_seen", shares)
+    scene_route._little_seen(SE3(np.tile(np.eye(3), (60, 1, 1)), np.zeros((60, 3))), None)
+    assert checked == [4]

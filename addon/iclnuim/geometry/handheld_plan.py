@@ -3,7 +3,7 @@ viewing directions and pace, as a recipe of handheld.
 """
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import ClassVar
@@ -32,7 +32,7 @@ _DOWN_RAD = 0.1
 MARGINS_M = (0.15, 0.05, 0.0)
 #: Spacings of viewpoints on the route, tried in this order: with smaller ones the spline stays
 #: closer to the route.
-_SPACINGS_M = (1.5, 0.6, 0.3, 0.15)
+SPACINGS_M = (1.5, 0.6, 0.3, 0.15)
 _MAX_YAW_STEP_RAD = np.radians(80.0)
 
 
@@ -213,14 +213,8 @@ def plan(
         raise InputError(expected, found=found, hint=hint)
     places = [np.array(w.position_m) for w in waypoints]
     found = "none"
-    for margin_m in MARGINS_M:
-        try:
-            routes = [space.route(a, b, clear_m + margin_m) for a, b in pairwise(places)]
-        except InputError:
-            if margin_m == MARGINS_M[-1]:
-                raise
-            continue
-        for spacing_m in _SPACINGS_M:
+    for routes in routes_between(places, space, clear_m):
+        for spacing_m in SPACINGS_M:
             recipe = _recipe(_viewpoints(waypoints, routes, spacing_m), scene, settings)
             motion = handheld.make(recipe)
             clearances = space.measure(motion.trajectory.positions_m)
@@ -234,6 +228,22 @@ def plan(
     raise InputError(expected, found=found, hint=hint)
 
 
+def routes_between(
+    places: Sequence[np.ndarray], space: FreeSpace, clear_m: float
+) -> Iterator[list[np.ndarray]]:
+    """The routes from each place to the next one, with each of MARGINS_M that allows them. Raises
+    InputError if there are none without a margin.
+    """
+    for margin_m in MARGINS_M:
+        try:
+            routes = [space.route(a, b, clear_m + margin_m) for a, b in pairwise(places)]
+        except InputError:
+            if margin_m == MARGINS_M[-1]:
+                raise
+            continue
+        yield routes
+
+
 def _viewpoints(
     waypoints: list[Waypoint], routes: list[np.ndarray], spacing_m: float
 ) -> tuple[Viewpoint, ...]:
@@ -245,7 +255,7 @@ def _viewpoints(
     for k, route in enumerate(routes):
         yaw_step = (gazes[k + 1][0] - gazes[k][0] + np.pi) % (2 * np.pi) - np.pi
         turns = max(1, int(np.ceil(abs(yaw_step) / _MAX_YAW_STEP_RAD)))
-        share, points = _along(route, spacing_m, turns)
+        share, points = along(route, spacing_m, turns)
         for s, point in zip(share[1:-1], points[1:-1], strict=True):
             pitch = (1 - s) * gazes[k][1] + s * gazes[k + 1][1]
             found.append(_viewpoint(point, gazes[k][0] + s * yaw_step, pitch, 0.0))
@@ -275,7 +285,7 @@ def _gazes(waypoints: list[Waypoint], routes: list[np.ndarray]) -> list[tuple[fl
     return found
 
 
-def _along(route: np.ndarray, spacing_m: float, min_count: int) -> tuple[np.ndarray, np.ndarray]:
+def along(route: np.ndarray, spacing_m: float, min_count: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Shares (n,) of the route's length and the points (n, 3) there: its corners, and more points
     where these are far apart.
     """

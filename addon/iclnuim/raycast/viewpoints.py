@@ -3,15 +3,15 @@
 import numpy as np
 
 from ..errors import InputError
-from ..geometry.handheld_plan import MARGINS_M, FreeSpace, Waypoint, rounded
+from ..geometry.handheld_plan import MARGINS_M, FreeSpace
 from ..geometry.points import farthest_points
 from .caster import RayCaster
 
 #: Heights of eyes and cameras above the floor.
 _LOW_EYES_M = 1.2
-_HIGH_EYES_M = 1.7
+HIGH_EYES_M = 1.7
 #: Maximum step of a person on a floor, including stairs; furniture is higher.
-_STEP_M = 0.2
+STEP_M = 0.2
 #: Maximum share of rays from a free place that hit back faces.
 _BACKS = 0.1
 #: A place is in a room if the share of horizontal rays that hit a surface is at least this share of
@@ -24,8 +24,9 @@ _FEW = 0.2
 
 def viewpoints(
     space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed: int
-) -> list[Waypoint]:
-    """`count` waypoints above one connected floor, ordered for short routes.
+) -> tuple[np.ndarray, FreeSpace]:
+    """`count` places (count, 3) in rooms above one connected floor, ordered for short routes, and
+    the part of the space where a person on this floor holds a camera.
 
     Raises InputError if there are not enough free places.
     """
@@ -34,24 +35,28 @@ def viewpoints(
     rng = np.random.default_rng(seed)
     rays = rng.normal(size=(64, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    places = np.zeros((0, 3))
+    cells, floor = _cells_above_floors(space, caster, clear_m)
+    chosen = rng.permutation(len(cells))[:3000]  # enough to choose from, and soon cast
+    chosen = chosen[_in_rooms(space.low_m + space.cell_m * cells[chosen], caster, rays)]
     largest = 0
-    for margin_m in MARGINS_M:
-        places = _camera_places(space, caster, clear_m + margin_m, rays, rng)
-        largest = max(largest, len(places))
-        if len(places) >= count:
-            break
-    if len(places) < count:
-        raise _too_few(space, count, largest)
-    places = _in_short_order(farthest_points(places, count))
-    return [Waypoint(rounded(p), rounded(_gaze(p, places, caster, rays))) for p in places]
+    if len(chosen):
+        best = np.bincount(floor[chosen]).argmax()
+        walked = _held_above(space, cells[floor == best], clear_m)
+        cells = cells[chosen[floor[chosen] == best]]
+        for margin_m in MARGINS_M:
+            inside = _in_largest_part(walked.clearance_m >= clear_m + margin_m, cells)
+            if len(inside) >= count:
+                places = space.low_m + space.cell_m * inside
+                return _in_short_order(farthest_points(places, count)), walked
+            largest = max(largest, len(inside))
+    raise _too_few(space, count, largest)
 
 
 def _too_few(space: FreeSpace, count: int, found: int) -> InputError:
     fewer = f"auto:{found}, " if found > 1 else ""
     height = space.cell_m * (space.clearance_m.shape[2] - 1)
     return InputError(
-        f"a floor with {count} places free of surfaces {_LOW_EYES_M} to {_HIGH_EYES_M} m above it, "
+        f"a floor with {count} places free of surfaces {_LOW_EYES_M} to {HIGH_EYES_M} m above it, "
         "connected to one another",
         found=f"{found} in a scene {height:.2g} m high",
         hint=f"{fewer}a smaller {{clearance_m}}, another {{unit_m}} if the scene's size is wrong, "
@@ -69,41 +74,62 @@ def _in_short_order(places: np.ndarray) -> np.ndarray:
     return places[order]
 
 
-def _camera_places(
-    space: FreeSpace, caster: RayCaster, clear_m: float, rays: np.ndarray, rng: np.random.Generator
-) -> np.ndarray:
-    """(n, 3) places where a person can hold a camera: those in rooms, above the largest connected
-    floor.
+def _cells_above_floors(
+    space: FreeSpace, caster: RayCaster, clear_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Free cells (n, 3) where a person can hold a camera, and the number of the floor below (n,).
 
-    Table tops are separate floors, because the step to them is too high. So are rooms that are not
-    connected.
+    Table tops are separate floors, because the step to them is too high.
     """
     from scipy import ndimage
 
     cells = np.argwhere(space.clearance_m >= clear_m)
     places = space.low_m + space.cell_m * cells
-    if not len(cells):
-        return places
     below = _cast_from(caster, places, np.array([[0.0, 0.0, -1.0]]))[0][:, 0]
     slack = max(space.cell_m - 0.3, 0.0)  # with coarse cells there may be no layer at eye height
-    at_eyes = (below >= _LOW_EYES_M - slack) & (below <= _HIGH_EYES_M + slack)
-    if not at_eyes.any():
-        return places[at_eyes]
+    at_eyes = (below >= _LOW_EYES_M - slack) & (below <= HIGH_EYES_M + slack)
     cells = cells[at_eyes]
-    places = places[at_eyes]
-    below = below[at_eyes]
-    floors = places[:, 2] - below
-    steps = np.rint((floors - floors.min()) / _STEP_M).astype(int)
-    walked = np.zeros((*space.clearance_m.shape[:2], steps.max() + 1), bool)
-    walked[cells[:, 0], cells[:, 1], steps] = True
-    floor = ndimage.label(walked, np.ones((3, 3, 3)))[0][cells[:, 0], cells[:, 1], steps]
-    part = ndimage.label(space.clearance_m >= clear_m, np.ones((3, 3, 3)))[0][tuple(cells.T)]
-    group = floor * (part.max() + 1) + part
-    places[:, 2] = floors + below.clip(_LOW_EYES_M, _HIGH_EYES_M)
-    sampled = rng.permutation(len(places))[:3000]  # enough to choose from, and soon cast
-    sampled = sampled[_in_rooms(places[sampled], caster, rays)]
-    names, counts = np.unique(group[sampled], return_counts=True)
-    return places[sampled[group[sampled] == names[counts.argmax()]]] if len(sampled) else places[:0]
+    floors = places[at_eyes, 2] - below[at_eyes]
+    steps = np.rint((floors - floors.min(initial=np.inf)) / STEP_M).astype(int)
+    walked = np.zeros((*space.clearance_m.shape[:2], steps.max(initial=0) + 1), bool)
+    place = (cells[:, 0], cells[:, 1], steps)
+    walked[place] = True
+    return cells, ndimage.label(walked, np.ones((3, 3, 3)))[0][place]
+
+
+def _held_above(space: FreeSpace, cells: np.ndarray, clear_m: float) -> FreeSpace:
+    """The space of these cells (n, 3), for cameras `clear_m` from every surface: the margin beyond
+    this distance is kept from the edge of the space too, and none is more than a cell beyond it.
+    """
+    from scipy import ndimage
+
+    above = np.zeros(space.clearance_m.shape, bool)
+    above[tuple(cells.T)] = True
+    level = (space.cell_m, space.cell_m, 1e3)  # there is no margin above or below
+    inward_m = ndimage.distance_transform_edt(np.pad(above, 1), level)[1:-1, 1:-1, 1:-1]
+    around = ndimage.binary_dilation(above, np.ones((3, 3, 3)))
+    allowed_m = np.where(around, clear_m + inward_m, 0.0)
+
+    def measure(points: np.ndarray) -> np.ndarray:
+        index = np.rint((points - space.low_m) / space.cell_m).astype(int)
+        inside = index.clip(0, np.array(above.shape) - 1)
+        found = np.where((inside == index).all(1), allowed_m[tuple(inside.T)], 0.0)
+        return np.minimum(found, space.measure(points))
+
+    clearance_m = np.where(above, np.minimum(allowed_m, space.clearance_m), 0.0)
+    return FreeSpace(space.low_m, space.cell_m, clearance_m, measure)
+
+
+def _in_largest_part(free: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Those of the cells (n, 3) that are in the connected part of free (i, j, k) with most of
+    them.
+    """
+    from scipy import ndimage
+
+    part = ndimage.label(free, np.ones((3, 3, 3)))[0][tuple(cells.T)]
+    counts = np.bincount(part)
+    counts[0] = 0
+    return cells[(part == counts.argmax()) & (part > 0)]
 
 
 def _in_rooms(places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.ndarray:
@@ -113,10 +139,10 @@ def _in_rooms(places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.nda
     """
     distance, back = _cast_from(caster, places, rays)
     free = back.mean(1) < _BACKS
-    if free.mean() <= _FEW:
+    if free.sum() <= _FEW * len(free):
         free = np.ones(len(places), bool)
     around = np.isfinite(distance)[:, np.abs(rays[:, 2]) < 0.3].mean(1)
-    return free & (around > 0) & (around >= _ENCLOSED * around[free].max(initial=0.0))
+    return free & (around >= _ENCLOSED * around[free].max(initial=0.0))
 
 
 def _cast_from(
@@ -129,16 +155,3 @@ def _cast_from(
     hits = caster.cast(np.broadcast_to(places[:, None], shape), np.broadcast_to(directions, shape))
     distance = hits.distance.astype(float)
     return distance, np.isfinite(distance) & ((hits.normal * directions).sum(-1) > 0)
-
-
-def _gaze(place: np.ndarray, places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.ndarray:
-    """A target across the room: in the direction of the centre of all viewpoints or of a large
-    distance, slightly downwards.
-    """
-    middle = places.mean(0) - place
-    level = rays[np.abs(rays[:, 2]) < 0.3]
-    far = np.minimum(_cast_from(caster, place[None], level)[0][0], 10.0)
-    towards = level @ (middle / max(float(np.linalg.norm(middle)), 1e-6))
-    ahead = level[int((far * (1.2 + towards)).argmax())]
-    along = np.array([ahead[0], ahead[1], 0.0]) / np.hypot(ahead[0], ahead[1])
-    return place + 2.0 * along + [0.0, 0.0, -0.25]
