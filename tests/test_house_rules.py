@@ -23,7 +23,7 @@ TREES = {
     "iclnuim.benchmark": "benchmark",
     "iclnuim": "addon/iclnuim",
 }
-CORE = "errors settings geometry formats native_output"
+CORE = "errors settings shown geometry formats native_output"
 #: room -> rooms it may import from, besides itself. A room is a folder or a file of the library;
 #: `api` is iclnuim itself.
 MAY_IMPORT = {
@@ -32,21 +32,22 @@ MAY_IMPORT = {
     "checkout": "errors",
     "version": "",
     "console": "formats",
+    "shown": "",
     "worker_events": "errors geometry formats shipped wall scene_wall",
     "wall": "",
     "scene_wall": "geometry shipped wall",
     "__main__": "errors checkout headless headless.cli benchmark",
     "shipped": "errors",
-    "geometry": "errors settings",
+    "geometry": "errors settings shown",
     "native_output": "",
     "formats": "errors geometry native_output",
     "sensor": "errors settings geometry",
-    "evaluation": "errors settings geometry",
+    "evaluation": "errors settings shown geometry",
     "channels": "formats",
     "job": f"{CORE} channels shipped sensor",
-    "dataset": f"{CORE} version channels job shipped sensor evaluation",
-    "postprocess": f"{CORE} sensor evaluation dataset",
-    "render": f"{CORE} job dataset worker_events",
+    "dataset": f"{CORE} version console channels job shipped sensor evaluation",
+    "postprocess": f"{CORE} console sensor evaluation dataset",
+    "render": f"{CORE} console job dataset worker_events",
     "lightmap": "errors geometry",
     "blender": f"{CORE} lightmap",
     "blender.open": f"{CORE} shipped job blender",
@@ -67,7 +68,8 @@ BENCHMARK = [
 MAY_IMPORT |= {
     "benchmark": "",
     "benchmark.odometry": LIBRARY,
-    "benchmark.fusion": f"{CORE} sensor evaluation dataset report raycast benchmark.odometry",
+    "benchmark.fusion": f"{CORE} console sensor evaluation dataset report raycast "
+    "benchmark.odometry",
     "benchmark.perturbations": f"{LIBRARY} benchmark.odometry",
     "benchmark.systems": f"{LIBRARY} benchmark.odometry",
     "benchmark.experiments": f"{LIBRARY} benchmark " + " ".join(BENCHMARK),
@@ -97,6 +99,7 @@ OUTSIDE = {
     "blender": ("numpy bpy bmesh mathutils", "pxr _cycles zstandard"),
     "ui": ("numpy bpy mathutils", "gpu gpu_extras"),
     "report": ("numpy matplotlib", "rerun"),
+    "shown": ("numpy", "matplotlib"),
     "dataset": ("numpy", "rosbags torch lpips"),
     "raycast": ("numpy", "embreex igl scipy"),
     "headless.farm": ("numpy", "submitit"),

@@ -6,6 +6,7 @@ its first use. docs/guide/python.md shows examples.
 """
 
 import ast
+import warnings
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,10 +18,10 @@ __all__ = [
     "__version__", "IclnuimError", "InputError", "WorkError",
     # poses, cameras, trajectories and their files
     "SE3", "PinholeCamera", "Trajectory", "StampedPose", "TrajectoryStatistics", "trajectory_statistics",
-    "resample", "LoadedTrajectory", "read_trajectory", "write_trajectory",
+    "resample", "LoadedTrajectory", "read_trajectory", "write_trajectory", "pose_from_pov",
     # trajectory error: ATE and RPE
-    "absolute_trajectory_error", "relative_pose_error", "absolute_error", "AbsoluteError",
-    "AbsoluteErrorSettings", "relative_error", "RelativeError", "RelativeErrorSettings",
+    "absolute_trajectory_error", "relative_pose_error", "AbsoluteError",
+    "AbsoluteErrorSettings", "RelativeError", "RelativeErrorSettings",
     "AlignmentSettings", "associate", "Association", "AssociationSettings",
     # recordings for the viewer Rerun
     "record_sequence", "record_runs", "record_surface",
@@ -34,8 +35,8 @@ __all__ = [
     "noisy_depth", "noisy_rgb", "linear_from_srgb8", "depth_model", "rgb_model", "DEPTH_MODELS",
     "RGB_MODELS",
     # RGB-D sequences
-    "make_sequence", "write_sequence", "SequenceSettings", "WrittenSequence", "FrameSource",
-    "frames_from", "image_frames", "run_frames", "inspect_sequence", "Inspection", "open_sequence",
+    "make_sequence", "WrittenSequence", "FrameSource",
+    "frames_from", "inspect_sequence", "Inspection", "open_sequence",
     "RgbdSequence", "PosedFrame",
     # rendering
     "SCENES", "RenderJob", "read_recipe", "shipped_job", "render_frames", "render_pose",
@@ -56,38 +57,41 @@ if TYPE_CHECKING:
     from .benchmark.fusion.sequence import FusedSurface, fuse_sequence
     from .benchmark.fusion.settings import FuseSettings, QualitySettings, VolumeSettings
     from .benchmark.fusion.surface_error import SurfaceError, TrueSurface
-    from .benchmark.odometry.protocol import Frame, Odometer, OdometryResult
-    from .benchmark.odometry.protocol import Status as OdometryStatus
+    from .benchmark.odometry.protocol import Frame, Odometer, OdometryResult, OdometryStatus
     from .benchmark.odometry.recording import record_runs
     from .benchmark.odometry.registry import odometer
-    from .benchmark.odometry.run import Run as OdometryRun
-    from .benchmark.odometry.run import run_together as run_odometers
-    from .benchmark.odometry.run import table as odometry_table
+    from .benchmark.odometry.run import OdometryRun, odometry_table, run_odometers
     from .benchmark.odometry.track import Tracked, Tracker, track
     from .blender.open.model_file import read_model
     from .dataset.findings import Inspection
-    from .dataset.frames import FrameSource, image_frames, run_frames
+    from .dataset.frames import FrameSource
     from .dataset.inspection import inspect_sequence
     from .dataset.label_classes import ClassMap, read_class_map
     from .dataset.label_errors import LabelErrors, label_errors
     from .dataset.rendered_views import ViewError, ViewErrors, view_errors
     from .dataset.rgbd_sequence import PosedFrame, RgbdSequence, open_sequence
-    from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
+    from .dataset.sequence import WrittenSequence
     from .errors import IclnuimError, InputError, WorkError
-    from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
+    from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
     from .evaluation.align import AlignmentSettings
     from .evaluation.associate import Association, AssociationSettings, associate
     from .evaluation.image_error import ViewSettings, psnr_db, ssim
     from .evaluation.labels import LabelFigures, label_confusion, label_figures
     from .evaluation.panoptic import PanopticQuality, Segmentation, panoptic_quality
-    from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
+    from .evaluation.relative_error import RelativeError, RelativeErrorSettings
     from .formats.meshes import read_mesh
     from .formats.ply import write_ply
+    from .formats.pov_pose import pose_from_pov
     from .formats.trajectories import LoadedTrajectory, read_trajectory, write_trajectory
     from .geometry.camera import PinholeCamera
     from .geometry.se3 import SE3
-    from .geometry.trajectory import StampedPose, Trajectory, TrajectoryStatistics, resample
-    from .geometry.trajectory import statistics as trajectory_statistics
+    from .geometry.trajectory import (
+        StampedPose,
+        Trajectory,
+        TrajectoryStatistics,
+        resample,
+        trajectory_statistics,
+    )
     from .job import RenderJob, read_recipe, shipped_job
     from .postprocess import (
         absolute_trajectory_error,
@@ -102,7 +106,7 @@ if TYPE_CHECKING:
     from .render import RenderedFrame, render_frames, render_pose
     from .report.recording import record_sequence
     from .sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
-    from .sensor.transfer import light_from_srgb8 as linear_from_srgb8
+    from .sensor.transfer import linear_from_srgb8
     from .shipped import SCENES
 else:
 
@@ -111,6 +115,12 @@ else:
 
         Raises ImportError, in one line, if a required package is missing.
         """
+        if name in _OLD:
+            module, instead = _OLD[name]
+            text = f"iclnuim.{name} is an old name; try iclnuim.{instead}"
+            warnings.warn(text, DeprecationWarning, stacklevel=2)
+            globals()[name] = getattr(import_module(f".{module}", __name__), name)
+            return globals()[name]
         if name not in _PLACES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         module, attribute = _PLACES[name]
@@ -122,9 +132,18 @@ else:
         return value
 
     def __dir__() -> list[str]:
-        return sorted({*globals(), *_PLACES})
+        return sorted(__all__)
 
 
+#: old public name -> (its module, what to use instead)
+_OLD = {
+    "absolute_error": ("evaluation.absolute_error", "absolute_trajectory_error"),
+    "relative_error": ("evaluation.relative_error", "relative_pose_error"),
+    "image_frames": ("dataset.frames", "make_sequence with the folder, or open_sequence"),
+    "run_frames": ("dataset.frames", "make_sequence with the folder"),
+    "write_sequence": ("dataset.sequence", "make_sequence"),
+    "SequenceSettings": ("dataset.sequence", "make_sequence, which takes them as arguments"),
+}
 #: public name -> (module, its name there), read from the imports above
 _PLACES: dict[str, tuple[str, str]] = {}
 for _node in ast.walk(ast.parse(Path(__file__).read_text("utf-8"))):

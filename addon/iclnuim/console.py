@@ -2,7 +2,9 @@
 
 import sys
 import time
+from collections.abc import Callable
 from datetime import timedelta
+from typing import Any
 
 from .formats.files import json_text
 
@@ -47,7 +49,7 @@ class Progress:
         self.done = 0
         self.started = time.monotonic()
         self.last = 0.0
-        self.terminal = sys.stderr.isatty()
+        self.terminal = sys.stderr.isatty() or in_notebook()
         self._pause_s = 0.1 if self.terminal else 10.0
 
     def begin(self) -> None:
@@ -74,3 +76,24 @@ class Progress:
         if ended or not self.terminal:
             text += "\n"
         print(text, end="", file=sys.stderr, flush=True)
+
+
+#: Whether progress is shown (None: in a notebook), or progress(total, label), which returns an
+#: object with advance().
+Meter = bool | Callable[[int, str], Any] | None
+
+
+def in_notebook() -> bool:
+    """Whether this process is the kernel of a notebook."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return hasattr(shell, "kernel")
+
+
+def advance_of(
+    progress: Meter, total: int, label: str, unit: str = "frames"
+) -> Callable[[], object]:
+    """The function to call after each of `total` steps."""
+    if callable(progress):
+        return progress(total, label).advance
+    shown = in_notebook() if progress is None else progress
+    return Progress(total, label, unit, enabled=shown).advance

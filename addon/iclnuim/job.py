@@ -112,6 +112,7 @@ class RenderJob(Settings):
 
     def __post_init__(self) -> None:
         known = declared(RenderJob)
+        object.__setattr__(self, "camera", PinholeCamera.of(self.camera))
         if known["light"].checked(self.light) == "auto" and self.scene in shipped.SCENE_NAMES:
             object.__setattr__(self, "light", "baked")
         for name, value in LIGHT_DEFAULTS.get(self.light, {}).items():

@@ -9,25 +9,29 @@ rgb_noise="released", seed=1) postprocess.absolute_trajectory_error("noisy/groun
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .console import Meter, advance_of
 from .dataset.frames import FrameSource, image_frames, run_frames
+from .dataset.rgbd_sequence import RgbdSequence
 from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
 from .errors import InputError
 from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
 from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
 from .formats.files import sha256
 from .formats.trajectories import read_trajectory, trajectory_text
-from .geometry.camera import PinholeCamera
+from .geometry.camera import CameraOrText, PinholeCamera
+from .geometry.se3 import SE3, Poses
 from .geometry.trajectory import Trajectory
-from .sensor.models import depth_model, rgb_model
+from .sensor.models import NamedNoise, depth_model, rgb_model
 from .sensor.noise_model import DEPTH, RGB, frame_generator
 
 Settings = Mapping[str, Any]
-TrajectoryOrFile = Trajectory | str | os.PathLike[str]
+TrajectoryOrFile = Trajectory | Poses | str | os.PathLike[str]
 #: What images must be, and what to try if they hold whole numbers.
 _METRES = "depth in metres", "dividing by the units per metre (TUM: 5000)"
 _LINEAR_RGB = "scene-linear RGB with 1 = white", "iclnuim.linear_from_srgb8 for 8-bit images"
@@ -35,8 +39,8 @@ _LINEAR_RGB = "scene-linear RGB with 1 = white", "iclnuim.linear_from_srgb8 for 
 
 def noisy_depth(
     depth_z_m: np.ndarray,
-    model: str = "paper",
-    camera: PinholeCamera | None = None,
+    model: NamedNoise = "paper",
+    camera: CameraOrText | None = None,
     seed: int = 0,
     frame: int = 0,
     settings: Settings | None = None,
@@ -44,15 +48,16 @@ def noisy_depth(
     """Add the noise of a sensor model to planar depth (h, w) in metres, 0 = missing. Returns
     float32 of the same shape.
 
-    model: a key of DEPTH_MODELS, or `module:function`; settings: settings of the model, by name
-    (docs/guide/sensor.md). camera: default is the benchmark's camera, scaled to the image's width.
+    model: a key of DEPTH_MODELS, a function(depth_z_m, camera, rng) or its `module:function`;
+    settings: settings of the model, by name (docs/guide/sensor.md). camera: or its text; default is
+    the benchmark's camera, scaled to the image's width.
     The noise depends only on seed and frame number. Raises InputError for an unknown model or
     setting, for whole numbers, and for another shape or size than the camera's.
     """
     depth_z_m = _floating(depth_z_m, *_METRES)
     if depth_z_m.ndim != 2:
         raise InputError("depth (h, w) in metres", found=depth_z_m.shape)
-    camera = camera or PinholeCamera.parse(f"{depth_z_m.shape[1]}x{depth_z_m.shape[0]}")
+    camera = PinholeCamera.of(camera or f"{depth_z_m.shape[1]}x{depth_z_m.shape[0]}")
     if depth_z_m.shape != (camera.height, camera.width):
         expected = f"depth of the camera's size {camera.width}x{camera.height}"
         raise InputError(expected, found=depth_z_m.shape[::-1])
@@ -62,7 +67,7 @@ def noisy_depth(
 
 def noisy_rgb(
     rgb: np.ndarray,
-    model: str = "paper",
+    model: NamedNoise = "paper",
     seed: int = 0,
     frame: int = 0,
     settings: Settings | None = None,
@@ -70,7 +75,7 @@ def noisy_rgb(
     """Convert scene-linear RGB (h, w, 3), 1 = white, to sRGB (h, w, 3) uint8 with the noise of a
     sensor model.
 
-    model: a key of RGB_MODELS, or `module:function`; settings: settings of the model, by name
+    model: a key of RGB_MODELS, a function(light, rng) or its `module:function`; settings: settings of the model, by name
     (docs/guide/sensor.md). The noise depends only on seed and frame number. Raises InputError for
     an unknown model or setting, and for whole numbers.
     """
@@ -91,39 +96,59 @@ def _floating(image: np.ndarray, expected: str, hint: str) -> np.ndarray:
 
 
 def make_sequence(
-    frames: str | os.PathLike[str],
+    frames: RgbdSequence | FrameSource | str | os.PathLike[str],
     out: str | os.PathLike[str],
-    depth_noise: str = "none",
-    rgb_noise: str = "none",
+    depth_noise: NamedNoise = "none",
+    rgb_noise: NamedNoise = "none",
     seed: int = 0,
-    formats: tuple[str, ...] = ("tum",),
+    formats: Sequence[str] = ("tum",),
     depth_settings: Settings | None = None,
     rgb_settings: Settings | None = None,
+    workers: int | None = None,
+    progress: Meter = None,
 ) -> WrittenSequence:
-    """Write a sequence with noise from the EXR frames of a run folder, or from a sequence of PNG
-    pairs. An interrupted sequence is resumed.
+    """Write a sequence, with noise if it is asked for. An interrupted sequence is resumed.
 
-    formats: names in dataset/sequence_formats.py. Several formats are written into a folder each.
+    frames: the folder of a run or of any sequence, a sequence or a part of it (open_sequence), or
+    frames of your own (frames_from). depth_noise, rgb_noise: names, functions or `module:function`,
+    as for noisy_depth and noisy_rgb. formats: names in dataset/sequence_formats.py. Several formats
+    are written into a folder each. workers: processes, by default as many as cores. progress: True
+    or False, by default on in a notebook, or progress(total, label), which returns an object with
+    advance().
 
-    Raises InputError if `frames` contains neither or `out` contains another sequence, and WorkError
-    if a file cannot be written.
+    Raises InputError if `frames` contains no frames or `out` contains another sequence, and
+    WorkError if a file cannot be written.
     """
-    folder = Path(frames)
-    source = run_frames(folder) if (folder / "exr").is_dir() else image_frames(folder)
+    source = _source(frames)
+    if callable(depth_noise) or callable(rgb_noise):
+        source = replace(source, volatile=True)
     settings = SequenceSettings(
         depth_model(depth_noise, depth_settings), rgb_model(rgb_noise, rgb_settings), seed
     )
-    return write_sequence(source, Path(out), settings, formats)
+    advance = advance_of(progress, len(source.numbers), "sequence")
+    names = (formats,) if isinstance(formats, str) else formats
+    return write_sequence(source, Path(out), settings, names, workers, lambda number: advance())
+
+
+def _source(frames: RgbdSequence | FrameSource | str | os.PathLike[str]) -> FrameSource:
+    if isinstance(frames, FrameSource):
+        return frames
+    if isinstance(frames, RgbdSequence):
+        whole = image_frames(frames.folder, camera=frames.images)
+        return replace(whole, numbers=tuple(sorted(pair.number for pair in frames.pairs)))
+    folder = Path(frames)
+    return run_frames(folder) if (folder / "exr").is_dir() else image_frames(folder)
 
 
 def frames_from(
-    camera: PinholeCamera,
-    trajectory: Trajectory,
+    camera: CameraOrText,
+    trajectory: Trajectory | Poses,
     load: Callable[[int], tuple[np.ndarray, np.ndarray]],
     name: str = "own",
 ) -> FrameSource:
-    """Frames of your own renderer or simulator, for write_sequence. Frame i has stamp i and pose i
-    of the trajectory.
+    """Frames of your own renderer or simulator, for make_sequence. Frame i has stamp i and pose i
+    of the trajectory, or pose i of matrices (n, 4, 4) and the stamp 1 + i / 30 seconds. camera: or
+    its text.
 
     load(i) returns RGB (h, w, 3), scene-linear with 1 = white, and planar depth (h, w) in metres
     with 0 = no surface, both of the camera's size. It may be called in any order and from several
@@ -145,8 +170,12 @@ def frames_from(
         return rgb, depth_z_m
 
     def poses(numbers: Sequence[int]) -> Trajectory:
-        return trajectory[np.array(numbers)]
+        return own[np.array(numbers)]
 
+    camera = PinholeCamera.of(camera)
+    if not isinstance(trajectory, Trajectory):
+        trajectory = Trajectory.at_rate(trajectory)
+    own = trajectory
     size = camera.height, camera.width
     origin = {
         "frames": name,
@@ -162,13 +191,14 @@ def absolute_trajectory_error(
     settings: AbsoluteErrorSettings | None = None,
 ) -> AbsoluteError:
     """ATE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a
-    Trajectory or a file in any known format.
+    Trajectory, a file in any known format, or poses or matrices (n, 4, 4), whose pose i is that of
+    the other's pose i.
 
     By default, stamps within 20 ms are associated and the estimate is aligned by SE(3).
     `.translation_m.rmse` is the value that papers report. Raises InputError for a file that cannot
     be read, if no stamps match, and if the poses do not determine the alignment.
     """
-    return absolute_error(_trajectory(truth), _trajectory(estimate), settings)
+    return absolute_error(*_trajectories(truth, estimate), settings)
 
 
 def relative_pose_error(
@@ -177,18 +207,44 @@ def relative_pose_error(
     settings: RelativeErrorSettings | None = None,
 ) -> RelativeError:
     """RPE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a
-    Trajectory or a file in any known format.
+    Trajectory, a file in any known format, or poses or matrices (n, 4, 4), whose pose i is that of
+    the other's pose i.
 
     By default, all pairs of consecutive frames are used; `settings` can set another delta in
     frames, seconds or metres. Raises InputError for a file that cannot be read, if no stamps match,
     and if no two poses are delta apart.
     """
-    return relative_error(_trajectory(truth), _trajectory(estimate), settings)
+    return relative_error(*_trajectories(truth, estimate), settings)
 
 
-def _trajectory(given: TrajectoryOrFile) -> Trajectory:
+def _trajectories(
+    truth: TrajectoryOrFile, estimate: TrajectoryOrFile
+) -> tuple[Trajectory, Trajectory]:
+    """Both as trajectories; poses without stamps get those of the other."""
+    both = [_read(given) for given in (truth, estimate)]
+    stamped = next((one for one in both if isinstance(one, Trajectory)), None)
+    counts = [len(one) for one in both]
+    if not all(isinstance(one, Trajectory) for one in both) and counts[0] != counts[1]:
+        expected = "as many poses of both, as some have no stamps"
+        raise InputError(expected, found=f"{counts[0]} and {counts[1]}")
+    found = []
+    for one in both:
+        if isinstance(one, SE3):
+            one = Trajectory.at_rate(one) if stamped is None else Trajectory(stamped.stamps_s, one)
+        found.append(one)
+    return found[0], found[1]
+
+
+def _read(given: TrajectoryOrFile) -> Trajectory | SE3:
     if isinstance(given, Trajectory):
         return given
-    if not isinstance(given, str | os.PathLike):
-        raise InputError("a Trajectory or the name of a file", found=type(given).__name__)
-    return read_trajectory(given).trajectory
+    if isinstance(given, str | os.PathLike):
+        return read_trajectory(given).trajectory
+    try:
+        poses = SE3.of(given)
+    except InputError:
+        poses = SE3.identity()
+    if len(poses.shape) != 1:
+        expected = "a Trajectory or the name of a file, or poses (n,) or (n, 4, 4)"
+        raise InputError(expected, found=type(given).__name__)
+    return poses

@@ -15,14 +15,16 @@ from typing import Any
 
 import numpy as np
 
+from .console import Meter, advance_of
 from .dataset.frames import read_frame
+from .dataset.rgbd_sequence import pictures
 from .dataset.run_folder import RunFolder, load_trajectory, read_run
 from .errors import InputError, WorkError
 from .formats.trajectories import write_trajectory
-from .geometry.se3 import SE3
+from .geometry.se3 import SE3, Poses
 from .geometry.trajectory import Trajectory, frame_slice
 from .job import RenderJob
-from .worker_events import ChunkDone, Event, Exited, Failed, WorkerClient, worker_command
+from .worker_events import ChunkDone, Event, Exited, Failed, FrameDone, WorkerClient, worker_command
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,23 +36,32 @@ class RenderedFrame:
     rgb: np.ndarray
     depth_z_m: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"RenderedFrame({'x'.join(map(str, self.depth_z_m.shape[::-1]))})"
+
+    def _repr_html_(self) -> str:
+        return f"{self!r}<br>{pictures(self.rgb, self.depth_z_m)}"
+
 
 def render_frames(
     job: RenderJob,
     out: str | os.PathLike[str],
     frames: str = "::",
     on_event: Callable[[Event], None] = lambda event: None,
+    progress: Meter = None,
 ) -> RunFolder:
     """Render the frames of a job that are missing in the run folder `out`, and return the folder
     (its files: docs/reference/conventions.md).
 
     frames: a slice A:B:S over the poses of the job's trajectory. on_event is called with each event
-    of the worker (worker_events.py), with FrameDone after each frame. If the light map is not in
+    of the worker (worker_events.py), with FrameDone after each frame. progress: True or False, by
+    default on in a notebook, or progress(total, label), which returns an object with advance(). If the light map is not in
     the cache, it is baked first, which takes minutes. Raises InputError for frames that the
     trajectory does not have, and WorkError if Blender is missing, the scene or the folder cannot be
     used, or the work failed. Finished frames stay, and the same call resumes.
     """
     numbers = list(frame_slice(frames, len(load_trajectory(job))))
+    advance = advance_of(progress, len(numbers), "render")
     with tempfile.TemporaryDirectory(prefix="iclnuim-") as folder:
         inbox: queue.SimpleQueue[tuple[WorkerClient, Event]] = queue.SimpleQueue()
         log = Path(folder) / "worker.log"
@@ -65,6 +76,8 @@ def render_frames(
                     log_end = f": {event.log}" if event.log else ""
                     raise WorkError(f"the render worker ended with code {event.code}{log_end}")
                 on_event(event)
+                if isinstance(event, FrameDone):
+                    advance()
             worker.stop()
         except BaseException:
             worker.kill()
@@ -74,14 +87,15 @@ def render_frames(
     return read_run(Path(out))
 
 
-def render_pose(scene: str, T_world_camera: SE3, **settings: Any) -> RenderedFrame:
+def render_pose(scene: str, T_world_camera: Poses, **settings: Any) -> RenderedFrame:
     """Render one frame of a scene (a built-in name or a file) from a pose of the cv camera (x
-    right, y down, z forward; metres, z up).
+    right, y down, z forward; metres, z up), or from its matrix (4, 4).
 
     settings: settings of RenderJob, such as camera, light, samples. Starting Blender and opening
     the scene takes seconds: for many poses, write a trajectory file and call render_frames. Raises
     InputError and WorkError like render_frames.
     """
+    T_world_camera = SE3.of(T_world_camera)
     if T_world_camera.shape:
         found = f"poses of shape {T_world_camera.shape}"
         raise InputError("a single pose", found=found, hint="one of them, T[i]")
@@ -90,6 +104,6 @@ def render_pose(scene: str, T_world_camera: SE3, **settings: Any) -> RenderedFra
         pose = SE3(T_world_camera.rotation[None], T_world_camera.translation[None])
         write_trajectory(file, Trajectory(np.zeros(1), pose), "tum")
         job = RenderJob(sequence="pose", scene=scene, trajectory=str(file), **settings)
-        run = render_frames(job, Path(folder) / "run")
+        run = render_frames(job, Path(folder) / "run", progress=False)
         rgb, depth_z_m = read_frame(run.frame_file(0), run.camera)
     return RenderedFrame(rgb.astype(np.float32), depth_z_m)

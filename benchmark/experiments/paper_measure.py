@@ -101,7 +101,7 @@ def _motion(
 
     The odometer's counts of frames (lost, degenerate ...) are added to the figures.
     """
-    from iclnuim.benchmark.odometry.run import Sequence, run_together
+    from iclnuim.benchmark.odometry.run import Sequence, run_odometers
 
     key = task.key
     sequence = Sequence(task.folder)
@@ -116,7 +116,7 @@ def _motion(
     against = partial(make_reference, key.reference, preset=key.preset)
     started = time.process_time()
     odometers = [odometer(key.odometer, key.preset)]
-    (run,) = run_together(odometers, sequence, progress=meter, frames=task.first, against=against)
+    (run,) = run_odometers(odometers, sequence, progress=meter, frames=task.first, against=against)
     found = run.to_dict()
     times["track_s"] = time.process_time() - started
     times |= {name: found[name] for name in ("ms_median", "ms_95")}

@@ -8,18 +8,23 @@ Temples (Knapitsch et al., SIGGRAPH 2017).
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.se3 import SE3, Poses
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.distance import TriangleDistance, slabs
 from iclnuim.raycast.visibility import seen_points
+from iclnuim.shown import MM, Shown, plot_shares
 
 from .samples import areas_m2, sampled, thinned, within_reach
 from .settings import QualitySettings
 from .surface_error import TrueSurface
+
+if TYPE_CHECKING:
+    from iclnuim.shown import Axes
 
 #: Thresholds for precision, recall and F.
 NEAR_M = (0.01, 0.02, 0.05)
@@ -31,12 +36,16 @@ _MAX_FACTOR = 20
 
 @dataclass(frozen=True, eq=False)
 class SeenBy:
-    """A camera and its poses (k,) in the model's world: a reconstruction is evaluated on the
+    """A camera (or its text) and its poses (k,) in the model's world (or matrices (k, 4, 4)): a reconstruction is evaluated on the
     surface that they see.
     """
 
     camera: PinholeCamera
     T_world_camera: SE3
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "camera", PinholeCamera.of(self.camera))
+        object.__setattr__(self, "T_world_camera", SE3.of(self.T_world_camera))
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +62,8 @@ class Seen:
     depth_z_m: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class SurfaceQuality:
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceQuality(Shown):
     """reconstruction_m (n,): distance of each sample of the reconstruction to the model. model_m
     (m,): distance of each sample of the
     model (with a trajectory: each seen sample) to the reconstruction. seen_m2: seen area of the
@@ -90,7 +99,22 @@ class SurfaceQuality:
         recall = self.recall(near_m)
         return None if recall is None else 2 * precision * recall / max(precision + recall, 1e-300)
 
-    def to_dict(self) -> dict:
+    def summary(self) -> str:
+        words = [f"accuracy {MM * self.accuracy_m:.4g} mm"]
+        f_score = self.f_score(NEAR_M[-1])
+        if self.completion_m is not None and f_score is not None:
+            words.append(f"completion {MM * self.completion_m:.4g} mm")
+            words.append(f"F {f_score:.3f} at {MM * NEAR_M[-1]:g} mm")
+        return ", ".join(words)
+
+    def plot(self, axes: "Axes | None" = None) -> "Axes":
+        """Draw precision and recall over the distance; returns the Matplotlib axes."""
+        axes = plot_shares(axes, self.reconstruction_m, "precision")
+        if self.model_m is not None:
+            plot_shares(axes, self.model_m, "recall")
+        return axes
+
+    def to_dict(self) -> dict[str, Any]:
         """The results as a dict, without values that are None."""
         model_m = np.zeros(0) if self.model_m is None else self.model_m
         found = {
@@ -118,7 +142,7 @@ def surface_quality(
     surface: TrueSurface,
     points: np.ndarray,
     triangles: np.ndarray,
-    T_model_mesh: SE3 | None = None,
+    T_model_mesh: Poses | None = None,
     seen_by: SeenBy | Seen | None = None,
     whole: bool = False,
     settings: QualitySettings | None = None,
@@ -135,7 +159,7 @@ def surface_quality(
     """
     settings = settings or QualitySettings()
     if T_model_mesh is not None:
-        points = T_model_mesh.apply(points)
+        points = SE3.of(T_model_mesh).apply(points)
     if isinstance(seen_by, SeenBy):
         seen_by = what_was_seen(surface, seen_by, settings, on_pose)
     to_samples = settings.nearest == "sample"

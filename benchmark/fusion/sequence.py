@@ -2,17 +2,19 @@
 volume is meshed.
 """
 
+import os
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
+from iclnuim.console import Meter, advance_of
 from iclnuim.dataset.frames import ImagePair
 from iclnuim.dataset.layout import SequenceCamera
+from iclnuim.dataset.rgbd_sequence import RgbdSequence
 from iclnuim.errors import InputError
 from iclnuim.evaluation.associate import AssociationSettings, associate
-from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.se3 import SE3, Poses
 from iclnuim.geometry.trajectory import Trajectory, frame_slice, sample
 
 from ..odometry.run import Sequence
@@ -34,23 +36,28 @@ class FusedSurface:
 
 
 def fuse_sequence(
-    folder: Path | str,
-    trajectory: Trajectory,
+    folder: RgbdSequence | Path | str,
+    trajectory: Trajectory | Poses,
     settings: FuseSettings | None = None,
-    progress: Callable | None = None,
+    progress: Meter = None,
     camera: SequenceCamera | None = None,
 ) -> FusedSurface:
-    """Fuse all images that have a pose. `progress(total, label)` returns an object with advance();
+    """Fuse all images of a sequence or of its folder that have a pose. The trajectory can be poses or
+    matrices (n, 4, 4), one for each image. progress: True or False, by default on in a notebook,
+    or progress(total, label), which returns an object with advance();
     camera: by default the folder's.
 
     Raises InputError if there is nothing to fuse, BlockLimitError if one frame needs more than
     max_blocks.
     """
-    if not isinstance(trajectory, Trajectory):
+    if trajectory is None or isinstance(trajectory, str | os.PathLike):
         hint = "iclnuim.read_trajectory(file).trajectory"
         raise InputError("a Trajectory", found=type(trajectory).__name__, hint=hint)
     settings = settings or FuseSettings()
     sequence = Sequence(folder, camera=camera)
+    if not isinstance(trajectory, Trajectory):
+        stamps_s = np.array([pair.stamp_s for pair in sequence.pairs])
+        trajectory = Trajectory(stamps_s, SE3.of(trajectory))
     chosen = [sequence.pairs[i] for i in frame_slice(settings.frames, len(sequence))]
     posed, poses = _posed(chosen, trajectory, settings.max_difference_s)
     fusion = _Fusion(sequence, settings)
@@ -58,15 +65,14 @@ def fuse_sequence(
         if pair not in posed:
             reason = f"no pose within {settings.max_difference_s} s"
             fusion.left_out.append(f"{pair.stamp_s:.6f} s: {reason}")
-    bar = progress(len(posed), "fuse") if progress else None
+    advance = advance_of(progress, len(posed), "fuse")
     for i, pair in enumerate(posed):
         fusion.add(pair, poses[i])
-        if bar:
-            bar.advance()
+        advance()
     started = time.perf_counter()
     mesh = fusion.mesh()
     if not len(mesh.triangles):
-        raise fusion.no_surface(folder)
+        raise fusion.no_surface(sequence.folder)
     figures = {**fusion.figures(), "meshing_s": time.perf_counter() - started}
     figures |= {"vertices": len(mesh.points), "triangles": len(mesh.triangles)}
     figures |= {"camera": asdict(sequence.camera), "settings": asdict(settings)}

@@ -4,24 +4,29 @@ VII).
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from iclnuim.errors import InputError, named
 from iclnuim.evaluation.absolute_error import ErrorStatistics
-from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.se3 import SE3, Poses
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.distance import TriangleDistance
+from iclnuim.shown import MM, Shown, plot_shares
 
 from .alignment import icp
 from .mistakes import warnings
 from .reconstruction import check_positions
 
+if TYPE_CHECKING:
+    from iclnuim.shown import Axes
+
 #: Distances for which the share of the vertices within is reported.
 WITHIN_M = (0.001, 0.005, 0.01, 0.05)
 
 
-@dataclass(frozen=True, eq=False)
-class SurfaceError:
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceError(Shown):
     """distances_m (n,): from each vertex, after T_model_mesh, to the nearest triangle of the model.
     warnings: sentences with settings as `{name}`.
     """
@@ -34,7 +39,19 @@ class SurfaceError:
     def statistics(self) -> ErrorStatistics:
         return ErrorStatistics.of(self.distances_m)
 
-    def to_dict(self) -> dict:
+    def summary(self) -> str:
+        s = self.statistics
+        words = f"mean {MM * s.mean:.4g} mm, median {MM * s.median:.4g} mm"
+        return f"{words}, {len(self.distances_m)} vertices"
+
+    def plot(self, axes: "Axes | None" = None) -> "Axes":
+        """Draw the share of vertices within a distance; returns the Matplotlib axes."""
+        return plot_shares(axes, self.distances_m, "vertices")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Number of vertices, statistics of the distances in metres, the share within 1, 5, 10 and
+        50 mm, the transform (4, 4) and the warnings.
+        """
         within = {f"{1e3 * d:g}mm": float((self.distances_m <= d).mean()) for d in WITHIN_M}
         return {
             "vertices": len(self.distances_m),
@@ -68,7 +85,7 @@ class TrueSurface(TriangleDistance):
     def error(
         self,
         points: np.ndarray,
-        T_model_mesh: SE3 | None = None,
+        T_model_mesh: Poses | None = None,
         unit_m: float = 1.0,
         model_unit_m: float = 1.0,
     ) -> SurfaceError:
@@ -88,7 +105,7 @@ class TrueSurface(TriangleDistance):
             found = f"{np.count_nonzero(~finite)} of {len(points)} that are not"
             raise InputError("vertices (n, 3) that are finite", found=found)
         check_positions(points)
-        T = SE3.identity() if T_model_mesh is None else T_model_mesh
+        T = SE3.identity() if T_model_mesh is None else SE3.of(T_model_mesh)
         distances_m = self.distance(T.apply(points))
         advice = warnings(self, points, T, float(distances_m.mean()), (unit_m, model_unit_m))
         return SurfaceError(distances_m, T, advice)

@@ -11,13 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .protocol import Status
-from .run import Run
+from .run import OdometryRun
 from .solver import MAX_SIGMA_M, MIN_EIGENVALUE
 
 SIZE_INCHES = (12, 6)
 
 
-def figure(runs: list[Run]) -> Figure:
+def figure(runs: list[OdometryRun]) -> Figure:
     """All runs in one figure.
 
     If there is only one, its lost frames are black and its degenerate ones are marked.
@@ -27,7 +27,7 @@ def figure(runs: list[Run]) -> Figure:
     return drawing
 
 
-def show(runs: list[Run]) -> None:
+def show(runs: list[OdometryRun]) -> None:
     """Open a window and return when it is closed. Raises WorkError if there is no display."""
     from matplotlib import pyplot
 
@@ -42,7 +42,7 @@ def show(runs: list[Run]) -> None:
     pyplot.show()
 
 
-def _fill(drawing: Figure, runs: list[Run]) -> None:
+def _fill(drawing: Figure, runs: list[OdometryRun]) -> None:
     """Draw all panels."""
     grid = drawing.add_gridspec(2, 2, width_ratios=(1, 1.2))
     _trajectories(drawing.add_subplot(grid[:, 0]), runs)
@@ -50,7 +50,7 @@ def _fill(drawing: Figure, runs: list[Run]) -> None:
     _uncertainty(drawing.add_subplot(grid[1, 1]), runs)
 
 
-def _residuals(axes: Axes, runs: list[Run]) -> None:
+def _residuals(axes: Axes, runs: list[OdometryRun]) -> None:
     """The residual of a single run has the unit of its method; those of several are divided by
     their medians.
     """
@@ -65,7 +65,7 @@ def _residuals(axes: Axes, runs: list[Run]) -> None:
     axes.set(title="residual; lost frames black", ylabel=label)
 
 
-def _uncertainty(axes: Axes, runs: list[Run]) -> None:
+def _uncertainty(axes: Axes, runs: list[OdometryRun]) -> None:
     """A standard deviation where all presets have a noise model, else the smallest eigenvalue."""
     curves = _values(runs, "largest_sigma_m", 1e3)
     limit = 1e3 * MAX_SIGMA_M
@@ -86,13 +86,17 @@ def _uncertainty(axes: Axes, runs: list[Run]) -> None:
     axes.set(title=title, xlabel="time [s]", ylabel=label)
 
 
-def _values(runs: list[Run], name: str, factor: float = 1.0) -> list[np.ndarray]:
+def _values(runs: list[OdometryRun], name: str, factor: float = 1.0) -> list[np.ndarray]:
     """Attribute `name` of each run's results, (frames,) per run."""
     return [factor * np.array([getattr(f.result, name) for f in run.frames]) for run in runs]
 
 
 def _over_time(
-    axes: Axes, runs: list[Run], curves: list[np.ndarray], marked: Status | None, **line: Any
+    axes: Axes,
+    runs: list[OdometryRun],
+    curves: list[np.ndarray],
+    marked: Status | None,
+    **line: Any,
 ) -> None:
     """A curve per run, and a vertical line at each frame whose status is `marked`."""
     for i, (run, values) in enumerate(zip(runs, curves, strict=True)):
@@ -103,7 +107,7 @@ def _over_time(
                 axes.axvline(f.stamp_s, **line)
 
 
-def _trajectories(axes: Axes, runs: list[Run]) -> None:
+def _trajectories(axes: Axes, runs: list[OdometryRun]) -> None:
     """Trajectories along the two axes with the most motion, in the world of the ground truth or,
     without it, of the first camera.
     """
@@ -129,7 +133,7 @@ def _trajectories(axes: Axes, runs: list[Run]) -> None:
     axes.legend(loc="best", fontsize="small")
 
 
-def _in_world_of(truth: Trajectory | None, run: Run) -> np.ndarray:
+def _in_world_of(truth: Trajectory | None, run: OdometryRun) -> np.ndarray:
     """(n, 3): positions of a run, aligned with the ground truth, if any. Raises InputError where
     the alignment is undetermined.
     """

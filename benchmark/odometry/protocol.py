@@ -85,7 +85,7 @@ class Frame:
         return bool(some.max() - nearest < FLAT_M)
 
 
-class Status(Enum):
+class OdometryStatus(Enum):
     """OK and DEGENERATE have a pose. DEGENERATE: the motion is under-constrained in some direction,
     depth disagrees with it, all depth has
     one value, the frame repeats the one before, the pose before it was a DEGENERATE outlier, or the
@@ -95,6 +95,10 @@ class Status(Enum):
     OK = "ok"
     DEGENERATE = "degenerate"
     FAILED = "failed"
+
+
+#: Its name in this package.
+Status = OdometryStatus
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +116,7 @@ class OdometryResult:
     """
 
     T_reference_camera: SE3
-    status: Status = Status.OK
+    status: OdometryStatus = OdometryStatus.OK
     converged: bool = True
     iterations: int = 0
     residual: float = float("nan")
@@ -124,6 +128,9 @@ class OdometryResult:
     matches: int = 0
     seconds: float = 0.0
     reason: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_reference_camera", SE3.of(self.T_reference_camera))
 
 
 def failure(reason: str) -> OdometryResult:

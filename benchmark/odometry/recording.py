@@ -14,7 +14,7 @@ from iclnuim.report.charts import COLOURS
 from iclnuim.report.recording import TRUTH, Recorder, record
 
 from .protocol import Status
-from .run import Run
+from .run import OdometryRun
 from .track import Tracked
 
 #: Fields of a result that are recorded as curves.
@@ -22,7 +22,7 @@ _CURVES = ("residual", "inliers", "largest_sigma_m", "smallest_eigenvalue", "ite
 
 
 def record_runs(
-    path: Path | str, folder: Path | str, runs: Sequence[Run], camera: PinholeCamera
+    path: Path | str, folder: Path | str, runs: Sequence[OdometryRun], camera: PinholeCamera
 ) -> None:
     """Record runs of a sequence as world/METHOD, error_m/METHOD, residual/METHOD and so on.
     flags/METHOD is a text log with a line for each
@@ -42,7 +42,9 @@ def record_runs(
     record(path, folder, fill)
 
 
-def _run(recorder: Recorder, run: Run, colour: tuple[int, int, int], camera: PinholeCamera) -> None:
+def _run(
+    recorder: Recorder, run: OdometryRun, colour: tuple[int, int, int], camera: PinholeCamera
+) -> None:
     name, (T_truth_world, errors_m) = run.name.replace(":", "_"), _aligned(run)
     tracked = [frame for frame in run.frames if not frame.lost]
     places = T_truth_world.apply(
@@ -74,7 +76,7 @@ def _flag(frame: Tracked) -> str:
     return ", ".join(words)
 
 
-def _aligned(run: Run) -> tuple[SE3, dict[float, float]]:
+def _aligned(run: OdometryRun) -> tuple[SE3, dict[float, float]]:
     """T_truth_world, and errors in metres by the estimate's stamps. Without ground truth, or if the
     alignment is undetermined, the identity
     and no errors."""

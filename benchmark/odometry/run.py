@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from iclnuim.console import Meter, advance_of
 from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_images, read_truth
 from iclnuim.dataset.layout import SequenceCamera
+from iclnuim.dataset.rgbd_sequence import RgbdSequence
 from iclnuim.errors import InputError, WorkError
 from iclnuim.evaluation.absolute_error import absolute_error
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
@@ -19,9 +21,13 @@ from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.shown import MM, Shown
 
 from .protocol import Frame, Odometer, Status
 from .track import Reference, Tracked, Tracker
+
+if TYPE_CHECKING:
+    from iclnuim.shown import Axes
 
 #: Per metre. With a larger offset the largest depth of a 16-bit image in millimetres (65.5 m) would
 #: be behind the camera.
@@ -40,15 +46,24 @@ class Sequence:
     """
 
     def __init__(
-        self, folder: Path | str, depth_offset: float = 0.0, camera: SequenceCamera | None = None
+        self,
+        folder: Path | str | RgbdSequence,
+        depth_offset: float = 0.0,
+        camera: SequenceCamera | None = None,
     ) -> None:
         if not abs(depth_offset) <= MAX_OFFSET:
             raise InputError(
                 f"a depth offset from {-MAX_OFFSET} to {MAX_OFFSET} per metre", found=depth_offset
             )
-        self.folder = Path(folder)
         self.depth_offset = depth_offset
-        self.pairs: list[ImagePair] = find_pairs(self.folder)
+        self.pairs: list[ImagePair]
+        if isinstance(folder, RgbdSequence):
+            self.pairs = list(folder.pairs)
+            camera = camera or folder.images
+            folder = folder.folder
+        else:
+            self.pairs = find_pairs(Path(folder))
+        self.folder = Path(folder)
         present = next((p.rgb for p in self.pairs if is_file(p.rgb)), None)
         if present is None:
             raise InputError("colour images that exist", path=folder, found=self.pairs[0].rgb)
@@ -94,8 +109,8 @@ class Sequence:
         return read_images(pair, self.camera)
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
+@dataclass(frozen=True, eq=False, repr=False)
+class OdometryRun(Shown):
     """All frames of a sequence, tracked or lost. truth: right-handed ground-truth poses, if the
     folder has them.
     """
@@ -135,7 +150,26 @@ class Run:
         except InputError:
             return None
 
-    def to_dict(self) -> dict:
+    def summary(self) -> str:
+        lost = sum(frame.lost for frame in self.frames)
+        words = [self.name, f"{len(self.frames)} frames", f"{lost} lost"]
+        ate_m = self._rmse_m(absolute_error) if lost < len(self.frames) else None
+        if ate_m is not None:
+            words.append(f"ATE {MM * ate_m:.4g} mm")
+        return ", ".join(words)
+
+    def plot(self, axes: "Axes | None" = None) -> "Axes":
+        """Draw the trajectory, over the ground truth and aligned with it if there is one; returns
+        the Matplotlib axes.
+        """
+        estimate = self.trajectory
+        if self.truth is None:
+            return estimate.plot(axes, self.name)
+        error = absolute_error(self.truth, estimate)
+        axes = self.truth.plot(axes, "ground truth")
+        return Trajectory(error.stamps_s, error.aligned).plot(axes, self.name)
+
+    def to_dict(self) -> dict[str, Any]:
         """The values that `odometry --json` prints. Times are those of prepare() and align(),
         without reading the images.
 
@@ -159,18 +193,19 @@ class Run:
         }
 
 
-def run_together(
+def run_odometers(
     odometers: Iterable[Odometer],
-    sequence: Sequence | Path | str,
+    sequence: Sequence | RgbdSequence | Path | str,
     policy: str = "hold",
-    progress: Callable | None = None,
+    progress: Meter = None,
     frames: int | None = None,
     against: Callable[[Odometer, PinholeCamera], Reference] | None = None,
-) -> list[Run]:
+) -> list[OdometryRun]:
     """Run several odometers on a sequence (or its folder), or on its first `frames`.
 
     Each frame is read once and passed to one odometer after the other, so that all run under the
-    same machine load. `progress(total, label)` returns an object with advance(). `against` returns
+    same machine load. progress: True or False, by default on in a notebook, or
+    progress(total, label), which returns an object with advance(). `against` returns
     the reference that frames are aligned against, by default the one that each odometer declares.
     Raises InputError for an object that is not an odometer.
     """
@@ -191,16 +226,17 @@ def run_together(
         trackers.append(Tracker(o, camera, policy, reference))
     tracked: list[list[Tracked]] = [[] for _ in odometers]
     total = min(len(sequence), frames or len(sequence))
-    bar = progress(total, ", ".join(o.name for o in odometers)) if progress else None
+    advance = advance_of(progress, total, ", ".join(o.name for o in odometers))
     for stamp_s, frame in sequence.frames(frames):
         for tracker, results in zip(trackers, tracked, strict=True):
             results.append(tracker.add(stamp_s, frame))
-        if bar:
-            bar.advance()
-    return [Run(o.name, results, truth) for o, results in zip(odometers, tracked, strict=True)]
+        advance()
+    return [
+        OdometryRun(o.name, results, truth) for o, results in zip(odometers, tracked, strict=True)
+    ]
 
 
-def table(runs: Iterable[Run | dict]) -> str:
+def odometry_table(runs: Iterable[OdometryRun | dict]) -> str:
     """A text table of runs or their to_dict(), one row each. ms and frames per second exclude
     reading the images; ATE and RPE over 1 s are RMSE.
 
@@ -211,14 +247,14 @@ def table(runs: Iterable[Run | dict]) -> str:
         f"{'odometer':<26}" + "".join(f"{column.title:>{column.width}}" for column in _COLUMNS)
     ]
     for run in runs:
-        row = run.to_dict() if isinstance(run, Run) else run
+        row = run.to_dict() if isinstance(run, OdometryRun) else run
         lines.append(f"{row['odometer']:<26}" + "".join(column.cell(row) for column in _COLUMNS))
         lines += [f"    {note}" for note in row.get("notes", ())]
     return "\n".join(lines)
 
 
 class _Column(NamedTuple):
-    """A column of table(); key: of to_dict()."""
+    """A column of odometry_table(); key: of to_dict()."""
 
     title: str
     width: int

@@ -10,7 +10,7 @@ from typing import Any
 
 from iclnuim.errors import InputError
 from iclnuim.geometry import so3
-from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.camera import CameraOrText, PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 from .protocol import Frame, Odometer, OdometryResult, Status, failure
@@ -82,14 +82,14 @@ class Tracker:
     def __init__(
         self,
         odometer: Odometer,
-        camera: PinholeCamera,
+        camera: CameraOrText,
         policy: str = "hold",
         against: Reference | None = None,
     ) -> None:
         if policy not in POLICIES:
             raise InputError(f"a policy for lost frames ({', '.join(POLICIES)})", found=policy)
         self.odometer = odometer
-        self.camera = camera
+        self.camera = PinholeCamera.of(camera)
         self.policy = policy
         self.reference = against or reference(odometer.reference)
         self.watch = Watch()
@@ -206,7 +206,7 @@ def _rigid(T: SE3) -> SE3:
 
 def track(
     odometer: Odometer,
-    camera: PinholeCamera,
+    camera: CameraOrText,
     frames: Iterable[tuple[float, Frame | str]],
     policy: str = "hold",
     against: Reference | None = None,

@@ -15,7 +15,7 @@ import numpy as np
 from iclnuim.sensor.depth import ReleasedDepthNoise
 from iclnuim.sensor.noise_model import DEPTH, RGB, gaussian
 from iclnuim.sensor.rgb import PaperRgbNoise, ReleasedRgbNoise
-from iclnuim.sensor.transfer import light_from_srgb8, srgb8
+from iclnuim.sensor.transfer import linear_from_srgb8, srgb8
 
 from .registry import perturbation
 from .segment import Images, Segment
@@ -89,7 +89,7 @@ def noise(segment: Segment, factor: float) -> Segment:
 
     def change(number: int, colour: np.ndarray, depth_z_m: np.ndarray) -> Images:
         noisy_m = depth.apply(depth_z_m, segment.true_camera, segment.generator(number, DEPTH))
-        return rgb.apply(light_from_srgb8(colour), segment.generator(number, RGB)), noisy_m
+        return rgb.apply(linear_from_srgb8(colour), segment.generator(number, RGB)), noisy_m
 
     return segment.with_images(change)
 
@@ -102,7 +102,7 @@ def low_light(segment: Segment, stops: float) -> Segment:
     rgb = PaperRgbNoise(exposure=2.0**-stops)
 
     def change(number: int, colour: np.ndarray) -> np.ndarray:
-        return rgb.apply(light_from_srgb8(colour), segment.generator(number, RGB))
+        return rgb.apply(linear_from_srgb8(colour), segment.generator(number, RGB))
 
     return segment.with_colour(change)
 
@@ -127,7 +127,7 @@ def exposure_hunting(segment: Segment, stops: float, hz: float) -> Segment:
 
 def _exposed(segment: Segment, stops_of: Callable[[int], float]) -> Segment:
     def change(number: int, colour: np.ndarray) -> np.ndarray:
-        return srgb8(light_from_srgb8(colour) * np.float32(2.0 ** stops_of(number)))
+        return srgb8(linear_from_srgb8(colour) * np.float32(2.0 ** stops_of(number)))
 
     return segment.with_colour(change)
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.sensor.noise_model import gaussian
-from iclnuim.sensor.transfer import light_from_srgb8, srgb8
+from iclnuim.sensor.transfer import linear_from_srgb8, srgb8
 
 from .filters import random_field
 from .registry import perturbation
@@ -41,7 +41,7 @@ def smoke(segment: Segment, visibility_m: float, airlight: float, min_signal: fl
 
     def change(number: int, colour: np.ndarray, depth_z_m: np.ndarray) -> Images:
         kept = np.where(depth_z_m > 0, np.exp(-extinction * depth_z_m * slant), np.float32(0))
-        light = air + kept[..., None] * (light_from_srgb8(colour) - air)
+        light = air + kept[..., None] * (linear_from_srgb8(colour) - air)
         return srgb8(light), np.where(np.square(kept) >= min_signal, depth_z_m, np.float32(0))
 
     return segment.with_images(change)
@@ -120,7 +120,7 @@ def lens_dirt(segment: Segment, percent: float, size_px: float, grey: float) -> 
     cover = np.clip(0.5 + depth_inside, 0, 1).astype(np.float32)[..., None]
 
     def change(number: int, colour: np.ndarray) -> np.ndarray:
-        return srgb8((1 - cover) * light_from_srgb8(colour) + cover * np.float32(grey))
+        return srgb8((1 - cover) * linear_from_srgb8(colour) + cover * np.float32(grey))
 
     return segment.with_colour(change)
 
@@ -134,7 +134,7 @@ def _times(segment: Segment, gain: Callable[[int, np.ndarray], np.ndarray]) -> S
     """The segment with its light multiplied by gain(number, depth), (h, w)."""
 
     def change(number: int, colour: np.ndarray, depth_z_m: np.ndarray) -> Images:
-        return srgb8(light_from_srgb8(colour) * gain(number, depth_z_m)[..., None]), depth_z_m
+        return srgb8(linear_from_srgb8(colour) * gain(number, depth_z_m)[..., None]), depth_z_m
 
     return segment.with_images(change)
 

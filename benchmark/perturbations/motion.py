@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
-from iclnuim.sensor.transfer import light_from_srgb8, srgb8
+from iclnuim.sensor.transfer import linear_from_srgb8, srgb8
 
 from .registry import perturbation
 from .segment import Images, Segment
@@ -128,7 +128,7 @@ def _light_at(segment: Segment, stamp_s: float) -> np.ndarray:
     """Scene-linear radiance (h, w, 3) at any time, warped from the nearest frame."""
     number = _nearest(segment, stamp_s)
     shift = Shift.between(segment, number, stamp_s)
-    return shift.colour(light_from_srgb8(segment.load(number)[0]))
+    return shift.colour(linear_from_srgb8(segment.load(number)[0]))
 
 
 class Shift:

@@ -14,7 +14,7 @@ import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.sensor.depth_image import surface_normals
-from iclnuim.sensor.transfer import light_from_srgb8, srgb8
+from iclnuim.sensor.transfer import linear_from_srgb8, srgb8
 
 from .registry import perturbation
 from .segment import Images, Segment
@@ -165,8 +165,8 @@ def gloss(segment: Segment, percent: float, smooth_px: float) -> Segment:
         mirrored = rays - 2 * (rays * facing).sum(-1, keepdims=True) * facing
         R_anchor_camera = _relative(segment, segment.middle, number).rotation.astype(np.float32)
         seen = _surroundings(segment, segment.middle, mirrored @ R_anchor_camera.T)
-        light = light_from_srgb8(colour)
-        light[on] = (1 - share) * light[on] + share * light_from_srgb8(seen)
+        light = linear_from_srgb8(colour)
+        light[on] = (1 - share) * light[on] + share * linear_from_srgb8(seen)
         return srgb8(light), depth_z_m
 
     return segment.with_images(change)

@@ -84,7 +84,7 @@ def _refuse(error: WorkError, args: argparse.Namespace, console: Console) -> Non
 
 def _odometry(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.benchmark.experiments.odometry_chart import figure, front
-    from iclnuim.benchmark.odometry.run import table
+    from iclnuim.benchmark.odometry.run import odometry_table
 
     only = args.only or ""
     # named as in `iclnuim run`
@@ -115,7 +115,7 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
         if result["preset"]:
             title += f", our odometers with preset {result['preset']}"
         best = f"Pareto front: {', '.join(front(result['runs']))}"
-        texts.append("\n".join([title, table(result["runs"]), best]))
+        texts.append("\n".join([title, odometry_table(result["runs"]), best]))
     console.result({"results": results}, "\n\n".join(texts))
 
 
@@ -126,12 +126,12 @@ def _compare_odometers(
 
     Raises InputError without ground truth.
     """
-    from iclnuim.benchmark.odometry.run import run_together
+    from iclnuim.benchmark.odometry.run import run_odometers
     from iclnuim.dataset.frames import sequence_name
 
     for frames, progress in ((_WARM_UP, None), (args.first, console.progress)):
         odometers = [odometer(name, args.preset) for name in which]
-        runs = run_together(odometers, sequence, progress=progress, frames=frames)
+        runs = run_odometers(odometers, sequence, progress=progress, frames=frames)
     if runs[0].truth is None:
         raise InputError("a ground truth in the folder", path=sequence.folder)
     return {

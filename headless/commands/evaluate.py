@@ -6,10 +6,9 @@ writes.
 
 import argparse
 import os
-from collections.abc import Callable
 from pathlib import Path
 
-from iclnuim.console import Console
+from iclnuim.console import Console, Progress
 from iclnuim.errors import InputError, within
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings
 from iclnuim.evaluation.align import AlignmentSettings
@@ -203,8 +202,8 @@ def _compared(
 def run_views(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.dataset.rendered_views import view_errors
 
-    def progress(total: int) -> Callable[[], None]:
-        return console.progress(total, "evaluate", "views").advance
+    def progress(total: int, label: str) -> Progress:
+        return console.progress(total, label, "views")
 
     settings = settings_from(args, ViewSettings())
     found = view_errors(args.folder, args.truth, args.keyframes, settings, progress)

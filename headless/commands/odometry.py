@@ -18,7 +18,7 @@ from ..options import add_plot, add_rerun, checked_rerun, common, count
 from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
-    from iclnuim.benchmark.odometry.run import Run
+    from iclnuim.benchmark.odometry.run import OdometryRun
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
         raise InputError("a METHOD, or --all without one", found=args.method or "neither")
     require("odometry", "numba", "cv2")
     from iclnuim.benchmark.fusion.reference import make_reference
-    from iclnuim.benchmark.odometry.run import run_together, table
+    from iclnuim.benchmark.odometry.run import odometry_table, run_odometers
 
     recording = checked_rerun(args)
     if args.out:
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     odometers = [odometer(name, args.preset) for name in names]
     sequence = open_sequence(args, console, args.folder, args.depth_offset)
     against = partial(make_reference, args.reference, preset=args.preset)
-    runs = run_together(odometers, sequence, args.lost, console.progress, args.first, against)
+    runs = run_odometers(odometers, sequence, args.lost, console.progress, args.first, against)
     for done in runs:
         for line in done.losses():
             console.note(f"{done.name}: {line}")
@@ -84,10 +84,10 @@ def run(args: argparse.Namespace, console: Console) -> None:
         if args.out or args.plot or args.show:
             _write_and_draw(runs, args, console)
     finally:
-        console.result({"runs": figures}, table(figures))
+        console.result({"runs": figures}, odometry_table(figures))
 
 
-def _note_separate_truth(run: "Run", console: Console) -> None:
+def _note_separate_truth(run: "OdometryRun", console: Console) -> None:
     """Print a note if the ground truth and the frames do not overlap in time, so that no error can
     be computed.
     """
@@ -100,7 +100,7 @@ def _note_separate_truth(run: "Run", console: Console) -> None:
         console.note(f"no error is computed, as no image has a ground-truth pose: {spans}")
 
 
-def _write_and_draw(runs: "list[Run]", args: argparse.Namespace, console: Console) -> None:
+def _write_and_draw(runs: "list[OdometryRun]", args: argparse.Namespace, console: Console) -> None:
     """Write and draw the runs that have a trajectory. Raises WorkError if none has one."""
     found = []
     for done in runs:

@@ -73,7 +73,7 @@ def _info(args: argparse.Namespace, console: Console) -> None:
     found = []
     for file in args.files:
         one = loaded(args, file, positions_suffice=True)
-        figures = asdict(trajectories.statistics(one.trajectory))
+        figures = asdict(trajectories.trajectory_statistics(one.trajectory))
         found.append({"file": os.fspath(file), "read_as": asdict(one.read_as), **figures})
     console.result({"trajectories": found}, "\n\n".join(map(_info_text, found)))
 
@@ -130,7 +130,7 @@ def _camera(args: argparse.Namespace, console: Console) -> None:
     write_trajectory(out, animated, "tum")
     figures: dict[str, Any] = {"frames": len(animated)}
     if len(animated) > 1:
-        figures = asdict(trajectories.statistics(animated))
+        figures = asdict(trajectories.trajectory_statistics(animated))
     text = f"{out}: {len(animated)} poses of the camera {camera.name}"
     option = None
     if lens:

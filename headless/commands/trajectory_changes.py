@@ -147,7 +147,7 @@ def _resampled(args: argparse.Namespace, source: Trajectory, console: Console) -
 def _note_gaps(trajectory: Trajectory, consequence: str, console: Console) -> None:
     if len(trajectory) < 2:
         return
-    found = trajectories.statistics(trajectory)
+    found = trajectories.trajectory_statistics(trajectory)
     if found.gaps:
         count = f"{found.gaps} gap{'s' * (found.gaps > 1)}"
         longest = f"the longest of {found.longest_gap_s:.3f} s"

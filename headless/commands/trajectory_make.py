@@ -76,7 +76,7 @@ def _make(args: argparse.Namespace, console: Console) -> None:
             _refuse_other(target)
             make_folder(target.parent, hint="another {out}")
             atomic_write_text(target, text)
-        figures = asdict(trajectories.statistics(motion.trajectory))
+        figures = asdict(trajectories.trajectory_statistics(motion.trajectory))
         made.append({"name": name, "file": str(target), "scale": motion.scale, **figures})
     console.result({"trajectories": made}, "\n".join([_HEADER, *map(_row, made)]))
 
@@ -158,7 +158,7 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
     name = (args.out or Path()) / Path(args.scene).stem
     recipe = json.dumps(asdict(made.recipe), indent=2) + "\n"
     _write_both(name, recipe, tum_text(made.motion.trajectory))
-    figures = asdict(trajectories.statistics(made.motion.trajectory))
+    figures = asdict(trajectories.trajectory_statistics(made.motion.trajectory))
     text = (
         f"{name}.txt: {figures['frames']} poses, {figures['length_m']:.2f} m, "
         f"{figures['mean_speed']:.3f} m/s, {figures['mean_rotation_rate']:.1f} deg/s, "

@@ -13,7 +13,7 @@ from iclnuim.geometry.trajectory import (
     resample,
     sample,
     stamps_of_frames,
-    statistics,
+    trajectory_statistics,
 )
 from scipy.interpolate import interp1d
 from scipy.spatial.transform import Rotation, Slerp
@@ -36,7 +36,7 @@ def test_statistics_of_an_even_turn_are_known():
         Rotation.from_rotvec(rotvec).as_matrix(),
         radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1),
     )
-    figures = statistics(Trajectory.at_rate(circle))
+    figures = trajectory_statistics(Trajectory.at_rate(circle))
     assert figures.frames == 91 and figures.gaps == 0
     assert figures.duration_s == pytest.approx(3.0) and figures.rate_hz == pytest.approx(30)
     assert figures.length_m == pytest.approx(90 * 2 * radius_m * np.sin(np.radians(0.5)))
@@ -50,7 +50,7 @@ def test_statistics_of_an_even_turn_are_known():
 
 def test_gaps_are_counted_and_measured(walk):
     kept = np.delete(np.arange(200), [50, 51, 52, 120])
-    figures = statistics(walk[kept])
+    figures = trajectory_statistics(walk[kept])
     assert figures.gaps == 2 and figures.longest_gap_s == pytest.approx(4 / 30, abs=1.01e-6)
 
 
@@ -75,7 +75,7 @@ def test_two_stamps_tell_a_whole_rate(rate_hz):
 
 
 def test_one_pose_has_statistics():
-    figures = statistics(Trajectory.at_rate(SE3.identity((1,))))
+    figures = trajectory_statistics(Trajectory.at_rate(SE3.identity((1,))))
     assert figures.frames == 1 and figures.length_m == 0 and figures.rate_hz == 0
 
 

@@ -45,7 +45,7 @@ for number in range(4):
 iclnuim.make_sequence("raw", "clean")
 iclnuim.make_sequence("raw", "noisy", depth_noise="released", rgb_noise="released")
 assert not iclnuim.inspect_sequence("noisy").wrong
-iclnuim.write_sequence(iclnuim.image_frames("clean"), "converted", formats=("replica",))
+iclnuim.make_sequence(iclnuim.open_sequence("clean"), "converted", formats=("replica",))
 loaded = iclnuim.read_trajectory("clean/groundtruth.txt").trajectory
 assert np.allclose(loaded.positions_m, trajectory.positions_m)
 print(iclnuim.absolute_trajectory_error(loaded, loaded).translation_m.rmse)

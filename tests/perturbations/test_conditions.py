@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from iclnuim.benchmark.perturbations import lighting, people, ranging
-from iclnuim.sensor.transfer import light_from_srgb8
+from iclnuim.sensor.transfer import linear_from_srgb8
 
 
 def light(segment, number=None):
-    return light_from_srgb8(segment.load(segment.numbers[0] if number is None else number)[0])
+    return linear_from_srgb8(segment.load(segment.numbers[0] if number is None else number)[0])
 
 
 def test_shadows_stay_on_surfaces_when_they_do_not_move_and_darken_by_their_share(segment):

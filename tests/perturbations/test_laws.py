@@ -17,7 +17,7 @@ from iclnuim.benchmark.perturbations.segment import Segment
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.sensor.transfer import light_from_srgb8, srgb8
+from iclnuim.sensor.transfer import linear_from_srgb8, srgb8
 
 PLAN = read_plan()
 FX = 120.0
@@ -126,13 +126,13 @@ def noise():
 @law
 def low_light():
     level, colour, depth_z_m = perturbed("low_light", 1, still(255))
-    assert light_from_srgb8(colour).mean() == pytest.approx(2.0**-level, rel=0.05)
+    assert linear_from_srgb8(colour).mean() == pytest.approx(2.0**-level, rel=0.05)
     assert (depth_z_m == 2).all()
 
 
 def stops(name, severity, number):
     level, colour, _ = perturbed(name, severity, still(100), number)
-    return level, np.log2(light_from_srgb8(colour).mean() / light_from_srgb8(np.uint8([[[100]]])))
+    return level, np.log2(linear_from_srgb8(colour).mean() / linear_from_srgb8(np.uint8([[[100]]])))
 
 
 @law
@@ -367,7 +367,7 @@ def motion_blur():
     lowers the frame rate.
     """
     level, colour, _ = perturbed("motion_blur", 1, sideways(line, 90), HZ)
-    profile = light_from_srgb8(colour)[60, :, 0]
+    profile = linear_from_srgb8(colour)[60, :, 0]
     position = (profile * np.arange(160)).sum() / profile.sum()
     spread = (profile * (np.arange(160) - position) ** 2).sum() / profile.sum()
     assert np.sqrt(12 * spread) == pytest.approx(np.hypot(90 * level / 1e3, 6), rel=0.05)
@@ -466,7 +466,7 @@ def bare_wall():
     level, colour, depth_z_m = perturbed("bare_wall", 3, still(U[..., None]), 30)
     on = depth_z_m != 2
     assert np.array_equal(on, in_middle(level)) and np.allclose(depth_z_m[on], 0.9)
-    assert light_from_srgb8(colour)[on] == pytest.approx(0.4, rel=0.1)
+    assert linear_from_srgb8(colour)[on] == pytest.approx(0.4, rel=0.1)
     assert np.array_equal(colour[~on][:, 0], U[~on])
     assert np.allclose(perturbed("bare_wall", 5, still(), 30)[2], 0.9)
 
@@ -508,7 +508,7 @@ def thin_structures():
     """6 mm wide, dark: they reflect a fiftieth of the light."""
     colour, depth_z_m, on = bars("thin_structures", 0.006)
     assert (depth_z_m == 2).all()
-    assert light_from_srgb8(colour)[on] == pytest.approx(0.02, rel=0.25)
+    assert linear_from_srgb8(colour)[on] == pytest.approx(0.02, rel=0.25)
 
 
 @law
@@ -530,8 +530,8 @@ def gloss():
     column, row = mirrored_at_the_image_plane()
     shown = np.stack([column, row], -1).astype(np.uint8)
     own, mirrored = (
-        light_from_srgb8(coordinates()[..., :2].astype(np.uint8)),
-        light_from_srgb8(shown),
+        linear_from_srgb8(coordinates()[..., :2].astype(np.uint8)),
+        linear_from_srgb8(shown),
     )
     expected = srgb8((1 - level / 100) * own + level / 100 * mirrored)
     inside = (slice(8, -8), slice(8, -8))
@@ -571,7 +571,7 @@ def smoke():
     level = PLAN.perturbations["smoke"].levels[3]
     for distance_m, kept in ((level, 0.05), (level / 2, np.sqrt(0.05))):
         white, black = (
-            light_from_srgb8(perturbed("smoke", 4, still(grey, distance_m))[1])[row, column]
+            linear_from_srgb8(perturbed("smoke", 4, still(grey, distance_m))[1])[row, column]
             for grey in (255, 0)
         )
         assert white - black == pytest.approx(kept, abs=0.006)
@@ -589,7 +589,7 @@ def flicker():
     """100 Hz, and the rows are read within 20 ms."""
     for number in (0, 4):
         level, colour, _ = perturbed("flicker", 2, still(128), number)
-        ratio = (light_from_srgb8(colour) / light_from_srgb8(np.uint8([[[128]]])))[..., 0]
+        ratio = (linear_from_srgb8(colour) / linear_from_srgb8(np.uint8([[[128]]])))[..., 0]
         row_s = number / HZ + (np.arange(120) + 0.5) / 120 * 0.020
         expected = 1 + level / 100 * np.sin(2 * np.pi * 100 * row_s)
         assert np.abs(ratio.mean(1) - expected).max() < 0.01
@@ -604,7 +604,7 @@ def shade(number, stamps_s=None):
     truth = Trajectory(wall.truth.stamps_s, SE3.from_matrix(np.tile(down.matrix, (60, 1, 1))))
     wall = replace(wall, truth=truth, stamps_s=stamps_s or wall.stamps_s)
     level, colour, _ = perturbed("moving_shadows", 3, wall, number)
-    return level, 1 - (light_from_srgb8(colour) / light_from_srgb8(np.uint8([[[200]]])))[..., 0]
+    return level, 1 - (linear_from_srgb8(colour) / linear_from_srgb8(np.uint8([[[200]]])))[..., 0]
 
 
 @law
@@ -637,7 +637,7 @@ def emitter_dots():
         distance_m = 3000 * 0.055 / disparity_px
         level, colour, _ = perturbed("emitter_dots", 2, still(60, distance_m, camera=camera))
         slant2 = np.square(camera.rays()).sum(-1)
-        ratio = (light_from_srgb8(colour) / light_from_srgb8(np.uint8([[[60]]])))[..., 0]
+        ratio = (linear_from_srgb8(colour) / linear_from_srgb8(np.uint8([[[60]]])))[..., 0]
         gains.append((ratio - 1) * distance_m**2 * slant2)
     near, far = gains
     assert near.max() == pytest.approx(level, rel=0.05)
@@ -654,10 +654,10 @@ def lens_dirt():
     deviations of the random field.
     """
     level, white, _ = perturbed("lens_dirt", 4, still(255))
-    cover = (1 - light_from_srgb8(white)[..., 0]) / (1 - 0.02)
+    cover = (1 - linear_from_srgb8(white)[..., 0]) / (1 - 0.02)
     assert (cover > 0.5).mean() == pytest.approx(level / 100, abs=0.01)
     _, black, _ = perturbed("lens_dirt", 4, still(0))
-    assert light_from_srgb8(black)[..., 0].max() == pytest.approx(0.02, rel=0.05)
+    assert linear_from_srgb8(black)[..., 0].max() == pytest.approx(0.02, rel=0.05)
     assert np.array_equal(black, perturbed("lens_dirt", 4, still(0), 3)[1])
     field = random_field(still(), 0, 24)
     fading = (cover > 0.02) & (cover < 0.98)

@@ -6,7 +6,7 @@ from iclnuim import noisy_depth, noisy_rgb
 from iclnuim.benchmark.perturbations.motion import Shift
 from iclnuim.benchmark.perturbations.plan import FILE, FUNCTIONS, read_plan
 from iclnuim.errors import InputError
-from iclnuim.sensor.transfer import light_from_srgb8
+from iclnuim.sensor.transfer import linear_from_srgb8
 
 PLAN = read_plan()
 
@@ -39,7 +39,7 @@ def test_noise_once_is_that_of_the_library(segment):
     clean, true_m = segment.load(number)
     assert PLAN.perturbations["noise"].levels[1] == 1
     assert np.array_equal(depth_z_m, noisy_depth(true_m, "released", segment.camera, 3, number))
-    assert np.array_equal(colour, noisy_rgb(light_from_srgb8(clean), "released", 3, number))
+    assert np.array_equal(colour, noisy_rgb(linear_from_srgb8(clean), "released", 3, number))
 
 
 def test_what_is_seen_between_frames_is_what_the_scene_shows_there(segment, look_at):

@@ -11,7 +11,7 @@ from iclnuim.benchmark.fusion.recording import record_surface
 from iclnuim.benchmark.fusion.surface_error import SurfaceError
 from iclnuim.benchmark.odometry.protocol import OdometryResult, Status, failure
 from iclnuim.benchmark.odometry.recording import record_runs
-from iclnuim.benchmark.odometry.run import Run
+from iclnuim.benchmark.odometry.run import OdometryRun
 from iclnuim.benchmark.odometry.track import Tracked
 from iclnuim.dataset.frames import find_pairs, read_truth
 from iclnuim.dataset.sequence import write_sequence
@@ -148,7 +148,9 @@ def test_a_run_is_read_back_with_errors_residuals_and_flags(sequence, tmp_path):
         Tracked(float(t), off @ TRUTH.T_world_camera[k], results[k])
         for k, t in enumerate(TRUTH.stamps_s)
     ]
-    record_runs(tmp_path / "run.rrd", sequence, [Run("baseline:mine", frames, TRUTH)], CAMERA)
+    record_runs(
+        tmp_path / "run.rrd", sequence, [OdometryRun("baseline:mine", frames, TRUTH)], CAMERA
+    )
     found = verified(tmp_path / "run.rrd")
     stamps = [t for k, t in enumerate(TRUTH.stamps_s) if k != 3]
     residuals = found["/residual/baseline_mine"]["scalars"]

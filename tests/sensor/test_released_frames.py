@@ -6,7 +6,7 @@ from iclnuim.formats.png import read_depth16, read_rgb8
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.sensor.models import depth_model, rgb_model
 from iclnuim.sensor.noise_model import frame_generator
-from iclnuim.sensor.transfer import light_from_srgb8
+from iclnuim.sensor.transfer import linear_from_srgb8
 
 FRAMES = (30, 60, 104)
 
@@ -61,7 +61,7 @@ def colours(samples):
     )
     model = rgb_model("released")
     ours = [
-        model.apply(light_from_srgb8(c), frame_generator(1, i, 1))
+        model.apply(linear_from_srgb8(c), frame_generator(1, i, 1))
         for i, c in zip(FRAMES, clean, strict=True)
     ]
     return clean.astype(float), official.astype(float), np.array(ours, float)

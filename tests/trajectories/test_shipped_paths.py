@@ -8,7 +8,7 @@ from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry import handheld
 from iclnuim.geometry.handheld import Recipe
 from iclnuim.geometry.se3 import SE3
-from iclnuim.geometry.trajectory import Trajectory, statistics
+from iclnuim.geometry.trajectory import Trajectory, trajectory_statistics
 from iclnuim.headless.commands.trajectory_make import tum_text
 from scipy.signal import welch
 from scipy.spatial.transform import Rotation
@@ -73,7 +73,7 @@ def test_last_bits_of_a_processor_do_not_show(recipe_of):
 
 @each_path
 def test_rotation_rates_are_like_the_measured_ones(path_of, name):
-    figures, (_, _, mean, largest) = statistics(path_of(name)), TABLE_1[name]
+    figures, (_, _, mean, largest) = trajectory_statistics(path_of(name)), TABLE_1[name]
     assert 0.75 < figures.mean_rotation_rate / mean < 1.25
     assert 0.75 < figures.max_rotation_rate / largest < 1.25
 
@@ -81,7 +81,7 @@ def test_rotation_rates_are_like_the_measured_ones(path_of, name):
 @each_path
 def test_nothing_jumps(path_of, name):
     path = path_of(name)
-    assert statistics(path).max_speed < 0.8
+    assert trajectory_statistics(path).max_speed < 0.8
     velocity = np.diff(path.positions_m, axis=0) * 30
     turn = Rotation.from_matrix(path.T_world_camera.rotation)
     rate = np.degrees((turn[:-1].inv() * turn[1:]).as_rotvec()) * 30

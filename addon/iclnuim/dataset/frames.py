@@ -37,7 +37,7 @@ from ..formats.trajectories import FORMATS, LoadedTrajectory, read_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, frame_slice
-from ..sensor.transfer import light_from_srgb8
+from ..sensor.transfer import linear_from_srgb8
 from .ground_truth import FurtherImages
 from .layout import Row, SequenceCamera, SequenceFrame, posed, usual_step_s
 from .pose_lines import ImagesOfLines, Residuals, numbers_only_count, tied_to_images, tied_to_poses
@@ -458,7 +458,7 @@ def image_frames(
 
     def load(number: int) -> tuple[np.ndarray, np.ndarray]:
         colour, depth_z_m = read_images(by_number[number], camera)
-        return light_from_srgb8(colour), depth_z_m
+        return linear_from_srgb8(colour), depth_z_m
 
     def digest(number: int) -> str:
         pair = by_number[number]

@@ -9,7 +9,7 @@ from ..evaluation.carried_depth import carried_residual
 from ..formats.trajectories import LoadedTrajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
-from ..geometry.trajectory import Trajectory, sample, statistics
+from ..geometry.trajectory import Trajectory, sample, trajectory_statistics
 from .findings import Inspection, first_names
 from .frames import ImagePair
 from .layout import SequenceCamera, posed, usual_step_s
@@ -25,7 +25,7 @@ _STEP_PX = 6
 def inspect_poses(result: Inspection, pairs: list[ImagePair], loaded: LoadedTrajectory) -> None:
     truth = loaded.trajectory
     stamps = np.array([p.stamp_s for p in pairs])
-    figures = statistics(truth)
+    figures = trajectory_statistics(truth)
     result.figures["poses"] = figures.frames
     result.figures["length_m"] = round(figures.length_m, 3)
     result.figures["max_speed_m_s"] = round(figures.max_speed, 3)

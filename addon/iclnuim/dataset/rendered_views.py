@@ -7,17 +7,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..channels import DEPTH, RGB
+from ..console import Meter, advance_of
 from ..errors import InputError, WorkError
 from ..evaluation.image_error import ViewSettings, psnr_db, ssim
 from ..formats.files import data_lines, is_file, read_text
 from ..formats.images import ARRAY, JPEG, read_colour8
+from ..shown import Shown, axes_or_new
 from .frames import ImagePair, find_pairs, read_camera, read_depth_m, read_images
 from .layout import SequenceCamera, camera_file, usual_step_s
+
+if TYPE_CHECKING:
+    from ..shown import Axes
 
 #: Figures of a view -> unit.
 FIGURES = {"psnr_db": "dB", "ssim": "", "lpips": "", "depth_l1_m": "m", "depth_missing": ""}
@@ -42,8 +47,8 @@ class ViewError:
     depth_missing: float | None = None
 
 
-@dataclass(frozen=True)
-class ViewErrors:
+@dataclass(frozen=True, repr=False)
+class ViewErrors(Shown):
     """The figures of all existing views; `missing`: names of frames without a view."""
 
     views: tuple[ViewError, ...]
@@ -62,7 +67,19 @@ class ViewErrors:
                 found[name] = float(np.mean(values))
         return found
 
-    def to_dict(self) -> dict:
+    def summary(self) -> str:
+        words = [f"{name} {value:.4g}" for name, value in self.mean().items()]
+        return ", ".join([f"{len(self.views)} views", *words])
+
+    def plot(self, axes: "Axes | None" = None) -> "Axes":
+        """Draw PSNR over the views in their order; returns the Matplotlib axes."""
+        axes = axes_or_new(axes)
+        axes.plot([view.psnr_db for view in self.views], ".-", linewidth=0.9)
+        axes.set(xlabel="view", ylabel="PSNR (dB)")
+        axes.grid(alpha=0.3)
+        return axes
+
+    def to_dict(self) -> dict[str, Any]:
         """Counts and means by group. Infinite values (equal images) are None."""
         groups: dict[str, bool | None] = {"all": None}
         if any(view.keyframe for view in self.views):
@@ -92,7 +109,7 @@ def view_errors(
     truth: Path | str,
     keyframes: Path | str | None = None,
     settings: ViewSettings | None = None,
-    progress: Callable[[int], Callable[[], object]] = lambda count: lambda: None,
+    progress: Meter = None,
 ) -> ViewErrors:
     """Compare rendered images in `folder` with the frames of the sequence `truth`, in any format.
     Images have the names of the frames.
@@ -101,7 +118,8 @@ def view_errors(
     depth, if any, is depth/000012, as .png in the units of camera.json in `folder` or else of
     `truth`, or as .npy in metres. keyframes: a file with one line per keyframe, which starts with
     its image's name, its frame number or its stamp, for example a trajectory of keyframes.
-    progress(count) returns a function that is called after each view.
+    progress: True or False, by default on in a notebook, or
+    progress(total, label), which returns an object with advance().
 
     Raises InputError if there is no view, images differ in size, or a keyframe is not a frame of
     the sequence; WorkError if LPIPS cannot start.
@@ -118,7 +136,7 @@ def view_errors(
     perceptual = _lpips() if settings.lpips and has_lpips() else lambda image, colour: None
     views = []
     missing = []
-    on_view = progress(len(pairs))
+    on_view = advance_of(progress, len(pairs), "evaluate", "views")
     for row, pair in enumerate(pairs):
         rgb = _find(folder, truth, pair.rgb, RGB)
         on_view()

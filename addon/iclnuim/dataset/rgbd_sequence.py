@@ -2,9 +2,11 @@
 ground truth.
 """
 
+import base64
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import NamedTuple, overload
 
@@ -13,9 +15,11 @@ import numpy as np
 from ..errors import InputError
 from ..evaluation.associate import nearest
 from ..formats.depth_units import UNITS_PER_METRE, check_units
+from ..formats.png import png_bytes
 from ..geometry.camera import CameraOrText, PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, sample
+from ..sensor.transfer import srgb8
 from .frames import ImagePair, find_pairs, read_camera, read_images, read_truth
 from .layout import SequenceCamera, usual_step_s
 
@@ -33,6 +37,9 @@ class PosedFrame(NamedTuple):
     def __repr__(self) -> str:
         size = "x".join(map(str, self.depth_z_m.shape[::-1]))
         return f"PosedFrame({self.stamp_s:.6f} s, {size}, {self.T_world_camera})"
+
+    def _repr_html_(self) -> str:
+        return f"{escape(repr(self))}<br>{pictures(self.rgb, self.depth_z_m)}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,6 +124,24 @@ class RgbdSequence:
             words.append(f"{self.stamps_s[0]:.3f}..{self.stamps_s[-1]:.3f} s")
         words.append("no ground truth" if self.truth is None else f"{len(self.truth)} true poses")
         return f"RgbdSequence({', '.join(words)})"
+
+    def _repr_html_(self) -> str:
+        """The description, and the first frame."""
+        shown = self[0]._repr_html_() if len(self) else ""
+        return f"<b>{escape(repr(self))}</b><br>{shown}"
+
+
+def pictures(rgb: np.ndarray, depth_z_m: np.ndarray) -> str:
+    """HTML of colour (h, w, 3), uint8 or scene-linear, beside depth (h, w) in metres: grey, near is bright, and
+    black is missing.
+    """
+    colour = rgb if rgb.dtype == np.uint8 else srgb8(rgb)
+    there = depth_z_m > 0
+    near_m = depth_z_m.min(initial=np.inf, where=there)
+    grey = np.where(there, 55 + 200 * near_m / np.where(there, depth_z_m, 1), 0).astype(np.uint8)
+    images = np.hstack([colour, np.repeat(grey[..., None], 3, axis=2)])
+    data = base64.b64encode(png_bytes(np.ascontiguousarray(images))).decode()
+    return f'<img src="data:image/png;base64,{data}">'
 
 
 def open_sequence(

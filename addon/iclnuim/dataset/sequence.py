@@ -32,7 +32,7 @@ def write_sequence(
     settings: SequenceSettings | None = None,
     formats: Iterable[str] = ("tum",),
     workers: int | None = None,
-    on_frame: Callable[[int], None] = lambda number: None,
+    on_frame: Callable[[int], object] = lambda number: None,
 ) -> WrittenSequence:
     """Write `source` as a sequence into `out`, or resume the one that was started there; see
     SequenceWriter.
@@ -97,7 +97,7 @@ class SequenceWriter:
     def write(
         self,
         workers: int | None = None,
-        on_frame: Callable[[int], None] = lambda number: None,
+        on_frame: Callable[[int], object] = lambda number: None,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> list[WrittenSequence]:
         """Make the missing frames, then lists and recipe of all frames. Returns [] if

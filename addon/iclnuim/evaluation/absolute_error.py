@@ -7,14 +7,19 @@ the scores that include missing frames.
 """
 
 from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..geometry import so3
 from ..geometry.se3 import SE3, read_only
 from ..geometry.trajectory import Trajectory
+from ..shown import MM, Shown, plot_over_time
 from .align import Alignment, AlignmentSettings, MirrorCheck, align, check_mirror
 from .associate import Association, AssociationSettings, pair_up
+
+if TYPE_CHECKING:
+    from ..shown import Axes
 
 #: Recall is the share of ground-truth frames within these distances; the last is also the limit of
 #: the area under the error curve.
@@ -45,8 +50,8 @@ class ErrorStatistics:
         return asdict(self)
 
 
-@dataclass(frozen=True, eq=False)
-class PoseErrors:
+@dataclass(frozen=True, eq=False, repr=False)
+class PoseErrors(Shown):
     """Errors of m compared poses or RPE pairs: translation_error_m (m,), rotation_error_rad (m,) in
     0..pi.
 
@@ -67,6 +72,41 @@ class PoseErrors:
     @property
     def rotation_deg(self) -> ErrorStatistics:
         return ErrorStatistics.of(self.rotation_error_rad, 180 / np.pi)
+
+    @property
+    def error_stamps_s(self) -> np.ndarray:
+        """(m,) stamps of the errors in seconds."""
+        return self.stamps_s
+
+    def summary(self) -> str:
+        words = [f"RMSE {MM * self.translation_m.rmse:.4g} mm"]
+        if self._has_rotations():
+            words.append(f"{self.rotation_deg.rmse:.4g} deg")
+        return ", ".join([*words, f"{len(self.translation_error_m)} errors"])
+
+    def _has_rotations(self) -> bool:
+        return bool(np.isfinite(self.rotation_error_rad).all())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Number of associated pairs and of errors, and the six statistics of each kind, with the
+        names of `iclnuim evaluate`'s JSON; rotation_error_deg is None for positions alone.
+        """
+        return {
+            "pairs": len(self.association),
+            "errors": len(self.translation_error_m),
+            "translation_error_m": self.translation_m.to_dict(),
+            "rotation_error_deg": self.rotation_deg.to_dict() if self._has_rotations() else None,
+        }
+
+    def plot(self, axes: "Axes | None" = None) -> "Axes":
+        """Draw the translation error over time, in millimetres; returns the Matplotlib axes."""
+        errors_mm = MM * self.translation_error_m
+        axes = plot_over_time(axes, self.error_stamps_s, errors_mm, "translation error (mm)")
+        rmse_mm = MM * self.translation_m.rmse
+        axes.axhline(rmse_mm, color="0.2", linestyle="--", label=f"RMSE {rmse_mm:.4g} mm")
+        axes.set_ylim(bottom=0)
+        axes.legend()
+        return axes
 
 
 @dataclass(frozen=True)
@@ -109,7 +149,7 @@ class AbsoluteErrorSettings:
     alignment: AlignmentSettings = field(default_factory=AlignmentSettings)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class AbsoluteError(PoseErrors):
     """Errors of n pairs, with their poses: reference and aligned (n,), both in the reference's
     world; and the alignment.
@@ -127,6 +167,11 @@ class AbsoluteError(PoseErrors):
         return Completeness.of(
             self.translation_error_m[pairs.closest_per_first()], pairs.first_count
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As of PoseErrors, with coverage, recall and the scale of the alignment."""
+        more = {"scale": self.alignment.scale}
+        return super().to_dict() | self.completeness.to_dict() | more
 
 
 def absolute_error(

@@ -8,6 +8,7 @@ pair.
 
 import re
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +64,7 @@ class RelativeErrorSettings(Settings):
             raise InputError("a whole number of frames", setting="delta", found=self.delta)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RelativeError(PoseErrors):
     """Errors of m RPE pairs, from pose start (m,) to pose end (m,), which index `reference` and
     `stamps_s`.
@@ -72,6 +73,15 @@ class RelativeError(PoseErrors):
     start: np.ndarray
     end: np.ndarray
     scale: float
+
+    @property
+    def error_stamps_s(self) -> np.ndarray:
+        """(m,) stamps of the first poses of the RPE pairs, in seconds."""
+        return self.stamps_s[self.start]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As of PoseErrors, with the scale that the estimate was multiplied by."""
+        return super().to_dict() | {"scale": self.scale}
 
 
 def parse_delta(text: str) -> tuple[float, str]:

@@ -17,7 +17,7 @@ from types import ModuleType
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, within
 from .exif import refuse_turned
 from .files import atomic_write, read_bytes
 from .libraries import first_library
@@ -102,10 +102,17 @@ def write_png(
 
     Raises InputError for other arrays, WorkError if it cannot be written.
     """
+    with within(path):
+        data = png_bytes(image, compressor)
+    atomic_write(path, lambda temporary: temporary.write_bytes(data))
+
+
+def png_bytes(image: np.ndarray, compressor: str | None = None) -> bytes:
+    """The file that write_png writes. Raises InputError for other arrays."""
     kinds = ((3, np.uint8), (3, np.uint16), (2, np.uint16))
     if (image.ndim, image.dtype) not in kinds or image.shape[2:] not in ((), (3,)):
         expected = "(h, w, 3) uint8 or uint16, or (h, w) uint16"
-        raise InputError(expected, path=path, found=f"{image.shape} {image.dtype}")
+        raise InputError(expected, found=f"{image.shape} {image.dtype}")
     height, width = image.shape[:2]
     size = struct.pack(">II", width, height)
     kind = bytes((8 * image.itemsize, 2 if image.ndim == 3 else 0, 0, 0, 0))
@@ -113,8 +120,7 @@ def write_png(
     compress = module.zlib_compress if name == "deflate" else module.compress
     pixels = compress(_filtered(image).tobytes(), 1)
     chunks = (*chunk(b"IHDR", size + kind), *chunk(b"IDAT", pixels), *chunk(b"IEND", b""))
-    data = b"".join((_SIGNATURE, *chunks))
-    atomic_write(path, lambda temporary: temporary.write_bytes(data))
+    return b"".join((_SIGNATURE, *chunks))
 
 
 def same_pixels(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, within
 from .columns import NumberTable
 from .files import data_lines, read_text
 from .image_names import files_in
@@ -112,12 +112,20 @@ def _camera(path: Path) -> list[float]:
     position = _vector(path, text, "cam_pos")
     direction = _vector(path, text, "cam_dir")
     up = _vector(path, text, "cam_up")
+    with within(path):
+        return [*camera_axes(direction, up).ravel(), *position]
+
+
+def camera_axes(direction: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """(3, 3), in rows: the x, y, z axes of a camera that looks along `direction` (3,) with `up`
+    (3,) upwards, in the POV world. Raises InputError.
+    """
     z = _normalised(direction)
     x = _normalised(np.cross(_normalised(up), z))
     if not (np.isfinite(z).all() and np.isfinite(x).all()):
         found = f"{direction.tolist()} and {up.tolist()}"
-        raise InputError("cam_dir and cam_up that span a plane", path=path, found=found)
-    return [*x, *np.cross(z, x), *z, *position]
+        raise InputError("cam_dir and cam_up that span a plane", found=found)
+    return np.array([x, np.cross(z, x), z])
 
 
 def _vector(path: Path, text: str, name: str) -> np.ndarray:

@@ -2,14 +2,18 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, overload
+from typing import TYPE_CHECKING, NamedTuple, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
+from ..shown import plot_from_above
 from . import so3
 from .se3 import SE3, Poses
+
+if TYPE_CHECKING:
+    from ..shown import Axes
 
 FRAME_RATE_HZ = 30.0
 #: Stamp of frame 0 (not 0, which means no stamp in ROS and RTAB-Map), and number of decimals of
@@ -142,7 +146,14 @@ class Trajectory:
         return so3.angle(np.swapaxes(r[:-1], -1, -2) @ r[1:])
 
     def length_m(self) -> float:
+        """The length of the path in metres."""
         return float(self.step_lengths_m().sum())
+
+    def plot(self, axes: "Axes | None" = None, label: str = "camera") -> "Axes":
+        """Draw the positions along the two axes of their largest extents; returns the Matplotlib
+        axes.
+        """
+        return plot_from_above(axes, self.positions_m, label)
 
 
 @dataclass(frozen=True)
@@ -164,7 +175,7 @@ class TrajectoryStatistics:
     longest_gap_s: float = 0
 
 
-def statistics(trajectory: Trajectory) -> TrajectoryStatistics:
+def trajectory_statistics(trajectory: Trajectory) -> TrajectoryStatistics:
     """Statistics of one trajectory; the rates of a single pose are zero."""
     steps_s = np.diff(trajectory.stamps_s)
     if len(steps_s) == 0:

@@ -47,25 +47,38 @@ class Noise(Protocol):
     def to_dict(self) -> dict[str, Any]: ...
 
 
-def depth_model(name: str, settings: Mapping[str, Any] | None = None) -> Noise:
-    """The depth noise model of this name, or `module:function`, which is called as
-    function(depth_z_m, camera, rng). Raises InputError.
-    """
-    return _model("depth", name, settings or {}, DEPTH_MODELS)
+#: A noise model, its name, a function, or its `module:function`.
+NamedNoise = str | Noise | Callable[..., np.ndarray]
 
 
-def rgb_model(name: str, settings: Mapping[str, Any] | None = None) -> Noise:
-    """The RGB noise model of this name, or `module:function`, which is called as function(light,
-    rng) -> uint8. Raises InputError.
+def depth_model(model: NamedNoise, settings: Mapping[str, Any] | None = None) -> Noise:
+    """The depth noise model of this name, or a function or its `module:function`, which is called
+    as function(depth_z_m, camera, rng) with planar depth (h, w) in metres. A model stays as it is.
+    Raises InputError.
     """
-    return _model("RGB", name, settings or {}, RGB_MODELS)
+    return _model("depth", model, settings or {}, DEPTH_MODELS)
+
+
+def rgb_model(model: NamedNoise, settings: Mapping[str, Any] | None = None) -> Noise:
+    """The RGB noise model of this name, or a function or its `module:function`, which is called as
+    function(light, rng) with scene-linear RGB (h, w, 3) and returns sRGB (h, w, 3) uint8. A model
+    stays as it is. Raises InputError.
+    """
+    return _model("RGB", model, settings or {}, RGB_MODELS)
 
 
 def _model(
-    kind: str, name: str, settings: Mapping[str, Any], known: Mapping[str, type[NoiseModel]]
+    kind: str, name: NamedNoise, settings: Mapping[str, Any], known: Mapping[str, type[NoiseModel]]
 ) -> Any:
     if isinstance(name, str) and ":" in name:
-        return _user_noise(kind, name, settings, _ARGUMENTS[kind])
+        return _imported_noise(kind, name, settings)
+    if isinstance(name, NoiseModel | UserNoise):
+        if settings:
+            raise InputError(f"{kind} noise by name with its settings", found=repr(name))
+        return name
+    if callable(name) and not isinstance(name, type):
+        where = f"{getattr(name, '__module__', '')}:{getattr(name, '__qualname__', 'function')}"
+        return _user_noise(kind, where, name, settings)
     if not isinstance(name, str) or name not in known:
         raise InputError(
             f"a {kind} noise model ({', '.join(known)}) or MODULE:FUNCTION", found=name
@@ -101,13 +114,8 @@ class UserNoise:
         return dict(self.settings)
 
 
-def _user_noise(
-    kind: str, name: str, settings: Mapping[str, Any], arguments: tuple[str, ...]
-) -> UserNoise:
-    """Import `module:function`, which must accept `arguments` and the settings.
-
-    Raises InputError if this fails.
-    """
+def _imported_noise(kind: str, name: str, settings: Mapping[str, Any]) -> UserNoise:
+    """Import `module:function`. Raises InputError if this fails."""
     module_name, _, function_name = name.partition(":")
     try:
         module = importlib.import_module(module_name)
@@ -119,11 +127,22 @@ def _user_noise(
     if not callable(function):
         found = "none" if function is None else type(function).__name__
         raise InputError(f"a function {function_name} in the module {module_name}", found=found)
+    return _user_noise(kind, name, function, settings)
+
+
+def _user_noise(
+    kind: str, name: str, function: Callable[..., np.ndarray], settings: Mapping[str, Any]
+) -> UserNoise:
+    """Raises InputError for a function that does not accept the arguments of this kind and the
+    settings.
+    """
+    arguments = _ARGUMENTS[kind]
     try:
         inspect.signature(function).bind(*arguments, **settings)
     except TypeError as error:
         call = ", ".join([*arguments, *(f"{key}=..." for key in settings)])
-        raise InputError(f"a function to call as {function_name}({call})", found=error) from None
+        called = name.rpartition(":")[2]
+        raise InputError(f"a function to call as {called}({call})", found=error) from None
     except ValueError:  # a builtin without a signature: errors are reported when it is called
         pass
     return UserNoise(name, function, dict(settings))

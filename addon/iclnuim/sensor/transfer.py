@@ -34,7 +34,7 @@ def srgb8_in_place(light: np.ndarray) -> np.ndarray:
     return _srgb8_of_steps().take(light.astype(np.uint16), mode="clip")
 
 
-def light_from_srgb8(image: np.ndarray) -> np.ndarray:
+def linear_from_srgb8(image: np.ndarray) -> np.ndarray:
     """uint8, any shape -> float32 scene-linear light of the same shape; srgb8 of it gives exactly
     the same image.
     """

@@ -12,7 +12,7 @@ from bpy.app.handlers import persistent
 from ..errors import IclnuimError
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
-from ..geometry.trajectory import Trajectory, statistics
+from ..geometry.trajectory import Trajectory, trajectory_statistics
 from . import inputs, properties, state
 from .pictures import error_colours
 
@@ -42,7 +42,7 @@ def refresh(context: bpy.types.Context) -> None:
         panel.trajectory_warning = error.worded(panel.work.name_of)
         panel.shapes = {name: shape for name, shape in panel.shapes.items() if name == "estimate"}
         return
-    s = statistics(chosen)
+    s = trajectory_statistics(chosen)
     panel.trajectory_lines = [
         sentence,
         f"{s.frames} poses, {s.length_m:.2f} m in {s.duration_s:.1f} s",

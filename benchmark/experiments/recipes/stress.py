@@ -19,7 +19,7 @@ from iclnuim.errors import InputError
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, sample
-from iclnuim.sensor.transfer import light_from_srgb8
+from iclnuim.sensor.transfer import linear_from_srgb8
 
 from ...perturbations.plan import FUNCTIONS, Plan
 from ...perturbations.segment import Segment
@@ -257,7 +257,7 @@ def _source(segment: Segment) -> FrameSource:
 
     def load(number: int) -> tuple[np.ndarray, np.ndarray]:
         colour, depth_z_m = segment.load(number)
-        return light_from_srgb8(colour), depth_z_m
+        return linear_from_srgb8(colour), depth_z_m
 
     def truth_of(numbers: tuple[int, ...]) -> Trajectory:
         stamps_s = np.array([segment.stamps_s[number] for number in numbers])

@@ -1,0 +1,88 @@
+"""How results show themselves: one line in a terminal, a table in a notebook, Matplotlib axes."""
+
+from collections.abc import Iterator
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MM = 1e3
+
+
+class Shown:
+    """Base of results: `summary()` is the text between the brackets of their repr, and `to_dict()`
+    the content of their table in a notebook.
+    """
+
+    def summary(self) -> str:
+        """The result in a few words."""
+        raise NotImplementedError
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as numbers, texts, lists and dictionaries, ready for JSON."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.summary()})"
+
+    def _repr_html_(self) -> str:
+        cells = []
+        for name, value in _leaves("", self.to_dict()):
+            text = f"{value:.6g}" if isinstance(value, float) else str(value)
+            cells.append(f"<tr><td>{escape(name)}</td><td>{escape(text)}</td></tr>")
+        return f"<b>{escape(repr(self))}</b><table>{''.join(cells)}</table>"
+
+
+def _leaves(prefix: str, content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    for name, value in content.items():
+        if isinstance(value, dict):
+            yield from _leaves(f"{prefix}{name}.", value)
+        elif not isinstance(value, list):
+            yield f"{prefix}{name}", value
+
+
+def axes_or_new(axes: "Axes | None") -> "Axes":
+    """The axes, or those of a new figure, which a notebook shows."""
+    if axes is not None:
+        return axes
+    from matplotlib import pyplot
+
+    return pyplot.subplots()[1]
+
+
+def plot_over_time(
+    axes: "Axes | None", stamps_s: np.ndarray, values: np.ndarray, label: str
+) -> "Axes":
+    """A curve of values (n,) at stamps (n,) in seconds."""
+    axes = axes_or_new(axes)
+    axes.plot(stamps_s, values, ".-" if len(values) < 100 else "-", linewidth=0.9)
+    axes.set(xlabel="stamp (s)", ylabel=label)
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def plot_shares(axes: "Axes | None", distances_m: np.ndarray, label: str) -> "Axes":
+    """The share of distances (n,) in metres that are below a distance, up to the 99th percentile."""
+    axes = axes_or_new(axes)
+    shares = 100 * np.arange(1, len(distances_m) + 1) / len(distances_m)
+    axes.plot(MM * np.sort(distances_m), shares, label=label)
+    axes.set(xlabel="distance (mm)", ylabel="share within it (%)", ylim=(0, 102))
+    axes.set_xlim(0, max(MM * float(np.percentile(distances_m, 99)), 1e-6))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return axes
+
+
+def plot_from_above(axes: "Axes | None", positions_m: np.ndarray, label: str) -> "Axes":
+    """Positions (n, 3) in metres along the two axes of their largest extents."""
+    axes = axes_or_new(axes)
+    a, b = np.sort(np.argsort(np.ptp(positions_m, axis=0), kind="stable")[1:])
+    axes.plot(positions_m[:, a], positions_m[:, b], linewidth=1.2, label=label)
+    axes.set(xlabel=f"{'xyz'[a]} (m)", ylabel=f"{'xyz'[b]} (m)")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return axes

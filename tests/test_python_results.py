@@ -1,0 +1,254 @@
+"""What the public names take and give back: functions as noise, matrices as poses, results that
+show themselves, progress, old names.
+"""
+
+import inspect
+import json
+import subprocess
+import sys
+import types
+import warnings
+
+import iclnuim
+import numpy as np
+import pytest
+from iclnuim import SE3, InputError, Trajectory, console
+from iclnuim.dataset.frames import read_images
+
+sys.modules.setdefault("matplotlib", __import__("matplotlib")).use("Agg")
+
+POSES = SE3.exp(np.random.default_rng(0).normal(size=(8, 6)) * 0.2)
+MOVED = POSES @ SE3.exp(np.random.default_rng(1).normal(size=(8, 6)) * 0.01)
+CAMERA = "16x12,16,-16,7.5,5.5"
+
+
+def look(number):
+    return np.full((12, 16, 3), 0.2 + 0.02 * number), np.full((12, 16), 2.0 + 0.1 * number)
+
+
+@pytest.fixture
+def sequence(tmp_path):
+    frames = iclnuim.frames_from(CAMERA, POSES.matrix, look)
+    iclnuim.make_sequence(frames, tmp_path / "clean", workers=1)
+    return iclnuim.open_sequence(tmp_path / "clean")
+
+
+def deeper(depth_z_m, camera, rng, by_m=0.5):
+    return depth_z_m + by_m + 0 * rng.normal(size=depth_z_m.shape)
+
+
+def test_a_function_is_a_noise_model_wherever_a_name_is(sequence, tmp_path):
+    depth_z_m = look(0)[1]
+    assert np.array_equal(iclnuim.noisy_depth(depth_z_m, deeper, CAMERA), depth_z_m + 0.5)
+    more = iclnuim.noisy_depth(depth_z_m, deeper, settings={"by_m": 1})
+    assert np.array_equal(more, depth_z_m + 1)
+    rgb = iclnuim.noisy_rgb(look(0)[0], lambda light, rng: (255 * light).astype(np.uint8))
+    assert rgb.max() == 51
+    iclnuim.make_sequence(sequence, tmp_path / "own", depth_noise=deeper, workers=1)
+    opened = iclnuim.open_sequence(tmp_path / "own")
+    np.testing.assert_allclose(opened[3].depth_z_m, 2.8, atol=1e-4)
+    recipe = json.loads((tmp_path / "own/recipe.json").read_text())
+    assert "deeper" in json.dumps(recipe)
+    model = iclnuim.depth_model("kinect2012")
+    assert iclnuim.depth_model(model) is model
+
+
+def test_a_function_that_changed_is_noticed_when_a_sequence_is_resumed(sequence, tmp_path):
+    def noise(by_m):
+        return lambda depth_z_m, camera, rng: depth_z_m + by_m
+
+    iclnuim.make_sequence(sequence, tmp_path / "own", depth_noise=noise(0.1), workers=1)
+    iclnuim.make_sequence(sequence, tmp_path / "own", depth_noise=noise(0.1), workers=1)
+    with pytest.raises(InputError, match="another image of frame 0"):
+        iclnuim.make_sequence(sequence, tmp_path / "own", depth_noise=noise(0.2), workers=1)
+
+
+@pytest.mark.parametrize(
+    ("model", "said"),
+    [
+        (lambda depth_z_m: depth_z_m, r"a function to call as .*depth_z_m, camera, rng"),
+        (int, "a depth noise model"),
+        (3, "a depth noise model"),
+        (iclnuim.depth_model("paper"), "by name with its settings"),
+        (lambda depth_z_m, camera, rng, a: 1 / 0, "ZeroDivisionError"),
+    ],
+)
+def test_what_is_no_noise_is_refused(model, said):
+    with pytest.raises(InputError, match=said):
+        iclnuim.noisy_depth(look(0)[1], model, settings={"a": 1} if said != "x" else None)
+
+
+def test_a_part_of_a_sequence_is_written_with_its_numbers(sequence, tmp_path):
+    made = iclnuim.make_sequence(sequence[2:5], tmp_path / "part", workers=1)
+    part = iclnuim.open_sequence(made.folders[0])
+    assert made.made == 3 and part.stamps_s.tolist() == sequence.stamps_s[2:5].tolist()
+    for one, other in zip(part, sequence[2:5], strict=True):
+        assert np.array_equal(one.depth_z_m, other.depth_z_m)
+        assert np.allclose(one.T_world_camera.matrix, other.T_world_camera.matrix, atol=1e-6)
+
+
+def test_errors_are_computed_of_matrices_lists_and_trajectories():
+    truth = Trajectory.at_rate(POSES)
+    for measure in (iclnuim.absolute_trajectory_error, iclnuim.relative_pose_error):
+        expected = measure(truth, Trajectory.at_rate(MOVED)).translation_m.rmse
+        for one in (truth, POSES, POSES.matrix, list(POSES.matrix)):
+            for other in (MOVED, MOVED.matrix, list(MOVED), Trajectory.at_rate(MOVED)):
+                assert measure(one, other).translation_m.rmse == pytest.approx(expected)
+        late = Trajectory(truth.stamps_s + 100, POSES)
+        assert measure(late, MOVED).translation_m.rmse == pytest.approx(expected)
+        with pytest.raises(InputError, match="as many poses of both, .*found 8 and 7"):
+            measure(truth, MOVED.matrix[:7])
+        for wrong in (None, 3, np.eye(4), [[1, 2]]):
+            with pytest.raises(InputError, match="a Trajectory or the name of a file, or poses"):
+                measure(truth, wrong)
+
+
+def results():
+    from iclnuim.dataset.rendered_views import ViewError, ViewErrors
+
+    truth = Trajectory.at_rate(POSES)
+    cube = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    faces = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3]])
+    surface = iclnuim.TrueSurface(cube, faces)
+    settings = iclnuim.QualitySettings(samples=1000)
+    tracked = [
+        iclnuim.Tracked(t, T, iclnuim.OdometryResult(np.eye(4)))
+        for t, T in Trajectory.at_rate(MOVED)
+    ]
+    return [
+        iclnuim.absolute_trajectory_error(POSES, MOVED),
+        iclnuim.relative_pose_error(POSES, MOVED),
+        surface.error(cube + 0.01, np.eye(4)),
+        iclnuim.surface_quality(surface, cube, faces, np.eye(4), whole=True, settings=settings),
+        ViewErrors((ViewError("0", True, 30.0, 0.9),)),
+        iclnuim.OdometryRun("mine", tracked, truth),
+        iclnuim.OdometryRun("mine", tracked, None),
+    ]
+
+
+def test_results_are_described_listed_and_drawn():
+    pytest.importorskip("igl", reason="libigl is not installed")
+    from matplotlib import pyplot
+    from matplotlib.axes import Axes
+
+    for result in results():
+        name = type(result).__name__
+        assert repr(result).startswith(f"{name}(") and len(repr(result)) < 130
+        assert json.loads(json.dumps(result.to_dict())) == result.to_dict()
+        html = result._repr_html_()
+        assert html.count("<tr>") == html.count("</tr>") >= 3 and "<table>" in html
+        axes = result.plot()
+        assert isinstance(axes, Axes) and axes.lines and axes.get_xlabel()
+        assert result.plot(axes) is axes
+        pyplot.close("all")
+    assert "mm" in repr(results()[0])
+
+
+def test_figures_of_an_error_are_those_of_its_parts():
+    error = iclnuim.absolute_trajectory_error(POSES, MOVED)
+    figures = error.to_dict()
+    assert figures["translation_error_m"]["rmse"] == error.translation_m.rmse
+    assert figures["pairs"] == 8 and figures["coverage"] == 1 and figures["scale"] == 1
+    shown = error.plot().lines[0].get_ydata()
+    np.testing.assert_allclose(shown, 1e3 * error.translation_error_m)
+    relative = iclnuim.relative_pose_error(POSES, MOVED)
+    assert relative.to_dict()["errors"] == 7 == len(relative.error_stamps_s)
+
+
+def test_images_are_shown_in_a_notebook(sequence):
+    frame = iclnuim.RenderedFrame(*look(0))
+    for shown in (sequence, sequence[0], frame):
+        assert "data:image/png;base64," in shown._repr_html_()
+    assert repr(frame) == "RenderedFrame(16x12)"
+    assert sequence[:0]._repr_html_()
+
+
+def test_progress_is_shown_on_request_and_in_a_notebook(sequence, tmp_path, capsys, monkeypatch):
+    counted = []
+
+    def progress(total, label):
+        counted.append((total, label))
+        return types.SimpleNamespace(advance=lambda: counted.append(1))
+
+    iclnuim.make_sequence(sequence, tmp_path / "a", progress=progress, workers=1)
+    assert counted == [(8, "sequence")] + [1] * 8
+    assert capsys.readouterr().err == ""
+    iclnuim.make_sequence(sequence, tmp_path / "b", workers=1)
+    assert capsys.readouterr().err == ""
+    iclnuim.make_sequence(sequence, tmp_path / "c", progress=True, workers=1)
+    assert "sequence: 8/8 frames" in capsys.readouterr().err
+    shell = types.SimpleNamespace(kernel=1)
+    monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell))
+    assert console.in_notebook()
+    iclnuim.make_sequence(sequence, tmp_path / "d", workers=1)
+    assert "sequence: 8/8 frames" in capsys.readouterr().err
+    iclnuim.make_sequence(sequence, tmp_path / "e", progress=False, workers=1)
+    assert capsys.readouterr().err == ""
+
+
+LONG = ("make_sequence", "render_frames", "run_odometers", "fuse_sequence", "view_errors")
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_long_work_takes_progress(name):
+    assert inspect.signature(getattr(iclnuim, name)).parameters["progress"].default is None
+
+
+def test_one_pose_comes_from_a_pov_camera(tmp_path):
+    text = "cam_pos = [91, 465, -292]';\ncam_dir = [0.3, -0.1, 1]';\ncam_up = [0, 1, 0.1]';\n"
+    (tmp_path / "scene_00_0012.txt").write_text(text)
+    T = iclnuim.pose_from_pov(tmp_path / "scene_00_0012.txt", unit_m=0.01)
+    np.testing.assert_allclose(T.translation, [-0.91, 2.92, 4.65])
+    ahead = np.array([0.3, -0.1, 1])
+    expected = np.array([-0.3, -1, -0.1]) / np.linalg.norm(ahead)
+    np.testing.assert_allclose(T.rotation[:, 2], expected)
+    same = iclnuim.pose_from_pov([91, 465, -292], ahead, (0, 1, 0.1), unit_m=0.01)
+    np.testing.assert_allclose(same.matrix, T.matrix)
+    level = iclnuim.pose_from_pov((0, 1, 0), (0, 0, 1))
+    np.testing.assert_allclose(level.rotation[:, 1], [0, 0, -1])  # y of the image is down
+    for wrong in (([0, 1], [0, 0, 1]), ([0, 1, 0], [0, 1, 0]), ([0, 1, np.nan], [0, 0, 1])):
+        with pytest.raises(InputError):
+            iclnuim.pose_from_pov(*wrong)
+    for wrong in ((tmp_path, None), ([0, 1, 0], None), (tmp_path / "scene_00_0012.txt", [0, 0, 1])):
+        (tmp_path / "scene_00_0013.txt").write_text(text)
+        with pytest.raises(InputError):
+            iclnuim.pose_from_pov(*wrong)
+
+
+def test_only_the_public_names_are_listed():
+    program = "import iclnuim; print(dir(iclnuim) == sorted(iclnuim.__all__))"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{program}; iclnuim.SE3; {program}"], capture_output=True, text=True
+    )
+    assert done.stdout.split() == ["True", "True"]
+
+
+@pytest.mark.parametrize("name", iclnuim._OLD)
+def test_an_old_name_works_and_says_so_once(name):
+    assert name not in iclnuim.__all__
+    vars(iclnuim).pop(name, None)
+    with pytest.warns(
+        DeprecationWarning, match=f"iclnuim.{name} is an old name; try iclnuim."
+    ) as w:
+        value = getattr(iclnuim, name)
+    assert callable(value) and w[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert getattr(iclnuim, name) is value
+    vars(iclnuim).pop(name)
+
+
+@pytest.mark.parametrize("name", iclnuim.__all__)
+def test_classes_and_functions_have_one_name(name):
+    public = getattr(iclnuim, name)
+    if inspect.isclass(public) or inspect.isfunction(public):
+        assert public.__name__ == name
+
+
+def test_a_sequence_and_its_parts_are_tracked_and_fused(sequence):
+    pytest.importorskip("numba", reason="numba is not installed")
+    (run,) = iclnuim.run_odometers([iclnuim.odometer("icp")], sequence[:3])
+    assert len(run.frames) == 3 and len(run.truth) == 8
+    with pytest.raises(InputError, match="as many poses as stamps"):
+        iclnuim.fuse_sequence(sequence, POSES.matrix[:3])
+    assert read_images(sequence.pairs[0], sequence.images)[1].shape == (12, 16)
