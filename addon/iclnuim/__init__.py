@@ -31,6 +31,7 @@ __all__ = [
     # labels
     "label_errors", "LabelErrors", "label_confusion", "label_figures", "LabelFigures",
     "panoptic_quality", "PanopticQuality", "Segmentation", "read_class_map", "ClassMap",
+    "write_coco",
     # sensor noise
     "noisy_depth", "noisy_rgb", "linear_from_srgb8", "depth_model", "rgb_model", "DEPTH_MODELS",
     "RGB_MODELS",
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     from .benchmark.odometry.run import OdometryRun, odometry_table, run_odometers
     from .benchmark.odometry.track import Tracked, Tracker, track
     from .blender.open.model_file import read_model
+    from .dataset.coco import write_coco
     from .dataset.findings import Inspection
     from .dataset.frames import FrameSource
     from .dataset.inspection import inspect_sequence

@@ -20,6 +20,7 @@ import numpy as np
 from iclnuim.channels import FURTHER
 from iclnuim.console import Console
 from iclnuim.dataset.bags_and_logs import LogSettings
+from iclnuim.dataset.coco import write_coco
 from iclnuim.dataset.frames import (
     FrameSource,
     frames_with_poses,
@@ -28,6 +29,7 @@ from iclnuim.dataset.frames import (
     run_frames,
 )
 from iclnuim.dataset.inspection import inspect_sequence
+from iclnuim.dataset.label_frames import has_classes
 from iclnuim.dataset.layout import camera_file
 from iclnuim.dataset.packing import LICENCES, check_packable, is_archive, pack, packed_names
 from iclnuim.dataset.sequence import SequenceWriter
@@ -289,8 +291,13 @@ def _calibrate_depth(walls: list[Path], units_per_metre: float) -> DepthCalibrat
 def configure_inspect(parser: argparse.ArgumentParser) -> None:
     help = "a sequence in any supported format"
     parser.add_argument("folder", type=Path, metavar="DIR", help=help)
-    help = "write preview.png (colour, depth, error) and preview.mp4 into FOLDER"
+    help = (
+        "write preview.png (colour, depth, error) and preview.mp4 into FOLDER, and classes.png with "
+        "their names if the sequence has classes"
+    )
     parser.add_argument("--preview", type=Path, metavar="FOLDER", help=help)
+    help = "write its classes and instances as annotations of COCO (.json)"
+    parser.add_argument("--coco", type=Path, metavar="FILE", help=help)
     add_rerun(parser, "its images, camera and poses")
     example = "iclnuim inspect out/living_room/kt2/noisy --preview pictures"
     common(parser, example).set_defaults(run=_inspect, reads_sequences=True)
@@ -298,6 +305,10 @@ def configure_inspect(parser: argparse.ArgumentParser) -> None:
 
 def _inspect(args: argparse.Namespace, console: Console) -> int:
     """Exit code 2 if errors were found, 0 if there are at most warnings."""
+
+    def progress(label: str) -> Callable[[int], Callable[[], None]]:
+        return lambda count: console.progress(count, label).advance
+
     recording = checked_rerun(args)
     found = inspect_sequence(args.folder)
     values = {
@@ -317,13 +328,17 @@ def _inspect(args: argparse.Namespace, console: Console) -> int:
 
         for path in draw_preview(args.folder, args.preview, console.progress):
             console.note(f"{path} written")
+        if has_classes(args.folder):
+            from iclnuim.report.label_pictures import draw_classes
+
+            console.note(f"{draw_classes(args.folder, args.preview)} written")
+    if args.coco is not None:
+        write_coco(args.coco, args.folder, progress("annotations"))
+        console.note(f"{args.coco} written")
     if recording:
         from iclnuim.report.recording import record_sequence
 
-        def progress(count: int) -> Callable[[], None]:
-            return console.progress(count, "recording").advance
-
-        record_sequence(recording, args.folder, progress)
+        record_sequence(recording, args.folder, progress("recording"))
         console.note(f"{recording} written")
     return 2 if found.wrong else 0
 

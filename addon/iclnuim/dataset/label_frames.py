@@ -42,6 +42,11 @@ def read_ids(path: Path) -> np.ndarray:
     return ids
 
 
+def has_classes(folder: Path) -> bool:
+    """Whether a sequence has a class image of its first frame, and the table of classes."""
+    return is_file(folder / CLASSES) and _image(folder, find_pairs(folder)[0], CLASS) is not None
+
+
 def label_frames(folder: Path) -> list[LabelFrame]:
     """The frames of a sequence that have a class image. Raises InputError if there are none."""
     found = []

@@ -1,15 +1,31 @@
-"""Pictures of labels: the confusion matrix of an evaluation."""
+"""Pictures of labels: the confusion matrix of an evaluation, and the classes of a sequence with
+their names.
+"""
+
+from colorsys import hsv_to_rgb
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
+from ..dataset.label_classes import LARGEST_ID
 from ..dataset.label_errors import LabelErrors
+from ..dataset.label_frames import label_frames, read_ids, true_classes
+from ..formats.files import make_folder
+from ..formats.images import read_colour8
+from .charts import save
 
 _INCH_A_CLASS = 0.32
 #: A cell with a larger share is dark, and has white text.
 _DARK = 0.6
 #: Smaller shares are drawn without text.
 _SMALLEST = 0.005
+_ROWS = 4
+#: Hues of consecutive classes are this part of the circle apart, the golden section. Similar hues
+#: have another saturation and value.
+_HUE_STEP = 0.618034
+_LEVELS = ((0.75, 0.95), (0.75, 0.6), (0.4, 0.95), (0.9, 0.4))
 
 
 def confusion_figure(errors: LabelErrors) -> Figure:
@@ -35,3 +51,41 @@ def confusion_figure(errors: LabelErrors) -> Figure:
         f"({errors.classes.name}); cells: percent of the true class"
     )
     return figure
+
+
+def draw_classes(folder: Path, out: Path) -> Path:
+    """Write classes.png to `out`: colour and classes of some frames of a sequence, and the name of
+    each class that they show; returns its path. Raises InputError without class images.
+    """
+    frames = label_frames(folder)
+    spread = sorted({int(i) for i in np.linspace(0, len(frames) - 1, _ROWS)})
+    colours = class_colours()
+    figure = Figure(figsize=(11, 2.9 * len(spread)), layout="constrained")
+    seen: set[int] = set()
+    for row, axes in zip(spread, figure.subplots(len(spread), 2, squeeze=False), strict=True):
+        ids = read_ids(frames[row].classes)
+        seen.update(np.unique(ids).tolist())
+        for place, image in zip(
+            axes, (read_colour8(frames[row].pair.rgb), colours[ids]), strict=True
+        ):
+            place.imshow(image)
+            place.set_axis_off()
+        axes[0].set_title(f"frame {frames[row].pair.number}", size=9)
+    patches = []
+    for kind in true_classes(folder).classes:
+        if kind.id in seen:
+            label = f"{kind.id} {kind.name}"
+            patches.append(Patch(color=colours[kind.id] / 255, label=label))
+    figure.legend(handles=patches, loc="outside right upper", fontsize=9, frameon=False)
+    make_folder(out)
+    save(figure, out / "classes.png")
+    return out / "classes.png"
+
+
+def class_colours() -> np.ndarray:
+    """(65536, 3) uint8: distinct colours of classes, black for none."""
+    found = np.zeros((LARGEST_ID + 1, 3), np.uint8)
+    for number in range(1, len(found)):
+        level = _LEVELS[number % len(_LEVELS)]
+        found[number] = np.rint(255 * np.array(hsv_to_rgb(_HUE_STEP * number % 1, *level)))
+    return found
