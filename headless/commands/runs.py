@@ -110,7 +110,7 @@ def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> 
     options.add_settings(parser, RenderJob, light="baked, or auto for a file")
     add("-o", "--out", type=Path, metavar="DIR", help=out)
     if command == "make":
-        add_sensor_options(parser, "released", ("depth_units", "formats"))
+        add_sensor_options(parser, "released", ("depth_units", "formats", "names"))
         options.add_settings(parser, LogSettings)
         help = "keep the EXR frames; default: remove them once both sequences are complete"
         add("--keep-raw", action="store_true", help=help)

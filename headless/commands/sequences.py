@@ -103,7 +103,7 @@ def configure_dataset(parser: argparse.ArgumentParser) -> None:
 
 def _add_output_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for noise and for the formats in which a sequence is written."""
-    add_sensor_options(parser, "none", ("seed", "depth_units", "formats"))
+    add_sensor_options(parser, "none", ("seed", "depth_units", "formats", "names"))
     _add_file_options(parser)
 
 
@@ -153,7 +153,9 @@ def configure_convert(parser: argparse.ArgumentParser) -> None:
     help = "as a Python slice over the pairs; default: all"
     add("--frames", default="::", metavar="A:B:S", help=help)
     add_camera_options(parser)
-    add_settings(parser, SequenceOptions, ("formats", "depth_units"), depth_units="those of DIR")
+    add_settings(
+        parser, SequenceOptions, ("formats", "depth_units", "names"), depth_units="those of DIR"
+    )
     _add_file_options(parser)
     example = "iclnuim convert traj0_frei_png replica --format replica"
     common(parser, example).set_defaults(run=_convert)

@@ -180,7 +180,7 @@ def in_all(**values):
         (in_all(ftheta_p0=0.0), "pinhole camera, found ftheta_p0"),
         (in_all(from_mitsuba=True), "from_mitsuba"),
         (in_all(integer_depth_scale=-1), "one depth scale above 0"),
-        (in_all(depth_unit_scale_factor=0.001), "one depth scale .* 0.0002 and 0.001"),
+        (in_all(depth_unit_scale_factor=0.0002), "one depth scale .* 0.001 and 0.0002"),
         (in_all(camera_angle_x=0), "camera_angle_x of less than half a turn"),
         (in_all(fl_y="wide"), "a number for fl_y"),
         (in_all(cx=[32]), "a number for cx"),

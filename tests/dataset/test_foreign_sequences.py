@@ -222,7 +222,7 @@ def test_a_missing_depth_or_colour_image_leaves_its_frame_out(copied, format, ki
 
 
 def test_a_missing_depth_image_of_scannet_and_of_lists_leaves_its_frame_out(copied):
-    for format, image in (("scannet", "frames/depth/4.png"), ("tum", "depth/000004.png")):
+    for format, image in (("scannet", "frames/depth/000004.png"), ("tum", "depth/000004.png")):
         folder = copied(format)
         (folder / image).unlink()
         assert numbers_with_poses(folder) == without(4)

@@ -43,9 +43,9 @@ def truth(shared_run):
 def test_the_same_images_lie_in_every_format(all_formats):
     places = {
         "tum": ("rgb/000002.png", "depth/000002.png"),
-        "icl-nuim": ("rgb/2.png", "depth/2.png"),
-        "euroc": ("mav0/cam0/data/1066667000.png", "mav0/depth0/data/1066667000.png"),
-        "nerf": ("images/000002.png", "depth/000002.png"),
+        "icl-nuim": ("rgb/000002.png", "depth/000002.png"),
+        "eth3d": ("rgb/0000000001.066667.png", "depth/0000000001.066667.png"),
+        "vslam-lab": ("rgb_0/000002.png", "depth_0/000002.png"),
     }
     for index in (0, 1):
         assert (
@@ -61,7 +61,8 @@ def test_icl_nuim_has_integer_ids_depth_first_left_handed_poses_and_no_pose_for_
     all_formats, truth
 ):
     folder = all_formats / "icl-nuim"
-    assert (folder / "associations.txt").read_text().splitlines()[1] == "1 depth/1.png 1 rgb/1.png"
+    line = (folder / "associations.txt").read_text().splitlines()[1]
+    assert line == "1 depth/000001.png 1 rgb/000001.png"
     k = np.loadtxt(folder / "calibration.txt")
     assert np.allclose(k, [[48, 0, 31.5], [0, -48, 23.5], [0, 0, 1]])
     rows = np.loadtxt(folder / "groundtruth.gt.freiburg")
@@ -147,14 +148,14 @@ def test_scannet_as_its_exports_are_read(all_formats, truth):
     folder = all_formats / "scannet/frames"
     for i in range(4):
         assert (
-            np.abs(np.loadtxt(folder / f"pose/{i}.txt") - truth.T_world_camera[i].matrix).max()
+            np.abs(np.loadtxt(folder / f"pose/{i:06}.txt") - truth.T_world_camera[i].matrix).max()
             < 1e-9
         )
         assert (
-            np.abs(read_depth16(folder / f"depth/{i}.png") / 1000 - depth_of(i)).max()
+            np.abs(read_depth16(folder / f"depth/{i:06}.png") / 1000 - depth_of(i)).max()
             <= 0.51 / 1000
         )
-        assert (folder / f"color/{i}.jpg").is_file()
+        assert (folder / f"color/{i:06}.jpg").is_file()
     K = np.loadtxt(folder / "intrinsic/intrinsic_depth.txt")
     assert np.array_equal(K, [[48, 0, 31.5, 0], [0, 48, 23.5, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 
@@ -167,9 +168,12 @@ def test_scannets_own_colour_of_twice_the_size_is_seen_by_the_depth_camera(all_f
         0:100, 0:132
     ]  # the ramp as a camera of twice the resolution and another K sees it
     for i in range(4):
-        (top / f"color/{i}.jpg").unlink()
-        write_png(top / f"color/{i}.png", np.stack([u, v, u * 0], -1).astype(np.uint8))
-    pairs, camera = find_pairs(tmp_path / "s"), read_camera(tmp_path / "s", top / "color/0.png")
+        (top / f"color/{i:06}.jpg").unlink()
+        write_png(top / f"color/{i:06}.png", np.stack([u, v, u * 0], -1).astype(np.uint8))
+    pairs, camera = (
+        find_pairs(tmp_path / "s"),
+        read_camera(tmp_path / "s", top / "color/000000.png"),
+    )
     colour, depth_z_m = read_images(pairs[2], camera)
     assert colour.shape == (48, 64, 3) and np.abs(depth_z_m - depth_of(2)).max() < 6e-4
     x, y = (
@@ -192,7 +196,8 @@ def test_eth3d_as_bad_slam_reads_it(all_formats):
         23.5,
     ]
     line = (folder / "associated.txt").read_text().splitlines()[1]
-    assert line == "1.033333 rgb/1.033333.png 1.033333 depth/1.033333.png"
+    stamp = "0000000001.033333"
+    assert line == f"{stamp} rgb/{stamp}.png {stamp} depth/{stamp}.png"
 
 
 def test_tartanair_has_metres_and_poses_in_ned_axes(all_formats, truth):
@@ -238,7 +243,8 @@ def test_vslam_lab_has_nanoseconds_paths_and_a_calibration(all_formats, truth):
 def test_rtabmap_finds_a_stamp_in_every_name(all_formats):
     for kind in ("rgb_sync", "depth_sync"):
         names = sorted(path.stem for path in (all_formats / "rtabmap" / kind).iterdir())
-        assert names == ["1.000000", "1.033333", "1.066667", "1.100000"]
+        stamps = ("1.000000", "1.033333", "1.066667", "1.100000")
+        assert names == [f"000000000{stamp}" for stamp in stamps]
 
 
 def colmap_points(model):
@@ -372,20 +378,20 @@ def test_a_new_format_is_one_entry_of_the_registry(run, tmp_path, monkeypatch):
 def test_one_format_lies_in_the_folder_itself_and_others_are_added_in_folders_of_their_own(
     run, tmp_path
 ):
-    write_sequence(run_frames(run.path), tmp_path / "out", formats=("nerf",))
-    assert (tmp_path / "out/transforms.json").is_file() and (
+    write_sequence(run_frames(run.path), tmp_path / "out", formats=("colmap",))
+    assert (tmp_path / "out/sparse/0/images.txt").is_file() and (
         tmp_path / "out/images/000000.png"
     ).is_file()
-    before = (tmp_path / "out/transforms.json").read_bytes()
-    with pytest.raises(InputError, match="format nerf there, tum requested"):
+    before = (tmp_path / "out/sparse/0/images.txt").read_bytes()
+    with pytest.raises(InputError, match="format colmap there, tum requested"):
         write_sequence(run_frames(run.path), tmp_path / "out")
     write_sequence(run_frames(run.path), tmp_path / "out", formats=("tum", "euroc"))
     assert (tmp_path / "out/tum/rgb.txt").is_file() and (
-        tmp_path / "out/transforms.json"
+        tmp_path / "out/sparse/0/images.txt"
     ).read_bytes() == before
-    with pytest.raises(InputError, match="format nerf there, tum requested"):
+    with pytest.raises(InputError, match="format colmap there, tum requested"):
         write_sequence(run_frames(run.path), tmp_path / "out")
-    assert write_sequence(run_frames(run.path), tmp_path / "out", formats=("nerf",)).made == 0
+    assert write_sequence(run_frames(run.path), tmp_path / "out", formats=("colmap",)).made == 0
 
 
 def test_what_a_format_cannot_say_is_refused_before_anything_is_written(run, tmp_path):
@@ -557,7 +563,7 @@ def test_depth_of_transforms_json_is_in_millimetres_unless_it_has_a_scale_as_ner
 ):
     shutil.copytree(all_formats / "nerf", tmp_path / "nerf")
     file = tmp_path / "nerf/transforms.json"
-    file.write_text(file.read_text().replace('"integer_depth_scale": 0.0002', key or '"other": 0'))
+    file.write_text(file.read_text().replace('"integer_depth_scale": 0.001', key or '"other": 0'))
     assert (
         read_camera(tmp_path / "nerf", find_pairs(tmp_path / "nerf")[0].rgb).depth_units_per_metre
         == units
@@ -565,9 +571,7 @@ def test_depth_of_transforms_json_is_in_millimetres_unless_it_has_a_scale_as_ner
     writer = SequenceWriter(
         original_frames(all_formats / "tum"), {tmp_path / "o": SequenceSettings()}, ("nerf",)
     )
-    assert writer.losses() == [
-        "nerf: nerfstudio reads the depth right with the setting depth_unit_scale_factor 0.0002"
-    ]
+    assert writer.losses() == ["nerf: depth is stored in 1000 units per metre; the source has 5000"]
 
 
 @pytest.mark.parametrize(
@@ -669,10 +673,10 @@ def test_stamps_of_depth_that_a_format_loses_are_noted(tmp_path):
             (tmp_path / kind / f"{1 + i / 30 + offset_s:.6f}.png").touch()
     source = image_frames(tmp_path, camera=SequenceCamera(PinholeCamera.parse("64x48")))
     losses = SequenceWriter(
-        source, {tmp_path / "out": SequenceSettings()}, ("euroc", "vslam-lab", "tum")
+        source, {tmp_path / "out": SequenceSettings()}, ("rtabmap", "vslam-lab", "tum")
     ).losses()
     assert losses == [
-        "euroc: depth images get the stamps of their colour images, up to 4 ms from their own"
+        "rtabmap: depth images get the stamps of their colour images, up to 4 ms from their own"
     ]
 
 

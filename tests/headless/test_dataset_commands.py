@@ -358,7 +358,7 @@ def test_convert_notes_what_rtabmap_takes_for_granted(freiburg, tmp_path, capsys
     )
     assert "rtabmap: depth is stored in 5000 units per metre; the source has 10000" in said
     depth = sorted((tmp_path / "a/depth_sync").iterdir())[0]
-    assert depth.name == "0.000000.png" and (read_depth16(depth) == 4500).all()
+    assert depth.name == "0000000000.000000.png" and (read_depth16(depth) == 4500).all()
 
 
 def test_some_frames_carry_only_their_own_poses(freiburg, tmp_path, capsys):

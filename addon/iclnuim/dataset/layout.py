@@ -4,8 +4,9 @@ in this format is detected and read.
 Each format is a module in layouts/ and an entry of the registry in sequence_formats.py.
 """
 
+import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from decimal import Decimal
 from functools import cached_property
 from itertools import chain
@@ -22,7 +23,7 @@ from ..formats.depth_units import UNITS_PER_METRE, check_units
 from ..formats.files import atomic_write, is_file, make_folder, read_json
 from ..formats.image_names import by_numbers, numbers_in_names
 from ..formats.images import image_header
-from ..formats.stamps import seconds_of_names, stamp_text
+from ..formats.stamps import seconds_of_names, stamp_name, stamp_text
 from ..formats.trajectories import write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -33,6 +34,7 @@ CAMERA = "camera.json"
 #: Maximum distance in time between a pose and its frame, as a share of the usual step between
 #: frames.
 _SLACK = 0.5
+_DECIMAL = re.compile(r"[0-9]+(\.[0-9]+)?")
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,13 @@ class SequenceFrame:
     def stamp_text(self, kind: str = RGB) -> str:
         """The stamp in seconds as text; the original text if there is one."""
         return self.written.get(kind) or stamp_text(self.stamp_s)
+
+    def stamp_name(self, kind: str = RGB) -> str:
+        """The stamp in seconds with a constant number of digits before the decimal point."""
+        text = self.written.get(kind, "")
+        if not _DECIMAL.fullmatch(text):
+            text = stamp_text(self.stamp_s)
+        return stamp_name(text)
 
     def nanoseconds(self, kind: str = RGB) -> int:
         """The stamp in nanoseconds, from its shortest decimal text: 1305031102.175304 s does not
@@ -197,6 +206,8 @@ class SequenceFormat:
     keep their paths. fixed_camera: the only camera that programs for this format support.
     zero_stamp: whether these programs accept a stamp of 0. depth_stamps: whether a depth image can
     have another stamp than its colour image. remarks(contents): further sentences for `losses`.
+    list_stamp: the text of a frame's stamp in the lists if it is not the usual one, and
+    published_image: `image` with the names of the published data sets, if these differ.
     """
 
     name: str
@@ -213,12 +224,22 @@ class SequenceFormat:
     zero_stamp: bool = True
     depth_stamps: bool = True
     remarks: Callable[[Contents], list[str]] = lambda contents: []
+    list_stamp: Callable[[SequenceFrame, str], str] | None = None
+    published_image: Callable[[SequenceFrame, str], str] | None = None
+
+    @property
+    def published(self) -> "SequenceFormat":
+        """The format with the names of the published data sets."""
+        if self.published_image is None:
+            return self
+        return replace(self, image=self.published_image, list_stamp=None)
 
     def images(self, contents: Contents, kind: str) -> ImageList:
         """All images of a kind with their stamps."""
         frames = contents.frames
         paths = tuple(self.image(frame, kind) for frame in frames)
-        written = tuple(frame.written.get(kind, "") for frame in frames)
+        stamp = self.list_stamp or (lambda frame, kind: frame.written.get(kind, ""))
+        written = tuple(stamp(frame, kind) for frame in frames)
         return ImageList(tuple(frame.stamp_s for frame in frames), paths, written)
 
     def checked(self, contents: Contents) -> None:

@@ -18,7 +18,6 @@ from .record import Record
 from .run_folder import run_key
 from .sequence_images import SequenceImages
 
-RECIPE = "recipe.json"
 _SCHEMA_VERSION = 1
 #: Keys that determine the files; the others may differ when a sequence is resumed.
 _IDENTITY = (
@@ -29,6 +28,7 @@ _IDENTITY = (
     "rgb_noise",
     "seed",
     "depth_units_per_metre",
+    "names",
 )
 #: format_in_folder: the format in the folder itself, to which formats in subfolders were added
 #: later.

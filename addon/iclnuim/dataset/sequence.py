@@ -19,6 +19,7 @@ from ..sensor.transfer import srgb8
 from .frame_pool import FramePool, cores, keep_freed_memory
 from .frames import FrameSource, frames_of_run, read_depth_m
 from .journal import JournalEntry
+from .name_forms import SORTED
 from .run_folder import RunFolder
 from .sequence_folder import SequenceFolder, WrittenSequence
 from .sequence_formats import sequence_format
@@ -179,8 +180,8 @@ def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceW
     are made now.
 
     `wanted`, as a worker receives it: {"formats": [format, ...], "variants": {FOLDER: {"depth":
-    model, "rgb": model, "seed": n, "depth_units": units per metre, default 5000}}}. Raises
-    InputError, WorkError.
+    model, "rgb": model, "seed": n, "depth_units": units per metre, default 5000, "names": form,
+    default sorted}}}. Raises InputError, WorkError.
     """
     sequences = {}
     for folder, variant in wanted["variants"].items():
@@ -189,6 +190,7 @@ def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceW
             rgb_model(variant["rgb"]),
             variant["seed"],
             variant.get("depth_units", UNITS_PER_METRE),
+            variant.get("names", SORTED),
         )
     return SequenceWriter(frames_of_run(run, numbers), sequences, wanted["formats"])
 

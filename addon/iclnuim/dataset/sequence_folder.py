@@ -17,7 +17,8 @@ from .frames import FrameSource
 from .image_files import paths_of, same_image
 from .journal import JournalEntry
 from .layout import Contents, SequenceFormat
-from .recipe import RECIPE, format_in_folder, new_recipe, read_recipe, refuse_other_sequence
+from .name_forms import RECIPE
+from .recipe import format_in_folder, new_recipe, read_recipe, refuse_other_sequence
 from .sequence_images import Frame, SequenceImages
 from .sequence_options import SequenceSettings
 
@@ -52,7 +53,7 @@ class SequenceFolder:
         self.source = source
         self.out = out
         self.images = SequenceImages(source, out, settings, formats)
-        for format in formats:
+        for format in self.images.formats:
             format.checked(self.contents(source.numbers, format))
         self.recipe = self._checked_recipe()
         self.finished = frozenset(filter(self.images.are_complete, self.images.places))

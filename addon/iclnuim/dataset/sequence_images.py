@@ -22,6 +22,7 @@ from .image_files import (
 )
 from .journal import Journal, JournalEntry
 from .layout import SequenceFormat, SequenceFrame
+from .name_forms import form_of_folder, named
 from .sequence_options import SequenceSettings, noisy_metres
 
 
@@ -57,9 +58,10 @@ class SequenceImages:
     ) -> None:
         self.source = source
         self.out = out
-        self.formats = formats
-        self.units = _units(settings, formats)
-        self.settings = replace(settings, depth_units_per_metre=self.units)
+        form = form_of_folder(out, settings.names)
+        self.formats = named(formats, form)
+        self.units = _units(settings, self.formats)
+        self.settings = replace(settings, depth_units_per_metre=self.units, names=form)
         self.journal = Journal(out)
         self.places = {number: self._places_of(number) for number in source.stamps_s}
 

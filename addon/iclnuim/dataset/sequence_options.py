@@ -22,6 +22,7 @@ from ..geometry.camera import PinholeCamera
 from ..sensor.models import DEPTH_MODELS, RGB_MODELS, Noise, depth_model, rgb_model
 from ..sensor.noise_model import DEPTH, RGB, NoiseModel, frame_generator
 from ..settings import Choices, Settings, setting
+from .name_forms import NAME_FORMS, SORTED, UNRECORDED
 from .sequence_formats import FORMATS
 
 
@@ -33,13 +34,14 @@ def _summaries(models: Mapping[str, type[NoiseModel]]) -> Choices:
 class SequenceSettings:
     """The settings that determine the pixels of a sequence, given its frames.
 
-    `seed` also applies to user-provided noise.
+    `seed` also applies to user-provided noise. names: the form of the images' names.
     """
 
     depth: Noise = field(default_factory=lambda: depth_model("none"))
     rgb: Noise = field(default_factory=lambda: rgb_model("none"))
     seed: int = 0
     depth_units_per_metre: float = UNITS_PER_METRE
+    names: str = SORTED
 
     def __post_init__(self) -> None:
         if (
@@ -49,6 +51,8 @@ class SequenceSettings:
         ):
             raise InputError("a seed as a whole number from 0 up", found=self.seed)
         check_units(self.depth_units_per_metre)
+        if self.names not in (*NAME_FORMS, UNRECORDED):
+            raise InputError(f"names {' or '.join(NAME_FORMS)}", found=self.names)
 
     @property
     def is_clean(self) -> bool:
@@ -58,11 +62,13 @@ class SequenceSettings:
         } and self.rgb == rgb_model("none")
 
     def to_dict(self) -> dict:
+        names = {"names": self.names} if self.names else {}
         return {
             "depth_noise": {"model": self.depth.name, **self.depth.to_dict()},
             "rgb_noise": {"model": self.rgb.name, **self.rgb.to_dict()},
             "seed": self.seed,
             "depth_units_per_metre": self.depth_units_per_metre,
+            **names,
         }
 
 
@@ -99,6 +105,7 @@ class SequenceOptions(Settings):
         choices=lambda: {name: format.description for name, format in FORMATS.items()},
         option="--format",
     )
+    names: str = setting(SORTED, "form of the images' names", choices=lambda: NAME_FORMS)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -110,11 +117,13 @@ class SequenceOptions(Settings):
         """The settings with noise. Raises InputError for an unknown model or parameter."""
         depth = depth_model(self.depth_noise, self.depth_settings)
         rgb = rgb_model(self.rgb_noise, self.rgb_settings)
-        return SequenceSettings(depth, rgb, self.seed, self.depth_units)
+        return SequenceSettings(depth, rgb, self.seed, self.depth_units, self.names)
 
     def without_noise(self) -> SequenceSettings:
         """The settings of the corresponding clean sequence."""
-        return SequenceSettings(seed=self.seed, depth_units_per_metre=self.depth_units)
+        return SequenceSettings(
+            seed=self.seed, depth_units_per_metre=self.depth_units, names=self.names
+        )
 
 
 def noisy_images(

@@ -11,6 +11,8 @@ from .columns import NumberTable
 #: Larger stamps (three thousand years) and frame numbers are rejected as damaged.
 LARGEST_STAMP_S = 1e11
 LARGEST_FRAME = 10**9
+#: Digits before the decimal point of stamps in names: those of a clock's seconds since 1970.
+NAME_DIGITS = 10
 #: A stamp may differ from its frame's time by this share of a frame.
 STAMP_SLACK = 0.01
 #: Stamps of a clock, 1990 to 2100 in seconds since 1970, are recognised in any unit by their size.
@@ -138,6 +140,22 @@ def seconds_of_names(numbers: list[int]) -> tuple[list[float], list[str]] | None
         raise InputError(expected, found="another unit of time", hint=hint)
     texts = [stamp_text_of_ns(number * round(1e9 / ticks)) for number in numbers]
     return [number / ticks for number in numbers], texts
+
+
+def stamp_name(text: str) -> str:
+    """The text of a stamp in seconds with ten digits before the decimal point, with which names
+    sort as time.
+    """
+    whole, _, digits = text.partition(".")
+    return f"{whole.zfill(NAME_DIGITS)}.{digits or '0' * STAMP_DIGITS}"
+
+
+def stamp_of_name(text: str) -> str:
+    """The text of a stamp of which `stamp_name` gives this one; other texts unchanged."""
+    whole, point, digits = text.partition(".")
+    if len(whole) != NAME_DIGITS or not (whole + digits).isdecimal():
+        return text
+    return f"{int(whole)}{point}{digits}"
 
 
 def stamp_text_of_ns(nanoseconds: int) -> str:

@@ -18,7 +18,7 @@ _LETTER_WIDTH_PX = 7
 _MAX_NOTES = 4
 #: Settings of a job that are not drawn under Light.
 _SENSOR = ("exposure_ms", "readout_ms", "seed")
-_OUTPUT = ("depth_units", "glass", "ground_truth", "channels")
+_OUTPUT = ("depth_units", "names", "glass", "ground_truth", "channels")
 
 
 def _text(layout: UILayout, context: Context, text: str, icon: str = "NONE") -> None:

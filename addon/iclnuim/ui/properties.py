@@ -220,7 +220,11 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
         if not options.formats:
             hint = "switching Clean and Noisy off"
             raise InputError("one or more", setting="formats", found="none", hint=hint)
-        rest = {"seed": options.seed, "depth_units": options.depth_units}
+        rest = {
+            "seed": options.seed,
+            "depth_units": options.depth_units,
+            "names": options.names,
+        }
         variants = {}
         if self.write_clean:
             variants[str(out / "clean")] = {"depth": "none", "rgb": "none", **rest}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ...formats.depth_units import UNITS_PER_METRE
 from ...formats.files import atomic_write_text
-from ..layout import Contents, SequenceFormat
+from ..layout import Contents, SequenceFormat, SequenceFrame
 from . import listed
 
 
@@ -23,8 +23,10 @@ FORMAT = SequenceFormat(
     "eth3d",
     "ETH3D SLAM: rgb/ and depth/ named by stamps, associated.txt, calibration.txt (fx fy cx cy), "
     "groundtruth.txt",
-    lambda f, kind: f"{kind}/{f.stamp_text()}.png",
+    lambda f, kind: f"{kind}/{f.stamp_name()}.png",
     _write,
     listed.READER,
     fixed_units=UNITS_PER_METRE,
+    list_stamp=SequenceFrame.stamp_name,
+    published_image=lambda f, kind: f"{kind}/{f.stamp_text()}.png",
 )

@@ -32,6 +32,10 @@ from ..mount import is_identity, mount_notes, pose_of
 _ROOT = Path("mav0")
 _SENSORS = {RGB: "cam"}
 _TRUTH = Path("mav0/state_groundtruth_estimate0/data.csv")
+#: Stamps of the images, from which ORB-SLAM3 makes their names.
+_TIMES = Path("times.txt")
+#: Depth units per metre that OKVIS2 assumes.
+UNITS = 1000.0
 _UNITS = "depth_units_per_metre"
 #: Folders of the cameras; the first decides.
 _CAMERAS = ("depth0", "cam0")
@@ -48,12 +52,18 @@ KEYS = Keys(
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    stems = [Path(path).stem for path in format.images(contents, RGB).paths]
     rows = ["#timestamp [ns],filename\n"]
-    rows += [f"{frame.nanoseconds()},{frame.nanoseconds()}.png\n" for frame in contents.frames]
+    rows += [f"{stem},{stem}.png\n" for stem in stems]
     for sensor, what in (("cam0", "camera"), ("depth0", "depth camera, 16 bit, 0 = missing")):
         atomic_write_text(folder / _ROOT / sensor / "data.csv", "".join(rows))
         atomic_write_text(folder / _ROOT / sensor / "sensor.yaml", _sensor(contents, what))
+    atomic_write_text(folder / _TIMES, "".join(f"{stem}\n" for stem in stems))
     write_truth(folder / _TRUTH, contents, "euroc")
+
+
+def _folder(kind: str) -> str:
+    return f"mav0/{_SENSORS.get(kind, kind)}0/data"
 
 
 def _sensor(contents: Contents, what: str) -> str:
@@ -164,9 +174,11 @@ def _apart(folder: Path) -> list[str]:
 FORMAT = SequenceFormat(
     "euroc",
     "mav0/cam0, mav0/depth0 and state_groundtruth_estimate0; stamps in nanoseconds",
-    lambda frame, kind: f"mav0/{_SENSORS.get(kind, kind)}0/data/{frame.nanoseconds()}.png",
+    lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds():019}.png",
     _write,
     Reader(lambda folder: (folder / _ROOT).is_dir(), _rows, _camera, truth_at(_TRUTH), _mount),
     stamps="ns",
     depth_stamps=False,
+    fixed_units=UNITS,
+    published_image=lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds()}.png",
 )

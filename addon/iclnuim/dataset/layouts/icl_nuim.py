@@ -44,10 +44,11 @@ def _check(contents: Contents) -> None:
 FORMAT = SequenceFormat(
     "icl-nuim",
     "as the original: integer ids, depth first, left-handed *.gt.freiburg, calibration.txt",
-    lambda f, kind: f"{kind}/{f.number}.png",
+    lambda f, kind: f"{kind}/{f.number:06}.png",
     _write,
     listed.READER,
     _check,
     stamps="ids",
     keeps_names=True,
+    published_image=lambda f, kind: f"{kind}/{f.number}.png",
 )

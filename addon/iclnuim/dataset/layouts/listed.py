@@ -20,7 +20,7 @@ from ...formats.associations import (
 )
 from ...formats.files import data_lines, is_file, read_text, write_json
 from ...formats.image_names import files_in, numbers_in_names
-from ...formats.stamps import seconds_of_names
+from ...formats.stamps import seconds_of_names, stamp_of_name
 from ..layout import (
     CAMERA,
     Contents,
@@ -109,7 +109,7 @@ _Item = tuple[float, Path, str]
 
 
 def _items(folder: Path, images: ImageList) -> list[_Item]:
-    written = images.written or [""] * len(images)
+    written = map(stamp_of_name, images.written or [""] * len(images))
     paths = [folder / path for path in images.paths]
     return list(zip(images.stamps_s, paths, written, strict=True))
 
@@ -175,7 +175,7 @@ def _stamped(images: list[Path]) -> list[_Item]:
             stamps = seconds_of_names(list(map(int, names)))
         if stamps:
             return list(zip(stamps[0], images, stamps[1], strict=True))
-    return [(_stamp_s(image), image, image.stem) for image in images]
+    return [(_stamp_s(image), image, stamp_of_name(image.stem)) for image in images]
 
 
 def _stamp_s(image: Path) -> float:

@@ -119,14 +119,6 @@ def _check(contents: Contents) -> None:
         raise InputError(expected, found="fewer", hint="the format tum")
 
 
-def _remarks(contents: Contents) -> list[str]:
-    units = contents.depth_units_per_metre
-    if units == _NERFSTUDIO_UNITS:
-        return []
-    setting = f"depth_unit_scale_factor {1 / units:.6g}"
-    return [f"nerfstudio reads the depth right with the setting {setting}"]
-
-
 def _content(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """What transforms.json says of all frames, and of each.
 
@@ -263,7 +255,7 @@ FORMAT = SequenceFormat(
     _write,
     Reader(lambda folder: (folder / FILE).is_file(), _rows, _camera, lambda folder: folder / FILE),
     _check,
-    remarks=_remarks,
+    fixed_units=_NERFSTUDIO_UNITS,
     stamps="numbers",
     depth_stamps=False,
     every_pose=True,

@@ -43,8 +43,9 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     top = folder / "frames"
     for name in ("pose", "intrinsic"):
         make_folder(top / name)
-    for frame, matrix in zip(contents.frames, contents.poses.matrix, strict=True):
-        atomic_write_text(top / f"pose/{frame.number}.txt", _matrix(matrix))
+    images = format.images(contents, RGB).paths
+    for image, matrix in zip(images, contents.poses.matrix, strict=True):
+        atomic_write_text(top / f"pose/{Path(image).stem}.txt", _matrix(matrix))
     K = np.eye(4)
     K[:3, :3] = contents.camera.K
     for kind in ("color", "depth"):
@@ -114,9 +115,11 @@ def _notes(folder: Path) -> tuple[str, ...]:
 
 
 def _image(frame: SequenceFrame, kind: str) -> str:
-    return (
-        f"frames/color/{frame.number}.jpg" if kind == RGB else f"frames/{kind}/{frame.number}.png"
-    )
+    return _named(f"{frame.number:06}", kind)
+
+
+def _named(stem: str, kind: str) -> str:
+    return f"frames/color/{stem}.jpg" if kind == RGB else f"frames/{kind}/{stem}.png"
 
 
 FORMAT = SequenceFormat(
@@ -135,4 +138,5 @@ FORMAT = SequenceFormat(
     depth_stamps=False,
     fixed_units=UNITS,
     every_pose=True,
+    published_image=lambda frame, kind: _named(str(frame.number), kind),
 )

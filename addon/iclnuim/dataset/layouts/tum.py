@@ -10,7 +10,7 @@ from ...formats.depth_units import UNITS_PER_METRE
 from ...formats.files import atomic_write_text
 from ...formats.image_names import files_in
 from .. import slam_settings
-from ..layout import Contents, Reader, Row, SequenceFormat
+from ..layout import Contents, Reader, Row, SequenceFormat, SequenceFrame
 from . import listed
 
 
@@ -46,10 +46,12 @@ RTABMAP = SequenceFormat(
     "rtabmap",
     "the format tum with rgb_sync/, depth_sync/ and stamps as the images' names, as RTAB-Map's "
     "tool reads them",
-    lambda f, kind: f"{kind}_sync/{f.stamp_text()}.png",
+    lambda f, kind: f"{kind}_sync/{f.stamp_name()}.png",
     _write,
     Reader(lambda folder: (folder / "rgb_sync").is_dir(), _by_stamp, listed.camera, listed.truth),
     fixed_units=UNITS_PER_METRE,
     zero_stamp=False,
     depth_stamps=False,
+    list_stamp=SequenceFrame.stamp_name,
+    published_image=lambda f, kind: f"{kind}_sync/{f.stamp_text()}.png",
 )
