@@ -164,9 +164,9 @@ class _Parser(argparse.ArgumentParser):
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        self.exit(
-            2, f"{self.prog}: {message}; try {self._joined(message) or f'{self.prog} --help'}\n"
-        )
+        if "; try " not in message:
+            message += f"; try {self._joined(message) or f'{self.prog} --help'}"
+        self.exit(2, f"{self.prog}: {message}\n")
 
     def _joined(self, message: str) -> str:
         """`--frames=-3:` if the option's value, a number or an axis, was taken for another option

@@ -21,12 +21,13 @@ def open_sequence(
     folder: Path,
     depth_offset: float = 0.0,
     poses: Trajectory | None = None,
+    frames: str = "::",
 ) -> Sequence:
     """Open the sequence with the camera given by the options, or with that of the folder.
 
-    Notes report what is assumed, left out and in doubt; poses: by default the ground truth.
+    frames: a Python slice of its pairs. Notes report what is assumed, left out and in doubt; poses: by default the ground truth.
     """
-    sequence = Sequence(folder, depth_offset, camera_from(args, folder))
+    sequence = Sequence(folder, depth_offset, camera_from(args, folder), frames)
     note_sequence(folder, sequence.camera, console, poses)
     return sequence
 

@@ -13,6 +13,8 @@ from iclnuim.errors import InputError
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.settings import Setting, Settings, declared, find, plain
 
+#: Help of --frames.
+FRAMES = "only these frames, as a Python slice (B excluded); default: all"
 S = TypeVar("S", bound=Settings)
 #: Endings of scene files, for help texts; iclnuim.blender.open.scene decides what is read.
 SCENE_KINDS = ".blend .glb .gltf .obj .ply .usd .fbx"
@@ -210,6 +212,74 @@ def numbers(text: str) -> tuple[float, ...]:
 def whole_numbers(text: str) -> tuple[int, ...]:
     """The argparse type of a list of whole numbers separated by commas."""
     return tuple(int(part) for part in text.split(","))
+
+
+def add_frames(parser: argparse.ArgumentParser, help: str, leading: bool = False) -> None:
+    """Add --frames as a Python slice; --first N means :N.
+
+    leading: only :N is possible, and `args.first` is N; otherwise `args.frames` is the text.
+    """
+    add = parser.add_argument
+    if leading:
+        add("--frames", type=_leading, metavar=":N", dest="first", help=help)
+        add("--first", type=count, help=argparse.SUPPRESS)
+    else:
+        add("--frames", type=_slice, default="::", metavar="A:B:S", help=help)
+        add("--first", type=_first, dest="frames", help=argparse.SUPPRESS)
+
+
+def add_span(parser: argparse.ArgumentParser, help: str, start: int, first: int | None) -> None:
+    """Add --frames A:B, which becomes `args.start` (A) and `args.first` (B - A); --start and
+    --first give these themselves.
+    """
+    add = parser.add_argument
+    add("--frames", type=_span, action=_Span, default=argparse.SUPPRESS, metavar="A:B", help=help)
+    add("--start", type=int, default=start, help=argparse.SUPPRESS)
+    add("--first", type=count, default=first, help=argparse.SUPPRESS)
+
+
+class _Span(argparse.Action):
+    """Stores A:B as `start` and `first`."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
+        namespace.start = values.start
+        namespace.first = len(values) or None
+
+
+def _span(text: str) -> range:
+    """The argparse type of --frames A:B; an empty range from A without B."""
+    begin, _, end = _slice(text).partition(":")
+    start = int(begin or 0)
+    stop = int(end or start)
+    if start < 0 or stop < start or (end and stop == start):
+        raise argparse.ArgumentTypeError(f"expected A:B with A below B, found {text!r}")
+    return range(start, stop)
+
+
+_span.__name__ = "A:B"  # argparse: invalid A:B value
+
+
+def _slice(text: str) -> str:
+    """The argparse type of --frames where a bare number may be meant as one frame or as many."""
+    if ":" not in text:
+        raise argparse.ArgumentTypeError(
+            f"expected frames as A:B:S (a Python slice), found {text!r}; try --frames :{text}"
+        )
+    return text
+
+
+def _first(text: str) -> str:
+    return f":{count(text)}"
+
+
+def _leading(text: str) -> int:
+    """The argparse type of --frames :N."""
+    begin, _, number = _slice(text).partition(":")
+    if begin not in ("", "0") or not number.isdecimal() or int(number) < 1:
+        raise argparse.ArgumentTypeError(
+            f"expected :N, the first N frames, found {text!r}; try --frames :40"
+        )
+    return int(number)
 
 
 def count(text: str) -> int:

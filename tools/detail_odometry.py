@@ -27,7 +27,7 @@ from iclnuim.dataset.frames import read_truth
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import is_file, make_folder, read_json, write_json
 from iclnuim.headless.method_options import installed, require
-from iclnuim.headless.options import Actions, action, add_plot, count, numbers, whole_numbers
+from iclnuim.headless.options import Actions, action, add_plot, add_span, numbers, whole_numbers
 from iclnuim.native_output import native_output_in
 from iclnuim.version import __version__
 
@@ -66,9 +66,7 @@ def configure(actions: Actions) -> None:
     add("--levels", type=numbers, default=(0.35, 0.5, 0.7, 1.0, 1.4), metavar="D,D", help=help)
     help = "seeds of the room at level 1; default: 0,1,2"
     add("--seeds", type=whole_numbers, default=(0, 1, 2), metavar="N,N", help=help)
-    add("--start", type=int, default=80, metavar="N", help="the first frame; default: 80")
-    help = "number of frames from there; default: 240"
-    add("--first", type=count, default=240, metavar="N", help=help)
+    add_span(parser, "these frames (B excluded); default: 80:320", 80, 240)
     add("--map-size", type=int, default=1024, metavar="N", help="light map size; default: 1024")
     add("--map-samples", type=int, default=8, metavar="N", help="light map samples; default: 8")
     help = "an odometer; may be given several times; default: every one that is installed"
@@ -90,6 +88,8 @@ def _run(args: argparse.Namespace, console: Console) -> None:
     sequences = [shipped.full_name(name) for name in args.sequences]
     if args.start < 0:
         raise InputError("a first frame of 0 or more", setting="--start", found=args.start)
+    if args.first is None:
+        raise InputError("frames A:B with an end", setting="--frames", found=f"{args.start}:")
     if not all(0.15 <= d <= 3 for d in args.levels):
         raise InputError("levels within 0.15..3", found=args.levels)
     methods = args.method or installed(names(), "best", console)

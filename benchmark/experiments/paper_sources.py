@@ -176,7 +176,7 @@ def external_keys(
     sequences = {key.sequence: key for key in given if not key.seed}
     staged = {}
     for name, key in sorted(sequences.items()):
-        staged[name] = StagedSequence.of(sources.folder(key), first=first)
+        staged[name] = StagedSequence.of(sources.folder(key), frames=f":{first or ''}")
     found = {}
     for run in system_store(systems).read_all(RunKey):
         images = run.identity["sequence_sha256"]

@@ -20,7 +20,7 @@ from iclnuim.formats.files import is_file
 from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
-from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.geometry.trajectory import Trajectory, frame_slice
 from iclnuim.shown import MM, Shown
 
 from .protocol import Frame, Odometer, Status
@@ -41,7 +41,7 @@ class Sequence:
 
     depth_offset (1/m) is subtracted from inverse depth. A structured-light camera measures
     disparity, and a constant error of its disparity is such an offset. camera: by default the one
-    found in the folder. Raises InputError if there are no images, no camera is found, or no pair
+    found in the folder. frames: a Python slice of the pairs, such as `:60`. Raises InputError if there are no images, no camera is found, or no pair
     can be read with it.
     """
 
@@ -50,6 +50,7 @@ class Sequence:
         folder: Path | str | RgbdSequence,
         depth_offset: float = 0.0,
         camera: SequenceCamera | None = None,
+        frames: str = "::",
     ) -> None:
         if not abs(depth_offset) <= MAX_OFFSET:
             raise InputError(
@@ -63,6 +64,7 @@ class Sequence:
             folder = folder.folder
         else:
             self.pairs = find_pairs(Path(folder))
+        self.pairs = [self.pairs[k] for k in frame_slice(frames, len(self.pairs))]
         self.folder = Path(folder)
         present = next((p.rgb for p in self.pairs if is_file(p.rgb)), None)
         if present is None:

@@ -37,7 +37,7 @@ from iclnuim.formats.associations import (
 from iclnuim.formats.depth_units import depth16_from_metres
 from iclnuim.formats.files import atomic_write, atomic_write_text, make_folder, read_bytes, sha256
 from iclnuim.formats.png import write_png
-from iclnuim.geometry.trajectory import Trajectory, frame_rate_hz
+from iclnuim.geometry.trajectory import Trajectory, frame_rate_hz, frame_slice
 
 from .system import StageSettings
 
@@ -58,13 +58,14 @@ class StagedSequence:
 
     @classmethod
     def of(
-        cls, folder: Path, camera: SequenceCamera | None = None, first: int | None = None
+        cls, folder: Path, camera: SequenceCamera | None = None, frames: str = "::"
     ) -> "StagedSequence":
-        """The image pairs of a folder, or its `first` ones.
+        """The image pairs of a folder, or those of a Python slice.
 
         Raises InputError if there are none, or the camera is unknown.
         """
-        pairs = find_pairs(folder)[:first]
+        found = find_pairs(folder)
+        pairs = [found[k] for k in frame_slice(frames, len(found))]
         return cls(
             sequence_name(folder),
             tuple(pairs),

@@ -14,7 +14,7 @@ from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 
 from ..method_options import installed, open_sequence, require
-from ..options import Actions, action, add_plot, count, subcommands
+from ..options import FRAMES, Actions, action, add_frames, add_plot, subcommands
 from ..sequence_options import add_camera_options
 from . import bench_curve
 
@@ -51,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("folders", type=Path, nargs="+", metavar="DIR", help=what)
     add_camera_options(odometry)
     add("--preset", default="best", help="preset of our odometers: best (default) or paper")
-    add("--first", type=count, metavar="N", help="only the first N frames")
+    add_frames(odometry, FRAMES)
     add(
         "--only",
         metavar="TEXT",
@@ -102,7 +102,7 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
     if folders:
         require("bench odometry", "numba", "cv2")
         which = installed(which, args.preset, console)
-    sequences = [open_sequence(args, console, folder) for folder in folders]
+    sequences = [open_sequence(args, console, folder, frames=args.frames) for folder in folders]
     results += [_compare_odometers(sequence, which, args, console) for sequence in sequences]
     results = merged(results)
     if args.plot:
@@ -129,7 +129,7 @@ def _compare_odometers(
     from iclnuim.benchmark.odometry.run import run_odometers
     from iclnuim.dataset.frames import sequence_name
 
-    for frames, progress in ((_WARM_UP, None), (args.first, console.progress)):
+    for frames, progress in ((_WARM_UP, None), (None, console.progress)):
         odometers = [odometer(name, args.preset) for name in which]
         runs = run_odometers(odometers, sequence, progress=progress, frames=frames)
     if runs[0].truth is None:

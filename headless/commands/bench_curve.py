@@ -12,7 +12,7 @@ from iclnuim.dataset.frames import sequence_name
 from iclnuim.errors import InputError
 
 from ..method_options import installed, open_sequence, require
-from ..options import Actions, action, count, numbers
+from ..options import Actions, action, add_span, count, numbers
 from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
@@ -59,13 +59,8 @@ def configure(actions: Actions) -> None:
         metavar="V,V",
         help="values of the setting; default: those of the curve",
     )
-    add("--start", type=int, default=0, metavar="N", help="the first frame; default: 0")
-    add(
-        "--first",
-        type=count,
-        metavar="N",
-        help="number of frames from there; default: 120, or all if there are fewer",
-    )
+    help = "these frames (B excluded); default: :120, or all if there are fewer"
+    add_span(curve, help, 0, None)
     help = "threads of OpenCV and Open3D; our odometers always use one; default: 1"
     add("--threads", type=count, default=1, metavar="N", help=help)
     add("-o", "--out", type=Path, default=Path("out/curves"), metavar="OUT", help=_OUT)
@@ -154,7 +149,7 @@ def _segment(args: argparse.Namespace, one: "Input") -> "Segment":
     left = total - args.start
     if left < (args.first or 3):
         expected = f"at least {args.start + (args.first or 3)} frames"
-        hint = "another --start or --first"
+        hint = "another {frames}"
         raise InputError(expected, path=one.sequence.folder, found=total, hint=hint)
     frames = args.first or min(_FRAMES, left)
     return Segment.of(one.sequence, one.truth, args.start, frames, seed=_SEED)

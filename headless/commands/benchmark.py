@@ -23,7 +23,7 @@ from iclnuim.formats.files import atomic_write_text, make_folder
 
 from ..farm.lock import OutputLock
 from ..method_options import require
-from ..options import common, count
+from ..options import add_frames, common, count
 from ..sequence_options import note_sequence
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "kt0,kt2/icp: ICP on kt0 and on kt2"
     )
     add("--only", metavar="FILTER", help=help)
-    add("--first", type=count, metavar="N", help="only the first N frames of every sequence")
+    add_frames(parser, "only the first N frames of every sequence; default: all", leading=True)
     add(
         "--presets",
         type=_words,

@@ -14,7 +14,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import check_file
 
 from ..method_options import installed, open_sequence, require
-from ..options import add_plot, add_rerun, checked_rerun, common, count
+from ..options import FRAMES, add_frames, add_plot, add_rerun, checked_rerun, common
 from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--lost", default="hold", metavar="POLICY", help=help)
     help = "offset of the sensor's inverse depth in 1/m, which is subtracted; default: 0"
     add("--depth-offset", type=float, default=0.0, metavar="B", help=help)
-    add("--first", type=count, metavar="N", help="only the first N frames")
+    add_frames(parser, FRAMES)
     add(
         "--all",
         action="store_true",
@@ -67,9 +67,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if args.all:
         names = installed(list(ODOMETERS), args.preset, console)
     odometers = [odometer(name, args.preset) for name in names]
-    sequence = open_sequence(args, console, args.folder, args.depth_offset)
+    sequence = open_sequence(args, console, args.folder, args.depth_offset, frames=args.frames)
     against = partial(make_reference, args.reference, preset=args.preset)
-    runs = run_odometers(odometers, sequence, args.lost, console.progress, args.first, against)
+    runs = run_odometers(odometers, sequence, args.lost, console.progress, against=against)
     for done in runs:
         for line in done.losses():
             console.note(f"{done.name}: {line}")

@@ -23,7 +23,7 @@ from iclnuim.benchmark.systems.system import built_in, read_system
 from iclnuim.console import Console
 from iclnuim.errors import InputError
 
-from ..options import common, count
+from ..options import FRAMES, add_frames, common, count
 from ..sequence_options import add_camera_options, camera_from, note_sequence
 
 
@@ -62,7 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help="program of the system, or the Python that runs it; default: found on PATH",
     )
-    add("--first", type=count, metavar="N", help="only the first N frames")
+    add_frames(parser, FRAMES)
     add(
         "--stage-only",
         action="store_true",
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         read_results(file)  # an older one is refused before the work
     experiments = []
     for folder in args.folders:
-        sequence = StagedSequence.of(folder, camera_from(args, folder), args.first)
+        sequence = StagedSequence.of(folder, camera_from(args, folder), args.frames)
         note_sequence(folder, sequence.camera, console)
         experiments.append(SystemRuns(system, sequence, store))
     if len({e.folder for e in experiments}) < len(experiments):

@@ -101,8 +101,7 @@ def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> 
     help = "use another trajectory, in any format that `iclnuim trajectory info` reads"
     add("--trajectory", metavar="FILE", help=help)
     options.add_scene_options(parser)
-    help = "only these frames, as a Python slice (B excluded); default: all"
-    add("--frames", metavar="A:B:S", help=help)
+    add("--frames", metavar="A:B:S", help=options.FRAMES)
     help = "only the first 60 frames (two seconds): enough for all further commands"
     add("--quick", action="store_true", help=help)
     help = "resolution and K; default: 640x480 and the paper's K"

@@ -16,7 +16,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import make_folder, write_json
 
 from ..method_options import installed, require
-from ..options import common, count
+from ..options import add_frames, common, count
 from ..sequence_options import note_sequence
 
 if TYPE_CHECKING:
@@ -73,12 +73,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     help = "runs on each segment of a system that is not deterministic; default: 5"
     add("--runs", type=count, default=5, metavar="N", help=help)
     add("--preset", default="best", help="preset of our odometers: best (default) or paper")
-    add(
-        "--frames",
-        type=_segment,
-        metavar="N",
-        help="number of frames of a segment, at least 3; default: 120",
-    )
+    add_frames(parser, "the first N frames of each segment, at least 3; default: :120", True)
     add(
         "--starts",
         type=count,
@@ -129,7 +124,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.benchmark.experiments.stress_tables import Summary
 
     given = read_cells(args.cells) if args.cells else {}
-    plan = replace(plan, frames=args.frames or plan.frames)
+    plan = replace(plan, frames=_segment(args.first) or plan.frames)
     stress = _experiment(args, console, plan, may_be_empty=bool(given) and args.report_only)
     store = Store(args.out, KIND)
     if not args.report_only:
@@ -201,12 +196,12 @@ def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
     return tuple(installed(selected, args.preset, console))
 
 
-def _segment(text: str) -> int:
-    """The argparse type of a number of frames with a trajectory error: fewer than three positions
-    always fit.
+def _segment(frames: int | None) -> int | None:
+    """Raises InputError for segments without a trajectory error: fewer than three positions always
+    fit.
     """
-    if (frames := count(text)) < 3:
-        raise argparse.ArgumentTypeError(f"expected at least 3 frames, found {frames}")
+    if frames is not None and frames < 3:
+        raise InputError("at least 3 frames", setting="--frames", found=f":{frames}")
     return frames
 
 

@@ -250,7 +250,7 @@ def test_a_short_sequence_is_used_whole_and_too_many_frames_are_refused(command_
     ]
     for options in (("--first", "500"), ("--start", "499"), ("--start", str(point["frames"]))):
         code, _, err = command_here(*words, *options)
-        assert code == 2 and "frames, found" in err and "try another --start or --first" in err
+        assert code == 2 and "frames, found" in err and "try another --frames" in err
     code, _, err = command_here(*words, "--start", "-1")
     assert code == 2 and "expected a first frame of 0 or more" in err
 
