@@ -141,3 +141,24 @@ def test_an_estimate_with_the_stamps_of_frame_numbers_keeps_them(read, tmp_path)
     few = tum(tmp_path, stamps_of_frames([1, 4]).tolist())
     truth, estimate = tied_to_poses(read(range(6)), few)
     assert estimate is few and x_of(truth) == [0, 1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "shift"), [([1, 2, 3, 4], 1), ([2, 4], 1), ([0, 3], 0), ([1, 3], 0)]
+)
+@pytest.mark.parametrize("rate_hz", [30, 20])
+def test_an_estimate_that_counts_the_poses_from_1_is_shifted_and_says_so(
+    read, tmp_path, numbers, shift, rate_hz
+):
+    """Images 1.png to 4.png of four poses, in any file with frame numbers."""
+    rows = "".join(f"{number} 1 0 0 {number} 0 1 0 0 0 0 1 0\n" for number in numbers)
+    (tmp_path / "numbered.txt").write_text(rows)
+    estimate = read_trajectory(tmp_path / "numbered.txt", rate_hz=rate_hz)
+    for truth in (read(range(4)), tum(tmp_path, stamps_of_frames(range(4), rate_hz).tolist())):
+        if truth.is_counted and rate_hz != 30:
+            continue
+        tied = tied_to_poses(truth, estimate)[1]
+        stamps_s = stamps_of_frames(np.array(numbers) - shift, rate_hz)
+        np.testing.assert_allclose(tied.trajectory.stamps_s, stamps_s, rtol=0, atol=2e-6)
+        said = "its numbers count the 4 poses of the ground truth from 1" in tied.read_as.sentence
+        assert said == bool(shift)

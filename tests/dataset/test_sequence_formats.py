@@ -15,6 +15,7 @@ from iclnuim.dataset.frames import (
     read_camera,
     read_images,
     run_frames,
+    unused_images,
 )
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import Row, SequenceCamera, posed
@@ -507,6 +508,28 @@ def test_names_in_another_unit_of_time_are_refused(tmp_path, names):
         find_pairs(tmp_path)
 
 
+@pytest.mark.parametrize("first", [1, 2])
+def test_colour_images_counted_from_another_number_than_depth_images_are_refused(tmp_path, first):
+    for kind, start in (("rgb", first), ("depth", 0)):
+        (tmp_path / kind).mkdir()
+        for number in range(start, start + 5):
+            (tmp_path / kind / f"{number:04}.png").touch()
+    counted = f"found rgb {first} to {first + 4}, depth 0 to 4; try equal names"
+    with pytest.raises(InputError, match=counted):
+        find_pairs(tmp_path)
+    (tmp_path / "depth/0003.png").unlink()
+    assert [pair.number for pair in find_pairs(tmp_path)] == [n for n in (1, 2, 4) if n >= first]
+
+
+def test_images_beside_the_target_of_a_link_are_none_of_the_sequence(all_formats, tmp_path):
+    for kind in ("rgb", "depth"):
+        (tmp_path / kind).mkdir()
+        for number in range(2):
+            name = f"{kind}/{number:06}.png"
+            (tmp_path / name).symlink_to(all_formats / "tum" / name)
+    assert unused_images(find_pairs(tmp_path)) == {"rgb": [], "depth": []}
+
+
 def test_a_missing_image_shifts_no_pair_of_images_named_by_stamps(all_formats, tmp_path):
     shutil.copytree(all_formats / "rtabmap", tmp_path / "s")
     for name in ("rgb.txt", "depth.txt", "associations.txt"):
@@ -514,6 +537,25 @@ def test_a_missing_image_shifts_no_pair_of_images_named_by_stamps(all_formats, t
     sorted((tmp_path / "s/depth_sync").iterdir())[1].unlink()
     pairs = find_pairs(tmp_path / "s")
     assert len(pairs) == 3 and all(p.rgb.stem == p.depth.stem for p in pairs)
+
+
+def test_images_of_transforms_json_that_are_named_by_nanoseconds_have_these_stamps(
+    all_formats, tmp_path
+):
+    shutil.copytree(all_formats / "nerf", tmp_path / "s")
+    file = tmp_path / "s/transforms.json"
+    content = json.loads(file.read_text())
+    for number, frame in enumerate(content["frames"]):
+        name = f"images/{1403636579763555584 + 33333333 * number}.png"
+        (tmp_path / "s" / frame["file_path"]).rename(tmp_path / "s" / name)
+        frame["file_path"] = name
+    file.write_text(json.dumps(content))
+    pairs = find_pairs(tmp_path / "s")
+    assert [p.written[0] for p in pairs[:2]] == ["1403636579.763555584", "1403636579.796888917"]
+    poses = read_trajectory(file)
+    np.testing.assert_allclose(poses.trajectory.stamps_s, [p.stamp_s for p in pairs], atol=1e-6)
+    assert "stamps in nanoseconds by the images' names" in poses.read_as.sentence
+    assert inspect_sequence(tmp_path / "s").figures["poses"] == 4
 
 
 def test_pairs_are_in_the_order_of_time_whatever_their_names_and_the_order_in_a_file(

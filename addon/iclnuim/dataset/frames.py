@@ -182,13 +182,14 @@ def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
     """The images in the folders of the pairs that are in none, by kind: they have no partner, or
     are in no list.
     """
-    used = {RGB: {real_path(p.rgb) for p in pairs}, DEPTH: {real_path(p.depth) for p in pairs}}
+    images = {RGB: [p.rgb for p in pairs], DEPTH: [p.depth for p in pairs]}
+    used = {real_path(path) for paths in images.values() for path in paths}
     found = {}
-    for kind, paths in used.items():
+    for kind, paths in images.items():
         there: set[Path] = set()
         for parent, ending in {(path.parent, path.suffix) for path in paths}:
             there.update(map(real_path, files_in(parent, f"*{ending}")))
-        unused = there - used[RGB] - used[DEPTH]
+        unused = there - used
         found[kind] = sorted(path for path in unused if not _FURTHER_IMAGE.fullmatch(path.stem))
     return found
 

@@ -89,7 +89,8 @@ def rows_by_name(colours: Mapping[str, Path], depths: Mapping[str, Path]) -> lis
     """A row for each name of a colour or depth image, in the order of the numbers in the names:
     frame numbers, or stamps in a known unit. Names without numbers are counted from 0.
 
-    Raises InputError for another unit of time.
+    Raises InputError for another unit of time, and for colour images that are counted from another
+    number than depth images.
     """
     names = sorted(colours.keys() | depths.keys(), key=by_numbers)
     numbers = numbers_in_names(names)
@@ -99,6 +100,7 @@ def rows_by_name(colours: Mapping[str, Path], depths: Mapping[str, Path]) -> lis
     else:
         names = [name for _, name in sorted(zip(numbers, names, strict=True))]
         numbers.sort()
+        _check_counting(dict(zip(names, numbers, strict=True)), colours, depths)
         stamps = seconds_of_names(numbers)
     rows = []
     for name, number, stamp_s in zip(
@@ -109,6 +111,21 @@ def rows_by_name(colours: Mapping[str, Path], depths: Mapping[str, Path]) -> lis
         return rows
     stamped = zip(rows, *stamps, strict=True)
     return [Row(s, row.rgb, row.depth, (text, text)) for row, s, text in stamped]
+
+
+def _check_counting(
+    numbers: Mapping[str, int], colours: Mapping[str, Path], depths: Mapping[str, Path]
+) -> None:
+    """Raises InputError if as many colour as depth images have other numbers, all by the same
+    difference.
+    """
+    of_colour, of_depth = (sorted(numbers[name] for name in kind) for kind in (colours, depths))
+    apart = {d - c for c, d in zip(of_colour, of_depth, strict=False)}
+    if len(of_colour) != len(of_depth) or len(apart) > 1 or apart <= {0}:
+        return
+    found = f"rgb {of_colour[0]} to {of_colour[-1]}, depth {of_depth[0]} to {of_depth[-1]}"
+    hint = "equal names, or associations.txt (stamp, colour image, stamp, depth image)"
+    raise InputError("colour and depth images with the same numbers", found=found, hint=hint)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,12 @@ from ..evaluation.associate import nearest
 from ..formats.stamps import STAMP_SLACK
 from ..formats.trajectory_source import LoadedTrajectory
 from ..geometry.se3 import SE3
-from ..geometry.trajectory import Trajectory, stamps_of_frames
+from ..geometry.trajectory import (
+    FIRST_STAMP_S,
+    STAMP_DIGITS,
+    Trajectory,
+    stamps_of_frames,
+)
 from .layout import usual_step_s
 
 #: residuals(frames (n,), readings of their poses (n,)): of each reading the relative difference
@@ -74,7 +79,8 @@ def tied_to_poses(
     reference: LoadedTrajectory, estimate: LoadedTrajectory
 ) -> tuple[LoadedTrajectory, LoadedTrajectory]:
     """Reference and estimate with the stamps of the same frames, if one of them has neither stamps
-    nor frame numbers: of as many rows, the i-th rows are of the same frame.
+    nor frame numbers: of as many rows, the i-th rows are of the same frame. An estimate whose frame
+    numbers count the poses of the reference from 1 has numbers from 0.
 
     Raises InputError for other numbers of rows, unless the estimate has the stamps of the frames.
     """
@@ -86,12 +92,36 @@ def tied_to_poses(
             raise _not_told(estimate.row_count, f"rows of the ground truth, {reference.row_count}")
         how = "row i belongs to pose i of the ground truth"
         return reference, _tied(estimate, reference.trajectory.stamps_s, lines, how)
+    if less := _less_one(reference, estimate):
+        return reference, less
     if not reference.is_counted or _are_near(reference.trajectory, estimate.trajectory):
         return reference, estimate
     if estimate.row_count != reference.row_count:
         raise _not_told(reference.row_count, f"poses in the estimate, {estimate.row_count}")
     how = "row i belongs to pose i of the estimate"
     return _tied(reference, estimate.trajectory.stamps_s, estimate.rows, how), estimate
+
+
+def _less_one(reference: LoadedTrajectory, estimate: LoadedTrajectory) -> LoadedTrajectory | None:
+    """An estimate whose frame numbers count the poses of the reference from 1, with numbers from 0;
+    None if they do not: they begin at 0 or do not end at the number of poses, or the reference does
+    not have the stamps of frames from 0.
+    """
+    stamps_s = reference.trajectory.stamps_s
+    if not estimate.is_numbered or len(stamps_s) < 2:
+        return None
+    step_s = (stamps_s[-1] - stamps_s[0]) / (reference.rows[-1] - reference.rows[0])
+    of_rows_s = FIRST_STAMP_S + step_s * reference.rows
+    own = estimate.trajectory
+    first, last = (own.stamps_s[[0, -1]] - FIRST_STAMP_S) / step_s
+    slack_s = STAMP_SLACK * step_s
+    from_zero = np.abs(stamps_s - of_rows_s).max() <= slack_s
+    if not from_zero or first < 1 - STAMP_SLACK or abs(last - reference.row_count) > STAMP_SLACK:
+        return None
+    shifted = Trajectory(np.round(own.stamps_s - step_s, STAMP_DIGITS), own.T_world_camera)
+    how = f"its numbers count the {reference.row_count} poses of the ground truth from 1"
+    read_as = replace(estimate.read_as, sentence=f"{estimate.read_as.sentence}; {how}")
+    return replace(estimate, trajectory=shifted, read_as=read_as)
 
 
 def _are_near(reference: Trajectory, estimate: Trajectory) -> bool:

@@ -19,7 +19,7 @@ from ..geometry.trajectory import stamps_of_frames
 from .colmap_binary import BinaryFile
 from .columns import NumberTable
 from .files import data_lines, is_number
-from .stamps import LARGEST_FRAME
+from .stamps import ticks_unless_frames
 from .trajectory_source import Source
 
 EXPECTED = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME of COLMAP's images.txt"
@@ -113,9 +113,5 @@ def _read(source: Source) -> _Images:
     found.sort()
     values, numbers, names, cameras = zip(*found, strict=True)
     table = np.array(values)
-    ticks = None
-    if not whole:
-        ticks = 1.0
-    elif table[0, 0] > LARGEST_FRAME:
-        ticks = 1e9
+    ticks = ticks_unless_frames(table[:, 0]) if whole else 1.0
     return _Images(list(names), list(cameras), list(numbers), table, ticks)

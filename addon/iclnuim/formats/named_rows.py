@@ -87,9 +87,9 @@ def named_rows(source: Source) -> NumberTable:
         raise InputError(_EXPECTED, path=source.path, found=found)
     table = read_table(source, (), _EXPECTED, named.used)
     note = ""
-    if named.others:
-        shown = ", ".join(named.others[:_SHOWN])
-        more = ", ..." if len(named.others) > _SHOWN else ""
+    if others := [name for name in named.others if name]:
+        shown = ", ".join(others[:_SHOWN])
+        more = ", ..." if len(others) > _SHOWN else ""
         note = f"; not read: {shown}{more}"
     first = len(named.used) - len(named.position) - len(named.orientation)
     layout = Columns((0, 1, 2), tuple(range(3, 3 + len(named.orientation)))).shifted(first)

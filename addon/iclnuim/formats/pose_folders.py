@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import InputError
 from .columns import NumberTable
 from .files import read_json, read_text
+from .stamps import ticks_unless_frames
 from .trajectory_source import Source
 
 _MATRIX = "a 4 x 4 matrix"
@@ -42,17 +43,17 @@ def scannet_rows(source: Source) -> NumberTable:
 
 
 def numbers_of_names(names: Sequence[str]) -> list[int]:
-    """The frame numbers at the ends of images' names, without their endings; if they are not all
-    there and distinct, the places in the list.
+    """The frame numbers or stamps at the ends of images' names, without their endings; if they are
+    not all there and distinct, the places in the list.
     """
-    found = [re.search(r"(\d{1,15})$", PurePath(name).stem, re.ASCII) for name in names]
+    found = [re.search(r"(\d{1,19})$", PurePath(name).stem, re.ASCII) for name in names]
     numbers = [int(number[1]) for number in found if number]
     return numbers if len(set(numbers)) == len(names) else list(range(len(names)))
 
 
 def nerf_rows(source: Source) -> NumberTable:
-    """(n, 13): the number at the end of the image's name, or else the frame's index in the list,
-    and three rows of its matrix, with positions in metres: those of the file divided by its
+    """(n, 13): the number or stamp at the end of the image's name, or else the frame's index in the
+    list, and three rows of its matrix, with positions in metres: those of the file divided by its
     applied_scale.
     """
     content = read_json(source.path)
@@ -73,7 +74,9 @@ def nerf_rows(source: Source) -> NumberTable:
         pose = _rows_of(source.path, values)
         pose[3::4] = [position / scale for position in pose[3::4]]
         found.append((float(number), *pose))
-    return NumberTable(np.array(sorted(found)), lambda row: (source.path, None))
+    values = np.array(sorted(found))
+    ticks = ticks_unless_frames(values[:, 0])
+    return NumberTable(values, lambda row: (source.path, None), ticks)
 
 
 def _applied_scale(path: Path, content: dict) -> float:

@@ -152,8 +152,9 @@ FORMATS = {
             pose_folders.nerf_rows,
             MATRIX,
             "transforms.json: OpenGL camera poses converted to right-handed cv camera poses in "
-            f"{OWN_WORLD}, stamps 1 + number/{{rate}} s by the images' names",
+            f"{OWN_WORLD}, {{how}} by the images' names",
             convert=axes.world_cv_from_world_blender,
+            how=_stamps,
         )
     ),
     # PinholeCameraTrajectory in JSON, world to camera

@@ -16,6 +16,7 @@ from ...formats.depth_units import check_units
 from ...formats.files import is_file, read_json, write_json
 from ...formats.images import image_header
 from ...formats.pose_folders import APPLIED_SCALE, numbers_of_names
+from ...formats.stamps import seconds_of_names
 from ...geometry import axes
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import stamps_of_frames
@@ -141,16 +142,24 @@ def _rows(folder: Path) -> list[Row]:
             raise InputError("frames with file_path", path=folder / FILE, found=found)
     rows = []
     numbers = numbers_of_names([str(name) for name in names])
-    for number, name, frame in zip(numbers, names, frames, strict=True):
+    for timed, name, frame in zip(_timed(folder, numbers), names, frames, strict=True):
         depth = frame.get("depth_file_path") or frame.get("depth_path")
         if isinstance(depth, str):
-            image = _image(folder, str(name))
-            stamp_s = float(stamps_of_frames(number))
-            rows.append(Row(stamp_s, image, _image(folder, depth), number=number))
+            rows.append(timed._replace(rgb=_image(folder, str(name)), depth=_image(folder, depth)))
     if frames and not rows:
         expected = "frames with file_path, and depth_file_path or depth_path"
         raise InputError(expected, path=folder / FILE, found="none")
     return sorted(rows)
+
+
+def _timed(folder: Path, numbers: list[int]) -> list[Row]:
+    """Rows without images, with the stamps that are the numbers in names, or of frame numbers."""
+    with within(folder / FILE):
+        stamps = seconds_of_names(numbers)
+    if stamps:
+        return [Row(s, None, None, (text, text)) for s, text in zip(*stamps, strict=True)]
+    frames = zip(stamps_of_frames(numbers).tolist(), numbers, strict=True)
+    return [Row(stamp_s, None, None, number=number) for stamp_s, number in frames]
 
 
 def _image(folder: Path, name: str) -> Path:
