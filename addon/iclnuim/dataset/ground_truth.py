@@ -10,9 +10,11 @@ import numpy as np
 from ..channels import INSTANCE, Channel, exr_types
 from ..errors import InputError
 from ..formats.exr import read_exr
-from ..formats.files import atomic_write_text, read_json, write_json
+from ..formats.files import atomic_write_text, read_bytes, read_json, write_json
 
 OBJECTS = "objects.json"
+#: The poses of moving objects in every frame, if something moves.
+OBJECT_POSES = "object_poses.csv"
 
 
 class FurtherImages:
@@ -56,12 +58,15 @@ class FurtherImages:
         return {c.name: c.read(exr, lambda: self._class_numbers) for c in self.channels}
 
     def write_tables(self, folder: Path) -> None:
-        """Write objects.json, and classes.csv: the names of the numbers in class/, and their NYU40
-        labels; nothing if the images have no instances.
+        """Write objects.json, object_poses.csv if something moves, and classes.csv: the names of the
+        numbers in class/, and their NYU40 labels; nothing if the images have no instances.
         """
         if INSTANCE not in exr_types(self.channels):
             return
         write_json(folder / OBJECTS, self.objects)
+        if (self.run / OBJECT_POSES).is_file():
+            poses = read_bytes(self.run / OBJECT_POSES).decode()
+            atomic_write_text(folder / OBJECT_POSES, poses)
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
         table.writerow(("class_id", "class", "nyu40_id", "nyu40"))

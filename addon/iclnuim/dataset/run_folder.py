@@ -4,7 +4,7 @@ different recipes are not mixed.
 OUT/exr/000000.exr ...   R, G, B (scene-linear, half) and Z (float, planar metres, background 0);
                          with ground truth also
                          instance and normal.X, .Y, .Z (float, cv camera's frame; see channels.py),
-                         and OUT/objects.json
+                         and OUT/objects.json, and OUT/object_poses.csv if something moves
 OUT/groundtruth.txt      TUM poses of every frame of the trajectory, our world
 OUT/camera.json          the pinhole camera
 OUT/sequence.json        the recipe: effective settings, seed, versions, source commit

@@ -22,10 +22,11 @@ import numpy as np
 from ... import shipped
 from ... import worker_events as events
 from ...channels import INSTANCE, exr_types
-from ...dataset.ground_truth import OBJECTS
+from ...dataset.ground_truth import OBJECT_POSES, OBJECTS
 from ...dataset.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
 from ...errors import InputError
 from ...formats.files import (
+    atomic_write_text,
     make_folder,
     process_is_running,
     read_bytes,
@@ -42,6 +43,7 @@ from .. import compat, surfaces
 from ..light import light_map, mipmaps
 from ..open import light_choice, preflight, scene
 from . import camera, first_look, frames, ground_truth, passes, settings
+from .object_poses import object_poses
 
 Emit = Callable[[Event], None]
 
@@ -110,6 +112,7 @@ class Session:
             table = self._build()
             if table is not None:
                 write_json(self.run.path / OBJECTS, table)
+                self._write_poses()
             # including volumes made by Geometry Nodes
             self._volumes = bool(
                 light_choice.volume_names(bpy.context.scene) or compat.volume_outputs()
@@ -117,6 +120,11 @@ class Session:
             self._ready = True
             self._opened = False
             self.emit(events.Ready())
+
+    def _write_poses(self) -> None:
+        file = self.run.path / OBJECT_POSES
+        if not file.is_file() and (table := object_poses(self.trajectory.stamps_s)):
+            atomic_write_text(file, table)
 
     def bake(self) -> tuple[Path, bool]:
         """Find or bake the light map. Returns its folder and whether it was baked; in that case the
