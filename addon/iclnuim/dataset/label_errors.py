@@ -95,7 +95,7 @@ class LabelErrors:
 
     def shown(self) -> tuple[list[int], list[int], np.ndarray]:
         """Indices of the classes of the truth, of those of truth or prediction, and the confusion
-        matrix of these rows and columns.
+        matrix (r, c) of these rows and columns.
         """
         confusion = self.figures.confusion
         rows = np.flatnonzero(confusion.any(axis=1))

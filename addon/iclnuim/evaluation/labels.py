@@ -34,13 +34,13 @@ class LabelFigures:
 
     @property
     def iou(self) -> np.ndarray:
-        """Intersection over union of each class."""
+        """(n + 1,) intersection over union of each class."""
         union = self.truth + self.confusion.sum(axis=0) - self._right
         return np.where(self.truth > 0, self._right / np.maximum(union, 1), np.nan)
 
     @property
     def accuracy(self) -> np.ndarray:
-        """Share of the true pixels of each class that are predicted as this class."""
+        """(n + 1,) share of the true pixels of each class that are predicted as this class."""
         return np.where(self.truth > 0, self._right / np.maximum(self.truth, 1), np.nan)
 
     @property
@@ -112,7 +112,7 @@ def label_confusion(truth: np.ndarray, predicted: np.ndarray, classes: int) -> n
 
 
 def label_figures(confusion: np.ndarray) -> LabelFigures:
-    """The figures of a confusion matrix. Raises InputError if no true pixel has a class."""
+    """The figures of a confusion matrix (n + 1, n + 1). Raises InputError if no true pixel has a class."""
     if not confusion.any():
         raise InputError("true labels other than unlabelled", found="none")
     return LabelFigures(confusion)

@@ -17,9 +17,9 @@ _MATCHED = 0.5
 
 @dataclass(frozen=True, eq=False)
 class PanopticQuality:
-    """Segments by class, (n + 1,) each: matched pairs, unmatched predicted ones, unmatched true
-    ones, and the sum of the IoU of the pairs. Figures of each class are NaN for classes of which
-    the truth has no segment.
+    """Segments by class, (n + 1,) each: matched pairs, false_positives (unmatched predicted ones),
+    false_negatives (unmatched true ones), and iou_sum of the pairs. Figures of each class are NaN
+    for classes of which the truth has no segment.
     """
 
     matched: np.ndarray
@@ -38,18 +38,18 @@ class PanopticQuality:
 
     @property
     def segmentation_quality(self) -> np.ndarray:
-        """SQ of each class: mean IoU of matched segments, 0 without any."""
+        """(n + 1,) SQ of each class: mean IoU of matched segments, 0 without any."""
         return self._of_present(self.iou_sum / np.maximum(self.matched, 1))
 
     @property
     def recognition_quality(self) -> np.ndarray:
-        """RQ of each class: the F1 score of its segments."""
+        """(n + 1,) RQ of each class: the F1 score of its segments."""
         unmatched = self.false_positives + self.false_negatives
         return self._of_present(self.matched / np.maximum(self.matched + unmatched / 2, 0.5))
 
     @property
     def panoptic_quality(self) -> np.ndarray:
-        """PQ of each class: SQ times RQ."""
+        """(n + 1,) PQ of each class: SQ times RQ."""
         return self.segmentation_quality * self.recognition_quality
 
     @property
@@ -71,7 +71,7 @@ class PanopticQuality:
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """One image: classes from 0, VOID, on, and instance numbers, integers (h, w)."""
+    """One image: classes from 0, VOID, on, and numbers of instances, integers (h, w)."""
 
     classes: np.ndarray
     instances: np.ndarray
