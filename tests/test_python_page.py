@@ -20,6 +20,7 @@ def notebook(repository, tmp_path_factory):
     folder, names = tmp_path_factory.mktemp("notebook"), {"__name__": "notebook"}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
+        patch.setenv("MPLBACKEND", "Agg")
         for page in PAGES:
             for number, code in enumerate(blocks(repository / page), 1):
                 exec(compile(code, f"{page}, example {number}", "exec"), names)
@@ -29,6 +30,7 @@ def notebook(repository, tmp_path_factory):
 def test_the_page_has_an_example_for_each_common_task(repository):
     text = "\n".join(code for page in PAGES for code in blocks(repository / page))
     tasks = (
+        "open_sequence",
         "absolute_trajectory_error",
         "noisy_depth",
         "make_sequence",
@@ -37,6 +39,10 @@ def test_the_page_has_an_example_for_each_common_task(repository):
         "fuse_sequence",
     )
     assert [task for task in tasks if task not in text] == []
+
+
+def test_the_guide_is_short(repository):
+    assert len((repository / PAGES[0]).read_text().split()) <= 1000
 
 
 def test_the_examples_run_and_their_results_are_sound(notebook):
