@@ -68,6 +68,7 @@ case $found in
   *) fail "$python: expected Python 3.11 or 3.13 (3.12 works without Blender), found ${found:-no version}; try: PYTHON=/path/to/python3.11 ./setup.sh" ;;
 esac
 
+note "Python $found: $python"
 missing=""
 if command -v dpkg >/dev/null; then
   "$python" -c 'import ensurepip' 2>/dev/null || libraries="$libraries python$found-venv"
@@ -81,11 +82,26 @@ if [ -n "$missing" ]; then
     command -v sudo >/dev/null || fail "system packages are missing; run as root: apt-get install$missing"
     as_root=sudo
   fi
+  note "installing system packages:$missing"
   $as_root apt-get update -q
   $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $missing
 fi
 
 extras=$(echo "$*" | tr ' ' ',')
+what=".${extras:+[$extras]}"
+note "installing packages into $venv: about 10 s with uv, 40 s with pip; 1.5 GB"
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
+uv=$(command -v uv) || {
+  "$venv/bin/python" -m pip install -q uv 2>/dev/null || true
+  uv=$venv/bin/uv
+}
 # bytecode is written when a module is first imported, as compiling all of it takes longer than unpacking
-"$venv/bin/python" -m pip install -q --no-compile --editable ".${extras:+[$extras]}"
+if ! { [ -x "$uv" ] && "$uv" pip install -q --python "$venv/bin/python" --editable "$what" 2>/dev/null; }; then
+  note "by pip, as uv could not install them"
+  "$venv/bin/python" -m pip install -q --no-compile --editable "$what"
+fi
+
+note "done. Next:"
+echo "  . $venv/bin/activate"
+if has_bpy "$venv/bin/python"; then echo "  iclnuim make kt2 --quick    # 60 frames, clean and noisy, in out/: half a minute"; fi
+echo "  iclnuim --help              # all commands; README.md has the common tasks"

@@ -7,8 +7,10 @@ import importlib
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections import ChainMap
+from collections.abc import Collection, Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from functools import partial
 from itertools import pairwise
 from typing import Any, NoReturn
@@ -22,37 +24,54 @@ from .isolation import run_isolated
 from .options import option_name
 from .outputs import check_outputs
 
-#: command -> description. `configure` in commands/NAME.py (`-` becomes `_`) declares its options,
-#: or `configure_NAME` in the module listed in _SHARED.
-COMMANDS = {
-    "make": "bake the light, render the frames, and write a clean and a noisy sequence",
-    "render": "render a sequence: EXR frames with RGB and exact depth",
-    "status": "show what is finished in an output folder, and what is missing",
-    "resume": "resume an interrupted run in its output folder",
-    "task": "run one task of a render farm: light, some frames, or the data set",
-    "compare": "compare the frames of two folders, byte for byte or within a tolerance",
-    "bake": "bake the light map of a scene into the cache",
-    "dataset": "convert EXR frames to a sequence, with the noise of a sensor model",
-    "convert": "convert a sequence to another format: Replica, ScanNet, COLMAP, ROS bags, others",
-    "noise": "add sensor noise to a sequence; noise calibrate fits the noise model to a sensor",
-    "inspect": "report problems of any RGB-D sequence; write preview images",
-    "pack": "write the archive to publish: files, checksums, licence, preview, recipe",
-    "evaluate": "compute errors against ground truth: trajectory (ate, rpe), surface, views",
-    "odometry": "estimate camera motion from colour and depth, with our odometers or others",
-    "run": "run any SLAM or odometry system on sequences, and evaluate its trajectories",
-    "stress": "measure where methods fail, on frames with perturbations of increasing severity",
-    "fuse": "fuse depth images along a trajectory into a coloured mesh",
-    "trajectory": "work with trajectories: info, convert, plot, make, camera, adopt, resample",
-    "scene": "build a scene from code; compare it with the official frames",
-    "surface": "export the surface of the scene, all of it or what a trajectory saw",
-    "benchmark": "run the paper's experiments on all sequences: tables, findings, one report",
-    "figure": "draw a figure of the paper from our rooms, sequences and measured cells",
-    "table": "print a table of the paper: our figures next to the printed ones",
-    "check-depth": "compare the depth of a run with independently cast rays",
-    "bench": "measure time and error: rendering, noise, odometry, evaluation",
-    "extension": "build the Blender extension as a zip",
-    "doctor": "report what is installed, what is missing, and how to install it",
+#: Groups of commands: command -> description. `configure` in commands/NAME.py (`-` becomes `_`)
+#: declares its options, or `configure_NAME` in the module listed in _SHARED.
+GROUPS = {
+    "make sequences": {
+        "make": "bake the light, render the frames, and write a clean and a noisy sequence",
+        "render": "render a sequence: EXR frames with RGB and exact depth",
+        "bake": "bake the light map of a scene into the cache",
+        "dataset": "convert EXR frames to a sequence, with the noise of a sensor model",
+        "status": "show what is finished in an output folder, and what is missing",
+        "resume": "resume an interrupted run in its output folder",
+    },
+    "work with sequences": {
+        "convert": "convert a sequence to another format: Replica, ScanNet, COLMAP, ROS bags, others",
+        "noise": "add sensor noise to a sequence; noise calibrate fits the noise model to a sensor",
+        "inspect": "report problems of any RGB-D sequence; write preview images",
+        "pack": "write the archive to publish: files, checksums, licence, preview, recipe",
+        "compare": "compare the frames of two folders, byte for byte or within a tolerance",
+    },
+    "scenes and trajectories": {
+        "trajectory": "work with trajectories: info, convert, plot, make, camera, adopt, resample",
+        "surface": "export the surface of the scene, all of it or what a trajectory saw",
+    },
+    "odometry, surfaces, evaluation": {
+        "odometry": "estimate camera motion from colour and depth, with our odometers or others",
+        "run": "run any SLAM or odometry system on sequences, and evaluate its trajectories",
+        "fuse": "fuse depth images along a trajectory into a coloured mesh",
+        "evaluate": "compute errors against ground truth: trajectory (ate, rpe), surface, views",
+    },
+    "experiments": {
+        "benchmark": "run the paper's experiments on all sequences: tables, findings, one report",
+        "stress": "measure where methods fail, on frames with perturbations of increasing severity",
+        "figure": "draw a figure of the paper from our rooms, sequences and measured cells",
+        "table": "print a table of the paper: our figures next to the printed ones",
+    },
+    "installation": {
+        "doctor": "report what is installed, what is missing, and how to install it",
+        "cache": "say where the cache is and how large, and clear it",
+    },
+    "for farms and for work on this project": {
+        "task": "run one task of a render farm: light, some frames, or the data set",
+        "bench": "measure time and error: rendering, noise, odometry, evaluation",
+        "check-depth": "compare the depth of a run with independently cast rays",
+        "scene": "build a scene from code; compare it with the official frames",
+        "extension": "build the Blender extension as a zip",
+    },
 }
+#: command -> description.
+COMMANDS = dict(ChainMap(*reversed(GROUPS.values())))
 _SHARED = dict.fromkeys(("make", "render", "resume", "task"), "runs")
 _SHARED |= dict.fromkeys(("dataset", "convert", "noise", "inspect", "pack"), "sequences")
 
@@ -84,12 +103,12 @@ def _run(argv: list[str]) -> int:
         print(_usage())
         return 0 if argv else 2
     command = argv[0]
-    if command == "--version":
+    if command in ("-V", "--version"):
         print(f"iclnuim {__version__}")
         return 0
     if command not in COMMANDS:
-        expected = f"expected a command ({', '.join(COMMANDS)})"
-        print(f"iclnuim: {expected}, found {command!r}", file=sys.stderr)
+        meant = _meant(command, COMMANDS) or "iclnuim --help, which lists them"
+        print(f"iclnuim: expected a command, found {command!r}; try {meant}", file=sys.stderr)
         return 2
     try:
         return _run_command(argv)
@@ -110,11 +129,19 @@ def _run(argv: list[str]) -> int:
         return 3
 
 
+def _meant(word: str, known: Collection[str]) -> str:
+    """The known words that resemble a mistyped one, joined by `or`; empty if there are none."""
+    return " or ".join(get_close_matches(word, known, n=2))
+
+
 def _usage() -> str:
     width = max(map(len, COMMANDS))
-    lines = "\n".join(f"  {name:<{width}}  {text}" for name, text in COMMANDS.items())
-    about = "iclnuim COMMAND --help describes a command; iclnuim --version prints the version."
-    return f"usage: iclnuim COMMAND ...\n\n{lines}\n\n{about}"
+    lines = []
+    for title, group in GROUPS.items():
+        lines.append(f"\n{title}:")
+        lines += [f"  {name:<{width}}  {text}" for name, text in group.items()]
+    about = "iclnuim COMMAND --help describes a command; iclnuim -V prints the version."
+    return "\n".join(["usage: iclnuim COMMAND ...", *lines, "", about])
 
 
 def _run_command(argv: list[str]) -> int:
@@ -165,8 +192,15 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         if "; try " not in message:
-            message += f"; try {self._joined(message) or f'{self.prog} --help'}"
+            hint = self._joined(message) or self._misspelt(message) or f"{self.prog} --help"
+            message += f"; try {hint}"
         self.exit(2, f"{self.prog}: {message}\n")
+
+    def _misspelt(self, message: str) -> str:
+        """The options that resemble the first one that is unknown."""
+        _, _, unknown = message.partition("unrecognized arguments: ")
+        option = unknown.partition(" ")[0].partition("=")[0]
+        return _meant(option, _options(self)) if option.startswith("-") else ""
 
     def _joined(self, message: str) -> str:
         """`--frames=-3:` if the option's value, a number or an axis, was taken for another option
@@ -180,6 +214,18 @@ class _Parser(argparse.ArgumentParser):
             if abbreviated and _NEGATIVE.match(value):
                 return f"{option}={value}"
         return ""
+
+
+def _options(parser: argparse.ArgumentParser) -> list[str]:
+    """The options of a command and of its actions."""
+    options = []
+    for action in parser._actions:
+        if action.help != argparse.SUPPRESS:
+            options += action.option_strings
+        if isinstance(action, argparse._SubParsersAction):
+            for one in action.choices.values():
+                options += _options(one)
+    return options
 
 
 def _refuse_empty(argv: list[str]) -> None:

@@ -81,7 +81,7 @@ def test_an_installed_python_is_found(machine, name):
 def test_otherwise_uv_fetches_one(machine):
     machine.has_python("python3", "3.12")
     fetched = machine.has_python("fetched/python", "3.11")
-    machine.has("uv", f'#!/bin/sh\n[ "$2" = install ] || echo {fetched}\n')
+    machine.has("uv", f'#!/bin/sh\n[ $1 != pip ] || exit 1\n[ "$2" = install ] || echo {fetched}\n')
     done = machine.setup()
     assert done.returncode == 0, done.stderr
     assert "3.11 -m pip install -q --no-compile --editable .\n" in machine.done
@@ -115,9 +115,8 @@ def test_python_3_12_is_taken_when_it_is_asked_for_and_told_what_will_not_work(m
     machine.has_python("python3", "3.12")
     done = machine.setup(PYTHON="python3")
     assert done.returncode == 0 and "3.12 -m pip install" in machine.done
-    assert (
-        len(done.stderr.splitlines()) == 1 and "rendering needs Python 3.11 or 3.13" in done.stderr
-    )
+    assert done.stderr.count("rendering needs Python 3.11 or 3.13") == 1
+    assert "iclnuim make" not in done.stdout
 
 
 def test_a_python_that_cannot_serve_is_refused_by_name(machine):
@@ -137,3 +136,48 @@ def test_system_packages_are_named_where_they_cannot_be_installed(machine):
     done = machine.setup()
     assert done.returncode == 1 and "run as root: apt-get install libgl1\n" in done.stderr
     assert "venv" not in machine.done
+
+
+UV = """#!/bin/sh
+echo "uv $*" >>{log}
+exit {code}
+"""
+
+
+def test_each_step_is_told_and_the_end_says_what_to_do_next(machine):
+    path = machine.has_python("python3", "3.11")
+    done = machine.setup()
+    steps = done.stderr.splitlines()
+    assert steps[0] == f"setup.sh: Python 3.11: {path}"
+    assert "1.5 GB" in steps[1] and steps[-1] == "setup.sh: done. Next:"
+    first, make, all_commands = done.stdout.splitlines()
+    assert first == "  . .venv/bin/activate"
+    assert make.startswith("  iclnuim make kt2 --quick ")
+    assert all_commands.startswith("  iclnuim --help ")
+
+
+def test_uv_installs_where_it_is_there_and_pip_is_not_asked(machine):
+    machine.has_python("python3", "3.11")
+    machine.has("uv", UV.format(log=machine.log, code=0))
+    assert machine.setup("test").returncode == 0
+    assert "uv pip install -q --python .venv/bin/python --editable .[test]\n" in machine.done
+    assert "-m pip" not in machine.done
+
+
+def test_pip_installs_where_uv_cannot(machine):
+    machine.has_python("python3", "3.11")
+    machine.has("uv", UV.format(log=machine.log, code=2))
+    done = machine.setup("test")
+    assert done.returncode == 0 and "by pip, as uv could not" in done.stderr
+    assert "3.11 -m pip install -q --no-compile --editable .[test]" in machine.done
+
+
+def test_uv_is_had_from_the_package_index_where_it_is_not_there(machine):
+    machine.has_python("python3", "3.11")
+    uv = machine.has("other/uv", UV.format(log=machine.log, code=0))
+    had = PYTHON.replace(
+        "  *) echo", f'  *"install -q uv") cp {uv} "${{{{0%/*}}}}/uv" ;;\n  *) echo'
+    )
+    machine.has("python3", had.format(version="3.11", log=machine.log))
+    assert machine.setup().returncode == 0
+    assert "uv pip install" in machine.done and "--no-compile" not in machine.done

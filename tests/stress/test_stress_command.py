@@ -15,6 +15,7 @@ from html.parser import HTMLParser
 import pytest
 from iclnuim.benchmark.experiments import code_version
 from iclnuim.benchmark.perturbations.plan import read_plan
+from iclnuim.errors import InputError
 from iclnuim.headless.commands.stress import _segment, _systems
 
 SMALL = ("--frames", "6", "--starts", "1", "--methods", "opencv", "--workers", "1")
@@ -175,9 +176,9 @@ def test_a_damaged_file_of_cells_is_named_with_its_line(
 
 
 def test_two_frames_are_no_segment():
-    assert _segment("3") == 3
-    with pytest.raises(argparse.ArgumentTypeError, match="expected at least 3 frames, found 2"):
-        _segment("2")
+    assert _segment(3) == 3
+    with pytest.raises(InputError, match="expected at least 3 frames, found :2"):
+        _segment(2)
 
 
 def test_options_of_a_system_given_by_its_path(tmp_path):

@@ -159,7 +159,7 @@ def test_a_path_through_a_wall_is_warned_of_and_one_inside_the_room_is_not(drive
 
 
 def test_evaluation_is_shown_in_words_and_as_a_picture(driven):
-    assert "ATE rmse 0.0100 m" in driven["evaluation"][0]
+    assert "ATE rmse 10.000 mm" in driven["evaluation"][0]
     assert driven["images"] == ["ICL-NUIM error", "ICL-NUIM preview"]
 
 

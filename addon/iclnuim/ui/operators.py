@@ -204,6 +204,10 @@ def preview(self: Operator, context: Context) -> None:
     state.start("preview", job, folder / "raw", command, "the preview is rendered", finish)
 
 
+def _mm(metres: float) -> str:
+    return f"{1000 * metres:.3f}"
+
+
 @operator("Evaluate")
 def evaluate(self: Operator, context: Context) -> None:
     """Compute ATE and RPE of the estimate, and draw it next to the ground truth: blue for no error,
@@ -227,9 +231,10 @@ def evaluate(self: Operator, context: Context) -> None:
     rpe = relative_pose_error(truth, estimate, RelativeErrorSettings(*parse_delta(settings.delta)))
     panel.evaluation = ate
     position = ate.translation_m
-    drift = f"{rpe.translation_m.rmse:.4f} m, {rpe.rotation_deg.rmse:.3f} deg"
+    rmse, median, maximum = (_mm(m) for m in (position.rmse, position.median, position.max))
+    drift = f"{_mm(rpe.translation_m.rmse)} mm, {rpe.rotation_deg.rmse:.3f} deg"
     panel.evaluation_lines = [
-        f"ATE rmse {position.rmse:.4f} m, median {position.median:.4f}, max {position.max:.4f}",
+        f"ATE rmse {rmse} mm, median {median}, max {maximum}",
         f"rotation rmse {ate.rotation_deg.rmse:.3f} deg",
         f"RPE over {settings.delta}: {drift}",
         f"{len(ate.stamps_s)} pairs, {100 * ate.completeness.coverage:.0f} % of the ground truth",

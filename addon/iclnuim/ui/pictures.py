@@ -88,13 +88,13 @@ def error_plot(stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float) -> np.n
     top = 70
     bottom = height - 70
     seconds = float(stamps_s[-1] - stamps_s[0]) or 1.0
-    ticks_cm = _ticks(float(error_m.max()) * 100)
+    ticks_mm = _ticks(1000 * float(error_m.max()))
     ticks_s = _ticks(seconds, beyond=False)
 
-    def row(error_cm: npt.ArrayLike) -> Any:
-        return np.rint(bottom - np.asarray(error_cm) / ticks_cm[-1] * (bottom - top)).astype(int)
+    def row(error_mm: npt.ArrayLike) -> Any:
+        return np.rint(bottom - np.asarray(error_mm) / ticks_mm[-1] * (bottom - top)).astype(int)
 
-    for tick in ticks_cm:
+    for tick in ticks_mm:
         image[row(tick), left:right] = _GRID
         write(image, f"{tick:.6g}", left - 14, row(tick) - 7, align="right")
     for tick in ticks_s:
@@ -105,15 +105,15 @@ def error_plot(stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float) -> np.n
     times_s = (columns - left) / (right - left - 1) * seconds
     values_m = np.interp(times_s, stamps_s - stamps_s[0], error_m)
     colours = (error_colours(values_m) * 255).astype(np.uint8)
-    rows = row(values_m * 100)
+    rows = row(values_m * 1000)
     before = rows[0]
     for column, here, colour in zip(columns, rows, colours, strict=True):
         # a line from each value to the next
         image[min(here, before) - 1 : max(here, before) + 2, column] = colour
         before = here
-    image[row(rmse_m * 100) : row(rmse_m * 100) + 2, left:right] = _INK
-    write(image, f"Position error over time, ATE rmse {rmse_m * 100:.2f} cm", left, 20)
-    write(image, "cm", left - 14, top - 26, align="right")
+    image[row(rmse_m * 1000) : row(rmse_m * 1000) + 2, left:right] = _INK
+    write(image, f"Position error over time, ATE rmse {rmse_m * 1000:.3f} mm", left, 20)
+    write(image, "mm", left - 14, top - 26, align="right")
     write(image, "time (s)", right, bottom + 40, align="right")
     return image
 
