@@ -49,6 +49,7 @@ GROUPS = {
     "odometry, surfaces, evaluation": {
         "odometry": "estimate camera motion from colour and depth, with our odometers or others",
         "run": "run any SLAM or odometry system on sequences, and evaluate its trajectories",
+        "settings": "write the settings file that a SLAM system needs to read a sequence",
         "fuse": "fuse depth images along a trajectory into a coloured mesh",
         "evaluate": "compute errors against ground truth: trajectory (ate, rpe), surface, views",
     },

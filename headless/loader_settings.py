@@ -1,0 +1,113 @@
+"""Settings files that a third-party system needs to read a sequence. Each system is a TOML file in
+settings/: the files of a sequence that it reads, and its own files as templates.
+"""
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
+
+import numpy as np
+from iclnuim.dataset.frames import find_pairs, read_camera, read_depth_m, read_truth
+from iclnuim.errors import InputError
+from iclnuim.formats.meshes import read_mesh_or_cloud
+from iclnuim.geometry.trajectory import frame_rate_hz, sample
+
+_FOLDER = Path(__file__).parent / "settings"
+#: Added to the bounds of the room on each side, as a share of their size.
+_MARGIN = 0.05
+#: Maximum number of images from which bounds are taken, and step between their pixels.
+_VIEWS = 60
+_STEP = 8
+
+
+@dataclass(frozen=True)
+class SystemFiles:
+    """What one system needs: `format` of the sequence and a file or folder that shows it, and the
+    templates of the system's files by name.
+    """
+
+    name: str
+    format: str
+    shown_by: str
+    files: dict[str, str]
+
+    @property
+    def needs_bounds(self) -> bool:
+        """Whether a template has the bounds of the room."""
+        return any("$bound" in text for text in self.files.values())
+
+
+def systems() -> tuple[str, ...]:
+    """Names of the systems."""
+    return tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
+
+
+def system_files(name: str) -> SystemFiles:
+    """The files of a system. Raises InputError for an unknown name."""
+    if name not in systems():
+        raise InputError(f"a system ({', '.join(systems())})", found=name)
+    content = tomllib.loads((_FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
+    return SystemFiles(name, **content)
+
+
+def filled(system: SystemFiles, folder: Path, model: Path | None = None) -> dict[str, str]:
+    """Name -> text of the system's files for a sequence. model: a mesh of the room, whose bounds
+    are used; otherwise those of the surfaces that its depth images show.
+
+    Raises InputError for a sequence in another format, and without poses where bounds are needed.
+    """
+    if not (folder / system.shown_by).exists():
+        expected = f"a sequence in the format {system.format} for {system.name}"
+        hint = f"iclnuim convert {folder} OUT --format {system.format}"
+        raise InputError(expected, path=folder, found=f"no {system.shown_by}", hint=hint)
+    pairs = find_pairs(folder)
+    camera = read_camera(folder, pairs[0].rgb)
+    c = camera.pinhole
+    values: dict[str, object] = {
+        "width": c.width,
+        "height": c.height,
+        "units": camera.depth_units_per_metre,
+        "metres": 1 / camera.depth_units_per_metre,
+        "rate": frame_rate_hz(np.array([pair.stamp_s for pair in pairs])),
+        "name": folder.resolve().name,
+        "parent": folder.resolve().parent,
+        "folder": folder.resolve(),
+    }
+    values |= {name: repr(float(getattr(c, name))) for name in ("fx", "fy", "cx", "cy")}
+    if system.needs_bounds:
+        values["bound"] = bounds_m(folder, model).round(3).tolist()
+    return {name: Template(text).substitute(values) for name, text in system.files.items()}
+
+
+def bounds_m(folder: Path, model: Path | None = None) -> np.ndarray:
+    """(3, 2) smallest and largest x, y, z in metres of the room in the world of the sequence, 5 %
+    of their size wider on each side.
+    """
+    points = _seen(folder) if model is None else read_mesh_or_cloud(model)[0]
+    if not len(points):
+        raise InputError("depth or a model, for the bounds of the room", path=folder, found="none")
+    low = points.min(0)
+    high = points.max(0)
+    margin = _MARGIN * (high - low)
+    return np.stack([low - margin, high + margin], 1)
+
+
+def _seen(folder: Path) -> np.ndarray:
+    """(n, 3) points in the world that depth images, spread over the sequence, show."""
+    pairs = find_pairs(folder)
+    camera = read_camera(folder, pairs[0].rgb)
+    truth = read_truth(folder)
+    if truth is None:
+        hint = "--model with a mesh of the room"
+        raise InputError("poses, for the bounds", path=folder, found="none", hint=hint)
+    first, last = truth.stamps_s[[0, -1]]
+    points = []
+    for row in np.linspace(0, len(pairs) - 1, min(_VIEWS, len(pairs))).round().astype(int):
+        pair = pairs[row]
+        depth_z_m = read_depth_m(pair.depth, camera.depth_units_per_metre).astype(float)
+        pose = sample(truth, np.array([pair.stamp_s]).clip(first, last))[0]
+        place = (slice(None, None, _STEP), slice(None, None, _STEP))
+        seen = camera.pinhole.unproject(depth_z_m)[place][depth_z_m[place] > 0]
+        points.append(pose.apply(seen))
+    return np.concatenate(points)

@@ -1,0 +1,115 @@
+"""`iclnuim settings`: the file that each system wants has the camera, the depth scale and the bounds
+of the sequence.
+"""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from iclnuim.dataset.sequence import SequenceSettings, write_sequence
+from iclnuim.formats.ply import write_ply
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory, stamps_of_frames
+from iclnuim.headless.loader_settings import bounds_m, filled, system_files, systems
+from iclnuim.postprocess import frames_from
+
+CAMERA = PinholeCamera(64, 48, 48.5, 47.25, 31.5, 23.75)
+UNITS = {"replica": 6553.5, "eth3d": 5000.0, "euroc": 1000.0, "vslam-lab": 5000.0}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A camera that moves 1 m to the right in front of a wall at 2 m."""
+    out = tmp_path_factory.mktemp("settings") / "out"
+    positions = np.array([[0.0, 0, 0], [0.5, 0, 0], [1.0, 0, 0]])
+    trajectory = Trajectory(
+        stamps_of_frames(np.arange(3)), SE3(np.tile(np.eye(3), (3, 1, 1)), positions)
+    )
+
+    def load(number):
+        return np.full((48, 64, 3), 0.5, np.float32), np.full((48, 64), 2, np.float32)
+
+    write_sequence(frames_from(CAMERA, trajectory, load), out, SequenceSettings(), UNITS, workers=1)
+    return out
+
+
+def parsed(name, text):
+    if name.endswith(".json"):
+        return json.loads(text)
+    if name.endswith((".py", ".txt")):
+        return text
+    return yaml.safe_load(text.replace("%YAML:1.0", ""))
+
+
+def numbers_of(content):
+    if isinstance(content, dict):
+        content = list(content.values())
+    if isinstance(content, list):
+        return [number for item in content for number in numbers_of(item)]
+    return [content] if isinstance(content, int | float) else []
+
+
+@pytest.mark.parametrize("name", systems())
+def test_every_file_is_read_and_has_the_camera(written, name):
+    system = system_files(name)
+    texts = filled(system, written / system.format)
+    found = []
+    for file, text in texts.items():
+        assert "$" not in text
+        content = parsed(file, text)
+        if file.endswith(".txt"):
+            content = list(map(float, text.split()))
+        if file.endswith(".py"):
+            compile(content, file, "exec")
+            continue
+        found += numbers_of(content)
+    if name == "vslam-lab":  # the camera is in calibration.yaml
+        assert found[:2] == [pytest.approx(30, abs=0.01), 5000]
+        return
+    for value in (48.5, 47.25, 31.5, 23.75):
+        assert value in found
+    if name != "droid-slam":
+        assert 64 in found and 48 in found
+    if system.format == "replica":
+        assert 6553.5 in found
+
+
+def test_there_is_a_file_for_each_system():
+    wanted = (
+        "nice-slam co-slam eslam point-slam splatam monogs mast3r-slam droid-slam okvis2 "
+        "open_vins basalt kalibr vslam-lab"
+    )
+    assert systems() == tuple(sorted(wanted.split()))
+
+
+def test_bounds_are_those_of_what_is_seen_and_five_percent(written):
+    low = np.array([-31.5 / 48.5 * 2, -23.75 / 47.25 * 2, 2])
+    high = np.array([1 + (56 - 31.5) / 48.5 * 2, (40 - 23.75) / 47.25 * 2, 2])
+    margin = 0.05 * (high - low)
+    expected = np.stack([low - margin, high + margin], 1)
+    assert np.abs(bounds_m(written / "replica") - expected).max() < 1e-3
+    content = yaml.safe_load(
+        filled(system_files("nice-slam"), written / "replica")["nice-slam.yaml"]
+    )
+    assert np.abs(np.array(content["mapping"]["bound"]) - expected).max() < 2e-3
+
+
+def test_bounds_of_a_model_are_its_own_and_five_percent(written, tmp_path):
+    vertices = np.array([[0.0, 0, 0], [4, 0, 0], [0, 2, 1]])
+    write_ply(tmp_path / "room.ply", vertices, np.array([[0, 1, 2]]))
+    bounds = bounds_m(written / "replica", tmp_path / "room.ply")
+    assert np.allclose(bounds, [[-0.2, 4.2], [-0.1, 2.1], [-0.05, 1.05]])
+
+
+def test_the_command_writes_beside_the_sequence_and_names_the_format_it_needs(
+    written, tmp_path, command_here
+):
+    code, said, _ = command_here("settings", "monogs", written / "replica", "-o", tmp_path)
+    assert code == 0 and str(tmp_path / "monogs.yaml") in said
+    code, _, said = command_here("settings", "okvis2", written / "replica")
+    assert code == 2 and "a sequence in the format euroc for okvis2, found no mav0" in said
+    assert "--format euroc" in said
+    code, _, said = command_here("settings", "imap", written / "replica")
+    assert code == 2 and "a system (basalt, co-slam" in said
