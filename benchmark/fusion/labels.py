@@ -5,7 +5,14 @@ surface that was seen: the figures do not depend on how finely either mesh is di
 from dataclasses import dataclass
 
 import numpy as np
-from iclnuim.dataset.label_classes import OURS, ClassMap, LabelClass, class_map, read_class_map
+from iclnuim.dataset.label_classes import (
+    FIRST_OWN,
+    OURS,
+    ClassMap,
+    LabelClass,
+    class_map,
+    read_class_map,
+)
 from iclnuim.dataset.label_errors import LabelErrors
 from iclnuim.errors import InputError
 from iclnuim.evaluation.labels import VOID, label_confusion, label_figures
@@ -32,10 +39,14 @@ class TrueLabels:
 
     @classmethod
     def of_names(cls, names: tuple[str, ...], of_triangles: np.ndarray) -> "TrueLabels":
-        """From names of classes; other names than ours may be NYU40 labels."""
-        ours = {kind.name: kind for kind in read_class_map(OURS).classes}
-        kinds = tuple(ours.get(name, LabelClass(0, name, name)) for name in names)
-        return cls(kinds, of_triangles)
+        """From names of classes, "" for none. Other names than ours are numbered as in frames, and
+        may be NYU40 labels.
+        """
+        known = {kind.name: kind for kind in read_class_map(OURS).classes}
+        own = sorted({name for name in names if name} - known.keys())
+        known |= {name: LabelClass(k, name, name) for k, name in enumerate(own, FIRST_OWN)}
+        known[""] = LabelClass(0, "")
+        return cls(tuple(known[name] for name in names), of_triangles)
 
     @classmethod
     def of_mesh(cls, labels: MeshLabels) -> "TrueLabels":

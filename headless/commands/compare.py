@@ -31,8 +31,9 @@ _PNG = ".png"
 _IMAGES = (_EXR, _PNG, ".jpg", ".jpeg", ARRAY)
 #: Files that are not compared: recipes, which tell where a folder comes from, and hashes of images.
 _ORIGINS = ("recipe.json", "sequence.json", JOURNAL)
-#: The start of a file's or folder's name that is a channel's: depth_0, depth0, depth000000.png.
-_CHANNEL = re.compile(f"({'|'.join(CHANNELS)})(?![a-z])")
+#: The start of a file's or folder's name that is a channel's: depth_0, depth0, depth000000.png,
+#: semantic_class.
+_CHANNEL = re.compile(f"(?:semantic_)?({'|'.join(CHANNELS)})(?![a-z])")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -169,7 +169,8 @@ def _convert(args: argparse.Namespace, console: Console) -> None:
     needing = [name for name in options.formats if sequence_format(name).every_pose]
     if needing:
         source = _posed(source, needing[0], console)
-    if left := [f"{kind}/" for kind in FURTHER if (args.source / kind).is_dir()]:
+    folders = [*FURTHER, *(f"semantic_{kind}" for kind in FURTHER)]
+    if left := [f"{name}/" for name in folders if (args.source / name).is_dir()]:
         limit = "only colour, depth and poses are converted"
         console.note(f"{', '.join(left)} of {args.source} not converted: {limit}")
     _write(source, options, args, console)

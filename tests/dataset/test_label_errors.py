@@ -5,6 +5,7 @@ read by a table of classes, refused in one line.
 import json
 import shutil
 import struct
+import tarfile
 import zlib
 
 import numpy as np
@@ -269,3 +270,20 @@ def test_the_class_of_a_name_with_a_comma_survives(labelled_run, tmp_path):
     (copied / "objects.json").write_text(json.dumps(objects))
     write_sequence(run_frames(copied), tmp_path / "out")
     assert true_classes(tmp_path / "out").classes[-1].name == 'a "long", name'
+
+
+def test_convert_notes_labels_that_it_leaves_out(labelled_formats, tmp_path, command_here):
+    for name, folder in (("tum", "class/"), ("replica", "semantic_class/")):
+        command = ("convert", labelled_formats / name, tmp_path / name)
+        code, _, notes = command_here(*command)
+        assert code == 0 and folder in notes and "not converted" in notes
+
+
+def test_labels_are_in_the_archive_of_every_format(labelled_formats, tmp_path, command_here):
+    for name in ("tum", "replica"):
+        out = tmp_path / f"{name}.tar.gz"
+        command = ("pack", labelled_formats / name, "-o", out, "--no-preview")
+        assert command_here(*command, "--author", "A")[0] == 0
+        with tarfile.open(out) as archive:
+            listed = archive.getnames()
+        assert sum("class" in path and path.endswith(".png") for path in listed) == 4

@@ -127,6 +127,24 @@ def test_labels_are_read_in_other_numberings_and_unknown_ones_named(tmp_path):
     assert [name for name, _ in found.unknown] == ["77"] and found.figures.mean_iou < 1
 
 
+def test_classes_of_a_scene_are_known_by_their_names(tmp_path):
+    """Also own ones, numbered from 1000 in alphabetical order, and objects without a class."""
+    names = ("wall", "zebra", "", "bed", "floor", "ceiling")
+    truth = TrueLabels.of_names(names, np.repeat(np.arange(6), 2))
+    assert [kind.id for kind in truth.kinds] == [1, 1001, 0, 1000, 2, 3]
+    surface = TrueSurface(CORNERS, SIDES)
+    for classes, ids, without in (
+        ("ours", [1, 1001, 7, 1000, 2, 3], set()),
+        ("nyu40", [1, 7, 7, 4, 2, 22], {"zebra"}),
+    ):
+        path = tmp_path / "a.ply"
+        write_ply(path, CORNERS, SIDES, face_values={"label": np.repeat(ids, 2)})
+        mesh = read_reconstruction(path, labelled=True)
+        found = surface_labels(surface, truth, mesh, SE3.identity(), None, classes, SETTINGS)
+        assert found.figures.mean_iou == 1 and not found.unknown
+        assert {name for name, _ in found.without} == without
+
+
 def test_labels_of_polygons_are_those_of_their_triangles(tmp_path):
     path = tmp_path / "a.ply"
     path.write_text(

@@ -147,6 +147,8 @@ def test_a_file_that_is_no_image_is_compared_byte_for_byte(two, command_here, na
         ("camera/0.png", "depth"),
         ("class_0/0.png", "class"),
         ("results/instance000000.png", "instance"),
+        ("semantic_class/semantic_class_0.png", "class"),
+        ("semantic_instance/semantic_instance_0.png", "instance"),
     ],
 )
 def test_the_channel_of_an_image_is_known_in_every_layout(two, command_here, name, channel):

@@ -24,6 +24,9 @@ from ..formats.label_images import LabelImage
 #: The tables in classes/.
 BUILT_IN = ("ours", "nyu40", "scannet20", "replica")
 OURS = "ours"
+#: Classes of user-provided scenes that are not in our table are numbered from here on, in
+#: alphabetical order.
+FIRST_OWN = 1000
 LARGEST_ID = (1 << 16) - 1
 #: Names of no class.
 _NO_CLASS = ("unlabelled", "unlabeled", "undefined", "unknown", "void", "ignore", "none")

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 import bpy
 import numpy as np
 
-from ...dataset.label_classes import read_class_map
+from ...dataset.label_classes import FIRST_OWN, read_class_map
 from ...errors import InputError
 from ...geometry.points import upright_box
 from .. import surfaces
@@ -18,9 +18,6 @@ _MAX_OBJECTS = 32767  # the maximum of Blender's pass index
 #: on.
 NYU40 = read_class_map("nyu40").names[1:]
 UNLABELLED = "unlabelled"
-#: Kinds in user-provided scenes that are not in the table are numbered from here on, in
-#: alphabetical order.
-FIRST_OWN = 1000
 
 
 @dataclass(frozen=True)
