@@ -37,7 +37,7 @@ CASES = {
         ["found a web page"],
     ),
     "binary": ("a.txt", "\x7fELF\0\0\0", None, ["found a binary file"]),
-    "words": ("a.txt", "hello world\n", 1, ["found 2 columns", "try from"]),
+    "words": ("a.txt", "hello world\n", 1, ["found 'hello world'", "try from"]),
     "7 columns": ("a.txt", "1 2 3 4 5 6 7\n", 1, ["8 columns (TUM)", "found 7 columns"]),
     "7 columns later": (
         "a.txt",
@@ -94,6 +94,13 @@ CASES = {
         1,
         ["4x4 matrix", "0 0 1 1"],
     ),
+    "no x y z": ("a.csv", "t,lat,lon\n1,48.1,11.5\n", 1, ["columns, found 't,lat,lon'"]),
+    "dates": (
+        "a.csv",
+        "t,x,y,z\n2023-05-01T12:00:00,1,2,3\n",
+        2,
+        ["a number in each column that the header names", "found '2023-05-01T12:00:00'"],
+    ),
     "15 columns": ("a.txt", "1 " * 15, 1, ["12, 13, 16 or 17", "found 15 columns"]),
     "an image without number": (
         "images.txt",
@@ -136,7 +143,7 @@ CASES = {
         "a.txt",
         "1 depth/1.png 1 rgb/1.png\n",
         1,
-        ["8 columns (TUM)", "found 4 columns"],
+        ["8 columns (TUM)", "found '1 depth/1.png 1 rgb/1.png'"],
     ),
     "11 columns": ("a.txt", "1 0 0 0 0 1 0 0 0 0 1\n", 1, ["found 11 columns"]),
     "no rotation": ("a.txt", KITTI + "2 0 0 0 0 1 0 0 0 0 1 0\n", 2, ["rotation matrices"]),

@@ -303,6 +303,17 @@ def test_the_encodings_of_windows_are_read(tmp_path, encoding):
     as_walk(read_trajectory(tmp_path / "a.txt"))
 
 
+@pytest.mark.parametrize("header", ["", "timestamp tx ty tz qx qy qz qw\n"])
+@pytest.mark.parametrize("separator", [" ", "\t", "; "])
+def test_decimal_commas_are_read(tmp_path, header, separator):
+    text = "1,0 0,5 -1,25 2,0e0 0,0 0,0 0,0 1,0\n2,0 0,25 1,5 2,0 0,0 0,0 0,0 1,0\n"
+    text = text.replace(" ", separator)
+    (tmp_path / "a.txt").write_text(header.replace(" ", separator) + text)
+    loaded = read_trajectory(tmp_path / "a.txt").trajectory
+    assert loaded.stamps_s.tolist() == [1, 2]
+    assert loaded.positions_m.tolist() == [[0.5, -1.25, 2], [0.25, 1.5, 2]]
+
+
 def test_nan_of_old_windows_programs_is_a_lost_pose(tmp_path):
     lines = table("", S, *AT, *LAST).splitlines()
     lines[4] = f"{S[4]} " + " ".join(["-1.#INF", "1.#QNAN", "-1.#IND"] + ["-1.#IND"] * 4)

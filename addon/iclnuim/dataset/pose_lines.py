@@ -113,10 +113,11 @@ def _less_one(reference: LoadedTrajectory, estimate: LoadedTrajectory) -> Loaded
     step_s = (stamps_s[-1] - stamps_s[0]) / (reference.rows[-1] - reference.rows[0])
     of_rows_s = FIRST_STAMP_S + step_s * reference.rows
     own = estimate.trajectory
-    first, last = (own.stamps_s[[0, -1]] - FIRST_STAMP_S) / step_s
+    numbers = (own.stamps_s - FIRST_STAMP_S) / step_s
     slack_s = STAMP_SLACK * step_s
     from_zero = np.abs(stamps_s - of_rows_s).max() <= slack_s
-    if not from_zero or first < 1 - STAMP_SLACK or abs(last - reference.row_count) > STAMP_SLACK:
+    to_last = abs(numbers[-1] - reference.row_count) <= STAMP_SLACK
+    if not (from_zero and to_last) or numbers[0] < 1 - STAMP_SLACK:
         return None
     shifted = Trajectory(np.round(own.stamps_s - step_s, STAMP_DIGITS), own.T_world_camera)
     how = f"its numbers count the {reference.row_count} poses of the ground truth from 1"

@@ -85,7 +85,8 @@ def named_rows(source: Source) -> NumberTable:
         if names == source.columns:
             found = " ".join(source.names)
         raise InputError(_EXPECTED, path=source.path, found=found)
-    table = read_table(source, (), _EXPECTED, named.used)
+    expected = "a number in each column that the header names"
+    table = read_table(source, (), expected, named.used)
     note = ""
     if others := [name for name in named.others if name]:
         shown = ", ".join(others[:_SHOWN])

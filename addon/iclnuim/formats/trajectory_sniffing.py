@@ -172,5 +172,7 @@ def sniffed(source: Source) -> str:
     if not source.columns:
         raise InputError(expected, path=source.path, found="comments alone")
     found = f"{source.columns} columns"
+    if not source.starts_with_numbers:
+        found = repr(source.first_lines[0][:60])
     line = data_lines(source.text)[0][0]
     raise InputError(expected, path=source.path, line=line, found=found, hint="{from} FORMAT")

@@ -16,6 +16,7 @@ from .files import data_lines, is_number, read_text
 OWN_WORLD = "the file's own world"
 OUR_WORLD = "our world (metres, z up)"
 _DATA = re.compile(r"^[^\S\n]*[^#\s]", re.MULTILINE)
+_WITH_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
 #: Names of columns are searched in so many of the comments before the first line of data.
 _COMMENTS = 20
 #: A line of names has at most so many characters: tables of ROS name two covariances of 36.
@@ -139,7 +140,7 @@ class Source:
         first = "".join(self.first_lines[:1])
         for sign in set("\"'[]").intersection(first):
             text = text.replace(sign, "")
-        if ";" in first:
+        if ";" in first or self._has_decimal_commas:
             text = text.replace(",", ".")
         if first.endswith((",", ";")):
             text = re.sub(r"[,;.][^\S\n]*$", "", text, flags=re.MULTILINE)
@@ -172,8 +173,16 @@ class Source:
         """What parts the columns of the first line of data: a semicolon, a comma, or (None) blanks
         and tabs.
         """
+        if self._has_decimal_commas:
+            return None
         inside = "".join(self.first_lines[:1]).rstrip(",;")
         return next((sign for sign in ";," if sign in inside), None)
+
+    @cached_property
+    def _has_decimal_commas(self) -> bool:
+        """Whether blanks part the numbers of the first line of data, which have decimal commas."""
+        fields = "".join(self.first_lines[:1]).split()
+        return len(fields) > 2 and all(map(_WITH_COMMA.fullmatch, fields))
 
     @cached_property
     def first_rows(self) -> list[list[str]]:
