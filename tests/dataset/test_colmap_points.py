@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from iclnuim.dataset.layouts.colmap import _points
+from iclnuim.dataset.layouts.colmap import surface_points
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
@@ -32,7 +32,7 @@ def test_a_model_has_the_points_and_the_tracks_of_a_usual_reconstruction():
     images, and a minute of work.
     """
     contents, asked = still(400, lambda k: 2.0)
-    points, tracks = _points(contents)
+    points, tracks = surface_points(contents)
     assert 28 < len(asked) < 57
     assert 13_000 < len(points) < 27_000
     assert 6 < np.median([len(track) for track in tracks]) < 13
@@ -42,5 +42,5 @@ def test_a_model_has_the_points_and_the_tracks_of_a_usual_reconstruction():
 def test_a_point_is_seen_where_depth_agrees_to_a_percent(nearer, seen):
     """What is nearer hides it."""
     contents, _ = still(2, lambda k: 2.0 if k == 1 else 2.0 * (1 - nearer))
-    _, tracks = _points(contents)
+    _, tracks = surface_points(contents)
     assert (max(map(len, tracks)) > 1) is seen

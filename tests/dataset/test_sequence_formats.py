@@ -24,6 +24,7 @@ from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
 from iclnuim.formats import trajectories
+from iclnuim.formats.ply import read_ply
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
@@ -82,6 +83,40 @@ def test_icl_nuim_has_integer_ids_depth_first_left_handed_poses_and_no_pose_for_
         )
 
 
+def test_gt_sim_has_the_motions_of_gt_freiburg(all_formats):
+    folder = all_formats / "icl-nuim"
+    blocks = np.loadtxt(folder / "groundtruth.gt.sim").reshape(-1, 3, 4)
+    poses = read_trajectory(folder / "groundtruth.gt.freiburg").trajectory.T_world_camera
+    sim = read_trajectory(folder / "groundtruth.gt.sim").trajectory.T_world_camera
+    assert len(blocks) == len(sim) == len(poses) == 3
+    motions = [(T[0].inverse() @ T).matrix for T in (sim, poses)]
+    assert np.allclose(motions[0], motions[1], atol=1e-7)
+
+
+def test_a_folder_with_an_official_name_has_the_ground_truth_that_gradslam_reads(run, tmp_path):
+    for name, truth in (
+        ("living_room_traj2_frei_png", "livingRoom2n"),
+        ("traj0_frei_png", "traj0n"),
+    ):
+        frames = run_frames(run.path, "1:")
+        write_sequence(frames, tmp_path / name, formats=("icl-nuim",))
+        lines = (tmp_path / name / "associations.txt").read_text().splitlines()
+        blocks = np.loadtxt(tmp_path / name / f"{truth}.gt.sim").reshape(-1, 3, 4)
+        assert len(lines) == len(blocks) == 3 and lines[0].startswith("1 ")
+        assert (tmp_path / name / f"{truth}.gt.freiburg").is_file()
+
+
+def test_nerf_has_names_for_training_and_test_and_points_of_the_surface(all_formats, truth):
+    content = json.loads((all_formats / "nerf/transforms.json").read_text())
+    held_out = content["test_filenames"]
+    assert held_out == content["val_filenames"] == ["images/000000.png"]
+    names = [frame["file_path"] for frame in content["frames"]]
+    assert sorted(held_out + content["train_filenames"]) == sorted(names)
+    points = read_ply(all_formats / "nerf" / content["ply_file_path"]).points
+    theirs = np.loadtxt(all_formats / "colmap/sparse/0/points3D.txt", usecols=(1, 2, 3))
+    assert np.allclose(points, theirs, atol=1e-5)
+
+
 def test_euroc_has_nanoseconds_and_the_quaternions_scalar_first(all_formats, truth):
     mav = all_formats / "euroc/mav0"
     for sensor in ("cam0", "depth0"):
@@ -91,7 +126,11 @@ def test_euroc_has_nanoseconds_and_the_quaternions_scalar_first(all_formats, tru
         assert "intrinsics: [48, 48, 31.5, 23.5]" in (mav / sensor / "sensor.yaml").read_text()
     rows = np.loadtxt(mav / "state_groundtruth_estimate0/data.csv", delimiter=",")
     assert np.allclose(rows[:, 1:4], truth.positions_m, atol=1e-8)
-    assert np.allclose(rows[:, 4:], np.roll(truth.T_world_camera.quat_xyzw, 1, axis=1), atol=1e-8)
+    quat_wxyz = np.roll(truth.T_world_camera.quat_xyzw, 1, axis=1)
+    assert rows.shape == (4, 17) and np.allclose(rows[:, 4:8], quat_wxyz, atol=1e-8)
+    steps = (rows[2:, 1:4] - rows[:-2, 1:4]) / (truth.stamps_s[2:] - truth.stamps_s[:-2])[:, None]
+    assert np.allclose(rows[1:-1, 8:11], steps, rtol=1e-3, atol=1e-6)
+    assert not rows[:, 11:].any()
 
 
 def test_nerf_poses_project_as_the_cv_camera_does(all_formats, truth):

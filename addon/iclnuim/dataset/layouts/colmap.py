@@ -41,7 +41,7 @@ _POINTS = 20_000
 #: Maximum relative difference of depth in another image if it is the same surface.
 _SAME_SURFACE = 0.01
 #: Every 8th image is held out, as in Mip-NeRF 360 and 3D Gaussian Splatting (`llffhold`).
-_HELD_OUT = 8
+HELD_OUT = 8
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
@@ -52,7 +52,7 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     camera = f"1 PINHOLE {c.width} {c.height} {c.fx!r} {c.fy!r} {c.cx + 0.5!r} {c.cy + 0.5!r}\n"
     atomic_write_text(model / "cameras.txt", "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n" + camera)
     names = [Path(path).name for path in format.images(contents, RGB).paths]
-    points, tracks = _points(contents)
+    points, tracks = surface_points(contents)
     seen: list[list[str]] = [[] for _ in names]
     lines = ["# POINT3D_ID X Y Z R G B ERROR TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
     for number, (point, track) in enumerate(zip(points, tracks, strict=True), 1):
@@ -70,7 +70,7 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
         numbers = " ".join(f"{value + 0.0:.12f}" for value in (w, x, y, z, *t))
         lines += [f"{image + 1} {numbers} 1 {name}", " ".join(seen[image])]
     atomic_write_text(model / "images.txt", "\n".join(lines) + "\n")
-    held_out = [f"{name}\n" for name in sorted(names)[::_HELD_OUT]]
+    held_out = [f"{name}\n" for name in sorted(names)[::HELD_OUT]]
     atomic_write_text(model / "test.txt", "".join(held_out))
 
 
@@ -79,7 +79,7 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 _Track = list[tuple[int, float, float]]
 
 
-def _points(contents: Contents) -> tuple[list[str], list[_Track]]:
+def surface_points(contents: Contents) -> tuple[list[str], list[_Track]]:
     """`X Y Z R G B` of points on the surface, and their tracks.
 
     Points are pixels on a grid; each is also searched in some other views.

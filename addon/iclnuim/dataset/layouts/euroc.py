@@ -16,6 +16,7 @@ from ...formats.stamps import stamp_text_of_ns
 from ...formats.yaml_files import read_yaml
 from ...geometry.camera import PinholeCamera
 from ...geometry.se3 import SE3
+from ...geometry.trajectory import Trajectory
 from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, as_list, names
 from ..layout import (
     Contents,
@@ -34,6 +35,15 @@ _SENSORS = {RGB: "cam"}
 _TRUTH = Path("mav0/state_groundtruth_estimate0/data.csv")
 #: Stamps of the images, from which ORB-SLAM3 makes their names.
 _TIMES = Path("times.txt")
+#: Columns of the ground truth after the poses.
+_STATES = "".join(
+    f",{name}"
+    for name in (
+        *("v_RS_R_x [m s^-1]", "v_RS_R_y [m s^-1]", "v_RS_R_z [m s^-1]"),
+        *("b_w_RS_S_x [rad s^-1]", "b_w_RS_S_y [rad s^-1]", "b_w_RS_S_z [rad s^-1]"),
+        *("b_a_RS_S_x [m s^-2]", "b_a_RS_S_y [m s^-2]", "b_a_RS_S_z [m s^-2]"),
+    )
+)
 #: Depth units per metre that OKVIS2 assumes.
 UNITS = 1000.0
 _UNITS = "depth_units_per_metre"
@@ -60,6 +70,22 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
         atomic_write_text(folder / _ROOT / sensor / "sensor.yaml", _sensor(contents, what))
     atomic_write_text(folder / _TIMES, "".join(f"{stem}\n" for stem in stems))
     write_truth(folder / _TRUTH, contents, "euroc")
+    kept = contents.truth_file is not None and contents.truth_file[0] == "euroc"
+    if contents.truth is not None and not kept:
+        _add_states(folder / _TRUTH, contents.truth)
+
+
+def _add_states(path: Path, truth: Trajectory) -> None:
+    """Add the velocity, by differences of the positions, and biases of 0 to the poses of a file."""
+    head, *rows = read_text(path).splitlines()
+    velocities = np.zeros_like(truth.positions_m)
+    if len(truth) > 1:
+        velocities = np.gradient(truth.positions_m, truth.stamps_s, axis=0)
+    lines = [head + _STATES]
+    for row, velocity in zip(rows, velocities.tolist(), strict=True):
+        numbers = ",".join(f"{value + 0.0:.9f}" for value in velocity)
+        lines.append(f"{row},{numbers}{',0' * 6}")
+    atomic_write_text(path, "\n".join(lines) + "\n")
 
 
 def _folder(kind: str) -> str:

@@ -2,6 +2,7 @@
 image 0, K with negative fy.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +26,25 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     calibration = [" ".join(f"{value:.6f}" for value in row) + "\n" for row in rows]
     atomic_write_text(folder / "calibration.txt", "".join(calibration))
     truth = contents.truth
-    if truth is not None and len(truth) > (frames_of_stamps(truth.stamps_s)[0] < 0.5):
-        write_truth(folder / "groundtruth.gt.freiburg", contents, "gt.freiburg")
+    if truth is None:
+        return
+    numbers = np.rint(frames_of_stamps(truth.stamps_s))
+    numbers = numbers[numbers >= 1]
+    name = _name_of_truth(folder)
+    if len(numbers):
+        write_truth(folder / f"{name}.gt.freiburg", contents, "gt.freiburg")
+    if len(numbers) and np.array_equal(numbers, np.arange(1, len(numbers) + 1)):
+        write_truth(folder / f"{name}.gt.sim", contents, "gt.sim")
+
+
+def _name_of_truth(folder: Path) -> str:
+    """The name of the ground truth in a folder named as the official ones, where gradslam looks for
+    it: livingRoom2n in living_room_traj2_frei_png.
+    """
+    official = re.fullmatch(r"(living_room_)?traj([0-3])n?_frei_png", folder.resolve().name)
+    if official is None:
+        return "groundtruth"
+    return f"livingRoom{official[2]}n" if official[1] else f"traj{official[2]}n"
 
 
 def _check(contents: Contents) -> None:

@@ -15,6 +15,7 @@ from ...errors import InputError, within
 from ...formats.depth_units import check_units
 from ...formats.files import is_file, read_json, write_json
 from ...formats.images import image_header
+from ...formats.ply import write_ply
 from ...formats.pose_folders import APPLIED_SCALE, numbers_of_names
 from ...formats.stamps import seconds_of_names
 from ...geometry import axes
@@ -29,8 +30,10 @@ from ..layout import (
     SequenceFormat,
     numbers_in,
 )
+from .colmap import HELD_OUT, surface_points
 
 FILE = Path("transforms.json")
+_POINTS = "points3D.ply"
 _FOLDERS = {RGB: "images"}
 #: Depth units per metre that nerfstudio assumes (depth_unit_scale_factor of its Nerfstudio data
 #: parser).
@@ -103,9 +106,29 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
         "camera_angle_y": float(2 * np.arctan(c.height / (2 * c.fy))),
         "enable_depth_loading": True,
         "integer_depth_scale": 1 / contents.depth_units_per_metre,
+        **_split(list(rgb.paths)),
+        **_points(folder, contents),
         "frames": [_frame(rgb_path, depth_path, pose) for rgb_path, depth_path, pose in rows],
     }
     write_json(folder / FILE, content)
+
+
+def _split(names: list[str]) -> dict[str, list[str]]:
+    """The names for training, and every 8th, which is held out, for validation and test."""
+    held_out = sorted(names)[::HELD_OUT]
+    train = [name for name in names if name not in held_out]
+    split = {"train_filenames": train, "val_filenames": held_out, "test_filenames": held_out}
+    return split if train else {}
+
+
+def _points(folder: Path, contents: Contents) -> dict[str, str]:
+    """Write points of the surface, in the world of the poses, if it is known."""
+    texts, _ = surface_points(contents)
+    if not texts:
+        return {}
+    values = np.array([text.split() for text in texts], float)
+    write_ply(folder / _POINTS, values[:, :3], colours=values[:, 3:].astype(np.uint8))
+    return {"ply_file_path": _POINTS}
 
 
 def _frame(rgb: str, depth: str, pose: list) -> dict:
