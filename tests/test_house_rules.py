@@ -40,7 +40,7 @@ MAY_IMPORT = {
     "shipped": "errors",
     "geometry": "errors settings shown",
     "native_output": "",
-    "formats": "errors geometry native_output",
+    "formats": "errors shown geometry native_output",
     "sensor": "errors settings geometry",
     "evaluation": "errors settings shown geometry",
     "channels": "formats",

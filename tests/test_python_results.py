@@ -19,6 +19,8 @@ sys.modules.setdefault("matplotlib", __import__("matplotlib")).use("Agg")
 
 POSES = SE3.exp(np.random.default_rng(0).normal(size=(8, 6)) * 0.2)
 MOVED = POSES @ SE3.exp(np.random.default_rng(1).normal(size=(8, 6)) * 0.01)
+SHIFT = np.zeros((4, 4))
+SHIFT[2, 3] = -0.6
 CAMERA = "16x12,16,-16,7.5,5.5"
 
 
@@ -144,6 +146,28 @@ def test_results_are_described_listed_and_drawn():
     assert "mm" in repr(results()[0])
 
 
+@pytest.mark.parametrize("name", iclnuim.__all__)
+def test_no_repr_prints_the_numbers_of_an_array(name):
+    public = getattr(iclnuim, name)
+    fields = getattr(public, "__dataclass_fields__", {}).values()
+    if inspect.isclass(public) and any("ndarray" in str(field.type) for field in fields):
+        made_by_dataclass = hasattr(vars(public).get("__repr__"), "__wrapped__")
+        assert not made_by_dataclass
+
+
+def test_an_array_in_a_repr_is_its_shape():
+    mesh = iclnuim.Mesh(np.zeros((400, 3)), np.zeros((0, 3), int), np.zeros((400, 0), np.uint8))
+    assert repr(mesh).startswith("Mesh(points=float64 (400, 3), triangles=int64 (0, 3), colours=")
+    association = iclnuim.associate(np.arange(3.0), np.arange(3.0))
+    assert "first=int64 (3,)" in repr(association) and "first_count=3" in repr(association)
+
+
+def test_an_inspection_lists_its_findings(sequence):
+    found = iclnuim.inspect_sequence(sequence.folder)
+    assert repr(found).endswith(f"{len(found.wrong)} wrong, {len(found.odd)} odd)")
+    assert found.to_dict()["pairs"] == 8 and found._repr_html_()
+
+
 def test_figures_of_an_error_are_those_of_its_parts():
     error = iclnuim.absolute_trajectory_error(POSES, MOVED)
     figures = error.to_dict()
@@ -243,6 +267,22 @@ def test_classes_and_functions_have_one_name(name):
     public = getattr(iclnuim, name)
     if inspect.isclass(public) or inspect.isfunction(public):
         assert public.__name__ == name
+
+
+def test_cameras_as_text_and_poses_as_matrices_are_taken_where_rays_are_cast():
+    pytest.importorskip("embreex", reason="embreex is not installed")
+    wall = np.array([[-9, -9, 2], [9, -9, 2], [0, 18, 2.0]])
+    caster = iclnuim.RayCaster(wall, np.array([[0, 1, 2]]))
+    assert np.allclose(caster.depth(CAMERA, np.eye(4)), 2)
+    views = SE3.exp([[1.0, 0, 0, 0, 0, 0]]).matrix
+    (held,) = iclnuim.check_held_out(caster, CAMERA, views, [np.eye(4), views[0] + SHIFT])
+    assert held.distance_m == pytest.approx(0.6)
+    seen = iclnuim.SeenBy(CAMERA, views)
+    assert seen.camera.fy == 16 and seen.T_world_camera.shape == (1,)
+    tracker = iclnuim.Tracker(iclnuim.odometer("icp"), CAMERA)
+    assert tracker.camera == seen.camera
+    job = iclnuim.RenderJob("a", "living_room", "kt2", camera="80x60")
+    assert job.camera.width == 80
 
 
 def test_a_sequence_and_its_parts_are_tracked_and_fused(sequence):

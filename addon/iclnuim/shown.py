@@ -12,6 +12,20 @@ if TYPE_CHECKING:
 MM = 1e3
 
 
+class Brief:
+    """Base of dataclasses with arrays: their repr has the shape of each array, not its numbers."""
+
+    def __repr__(self) -> str:
+        words = [f"{name}={_brief(value)}" for name, value in vars(self).items()]
+        return f"{type(self).__name__}({', '.join(words)})"
+
+
+def _brief(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape}"
+    return repr(value)
+
+
 class Shown:
     """Base of results: `summary()` is the text between the brackets of their repr, and `to_dict()`
     the content of their table in a notebook.

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from iclnuim.shown import Brief
 from numba import njit, prange
 
 from .grid import UNIT, Grid, row_of
@@ -195,8 +196,8 @@ def place_vertices(
                     colours[v, c] = np.uint8(min(mixed / (256 * (w + x)) + 0.5, 255.0))
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh(Brief):
     """points (n, 3) in metres, triangles (m, 3) counter-clockwise from free space, colours (n, 3)
     uint8 or (n, 0).
     """

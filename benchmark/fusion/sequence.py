@@ -6,6 +6,7 @@ import os
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from iclnuim.console import Meter, advance_of
@@ -16,6 +17,7 @@ from iclnuim.errors import InputError
 from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.geometry.se3 import SE3, Poses
 from iclnuim.geometry.trajectory import Trajectory, frame_slice, sample
+from iclnuim.shown import Shown
 
 from ..odometry.run import Sequence
 from .mesh import Mesh, extract
@@ -23,8 +25,8 @@ from .settings import FuseSettings
 from .volume import BlockLimitError, Volume
 
 
-@dataclass(frozen=True, eq=False)
-class FusedSurface:
+@dataclass(frozen=True, eq=False, repr=False)
+class FusedSurface(Shown):
     """The mesh, in the trajectory's world; the camera that was used; the frames left out, with
     reasons; counts and times.
     """
@@ -33,6 +35,14 @@ class FusedSurface:
     camera: SequenceCamera
     left_out: list[str]
     figures: dict
+
+    def summary(self) -> str:
+        counts = f"{len(self.mesh.points)} vertices, {len(self.mesh.triangles)} triangles"
+        return f"{counts} of {self.figures['frames']} frames, {len(self.left_out)} left out"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Counts, times, camera and settings."""
+        return self.figures
 
 
 def fuse_sequence(

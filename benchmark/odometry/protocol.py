@@ -10,6 +10,7 @@ import numpy as np
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
+from iclnuim.shown import Brief
 
 #: A frame with depth in less than this share of its pixels is not tracked.
 MIN_DEPTH_SHARE = 0.02
@@ -21,8 +22,8 @@ FLAT_M = 1e-3
 WRONG_M, WRONG_DEG = 0.02, 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
+@dataclass(frozen=True, eq=False, repr=False)
+class Frame(Brief):
     """grey (h, w) float32 in 0..255, depth_z_m (h, w) float32 planar depth in metres with 0 =
     missing, and the time stamp.
 
@@ -101,8 +102,8 @@ class OdometryStatus(Enum):
 Status = OdometryStatus
 
 
-@dataclass(frozen=True, eq=False)
-class OdometryResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class OdometryResult(Brief):
     """Result of one alignment. All fields except the pose are optional; `failure(reason)` makes a
     result without a pose.
 

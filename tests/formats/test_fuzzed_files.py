@@ -338,6 +338,20 @@ def test_damaged_lists_of_keyframes_are_read_or_refused(tmp_path, files):
         assert taken > files / 40 and refused > files / 8
 
 
+@FILES
+def test_damaged_cameras_are_read_or_refused(tmp_path, files):
+    path = tmp_path / "camera.json"
+    content = json.dumps(PinholeCamera().to_dict() | {"depth_units_per_metre": 5000}, indent=1)
+
+    def check(camera):
+        assert np.isfinite(camera.K).all() and camera.width > 0 and camera.fy > 0
+
+    taken, refused = read_all(
+        path, content.encode(), [5], files, lambda: PinholeCamera.read(path), check
+    )
+    assert taken > files / 40 and refused > files / 4
+
+
 #: Files of the sequence formats that are damaged in turn.
 SEQUENCES = {
     "replica": ("traj.txt", "cam_params.json", "results/frame000001.jpg"),

@@ -3,21 +3,29 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from ..errors import InputError
+from ..shown import Shown
 
 T = TypeVar("T")
 
 
-@dataclass
-class Inspection:
+@dataclass(repr=False)
+class Inspection(Shown):
     """Figures by name, and findings: `wrong` are errors, `odd` are warnings."""
 
     folder: Path
     figures: dict[str, object] = field(default_factory=dict)
     wrong: list[str] = field(default_factory=list)
     odd: list[str] = field(default_factory=list)
+
+    def summary(self) -> str:
+        return f"{self.folder}, {len(self.wrong)} wrong, {len(self.odd)} odd"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures by name, and the findings as sentences."""
+        return {**self.figures, "wrong": self.wrong, "odd": self.odd}
 
     def attempt(self, work: Callable[..., T], *arguments: object) -> T | None:
         """The result of work(*arguments).

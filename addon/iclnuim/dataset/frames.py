@@ -50,7 +50,7 @@ _FURTHER_IMAGE = re.compile(f"({'|'.join(FURTHER)})[0-9]+")
 TruthFile = tuple[str, bytes]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FrameSource:
     """Frames from which a sequence is made. `numbers` (n,), ascending, are their numbers, which
     also seed their noise.
@@ -79,6 +79,10 @@ class FrameSource:
     depth_units_per_metre: float = 0.0
     digest: Callable[[int], str] = lambda number: ""
     volatile: bool = False
+
+    def __repr__(self) -> str:
+        size = f"{self.camera.width}x{self.camera.height}"
+        return f"FrameSource({len(self.numbers)} frames of {size})"
 
     @property
     def channels(self) -> tuple[Channel, ...]:

@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..geometry.se3 import read_only
 from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
+from ..shown import Brief
 from .time_offset import best_offset, onto_stamps
 
 #: If a round of mutual best matches pairs fewer than 1 in this number of stamps, the heap does the
@@ -50,8 +51,8 @@ class AssociationSettings(Settings):
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Association:
+@dataclass(frozen=True, eq=False, repr=False)
+class Association(Brief):
     """Pairs (first[k], second[k]) of indices, (m,) each, ordered by first, then second.
 
     difference_s (m,): second + offset - first. first_count: the length of the first list.

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..shown import Brief
 
 #: The index of pixels without a class. Where the truth has it, a pixel never counts; where only a
 #: prediction has it, the pixel is wrong.
@@ -18,8 +19,8 @@ VOID = 0
 RARE = 0.001
 
 
-@dataclass(frozen=True, eq=False)
-class LabelFigures:
+@dataclass(frozen=True, eq=False, repr=False)
+class LabelFigures(Brief):
     """Figures of n classes. confusion (n + 1, n + 1) int64: pixels by true class (row) and
     predicted class (column), both from 0, VOID, on; row VOID is 0. Figures of each class are (n +
     1,), NaN for VOID and for classes that the truth does not have.

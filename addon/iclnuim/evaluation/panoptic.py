@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..shown import Brief
 from .labels import VOID
 
 #: A predicted segment matches a true one of its class above this IoU; no more than one does
@@ -15,8 +16,8 @@ from .labels import VOID
 _MATCHED = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class PanopticQuality:
+@dataclass(frozen=True, eq=False, repr=False)
+class PanopticQuality(Brief):
     """Segments by class, (n + 1,) each: matched pairs, false_positives (unmatched predicted ones),
     false_negatives (unmatched true ones), and iou_sum of the pairs. Figures of each class are NaN
     for classes of which the truth has no segment.
@@ -69,8 +70,8 @@ class PanopticQuality:
         return np.where(self.is_present, values, np.nan)
 
 
-@dataclass(frozen=True, eq=False)
-class Segmentation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Segmentation(Brief):
     """One image: classes from 0, VOID, on, and numbers of instances, integers (h, w)."""
 
     classes: np.ndarray

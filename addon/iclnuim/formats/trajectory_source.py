@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
+from ..shown import Brief
 from .column_names import names_in
 from .files import data_lines, is_number, read_text
 
@@ -45,8 +46,8 @@ class ReadAs:
     has_rotations: bool = True
 
 
-@dataclass(frozen=True, eq=False)
-class LoadedTrajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoadedTrajectory(Brief):
     """A right-handed trajectory of cv camera poses, and how its file was read.
 
     rows (n,): the rows of the poses, from 0, of row_count rows, lost ones included. is_counted:

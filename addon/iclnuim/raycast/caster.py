@@ -11,8 +11,8 @@ import numpy as np
 
 from ..errors import InputError, WorkError
 from ..formats.scene_model import SceneModel
-from ..geometry.camera import PinholeCamera
-from ..geometry.se3 import SE3
+from ..geometry.camera import CameraOrText, PinholeCamera
+from ..geometry.se3 import SE3, Poses
 from ..geometry.triangles import check_mesh
 
 
@@ -80,12 +80,14 @@ class RayCaster:
         )
 
     def depth(
-        self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)
+        self, camera: CameraOrText, T_world_camera: Poses, offset_px: Sequence[float] = (0.0, 0.0)
     ) -> np.ndarray:
-        """(h, w) planar Z in metres, 0 without a hit.
+        """(h, w) planar Z in metres, 0 without a hit, of one pose or its matrix (4, 4).
 
         Rays have z = 1, so the distance along them is Z.
         """
+        camera = PinholeCamera.of(camera)
+        T_world_camera = SE3.of(T_world_camera)
         rays = camera.rays() + (offset_px[0] / camera.fx, offset_px[1] / camera.fy, 0.0)
         hits = self.cast(T_world_camera.translation, rays @ T_world_camera.rotation.T)
         met = hits.triangle >= 0

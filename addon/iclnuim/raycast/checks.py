@@ -10,8 +10,8 @@ import numpy as np
 from ..channels import INSTANCE, NORMAL
 from ..errors import InputError
 from ..formats.scene_model import SceneModel
-from ..geometry.camera import PinholeCamera
-from ..geometry.se3 import SE3
+from ..geometry.camera import CameraOrText, PinholeCamera
+from ..geometry.se3 import SE3, Poses
 from .caster import RayCaster
 
 #: A pixel is on an edge if depth at this offset from its centre differs from the plane at the
@@ -72,7 +72,7 @@ class GlassCaster(RayCaster):
         self._holes = holes
 
     def depth(
-        self, camera: PinholeCamera, T_world_camera: SE3, offset_px: Sequence[float] = (0.0, 0.0)
+        self, camera: CameraOrText, T_world_camera: Poses, offset_px: Sequence[float] = (0.0, 0.0)
     ) -> np.ndarray:
         """(h, w) planar Z in metres, 0 without depth."""
         behind = self._behind.depth(camera, T_world_camera, offset_px)

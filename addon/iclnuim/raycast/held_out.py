@@ -9,9 +9,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import so3
-from ..geometry.camera import PinholeCamera
+from ..geometry.camera import CameraOrText, PinholeCamera
 from ..geometry.handheld import rotation_world_camera
-from ..geometry.se3 import SE3
+from ..geometry.se3 import SE3, Poses
 from .caster import RayCaster
 from .visibility import seen_points
 
@@ -47,9 +47,9 @@ class HeldOutView:
 
 def check_held_out(
     caster: RayCaster,
-    camera: PinholeCamera,
-    T_world_view: SE3,
-    T_world_training: SE3,
+    camera: CameraOrText,
+    T_world_view: Poses,
+    T_world_training: Poses,
     on_view: Callable[[], object] = lambda: None,
 ) -> list[HeldOutView]:
     """Compare views (n,) with training views (k,) of the same camera, all in the caster's world.
@@ -59,7 +59,9 @@ def check_held_out(
     Raises InputError if a view is not new, or more than MAX_UNSEEN of it was not seen by training
     views.
     """
-    views = [T_world_view[k] for k in range(len(T_world_view))]
+    camera = PinholeCamera.of(camera)
+    views = list(SE3.of(T_world_view))
+    T_world_training = SE3.of(T_world_training)
     nearest = [_nearest(view, T_world_training) for view in views]
     if near := [k for k, place in enumerate(nearest) if not HeldOutView(*place, 0.0).is_new]:
         expected = (
@@ -87,8 +89,8 @@ def check_held_out(
 
 def choose_held_out(
     caster: RayCaster,
-    camera: PinholeCamera,
-    T_world_training: SE3,
+    camera: CameraOrText,
+    T_world_training: Poses,
     count: int,
     seed: int = 0,
     on_view: Callable[[], object] = lambda: None,
@@ -100,6 +102,8 @@ def choose_held_out(
     They have no roll relative to the z axis of the world. The same arguments give the same views.
     Raises InputError if too few are found.
     """
+    camera = PinholeCamera.of(camera)
+    T_world_training = SE3.of(T_world_training)
     rng = np.random.default_rng(seed)
     chosen = SE3.identity((0,))
     some = T_world_training[:: -(-len(T_world_training) // 100)]  # for a first, rough check
