@@ -17,7 +17,7 @@ SMALL = {
     "make office/kt0": ("--frames", ":2", "--camera", "160x120"),
     "benchmark": ("--frames", ":6", "--no-surfaces"),
     "stress": ("--frames", ":6"),
-    "evaluate rpe": ("--delta", "1f"),
+    "evaluate rpe": ("--delta", "4"),
     "trajectory make": ("--viewpoints", "auto:2"),
     "make --scene": ("--frames", ":2", "--camera", "80x60"),
 }

@@ -10,13 +10,17 @@ from iclnuim import shipped
 from iclnuim.console import Console
 from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.scene_axes import SceneReading
-from iclnuim.job import RenderJob, shipped_job
+from iclnuim.job import RenderJob, bake_core_s, shipped_job, shipped_light
 from iclnuim.worker_events import Event, Note
 
+from ..farm.chunks import own_cores
 from ..options import add_scene_options, add_settings, common, settings_from
+from ..planned_work import PlannedWork, add_dry_run, told
 
 #: The settings of a job that decide its light map.
 _LIGHT_MAP = ("map_size", "map_samples", "seed")
+#: Three colours as half floats.
+_BYTES_A_TEXEL = 6
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -24,10 +28,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help=help)
     add_scene_options(parser)
     add_settings(parser, RenderJob, _LIGHT_MAP)
+    add_dry_run(parser)
     common(parser, "iclnuim bake living_room").set_defaults(opens="scene")
 
 
 def run(args: argparse.Namespace, console: Console) -> None:
+    job = _job(args)
+    if args.dry_run:
+        told(_work(job), args, console)
+        return
     try:
         from iclnuim.blender.light import light_files
         from iclnuim.blender.render import worker
@@ -38,10 +47,19 @@ def run(args: argparse.Namespace, console: Console) -> None:
         if isinstance(event, Note):
             console.note(event.text)
 
-    folder, _ = worker.bake_light(_job(args), listen)
+    folder, _ = worker.bake_light(job, listen)
     recipe = light_files.read_recipe(folder)
     text = f"{folder}\n{recipe['texels']} texels, baked in {recipe['seconds']} s"
     console.result({"folder": str(folder), **recipe}, text)
+
+
+def _work(job: RenderJob) -> PlannedWork:
+    """The bake of a light map that is not in the cache: nothing for one that is shipped."""
+    if shipped_light(job) is not None:
+        return PlannedWork("the light map is shipped with the room", 0.0)
+    what = f"light map, {job.map_size} texels wide, {job.map_samples} samples, unless it is cached"
+    size = job.map_size**2 * _BYTES_A_TEXEL
+    return PlannedWork(what, bake_core_s(job) / len(own_cores()), size / 1e9)
 
 
 def _job(args: argparse.Namespace) -> RenderJob:

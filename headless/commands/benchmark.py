@@ -24,13 +24,19 @@ from iclnuim.formats.files import atomic_write_text, make_folder
 from ..farm.lock import OutputLock
 from ..method_options import require
 from ..options import add_frames, common, count
+from ..planned_work import PlannedWork, add_dry_run, told
 from ..sequence_options import note_sequence
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.cell import Measured
     from iclnuim.benchmark.experiments.paper_sources import Sources
+    from iclnuim.benchmark.experiments.recipes.paper import Paper
+    from iclnuim.benchmark.experiments.store import Store
 
 _BYTES_A_WORKER = 2 << 30
+#: Core-seconds of a frame: 80 cells of docs/measured/benchmark.md took 3.6 core-hours.
+_TRACK_CORE_S = 0.07
+_FUSE_CORE_S = 0.07
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -97,6 +103,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     help = "measure nothing: write tables and report of the cells in DIR; default: those in --out"
     add("--report-only", nargs="?", const="", metavar="DIR", help=help)
+    add_dry_run(parser)
     common(parser, "iclnuim benchmark --only living_room/kt0,kt2/icp,dvo")
 
 
@@ -110,7 +117,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
     args.out = Path(args.report_only or args.out)
     if args.report_only is None:
         require("benchmark", "numba", "cv2", *(() if args.no_surfaces else ("embreex", "igl")))
-        problems = _measure(args, console)
+        from iclnuim.benchmark.experiments.recipes.paper import KIND
+        from iclnuim.benchmark.experiments.store import Store
+
+        paper = _experiment(args, console)
+        store = Store(args.out, KIND)
+        if told(_work(paper, store, args.workers or _workers()), args, console):
+            return 0
+        with OutputLock(args.out / "work"):
+            problems = paper.run(store, args.workers or _workers(), console)
     from iclnuim.benchmark.experiments.paper_page import write_report
 
     results = measured_cells(args.out)
@@ -141,14 +156,10 @@ def measured_cells(out: Path) -> "list[Measured]":
     return results
 
 
-def _measure(args: argparse.Namespace, console: Console) -> list[str]:
-    """Measure the missing cells; returns a sentence for each cell that could not be measured.
-
-    Raises InputError if no cell can be.
-    """
+def _experiment(args: argparse.Namespace, console: Console) -> "Paper":
+    """The experiment that the options describe. Raises InputError if no cell can be measured."""
     from iclnuim.benchmark.experiments.paper_sources import Sources, external_keys
-    from iclnuim.benchmark.experiments.recipes.paper import KIND, Paper
-    from iclnuim.benchmark.experiments.store import Store
+    from iclnuim.benchmark.experiments.recipes.paper import Paper
 
     if unknown := [name for name in args.presets if name not in PRESETS]:
         expected = f"presets of {', '.join(PRESETS)}"
@@ -162,10 +173,17 @@ def _measure(args: argparse.Namespace, console: Console) -> list[str]:
     systems = {}
     if args.systems.is_dir():
         systems = external_keys(args.systems, keys, sources, args.first)
-    paper = Paper(sources, keys, systems, args.first, surfaces=not args.no_surfaces)
-    with OutputLock(args.out / "work"):
-        store = Store(args.out, KIND)
-        return paper.run(store, args.workers or _workers(), console)
+    return Paper(sources, keys, systems, args.first, surfaces=not args.no_surfaces)
+
+
+def _work(paper: "Paper", store: "Store", workers: int) -> PlannedWork:
+    """The cells that are not measured."""
+    cells = paper.cells()
+    missing = store.missing(cells)
+    frames = sum(paper.sources.frames(cell.key, paper.first) for cell in missing)
+    seconds = frames * (_TRACK_CORE_S + paper.surfaces * _FUSE_CORE_S) / workers
+    what = f"{len(missing)} of {len(cells)} cells to measure, {frames} frames, {workers} processes"
+    return PlannedWork(what, seconds)
 
 
 def _measurable(

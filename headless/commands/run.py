@@ -24,6 +24,7 @@ from iclnuim.console import Console
 from iclnuim.errors import InputError
 
 from ..options import FRAMES, add_frames, common, count
+from ..planned_work import PlannedWork, add_dry_run, told
 from ..sequence_options import add_camera_options, camera_from, note_sequence
 
 
@@ -69,6 +70,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="only write the view and the settings file, and print the command",
     )
     add_camera_options(parser)
+    add_dry_run(parser)
     common(
         parser, "iclnuim run orbslam3 out/living_room/kt2/clean --runs 3 --vocabulary ORBvoc.txt"
     )
@@ -98,6 +100,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
             commands.append(system.filled(system.settings.command, values))
         console.result({"commands": commands}, "\n".join(map(" ".join, commands)))
         return 0
+    if told(_work(experiments, args.runs), args, console):
+        return 0
     results = []
     progress = console.progress(args.runs * len(experiments), f"run {system.name}", "runs")
     with _terminated_as_interrupted():
@@ -110,6 +114,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
     console.result({"results": results}, "\n\n".join(table(one).text() for one in results))
     found = [row for row in chain.from_iterable(one["runs"] for one in results) if row["coverage"]]
     return 0 if found else 3
+
+
+def _work(experiments: list[SystemRuns], runs: int) -> PlannedWork:
+    """All runs, at the rate of the cameras."""
+    frames = sum(len(e.sequence.pairs) for e in experiments)
+    seconds = sum(len(e.sequence.pairs) / e.sequence.rate_hz for e in experiments)
+    name = experiments[0].system.name
+    what = f"{runs} runs of {name} on {len(experiments)} sequences, {frames} frames, in real time"
+    return PlannedWork(what, runs * seconds)
 
 
 _COLUMNS = (

@@ -22,13 +22,15 @@ from iclnuim.job import RenderJob, read_recipe, shipped_job
 
 from .. import options
 from ..farm import tasks
-from ..farm.all_sequences import make_all
-from ..farm.chunks import numbers_from
+from ..farm.all_sequences import lacking, make_all
+from ..farm.chunks import numbers_from, own_cores
+from ..farm.estimate import local_estimate
 from ..farm.execution import execute, refuse_print_only
 from ..farm.farm_settings import FarmSettings, SlurmSettings, read_settings
 from ..farm.rendering import stop_on_signals
 from ..farm.run_plan import RunPlan, find_run, read_plan
 from ..outputs import refuse_existing
+from ..planned_work import PlannedWork, add_dry_run, told
 from ..sequence_options import add_sensor_options, log_settings, sequence_options
 
 #: Two seconds of consecutive frames: enough for odometers, fusion and errors over one second. They
@@ -52,6 +54,7 @@ def configure_make(parser: argparse.ArgumentParser) -> None:
         "of what these saw; their number, or their trajectory"
     )
     parser.add_argument("--held-out", metavar="N|TRAJECTORY", help=views)
+    add_dry_run(parser)
     _add_farm_options(parser, "iclnuim make kt2 --quick", _begin)
 
 
@@ -59,6 +62,7 @@ def configure_render(parser: argparse.ArgumentParser) -> None:
     add_run_options(parser, "render", "folder of the run; default: out/SEQUENCE/raw")
     blend = "also save the scene with the animated camera, to play it in Blender"
     parser.add_argument("--blend", type=Path, metavar="FILE", help=blend)
+    add_dry_run(parser)
     _add_farm_options(parser, "iclnuim render kt2 --quick", _begin)
 
 
@@ -229,10 +233,40 @@ def _begin(args: argparse.Namespace, console: Console) -> int:
     if args.command == "make" and args.sequence == "all":
         plans = every_plan(args)
         refuse_print_only(plans[0], args.print_only)
+        if told(_work(plans), args, console):
+            return 0
         return make_all(plans, partial(execute, print_only=args.print_only), console)
     plan = plan_from(args)
+    if plan.farm.engine == "local" and told(_work([plan]), args, console):
+        return 0
     blend = _new_blend(getattr(args, "blend", None), plan, console)
-    return execute(plan, console, args.print_only, blend)
+    return execute(plan, console, args.print_only or args.dry_run, blend)
+
+
+def _work(plans: list[RunPlan]) -> PlannedWork:
+    """The missing frames of runs on this machine, one after another. The raw frames of a run are
+    removed before those of the next one are rendered, unless they are kept.
+    """
+    cores = len(own_cores())
+    missing = 0
+    minutes = 0.0
+    sequences_gb = 0.0
+    raw_gb = [0.0]
+    for plan in plans:
+        if frames := lacking(plan):
+            cost = local_estimate(plan, frames, cores)
+            written_gb = local_estimate(plan, 0, cores).gigabytes
+            missing += frames
+            minutes += cost.wall_minutes
+            sequences_gb += written_gb
+            raw_gb.append(cost.gigabytes - written_gb)
+    gigabytes = sequences_gb + (sum(raw_gb) if plans[0].keep_raw else max(raw_gb))
+    where = f"{len(plans)} sequences"
+    if len(plans) == 1:
+        where = f"{plans[0].job.sequence}, in {plans[0].out}"
+    total = sum(len(plan.numbers) for plan in plans)
+    what = f"{missing} of {total} frames to render on {cores} cores, {where}"
+    return PlannedWork(what, 60 * minutes, gigabytes)
 
 
 def _new_blend(blend: Path | None, plan: RunPlan, console: Console) -> Path | None:

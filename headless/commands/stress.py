@@ -17,12 +17,15 @@ from iclnuim.formats.files import make_folder, write_json
 
 from ..method_options import installed, require
 from ..options import add_frames, common, count
+from ..planned_work import PlannedWork, add_dry_run, told
 from ..sequence_options import note_sequence
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.recipes.stress import Stress
     from iclnuim.benchmark.perturbations.plan import Plan
 
+#: Core-seconds to perturb and track a frame, in the mean of the odometers.
+_FRAME_CORE_S = 0.3
 _SEVERITIES = (1, 2, 3, 4, 5)
 _DEFAULT = (Path("out/living_room/kt2/clean"), Path("out/office/kt1/clean"))
 
@@ -94,6 +97,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add(
         "--plot", type=Path, metavar="FILE", help="draw heat maps of all methods (.png, .pdf, .svg)"
     )
+    add_dry_run(parser)
     common(parser, "iclnuim stress out/living_room/kt2/clean --only holes --only noise --starts 1")
 
 
@@ -128,7 +132,10 @@ def run(args: argparse.Namespace, console: Console) -> None:
     stress = _experiment(args, console, plan, may_be_empty=bool(given) and args.report_only)
     store = Store(args.out, KIND)
     if not args.report_only:
-        stress.run(store, args.workers or cores(), console)
+        workers = args.workers or cores()
+        if told(_work(stress, len(store.missing(stress.cells())), workers), args, console):
+            return
+        stress.run(store, workers, console)
     others = () if args.methods or args.system else sorted({key.method for key in given})
     names = tuple(dict.fromkeys([*stress.names, *others]))
     cells = chosen(given, names, stress.perturbations, args.severities, args.starts)
@@ -147,6 +154,13 @@ def run(args: argparse.Namespace, console: Console) -> None:
 
         charts.save(figure(summary), args.plot)
     console.result(summary.to_dict(), summary.overview().text())
+
+
+def _work(stress: "Stress", cells: int, workers: int) -> PlannedWork:
+    """The cells that are not measured."""
+    frames = cells * stress.plan.frames
+    what = f"{cells} of {len(stress.cells())} cells to measure, {frames} frames"
+    return PlannedWork(f"{what}, {workers} processes", frames * _FRAME_CORE_S / workers)
 
 
 def _experiment(

@@ -21,7 +21,7 @@ class _Whole(Console):
 
     def __init__(self, console: Console, plans: Sequence[RunPlan]) -> None:
         super().__init__(console.quiet, console.as_json)
-        self._later = {plan.job.sequence: _lacking(plan) for plan in plans}
+        self._later = {plan.job.sequence: lacking(plan) for plan in plans}
         self._progress = console.progress(sum(self._later.values()), "all")
 
     def begin(self, plan: RunPlan) -> None:
@@ -59,8 +59,12 @@ def make_all(
     return 0
 
 
-def _lacking(plan: RunPlan) -> int:
-    """Number of frames that are missing in the journal of at least one sequence."""
+def lacking(plan: RunPlan) -> int:
+    """Number of frames that are missing in the journal of at least one sequence; of a run without
+    sequences, of those that are not rendered.
+    """
+    if plan.sequences is None:
+        return len(plan.missing())
     made = set(plan.numbers)
     for folder in plan.variants():
         made &= read_entries(folder).keys()

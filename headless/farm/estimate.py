@@ -5,7 +5,7 @@ defaults; they also decide the size of chunks.
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import ceil
 from pathlib import Path
 from statistics import fmean, median
@@ -172,6 +172,13 @@ def estimate(plan: RunPlan, chunks: list[int], known: FrameCost) -> CostEstimate
         figures=f"{known.frame_core_s:.2f} core-seconds per frame, {known.start_s:.0f} s to start: "
         + source,
     )
+
+
+def local_estimate(plan: RunPlan, frames: int, cores: int) -> CostEstimate:
+    """Estimate the cost of `frames` missing frames on this machine."""
+    chunks = [frames] if frames else []
+    slurm = replace(plan.slurm, cpus=cores, at_once=1)
+    return estimate(replace(plan, slurm=slurm), chunks, known(plan.job))
 
 
 def _gigabytes(plan: RunPlan, frames: int) -> float:

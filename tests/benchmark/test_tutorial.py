@@ -136,3 +136,14 @@ def test_killed_at_any_moment_it_ends_in_the_same_tables(made, tmp_path):
     assert not [
         path for path in killed.rglob("*") if path.name.endswith(".part") or ".tmp" in path.name
     ]
+
+
+def test_a_dry_run_counts_the_cells_that_are_missing(made, tmp_path, capfd):
+    words = ["benchmark", "--data", str(made / "out"), "--out", str(tmp_path / "none")]
+    words += ["--frames", ":12", "--only", "kt0/icp/model/office", "--dry-run"]
+    assert cli.main([*words, "--workers", "1"]) == 0
+    whole = capfd.readouterr().out
+    assert whole.startswith("2 of 2 cells to measure, 24 frames, 1 processes: about 3 s")
+    assert cli.main([*words, "--workers", "1", "--no-surfaces"]) == 0
+    assert capfd.readouterr().out.endswith(": about 2 s\n")
+    assert not (tmp_path / "none").exists()

@@ -96,7 +96,7 @@ def test_an_odometer_without_iterations_works_in_every_command(
         command_here, "bench", "odometry", folder, "--only", "ours:still", "--first", "6"
     )["results"]
     assert [one["odometer"] for one in compared["runs"]] == ["still"]
-    words = ("--frames", "6", "--starts", "1", "--only", "holes", "--severities", "5")
+    words = ("--frames", ":6", "--starts", "1", "--only", "holes", "--severities", "5")
     groups = result(
         command_here, "stress", folder, "-o", "stress", *words, "--methods", "still", "--workers", 1
     )
@@ -147,7 +147,7 @@ def test_a_scene_that_the_paper_does_not_have_works_in_every_command(
     assert table["notes"] == ["The paper's tables do not have cellar."]
     for number in range(2, 8):
         assert command_here("table", number, "--out", tmp_path / "bench")[0] == 0
-    words = ("--frames", "6", "--starts", "1", "--only", "holes", "--severities", "5")
+    words = ("--frames", ":6", "--starts", "1", "--only", "holes", "--severities", "5")
     box = tmp_path / "cellar/loop/clean"
     methods = ("--methods", "opencv-icp", "--workers", "1")
     assert result(command_here, "stress", box, "-o", "stress", *words, *methods)["cells"]

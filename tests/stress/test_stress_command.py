@@ -18,7 +18,7 @@ from iclnuim.benchmark.perturbations.plan import read_plan
 from iclnuim.errors import InputError
 from iclnuim.headless.commands.stress import _segment, _systems
 
-SMALL = ("--frames", "6", "--starts", "1", "--methods", "opencv", "--workers", "1")
+SMALL = ("--frames", ":6", "--starts", "1", "--methods", "opencv", "--workers", "1")
 
 
 def cells(out):
@@ -214,7 +214,7 @@ def test_heat_maps_are_drawn(command_here, folder, tmp_path):
     [
         (("--only", "xyz"), "--only: expected part of a name of bare_wall"),
         (("--methods", "xyz"), "--methods: expected part of a name of dvo"),
-        (("--frames", "400", "--methods", "opencv"), "expected at least 400 frames"),
+        (("--frames", ":400", "--methods", "opencv"), "expected at least 400 frames"),
         (("--system", "fovis", "--set", "x=1"), "--set: expected SYSTEM.NAME=VALUE"),
         (
             ("--report-only", "--methods", "opencv"),
@@ -298,7 +298,7 @@ def test_a_system_is_judged_by_what_it_writes_of_the_perturbed_frames(
         "--severities",
         "5",
         "--frames",
-        "8",
+        ":8",
     )
     words = (*words, "--starts", "1", "--methods", "baseline:opencv-icp", "--workers", "1")
     code, _, err = command_here(*words, "--system", "baseline:opencv-rgbd-icp", "--runs", "2")
@@ -315,3 +315,13 @@ def test_a_system_is_judged_by_what_it_writes_of_the_perturbed_frames(
         and system["coverage"] == own["coverage"]
     )
     assert not (tmp_path / "out/work").exists() or not any((tmp_path / "out/work").rglob("*.png"))
+
+
+def test_a_dry_run_counts_the_cells_that_are_missing_and_measures_none(
+    folder, tmp_path, command_here
+):
+    words = ("stress", folder, "--only", "holes", "--methods", "icp", "--starts", "1")
+    out = tmp_path / "out"
+    code, said, _ = command_here(*words, "--frames", ":6", "--dry-run", "--workers", 1, "-o", out)
+    assert code == 0 and said.startswith("6 of 6 cells to measure, 36 frames, 1 processes: about")
+    assert not list(tmp_path.rglob("*.json"))

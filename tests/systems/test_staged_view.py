@@ -242,3 +242,11 @@ def test_sequences_of_two_rooms_are_told_apart_by_their_recipes(make_sequence, t
         "office/kt2/clean",
         "kt2/clean",
     ]
+
+
+def test_a_dry_run_says_how_long_the_runs_last_and_runs_nothing(fake, sequence, tmp_path, capsys):
+    words = ["run", fake("good"), sequence, "-o", tmp_path / "out", "--runs", "3", "--dry-run"]
+    assert cli.main([str(word) for word in words]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("3 runs of") and "60 frames, in real time: about 6 s" in out
+    assert not list(tmp_path.rglob("results.json"))

@@ -1,0 +1,51 @@
+"""What a command will do, how long it will take, and how much it will write: alone with --dry-run,
+and as a note before work of more than a minute.
+"""
+
+import argparse
+from dataclasses import asdict, dataclass
+
+from iclnuim.console import Console
+
+#: Work that takes longer is announced.
+ANNOUNCED_S = 60.0
+
+
+@dataclass(frozen=True)
+class PlannedWork:
+    """what: a phrase. seconds: an estimate of the wall time on this machine. gigabytes: of what is
+    written.
+    """
+
+    what: str
+    seconds: float
+    gigabytes: float = 0.0
+
+    def sentence(self) -> str:
+        """`882 frames of living_room/kt2: about 3 minutes, 1.1 GB`."""
+        if not self.seconds:
+            return f"{self.what}: nothing to do"
+        disk = f", {self.gigabytes:.1f} GB" if self.gigabytes >= 0.05 else ""
+        return f"{self.what}: about {_duration(self.seconds)}{disk}"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 90 * 60:
+        return f"{seconds / 60:.0f} minutes"
+    return f"{seconds / 3600:.1f} hours"
+
+
+def add_dry_run(parser: argparse.ArgumentParser) -> None:
+    help = "only say what will run, about how long, and how much it writes"
+    parser.add_argument("--dry-run", action="store_true", help=help)
+
+
+def told(work: PlannedWork, args: argparse.Namespace, console: Console) -> bool:
+    """Say what is planned; whether that is all that was requested."""
+    if args.dry_run:
+        console.result(asdict(work), work.sentence())
+    elif work.seconds > ANNOUNCED_S:
+        console.note(work.sentence())
+    return bool(args.dry_run)

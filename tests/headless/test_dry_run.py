@@ -1,0 +1,91 @@
+"""`--dry-run` says what would run, how long and how large, and does nothing."""
+
+import argparse
+import json
+
+import pytest
+from iclnuim.console import Console
+from iclnuim.headless.cli import main
+from iclnuim.headless.farm.run_plan import RunPlan
+from iclnuim.headless.planned_work import PlannedWork, told
+from iclnuim.job import shipped_job
+
+
+def planned(capfd, *words):
+    assert main([*words, "--dry-run", "--json", "--quiet"]) == 0
+    return json.loads(capfd.readouterr().out)
+
+
+@pytest.fixture(autouse=True)
+def empty(tmp_path, monkeypatch):
+    monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["make kt2", "make all", "render kt2", "bake office --map-size 512", "make kt2 --quick"],
+)
+def test_nothing_is_made(line, tmp_path, capfd):
+    found = planned(capfd, *line.split())
+    assert found["seconds"] > 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_more_frames_and_pixels_take_longer_and_more_room(capfd):
+    few = planned(capfd, "make", "kt2", "--frames", ":100")
+    many = planned(capfd, "make", "kt2", "--frames", ":800")
+    small = planned(capfd, "make", "kt2", "--frames", ":800", "--camera", "160x120")
+    assert few["what"].startswith("100 of 100 frames to render")
+    assert 2 < many["seconds"] / few["seconds"] < 8
+    assert many["gigabytes"] == pytest.approx(8 * few["gigabytes"])
+    assert small["gigabytes"] == pytest.approx(many["gigabytes"] / 16)
+
+
+def test_the_raw_frames_of_all_sequences_are_not_there_together(capfd):
+    removed = planned(capfd, "make", "all", "--frames", ":10")["gigabytes"]
+    kept = planned(capfd, "make", "all", "--frames", ":10", "--keep-raw")["gigabytes"]
+    one = planned(capfd, "make", "kt2", "--frames", ":10")["gigabytes"]
+    assert kept == pytest.approx(8 * one)
+    assert one < removed < kept
+
+
+def test_light_that_is_shipped_is_not_baked(capfd):
+    assert main(["bake", "living_room", "--dry-run"]) == 0
+    assert capfd.readouterr().out.endswith(": nothing to do\n")
+    double = [planned(capfd, "bake", "office", "--map-size", size) for size in ("512", "1024")]
+    assert double[1]["seconds"] == pytest.approx(4 * double[0]["seconds"])
+    assert double[1]["gigabytes"] == pytest.approx(4 * double[0]["gigabytes"])
+
+
+@pytest.mark.parametrize(
+    ("seconds", "gigabytes", "text"),
+    [
+        (0, 0, "frames: nothing to do"),
+        (61, 0.01, "frames: about 61 s"),
+        (300, 1.06, "frames: about 5 minutes, 1.1 GB"),
+        (9000, 20, "frames: about 2.5 hours, 20.0 GB"),
+    ],
+)
+def test_time_and_room_are_said_in_units_that_fit(seconds, gigabytes, text):
+    assert PlannedWork("frames", seconds, gigabytes).sentence() == text
+
+
+@pytest.mark.parametrize(("seconds", "noted"), [(59, False), (61, True)])
+def test_work_of_more_than_a_minute_is_announced(seconds, noted, capfd):
+    args = argparse.Namespace(dry_run=False)
+    assert not told(PlannedWork("frames", seconds), args, Console())
+    out, err = capfd.readouterr()
+    assert out == "" and bool(err) == noted
+
+
+def test_a_dry_run_for_slurm_shows_the_job_scripts(capfd):
+    pytest.importorskip("submitit")
+    assert main(["make", "kt2", "--engine", "slurm", "--dry-run"]) == 0
+    assert "#SBATCH" in capfd.readouterr().out
+
+
+def test_a_plan_without_sequences_lacks_all_frames(tmp_path):
+    from iclnuim.headless.farm.all_sequences import lacking
+
+    assert lacking(RunPlan(shipped_job("kt2"), tmp_path / "raw", (0, 1, 2))) == 3
