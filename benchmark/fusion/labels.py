@@ -2,6 +2,7 @@
 surface that was seen: the figures do not depend on how finely either mesh is divided.
 """
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,28 +62,34 @@ class TrueLabels:
         return cls((LabelClass(0, ""), *table.classes), indices.values)
 
 
+def label_samples(
+    surface: TrueSurface, seen: Seen | None, settings: QualitySettings | None = None
+) -> np.ndarray:
+    """(n, 3) points, uniform by area over the part of the model that was seen, or, for None, over
+    all of it.
+    """
+    if seen is not None:
+        return seen.points_m
+    settings = settings or QualitySettings()
+    return sampled(surface.vertices, surface.triangles, settings.samples, settings.seed)
+
+
 def surface_labels(
     surface: TrueSurface,
     truth: TrueLabels,
     mesh: Reconstruction,
     T_model_mesh: SE3,
-    seen: Seen | None,
+    samples_m: np.ndarray,
     classes: str = OURS,
-    settings: QualitySettings | None = None,
 ) -> LabelErrors:
-    """Compare the labels of a reconstruction with the classes of the model at samples of the part
-    that was seen, or, for None, of all of it. A sample has the label of the nearest triangle (or
-    its nearest corner, or the nearest point of a cloud) within 5 cm.
+    """Compare the labels of a reconstruction with the classes of the model at samples (n, 3) of the
+    model. A sample has the label of the nearest triangle (or its nearest corner, or the nearest
+    point of a cloud) within 5 cm.
 
     Raises InputError if the reconstruction has no labels, or no sample has a true class.
     """
     if mesh.labels is None:
         raise InputError("a reconstruction with labels", found="none")
-    settings = settings or QualitySettings()
-    if seen is None:
-        samples_m = sampled(surface.vertices, surface.triangles, settings.samples, settings.seed)
-    else:
-        samples_m = seen.points_m
     known = {kind.id: kind for kind in truth.kinds if kind.id}
     table = class_map(classes, ClassMap(OURS, tuple(known.values())))
     of_kinds = np.array([table.of_truth(kind) for kind in truth.kinds], np.int32)
@@ -91,16 +98,13 @@ def surface_labels(
     labels, distances_m = _nearest_labels(samples_m, points_m, mesh.triangles, mesh.labels)
     predicted = table.indices(labels)
     values = np.where(distances_m <= _REACH_M, predicted.values, VOID)
-    without = []
-    for index in np.unique(kinds):
-        name = truth.kinds[index].name
-        if name and of_kinds[index] == VOID:
-            without.append((name, int((kinds == index).sum())))
+    without = Counter(truth.kinds[k].name for k in kinds[of_kinds[kinds] == VOID].tolist())
+    without.pop("", None)
     return LabelErrors(
         table,
         label_figures(label_confusion(of_kinds[kinds], values, len(table.classes))),
         unknown=tuple(predicted.unknown.items()),
-        without=tuple(without),
+        without=tuple(without.items()),
     )
 
 

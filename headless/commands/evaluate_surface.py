@@ -62,8 +62,8 @@ def configure(actions: Actions) -> None:
 
         add_settings(surface, QualitySettings)
     help = (
-        "also compare the labels of MESH, a property class or label of faces or vertices of a .ply, "
-        "with the classes of the model"
+        "also compare the labels of MESH, a property class or label of faces or vertices of a "
+        ".ply, with the classes of the model"
     )
     add("--labels", action="store_true", help=help)
     add_classes(surface)
@@ -152,10 +152,11 @@ def run(args: argparse.Namespace, console: Console) -> None:
     )
     values["quality"] = {**settings.to_dict(), **quality.to_dict()}
     if args.labels:
-        from iclnuim.benchmark.fusion.labels import surface_labels
+        from iclnuim.benchmark.fusion.labels import label_samples, surface_labels
 
         truth = _true_labels(args.model, model)
-        labels = surface_labels(surface, truth, mesh, T, seen, args.classes, settings)
+        samples_m = label_samples(surface, seen, settings)
+        labels = surface_labels(surface, truth, mesh, T, samples_m, args.classes)
         values["labels"] = labels.to_dict()
         for sentence in label_notes(values["labels"]):
             console.note(f"note: {sentence}")

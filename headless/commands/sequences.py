@@ -295,8 +295,8 @@ def configure_inspect(parser: argparse.ArgumentParser) -> None:
     help = "a sequence in any supported format"
     parser.add_argument("folder", type=Path, metavar="DIR", help=help)
     help = (
-        "write preview.png (colour, depth, error) and preview.mp4 into FOLDER, and classes.png with "
-        "their names if the sequence has classes"
+        "write preview.png (colour, depth, error) and preview.mp4 into FOLDER, and classes.png "
+        "with their names if the sequence has classes"
     )
     parser.add_argument("--preview", type=Path, metavar="FOLDER", help=help)
     help = "write its classes and instances as annotations of COCO (.json)"

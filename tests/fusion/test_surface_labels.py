@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from iclnuim.benchmark.fusion.labels import TrueLabels, surface_labels
+from iclnuim.benchmark.fusion.labels import TrueLabels, label_samples, surface_labels
 from iclnuim.benchmark.fusion.quality import SeenBy, what_was_seen
 from iclnuim.benchmark.fusion.reconstruction import read_reconstruction
 from iclnuim.benchmark.fusion.settings import QualitySettings
@@ -47,7 +47,7 @@ def evaluated(path, points, triangles, labels, seen=None, classes="ours", **give
     T = given.get("T", SE3.identity())
     if isinstance(seen, SeenBy):
         seen = what_was_seen(surface, seen, SETTINGS)
-    return surface_labels(surface, truth, mesh, T, seen, classes, SETTINGS)
+    return surface_labels(surface, truth, mesh, T, label_samples(surface, seen, SETTINGS), classes)
 
 
 def test_a_perfect_surface_has_one_and_areas_are_those_of_the_sides(tmp_path):
@@ -89,9 +89,9 @@ def test_a_dense_mesh_may_have_labels_of_its_vertices(tmp_path):
         mesh = read_reconstruction(path, labelled=True)
         assert mesh.labels is not None and not mesh.labels.of_triangles
         truth = TrueLabels.of_mesh(MeshLabels(CLASSES, True))
-        found = surface_labels(
-            TrueSurface(CORNERS, SIDES), truth, mesh, SE3.identity(), None, settings=SETTINGS
-        )
+        surface = TrueSurface(CORNERS, SIDES)
+        samples_m = label_samples(surface, None, SETTINGS)
+        found = surface_labels(surface, truth, mesh, SE3.identity(), samples_m)
         assert found.figures.mean_iou > 0.95
 
 
@@ -140,7 +140,8 @@ def test_classes_of_a_scene_are_known_by_their_names(tmp_path):
         path = tmp_path / "a.ply"
         write_ply(path, CORNERS, SIDES, face_values={"label": np.repeat(ids, 2)})
         mesh = read_reconstruction(path, labelled=True)
-        found = surface_labels(surface, truth, mesh, SE3.identity(), None, classes, SETTINGS)
+        samples_m = label_samples(surface, None, SETTINGS)
+        found = surface_labels(surface, truth, mesh, SE3.identity(), samples_m, classes)
         assert found.figures.mean_iou == 1 and not found.unknown
         assert {name for name, _ in found.without} == without
 

@@ -113,7 +113,10 @@ def label_confusion(truth: np.ndarray, predicted: np.ndarray, classes: int) -> n
 
 
 def label_figures(confusion: np.ndarray) -> LabelFigures:
-    """The figures of a confusion matrix (n + 1, n + 1). Raises InputError if no true pixel has a class."""
+    """The figures of a confusion matrix (n + 1, n + 1).
+
+    Raises InputError if no true pixel has a class.
+    """
     if not confusion.any():
         raise InputError("true labels other than unlabelled", found="none")
     return LabelFigures(confusion)

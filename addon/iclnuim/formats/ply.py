@@ -23,7 +23,7 @@ _USED = {
     "tristrips": _INDICES,
 }
 _NAMES = {"f4": "float", "u1": "uchar", "i4": "int"}
-#: Names of a property with a class of each face or vertex, in the order in which they are looked for.
+#: Names of a property with a class of each face or vertex, the first one that is there is used.
 _LABELS = ("class", "class_id", "label", "labels", "semantic", "scalar_label", "object_class")
 #: Elements of polygons, and the triangles of their lists.
 _UNROLLED = {"face": fans, "tristrips": strips}
@@ -77,7 +77,7 @@ def _colours(vertices: Columns, count: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class MeshLabels:
-    """Whole numbers of the triangles (m,), or else of the points (n,); -1 for values that are none."""
+    """Whole numbers of the triangles (m,), or of the points (n,); -1 for values that are none."""
 
     values: np.ndarray
     of_triangles: bool
