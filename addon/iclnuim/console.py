@@ -35,6 +35,11 @@ class Console:
         return Progress(total, label, unit, enabled=not self.quiet)
 
 
+#: The first steps of long work compile and load, so they are no part of a rate or a time left.
+_WARM_UP = 2
+_LONG = 20
+
+
 class Progress:
     """Progress display: count done, rate and time left.
 
@@ -48,6 +53,7 @@ class Progress:
         self.enabled = enabled
         self.done = 0
         self.started = time.monotonic()
+        self.uncounted = 0
         self.last = 0.0
         self.terminal = sys.stderr.isatty() or in_notebook()
         self._pause_s = 0.1 if self.terminal else 10.0
@@ -63,19 +69,28 @@ class Progress:
     def advance(self, count: int = 1) -> None:
         self.done += count
         now = time.monotonic()
+        warming_up = self.done <= _WARM_UP and self.total >= _LONG
+        if warming_up:
+            self.started = now
+            self.uncounted = self.done
         ended = self.done >= self.total
         if not self.enabled or not (ended or now - self.last > self._pause_s):
             return
         self.last = now
-        rate = self.done / max(now - self.started, 1e-9)
-        left_s = max(0, round((self.total - self.done) / rate))
-        left = str(timedelta(seconds=left_s)).removeprefix("0:")
-        text = f"{self.label}: {self.done}/{self.total} {self.unit}, {rate:.3g}/s, {left} left"
+        text = f"{self.label}: {self.done}/{self.total} {self.unit}"
+        if not warming_up:
+            text += self._speed(now)
         if self.terminal:
             text = f"\r\x1b[K{text}"
         if ended or not self.terminal:
             text += "\n"
         print(text, end="", file=sys.stderr, flush=True)
+
+    def _speed(self, now: float) -> str:
+        rate = (self.done - self.uncounted) / max(now - self.started, 1e-9)
+        left_s = max(0, round((self.total - self.done) / rate))
+        left = str(timedelta(seconds=left_s)).removeprefix("0:")
+        return f", {rate:.3g}/s, {left} left"
 
 
 #: Whether progress is shown (None: in a notebook), or progress(total, label), which returns an
