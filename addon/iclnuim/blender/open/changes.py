@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections import defaultdict
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, TypeAlias
 
 import bpy
 import numpy as np
@@ -27,6 +27,8 @@ _RENDERED = {*surfaces.SURFACE_TYPES, "LIGHT", "CURVES", "POINTCLOUD", "VOLUME"}
 #: Larger differences of a matrix are motion: constant animations give others in the last digits.
 _STILL = 1e-5
 SKY = "the sky"
+#: Hashes of meshes by the names of an object and its instancer, and the address of the mesh.
+_Hashes: TypeAlias = dict[tuple[str, str, int], bytes]
 
 
 def changed_names(scene: bpy.types.Scene) -> set[str]:
@@ -37,22 +39,26 @@ def changed_names(scene: bpy.types.Scene) -> set[str]:
     """
     spread = np.linspace(scene.frame_start, scene.frame_end, _FRAMES).round().astype(int)
     before = scene.frame_current_final
-    updated: set[bpy.types.ID] = set()
+    updated: dict[bpy.types.ID, bool] = {}  # and whether its geometry is
+    hashes: _Hashes = {}
 
     def note(_: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-        updated.update(update.id.original for update in depsgraph.updates)
+        updated.update({u.id.original: u.is_updated_geometry for u in depsgraph.updates})
 
     changed: set[str] = set()
     with surfaces.as_rendered(scene) as depsgraph:
         bpy.app.handlers.frame_change_post.append(note)
         try:
             scene.frame_set(int(spread[0]))
-            first = _State(scene, depsgraph)
+            first = _State(scene, depsgraph, hashes)
             for frame in sorted(set(spread[1:].tolist()) - {scene.frame_start}):
                 updated.clear()
                 scene.frame_set(frame)
-                if updated - {scene}:
-                    changed |= first.differences(_State(scene, depsgraph))
+                if updated.keys() - {scene}:
+                    new = {block.name for block, is_new in updated.items() if is_new}
+                    for key in [key for key in hashes if new & {*key[:2]}]:
+                        del hashes[key]
+                    changed |= first.differences(_State(scene, depsgraph, hashes))
         finally:
             bpy.app.handlers.frame_change_post.remove(note)
             scene.frame_set(math.floor(before), subframe=before % 1)
@@ -64,16 +70,17 @@ class _State:
     it instances, and hashes of all else.
     """
 
-    def __init__(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    def __init__(
+        self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, hashes: _Hashes
+    ) -> None:
         self.places: defaultdict[str, list[np.ndarray]] = defaultdict(list)
         self.looks: defaultdict[str, list[bytes]] = defaultdict(list)
-        hashes: dict[int, bytes] = {}
         for instance in depsgraph.object_instances:
             thing = instance.object
             if instance.show_self and thing.type in _RENDERED:
                 owner = instance.parent or thing
                 self.places[owner.name].append(np.array(instance.matrix_world))
-                self.looks[owner.name].append(_shape(thing, hashes))
+                self.looks[owner.name].append(_shape(thing, owner, hashes))
         for name, tree in _trees(scene):
             self.looks[name].append(_values(tree, scene))
 
@@ -90,11 +97,13 @@ class _State:
         return here.shape == there.shape and np.allclose(here, there, rtol=0, atol=_STILL)
 
 
-def _shape(evaluated: bpy.types.Object, hashes: dict[int, bytes]) -> bytes:
-    """The hash of the mesh of an evaluated object, kept in `hashes` for its other instances."""
+def _shape(evaluated: bpy.types.Object, owner: bpy.types.Object, hashes: _Hashes) -> bytes:
+    """The hash of the mesh of an evaluated object, kept in `hashes` for its other instances and for
+    frames in which its geometry is not updated.
+    """
     if evaluated.type not in surfaces.SURFACE_TYPES:
         return b""
-    key = evaluated.data.as_pointer()
+    key = (evaluated.name, owner.name, evaluated.data.as_pointer())
     if key not in hashes:
         if evaluated.type == "MESH":
             hashes[key] = _mesh_hash(evaluated.data)
@@ -107,7 +116,7 @@ def _shape(evaluated: bpy.types.Object, hashes: dict[int, bytes]) -> bytes:
 def _mesh_hash(mesh: bpy.types.Mesh | None) -> bytes:
     if mesh is None:
         return b""
-    digest = hashlib.sha1(surfaces.array_of(mesh.loops, "vertex_index", 1, np.int32).tobytes())
+    digest = hashlib.sha1()  # the corners of faces are among the attributes
     for attribute in mesh.attributes:
         if attribute.data_type in _ATTRIBUTES:
             values = surfaces.array_of(attribute.data, *_ATTRIBUTES[attribute.data_type])
