@@ -14,6 +14,7 @@ from iclnuim.dataset.frames import (
     read_camera,
     read_depth_m,
     read_truth,
+    run_frames,
 )
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import DEPTH, RGB, SequenceFrame
@@ -111,9 +112,21 @@ EVERY = [
 ]
 
 
+@pytest.fixture(scope="module", params=["sorted", "published"])
+def form_and_folder(request, all_formats, shared_run, tmp_path_factory):
+    """Both forms of names, and a folder with a sequence in every format with such names."""
+    if request.param == "sorted":
+        return request.param, all_formats
+    out = tmp_path_factory.mktemp("published") / "out"
+    settings = SequenceSettings(names=request.param)
+    write_sequence(run_frames(shared_run.path), out, settings, tuple(FORMATS))
+    return request.param, out
+
+
 @pytest.mark.parametrize("name", EVERY)
-def test_a_format_goes_into_every_other(all_formats, table, tmp_path, name):
-    folder = all_formats / name
+def test_a_format_goes_into_every_other(form_and_folder, table, tmp_path, name):
+    form, every = form_and_folder
+    folder = every / name
     source = frames_with_poses(original_frames(folder))
     whole = original_frames(folder)
     units = units_of(table[name]) or 5000.0
@@ -122,14 +135,14 @@ def test_a_format_goes_into_every_other(all_formats, table, tmp_path, name):
         ([n for n in FORMATS if not FORMATS[n].every_pose and n != "icl-nuim"], whole),
     ):
         out = tmp_path / f"{len(others)}"
-        write_sequence(
-            frames, out, SequenceSettings(depth_units_per_metre=units), others, workers=1
-        )
+        settings = SequenceSettings(depth_units_per_metre=units, names=form)
+        write_sequence(frames, out, settings, others, workers=1)
         for other in others:
             check_held(
                 table, (table[name], folder), table[other], out / other, f"{name} -> {other}"
             )
-    write_sequence(whole, tmp_path / "original", SequenceSettings(), ["icl-nuim"], workers=1)
+    settings = SequenceSettings(names=form)
+    write_sequence(whole, tmp_path / "original", settings, ["icl-nuim"], workers=1)
     check_held(
         table,
         (table[name], folder),

@@ -2,16 +2,18 @@
 
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from iclnuim.dataset.frames import run_frames
 from iclnuim.dataset.inspection import inspect_sequence
+from iclnuim.dataset.official_archives import archive_of, described
 from iclnuim.dataset.run_folder import open_run
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.formats.files import read_json, write_json
 from iclnuim.formats.png import read_depth16, write_png
-from iclnuim.formats.trajectories import write_trajectory
+from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry import axes
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
@@ -157,6 +159,25 @@ def test_the_official_sequence_is_right_and_so_is_its_handedness(samples):
     assert found.figures["pairs"] == 120 and found.figures["poses"] == 1507
     assert found.figures["depth_fits_poses_mm"] < 3
     assert found.figures["depth_fits_poses_percent"] < 0.01
+    said = found.figures["published_as"]
+    assert said.startswith("office kt0 of 2014 (traj0_frei_png): left-handed poses")
+    assert "fy = -480" in said and "its first pose number 2" in said
+
+
+def test_the_living_room_is_told_from_the_office_and_other_paths_are_no_archive(samples):
+    truth = samples / "trajectories/livingRoom0.gt.freiburg.recomputed"
+    loaded = read_trajectory(truth, "gt.freiburg")
+    archive = archive_of(loaded)
+    assert (archive.room, archive.name) == ("living room", "kt0")
+    assert archive.file == "living_room_traj0_frei_png"
+    assert "1.84 m/s" in described(archive, loaded)
+    fewer = loaded.trajectory[2:]
+    assert archive_of(replace(loaded, trajectory=fewer)) is None
+    other = Trajectory(
+        loaded.trajectory.stamps_s,
+        SE3(loaded.trajectory.T_world_camera.rotation, 1.02 * loaded.trajectory.positions_m),
+    )
+    assert archive_of(replace(loaded, trajectory=other)) is None
 
 
 def test_depth_images_of_another_size_are_listed_and_do_not_end_the_inspection(sound, tmp_path):

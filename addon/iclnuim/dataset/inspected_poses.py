@@ -13,6 +13,7 @@ from ..geometry.trajectory import Trajectory, sample, trajectory_statistics
 from .findings import Inspection, first_names
 from .frames import ImagePair
 from .layout import SequenceCamera, posed, usual_step_s
+from .official_archives import archive_of, described
 from .pose_check import TOO_LITTLE, doubt, pose_agreement
 
 #: Maximum distance of a frame from its pose, as a share of the time between frames.
@@ -29,6 +30,8 @@ def inspect_poses(result: Inspection, pairs: list[ImagePair], loaded: LoadedTraj
     result.figures["poses"] = figures.frames
     result.figures["length_m"] = round(figures.length_m, 3)
     result.figures["max_speed_m_s"] = round(figures.max_speed, 3)
+    if archive := archive_of(loaded):
+        result.figures["published_as"] = described(archive, loaded)
     without = np.flatnonzero(~posed(stamps, truth))
     if without.size:
         names = first_names([pairs[int(i)].rgb.name for i in without])
