@@ -219,7 +219,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _options(parser: argparse.ArgumentParser) -> list[str]:
     """The options of a command and of its actions."""
-    options = []
+    options: list[str] = []
     for action in parser._actions:
         if action.help != argparse.SUPPRESS:
             options += action.option_strings

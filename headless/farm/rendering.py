@@ -165,7 +165,10 @@ class LocalRun:
         stop = should_stop or self.should_stop
         missing = self.run.missing(numbers)
         if numbers:
-            count = f"{len(missing)} of {len(numbers)} frames to render"
+            total = len(self.plan.numbers)
+            count = f"{len(missing)} of {total} frames to render"
+            if finished := total - len(missing):
+                count += f", {finished} are there"
             self.console.note(f"{self.job.sequence}: {count}, in {self.plan.raw}")
         baked = False
         if missing:

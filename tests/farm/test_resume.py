@@ -34,7 +34,17 @@ def test_a_local_run_goes_on_with_its_own_options_wherever_it_was_moved(
     assert (said["frames"], said["missing_frames"], said["queue"]) == (3, [30], None)
     assert main(["resume", str(tmp_path / "b")]) == 0
     assert lost.read_bytes() == before
-    assert "1 of 3 frames to render" in capsys.readouterr().err
+    assert "1 of 3 frames to render, 2 are there" in capsys.readouterr().err
+
+
+def test_an_extended_sequence_says_how_many_frames_are_there(repository, tmp_path, capsys):
+    room = str(repository / "tests/room.obj")
+    words = ["make", "kt2", "--scene", room, "--light", "path", "--samples", "1", "--no-denoise"]
+    words += ["--camera", "32x24", "--out", str(tmp_path / "o"), "--frames"]
+    assert main([*words, ":2"]) == 0
+    assert "2 of 2 frames to render, in" in capsys.readouterr().err
+    assert main([*words, ":5"]) == 0
+    assert "3 of 5 frames to render, 2 are there, in" in capsys.readouterr().err
 
 
 def test_a_refused_command_leaves_the_record_of_the_run_as_it_was(repository, tmp_path, capsys):
