@@ -17,6 +17,7 @@ from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.evaluation.depth_against_poses import Agreement
 from iclnuim.evaluation.pose_readings import AS_READ, discrete, scaled
 from iclnuim.formats.files import read_json, write_json
+from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
@@ -113,6 +114,27 @@ def test_inspect_reports_the_explanation_as_an_error_and_in_json(tum, command_he
     assert (explanation["kind"], explanation["detail"]) == ("shifted", "+1")
     percent = explanation["depth_fits_poses_percent"]
     assert percent < 0.5 * found["figures"]["depth_fits_poses_percent"]
+
+
+def change_depth(folder, change):
+    for path in sorted((folder / "depth").iterdir()):
+        write_png(path, change(read_depth16(path)))
+
+
+def test_depth_of_another_byte_order_is_reported_and_rough_depth_with_holes_is_not(tum):
+    rng = np.random.default_rng(4)
+
+    def rough(depth):
+        """Noise of 70 mm, and too many holes for a smooth surface."""
+        noisy = depth + 350 * rng.normal(size=depth.shape)
+        return (noisy * (rng.random(depth.shape) < 0.5)).astype(np.uint16)
+
+    change_depth(tum, rough)
+    found = inspect_sequence(tum)
+    assert 55 < found.figures["depth_fits_poses_mm"] < 95
+    assert found.odd == ["50% of the depth is missing"] and not found.wrong
+    change_depth(tum, np.ndarray.byteswap)
+    assert any("byte order" in sentence for sentence in inspect_sequence(tum).odd)
 
 
 def test_a_camera_that_does_not_move_is_said_and_is_no_error(tum):

@@ -20,6 +20,8 @@ from .pose_check import TOO_LITTLE, doubt, pose_agreement
 _SLACK = 0.5
 #: Larger residuals are caused by other surfaces, not by errors of the pose.
 _SAME_SURFACE_M = 0.3
+#: Of unrelated images the median is half of that.
+_UNRELATED_M = _SAME_SURFACE_M / 3
 _STEP_PX = 6
 
 
@@ -66,6 +68,7 @@ def inspect_depth_against_poses(
     """Report whether the depth images agree with the poses."""
     found = pose_agreement(pairs, camera, truth)
     if not np.isfinite(found.residual):
+        _report_unrelated(result)
         return
     result.figures["depth_fits_poses_percent"] = round(100 * found.residual, 3)
     if sentence := doubt(found, camera):
@@ -78,6 +81,18 @@ def inspect_depth_against_poses(
             "detail": found.reading.detail,
             "depth_fits_poses_percent": round(100 * found.explained, 3),
         }
+
+
+def _report_unrelated(result: Inspection) -> None:
+    """Report depth images that fit each other as badly as unrelated ones, and cannot be compared by
+    their surfaces.
+    """
+    distance_mm = result.figures.get("depth_fits_poses_mm", 0.0)
+    if distance_mm > 1000 * _UNRELATED_M:
+        result.odd.append(
+            f"successive depth images differ by {distance_mm:g} mm with the poses, and have too few "
+            "smooth surfaces to tell why: is their byte order right?"
+        )
 
 
 def inspect_distances(
