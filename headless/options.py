@@ -282,6 +282,22 @@ def _leading(text: str) -> int:
     return int(number)
 
 
+def add_out(parser: argparse.ArgumentParser, help: str) -> None:
+    """Add the output OUT as the last positional argument and as -o; one of them is required."""
+    add = parser.add_argument
+    # a positional argument that is not given does not replace the value of the option
+    add("out", nargs="?", type=_path, default=argparse.SUPPRESS, metavar="OUT", help=help)
+    add("-o", "--out", type=Path, metavar="OUT", help="the same")
+    parser.set_defaults(out_required=True)
+
+
+def _path(text: str) -> str | Path:
+    """The argparse type of a path; argparse also passes its mark of an argument without a value."""
+    if text == argparse.SUPPRESS:
+        return text
+    return Path(text)
+
+
 def count(text: str) -> int:
     """The argparse type of a whole number of at least 1."""
     if not text.isdecimal() or int(text) < 1:

@@ -27,8 +27,10 @@ _DEPTH = 4
 
 def check_outputs(args: argparse.Namespace) -> None:
     """Raises InputError if an existing file that would be written is one that the command reads, or
-    belongs to a sequence.
+    belongs to a sequence; or if a required output is not given.
     """
+    if getattr(args, "out_required", False) and args.out is None:
+        raise InputError("an output: OUT, or {out} OUT", found="none")
     if getattr(args, "force", False):
         return
     for name, path in _outputs(args):

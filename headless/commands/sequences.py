@@ -55,7 +55,7 @@ from iclnuim.sensor.calibration import (
     calibrate_rgb,
 )
 
-from ..options import add_rerun, add_settings, checked_rerun, common, count, settings_from
+from ..options import add_out, add_rerun, add_settings, checked_rerun, common, count, settings_from
 from ..outputs import refuse_existing
 from ..sequence_options import (
     add_camera_options,
@@ -91,7 +91,7 @@ _LABELS = {
 def configure_dataset(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` writes it")
-    add("out", type=Path, metavar="OUT", help="output folder of the sequence")
+    add_out(parser, "output folder of the sequence")
     help = "as a Python slice (B excluded); default: all"
     add("--frames", default="::", metavar="A:B:S", help=help)
     _add_output_options(parser)
@@ -149,7 +149,7 @@ def _write(
 def configure_convert(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("source", type=Path, metavar="DIR", help="a sequence in any supported format")
-    add("out", type=Path, metavar="OUT", help="output folder of the converted sequence")
+    add_out(parser, "output folder of the converted sequence")
     help = "as a Python slice over the pairs; default: all"
     add("--frames", default="::", metavar="A:B:S", help=help)
     add_camera_options(parser)
@@ -195,7 +195,7 @@ def configure_noise(parser: argparse.ArgumentParser) -> None:
     help = "sequence with rgb/ and depth/ as PNG, with lists or without; or `calibrate`"
     add("source", metavar="DIR", help=help)
     help = "output folder of the noisy sequence; or the recordings to calibrate from"
-    add("out", type=Path, metavar="OUT", help=help)
+    add_out(parser, help)
     help = "as a Python slice over the pairs; default: all"
     add("--frames", default="::", metavar="A:B:S", help=help)
     add_camera_options(parser)
