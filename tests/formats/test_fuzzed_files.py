@@ -356,7 +356,7 @@ def test_damaged_cameras_are_read_or_refused(tmp_path, files):
 SEQUENCES = {
     "replica": ("traj.txt", "cam_params.json", "results/frame000001.jpg"),
     "scannet": (
-        "frames/pose/1.txt",
+        "frames/pose/000001.txt",
         "frames/intrinsic/intrinsic_depth.txt",
         "frames/intrinsic/extrinsic_color.txt",
     ),

@@ -36,13 +36,10 @@ _TRUTH = Path("mav0/state_groundtruth_estimate0/data.csv")
 #: Stamps of the images, from which ORB-SLAM3 makes their names.
 _TIMES = Path("times.txt")
 #: Columns of the ground truth after the poses.
-_STATES = "".join(
-    f",{name}"
-    for name in (
-        *("v_RS_R_x [m s^-1]", "v_RS_R_y [m s^-1]", "v_RS_R_z [m s^-1]"),
-        *("b_w_RS_S_x [rad s^-1]", "b_w_RS_S_y [rad s^-1]", "b_w_RS_S_z [rad s^-1]"),
-        *("b_a_RS_S_x [m s^-2]", "b_a_RS_S_y [m s^-2]", "b_a_RS_S_z [m s^-2]"),
-    )
+_STATES = (
+    ",v_RS_R_x [m s^-1],v_RS_R_y [m s^-1],v_RS_R_z [m s^-1]"
+    ",b_w_RS_S_x [rad s^-1],b_w_RS_S_y [rad s^-1],b_w_RS_S_z [rad s^-1]"
+    ",b_a_RS_S_x [m s^-2],b_a_RS_S_y [m s^-2],b_a_RS_S_z [m s^-2]"
 )
 #: Depth units per metre that OKVIS2 assumes.
 UNITS = 1000.0
