@@ -36,17 +36,17 @@ GROUPS = {
         "resume": "resume an interrupted run in its output folder",
     },
     "work with sequences": {
-        "convert": "convert a sequence to another format: Replica, ScanNet, COLMAP, ROS bags, others",
+        "convert": "convert a sequence to another format: Replica, ScanNet, COLMAP, ROS bags",
         "noise": "add sensor noise to a sequence; noise calibrate fits the noise model to a sensor",
         "inspect": "report problems of any RGB-D sequence; write preview images",
         "pack": "write the archive to publish: files, checksums, licence, preview, recipe",
         "compare": "compare the frames of two folders, byte for byte or within a tolerance",
     },
-    "scenes and trajectories": {
+    "scenes, trajectories": {
         "trajectory": "work with trajectories: info, convert, plot, make, camera, adopt, resample",
         "surface": "export the surface of the scene, all of it or what a trajectory saw",
     },
-    "odometry, surfaces, evaluation": {
+    "odometry, evaluation": {
         "odometry": "estimate camera motion from colour and depth, with our odometers or others",
         "run": "run any SLAM or odometry system on sequences, and evaluate its trajectories",
         "settings": "write the settings file that a SLAM system needs to read a sequence",
@@ -63,7 +63,7 @@ GROUPS = {
         "doctor": "report what is installed, what is missing, and how to install it",
         "cache": "say where the cache is and how large, and clear it",
     },
-    "for farms and for work on this project": {
+    "farms, development": {
         "task": "run one task of a render farm: light, some frames, or the data set",
         "bench": "measure time and error: rendering, noise, odometry, evaluation",
         "check-depth": "compare the depth of a run with independently cast rays",

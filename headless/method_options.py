@@ -25,7 +25,8 @@ def open_sequence(
 ) -> Sequence:
     """Open the sequence with the camera given by the options, or with that of the folder.
 
-    frames: a Python slice of its pairs. Notes report what is assumed, left out and in doubt; poses: by default the ground truth.
+    frames: a Python slice of its pairs. poses: by default the ground truth. Notes report what is
+    assumed, left out and in doubt.
     """
     sequence = Sequence(folder, depth_offset, camera_from(args, folder), frames)
     note_sequence(folder, sequence.camera, console, poses)

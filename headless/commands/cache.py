@@ -1,4 +1,4 @@
-"""`iclnuim cache`: says where the cache is and how large each kind of its content, and clears it."""
+"""`iclnuim cache`: says where the cache is and how large its content, and clears it."""
 
 import argparse
 import shutil

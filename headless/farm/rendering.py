@@ -165,11 +165,7 @@ class LocalRun:
         stop = should_stop or self.should_stop
         missing = self.run.missing(numbers)
         if numbers:
-            total = len(self.plan.numbers)
-            count = f"{len(missing)} of {total} frames to render"
-            if finished := total - len(missing):
-                count += f", {finished} are there"
-            self.console.note(f"{self.job.sequence}: {count}, in {self.plan.raw}")
+            self._note_missing(len(missing))
         baked = False
         if missing:
             self.run.check_space(len(missing))
@@ -189,6 +185,13 @@ class LocalRun:
         self._workers.job = self.job
         self.farm = self._farm(len(missing), cores, on_frame, stop, reuse_worker)
         return self.farm.run(chunks_of(missing, local_size(len(numbers), len(cores))))
+
+    def _note_missing(self, missing: int) -> None:
+        total = len(self.plan.numbers)
+        count = f"{missing} of {total} frames to render"
+        if finished := total - missing:
+            count += f", {finished} are there"
+        self.console.note(f"{self.job.sequence}: {count}, in {self.plan.raw}")
 
     def _farm(
         self,

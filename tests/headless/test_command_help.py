@@ -11,7 +11,7 @@ def test_commands_stand_in_groups_and_those_for_insiders_last(capsys):
     assert cli.main(["--help"]) == 0
     said = capsys.readouterr().out
     titles = re.findall(r"^(\w.*):$", said, re.M)
-    assert titles == list(cli.GROUPS) and "for work on this project" in titles[-1]
+    assert titles == list(cli.GROUPS) and "development" in titles[-1]
     assert re.findall(r"^  (\S+)  ", said, re.M) == [
         name for group in cli.GROUPS.values() for name in group
     ]
