@@ -251,7 +251,7 @@ def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_format(truth_r
     assert {row["class_id"] for row in rows} == set(listed)
     assert listed[classes.KINDS["floor"].id] == "floor"
     for name in ("instance", "class", "normal"):
-        mine = euroc / f"mav0/{name}0/data/200000000.png"
+        mine = euroc / f"mav0/{name}0/data/{200_000_000:019}.png"
         assert mine.read_bytes() == (tum / f"{name}/000006.png").read_bytes()
     again = subprocess.run(
         [*command[:-5], *command[-4:]], capture_output=True, text=True, check=True, timeout=120
