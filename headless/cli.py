@@ -35,7 +35,7 @@ GROUPS = {
         "status": "show what is finished in an output folder, and what is missing",
         "resume": "resume an interrupted run in its output folder",
     },
-    "work with sequences": {
+    "sequences": {
         "convert": "convert a sequence to another format: Replica, ScanNet, COLMAP, ROS bags",
         "noise": "add sensor noise to a sequence; noise calibrate fits the noise model to a sensor",
         "inspect": "report problems of any RGB-D sequence; write preview images",

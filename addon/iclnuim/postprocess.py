@@ -75,9 +75,9 @@ def noisy_rgb(
     """Convert scene-linear RGB (h, w, 3), 1 = white, to sRGB (h, w, 3) uint8 with the noise of a
     sensor model.
 
-    model: a key of RGB_MODELS, a function(light, rng) or its `module:function`; settings: settings of the model, by name
-    (docs/guide/sensor.md). The noise depends only on seed and frame number. Raises InputError for
-    an unknown model or setting, and for whole numbers.
+    model: a key of RGB_MODELS, a function(light, rng) or its `module:function`; settings: settings
+    of the model, by name (docs/guide/sensor.md). The noise depends only on seed and frame number.
+    Raises InputError for an unknown model or setting, and for whole numbers.
     """
     rgb = _floating(rgb, *_LINEAR_RGB)
     return rgb_model(model, settings).apply(rgb, frame_generator(seed, frame, RGB))

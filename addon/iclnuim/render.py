@@ -55,9 +55,9 @@ def render_frames(
 
     frames: a slice A:B:S over the poses of the job's trajectory. on_event is called with each event
     of the worker (worker_events.py), with FrameDone after each frame. progress: True or False, by
-    default on in a notebook, or progress(total, label), which returns an object with advance(). If the light map is not in
-    the cache, it is baked first, which takes minutes. Raises InputError for frames that the
-    trajectory does not have, and WorkError if Blender is missing, the scene or the folder cannot be
+    default on in a notebook, or progress(total, label), which returns an object with advance(). If
+    the light map is not in the cache, it is baked first, which takes minutes. Raises InputError
+    for frames that the trajectory does not have, and WorkError if Blender is missing, the scene or the folder cannot be
     used, or the work failed. Finished frames stay, and the same call resumes.
     """
     numbers = list(frame_slice(frames, len(load_trajectory(job))))

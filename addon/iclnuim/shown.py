@@ -79,7 +79,9 @@ def plot_over_time(
 
 
 def plot_shares(axes: "Axes | None", distances_m: np.ndarray, label: str) -> "Axes":
-    """The share of distances (n,) in metres that are below a distance, up to the 99th percentile."""
+    """The share of distances (n,) in metres that are below a distance, up to the 99th
+    percentile.
+    """
     axes = axes_or_new(axes)
     shares = 100 * np.arange(1, len(distances_m) + 1) / len(distances_m)
     axes.plot(MM * np.sort(distances_m), shares, label=label)

@@ -36,8 +36,8 @@ _MAX_FACTOR = 20
 
 @dataclass(frozen=True, eq=False)
 class SeenBy:
-    """A camera (or its text) and its poses (k,) in the model's world (or matrices (k, 4, 4)): a reconstruction is evaluated on the
-    surface that they see.
+    """A camera (or its text) and its poses (k,) in the model's world (or matrices (k, 4, 4)): a
+    reconstruction is evaluated on the surface that they see.
     """
 
     camera: PinholeCamera

@@ -52,8 +52,8 @@ def fuse_sequence(
     progress: Meter = None,
     camera: SequenceCamera | None = None,
 ) -> FusedSurface:
-    """Fuse all images of a sequence or of its folder that have a pose. The trajectory can be poses or
-    matrices (n, 4, 4), one for each image. progress: True or False, by default on in a notebook,
+    """Fuse all images of a sequence or of its folder that have a pose. The trajectory can be poses
+    or matrices (n, 4, 4), one for each image. progress: True or False, by default on in a notebook,
     or progress(total, label), which returns an object with advance();
     camera: by default the folder's.
 

@@ -111,7 +111,7 @@ class TrueSurface(TriangleDistance):
         return SurfaceError(distances_m, T, advice)
 
     def aligned(self, points: np.ndarray, T_model_mesh: SE3) -> SE3:
-        """T_model_mesh after point-to-plane ICP of points (n, 3) in metres. Raises InputError if the surfaces do not determine
-        a rigid motion.
+        """T_model_mesh after point-to-plane ICP of points (n, 3) in metres. Raises InputError if
+        the surfaces do not determine a rigid motion.
         """
         return icp(self, points, T_model_mesh)

@@ -41,8 +41,8 @@ class Sequence:
 
     depth_offset (1/m) is subtracted from inverse depth. A structured-light camera measures
     disparity, and a constant error of its disparity is such an offset. camera: by default the one
-    found in the folder. frames: a Python slice of the pairs, such as `:60`. Raises InputError if there are no images, no camera is found, or no pair
-    can be read with it.
+    found in the folder. frames: a Python slice of the pairs, such as `:60`. Raises InputError if
+    there are no images, no camera is found, or no pair can be read with it.
     """
 
     def __init__(
@@ -233,9 +233,8 @@ def run_odometers(
         for tracker, results in zip(trackers, tracked, strict=True):
             results.append(tracker.add(stamp_s, frame))
         advance()
-    return [
-        OdometryRun(o.name, results, truth) for o, results in zip(odometers, tracked, strict=True)
-    ]
+    named = zip(odometers, tracked, strict=True)
+    return [OdometryRun(odometer.name, results, truth) for odometer, results in named]
 
 
 def odometry_table(runs: Iterable[OdometryRun | dict]) -> str:

@@ -89,8 +89,8 @@ def _last_line(log: Path) -> str:
 def _read(
     file: Path, matched: Path, result: ResultSettings, cut: bool
 ) -> tuple[Trajectory, list[str]]:
-    """Read a trajectory. Rows without a finite pose are frames that the system did not track; a note
-    counts them. cut: the last line may be incomplete.
+    """Read a trajectory. Rows without a finite pose are frames that the system did not track; a
+    note counts them. cut: the last line may be incomplete.
     """
     matched.mkdir(exist_ok=True)
     lines = read_text(file, "a trajectory").splitlines(keepends=True)

@@ -1,7 +1,7 @@
 """`iclnuim evaluate`: computes the error of an estimated trajectory against the ground truth,
 absolute (ate) and relative (rpe), of a reconstructed surface (surface: evaluate_surface.py), of
-rendered views (views), and of label images (labels: evaluate_labels.py). iclnuim.report.trajectory_report documents what --json prints and --csv
-writes.
+rendered views (views), and of label images (labels: evaluate_labels.py).
+iclnuim.report.trajectory_report documents what --json prints and --csv writes.
 """
 
 import argparse

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -187,7 +188,7 @@ def unused_images(pairs: list[ImagePair]) -> dict[str, list[Path]]:
     are in no list.
     """
     images = {RGB: [p.rgb for p in pairs], DEPTH: [p.depth for p in pairs]}
-    used = {real_path(path) for paths in images.values() for path in paths}
+    used = set(map(real_path, chain.from_iterable(images.values())))
     found = {}
     for kind, paths in images.items():
         there: set[Path] = set()

@@ -58,8 +58,8 @@ class FurtherImages:
         return {c.name: c.read(exr, lambda: self._class_numbers) for c in self.channels}
 
     def write_tables(self, folder: Path) -> None:
-        """Write objects.json, object_poses.csv if something moves, and classes.csv: the names of the
-        numbers in class/, and their NYU40 labels; nothing if the images have no instances.
+        """Write objects.json, object_poses.csv if something moves, and classes.csv: the names of
+        the numbers in class/, and their NYU40 labels; nothing if the images have no instances.
         """
         if INSTANCE not in exr_types(self.channels):
             return

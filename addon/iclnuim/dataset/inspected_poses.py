@@ -90,8 +90,8 @@ def _report_unrelated(result: Inspection) -> None:
     distance_mm = result.figures.get("depth_fits_poses_mm")
     if isinstance(distance_mm, float) and distance_mm > 1000 * _UNRELATED_M:
         result.odd.append(
-            f"successive depth images differ by {distance_mm:g} mm with the poses, and have too few "
-            "smooth surfaces to tell why: is their byte order right?"
+            f"successive depth images differ by {distance_mm:g} mm with the poses, and have too "
+            "few smooth surfaces to tell why: is their byte order right?"
         )
 
 

@@ -1,5 +1,5 @@
-"""Which sequence of the archives published in 2014 a ground truth is, also in a conversion, and what
-is known of it (docs/guide/original_data.md).
+"""Which sequence of the archives published in 2014 a ground truth is, also in a conversion, and
+what is known of it (docs/guide/original_data.md).
 """
 
 from dataclasses import dataclass

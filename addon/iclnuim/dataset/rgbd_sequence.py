@@ -1,5 +1,5 @@
-"""A sequence of RGB-D frames in Python: its frames by number, slice or iteration, its camera and its
-ground truth.
+"""A sequence of RGB-D frames in Python: its frames by number, slice or iteration, its camera and
+its ground truth.
 """
 
 import base64
@@ -132,8 +132,8 @@ class RgbdSequence:
 
 
 def pictures(rgb: np.ndarray, depth_z_m: np.ndarray) -> str:
-    """HTML of colour (h, w, 3), uint8 or scene-linear, beside depth (h, w) in metres: grey, near is bright, and
-    black is missing.
+    """HTML of colour (h, w, 3), uint8 or scene-linear, beside depth (h, w) in metres: grey, near
+    is bright, and black is missing.
     """
     colour = rgb if rgb.dtype == np.uint8 else srgb8(rgb)
     there = depth_z_m > 0

@@ -76,7 +76,9 @@ class Association(Brief):
         return len(np.unique(self.first)) / self.first_count if self.first_count else 0.0
 
     def closest_per_first(self) -> np.ndarray:
-        """Indices k (n,) of pairs: for each first index, its pair with the smallest time difference."""
+        """Indices k (n,) of pairs: for each first index, its pair with the smallest time
+        difference.
+        """
         order = np.lexsort((np.abs(self.difference_s), self.first))
         return order[np.flatnonzero(np.diff(self.first[order], prepend=-1))]
 

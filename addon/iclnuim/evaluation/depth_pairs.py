@@ -109,7 +109,9 @@ def depth_residuals(load: LoadDepth, readings: Sequence[SE3], camera: PinholeCam
         return [float("nan")] * len(readings)
     every = np.array([pairs.residuals(pairs.relative(T)) for T in readings])
     measured = every[:, np.isfinite(every).all(0)]
-    return [float(row.mean()) if row.size else float("nan") for row in measured]
+    if not measured.size:
+        return [float("nan")] * len(readings)
+    return measured.mean(1).tolist()
 
 
 def _median(residuals: np.ndarray) -> float:

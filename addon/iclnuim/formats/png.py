@@ -234,7 +234,9 @@ def _read(
 
 
 def read_oiio(module: ModuleType, path: str, header: PngHeader, channels: int) -> np.ndarray | None:
-    """(height, width, channels) by OpenImageIO; grey is repeated, alpha dropped. None if it fails."""
+    """(height, width, channels) by OpenImageIO; grey is repeated, alpha dropped. None if it
+    fails.
+    """
     config = module.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     image = module.ImageInput.open(path, config)

@@ -159,8 +159,8 @@ class SE3:
         return points @ np.swapaxes(self.rotation, -1, -2) + self.translation[..., None, :]
 
     def interpolate(self, other: "SE3", share: np.ndarray | float) -> "SE3":
-        """The screw motion from self (share 0) to other (share 1), shares (...) of the poses' shape:
-        self exp(share log(self^-1 other)).
+        """The screw motion from self (share 0) to other (share 1), shares (...) of the poses'
+        shape: self exp(share log(self^-1 other)).
         """
         twist = (self.inverse() @ other).log()
         return self @ SE3.exp(np.asarray(share, float)[..., None] * twist)

@@ -68,8 +68,8 @@ class StampedPose(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """stamps_s (n,) in seconds, strictly increasing, and camera-to-world poses T_world_camera (n,) of
-    the cv camera, which can be given as matrices (n, 4, 4). `trajectory[i]` and iteration give
+    """stamps_s (n,) in seconds, strictly increasing, and camera-to-world poses T_world_camera (n,)
+    of the cv camera, which can be given as matrices (n, 4, 4). `trajectory[i]` and iteration give
     (stamp, pose), a slice or indices a part of the trajectory.
     """
 

@@ -40,9 +40,7 @@ def _kind(number: int, name: str, label: str) -> Kind:
 
 
 #: name -> kind, of the shipped scenes
-KINDS = {
-    kind.name: _kind(kind.id, kind.name, kind.nyu40) for kind in read_class_map("ours").classes
-}
+KINDS = {k.name: _kind(k.id, k.name, k.nyu40) for k in read_class_map("ours").classes}
 NO_KIND = Kind(0, UNLABELLED, 0, UNLABELLED)
 
 
