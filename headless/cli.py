@@ -27,7 +27,7 @@ from .outputs import check_outputs
 #: Groups of commands: command -> description. `configure` in commands/NAME.py (`-` becomes `_`)
 #: declares its options, or `configure_NAME` in the module listed in _SHARED.
 GROUPS = {
-    "make sequences": {
+    "rendering": {
         "make": "bake the light, render the frames, and write a clean and a noisy sequence",
         "render": "render a sequence: EXR frames with RGB and exact depth",
         "bake": "bake the light map of a scene into the cache",
@@ -42,11 +42,11 @@ GROUPS = {
         "pack": "write the archive to publish: files, checksums, licence, preview, recipe",
         "compare": "compare the frames of two folders, byte for byte or within a tolerance",
     },
-    "scenes, trajectories": {
+    "scenes": {
         "trajectory": "work with trajectories: info, convert, plot, make, camera, adopt, resample",
         "surface": "export the surface of the scene, all of it or what a trajectory saw",
     },
-    "odometry, evaluation": {
+    "evaluation": {
         "odometry": "estimate camera motion from colour and depth, with our odometers or others",
         "run": "run any SLAM or odometry system on sequences, and evaluate its trajectories",
         "settings": "write the settings file that a SLAM system needs to read a sequence",
@@ -63,7 +63,7 @@ GROUPS = {
         "doctor": "report what is installed, what is missing, and how to install it",
         "cache": "say where the cache is and how large, and clear it",
     },
-    "farms, development": {
+    "development": {
         "task": "run one task of a render farm: light, some frames, or the data set",
         "bench": "measure time and error: rendering, noise, odometry, evaluation",
         "check-depth": "compare the depth of a run with independently cast rays",

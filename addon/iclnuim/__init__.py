@@ -18,7 +18,8 @@ __all__ = [
     "__version__", "IclnuimError", "InputError", "WorkError",
     # poses, cameras, trajectories and their files
     "SE3", "PinholeCamera", "Trajectory", "StampedPose", "TrajectoryStatistics",
-    "trajectory_statistics", "resample", "LoadedTrajectory", "read_trajectory", "write_trajectory", "pose_from_pov",
+    "trajectory_statistics", "resample", "LoadedTrajectory", "read_trajectory",
+    "write_trajectory", "pose_from_pov",
     # trajectory error: ATE and RPE
     "absolute_trajectory_error", "relative_pose_error", "AbsoluteError",
     "AbsoluteErrorSettings", "RelativeError", "RelativeErrorSettings",

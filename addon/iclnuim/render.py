@@ -57,8 +57,8 @@ def render_frames(
     of the worker (worker_events.py), with FrameDone after each frame. progress: True or False, by
     default on in a notebook, or progress(total, label), which returns an object with advance(). If
     the light map is not in the cache, it is baked first, which takes minutes. Raises InputError
-    for frames that the trajectory does not have, and WorkError if Blender is missing, the scene or the folder cannot be
-    used, or the work failed. Finished frames stay, and the same call resumes.
+    for frames that the trajectory does not have, and WorkError if Blender is missing, the scene or
+    the folder cannot be used, or the work failed. Finished frames stay, and the same call resumes.
     """
     numbers = list(frame_slice(frames, len(load_trajectory(job))))
     advance = advance_of(progress, len(numbers), "render")
