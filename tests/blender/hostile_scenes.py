@@ -117,9 +117,9 @@ def gltf(maker, image=None, buffer=None, glb=False, suffix=None):
     return write(maker.inside / f"scene.{suffix or ('glb' if glb else 'gltf')}", text)
 
 
-def obj(maker, mtllib="own.mtl", line=""):
+def obj(maker, mtllib="own.mtl", line="", blank=" "):
     write(maker.inside / "own.mtl", f"newmtl m\nKd 1 1 1\n{line}\n")
-    head = f"mtllib {mtllib}\n" if mtllib else ""
+    head = f"mtllib{blank}{mtllib}\n" if mtllib else ""
     return write(maker.inside / "scene.obj", head + TRIANGLE + "usemtl m\nf 1/1 2/2 3/3\n")
 
 
@@ -522,7 +522,7 @@ WAYS = {
     "glb_image": lambda m: gltf(m, m.up("png"), glb=True),
     "glb_named_gltf": lambda m: gltf(m, m.up("png"), glb=True, suffix="gltf"),
     "obj_mtllib": lambda m: obj(m, m.up("mtl")),
-    "obj_mtllib_control": lambda m: obj(m, f"\x0b{m.up('mtl')}"),
+    "obj_mtllib_control": lambda m: obj(m, m.up("mtl"), blank="\x0b"),
     "obj_map_control": lambda m: obj(m, line=f"map_Kd\x01{m.up('png')}"),
     "obj_map_return": lambda m: obj(m, line=f"map_Kd\r{m.up('png')}"),
     "obj_mtllib_absolute": lambda m: obj(m, str(m.secret("mtl"))),
