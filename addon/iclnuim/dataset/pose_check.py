@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import InputError, named
 from ..evaluation.depth_against_poses import Agreement, agreement
+from ..geometry.scene_axes import UNITS_M
 from ..geometry.trajectory import Trajectory, sample
 from .frames import ImagePair, read_depth_m
 from .layout import SequenceCamera, posed
@@ -13,8 +14,8 @@ from .layout import SequenceCamera, posed
 #: Depth units per metre of known data sets and sensors: metres, centimetres, Middlebury and
 #: Matterport, ICL-NUIM and TUM, ScanNet and Replica.
 _DEPTH_UNITS = (1.0, 100.0, 256.0, 1000.0, 4000.0, 5000.0, 6553.5, 10000.0)
-#: Units of length in metres.
-_POSE_UNITS = {"mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
+#: Units of length in metres that positions may have by mistake.
+_POSE_UNITS = {unit: UNITS_M[unit] for unit in ("mm", "cm", "in", "ft")}
 #: A known unit is named if the measured ratio differs from it by less.
 _KNOWN = 0.01
 #: Medians of depth in metres indoors.

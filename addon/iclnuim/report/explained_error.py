@@ -19,19 +19,15 @@ from ..evaluation.readings import Reorder
 from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
 from ..formats.trajectories import FORMATS, LoadedTrajectory
 from ..geometry import axes
+from ..geometry.scene_axes import UNITS_M, unit_name
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 
 Settings: TypeAlias = AbsoluteErrorSettings | RelativeErrorSettings
 #: Length in metres of the units that are named, and within which share of a scale.
-UNITS_M = {
-    "millimetres": 1e-3,
-    "centimetres": 1e-2,
-    "inches": 0.0254,
-    "feet": 0.3048,
-    "kilometres": 1e3,
-}
-UNIT_SHARE = 0.01
+_NAMED_M = {unit_name(UNITS_M[unit]): UNITS_M[unit] for unit in ("mm", "cm", "in", "ft")}
+_NAMED_M["kilometres"] = 1e3
+_NAMED_WITHIN = 0.01
 _SUBJECTS = {"estimate": "the estimate", "reference": "the ground truth"}
 _UNDONE: dict[Callable[[SE3], SE3] | None, Callable[[SE3], SE3]] = {
     None: lambda poses: poses,
@@ -241,8 +237,8 @@ def _scale(explanation: Explanation) -> tuple[str, str]:
     scale = explanation.change.scale
     found = []
     for subject, factor in (("it", scale), ("the ground truth", 1 / scale)):
-        for name, length_m in UNITS_M.items():
-            if abs(factor / length_m - 1) < UNIT_SHARE:
+        for name, length_m in _NAMED_M.items():
+            if abs(factor / length_m - 1) < _NAMED_WITHIN:
                 found.append(f"{subject} may be in {name}")
     advice = "try converting it to metres, or correcting its scale"
     if not found:

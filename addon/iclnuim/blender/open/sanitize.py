@@ -1,5 +1,5 @@
-"""Repairs a user-provided scene so that it can be rendered: invalid numbers, vertex
-colours without a material, drivers written in Python.
+"""Repairs a user-provided scene so that it can be rendered: invalid numbers, vertex colours
+without a material, drivers written in Python.
 
 Everything is done in memory.
 """
