@@ -1,5 +1,5 @@
 """A hash of the code that a result depends on: it changes with what the code does, not with
-comments, docstrings or layout.
+comments, docstrings or layout, nor with the names of modules.
 """
 
 import ast
@@ -50,17 +50,18 @@ def package_version(package: str) -> str | None:
 
 
 @cache
-def code_of(*modules: str) -> str:
-    """The hash of modules and of all modules in _ROOMS that they import."""
+def code_of(*modules: str, without: tuple[str, ...] = ()) -> str:
+    """The hash of modules and of all modules in _ROOMS that they import; without some, and without
+    what only these import.
+    """
     found: dict[str, str] = {}
     left = list(modules)
-    found[_REGISTRY] = ""
     while left:
         name = left.pop()
-        if name not in found and (file := _file_of(name)):
+        if name not in (_REGISTRY, *without, *found) and (file := _file_of(name)):
             found[name], imported = _read(name, file)
             left += imported
-    return sha256("\n".join(f"{name} {found[name]}" for name in sorted(found)).encode())
+    return sha256("\n".join(sorted(found.values())).encode())
 
 
 def _file_of(module: str) -> Path | None:
@@ -84,11 +85,16 @@ def _read(name: str, file: Path) -> tuple[str, list[str]]:
 
 
 def meaning(source: bytes) -> str:
-    """The syntax tree of a source without docstrings, as text."""
+    """The syntax tree of a source without docstrings and without the places that it imports from,
+    as text.
+    """
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
             del node.body[0]
+        elif isinstance(node, ast.ImportFrom):
+            node.module = None
+            node.level = 0
     return ast.dump(tree)
 
 

@@ -23,8 +23,8 @@ from matplotlib.figure import Figure
 from .cell import Measured
 from .paper_figures import Ours, Where, ate_of, surface_of
 from .paper_keys import NOISES, paper_titles
-from .paper_measure import HEAT_MM
 from .paper_sources import Sources
+from .paper_task import HEAT_MM
 
 #: Viewpoints of figure 1: trajectory, and position as a share of its length.
 _INTERIOR = (("kt2", 0.0), ("kt3", 0.45))

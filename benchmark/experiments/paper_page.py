@@ -16,8 +16,8 @@ from .findings import FAILS, HOLDS, MISSING, UNDECIDED
 from .page import Page, Section
 from .paper_figures import ate_of, surface_of
 from .paper_keys import paper_titles
-from .paper_measure import HEAT_MM
 from .paper_tables import CELL_COLUMNS, cell_row, cells_table
+from .paper_task import HEAT_MM
 from .table import ResultTable
 
 #: Part of the page for pictures and films. Pictures beyond it are left out, those in colour first.

@@ -5,6 +5,7 @@ same whenever they are made.
 import argparse
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -124,6 +125,26 @@ def test_the_code_of_a_method_is_what_it_imports_and_nothing_else(tmp_path, monk
     (package / "still.py").write_text("from iclnuim.geometry.so3 import log\n")
     whole.cache_clear()
     assert code_version.code_of.__wrapped__("mine.still") != first
+
+
+def test_the_hash_of_code_does_not_depend_on_the_names_of_modules(tmp_path, monkeypatch):
+    package = tmp_path / "mine"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    for name in ("before", "after"):
+        (package / f"uses_{name}.py").write_text(f"from mine.{name} import twice\n")
+        (package / f"{name}.py").write_text("def twice(x):\n    return 2 * x\n")
+    (package / "other.py").write_text("def twice(x):\n    return 3 * x\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(code_version, "_PATTERN", re.compile(r"mine\b"))
+    monkeypatch.setattr(code_version, "_FOLDERS", {"mine": package})
+    first = code_version.code_of("mine.uses_before")
+    assert code_version.code_of("mine.uses_after") == first
+    assert code_version.code_of("mine.uses_before", without=("mine.before",)) != first
+    (package / "before.py").write_text((package / "other.py").read_text())
+    code_version.code_of.cache_clear()
+    code_version._read.cache_clear()
+    assert code_version.code_of("mine.uses_before") != first
 
 
 def test_cells_of_a_file_are_reported_without_being_measured(

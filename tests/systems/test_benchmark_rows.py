@@ -109,7 +109,7 @@ def test_a_cell_is_measured_again_for_other_images_frames_settings_or_code(
     store.write(cell, {})
     assert missing() == 0 and missing(30) == 1
     with monkeypatch.context() as other:
-        other.setattr(code_version, "code_of", lambda *names: "other")
+        other.setattr(code_version, "code_of", lambda *names, **without: "other")
         assert missing() == 1
     content = json.loads(store.file(KT2).read_text())
     content["identity"]["fusion"] = {}
@@ -119,6 +119,34 @@ def test_a_cell_is_measured_again_for_other_images_frames_settings_or_code(
     assert missing() == 0
     write_png(sources.folder(KT2) / "depth.png", np.full((6, 8), 999, np.uint16))
     assert missing() == 1
+
+
+def test_code_of_surfaces_decides_surfaces_alone(sources, monkeypatch):
+    """Neither fusion nor its comparison with the model counts where no surface is measured; fusion
+    counts where frames are aligned with a model.
+    """
+
+    def identities():
+        keys = [KT2, replace(KT2, reference="model")]
+        cells = Paper(sources, keys, {}, surfaces=False).cells() + Paper(sources, keys, {}).cells()
+        return [dict(cell.identity) for cell in cells]
+
+    before = identities()
+    for module, changed in (
+        ("paper_surface", [False, False, True, True]),
+        ("reference", [False, True, False, True]),
+        ("paper_measure", [True, True, True, True]),
+    ):
+        with monkeypatch.context() as other:
+            whole = code_version.code_of
+
+            def code_of(name, *names, without=(), module=module, whole=whole):
+                if name.endswith(f".{module}"):
+                    return "other"
+                return whole(name, *names, without=without)
+
+            other.setattr("iclnuim.benchmark.experiments.recipes.paper.code_of", code_of)
+            assert [a != b for a, b in zip(before, identities(), strict=True)] == changed
 
 
 @pytest.mark.parametrize("changed", ["depth.png", "groundtruth.txt", "camera.json"])

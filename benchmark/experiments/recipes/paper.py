@@ -20,12 +20,16 @@ from iclnuim.formats.files import sha256
 from ..cell import Cell
 from ..code_version import code_of, method_code
 from ..paper_keys import PaperKey
-from ..paper_measure import PaperTask, fuse_settings, measure
+from ..paper_measure import measure
 from ..paper_sources import Sources
+from ..paper_task import PaperTask, fuse_settings
 from ..pool import Advance, Job, run_jobs
 from ..store import Store
 
 KIND = "benchmark"
+#: Modules on which only surfaces depend, and those on which only an alignment with a model does.
+_SURFACE = ("iclnuim.benchmark.experiments.paper_surface",)
+_REFERENCE = ("iclnuim.benchmark.fusion.reference",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,17 +54,20 @@ class Paper:
         identity: dict[str, Any] = {
             "first": self.first,
             "input": self.sources.identity(key),
-            "code": code_of(measure.__module__),
+            "code": code_of(measure.__module__, without=(*_SURFACE, *_REFERENCE)),
         }
         if path:
             identity["trajectory"] = sha256(path.read_bytes())
         else:
             identity["method_code"] = method_code(key.odometer)
+        if key.reference == "model":
+            identity["reference_code"] = code_of(*_REFERENCE)
         if self.surfaces:
             identity |= {
                 "model": self.sources.model_name(key),
                 "fusion": asdict(fuse_settings(key, self.first)),
                 "quality": QualitySettings().to_dict(),
+                "surface_code": code_of(*_SURFACE),
             }
         return Cell(key, identity)
 
