@@ -1,0 +1,121 @@
+"""What MkDocs is told about this checkout (mkdocs.yml): README and the pages of the folders are on
+the site too, links between them and docs/ hold, and every public name is in the reference.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+#: Where mkdocstrings finds the package: its folders as they lie when it is installed.
+PACKAGE = REPOSITORY / "out/site_package/iclnuim"
+#: What the site has besides docs/.
+BESIDE = (
+    "*.md",
+    "CITATION.cff",
+    "pyproject.toml",
+    "addon/README.md",
+    "benchmark/README.md",
+    "blend/README.md",
+    "blend/pictures/*",
+    "examples/*",
+    "headless/README.md",
+    "tests/README.md",
+    "trajectories/README.md",
+    "trajectories/*/*.png",
+)
+
+
+def on_startup(**_: Any) -> None:
+    """Lay out the package."""
+    shutil.rmtree(PACKAGE, ignore_errors=True)
+    PACKAGE.mkdir(parents=True)
+    for path in (REPOSITORY / "addon/iclnuim").iterdir():
+        (PACKAGE / path.name).symlink_to(path)
+    (PACKAGE / "benchmark").symlink_to(REPOSITORY / "benchmark")
+
+
+def on_config(config: MkDocsConfig) -> None:
+    """Put the pages of the public names at the end of the reference, the scripts with examples."""
+    sections: dict[str, list[Any]] = {}
+    for section in config.nav or []:
+        sections |= section
+    sections["Reference"].append({"Python": [python_page(title) for title in public_names()]})
+    scripts = sorted(REPOSITORY.glob("examples/*.py"))
+    sections["Examples"] += [site_place(f"examples/{script.name}") for script in scripts]
+
+
+def on_files(files: Files, config: MkDocsConfig) -> None:
+    """Add what lies beside docs/, and a page for every group of public names."""
+    files.remove(files.src_uris["README.md"])
+    add(files, config, "docs/README.md")
+    for pattern in BESIDE:
+        for path in sorted(REPOSITORY.glob(pattern)):
+            add(files, config, path.relative_to(REPOSITORY).as_posix())
+    for title, names in public_names().items():
+        text = "\n\n".join([f"# {title}", *(f"::: iclnuim.{name}" for name in names)])
+        files.append(File.generated(config, python_page(title), content=text))
+
+
+def add(files: Files, config: MkDocsConfig, path: str) -> None:
+    """Add one file of the checkout; a script becomes a page."""
+    source = REPOSITORY / path
+    if source.suffix == ".py":
+        text = f"# {source.name}\n\n```python\n{source.read_text('utf-8')}```\n"
+        files.append(File.generated(config, site_place(path), content=text))
+    else:
+        files.append(File.generated(config, site_place(path), abs_src_path=str(source)))
+
+
+def on_page_markdown(markdown: str, page: Any, config: MkDocsConfig, files: Files) -> str:
+    """Turn links within the checkout into links within the site."""
+    here = page.file.src_uri
+    origin = checkout_place(here)
+
+    def turned(link: re.Match[str]) -> str:
+        if ":" in link[1]:
+            return link[0]
+        path = os.path.normpath(PurePosixPath(origin).parent / link[1])
+        return f"]({os.path.relpath(site_place(path), PurePosixPath(here).parent)}"
+
+    return re.sub(r"\]\(([^)#\s]+)", turned, markdown)
+
+
+def site_place(path: str) -> str:
+    """Where a file of the checkout is on the site."""
+    if path == "docs/README.md":
+        return "map.md"
+    if path.startswith("examples/") and path.endswith(".py"):
+        return f"{path}.md"
+    return path.removeprefix("docs/")
+
+
+def checkout_place(place: str) -> str:
+    """The file of the checkout that is at this place of the site."""
+    if place == "map.md":
+        return "docs/README.md"
+    under_docs = place != "README.md" and (REPOSITORY / "docs" / place).is_file()
+    return f"docs/{place}" if under_docs else place
+
+
+def python_page(title: str) -> str:
+    """The page of a group of public names."""
+    return f"reference/python/{re.sub(r'[^a-z]+', '_', title.lower())}.md"
+
+
+def public_names() -> dict[str, list[str]]:
+    """The public names by the groups in which `iclnuim/__init__.py` lists them."""
+    source = (REPOSITORY / "addon/iclnuim/__init__.py").read_text("utf-8")
+    listed = source.partition("__all__ = [")[2].partition("]")[0]
+    groups = {}
+    for group in re.split(r"\n    # ", f"\n    # errors{listed}")[1:]:
+        title, _, names = group.partition("\n")
+        groups[title[0].upper() + title[1:]] = re.findall(r'"([A-Za-z]\w*)"', names)
+    return groups
