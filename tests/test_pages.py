@@ -51,6 +51,11 @@ def test_every_relative_link_leads_to_a_file_and_a_heading(repository):
     assert not dead, "\n".join(dead)
 
 
+def test_no_page_has_the_marks_of_a_merge(repository):
+    marks = re.compile(r"^(<{7}|>{7}) ", re.M)
+    assert [str(page) for page in pages(repository) if marks.search(page.read_text())] == []
+
+
 def shown_commands(repository):
     """(page, words, whether it stands in a sentence) of each `iclnuim ...` in a code block or a
     code span.
