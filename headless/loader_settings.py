@@ -8,7 +8,9 @@ from pathlib import Path
 from string import Template
 
 import numpy as np
-from iclnuim.dataset.frames import find_pairs, read_camera, read_depth_m, read_truth
+from iclnuim.dataset.image_pairs import find_pairs
+from iclnuim.dataset.sequence_poses import read_truth
+from iclnuim.dataset.stored_images import read_camera, read_depth_m
 from iclnuim.errors import InputError
 from iclnuim.formats.meshes import read_mesh_or_cloud
 from iclnuim.geometry.trajectory import frame_rate_hz, sample

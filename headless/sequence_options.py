@@ -23,7 +23,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from .options import add_settings, option_name, settings_from
 
 if TYPE_CHECKING:
-    from iclnuim.dataset.frames import ImagePair
+    from iclnuim.dataset.image_pairs import ImagePair
     from iclnuim.geometry.trajectory import Trajectory
 
 _EXAMPLES = {"depth": '{"sigma_d": 0.1}', "rgb": '{"exposure": 0.5}'}
@@ -139,7 +139,8 @@ def given_or_noted_camera(
 
 
 def _camera_of(folder: Path) -> SequenceCamera:
-    from iclnuim.dataset.frames import find_pairs, read_camera
+    from iclnuim.dataset.image_pairs import find_pairs
+    from iclnuim.dataset.stored_images import read_camera
 
     images = [pair.rgb for pair in find_pairs(folder)]
     return read_camera(folder, next(filter(is_file, images), images[0]))
@@ -160,8 +161,9 @@ def note_sequence(
     that no file gives, lens distortion, images in no pair; and a warning if depth does not agree
     with the poses. By default the camera and the ground truth of the folder.
     """
-    from iclnuim.dataset.frames import find_pairs, load_truth
+    from iclnuim.dataset.image_pairs import find_pairs
     from iclnuim.dataset.pose_check import doubt, pose_agreement
+    from iclnuim.dataset.sequence_poses import load_truth
 
     pairs = find_pairs(folder)
     camera = camera or _camera_of(folder)
@@ -182,7 +184,7 @@ def note_sequence(
 
 def _note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console) -> None:
     """Print a note if images of the sequence are in no pair."""
-    from iclnuim.dataset.frames import missing_images, unused_images
+    from iclnuim.dataset.image_pairs import missing_images, unused_images
 
     if missing := missing_images(folder):
         first = os.path.relpath(missing[0], folder)

@@ -13,7 +13,7 @@ import iclnuim
 import numpy as np
 import pytest
 from iclnuim import SE3, InputError, Trajectory, console
-from iclnuim.dataset.frames import read_images
+from iclnuim.dataset.stored_images import read_images
 
 sys.modules.setdefault("matplotlib", __import__("matplotlib")).use("Agg")
 

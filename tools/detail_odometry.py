@@ -23,7 +23,7 @@ import numpy as np
 from iclnuim import shipped
 from iclnuim.benchmark.odometry.registry import names, odometer
 from iclnuim.console import Console
-from iclnuim.dataset.frames import read_truth
+from iclnuim.dataset.sequence_poses import read_truth
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import is_file, make_folder, read_json, write_json
 from iclnuim.headless.method_options import installed, require

@@ -20,7 +20,9 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim.dataset.frame_pool import keep_freed_memory
-from iclnuim.dataset.frames import FrameSource, image_frames, run_frames
+from iclnuim.dataset.frame_source import FrameSource
+from iclnuim.dataset.image_frames import image_frames
+from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_options import SequenceSettings, noisy_images
 from iclnuim.errors import InputError

@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from .blender.open.model_file import read_model
     from .dataset.coco import write_coco
     from .dataset.findings import Inspection
-    from .dataset.frames import FrameSource
+    from .dataset.frame_source import FrameSource
     from .dataset.inspection import inspect_sequence
     from .dataset.label_classes import ClassMap, read_class_map
     from .dataset.label_errors import LabelErrors, label_errors
@@ -142,8 +142,8 @@ else:
 _OLD = {
     "absolute_error": ("evaluation.absolute_error", "absolute_trajectory_error"),
     "relative_error": ("evaluation.relative_error", "relative_pose_error"),
-    "image_frames": ("dataset.frames", "make_sequence with the folder, or open_sequence"),
-    "run_frames": ("dataset.frames", "make_sequence with the folder"),
+    "image_frames": ("dataset.image_frames", "make_sequence with the folder, or open_sequence"),
+    "run_frames": ("dataset.run_frames", "make_sequence with the folder"),
     "write_sequence": ("dataset.sequence", "make_sequence"),
     "SequenceSettings": ("dataset.sequence", "make_sequence, which takes them as arguments"),
 }

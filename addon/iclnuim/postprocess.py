@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 from .console import Meter, advance_of
-from .dataset.frames import FrameSource, image_frames, run_frames
+from .dataset.frame_source import FrameSource
+from .dataset.image_frames import image_frames
 from .dataset.rgbd_sequence import RgbdSequence
+from .dataset.run_frames import run_frames
 from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
 from .errors import InputError
 from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from iclnuim.benchmark.odometry.run import Sequence
-from iclnuim.dataset.frames import find_truth, missing_images, read_truth, rendered_job
+from iclnuim.dataset.image_pairs import missing_images
+from iclnuim.dataset.sequence_origin import rendered_job
+from iclnuim.dataset.sequence_poses import find_truth, read_truth
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_bytes, sha256
 from iclnuim.geometry.trajectory import Trajectory

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from iclnuim import shipped
 from iclnuim.benchmark.fusion.pictures import clay
-from iclnuim.dataset.frames import find_pairs, read_camera, read_images
+from iclnuim.dataset.image_pairs import find_pairs
+from iclnuim.dataset.stored_images import read_camera, read_images
 from iclnuim.errors import InputError
 from iclnuim.formats.images import read_colour8
 from iclnuim.formats.trajectories import read_trajectory

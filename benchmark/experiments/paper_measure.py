@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from iclnuim.dataset.frames import read_truth
+from iclnuim.dataset.sequence_poses import read_truth
 from iclnuim.errors import InputError, WorkError
 from iclnuim.evaluation.absolute_error import AbsoluteError, absolute_error
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error

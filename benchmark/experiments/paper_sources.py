@@ -11,9 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from iclnuim import shipped
-from iclnuim.dataset.frames import find_pairs, image_frames, read_truth, rendered_job
+from iclnuim.dataset.image_frames import image_frames
+from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_options import SequenceSettings
+from iclnuim.dataset.sequence_origin import rendered_job
+from iclnuim.dataset.sequence_poses import read_truth
 from iclnuim.errors import IclnuimError, InputError, WorkError
 from iclnuim.formats.files import make_folder, read_json, sha256
 from iclnuim.sensor.models import depth_model, rgb_model

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from iclnuim.console import Meter, advance_of
-from iclnuim.dataset.frames import ImagePair
+from iclnuim.dataset.image_pairs import ImagePair
 from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.rgbd_sequence import RgbdSequence
 from iclnuim.errors import InputError

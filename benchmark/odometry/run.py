@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from iclnuim.console import Meter, advance_of
-from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_images, read_truth
+from iclnuim.dataset.image_pairs import ImagePair, find_pairs
 from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.rgbd_sequence import RgbdSequence
+from iclnuim.dataset.sequence_poses import read_truth
+from iclnuim.dataset.stored_images import read_camera, read_images
 from iclnuim.errors import InputError, WorkError
 from iclnuim.evaluation.absolute_error import absolute_error
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error

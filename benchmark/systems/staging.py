@@ -17,16 +17,12 @@ from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
-from iclnuim.dataset.frames import (
-    ImagePair,
-    find_pairs,
-    read_camera,
-    read_depth_m,
-    read_truth,
-    sequence_name,
-)
+from iclnuim.dataset.image_pairs import ImagePair, find_pairs
 from iclnuim.dataset.layout import SequenceCamera
+from iclnuim.dataset.sequence_origin import sequence_name
+from iclnuim.dataset.sequence_poses import read_truth
 from iclnuim.dataset.slam_settings import SLAM_SETTINGS
+from iclnuim.dataset.stored_images import read_camera, read_depth_m
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.associations import (
     Associations,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from iclnuim.benchmark.odometry.registry import names
 from iclnuim.console import Console
-from iclnuim.dataset.frames import sequence_name
+from iclnuim.dataset.sequence_origin import sequence_name
 from iclnuim.errors import InputError
 
 from ..method_options import installed, open_sequence, require

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from iclnuim.channels import CHANNELS, DEPTH, FURTHER, RGB
 from iclnuim.console import Console
-from iclnuim.dataset.frames import read_camera
 from iclnuim.dataset.journal import JOURNAL
 from iclnuim.dataset.sequence_formats import FORMATS
+from iclnuim.dataset.stored_images import read_camera
 from iclnuim.errors import InputError, within
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.files import read_bytes, read_json

@@ -21,14 +21,7 @@ from iclnuim.formats.image_names import files_in
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.report.trajectory_report import ComparedFile, Report, error_text
 
-from ..options import (
-    Actions,
-    action,
-    add_settings,
-    settings_from,
-    subcommands,
-    trajectory_file,
-)
+from ..options import Actions, action, add_settings, settings_from, subcommands, trajectory_file
 from . import evaluate_labels, evaluate_surface
 
 #: Title and factor of each figure of `views`.
@@ -127,7 +120,7 @@ def _ground_truth(text: str) -> str:
     text = trajectory_file(text)
     if not os.path.isdir(text) or is_bag(text):
         return text
-    from iclnuim.dataset.frames import find_truth
+    from iclnuim.dataset.sequence_poses import find_truth
 
     # a folder of POV-Ray camera files is itself a trajectory
     if find_truth(Path(text)) is not None or files_in(Path(text), "*.txt"):
@@ -179,8 +172,8 @@ def _compared(
     """Ground truth and estimate, with the stamps of the same frames if one has none and no offset
     is given.
     """
-    from iclnuim.dataset.frames import find_truth, load_truth, tied_to_sequence
     from iclnuim.dataset.pose_lines import tied_to_poses
+    from iclnuim.dataset.sequence_poses import find_truth, load_truth, tied_to_sequence
 
     options = {"rate_hz": args.file_rate, "positions_suffice": of_positions}
     estimate = read_trajectory(args.estimate, args.format, **options)

@@ -53,7 +53,8 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if args.plot:
         require("fuse --plot", "embreex")
     from iclnuim.benchmark.fusion.sequence import fuse_sequence
-    from iclnuim.dataset.frames import find_pairs, find_truth, load_poses, load_truth
+    from iclnuim.dataset.image_pairs import find_pairs
+    from iclnuim.dataset.sequence_poses import find_truth, load_poses, load_truth
 
     settings = _settings(args, console)
     find_pairs(args.folder)  # a folder without a sequence is reported as such

@@ -21,17 +21,13 @@ from iclnuim.channels import FURTHER
 from iclnuim.console import Console
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.coco import write_coco
-from iclnuim.dataset.frames import (
-    FrameSource,
-    frames_with_poses,
-    image_frames,
-    original_frames,
-    run_frames,
-)
+from iclnuim.dataset.frame_source import FrameSource, frames_with_poses
+from iclnuim.dataset.image_frames import image_frames, original_frames
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.label_frames import has_classes
 from iclnuim.dataset.layout import camera_file
 from iclnuim.dataset.packing import LICENCES, check_packable, is_archive, pack, packed_names
+from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions

@@ -10,10 +10,12 @@ import pytest
 from iclnuim.dataset import bag_sequence
 from iclnuim.dataset.bag_sequence import unpacked
 from iclnuim.dataset.bags_and_logs import LogSettings, write_rosbag
-from iclnuim.dataset.frames import find_pairs, find_truth, read_camera, read_images, read_truth
+from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.known_keys import DISTORTED
 from iclnuim.dataset.rgbd_sequence import open_sequence
+from iclnuim.dataset.sequence_poses import find_truth, read_truth
+from iclnuim.dataset.stored_images import read_camera, read_images
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.bags import is_bag
 from iclnuim.formats.trajectories import read_trajectory

@@ -5,8 +5,9 @@ import shutil
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import find_pairs, read_camera, read_depth_m
+from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.sequence_formats import FORMATS
+from iclnuim.dataset.stored_images import read_camera, read_depth_m
 from iclnuim.formats.files import write_json
 from iclnuim.formats.images import ARRAY, write_array
 from iclnuim.formats.png import read_depth16, write_png

@@ -12,11 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import find_pairs, image_frames, load_truth, read_camera, read_truth
+from iclnuim.dataset.image_frames import image_frames
+from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.known_keys import DISTORTED
 from iclnuim.dataset.layouts import euroc, nerf, replica, vslam_lab
 from iclnuim.dataset.layouts.scannet import SCAN
+from iclnuim.dataset.sequence_poses import load_truth, read_truth
+from iclnuim.dataset.stored_images import read_camera
 from iclnuim.errors import InputError
 from iclnuim.formats.colmap_cameras import MODELS
 from iclnuim.formats.trajectories import read_trajectory

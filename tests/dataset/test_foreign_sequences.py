@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from iclnuim import frames_from
-from iclnuim.dataset.frames import find_pairs, load_poses, load_truth
+from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.sequence import write_sequence
+from iclnuim.dataset.sequence_poses import load_poses, load_truth
 from iclnuim.errors import InputError
 from iclnuim.evaluation.associate import nearest
 from iclnuim.formats.images import read_colour8

@@ -6,20 +6,16 @@ import re
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import (
-    find_pairs,
-    find_truth,
-    frames_with_poses,
-    original_frames,
-    read_camera,
-    read_depth_m,
-    read_truth,
-    run_frames,
-)
+from iclnuim.dataset.frame_source import frames_with_poses
+from iclnuim.dataset.image_frames import original_frames
+from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import DEPTH, RGB, SequenceFrame
+from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS, format_of
+from iclnuim.dataset.sequence_poses import find_truth, read_truth
+from iclnuim.dataset.stored_images import read_camera, read_depth_m
 from iclnuim.evaluation.image_error import psnr_db
 from iclnuim.formats.images import read_colour8
 

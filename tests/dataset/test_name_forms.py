@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import find_pairs, image_frames, original_frames
+from iclnuim.dataset.image_frames import image_frames, original_frames
+from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.layout import DEPTH, RGB, SequenceFrame
 from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS

@@ -7,13 +7,16 @@ import shutil
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import find_pairs, read_camera, read_truth, run_frames
+from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.pose_check import TOO_LITTLE, doubt, pose_agreement
 from iclnuim.dataset.run_folder import open_run
+from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
+from iclnuim.dataset.sequence_poses import read_truth
+from iclnuim.dataset.stored_images import read_camera
 from iclnuim.evaluation.depth_against_poses import Agreement
 from iclnuim.evaluation.pose_readings import AS_READ, discrete, scaled
 from iclnuim.formats.files import read_json, write_json

@@ -10,7 +10,7 @@ import types
 import numpy as np
 import pytest
 from iclnuim import ViewSettings, view_errors
-from iclnuim.dataset.frames import find_pairs
+from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.rendered_views import read_keyframes
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.errors import InputError

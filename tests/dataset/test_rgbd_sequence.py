@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from iclnuim import InputError, PinholeCamera, PosedFrame, Trajectory, open_sequence
-from iclnuim.dataset.frames import find_pairs, read_camera, read_images, read_truth
+from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.sequence_formats import FORMATS
+from iclnuim.dataset.sequence_poses import read_truth
+from iclnuim.dataset.stored_images import read_camera, read_images
 from iclnuim.formats.trajectories import write_trajectory
 
 

@@ -6,8 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import image_frames, run_frames
+from iclnuim.dataset.image_frames import image_frames
 from iclnuim.dataset.run_folder import open_run
+from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.associations import read_associations

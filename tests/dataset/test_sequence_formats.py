@@ -8,20 +8,15 @@ import shutil
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import (
-    find_pairs,
-    image_frames,
-    original_frames,
-    read_camera,
-    read_images,
-    run_frames,
-    unused_images,
-)
+from iclnuim.dataset.image_frames import image_frames, original_frames
+from iclnuim.dataset.image_pairs import find_pairs, unused_images
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import Row, SequenceCamera, posed
+from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.dataset.sequence_options import SequenceOptions
+from iclnuim.dataset.stored_images import read_camera, read_images
 from iclnuim.errors import InputError
 from iclnuim.formats import trajectories
 from iclnuim.formats.ply import read_ply

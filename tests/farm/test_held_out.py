@@ -128,7 +128,9 @@ def test_make_renders_views_that_see_what_training_saw(tmp_path, command_here):
     """Judged by the images: nearly every pixel of a view is where some training frame has the same
     depth, in the same colour.
     """
-    from iclnuim.dataset.frames import find_pairs, read_camera, read_images, read_truth
+    from iclnuim.dataset.image_pairs import find_pairs
+    from iclnuim.dataset.sequence_poses import read_truth
+    from iclnuim.dataset.stored_images import read_camera, read_images
 
     words = ["make", "kt2", "--quick", "--camera", "160x120", "-o", tmp_path, "--quiet"]
     assert command_here(*words, "--held-out", "kt2")[0] == 2 and not (tmp_path / "raw").exists()

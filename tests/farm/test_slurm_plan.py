@@ -8,18 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from iclnuim.dataset.frames import frames_of_run
 from iclnuim.dataset.run_folder import load_trajectory, open_run
+from iclnuim.dataset.run_frames import frames_of_run
 from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
-from iclnuim.headless.commands.runs import (
-    configure_make,
-    configure_render,
-    plan_from,
-)
+from iclnuim.headless.commands.runs import configure_make, configure_render, plan_from
 from iclnuim.headless.farm import estimate, slurm, slurm_queue, tasks
 from iclnuim.headless.farm.farm_settings import SlurmSettings, minutes, read_settings
 from iclnuim.headless.farm.run_plan import RECORD, RunPlan, find_run, read_plan

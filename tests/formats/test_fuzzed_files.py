@@ -13,11 +13,13 @@ import pytest
 from iclnuim import frames_from
 from iclnuim.benchmark.fusion.reconstruction import read_reconstruction
 from iclnuim.dataset import label_classes
-from iclnuim.dataset.frames import ImagePair, find_pairs, read_camera, read_depth_m, read_truth
+from iclnuim.dataset.image_pairs import ImagePair, find_pairs
 from iclnuim.dataset.label_classes import read_class_map
 from iclnuim.dataset.rendered_views import read_keyframes
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS as LAYOUTS
+from iclnuim.dataset.sequence_poses import read_truth
+from iclnuim.dataset.stored_images import read_camera, read_depth_m
 from iclnuim.errors import InputError
 from iclnuim.formats.associations import (
     Associations,

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 from iclnuim import postprocess
-from iclnuim.dataset.frames import image_frames
+from iclnuim.dataset.image_frames import image_frames
 from iclnuim.dataset.run_folder import open_run, read_run
 from iclnuim.formats.files import read_json, write_json
 from iclnuim.formats.png import read_depth16, write_png

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from iclnuim import noisy_depth, noisy_rgb
-from iclnuim.dataset.frames import read_depth_m
+from iclnuim.dataset.stored_images import read_depth_m
 from iclnuim.errors import InputError
 from iclnuim.formats.depth_units import depth16_from_metres
 from iclnuim.formats.files import atomic_write_text, check_file
@@ -311,7 +311,7 @@ def test_depth_units_alone_replace_those_of_the_folder_s_camera(sequence, words,
         used.append(units_per_metre)
         return read_depth_m(path, units_per_metre)
 
-    monkeypatch.setattr("iclnuim.dataset.frames.read_depth_m", remembered)
+    monkeypatch.setattr("iclnuim.dataset.stored_images.read_depth_m", remembered)
     assert main([*words, "--units", "2500"]) == 0
     if words[0] in ("noise", "convert"):
         made, recipe = (

@@ -13,8 +13,9 @@ from iclnuim.benchmark.odometry.protocol import OdometryResult, Status, failure
 from iclnuim.benchmark.odometry.recording import record_runs
 from iclnuim.benchmark.odometry.run import OdometryRun
 from iclnuim.benchmark.odometry.track import Tracked
-from iclnuim.dataset.frames import find_pairs, read_truth
+from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.sequence import write_sequence
+from iclnuim.dataset.sequence_poses import read_truth
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.png import read_depth16
 from iclnuim.geometry.camera import PinholeCamera

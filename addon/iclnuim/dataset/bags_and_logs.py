@@ -22,8 +22,10 @@ from ..formats.files import atomic_write, atomic_write_text, read_bytes
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
-from .frames import ImagePair, find_pairs, read_camera, read_images, read_truth
+from .image_pairs import ImagePair, find_pairs
 from .layout import SequenceCamera
+from .sequence_poses import read_truth
+from .stored_images import read_camera, read_images
 
 FRAME = "camera_rgb_optical_frame"
 WORLD = "world"

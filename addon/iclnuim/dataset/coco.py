@@ -11,9 +11,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..formats.files import atomic_write_text
-from .frames import sequence_name
 from .label_classes import ClassMap
 from .label_frames import LabelFrame, label_frames, read_ids, true_classes
+from .sequence_origin import sequence_name
 
 
 def write_coco(

@@ -13,8 +13,9 @@ from ..formats.files import is_file
 from ..formats.images import ARRAY, image_header, read_array, read_colour8
 from ..formats.png import PngHeader
 from .findings import Inspection
-from .frames import ImagePair, read_depth_m
+from .image_pairs import ImagePair
 from .layout import SequenceCamera
+from .stored_images import read_depth_m
 
 #: Number of colour and of depth images whose pixels are read.
 _SAMPLES = 24

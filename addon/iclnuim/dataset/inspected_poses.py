@@ -11,7 +11,7 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, sample, trajectory_statistics
 from .findings import Inspection, first_names
-from .frames import ImagePair
+from .image_pairs import ImagePair
 from .layout import SequenceCamera, posed, usual_step_s
 from .official_archives import archive_of, described
 from .pose_check import TOO_LITTLE, doubt, pose_agreement

@@ -6,22 +6,11 @@ import numpy as np
 
 from ..geometry.trajectory import frame_rate_hz
 from .findings import Inspection
-from .frames import (
-    ImagePair,
-    find_pairs,
-    find_truth,
-    load_truth,
-    missing_images,
-    read_camera,
-    unused_images,
-)
-from .inspected_images import (
-    inspect_brightness,
-    inspect_camera,
-    inspect_depth,
-    inspect_images,
-)
+from .image_pairs import ImagePair, find_pairs, missing_images, unused_images
+from .inspected_images import inspect_brightness, inspect_camera, inspect_depth, inspect_images
 from .inspected_poses import inspect_depth_against_poses, inspect_distances, inspect_poses
+from .sequence_poses import find_truth, load_truth
+from .stored_images import read_camera
 
 
 def inspect_sequence(folder: Path | str) -> Inspection:

@@ -12,7 +12,7 @@ from ..evaluation.labels import VOID
 from ..formats.files import is_file
 from ..formats.image_names import files_in
 from ..formats.label_images import read_label_image
-from .frames import ImagePair, find_pairs
+from .image_pairs import ImagePair, find_pairs
 from .label_classes import LARGEST_ID, ClassMap, read_class_map
 from .layout import SequenceFrame
 from .sequence_formats import format_of

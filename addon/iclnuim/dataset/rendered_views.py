@@ -18,8 +18,9 @@ from ..evaluation.image_error import ViewSettings, psnr_db, ssim
 from ..formats.files import data_lines, is_file, read_text
 from ..formats.images import ARRAY, JPEG, read_colour8
 from ..shown import Shown, axes_or_new
-from .frames import ImagePair, find_pairs, read_camera, read_depth_m, read_images
+from .image_pairs import ImagePair, find_pairs
 from .layout import SequenceCamera, camera_file, usual_step_s
+from .stored_images import read_camera, read_depth_m, read_images
 
 if TYPE_CHECKING:
     from ..shown import Axes

@@ -20,8 +20,10 @@ from ..geometry.camera import CameraOrText, PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, sample
 from ..sensor.transfer import srgb8
-from .frames import ImagePair, find_pairs, read_camera, read_images, read_truth
+from .image_pairs import ImagePair, find_pairs
 from .layout import SequenceCamera, usual_step_s
+from .sequence_poses import read_truth
+from .stored_images import read_camera, read_images
 
 
 class PosedFrame(NamedTuple):

@@ -17,14 +17,16 @@ from ..formats.images import read_colour8
 from ..sensor.models import depth_model, rgb_model
 from ..sensor.transfer import srgb8
 from .frame_pool import FramePool, cores, keep_freed_memory
-from .frames import FrameSource, frames_of_run, read_depth_m
+from .frame_source import FrameSource
 from .journal import JournalEntry
 from .name_forms import SORTED
 from .run_folder import RunFolder
+from .run_frames import frames_of_run
 from .sequence_folder import SequenceFolder, WrittenSequence
 from .sequence_formats import sequence_format
 from .sequence_images import Frame, SequenceImages
 from .sequence_options import SequenceSettings
+from .stored_images import read_depth_m
 
 
 def write_sequence(

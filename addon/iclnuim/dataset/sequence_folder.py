@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..formats.depth_units import KINDS
 from ..formats.files import locked, make_folder, write_json, writer_has_ended
 from ..formats.image_names import files_in
-from .frames import FrameSource
+from .frame_source import FrameSource
 from .image_files import paths_of, same_image
 from .journal import JournalEntry
 from .layout import Contents, SequenceFormat

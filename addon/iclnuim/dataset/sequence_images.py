@@ -9,7 +9,7 @@ import numpy as np
 
 from ..channels import DEPTH, RGB
 from ..formats.files import sha256
-from .frames import FrameSource
+from .frame_source import FrameSource
 from .image_files import (
     Place,
     Places,

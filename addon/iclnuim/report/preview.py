@@ -9,15 +9,10 @@ from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..dataset.frames import (
-    ImagePair,
-    find_pairs,
-    read_camera,
-    read_depth_m,
-    read_images,
-    read_truth,
-)
+from ..dataset.image_pairs import ImagePair, find_pairs
 from ..dataset.layout import SequenceCamera
+from ..dataset.sequence_poses import read_truth
+from ..dataset.stored_images import read_camera, read_depth_m, read_images
 from ..errors import InputError
 from ..evaluation.carried_depth import carried_residual
 from ..formats.files import atomic_write, make_folder

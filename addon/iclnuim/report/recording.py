@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ..dataset.frames import find_pairs, read_camera, read_depth_m, read_truth
+from ..dataset.image_pairs import find_pairs
 from ..dataset.layout import posed
+from ..dataset.sequence_poses import read_truth
+from ..dataset.stored_images import read_camera, read_depth_m
 from ..errors import InputError, WorkError
 from ..formats.files import atomic_write, check_file, read_bytes, sha256
 from ..formats.images import ARRAY, read_colour8

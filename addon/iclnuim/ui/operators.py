@@ -15,9 +15,9 @@ from bpy.types import Context, Event, Operator
 from .. import shipped
 from ..blender.open import importers, orient, sanitize, scene_paths
 from ..blender.render import camera as keyed_camera
-from ..dataset.frames import read_frame
 from ..dataset.pose_lines import tied_to_poses
 from ..dataset.run_folder import read_run
+from ..dataset.run_frames import read_frame
 from ..dataset.sequence_options import SequenceOptions, noisy_images
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteErrorSettings

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS, odometer
 from iclnuim.console import Console
-from iclnuim.dataset.frames import FrameSource
+from iclnuim.dataset.frame_source import FrameSource
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.errors import InputError
 from iclnuim.formats.trajectories import read_trajectory
