@@ -175,7 +175,7 @@ def _declaration(field: Any, hint: Any) -> Setting:
         "kind": kind,
         "default": field.default,
         "option": "--" + field.name.replace("_", "-"),
-        "label": field.name.replace("_", " ").capitalize(),
+        "label": field.name.replace("_", " ").title(),
         "optional": type(None) in parts,
         "length": length,
         "shown": (about.get("unit", ""), 1.0),

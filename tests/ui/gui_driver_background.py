@@ -16,6 +16,8 @@ import bpy
 
 MODULE = "bl_ext.user_default.iclnuim"
 PREFIXES = ("ICLNUIM", "iclnuim")
+#: Buttons that can do nothing with the defaults in a file that is not saved.
+GREYED = ("remove_scene", "resume", "open_folder", "cancel", "evaluate", "plot")
 ROOM = """v -2 -2 0\nv 2 -2 0\nv 2 2 0\nv -2 2 0\nv -2 -2 2\nv 2 -2 2\nv 2 2 2\nv -2 2 2
 f 1 2 3 4\nf 8 7 6 5\nf 1 5 6 2\nf 2 6 7 3\nf 3 7 8 4\n"""
 
@@ -50,8 +52,17 @@ def leftovers() -> dict:
 
 
 def press(name: str) -> str:
-    """FINISHED or CANCELLED."""
-    return next(iter(getattr(bpy.ops.iclnuim, name)()))
+    """FINISHED, CANCELLED, or why the button is greyed."""
+    try:
+        return next(iter(getattr(bpy.ops.iclnuim, name)()))
+    except RuntimeError as error:
+        return str(error)
+
+
+def hidden_things() -> list[str]:
+    """Objects that the viewport does not draw, and the world."""
+    hidden = sorted(thing.name for thing in bpy.data.objects if thing.hide_viewport)
+    return [*hidden, bpy.context.scene.world.name]
 
 
 def in_an_older_blender(package) -> str:
@@ -111,6 +122,8 @@ def saved_and_opened_again(found: dict, folder: str) -> None:
     settings = bpy.context.scene.iclnuim
     found["opened_again"] = [settings.seed, sorted(settings.formats), settings.trajectory_source]
     state = importlib.import_module(MODULE + ".ui.state")
+    found["path_before_use"] = state.current().trajectory_lines
+    press("refresh")
     found["path_of_the_opened_file"] = state.current().trajectory_lines
     for preset in ("Quick look", "Benchmark", "mine"):
         found["pressed"][preset] = next(iter(bpy.ops.iclnuim.preset(preset=preset)))
@@ -126,26 +139,29 @@ def main(archive: str, out: str, estimate: str) -> dict:
     state = importlib.import_module(MODULE + ".ui.state")
     found = {"file": package.__file__, "pressed": {}, "messages": {}}
 
+    def button(name: str, label: str | None = None) -> None:
+        found["pressed"][label or name] = press(name)
+        found["messages"][label or name] = state.current().work.message
+
     package.unregister()
     found["older_blender"] = in_an_older_blender(package)
     found["left_after_unregister"] = leftovers()
     package.register()
 
     settings = bpy.context.scene.iclnuim
-    inputs = importlib.import_module(MODULE + ".ui.inputs")
-    found["folder_before_saving"] = str(inputs.output_folder(settings))
+    found["not_used"] = [state.current().trajectory_lines, sorted(state.current().shapes)]
+    found["greyed"] = {name: press(name) for name in GREYED}
+    button("render", "no folder chosen")
     settings.trajectory_source, settings.out, settings.frames = "kt2", out, "0:4:2"
     small = {"width": 64, "height": 48, "fx": 64 / 1.33, "fy": 48, "cx": 31.5, "cy": 23.5}
     for name, value in small.items():
         setattr(settings, name, value)
     settings.light, settings.samples, settings.denoise = "path", 1, "OFF"
 
-    def button(name: str, label: str | None = None) -> None:
-        found["pressed"][label or name] = press(name)
-        found["messages"][label or name] = state.current().work.message
-
-    for name in ("load_scene", "refresh", "keyframe", "preview", "render"):
+    for name in ("load_scene", "remove_scene", "load_scene", "refresh", "keyframe", "preview"):
         button(name)
+        found.setdefault("hidden", []).append(hidden_things())
+    button("render")
     kept = Path(out, "path.txt")
     found["pressed"]["save path"] = next(iter(bpy.ops.iclnuim.save_path(filepath=str(kept))))
     found["saved_path"] = kept.read_text()

@@ -96,6 +96,9 @@ def steps():
     bpy.ops.preferences.addon_enable(module=MODULE)
     state = importlib.import_module(MODULE + ".ui.state")
     measure()
+    yield 1.0
+    found["drawn_before_use"] = sorted(state.current().shapes)
+    shoot("0_not_used")
     view().spaces.active.show_region_ui = True
     yield 1.0
     region = next(r for r in view().regions if r.type == "UI")
@@ -117,9 +120,13 @@ def look_and_key():
         setattr(settings, name, value)
     settings.frames = "0:10:2"
     press("load_scene")
-    bpy.ops.object.select_all(action="DESELECT")
-    for thing in bpy.data.objects:
-        thing.hide_set(thing.name.startswith("ceiling"))
+    yield 2.0
+    shoot("2_scene_framed")
+    press("remove_scene")
+    yield 1.0
+    shoot("2_scene_removed")
+    found["start_up"] = [bpy.data.objects[n].hide_viewport for n in ("Cube", "Light")]
+    press("load_scene")
     view().spaces.active.shading.color_type = "TEXTURE"
     yield 2.0
     from_above()
@@ -185,6 +192,7 @@ def evaluate():
     press("plot")
     yield 3.0
     shoot("8_evaluated")
+    press("open_folder")
     found["evaluation"] = state.current().evaluation_lines
 
 
@@ -260,7 +268,7 @@ def panels() -> list[type[bpy.types.Panel]]:
     return [
         member
         for member in members
-        if isinstance(member, type) and issubclass(member, bpy.types.Panel)
+        if isinstance(member, type) and member.__name__.startswith("ICLNUIM_PT")
     ]
 
 

@@ -122,16 +122,48 @@ def test_an_older_blender_is_refused_in_one_line_and_nothing_is_registered(drive
 
 
 def test_every_button_works_without_a_window(driven):
-    refused = {"no folder", "wrong trajectory", "no camera", "another recipe"}
+    refused = {
+        "no folder chosen",
+        "no folder",
+        "wrong trajectory",
+        "no camera",
+        "cancel",
+        "another recipe",
+    }
     assert {name for name, result in driven["pressed"].items() if result != "FINISHED"} == refused
+
+
+def test_a_button_that_can_do_nothing_is_greyed_and_its_tooltip_says_why(driven):
+    for name, reason in {
+        "remove_scene": "try Show the Scene",
+        "resume": "saving this file",
+        "open_folder": "saving this file",
+        "cancel": "nothing is running",
+        "evaluate": "Estimate",
+        "plot": "try Evaluate first",
+    }.items():
+        assert reason.lower() in driven["greyed"][name].lower(), name
+
+
+def test_nothing_is_drawn_or_read_before_the_panel_was_used(driven):
+    assert driven["not_used"] == [[], []]
+    assert driven["path_before_use"] == []
+
+
+def test_what_is_hidden_for_a_shown_scene_is_shown_again_when_it_is_removed(driven):
+    shown, removed, again = driven["hidden"][:3]
+    assert shown[:-1] == again[:-1] == ["Cube", "Light"] and shown[-1] != "World"
+    assert removed == ["World"]
+    assert "Cube, Light" in driven["messages"]["load_scene"]
 
 
 def test_refusals_say_what_to_do(driven):
     said = driven["messages"]
-    assert "Output folder" in said["no folder"]
+    assert "choosing one as Output Folder, or saving this file" in said["no folder chosen"]
+    assert "Output Folder" in said["no folder"]
     assert "trajectory" in said["wrong trajectory"]
-    assert "Add > Camera" in said["no camera"]
-    assert "another Output folder" in said["another recipe"]
+    assert "Add > Camera" in driven["pressed"]["no camera"]
+    assert "another Output Folder" in said["another recipe"]
 
 
 def test_render_and_resume_leave_frames_and_sequences(driven):
@@ -194,10 +226,6 @@ def test_the_open_file_with_its_camera_gives_the_same_depth_as_the_shipped_seque
         session.render([100], lambda: False)
     a, b = (read_exr(folder / "exr/000100.exr")["Z"] for folder in (own / "raw", out))
     assert np.abs(a - b).max() < 0.01 and np.median(np.abs(a - b)) < 1e-5
-
-
-def test_a_file_that_is_not_saved_yet_renders_into_the_extensions_own_folder(driven):
-    assert driven["folder_before_saving"].startswith(str(driven["home"] / "profile"))
 
 
 def test_nothing_is_written_outside_the_output_folder_and_the_profile(driven):

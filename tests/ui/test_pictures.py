@@ -17,25 +17,19 @@ def test_pixels_without_depth_are_black_and_others_are_not():
     assert (colours[z > 0].max(-1) > 0).all()
 
 
-def test_a_frame_picture_holds_both_images_clean_above_noisy():
-    rgb, z = np.full((4, 6, 3), 100, np.uint8), np.ones((4, 6))
-    picture = pictures.frame_picture(rgb, z, rgb + 50, np.zeros((4, 6)))
-    assert picture.shape == (8, 12, 3)
-    assert (
-        (picture[:4, :6] == 100).all()
-        and (picture[4:, :6] == 150).all()
-        and (picture[4:, 6:] == 0).all()
-    )
+def test_a_frame_picture_holds_both_images_clean_above_noisy_each_below_its_title():
+    rgb, z = np.full((4, 120, 3), 100, np.uint8), np.ones((4, 120))
+    picture = pictures.frame_picture(rgb, z, rgb + 50, np.zeros((4, 120)))
+    clean, above, noisy, below = np.split(picture, [24, 28, 52])
+    assert (above[:, :120] == 100).all()
+    assert (below[:, :120] == 150).all() and (below[:, 120:] == 0).all()
+    assert clean.min() < 100 and not np.array_equal(clean, noisy)
 
 
 def test_a_picture_of_a_frame_without_any_depth_is_made():
     nothing = np.zeros((4, 6))
-    assert (
-        pictures.frame_picture(
-            np.zeros((4, 6, 3), np.uint8), nothing, np.zeros((4, 6, 3), np.uint8), nothing
-        ).max()
-        == 0
-    )
+    black = np.zeros((4, 6, 3), np.uint8)
+    assert pictures.frame_picture(black, nothing, black, nothing)[-4:].max() == 0
 
 
 def test_the_plot_draws_larger_errors_higher():

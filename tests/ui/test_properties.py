@@ -124,6 +124,26 @@ def test_defaults_and_ranges_are_those_of_the_declarations(register, group):
         assert settings.bl_rna.properties["exposure_ms"].hard_max == 1000
 
 
+def test_numbers_show_their_units(register):
+    shown = register().bl_rna.properties
+    assert (shown["exposure_ms"].name, shown["depth_units"].name) == (
+        "Exposure (ms)",
+        "Depth (1/m)",
+    )
+    pixels = ("width", "fx", "cy", "map_size")
+    assert {shown[name].subtype for name in pixels} == {"PIXEL"}
+    assert shown["start_location"].subtype == "TRANSLATION"
+
+
+def test_labels_and_choices_begin_with_capitals(register):
+    settings = register()
+    for shown in settings.bl_rna.properties:
+        assert shown.name[:1].isupper(), shown.identifier
+    assert {"Paper", "None"} <= {
+        item.name for item in settings.bl_rna.properties["depth_noise"].enum_items
+    }
+
+
 def test_the_job_of_untouched_settings_is_the_benchmarks(register):
     job = register().to_job("living_room", "living_room/kt2")
     assert job == RenderJob("living_room/kt2", "living_room", "living_room/kt2")
@@ -152,9 +172,9 @@ def test_errors_name_the_panels_labels(register):
     register()
     with pytest.raises(InputError) as error:
         RenderJob("a", "b", "c", map_size=1)
-    assert error.value.worded(properties.label_of).startswith("Map size: expected")
+    assert error.value.worded(properties.label_of).startswith("Map Size: expected")
     assert [properties.label_of(name) for name in ("out", "exposure_s", "up", "scene", "unknown")] == [
-        "Output folder", "Exposure", "Up", "Scene", "unknown",
+        "Output Folder", "Exposure", "Up", "Scene", "unknown",
     ]  # fmt: skip
 
 

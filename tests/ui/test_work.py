@@ -91,10 +91,17 @@ def test_sequences_are_counted_as_a_stage_of_their_own(work, worker):
     report(
         work,
         worker,
-        {"event": "missing", "of": "sequences", "missing": 8},
+        {"event": "missing", "of": "sequences", "missing": 4},
         {"event": "written", "frame": 0},
     )
-    assert (work.phase, work.done, work.total) == ("writing", 1, 8)
+    assert (work.phase, work.done, work.total) == ("writing", 1, 4)
+
+
+def test_progress_counts_the_finished_frames_of_an_earlier_run_and_the_rate_does_not(work, worker):
+    report(work, worker, START, {**READY[0], "missing": 1}, READY[1], now_s=10.0)
+    assert (work.done, work.total, work.seconds_left(12.0)) == (3, 4, None)
+    report(work, worker, *frames(30), now_s=12.0)
+    assert (work.done, work.frames_per_second(12.0)) == (4, 0.5)
 
 
 def test_when_all_is_done_the_worker_is_stopped_and_the_message_given_at_the_start_is_shown(

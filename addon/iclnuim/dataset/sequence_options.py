@@ -91,13 +91,18 @@ class SequenceOptions(Settings):
         "noise model of colour",
         choices=lambda: _summaries(RGB_MODELS),
         others="MODULE:FUNCTION",
-        label="RGB noise",
+        label="RGB Noise",
     )
     depth_settings: dict[str, Any] = field(default_factory=dict)
     rgb_settings: dict[str, Any] = field(default_factory=dict)
     seed: int = setting(0, "seed of the noise", low=0, high=2**63 - 1)
     depth_units: float = setting(
-        UNITS_PER_METRE, "units per metre of the depth images", unit="1/m", low=1.0, high=1e6
+        UNITS_PER_METRE,
+        "units per metre of the depth images",
+        unit="1/m",
+        low=1.0,
+        high=1e6,
+        label="Depth",
     )
     formats: tuple[str, ...] = setting(
         ("tum",),

@@ -44,10 +44,10 @@ class AlignmentSettings(Settings):
         "align on the first N pairs only; default: all",
         low=1,
         option="--align-first",
-        label="First pairs",
+        label="First Pairs",
     )
     up: str = setting(
-        "z", "axis that yaw rotates about", choices=dict.fromkeys("xyz", ""), label="Yaw axis"
+        "z", "axis that yaw rotates about", choices=dict.fromkeys("xyz", ""), label="Yaw Axis"
     )
 
 

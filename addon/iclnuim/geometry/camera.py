@@ -45,7 +45,7 @@ class PinholeCamera(Settings):
         unit="px",
         low=1e-3,
         source="POV-Ray; paper: 481.20",
-        label="fx",
+        label="Focal Length fx",
     )
     fy: float = parameter(
         480.0,
@@ -53,13 +53,13 @@ class PinholeCamera(Settings):
         unit="px",
         low=1e-3,
         source="-480 in the paper: y up",
-        label="fy",
+        label="Focal Length fy",
     )
     cx: float = parameter(
-        319.5, _CENTRE.format("leftmost"), unit="px", source=_EQUATION_1, label="cx"
+        319.5, _CENTRE.format("leftmost"), unit="px", source=_EQUATION_1, label="Centre cx"
     )
     cy: float = parameter(
-        239.5, _CENTRE.format("topmost"), unit="px", source=_EQUATION_1, label="cy"
+        239.5, _CENTRE.format("topmost"), unit="px", source=_EQUATION_1, label="Centre cy"
     )
 
     def __post_init__(self) -> None:

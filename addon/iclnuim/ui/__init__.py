@@ -34,6 +34,6 @@ def unregister() -> None:
 
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import operators, panels, presets, properties, trajectory_view
+    from . import operators, panels, presets, properties, shown_scene, trajectory_view
 
-    return properties, presets, operators, trajectory_view, panels
+    return properties, presets, shown_scene, operators, trajectory_view, panels

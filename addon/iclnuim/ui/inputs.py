@@ -39,14 +39,12 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
 
     Raises InputError.
     """
+    check_trajectory(context)
     settings = context.scene.iclnuim
     if settings.trajectory_source == "CAMERA":
         loaded = camera.trajectory(context.scene)
         sentence = "; ".join(["the active camera's animation", *camera_notes(context.scene)])
     elif settings.trajectory_source == "FILE":
-        if not settings.trajectory_file:
-            hint = "choosing one under {trajectory}"
-            raise InputError("a trajectory file", found="none", hint=hint)
         file = read_trajectory(bpy.path.abspath(settings.trajectory_file))
         loaded = file.trajectory
         sentence = file.read_as.sentence
@@ -63,16 +61,52 @@ def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
     return adopt(loaded, start, round(settings.scale, 6)), sentence
 
 
-def output_folder(settings: bpy.types.PropertyGroup) -> Path:
-    """The absolute path.
+def check_trajectory(context: bpy.types.Context) -> None:
+    """Raises InputError if no trajectory is chosen."""
+    settings = context.scene.iclnuim
+    if settings.trajectory_source == "FILE" and not settings.trajectory_file:
+        hint = "choosing one under {trajectory}"
+        raise InputError("a trajectory file", found="none", hint=hint)
+    if settings.trajectory_source == "CAMERA":
+        camera.active(context.scene)
 
-    `//` is the folder of the saved .blend; if the file is not saved, it is the extension's user
-    folder.
+
+def current_pose(context: bpy.types.Context) -> int:
+    """The pose at the timeline's current frame, from 0. An animation begins at the first frame of
+    the timeline, keyframes of a trajectory at 0.
+    """
+    scene = context.scene
+    first = scene.frame_start if scene.iclnuim.trajectory_source == "CAMERA" else 0
+    return max(scene.frame_current - first, 0)
+
+
+def output_folder(settings: bpy.types.PropertyGroup) -> Path:
+    """The absolute path; `//` is the folder of the saved .blend.
+
+    Raises InputError if that file is not saved yet.
     """
     out = settings.out.strip() or DEFAULT_OUT
     if out.startswith("//") and not bpy.data.filepath:
-        return (state.user_folder("out") / out[2:]).resolve()
+        hint = "choosing one as {out}, or saving this file"
+        raise InputError("an output folder", found="none", hint=hint)
     return Path(bpy.path.abspath(out)).expanduser().resolve()
+
+
+def existing_output(context: bpy.types.Context) -> Path:
+    """The output folder. Raises InputError if it does not exist."""
+    folder = output_folder(context.scene.iclnuim)
+    if not folder.is_dir():
+        raise InputError("a folder", path=folder, found="none yet", hint="Render")
+    return folder
+
+
+def run_to_resume(context: bpy.types.Context) -> Path:
+    """The folder of the run in the output folder. Raises InputError if there is none."""
+    raw = output_folder(context.scene.iclnuim) / "raw"
+    if not (raw / "sequence.json").is_file():
+        hint = "Render, or the {out} that the render was started in"
+        raise InputError("a render to resume", path=raw, found="none", hint=hint)
+    return raw
 
 
 def scene_name(settings: bpy.types.PropertyGroup) -> str:
@@ -177,6 +211,11 @@ def _trajectory_for(
     if not path.is_file():
         write_trajectory(path, poses, "tum")
     return str(path)
+
+
+def check_scene(context: bpy.types.Context) -> None:
+    """Raises InputError if no scene is chosen."""
+    chosen_scene(context.scene.iclnuim)
 
 
 def chosen_scene(settings: bpy.types.PropertyGroup) -> str:

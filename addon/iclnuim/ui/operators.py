@@ -1,4 +1,4 @@
-"""The panel's operators: scene and trajectory; bake, preview, render, cancel, resume; evaluation.
+"""The panel's operators: trajectory; bake, preview, render, cancel, resume; evaluation.
 
 A worker process renders.
 """
@@ -12,69 +12,28 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 from bpy.types import Context, Event, Operator
 
-from .. import shipped
-from ..blender.open import importers, orient, sanitize, scene_paths
 from ..blender.render import camera as keyed_camera
 from ..dataset.pose_lines import tied_to_poses
 from ..dataset.run_folder import read_run
 from ..dataset.run_frames import read_frame
 from ..dataset.sequence_options import SequenceOptions, noisy_images
-from ..errors import InputError
-from ..evaluation.absolute_error import AbsoluteErrorSettings
+from ..errors import InputError, WorkError
+from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
 from ..evaluation.align import AlignmentSettings
 from ..evaluation.relative_error import RelativeErrorSettings, parse_delta
 from ..formats.trajectories import read_trajectory, write_trajectory
-from ..geometry.scene_axes import SceneReading
 from ..geometry.trajectory import frame_rate_hz, frame_slice
 from ..job import RenderJob
 from ..postprocess import absolute_trajectory_error, relative_pose_error
 from . import image_editor, inputs, pictures, state, trajectory_view
 from .state import operator
 
+_CAN_RENDER = state.idle, inputs.check_scene, inputs.check_trajectory
 PREVIEW = "ICL-NUIM preview"
 PLOT = "ICL-NUIM error"
 
 
-@operator("Show the Scene Here", undo=True)
-def load_scene(self: Operator, context: Context) -> None:
-    """Load the chosen scene into this window, in a separate collection.
-
-    It replaces the scene that was loaded before
-    """
-    settings = context.scene.iclnuim
-    if settings.scene_source == "OPEN":
-        found = "the open file, which is already shown"
-        raise InputError("a built-in scene or a file to show", found=found)
-    name = inputs.chosen_scene(settings)
-    reading = settings.reading()
-    find = shipped.scene_file if shipped.is_scene(name) else importers.checked_file
-    file = find(name)
-    if settings.scene_source == "FILE":
-        scene_paths.check(file, reading)
-    old = bpy.data.collections.get(trajectory_view.COLLECTION)
-    if old is not None:
-        bpy.data.batch_remove([*old.all_objects, old])
-    collection = bpy.data.collections.new(trajectory_view.COLLECTION)
-    context.scene.collection.children.link(collection)
-    if file.suffix.lower() == ".blend":
-        _append(context.scene, file, collection)
-        if settings.scene_source == "FILE":
-            orient.orient(file, reading, list(collection.all_objects))
-    else:
-        _import(context, file, reading, collection)
-    collection[trajectory_view.SHOWN] = name
-    # objects of the start-up file would be inside the room: they are hidden, not removed
-    for start_up in ("Cube", "Light"):
-        thing = context.scene.collection.all_objects.get(start_up)
-        if thing is not None and thing.name not in collection.all_objects:
-            thing.hide_viewport = thing.hide_render = True
-    for area in state.areas("VIEW_3D"):
-        # spot lamps draw wide circles; the panel has a switch that shows them again
-        area.spaces.active.overlay.show_extras = False
-    trajectory_view.refresh(context)
-
-
-@operator("Keyframe", undo=True)
+@operator("Keyframe", inputs.check_trajectory, undo=True)
 def keyframe(self: Operator, context: Context) -> None:
     """Keyframe a camera along the trajectory. Frame i of the timeline has exactly pose i"""
     scene = context.scene
@@ -111,6 +70,7 @@ def _ask_for_a_file(self: Operator, context: Context, event: Event) -> set[str]:
 
 @operator(
     "Save as TUM",
+    inputs.check_trajectory,
     invoke=_ask_for_a_file,
     filepath=StringProperty(subtype="FILE_PATH", description="File to write, ending in .txt"),
     check_existing=BoolProperty(default=True, options={"HIDDEN"}),
@@ -120,15 +80,13 @@ def save_path(self: Operator, context: Context) -> None:
     """Save the trajectory chosen above as a TUM file: seconds, metres, camera to world, x right, y
     down, z forward
     """
-    if not self.filepath:
-        raise InputError("a file to write", found="none")
     file = Path(bpy.path.abspath(self.filepath)).expanduser().resolve()
     poses, sentence = inputs.trajectory(context)
     write_trajectory(file.with_suffix(file.suffix or ".txt"), poses, "tum")
     state.current().work.message = f"{len(poses)} poses of {sentence} were written to {file.name}"
 
 
-@operator("Bake Light")
+@operator("Bake Light", state.idle, inputs.check_scene)
 def bake(self: Operator, context: Context) -> None:
     """Bake the scene's light map into the extension's cache, in the background.
 
@@ -141,42 +99,70 @@ def bake(self: Operator, context: Context) -> None:
     state.start("bake", job, folder / "raw", {"bake": True}, baked, finish)
 
 
-@operator("Render")
+def _ask_for_a_folder(self: Operator, context: Context, event: Event) -> set[str]:
+    try:
+        inputs.output_folder(context.scene.iclnuim)
+    except InputError:  # the file is not saved yet
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+    return self.execute(context)
+
+
+@operator(
+    "Render",
+    *_CAN_RENDER,
+    invoke=_ask_for_a_folder,
+    directory=StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"}),
+)
 def render(self: Operator, context: Context) -> None:
     """Render the chosen frames in a second Blender process, then write the sequences.
 
     Finished frames are skipped
     """
     settings = context.scene.iclnuim
+    if self.directory:
+        settings.out = self.directory
     out = inputs.output_folder(settings)
     numbers = list(frame_slice(settings.frames, len(inputs.trajectory(context)[0])))
     _render(inputs.job(context, out), out, numbers, settings.sequences(out))
 
 
-@operator("Resume")
+@operator("Resume", state.idle, inputs.run_to_resume)
 def resume(self: Operator, context: Context) -> None:
     """Continue the render in the output folder, with the settings that it was started with"""
     settings = context.scene.iclnuim
-    out = inputs.output_folder(settings)
-    recipe = out / "raw" / "sequence.json"
-    if not recipe.is_file():
-        hint = "Render, or the {out} that the render was started in"
-        raise InputError("a render to resume", path=recipe.parent, found="none", hint=hint)
-    inputs.check_free(out / "raw")
-    run = read_run(out / "raw")
-    run.job.reading.check_asked(settings.reading().allow_outside, recipe)
+    raw = inputs.run_to_resume(context)
+    inputs.check_free(raw)
+    run = read_run(raw)
+    asked = settings.reading().allow_outside
+    run.job.reading.check_asked(asked, raw / "sequence.json")
     numbers = list(frame_slice(settings.frames, len(run.truth())))
-    _render(run.job, out, numbers, settings.sequences(out))
+    _render(run.job, raw.parent, numbers, settings.sequences(raw.parent))
 
 
-@operator("Cancel")
+@operator("Open Folder", inputs.existing_output)
+def open_folder(self: Operator, context: Context) -> None:
+    """Open the output folder in the file manager"""
+    folder = inputs.existing_output(context)
+    try:
+        bpy.ops.wm.path_open(filepath=str(folder))
+    except RuntimeError:
+        raise WorkError(f"{folder}: this system has no file manager") from None
+
+
+def _busy(context: Context) -> None:
+    if not state.current().work.busy:
+        raise WorkError("nothing is running")
+
+
+@operator("Cancel", _busy)
 def cancel(self: Operator, context: Context) -> None:
     """Stop after the current frame. Finished frames stay, and Resume continues after them"""
     state.current().work.cancel()
     state.redraw()
 
 
-@operator("Preview Frame")
+@operator("Preview Frame", *_CAN_RENDER)
 def preview(self: Operator, context: Context) -> None:
     """Render the pose of the timeline's current frame.
 
@@ -185,7 +171,7 @@ def preview(self: Operator, context: Context) -> None:
     settings = context.scene.iclnuim
     folder = Path(tempfile.mkdtemp(dir=state.user_folder("preview")))
     chosen = inputs.trajectory(context)[0]
-    number = min(max(context.scene.frame_current, 0), len(chosen) - 1)
+    number = min(inputs.current_pose(context), len(chosen) - 1)
     options = SequenceOptions(**settings.values_of(SequenceOptions))
     sensor = options.sequence_settings()
     job = inputs.job(context, folder)
@@ -208,17 +194,22 @@ def _mm(metres: float) -> str:
     return f"{1000 * metres:.3f}"
 
 
-@operator("Evaluate")
+def _estimate(context: Context) -> str:
+    estimate = context.scene.iclnuim.estimate
+    if not estimate:
+        hint = "choosing a file as {estimate}"
+        raise InputError("an estimated trajectory", found="none", hint=hint)
+    return bpy.path.abspath(estimate)
+
+
+@operator("Evaluate", _estimate)
 def evaluate(self: Operator, context: Context) -> None:
     """Compute ATE and RPE of the estimate, and draw it next to the ground truth: blue for no error,
     red for the largest error
     """
     settings = context.scene.iclnuim
     panel = state.current()
-    if not settings.estimate:
-        hint = "choosing a file as {estimate}"
-        raise InputError("an estimated trajectory", found="none", hint=hint)
-    estimated = read_trajectory(bpy.path.abspath(settings.estimate))
+    estimated = read_trajectory(_estimate(context))
     estimate = estimated.trajectory
     if settings.truth:
         reference = read_trajectory(bpy.path.abspath(settings.truth))
@@ -245,46 +236,19 @@ def evaluate(self: Operator, context: Context) -> None:
     state.redraw()
 
 
-@operator("Show the Plot")
-def plot(self: Operator, context: Context) -> None:
-    """Show a plot of the position error over time in the image editor"""
+def _evaluation(context: Context) -> AbsoluteError:
     ate = state.current().evaluation
     if ate is None:
         raise InputError("an evaluation to plot", found="none", hint="Evaluate first")
+    return ate
+
+
+@operator("Show the Plot", _evaluation)
+def plot(self: Operator, context: Context) -> None:
+    """Show a plot of the position error over time in the image editor"""
+    ate = _evaluation(context)
     plot = pictures.error_plot(ate.stamps_s, ate.translation_error_m, ate.translation_m.rmse)
     image_editor.show(context, PLOT, plot)
-
-
-def _append(scene: bpy.types.Scene, file: Path, collection: bpy.types.Collection) -> None:
-    with bpy.data.libraries.load(str(file), link=False) as (there, here):
-        here.objects = list(there.objects)
-        here.worlds = list(there.worlds)[:1]
-    sanitize.remove_python_drivers(here.objects)
-    for thing in here.objects:
-        if thing is not None:
-            collection.objects.link(thing)
-    if here.worlds:
-        scene.world = here.worlds[0]
-
-
-def _import(
-    context: Context, file: Path, reading: SceneReading, collection: bpy.types.Collection
-) -> None:
-    """Import the file through a separate scene, because axes and units are guessed from everything
-    in the scene.
-    """
-    before = context.window.scene
-    own = bpy.data.scenes.new("ICL-NUIM import")
-    context.window.scene = own
-    try:
-        importers.load(file)
-        sentence, _ = orient.orient(file, reading, list(own.objects))
-        for thing in list(own.collection.all_objects):
-            collection.objects.link(thing)
-    finally:
-        context.window.scene = before
-        bpy.data.scenes.remove(own)
-    state.current().work.message = sentence
 
 
 def _render(job: RenderJob, out: Path, numbers: list[int], sequences: dict | None) -> None:
@@ -299,13 +263,13 @@ def _render(job: RenderJob, out: Path, numbers: list[int], sequences: dict | Non
 
 
 _OPERATORS = (
-    load_scene,
     keyframe,
     refresh,
     save_path,
     bake,
     render,
     resume,
+    open_folder,
     cancel,
     preview,
     evaluate,

@@ -1,7 +1,7 @@
 """The panel "ICL-NUIM Export" in the 3D view's sidebar. It only draws."""
 
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 
 import bpy
 from bpy.types import Context, Panel, PropertyGroup, UILayout
@@ -11,8 +11,10 @@ from ..evaluation.align import AlignmentSettings
 from ..geometry.camera import PinholeCamera, blender_from_pinhole
 from ..geometry.scene_axes import SceneReading
 from ..job import RenderJob
-from . import inputs, state
+from ..settings import Setting
+from . import inputs, state, trajectory_view
 from .properties import settings_of
+from .work import Work
 
 _LETTER_WIDTH_PX = 7
 _MAX_NOTES = 4
@@ -29,7 +31,7 @@ def _text(layout: UILayout, context: Context, text: str, icon: str = "NONE") -> 
         letters = max(int(width_px / _LETTER_WIDTH_PX) - 6, 16)
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for line in textwrap.wrap(text, letters) or [""]:
+    for line in textwrap.wrap(state.sentence(text), letters):
         column.label(text=line, icon=icon)
         if icon != "NONE":
             icon = "BLANK1"
@@ -40,8 +42,25 @@ def _props(layout: UILayout, settings: PropertyGroup, names: Iterable[str]) -> N
         layout.prop(settings, name)
 
 
+def _numbers_or_auto(
+    layout: UILayout, settings: PropertyGroup, declared: Mapping[str, Setting]
+) -> None:
+    """Settings as _props draws them; a number of 0, which means the default, as Auto."""
+    for name, s in declared.items():
+        if s.kind is not int or not s.optional:
+            layout.prop(settings, name)
+            continue
+        row = layout.row(align=True, heading=s.label)
+        value = getattr(settings, name)
+        if value:
+            row.prop(settings, name, text="")
+        auto = row.operator("wm.context_set_int", text="Auto", depress=not value)
+        auto.data_path = f"scene.iclnuim.{name}"
+        auto.value = int(not value)
+
+
 def _panel(
-    label: str, parent: str = "ICLNUIM_PT_main", closed: bool = False
+    label: str, parent: str = "ICLNUIM_PT_main", closed: bool = False, region: str = "UI"
 ) -> Callable[..., type[Panel]]:
     """Decorator: makes the panel ICLNUIM_PT_NAME from a function NAME(layout, settings, context)
     that draws it.
@@ -55,8 +74,8 @@ def _panel(
 
         members = {
             "bl_space_type": "VIEW_3D",
-            "bl_region_type": "UI",
-            "bl_category": "ICL-NUIM",
+            "bl_region_type": region,
+            "bl_category": "ICL-NUIM" if region == "UI" else "",
             "bl_label": label,
             "bl_parent_id": parent,
             "bl_options": {"DEFAULT_CLOSED"} if closed else set(),
@@ -69,7 +88,45 @@ def _panel(
 
 @_panel("ICL-NUIM Export", parent="")
 def main(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
+    trajectory_view.begin()
     layout.menu("ICLNUIM_MT_presets")
+    column = layout.column(align=True)
+    preview = f"Preview Frame {inputs.current_pose(context)}"
+    column.operator("iclnuim.preview", text=preview, icon="IMAGE_DATA")
+    row = column.row(align=True)
+    row.operator("iclnuim.render", icon="RENDER_ANIMATION")
+    row.operator("iclnuim.resume")
+    work = state.current().work
+    if work.busy:
+        _progress(layout, work)
+    if work.message:
+        icon = {"failed": "ERROR", "done": "CHECKMARK"}.get(work.phase, "INFO")
+        _text(layout, context, work.message, icon)
+    for note in work.notes[-_MAX_NOTES:]:
+        if note != work.message:
+            _text(layout, context, note, "DOT")
+
+
+def _progress(layout: UILayout, work: Work) -> None:
+    share = work.done / max(work.total, 1)
+    text = state.sentence(work.phase)
+    if work.total:
+        text += f": {work.done} of {work.total} frames"
+    layout.progress(factor=share, text=text)
+    left_s = work.seconds_left()
+    if left_s is not None:
+        rate = f"{work.frames_per_second():.2f} frames/s"
+        layout.label(text=f"{rate}, {_duration(left_s)} left")
+    layout.operator("iclnuim.cancel", icon="CANCEL")
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    if not minutes:
+        return f"{rest} s"
+    if minutes < 60:
+        return f"{minutes} min {rest} s"
+    return f"{minutes // 60} h {minutes % 60} min"
 
 
 @_panel("Scene")
@@ -78,10 +135,11 @@ def scene(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     if settings.scene_source == "FILE":
         layout.prop(settings, "scene_file", text="")
         _props(layout, settings, settings_of(SceneReading))
-    if settings.scene_source != "OPEN":
-        layout.operator("iclnuim.load_scene", icon="IMPORT")
-        if getattr(context.space_data, "overlay", None) is not None:
-            layout.prop(context.space_data.overlay, "show_extras", text="Lamp symbols")
+    row = layout.row(align=True)
+    row.operator("iclnuim.load_scene", icon="IMPORT")
+    row.operator("iclnuim.remove_scene", icon="X")
+    if trajectory_view.COLLECTION in bpy.data.collections:
+        layout.prop(context.space_data.overlay, "show_extras", text="Lamp Symbols")
 
 
 @_panel("Trajectory")
@@ -121,9 +179,13 @@ def camera(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
 @_panel("Light", closed=True)
 def light(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     layout.prop(settings, "light", expand=True)
-    names = [name for name in settings_of(RenderJob) if name not in ("light", *_SENSOR, *_OUTPUT)]
-    maps = [name for name in names if name.startswith("map_")]
-    _props(layout, settings, (name for name in names if name not in maps))
+    shown = settings_of(RenderJob)
+    for name in ("light", *_SENSOR, *_OUTPUT):
+        del shown[name]
+    maps = [name for name in shown if name.startswith("map_")]
+    for name in maps:
+        del shown[name]
+    _numbers_or_auto(layout, settings, shown)
     if settings.light != "path":
         _props(layout, settings, maps)
         layout.operator("iclnuim.bake", icon="LIGHT_SUN")
@@ -137,66 +199,40 @@ def sensor(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
 
 @_panel("Output")
 def output(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
-    folder = inputs.output_folder(settings)
     row = layout.row(align=True)
     row.prop(settings, "out", text="", placeholder=inputs.DEFAULT_OUT[2:])
-    shown = row.row(align=True)
-    shown.enabled = folder.is_dir()
-    shown.operator("wm.path_open", text="", icon="FILEBROWSER").filepath = str(folder)
+    row.operator("iclnuim.open_folder", text="", icon="FILEBROWSER")
     if not bpy.data.filepath and (not settings.out or settings.out.startswith("//")):
-        _text(layout, context, f"this file is not saved yet; the output folder is {folder}")
+        _text(layout, context, "this file is not saved yet: Render asks for a folder")
     layout.prop(settings, "frames")
     row = layout.row(align=True)
     row.prop(settings, "write_clean", toggle=True)
     row.prop(settings, "write_noisy", toggle=True)
-    layout.label(text="Formats")
-    columns = layout.grid_flow(columns=2, row_major=True, even_columns=True, align=True)
-    columns.use_property_split = False
-    for kind in settings.bl_rna.properties["formats"].enum_items:
-        columns.prop_enum(settings, "formats", kind.identifier)
-    _props(layout, settings, _OUTPUT)
+    for name in ("formats", "channels"):  # several values: in menus
+        row = layout.row(heading=settings.bl_rna.properties[name].name)
+        chosen = ", ".join(sorted(getattr(settings, name))) or "None"
+        row.popover(f"ICLNUIM_PT_{name}", text=chosen)
+    _props(layout, settings, _OUTPUT[:-1])
 
 
-@_panel("Render")
-def render(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
-    work = state.current().work
-    column = layout.column()
-    column.enabled = not work.busy
-    column.operator("iclnuim.preview", icon="IMAGE_DATA")
-    row = column.row(align=True)
-    row.operator("iclnuim.render", icon="RENDER_ANIMATION")
-    row.operator("iclnuim.resume")
-    if work.busy:
-        if work.total:
-            layout.progress(factor=work.done / work.total, text=f"{work.done} of {work.total}")
-        else:
-            layout.progress(factor=0.0, text=work.phase)
-        left_s = work.seconds_left()
-        if left_s is not None:
-            rate = f"{work.frames_per_second():.2f} frames/s"
-            layout.label(text=f"{rate}, {_duration(left_s)} left, last {work.last_frame}")
-        layout.operator("iclnuim.cancel", icon="CANCEL")
-    if work.message:
-        icon = {"failed": "ERROR", "done": "CHECKMARK"}.get(work.phase, "INFO")
-        _text(layout, context, work.message, icon)
-    for note in work.notes[-_MAX_NOTES:]:
-        if note != work.message:
-            _text(layout, context, note, "DOT")
+@_panel("Formats", parent="", region="HEADER")
+def formats(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
+    layout.column().prop(settings, "formats")
 
 
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f"{minutes} min {rest} s"
-    return f"{minutes // 60} h {minutes % 60} min"
+@_panel("Channels", parent="", region="HEADER")
+def channels(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
+    layout.column().prop(settings, "channels")
 
 
-@_panel("Evaluate")
+@_panel("Evaluate", closed=True)
 def evaluate(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
-    alignment = list(settings_of(AlignmentSettings))
+    alignment = settings_of(AlignmentSettings)
     if settings.align_method != "yaw":
-        alignment.remove("align_up")
-    _props(layout, settings, ("estimate", "truth", *alignment, "delta"))
+        del alignment["align_up"]
+    _props(layout, settings, ("estimate", "truth"))
+    _numbers_or_auto(layout, settings, alignment)
+    layout.prop(settings, "delta")
     row = layout.row(align=True)
     row.operator("iclnuim.evaluate", icon="VIEWZOOM")
     row.operator("iclnuim.plot", icon="FCURVE")
@@ -204,5 +240,5 @@ def evaluate(layout: UILayout, settings: PropertyGroup, context: Context) -> Non
         _text(layout, context, line)
 
 
-_PANELS = (main, scene, trajectory, camera, light, sensor, output, render, evaluate)
+_PANELS = (main, scene, trajectory, camera, light, sensor, output, formats, channels, evaluate)
 register, unregister = bpy.utils.register_classes_factory(_PANELS)

@@ -12,6 +12,7 @@ _STOPS = np.array(
     [[0.15, 0.2, 0.75], [0.1, 0.7, 0.9], [0.25, 0.8, 0.3], [1.0, 0.85, 0.15], [0.9, 0.15, 0.1]]
 )
 _PAPER = 255
+_TITLE_PX = 24
 _INK = (30, 30, 30)
 _GRID = (215, 215, 215)
 
@@ -51,12 +52,18 @@ def depth_colours(depth_z_m: np.ndarray, near_m: float, far_m: float) -> np.ndar
 def frame_picture(
     rgb: np.ndarray, depth_z_m: np.ndarray, noisy_rgb: np.ndarray, noisy_z_m: np.ndarray
 ) -> np.ndarray:
-    """Colour and depth without noise above, with the sensor's noise below: (2h, 2w, 3) uint8.
+    """Colour and depth without noise above, with the sensor's noise below, each row under its
+    title: (2h + 48, 2w, 3) uint8.
 
     Both depth images use one range.
     """
-    noisy = np.hstack([noisy_rgb, depth_colours(noisy_z_m, *_depth_range(depth_z_m))])
-    return np.vstack([colour_and_depth(rgb, depth_z_m), noisy])
+    near_m, far_m = _depth_range(depth_z_m)
+    titles = np.full((2, _TITLE_PX, 2 * rgb.shape[1], 3), _PAPER, np.uint8)
+    for title, name in zip(titles, ("clean", "noisy"), strict=True):
+        write(title, name, 6, 5)
+        write(title, f"blue {near_m:.2f} m, red {far_m:.2f} m", rgb.shape[1] + 6, 5)
+    noisy = np.hstack([noisy_rgb, depth_colours(noisy_z_m, near_m, far_m)])
+    return np.vstack([titles[0], colour_and_depth(rgb, depth_z_m), titles[1], noisy])
 
 
 def colour_and_depth(rgb: np.ndarray, depth_z_m: np.ndarray) -> np.ndarray:
@@ -77,7 +84,7 @@ def _depth_range(depth_z_m: np.ndarray) -> tuple[float, float]:
 
 
 def error_plot(stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float) -> np.ndarray:
-    """Plot of the error over time in centimetres: (600, 960, 3) uint8.
+    """Plot of the error over time in millimetres: (600, 960, 3) uint8.
 
     Colours are those of the 3D view; a dark line is the RMSE.
     """

@@ -36,25 +36,25 @@ Entry = tuple[str, str, str]
 _OTHER_SCENES = {
     2: (
         "OPEN",
-        "Open file",
+        "Open File",
         "The scene in this window; a copy of it is saved in the output folder and rendered",
     ),
     3: (
         "FILE",
-        "Scene file",
+        "Scene File",
         "A .blend, .glb, .gltf, .obj, .ply, .usd or .fbx; converted to z up and metres",
     ),
 }
 _OTHER_TRAJECTORIES = {
     4: (
         "FILE",
-        "Trajectory file",
+        "Trajectory File",
         "TUM, *.gt.freiburg, *.gt.sim, KITTI, EuRoC or POV-Ray; "
         "the format is detected by name and content",
     ),
     5: (
         "CAMERA",
-        "Active camera",
+        "Active Camera",
         "The animation of the scene's active camera, one pose per frame of the timeline",
     ),
 }
@@ -63,8 +63,8 @@ _FILE_OF_POSES = (
     "or starts like the released trajectories"
 )
 _OUT = (
-    "raw/, clean/ and noisy/ are created in it. If empty: iclnuim next to the saved .blend, "
-    "or in the extension's user folder if it is not saved"
+    "raw/, clean/ and noisy/ are created in it. If empty: iclnuim next to the saved .blend; "
+    "Render asks for a folder if it is not saved"
 )
 _AUTO = {0: ("AUTO", "Auto", "The default")}
 _EQUATION_2 = "paper, equation 2"
@@ -83,7 +83,7 @@ class PanelSettings(Settings):
         False,
         "move the trajectory so that its first pose is the one below",
         source=_EQUATION_2,
-        label="Custom start pose",
+        label="Custom Start Pose",
     )
     start_location: tuple[float, float, float] = setting(
         (0.0, 0.0, 1.5),
@@ -99,7 +99,7 @@ class PanelSettings(Settings):
     show_path: bool = setting(
         True,
         "draw the trajectory as a curve with camera frusta; it is never rendered",
-        label="Show in 3D view",
+        label="Show in 3D View",
     )
     write_clean: bool = setting(True, "write a sequence without noise", label="Clean")
     write_noisy: bool = setting(True, "write a sequence with the sensor's noise", label="Noisy")
@@ -111,12 +111,12 @@ class PanelSettings(Settings):
     delta: str = setting(
         "1s",
         "distance between the two poses of an RPE pair: 30 (frames), 1s (seconds) or 0.5m (metres)",
-        label="RPE delta",
+        label="RPE Delta",
     )
 
 
 #: Groups of declared settings in the panel -> prefix of their properties' names. If two groups have
-#: the same name, the later group's is used.
+#: the same setting, the later group's is used.
 _GROUPS: dict[type, str] = {
     PanelSettings: "",
     AlignmentSettings: "align_",
@@ -126,6 +126,8 @@ _GROUPS: dict[type, str] = {
     SceneReading: "scene_",
 }
 _SUBTYPES = {"textures": "DIR_PATH", "start_location": "TRANSLATION", "start_rotation": "EULER"}
+#: Subtypes of units that Blender writes behind the number; other units are in the label.
+_WRITTEN_UNITS = {"px": "PIXEL", "texels": "PIXEL"}
 #: Settings that change the trajectory, in addition to the settings of its source and of the scene.
 _CHANGES_THE_TRAJECTORY = ("scale", "use_start", "start_location", "start_rotation")
 
@@ -149,9 +151,9 @@ def properties_of_this_file() -> dict[str, Any]:
         "scene_unit": _choice(declared(SceneReading)["unit_m"], units),
         "trajectory_source": EnumProperty(name="Trajectory", items=paths, default="kt2", **changes),
         "trajectory_file": _file("File", _FILE_OF_POSES, **changes),
-        "out": _file("Output folder", _OUT, "DIR_PATH"),
+        "out": _file("Output Folder", _OUT, "DIR_PATH"),
         "estimate": _file("Estimate", estimate),
-        "truth": _file("Ground truth", truth),
+        "truth": _file("Ground Truth", truth),
     }
 
 
@@ -167,11 +169,11 @@ def properties_of_a_preset() -> dict[str, Any]:
 
 def label_of(setting: str) -> str:
     """The panel's label of a setting of the library, for error messages."""
-    names = {setting: setting}
-    for group in _GROUPS:
-        names |= {s.name: name for name, s in settings_of(group).items()}
-    made = {**properties_of_this_file(), **properties_of_a_preset()}
-    found = made.get(names[setting]) or made.get(f"{setting}_source")
+    for group in reversed(_GROUPS):
+        if setting in declared(group):
+            return declared(group)[setting].label
+    files = properties_of_this_file()
+    found = files.get(setting) or files.get(f"{setting}_source")
     return found.keywords["name"] if found else setting
 
 
@@ -262,12 +264,18 @@ def _property(s: Setting, default: Any) -> Any:
     if s.name in _CHANGES_THE_TRAJECTORY:
         more["update"] = _trajectory_changed
     if s.choices is not None:
-        return _choice(s, ((v, v, _sentence(about)) for v, about in s.choices.items()), default)
+        entries = s.choices.items()
+        return _choice(
+            s, ((v, state.sentence(v), _sentence(about)) for v, about in entries), default
+        )
     if s.kind is bool and s.optional:
         return _choice(s, (("ON", "On", ""), ("OFF", "Off", "")))
     if s.kind is bool:
         return BoolProperty(default=default, **more)
-    subtype = _SUBTYPES.get(s.name, "NONE")
+    unit = s.shown[0]
+    subtype = _SUBTYPES.get(s.name) or _WRITTEN_UNITS.get(unit, "NONE")
+    if unit and subtype == "NONE":
+        more["name"] += f" ({unit})"
     if s.kind is str:
         return StringProperty(default=default or "", subtype=subtype, **more)
     if s.length is not None:
@@ -281,8 +289,8 @@ def _property(s: Setting, default: Any) -> Any:
         more["min"] = 0  # 0 means the default
     default = s.kind((default or 0) * factor)
     if s.kind is int:
-        return IntProperty(default=default, **more)
-    return FloatProperty(default=default, precision=3, **more)
+        return IntProperty(default=default, subtype=subtype, **more)
+    return FloatProperty(default=default, subtype=subtype, precision=3, **more)
 
 
 def _value(s: Setting, shown: Any) -> Any:

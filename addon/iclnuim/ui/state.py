@@ -145,14 +145,28 @@ def later(action: Callable[[], None]) -> None:
 
 
 def operator(
-    label: str, undo: bool = False, invoke: Callable[..., set[str]] | None = None, **properties: Any
+    label: str,
+    *needs: Callable[[bpy.types.Context], object],
+    undo: bool = False,
+    invoke: Callable[..., set[str]] | None = None,
+    **properties: Any,
 ) -> Callable[[Callable[..., None]], type[bpy.types.Operator]]:
     """Decorator: makes the operator iclnuim.NAME from a function NAME(self, context) whose
     docstring is the tooltip.
 
-    If the function raises an IclnuimError, the operator is cancelled and the message is shown in
-    the panel and the status bar.
+    If one of `needs` raises an IclnuimError, the button is greyed, and its message is in the
+    tooltip. If the function raises one, the operator is cancelled and the message is shown in the
+    panel and the status bar.
     """
+
+    def possible(cls: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
+        try:
+            for need in needs:
+                need(context)
+        except IclnuimError as error:
+            cls.poll_message_set(sentence(error.worded(current().work.name_of)))
+            return False
+        return True
 
     def made(function: Callable[..., None]) -> type[bpy.types.Operator]:
         def execute(self: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
@@ -165,6 +179,7 @@ def operator(
             "bl_idname": f"iclnuim.{function.__name__}",
             "bl_label": label,
             "execute": execute,
+            "poll": classmethod(possible),
         }
         if undo:
             members["bl_options"] = {"REGISTER", "UNDO"}
@@ -192,6 +207,17 @@ def _executed(
         operator.report({"WARNING"}, text)
         return {"CANCELLED"}
     return {"FINISHED"}
+
+
+def idle(context: bpy.types.Context) -> None:
+    """Raises WorkError if other work is running."""
+    current().work.check_idle()
+
+
+def sentence(text: str) -> str:
+    """The text with a capital letter, unless it begins with a name or a path."""
+    word = text.partition(" ")[0]
+    return text[:1].upper() + text[1:] if word.isalpha() else text
 
 
 def areas(kind: str) -> list[bpy.types.Area]:

@@ -1,6 +1,6 @@
 """Draws the trajectory chosen in the panel and an estimate into the 3D view, without objects.
 
-The trajectory is read when a setting changes.
+The trajectory is read when the panel is first drawn, and when a setting changes.
 """
 
 from typing import Any
@@ -46,8 +46,8 @@ def refresh(context: bpy.types.Context) -> None:
     panel.trajectory_lines = [
         sentence,
         f"{s.frames} poses, {s.length_m:.2f} m in {s.duration_s:.1f} s",
-        f"speed {s.mean_speed:.3f} m/s, at most {s.max_speed:.2f}",
-        f"rotation {s.mean_rotation_rate:.1f} deg/s, at most {s.max_rotation_rate:.0f}",
+        f"speed {s.mean_speed:.3f} m/s, max {s.max_speed:.2f} m/s",
+        f"rotation {s.mean_rotation_rate:.1f} deg/s, max {s.max_rotation_rate:.0f} deg/s",
     ]
     panel.trajectory_warning = _collisions(context, chosen)
     camera = context.scene.iclnuim.camera()
@@ -55,6 +55,19 @@ def refresh(context: bpy.types.Context) -> None:
     picked = chosen.T_world_camera[np.unique(np.linspace(0, count - 1, _FRUSTA).astype(int))]
     _show("trajectory", _segments(chosen.positions_m), TRAJECTORY_COLOUR)
     _show("frusta", _frusta(picked, camera), FRUSTUM_COLOUR)
+
+
+def begin() -> None:
+    """Read and draw the trajectory of this file, once, soon after the panel was drawn."""
+    panel = state.current()
+    if not panel.trajectory_key:
+        panel.trajectory_key = ("asked",)
+        state.later(_refresh_here)
+
+
+def _refresh_here() -> None:
+    refresh(bpy.context)
+    state.redraw()
 
 
 def show_estimate(positions_m: np.ndarray, reference_m: np.ndarray, error_m: np.ndarray) -> None:
@@ -84,7 +97,7 @@ def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
     """
     shown = bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
     if inputs.scene_name(context.scene.iclnuim) not in ("OPEN", shown):
-        return "another scene is shown: press Show the Scene Here" if shown else ""
+        return "another scene is shown: press Show the Scene" if shown else ""
     depsgraph = context.evaluated_depsgraph_get()
     points = trajectory.positions_m
     steps = np.diff(points, axis=0)
@@ -157,17 +170,20 @@ def draw() -> None:
 
 @persistent
 def _file_opened(*_: Any) -> None:
-    """Another file was opened: read and draw its trajectory."""
+    """Another file was opened: nothing is drawn until the panel is."""
     panel = state.current()
     panel.shapes.clear()
     panel.batches.clear()
-    refresh(bpy.context)
+    panel.trajectory_key = ()
+    panel.trajectory_lines = []
+    panel.trajectory_warning = ""
 
 
 @persistent
 def _undone(*_: Any) -> None:
     """Undo and redo change settings without calling their update functions."""
-    if state.current().trajectory_key != _key(bpy.context.scene):
+    key = state.current().trajectory_key
+    if key and key != _key(bpy.context.scene):
         refresh(bpy.context)
 
 
@@ -178,7 +194,6 @@ def register() -> None:
     for event, handler in _HANDLERS.items():
         getattr(bpy.app.handlers, event).append(handler)
     if not bpy.app.background:
-        state.later(_file_opened)
         state.current().draw_handle = bpy.types.SpaceView3D.draw_handler_add(
             draw, (), "WINDOW", "POST_VIEW"
         )

@@ -27,8 +27,8 @@ def _now(now_s: float | None) -> float:
 
 @dataclass
 class Work:
-    """The state that the panel shows. phase: idle, one of BUSY, done, stopped or failed. done and
-    total count frames of the current stage.
+    """The state that the panel shows. phase: idle, one of BUSY, done, stopped or failed. done of
+    total frames are finished in the current stage, those of an earlier run included.
 
     name_of: returns the panel's label of a setting, for errors. last_frame: the number of the last
     finished frame. Seconds are wall time.
@@ -44,6 +44,7 @@ class Work:
     notes: list[str] = field(default_factory=list)
     worker: WorkerClient | None = None
     _when_done: str = ""
+    _found: int = 0
     _stage_begun_s: float = 0.0
     _stopping_since_s: float | None = None
 
@@ -68,6 +69,7 @@ class Work:
         starting = "Blender is starting in the background"
         vars(self).update(vars(Work(self.name_of, "starting", kind, message=starting)))
         self.worker = worker
+        self.total = len(command.get("frames", ()))
         self._when_done = when_done
         worker.send(command)
 
@@ -105,7 +107,7 @@ class Work:
     def frames_per_second(self, now_s: float | None = None) -> float:
         """Frames per second of the current stage; 0 before its first frame."""
         elapsed = _now(now_s) - self._stage_begun_s
-        return self.done / elapsed if self.done and elapsed > 0 else 0.0
+        return (self.done - self._found) / elapsed if elapsed > 0 else 0.0
 
     def seconds_left(self, now_s: float | None = None) -> float | None:
         rate = self.frames_per_second(now_s)
@@ -119,14 +121,13 @@ class Work:
             case events.Started():
                 self._become("preparing", "preparing scene and light")
             case events.Missing(of, missing):
-                self.done = 0
-                self.total = missing
+                self.done = self._found = self.total - missing
                 self._stage_begun_s = now_s
                 if of == "sequences":
-                    self._become("writing", "writing sequences")
+                    self._become("writing", "")
             case events.Ready():
                 self._stage_begun_s = now_s
-                self._become("rendering", "rendering")
+                self._become("rendering", "")
             case events.FrameDone(frame) | events.Written(frame):
                 self.done += 1
                 self.last_frame = frame

@@ -1,0 +1,167 @@
+"""The chosen scene, shown in this window in a collection of its own. What is hidden meanwhile comes
+back when the scene is removed.
+"""
+
+from pathlib import Path
+
+import bpy
+import mathutils
+import numpy as np
+from bpy.types import Collection, Context, Operator, Scene, SpaceView3D
+
+from .. import shipped
+from ..blender.open import importers, orient, sanitize, scene_paths
+from ..errors import InputError
+from ..geometry.scene_axes import SceneReading
+from . import inputs, state, trajectory_view
+from .state import operator
+
+#: Properties of the collection, of what is hidden, and of what was set before.
+_HIDDEN = "iclnuim_hidden"
+_WORLD = "iclnuim_world"
+_VIEW = "iclnuim_view"
+#: Share of the corners of all objects on either side that are not framed: a backdrop is far away.
+_FAR = 0.05
+
+
+def _shown(context: Context) -> Collection:
+    collection = bpy.data.collections.get(trajectory_view.COLLECTION)
+    if collection is None:
+        raise InputError("a shown scene", found="none", hint="Show the Scene")
+    return collection
+
+
+def _can_be_shown(context: Context) -> None:
+    if inputs.chosen_scene(context.scene.iclnuim) == "OPEN":
+        found = "the open file, which is already shown"
+        raise InputError("a built-in scene or a file to show", found=found)
+
+
+@operator("Show the Scene", _can_be_shown, undo=True)
+def load_scene(self: Operator, context: Context) -> None:
+    """Load the chosen scene into this window, in a collection of its own, and frame it.
+
+    It replaces the scene that was loaded before
+    """
+    settings = context.scene.iclnuim
+    name = inputs.chosen_scene(settings)
+    reading = settings.reading()
+    find = shipped.scene_file if shipped.is_scene(name) else importers.checked_file
+    file = find(name)
+    if settings.scene_source == "FILE":
+        scene_paths.check(file, reading)
+    if trajectory_view.COLLECTION in bpy.data.collections:
+        _restore(context)
+    collection = bpy.data.collections.new(trajectory_view.COLLECTION)
+    context.scene.collection.children.link(collection)
+    collection[_WORLD] = context.scene.world
+    if file.suffix.lower() == ".blend":
+        _append(context.scene, file, collection)
+        if settings.scene_source == "FILE":
+            orient.orient(file, reading, list(collection.all_objects))
+    else:
+        _import(context, file, reading, collection)
+    collection[trajectory_view.SHOWN] = name
+    hidden = [
+        *_hide_start_up(context.scene, collection),
+        "symbols of lamps and cameras",
+        "backs of walls",
+    ]
+    spaces = [area.spaces.active for area in state.areas("VIEW_3D")]
+    for space in spaces:
+        collection[_VIEW] = [space.overlay.show_extras, space.shading.show_backface_culling]
+        _set_view(space, False, True)
+        _frame(context, space, collection)
+    trajectory_view.refresh(context)
+    text = f"{Path(name).name} is shown; hidden until Remove: {', '.join(hidden)}"
+    state.current().work.message = text
+
+
+@operator("Remove", _shown, undo=True)
+def remove_scene(self: Operator, context: Context) -> None:
+    """Remove the scene that is shown, and show again what was hidden for it"""
+    _restore(context)
+    trajectory_view.refresh(context)
+    state.current().work.message = "the scene is removed; what was hidden is shown again"
+
+
+def _restore(context: Context) -> None:
+    collection = _shown(context)
+    context.scene.world = collection.get(_WORLD)
+    for area in state.areas("VIEW_3D"):
+        _set_view(area.spaces.active, *collection.get(_VIEW, (True, False)))
+    bpy.data.batch_remove([*collection.all_objects, collection])
+    for thing in context.scene.objects:
+        if thing.pop(_HIDDEN, False):
+            thing.hide_viewport = thing.hide_render = False
+
+
+def _set_view(space: SpaceView3D, show_extras: bool, show_backface_culling: bool) -> None:
+    """Extras are lamps, cameras and empties: spot lamps draw wide circles. Culling shows the
+    inside of a room from outside.
+    """
+    space.overlay.show_extras = bool(show_extras)
+    space.shading.show_backface_culling = bool(show_backface_culling)
+
+
+def _hide_start_up(scene: Scene, collection: Collection) -> list[str]:
+    """Hide the objects of the start-up file, which would be inside the room. Returns their
+    names.
+    """
+    hidden = []
+    for name in ("Cube", "Light"):
+        thing = scene.objects.get(name)
+        if thing is None or thing.hide_viewport or name in collection.all_objects:
+            continue
+        thing.hide_viewport = thing.hide_render = True
+        thing[_HIDDEN] = True
+        hidden.append(name)
+    return hidden
+
+
+def _frame(context: Context, space: SpaceView3D, collection: Collection) -> None:
+    context.view_layer.update()
+    corners = []
+    for thing in collection.all_objects:
+        if thing.type == "MESH":
+            corners += [thing.matrix_world @ mathutils.Vector(c) for c in thing.bound_box]
+    if not corners:
+        return
+    low, high = np.quantile(np.array(corners), (_FAR, 1 - _FAR), axis=0)
+    view = space.region_3d
+    view.view_perspective = "PERSP"
+    view.view_location = (low + high) / 2
+    view.view_distance = 1.5 * float(np.linalg.norm(high - low))
+
+
+def _append(scene: Scene, file: Path, collection: Collection) -> None:
+    with bpy.data.libraries.load(str(file), link=False) as (there, here):
+        here.objects = list(there.objects)
+        here.worlds = list(there.worlds)[:1]
+    sanitize.remove_python_drivers(here.objects)
+    for thing in here.objects:
+        if thing is not None:
+            collection.objects.link(thing)
+    if here.worlds:
+        scene.world = here.worlds[0]
+
+
+def _import(context: Context, file: Path, reading: SceneReading, collection: Collection) -> None:
+    """Import the file through a separate scene, because axes and units are guessed from everything
+    in the scene.
+    """
+    before = context.window.scene
+    own = bpy.data.scenes.new("ICL-NUIM import")
+    context.window.scene = own
+    try:
+        importers.load(file)
+        sentence, _ = orient.orient(file, reading, list(own.objects))
+        for thing in list(own.collection.all_objects):
+            collection.objects.link(thing)
+    finally:
+        context.window.scene = before
+        bpy.data.scenes.remove(own)
+    state.current().work.message = sentence
+
+
+register, unregister = bpy.utils.register_classes_factory((load_scene, remove_scene))
