@@ -161,9 +161,10 @@ def _run_command(argv: list[str]) -> int:
         read_bags(args, console)
     work = partial(args.run, args, console)
     opened = given.get(given.get("opens", ""))  # the file that the command opens in Blender
-    if opened:
-        return run_isolated(work, str(opened))
-    return work() or 0
+    with console.at_end:
+        if opened:
+            return run_isolated(work, str(opened))
+        return work() or 0
 
 
 def command() -> NoReturn:

@@ -14,6 +14,9 @@ from iclnuim.geometry.trajectory import Trajectory
 
 from .sequence_options import camera_from, note_sequence
 
+#: For an odometer about 10 s on two free cores, a minute where they are shared.
+COMPILING = "compiling, once: 10 s to a minute"
+
 
 def open_sequence(
     args: argparse.Namespace,
@@ -33,11 +36,18 @@ def open_sequence(
     return sequence
 
 
-def require(what: str, *modules: str) -> None:
-    """Raises WorkError, with the command that installs it, if one of the modules is missing."""
+def require(console: Console, what: str, *modules: str) -> None:
+    """Raises WorkError, with the command that installs it, if one of the modules is missing. What
+    numba compiles is announced, and is no part of a rate or a time left.
+    """
     for module in modules:
         if find_spec(module) is None:
             raise WorkError(f"{what} needs {module}; try: pip install {PACKAGES[module]}")
+    if "numba" in modules:
+        from iclnuim.benchmark.odometry.compiling import WorkClock
+
+        clock = WorkClock(lambda: console.note(COMPILING))
+        console.clock = console.at_end.enter_context(clock)
 
 
 def installed(names: list[str], preset: str, console: Console) -> list[str]:

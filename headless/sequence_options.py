@@ -3,7 +3,6 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -99,11 +98,8 @@ def read_bags(args: argparse.Namespace, console: Console) -> None:
         if path and is_bag(path):
             from iclnuim.dataset.bag_sequence import unpacked
 
-            def progress(total: int, path: Path = path) -> Callable[[], None]:
-                return console.progress(total, f"reading {path}", "images").advance
-
             with suppress(InputError):
-                folder, notes = unpacked(path, progress)
+                folder, notes = unpacked(path, console.progress)
                 for sentence in notes:
                     console.note(f"{path}: {sentence}")
                 console.note(f"{path}: unpacked in {folder}, which may be removed afterwards")

@@ -55,8 +55,8 @@ MAY_IMPORT = {
     "blender.render": f"{CORE} version channels job worker_events shipped sensor dataset blender "
     "blender.open blender.light",
     "blender.child": f"{CORE} job worker_events dataset blender blender.render",
-    "report": f"{CORE} evaluation dataset",
-    "raycast": f"{CORE} channels dataset",
+    "report": f"{CORE} console evaluation dataset",
+    "raycast": f"{CORE} console channels dataset",
     "ui": f"{CORE} job worker_events shipped sensor evaluation dataset postprocess "
     "blender blender.open blender.light blender.render",
 }

@@ -78,7 +78,7 @@ def configure(actions: Actions) -> None:
 
 
 def _run(args: argparse.Namespace, console: Console) -> None:
-    require("bench detail-odometry", "numba", "cv2", "igl")
+    require(console, "bench detail-odometry", "numba", "cv2", "igl")
     try:
         # before Open3D: both bring a TBB, and that of bpy 5.2 has to be the first
         with native_output_in(Path(os.devnull)):

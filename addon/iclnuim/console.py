@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from datetime import timedelta
 from typing import Any
 
@@ -19,6 +20,9 @@ class Console:
     def __init__(self, quiet: bool = False, json: bool = False) -> None:
         self.quiet = quiet
         self.as_json = json
+        self.at_end = ExitStack()
+        #: The clock of rates and times left, in seconds.
+        self.clock: Callable[[], float] = time.monotonic
 
     def result(self, values: dict, text: str) -> None:
         """Print the result of a command: `values` with --json, `text` without."""
@@ -32,12 +36,7 @@ class Console:
             print(text, file=sys.stderr, flush=True)
 
     def progress(self, total: int, label: str, unit: str = "frames") -> "Progress":
-        return Progress(total, label, unit, enabled=not self.quiet)
-
-
-#: The first steps of long work compile and load, so they are no part of a rate or a time left.
-_WARM_UP = 2
-_LONG = 20
+        return Progress(total, label, unit, not self.quiet, self.clock)
 
 
 class Progress:
@@ -46,14 +45,21 @@ class Progress:
     On a terminal one line is redrawn; in a log a line is printed every ten seconds.
     """
 
-    def __init__(self, total: int, label: str, unit: str, enabled: bool) -> None:
+    def __init__(
+        self,
+        total: int,
+        label: str,
+        unit: str,
+        enabled: bool,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.total = total
         self.label = label
         self.unit = unit
         self.enabled = enabled
         self.done = 0
-        self.started = time.monotonic()
-        self.uncounted = 0
+        self.clock = clock
+        self.started = clock()
         self.last = 0.0
         self.terminal = sys.stderr.isatty() or in_notebook()
         self._pause_s = 0.1 if self.terminal else 10.0
@@ -64,33 +70,27 @@ class Progress:
         Preparation before this call is not counted, as it would falsify the time left.
         """
         if not self.done:
-            self.started = time.monotonic()
+            self.started = self.clock()
 
     def advance(self, count: int = 1) -> None:
         self.done += count
         now = time.monotonic()
-        warming_up = self.done <= _WARM_UP and self.total >= _LONG
-        if warming_up:
-            self.started = now
-            self.uncounted = self.done
         ended = self.done >= self.total
         if not self.enabled or not (ended or now - self.last > self._pause_s):
             return
         self.last = now
-        text = f"{self.label}: {self.done}/{self.total} {self.unit}"
-        if not warming_up:
-            text += self._speed(now)
+        text = f"{self.label}: {self.done}/{self.total} {self.unit}, {self._speed()}"
         if self.terminal:
             text = f"\r\x1b[K{text}"
         if ended or not self.terminal:
             text += "\n"
         print(text, end="", file=sys.stderr, flush=True)
 
-    def _speed(self, now: float) -> str:
-        rate = (self.done - self.uncounted) / max(now - self.started, 1e-9)
+    def _speed(self) -> str:
+        rate = self.done / max(self.clock() - self.started, 1e-9)
         left_s = max(0, round((self.total - self.done) / rate))
         left = str(timedelta(seconds=left_s)).removeprefix("0:")
-        return f", {rate:.3g}/s, {left} left"
+        return f"{rate:.3g}/s, {left} left"
 
 
 #: Whether progress is shown (None: in a notebook), or progress(total, label), which returns an

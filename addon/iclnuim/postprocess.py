@@ -112,11 +112,10 @@ def make_sequence(
     """Write a sequence, with noise if it is asked for. An interrupted sequence is resumed.
 
     frames: the folder of a run or of any sequence, a sequence or a part of it (open_sequence), or
-    frames of your own (frames_from). depth_noise, rgb_noise: names, functions or `module:function`,
-    as for noisy_depth and noisy_rgb. formats: names in dataset/sequence_formats.py. Several formats
-    are written into a folder each. workers: processes, by default as many as cores. progress: True
-    or False, by default on in a notebook, or progress(total, label), which returns an object with
-    advance().
+    frames of your own (frames_from). depth_noise, rgb_noise: names, `module:function` or functions
+    of images (h, w) and (h, w, 3), as for noisy_depth and noisy_rgb. formats: names in
+    dataset/sequence_formats.py. Several formats are written into a folder each. workers: processes,
+    by default as many as cores. progress: as of render_frames().
 
     Raises InputError if `frames` contains no frames or `out` contains another sequence, and
     WorkError if a file cannot be written.

@@ -47,6 +47,12 @@ def run_jobs(
         _finish(_problem(job, advance, on_problem is not None), on_problem)
 
 
+def compile_first(jobs: Sequence[Job], workers: int) -> None:
+    """Measure a few frames in a process of its own, so that several workers find compiled code."""
+    if workers > 1:
+        _run_forked(jobs, 1, lambda steps: None, lambda problem: None)
+
+
 def _problem(job: Job, advance: Advance, caught: bool) -> str:
     """Measure one job; returns why it failed, if such errors are to be caught."""
     left = job.steps

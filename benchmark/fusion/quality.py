@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from iclnuim.console import Meter, advance_of
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3, Poses
@@ -146,7 +147,7 @@ def surface_quality(
     seen_by: SeenBy | Seen | None = None,
     whole: bool = False,
     settings: QualitySettings | None = None,
-    on_pose: Callable[[], object] | None = None,
+    progress: Meter = None,
 ) -> SurfaceQuality:
     """Quality of a reconstruction with points (n, 3) in metres and triangles (m, 3), m = 0 for a
     cloud.
@@ -154,14 +155,14 @@ def surface_quality(
     Accuracy is the distance to the whole model, so that surfaces that no pose saw count as well.
     Completion is measured over the part of the model that `seen_by` saw, or over the whole model
     (whole), else not at all. For several reconstructions, call `what_was_seen` once and pass its
-    result as `seen_by`. Raises InputError if no pose sees any of the model, or no triangle has an
-    area; WorkError if embreex or libigl is missing.
+    result as `seen_by`. progress: as of render_frames(). Raises InputError if no pose sees any of
+    the model, or no triangle has an area; WorkError if embreex or libigl is missing.
     """
     settings = settings or QualitySettings()
     if T_model_mesh is not None:
         points = SE3.of(T_model_mesh).apply(points)
     if isinstance(seen_by, SeenBy):
-        seen_by = what_was_seen(surface, seen_by, settings, on_pose)
+        seen_by = what_was_seen(surface, seen_by, settings, progress)
     to_samples = settings.nearest == "sample"
     is_cloud = not len(triangles)
     if is_cloud:
@@ -192,13 +193,14 @@ def what_was_seen(
     surface: TrueSurface,
     seen_by: SeenBy,
     settings: QualitySettings | None = None,
-    on_pose: Callable[[], object] | None = None,
+    progress: Meter = None,
 ) -> Seen:
     """About settings.samples points, uniform over the part of the model that every
     settings.every-th pose saw.
 
     A first set of samples gives the seen share; if that is small, a second, larger set replaces it.
-    Raises InputError if nothing is seen, WorkError if embreex is missing.
+    progress: as of render_frames(). Raises InputError if nothing is seen, WorkError if
+    embreex is missing.
     """
     settings = settings or QualitySettings()
     camera = seen_by.camera
@@ -212,6 +214,7 @@ def what_was_seen(
     count = settings.samples
     for attempt in range(2):
         points = sampled(places, rows, count, settings.seed) if len(rows) else places
+        on_pose = advance_of(progress, len(T), "evaluate", "poses")
         seen = seen_points(surface.caster, points, camera, T, settings.far_m, on_pose)
         if not seen.any():
             raise InputError(

@@ -3,7 +3,6 @@ volume is meshed.
 """
 
 import os
-import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from iclnuim.geometry.se3 import SE3, Poses
 from iclnuim.geometry.trajectory import Trajectory, frame_slice, sample
 from iclnuim.shown import Shown
 
+from ..odometry.compiling import WorkClock
 from ..odometry.run import Sequence
 from .mesh import Mesh, extract
 from .settings import FuseSettings
@@ -53,9 +53,8 @@ def fuse_sequence(
     camera: SequenceCamera | None = None,
 ) -> FusedSurface:
     """Fuse all images of a sequence or of its folder that have a pose. The trajectory can be poses
-    or matrices (n, 4, 4), one for each image. progress: True or False, by default on in a notebook,
-    or progress(total, label), which returns an object with advance();
-    camera: by default the folder's.
+    or matrices (n, 4, 4), one for each image. progress: as of render_frames(). camera: by
+    default the folder's.
 
     Raises InputError if there is nothing to fuse, BlockLimitError if one frame needs more than
     max_blocks.
@@ -76,14 +75,15 @@ def fuse_sequence(
             reason = f"no pose within {settings.max_difference_s} s"
             fusion.left_out.append(f"{pair.stamp_s:.6f} s: {reason}")
     advance = advance_of(progress, len(posed), "fuse")
-    for i, pair in enumerate(posed):
-        fusion.add(pair, poses[i])
-        advance()
-    started = time.perf_counter()
-    mesh = fusion.mesh()
-    if not len(mesh.triangles):
-        raise fusion.no_surface(sequence.folder)
-    figures = {**fusion.figures(), "meshing_s": time.perf_counter() - started}
+    with fusion.clock as clock:
+        for i, pair in enumerate(posed):
+            fusion.add(pair, poses[i])
+            advance()
+        started_s = clock()
+        mesh = fusion.mesh()
+        if not len(mesh.triangles):
+            raise fusion.no_surface(sequence.folder)
+        figures = {**fusion.figures(), "meshing_s": clock() - started_s}
     figures |= {"vertices": len(mesh.points), "triangles": len(mesh.triangles)}
     figures |= {"camera": asdict(sequence.camera), "settings": asdict(settings)}
     return FusedSurface(mesh, sequence.camera, fusion.left_out, figures)
@@ -101,9 +101,10 @@ class _Fusion:
     left_out: list[str] = field(default_factory=list)
     refused: list[InputError] = field(default_factory=list)
     fusing_s: float = 0.0
+    clock: WorkClock = field(default_factory=WorkClock)
 
     def __post_init__(self) -> None:
-        self.started = time.perf_counter()
+        self.started_s = self.clock()
         self.volume = Volume(self.settings.volume, self._mesh_part)
 
     def _mesh_part(self, volume: Volume, leaves: np.ndarray | None = None) -> None:
@@ -113,9 +114,9 @@ class _Fusion:
         """Fuse one frame, or leave it out if its images are invalid."""
         try:
             rgb, depth_z_m = self.sequence.images(pair)
-            started = time.perf_counter()
+            started_s = self.clock()
             self.volume.integrate(depth_z_m, self.sequence.camera.pinhole, T_world_camera, rgb)
-            self.fusing_s += time.perf_counter() - started
+            self.fusing_s += self.clock() - started_s
         except BlockLimitError:
             raise
         except InputError as error:
@@ -132,7 +133,7 @@ class _Fusion:
         return {
             "frames": self.volume.frames,
             "left_out": len(self.left_out),
-            "seconds": time.perf_counter() - self.started,
+            "seconds": self.clock() - self.started_s,
             "fusing_ms_a_frame": 1e3 * self.fusing_s / max(self.volume.frames, 1),
             "blocks_at_most": self.volume.max_used,
             "memory_mb": self.volume.bytes_used / 1e6,

@@ -3,7 +3,7 @@ table.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -30,6 +30,8 @@ from .track import Reference, Tracked, Tracker
 
 if TYPE_CHECKING:
     from iclnuim.shown import Axes
+
+    from .compiling import WorkClock
 
 #: Per metre. With a larger offset the largest depth of a 16-bit image in millimetres (65.5 m) would
 #: be behind the camera.
@@ -208,8 +210,7 @@ def run_odometers(
     """Run several odometers on a sequence (or its folder), or on its first `frames`.
 
     Each frame is read once and passed to one odometer after the other, so that all run under the
-    same machine load. progress: True or False, by default on in a notebook, or
-    progress(total, label), which returns an object with advance(). `against` returns
+    same machine load. progress: as of render_frames(). `against` returns
     the reference that frames are aligned against, by default the one that each odometer declares.
     Raises InputError for an object that is not an odometer.
     """
@@ -219,6 +220,8 @@ def run_odometers(
             raise InputError(
                 "odometers, as iclnuim.odometer(name) makes them (iclnuim.Odometer)", found=repr(o)
             )
+    from .compiling import WorkClock
+
     sequence = sequence if isinstance(sequence, Sequence) else Sequence(sequence)
     truth = read_truth(
         sequence.folder
@@ -231,12 +234,21 @@ def run_odometers(
     tracked: list[list[Tracked]] = [[] for _ in odometers]
     total = min(len(sequence), frames or len(sequence))
     advance = advance_of(progress, total, ", ".join(o.name for o in odometers))
-    for stamp_s, frame in sequence.frames(frames):
-        for tracker, results in zip(trackers, tracked, strict=True):
-            results.append(tracker.add(stamp_s, frame))
-        advance()
+    with WorkClock() as clock:
+        for stamp_s, frame in sequence.frames(frames):
+            for tracker, results in zip(trackers, tracked, strict=True):
+                results.append(timed(tracker, stamp_s, frame, clock))
+            advance()
     named = zip(odometers, tracked, strict=True)
     return [OdometryRun(odometer.name, results, truth) for odometer, results in named]
+
+
+def timed(tracker: Tracker, stamp_s: float, frame: Frame | str, clock: "WorkClock") -> Tracked:
+    """The tracked frame, with its time without compiling."""
+    before_s = clock.compiling_s
+    found = tracker.add(stamp_s, frame)
+    seconds = found.result.seconds - (clock.compiling_s - before_s)
+    return replace(found, result=replace(found.result, seconds=seconds))
 
 
 def odometry_table(runs: Iterable[OdometryRun | dict]) -> str:

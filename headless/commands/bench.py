@@ -15,6 +15,7 @@ from iclnuim.errors import InputError, WorkError
 
 from ..method_options import installed, open_sequence, require
 from ..options import FRAMES, Actions, action, add_frames, add_plot, subcommands
+from ..planned_work import TRACK_CORE_S, PlannedWork, add_dry_run, told
 from ..sequence_options import add_camera_options
 from . import bench_curve
 
@@ -59,6 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
     add_plot(odometry, "time against error")
+    add_dry_run(odometry)
 
     bench_curve.configure(actions)
     _configure_tools(actions)
@@ -100,9 +102,11 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
         else:
             folders.append(path)
     if folders:
-        require("bench odometry", "numba", "cv2")
+        require(console, "bench odometry", "numba", "cv2")
         which = installed(which, args.preset, console)
     sequences = [open_sequence(args, console, folder, frames=args.frames) for folder in folders]
+    if sequences and told(_work(sequences, which), args, console):
+        return
     results += [_compare_odometers(sequence, which, args, console) for sequence in sequences]
     results = merged(results)
     if args.plot:
@@ -117,6 +121,12 @@ def _odometry(args: argparse.Namespace, console: Console) -> None:
         best = f"Pareto front: {', '.join(front(result['runs']))}"
         texts.append("\n".join([title, odometry_table(result["runs"]), best]))
     console.result({"results": results}, "\n\n".join(texts))
+
+
+def _work(sequences: "list[Sequence]", which: list[str]) -> PlannedWork:
+    frames = sum(map(len, sequences))
+    what = f"{frames} frames, {len(which)} odometers"
+    return PlannedWork(what, frames * len(which) * TRACK_CORE_S)
 
 
 def _compare_odometers(

@@ -13,6 +13,7 @@ from iclnuim.errors import InputError
 
 from ..method_options import installed, open_sequence, require
 from ..options import Actions, action, add_span, count, numbers
+from ..planned_work import TRACK_CORE_S, PlannedWork, add_dry_run, told
 from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
@@ -65,10 +66,11 @@ def configure(actions: Actions) -> None:
     add("--threads", type=count, default=1, metavar="N", help=help)
     add("-o", "--out", type=Path, default=Path("out/curves"), metavar="OUT", help=_OUT)
     add("--plot", type=Path, metavar="FILE", help="draw time against error (.png, .pdf, .svg)")
+    add_dry_run(curve)
 
 
 def _curve(args: argparse.Namespace, console: Console) -> None:
-    require("bench curve", "numba", "cv2")
+    require(console, "bench curve", "numba", "cv2")
     os.environ.setdefault("OMP_NUM_THREADS", str(args.threads))  # of Open3D, before it is loaded
     import cv2
     from iclnuim.benchmark.experiments.recipes.curve import KIND
@@ -77,6 +79,10 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
     curve = _experiment(args, console)
     cv2.setNumThreads(args.threads)
     store = Store(args.out / curve.name, KIND)
+    frames = sum(job.steps for job in curve.jobs(store))
+    what = f"{len(curve.steps)} steps of {curve.name}, {frames} frames"
+    if told(PlannedWork(what, frames * len(curve.steps) * TRACK_CORE_S), args, console):
+        return
     curve.run(store, console)
     points = curve.points(store)
     if args.plot:
@@ -110,7 +116,7 @@ def _experiment(args: argparse.Namespace, console: Console) -> "Curve":
     segments = {name: _segment(args, one) for name, one in inputs.items()}
     settings: dict[str, Any] = {"threads": args.threads, "seed": _SEED}
     if args.curve == curve.FUSION:
-        require("bench curve voxel", "igl")
+        require(console, "bench curve voxel", "igl")
         from iclnuim.benchmark.experiments.fusion_curve import VALUES
         from iclnuim.benchmark.fusion.surface_error import TrueSurface
         from iclnuim.blender.open.model_file import read_model

@@ -24,7 +24,7 @@ from iclnuim.formats.files import atomic_write_text, make_folder
 from ..farm.lock import OutputLock
 from ..method_options import require
 from ..options import add_frames, common, count
-from ..planned_work import PlannedWork, add_dry_run, told
+from ..planned_work import FUSE_CORE_S, TRACK_CORE_S, PlannedWork, add_dry_run, told
 from ..sequence_options import note_sequence
 
 if TYPE_CHECKING:
@@ -34,9 +34,6 @@ if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.store import Store
 
 _BYTES_A_WORKER = 2 << 30
-#: Core-seconds of a frame: 80 cells of docs/measured/benchmark.md took 3.6 core-hours.
-_TRACK_CORE_S = 0.07
-_FUSE_CORE_S = 0.07
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -116,7 +113,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     problems: list[str] = []
     args.out = Path(args.report_only or args.out)
     if args.report_only is None:
-        require("benchmark", "numba", "cv2", *(() if args.no_surfaces else ("embreex", "igl")))
+        surfaces = () if args.no_surfaces else ("embreex", "igl")
+        require(console, "benchmark", "numba", "cv2", *surfaces)
         from iclnuim.benchmark.experiments.recipes.paper import KIND
         from iclnuim.benchmark.experiments.store import Store
 
@@ -181,7 +179,7 @@ def _work(paper: "Paper", store: "Store", workers: int) -> PlannedWork:
     cells = paper.cells()
     missing = store.missing(cells)
     frames = sum(paper.sources.frames(cell.key, paper.first) for cell in missing)
-    seconds = frames * (_TRACK_CORE_S + paper.surfaces * _FUSE_CORE_S) / workers
+    seconds = frames * (TRACK_CORE_S + paper.surfaces * FUSE_CORE_S) / workers
     what = f"{len(missing)} of {len(cells)} cells to measure, {frames} frames, {workers} processes"
     return PlannedWork(what, seconds)
 

@@ -1,7 +1,6 @@
 """`iclnuim evaluate labels`: label images against the classes and instances of a sequence."""
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -64,14 +63,11 @@ def add_classes(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.dataset.label_errors import label_errors
 
-    def progress(total: int) -> Callable[[], None]:
-        return console.progress(total, "evaluate", "frames").advance
-
     if args.plot:
         from iclnuim.formats.files import check_picture
 
         check_picture(args.plot)
-    found = label_errors(args.folder, args.truth, args.classes, progress)
+    found = label_errors(args.folder, args.truth, args.classes, console.progress)
     if args.csv:
         atomic_write_text(args.csv, found.csv())
     if args.plot:

@@ -138,9 +138,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     values["notes"] = list(mesh.notes)
     if T is not given:  # a fit was computed
         values["as_given"] = fit_effect(surface, mesh.points, given, T)
-    poses = 2 * len(seen_by.T_world_camera[:: settings.every]) if seen_by else 0
-    on_pose = console.progress(poses, "evaluate", "poses").advance if poses else None
-    seen = what_was_seen(surface, seen_by, settings, on_pose) if seen_by else None
+    seen = what_was_seen(surface, seen_by, settings, console.progress) if seen_by else None
     quality = surface_quality(
         surface,
         mesh.points,

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if not args.out:
         refuse_existing(target, "-o FILE")
     check_picture(target)
-    require("figure", "numba", "cv2", "embreex")
+    require(console, "figure", "numba", "cv2", "embreex")
     from iclnuim.benchmark.experiments.paper_charts import Material, draw
     from iclnuim.benchmark.experiments.paper_sources import Sources
     from iclnuim.benchmark.experiments.recipes.paper import KIND

@@ -14,6 +14,7 @@ from iclnuim.formats.trajectories import ANCHORED_WORLD, LoadedTrajectory
 
 from ..method_options import open_sequence, require
 from ..options import add_settings, common, settings_from, trajectory_file
+from ..planned_work import FUSE_CORE_S, PlannedWork, told
 from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
@@ -49,9 +50,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
     check_file(args.out)
     check_file(recipe_file)
     _refuse_other_json(recipe_file)
-    require("fuse", "numba", "cv2")
+    require(console, "fuse", "numba", "cv2")
     if args.plot:
-        require("fuse --plot", "embreex")
+        require(console, "fuse --plot", "embreex")
     from iclnuim.benchmark.fusion.sequence import fuse_sequence
     from iclnuim.dataset.image_pairs import find_pairs
     from iclnuim.dataset.sequence_poses import find_truth, load_poses, load_truth
@@ -65,8 +66,14 @@ def run(args: argparse.Namespace, console: Console) -> None:
             "a ground truth in the folder", path=args.folder, found="none", hint="--poses FILE"
         )
     console.note(f"{poses}: {loaded.read_as.sentence}")
-    camera = open_sequence(args, console, args.folder, poses=loaded.trajectory).camera
-    surface = fuse_sequence(args.folder, loaded.trajectory, settings, console.progress, camera)
+    sequence = open_sequence(
+        args, console, args.folder, poses=loaded.trajectory, frames=settings.frames
+    )
+    what = f"{len(sequence)} frames to fuse"
+    told(PlannedWork(what, len(sequence) * FUSE_CORE_S), args, console)
+    surface = fuse_sequence(
+        args.folder, loaded.trajectory, settings, console.progress, sequence.camera
+    )
     for line in surface.left_out[:5]:
         console.note(f"left out: {line}")
     mesh = surface.mesh

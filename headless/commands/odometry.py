@@ -15,6 +15,7 @@ from iclnuim.formats.files import check_file
 
 from ..method_options import installed, open_sequence, require
 from ..options import FRAMES, add_frames, add_plot, add_rerun, checked_rerun, common
+from ..planned_work import TRACK_CORE_S, PlannedWork, told
 from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
         raise InputError(expected, found=args.folder)
     if bool(args.method) == args.all:
         raise InputError("a METHOD, or --all without one", found=args.method or "neither")
-    require("odometry", "numba", "cv2")
+    require(console, "odometry", "numba", "cv2")
     from iclnuim.benchmark.fusion.reference import make_reference
     from iclnuim.benchmark.odometry.run import odometry_table, run_odometers
 
@@ -68,6 +69,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
         names = installed(list(ODOMETERS), args.preset, console)
     odometers = [odometer(name, args.preset) for name in names]
     sequence = open_sequence(args, console, args.folder, args.depth_offset, frames=args.frames)
+    seconds = len(sequence) * len(odometers) * TRACK_CORE_S
+    work = PlannedWork(f"{len(sequence)} frames, {len(odometers)} odometers", seconds)
+    told(work, args, console)
     against = partial(make_reference, args.reference, preset=args.preset)
     runs = run_odometers(odometers, sequence, args.lost, console.progress, against=against)
     for done in runs:

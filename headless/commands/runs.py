@@ -290,6 +290,8 @@ def _resume(args: argparse.Namespace, console: Console) -> int:
     plan = _with_farm_options(read_plan(find_run(args.folder)), args)
     _check_asked(plan.job, args, args.folder)
     console.note(f"resuming: iclnuim {plan.command} {plan.job.sequence}")
+    if plan.farm.engine == "local":
+        told(_work([plan]), args, console)
     return execute(plan, console, args.print_only)
 
 

@@ -10,7 +10,6 @@ publish.
 import argparse
 import json
 import tempfile
-from collections.abc import Callable
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
@@ -304,10 +303,6 @@ def configure_inspect(parser: argparse.ArgumentParser) -> None:
 
 def _inspect(args: argparse.Namespace, console: Console) -> int:
     """Exit code 2 if errors were found, 0 if there are at most warnings."""
-
-    def progress(label: str) -> Callable[[int], Callable[[], None]]:
-        return lambda count: console.progress(count, label).advance
-
     recording = checked_rerun(args)
     found = inspect_sequence(args.folder)
     values = {
@@ -332,12 +327,12 @@ def _inspect(args: argparse.Namespace, console: Console) -> int:
 
             console.note(f"{draw_classes(args.folder, args.preview)} written")
     if args.coco is not None:
-        write_coco(args.coco, args.folder, progress("annotations"))
+        write_coco(args.coco, args.folder, console.progress)
         console.note(f"{args.coco} written")
     if recording:
         from iclnuim.report.recording import record_sequence
 
-        record_sequence(recording, args.folder, progress("recording"))
+        record_sequence(recording, args.folder, console.progress)
         console.note(f"{recording} written")
     return 2 if found.wrong else 0
 

@@ -112,7 +112,7 @@ def _severities(text: str) -> tuple[int, ...]:
 
 def run(args: argparse.Namespace, console: Console) -> None:
     """Exit code 0 even if methods failed: their cells report the failures."""
-    require("stress", "numba", "cv2")
+    require(console, "stress", "numba", "cv2")
     from iclnuim.benchmark.perturbations.plan import read_plan
 
     plan = read_plan()

@@ -112,13 +112,12 @@ def _make(plan: RunPlan, record: Record, console: Console) -> None:
     caster = RayCaster(surface.vertices, surface.triangles)
     if plan.held_out.isdecimal():
         count = int(plan.held_out)
-        on_view = console.progress(count, "held-out views", "views").advance
-        chosen = choose_held_out(caster, job.camera, training, count, job.seed, on_view)
+        chosen = choose_held_out(caster, job.camera, training, count, job.seed, console.progress)
         views = Trajectory.at_rate(chosen)
     else:
         views = read_trajectory(_file(plan.held_out)).trajectory
-    on_view = console.progress(len(views), "held-out views, checked", "views").advance
-    figures = check_held_out(caster, job.camera, views.T_world_camera, training, on_view)
+    poses = views.T_world_camera
+    figures = check_held_out(caster, job.camera, poses, training, console.progress)
     make_folder(plan.out / FOLDER)
     write_trajectory(plan.out / FOLDER / POSES, views, "tum")
     rows: list[dict[str, float]] = []

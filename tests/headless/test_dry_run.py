@@ -3,6 +3,8 @@
 import argparse
 import json
 
+import iclnuim
+import numpy as np
 import pytest
 from iclnuim.console import Console
 from iclnuim.headless.cli import main
@@ -20,6 +22,15 @@ def planned(capfd, *words):
 def empty(tmp_path, monkeypatch):
     monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def few_frames(tmp_path):
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    poses[:, 0, 3] = np.arange(4) / 10
+    images = (np.full((48, 64, 3), 0.3), np.full((48, 64), 2.0))
+    iclnuim.make_sequence(iclnuim.frames_from("64x48", poses, lambda k: images), "few", workers=1)
+    return "few"
 
 
 @pytest.mark.parametrize(
@@ -89,3 +100,14 @@ def test_a_plan_without_sequences_lacks_all_frames(tmp_path):
     from iclnuim.headless.farm.all_sequences import lacking
 
     assert lacking(RunPlan(shipped_job("kt2"), tmp_path / "raw", (0, 1, 2))) == 3
+
+
+def test_more_odometers_and_steps_take_longer(capfd, few_frames):
+    one = planned(capfd, "bench", "odometry", few_frames, "--only", "ours:icp_rgbd")
+    all_of_ours = planned(capfd, "bench", "odometry", few_frames, "--only", "ours")
+    assert all_of_ours["seconds"] == pytest.approx(5 * one["seconds"])
+    curve = ("bench", "curve", "iterations", few_frames, "--method", "icp", "--frames", ":3")
+    two = planned(capfd, *curve, "--values", "1,2")
+    four = planned(capfd, *curve, "--values", "1,2,3,4")
+    assert two["what"].startswith("2 steps of iterations, 3 frames")
+    assert four["seconds"] == pytest.approx(2 * two["seconds"])

@@ -4,7 +4,6 @@ camera and ground truth of a TUM sequence, which then is read.
 
 import os
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..channels import DEPTH, RGB
+from ..console import Meter, advance_of
 from ..errors import InputError, WorkError, within
 from ..formats.associations import ImageList, write_image_list
 from ..formats.bag_poses import NoPosesError
@@ -42,13 +42,12 @@ from .layouts import listed, tum
 
 _NOTES = "bag.json"
 _TRUTH = "groundtruth.txt"
-#: Returns what is called after every image of this number.
-Progress = Callable[[int], Callable[[], object]]
 
 
-def unpacked(path: Path, progress: Progress | None = None) -> tuple[Path, list[str]]:
+def unpacked(path: Path, progress: Meter = None) -> tuple[Path, list[str]]:
     """The folder with the images of a bag, unpacked if it does not exist, and sentences on how the
     bag was read. `path` may end in topics: X.bag:/camera/depth/image.
+    progress: as of render_frames().
 
     Raises InputError for a bag without colour and depth images, WorkError if the folder cannot be
     written.
@@ -66,7 +65,7 @@ def unpacked(path: Path, progress: Progress | None = None) -> tuple[Path, list[s
     return folder, read_json(folder / _NOTES)["notes"]
 
 
-def _unpack(path: Path, folder: Path, progress: Progress | None) -> None:
+def _unpack(path: Path, folder: Path, progress: Meter) -> None:
     try:
         with whole_folder(folder) as new, Bag(path) as bag:
             _Unpacking(bag, image_topics(bag), new).run(progress)
@@ -102,10 +101,11 @@ class _Unpacking:
             return UNITS_PER_METRE
         return depth_units(self.bag)
 
-    def run(self, progress: Progress | None) -> None:
+    def run(self, progress: Meter) -> None:
         """Write images, lists, camera and notes. Raises InputError without an image of a kind."""
         kinds = {self.topics.colour: RGB, self.topics.depth: DEPTH}
-        done = progress(self.bag.count(list(kinds))) if progress else lambda: None
+        total = self.bag.count(list(kinds))
+        done = advance_of(progress, total, f"reading {self.bag.path}", "images")
         for kind in self.written:
             (self.folder / kind).mkdir()
         for topic, time_ns, message in self.bag.messages(list(kinds)):

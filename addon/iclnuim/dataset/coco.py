@@ -3,12 +3,12 @@ uncompressed run lengths (counts of pixels by columns, from a run outside on).
 """
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..console import Meter, advance_of
 from ..errors import InputError
 from ..formats.files import atomic_write_text
 from .label_classes import ClassMap
@@ -19,19 +19,18 @@ from .sequence_origin import sequence_name
 def write_coco(
     path: Path | str,
     folder: Path | str,
-    progress: Callable[[int], Callable[[], object]] = lambda count: lambda: None,
+    progress: Meter = None,
 ) -> None:
     """Write the annotations of a sequence with class and instance images as JSON, which pycocotools
     reads. Names of images are relative to the sequence's folder, categories are those of its
-    classes.csv, and pixels without a class are in no mask. progress(count) returns a function that
-    is called after each frame.
+    classes.csv, and pixels without a class are in no mask. progress: as of render_frames().
 
     Raises InputError if the sequence has no such images, WorkError if the file cannot be written.
     """
     folder = Path(folder)
     frames = label_frames(folder)
     classes = true_classes(folder)
-    on_frame = progress(len(frames))
+    on_frame = advance_of(progress, len(frames), "annotations")
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     for number, frame in enumerate(frames, 1):

@@ -5,7 +5,6 @@ matrix over all frames, and panoptic quality.
 import csv
 import io
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..channels import INSTANCE
+from ..console import Meter, advance_of
 from ..errors import InputError
 from ..evaluation.labels import VOID, LabelFigures, label_confusion, label_figures
 from ..evaluation.panoptic import PanopticQuality, Segmentation, panoptic_quality
@@ -121,15 +121,15 @@ def label_errors(
     folder: Path | str,
     truth: Path | str,
     classes: str = OURS,
-    progress: Callable[[int], Callable[[], object]] = lambda count: lambda: None,
+    progress: Meter = None,
 ) -> LabelErrors:
     """Compare label images in `folder` with the class images of the sequence `truth`, and its
     instance images with those in `folder`, if it has any. Images are found by the frames' names or
     numbers.
 
     classes: the numbering of the labels, ours, nyu40, scannet20, replica, or the file of a table
-    (label_classes.py). Pixels whose truth is no class of it never count. progress(count) returns a
-    function that is called after each frame.
+    (label_classes.py). Pixels whose truth is no class of it never count. progress: as of
+    render_frames().
 
     Raises InputError if there are no images, images differ in size, or no true pixel has a class.
     """
@@ -139,7 +139,7 @@ def label_errors(
     comparison = _Comparison(truth, classes)
     images = _predictions(folder, truth, CLASS, frames[0].classes).of_frames(frames)
     instances = _instances(folder, truth, frames)
-    on_frame = progress(len(frames))
+    on_frame = advance_of(progress, len(frames), "evaluate")
     for frame, image, instance in zip(frames, images, instances, strict=True):
         if image is not None:
             if any(instances) and instance is None:

@@ -119,8 +119,7 @@ def view_errors(
     depth, if any, is depth/000012, as .png in the units of camera.json in `folder` or else of
     `truth`, or as .npy in metres. keyframes: a file with one line per keyframe, which starts with
     its image's name, its frame number or its stamp, for example a trajectory of keyframes.
-    progress: True or False, by default on in a notebook, or
-    progress(total, label), which returns an object with advance().
+    progress: as of render_frames().
 
     Raises InputError if there is no view, images differ in size, or a keyframe is not a frame of
     the sequence; WorkError if LPIPS cannot start.

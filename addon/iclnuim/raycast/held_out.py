@@ -2,11 +2,11 @@
 checked or chosen by ray casting.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..console import Meter, advance_of
 from ..errors import InputError
 from ..geometry import so3
 from ..geometry.camera import CameraOrText, PinholeCamera
@@ -50,17 +50,18 @@ def check_held_out(
     camera: CameraOrText,
     T_world_view: Poses,
     T_world_training: Poses,
-    on_view: Callable[[], object] = lambda: None,
+    progress: Meter = None,
 ) -> list[HeldOutView]:
     """Compare views (n,) with training views (k,) of the same camera, all in the caster's world.
     About 19,200 rays represent a view's
-    pixels; a training view sees a surface only from its side.
+    pixels; a training view sees a surface only from its side. progress: as of render_frames().
 
     Raises InputError if a view is not new, or more than MAX_UNSEEN of it was not seen by training
     views.
     """
     camera = PinholeCamera.of(camera)
     views = list(SE3.of(T_world_view))
+    on_view = advance_of(progress, len(views), "held-out views, checked", "views")
     T_world_training = SE3.of(T_world_training)
     nearest = [_nearest(view, T_world_training) for view in views]
     if near := [k for k, place in enumerate(nearest) if not HeldOutView(*place, 0.0).is_new]:
@@ -93,16 +94,18 @@ def choose_held_out(
     T_world_training: Poses,
     count: int,
     seed: int = 0,
-    on_view: Callable[[], object] = lambda: None,
+    progress: Meter = None,
 ) -> SE3:
     """Choose `count` views (n,) that `check_held_out` accepts. They are also new relative to each
     other, at least 0.25 m from surfaces, and
     visible from the position of a training view.
 
     They have no roll relative to the z axis of the world. The same arguments give the same views.
+    progress: as of render_frames().
     Raises InputError if too few are found.
     """
     camera = PinholeCamera.of(camera)
+    on_view = advance_of(progress, count, "held-out views", "views")
     T_world_training = SE3.of(T_world_training)
     rng = np.random.default_rng(seed)
     chosen = SE3.identity((0,))

@@ -1,6 +1,5 @@
 """Previews of a sequence: colour, depth and error of some frames as an image, and a short film."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ..console import Meter, advance_of
 from ..dataset.image_pairs import ImagePair, find_pairs
 from ..dataset.layout import SequenceCamera
 from ..dataset.sequence_poses import read_truth
@@ -29,10 +29,10 @@ _ERROR_FULL_M = 0.05
 _APART = 15
 
 
-def draw_preview(folder: Path, out: Path, progress: Callable[[int, str], Any]) -> list[Path]:
+def draw_preview(folder: Path, out: Path, progress: Meter = None) -> list[Path]:
     """Write preview.png and preview.mp4 to `out`; returns their paths.
 
-    `progress(total, label)` returns an object with advance().
+    progress: as of render_frames().
     """
     first_library("the film of a preview", "cv2")  # before work that may take long
     pairs = find_pairs(folder)
@@ -48,11 +48,11 @@ def draw_preview(folder: Path, out: Path, progress: Callable[[int, str], Any]) -
     picture = np.vstack([_captions(rows[0].shape[1], range_m), *rows])
     write_png(out / "preview.png", np.ascontiguousarray(picture))
     filmed = pairs[:: max(1, -(-len(pairs) // _FILM_FRAMES))]
-    bar = progress(len(filmed), "film")
+    advance = advance_of(progress, len(filmed), "film")
     frames = []
     for pair in filmed:
         frames.append(_tiles(pair, camera, range_m))
-        bar.advance()
+        advance()
     atomic_write(out / "preview.mp4", lambda temporary: _write_film(temporary, frames))
     return [out / "preview.png", out / "preview.mp4"]
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..console import Meter, advance_of
 from ..dataset.image_pairs import find_pairs
 from ..dataset.layout import posed
 from ..dataset.sequence_poses import read_truth
@@ -143,19 +144,19 @@ def record(path: Path | str, of: Path | str, fill: Callable[[Recorder], None]) -
 def record_sequence(
     path: Path | str,
     folder: Path | str,
-    progress: Callable[[int], Callable[[], object]] = lambda count: lambda: None,
+    progress: Meter = None,
 ) -> None:
     """Record colour and depth of a sequence in any format, its camera, and the ground-truth poses,
     if any. The PNG and JPEG files of colour are included unchanged, depth in its units.
-    progress(count) returns a function that is called after each frame. Raises InputError if a file
-    cannot be read, WorkError without rerun-sdk.
+    progress: as of render_frames(). Raises InputError if a file cannot be read, WorkError without
+    rerun-sdk.
     """
     path = Path(path)
     folder = Path(folder)
     pairs = find_pairs(folder)
     camera = read_camera(folder, pairs[0].rgb)
     truth = read_truth(folder)
-    on_frame = progress(len(pairs))
+    on_frame = advance_of(progress, len(pairs), "recording")
     poses = poses_at(np.array([pair.stamp_s for pair in pairs]), truth)
 
     def fill(recorder: Recorder) -> None:

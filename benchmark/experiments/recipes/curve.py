@@ -80,15 +80,20 @@ class Curve:
             found.append(Cell(key, identity | {"method_code": method_code(method)}))
         return found
 
-    def run(self, store: Store, console: Console) -> None:
-        """Measure the sequences of which a step is missing."""
-        folders = {name: str(one.sequence.folder) for name, one in self.inputs.items()}
-        store.open({}, {"sequences": folders, **self.settings})
+    def jobs(self, store: Store) -> list[Job]:
+        """Those of the sequences of which a step is missing."""
         jobs = []
         for sequence, segment in self.segments.items():
             if store.missing(self.cells(sequence)):
                 measure = partial(self._measure, sequence, store)
                 jobs.append(Job(sequence, measure, self._length(segment)))
+        return jobs
+
+    def run(self, store: Store, console: Console) -> None:
+        """Measure the sequences of which a step is missing."""
+        folders = {name: str(one.sequence.folder) for name, one in self.inputs.items()}
+        store.open({}, {"sequences": folders, **self.settings})
+        jobs = self.jobs(store)
         frames = sum(job.steps for job in jobs)
         progress = console.progress(frames, f"bench curve {self.name}")
         run_jobs(jobs, 1, progress.advance)

@@ -7,9 +7,10 @@ OUT/tables/, OUT/report.html         made from the cells alone
 OUT/models/, OUT/noise/, OUT/work/   data shared by cells while they are measured
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from iclnuim.benchmark.fusion.settings import QualitySettings
@@ -23,7 +24,7 @@ from ..paper_keys import PaperKey
 from ..paper_measure import measure
 from ..paper_sources import Sources
 from ..paper_task import PaperTask, fuse_settings
-from ..pool import Advance, Job, run_jobs
+from ..pool import Advance, Job, compile_first, run_jobs
 from ..store import Store
 
 KIND = "benchmark"
@@ -84,8 +85,10 @@ class Paper:
             problems.append(problem)
             console.note(problem)
 
-        jobs = [self._job(cell, store) for cell in self._with_models(missing, console)]
+        missing = self._with_models(missing, console)
+        jobs = [self._job(cell, store) for cell in missing]
         noisy = {cell.key.sequence: cell.key for cell in missing if cell.key.seed}
+        compile_first(list(self._short_jobs(missing)), min(workers, len(jobs)))
         total = sum(job.steps for job in jobs)
         total += sum(self.sources.frames(key, self.first) for key in noisy.values())
         advance = console.progress(total, "benchmark").advance
@@ -125,22 +128,42 @@ class Paper:
 
     def _job(self, cell: Cell, store: Store) -> Job:
         """The frames of a cell are tracked, and fused."""
-        key = cell.key
-        room = cell.identity.get("model")
-        trajectory = self.systems.get(key)
-        task = PaperTask(
-            key=key,
-            folder=self.sources.folder(key),
-            first=self.first,
-            model=self.sources.model(room) if room else None,
-            trajectory=trajectory,
-            work=self.sources.work,
-        )
+        task = self._task(cell)
 
         def measure_cell(advance: Advance) -> None:
             with store.files(cell) as folder:
                 figures = measure(task, folder, advance)
             store.write(cell, figures)
 
-        passes = (task.model is not None) + (trajectory is None)
-        return Job(key.place, measure_cell, passes * self.sources.frames(key, self.first))
+        passes = (task.model is not None) + (task.trajectory is None)
+        return Job(cell.key.place, measure_cell, passes * self.sources.frames(cell.key, self.first))
+
+    def _task(self, cell: Cell) -> PaperTask:
+        room = cell.identity.get("model")
+        return PaperTask(
+            key=cell.key,
+            folder=self.sources.folder(cell.key),
+            first=self.first,
+            model=self.sources.model(room) if room else None,
+            trajectory=self.systems.get(cell.key),
+            work=self.sources.work,
+        )
+
+    def _short_jobs(self, cells: Sequence[Cell]) -> Iterator[Job]:
+        """Three frames of one cell for each odometer, the first of which are also fused; nothing is
+        kept.
+        """
+        first: dict[tuple, Cell] = {}
+        for cell in cells:
+            key = cell.key
+            first.setdefault((key.odometer, key.preset, key.reference), cell)
+        for cell in first.values():
+            task = replace(self._task(cell), first=3)
+            if cell is not next(iter(first.values())):
+                task = replace(task, model=None)
+
+            def try_cell(advance: Advance, task: PaperTask = task) -> None:
+                with TemporaryDirectory() as folder:
+                    measure(replace(task, work=Path(folder)), Path(folder), advance)
+
+            yield Job(cell.key.place, try_cell, 1)

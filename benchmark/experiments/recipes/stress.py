@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS, odometer
+from iclnuim.benchmark.odometry.run import run_odometers
 from iclnuim.console import Console
 from iclnuim.dataset.frame_source import FrameSource
 from iclnuim.dataset.sequence import write_sequence
@@ -29,7 +30,7 @@ from ..cell import Cell
 from ..code_version import code_of, method_code
 from ..inputs import Input
 from ..outcome import Outcome, Poses, diagnostics, outcome, track_all
-from ..pool import Advance, Job, one_thread, run_jobs
+from ..pool import Advance, Job, compile_first, one_thread, run_jobs
 from ..store import Store
 from .system import SystemRuns, system_store
 
@@ -113,6 +114,7 @@ class Stress:
         store.open({}, {**about, "sequences": folders})
         one_thread()
         missing = store.missing(self.cells())
+        compile_first([Job("compile", self._try_methods, 1)], min(workers, len(missing)))
         advance = console.progress(len(missing), "stress", "cells").advance
         tracked = [cell for cell in missing if cell.key.method not in methods]
         for perturbed in (False, True):
@@ -121,6 +123,12 @@ class Stress:
             run_jobs(list(self._jobs(some, store, clean)), workers, advance)
         for cells in by_segment([cell for cell in missing if cell.key.method in methods]):
             self._run_systems(cells, methods, store, advance)
+
+    def _try_methods(self, advance: Advance) -> None:
+        """Track three frames with every method."""
+        for one in self.inputs.values():
+            odometers = [odometer(name, self.preset) for name in self.methods if name in ODOMETERS]
+            run_odometers(odometers, one.sequence, progress=False, frames=3)
 
     def segment(self, key: StressKey) -> Segment:
         """The perturbed frames of a cell. Raises InputError if the sequence is too short."""
