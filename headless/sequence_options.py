@@ -76,7 +76,7 @@ def log_settings(args: argparse.Namespace) -> LogSettings:
     Raises InputError for settings of bags that are not written.
     """
     logs = settings_from(args, LogSettings())
-    for name in ("bag_storage", "compress_bags"):
+    for name in ("bag_storage", "bag_names", "compress_bags"):
         if not logs.rosbag and getattr(logs, name) != getattr(LogSettings(), name):
             raise InputError(f"{{rosbag}} with {{{name}}}", found="it alone")
     return logs

@@ -25,6 +25,7 @@ from iclnuim.dataset.image_frames import image_frames, original_frames
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.label_frames import has_classes
 from iclnuim.dataset.layout import camera_file
+from iclnuim.dataset.metadata import write_metadata
 from iclnuim.dataset.packing import LICENCES, check_packable, is_archive, pack, packed_names
 from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import SequenceWriter
@@ -296,6 +297,8 @@ def configure_inspect(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--preview", type=Path, metavar="FOLDER", help=help)
     help = "write its classes and instances as annotations of COCO (.json)"
     parser.add_argument("--coco", type=Path, metavar="FILE", help=help)
+    help = "write metadata.jsonl into DIR, for the imagefolder of Hugging Face datasets"
+    parser.add_argument("--metadata", action="store_true", help=help)
     add_rerun(parser, "its images, camera and poses")
     example = "iclnuim inspect out/living_room/kt2/noisy --preview pictures"
     common(parser, example).set_defaults(run=_inspect, reads_sequences=True)
@@ -329,6 +332,8 @@ def _inspect(args: argparse.Namespace, console: Console) -> int:
     if args.coco is not None:
         write_coco(args.coco, args.folder, console.progress)
         console.note(f"{args.coco} written")
+    if args.metadata:
+        console.note(f"{write_metadata(args.folder)} written")
     if recording:
         from iclnuim.report.recording import record_sequence
 

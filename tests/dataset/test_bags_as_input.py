@@ -89,6 +89,33 @@ def test_our_bags_are_read_back_as_they_were_written(all_formats, tmp_path, name
         assert np.abs(truth.T_world_camera.matrix - own[3].T_world_camera.matrix).max() < 1e-9
 
 
+@pytest.mark.parametrize("name", ["s.bag", "s_ros2"])
+def test_bags_named_as_of_a_realsense_have_its_topics_and_millimetres(all_formats, tmp_path, name):
+    highlevel = pytest.importorskip("rosbags.highlevel")
+    ros = 1 if name.endswith("bag") else 2
+    write_rosbag(all_formats / "tum", tmp_path / name, ros, LogSettings(bag_names="realsense"))
+    depth = "/camera/aligned_depth_to_color/image_raw"
+    with highlevel.AnyReader([tmp_path / name]) as reader:
+        topics = {c.topic: c for c in reader.connections}
+        assert {
+            "/camera/color/image_raw",
+            "/camera/color/camera_info",
+            depth,
+            "/camera/aligned_depth_to_color/camera_info",
+        } <= set(topics)
+        first = next(reader.messages([topics[depth]]))
+        image = reader.deserialize(first[2], topics[depth].msgtype)
+    assert image.encoding == "16UC1" and image.header.frame_id == "camera_color_optical_frame"
+    bag, own = read(tmp_path / name), read(all_formats / "tum")
+    assert bag[1].pinhole == own[1].pinhole and bag[1].depth_units_per_metre == 1000
+    for ours, theirs in zip(own[0], bag[0], strict=True):
+        colour, depth_z_m = read_images(theirs, bag[1])
+        expected = read_images(ours, own[1])
+        assert np.array_equal(colour, expected[0])
+        assert np.abs(depth_z_m - expected[1]).max() <= 0.0005 + 1e-6
+    assert np.array_equal(bag[3].stamps_s, own[3].stamps_s)
+
+
 def test_the_commands_read_a_bag_and_say_how(tmp_path, capsys):
     def add(bag):
         for i, seven in enumerate(SEVEN):

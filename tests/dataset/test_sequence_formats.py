@@ -707,7 +707,9 @@ def test_depth_units_that_no_requested_format_can_have_are_refused(
     )
 
 
-@pytest.mark.parametrize("option", [("--compress-bags",), ("--bag-storage", "mcap")])
+@pytest.mark.parametrize(
+    "option", [("--compress-bags",), ("--bag-storage", "mcap"), ("--bag-names", "realsense")]
+)
 def test_settings_of_bags_without_bags_are_refused(all_formats, tmp_path, option, command_here):
     code, _, said = command_here("convert", all_formats / "tum", tmp_path / "out", *option)
     assert code == 2 and f"expected --rosbag with {option[0]}, found it alone" in said

@@ -357,6 +357,7 @@ def test_damaged_cameras_are_read_or_refused(tmp_path, files):
 #: Files of the sequence formats that are damaged in turn.
 SEQUENCES = {
     "replica": ("traj.txt", "cam_params.json", "results/frame000001.jpg"),
+    "replica-v2": ("traj_w_c.txt", "cam_params.json"),
     "scannet": (
         "frames/pose/000001.txt",
         "frames/intrinsic/intrinsic_depth.txt",

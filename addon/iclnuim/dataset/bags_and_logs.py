@@ -1,9 +1,9 @@
 """A sequence in one file: ROS 1 and ROS 2 bags, written by the optional package rosbags (no ROS
 needed), and .klg logs.
 
-Topics of bags: /camera/rgb/image_color (rgb8), /camera/depth/image (32FC1, metres, NaN = missing),
-a camera_info for each, and with ground truth /ground_truth/pose (world <- camera, x right, y down,
-z forward) and /tf. Stamps are those of each image of the sequence, to the nanosecond.
+Topics of bags: colour (rgb8) and depth, a camera_info for each, and with ground truth
+/ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Stamps are those of each
+image of the sequence, to the nanosecond.
 """
 
 import struct
@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import InputError, WorkError
+from ..formats.depth_units import depth16_from_metres
 from ..formats.files import atomic_write, atomic_write_text, read_bytes
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
@@ -27,8 +28,17 @@ from .layout import SequenceCamera
 from .sequence_poses import read_truth
 from .stored_images import read_camera, read_images
 
-FRAME = "camera_rgb_optical_frame"
-WORLD = "world"
+_REALSENSE = "realsense"
+#: Names of topics -> those of colour and depth, and the coordinate frame of the camera.
+_TOPICS = {
+    "tum": ("/camera/rgb/image_color", "/camera/depth/image", "camera_rgb_optical_frame"),
+    _REALSENSE: (
+        "/camera/color/image_raw",
+        "/camera/aligned_depth_to_color/image_raw",
+        "camera_color_optical_frame",
+    ),
+}
+_WORLD = "world"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 
@@ -50,6 +60,15 @@ class LogSettings(Settings):
         choices={
             "sqlite3": "a database, the default of ROS 2 up to Humble",
             "mcap": "MCAP, the default after Humble",
+        },
+    )
+    bag_names: str = setting(
+        "tum",
+        "topics of the bags",
+        choices={
+            "tum": "/camera/rgb/image_color, /camera/depth/image (32FC1, metres, NaN = missing)",
+            _REALSENSE: "/camera/color/image_raw, /camera/aligned_depth_to_color/image_raw "
+            "(16UC1, whole millimetres, 0 = missing)",
         },
     )
     compress_bags: bool = setting(False, "compress the bags: ROS 1 by LZ4, ROS 2 by Zstandard")
@@ -148,13 +167,17 @@ class _Bag:
                 mode = rosbag2.CompressionMode.STORAGE if mcap else rosbag2.CompressionMode.MESSAGE
                 self.writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
         self.connections: dict[str, Any] = {}
+        *self.topics, self.frame = _TOPICS[settings.bag_names]
+        self.millimetres = settings.bag_names == _REALSENSE
 
     def pair(self, pair: ImagePair, camera: SequenceCamera) -> None:
         """Write both images and their camera."""
         rgb, depth = read_images(pair, camera)
-        depth = np.where(depth > 0, depth, np.nan).astype("<f4")
-        images = (("rgb/image_color", "rgb8", rgb), ("depth/image", "32FC1", depth))
-        for (name, encoding, pixels), text in zip(images, pair.written, strict=True):
+        stored = ("32FC1", np.where(depth > 0, depth, np.nan).astype("<f4"))
+        if self.millimetres:
+            stored = ("16UC1", depth16_from_metres(depth, 1000).astype("<u2"))
+        images = zip(self.topics, (("rgb8", rgb), stored), pair.written, strict=True)
+        for topic, (encoding, pixels), text in images:
             stamp_ns = self._nanoseconds(text or pair.stamp_s)
             data = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8)
             image = self._new(
@@ -165,19 +188,19 @@ class _Bag:
                 step=data.size // pixels.shape[0],
                 data=data,
             )
-            self._write(f"/camera/{name}", image, stamp_ns)
+            self._write(topic, image, stamp_ns)
             info = self._camera_info(stamp_ns, camera.pinhole)
-            self._write(f"/camera/{name.split('/')[0]}/camera_info", info, stamp_ns)
+            self._write(f"{topic.rpartition('/')[0]}/camera_info", info, stamp_ns)
 
     def _size(self, stamp_ns: int, shape: tuple[int, ...]) -> dict[str, Any]:
-        return {"header": self._header(stamp_ns, FRAME), "height": shape[0], "width": shape[1]}
+        return {"header": self._header(stamp_ns, self.frame), "height": shape[0], "width": shape[1]}
 
     def truth(self, truth: Trajectory) -> None:
         """Write poses, and the same poses as transforms."""
         for i, stamp_s in enumerate(truth.stamps_s.tolist()):
             stamp_ns = self._nanoseconds(stamp_s)
             T = truth.T_world_camera[i]
-            header = self._header(stamp_ns, WORLD)
+            header = self._header(stamp_ns, _WORLD)
             place = dict(zip("xyz", T.translation.tolist(), strict=True))
             turn = dict(zip("xyzw", T.quat_xyzw.tolist(), strict=True))
             rotation = self._new("geometry_msgs/msg/Quaternion", **turn)
@@ -186,7 +209,7 @@ class _Bag:
             pose = self._new("geometry_msgs/msg/Pose", position=point, orientation=rotation)
             posed = self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
             self._write("/ground_truth/pose", posed, stamp_ns)
-            named = {"header": header, "child_frame_id": FRAME}
+            named = {"header": header, "child_frame_id": self.frame}
             transform = self._new(
                 "geometry_msgs/msg/Transform", translation=move, rotation=rotation
             )

@@ -27,6 +27,7 @@ _ALL = (
     euroc.FORMAT,
     nerf.FORMAT,
     replica.FORMAT,
+    replica.V2,
     scannet.FORMAT,
     colmap.FORMAT,
     eth3d.FORMAT,

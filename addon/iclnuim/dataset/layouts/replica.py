@@ -3,9 +3,12 @@ results/depth000000.png, traj.txt with one 4 x 4 matrix per line, cam_params.jso
 instances are semantic_class/semantic_class_0.png, semantic_instance/semantic_instance_0.png.
 
 The lines of traj.txt correspond to the images in the order of their names
-(https://github.com/cvg/nice-slam, src/utils/datasets.py).
+(https://github.com/cvg/nice-slam, src/utils/datasets.py). replica-v2 is one part of the data of
+vMAP, imap/00 for training or imap/01 for novel views, which SplaTAM reads as ReplicaV2:
+rgb/rgb_0.png, depth/depth_0.png, traj_w_c.txt.
 """
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +36,8 @@ from ..layout import (
 UNITS = 6553.5
 _PUBLISHED = PinholeCamera(1200, 680, 600.0, 600.0, 599.5, 339.5)
 _LABELS = ("class", INSTANCE)
-_TRAJECTORY = "traj.txt"
+#: Format -> its trajectory.
+_TRAJECTORIES = {"replica": "traj.txt", "replica-v2": "traj_w_c.txt"}
 _CAMERA = "cam_params.json"
 _NUMBERS = ("w", "h", "fx", "fy", "cx", "cy", "scale")
 #: Keys of cam_params.json.
@@ -45,7 +49,8 @@ KEYS = Keys(
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
-    write_trajectory(folder / _TRAJECTORY, Trajectory(contents.stamps_s, contents.poses), "replica")
+    path = folder / _TRAJECTORIES[format.name]
+    write_trajectory(path, Trajectory(contents.stamps_s, contents.poses), "replica")
     c = contents.camera
     k = {"w": c.width, "h": c.height, "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy}
     write_json(folder / _CAMERA, {"camera": {**k, "scale": contents.depth_units_per_metre}})
@@ -54,9 +59,21 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 def _rows(folder: Path) -> list[Row]:
     """The frames; a depth image has the number of its colour image."""
     results = folder / "results"
-    colours = {path.stem[5:]: path for path in files_in(results, "frame*.jpg", "frame*.png")}
-    depths = {path.stem[5:]: path for path in files_in(results, "depth*.png")}
-    return rows_by_name(colours, depths)
+    return rows_by_name(
+        _numbered(results, "frame*.jpg", "frame*.png"), _numbered(results, "depth*.png")
+    )
+
+
+def _rows_of_v2(folder: Path) -> list[Row]:
+    return rows_by_name(
+        _numbered(folder / "rgb", "rgb_*.png"), _numbered(folder / "depth", "depth_*.png")
+    )
+
+
+def _numbered(folder: Path, *patterns: str) -> Mapping[str, Path]:
+    """The images by what is in place of the asterisk."""
+    begin = len(patterns[0].partition("*")[0])
+    return {path.stem[begin:]: path for path in files_in(folder, *patterns)}
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
@@ -88,20 +105,42 @@ def _image(frame: SequenceFrame, kind: str) -> str:
     return f"results/{name.format(frame.number)}"
 
 
+def _image_of_v2(frame: SequenceFrame, kind: str) -> str:
+    """Without zeros: rgb_0.png is the name of the first image in SplaTAM."""
+    return _image(frame, kind) if kind in _LABELS else f"{kind}/{kind}_{frame.number}.png"
+
+
+def _reader(name: str, images: str, rows: Callable[[Path], list[Row]]) -> Reader:
+    def truth(folder: Path) -> Path:
+        return folder / _TRAJECTORIES[name]
+
+    def found(folder: Path) -> bool:
+        return truth(folder).is_file() and (folder / images).is_dir()
+
+    return Reader(found, rows, _camera, truth)
+
+
 FORMAT = SequenceFormat(
     "replica",
     "Replica as NICE-SLAM and its successors read it: results/frame*.jpg, results/depth*.png, "
     "traj.txt, cam_params.json",
     _image,
     _write,
-    Reader(
-        lambda folder: (folder / _TRAJECTORY).is_file() and (folder / "results").is_dir(),
-        _rows,
-        _camera,
-        lambda folder: folder / _TRAJECTORY,
-    ),
+    _reader("replica", "results", _rows),
     stamps="numbers",
     depth_stamps=False,
     fixed_units=UNITS,
+    every_pose=True,
+)
+V2 = SequenceFormat(
+    "replica-v2",
+    "a part of Replica as vMAP and SplaTAM's novel views read it: rgb/rgb_*.png, "
+    "depth/depth_*.png, traj_w_c.txt, cam_params.json",
+    _image_of_v2,
+    _write,
+    _reader("replica-v2", "rgb", _rows_of_v2),
+    stamps="numbers",
+    depth_stamps=False,
+    fixed_units=1000.0,
     every_pose=True,
 )

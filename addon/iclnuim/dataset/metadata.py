@@ -1,0 +1,54 @@
+"""The list of a sequence's images for the imagefolder of Hugging Face datasets."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..formats.files import atomic_write_text
+from ..geometry.trajectory import Trajectory, sample
+from .image_pairs import find_pairs
+from .layout import posed
+from .sequence_poses import read_truth
+from .stored_images import read_camera
+
+FILE = "metadata.jsonl"
+
+
+def write_metadata(folder: Path | str) -> Path:
+    """Write metadata.jsonl into the folder of a sequence, and return its path: for each frame the
+    names of its images, its stamp, the camera (pixels, units per metre) and T_world_camera (4, 4)
+    in metres of the OpenCV camera, null for a frame without a pose.
+
+    Raises InputError for a folder without a sequence, WorkError if the file cannot be written.
+    """
+    folder = Path(folder)
+    pairs = find_pairs(folder)
+    camera = read_camera(folder, pairs[0].rgb).to_dict()
+    poses = _poses(np.array([pair.stamp_s for pair in pairs]), read_truth(folder))
+    lines = []
+    for pair, pose in zip(pairs, poses, strict=True):
+        line: dict[str, Any] = {
+            "file_name": pair.rgb.relative_to(folder).as_posix(),
+            "depth_file_name": pair.depth.relative_to(folder).as_posix(),
+            "stamp_s": pair.stamp_s,
+            **camera,
+            "T_world_camera": pose,
+        }
+        lines.append(json.dumps(line) + "\n")
+    atomic_write_text(folder / FILE, "".join(lines))
+    return folder / FILE
+
+
+def _poses(stamps_s: np.ndarray, truth: Trajectory | None) -> list[list[list[float]] | None]:
+    found: list[list[list[float]] | None] = [None] * len(stamps_s)
+    rows = np.flatnonzero(posed(stamps_s, truth))
+    if truth is None or not len(rows):
+        return found
+    poses = truth.T_world_camera
+    if len(truth) > 1:
+        poses = sample(truth, stamps_s[rows].clip(*truth.stamps_s[[0, -1]]))
+    for row, matrix in zip(rows, poses.matrix.tolist(), strict=True):
+        found[row] = matrix
+    return found
