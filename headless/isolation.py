@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from iclnuim import scene_wall
+from iclnuim.blender.open.run_frames import RunFrames
 from iclnuim.errors import IclnuimError, WorkError, blender_missing
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.native_output import native_output_in
@@ -25,10 +26,10 @@ def opened_scene(
     reading: SceneReading,
     reads: Iterable[Path] = (),
     writes: Iterable[Path | None] = (),
-    frames: int | None = None,
+    frames: RunFrames | None = None,
 ) -> Iterator[list[str]]:
-    """Open the scene `file` in Blender, for a run of so many frames, with Blender's output
-    suppressed; yields the notes about the import. Raises WorkError, which names `what`, without
+    """Open the scene `file` in Blender, for the frames of a run, with Blender's output suppressed;
+    yields the notes about the import. Raises WorkError, which names `what`, without
     bpy.
 
     From here on this process, unless Blender is already loaded in it, reads and writes only what

@@ -65,7 +65,8 @@ def render_frames(
     with tempfile.TemporaryDirectory(prefix="iclnuim-") as folder:
         inbox: queue.SimpleQueue[tuple[WorkerClient, Event]] = queue.SimpleQueue()
         log = Path(folder) / "worker.log"
-        options = {"job": job.to_dict(), "asked": numbers if job.light == "auto" else ()}
+        asked = numbers if job.light == "auto" else ()
+        options = {"job": job.to_dict(), "asked": asked, "last": max(numbers, default=None)}
         worker = WorkerClient(worker_command(), options, Path(out).resolve(), log, inbox)
         try:
             worker.send({"frames": numbers})

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim import shipped
+from iclnuim.blender.open.run_frames import RunFrames
 from iclnuim.console import Console
 from iclnuim.dataset.run_folder import RunFolder, read_run
 from iclnuim.errors import InputError, within
@@ -107,9 +108,9 @@ def _casters(
     them unless the scene moves.
     """
     job = frames.job
-    poses = len(frames.truth())
+    run_frames = RunFrames(len(frames.truth()), max(picked), console.note)
     reads = [frames.path, shipped.cache_folder()]
-    with opened_scene("check-depth", job.scene, job.reading, reads, frames=poses):
+    with opened_scene("check-depth", job.scene, job.reading, reads, frames=run_frames):
         from iclnuim.blender.open import light_choice, motion, scene
 
         if scene.scene_sha256(job.scene) != frames.recipe["scene_sha256"]:

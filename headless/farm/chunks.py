@@ -56,17 +56,12 @@ def split(workers: int | None = None, cores: list[int] | None = None) -> list[li
     farm` measures this).
 
     A worker never has a single core, on which it would busy-wait: with more workers than pairs of
-    cores, two workers share a pair. Raises InputError for still more.
+    cores, two workers share a pair. There are no more of them than that.
     """
     if cores is None:
         cores = own_cores()
     pairs = max(1, len(cores) // 2)
-    if workers is None:
-        workers = pairs
-    if not 1 <= workers <= 2 * pairs:
-        raise InputError(
-            f"1 to {2 * pairs} workers on {len(cores)} cores", setting="workers", found=workers
-        )
+    workers = min(workers or pairs, 2 * pairs)
     sets = min(workers, pairs)
     shares = [cores[len(cores) * k // sets : len(cores) * (k + 1) // sets] for k in range(sets)]
     return [shares[k % sets] for k in range(workers)]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from iclnuim import shipped
+from iclnuim.blender.open.run_frames import RunFrames
 from iclnuim.console import Console
 from iclnuim.dataset.record import Record
 from iclnuim.dataset.run_folder import load_trajectory, read_run
@@ -98,8 +99,9 @@ def _make(plan: RunPlan, record: Record, console: Console) -> None:
     given = [shipped.cache_folder()]
     if not plan.held_out.isdecimal():
         given.append(Path(plan.held_out))
+    frames = RunFrames(len(whole), max(plan.numbers), console.note)
     opening = opened_scene(
-        "held-out views", job.scene, job.reading, given, [plan.out], frames=len(whole)
+        "held-out views", job.scene, job.reading, given, [plan.out], frames=frames
     )
     with opening:
         from iclnuim.blender import surfaces

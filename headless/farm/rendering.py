@@ -81,6 +81,7 @@ class Workers:
             "threads": self.threads(cores),
             "journal": str(journal),
             "asked": self.requested,
+            "last": max(self.requested, default=None),
         }
         return WorkerClient(worker_command(), options, self.out.resolve(), log.resolve(), inbox)
 
@@ -254,7 +255,10 @@ def open_run(
 
     Raises InputError, or WorkError that names another process using the folder.
     """
-    split(plan.farm.workers)
+    started = len(split(plan.farm.workers))
+    if started < (plan.farm.workers or 0):
+        asked = f"{plan.farm.workers} workers on {len(own_cores())} cores"
+        console.note(f"note: {asked}: {started} are started, more would not be faster")
     load_trajectory(plan.job)
     worker_command()
     out = plan.raw

@@ -1,5 +1,6 @@
 """Frames of simulated scenes are those of a simulation from its start, whichever are rendered."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,7 @@ bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import simulated_scenes  # noqa: E402
 from iclnuim.blender.open import motion, scene, simulations  # noqa: E402
+from iclnuim.blender.open.run_frames import RunFrames  # noqa: E402
 from iclnuim.blender.render import worker  # noqa: E402
 from iclnuim.errors import InputError, WorkError  # noqa: E402
 from iclnuim.formats.trajectories import write_trajectory  # noqa: E402
@@ -39,7 +41,7 @@ def kinds():
         yield pytest.param(kind, marks=marks)
 
 
-def job_of(file, poses=FRAMES):
+def job_of(file, poses=2 * FRAMES):
     turned = LOOKS_DOWN @ np.array(
         [[1, 0, 0, 0], [0, 0.8, -0.6, 0], [0, 0.6, 0.8, 0], [0, 0, 0, 1]]
     )
@@ -54,7 +56,7 @@ def job_of(file, poses=FRAMES):
 def render(job, numbers, out):
     """Z of the frames, each run in an own folder, and the notes."""
     notes = []
-    with worker.Session(job, out, notes.append, threads=1) as session:
+    with worker.Session(job, out, notes.append, threads=1, last=max(numbers)) as session:
         session.render(numbers, lambda: False)
     found = {}
     for number in numbers:
@@ -67,11 +69,11 @@ def test_a_frame_is_the_same_whichever_others_are_rendered(kind, tmp_path, cache
     file = simulated_scenes.write(bpy, kind, tmp_path)
     job = job_of(file)
     whole, notes = render(job, range(FRAMES), tmp_path / "whole")
-    assert any("simulations (" in note and "baked up to frame 11" in note for note in notes)
+    assert any("simulations (" in note and "baked up to frame 10" in note for note in notes)
     assert whole[2] != whole[10]
     for k, numbers in enumerate(SPLITS):
         if k == 1:
-            next(cache.glob("*.blend")).unlink()
+            next(cache.glob("*/*.blend")).unlink()
         part, _ = render(job, numbers, tmp_path / f"part{k}")
         assert all(part[n] == whole[n] for n in numbers)
     assert not list(tmp_path.glob("blendcache*"))
@@ -90,7 +92,7 @@ def test_the_frames_are_those_of_blender_played_from_its_start(kind, tmp_path):
 
 
 def states(file, frames):
-    scene.open_scene(str(file), None, frames)
+    scene.open_scene(str(file), None, RunFrames(frames, frames - 1))
     return [state(frame) for frame in [10, *range(FRAMES)]][1:]
 
 
@@ -114,8 +116,8 @@ def test_the_file_stays_and_its_textures_are_found_from_the_copy(tmp_path, cache
     file = simulated_scenes.write(bpy, "rigid", tmp_path)
     before = file.read_bytes()
     plain = worker.recipe(job_of(file))["scene_sha256"]
-    scene.open_scene(str(file), None, FRAMES)
-    assert bpy.data.filepath == str(next(cache.glob("*.blend")))
+    scene.open_scene(str(file), None, RunFrames(FRAMES, 10))
+    assert bpy.data.filepath == str(next(cache.glob("*/*.blend")))
     assert Path(bpy.data.images["floor"].filepath) == tmp_path / "floor.png"
     assert file.read_bytes() == before
     assert scene.scene_sha256(str(file)) == plain
@@ -127,24 +129,70 @@ def test_what_is_baked_in_the_file_is_not_baked_again(tmp_path, cache):
     bpy.context.scene.rigidbody_world.point_cache.frame_end = 5
     bpy.ops.ptcache.bake_all(bake=True)
     bpy.ops.wm.save_mainfile()
-    scene.open_scene(str(file), None, FRAMES)
-    assert not list(cache.glob("*.blend"))
+    scene.open_scene(str(file), None, RunFrames(FRAMES, 10))
+    assert not list(cache.glob("*/*.blend"))
 
 
 def test_a_cache_that_cannot_be_written_and_a_full_disk(tmp_path, cache, monkeypatch):
     file = simulated_scenes.write(bpy, "rigid", tmp_path)
     cache.parent.mkdir()
     cache.write_text("not a folder")
-    assert any("baked up to frame" in note for note in scene.open_scene(str(file), None, FRAMES))
+    assert any(
+        "baked up to frame" in note
+        for note in scene.open_scene(str(file), None, RunFrames(FRAMES, 10))
+    )
     assert bpy.data.filepath == str(file)
     cache.unlink()
     monkeypatch.setattr(simulations.shutil, "disk_usage", lambda path: NoSpace)
-    with pytest.raises(WorkError, match="simulations of 11 frames need up to"):
-        scene.open_scene(str(file), None, FRAMES)
+    with pytest.raises(WorkError, match="simulations need up to"):
+        scene.open_scene(str(file), None, RunFrames(FRAMES, 10))
 
 
 class NoSpace:
     free = 1000
+
+
+def test_a_bake_ends_at_the_last_frame_and_serves_shorter_runs(tmp_path, cache):
+    file = simulated_scenes.write(bpy, "rigid", tmp_path)
+    for last, kept in ((5, ["5"]), (3, ["5"]), (8, ["5", "8"]), (6, ["5", "8"])):
+        scene.open_scene(str(file), None, RunFrames(61, last))
+        assert sorted(copy.stem for copy in cache.glob("*/*.blend")) == kept
+        assert bpy.context.scene.rigidbody_world.point_cache.frame_end == 6 + 3 * (last > 5)
+    assert bpy.context.scene.frame_end == 60
+
+
+def test_what_a_killed_process_has_left_is_removed(tmp_path, cache):
+    file = simulated_scenes.write(bpy, "rigid", tmp_path)
+    scene.open_scene(str(file), None, RunFrames(FRAMES, 3))
+    folder = next(cache.glob("*"))
+    (folder / "9-123.tmp.blend").write_bytes(b"half")
+    scene.open_scene(str(file), None, RunFrames(FRAMES, 9))
+    assert sorted(copy.name for copy in folder.iterdir()) == ["3.blend", "9.blend"]
+
+
+@pytest.mark.parametrize("kind", ["rigid", "zone", "hair"])
+def test_a_bake_says_what_it_takes_and_what_is_left(kind, tmp_path, monkeypatch):
+    file = simulated_scenes.write(bpy, kind, tmp_path)
+    monkeypatch.setattr(simulations, "_REPORT_S", 0.0)
+    told = []
+    scene.open_scene(str(file), None, RunFrames(61, 30, told.append))
+    assert re.fullmatch(
+        r"simulations \(crate\): a bake up to frame 30 takes about \d+ s and up to 0.\d MB", told[0]
+    )
+    counts = [
+        int(re.match(r"simulations: (\d+)/31 frames, \d+ s left", text)[1]) for text in told[1:]
+    ]
+    assert counts[-1] >= 30
+
+
+def test_a_session_goes_on_beyond_the_last_frame_that_it_was_opened_for(tmp_path):
+    job = job_of(simulated_scenes.write(bpy, "rigid", tmp_path))
+    whole, _ = render(job, range(FRAMES), tmp_path / "whole")
+    with worker.Session(job, tmp_path / "run", lambda event: None, 1, (), 3) as session:
+        session.render([3], lambda: False)
+        session.render([10], lambda: False)
+    for number in (3, 10):
+        assert (tmp_path / f"run/exr/{number:06}.exr").read_bytes() == whole[number]
 
 
 FLUIDS = """
@@ -161,12 +209,29 @@ os._exit(0)
 """
 
 
-def test_a_fluid_that_is_not_baked_is_refused_before_it_is_opened(tmp_path):
-    """The files are made by another process, which a domain would end."""
+@pytest.fixture
+def fluids(tmp_path):
+    """Files made by another process, which a domain would end: flow.blend and domain.blend."""
     file = simulated_scenes.write(bpy, "rigid", tmp_path)
     subprocess.run([sys.executable, "-c", FLUIDS, str(file)], check=False, capture_output=True)
-    scene.open_scene(str(tmp_path / "flow.blend"))
     shutil.rmtree(tmp_path / "fluid", ignore_errors=True)
-    with pytest.raises(InputError, match="expected baked fluids"):
-        scene.open_scene(str(tmp_path / "domain.blend"))
-    assert not (tmp_path / "fluid").exists()
+    return tmp_path
+
+
+def test_a_fluid_that_is_not_baked_is_refused_before_it_is_opened(fluids):
+    scene.open_scene(str(fluids / "flow.blend"))
+    with pytest.raises(InputError, match="expected (no|baked) fluids"):
+        scene.open_scene(str(fluids / "domain.blend"))
+    assert not (fluids / "fluid").exists()
+
+
+def test_a_fluid_in_a_library_is_refused_before_it_is_opened(fluids):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(fluids / "flow.blend"), link=True) as (_, linked):
+        linked.objects = ["crate"]
+    bpy.context.scene.collection.objects.link(linked.objects[0])
+    bpy.ops.wm.save_as_mainfile(filepath=str(fluids / "main.blend"))
+    (fluids / "domain.blend").replace(fluids / "flow.blend")
+    with pytest.raises(InputError, match="flow.blend: expected (no|baked) fluids"):
+        scene.open_scene(str(fluids / "main.blend"))
+    assert not (fluids / "fluid").exists()

@@ -5,11 +5,11 @@ line, and builds its scene once.
     blender -b --factory-startup --python-exit-code 3 -P .../child.py -- JOB.json OUT
 
 JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10,
-"journal": FILE, "asked": [..]}. Commands: {"frames": [..]}, optionally with "sequences": {..} to be
-made from them (dataset.sequence.writer_of), {"bake": true}, {"blend": FILE} for a copy of the
-prepared scene, {"stop": true}. At the end of input, or when the parent has ended, the current frame
-is finished and the process ends. Events are those of worker_events.py. Exit codes: 0 done, 2 and 3
-as on the command line, 130 stopped.
+"journal": FILE, "asked": [..], "last": 9}. Commands: {"frames": [..]}, optionally with "sequences":
+{..} to be made from them (dataset.sequence.writer_of), {"bake": true}, {"blend": FILE} for a copy
+of the prepared scene, {"stop": true}. At the end of input, or when the parent has ended, the
+current frame is finished and the process ends. Events are those of worker_events.py. Exit codes: 0
+done, 2 and 3 as on the command line, 130 stopped.
 """
 
 from __future__ import annotations
@@ -149,7 +149,8 @@ def _serve(options: dict, out: Path, emit: EventStream, commands: Commands) -> i
     if options.get("journal"):
         emit.journal = os.open(options["journal"], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     threads = options.get("threads")
-    with worker.Session(job, out, emit, threads, options.get("asked", ())) as session:
+    frames = options.get("asked", ()), options.get("last")
+    with worker.Session(job, out, emit, threads, *frames) as session:
         emit(events.Started(frames=len(session.trajectory), pid=os.getpid()))
         threading.Thread(target=heartbeat, daemon=True).start()
         while (command := commands.next()) is not None:

@@ -107,9 +107,10 @@ def start(
     """
     state = current()
     state.work.check_idle()
-    options = {"job": job.to_dict(), "nice": 10, "asked": ()}
+    numbers = command.get("frames", ())
+    options = {"job": job.to_dict(), "nice": 10, "asked": (), "last": max(numbers, default=None)}
     if job.light == "auto":
-        options["asked"] = command.get("frames", ())
+        options["asked"] = numbers
     log = user_folder("log") / "child.txt"
     environment = {"ICLNUIM_CACHE": str(cache_folder())}
     worker = WorkerClient(

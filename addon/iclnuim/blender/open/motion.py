@@ -6,7 +6,7 @@ import bpy
 
 from .. import compat
 from .changes import SKY, changed_names
-from .simulations import is_unbaked
+from .simulated import is_unbaked
 
 #: Modifiers that move a surface.
 _SIMULATED = {

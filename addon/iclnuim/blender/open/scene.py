@@ -20,6 +20,7 @@ from ..notes import names_of
 from . import (
     coplanar,
     displacement,
+    fluids,
     glass,
     missing_images,
     neutral_light,
@@ -31,6 +32,7 @@ from . import (
 )
 from .importers import checked_file, load, open_blend
 from .light_choice import MAX_BAKED
+from .run_frames import RunFrames
 
 
 def open_empty() -> None:
@@ -44,10 +46,9 @@ def open_empty() -> None:
 
 
 def open_scene(
-    name: str, reading: SceneReading | None = None, frames: int | None = None
+    name: str, reading: SceneReading | None = None, run: RunFrames | None = None
 ) -> list[str]:
-    """Open a shipped scene or a file. `frames`: the number of frames of the run, which get the
-    timeline of the file from frame 0 on.
+    """Open a shipped scene or a file, for the frames of a run if there is one.
 
     Returns notes for the user. Raises InputError if it cannot be opened.
     """
@@ -55,7 +56,7 @@ def open_scene(
     if shipped.is_scene(name):
         open_blend(shipped.scene_file(name))
         return []
-    return open_file(checked_file(name), reading or SceneReading(), frames)
+    return open_file(checked_file(name), reading or SceneReading(), run)
 
 
 def scene_sha256(name: str) -> str:
@@ -68,15 +69,15 @@ def scene_sha256(name: str) -> str:
     return hashlib.sha256(shipped.scene_file(name).read_bytes()).hexdigest()
 
 
-def open_file(path: Path, reading: SceneReading, frames: int | None = None) -> list[str]:
-    """Open a file in the empty session, for a run of so many `frames`.
+def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -> list[str]:
+    """Open a file in the empty session, for the frames of a run if there is one.
 
     Returns notes for the user; the first describes how it was read. Raises InputError if it cannot
     be used.
     """
     notes = scene_paths.check(path, reading)
     if path.suffix.lower() == ".blend":
-        simulations.refuse_fluids(path)
+        fluids.refuse_fluids(path)
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "blender.log"
         with native_output_in(log):
@@ -85,16 +86,16 @@ def open_file(path: Path, reading: SceneReading, frames: int | None = None) -> l
     notes += plain_names.rename()
     if bpy.data.libraries:  # local copies of linked datablocks can be changed in memory
         bpy.ops.object.make_local(type="ALL")
-    if frames is not None:
-        copy, words = simulations.baked(path, frames)
+    if run is not None:
+        copy, words = simulations.baked(path, run)
         notes += words
         if copy is not None:
             open_blend(copy)
     scene = bpy.context.scene
     _neutral_settings(path, scene)
-    if frames is not None:
+    if run is not None:
         scene.frame_start = 0
-        scene.frame_end = frames - 1
+        scene.frame_end = run.poses - 1
     _with_background_sets(scene)
     _look_at_rendered_layer(scene)
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):

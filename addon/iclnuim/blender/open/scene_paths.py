@@ -93,6 +93,12 @@ def sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
+def libraries(path: Path) -> list[Path]:
+    """The .blend files that a scene refers to, and those that they refer to."""
+    named = itertools.chain(*(there for _, _, there in _walk(path)))
+    return sorted({target for target in named if target.suffix == ".blend"})
+
+
 def _walk(path: Path) -> Iterator[tuple[Path, Named, list[Path]]]:
     """(file, reference, existing files) for all references of the scene and, recursively, of the
     files it refers to.

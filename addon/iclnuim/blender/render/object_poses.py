@@ -1,6 +1,7 @@
 """The poses of objects that move, frame by frame."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import bpy
 import mathutils
@@ -9,6 +10,8 @@ import numpy as np
 from .. import surfaces
 from ..open import motion
 
+#: Stamps are written with six decimals.
+_ROUNDED_S = 1e-6
 _HEAD = "stamp,id,tx,ty,tz,qx,qy,qz,qw"
 
 
@@ -30,6 +33,14 @@ def object_poses(stamps_s: np.ndarray) -> str | None:
             rows += [f"{stamp_s:.6f},{number},{pose}" for number, pose in found]
         scene.frame_set(before)
     return "\n".join(rows) + "\n" if len(rows) > 1 else None
+
+
+def covers(file: Path, stamp_s: float) -> bool:
+    """Whether a table reaches a stamp."""
+    if not file.is_file():
+        return False
+    *_, last = file.read_text().splitlines()
+    return not last.startswith("stamp") and float(last.split(",")[0]) >= stamp_s - _ROUNDED_S
 
 
 def _numbers_and_poses(

@@ -42,8 +42,10 @@ from ...worker_events import Event
 from .. import compat, surfaces
 from ..light import light_map, mipmaps
 from ..open import light_choice, preflight, scene
+from ..open.run_frames import RunFrames
+from ..open.simulated import is_simulated
 from . import camera, first_look, frames, ground_truth, passes, settings
-from .object_poses import object_poses
+from .object_poses import covers, object_poses
 
 Emit = Callable[[Event], None]
 
@@ -54,7 +56,8 @@ class Session:
 
     `threads` for Cycles; default: all cores of this process. `requested`: the requested frames: for
     a user-provided scene, the first one is rendered as a preview, and light "auto" is chosen for
-    their number. Use it as a context manager: Blender's output goes to a log meanwhile.
+    their number. `last`: the last frame, up to which simulations are baked; default: that of the
+    trajectory. Use it as a context manager: Blender's output goes to a log meanwhile.
     """
 
     def __init__(
@@ -64,14 +67,16 @@ class Session:
         emit: Emit,
         threads: int | None = None,
         requested: Sequence[int] = (),
+        last: int | None = None,
     ) -> None:
         compat.require_supported_version()
         self.emit = emit
         self.threads = threads
         self.trajectory = load_trajectory(job)
+        self._last = len(self.trajectory) - 1 if last is None else last
         self._opened = not shipped.is_scene(job.scene)
         look = None
-        self.job = _opened(job, len(self.trajectory), emit) if self._opened else job
+        self.job = _opened(job, self._frames, emit) if self._opened else job
         if (
             self._opened
             and requested
@@ -106,6 +111,13 @@ class Session:
         self._output.__exit__(None, None, None)
         shutil.rmtree(self.work, ignore_errors=True)
 
+    @property
+    def _frames(self) -> RunFrames:
+        def report(text: str) -> None:
+            self.emit(events.Note(text))
+
+        return RunFrames(len(self.trajectory), self._last, report)
+
     def prepare(self) -> None:
         """Build the scene, once."""
         if not self._ready:
@@ -123,7 +135,10 @@ class Session:
 
     def _write_poses(self) -> None:
         file = self.run.path / OBJECT_POSES
-        if not file.is_file() and (table := object_poses(self.trajectory.stamps_s)):
+        stamps_s = self.trajectory.stamps_s
+        if is_simulated(bpy.context.scene):
+            stamps_s = stamps_s[: self._last + 1]
+        if not covers(file, stamps_s[-1]) and (table := object_poses(stamps_s)):
             atomic_write_text(file, table)
 
     def bake(self) -> tuple[Path, bool]:
@@ -133,8 +148,7 @@ class Session:
         """
         opened = self._opened
         self._ready = self._opened = False
-        frames = len(self.trajectory)
-        folder, made = bake_light(self.job, self.emit, self.threads, opened, frames)
+        folder, made = bake_light(self.job, self.emit, self.threads, opened, self._frames)
         self._opened = not made
         return folder, made
 
@@ -163,6 +177,9 @@ class Session:
         self.emit(events.Missing("frames", len(missing)))
         if missing:
             self.run.check_space(len(missing))
+            if max(missing) > self._last:  # simulations end there
+                self._last = max(missing)
+                self._ready = self._opened = False
             self.prepare()
         rendered = 0
         closing = None
@@ -199,7 +216,7 @@ class Session:
         """
         job = self.job
         table = None
-        _set_up(job, self.emit, self.threads, self._opened, len(self.trajectory))
+        _set_up(job, self.emit, self.threads, self._opened, self._frames)
         if INSTANCE in exr_types(job.further):
             ground_truth.number_objects()
             table = ground_truth.objects_table()
@@ -277,7 +294,7 @@ def recipe(job: RenderJob) -> dict:
     }
 
 
-def _opened(job: RenderJob, frames: int, emit: Emit) -> RenderJob:
+def _opened(job: RenderJob, frames: RunFrames, emit: Emit) -> RenderJob:
     """Open a user-provided scene before its run is opened: its textures are part of the recipe, and
     moving objects affect the choice of light.
     """
@@ -293,10 +310,10 @@ def bake_light(
     emit: Emit,
     threads: int | None = None,
     opened: bool = False,
-    frames: int | None = None,
+    frames: RunFrames | None = None,
 ) -> tuple[Path, bool]:
-    """Open the job's scene, for a run of so many frames, unless it is open, and find or bake its
-    light map. Returns its folder, and whether it was baked.
+    """Open the job's scene, for the frames of a run, unless it is open, and find or bake its light
+    map. Returns its folder, and whether it was baked.
 
     Raises InputError for a scene whose light cannot be baked.
     """
@@ -313,7 +330,7 @@ def _set_up(
     emit: Emit,
     threads: int | None,
     opened: bool,
-    frames: int | None,
+    frames: RunFrames | None,
     must_bake: bool = False,
 ) -> None:
     """Open the job's scene unless it is open, emit notes about it, and set all settings."""
