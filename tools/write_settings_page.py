@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import re
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -37,15 +39,22 @@ MODULES = (
 )
 HEAD = """# Settings
 
-Each setting is declared once, in a dataclass; checks, JSON, options of the command line, the
-panel's fields and this page are made from the declaration. This page is written by
-`python tools/write_settings_page.py`.
+Each setting is declared once, in a dataclass, where Python takes it as a keyword; the
+option, the panel's field and this page (`python tools/write_settings_page.py`) follow from it. A
+setting without a default must be given, or is chosen as the last column says.
 """
 
 
 def page() -> str:
     """The text of docs/reference/settings.md."""
-    return "\n".join([HEAD, *(_section(group) for group in groups())])
+    return "\n".join([HEAD, _contents(), *(_section(group) for group in groups())])
+
+
+def _contents() -> str:
+    titles = [_title(group) for group in groups()]
+    anchors = [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles]
+    links = (f"[{title}](#{anchor})" for title, anchor in zip(titles, anchors, strict=True))
+    return " · ".join(links) + "\n"
 
 
 def groups() -> list[type[Settings]]:
@@ -79,25 +88,39 @@ def _below(group: type[Settings]) -> Iterator[type[Settings]]:
         yield from _below(one)
 
 
+def _title(group: type[Settings]) -> str:
+    title = re.sub(r"^settings of (the )?", "", group.group)
+    kind = {"iclnuim.sensor.depth": " of depth", "iclnuim.sensor.rgb": " of colour"}
+    return f"{title[0].upper()}{title[1:]}{kind.get(group.__module__, '')}"
+
+
 def _section(group: type[Settings]) -> str:
     summary = (group.__doc__ or "").strip().partition("\n\n")[0]
-    title = f"## {group.group[0].upper()}{group.group[1:]} (`{group.__module__}.{group.__name__}`)"
-    meanings = []
-    for name, setting in declared(group).items():
-        for choice, meaning in (setting.choices or {}).items():
-            if meaning not in ("", choice):
-                meanings.append(f"- `{name}` `{choice}`: {meaning}")
-    parts = [title, " ".join(summary.split()), table(group), "\n".join(meanings)]
+    settings = list(declared(group).values())
+    place = f"`{group.__module__}.{group.__name__}`. "
+    sources = [s.source for s in settings if s.source]
+    shared = [s for s, times in Counter(sources).items() if times > 1]
+    parts = [
+        f"## {_title(group)}",
+        place + " ".join(summary.split()),
+        table(settings, shared),
+        "\n".join(f"- [{number}] {source}" for number, source in enumerate(shared, 1)),
+        "\n".join(filter(None, map(_meanings, settings))),
+    ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def table(group: type) -> str:
-    """The settings of a dataclass as a Markdown table, for docs/reference/settings.md."""
-    rows = [
-        "| setting | option | default | unit | range | what | source |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for s in declared(group).values():
+def _meanings(setting: Setting) -> str:
+    """What the choices of a setting mean, one line."""
+    told = {c: m for c, m in (setting.choices or {}).items() if m not in ("", c)}
+    meanings = "; ".join(f"`{choice}` {meaning}" for choice, meaning in told.items())
+    return f"- `{setting.name}`: {meanings}" if told else ""
+
+
+def table(settings: list[Setting], shared: list[str]) -> str:
+    """Settings as a Markdown table; sources that several of them share are numbers."""
+    rows = ["| setting | option | default | range | what |", "|---|---|---|---|---|"]
+    for s in settings:
         reach = s.range.removeprefix("in ").removeprefix("of ")
         if s.choices is not None:
             reach = ", ".join(f"`{choice}`" for choice in s.choices)
@@ -105,8 +128,15 @@ def table(group: type) -> str:
         if s.default not in (None, MISSING):
             default = f"`{plain(s.default)}`"
         option = f"`{s.option}`" if s.option else ""
-        cells = (f"`{s.name}`", option, default, s.unit, reach, s.help, s.source)
-        rows.append(f"| {' | '.join(map(str, cells))} |")
+        what = s.help
+        if s.source in shared:
+            what += f" [{shared.index(s.source) + 1}]"
+        elif s.source:
+            what += f" ({s.source})"
+        number, more, _ = reach.partition(" or more")
+        reach = f"{number} {s.unit}{more}".strip()
+        cells = (f"`{s.name}`", option, default, reach, what)
+        rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows)
 
 
