@@ -51,6 +51,13 @@ def test_every_relative_link_leads_to_a_file_and_a_heading(repository):
     assert not dead, "\n".join(dead)
 
 
+def test_a_guide_has_at_most_a_thousand_words(repository):
+    guides = set((repository / "docs/guide").glob("*.md")) - {
+        repository / "docs/guide/own_scenes.md"
+    }
+    assert [page.name for page in guides if len(page.read_text().split()) > 1000] == []
+
+
 def test_no_page_has_the_marks_of_a_merge(repository):
     marks = re.compile(r"^(<{7}|>{7}) ", re.M)
     assert [str(page) for page in pages(repository) if marks.search(page.read_text())] == []
@@ -82,8 +89,9 @@ def test_every_command_line_on_the_pages_is_understood_with_the_options_of_today
     repository, capsys, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    for folder in ("my_sequence", "DIR"):  # `evaluate FOLDER est.txt` is told by the folder
-        (tmp_path / folder).mkdir()
+    kt2 = "out/living_room/kt2"
+    for folder in ("my_sequence", "DIR", f"{kt2}/clean", f"{kt2}/noisy"):
+        (tmp_path / folder).mkdir(parents=True)  # `evaluate FOLDER est.txt` is told by the folder
         (tmp_path / folder / "groundtruth.txt").write_text("0 0 0 0 0 0 0 1\n")
     incomplete = (
         "arguments are required",

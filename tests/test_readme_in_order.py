@@ -1,5 +1,5 @@
-"""README's lines run one after the other, as they stand, in one folder that has only what they name:
-with fewer frames and a smaller camera where a line would take minutes.
+"""The lines of README, and of each quick start, run one after the other, as they stand, in one folder
+that has only what they name: with fewer frames and a smaller camera where a line would take minutes.
 """
 
 import re
@@ -11,6 +11,13 @@ import numpy as np
 import pytest
 from iclnuim.formats.png import write_png
 
+PAGES = (
+    "README.md",
+    "docs/guide/start_slam.md",
+    "docs/guide/start_images.md",
+    "docs/guide/start_blender.md",
+    "docs/guide/start_benchmark.md",
+)
 #: Word of a line -> words put in by the test; nothing else of a line is changed.
 SMALL = {
     "make kt2": ("--frames", ":8", "--camera", "160x120"),
@@ -25,29 +32,30 @@ SMALL = {
 LEFT_OUT = ("make all", "run orbslam3")
 
 
-def readme_lines(repository):
-    """The words of README's lines `iclnuim ...`, in order."""
-    text = (repository / "README.md").read_text()
+def shown_lines(repository, page):
+    """The words of a page's lines `iclnuim ...`, in order."""
+    text = (repository / page).read_text()
     blocks = re.findall(r"```sh\n(.*?)```", text, re.S)
     found = re.findall(r"^(?:.* && )?(?:\.venv/bin/)?iclnuim (.*)$", "\n".join(blocks), re.M)
     return [shlex.split(line, comments=True) for line in found]
 
 
 def outputs(words):
-    """What a line writes: its -o or --out, or the second folder of `noise`."""
+    """What a line writes: its -o or --out, or the second folder of `noise` and `convert`."""
     given = [words[k + 1] for k, word in enumerate(words) if word in ("-o", "--out")]
-    return given or words[2:3] if words[0] == "noise" else given
+    return given or words[2:3] if words[0] in ("noise", "convert") else given
 
 
-def test_no_two_lines_write_to_the_same_place(repository):
-    written = [out for words in readme_lines(repository) for out in outputs(words)]
-    assert len(written) >= 5
+@pytest.mark.parametrize("page", PAGES)
+def test_no_two_lines_write_to_the_same_place(repository, page):
+    written = [out for words in shown_lines(repository, page) for out in outputs(words)]
     assert sorted(set(written)) == sorted(written)
 
 
-def test_every_file_that_a_line_reads_was_written_by_a_line_before_it(repository):
+@pytest.mark.parametrize("page", PAGES)
+def test_every_file_that_a_line_reads_was_written_by_a_line_before_it(repository, page):
     there = {"flat.glb", "my_sequence", "my_images", "ORBvoc.txt"}  # the reader's own
-    for words in readme_lines(repository):
+    for words in shown_lines(repository, page):
         written = outputs(words)
         for word in words[1:]:
             if re.search(r"\.(txt|ply|glb)$", word) and word not in written:
@@ -75,9 +83,10 @@ def test_the_full_command_of_the_tests_is_that_of_the_project_and_a_short_one_st
 
 
 @pytest.mark.slow
-def test_the_lines_of_readme_run_in_order(repository, tmp_path):
+@pytest.mark.parametrize("page", PAGES)
+def test_the_lines_of_a_page_run_in_order(repository, tmp_path, page):
     lay_out(tmp_path, repository)
-    for words in readme_lines(repository):
+    for words in shown_lines(repository, page):
         line = " ".join(words)
         if line.startswith(LEFT_OUT):
             continue
@@ -89,8 +98,7 @@ def test_the_lines_of_readme_run_in_order(repository, tmp_path):
             timeout=900,
         )
         assert done.returncode == 0, f"{line}: {done.stderr[-600:]}"
-    for written in ("estimate.txt", "kt2.ply", "my_images_noisy", "out/benchmark/report.html"):
-        assert (tmp_path / written).exists(), written
+        assert all((tmp_path / written).exists() for written in outputs(words))
 
 
 def smaller(line, words):

@@ -4,6 +4,7 @@ lengths and, where it is, by pycocotools.
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -14,6 +15,7 @@ from iclnuim.dataset.label_classes import read_class_map
 from iclnuim.dataset.label_frames import label_frames, read_ids, true_classes
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.errors import InputError
+from iclnuim.formats.png import read_png, write_png
 from iclnuim.report.label_pictures import class_colours
 
 #: A Python that has pycocotools.
@@ -101,6 +103,26 @@ def test_inspect_writes_annotations_and_a_picture_of_the_classes(written, tmp_pa
     command_here("inspect", folder, *options)
     assert (tmp_path / "coco.json").read_bytes() == path.read_bytes()
     assert (tmp_path / "pictures/classes.png").stat().st_size > 10_000
+
+
+def test_a_scene_that_names_no_class_has_a_picture_and_annotations_without_classes(
+    labelled_formats, tmp_path, command_here
+):
+    """As a user's own scene: classes.csv has 0 alone, and all class images are 0."""
+    folder = tmp_path / "own"
+    shutil.copytree(labelled_formats / "tum", folder)
+    head = (folder / "classes.csv").read_text().splitlines(True)[0]
+    (folder / "classes.csv").write_text(f"{head}0,unlabelled,0,unlabelled\n")
+    for path in (folder / "class").iterdir():
+        write_png(path, np.zeros_like(read_png(path)))
+    options = ("--coco", tmp_path / "coco.json", "--preview", tmp_path / "pictures")
+    _, _, error = command_here("inspect", folder, *options)
+    assert "classes.png written" in error
+    content = json.loads((tmp_path / "coco.json").read_text())
+    assert content["categories"] == content["annotations"] == [] and len(content["images"]) == 4
+    assert (tmp_path / "pictures/classes.png").exists()
+    code, _, error = command_here("evaluate", "labels", folder, "--truth", folder, "--quiet")
+    assert code == 2 and "classes of the ground truth" in error
 
 
 def test_no_two_classes_of_ours_have_nearly_the_same_colour():

@@ -155,7 +155,15 @@ def class_map(name: str, truth: ClassMap) -> ClassMap:
 
 
 def read_class_map(name: str | Path) -> ClassMap:
-    """Read one of the tables of BUILT_IN, or a file. Raises InputError."""
+    """Read one of the tables of BUILT_IN, or a file. Raises InputError, also for an empty table."""
+    found = read_true_classes(name)
+    if not found.classes:
+        raise InputError("a table of classes", path=name, found="none")
+    return found
+
+
+def read_true_classes(name: str | Path) -> ClassMap:
+    """The same for classes.csv of a sequence, which is empty if its scene names no class."""
     path = Path(name)
     if name in BUILT_IN:
         path = Path(__file__).parent / "classes" / f"{name}.csv"
@@ -168,8 +176,6 @@ def read_class_map(name: str | Path) -> ClassMap:
         kind = _class(row, path, line)
         (void if kind.name.lower() in _NO_CLASS else classes).append(kind)
     _check(path, [*classes, *void])
-    if not classes:
-        raise InputError("a table of classes", path=path, found="none")
     return ClassMap(str(name), tuple(classes), tuple(void))
 
 

@@ -13,7 +13,7 @@ from ..formats.files import is_file
 from ..formats.image_names import files_in
 from ..formats.label_images import read_label_image
 from .image_pairs import ImagePair, find_pairs
-from .label_classes import LARGEST_ID, ClassMap, read_class_map
+from .label_classes import LARGEST_ID, ClassMap, read_true_classes
 from .layout import SequenceFrame
 from .sequence_formats import format_of
 
@@ -63,7 +63,7 @@ def true_classes(folder: Path) -> ClassMap:
     """The table of classes.csv. Raises InputError."""
     if not is_file(folder / CLASSES):
         raise InputError("a table of classes", path=folder / CLASSES, found="none", hint=_HINT)
-    return read_class_map(folder / CLASSES)
+    return read_true_classes(folder / CLASSES)
 
 
 def _image(folder: Path, pair: ImagePair, kind: str) -> Path | None:
