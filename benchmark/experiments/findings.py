@@ -45,10 +45,11 @@ class Rule:
 
 
 def findings_table(results: Sequence[Measured], preset: str = "best") -> ResultTable:
-    """One row per finding: the printed figures, ours, the verdict, and why: the rule, and a remark
-    on the printed figures.
+    """One row per finding that the cells decide: the printed figures, ours, the verdict, and why:
+    the rule, and a remark on the printed figures. A note has the numbers of the others.
     """
     rows = []
+    missing = []
     for finding in paper()["findings"]:
         number = finding["number"]
         rule = RULES[number]
@@ -62,6 +63,9 @@ def findings_table(results: Sequence[Measured], preset: str = "best") -> ResultT
             views = [Ours(results, preset, seed) for seed in seeds_of(results, preset)]
             ours = [apply_rule(rule.holds, view) for view in views]
         answers = [answer for answer, _ in ours]
+        if verdict(answers) == MISSING:
+            missing.append(str(number))
+            continue
         why = rule.why
         if len(ours) > 1:
             why += f"; holds with {answers.count(True)} of {len(ours)} seeds"
@@ -71,11 +75,13 @@ def findings_table(results: Sequence[Measured], preset: str = "best") -> ResultT
         rows.append((str(number), finding["section"], *texts))
     columns = ("no.", "section", "finding", "printed", "ours", "verdict", "why")
     title = "The findings of section VI, decided by rules over the cells."
-    note = (
+    notes = [
         "The verdicts apply to these cells only: frames, noise and odometers are ours, not the "
         "paper's. Errors in mm."
-    )
-    table = ResultTable("findings", title, columns, tuple(rows), notes=(note,))
+    ]
+    if missing:
+        notes.append(f"{MISSING.capitalize()}: findings {', '.join(missing)}.")
+    table = ResultTable("findings", title, columns, tuple(rows), notes=tuple(notes))
     return table.of_preset(preset)
 
 

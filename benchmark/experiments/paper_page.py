@@ -12,11 +12,11 @@ from iclnuim.formats.files import read_json
 
 from .cell import Measured
 from .correlation import correlation
-from .findings import FAILS, HOLDS, MISSING, UNDECIDED
+from .findings import FAILS, HOLDS, MISSING, RULES, UNDECIDED
 from .page import Page, Section
 from .paper_figures import ate_of, surface_of
 from .paper_keys import paper_titles
-from .paper_tables import CELL_COLUMNS, cell_row, cells_table
+from .paper_tables import CELL_COLUMNS, cell_row, cells_table, has_ours
 from .paper_task import HEAT_MM
 from .table import ResultTable
 
@@ -38,7 +38,7 @@ def write_report(
     findings = [table for table in tables if table.name.startswith("findings")]
     correlations = [table for table in tables if table.name == "correlation"]
     apart = {"cells", "correlation", *(table.name for table in findings)}
-    others = [table for table in tables if table.name not in apart]
+    others = [table for table in tables if table.name not in apart and has_ours(table)]
     page = Page(
         title="The ICL-NUIM benchmark, reproduced",
         lead=_about(out),
@@ -61,12 +61,16 @@ def _sections(
         "Click a column's name to sort. Click a sequence to show its trajectory, its error over "
         "time and its heat map. Errors in mm."
     )
-    return [
-        Section("findings", "The findings of section VI", "", findings, "", True, open_first=True),
-        Section("main", question, tables=correlations, part="chart"),
+    decided = [table for table in findings if table.rows]
+    missing = " ".join(dict.fromkeys(table.notes[-1] for table in findings if not table.rows))
+    of_paper = "The findings of section VI"
+    cells = Section("cells", "All cells", how, part="cells")
+    sections = [
+        Section("findings", of_paper, missing, decided, "", True, open_first=True),
+        Section("main", question, tables=[t for t in correlations if t.rows], part="chart"),
         Section("tables", beside, tables=others, folded=True),
-        Section("cells", "All cells", how, part="cells"),
     ]
+    return [*sections, cells] if decided else [cells, *reversed(sections)]
 
 
 def _about(out: Path) -> str:
@@ -85,8 +89,9 @@ def _tiles(results: Sequence[Measured], findings: ResultTable) -> list[tuple[str
     failed = sum("failed" in result.figures for result in results)
     tiles = [(len(results), "cells measured"), (failed, "cells failed")]
     tiles.append((len({r.key.sequence for r in results}), "sequences"))
+    verdicts[MISSING] = len(RULES) - len(findings.rows)
     for name in (HOLDS, FAILS, UNDECIDED, MISSING):
-        tiles.append((verdicts[name], f"of {len(findings.rows)} findings: {name}"))
+        tiles.append((verdicts[name], f"of {len(RULES)} findings: {name}"))
     texts = [(str(number), text) for number, text in tiles if number]
     if found := correlation(results):
         texts.append((f"{found.rho:.2f}", "rank correlation of trajectory and surface error"))

@@ -60,6 +60,12 @@ def all_tables(results: Sequence[Measured]) -> list[ResultTable]:
     return [*tables, cells_table(results)]
 
 
+def has_ours(table: ResultTable) -> bool:
+    """Whether the table contains a figure of ours, not only printed ones."""
+    ours = [k for k, name in enumerate(table.columns) if name != "printed"]
+    return any(any(table.column(k)) for k in ours[2:])
+
+
 def preset_tables(results: Sequence[Measured], preset: str) -> list[ResultTable]:
     """Tables II to VII, and those for surfaces of the office (2_office, 7_office).
 
@@ -319,6 +325,10 @@ _CELL_FIGURES: tuple[tuple[str, Figure, float], ...] = (
 )
 _CELL_NAME = ("room", "trajectory", "noise", "seed", "odometer", "preset", "reference")
 CELL_COLUMNS = (*_CELL_NAME, *(name for name, _, _ in _CELL_FIGURES))
+
+
+#: The columns of cells in a terminal.
+BRIEF_COLUMNS = CELL_COLUMNS[: CELL_COLUMNS.index("surface mm") + 1]
 
 
 def cells_table(results: Sequence[Measured]) -> ResultTable:

@@ -46,6 +46,23 @@ class ResultTable:
         title = f"{self.title} Preset {preset}."
         return replace(self, name=f"{self.name}_{preset}", title=title)
 
+    def varying(self, columns: Sequence[str]) -> "ResultTable":
+        """The table with those of the columns in which rows differ; the title has the others."""
+        constant = []
+        shown = []
+        for name in columns:
+            texts = self.column(self.columns.index(name))
+            if len(texts) > 1 and len(set(texts)) == 1:
+                constant += [f"{name} {texts[0]}"] if texts[0] else []
+            else:
+                shown.append(name)
+        kept = [self.columns.index(name) for name in shown]
+        rows = tuple(tuple(row[j] for j in kept) for row in self.rows)
+        title = self.title
+        if constant:
+            title = f"{title.removesuffix('.')}: {', '.join(constant)}."
+        return replace(self, title=title, columns=tuple(shown), rows=rows)
+
     def column(self, j: int) -> list[str]:
         """The texts of a column, without its head."""
         return [row[j] for row in self.rows]

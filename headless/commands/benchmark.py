@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.store import Store
 
 _BYTES_A_WORKER = 2 << 30
+#: So many cells fit a screen.
+_SCREEN = 40
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -132,8 +134,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     console.note(f"{args.out / 'tables'} written, {len(tables)} tables in {', '.join(FORMATS)}")
     films = _films(args, results, console) if args.videos else {}
     console.note(f"{write_report(args.out, results, tables, films)} written")
-    shown = [table for table in tables if table.name != "cells" and _has_ours(table)]
-    console.result(_values(results, tables), "\n\n".join(table.text() for table in shown))
+    console.result(_values(results, tables), _text(tables))
     if problems:
         raise WorkError(
             f"{len(problems)} cells could not be measured, for the reasons above",
@@ -251,10 +252,17 @@ def tables_of(results: "list[Measured]") -> list[ResultTable]:
     return [*tables, *findings, correlation_table(results), cells]
 
 
-def _has_ours(table: ResultTable) -> bool:
-    """Whether the table contains a figure of ours, not only printed ones."""
-    ours = [k for k, name in enumerate(table.columns) if name != "printed"]
-    return any(any(table.column(k)) for k in ours[2:])
+def _text(tables: list[ResultTable]) -> str:
+    """The tables with a figure of ours; of few cells, these instead of the paper's tables."""
+    from iclnuim.benchmark.experiments.paper_tables import BRIEF_COLUMNS, has_ours
+
+    *shown, cells = tables
+    if len(cells.rows) <= _SCREEN:
+        found = [table for table in shown if table.name.startswith("findings")]
+        shown = [cells.varying(BRIEF_COLUMNS), *found]
+    with_rows = [table.text() for table in shown if table.rows and has_ours(table)]
+    undecided = [table.notes[-1] for table in shown if table.notes and not table.rows]
+    return "\n\n".join([*with_rows, *undecided])
 
 
 def write_tables(folder: Path, tables: list[ResultTable]) -> None:

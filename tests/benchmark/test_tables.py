@@ -172,3 +172,22 @@ def test_a_name_and_a_sentence_fit_into_the_columns_of_a_terminal():
     lines = table.text().splitlines()
     assert max(map(len, lines)) <= 80
     assert any(name in line for line in lines)
+
+
+def report_of(found, out, capsys):
+    written(out, found)
+    assert cli.main(["benchmark", "--report-only", "--out", str(out), "--quiet"]) == 0
+    return capsys.readouterr().out
+
+
+def test_few_cells_fit_a_screen_and_what_was_not_measured_is_one_line(tmp_path, capsys):
+    text = report_of(results(3)[:30], tmp_path / "few", capsys).splitlines()
+    assert text[0].startswith("All cells: room living_room, seed 0, preset best")
+    assert text[1].split()[:3] == ["trajectory", "noise", "odometer"]
+    assert text[32] == "" and len(text) < 50
+    assert len([line for line in text if "not measured" in line.lower()]) == 1
+    page = (tmp_path / "few/report.html").read_text()
+    assert page.index('id="cells"') < page.index('id="tables"') < page.index('id="findings"')
+    many = report_of(results(3)[:50], tmp_path / "many", capsys)
+    assert many.startswith("Table I: the trajectories") and "All cells" not in many
+    assert "Table II:" in many and "Table VI:" not in many
