@@ -58,6 +58,14 @@ def test_a_guide_has_at_most_a_thousand_words(repository):
     assert [page.name for page in guides if len(page.read_text().split()) > 1000] == []
 
 
+def test_every_guide_and_reference_is_on_the_site_and_on_the_map(repository):
+    for place in ("mkdocs.yml", "docs/README.md"):
+        text = (repository / place).read_text()
+        for folder in ("guide", "reference"):
+            for page in (repository / "docs" / folder).glob("*.md"):
+                assert f"{folder}/{page.name}" in text, f"{place}: {page.name}"
+
+
 def test_no_page_has_the_marks_of_a_merge(repository):
     marks = re.compile(r"^(<{7}|>{7}) ", re.M)
     assert [str(page) for page in pages(repository) if marks.search(page.read_text())] == []

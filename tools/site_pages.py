@@ -43,11 +43,13 @@ def on_startup(**_: Any) -> None:
 
 
 def on_config(config: MkDocsConfig) -> None:
-    """Put the pages of the public names at the end of the reference, the scripts with examples."""
+    """Add the pages of the public names, the scripts of examples, and what was measured."""
     sections: dict[str, list[Any]] = {}
     for section in config.nav or []:
         sections |= section
     sections["Reference"].append({"Python": [python_page(title) for title in public_names()]})
+    measured = sorted(REPOSITORY.glob("docs/measured/[!R]*.md"))
+    sections["Measured"] += [f"measured/{page.name}" for page in measured]
     scripts = sorted(REPOSITORY.glob("examples/*.py"))
     sections["Examples"] += [site_place(f"examples/{script.name}") for script in scripts]
 
