@@ -70,7 +70,8 @@ def _sections(
         Section("main", question, tables=[t for t in correlations if t.rows], part="chart"),
         Section("tables", beside, tables=others, folded=True),
     ]
-    return [*sections, cells] if decided else [cells, *reversed(sections)]
+    whole = any(len(table.rows) == len(RULES) for table in decided)
+    return [*sections, cells] if whole else [cells, *reversed(sections)]
 
 
 def _about(out: Path) -> str:

@@ -188,6 +188,10 @@ def test_few_cells_fit_a_screen_and_what_was_not_measured_is_one_line(tmp_path, 
     assert len([line for line in text if "not measured" in line.lower()]) == 1
     page = (tmp_path / "few/report.html").read_text()
     assert page.index('id="cells"') < page.index('id="tables"') < page.index('id="findings"')
+    whole = report_of(results(3), tmp_path / "whole", capsys)
+    assert "All cells" not in whole and "not measured" not in whole.lower()
+    page = (tmp_path / "whole/report.html").read_text()
+    assert page.index('id="findings"') < page.index('id="tables"') < page.index('id="cells"')
     many = report_of(results(3)[:50], tmp_path / "many", capsys)
     assert many.startswith("Table I: the trajectories") and "All cells" not in many
     assert "Table II:" in many and "Table VI:" not in many
