@@ -9,6 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
 from iclnuim.blender.render import worker  # noqa: E402
+from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.png import read_rgb8  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 from iclnuim.job import RenderJob  # noqa: E402
@@ -58,12 +59,25 @@ def test_many_frames_are_baked(begun):
     assert any("light: baked, which takes less time (1000000 frames:" in note for note in notes)
 
 
-def test_a_black_preview_is_said(begun, cornered_room, tmp_path):
+@pytest.fixture
+def dark(cornered_room, tmp_path):
+    """The room with a lamp that is too weak to be seen."""
     bpy.ops.wm.open_mainfile(filepath=str(cornered_room))
     bpy.data.lights[0].energy = 1e-6
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "dark.blend"))
-    _, _, notes = begun("run", [0], light="auto", scene=str(tmp_path / "dark.blend"))
-    assert "preview.png; it is black: no light reaches what the camera sees" in "".join(notes)
+    return str(tmp_path / "dark.blend")
+
+
+@pytest.mark.parametrize(("light", "left"), [("auto", "preview.png"), ("path", "exr/000000.exr")])
+def test_a_run_that_begins_black_stops_and_goes_on_if_asked_again(begun, dark, light, left):
+    """Before a light map is baked; of a path-traced run after its first frame."""
+    given = {"light": light, "samples": 1, "scene": dark}
+    with pytest.raises(
+        InputError, match="not black, found no light reaches .*try the same command"
+    ):
+        begun("run", [0, 1, 2], [0, 1, 2], **given)
+    out, *_ = begun("run", [0, 1, 2], [0, 1, 2], **given)
+    assert (out / left).exists() and (out / "exr/000002.exr").exists()
 
 
 def test_a_preview_does_not_change_baked_frames(begun):

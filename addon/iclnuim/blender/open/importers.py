@@ -2,6 +2,8 @@
 
 import io
 import logging
+import os
+import re
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -49,8 +51,8 @@ def checked_file(name: str) -> Path:
     return path
 
 
-def load(path: Path) -> None:
-    """Import the file into the open session.
+def load(path: Path, log: Path = Path(os.devnull)) -> None:
+    """Import the file into the open session. log: what Blender's libraries print meanwhile.
 
     A .blend replaces the session, and its scripts are not run. Raises InputError.
     """
@@ -71,9 +73,7 @@ def load(path: Path) -> None:
         without = f"{compat.version_line()} without its importer"
         raise InputError(wanted, path=path, found=without) from None
     except (RuntimeError, TypeError, UnicodeDecodeError) as error:
-        raise InputError(
-            "a scene that Blender can read", path=path, found=_last_message(error)
-        ) from None
+        raise _unread(path, _last_message(error), log.read_text("utf-8", "replace")) from None
     finally:
         logging.disable(logging.NOTSET)
     if result != {"FINISHED"}:
@@ -107,8 +107,22 @@ def open_blend(path: Path) -> object:
     return bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
 
 
+def _unread(path: Path, found: str, log: str) -> InputError:
+    """The error of a file that an importer rejects with the message `found`; if it is a USD file,
+    with the place where the log says that parsing ended.
+    """
+    line = hint = None
+    if place := re.search(rf"{re.escape(path.name)}:(\d+):\d+: .* at '(.*)' in <", log):
+        line = int(place[1])
+        found = f"what USD cannot parse: {place[2]}"
+    if found.startswith("Extension "):
+        hint = "exporting it again without this extension"
+    return InputError("a scene that Blender can read", path=path, line=line, found=found, hint=hint)
+
+
 def _last_message(error: Exception) -> str:
     """The last line of an importer's message, which contains a traceback if it is in Python."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     messages = [line for line in lines if not line.startswith(("Location:", "File "))]
-    return (messages or lines or ["no reason given"])[-1].removeprefix("Error: ")
+    last = (messages or lines or ["no reason given"])[-1]
+    return last.removeprefix("Error: ").removesuffix(", see console for detail")

@@ -81,7 +81,7 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "blender.log"
         with native_output_in(log):
-            load(path)
+            load(path, log)
         scene_paths.check_open(path, reading, log.read_text("utf-8", "replace"))
     notes += plain_names.rename()
     if bpy.data.libraries:  # local copies of linked datablocks can be changed in memory

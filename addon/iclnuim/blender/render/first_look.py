@@ -53,8 +53,7 @@ class Look:
         """Write preview.png into the run folder. Returns the sentence to print."""
         png.write_png(folder / PREVIEW, srgb8(self.rgb))
         what = f"preview of frame {self.number}, path traced with {self.samples} samples"
-        made = f"{what}: {folder / PREVIEW}"
-        return f"{made}; it is black: {self.black}" if self.black else made
+        return f"{what}: {folder / PREVIEW}"
 
 
 def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | None) -> Look:

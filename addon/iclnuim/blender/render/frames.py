@@ -82,12 +82,13 @@ def why_black(rgb: np.ndarray, depth_z_m: np.ndarray) -> str | None:
         return None
     seen = depth_z_m > 0
     if seen.mean() < 0.01:
-        return "the camera sees no surface, and the sky is black"
+        return "the camera sees no surface, and the sky is black; check the trajectory and the unit"
     if np.median(depth_z_m[seen]) < _TOO_NEAR_M:
-        return "the camera is inside an object or touches one"
+        return "the camera is inside an object or touches one; check the trajectory"
     return (
         "no light reaches what the camera sees; check whether lamps are hidden, too weak or "
-        "blocked, and whether the walls of a room without lamps face inwards"
+        "blocked, and whether the walls of a room without lamps face inwards; a scene without "
+        "lamps, emission and sky is lit here"
     )
 
 

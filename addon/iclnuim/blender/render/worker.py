@@ -77,12 +77,8 @@ class Session:
         self._opened = not shipped.is_scene(job.scene)
         look = None
         self.job = _opened(job, self._frames, emit) if self._opened else job
-        if (
-            self._opened
-            and requested
-            and job.light != "path"
-            and not (out / first_look.PREVIEW).exists()
-        ):
+        was_seen = not requested or (out / first_look.PREVIEW).exists()
+        if self._opened and job.light != "path" and not was_seen:
             with native_output_in(Path(os.devnull)):
                 look = first_look.look(self.job, self.trajectory, requested[0], threads)
             self._opened = False
@@ -90,8 +86,12 @@ class Session:
             self.job, sentence = first_look.choose(self.job, out, look, len(requested))
             emit(events.Note(sentence))
         self.run = open_run(out, recipe(self.job), self.trajectory)
+        self._judged = None
+        if not was_seen and not self.run.is_finished(requested[0]):
+            self._judged = requested[0]
         if look:
             emit(events.Note(look.write(out)))
+            self._stop_if_black(look.number, look.black)
         begun = read_run(out).recipe.get("machine", {}).get("features")
         features = _features()
         if begun is not None and begun != features:
@@ -272,6 +272,16 @@ class Session:
         seconds = time.perf_counter() - begun
         black = frames.why_black(rgb, depth_z_m)
         self.emit(events.FrameDone(number, cycles_seconds, seconds, black=black))
+        self._stop_if_black(number, black)
+
+    def _stop_if_black(self, number: int, black: str | None) -> None:
+        """Raises InputError if the first frame of a new run is black; a run that was begun goes on,
+        because depth may be all that is wanted.
+        """
+        if black and number == self._judged:
+            expected = "a first frame that is not black"
+            again = "the same command again, which renders in the dark"
+            raise InputError(expected, path=self.job.scene, found=black, hint=again)
 
 
 def recipe(job: RenderJob) -> dict:
