@@ -67,13 +67,12 @@ def findings_table(results: Sequence[Measured], preset: str = "best") -> ResultT
             missing.append(str(number))
             continue
         why = rule.why
-        if len(ours) > 1:
-            why += f"; holds with {answers.count(True)} of {len(ours)} seeds"
         if remark := finding.get("remark"):
             why += f". {remark}"
-        texts = (finding["finding"], printed or "-", ours[0][1] or "-", verdict(answers), why)
+        decided = (verdict(answers), _seeds(answers), why)
+        texts = (finding["finding"], printed or "-", ours[0][1] or "-", *decided)
         rows.append((str(number), finding["section"], *texts))
-    columns = ("no.", "section", "finding", "printed", "ours", "verdict", "why")
+    columns = ("no.", "section", "finding", "printed", "ours", "verdict", "seeds", "why")
     title = "The findings of section VI, decided by rules over the cells."
     notes = [
         "The verdicts apply to these cells only: frames, noise and odometers are ours, not the "
@@ -83,6 +82,13 @@ def findings_table(results: Sequence[Measured], preset: str = "best") -> ResultT
         notes.append(f"{MISSING.capitalize()}: findings {', '.join(missing)}.")
     table = ResultTable("findings", title, columns, tuple(rows), notes=tuple(notes))
     return table.of_preset(preset)
+
+
+def _seeds(holds: Sequence[bool | None]) -> str:
+    """With how many of the noise seeds a finding holds; a dash if none decides it."""
+    if None in holds:
+        return "-"
+    return f"{holds.count(True)} of {len(holds)}"
 
 
 def apply_rule(rule: Callable[[PaperFigures], RuleResult], of: PaperFigures) -> RuleResult:

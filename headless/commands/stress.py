@@ -89,10 +89,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="table and pages of the existing cells; measure nothing",
     )
-    help = (
-        "also report the cells of FILE, a stress.csv, that are not in OUT: measured elsewhere, or "
-        "docs/measured/stress.csv"
-    )
+    help = "also report the cells of FILE, a stress.csv that was measured elsewhere"
     add("--cells", type=Path, metavar="FILE", help=help)
     add(
         "--plot", type=Path, metavar="FILE", help="draw heat maps of all methods (.png, .pdf, .svg)"

@@ -33,6 +33,17 @@ _SURFACE = ("iclnuim.benchmark.experiments.paper_surface",)
 _REFERENCE = ("iclnuim.benchmark.fusion.reference",)
 
 
+def code_of_trajectory(key: PaperKey) -> dict[str, str | None]:
+    """The hashes of the code on which a cell's trajectory and its errors depend."""
+    found: dict[str, str | None] = {}
+    found["code"] = code_of(measure.__module__, without=(*_SURFACE, *_REFERENCE))
+    if not key.external:
+        found["method_code"] = method_code(key.odometer)
+    if key.reference == "model":
+        found["reference_code"] = code_of(*_REFERENCE)
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class Paper:
     """The experiment. systems: keys of external systems -> their trajectories. first: use only the
@@ -55,14 +66,10 @@ class Paper:
         identity: dict[str, Any] = {
             "first": self.first,
             "input": self.sources.identity(key),
-            "code": code_of(measure.__module__, without=(*_SURFACE, *_REFERENCE)),
+            **code_of_trajectory(key),
         }
         if path:
             identity["trajectory"] = sha256(path.read_bytes())
-        else:
-            identity["method_code"] = method_code(key.odometer)
-        if key.reference == "model":
-            identity["reference_code"] = code_of(*_REFERENCE)
         if self.surfaces:
             identity |= {
                 "model": self.sources.model_name(key),

@@ -1,0 +1,306 @@
+"""tools/measured.py: pages say what the cells hold and nothing else, every command is understood,
+and what commands print becomes tables.
+"""
+
+import json
+import re
+import shlex
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("numba")
+from iclnuim.benchmark.experiments.paper_keys import all_keys  # noqa: E402
+from iclnuim.benchmark.experiments.recipes.paper import KIND, code_of_trajectory  # noqa: E402
+from iclnuim.errors import InputError  # noqa: E402
+from iclnuim.headless import cli  # noqa: E402
+from iclnuim.tools import measured_pages, measured_tables  # noqa: E402
+from iclnuim.tools.measured_cells import PublishedCells, Run, code_hash  # noqa: E402
+from iclnuim.tools.measured_drawn import DRAWN  # noqa: E402
+from iclnuim.tools.measured_plan import missing_cells  # noqa: E402
+from iclnuim.tools.measured_tables import COMMAND_TABLES  # noqa: E402
+from made_up import result, written  # noqa: E402
+
+#: Pages of what no command of ours measures.
+BY_HAND = ("formats.md", "own_scenes.md")
+#: A number with a unit of something measured.
+FIGURE = re.compile(
+    r"[0-9.]\s?(?:mm|cm|m|ms|s|min|h|%|dB|GB|MB|KB|degrees|times|frames a second|core-\w+)\b"
+)
+MEASURED_RUN = Run("75405c27", "2 cores", "iclnuim benchmark")
+
+
+@pytest.fixture(scope="module")
+def cells():
+    return PublishedCells.read(measured_pages.TOP / measured_pages.CELLS)
+
+
+def page_texts():
+    return {page.name: page.read_text() for page in measured_pages.pages()}
+
+
+@pytest.mark.parametrize("name", sorted(page_texts()))
+def test_a_page_says_what_the_cells_hold(name, cells):
+    text = page_texts()[name]
+    assert measured_pages.redrawn(text, cells) == text
+
+
+@pytest.mark.parametrize("name", sorted(set(page_texts()) - set(BY_HAND)))
+def test_no_figure_stands_outside_of_what_is_drawn(name):
+    prose = measured_pages._MARKED.sub("", page_texts()[name])
+    prose = re.sub(r"```.*?```|`[^`]*`|\]\([^)]*\)", "", prose, flags=re.S)
+    assert FIGURE.findall(prose) == []
+
+
+def test_a_changed_cell_changes_its_page_and_only_what_shows_it(cells):
+    key = (KIND, "office", "kt3", "noisy", "rgbd", "best", "default", 0, 0)
+    text = page_texts()["odometry.md"]
+    before = cells.cells[key]
+    other = PublishedCells(dict(cells.cells))
+    other.cells[key] = replace(before, figures={"ate_m": {"rmse": 0.98765}})
+    changed = measured_pages.redrawn(text, other)
+    lines = [line for line in changed.splitlines() if line not in text.splitlines()]
+    assert len(lines) == 1 and lines[0].startswith("| office kt3 noisy | ") and " 988 " in lines[0]
+
+
+def test_a_figure_that_no_cell_holds_is_not_measured(cells):
+    marks = re.findall("<!-- measured: (.*) -->", "".join(page_texts().values()))
+    nothing = PublishedCells()
+    for mark in ("odometry-cost", "light", "benchmark-verdicts"):
+        assert mark in marks and "not measured" in measured_pages.drawn(mark, nothing)
+    with pytest.raises(ValueError, match="nothing draws odometry-ates"):
+        measured_pages.drawn("odometry-ates", cells)
+
+
+def test_every_table_stands_on_one_page():
+    marks = re.findall("<!-- measured: (.*) -->", "".join(page_texts().values()))
+    assert len(marks) == len(set(marks))
+    assert {*DRAWN, *COMMAND_TABLES} <= set(marks)
+
+
+def test_cells_keep_their_bytes_and_a_line_that_is_none_is_named(cells, tmp_path):
+    path = measured_pages.TOP / measured_pages.CELLS
+    cells.write(tmp_path / "again.jsonl")
+    assert (tmp_path / "again.jsonl").read_bytes() == path.read_bytes()
+    assert path.stat().st_size < 1_000_000
+    bad = tmp_path / "bad.jsonl"
+    for line in ("{", "[]", '{"key": ["fact"], "run": "none", "figures": {}}', '{"run": "a"}'):
+        bad.write_text(path.read_text().splitlines()[0] + "\n" + line + "\n")
+        with pytest.raises(InputError, match=r"bad.jsonl:2: expected a run or a cell, found"):
+            PublishedCells.read(bad)
+
+
+def test_cells_of_a_benchmark_are_taken_with_their_code_and_input(tmp_path):
+    keys = all_keys()[:3]
+    out = written(tmp_path / "out", [result(key, 0.0123456789) for key in keys])
+    for file in out.rglob("*.cell.json"):
+        content = json.loads(file.read_text())
+        content["identity"] = {"input": {"sha256": "a"}, "code": "b", "method_code": "c"}
+        file.write_text(json.dumps(content))
+    cells = PublishedCells()
+    assert measured_pages.take(cells, out) == 3
+    (first, *_) = cells.cells.values()
+    assert first.figures["ate_m"]["rmse"] == 0.0123457 and "path" not in first.figures
+    assert first.code == code_hash({"code": "b", "method_code": "c"}) and first.input
+    assert [r.key for r in cells.benchmark()] == sorted(keys, key=lambda key: key.place)
+
+
+def test_the_plan_names_what_is_missing_and_cells_of_other_code():
+    def trajectories(cells):
+        lines = [one for one in missing_cells(cells) if "--no-surfaces" in one.command]
+        return sum(one.cells for one in lines), sum(one.core_hours for one in lines)
+
+    cells = PublishedCells()
+    count, hours = trajectories(cells)
+    total = sum(one.core_hours or 0 for one in missing_cells(cells))
+    assert count > 400 and 1 < hours < total < 40
+    key = all_keys()[0]
+    of_code = {"code": code_of_trajectory(key)}
+    for code, left in (("", count - 1), ("other", count)):
+        found = replace(result(key, 0.01), identity={"input": "a"})
+        cells.add([found], KIND, MEASURED_RUN)
+        (name,) = cells.cells
+        cells.cells[name] = replace(cells.cells[name], code=code)
+        assert trajectories(cells)[0] == left
+    cells.cells[name] = replace(cells.cells[name], code=code_hash(of_code["code"]))
+    assert trajectories(cells)[0] == count - 1
+
+
+@pytest.mark.parametrize(
+    "words", sorted({command for one in COMMAND_TABLES.values() for command in one.commands})
+)
+def test_its_commands_are_understood(words):
+    command, *rest = shlex.split(words)
+    assert cli.parsed(command, [*rest, "--json"]).json
+
+
+LEVEL = dict.fromkeys(
+    ("triangles", "build_s", "mean_m", "p99_m", "off_share", "frame_s", "median_of_255"), 1.0
+)
+LEVELS = [{**LEVEL, "detail": 1.0, "psnr_db": 40.0}, {**LEVEL, "detail": 2.0, "psnr_db": None}]
+MAP = {"size": 512, "bake_s": 9.0, "frame_s": 0.1, "psnr_db": None, "median_of_255": None}
+RUN = {"odometer": "icp", "ms_median": 12.0, "ms_95": 15.0, "ate_rmse_m": 0.0123, "coverage": 0.99}
+PAIR = {
+    "depth": "none",
+    "rgb": "none",
+    "frames_per_s": 57.0,
+    "ratio": 1.1,
+    "cpu_ms": 66.0,
+    "cpu_ratio": 1.1,
+}
+DAMAGE = {"frames": 9, "kills": 3, "broken": 0, "lost": 0, "twice": 0, "events": {"full": 1}}
+UNSEEN = {"room": "office", "poses": 79, "triangles": 0.5, "surface": 0.4, "texels": None}
+ERROR = {"psnr_db": [40.0, 36.0], "median": 0.0028}
+STEP = {
+    "method": "icp",
+    "sequence": "kt2/clean",
+    "frames": 9,
+    "processed": 9,
+    "tracked": 9,
+    "ate_m": 0.001,
+    "ms": 9.0,
+}
+STEPS = [{**STEP, "value": value} for value in (0.0, 0.02, 1.0, 30.0, 640.0)]
+VOXEL = {
+    "sequence": "kt2/clean",
+    "voxel_m": 0.01,
+    "mean_m": 0.001,
+    "p95_m": 0.002,
+    "ms": 9.0,
+    "memory_mb": 90.0,
+}
+CHANGE = {
+    "sequence": "kt2",
+    "kind": "clean",
+    "method": "icp",
+    "levels": [0.5, 1],
+    "ate_m": [None, 1e-3],
+    "spread": None,
+}
+BUILD = {"sequence": "kt2", "seed": 0, "detail": 1.0, "triangles": 1000, "surface_m": 0.001}
+#: What a command prints, as far as it is used, by the command's first words.
+PRINTED = {
+    "bench render": {
+        "methods": [
+            {
+                "method": {"family": "baked", "label": "1"},
+                "seconds": 0.1,
+                "error": ERROR,
+                "flicker": 0.004,
+            }
+        ]
+    },
+    "bench textures": {
+        "rows": [
+            {
+                "sequence": "living_room/kt2",
+                "textures": "mipmaps",
+                "ms": 90.0,
+                "change_median": 0.001,
+                "change_mean": 0.003,
+            }
+            | {"difference": difference}
+            for difference in (0.004, None)
+        ]
+    },
+    "bench detail-odometry": {"changes": [CHANGE], "builds": [BUILD]},
+    "bench detail": {
+        "levels": dict.fromkeys(("living_room", "office"), LEVELS),
+        "knee": dict.fromkeys(("living_room", "office"), 1.0),
+        "maps": {"office": [MAP, {**MAP, "psnr_db": 41.0, "median_of_255": 0.3}]},
+        "unseen": [UNSEEN],
+    },
+    "bench curve voxel": {"points": [VOXEL]},
+    "bench curve": {"points": STEPS},
+    "bench farm": {
+        "splits": [
+            {
+                "light": "path",
+                "workers": 1,
+                "threads": 2,
+                "frames_an_hour": 905.0,
+                "busy_share": 1.0,
+            }
+        ]
+    },
+    "bench chaos": {"this farm": DAMAGE, "plain Blender": {**DAMAGE, "events": {}}},
+    "bench noise": {
+        "pairs": [PAIR],
+        "model_ms": {"depth": {"paper": 12.9}},
+        "overlap_with_official": None,
+    },
+    "fuse out": {"memory_mb": 280.0, "parts_that_left": 0},
+    "evaluate surface": {
+        "distance_m": dict.fromkeys(("mean", "median", "std", "min", "max"), 0.0005)
+    },
+    "odometry ": {"runs": [RUN]},
+}
+
+
+@pytest.mark.parametrize("one", COMMAND_TABLES.values(), ids=lambda one: one.mark)
+def test_what_the_commands_print_becomes_rows_of_the_same_length(one):
+    found = []
+    for command in one.commands:
+        outputs = [value for words, value in PRINTED.items() if command.startswith(words)]
+        found.append(outputs[0])
+    rows = one.rows(found)
+    assert len(rows) >= 2 and len(set(map(len, rows))) == 1
+
+
+def test_a_table_that_is_measured_becomes_a_cell_and_the_page(tmp_path, monkeypatch):
+    page = tmp_path / "docs/measured/farm.md"
+    (page.parent / "pictures").mkdir(parents=True)
+    page.write_text(
+        "before\n<!-- measured: farm-splits -->\nold\n<!-- end of farm-splits -->\nafter\n"
+    )
+    cells = PublishedCells()
+    cells.add([replace(result(all_keys()[0], 0.01), identity={"input": "a"})], KIND, MEASURED_RUN)
+    cells.write(tmp_path / measured_pages.CELLS)
+    monkeypatch.setattr(measured_pages, "TOP", tmp_path)
+    monkeypatch.setattr(measured_pages, "draw_charts", lambda cells: None)
+    split = {
+        "light": "baked",
+        "workers": 2,
+        "threads": 2,
+        "frames_an_hour": 27460.2,
+        "busy_share": 0.914,
+    }
+    monkeypatch.setattr(measured_pages, "output_of", lambda command: {"splits": [split]})
+    assert measured_pages.main(["--measure", "farm-splits"]) == 0
+    assert page.read_text().splitlines()[3] == "| --- | --- | --- | --- | --- |"
+    assert (
+        "\n| 2 x 2 | 27,460 | 91% |  |  |\n<!-- end of farm-splits -->\nafter\n" in page.read_text()
+    )
+    stored = PublishedCells.read(tmp_path / measured_pages.CELLS)
+    assert stored.table("farm-splits")[1][:2] == ["2 x 2", "27,460"]
+
+
+def test_steps_of_a_curve_are_relative_to_the_default_step_as_geometric_means():
+    def step(sequence, value, ate_mm, ms, processed=10, tracked=10):
+        figures = {
+            "frames": 10,
+            "processed": processed,
+            "tracked": tracked,
+            "ate_m": 1e-3 * ate_mm,
+            "ms": ms,
+        }
+        return {"method": "icp", "sequence": sequence, "value": value, **figures}
+
+    points = [step("a", 1.0, 2.0, 10.0), step("a", 2.0, 2.0, 5.0), step("a", 4.0, 1.0, 10.0, 5, 5)]
+    points += [
+        step("b", 1.0, 1.0, 10.0),
+        step("b", 2.0, 4.0, 20.0),
+        step("b", 4.0, 1.0, 10.0, 10, 4),
+    ]
+    points += [{**points[0], "method": "fovis", "value": None}]
+    rows = measured_tables._curve(1.0)([{"points": points}])
+    assert rows[0] == ["", "icp"]  # a method without the setting has no column
+    assert rows[1:] == [["1", "1.00, 1.00"], ["2", "2.00, 1.00"], ["4", "fails on 1"]]
+    points[-2]["tracked"] = 10
+    assert measured_tables._curve(1.0)([{"points": points}])[-1] == ["4", "0.71, 1.00 (75%)"]
+
+
+def test_a_command_that_fails_ends_the_measurement_in_a_line(capfd):
+    with pytest.raises(SystemExit, match="measured: iclnuim evaluate ended with exit code 2"):
+        measured_pages.output_of("evaluate no/such/file no/such/other")
+    assert "Traceback" not in capfd.readouterr().err

@@ -1,0 +1,315 @@
+"""The tables and sentences of docs/measured that are drawn from measured cells."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from itertools import product
+from statistics import geometric_mean, mean, median
+
+from iclnuim.benchmark.experiments.best_methods import (
+    best_methods_table,
+)
+from iclnuim.benchmark.experiments.correlation import correlation_table
+from iclnuim.benchmark.experiments.findings import findings_table
+from iclnuim.benchmark.experiments.paper_figures import Ours, Printed, Where, ate_of
+from iclnuim.benchmark.experiments.paper_keys import NOISES, PaperKey, paper_titles
+from iclnuim.benchmark.experiments.stress_tables import Summary
+from iclnuim.benchmark.experiments.table import ResultTable, mm
+from iclnuim.benchmark.perturbations.plan import read_plan
+from iclnuim.shipped import TRAJECTORY_NAMES, further_sequences, paper_sequences
+from iclnuim.tools.measured_cells import PublishedCells, Rows
+from iclnuim.tools.measured_tables import words
+
+#: What stands where no cell has the figure.
+NOT_MEASURED = "not measured"
+#: The titles of programs by the authors of a method, and our odometer.
+_AUTHORS = (("FOVIS (libfovis)", "fovis"), ("DVO (dvo_core)", "dvo"))
+_SYSTEMS = ("ORB-SLAM3", "RTAB-Map", *(title for title, _ in _AUTHORS))
+#: Titles of the systems among the methods of `iclnuim stress`.
+_STRESS_TITLES = {"run:fovis": "FOVIS", "run:dvo": "DVO", "run:orbslam3": "ORB-SLAM3"}
+_OURS = ("fovis", "rgbd", "dvo", "icp", "icp_rgbd")
+#: The columns of our figures next to the printed ones.
+_PRINTED = " | ".join(f"{kt} | printed" for kt in TRAJECTORY_NAMES)
+Drawn = Callable[[PublishedCells], Rows]
+
+
+def _sequences() -> list[tuple[str, str, str]]:
+    """Room, trajectory and noise of the sixteen sequences."""
+    found = []
+    for sequence in (*paper_sequences(), *further_sequences()):
+        room, _, trajectory = sequence.partition("/")
+        found += [(room, trajectory, noise) for noise in ("clean", "noisy")]
+    return found
+
+
+def _title(sequence: tuple[str, str, str]) -> str:
+    return " ".join(sequence).replace("_", " ")
+
+
+def _errors_m(cells: PublishedCells) -> dict[PaperKey, list[float]]:
+    """ATE in metres by key; of a system's runs under the key of run 0."""
+    found: dict[PaperKey, list[float]] = {}
+    for result in cells.benchmark():
+        ate_m = ate_of(result.figures)
+        if ate_m is not None:
+            found.setdefault(replace(result.key, run=0), []).append(ate_m)
+    return found
+
+
+def _ours(sequence: tuple[str, str, str], odometer: str, preset: str = "best") -> PaperKey:
+    return PaperKey(*sequence, odometer, preset, "default")
+
+
+def _system(sequence: tuple[str, str, str], title: str) -> PaperKey:
+    return PaperKey(*sequence, title, "final", "run")
+
+
+def _mm(error_m: float) -> str:
+    """Three digits, and no exponent from a metre on."""
+    return mm(error_m) if error_m < 1 else mm(error_m, ",.0f")
+
+
+def _shown(errors_m: Sequence[float] | None) -> str:
+    """The median in mm, with the smallest and the largest of several runs."""
+    if not errors_m:
+        return NOT_MEASURED
+    shown = [_mm(error_m) for error_m in (median(errors_m), min(errors_m), max(errors_m))]
+    return shown[0] if len(errors_m) == 1 else "{} ({} to {})".format(*shown)
+
+
+def accuracy(cells: PublishedCells) -> Rows:
+    """ATE in mm of our odometers on every sequence."""
+    errors_m = _errors_m(cells)
+    rows = []
+    for sequence in _sequences():
+        found = [_shown(errors_m.get(_ours(sequence, name))) for name in _OURS]
+        rows.append([_title(sequence), *found])
+    return [["ATE, mm", *_OURS], *rows]
+
+
+def systems(cells: PublishedCells) -> Rows:
+    """ATE in mm of the third-party systems on every sequence."""
+    errors_m = _errors_m(cells)
+    rows = []
+    for sequence in _sequences():
+        found = [_shown(errors_m.get(_system(sequence, title))) for title in _SYSTEMS]
+        rows.append([_title(sequence), *found])
+    return [["ATE, mm", *_SYSTEMS], *rows]
+
+
+def authors(cells: PublishedCells) -> Rows:
+    """The preset `paper` next to the program of the method's authors."""
+    errors_m = _errors_m(cells)
+    rows = []
+    for sequence in _sequences():
+        row = [_title(sequence)]
+        for title, name in _AUTHORS:
+            ours = errors_m.get(_ours(sequence, name, "paper"))
+            theirs = errors_m.get(_system(sequence, title))
+            ratio = f"{ours[0] / theirs[0]:.2f}" if ours and theirs else "-"
+            row += [_shown(ours), _shown(theirs), ratio]
+        if row[1::3] != [NOT_MEASURED] * len(_AUTHORS):
+            rows.append(row)
+    columns = ["ATE, mm"]
+    for title, name in _AUTHORS:
+        columns += [f"`{name} --preset paper`", title, "ratio"]
+    return [columns, *rows]
+
+
+def cost(cells: PublishedCells) -> Rows:
+    """Processor time a frame in ms, the median over the sequences; images are read, too."""
+    times: dict[tuple[str, str], list[float]] = {}
+    for result in cells.benchmark():
+        track_s = result.figures.get("times", {}).get("track_s")
+        key = result.key
+        if track_s is not None and key.preset == "best":
+            name = f"{key.odometer}{', model' * (key.reference == 'model')}"
+            times.setdefault((name, key.noise), []).append(track_s / result.figures["frames"])
+    medians = {of: [median(some)] for of, some in times.items()}
+    rows = []
+    for name in dict.fromkeys(name for name, _ in sorted(times)):
+        found = [_shown(medians.get((name, noise))) for noise in NOISES]
+        rows.append([f"`{name}`", *found])
+    return [["processor time, ms a frame", "clean", "noisy"], *rows]
+
+
+def best_methods(cells: PublishedCells) -> Rows:
+    """Which method for which condition."""
+    return _rows(best_methods_table(cells.benchmark()))
+
+
+def _rows(table: ResultTable) -> Rows:
+    return [list(table.columns), *map(list, table.rows)]
+
+
+def verdicts(cells: PublishedCells) -> Rows:
+    """The findings with their verdicts."""
+    table = findings_table(cells.benchmark())
+    chosen = [table.columns.index(name) for name in ("no.", "finding", "verdict", "seeds")]
+    return [[row[k] for k in chosen] for row in _rows(table)]
+
+
+def correlations(cells: PublishedCells) -> Rows:
+    """Whether a better trajectory has the better surface."""
+    return _rows(correlation_table(cells.benchmark()))
+
+
+def against_model(cells: PublishedCells) -> Rows:
+    """ATE in mm of ICP and ICP+RGB-D against a model, next to the printed ones."""
+    ours = Ours(cells.benchmark())
+    rows = []
+    for room, noise, name in product(("living_room", "office"), NOISES, ("icp", "icp_rgbd")):
+        wheres = [Where(room, kt, noise, name) for kt in TRAJECTORY_NAMES]
+        beside = _beside(map(ours.ate, wheres), map(Printed().ate, wheres))
+        rows.append([f"{room.replace('_', ' ')} {noise}", paper_titles()[name], *beside])
+    return words(f"ATE, mm | | {_PRINTED}", filter(_has_ours, rows))
+
+
+def surfaces(cells: PublishedCells) -> Rows:
+    """Mean distance in mm of the surfaces of the living room to the model."""
+    ours = Ours(cells.benchmark())
+    rows = []
+    for noise, (name, title) in product(NOISES, paper_titles().items()):
+        wheres = [Where("living_room", kt, noise, name) for kt in TRAJECTORY_NAMES]
+        beside = _beside(map(ours.surface, wheres), map(Printed().surface, wheres))
+        rows.append([noise, title, *beside])
+    return words(f"mean distance, mm | | {_PRINTED}", filter(_has_ours, rows))
+
+
+def _beside(ours_m: Iterable[float | None], printed_m: Iterable[float | None]) -> list[str]:
+    found = []
+    for one_m, other_m in zip(ours_m, printed_m, strict=True):
+        found += [_or_not(one_m), mm(other_m, ".1f")]
+    return found
+
+
+def _has_ours(row: Sequence[str]) -> bool:
+    """Whether a figure of ours is in a row of two words and then ours and printed alternately."""
+    return set(row[2::2]) != {NOT_MEASURED}
+
+
+def _or_not(length_m: float | None) -> str:
+    return NOT_MEASURED if length_m is None else mm(length_m)
+
+
+# -- stress
+
+
+def stress_summary(cells: PublishedCells) -> Summary:
+    """All cells of `iclnuim stress`; ours first, then the systems."""
+    found = {key: outcome.to_dict() for key, outcome in cells.stress().items()}
+    further = sorted({key.method for key in found} - {*_OURS, *_STRESS_TITLES})
+    plan = read_plan()
+    measured = {key.perturbation for key in found}
+    names = tuple(name for name in plan.perturbations if name in measured)
+    return Summary.of(plan, [*_OURS, *_STRESS_TITLES, *further], names, found)
+
+
+def _stress_title(method: str) -> str:
+    return _STRESS_TITLES.get(method, method.removeprefix("baseline:"))
+
+
+def stress_fails(cells: PublishedCells) -> Rows:
+    """The lowest severity at which at least half of the segments fail; of our odometers and of the
+    systems.
+    """
+    summary = stress_summary(cells)
+    shown = [name for name in summary.methods if name in (*_OURS, *_STRESS_TITLES)]
+    rows = []
+    for name in summary.perturbations:
+        failing = [_fails_from(summary, method, name) for method in shown]
+        if any(failing):
+            rows.append([f"`{name}`", *(word or NOT_MEASURED for word in failing)])
+    return [["fails from severity", *map(_stress_title, shown)], *rows]
+
+
+def _fails_from(summary: Summary, method: str, perturbation: str) -> str:
+    """The severity, a dash if it fails at none; empty without cells."""
+    perturbed = summary.row(method, perturbation)[1:]
+    for severity, group in enumerate(perturbed, 1):
+        if group is not None and group.succeeded <= 0.5:
+            return str(severity)
+    return "-" if any(perturbed) else ""
+
+
+def stress_totals(cells: PublishedCells) -> Rows:
+    """Means over all perturbed groups of each method; the last column is of unperturbed frames."""
+    summary = stress_summary(cells)
+    rows = []
+    for method in summary.methods:
+        groups = [group for key, group in summary.groups.items() if key[0] == method]
+        clean = summary.row(method, summary.perturbations[0])[0]
+        perturbed = [group for group in groups if group is not clean]
+        shares = (
+            mean(group.succeeded for group in perturbed),
+            mean(group.false_successes for group in perturbed),
+            mean(group.false_alarms for group in perturbed),
+        )
+        texts = [f"{share:.1%}" for share in shares]
+        rows.append([_stress_title(method), *texts, _or_not(clean.ate_m if clean else None)])
+    header = (
+        "method | segments that succeed | frames: wrong, reported as good"
+        " | frames: right, reported as bad | unperturbed ATE, mm"
+    )
+    return words(header, rows)
+
+
+# -- what we learned
+
+
+def learned_noise(cells: PublishedCells) -> Rows:
+    """A row for each of our odometers: its mean ATE on the noisy sequences, and over the best."""
+    errors: dict[str, list[float]] = {}
+    for sequence in _sequences():
+        if sequence[2] == "noisy":
+            for name in _OURS:
+                found = _errors_m(cells).get(_ours(sequence, name))
+                errors.setdefault(name, []).extend(found or [])
+    ranked = sorted((geometric_mean(some), name) for name, some in errors.items() if some)
+    rows = []
+    for mean_m, name in ranked:
+        some = errors[name]
+        rows.append(
+            [f"`{name}`", mm(mean_m), f"{mean_m / ranked[0][0]:.2f}", mm(max(some)), str(len(some))]
+        )
+    return words("odometer | mean ATE, mm | over the best | worst sequence, mm | sequences", rows)
+
+
+def learned_orbslam3(cells: PublishedCells) -> Rows:
+    """The perturbations at whose mildest severity ORB-SLAM3 fails, and those at which it never
+    does.
+    """
+    summary = stress_summary(cells)
+    by_severity: dict[str, list[str]] = {}
+    for name in summary.perturbations:
+        severity = _fails_from(summary, "run:orbslam3", name)
+        if severity:
+            by_severity.setdefault(severity, []).append(f"`{name}`")
+    rows = []
+    for severity in sorted(by_severity, key=lambda word: (word == "-", word)):
+        what = f"from severity {severity}" if severity != "-" else "at none"
+        rows.append([what, ", ".join(by_severity[severity])])
+    return words("ORB-SLAM3 fails | with", rows)
+
+
+def learned_light(cells: PublishedCells) -> Rows:
+    """The rows of baked light: samples, seconds a frame, PSNR of mean and worst view."""
+    rows = cells.table("light") or [["light"]]
+    return [row[:5] for row in rows if row[0].startswith(("light", "baked"))]
+
+
+DRAWN: dict[str, Drawn] = {
+    "odometry-ate": accuracy,
+    "odometry-paper": authors,
+    "odometry-cost": cost,
+    "systems-ate": systems,
+    "benchmark-best": best_methods,
+    "benchmark-verdicts": verdicts,
+    "benchmark-model": against_model,
+    "benchmark-surfaces": surfaces,
+    "benchmark-correlation": correlations,
+    "stress-fails": stress_fails,
+    "stress-totals": stress_totals,
+    "learned-noise": learned_noise,
+    "learned-orbslam3": learned_orbslam3,
+    "learned-light": learned_light,
+}

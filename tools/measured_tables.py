@@ -1,0 +1,394 @@
+"""The tables of docs/measured that come from the output of commands of iclnuim: what is measured by
+which commands, and the rows that it becomes.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from statistics import geometric_mean, mean
+from typing import Any
+
+from iclnuim.tools.measured_cells import Rows
+
+_PICTURES = "docs/measured/pictures"
+_KT2 = "out/living_room/kt2"
+_SEQUENCES = [f"{room}/kt{k}" for room, k in product(("living_room", "office"), range(4))]
+_BIASED = ("icp", "rgbd", "icp_rgbd")
+_DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60"
+_DETAIL_ODOMETRY = "bench detail-odometry --levels 0.5,0.7,1,1.4 --frames 80:200"
+_CLEAN_TWO = f"{_KT2}/clean out/office/kt1/clean"
+_FOUR = f"{_KT2}/clean {_KT2}/noisy out/office/kt1/clean out/office/kt1/noisy"
+#: Curve -> sequences, number of frames, and the step to which the table refers: the default, or one
+#: at which all methods work.
+_CURVES = {
+    "iterations": (_FOUR, 120, 1.0),
+    "levels": (_FOUR, 120, 0.0),
+    "pixels": (_FOUR, 120, 1.0),
+    "resolution": (_FOUR, 120, 640.0),
+    "keyframe": (_FOUR, 120, 0.02),
+    "rate": (f"{_CLEAN_TWO} --values 15,30,60,120,240", 60, 30.0),
+    "realtime": (_FOUR, 120, 1.0),
+}
+_NOISE = f"bench noise {_KT2}/raw --frames :120 --official ../shared/data/iclnuim/or_kt3"
+#: Title of the row, kind of sequence, options of `fuse`.
+_SURFACES = (
+    ("clean, `best`", "clean", ""),
+    ("clean, `--preset paper`", "clean", "--preset paper"),
+    ("noisy (`released`), `best --min-weight 3`", "noisy", "--min-weight 3"),
+)
+#: The rows of a table from the output of each of its commands.
+FromOutput = Callable[[Sequence[Any]], Rows]
+
+
+@dataclass(frozen=True)
+class CommandTable:
+    """One table: its mark, the commands (words after `iclnuim`; --json is added), and the function
+    that makes the rows from their output.
+    """
+
+    mark: str
+    commands: tuple[str, ...]
+    rows: FromOutput
+
+
+def words(header: str, rows: Iterable[Sequence[object]]) -> Rows:
+    """The rows of a table as texts. header: the columns, with "|" between them."""
+    columns = [name.strip() for name in header.split("|")]
+    return [columns, *([str(one) for one in row] for row in rows)]
+
+
+def _shown(value: float | None, spec: str, unit: str = "", factor: float = 1.0) -> str:
+    """factor times the value with its unit; empty if it was not measured."""
+    if value is None:
+        return ""
+    return f"{factor * value:{spec}}{unit}"
+
+
+def _plain(sequence: str) -> str:
+    return sequence.replace("_", " ").replace("/", " ")
+
+
+def _mm(run: dict[str, Any]) -> str:
+    """The ATE of a run in mm."""
+    ate_m = run["ate_rmse_m"]
+    if ate_m is None:
+        return "-"
+    digits = 3 if ate_m < 1 else 4
+    return f"{1e3 * ate_m:.{digits}g}"
+
+
+def _light(found: Sequence[Any]) -> Rows:
+    rows = []
+    for one in found[0]["methods"]:
+        psnr_db = one["error"]["psnr_db"]
+        rows.append(
+            (
+                one["method"]["family"],
+                one["method"]["label"],
+                f"{one['seconds']:.3g}",
+                f"{mean(psnr_db):.1f}",
+                f"{min(psnr_db):.1f}",
+                f"{one['error']['median']:.4f}",
+                f"{255 * one['flicker']:.2f}",
+            )
+        )
+    header = (
+        "light | samples | s/frame | PSNR dB | worst view | median error"
+        " | median change from frame to frame (of 255)"
+    )
+    return words(header, rows)
+
+
+def _textures(found: Sequence[Any]) -> Rows:
+    rows = []
+    for r in found[0]["rows"]:
+        differences = [r["change_median"], r["change_mean"], r["difference"]]
+        of_255 = [_shown(d, ".2f", factor=255) for d in differences]
+        rows.append((_plain(r["sequence"]), r["textures"], *of_255))
+    header = (
+        "sequence | textures | median change | mean change | mean difference from 16 rays a pixel"
+    )
+    return words(header, rows)
+
+
+def _levels(room: str) -> FromOutput:
+    def text(found: Sequence[Any]) -> Rows:
+        knee = found[0]["knee"][room]
+        rows = []
+        for level in found[0]["levels"][room]:
+            title = f"{level['detail']:g}"
+            if level["detail"] == knee:
+                title += ", the knee"
+            if level["detail"] == 1:
+                title = f"**{title}**"
+            rows.append((title, *_level_figures(level)))
+        header = (
+            "detail | triangles | mean depth error | 99 % | off by more than 5 mm"
+            " | colour, PSNR | build | frame"
+        )
+        return words(header, rows)
+
+    return text
+
+
+def _level_figures(level: dict[str, Any]) -> tuple[str, ...]:
+    """The finest level, with which the others are compared, has no errors."""
+    errors = ["", "", "", ""]
+    if level["psnr_db"] is not None:
+        errors = [
+            f"{1e3 * level['mean_m']:.2g} mm",
+            f"{1e3 * level['p99_m']:.2g} mm",
+            f"{level['off_share']:.2%}",
+            f"{level['psnr_db']:.1f} dB",
+        ]
+    times = (f"{level['build_s']:.1f} s", f"{level['frame_s']:.3f} s")
+    return f"{level['triangles']:,}", *errors, *times
+
+
+def _maps(found: Sequence[Any]) -> Rows:
+    """One row per room and size of the light map."""
+    rows = []
+    for room, sizes in found[0]["maps"].items():
+        for one in sizes:
+            rows.append(
+                (
+                    room,
+                    one["size"],
+                    f"{one['bake_s']:.0f} s",
+                    _shown(one["psnr_db"], ".1f", " dB"),
+                    _shown(one["median_of_255"], ".2f", " of 255"),
+                    f"{one['frame_s']:.3f} s",
+                )
+            )
+    header = "room | map | bake | PSNR against the largest | median | frame, 320 x 240"
+    return words(header, rows)
+
+
+def _unseen(found: Sequence[Any]) -> Rows:
+    rows = []
+    for one in found[0]["unseen"]:
+        shares = [one["triangles"], one["surface"], one["texels"]]
+        rows.append((one["room"], one["poses"], *(_shown(share, ".1%") for share in shares)))
+    header = "room | poses | triangles never seen | surface never seen | texels in use never seen"
+    return words(header, rows)
+
+
+def _splits(found: Sequence[Any]) -> Rows:
+    """One row for each split of the cores."""
+    rows: dict[str, dict[str, tuple[str, str]]] = {}
+    for one in found[0]["splits"]:
+        split = f"{one['workers']} x {one['threads']}"
+        figures = (f"{one['frames_an_hour']:,.0f}", f"{one['busy_share']:.0%}")
+        rows.setdefault(split, {})[one["light"]] = figures
+    header = (
+        "workers x threads | baked, frames an hour | cores busy"
+        " | path traced, frames an hour | cores busy"
+    )
+    none = ("", "")
+    return words(
+        header,
+        [(split, *of.get("baked", none), *of.get("path", none)) for split, of in rows.items()],
+    )
+
+
+def _chaos(found: Sequence[Any]) -> Rows:
+    rows = []
+    for name, damage in found[0].items():
+        events = [damage["events"].get(kind, "") for kind in ("full", "stop")]
+        lost = [damage[key] for key in ("broken", "lost", "twice")]
+        rows.append((name, damage["frames"], damage["kills"], *events, *lost))
+    header = (
+        " | frames | kill -9 | full disk | stopped worker | frames broken | frames lost"
+        " | finished twice"
+    )
+    return words(header, rows)
+
+
+def _pairs(found: Sequence[Any]) -> Rows:
+    rows = []
+    for pair in found[0]["pairs"]:
+        rows.append(
+            (
+                f"{pair['depth']} + {pair['rgb']}",
+                f"{pair['frames_per_s']:.0f}",
+                f"{pair['ratio']:.2f}",
+                f"{pair['cpu_ms']:.0f}",
+                f"{pair['cpu_ratio']:.2f}",
+            )
+        )
+    header = "depth + RGB | frames/s | over files alone | processor ms a frame | over files alone"
+    return words(header, rows)
+
+
+def _models(found: Sequence[Any]) -> Rows:
+    overlaps = found[0]["overlap_with_official"] or {}
+    rows = []
+    for kind, times_ms in found[0]["model_ms"].items():
+        for name, ms in times_ms.items():
+            overlap = overlaps.get(kind, {}).get(name)
+            rows.append((f"{kind} `{name}`", f"{ms:.1f}", _shown(overlap, ".3f")))
+    return words("model | ms a frame, one core | overlap with the official noise", rows)
+
+
+def _surface(titles: Iterable[str]) -> FromOutput:
+    """One row per surface, from the output of `fuse` and `evaluate surface` alternately."""
+
+    def text(found: Sequence[Any]) -> Rows:
+        rows = []
+        for title, made, error in zip(titles, found[::2], found[1::2], strict=True):
+            distance_m = error["distance_m"]
+            statistics = [distance_m[key] for key in ("mean", "median", "std", "min", "max")]
+            distances = [f"{1e3 * value:.3g}" for value in statistics]
+            rows.append((title, *distances, f"{made['memory_mb']:.0f} MB", made["parts_that_left"]))
+        header = "kt2, ours | mean | median | std | min | max | memory | parts that left the window"
+        return words(header, rows)
+
+    return text
+
+
+def _offsets(odometers: Sequence[str], sequences: Sequence[str]) -> FromOutput:
+    """ATE in mm, from the runs of each odometer on one sequence after the other."""
+
+    def text(found: Sequence[Any]) -> Rows:
+        values = [_mm(one["runs"][0]) for one in found]
+        rows = []
+        for k, name in enumerate(odometers):
+            rows.append((f"`{name}`", *values[k :: len(odometers)]))
+        return words("|".join(["noisy", *map(_plain, sequences)]), rows)
+
+    return text
+
+
+def _curve(default: float) -> FromOutput:
+    """Error and time of each step divided by those of the default step; geometric means over the
+    sequences.
+    """
+
+    def text(found: Sequence[Any]) -> Rows:
+        # method -> sequence -> step; a method without the setting has one point, without a value
+        steps: dict[str, dict[str, dict[float, Any]]] = {}
+        values: dict[float, None] = {}
+        for point in found[0]["points"]:
+            if point["value"] is not None:
+                values[point["value"]] = None
+                of_method = steps.setdefault(point["method"], {})
+                of_method.setdefault(point["sequence"], {})[point["value"]] = point
+        rows = []
+        for value in values:
+            cells = [_step(of_method, value, default) for of_method in steps.values()]
+            rows.append((f"{value:g}", *cells))
+        return words("|".join(["", *steps]), rows)
+
+    return text
+
+
+def _step(of_method: dict[str, dict[float, Any]], value: float, default: float) -> str:
+    """A cell of the table of a curve, from the steps of one method on each sequence."""
+    points = [of[value] for of in of_method.values() if value in of]
+    bases = [of[default] for of in of_method.values() if value in of]
+    if not points:
+        return "-"
+    if lost := sum(p["ate_m"] is None or 2 * p["tracked"] < p["processed"] for p in points):
+        return f"fails on {lost}"
+    error = _ratio(points, bases, "ate_m")
+    time = _ratio(points, bases, "ms")
+    text = f"{error:.2f}, {time:.2f}"
+    share = mean(p["processed"] / p["frames"] for p in points)
+    if share > 0.995:
+        return text
+    return f"{text} ({share:.0%})"
+
+
+def _ratio(points: Sequence[Any], bases: Sequence[Any], key: str) -> float:
+    return geometric_mean(p[key] / base[key] for p, base in zip(points, bases, strict=True))
+
+
+def _voxels(found: Sequence[Any]) -> Rows:
+    rows = []
+    for point in found[0]["points"]:
+        lengths_m = [point[key] for key in ("voxel_m", "mean_m", "p95_m")]
+        lengths = [f"{1e3 * length_m:.3g} mm" for length_m in lengths_m]
+        rows.append(
+            (point["sequence"], *lengths, f"{point['ms']:.0f}", f"{point['memory_mb']:.0f}")
+        )
+    return words(" | voxel | mean distance | 95 % | ms per frame | MB", rows)
+
+
+def _plotted(command: str, picture: str) -> str:
+    return f"{command} --plot {_PICTURES}/{picture}"
+
+
+def _surface_commands() -> Iterator[str]:
+    for k, (_, kind, options) in enumerate(_SURFACES):
+        mesh = f"out/measured-{k}.ply"
+        poses = f"{_KT2}/clean/groundtruth.txt"
+        fuse = " ".join(f"fuse {_KT2}/{kind} --poses {poses} {options} -o {mesh}".split())
+        evaluate = f"evaluate surface {mesh} --model living_room"
+        if k == 0:
+            fuse = f"{fuse} --plot docs/pictures/surface.jpg"
+            evaluate = _plotted(evaluate, "surface_error.png")
+        yield fuse
+        yield evaluate
+
+
+def _detail_odometry(found: Sequence[Any]) -> Rows:
+    """Of each method the ATE at each level over that at level 1, geometric means over the
+    sequences, and the largest range between seeds.
+    """
+    of_methods: dict[str, list[Any]] = {}
+    for change in found[0]["changes"]:
+        of_methods.setdefault(change["method"], []).append(change)
+    levels = found[0]["changes"][0]["levels"]
+    rows = []
+    for method, changes in of_methods.items():
+        row = [f"`{method}`"]
+        for k in range(len(levels)):
+            row.append(_ratio_to_level_1(changes, levels.index(1), k))
+        spreads = [change["spread"] for change in changes if change["spread"] is not None]
+        rows.append([*row, f"{max(spreads, default=0):.0%}"])
+    steps = " | ".join(f"{level:g}" for level in levels)
+    return words(f"ATE over that at level 1 | {steps} | range between seeds", rows)
+
+
+def _ratio_to_level_1(changes: Sequence[Any], at_1: int, k: int) -> str:
+    ratios = []
+    for change in changes:
+        ate_m = change["ate_m"]
+        if ate_m[k] is not None and ate_m[at_1]:
+            ratios.append(ate_m[k] / ate_m[at_1])
+    return f"{geometric_mean(ratios):.2f}" if ratios else "-"
+
+
+def _command_tables() -> Iterator[CommandTable]:
+    yield CommandTable("light", (_plotted("bench render kt2", "light.png"),), _light)
+    textures = _plotted("bench textures kt2 office/kt0", "textures.png")
+    yield CommandTable("textures", (textures,), _textures)
+    detail = (_plotted(_DETAIL, "detail.png"),)
+    yield CommandTable("detail-living-room", detail, _levels("living_room"))
+    yield CommandTable("detail-office", detail, _levels("office"))
+    yield CommandTable("detail-unseen", detail, _unseen)
+    yield CommandTable("detail-maps", detail, _maps)
+    odometry = (_plotted(_DETAIL_ODOMETRY, "detail_odometry.png"),)
+    yield CommandTable("detail-odometry", odometry, _detail_odometry)
+    offsets = []
+    for sequence, name in product(_SEQUENCES, _BIASED):
+        offsets.append(f"odometry {name} out/{sequence}/noisy --depth-offset 0.00155")
+    titles = [sequence.removeprefix("living_room/") for sequence in _SEQUENCES]
+    yield CommandTable("odometry-bias", tuple(offsets), _offsets(_BIASED, titles))
+    yield CommandTable("farm-splits", (_plotted("bench farm kt2", "farm.png"),), _splits)
+    chaos = _plotted("bench chaos kt2 --camera 160x120", "chaos.png")
+    yield CommandTable("farm-chaos", (chaos,), _chaos)
+    noise = (_plotted(_NOISE, "noise.png"),)
+    yield CommandTable("noise-pairs", noise, _pairs)
+    yield CommandTable("noise-models", noise, _models)
+    titles = [title for title, _, _ in _SURFACES]
+    yield CommandTable("surface-error", tuple(_surface_commands()), _surface(titles))
+    for curve, (sequences, frames, default) in _CURVES.items():
+        options = f"--method all --frames 80:{80 + frames}"
+        command = _plotted(f"bench curve {curve} {sequences} {options}", f"curve_{curve}.png")
+        yield CommandTable(f"curve-{curve}", (command,), _curve(default))
+    voxel = f"bench curve voxel {_KT2}/clean {_KT2}/noisy --frames 80:320"
+    yield CommandTable("curve-voxel", (_plotted(voxel, "curve_voxel.png"),), _voxels)
+
+
+COMMAND_TABLES = {table.mark: table for table in _command_tables()}
