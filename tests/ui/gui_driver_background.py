@@ -146,7 +146,8 @@ def main(archive: str, out: str, estimate: str) -> dict:
     package.unregister()
     found["older_blender"] = in_an_older_blender(package)
     found["left_after_unregister"] = leftovers()
-    package.register()
+    for _ in range(2):
+        package.register()
 
     settings = bpy.context.scene.iclnuim
     found["not_used"] = [state.current().trajectory_lines, sorted(state.current().shapes)]
@@ -216,7 +217,8 @@ def main(archive: str, out: str, estimate: str) -> dict:
     package.unregister()
     found["left_at_the_end"] = leftovers()
     package.register()
-    bpy.ops.preferences.addon_disable(module=MODULE)
+    for step in ("disable", "enable", "disable"):
+        getattr(bpy.ops.preferences, f"addon_{step}")(module=MODULE)
     found["left_when_disabled"] = leftovers()
     return found
 

@@ -104,7 +104,8 @@ def steps():
     region = next(r for r in view().regions if r.type == "UI")
     region.active_panel_category = "ICL-NUIM"
     region.tag_redraw()
-    yield 1.5
+    yield from ticking("first use", lambda: state.current().shapes, 20.0)
+    yield 1.0
     shoot("1_enabled")
     yield from look_and_key()
     for part in PARTS:
@@ -232,8 +233,9 @@ def switch_off_during_a_render():
     yield from ticking("off", lambda: state.current().work.done >= 1 or idle())
     child = state.current().work.worker
     found["timers_meanwhile"] = timers()
-    bpy.ops.preferences.addon_disable(module=MODULE)
-    yield 1.0
+    for step in ("disable", "enable", "disable"):
+        getattr(bpy.ops.preferences, f"addon_{step}")(module=MODULE)
+        yield 1.0
     yield from ticking("switched off", lambda: child.poll() is not None, 10.0)
     found["child_after_switching_off"] = child.poll()
     found["left"] = {

@@ -8,11 +8,12 @@ from types import ModuleType
 
 
 def register() -> None:
-    """Register every class, property and handler."""
+    """Register every class, property and handler; again if they are registered already."""
     import bpy
 
     from . import properties, state, trajectory_view, work
 
+    unregister()
     bpy.types.WindowManager.iclnuim_state = state.PanelState(
         work.Work(properties.label_of), trajectory_view.refresh
     )

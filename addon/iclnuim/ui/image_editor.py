@@ -1,6 +1,5 @@
 """Show arrays as images in the image editor, among them the last frame of a running render."""
 
-import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -22,50 +21,28 @@ PAUSE_S = 1.0
 
 
 class LastFrame:
-    """Shows the last frame of a render.
-
-    It is read in a thread, so that the window stays responsive. Call `look(work)` at each tick.
-    """
+    """Shows the last frame of a render. Call `look(work)` at each tick."""
 
     def __init__(self, frames: Path, camera: PinholeCamera) -> None:
         """`frames`: the folder that contains 000000.exr and the following frames."""
         self._frames = frames
         self._camera = camera
-        self._picture: np.ndarray | None = None
-        self._shown = -1
         self._at_s = 0.0
-        self._reading = False
 
     def look(self, work: Work) -> None:
-        """Show the frame that was read.
-
-        Start to read the last frame if it is new, the pause is over and an image editor is open.
-        """
-        picture = self._picture
-        self._picture = None
-        if picture is not None:
-            show(bpy.context, LAST_FRAME, picture, open_editor=False)
+        """Show the last frame, if the pause is over and an image editor is open."""
         number = work.last_frame
-        if work.phase != "rendering" or number in (None, self._shown) or self._reading:
-            return
         paused = time.monotonic() - self._at_s > PAUSE_S
-        if paused and state.areas("IMAGE_EDITOR") and not bpy.app.background:
-            self._shown = number
-            self._at_s = time.monotonic()
-            self._reading = True
-            threading.Thread(target=self._read, args=(number,), daemon=True).start()
-
-    def _read(self, number: int) -> None:
+        if number is None or not paused or not state.areas("IMAGE_EDITOR"):
+            return
+        self._at_s = time.monotonic()
         with suppress(IclnuimError):  # the render reports a frame that cannot be read
             light, depth_z_m = read_frame(self._frames / f"{number:06}.exr", self._camera)
             rgb = noisy_images(light, depth_z_m, self._camera, number, SequenceSettings())[0]
-            self._picture = colour_and_depth(rgb, depth_z_m)
-        self._reading = False
+            show(bpy.context, LAST_FRAME, colour_and_depth(rgb, depth_z_m))
 
 
-def show(
-    context: bpy.types.Context, name: str, picture: np.ndarray, open_editor: bool = True
-) -> None:
+def show(context: bpy.types.Context, name: str, picture: np.ndarray) -> None:
     """Show an (h, w, 3) uint8 array as the image `name` in an image editor.
 
     If none is open, one is opened next to the 3D view.
@@ -82,9 +59,7 @@ def show(
     image.update()
     if bpy.app.background:
         return
-    area = next(iter(state.areas("IMAGE_EDITOR")), None)
-    if area is None and open_editor:
-        area = _split(context)
+    area = next(iter(state.areas("IMAGE_EDITOR")), None) or _split(context)
     if area is not None and area.spaces.active.image != image:
         area.spaces.active.image = image
         _fit(context, area)

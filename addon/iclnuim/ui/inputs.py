@@ -15,7 +15,6 @@ from .. import shipped
 from ..blender.light import light_map
 from ..blender.render import camera
 from ..blender.render.camera_notes import camera_notes
-from ..dataset.run_folder import read_run
 from ..errors import IclnuimError, InputError, WorkError
 from ..formats import exr, png
 from ..formats.files import make_folder, process_is_running, sha256
@@ -139,8 +138,8 @@ def check_free(raw: Path) -> None:
 
 
 def light_map_line(settings: bpy.types.PropertyGroup) -> str:
-    """A sentence for the panel: whether the cache contains the light map of the chosen scene, its
-    size and its age.
+    """A sentence for the panel: whether the cache contains the light map of the chosen scene, and
+    its size.
     """
     if settings.scene_source == "OPEN":
         return _OPEN_FILE
@@ -171,19 +170,10 @@ def _looked_up(settings: bpy.types.PropertyGroup, name: str) -> str:
         return "no scene file is chosen yet"
     if not found:
         return _NO_LIGHT_MAP
-    folder, size_bytes, age_s = found
+    folder, size_bytes, _ = found
     if cache not in folder.parents:
         return "this scene's light map is part of the extension: no bake is needed"
-    size = f"{size_bytes / 1e6:.1f} MB"
-    return f"this scene's light map is in the cache: {size}, baked {_age(age_s)} ago"
-
-
-def _age(age_s: float) -> str:
-    for unit, seconds in (("day", 86400), ("hour", 3600), ("minute", 60)):
-        count = int(age_s // seconds)
-        if count:
-            return f"{count} {unit}{'s' * (count > 1)}"
-    return "less than a minute"
+    return f"this scene's light map is in the cache: {size_bytes / 1e6:.1f} MB"
 
 
 def _shipped_name(settings: bpy.types.PropertyGroup) -> str:
@@ -231,26 +221,16 @@ def chosen_scene(settings: bpy.types.PropertyGroup) -> str:
 def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
     if (name := chosen_scene(settings)) != "OPEN":
         return name
-    path = out / "scene.blend"
-    if path.is_file() and any((out / "raw").glob("exr/*.exr")):
+    path = out / "iclnuim_scene.blend"
+    if any((out / "raw").glob("exr/*.exr")):
         expected = "an output folder without frames of an earlier state of the open scene"
         hint = "Resume, which continues with the saved copy of the scene, or another {out}"
         raise InputError(expected, path=out, hint=hint)
-    if path.exists() and _scene_of_run(out) != path.resolve():
-        hint = "another {out}; Render saves a copy of the open scene there"
-        raise InputError("an output folder without a file of this name", path=path, hint=hint)
     make_folder(out, "another {out}")
     try:
-        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
+        # not compressed: not every Blender's Python can read that
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=False)
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1]
         raise WorkError(f"{path}: cannot be written: {reason}") from None
     return str(path)
-
-
-def _scene_of_run(out: Path) -> Path | None:
-    """The scene of the run that was begun in `out`, if there is one."""
-    record = out / "raw/sequence.json"
-    if not record.is_file():
-        return None
-    return Path(str(read_run(record.parent).recipe["job"].get("scene", ""))).resolve()

@@ -162,9 +162,9 @@ def cancel(self: Operator, context: Context) -> None:
     state.redraw()
 
 
-@operator("Preview Frame", *_CAN_RENDER)
+@operator("Preview Pose", *_CAN_RENDER)
 def preview(self: Operator, context: Context) -> None:
-    """Render the pose of the timeline's current frame.
+    """Render the pose at the timeline's current frame.
 
     Colour and depth are shown without noise above and with the sensor's noise below
     """
@@ -184,7 +184,7 @@ def preview(self: Operator, context: Context) -> None:
         noisy_z_m = units / sensor.depth_units_per_metre
         picture = pictures.frame_picture(clean, depth_z_m, noisy, noisy_z_m)
         image_editor.show(bpy.context, PREVIEW, picture)
-        state.current().work.message = f"frame {number} is shown in the image editor as “{PREVIEW}”"
+        state.current().work.message = f"pose {number} is shown in the image editor as “{PREVIEW}”"
 
     command = {"frames": [number]}
     state.start("preview", job, folder / "raw", command, "the preview is rendered", finish)

@@ -18,6 +18,8 @@ from .work import Work
 
 _LETTER_WIDTH_PX = 7
 _MAX_NOTES = 4
+#: Width of Blender's labels where properties are split.
+_LABEL_SHARE = 0.4
 #: Settings of a job that are not drawn under Light.
 _SENSOR = ("exposure_ms", "readout_ms", "seed")
 _OUTPUT = ("depth_units", "names", "glass", "ground_truth", "channels")
@@ -50,11 +52,16 @@ def _numbers_or_auto(
         if s.kind is not int or not s.optional:
             layout.prop(settings, name)
             continue
-        row = layout.row(align=True, heading=s.label)
         value = getattr(settings, name)
         if value:
-            row.prop(settings, name, text="")
-        auto = row.operator("wm.context_set_int", text="Auto", depress=not value)
+            row = layout.row(align=True)
+            row.prop(settings, name)
+            auto = row.operator("wm.context_set_int", text="", icon="LOOP_BACK")
+        else:
+            row = layout.split(factor=_LABEL_SHARE)
+            row.alignment = "RIGHT"
+            row.label(text=s.label)
+            auto = row.operator("wm.context_set_int", text="Auto")
         auto.data_path = f"scene.iclnuim.{name}"
         auto.value = int(not value)
 
@@ -91,7 +98,7 @@ def main(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     trajectory_view.begin()
     layout.menu("ICLNUIM_MT_presets")
     column = layout.column(align=True)
-    preview = f"Preview Frame {inputs.current_pose(context)}"
+    preview = f"Preview Pose {inputs.current_pose(context)}"
     column.operator("iclnuim.preview", text=preview, icon="IMAGE_DATA")
     row = column.row(align=True)
     row.operator("iclnuim.render", icon="RENDER_ANIMATION")
@@ -138,8 +145,6 @@ def scene(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     row = layout.row(align=True)
     row.operator("iclnuim.load_scene", icon="IMPORT")
     row.operator("iclnuim.remove_scene", icon="X")
-    if trajectory_view.COLLECTION in bpy.data.collections:
-        layout.prop(context.space_data.overlay, "show_extras", text="Lamp Symbols")
 
 
 @_panel("Trajectory")
@@ -181,13 +186,11 @@ def light(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     layout.prop(settings, "light", expand=True)
     shown = settings_of(RenderJob)
     for name in ("light", *_SENSOR, *_OUTPUT):
-        del shown[name]
-    maps = [name for name in shown if name.startswith("map_")]
-    for name in maps:
-        del shown[name]
+        shown.pop(name, None)
+    if settings.light == "path":
+        del shown["map_size"], shown["map_samples"]
     _numbers_or_auto(layout, settings, shown)
     if settings.light != "path":
-        _props(layout, settings, maps)
         layout.operator("iclnuim.bake", icon="LIGHT_SUN")
         _text(layout, context, inputs.light_map_line(settings))
 

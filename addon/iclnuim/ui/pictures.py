@@ -19,6 +19,7 @@ _GRID = (215, 215, 215)
 #: Glyphs of 5 x 7 dots. Each row is one digit of base 32, from the top; its bits are the dots from
 #: left to right.
 _GLYPHS = {
+    " ": "0000000",
     "0": "ehjlphe", "1": "4c4444e", "2": "eh1248v", "3": "v2421he", "4": "26aiv22",
     "5": "vgu11he", "6": "68guhhe", "7": "v124888", "8": "ehhehhe", "9": "ehhf12c",
     ".": "00000cc", ",": "0000c48", "-": "000v000", "(": "2488842", ")": "8422248",
@@ -119,7 +120,7 @@ def error_plot(stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float) -> np.n
         image[min(here, before) - 1 : max(here, before) + 2, column] = colour
         before = here
     image[row(rmse_m * 1000) : row(rmse_m * 1000) + 2, left:right] = _INK
-    write(image, f"Position error over time, ATE rmse {rmse_m * 1000:.3f} mm", left, 20)
+    write(image, f"Error of the position over time, ATE rmse {rmse_m * 1000:.3f} mm", left, 20)
     write(image, "mm", left - 14, top - 26, align="right")
     write(image, "time (s)", right, bottom + 40, align="right")
     return image
@@ -145,7 +146,7 @@ def write(image: np.ndarray, text: str, x: int, y: int, size: int = 2, align: st
 
     (x, y) is the left end, the centre or the right end of the text's upper edge.
     """
-    glyphs = [_GLYPHS.get(letter, "0000000") for letter in text]
+    glyphs = [_GLYPHS[letter] for letter in text]
     rows = np.array([[int(digit, 32) for digit in glyph] for glyph in glyphs])
     # (letters, rows, columns), the sixth column of a letter is empty
     dots = (rows[..., None] << 1 >> np.arange(5, -1, -1) & 1).astype(bool)

@@ -128,8 +128,17 @@ _GROUPS: dict[type, str] = {
 _SUBTYPES = {"textures": "DIR_PATH", "start_location": "TRANSLATION", "start_rotation": "EULER"}
 #: Subtypes of units that Blender writes behind the number; other units are in the label.
 _WRITTEN_UNITS = {"px": "PIXEL", "texels": "PIXEL"}
-#: Settings that change the trajectory, in addition to the settings of its source and of the scene.
-_CHANGES_THE_TRAJECTORY = ("scale", "use_start", "start_location", "start_rotation")
+#: Properties that change the trajectory or how it lies in the scene.
+OF_THE_TRAJECTORY = (
+    "scene_source",
+    "scene_file",
+    "trajectory_source",
+    "trajectory_file",
+    "scale",
+    "use_start",
+    "start_location",
+    "start_rotation",
+)
 
 
 def properties_of_this_file() -> dict[str, Any]:
@@ -140,17 +149,16 @@ def properties_of_this_file() -> dict[str, Any]:
     scenes = _items(((s.name, s.title, s.description) for s in SCENES.values()), _OTHER_SCENES)
     paths = _items(((name, name, text) for name, text in TRAJECTORIES.items()), _OTHER_TRAJECTORIES)
     units = [(name, name, f"One unit of the file is {UNITS_M[name]:g} m") for name in UNITS_M]
-    changes: dict[str, Any] = {"update": _trajectory_changed}
     kinds = f"Scene file: {_OTHER_SCENES[3][2].partition(';')[0]}"
     estimate = "Estimated trajectory, camera to world, stamps in seconds (TUM and others)"
     truth = "Ground-truth trajectory; empty: the trajectory chosen above"
     return {
-        "scene_source": EnumProperty(name="Scene", items=scenes, **changes),
-        "scene_file": _file("File", kinds, **changes),
+        "scene_source": EnumProperty(name="Scene", items=scenes),
+        "scene_file": _file("File", kinds),
         **_properties(SceneReading),
         "scene_unit": _choice(declared(SceneReading)["unit_m"], units),
-        "trajectory_source": EnumProperty(name="Trajectory", items=paths, default="kt2", **changes),
-        "trajectory_file": _file("File", _FILE_OF_POSES, **changes),
+        "trajectory_source": EnumProperty(name="Trajectory", items=paths, default="kt2"),
+        "trajectory_file": _file("File", _FILE_OF_POSES),
         "out": _file("Output Folder", _OUT, "DIR_PATH"),
         "estimate": _file("Estimate", estimate),
         "truth": _file("Ground Truth", truth),
@@ -260,9 +268,7 @@ def _properties(group: type, **defaults: Any) -> dict[str, Any]:
 
 
 def _property(s: Setting, default: Any) -> Any:
-    more = _words(s, s.shown[0])
-    if s.name in _CHANGES_THE_TRAJECTORY:
-        more["update"] = _trajectory_changed
+    more = _words(s)
     if s.choices is not None:
         entries = s.choices.items()
         return _choice(
@@ -272,15 +278,14 @@ def _property(s: Setting, default: Any) -> Any:
         return _choice(s, (("ON", "On", ""), ("OFF", "Off", "")))
     if s.kind is bool:
         return BoolProperty(default=default, **more)
-    unit = s.shown[0]
-    subtype = _SUBTYPES.get(s.name) or _WRITTEN_UNITS.get(unit, "NONE")
-    if unit and subtype == "NONE":
-        more["name"] += f" ({unit})"
+    more["subtype"] = _SUBTYPES.get(s.name) or _WRITTEN_UNITS.get(s.shown[0], "NONE")
     if s.kind is str:
-        return StringProperty(default=default or "", subtype=subtype, **more)
+        return StringProperty(default=default or "", **more)
     if s.length is not None:
-        return FloatVectorProperty(size=s.length, default=default, subtype=subtype, **more)
-    factor = s.shown[1]
+        return FloatVectorProperty(size=s.length, default=default, **more)
+    unit, factor = s.shown
+    if unit and unit not in _WRITTEN_UNITS:
+        more["name"] += f" ({unit})"
     if math.isfinite(s.low):
         more["min"] = s.kind(s.low * factor)
     if math.isfinite(s.high):
@@ -289,8 +294,8 @@ def _property(s: Setting, default: Any) -> Any:
         more["min"] = 0  # 0 means the default
     default = s.kind((default or 0) * factor)
     if s.kind is int:
-        return IntProperty(default=default, subtype=subtype, **more)
-    return FloatProperty(default=default, subtype=subtype, precision=3, **more)
+        return IntProperty(default=default, **more)
+    return FloatProperty(default=default, precision=3, **more)
 
 
 def _value(s: Setting, shown: Any) -> Any:
@@ -306,11 +311,11 @@ def _value(s: Setting, shown: Any) -> Any:
     return round(shown, 4) / s.shown[1] if s.kind is float else shown
 
 
-def _words(s: Setting, unit: str = "") -> dict[str, Any]:
-    """The name and tooltip of a property: help, unit and source."""
+def _words(s: Setting) -> dict[str, Any]:
+    """The name and tooltip of a property: help and source."""
     description = _sentence(s.help)
-    if unit or s.source:
-        description += f" ({'; '.join(filter(None, (unit, s.source)))})"
+    if s.source:
+        description += f" ({s.source})"
     return {"name": s.label, "description": description}
 
 
@@ -336,8 +341,8 @@ def _items(entries: Iterable[Entry], own: Mapping[int, Entry]) -> list[tuple[str
     return [(*numbered[number], number) for number in sorted(numbered)]
 
 
-def _file(name: str, description: str, subtype: str = "FILE_PATH", **more: Any) -> Any:
-    return StringProperty(name=name, description=description, subtype=subtype, **more)
+def _file(name: str, description: str, subtype: str = "FILE_PATH") -> Any:
+    return StringProperty(name=name, description=description, subtype=subtype)
 
 
 def _trajectory_changed(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -345,7 +350,10 @@ def _trajectory_changed(self: bpy.types.PropertyGroup, context: bpy.types.Contex
 
 
 def register() -> None:
-    ICLNUIM_PG_settings.__annotations__ = {**properties_of_this_file(), **properties_of_a_preset()}
+    made = {**properties_of_this_file(), **properties_of_a_preset()}
+    for name in OF_THE_TRAJECTORY:
+        made[name].keywords["update"] = _trajectory_changed
+    ICLNUIM_PG_settings.__annotations__ = made
     bpy.utils.register_class(ICLNUIM_PG_settings)
     bpy.types.Scene.iclnuim = bpy.props.PointerProperty(type=ICLNUIM_PG_settings)
 

@@ -195,9 +195,10 @@ def _executed(
     function: Callable[..., None], operator: bpy.types.Operator, context: bpy.types.Context
 ) -> set[str]:
     work = current().work
-    if work.phase == "failed":  # the message belongs to the previous step
+    if not work.busy:  # the messages belong to the previous step
         work.phase = "idle"
         work.message = ""
+        work.notes.clear()
     try:
         function(operator, context)
     except IclnuimError as error:
@@ -229,10 +230,12 @@ def areas(kind: str) -> list[bpy.types.Area]:
     return found
 
 
-def redraw() -> None:
-    """Redraw every 3D view."""
+def redraw(kind: str = "") -> None:
+    """Redraw the regions of this kind in every 3D view, or all of them."""
     for area in areas("VIEW_3D"):
-        area.tag_redraw()
+        for region in area.regions:
+            if kind in ("", region.type):
+                region.tag_redraw()
 
 
 def _tick() -> float | None:
@@ -242,7 +245,7 @@ def _tick() -> float | None:
     """
     state = current()
     if state.work.poll():
-        redraw()
+        redraw("UI")
     if state.on_tick is not None:
         state.on_tick(state.work)
     if state.work.busy:

@@ -82,13 +82,8 @@ def show_estimate(positions_m: np.ndarray, reference_m: np.ndarray, error_m: np.
 
 
 def _key(scene: bpy.types.Scene) -> tuple:
-    made = {**properties.properties_of_this_file(), **properties.properties_of_a_preset()}
-    key = [scene.name, bpy.data.collections.get(COLLECTION, {}).get(SHOWN)]
-    for name, one in made.items():
-        if "update" in one.keywords:
-            value = getattr(scene.iclnuim, name)
-            key.append(value if isinstance(value, (str, float, bool)) else tuple(value))
-    return tuple(key)
+    values = [np.array(getattr(scene.iclnuim, n)).tolist() for n in properties.OF_THE_TRAJECTORY]
+    return scene.name, bpy.data.collections.get(COLLECTION, {}).get(SHOWN), *values
 
 
 def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
@@ -130,11 +125,11 @@ def _segments(values: np.ndarray) -> np.ndarray:
 
 def _frusta(poses: SE3, camera: PinholeCamera) -> np.ndarray:
     """(16 n, 3) end points of line segments: eight lines per camera."""
-    u = np.array([0, camera.width, camera.width, 0]) - 0.5
-    v = np.array([0, 0, camera.height, camera.height]) - 0.5
-    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)], -1)
-    corners = rays * _FRUSTUM_DEPTH_M
-    world = np.einsum("nij,kj->nki", poses.rotation, corners) + poses.translation[:, None]
+    u = [-0.5, camera.width - 0.5, camera.width - 0.5, -0.5]
+    v = [-0.5, -0.5, camera.height - 0.5, camera.height - 0.5]
+    rays = np.linalg.solve(camera.K, np.array([u, v, [1.0] * 4]))
+    corners = np.swapaxes(poses.rotation @ rays, 1, 2) * _FRUSTUM_DEPTH_M
+    world = corners + poses.translation[:, None]
     around = np.roll(world, -1, axis=1)
     eye = np.broadcast_to(poses.translation[:, None], world.shape)
     return np.stack([eye, world, world, around], 2).reshape(-1, 3)
