@@ -134,7 +134,7 @@ def table(settings: list[Setting], shared: list[str]) -> str:
         elif s.source:
             what += f" ({s.source})"
         number, more, _ = reach.partition(" or more")
-        reach = f"{number} {s.unit}{more}".strip()
+        reach = " ".join(filter(None, (number, s.unit, more.strip())))
         cells = (f"`{s.name}`", option, default, reach, what)
         rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows)
