@@ -10,7 +10,7 @@ from iclnuim.benchmark.experiments.best_methods import (
 )
 from iclnuim.benchmark.experiments.correlation import correlation_table
 from iclnuim.benchmark.experiments.findings import findings_table
-from iclnuim.benchmark.experiments.paper_figures import Ours, Printed, Where, ate_of
+from iclnuim.benchmark.experiments.paper_figures import Ours, Printed, Where, ate_of, paper
 from iclnuim.benchmark.experiments.paper_keys import NOISES, PaperKey, paper_titles
 from iclnuim.benchmark.experiments.stress_tables import Summary
 from iclnuim.benchmark.experiments.table import ResultTable, mm
@@ -142,10 +142,13 @@ def _rows(table: ResultTable) -> Rows:
 
 
 def verdicts(cells: PublishedCells) -> Rows:
-    """The findings with their verdicts."""
-    table = findings_table(cells.benchmark())
-    chosen = [table.columns.index(name) for name in ("no.", "finding", "verdict", "seeds")]
-    return [[row[k] for k in chosen] for row in _rows(table)]
+    """The findings with their verdicts, and with how many noise seeds each holds."""
+    decided = {row[0]: row[5:7] for row in findings_table(cells.benchmark()).rows}
+    rows = []
+    for finding in paper()["findings"]:
+        verdict = decided.get(str(finding["number"]), (NOT_MEASURED, "-"))
+        rows.append((finding["number"], finding["finding"], *verdict))
+    return words("no. | finding | verdict | holds with seeds", rows)
 
 
 def correlations(cells: PublishedCells) -> Rows:

@@ -55,13 +55,15 @@ def _times(ratio: float) -> str:
 
 
 def best_methods_table(results: Sequence[Measured]) -> ResultTable:
-    """A row for each condition: the best method, the next, and the worst."""
+    """A row for each condition with several methods: the best one, the next, and the worst."""
     rows = []
     for (room, noise), errors in errors_by_condition(results).items():
         ranked = means(errors)
+        if len(ranked) < 2:
+            continue
         best_m, best = ranked[0]
         places = []
-        for mean_m, name in (*ranked[1:2], *ranked[-1:]):
+        for mean_m, name in (ranked[1], ranked[-1]):
             places.append(f"{name}: {_times(mean_m / best_m)} times")
         sequences = len(errors[best])
         rows.append((f"{room.replace('_', ' ')}, {noise}", best, mm(best_m), *places, sequences))

@@ -21,7 +21,8 @@ MAX_BYTES = 60_000_000
 @dataclass(frozen=True)
 class Section:
     """A heading with a text and tables. part: "chart" or "cells", what the page's script draws
-    there. folded: each table opens with a click; open_first: the first one is open.
+    there. folded: each table opens with a click; open_first: the first one is open. picture: a
+    chart before the tables, as a data URI.
     """
 
     id: str
@@ -31,6 +32,7 @@ class Section:
     part: str = ""
     folded: bool = False
     open_first: bool = False
+    picture: str = ""
 
 
 @dataclass(frozen=True)

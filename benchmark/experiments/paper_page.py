@@ -3,6 +3,7 @@ error over time and heat map.
 """
 
 import base64
+import io
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ from .table import ResultTable
 
 #: Part of the page for pictures and films. Pictures beyond it are left out, those in colour first.
 _PICTURES = 52_000_000
+_DPI = 110
 _HEAT_TEXT = f"logarithmic: {HEAT_MM[0]:g} mm or less (blue) to {HEAT_MM[1]:g} mm or more (red)"
 
 
@@ -37,12 +39,15 @@ def write_report(
     """
     findings = [table for table in tables if table.name.startswith("findings")]
     correlations = [table for table in tables if table.name == "correlation"]
-    apart = {"cells", "correlation", *(table.name for table in findings)}
+    best = [table for table in tables if table.name == "best_methods" and table.rows]
+    apart = {"cells", *(table.name for table in (*best, *findings, *correlations))}
     others = [table for table in tables if table.name not in apart and has_ours(table)]
+    conditions = "Which method for which condition"
+    first = [Section("best", conditions, tables=best, picture=_accuracy(results))] if best else []
     page = Page(
         title="The ICL-NUIM benchmark, reproduced",
         lead=_about(out),
-        sections=_sections(findings, correlations, others),
+        sections=[*first, *_sections(findings, correlations, others)],
         tiles=_tiles(results, findings[0]),
         data=_data(results, films or {}),
         heat=_heat_gradient(),
@@ -66,12 +71,21 @@ def _sections(
     of_paper = "The findings of section VI"
     cells = Section("cells", "All cells", how, part="cells")
     sections = [
-        Section("findings", of_paper, missing, decided, "", True, open_first=True),
+        Section("findings", of_paper, missing, decided, folded=True),
         Section("main", question, tables=[t for t in correlations if t.rows], part="chart"),
         Section("tables", beside, tables=others, folded=True),
     ]
     whole = any(len(table.rows) == len(RULES) for table in decided)
     return [*sections, cells] if whole else [cells, *reversed(sections)]
+
+
+def _accuracy(results: Sequence[Measured]) -> str:
+    """The chart of the ATE of every method."""
+    from .accuracy_chart import figure
+
+    chart = io.BytesIO()
+    figure(results).savefig(chart, format="png", dpi=_DPI)
+    return _inline("image/png", chart.getvalue())
 
 
 def _about(out: Path) -> str:

@@ -242,6 +242,7 @@ def _films(
 
 def tables_of(results: "list[Measured]") -> list[ResultTable]:
     """All tables that are made from the measured cells."""
+    from iclnuim.benchmark.experiments.best_methods import best_methods_table
     from iclnuim.benchmark.experiments.correlation import correlation_table
     from iclnuim.benchmark.experiments.findings import findings_table
     from iclnuim.benchmark.experiments.paper_figures import presets_of
@@ -249,7 +250,8 @@ def tables_of(results: "list[Measured]") -> list[ResultTable]:
 
     findings = [findings_table(results, preset) for preset in presets_of(results)]
     *tables, cells = all_tables(results)
-    return [*tables, *findings, correlation_table(results), cells]
+    best = best_methods_table(results)
+    return [best, *tables, *findings, correlation_table(results), cells]
 
 
 def _text(tables: list[ResultTable]) -> str:

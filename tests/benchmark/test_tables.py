@@ -124,7 +124,7 @@ def test_the_command_makes_its_tables_again_to_the_byte(tmp_path, capsys):
         files.append({p.name: p.read_bytes() for p in (out / "tables").iterdir()})
         shown = json.loads(capsys.readouterr().out)
         assert len(shown["cells"]) == 16 and len(shown["tables"]["table_3"]["rows"]) == 30
-    assert files[0] == files[1] and len(files[0]) == 4 * 12
+    assert files[0] == files[1] and len(files[0]) == 4 * 13
 
 
 def test_what_is_missing_is_one_line(tmp_path, capsys):
@@ -193,5 +193,5 @@ def test_few_cells_fit_a_screen_and_what_was_not_measured_is_one_line(tmp_path, 
     page = (tmp_path / "whole/report.html").read_text()
     assert page.index('id="findings"') < page.index('id="tables"') < page.index('id="cells"')
     many = report_of(results(3)[:50], tmp_path / "many", capsys)
-    assert many.startswith("Table I: the trajectories") and "All cells" not in many
+    assert many.startswith("The method with the least") and "All cells" not in many
     assert "Table II:" in many and "Table VI:" not in many
