@@ -57,7 +57,7 @@ MAY_IMPORT = {
     "blender.child": f"{CORE} job worker_events dataset blender blender.render",
     "report": f"{CORE} console evaluation dataset",
     "raycast": f"{CORE} console channels dataset",
-    "ui": f"{CORE} job worker_events shipped sensor evaluation dataset postprocess "
+    "ui": f"{CORE} job worker_events shipped sensor evaluation dataset report "
     "blender blender.open blender.light blender.render",
 }
 LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"})

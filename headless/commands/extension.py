@@ -18,7 +18,7 @@ from ..options import action, subcommands
 
 _DATE = (2020, 1, 1, 0, 0, 0)
 #: Parts that the panel does not use: they need packages that Blender does not have.
-_LEFT_OUT = {"raycast", "report", "checkout.py", "__main__.py"}
+_LEFT_OUT = {"raycast", "checkout.py", "__main__.py"}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

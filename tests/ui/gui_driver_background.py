@@ -65,6 +65,17 @@ def hidden_things() -> list[str]:
     return [*hidden, bpy.context.scene.world.name]
 
 
+def in_millimetres(estimate: str, out: str) -> str:
+    """A copy of the estimate with positions in millimetres."""
+    lines = []
+    for line in Path(estimate).read_text().splitlines():
+        stamp, *position = line.split()[:4]
+        lines.append(" ".join([stamp, *(str(1e3 * float(v)) for v in position), *line.split()[4:]]))
+    file = Path(out, "millimetres.txt")
+    file.write_text("\n".join(lines))
+    return str(file)
+
+
 def in_an_older_blender(package) -> str:
     """What is said below Blender 4.2, which is simulated."""
     compat = importlib.import_module(MODULE + ".blender.compat")
@@ -177,6 +188,10 @@ def main(archive: str, out: str, estimate: str) -> dict:
     for name in ("evaluate", "plot"):
         button(name)
     found["evaluation"] = state.current().evaluation_lines
+    found["no_warning"] = state.current().evaluation_warnings
+    settings.estimate = in_millimetres(estimate, out)
+    button("evaluate", "evaluate millimetres")
+    found["warnings"] = state.current().evaluation_warnings
     found["images"] = sorted(
         image.name for image in bpy.data.images if image.name.startswith("ICL-NUIM")
     )

@@ -77,7 +77,6 @@ def test_scenes_trajectories_and_code_are_in_the_zip(archive, repository):
         "odometry",
         "fusion",
         "raycast",
-        "report",
         "checkout.py",
         "__main__.py",
     }
@@ -193,6 +192,11 @@ def test_a_path_through_a_wall_is_warned_of_and_one_inside_the_room_is_not(drive
 def test_evaluation_is_shown_in_words_and_as_a_picture(driven):
     assert "ATE rmse 10.000 mm" in driven["evaluation"][0]
     assert driven["images"] == ["ICL-NUIM error", "ICL-NUIM preview"]
+
+
+def test_a_bad_estimate_is_explained_as_by_the_command(driven):
+    assert driven["no_warning"] == []
+    assert "it may be in millimetres" in driven["warnings"][0]
 
 
 def test_the_panel_knows_whether_the_cache_holds_the_light_of_somebodys_own_file(driven):

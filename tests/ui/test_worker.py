@@ -108,9 +108,7 @@ def test_sequences_of_other_noise_are_refused_before_the_first_frame(tmp_path, b
     def sequences(seed: int) -> dict:
         return {
             "formats": ["tum"],
-            "variants": {
-                str(tmp_path / "noisy"): {"depth": "released", "rgb": "none", "seed": seed}
-            },
+            "variants": {str(tmp_path / "noisy"): {"depth_noise": "released", "seed": seed}},
         }
 
     out = tmp_path / "run"

@@ -11,21 +11,18 @@ import numpy as np
 
 from ..channels import DEPTH, RGB
 from ..errors import InputError
-from ..formats.depth_units import UNITS_PER_METRE
 from ..formats.files import locked
 from ..formats.images import read_colour8
-from ..sensor.models import depth_model, rgb_model
 from ..sensor.transfer import srgb8
 from .frame_pool import FramePool, cores, keep_freed_memory
 from .frame_source import FrameSource
 from .journal import JournalEntry
-from .name_forms import SORTED
 from .run_folder import RunFolder
 from .run_frames import frames_of_run
 from .sequence_folder import SequenceFolder, WrittenSequence
 from .sequence_formats import sequence_format
 from .sequence_images import Frame, SequenceImages
-from .sequence_options import SequenceSettings
+from .sequence_options import SequenceOptions, SequenceSettings
 from .stored_images import read_depth_m
 
 
@@ -181,19 +178,12 @@ def writer_of(run: RunFolder, numbers: Iterable[int], wanted: dict) -> SequenceW
     """The writer of sequences of a run's frames, which may not be rendered yet. Folders and recipes
     are made now.
 
-    `wanted`, as a worker receives it: {"formats": [format, ...], "variants": {FOLDER: {"depth":
-    model, "rgb": model, "seed": n, "depth_units": units per metre, default 5000, "names": form,
-    default sorted}}}. Raises InputError, WorkError.
+    `wanted`, as a worker receives it: {"formats": [format, ...], "variants": {FOLDER: settings of
+    SequenceOptions}}. Raises InputError, WorkError.
     """
     sequences = {}
-    for folder, variant in wanted["variants"].items():
-        sequences[Path(folder)] = SequenceSettings(
-            depth_model(variant["depth"]),
-            rgb_model(variant["rgb"]),
-            variant["seed"],
-            variant.get("depth_units", UNITS_PER_METRE),
-            variant.get("names", SORTED),
-        )
+    for folder, options in wanted["variants"].items():
+        sequences[Path(folder)] = SequenceOptions.from_dict(options).sequence_settings()
     return SequenceWriter(frames_of_run(run, numbers), sequences, wanted["formats"])
 
 

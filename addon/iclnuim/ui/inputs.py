@@ -5,6 +5,7 @@ look up the light map in the cache.
 import os
 import platform
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -19,10 +20,16 @@ from ..errors import IclnuimError, InputError, WorkError
 from ..formats import exr, png
 from ..formats.files import make_folder, process_is_running, sha256
 from ..formats.libraries import first_library
-from ..formats.trajectories import read_trajectory, trajectory_text, write_trajectory
+from ..formats.trajectories import (
+    LoadedTrajectory,
+    ReadAs,
+    read_trajectory,
+    trajectory_text,
+    write_trajectory,
+)
 from ..geometry import axes
 from ..geometry.se3 import SE3
-from ..geometry.trajectory import Trajectory, adopt
+from ..geometry.trajectory import adopt
 from ..job import RenderJob
 from ..shipped import SCENES, TRAJECTORIES
 from . import state
@@ -33,31 +40,32 @@ DEFAULT_OUT = "//iclnuim"
 _FRESH_S = 1.0
 
 
-def trajectory(context: bpy.types.Context) -> tuple[Trajectory, str]:
-    """The chosen trajectory, scaled and moved, and a sentence that describes how its file was read.
-
-    Raises InputError.
-    """
+def trajectory(context: bpy.types.Context) -> LoadedTrajectory:
+    """The chosen trajectory, scaled and moved. Raises InputError."""
     check_trajectory(context)
     settings = context.scene.iclnuim
     if settings.trajectory_source == "CAMERA":
-        loaded = camera.trajectory(context.scene)
-        sentence = "; ".join(["the active camera's animation", *camera_notes(context.scene)])
+        loaded = _animation(context.scene)
     elif settings.trajectory_source == "FILE":
-        file = read_trajectory(bpy.path.abspath(settings.trajectory_file))
-        loaded = file.trajectory
-        sentence = file.read_as.sentence
+        loaded = read_trajectory(bpy.path.abspath(settings.trajectory_file))
     else:
-        sentence = _shipped_name(settings)
-        loaded = read_trajectory(shipped.trajectory_file(sentence)).trajectory
+        loaded = read_trajectory(shipped.trajectory_file(_shipped_name(settings)))
     if settings.scale == 1.0 and not settings.use_start:
-        return loaded, sentence
-    start = loaded.T_world_camera[0]
+        return loaded
+    start = loaded.trajectory.T_world_camera[0]
     if settings.use_start:
         rotation = np.array(mathutils.Euler(settings.start_rotation).to_matrix(), float)
         pose = SE3.from_matrix(np.c_[rotation, np.array(settings.start_location, float)])
         start = axes.world_cv_from_world_blender(pose)
-    return adopt(loaded, start, round(settings.scale, 6)), sentence
+    moved = adopt(loaded.trajectory, start, round(settings.scale, 6))
+    return replace(loaded, trajectory=moved)
+
+
+def _animation(scene: bpy.types.Scene) -> LoadedTrajectory:
+    poses = camera.trajectory(scene)
+    sentence = "; ".join(["the active camera's animation", *camera_notes(scene)])
+    read_as = ReadAs("tum", "right-handed", "world", sentence)
+    return LoadedTrajectory(poses, read_as, np.arange(len(poses)), len(poses))
 
 
 def check_trajectory(context: bpy.types.Context) -> None:
@@ -195,7 +203,7 @@ def _trajectory_for(
     plain = settings.scale == 1.0 and not settings.use_start
     if plain and settings.trajectory_source in TRAJECTORIES:
         return _shipped_name(settings)
-    poses, _ = trajectory(context)
+    poses = trajectory(context).trajectory
     path = out / f"trajectory_{sha256(trajectory_text(poses, 'tum').encode())[:8]}.txt"
     make_folder(out, "another {out}")
     if not path.is_file():

@@ -20,11 +20,11 @@ from ..dataset.sequence_options import SequenceOptions, noisy_images
 from ..errors import InputError, WorkError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
 from ..evaluation.align import AlignmentSettings
-from ..evaluation.relative_error import RelativeErrorSettings, parse_delta
+from ..evaluation.relative_error import RelativeErrorSettings, parse_delta, relative_error
 from ..formats.trajectories import read_trajectory, write_trajectory
 from ..geometry.trajectory import frame_rate_hz, frame_slice
 from ..job import RenderJob
-from ..postprocess import absolute_trajectory_error, relative_pose_error
+from ..report.trajectory_report import ComparedFile, Report
 from . import image_editor, inputs, pictures, state, trajectory_view
 from .state import operator
 
@@ -37,7 +37,7 @@ PLOT = "ICL-NUIM error"
 def keyframe(self: Operator, context: Context) -> None:
     """Keyframe a camera along the trajectory. Frame i of the timeline has exactly pose i"""
     scene = context.scene
-    chosen, _ = inputs.trajectory(context)
+    chosen = inputs.trajectory(context).trajectory
     lens = scene.iclnuim.camera()
     old = bpy.data.objects.get(keyed_camera.NAME)
     if scene.iclnuim.trajectory_source != "CAMERA" and old is not None:
@@ -81,9 +81,9 @@ def save_path(self: Operator, context: Context) -> None:
     down, z forward
     """
     file = Path(bpy.path.abspath(self.filepath)).expanduser().resolve()
-    poses, sentence = inputs.trajectory(context)
+    poses = inputs.trajectory(context).trajectory
     write_trajectory(file.with_suffix(file.suffix or ".txt"), poses, "tum")
-    state.current().work.message = f"{len(poses)} poses of {sentence} were written to {file.name}"
+    state.current().work.message = f"{len(poses)} poses were written to {file.name}"
 
 
 @operator("Bake Light", state.idle, inputs.check_scene)
@@ -123,7 +123,7 @@ def render(self: Operator, context: Context) -> None:
     if self.directory:
         settings.out = self.directory
     out = inputs.output_folder(settings)
-    numbers = list(frame_slice(settings.frames, len(inputs.trajectory(context)[0])))
+    numbers = list(frame_slice(settings.frames, len(inputs.trajectory(context).trajectory)))
     _render(inputs.job(context, out), out, numbers, settings.sequences(out))
 
 
@@ -170,8 +170,8 @@ def preview(self: Operator, context: Context) -> None:
     """
     settings = context.scene.iclnuim
     folder = Path(tempfile.mkdtemp(dir=state.user_folder("preview")))
-    chosen = inputs.trajectory(context)[0]
-    number = min(inputs.current_pose(context), len(chosen) - 1)
+    count = len(inputs.trajectory(context).trajectory)
+    number = min(inputs.current_pose(context), count - 1)
     options = SequenceOptions(**settings.values_of(SequenceOptions))
     sensor = options.sequence_settings()
     job = inputs.job(context, folder)
@@ -191,7 +191,7 @@ def preview(self: Operator, context: Context) -> None:
 
 
 def _mm(metres: float) -> str:
-    return f"{1000 * metres:.3f}"
+    return f"{1000 * metres:.3f} mm"
 
 
 def _estimate(context: Context) -> str:
@@ -209,23 +209,24 @@ def evaluate(self: Operator, context: Context) -> None:
     """
     settings = context.scene.iclnuim
     panel = state.current()
-    estimated = read_trajectory(_estimate(context))
-    estimate = estimated.trajectory
     if settings.truth:
         reference = read_trajectory(bpy.path.abspath(settings.truth))
-        reference, estimated = tied_to_poses(reference, estimated)
-        truth, estimate = reference.trajectory, estimated.trajectory
     else:
-        truth = inputs.trajectory(context)[0]
+        reference = inputs.trajectory(context)
+    reference, estimate = tied_to_poses(reference, read_trajectory(_estimate(context)))
     alignment = AlignmentSettings(**settings.values_of(AlignmentSettings))
-    ate = absolute_trajectory_error(truth, estimate, AbsoluteErrorSettings(alignment=alignment))
-    rpe = relative_pose_error(truth, estimate, RelativeErrorSettings(*parse_delta(settings.delta)))
-    panel.evaluation = ate
+    over = RelativeErrorSettings(*parse_delta(settings.delta))
+    rpe = relative_error(reference.trajectory, estimate.trajectory, over)
+    files = ComparedFile("ground truth", reference), ComparedFile(settings.estimate, estimate)
+    report = Report.of(*files, AbsoluteErrorSettings(alignment=alignment))
+    assert isinstance(report.result, AbsoluteError)
+    ate = panel.evaluation = report.result
+    panel.evaluation_warnings = report.warnings
     position = ate.translation_m
-    rmse, median, maximum = (_mm(m) for m in (position.rmse, position.median, position.max))
-    drift = f"{_mm(rpe.translation_m.rmse)} mm, {rpe.rotation_deg.rmse:.3f} deg"
+    drift = f"{_mm(rpe.translation_m.rmse)}, {rpe.rotation_deg.rmse:.3f} deg"
     panel.evaluation_lines = [
-        f"ATE rmse {rmse} mm, median {median}, max {maximum}",
+        f"ATE rmse {_mm(position.rmse)}",
+        f"median {_mm(position.median)}, max {_mm(position.max)}",
         f"rotation rmse {ate.rotation_deg.rmse:.3f} deg",
         f"RPE over {settings.delta}: {drift}",
         f"{len(ate.stamps_s)} pairs, {100 * ate.completeness.coverage:.0f} % of the ground truth",

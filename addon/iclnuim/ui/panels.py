@@ -239,8 +239,11 @@ def evaluate(layout: UILayout, settings: PropertyGroup, context: Context) -> Non
     row = layout.row(align=True)
     row.operator("iclnuim.evaluate", icon="VIEWZOOM")
     row.operator("iclnuim.plot", icon="FCURVE")
-    for line in state.current().evaluation_lines:
+    panel = state.current()
+    for line in panel.evaluation_lines:
         _text(layout, context, line)
+    for line in panel.evaluation_warnings:
+        _text(layout, context, line, "ERROR")
 
 
 _PANELS = (main, scene, trajectory, camera, light, sensor, output, formats, channels, evaluate)

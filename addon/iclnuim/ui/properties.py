@@ -230,17 +230,12 @@ class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
         if not options.formats:
             hint = "switching Clean and Noisy off"
             raise InputError("one or more", setting="formats", found="none", hint=hint)
-        rest = {
-            "seed": options.seed,
-            "depth_units": options.depth_units,
-            "names": options.names,
-        }
         variants = {}
         if self.write_clean:
-            variants[str(out / "clean")] = {"depth": "none", "rgb": "none", **rest}
+            clean = options.changed(depth_noise="none", rgb_noise="none")
+            variants[str(out / "clean")] = clean.to_dict()
         if self.write_noisy:
-            noise = {"depth": options.depth_noise, "rgb": options.rgb_noise}
-            variants[str(out / "noisy")] = {**noise, **rest}
+            variants[str(out / "noisy")] = options.to_dict()
         return {"formats": list(options.formats), "variants": variants}
 
 

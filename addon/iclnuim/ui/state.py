@@ -41,6 +41,7 @@ class PanelState:
     trajectory_key: tuple = ()
     evaluation: AbsoluteError | None = None
     evaluation_lines: list[str] = field(default_factory=list)
+    evaluation_warnings: list[str] = field(default_factory=list)
     shapes: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     batches: dict[str, list] = field(default_factory=dict)
     draw_handle: Any = None

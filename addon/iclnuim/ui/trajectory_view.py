@@ -36,15 +36,16 @@ def refresh(context: bpy.types.Context) -> None:
     panel.trajectory_key = _key(context.scene)
     panel.trajectory_warning = ""
     try:
-        chosen, sentence = inputs.trajectory(context)
+        loaded = inputs.trajectory(context)
     except IclnuimError as error:
         panel.trajectory_lines = []
         panel.trajectory_warning = error.worded(panel.work.name_of)
         panel.shapes = {name: shape for name, shape in panel.shapes.items() if name == "estimate"}
         return
+    chosen = loaded.trajectory
     s = trajectory_statistics(chosen)
     panel.trajectory_lines = [
-        sentence,
+        loaded.read_as.sentence,
         f"{s.frames} poses, {s.length_m:.2f} m in {s.duration_s:.1f} s",
         f"speed {s.mean_speed:.3f} m/s, max {s.max_speed:.2f} m/s",
         f"rotation {s.mean_rotation_rate:.1f} deg/s, max {s.max_rotation_rate:.0f} deg/s",
