@@ -14,8 +14,8 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
-from iclnuim.blender import surfaces  # noqa: E402
-from iclnuim.blender.open import displacement, light_choice, motion, scene  # noqa: E402
+from iclnuim.blender import compat, surfaces  # noqa: E402
+from iclnuim.blender.open import displacement, light_choice, motion, preflight, scene  # noqa: E402
 from iclnuim.blender.render import camera  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry import scene_axes  # noqa: E402
@@ -331,6 +331,20 @@ def test_a_coloured_scan_shows_its_colours(tmp_path):
     notes = opened(tmp_path / "scan.ply")
     assert any("colours of their vertices" in note for note in notes)
     assert bpy.context.scene.objects[0].material_slots[0].material is not None
+
+
+def test_what_the_author_draws_over_the_image_is_named_as_left_out(room):
+    opened(room)
+    scene = bpy.context.scene
+    assert not any("left out" in note for note in preflight.findings(baked=False))
+    scene.render.use_freestyle = True
+    if hasattr(scene, "compositing_node_group"):
+        scene.compositing_node_group = bpy.data.node_groups.new("over", "CompositorNodeTree")
+    else:
+        scene.use_nodes = True
+    assert "Freestyle lines: left out" in "".join(preflight.findings(baked=False))
+    compat.compositor(scene).nodes.new("CompositorNodeGlare")
+    assert "lines and effects of the compositor: left" in "".join(preflight.findings(baked=False))
 
 
 def test_what_moves_leads_to_path_tracing_with_a_word(room):

@@ -92,6 +92,13 @@ def volume_outputs() -> list[bpy.types.Node]:
     return found
 
 
+def compositor(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
+    """The compositor's nodes; from 5.0 on they are a group."""
+    if hasattr(scene, "compositing_node_group"):
+        return scene.compositing_node_group
+    return scene.node_tree if scene.use_nodes else None
+
+
 def unlink(socket: bpy.types.NodeSocket) -> None:
     """Remove all links of an input or output."""
     for link in list(socket.links):

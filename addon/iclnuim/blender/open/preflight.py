@@ -1,9 +1,11 @@
 """Checks of the open scene before rendering: properties that affect depth or colour."""
 
+from collections.abc import Iterator
+
 import bpy
 import numpy as np
 
-from .. import surfaces
+from .. import compat, surfaces
 from ..notes import names_of
 from .motion import moving_names
 
@@ -45,9 +47,20 @@ def _settings_notes(scene: bpy.types.Scene) -> list[str]:
     if not is_linear or view.exposure != 0 or view.gamma != 1:
         settings = f"{transform}, exposure {view.exposure:g}, gamma {view.gamma:g}"
         notes.append(f"{settings}: not applied, frames contain scene-linear RGB")
+    if drawn := [name for name, is_on in _drawn_over(scene) if is_on]:
+        notes.append(f"{' and '.join(drawn)}: left out, frames contain what Cycles renders")
     if (exposure := scene.cycles.film_exposure) != 1:
         notes.append(f"film exposure {exposure:g}: not applied, 1 is the light of the scene")
     return notes
+
+
+def _drawn_over(scene: bpy.types.Scene) -> Iterator[tuple[str, bool]]:
+    """What may change the image of Cycles, and whether it does: nodes beside input and output."""
+    yield "Freestyle lines", scene.render.use_freestyle
+    tree = compat.compositor(scene)
+    kinds = {node.type for node in tree.nodes} if tree else set()
+    effects = kinds - {"R_LAYERS", "COMPOSITE", "GROUP_OUTPUT", "VIEWER", "REROUTE", "FRAME"}
+    yield "effects of the compositor", scene.render.use_compositing and bool(effects)
 
 
 def _material_notes(baked: bool) -> list[str]:
