@@ -333,6 +333,15 @@ def test_a_coloured_scan_shows_its_colours(tmp_path):
     assert bpy.context.scene.objects[0].material_slots[0].material is not None
 
 
+def test_a_file_that_was_saved_in_edit_mode_keeps_its_uv_maps(tmp_path):
+    bpy.ops.wm.read_factory_settings()  # with the cube
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "edited.blend"))
+    opened(tmp_path / "edited.blend")
+    mesh = bpy.data.objects["Cube"].data
+    assert len(mesh.uv_layers[0].data) == len(mesh.loops) > 0
+
+
 def test_what_the_author_draws_over_the_image_is_named_as_left_out(room):
     opened(room)
     scene = bpy.context.scene

@@ -98,6 +98,7 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
         scene.frame_end = run.poses - 1
     _with_background_sets(scene)
     _look_at_rendered_layer(scene)
+    _leave_edit_mode(scene.view_layers[0])
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
         raise InputError("a scene with at least one surface", path=path, found=[*notes, "none"][0])
     notes += _without_grease_pencil()
@@ -192,3 +193,11 @@ def _look_at_rendered_layer(scene: bpy.types.Scene) -> None:
     if getattr(layer, "world_override", None):  # from Blender 4.4 on
         scene.world = layer.world_override
         layer.world_override = None
+
+
+def _leave_edit_mode(layer: bpy.types.ViewLayer) -> None:
+    """A mesh that was edited when its file was saved has no UV maps until it is left."""
+    for thing in layer.objects:
+        if thing.mode == "EDIT":
+            layer.objects.active = thing
+            bpy.ops.object.mode_set(mode="OBJECT")
