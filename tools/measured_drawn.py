@@ -1,8 +1,10 @@
 """The tables and sentences of docs/measured that are drawn from measured cells."""
 
+import csv
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 from statistics import geometric_mean, mean, median
 
 from iclnuim.benchmark.experiments.best_methods import (
@@ -29,6 +31,7 @@ _STRESS_TITLES = {"run:fovis": "FOVIS", "run:dvo": "DVO", "run:orbslam3": "ORB-S
 _OURS = ("fovis", "rgbd", "dvo", "icp", "icp_rgbd")
 #: The columns of our figures next to the printed ones.
 _PRINTED = " | ".join(f"{kt} | printed" for kt in TRAJECTORY_NAMES)
+_MEASURED = Path(__file__).resolve().parents[1] / "docs/measured"
 Drawn = Callable[[PublishedCells], Rows]
 
 
@@ -300,6 +303,21 @@ def learned_light(cells: PublishedCells) -> Rows:
     return [row[:5] for row in rows if row[0].startswith(("light", "baked"))]
 
 
+def loaders(cells: PublishedCells) -> Rows:
+    """The rows that tools/loaders.py has stored."""
+    rows = []
+    with (_MEASURED / "loaders.csv").open(newline="") as file:
+        for row in csv.DictReader(file):
+            figures = [_one_digit(row[name]) for name in ("poses", "camera", "depth_units")]
+            name = f"{row['loader']} `{row['commit']}`"
+            rows.append((name, f"`{row['format']}`", row["frames"], row["order"], *figures))
+    return words("loader | format | frames | in order | poses | camera, px | depth, units", rows)
+
+
+def _one_digit(figure: str) -> str:
+    return f"{float(figure):.1g}" if figure else "not read"
+
+
 DRAWN: dict[str, Drawn] = {
     "odometry-ate": accuracy,
     "odometry-paper": authors,
@@ -315,4 +333,5 @@ DRAWN: dict[str, Drawn] = {
     "learned-noise": learned_noise,
     "learned-orbslam3": learned_orbslam3,
     "learned-light": learned_light,
+    "formats-loaders": loaders,
 }

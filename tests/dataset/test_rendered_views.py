@@ -9,13 +9,17 @@ import types
 
 import numpy as np
 import pytest
-from iclnuim import ViewSettings, view_errors
+from iclnuim import ViewSettings, frames_from, view_errors
 from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.rendered_views import read_keyframes
+from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.errors import InputError
 from iclnuim.formats.images import read_colour8, write_array, write_jpeg
 from iclnuim.formats.png import read_depth16, write_png
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
 
 
 @pytest.fixture
@@ -156,3 +160,38 @@ def test_lpips_is_given_images_between_minus_one_and_one(views, monkeypatch):
     monkeypatch.setitem(sys.modules, "lpips", package)
     assert view_errors(out, truth).mean()["lpips"] == 0.25
     assert given[0][1].shape == (1, 3, 48, 64) and -1 <= given[0][1].min() < given[0][1].max() <= 1
+
+
+def test_training_and_judging_need_the_files_alone(tmp_path, command_here):
+    """A training program for transforms.json, here one that shows for each test view the nearest
+    training image, is judged by the names that the file has for the test.
+    """
+    level = np.linspace(0, 1, 12 * 16).reshape(12, 16, 1) * np.ones(3)
+
+    def load(number):
+        return (level * number / 20).astype(np.float32), np.full((12, 16), 2, np.float32)
+
+    positions = np.stack([np.arange(17) / 10, np.zeros(17), np.zeros(17)], 1)
+    poses = SE3(np.tile(np.eye(3), (17, 1, 1)), positions)
+    camera = PinholeCamera(16, 12, 9.0, 9.0, 7.5, 5.5)
+    source = frames_from(camera, Trajectory.at_rate(poses), load)
+    write_sequence(source, tmp_path / "nerf", formats=("nerf",), workers=1)
+    content = json.loads((tmp_path / "nerf/transforms.json").read_text())
+    place = {}
+    for frame in content["frames"]:
+        place[frame["file_path"]] = np.array(frame["transform_matrix"])[:3, 3]
+    (tmp_path / "rendered/images").mkdir(parents=True)
+    for name in content["test_filenames"]:
+
+        def distance_m(other, name=name):
+            return np.linalg.norm(place[other] - place[name])
+
+        nearest = min(content["train_filenames"], key=distance_m)
+        shutil.copy(tmp_path / "nerf" / nearest, tmp_path / "rendered" / name)
+    judged = ("evaluate", "views", tmp_path / "rendered", "--truth", tmp_path / "nerf")
+    code, said, notes = command_here(*judged, "--no-lpips", "--json")
+    assert code == 0, notes
+    found = json.loads(said)
+    assert found["views"] == len(content["test_filenames"]) == 3
+    assert len(found["missing"]) == len(content["train_filenames"]) == 14
+    assert 20 < found["all"]["psnr_db"] < 40

@@ -76,6 +76,36 @@ def test_every_file_is_read_and_has_the_camera(written, name):
         assert 6553.5 in found
 
 
+def test_files_have_what_the_systems_require_and_inherit_from_nowhere(written):
+    """Point-SLAM reads two keys that its file for Replica does not have, OKVIS2 stops at the first
+    number that is missing, by OpenCV's reader.
+    """
+    cv2 = pytest.importorskip("cv2")
+    text = filled(system_files("point-slam"), written / "replica")["point-slam.yaml"]
+    content = yaml.safe_load(text)
+    assert content["config_path"] == str(written / "replica/point-slam.yaml")
+    assert content["scene"] == "replica" and content["meshing"] == {"eval_rec": False}
+    text = filled(system_files("okvis2"), written / "euroc")["okvis2.yaml"]
+    storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+    camera = storage.getNode("cameras").at(0)
+    assert [camera.getNode("focal_length").at(k).real() for k in range(2)] == [48.5, 47.25]
+    assert camera.getNode("T_SC").size() == storage.getNode("imu_parameters").getNode("T_BS").size()
+    groups = {
+        "camera_parameters": "timestamp_tolerance image_delay sync_cameras online_calibration",
+        "imu_parameters": "use a_max g_max sigma_g_c sigma_bg sigma_a_c sigma_ba sigma_gw_c "
+        "sigma_aw_c a0 g0 g",
+        "frontend_parameters": "detection_threshold absolute_threshold matching_threshold octaves "
+        "max_num_keypoints keyframe_overlap use_cnn parallelise_detection num_matching_threads",
+        "estimator_parameters": "num_keyframes num_loop_closure_frames num_imu_frames "
+        "do_loop_closures do_final_ba enforce_realtime realtime_min_iterations "
+        "realtime_max_iterations realtime_time_limit realtime_num_threads full_graph_iterations "
+        "full_graph_num_threads",
+        "output_parameters": "display_matches display_overhead",
+    }
+    for group, names in groups.items():
+        assert set(names.split()) <= set(storage.getNode(group).keys())
+
+
 def test_there_is_a_file_for_each_system():
     wanted = (
         "nice-slam co-slam eslam point-slam splatam monogs mast3r-slam droid-slam okvis2 "

@@ -78,9 +78,15 @@ def test_what_is_needed_is_in_it_and_nothing_of_the_checkout_alone(wheel, reposi
         "benchmark/experiments/page.html",
     }
     shipped |= {"headless/farm/iclnuim.def", "headless/farm/flamenco/iclnuim.js"}
-    systems = repository / "benchmark/systems"
-    data = [path for ending in ("*.toml", "drivers/*") for path in systems.glob(ending)]
-    shipped |= {f"benchmark/systems/{path.relative_to(systems)}" for path in data}
+    for folder, ending, name in (
+        ("benchmark/systems", "*.toml", "benchmark/systems"),
+        ("benchmark/systems/drivers", "*", "benchmark/systems/drivers"),
+        ("headless/settings", "*.toml", "headless/settings"),
+        ("addon/iclnuim/dataset/classes", "*.csv", "dataset/classes"),
+    ):
+        files = list((repository / folder).glob(ending))
+        assert files
+        shipped |= {f"{name}/{path.name}" for path in files}
     shipped |= {
         f"blend/{path.relative_to(repository / 'blend')}"
         for path in (repository / "blend").glob("*.blend")

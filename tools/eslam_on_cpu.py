@@ -1,0 +1,119 @@
+"""ESLAM on the CPU, with the settings file of `iclnuim settings eslam`, fewer iterations and pixels.
+
+    iclnuim convert out/living_room/kt2/clean kt2 --frames :20 --format replica
+    iclnuim settings eslam kt2
+    python tools/eslam_on_cpu.py out/loaders/code/ESLAM kt2 estimate.txt
+    iclnuim evaluate ate estimate.txt kt2
+
+Its code is unchanged (tools/loaders.py fetches it). Stand-ins: the two functions of PyTorch3D that
+it calls, and the mesh, which is not made.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import types
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import yaml
+
+#: What differs from its own settings for Replica.
+_CHANGED = {
+    "device": "cpu",
+    "keyframe_device": "cpu",
+    "tracking": {"pixels": 1000},
+    "mapping": {"pixels": 1000, "iters_first": 100},
+}
+_OPENGL = np.diag([1.0, -1, -1, 1])
+
+
+def quaternion_to_matrix(wxyz: torch.Tensor) -> torch.Tensor:
+    """(n, 4) of any length -> (n, 3, 3)."""
+    w, x, y, z = torch.unbind(wxyz, -1)
+    rows = (
+        *(w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        *(2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
+        *(2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z),
+    )
+    squared = (wxyz * wxyz).sum(-1)
+    return (torch.stack(rows, -1) / squared[:, None]).reshape(-1, 3, 3)
+
+
+def matrix_to_quaternion(matrices: torch.Tensor) -> torch.Tensor:
+    """(n, 3, 3) -> (n, 4) w, x, y, z, of which the largest is positive: the eigenvector of the
+    largest eigenvalue (Bar-Itzhack, 2000).
+    """
+    a, b, c = torch.unbind(torch.diagonal(matrices, dim1=1, dim2=2), -1)
+    upper = matrices[:, (0, 0, 1), (1, 2, 2)]
+    lower = matrices[:, (1, 2, 2), (0, 0, 1)]
+    xy, xz, yz = torch.unbind(lower + upper, -1)
+    wz, wy, wx = torch.unbind((lower - upper) * torch.tensor([1, -1, 1]), -1)
+    rows = (
+        *(a + b + c, wx, wy, wz),
+        *(wx, a - b - c, xy, xz),
+        *(wy, xy, b - a - c, yz),
+        *(wz, xz, yz, c - a - b),
+    )
+    vectors = torch.linalg.eigh(torch.stack(rows, -1).reshape(-1, 4, 4))[1][:, :, -1]
+    largest = vectors.gather(1, vectors.abs().argmax(1, keepdim=True))
+    return vectors * largest.sign()
+
+
+class NoMesh:
+    """In place of its Mesher."""
+
+    def __init__(self, *given: Any) -> None:
+        pass
+
+    def get_mesh(self, *given: Any) -> None:
+        pass
+
+
+def _stand_in(name: str, **content: Any) -> None:
+    module = types.ModuleType(name)
+    vars(module).update(content)
+    sys.modules[name] = module
+
+
+_stand_in("pytorch3d")
+_stand_in(
+    "pytorch3d.transforms",
+    matrix_to_quaternion=matrix_to_quaternion,
+    quaternion_to_matrix=quaternion_to_matrix,
+)
+_stand_in("src.utils.Mesher", Mesher=NoMesh)
+_stand_in("src.tools.cull_mesh", cull_mesh=lambda *given, **named: None)
+torch.set_num_threads(1)
+torch.manual_seed(0)
+
+
+def main(code: Path, sequence: Path, estimate: Path) -> None:
+    """Run it, and write its trajectory: one 4 x 4 matrix a frame."""
+    from iclnuim.formats.trajectories import write_trajectory
+    from iclnuim.geometry.se3 import SE3
+    from iclnuim.geometry.trajectory import Trajectory, stamps_of_frames
+
+    out = estimate.resolve().with_suffix("")
+    estimate = estimate.resolve()
+    settings = out.with_suffix(".yaml")
+    named = {"inherit_from": str(sequence.resolve() / "eslam.yaml"), "data": {"output": str(out)}}
+    settings.write_text(yaml.safe_dump({**named, **_CHANGED}))
+    os.chdir(code)
+    sys.path.insert(0, str(code.resolve()))
+    from src import config
+    from src.ESLAM import ESLAM
+
+    given = types.SimpleNamespace(input_folder=None, output=None)
+    ESLAM(config.load_config(settings, "configs/ESLAM.yaml"), given).run()
+    last = max((out / "ckpts").glob("*.tar"))
+    poses = torch.load(last, map_location="cpu", weights_only=False)["estimate_c2w_list"]
+    T = SE3.from_matrix(poses.numpy().astype(float) @ _OPENGL)
+    write_trajectory(estimate, Trajectory(stamps_of_frames(np.arange(len(T))), T), "replica")
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:]))
