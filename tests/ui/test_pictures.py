@@ -18,12 +18,19 @@ def test_pixels_without_depth_are_black_and_others_are_not():
 
 
 def test_a_frame_picture_holds_both_images_clean_above_noisy_each_below_its_title():
-    rgb, z = np.full((4, 120, 3), 100, np.uint8), np.ones((4, 120))
-    picture = pictures.frame_picture(rgb, z, rgb + 50, np.zeros((4, 120)))
-    clean, above, noisy, below = np.split(picture, [24, 28, 52])
-    assert (above[:, :120] == 100).all()
-    assert (below[:, :120] == 150).all() and (below[:, 120:] == 0).all()
-    assert clean.min() < 100 and not np.array_equal(clean, noisy)
+    for width, title in ((64, 11), (320, 22), (640, 44)):
+        rgb, z = np.full((4, width, 3), 100, np.uint8), np.ones((4, width))
+        picture = pictures.frame_picture(rgb, z, rgb + 50, np.zeros((4, width)))
+        clean, above, noisy, below = np.split(picture, [title, title + 4, 2 * title + 4])
+        assert (above[:, :width] == 100).all()
+        assert (below[:, :width] == 150).all() and (below[:, width:] == 0).all()
+        assert clean.min() < 100 and not np.array_equal(clean, noisy)
+
+
+def test_a_title_of_a_depth_image_is_no_wider_than_the_image():
+    rgb, z = np.full((4, 160, 3), 100, np.uint8), np.full((4, 160), 12.34)
+    title = pictures.frame_picture(rgb, z, rgb, z)[:11]
+    assert title[:, -4:].min() == 255
 
 
 def test_a_picture_of_a_frame_without_any_depth_is_made():

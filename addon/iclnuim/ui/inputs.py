@@ -49,7 +49,9 @@ def trajectory(context: bpy.types.Context) -> LoadedTrajectory:
     elif settings.trajectory_source == "FILE":
         loaded = read_trajectory(bpy.path.abspath(settings.trajectory_file))
     else:
-        loaded = read_trajectory(shipped.trajectory_file(_shipped_name(settings)))
+        name = _shipped_name(settings)
+        loaded = read_trajectory(shipped.trajectory_file(name))
+        loaded = replace(loaded, read_as=replace(loaded.read_as, sentence=name))
     if settings.scale == 1.0 and not settings.use_start:
         return loaded
     start = loaded.trajectory.T_world_camera[0]

@@ -204,8 +204,8 @@ def _estimate(context: Context) -> str:
 
 @operator("Evaluate", _estimate)
 def evaluate(self: Operator, context: Context) -> None:
-    """Compute ATE and RPE of the estimate, and draw it next to the ground truth: blue for no error,
-    red for the largest error
+    """Compute ATE and RPE of the estimate, and draw it: blue for no error, red for the largest
+    error
     """
     settings = context.scene.iclnuim
     panel = state.current()
@@ -231,9 +231,7 @@ def evaluate(self: Operator, context: Context) -> None:
         f"RPE over {settings.delta}: {drift}",
         f"{len(ate.stamps_s)} pairs, {100 * ate.completeness.coverage:.0f} % of the ground truth",
     ]
-    trajectory_view.show_estimate(
-        ate.aligned.translation, ate.reference.translation, ate.translation_error_m
-    )
+    trajectory_view.show_estimate(ate.aligned.translation, ate.translation_error_m)
     state.redraw()
 
 

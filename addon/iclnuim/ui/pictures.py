@@ -12,7 +12,8 @@ _STOPS = np.array(
     [[0.15, 0.2, 0.75], [0.1, 0.7, 0.9], [0.25, 0.8, 0.3], [1.0, 0.85, 0.15], [0.9, 0.15, 0.1]]
 )
 _PAPER = 255
-_TITLE_PX = 24
+#: Width of a title in dots of its letters.
+_TITLE_WIDTH = 160
 _INK = (30, 30, 30)
 _GRID = (215, 215, 215)
 
@@ -54,15 +55,18 @@ def frame_picture(
     rgb: np.ndarray, depth_z_m: np.ndarray, noisy_rgb: np.ndarray, noisy_z_m: np.ndarray
 ) -> np.ndarray:
     """Colour and depth without noise above, with the sensor's noise below, each row under its
-    title: (2h + 48, 2w, 3) uint8.
+    title: (about 2.15 h, 2w, 3) uint8.
 
     Both depth images use one range.
     """
     near_m, far_m = _depth_range(depth_z_m)
-    titles = np.full((2, _TITLE_PX, 2 * rgb.shape[1], 3), _PAPER, np.uint8)
+    width = rgb.shape[1]
+    size = max(width // _TITLE_WIDTH, 1)
+    titles = np.full((2, 11 * size, 2 * width, 3), _PAPER, np.uint8)
     for title, name in zip(titles, ("clean", "noisy"), strict=True):
-        write(title, name, 6, 5)
-        write(title, f"blue {near_m:.2f} m, red {far_m:.2f} m", rgb.shape[1] + 6, 5)
+        write(title, name, 2 * size, 2 * size, size)
+        depth = f"blue {near_m:.2f} m, red {far_m:.2f} m"
+        write(title, depth, width + 2 * size, 2 * size, size)
     noisy = np.hstack([noisy_rgb, depth_colours(noisy_z_m, near_m, far_m)])
     return np.vstack([titles[0], colour_and_depth(rgb, depth_z_m), titles[1], noisy])
 

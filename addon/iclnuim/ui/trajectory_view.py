@@ -71,15 +71,10 @@ def _refresh_here() -> None:
     state.redraw()
 
 
-def show_estimate(positions_m: np.ndarray, reference_m: np.ndarray, error_m: np.ndarray) -> None:
-    """Draw an aligned estimate (n, 3) coloured by its error (n,), and 60 lines from it to the
-    ground truth (fewer if n is smaller).
-    """
+def show_estimate(positions_m: np.ndarray, error_m: np.ndarray) -> None:
+    """Draw an aligned estimate (n, 3) coloured by its error (n,)."""
     colours = np.c_[error_colours(error_m), np.ones(len(error_m))]
-    ties = np.unique(np.linspace(0, len(error_m) - 1, 60).astype(int))
-    lines = np.stack([positions_m[ties], reference_m[ties]], 1).reshape(-1, 3)
-    points = np.concatenate([_segments(positions_m), lines])
-    _show("estimate", points, np.concatenate([_segments(colours), np.repeat(colours[ties], 2, 0)]))
+    _show("estimate", _segments(positions_m), _segments(colours))
 
 
 def _key(scene: bpy.types.Scene) -> tuple:
