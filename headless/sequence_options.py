@@ -180,12 +180,14 @@ def note_sequence(
 
 def _note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console) -> None:
     """Print a note if images of the sequence are in no pair."""
-    from iclnuim.dataset.image_pairs import missing_images, unused_images
+    from iclnuim.dataset.image_pairs import find_rows, missing_images, unused_images
 
     if missing := missing_images(folder):
         first = os.path.relpath(missing[0], folder)
-        left_out = "images in its lists do not exist, and their frames are left out"
-        console.note(f"{folder}: {len(missing)} {left_out}, the first {first}")
+        there = (
+            f"{len(pairs)} of {len(find_rows(folder))} frames are there, and only these are used"
+        )
+        console.note(f"{folder}: {there}; {len(missing)} images are missing, the first {first}")
     counts = []
     for kind, paths in unused_images(pairs).items():
         if paths:

@@ -77,6 +77,11 @@ def test_few_steps_have_a_rate_from_the_first_one(clock, capsys):
     ]
 
 
+def test_what_was_there_before_counts_and_is_no_part_of_the_rate(clock, capsys):
+    progress = console.Console().progress(882, "kt2", there=60)
+    assert shown(progress, clock, [0.1], capsys) == ["kt2: 61/882 frames, 10/s, 01:22 left"]
+
+
 def test_preparation_is_not_counted_and_several_steps_at_once_are(clock, capsys):
     progress = console.Console().progress(40, "kt2")
     clock["s"] += 500

@@ -35,8 +35,9 @@ class Console:
         if not self.quiet:
             print(text, file=sys.stderr, flush=True)
 
-    def progress(self, total: int, label: str, unit: str = "frames") -> "Progress":
-        return Progress(total, label, unit, not self.quiet, self.clock)
+    def progress(self, total: int, label: str, unit: str = "frames", there: int = 0) -> "Progress":
+        """there: so many of the total are there already."""
+        return Progress(total, label, unit, not self.quiet, self.clock, there)
 
 
 class Progress:
@@ -52,12 +53,14 @@ class Progress:
         unit: str,
         enabled: bool,
         clock: Callable[[], float] = time.monotonic,
+        there: int = 0,
     ) -> None:
         self.total = total
         self.label = label
         self.unit = unit
         self.enabled = enabled
-        self.done = 0
+        self.there = there
+        self.done = there
         self.clock = clock
         self.started = clock()
         self.last = 0.0
@@ -69,7 +72,7 @@ class Progress:
 
         Preparation before this call is not counted, as it would falsify the time left.
         """
-        if not self.done:
+        if self.done == self.there:
             self.started = self.clock()
 
     def advance(self, count: int = 1) -> None:
@@ -87,7 +90,7 @@ class Progress:
         print(text, end="", file=sys.stderr, flush=True)
 
     def _speed(self) -> str:
-        rate = self.done / max(self.clock() - self.started, 1e-9)
+        rate = (self.done - self.there) / max(self.clock() - self.started, 1e-9)
         left_s = max(0, round((self.total - self.done) / rate))
         left = str(timedelta(seconds=left_s)).removeprefix("0:")
         return f"{rate:.3g}/s, {left} left"

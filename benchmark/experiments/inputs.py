@@ -30,13 +30,11 @@ class Input:
 
     @classmethod
     def of(cls, sequence: Sequence, name: str) -> "Input":
-        """Raises InputError without ground truth or without one of the images."""
+        """Raises InputError without ground truth."""
         folder = sequence.folder
         truth = read_truth(folder)
         if truth is None:
             raise InputError("a ground truth in the folder", path=folder, found="none")
-        if missing := missing_images(folder):  # the journal would be the same
-            raise InputError("all images of the sequence", path=folder, found=f"no {missing[0]}")
         return cls(name, sequence, truth, input_sha256(folder))
 
 
@@ -49,7 +47,8 @@ def input_sha256(folder: Path) -> str:
     """The hash of a sequence: of ours by its journal, of others by the content of all images."""
     files = [folder / name for name in _JOURNAL]
     if all(path.is_file() for path in files):
-        return sha256("".join(sha256(path.read_bytes()) for path in files).encode())
+        missing = "".join(path.name for path in missing_images(folder))  # not in the journal
+        return sha256(("".join(sha256(path.read_bytes()) for path in files) + missing).encode())
     staged = StagedSequence.of(folder)
     truth = find_truth(folder)
     parts = [

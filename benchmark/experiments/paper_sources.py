@@ -83,9 +83,6 @@ class Sources:
             more = f" --lambertian -o {folder.parent}" if lambertian else ", or iclnuim make all"
             command = f"iclnuim make {key.room}/{key.trajectory}{more}"
             return f"{folder} does not exist; try: {command}"
-        recipe = folder / "recipe.json"
-        if recipe.is_file() and read_json(recipe).get("finished") is False:
-            return f"{folder} is not finished; try: iclnuim resume {folder.parent}"
         try:
             count = len(find_pairs(folder))
         except InputError as error:

@@ -141,7 +141,9 @@ def one_thread() -> None:
     Before they are forked: a fork would wait for threads of OpenCV that it does not have.
     """
     import cv2
+    import numba
 
     for name in _THREADS:
         os.environ.setdefault(f"{name}_NUM_THREADS", "1")
+    numba.core.config.reload_config()
     cv2.setNumThreads(1)

@@ -19,9 +19,8 @@ from iclnuim.benchmark.experiments.table import FORMATS, ResultTable
 from iclnuim.console import Console
 from iclnuim.dataset.frame_pool import cores
 from iclnuim.errors import InputError, WorkError
-from iclnuim.formats.files import atomic_write_text, make_folder
+from iclnuim.formats.files import atomic_write_text, locked, make_folder
 
-from ..farm.lock import OutputLock
 from ..method_options import require
 from ..options import add_frames, common, count
 from ..planned_work import FUSE_CORE_S, TRACK_CORE_S, PlannedWork, add_dry_run, told
@@ -124,7 +123,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         store = Store(args.out, KIND)
         if told(_work(paper, store, args.workers or _workers()), args, console):
             return 0
-        with OutputLock(args.out / "work"):
+        make_folder(args.out, hint="another {out}")
+        with locked(args.out):  # a lock without a thread, beside which no process can be forked
             problems = paper.run(store, args.workers or _workers(), console)
     from iclnuim.benchmark.experiments.paper_page import write_report
 

@@ -28,9 +28,9 @@ class _Whole(Console):
         """Begin the next plan."""
         self._later.pop(plan.job.sequence)
 
-    def progress(self, total: int, label: str, unit: str = "frames") -> Progress:
+    def progress(self, total: int, label: str, unit: str = "frames", there: int = 0) -> Progress:
         self._progress.label = label
-        self._progress.total = self._progress.done + total + sum(self._later.values())
+        self._progress.total = self._progress.done + total - there + sum(self._later.values())
         return self._progress
 
 

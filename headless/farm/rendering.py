@@ -203,7 +203,8 @@ class LocalRun:
         reuse_worker: bool,
     ) -> LocalFarm:
         """Workers that render `frames` frames, with a progress display."""
-        progress = self.console.progress(frames, self.job.sequence)
+        total = len(self.plan.numbers)
+        progress = self.console.progress(total, self.job.sequence, there=total - frames)
 
         def done(number: int) -> None:
             progress.advance()

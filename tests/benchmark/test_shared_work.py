@@ -2,12 +2,15 @@
 
 import errno
 import os
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from iclnuim.errors import WorkError
+from iclnuim.formats.files import locked
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.headless import cli
@@ -16,6 +19,7 @@ pytest.importorskip("embreex")
 pytest.importorskip("igl")
 from iclnuim.benchmark.experiments import seen_cache  # noqa: E402
 from iclnuim.benchmark.experiments.paper_sources import Sources  # noqa: E402
+from iclnuim.benchmark.experiments.recipes.paper import Paper  # noqa: E402
 from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality  # noqa: E402
 from iclnuim.benchmark.fusion.settings import QualitySettings  # noqa: E402
 from iclnuim.benchmark.fusion.surface_error import TrueSurface  # noqa: E402
@@ -65,41 +69,51 @@ def test_what_was_seen_is_computed_once_for_all_cells_and_again_if_its_file_is_d
     assert len(asked) == 5 and figures() == plain and len(asked) == 5
 
 
-def test_a_full_disk_is_one_line_with_the_file_and_what_to_try(tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def started(tmp_path, monkeypatch):
+    """Starts `iclnuim benchmark` on sequences that only seem to exist; returns its exit code."""
+    monkeypatch.chdir(tmp_path)  # without out/systems, whose results would be part of the benchmark
+    known = {"fault": "", "frames": 1, "model_name": None, "identity": {"sha256": ""}}
+    for name, value in known.items():
+        monkeypatch.setattr(Sources, name, lambda *args, value=value: value)
+    monkeypatch.setattr(benchmark, "note_sequence", lambda *args: None)
+    folders = ["--data", str(tmp_path / "data"), "--out", str(tmp_path / "out")]
+    return lambda: cli.main(["benchmark", *folders, "--quiet"])
+
+
+def test_a_full_disk_is_one_line_with_the_file_and_what_to_try(
+    started, tmp_path, monkeypatch, capsys
+):
     """Writes into one file fail as those of a full disk do: without its name."""
 
     def full(write):
         def writes(path, *args, **options):
-            if path.name.startswith(".lock"):
+            if path.name.startswith(".recipe."):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             return write(path, *args, **options)
 
         return writes
 
-    monkeypatch.chdir(tmp_path)  # without out/systems, whose results would be part of the benchmark
     for name in ("write_bytes", "write_text"):
         monkeypatch.setattr(Path, name, full(getattr(Path, name)))
-    for name, value in (
-        ("fault", ""),
-        ("frames", 1),
-        ("model_name", None),
-        ("identity", {"sha256": ""}),
-    ):
-        monkeypatch.setattr(Sources, name, lambda *args, value=value: value)
-    monkeypatch.setattr(benchmark, "note_sequence", lambda *args: None)
-    assert (
-        cli.main(
-            [
-                "benchmark",
-                "--data",
-                str(tmp_path / "data"),
-                "--out",
-                str(tmp_path / "out"),
-                "--quiet",
-            ]
-        )
-        == 3
-    )
+    assert started() == 3
     error = capsys.readouterr().err
-    assert str(tmp_path / "out/work/lock") in error and error.count("\n") == 1
+    assert str(tmp_path / "out/recipe.json") in error and error.count("\n") == 1
     assert "No space left on device; try freeing space there" in error
+
+
+def test_one_command_at_a_time_works_in_a_folder_and_can_fork(started, tmp_path, monkeypatch):
+    """A fork is unsafe beside a thread, so the lock has none."""
+
+    def run(*args):
+        with pytest.raises(WorkError, match="another process is writing here"), locked(out):
+            pass
+        begun.append(threading.active_count())
+        return []
+
+    out = tmp_path / "out"
+    begun = []
+    monkeypatch.setattr(Paper, "run", run)
+    before = threading.active_count()
+    assert started() == 2  # no cell is measured
+    assert begun == [before]

@@ -7,10 +7,14 @@ import json
 import numpy as np
 import pytest
 from iclnuim.dataset.image_frames import image_frames
+from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.run_folder import open_run
 from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
+from iclnuim.dataset.sequence_formats import FORMATS as SEQUENCE_FORMATS
+from iclnuim.dataset.sequence_poses import read_truth
 from iclnuim.errors import InputError, WorkError
+from iclnuim.evaluation.associate import associate
 from iclnuim.formats.associations import read_associations
 from iclnuim.formats.depth_units import count_invalid, depth16_from_metres, metres_from_depth16
 from iclnuim.formats.exr import read_exr, write_exr
@@ -487,3 +491,19 @@ def test_some_frames_keep_their_poses_whatever_a_comment_contains(run, tmp_path,
     assert (
         tmp_path / "b/groundtruth.txt"
     ).read_text() == f"# recorded{separator}by hand\n{poses[2]}\n"
+
+
+@pytest.mark.parametrize("name", list(SEQUENCE_FORMATS))
+def test_the_finished_frames_of_an_interrupted_sequence_are_read_with_poses(run, tmp_path, name):
+    writer = SequenceWriter(run_frames(run.path), {tmp_path / "a": NOISY}, (name,))
+    for number in (0, 1):
+        writer.note(writer.make(number))
+    pairs = find_pairs(tmp_path / "a")
+    assert len(pairs) == 2
+    truth = read_truth(tmp_path / "a")
+    stamps_s = [pair.stamp_s for pair in pairs]
+    posed = associate(truth.stamps_s, stamps_s).second.tolist()
+    # there image 0 has no pose, as in the original
+    assert posed == list(range(len(pairs)))[name == "icl-nuim" :]
+    whole = fill(run, tmp_path / "whole", formats=(name,))
+    assert contents(fill(run, tmp_path / "a", formats=(name,))) == contents(whole)

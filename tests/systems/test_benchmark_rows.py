@@ -72,8 +72,6 @@ def test_a_sequence_that_cannot_be_measured_is_named_with_what_makes_it(sources)
     assert sources.fault(KT2, None) == "" and sources.fault(KT2, 60) == ""
     assert "has 60 frames, expected at least 61" in sources.fault(KT2, 61)
     assert "iclnuim make living_room/kt3" in sources.fault(replace(KT2, trajectory="kt3"), None)
-    (sources.folder(KT2) / "recipe.json").write_text('{"finished": false}')
-    assert "iclnuim resume" in sources.fault(KT2, None)
 
 
 def test_frames_without_reflections_are_those_of_another_folder_and_have_no_surface(

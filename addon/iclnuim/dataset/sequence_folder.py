@@ -35,6 +35,10 @@ class WrittenSequence:
     invalid_depth: dict[str, int]
 
 
+#: Colour (h, w, 3) uint8 and depth (h, w) in metres of a frame.
+Surface = Callable[[int], tuple[np.ndarray, np.ndarray]]
+
+
 class SequenceFolder:
     """One sequence being written. `finished`: the frames whose images were complete at
     construction, or made by another process since.
@@ -94,15 +98,10 @@ class SequenceFolder:
         """Add a frame that was made to the journal. Raises WorkError if it cannot be written."""
         self.images.journal.add(entry)
 
-    def complete(self, surface: Callable[[int], tuple[np.ndarray, np.ndarray]]) -> WrittenSequence:
+    def complete(self, surface: Surface) -> WrittenSequence:
         """Write text files and recipe, after all requested frames are made."""
-        numbers = tuple(sorted(self.finished.union(self.source.numbers)))
-        folders = tuple(self.images.folder_of(format) for format in self.images.formats)
-        for format, folder in zip(self.images.formats, folders, strict=True):
-            contents = replace(self.contents(numbers, format), surface=surface)
-            format.write_texts(folder, contents, format)
-            if self.source.further:
-                self.source.further.write_tables(folder)
+        folders = self._write_texts(surface)
+        numbers = self._numbers
         self.images.journal.sort()
         entries = [self.images.journal.entries[number] for number in numbers]
         invalid = {kind: sum(e.invalid_depth.get(kind, 0) for e in entries) for kind in KINDS}
@@ -117,8 +116,26 @@ class SequenceFolder:
         found = len(self.finished.intersection(self.source.numbers))
         return WrittenSequence(folders, len(self.source.numbers) - found, found, invalid)
 
+    @property
+    def _numbers(self) -> tuple[int, ...]:
+        """The requested frames, and those that were made before."""
+        return tuple(sorted(self.finished.union(self.source.numbers)))
+
+    def _write_texts(self, surface: Surface | None = None) -> tuple[Path, ...]:
+        """Write lists, camera and ground truth of all frames; returns the folders."""
+        folders = tuple(self.images.folder_of(format) for format in self.images.formats)
+        for format, folder in zip(self.images.formats, folders, strict=True):
+            contents = replace(self.contents(self._numbers, format), surface=surface)
+            format.write_texts(folder, contents, format)
+            if self.source.further:
+                self.source.further.write_tables(folder)
+        return folders
+
     def _begin(self) -> None:
-        """Write the recipe, make the folders of images, and remove what a crash has left."""
+        """Write the recipe, make the folders of images, and remove what a crash has left. The text
+        files are written here too: if the work is interrupted, the frames that are there can be
+        used.
+        """
         write_json(self.out / RECIPE, self.recipe)
         self.images.journal.repair()
         folders = {self.out}
@@ -129,6 +146,8 @@ class SequenceFolder:
             for leftover in folder.glob(".*.tmp.*"):
                 if writer_has_ended(leftover):
                     leftover.unlink(missing_ok=True)
+        if not self.finished.issuperset(self.source.numbers):
+            self._write_texts()
 
     def _checked_recipe(self) -> dict:
         """The recipe of the sequence while it is unfinished, new or resumed. Nothing is written.
