@@ -22,6 +22,7 @@ from iclnuim.benchmark.experiments.recipes.stress import KIND as STRESS
 from iclnuim.benchmark.experiments.recipes.stress import StressKey
 from iclnuim.errors import InputError
 from iclnuim.formats.files import atomic_write_text, read_text, sha256
+from iclnuim.shipped import folder, paper_scenes
 
 TABLE = "table"
 FACT = "fact"
@@ -143,6 +144,12 @@ class PublishedCells:
                 code=code_hash(code),
                 input=sha256(json.dumps(result.identity["input"]).encode())[:12],
             )
+
+
+def rooms_hash() -> str:
+    """Twelve digits of the hash of the shipped rooms, the input of what commands measure."""
+    files = [folder("blend") / f"{name}.blend" for name in paper_scenes()]
+    return sha256(" ".join(sha256(file.read_bytes()) for file in files).encode())[:12]
 
 
 def code_hash(code: Mapping[str, Any]) -> str:

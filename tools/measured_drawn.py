@@ -35,7 +35,7 @@ _MEASURED = Path(__file__).resolve().parents[1] / "docs/measured"
 Drawn = Callable[[PublishedCells], Rows]
 
 
-def _sequences() -> list[tuple[str, str, str]]:
+def sequences() -> list[tuple[str, str, str]]:
     """Room, trajectory and noise of the sixteen sequences."""
     found = []
     for sequence in (*paper_sequences(), *further_sequences()):
@@ -62,8 +62,9 @@ def _ours(sequence: tuple[str, str, str], odometer: str, preset: str = "best") -
     return PaperKey(*sequence, odometer, preset, "default")
 
 
-def _system(sequence: tuple[str, str, str], title: str) -> PaperKey:
-    return PaperKey(*sequence, title, "final", "run")
+def system_key(sequence: tuple[str, str, str], title: str, run: int = 0) -> PaperKey:
+    """The key of a run of a system; run 0 stands for all."""
+    return PaperKey(*sequence, title, "final", "run", run=run)
 
 
 def _mm(error_m: float) -> str:
@@ -83,7 +84,7 @@ def accuracy(cells: PublishedCells) -> Rows:
     """ATE in mm of our odometers on every sequence."""
     errors_m = _errors_m(cells)
     rows = []
-    for sequence in _sequences():
+    for sequence in sequences():
         found = [_shown(errors_m.get(_ours(sequence, name))) for name in _OURS]
         rows.append([_title(sequence), *found])
     return [["ATE, mm", *_OURS], *rows]
@@ -93,8 +94,8 @@ def systems(cells: PublishedCells) -> Rows:
     """ATE in mm of the third-party systems on every sequence."""
     errors_m = _errors_m(cells)
     rows = []
-    for sequence in _sequences():
-        found = [_shown(errors_m.get(_system(sequence, title))) for title in _SYSTEMS]
+    for sequence in sequences():
+        found = [_shown(errors_m.get(system_key(sequence, title))) for title in _SYSTEMS]
         rows.append([_title(sequence), *found])
     return [["ATE, mm", *_SYSTEMS], *rows]
 
@@ -103,11 +104,11 @@ def authors(cells: PublishedCells) -> Rows:
     """The preset `paper` next to the program of the method's authors."""
     errors_m = _errors_m(cells)
     rows = []
-    for sequence in _sequences():
+    for sequence in sequences():
         row = [_title(sequence)]
         for title, name in _AUTHORS:
             ours = errors_m.get(_ours(sequence, name, "paper"))
-            theirs = errors_m.get(_system(sequence, title))
+            theirs = errors_m.get(system_key(sequence, title))
             ratio = f"{ours[0] / theirs[0]:.2f}" if ours and theirs else "-"
             row += [_shown(ours), _shown(theirs), ratio]
         if row[1::3] != [NOT_MEASURED] * len(_AUTHORS):
@@ -250,10 +251,11 @@ def stress_totals(cells: PublishedCells) -> Rows:
             mean(group.false_successes for group in perturbed),
             mean(group.false_alarms for group in perturbed),
         )
-        texts = [f"{share:.1%}" for share in shares]
+        segments = sum(group.segments for group in perturbed)
+        texts = [str(segments), *(f"{share:.1%}" for share in shares)]
         rows.append([_stress_title(method), *texts, _or_not(clean.ate_m if clean else None)])
     header = (
-        "method | segments that succeed | frames: wrong, reported as good"
+        "method | segments | succeed | frames: wrong, reported as good"
         " | frames: right, reported as bad | unperturbed ATE, mm"
     )
     return words(header, rows)
@@ -265,7 +267,7 @@ def stress_totals(cells: PublishedCells) -> Rows:
 def learned_noise(cells: PublishedCells) -> Rows:
     """A row for each of our odometers: its mean ATE on the noisy sequences, and over the best."""
     errors: dict[str, list[float]] = {}
-    for sequence in _sequences():
+    for sequence in sequences():
         if sequence[2] == "noisy":
             for name in _OURS:
                 found = _errors_m(cells).get(_ours(sequence, name))

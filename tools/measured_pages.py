@@ -31,7 +31,7 @@ from iclnuim.benchmark.experiments.recipes.stress import KIND as STRESS
 from iclnuim.benchmark.experiments.recipes.stress import StressKey
 from iclnuim.benchmark.experiments.store import Store, made_by
 from iclnuim.report.charts import save
-from iclnuim.tools.measured_cells import TABLE, PublishedCell, PublishedCells, Rows, Run
+from iclnuim.tools.measured_cells import TABLE, PublishedCell, PublishedCells, Rows, Run, rooms_hash
 from iclnuim.tools.measured_drawn import DRAWN, NOT_MEASURED, stress_summary
 from iclnuim.tools.measured_plan import plan
 from iclnuim.tools.measured_tables import COMMAND_TABLES, CommandTable
@@ -107,7 +107,8 @@ def measured(table: CommandTable) -> PublishedCell:
     command = f"iclnuim {table.commands[0].partition(' --plot')[0]}"
     if len(table.commands) > 1:
         command = f"python tools/measured.py --measure {table.mark}"
-    return PublishedCell(_run(made_by(), command), {"rows": table.rows(found)})
+    rows = {"rows": table.rows(found)}
+    return PublishedCell(_run(made_by(), command), rows, input=rooms_hash())
 
 
 def _run(recipe: dict[str, Any], command: str) -> Run:

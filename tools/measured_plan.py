@@ -5,9 +5,12 @@ from dataclasses import astuple, dataclass
 
 from iclnuim.benchmark.experiments.paper_keys import PaperKey, all_keys
 from iclnuim.benchmark.experiments.recipes.paper import KIND, code_of_trajectory
+from iclnuim.benchmark.experiments.recipes.stress import KIND as STRESS
+from iclnuim.benchmark.perturbations.plan import SEVERITIES
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.shipped import trajectory_file
-from iclnuim.tools.measured_cells import PublishedCells, code_hash
+from iclnuim.tools.measured_cells import TABLE, PublishedCells, code_hash, rooms_hash
+from iclnuim.tools.measured_drawn import sequences, stress_summary, system_key
 from iclnuim.tools.measured_tables import COMMAND_TABLES
 
 #: Noise seeds of the preset `best`.
@@ -16,7 +19,15 @@ _SEEDS = 5
 #: core-hours.
 _TRACK_CORE_S = 0.07
 _FUSE_CORE_S = 0.07
+#: Core-seconds of a frame with ORB-SLAM3, and of a segment of `iclnuim stress` with one method: 30
+#: cells took 70 s with compilation.
+_ORB_CORE_S = 0.07
+_STRESS_CORE_S = 5.0
 _PER_HOUR = 3600
+#: Runs of a system that is not deterministic.
+_RUNS = 5
+#: The sequences of which `iclnuim stress` measures one segment.
+_SEGMENTS = ("out/living_room/kt2/clean", "out/office/kt1/clean")
 
 
 @dataclass(frozen=True)
@@ -29,7 +40,9 @@ class MissingCells:
 
 
 def missing_cells(cells: PublishedCells) -> Iterator[MissingCells]:
-    """The trajectories, those that have no surface, and the tables of commands."""
+    """The trajectories, those that have no surface, and the tables of commands that are missing or
+    of other rooms.
+    """
     best = all_keys(["best"], range(_SEEDS))
     paper = all_keys(["paper"], references=["default"])
     yield from _missing(cells, [key for key in best if not key.seed], "--no-surfaces")
@@ -38,9 +51,12 @@ def missing_cells(cells: PublishedCells) -> Iterator[MissingCells]:
     yield from _missing(cells, [key for key in best if not key.seed], "", surface=True)
     seeds = [key for key in best if key.odometer == "icp" and key.seed]
     yield from _missing(cells, seeds, f"--seeds {_SEEDS}", surface=True)
-    for table in COMMAND_TABLES.values():
-        if cells.table(table.mark) is None:
-            yield MissingCells(f"python tools/measured.py --measure {table.mark}", 1)
+    yield from _missing_runs(cells)
+    yield from _missing_stress(cells)
+    for mark in COMMAND_TABLES:
+        cell = cells.cells.get((TABLE, mark))
+        if cell is None or cell.input != rooms_hash():
+            yield MissingCells(f"python tools/measured.py --measure {mark}", 1)
 
 
 def _missing(
@@ -55,10 +71,38 @@ def _missing(
             only = f"{key.room}/{key.trajectory}"
             by_sequence[only] = by_sequence.get(only, 0) + 1
     for only, count in by_sequence.items():
-        frames = len(read_trajectory(trajectory_file(only)).trajectory)
-        each_s = frames * (_TRACK_CORE_S + surface * _FUSE_CORE_S)
+        each_s = _frames(only) * (_TRACK_CORE_S + surface * _FUSE_CORE_S)
         command = f"iclnuim benchmark --only {only} {options}".rstrip()
         yield MissingCells(command, count, count * each_s / _PER_HOUR)
+
+
+def _missing_runs(cells: PublishedCells) -> Iterator[MissingCells]:
+    """The runs of ORB-SLAM3, which is not deterministic, on all sequences."""
+    count = 0
+    hours = 0.0
+    for sequence in sequences():
+        keys = [system_key(sequence, "ORB-SLAM3", run) for run in range(1, _RUNS + 1)]
+        missing = sum((KIND, *astuple(key)) not in cells.cells for key in keys)
+        count += missing
+        hours += missing * _frames(f"{sequence[0]}/{sequence[1]}") * _ORB_CORE_S / _PER_HOUR
+    if count:
+        command = f"iclnuim run orbslam3 out/ROOM/TRAJECTORY/NOISE --runs {_RUNS}"
+        yield MissingCells(command, count, hours)
+
+
+def _missing_stress(cells: PublishedCells) -> Iterator[MissingCells]:
+    """The cells of all perturbations and severities on one segment of each room, by method."""
+    summary = stress_summary(cells)
+    expected = len(_SEGMENTS) * (1 + SEVERITIES * len(summary.perturbations))
+    for method in summary.methods:
+        count = expected - sum(key[5] == method for key in cells.cells if key[0] == STRESS)
+        if count:
+            command = f"iclnuim stress {' '.join(_SEGMENTS)} --starts 1 --methods {method}"
+            yield MissingCells(command, count, count * _STRESS_CORE_S / _PER_HOUR)
+
+
+def _frames(sequence: str) -> int:
+    return len(read_trajectory(trajectory_file(sequence)).trajectory)
 
 
 def plan(cells: PublishedCells) -> str:

@@ -126,6 +126,26 @@ def test_the_plan_names_what_is_missing_and_cells_of_other_code():
     assert trajectories(cells)[0] == count - 1
 
 
+def test_the_plan_names_tables_of_other_rooms_and_missing_runs_and_segments(cells):
+    def commands(of):
+        return {one.command.split(" out/")[0]: one.cells for one in missing_cells(of)}
+
+    some = PublishedCells(dict(cells.cells))
+    table = "python tools/measured.py --measure curve-levels"
+    assert table not in commands(some)
+    some.cells["table", "curve-levels"] = replace(some.cells["table", "curve-levels"], input="a")
+    assert table in commands(some)
+    runs = commands(some).get("iclnuim run orbslam3", 0)
+    lines = {one.command: one.cells for one in missing_cells(some)}
+    fovis = [command for command in lines if command.endswith("--methods fovis")]
+    assert fovis == []
+    del some.cells["stress", "office/kt1", 80, "holes", 3, "fovis", ""]
+    del some.cells[KIND, "office", "kt1", "clean", "ORB-SLAM3", "final", "run", 0, 2]
+    lines = {one.command: one.cells for one in missing_cells(some)}
+    assert [n for command, n in lines.items() if command.endswith("--methods fovis")] == [1]
+    assert commands(some)["iclnuim run orbslam3"] == runs + 1
+
+
 @pytest.mark.parametrize(
     "words", sorted({command for one in COMMAND_TABLES.values() for command in one.commands})
 )
