@@ -232,7 +232,12 @@ def test_sky_is_no_outline():
 
 @pytest.mark.parametrize(
     ("radiance", "depth_m", "cause"),
-    [(0.5, 2.0, None), (0.0, 2.0, "no light"), (0.0, 0.0, "no surface"), (1e-5, 0.01, "inside")],
+    [
+        (5 / 255 / 12.92, 2.0, None),
+        (3 / 255 / 12.92, 2.0, "no light"),
+        (0.0, 0.0, "no surface"),
+        (1e-5, 0.01, "inside"),
+    ],
 )
 def test_black_frames_are_named_with_their_likely_cause(radiance, depth_m, cause):
     found = frames.why_black(np.full((36, 48, 3), radiance), np.full((36, 48), depth_m))

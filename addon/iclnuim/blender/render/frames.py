@@ -24,8 +24,9 @@ from ..compat import passes_in_memory, temporarily
 Raw: TypeAlias = dict[str, np.ndarray] | Path
 #: Blender writes 1e10 where a ray hits nothing.
 _BACKGROUND = 1e9
-#: Radiance that is rounded to 0 in 8 bits of sRGB.
-_BLACK = 0.5 / 255 / 12.92
+#: Radiance that the noise hides: three standard deviations of the released frames' noise at black,
+#: whose variance is about 1.5 of 8-bit steps.
+_BLACK = 3 * 1.5**0.5 / 255 / 12.92
 #: If the median depth is smaller than this, the camera is inside an object.
 _TOO_NEAR_M = 0.05
 
