@@ -16,7 +16,7 @@ from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
 from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
-from iclnuim.evaluation.time_offset import best_offset
+from iclnuim.evaluation.time_axis import best_offset
 from iclnuim.formats.files import atomic_write_text, read_text
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.trajectory import FRAME_RATE_HZ, Trajectory, frames_of_stamps
@@ -130,7 +130,7 @@ def _matched(
         found = f"{left} of {len(written)} that match no frame, {_range(theirs_s)}"
         theirs = Trajectory(theirs_s, written.T_world_camera)
         if sequence.truth and (fit := best_offset(sequence.truth, theirs)):
-            found += f"; they fit best {-fit[0]:+.9g} s off"
+            found += f"; they fit best {-fit.offset_s:+.9g} s off"
         raise InputError(f"the stamps of the frames, {_range(own_s)}", found=found)
     notes = []
     if left:
@@ -166,11 +166,11 @@ def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> 
 
 
 def _explained(explained: ExplainedError) -> str:
-    offset_s = explained.explanation.change.offset_s
-    if not offset_s:
+    time = explained.explanation.change.time
+    if explained.explanation.kind != "offset" or time is None:
         return explained.sentence()
     corrected = f"{1e3 * explained.found.translation_m.rmse:.3f} mm with this offset corrected"
-    return f"stamps are {-offset_s:+.9g} s off: {corrected}"
+    return f"stamps are {-time.axis.offset_s:+.9g} s off: {corrected}"
 
 
 def row(name: str, frames: int, runs: Sequence[tuple[Ended, Evaluation]]) -> dict:

@@ -18,6 +18,9 @@ BODIES = {
     "flu": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
     "ned": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
 }
+RATES = (25 / 30, 30 / 25, 24 / 30, 15 / 30, 2.0, 3.0, 10 / 30, 5.0, 1.1)
+#: Mistakes of the time axis besides a constant offset.
+OF_TIME = ("rate", "renumbered", "frame numbers", "unit of time", "rows")
 UNITS = {
     "millimetres": 1e3,
     "centimetres": 1e2,
@@ -127,6 +130,24 @@ def turned(trajectory: Trajectory, T_camera_body: SE3) -> Trajectory:
     return with_poses(trajectory, trajectory.T_world_camera @ T_camera_body)
 
 
+def other_stamps(
+    kind: str, rng: np.random.Generator, truth_s: np.ndarray, stamps_s: np.ndarray
+) -> np.ndarray:
+    """Stamps (n,) with a mistake of this kind of the time axis."""
+    first_s = rng.choice([0.0, truth_s[0], stamps_s[0]])
+    step_s = float(np.median(np.diff(truth_s)))
+    if kind == "rate":
+        return first_s + rng.choice(RATES) * (stamps_s - stamps_s[0])
+    if kind == "renumbered":
+        return first_s + step_s * np.arange(len(stamps_s))
+    if kind == "frame numbers":
+        return np.rint((stamps_s - stamps_s[0]) / step_s)
+    if kind == "unit of time":
+        return first_s + float(rng.choice([1e3, 1e6, 1e9])) * (stamps_s - stamps_s[0])
+    steps_s = step_s * rng.uniform(0.2, 1.8, len(stamps_s))
+    return first_s + np.cumsum(steps_s * (1 + 0.8 * smooth(rng, len(stamps_s), 30.0)).clip(0.1))
+
+
 def random_rotation(rng: np.random.Generator) -> np.ndarray:
     axis = rng.normal(size=3)
     angle = rng.uniform(0.3, np.pi)
@@ -172,6 +193,8 @@ def corrupted(
         span_s = float(np.ptp(truth.stamps_s))
         offset_s = rng.choice([-1, 1]) * rng.uniform(2 * step_s, 0.3 * span_s)
         return truth, Trajectory(estimate.stamps_s + offset_s, poses)
+    if kind in OF_TIME:
+        return truth, Trajectory(other_stamps(kind, rng, truth.stamps_s, estimate.stamps_s), poses)
     if kind == "lever":
         extent_m = float(np.linalg.norm(truth.positions_m.std(axis=0)))
         arm = rng.normal(size=3)
@@ -207,6 +230,7 @@ KINDS = [
     "mirror",
     "mirrored positions",
     "offset",
+    *OF_TIME,
     "lever",
     "extrinsic",
     "axes",

@@ -8,7 +8,7 @@ from collections import Counter
 import corrupted_estimates
 import numpy as np
 import pytest
-from corrupted_estimates import KINDS, corrupted, estimate_of, truth_of
+from corrupted_estimates import KINDS, OF_TIME, corrupted, estimate_of, truth_of
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
 from iclnuim.evaluation.constant_transform import rotation_name
@@ -30,6 +30,7 @@ RIGHT = {
     **dict.fromkeys(("scale", "unit"), {"scale"}),
     **dict.fromkeys(("mirror", "mirrored positions"), {"mirror"}),
     "offset": {"offset"},
+    **dict.fromkeys(OF_TIME, {"rate", "rows", "offset"}),
     "lever": {"arm"},
     "extrinsic": {"body", "rotation"},
     "axes": {"axes"},
@@ -44,8 +45,10 @@ class Case:
 
     def __init__(self, kind, seed, folder):
         rng = np.random.default_rng(seed)
-        whole = bool(rng.random() < 0.3) and kind != "offset" and "wxyz" not in kind
-        names = UNSTAMPED if whole else STAMPED
+        stamped = kind in ("offset", *OF_TIME) or "wxyz" in kind
+        unstamped = bool(rng.random() < 0.3) and not stamped
+        names = UNSTAMPED if unstamped else STAMPED
+        whole = unstamped or kind in ("renumbered", "rows")
         formats = tuple(rng.choice(names, 2))
         truth = truth_of(rng)
         estimate = estimate_of(rng, truth, whole)
@@ -53,6 +56,8 @@ class Case:
         self.folder = folder
         self.right = self.written("right", truth, estimate, formats)
         self.given = self.right
+        if kind == "renumbered":
+            estimate = estimate[:: int(rng.integers(1, 6))]
         if kind != "right":
             pair = corrupted(kind, rng, truth, estimate, formats)
             self.given = self.written("given", *pair, formats)

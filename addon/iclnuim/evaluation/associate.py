@@ -15,7 +15,7 @@ from ..geometry.se3 import read_only
 from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
 from ..shown import Brief
-from .time_offset import best_offset, onto_stamps
+from .time_axis import TimeAxis, best_axis, onto_stamps, rms_m
 
 #: If a round of mutual best matches pairs fewer than 1 in this number of stamps, the heap does the
 #: rest: a long chain would need one round per pair.
@@ -128,42 +128,33 @@ def pair_up(
         raise InputError("trajectories of at least one pose", found="an empty one")
     span = _span(reference_s)
     shifted_s = estimate_s + settings.offset_s
-    best = pairing_offset(reference, estimate, settings)
-    offset = ""
+    best = best_axis(reference, estimate)
+    advice = ""
     if best:
-        offset = (
-            f"an offset of {_digits(best[0])} s where they fit best (to {1000 * best[1]:.3g} mm)"
-        )
+        best = moved_onto_stamps(reference_s, estimate_s, best, settings)
+        fit = f"where they fit best (to {1000 * rms_m(reference, estimate, best):.3g} mm)"
+        advice = f"{best.advice} {fit}"
     if shifted_s[0] > reference_s[-1] or shifted_s[-1] < reference_s[0]:
-        together = (
-            f"an offset of {_digits(reference_s[0] - estimate_s[0])} s if both start together"
-        )
-        hint = f"{offset or together}, or the format tum-ids if these are frame numbers"
+        together = TimeAxis(reference_s[0] - estimate_s[0])
+        advice = advice or f"{together.advice} if both start together"
+        hint = f"{advice}, or the format tum-ids if these are frame numbers"
         found = f"no overlap in time: {_span(shifted_s)}"
         raise InputError(f"stamps that overlap the ground truth's {span}", found=found, hint=hint)
     expected = f"stamps within {settings.max_difference_s:g} s of the ground truth's {span}"
-    hint = f"a larger difference, or {offset or 'an offset'}"
+    hint = f"a larger difference, or {advice or 'an offset'}"
     raise InputError(expected, found=f"none in {_span(shifted_s)}", hint=hint)
 
 
-def pairing_offset(
-    reference: Trajectory, estimate: Trajectory, settings: AssociationSettings
-) -> tuple[float, float] | None:
-    """The offset of the best fit (time_offset.best_offset), moved onto the reference's stamps if
-    too few coincide with it; and the remaining RMS in metres.
+def moved_onto_stamps(
+    reference_s: np.ndarray, estimate_s: np.ndarray, axis: TimeAxis, settings: AssociationSettings
+) -> TimeAxis:
+    """The axis, moved by less than a frame to where most stamps of the estimate coincide with one
+    of the reference, if too few do; stamps (n,) and (m,), increasing.
     """
-    best = best_offset(reference, estimate)
-    if best is None:
-        return None
-    offset_s, rms_m = best
-    with_it = replace(settings, offset_s=offset_s)
-    if 2 * len(associate(reference.stamps_s, estimate.stamps_s, with_it)) < len(estimate):
-        offset_s = onto_stamps(reference.stamps_s, estimate.stamps_s, offset_s)
-    return offset_s, rms_m
-
-
-def _digits(seconds: float) -> str:
-    return f"{seconds:.6f}".rstrip("0").rstrip(".")
+    settings = replace(settings, offset_s=0.0)
+    if 2 * len(associate(reference_s, axis.of(estimate_s), settings)) >= len(estimate_s):
+        return axis
+    return onto_stamps(reference_s, estimate_s, axis)
 
 
 def _refuse_another_unit(reference_s: np.ndarray, estimate_s: np.ndarray) -> None:

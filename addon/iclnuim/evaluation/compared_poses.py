@@ -68,11 +68,7 @@ class ComparedPoses:
         """The pairs of the first and of the second half of the distance that the ground truth
         travels.
         """
-        positions_m = self.reference.translation[: len(self)]
-        steps_m = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
-        travelled_m = np.concatenate([[0.0], np.cumsum(steps_m)])
-        middle = int(np.searchsorted(travelled_m, travelled_m[-1] / 2))
-        middle = min(max(middle, len(self) // 4), len(self) - len(self) // 4)
+        middle = middle_of_way(self.reference.translation[: len(self)])
         return self._pairs(np.arange(middle)), self._pairs(np.arange(middle, len(self)))
 
     def _pairs(self, pairs: np.ndarray) -> "ComparedPoses":
@@ -111,6 +107,17 @@ class ComparedPoses:
             motion_m=rms(scale * estimated.translation - true.translation),
             turn_rad=rms(so3.angle(turns)[:, None]),
         )
+
+
+def middle_of_way(positions_m: np.ndarray) -> int:
+    """The index in the middle of the distance that positions (n, 3) travel, in the middle half of
+    all.
+    """
+    steps_m = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
+    travelled_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+    middle = int(np.searchsorted(travelled_m, travelled_m[-1] / 2))
+    quarter = len(positions_m) // 4
+    return min(max(middle, quarter), len(positions_m) - quarter)
 
 
 def rms(vectors: np.ndarray) -> float:

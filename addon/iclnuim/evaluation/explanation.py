@@ -14,15 +14,16 @@ import numpy as np
 
 from ..geometry.trajectory import Trajectory
 from .align import umeyama
-from .associate import AssociationSettings, associate, pairing_offset
+from .associate import AssociationSettings, associate
 from .compared_poses import ComparedPoses, Comparison
 from .fit import ROUNDING, Fit
 from .readings import Change, Reorder, readings, unchanged
+from .time_readings import TIME_KINDS, associated_poses, time_readings
 
 #: Scales within this factor are a drift of scale.
 DRIFT_OF_SCALE = 1.15
-#: Pairs of poses in each half.
-_MIN_PAIRS = 5
+#: What concerns all errors of lengths.
+_OF_ALL = ("scale", *TIME_KINDS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,8 @@ class Explanation:
 
     kind: `inverse` (world-to-camera poses), `inverse rotations`, `wxyz` or `xyzw` (order of the
     quaternions), `rotation`, `arm`, `body` (constant rotation, lever arm, or both, between the two
-    bodies), `mirror`, `axes` (positions and rotations in different worlds), `scale`, `offset`.
+    bodies), `mirror`, `axes` (positions and rotations in different worlds), `scale`, and of the
+    stamps `offset`, `rate` or `rows` (time_readings.py).
     change: what makes reference and estimate, as read, those given here. delta: frames between the
     poses of the pairs whose errors were compared.
     """
@@ -54,7 +56,7 @@ class _Candidate(NamedTuple):
         return self.fit.cost(self.parameters)
 
     def explains(self) -> bool:
-        return self.fit.explains(concerns_all=self.kind in ("scale", "offset"))
+        return self.fit.explains(concerns_all=self.kind in _OF_ALL)
 
 
 def explain(
@@ -73,11 +75,12 @@ def explain(
     how = how or Comparison()
     if not (_turns(reference) and _turns(estimate)):
         how = replace(how, positions_only=True)
-    poses = _compared(reference, estimate, settings, how)
-    if poses is None:
+    candidates = list(_at_other_times(reference, estimate, settings, how))
+    poses = associated_poses(reference, estimate, settings, how)
+    if poses is not None:
+        candidates += _read_otherwise(poses, reorders or {})
+    if not candidates:
         return None
-    candidates = list(_read_otherwise(poses, reorders or {}))
-    candidates += _shifted(reference, estimate, settings, how)
     best = _simplest(min(candidates, key=lambda candidate: candidate.cost), candidates)
     change = best.change
     if best.kind == "scale":
@@ -87,14 +90,23 @@ def explain(
     if not best.explains():
         return None
     truth, T = change.applied(reference.T_world_camera, estimate.T_world_camera)
-    moved_s = change.offset_s - settings.offset_s if change.offset_s else 0.0
-    return Explanation(
-        best.kind,
-        change,
-        reference=Trajectory(reference.stamps_s, truth),
-        estimate=Trajectory(estimate.stamps_s + moved_s, T),
-        delta=how.delta,
-    )
+    stamps_s = estimate.stamps_s
+    if change.time is not None:
+        stamps_s = change.time.stamps_s - settings.offset_s
+    reference = Trajectory(reference.stamps_s, truth)
+    estimate = Trajectory(stamps_s, T)
+    return Explanation(best.kind, change, reference, estimate, how.delta)
+
+
+def _at_other_times(
+    reference: Trajectory,
+    estimate: Trajectory,
+    settings: AssociationSettings,
+    how: Comparison,
+) -> Iterable[_Candidate]:
+    for kind, parameters, time, fit in time_readings(reference, estimate, settings, how):
+        change = Change("estimate", unchanged, time=time)
+        yield _Candidate(kind, parameters, change, fit)
 
 
 def _simplest(best: _Candidate, candidates: list[_Candidate]) -> _Candidate:
@@ -130,22 +142,6 @@ def is_drift(scale: float) -> bool:
     return 1 / DRIFT_OF_SCALE < scale < DRIFT_OF_SCALE
 
 
-def _compared(
-    reference: Trajectory,
-    estimate: Trajectory,
-    settings: AssociationSettings,
-    how: Comparison,
-) -> ComparedPoses | None:
-    """Associated poses; None if they are too few."""
-    pairs = associate(reference.stamps_s, estimate.stamps_s, settings)
-    delta = min(how.delta, max(1, len(pairs) // 4))
-    if len(pairs) - delta < 2 * _MIN_PAIRS:
-        return None
-    first = reference.T_world_camera[pairs.first]
-    second = estimate.T_world_camera[pairs.second]
-    return ComparedPoses.of(first, second, how, delta)
-
-
 def _read_otherwise(
     poses: ComparedPoses, reorders: dict[str, Reorder | None]
 ) -> Iterable[_Candidate]:
@@ -157,24 +153,3 @@ def _read_otherwise(
         crossed = reading.fit(other).to(one), reading.fit(one).to(other)
         fit = Fit.of(poses, change.to(poses), crossed)
         yield _Candidate(reading.kind, reading.parameters, change, fit)
-
-
-def _shifted(
-    reference: Trajectory,
-    estimate: Trajectory,
-    settings: AssociationSettings,
-    how: Comparison,
-) -> Iterable[_Candidate]:
-    """The best constant offset of the stamps, compared on the poses that both offsets pair."""
-    best = pairing_offset(reference, estimate, settings)
-    if best is None:
-        return
-    with_it = replace(settings, offset_s=best[0])
-    paired = associate(reference.stamps_s, estimate.stamps_s, with_it)
-    same = estimate[np.unique(paired.second)]
-    found = _compared(reference, same, with_it, how)
-    given = _compared(reference, same, settings, how)
-    if found is None or given is None:
-        return
-    change = Change("estimate", unchanged, offset_s=with_it.offset_s)
-    yield _Candidate("offset", 1, change, Fit.of(given, found, found.halves))

@@ -14,20 +14,21 @@ from ..geometry import axes
 from ..geometry.se3 import SE3
 from . import constant_transform
 from .compared_poses import ComparedPoses, Comparison
+from .time_axis import OtherTime
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
     """What turns poses as read into those of another reading: `poses` is applied to the poses of
     the estimate or of the reference (`of`), the estimate's positions are multiplied by `scale`,
-    and offset_s is added to its stamps. rotation (3, 3) and arm_m (3,): of the other body, if the
+    and its stamps are those of `time`. rotation (3, 3) and arm_m (3,): of the other body, if the
     reading has one.
     """
 
     of: str
     poses: Callable[[SE3], SE3]
     scale: float = 1.0
-    offset_s: float = 0.0
+    time: OtherTime | None = None
     rotation: np.ndarray | None = None
     arm_m: np.ndarray | None = None
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
-from ..evaluation.associate import pair_up
+from ..evaluation.associate import associate, pair_up
 from ..evaluation.compared_poses import Comparison
 from ..evaluation.constant_transform import rotation_name
 from ..evaluation.explanation import Explanation, explain, is_drift
@@ -102,6 +102,8 @@ class ExplainedError:
         paired = pair_up(explanation.reference, explanation.estimate, settings.association)
         rows = np.unique(paired.second)
         as_given = reference, estimate[rows]
+        if len(associate(reference.stamps_s, as_given[1].stamps_s, settings.association)) < 3:
+            as_given = reference, estimate
         explained = explanation.reference, explanation.estimate[rows]
         given = measured(*as_given, settings)
         found = measured(*explained, settings)
@@ -120,15 +122,16 @@ class ExplainedError:
             "rmse_m": self.found.translation_m.rmse,
             "given_rmse_m": self.given.translation_m.rmse,
         }
-        explanation = self.explanation
-        if explanation.kind == "offset":
-            found["time_offset"] = {"offset_s": explanation.change.offset_s, **figures}
-        elif explanation.kind == "scale":
-            found["unit"] = {"scale": explanation.change.scale, **figures}
+        kind = self.explanation.kind
+        change = self.explanation.change
+        if kind == "offset" and change.time:
+            found["time_offset"] = {"offset_s": change.time.axis.offset_s, **figures}
+        elif kind == "scale":
+            found["unit"] = {"scale": change.scale, **figures}
         else:
             found["reading"] = {
-                "kind": explanation.kind,
-                "of": explanation.change.of,
+                "kind": kind,
+                "of": change.of,
                 **figures,
                 "rotation_rmse_deg": self.found.rotation_deg.rmse,
                 "given_rotation_rmse_deg": self.given.rotation_deg.rmse,
@@ -201,8 +204,8 @@ def _words(explanation: Explanation, format: str) -> tuple[str, str]:
     subject = _SUBJECTS[explanation.change.of]
     better = f"{subject} fits much better"
     kind = explanation.kind
-    if kind == "offset":
-        return _offset(explanation)
+    if explanation.change.time:
+        return _time(explanation)
     if kind == "scale":
         return _scale(explanation)
     if kind == "mirror":
@@ -228,9 +231,19 @@ def _reading(format: str, other: str) -> str:
     return f"reading it as {other}" if format == "tum" else "converting it"
 
 
-def _offset(explanation: Explanation) -> tuple[str, str]:
-    advice = f"on the same poses; try an offset of {explanation.change.offset_s:.9g} s"
-    return "another time offset fits much better", advice
+def _time(explanation: Explanation) -> tuple[str, str]:
+    assert explanation.change.time is not None
+    axis = explanation.change.time.axis
+    if explanation.kind == "offset":
+        return "another time offset fits much better", f"on the same poses; try {axis.advice}"
+    if explanation.kind == "rows":
+        better = "the estimate fits much better with the stamps of the ground truth, row by row"
+        return better, "its stamps may be of another clock; try giving it those stamps"
+    step_s = float(np.median(np.diff(explanation.estimate.stamps_s)))
+    rates = f"{1 / step_s:.4g} poses a second instead of {axis.scale / step_s:.4g}"
+    better = f"the estimate fits much better with its stamps {axis.scale:.4g} times as far apart"
+    why = "they may be of another frame rate or unit, or count other frames"
+    return f"{better} ({rates})", f"{why}; try {axis.advice}"
 
 
 def _scale(explanation: Explanation) -> tuple[str, str]:

@@ -23,8 +23,9 @@ JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, sha
                           corrected, and without
     reading               {kind, of, rmse_m, given_rmse_m, rotation_rmse_deg,
                           given_rotation_rmse_deg} if it fits much better read otherwise: kind is
-                          inverse, inverse rotations, wxyz, xyzw, rotation, arm, body, mirror or
-                          axes (evaluation/explanation.py), of is estimate or reference; else null
+                          inverse, inverse rotations, wxyz, xyzw, rotation, arm, body, mirror, axes,
+                          rate or rows (evaluation/explanation.py), of is estimate or reference;
+                          else null
     warnings              list of sentences, empty without warnings
 
 JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and
@@ -126,29 +127,42 @@ class Report:
     @property
     def warnings(self) -> list[str]:
         found = []
-        if self._maybe_frame_numbers():
-            poses = len(self.estimate.loaded.trajectory)
-            matched = f"{len(self.result.association.second)} of its {poses} poses"
-            found.append(
-                "the estimate's stamps are whole numbers, "
-                f"and only {matched} have a ground-truth pose; "
-                "if they are frame numbers, try reading it as tum-ids"
-            )
         if self.explained:
             formats = self.reference.loaded.read_as.format, self.estimate.loaded.read_as.format
-            found.append(self.explained.sentence(*formats))
+            sentence = self.explained.sentence(*formats)
+            if self.explained.explanation.kind == "rate":
+                sentence += self._as_frame_numbers()
+            found.append(sentence)
+        elif unpaired := self._unpaired():
+            found.append(unpaired)
         elif isinstance(self.result, AbsoluteError) and self.result.alignment.rotation_is_noise:
             found.append(_uncertain(self.result.alignment))
         return found
 
-    def _maybe_frame_numbers(self) -> bool:
-        """Whether the estimate was read as TUM, has whole numbers as stamps, and most of its poses
-        match no ground-truth pose.
+    def _unpaired(self) -> str:
+        """A warning if fewer than half of the poses that could have one have a ground-truth pose;
+        empty otherwise.
         """
-        loaded = self.estimate.loaded
-        stamps_s = loaded.trajectory.stamps_s
-        whole = loaded.read_as.format == "tum" and bool((stamps_s == np.rint(stamps_s)).all())
-        return whole and 2 * len(self.result.association.second) < len(stamps_s)
+        both = [file.loaded.trajectory.stamps_s for file in (self.reference, self.estimate)]
+        both[1] = both[1] + self.settings.association.offset_s
+        span_s = max(stamps_s[0] for stamps_s in both), min(stamps_s[-1] for stamps_s in both)
+        inside = [np.count_nonzero(np.clip(stamps_s, *span_s) == stamps_s) for stamps_s in both]
+        pairs = len(self.result.association)
+        if 2 * pairs >= min(inside):
+            return ""
+        window = f"{self.settings.association.max_difference_s:g} s"
+        text = f"only {pairs} of the estimate's {len(both[1])} poses have a ground-truth pose"
+        return (
+            f"{text} within {window}; try a larger difference or offset{self._as_frame_numbers()}"
+        )
+
+    def _as_frame_numbers(self) -> str:
+        """What else to try if the estimate's stamps are whole numbers."""
+        stamps_s = self.estimate.loaded.trajectory.stamps_s
+        is_whole = bool((stamps_s == np.rint(stamps_s)).all())
+        if self.estimate.loaded.read_as.format != "tum" or not is_whole:
+            return ""
+        return ", or reading it as tum-ids if its whole numbers are frame numbers"
 
     def to_dict(self) -> dict:
         result = self.result

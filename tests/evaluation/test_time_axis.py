@@ -1,0 +1,241 @@
+"""An offset and a scale of the stamps are found where they are, advised only where they make the
+error far smaller, and evo agrees with what is advised.
+"""
+
+import json
+import re
+
+import corrupted_estimates
+import numpy as np
+import pytest
+from iclnuim.errors import InputError
+from iclnuim.evaluation import time_axis
+from iclnuim.evaluation.absolute_error import absolute_error
+from iclnuim.evaluation.time_axis import TimeAxis, best_offset, best_scales, rms_m
+from iclnuim.formats.trajectories import read_trajectory, write_trajectory
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.headless import cli
+
+
+@pytest.fixture(scope="module")
+def walk(repository):
+    """400 poses of the shipped kt2."""
+    return read_trajectory(repository / "trajectories/living_room/kt2.txt").trajectory[200:600]
+
+
+def estimate_of(truth, shift_s, noise=0.003, every=1, seed=0):
+    """Moved as a whole, noisy by pose, its stamps later by `shift_s`."""
+    rng = np.random.default_rng(seed)
+    poses = (
+        SE3.exp(rng.normal(size=6))
+        @ truth.T_world_camera
+        @ SE3.exp(rng.normal(0, noise, (len(truth), 6)))
+    )
+    return Trajectory(truth.stamps_s + shift_s, poses)[::every]
+
+
+def drifted(truth, noise, seed):
+    """What an odometer makes of it: errors add up."""
+    T = truth.T_world_camera
+    steps = (
+        T[:-1].inverse()
+        @ T[1:]
+        @ SE3.exp(np.random.default_rng(seed).normal(0, noise, (len(T) - 1, 6)))
+    )
+    poses = [np.eye(4)]
+    for step in steps.matrix:
+        poses.append(poses[-1] @ step)
+    return Trajectory(truth.stamps_s, SE3.from_matrix(np.array(poses)))
+
+
+@pytest.mark.parametrize("every", [1, 15])
+@pytest.mark.parametrize("shift_s", [0.0, 1.0, -1.0, 0.5, -0.0125, 6.4, -1305031102.25])
+def test_the_offset_is_found(walk, shift_s, every):
+    estimate = estimate_of(walk, shift_s, 0.001, every)
+    axis = best_offset(walk, estimate)
+    assert axis.offset_s == pytest.approx(-shift_s, abs=0.004 if every == 1 else 0.02)
+    assert rms_m(walk, estimate, axis) < 0.01
+
+
+@pytest.mark.parametrize("still", ["too short", "standing still"])
+def test_without_a_motion_there_is_no_offset(walk, still):
+    estimate = (
+        walk[:9] if still == "too short" else Trajectory(walk.stamps_s, SE3.identity((len(walk),)))
+    )
+    assert best_offset(walk, estimate) is None
+
+
+@pytest.fixture
+def evaluate(tmp_path, walk, capsys):
+    def call(estimate, *arguments):
+        write_trajectory(tmp_path / "truth.txt", walk, "tum")
+        write_trajectory(tmp_path / "estimate.txt", estimate, "tum")
+        files = (str(tmp_path / name) for name in ("truth.txt", "estimate.txt"))
+        assert cli.main(["evaluate", arguments[0], *files, "--json", *arguments[1:]]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    return call
+
+
+@pytest.mark.parametrize("error", [["ate"], ["rpe", "--delta", "1s"]], ids=["ate", "rpe"])
+def test_a_shift_of_a_second_is_named_and_the_advice_helps(evaluate, walk, error):
+    """Stamps that are off by whole frames pair perfectly, 0 ms apart."""
+    values = evaluate(estimate_of(walk, 1.0), *error)
+    assert (
+        values["largest_difference_s"] < 1e-6 and "try an offset of -1 s" in values["warnings"][0]
+    )
+    followed = evaluate(estimate_of(walk, 1.0), *error, "--offset", "-1")
+    told = values["time_offset"]["rmse_m"]
+    assert (
+        followed["translation_error_m"]["rmse"] == pytest.approx(told, rel=0.1)
+        and not followed["warnings"]
+    )
+    assert told < 0.25 * values["translation_error_m"]["rmse"]
+
+
+def test_evo_has_the_advised_error(evaluate, walk, tmp_path):
+    tools = pytest.importorskip("evo.tools.file_interface", reason="evo is the judge")
+    from evo.core import metrics, sync
+
+    values = evaluate(estimate_of(walk, 1.0), "ate")["time_offset"]
+    reference, estimate = (
+        tools.read_tum_trajectory_file(tmp_path / f"{name}.txt") for name in ("truth", "estimate")
+    )
+    reference, estimate = sync.associate_trajectories(
+        reference, estimate, offset_2=values["offset_s"]
+    )
+    estimate.align(reference)
+    judge = metrics.APE(metrics.PoseRelation.translation_part)
+    judge.process_data((reference, estimate))
+    assert values["rmse_m"] == pytest.approx(judge.get_all_statistics()["rmse"], rel=0, abs=1e-9)
+
+
+@pytest.mark.parametrize("noise", [1e-3, 1e-2])
+@pytest.mark.parametrize("part", [slice(0, 400), slice(100, 160)])
+def test_an_odometer_that_drifts_is_given_no_such_advice(evaluate, walk, noise, part):
+    for seed in range(2):
+        estimate = drifted(walk[part], noise, seed)
+        values = evaluate(estimate, "ate")
+        assert values["time_offset"] is None and "offset" not in "".join(values["warnings"])
+        assert values["translation_error_m"]["rmse"] == pytest.approx(
+            absolute_error(walk, estimate).translation_m.rmse, abs=1e-7
+        )
+
+
+def retimed(walk, kind):
+    """An estimate with another time axis, and the kind that may be named."""
+    estimate = estimate_of(walk, 0.0, 0.001)
+    count = np.arange(len(walk))
+    stamps_s = {
+        "25 instead of 30 a second": 7 + count / 25,
+        "numbers of frames": count,
+        "another clock": np.cumsum(np.random.default_rng(3).uniform(0.003, 0.1, len(walk))),
+    }
+    every = 5 if kind == "every fifth, renumbered" else 1
+    given_s = stamps_s.get(kind, 7 + count / 30)[: len(count[::every])]
+    return Trajectory(given_s, estimate.T_world_camera[::every])
+
+
+@pytest.mark.parametrize("error", [["ate"], ["rpe", "--delta", "10"]], ids=["ate", "rpe"])
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (
+            "25 instead of 30 a second",
+            "0.8333 times as far apart (30 poses a second instead of 25)",
+        ),
+        ("every fifth, renumbered", "5 times as far apart (6 poses a second instead of 30)"),
+        ("numbers of frames", "0.03333 times as far apart"),
+        ("another clock", "stamps of the ground truth, row by row"),
+    ],
+)
+def test_a_wrong_time_axis_is_named_and_the_advice_helps(evaluate, walk, error, kind, words):
+    estimate = retimed(walk, kind)
+    values = evaluate(estimate, *error)
+    (warning,) = values["warnings"]
+    told = values["reading"]
+    assert words in warning and told["kind"] in ("rate", "rows")
+    stamps_s = walk.stamps_s
+    if found := re.search(r"try (\S+) \+ (\S+) \(stamp - (\S+)\)", warning):
+        first_s, scale, origin_s = map(float, found.groups())
+        stamps_s = first_s + scale * (estimate.stamps_s - origin_s)
+    followed = evaluate(Trajectory(stamps_s, estimate.T_world_camera), *error)
+    rmse_m = followed["translation_error_m"]["rmse"]
+    assert not followed["warnings"] and rmse_m == pytest.approx(told["rmse_m"], rel=0.02)
+    assert told["rmse_m"] < 0.02 < told["given_rmse_m"]
+
+
+@pytest.mark.parametrize("start_s", [1.5e9, 5e4])
+def test_stamps_that_do_not_overlap_are_refused_with_the_scale_that_fits(walk, start_s):
+    estimate = estimate_of(walk, 0.0, 0.001)
+    given = Trajectory(start_s + np.arange(len(walk)) / 25, estimate.T_world_camera)
+    with pytest.raises(InputError, match=r"\+ 0\.8333333 \(stamp - "):
+        absolute_error(walk, given)
+    part = Trajectory(1000 * walk.stamps_s, estimate.T_world_camera)[100:200]
+    with pytest.raises(InputError, match=r"\+ 0\.001 \(stamp - "):
+        absolute_error(walk, part)
+
+
+def scaled_case(seed):
+    rng = np.random.default_rng(seed)
+    truth = corrupted_estimates.truth_of(rng)
+    estimate = corrupted_estimates.estimate_of(rng, truth)
+    factor = float(np.exp(rng.uniform(-2, 2)))
+    start_s = estimate.stamps_s[0]
+    given = Trajectory(factor * (estimate.stamps_s - start_s), estimate.T_world_camera)
+    return truth, given, TimeAxis(start_s, 1 / factor)
+
+
+@pytest.mark.parametrize("seed", [101, 103, 113, 116, 127, 135])
+def test_any_scale_is_found(seed):
+    truth, given, axis = scaled_case(seed)
+    _, found = best_scales(truth, given)[0]
+    assert rms_m(truth, given, found) <= 1.001 * rms_m(truth, given, axis)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "seed"),
+    [("_RATIO_STEP", 1.04, 135), ("_SEARCHED_FRAMES", 128, 116), ("_ROUNDS", 5, 113)],
+)
+def test_a_coarser_search_misses_some(monkeypatch, name, value, seed):
+    monkeypatch.setattr(time_axis, name, value)
+    truth, given, axis = scaled_case(seed)
+    _, found = best_scales(truth, given)[0]
+    assert rms_m(truth, given, found) > 1.02 * rms_m(truth, given, axis)
+
+
+@pytest.mark.parametrize(("ratio", "is_usual"), [(1.2, True), (0.8, True), (1.33, False)])
+def test_a_usual_scale_is_tried_near_the_fitted_one(walk, ratio, is_usual):
+    estimate = estimate_of(walk, 0.0, 0.001)
+    since_s = (walk.stamps_s - walk.stamps_s[0]) * 1.03 / ratio
+    found = best_scales(walk, Trajectory(since_s, estimate.T_world_camera))
+    usual = [axis.scale for parameters, axis in found if parameters == 1]
+    assert (pytest.approx(ratio) in usual) == is_usual
+
+
+@pytest.mark.parametrize(("every", "is_named"), [(11, True), (20, False)])
+def test_frames_left_out_between_are_at_most_ten(repository, every, is_named):
+    whole = read_trajectory(repository / "trajectories/living_room/kt2.txt").trajectory
+    poses = estimate_of(whole, 0.0, 0.001).T_world_camera[::every]
+    found = best_scales(whole, Trajectory(1 + np.arange(len(poses)) / 30, poses))
+    scales = [axis.scale for _, axis in found]
+    assert (pytest.approx(every, rel=1e-3) in scales) == is_named
+
+
+@pytest.mark.parametrize(("drift", "is_named"), [(0.015, False), (0.03, True)])
+def test_a_small_error_is_not_searched_for_another_rate(evaluate, walk, drift, is_named):
+    estimate = estimate_of(walk, 0.0, 1e-5)
+    since_s = (1 + drift) * (walk.stamps_s - walk.stamps_s[200])
+    values = evaluate(Trajectory(walk.stamps_s[200] + since_s, estimate.T_world_camera), "ate")
+    assert bool(values["reading"]) == is_named
+
+
+def test_poses_that_hardly_pair_are_said(evaluate, walk):
+    lost = drifted(walk, 0.05, 1)
+    between = Trajectory(
+        walk.stamps_s + np.where(np.arange(len(walk)) % 4, 0.0167, 0.0), lost.T_world_camera
+    )
+    values = evaluate(between, "ate", "--max-difference", "0.005")
+    assert "only 100 of the estimate's 400 poses have a ground-truth pose" in values["warnings"][0]
+    assert not evaluate(walk[::4], "ate")["warnings"]
