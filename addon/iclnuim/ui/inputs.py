@@ -148,9 +148,7 @@ def check_free(raw: Path) -> None:
 
 
 def light_map_line(settings: bpy.types.PropertyGroup) -> str:
-    """A sentence for the panel: whether the cache contains the light map of the chosen scene, and
-    its size.
-    """
+    """A sentence for the panel: whether the cache contains the light map of the chosen scene."""
     if settings.scene_source == "OPEN":
         return _OPEN_FILE
     name = scene_name(settings)
@@ -180,10 +178,9 @@ def _looked_up(settings: bpy.types.PropertyGroup, name: str) -> str:
         return "no scene file is chosen yet"
     if not found:
         return _NO_LIGHT_MAP
-    folder, size_bytes, _ = found
-    if cache not in folder.parents:
+    if cache not in found.parents:
         return "this scene's light map is part of the extension: no bake is needed"
-    return f"this scene's light map is in the cache: {size_bytes / 1e6:.1f} MB"
+    return "this scene's light map is in the cache"
 
 
 def _shipped_name(settings: bpy.types.PropertyGroup) -> str:

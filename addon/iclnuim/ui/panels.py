@@ -220,12 +220,17 @@ def output(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
 
 @_panel("Formats", parent="", region="HEADER")
 def formats(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
-    layout.column().prop(settings, "formats")
+    _several(layout, settings, "formats")
 
 
 @_panel("Channels", parent="", region="HEADER")
 def channels(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
-    layout.column().prop(settings, "channels")
+    _several(layout, settings, "channels")
+
+
+def _several(layout: UILayout, settings: PropertyGroup, name: str) -> None:
+    layout.label(text="Shift-click for several")
+    layout.column().prop(settings, name)
 
 
 @_panel("Evaluate", closed=True)

@@ -265,10 +265,10 @@ def _properties(group: type, **defaults: Any) -> dict[str, Any]:
 def _property(s: Setting, default: Any) -> Any:
     more = _words(s)
     if s.choices is not None:
-        entries = s.choices.items()
-        return _choice(
-            s, ((v, state.sentence(v), _sentence(about)) for v, about in entries), default
-        )
+        # names of formats and channels are those of files and folders
+        shown = str if s.length == 0 else state.sentence
+        entries = [(v, shown(v), _sentence(about)) for v, about in s.choices.items()]
+        return _choice(s, entries, default)
     if s.kind is bool and s.optional:
         return _choice(s, (("ON", "On", ""), ("OFF", "Off", "")))
     if s.kind is bool:

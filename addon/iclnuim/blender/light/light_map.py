@@ -101,7 +101,7 @@ def _beforehand(job: RenderJob) -> str:
     """
     seconds = bake_core_s(job) / bpy.context.scene.render.threads
     if known := find(shipped.cache_folder(), job.changed(lambertian=not job.lambertian)):
-        seconds = read_recipe(known[0]).get("seconds", seconds)
+        seconds = read_recipe(known).get("seconds", seconds)
     duration = f"about {max(1, seconds):.0f} s"
     if job.lambertian:
         reason = "without reflections the light differs, so a separate map is baked"
@@ -233,18 +233,15 @@ def _kinds(found: list[Part]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return diffuse | translucent, translucent, sends
 
 
-def find(cache: Path, job: RenderJob) -> tuple[Path, int, float] | None:
-    """(folder, size in bytes, age in seconds) of the shipped or noted light map for the job's
-    scene, settings and Blender; None if there is none.
+def find(cache: Path, job: RenderJob) -> Path | None:
+    """The folder of the shipped or noted light map for the job's scene, settings and Blender; None
+    if there is none.
     """
     try:
         folder = shipped_light(job) or _noted(cache, job)
-        if not is_whole(folder):
-            return None
-        files = [path.stat() for path in folder.iterdir()]
     except (IclnuimError, OSError, KeyError):
         return None
-    return folder, sum(f.st_size for f in files), time.time() - max(f.st_mtime for f in files)
+    return folder if is_whole(folder) else None
 
 
 def _noted(cache: Path, job: RenderJob) -> Path:
