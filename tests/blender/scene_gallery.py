@@ -846,6 +846,46 @@ def toon(folder: Path) -> None:
     tree.links.new(shader.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
 
 
+def rough(roughness: float) -> None:
+    """A room of rough diffuse walls, by the Diffuse BSDF, and a Principled box."""
+    room()
+    for surface in bpy.data.materials:
+        tree = surface.node_tree
+        if node := tree.nodes["Principled BSDF"].inputs.get("Diffuse Roughness"):
+            node.default_value = roughness
+        if surface.name != "red":
+            shader = tree.nodes.new("ShaderNodeBsdfDiffuse")
+            shader.inputs["Color"].default_value = (0.7, 0.7, 0.7, 1.0)
+            shader.inputs["Roughness"].default_value = roughness
+            tree.links.new(shader.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+
+
+@scene(light="path", note="rough diffuse")
+def rough_walls(folder: Path) -> None:
+    """Their light depends on the view: 24 dB with baked light."""
+    rough(0.4)
+
+
+@scene()
+def slightly_rough_walls(folder: Path) -> None:
+    rough(0.25)
+
+
+@scene(note="partly transparent")
+def panel_that_the_camera_does_not_see(folder: Path) -> None:
+    """By its shader: it is in Z."""
+    room()
+    panel = material("panel")
+    mesh("panel", [(-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)], [(0, 1, 2, 3)], panel)
+    tree = panel.node_tree
+    kinds = ("LightPath", "BsdfTransparent", "MixShader")
+    rays, clear, mix = (tree.nodes.new(f"ShaderNode{kind}") for kind in kinds)
+    tree.links.new(rays.outputs["Is Camera Ray"], mix.inputs[0])
+    tree.links.new(tree.nodes["Principled BSDF"].outputs[0], mix.inputs[1])
+    tree.links.new(clear.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+
+
 @scene(light="path", note="UV maps")
 def eight_uv_maps(folder: Path) -> None:
     """As many as Blender allows."""

@@ -94,6 +94,20 @@ def test_motion_between_two_of_the_compared_frames_of_a_short_run_is_found(box):
     assert changes.changed_names(scene) == {"box"}
 
 
+def test_the_first_difference_is_enough_unless_all_are_wanted(box, mover):
+    animate(mover, "location", (0, 0, 0), (-1, 0, 0))
+    back = bpy.data.objects.new("back", None)
+    bpy.context.scene.collection.objects.link(back)
+    animate(back, "location", (0, 0, 0), (-1, 0, 0), end=5)
+    animate(back, "location", (-1, 0, 0), (0, 0, 0))
+    back.keyframe_insert("location", frame=0)
+    other = made.box(bpy, "other", (3, 3, 3), (4, 4, 4))
+    box.modifiers.new("mirror", "MIRROR").mirror_object = mover
+    other.modifiers.new("mirror", "MIRROR").mirror_object = back
+    assert changes.changed_names(bpy.context.scene, first_only=True) == {"box"}
+    assert changes.changed_names(bpy.context.scene) == {"box", "other"}
+
+
 def test_what_moves_after_the_run_does_not_count(box, mover):
     box.modifiers.new("mirror", "MIRROR").mirror_object = mover
     for frame, x in ((11, 0.0), (20, -1.0)):

@@ -75,6 +75,17 @@ def test_what_moves_has_its_pose_at_every_stamp(crate, tmp_path):
 
 
 @pytest.mark.parametrize("moves, truth", [(False, True), (True, False)])
+def test_the_table_of_objects_is_that_of_frame_0_whichever_the_file_shows(crate, tmp_path):
+    for frame in range(FRAMES):
+        crate.location.x = frame / 10
+        crate.keyframe_insert("location", frame=frame)
+    bpy.context.scene.frame_set(3)
+    run, *_ = run_of(tmp_path, ground_truth=True)
+    objects = json.loads((run / "objects.json").read_text())["objects"]
+    matrix = next(row["T_world_object"] for row in objects if row["name"] == "crate")
+    assert [row[3] for row in matrix] == [0, 0, 0, 1]
+
+
 def test_without_motion_or_ground_truth_there_is_none(crate, tmp_path, moves, truth):
     for frame in (0, FRAMES):
         crate.location.x = frame * moves

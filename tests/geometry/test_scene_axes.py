@@ -61,6 +61,38 @@ def test_a_landscape_seen_through_a_window_does_not_count():
     assert scene_axes.guess_unit_m(shape, "y") == 1.0
 
 
+def scan(noise_m, balloon_m=0.0):
+    """A scanned room of 5 m x 4 m x 2.5 m, y up, and a sphere around it, as far reconstructed."""
+    steps = np.linspace(0, 1, 60)
+    a, b = (side.ravel() for side in np.meshgrid(steps, steps))
+    walls = []
+    for axis in range(3):
+        for end in (0.0, 1.0):
+            walls.append(np.insert(np.stack([a, b], 1), axis, end, axis=1) * (5, 2.5, 4))
+    if balloon_m:
+        turn, lift = 2 * np.pi * a, np.pi * (b - 0.5)
+        around = [np.cos(turn) * np.cos(lift), np.sin(lift), np.sin(turn) * np.cos(lift)]
+        walls.append(balloon_m * np.stack(around, 1))
+    at = np.arange(60 * 60).reshape(60, 60)
+    halves = [(at[:-1, :-1], at[:-1, 1:], at[1:, 1:]), (at[:-1, :-1], at[1:, 1:], at[1:, :-1])]
+    quads = np.concatenate([np.stack(half, -1).reshape(-1, 3) for half in halves])
+    faces = np.concatenate([quads + k * at.size for k in range(len(walls))])
+    vertices = np.concatenate(walls)
+    return vertices + np.random.default_rng(0).normal(0, noise_m, vertices.shape), faces
+
+
+@pytest.mark.parametrize("unit_m", [1.0, 0.0254, 0.001])
+def test_the_unit_of_a_scanned_room_is_found(unit_m):
+    vertices, triangles = scan(noise_m=0.05)
+    shape = scene_axes.shape_of(vertices / unit_m, triangles)
+    assert scene_axes.guess_unit_m(shape, "y") == unit_m
+
+
+@pytest.mark.parametrize("balloon_m", [40, 60, 100])
+def test_a_scan_with_parts_far_outside_the_room_has_no_other_unit(balloon_m):
+    assert scene_axes.guess_unit_m(scene_axes.shape_of(*scan(0.02, balloon_m)), "y") == 1.0
+
+
 def test_a_thing_on_a_table_is_believed_to_be_in_metres():
     assert (
         scene_axes.guess_unit_m(scene_axes.shape_of(*room(np.array([0.3, 0.2, 0.3]))), "y") == 1.0

@@ -7,6 +7,9 @@ from bpy.types import Material, Node, NodeSocket, NodeTree
 from .compat import nodes_of
 from .shader_nodes import constant
 
+#: Oren-Nayar roughness from which frames with baked light, which does not depend on the view, come
+#: below 30 dB: 24 dB at 1.
+_ROUGH = 0.3
 DIFFUSE = {"BSDF_DIFFUSE", "SUBSURFACE_SCATTERING"}
 
 
@@ -44,6 +47,18 @@ def has_diffuse(principled: Node) -> bool:
     """False only for pure metal or pure glass."""
     metal = constant(principled.inputs["Metallic"])
     return metal != 1.0 and constant(principled.inputs["Transmission Weight"]) != 1.0
+
+
+def is_rough(node: Node) -> bool:
+    """Whether the node is a diffuse shader whose roughness dims and brightens it by the angle."""
+    if node.type == "BSDF_PRINCIPLED" and has_diffuse(node):
+        roughness = node.inputs.get("Diffuse Roughness")  # from Blender 4.3 on
+    else:
+        roughness = node.inputs["Roughness"] if node.type == "BSDF_DIFFUSE" else None
+    if roughness is None:
+        return False
+    value = constant(roughness)
+    return value is None or value > _ROUGH
 
 
 def reflects(principled: Node) -> bool:

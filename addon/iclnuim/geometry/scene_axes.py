@@ -34,6 +34,9 @@ _HEIGHTS_M = (1.9, 12.0)
 #: shape is used.
 _MAX_SPREADS = 2.8
 LAYERS = 20
+#: The fullest layer of a scanned room fills 0.15 of its cross-section or more; with parts far
+#: outside, 0.06 or less.
+_LEVEL = 0.1
 #: An axis other than the format's usual one is chosen as up if its evidence is larger by this
 #: factor. x, which few programs use, needs CLEARLY_X; a unit other than metres needs CLEARLY_UNIT
 #: in addition.
@@ -203,7 +206,8 @@ def guess_unit_m(shape: Shape, up: str) -> float:
     """Metres if the scene then has a plausible size, else the unit for which its height is closest
     to that of a room; metres if there is none.
 
-    A scene as high as two storeys, with tables as high as a person, is a room in feet.
+    Where no layer is level, as in a reconstruction with parts far outside of the room, the height
+    says nothing. A scene as high as two storeys, with tables as high as a person, is a room in feet.
     """
     k = "xyz".index(up[-1])
     height = float(shape.extent[k])
@@ -213,6 +217,8 @@ def guess_unit_m(shape: Shape, up: str) -> float:
     if is_plausible(shape.extent, up):
         in_feet = 6.5 < height < 12 and 1.4 < tables < 4 and 0.02 < inner.max() < 0.7
         return UNITS_M["ft"] if in_feet else 1.0
+    if shape.level[k].max() < _LEVEL:
+        return 1.0
     low, high = _HEIGHTS_M
     fitting = [unit_m for unit_m in UNITS_M.values() if low <= height * unit_m <= high]
     rooms = [unit_m for unit_m in fitting if is_plausible(shape.extent * unit_m, up)]

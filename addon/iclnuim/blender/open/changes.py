@@ -31,13 +31,15 @@ SKY = "the sky"
 _Hashes: TypeAlias = dict[tuple[str, str, int], bytes]
 
 
-def changed_names(scene: bpy.types.Scene) -> set[str]:
+def changed_names(scene: bpy.types.Scene, first_only: bool = False) -> set[str]:
     """Names of objects, lights and materials that are not the same at the first, the last and 30
-    spread frames of the timeline; the world is `the sky`. The current frame is restored.
+    spread frames of the timeline, or only those of the first difference that is found; the world is
+    `the sky`. The current frame is restored.
 
     Simulations without a cache would lose their state.
     """
     spread = np.linspace(scene.frame_start, scene.frame_end, _FRAMES).round().astype(int)
+    others = sorted({*spread[1:-1].tolist()} - {scene.frame_start, scene.frame_end})
     before = scene.frame_current_final
     updated: dict[bpy.types.ID, bool] = {}  # and whether its geometry is
     hashes: _Hashes = {}
@@ -51,7 +53,7 @@ def changed_names(scene: bpy.types.Scene) -> set[str]:
         try:
             scene.frame_set(int(spread[0]))
             first = _State(scene, depsgraph, hashes)
-            for frame in sorted(set(spread[1:].tolist()) - {scene.frame_start}):
+            for frame in (scene.frame_end, *others):
                 updated.clear()
                 scene.frame_set(frame)
                 if updated.keys() - {scene}:
@@ -59,6 +61,8 @@ def changed_names(scene: bpy.types.Scene) -> set[str]:
                     for key in [key for key in hashes if new & {*key[:2]}]:
                         del hashes[key]
                     changed |= first.differences(_State(scene, depsgraph, hashes))
+                if changed and first_only:
+                    break
         finally:
             bpy.app.handlers.frame_change_post.remove(note)
             scene.frame_set(math.floor(before), subframe=before % 1)

@@ -20,7 +20,7 @@ from ..notes import names_of
 from ..surfaces import as_rendered
 from .displacement import as_rendered_meshes
 from .faces import OFFSET_M, PARALLEL, Faces
-from .preflight import moving_names
+from .motion import all_moving_names
 
 #: Faces and objects are moved by this distance: Cycles' rays then meet one after the other, and
 #: depth changes by less than any sensor resolves.
@@ -53,24 +53,36 @@ class _Edit:
 
 def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
     """Remove or move the faces that lie in the plane of others. Returns notes."""
-    moving = set(moving_names(scene))
-    with as_rendered(scene) as depsgraph:
-        shown = [i.object for i in depsgraph.object_instances if i.show_self and not i.is_instance]
-        meshes = [t for t in shown if t.type == "MESH" and t.name not in moving]
-        things = [thing for thing in meshes if _is_opaque(thing.original)]
-        if not any(len(thing.data.polygons) for thing in things):
-            return []
-        faces = Faces(depsgraph, things)
-        again = _equal(faces)
-        raised = _raised_sheets(faces, again)
-        lifted, reversed_names = _overlapping(faces, again, raised)
-        edits = _edits(faces, again, lifted)
+    found = _found(scene, set())
+    # what moves takes long to find, and few scenes have such faces
+    if any(found) and (moving := set(all_moving_names(scene))):
+        found = _found(scene, moving)
+    edits, raised, _ = found
     for thing, shift_m in raised.items():
         thing.matrix_world = Matrix.Translation(shift_m) @ thing.matrix_world
     as_rendered_meshes(scene, list(edits))
     for thing, edit in edits.items():
         _edit_faces(thing, edit)
-    return _notes(edits, raised, reversed_names)
+    return _notes(*found)
+
+
+def _found(
+    scene: bpy.types.Scene, moving: set[str]
+) -> tuple[dict[bpy.types.Object, _Edit], dict[bpy.types.Object, Vector], set[str]]:
+    """Edits of meshes, translations of sheets, and names of sheets that overlap the back of others,
+    without the objects that move.
+    """
+    with as_rendered(scene) as depsgraph:
+        shown = [i.object for i in depsgraph.object_instances if i.show_self and not i.is_instance]
+        meshes = [t for t in shown if t.type == "MESH" and t.name not in moving]
+        things = [thing for thing in meshes if _is_opaque(thing.original)]
+        if not any(len(thing.data.polygons) for thing in things):
+            return {}, {}, set()
+        faces = Faces(depsgraph, things)
+        again = _equal(faces)
+        raised = _raised_sheets(faces, again)
+        lifted, reversed_names = _overlapping(faces, again, raised)
+        return _edits(faces, again, lifted), raised, reversed_names
 
 
 def _edits(faces: Faces, again: np.ndarray, lifted: np.ndarray) -> dict[bpy.types.Object, _Edit]:

@@ -48,7 +48,7 @@ def reason_against_baking(scene: bpy.types.Scene) -> str | None:
     if linked := _light_linking_names(scene):
         return f"light linking ({names_of(linked)})"
     if unmappable := _unmappable_names(scene):
-        what = f"toon or sheen shaders, over {_MAX_UV_MAPS} UV maps"
+        what = f"toon, sheen or rough diffuse shaders, over {_MAX_UV_MAPS} UV maps"
         return f"{what}, or materials that differ by instance ({names_of(unmappable)})"
     kinds = map(materials.kind, _shown_materials(scene))
     if not any(diffuse or translucent for diffuse, translucent, _ in kinds):
@@ -160,7 +160,9 @@ def _is_unmappable(evaluated: bpy.types.Object, is_instance: bool) -> bool:
     for material in {*slots, *getattr(evaluated.data, "materials", ())}:
         tree = materials.tree_of(material)
         for node in compat.nodes_of(tree) if tree else ():
-            if node.type in _NO_LIGHT_MAP or (is_instance and _tells_instances(node)):
+            if node.type in _NO_LIGHT_MAP or materials.is_rough(node):
+                return True
+            if is_instance and _tells_instances(node):
                 return True
     return False
 

@@ -19,14 +19,28 @@ _CONSTANT = 1e-6
 
 def moving_names(scene: bpy.types.Scene) -> list[str]:
     """Names of objects and lights that move or change, in order, without cameras; the world is `the
-    sky`.
-
-    Both the animations and frames of the timeline show it. Simulations that are not baked are
-    not evaluated: they would lose their state.
+    sky`. Those of the animations, or, if there are none, of the first difference between frames of
+    the timeline: each evaluation takes time.
     """
+    return _ordered(_animated_names(scene) or _changed_names(scene, first_only=True))
+
+
+def all_moving_names(scene: bpy.types.Scene) -> list[str]:
+    """As moving_names, of all animations and of all differences."""
+    return _ordered(_animated_names(scene) | _changed_names(scene, first_only=False))
+
+
+def _ordered(names: set[str]) -> list[str]:
+    return sorted(names, key=lambda name: (name == SKY, name))
+
+
+def _changed_names(scene: bpy.types.Scene, first_only: bool) -> set[str]:
+    """Simulations that are not baked are not evaluated: they would lose their state."""
+    return set() if is_unbaked(scene) else changed_names(scene, first_only)
+
+
+def _animated_names(scene: bpy.types.Scene) -> set[str]:
     moving: set[str] = set()
-    if not is_unbaked(scene):
-        moving = changed_names(scene)
     for thing in scene.objects:
         if thing.type == "CAMERA" or (thing.hide_render and not varies(thing)):
             continue
@@ -42,7 +56,7 @@ def moving_names(scene: bpy.types.Scene) -> list[str]:
         tree = sky.node_tree
         if varies(sky) or _varies_inside(tree) or _shows_film(tree):
             moving.add(SKY)
-    return sorted(moving, key=lambda name: (name == SKY, name))
+    return moving
 
 
 def _shows_film(tree: bpy.types.NodeTree | None) -> bool:

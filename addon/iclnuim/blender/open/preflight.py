@@ -71,7 +71,7 @@ def _material_notes(baked: bool) -> list[str]:
     for material in bpy.data.materials:
         if not material.users or not material.node_tree:
             continue
-        nodes = material.node_tree.nodes
+        nodes = compat.nodes_of(material.node_tree)
         kinds = {node.type for node in nodes}
         if baked and kinds & {"NORMAL_MAP", "BUMP"}:
             bumps.append(material)
@@ -81,7 +81,7 @@ def _material_notes(baked: bool) -> list[str]:
             bright.append(material)
         if kinds & {"BSDF_GLASS", "BSDF_REFRACTION"} or _uses(nodes, "Transmission Weight", 0.0):
             glass.append(material)
-        elif _uses(nodes, "Alpha", 1.0):
+        elif "BSDF_TRANSPARENT" in kinds or _uses(nodes, "Alpha", 1.0):
             mixed.append(material)
     notes = []
     if glass:
@@ -106,7 +106,7 @@ def _reflects_more_than_it_gets(node: bpy.types.Node) -> bool:
     return not socket.is_linked and max(tuple(socket.default_value)[:3]) > 1
 
 
-def _uses(nodes: bpy.types.Nodes, name: str, neutral: float) -> bool:
+def _uses(nodes: list[bpy.types.Node], name: str, neutral: float) -> bool:
     """Whether a Principled surface has another value than the neutral one in an input."""
     for node in nodes:
         entry = node.inputs.get(name) if node.type == "BSDF_PRINCIPLED" else None

@@ -48,7 +48,8 @@ def open_empty() -> None:
 def open_scene(
     name: str, reading: SceneReading | None = None, run: RunFrames | None = None
 ) -> list[str]:
-    """Open a shipped scene or a file, for the frames of a run if there is one.
+    """Open a shipped scene or a file, for the frames of a run if there is one;
+    then at frame 0.
 
     Returns notes for the user. Raises InputError if it cannot be opened.
     """
@@ -96,6 +97,7 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
     if run is not None:
         scene.frame_start = 0
         scene.frame_end = run.poses - 1
+        scene.frame_set(0)
     _with_background_sets(scene)
     _look_at_rendered_layer(scene)
     _leave_edit_mode(scene.view_layers[0])

@@ -23,7 +23,7 @@ def object_poses(stamps_s: np.ndarray) -> str | None:
     instance. Call it after number_objects(); the current frame is restored.
     """
     scene = bpy.context.scene
-    moving = set(motion.moving_names(scene))
+    moving = set(motion.all_moving_names(scene))
     rows = [_HEAD]
     before = scene.frame_current
     with surfaces.as_rendered(scene) as depsgraph:
