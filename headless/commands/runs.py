@@ -244,23 +244,19 @@ def _begin(args: argparse.Namespace, console: Console) -> int:
 
 
 def _work(plans: list[RunPlan]) -> PlannedWork:
-    """The missing frames of runs on this machine, one after another. The raw frames of a run are
-    removed before those of the next one are rendered, unless they are kept.
+    """The missing frames of runs on this machine, one after another. A raw frame is removed once
+    all sequences of its run have it, unless it is kept.
     """
     cores = len(own_cores())
     missing = 0
     minutes = 0.0
-    sequences_gb = 0.0
-    raw_gb = [0.0]
+    gigabytes = 0.0
     for plan in plans:
         if frames := lacking(plan):
-            cost = local_estimate(plan, frames, cores)
-            written_gb = local_estimate(plan, 0, cores).gigabytes
             missing += frames
-            minutes += cost.wall_minutes
-            sequences_gb += written_gb
-            raw_gb.append(cost.gigabytes - written_gb)
-    gigabytes = sequences_gb + (sum(raw_gb) if plans[0].keep_raw else max(raw_gb))
+            minutes += local_estimate(plan, frames, cores).wall_minutes
+            raw_stays = plan.keep_raw or plan.sequences is None
+            gigabytes += local_estimate(plan, frames * raw_stays, cores).gigabytes
     where = f"{len(plans)} sequences"
     if len(plans) == 1:
         where = f"{plans[0].job.sequence}, in {plans[0].out}"
