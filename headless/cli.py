@@ -7,6 +7,7 @@ import importlib
 import os
 import re
 import sys
+import traceback
 from collections import ChainMap
 from collections.abc import Collection, Sequence
 from contextlib import suppress
@@ -20,6 +21,7 @@ from iclnuim.errors import IclnuimError, InputError, package_missing
 from iclnuim.formats.files import check_file, check_picture
 from iclnuim.version import __version__
 
+from .completion import complete
 from .isolation import run_isolated
 from .options import option_name
 from .outputs import check_outputs
@@ -100,6 +102,8 @@ def _discard_output() -> None:
 
 
 def _run(argv: list[str]) -> int:
+    if "_ARGCOMPLETE" in os.environ:
+        complete(COMMANDS, _configure)
     if not argv or argv[0] in ("-h", "--help"):
         print(_usage())
         return 0 if argv else 2
@@ -114,6 +118,8 @@ def _run(argv: list[str]) -> int:
     try:
         return _run_command(argv)
     except IclnuimError as error:
+        if {"-v", "--verbose"} & set(argv):
+            traceback.print_exc()
         print(f"iclnuim {command}: {error.worded(option_name)}", file=sys.stderr)
         return error.exit_code
     except ModuleNotFoundError as error:
@@ -243,14 +249,23 @@ def _refuse_empty(argv: list[str]) -> None:
             )
 
 
+def _module_of(command: str) -> Any:
+    name = _SHARED.get(command) or command.replace("-", "_")
+    return importlib.import_module(f".commands.{name}", __package__)
+
+
+def _configure(parser: argparse.ArgumentParser, command: str) -> None:
+    """Declare the options of a command."""
+    module = _module_of(command)
+    parser.set_defaults(run=getattr(module, "run", None))
+    getattr(module, f"configure_{command}" if command in _SHARED else "configure")(parser)
+
+
 def parsed(command: str, argv: list[str]) -> argparse.Namespace:
     """The parsed options of the command; their attribute `run(args, console)` executes it."""
-    shared = _SHARED.get(command)
-    name = shared or command.replace("-", "_")
-    module = importlib.import_module(f".commands.{name}", __package__)
+    module = _module_of(command)
     parser = _Parser(prog=f"iclnuim {command}", description=COMMANDS[command])
-    parser.set_defaults(run=getattr(module, "run", None))
-    getattr(module, f"configure_{command}" if shared else "configure")(parser)
+    _configure(parser, command)
     # a word that begins with a space is never taken for an option
     words = [_COORDINATES.sub(" ", word) for word in argv]
     if hasattr(module, "default_action") and (action := module.default_action(words)):

@@ -142,10 +142,12 @@ def option_name(setting: str) -> str:
 def common(
     parser: argparse.ArgumentParser, example: str, json: bool = True
 ) -> argparse.ArgumentParser:
-    """Add --quiet, --json if the command reports figures, and an example to --help."""
+    """Add --quiet, --verbose, --json if the command reports figures, and an example to --help."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = f"example:\n  {example}"
     parser.add_argument("--quiet", action="store_true", help="print no notes and no progress")
+    help = "print where in the code an error was raised"
+    parser.add_argument("-v", "--verbose", action="store_true", help=help)
     if json:
         help = "print figures as JSON on standard output"
         parser.add_argument("--json", action="store_true", help=help)

@@ -75,11 +75,12 @@ MAY_IMPORT |= {
     "benchmark.experiments": f"{LIBRARY} benchmark " + " ".join(BENCHMARK),
     "api": " ".join([LIBRARY, "ui", *BENCHMARK]),
     "headless": f"{LIBRARY} __main__",
+    "headless.completion": "shipped benchmark.odometry",
     "headless.farm": f"{LIBRARY} headless",
     "headless.method_options": " ".join([LIBRARY, "headless", *BENCHMARK]),
     "headless.commands": "api __main__ "
     + " ".join([LIBRARY, "headless headless.farm headless.method_options", *BENCHMARK]),
-    "headless.cli": f"{LIBRARY} headless headless.commands",
+    "headless.cli": f"{LIBRARY} headless headless.completion headless.commands",
     "tools": " ".join(
         [LIBRARY, "headless headless.farm headless.method_options builder", *BENCHMARK]
     ),
@@ -102,6 +103,7 @@ OUTSIDE = {
     "shown": ("numpy", "matplotlib"),
     "dataset": ("numpy", "rosbags torch lpips"),
     "raycast": ("numpy", "embreex igl scipy"),
+    "headless.completion": ("", "argcomplete"),
     "headless.farm": ("numpy", "submitit"),
     "headless.commands": ("numpy", "bpy matplotlib cv2"),
 }

@@ -10,6 +10,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MM = 1e3
+#: Blue, cyan, green, yellow, red: near to far, small to large.
+_STOPS = np.array(
+    [[0.15, 0.2, 0.75], [0.1, 0.7, 0.9], [0.25, 0.8, 0.3], [1.0, 0.85, 0.15], [0.9, 0.15, 0.1]]
+)
 
 
 class Brief:
@@ -102,3 +106,28 @@ def plot_from_above(axes: "Axes | None", positions_m: np.ndarray, label: str) ->
     axes.grid(alpha=0.3)
     axes.legend()
     return axes
+
+
+def ramp(share: np.ndarray) -> np.ndarray:
+    """Colour map: (...) in 0..1 -> (..., 3) in 0..1."""
+    place = np.clip(np.nan_to_num(np.asarray(share, float)), 0, 1) * (len(_STOPS) - 1)
+    low = np.minimum(place.astype(int), len(_STOPS) - 2)
+    return _STOPS[low] + (place - low)[..., None] * (_STOPS[low + 1] - _STOPS[low])
+
+
+def depth_colours(depth_z_m: np.ndarray, near_m: float, far_m: float) -> np.ndarray:
+    """(h, w) depth in metres -> (h, w, 3) uint8; black where there is no measurement."""
+    colours = ramp((depth_z_m - near_m) / max(far_m - near_m, 1e-6)) * 255
+    return np.where((depth_z_m > 0)[..., None], colours, 0).astype(np.uint8)
+
+
+def depth_range(depth_z_m: np.ndarray) -> tuple[float, float]:
+    """Depths in metres shown as blue and red: the 1 % and 95 % quantiles; 0 and 1 without any.
+
+    A garden behind the window must not use up the colour range.
+    """
+    seen = depth_z_m[depth_z_m > 0]
+    if not seen.size:
+        return 0.0, 1.0
+    near_m, far_m = np.quantile(seen, (0.01, 0.95)).tolist()
+    return near_m, far_m

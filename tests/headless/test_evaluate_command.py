@@ -14,6 +14,7 @@ from iclnuim.geometry import axes
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless import cli
+from iclnuim.report.trajectory_report import significant
 
 
 def run(*arguments):
@@ -170,7 +171,8 @@ def test_a_mirrored_estimate_is_named_with_what_to_do_and_that_helps(files, caps
     taken_right = call(
         capsys, "ate", files / "truth.txt", files / "mirrored_ids.txt", "--from", "tum-ids"
     )[1]
-    assert "warning" not in taken_right and "0.000000" in taken_right
+    (row,) = [line for line in taken_right.splitlines() if line.startswith("translation")]
+    assert "warning" not in taken_right and float(row.split()[2]) < 1e-3
 
 
 def test_a_mirrored_estimate_of_a_nearly_flat_trajectory_is_named(tmp_path, capsys):
@@ -315,3 +317,26 @@ def test_columns_of_large_errors_stay_apart(files, tmp_path, capsys):
     row = next(line for line in out.splitlines() if line.startswith("translation"))
     figures = [float(figure) for figure in row.split()[2:]]
     assert len(figures) == 6 and figures[0] > 1e4 and len(row) == 16 + 6 * 11
+
+
+def test_a_terminal_shows_millimetres_with_four_digits_and_json_metres(tmp_path, capsys):
+    write_pair(tmp_path, 3)
+    files = (tmp_path / "truth.txt", tmp_path / "estimate.txt")
+    code, out, _ = call(capsys, "ate", *files)
+    (row,) = [line for line in out.splitlines() if line.startswith("translation (mm) ")]
+    rmse_m = json.loads(call(capsys, "ate", *files, "--json")[1])["translation_error_m"]["rmse"]
+    assert row.split()[2] == f"{1000 * rmse_m:#.4g}"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0.000"),
+        (0.0123456, "0.01235"),
+        (999.96, "1000"),
+        (1234.5, "1234"),
+        (3e8, "3.000e+08"),
+    ],
+)
+def test_figures_have_four_significant_digits(value, text):
+    assert significant(value) == text

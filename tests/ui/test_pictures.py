@@ -1,18 +1,19 @@
 """Pictures for the panel: sizes, colours by value, and letters that stay inside."""
 
 import numpy as np
+from iclnuim import shown
 from iclnuim.ui import pictures
 
 
 def test_the_ramp_goes_from_blue_to_red_and_clips():
-    low, high = pictures.ramp(np.array([-1.0, 2.0]))
+    low, high = shown.ramp(np.array([-1.0, 2.0]))
     assert low[2] > low[0] and high[0] > high[2]
-    assert np.array_equal(pictures.ramp(np.array([0.0, 1.0])), [low, high])
+    assert np.array_equal(shown.ramp(np.array([0.0, 1.0])), [low, high])
 
 
 def test_pixels_without_depth_are_black_and_others_are_not():
     z = np.array([[0.0, 1.0], [2.0, 3.0]])
-    colours = pictures.depth_colours(z, 1.0, 3.0)
+    colours = shown.depth_colours(z, 1.0, 3.0)
     assert colours[0, 0].max() == 0
     assert (colours[z > 0].max(-1) > 0).all()
 

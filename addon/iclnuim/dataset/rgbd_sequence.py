@@ -20,6 +20,7 @@ from ..geometry.camera import CameraOrText, PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, sample
 from ..sensor.transfer import srgb8
+from ..shown import depth_colours, depth_range
 from .image_pairs import ImagePair, find_pairs
 from .layout import SequenceCamera, usual_step_s
 from .sequence_poses import read_truth
@@ -134,15 +135,18 @@ class RgbdSequence:
 
 
 def pictures(rgb: np.ndarray, depth_z_m: np.ndarray) -> str:
-    """HTML of colour (h, w, 3), uint8 or scene-linear, beside depth (h, w) in metres: grey, near
-    is bright, and black is missing.
+    """HTML of colour (h, w, 3), uint8 or scene-linear, beside depth (h, w) in metres by colour, with
+    a bar below; black is missing.
     """
     colour = rgb if rgb.dtype == np.uint8 else srgb8(rgb)
-    there = depth_z_m > 0
-    near_m = depth_z_m.min(initial=np.inf, where=there)
-    grey = np.where(there, 55 + 200 * near_m / np.where(there, depth_z_m, 1), 0).astype(np.uint8)
-    images = np.hstack([colour, np.repeat(grey[..., None], 3, axis=2)])
-    data = base64.b64encode(png_bytes(np.ascontiguousarray(images))).decode()
+    near_m, far_m = depth_range(depth_z_m)
+    bar = depth_colours(np.linspace(near_m or 1e-6, far_m, 160)[None].repeat(8, 0), near_m, far_m)
+    images = np.hstack([colour, depth_colours(depth_z_m, near_m, far_m)])
+    return f"{_img(images)}<br>depth {near_m:.2f} m {_img(bar)} {far_m:.2f} m"
+
+
+def _img(image: np.ndarray) -> str:
+    data = base64.b64encode(png_bytes(np.ascontiguousarray(image))).decode()
     return f'<img src="data:image/png;base64,{data}">'
 
 

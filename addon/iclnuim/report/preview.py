@@ -19,6 +19,7 @@ from ..formats.files import atomic_write, make_folder
 from ..formats.libraries import first_library
 from ..formats.png import write_png
 from ..geometry.trajectory import sample
+from ..shown import depth_colours, depth_range, ramp
 
 _ROWS = 6
 _FILM_FRAMES = 300
@@ -39,7 +40,7 @@ def draw_preview(folder: Path, out: Path, progress: Meter = None) -> list[Path]:
     camera = read_camera(folder, pairs[0].rgb)
     spread = sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _ROWS)})
     # the depth range of the colour map is the same for all frames
-    range_m = _range(np.concatenate([_metres(pairs[i], camera).ravel() for i in spread]))
+    range_m = depth_range(np.concatenate([_metres(pairs[i], camera).ravel() for i in spread]))
     errors = _error_tiles(folder, pairs, spread, camera)
     rows = []
     for i, error in zip(spread, errors, strict=True):
@@ -58,11 +59,12 @@ def draw_preview(folder: Path, out: Path, progress: Meter = None) -> list[Path]:
 
 
 def _captions(width: int, range_m: tuple[float, float]) -> np.ndarray:
-    """Captions of the three columns."""
+    """Captions of the three columns; that of depth has a bar of its colours."""
     figure = Figure(figsize=(width / 100, 0.28), dpi=100, facecolor="black")
     canvas = FigureCanvasAgg(figure)
     error = f"off its neighbour: black 0, yellow {100 * _ERROR_FULL_M:g} cm"
-    texts = ("colour", f"depth: red {range_m[0]:.1f} m, blue {range_m[1]:.1f} m, black none", error)
+    near_m, far_m = range_m
+    texts = ("colour", f"depth {near_m:.1f} m{' ' * 24}{far_m:.1f} m", error)
     style: dict[str, Any] = {
         "color": "white",
         "fontsize": min(9, width / 110),
@@ -71,6 +73,9 @@ def _captions(width: int, range_m: tuple[float, float]) -> np.ndarray:
     }
     for k, text in enumerate(texts):
         figure.text((k + 0.5) / 3, 0.5, text, **style)
+    bar = figure.add_axes((0.475, 0.25, 0.085, 0.5))
+    bar.imshow(ramp(np.linspace(0, 1, 256)[None]), aspect="auto")
+    bar.axis("off")
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[:, :width, :3]
 
@@ -83,12 +88,9 @@ def _metres(pair: ImagePair, camera: SequenceCamera) -> np.ndarray:
 
 
 def _tiles(pair: ImagePair, camera: SequenceCamera, range_m: tuple[float, float]) -> np.ndarray:
-    """Colour image, and depth by colour: near red, far blue, missing black."""
+    """Colour image, and depth by colour."""
     rgb, depth_z_m = read_images(pair, camera)
-    near, far = range_m
-    image = _colours(1 - (depth_z_m - near) / max(far - near, 1e-6), "turbo")
-    image[depth_z_m == 0] = 0
-    return np.hstack([_halved(rgb), _halved(image)])
+    return np.hstack([_halved(rgb), _halved(depth_colours(depth_z_m, *range_m))])
 
 
 def _error_tiles(
@@ -123,15 +125,6 @@ def _colours(share: np.ndarray, name: str) -> np.ndarray:
     return colormaps[name](numbers, bytes=True)[..., :3]
 
 
-def _range(depth_z_m: np.ndarray) -> tuple[float, float]:
-    """The range of most of the depths; 0 to 1 m if there are none."""
-    valid_m = depth_z_m[depth_z_m > 0]
-    if not valid_m.size:
-        return 0.0, 1.0
-    near, far = np.percentile(valid_m, (1, 99)).tolist()
-    return near, far
-
-
 def _halved(image: np.ndarray) -> np.ndarray:
     """2 x 2 means, so that an image of three tiles is small."""
     h, w = image.shape[:2]
@@ -146,7 +139,7 @@ def write_web_film(folder: Path, path: Path, first: int | None = None) -> None:
     pairs = find_pairs(folder)[:first]
     camera = read_camera(folder, pairs[0].rgb)
     pairs = pairs[:: -(-len(pairs) // _WEB_FRAMES)]
-    range_m = _range(_metres(pairs[len(pairs) // 2], camera))
+    range_m = depth_range(_metres(pairs[len(pairs) // 2], camera))
     frames = [_halved(_tiles(pair, camera, range_m)) for pair in pairs]
     atomic_write(path, lambda temporary: _write_film(temporary, frames, "VP80"))
 

@@ -50,6 +50,7 @@ from ..evaluation.relative_error import RelativeError
 from ..formats.trajectories import LoadedTrajectory
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
+from ..shown import MM
 from .explained_error import ExplainedError, Settings, measured
 
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
@@ -241,12 +242,16 @@ def _alignment_figures(alignment: Alignment) -> dict:
 def error_text(values: dict) -> str:
     """The text for the terminal, from an `ate` or `rpe` dictionary of to_dict()."""
     lines = [title(values), f"{'':16}" + "".join(f"{name:>11}" for name in STATISTICS)]
-    rows = (("translation (m)", "translation_error_m"), ("rotation (deg)", "rotation_error_deg"))
-    for label, key in rows:
+    rows = (
+        ("translation (mm)", "translation_error_m", MM),
+        ("rotation (deg)", "rotation_error_deg", 1.0),
+    )
+    for label, key, factor in rows:
         if values[key] is None:
             lines.append(f"{label:16} none: positions alone")
             continue
-        lines.append(f"{label:16}" + "".join(_cell(values[key][name]) for name in STATISTICS))
+        cells = [significant(factor * values[key][name]) for name in STATISTICS]
+        lines.append(f"{label:16}" + "".join(f"{cell:>11}" for cell in cells))
     truth = f"{values['reference']['poses']} ground-truth"
     poses = f"{truth} and {values['estimate']['poses']} estimated poses"
     apart = f"stamps at most {1000 * values['largest_difference_s']:.3f} ms apart"
@@ -263,11 +268,9 @@ def error_text(values: dict) -> str:
     return "\n".join(lines)
 
 
-def _cell(value: float) -> str:
-    """A column of 11 characters that begins with a blank: six decimals, or seven digits of a value
-    from 1000 on.
-    """
-    return f" {value:10.6f}" if abs(value) < 999.9999995 else f" {value:10.7g}"
+def significant(value: float) -> str:
+    """The value with four significant digits, or in whole units from 1000 to ten million on."""
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:#.4g}".removesuffix(".")
 
 
 def title(values: dict) -> str:

@@ -7,10 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-#: Blue, cyan, green, yellow, red: near to far, small to large.
-_STOPS = np.array(
-    [[0.15, 0.2, 0.75], [0.1, 0.7, 0.9], [0.25, 0.8, 0.3], [1.0, 0.85, 0.15], [0.9, 0.15, 0.1]]
-)
+from ..shown import depth_colours, depth_range, ramp
+
 _PAPER = 255
 #: Width of a title in dots of its letters.
 _TITLE_WIDTH = 160
@@ -33,22 +31,9 @@ _GLYPHS = {
 }  # fmt: skip
 
 
-def ramp(share: np.ndarray) -> np.ndarray:
-    """Colour map: (...) in 0..1 -> (..., 3) in 0..1."""
-    place = np.clip(np.nan_to_num(np.asarray(share, float)), 0, 1) * (len(_STOPS) - 1)
-    low = np.minimum(place.astype(int), len(_STOPS) - 2)
-    return _STOPS[low] + (place - low)[..., None] * (_STOPS[low + 1] - _STOPS[low])
-
-
 def error_colours(error_m: np.ndarray) -> np.ndarray:
     """(n,) errors -> (n, 3) colours: blue for no error, red for the largest error."""
     return ramp(error_m / max(float(np.max(error_m)), 1e-12))
-
-
-def depth_colours(depth_z_m: np.ndarray, near_m: float, far_m: float) -> np.ndarray:
-    """(h, w) depth in metres -> (h, w, 3) uint8; black where there is no measurement."""
-    colours = ramp((depth_z_m - near_m) / max(far_m - near_m, 1e-6)) * 255
-    return np.where((depth_z_m > 0)[..., None], colours, 0).astype(np.uint8)
 
 
 def frame_picture(
@@ -59,7 +44,7 @@ def frame_picture(
 
     Both depth images use one range.
     """
-    near_m, far_m = _depth_range(depth_z_m)
+    near_m, far_m = depth_range(depth_z_m)
     width = rgb.shape[1]
     size = max(width // _TITLE_WIDTH, 1)
     titles = np.full((2, 11 * size, 2 * width, 3), _PAPER, np.uint8)
@@ -73,19 +58,7 @@ def frame_picture(
 
 def colour_and_depth(rgb: np.ndarray, depth_z_m: np.ndarray) -> np.ndarray:
     """The colour image and the depth in false colours side by side: (h, 2w, 3) uint8."""
-    return np.hstack([rgb, depth_colours(depth_z_m, *_depth_range(depth_z_m))])
-
-
-def _depth_range(depth_z_m: np.ndarray) -> tuple[float, float]:
-    """Depths in metres shown as blue and red: the 1 % and 95 % quantiles.
-
-    A garden behind the window must not use up the colour range.
-    """
-    seen = depth_z_m[depth_z_m > 0]
-    if not seen.size:
-        return 0.0, 1.0
-    near_m, far_m = np.quantile(seen, (0.01, 0.95)).tolist()
-    return near_m, far_m
+    return np.hstack([rgb, depth_colours(depth_z_m, *depth_range(depth_z_m))])
 
 
 def error_plot(stamps_s: np.ndarray, error_m: np.ndarray, rmse_m: float) -> np.ndarray:
