@@ -9,11 +9,12 @@ from string import Template
 
 import numpy as np
 from iclnuim.dataset.image_pairs import find_pairs
+from iclnuim.dataset.layout import poses_at
 from iclnuim.dataset.sequence_poses import read_truth
 from iclnuim.dataset.stored_images import read_camera, read_depth_m
 from iclnuim.errors import InputError
 from iclnuim.formats.meshes import read_mesh_or_cloud
-from iclnuim.geometry.trajectory import frame_rate_hz, sample
+from iclnuim.geometry.trajectory import frame_rate_hz
 
 _FOLDER = Path(__file__).parent / "settings"
 #: Added to the bounds of the room on each side, as a share of their size.
@@ -99,16 +100,16 @@ def _seen(folder: Path) -> np.ndarray:
     """(n, 3) points in the world that depth images, spread over the sequence, show."""
     pairs = find_pairs(folder)
     camera = read_camera(folder, pairs[0].rgb)
-    truth = read_truth(folder)
-    if truth is None:
+    poses = poses_at(np.array([pair.stamp_s for pair in pairs]), read_truth(folder))
+    kept = np.flatnonzero([pose is not None for pose in poses])
+    if not len(kept):
         hint = "--model with a mesh of the room"
         raise InputError("poses, for the bounds", path=folder, found="none", hint=hint)
-    first, last = truth.stamps_s[[0, -1]]
     points = []
-    for row in np.linspace(0, len(pairs) - 1, min(_VIEWS, len(pairs))).round().astype(int):
-        pair = pairs[row]
-        depth_z_m = read_depth_m(pair.depth, camera.depth_units_per_metre).astype(float)
-        pose = sample(truth, np.array([pair.stamp_s]).clip(first, last))[0]
+    for at in np.linspace(0, len(kept) - 1, min(_VIEWS, len(kept))).round().astype(int):
+        pose = poses[kept[at]]
+        depth = pairs[kept[at]].depth
+        depth_z_m = read_depth_m(depth, camera.depth_units_per_metre).astype(float)
         place = (slice(None, None, _STEP), slice(None, None, _STEP))
         seen = camera.pinhole.unproject(depth_z_m)[place][depth_z_m[place] > 0]
         points.append(pose.apply(seen))

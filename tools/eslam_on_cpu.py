@@ -3,7 +3,7 @@
     iclnuim convert out/living_room/kt2/clean kt2 --frames :20 --format replica
     iclnuim settings eslam kt2
     python tools/eslam_on_cpu.py out/loaders/code/ESLAM kt2 estimate.txt
-    iclnuim evaluate ate estimate.txt kt2
+    iclnuim evaluate ate kt2/traj.txt estimate.txt
 
 Its code is unchanged (tools/loaders.py fetches it). Stand-ins: the two functions of PyTorch3D that
 it calls, and the mesh, which is not made.

@@ -217,14 +217,8 @@ class _Bag:
             self._write("/tf", self._new(_TRANSFORMS, transforms=[stamped]), stamp_ns)
 
     def _camera_info(self, stamp_ns: int, c: PinholeCamera) -> Any:
-        roi = self._new(
-            "sensor_msgs/msg/RegionOfInterest",
-            x_offset=0,
-            y_offset=0,
-            height=0,
-            width=0,
-            do_rectify=False,
-        )
+        sides = dict.fromkeys(("x_offset", "y_offset", "height", "width"), 0)
+        roi = self._new("sensor_msgs/msg/RegionOfInterest", **sides, do_rectify=False)
         projection = np.hstack([c.K, np.zeros((3, 1))])
         matrices = {"d": np.zeros(5), "k": c.K, "r": np.eye(3), "p": projection}
         if self.ros == 1:  # their names are upper-case

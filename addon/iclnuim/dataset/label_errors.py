@@ -15,7 +15,7 @@ from ..channels import INSTANCE
 from ..console import Meter, advance_of
 from ..errors import InputError
 from ..evaluation.labels import VOID, LabelFigures, label_confusion, label_figures
-from ..evaluation.panoptic import PanopticQuality, Segmentation, panoptic_quality
+from ..evaluation.panoptic import QUALITIES, PanopticQuality, Segmentation, panoptic_quality
 from ..formats.label_images import read_label_image
 from .label_classes import OURS, ClassMap, class_map
 from .label_frames import (
@@ -31,7 +31,6 @@ from .label_frames import (
 
 #: Figures of each class that have one.
 _OF_CLASS = ("iou", "accuracy")
-_OF_SEGMENTS = ("panoptic_quality", "segmentation_quality", "recognition_quality")
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +111,7 @@ class LabelErrors:
             row |= {"share": float(share)}
             row |= {name: float(getattr(figures, name)[k]) for name in _OF_CLASS}
             if self.panoptic is not None:
-                row |= {name: float(getattr(self.panoptic, name)[k]) for name in _OF_SEGMENTS}
+                row |= {name: float(getattr(self.panoptic, name)[k]) for name in QUALITIES}
             found.append((row, bool(figures.is_rare[k])))
         return found
 

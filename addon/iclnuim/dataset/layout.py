@@ -320,6 +320,19 @@ def posed(stamps_s: np.ndarray, truth: Trajectory | None) -> np.ndarray:
     return off_s <= _SLACK * usual_step_s(stamps_s) + 1e-6
 
 
+def poses_at(stamps_s: np.ndarray, truth: Trajectory | None) -> list[SE3 | None]:
+    """The true pose at each stamp (n,), None where `posed` is False."""
+    found: list[SE3 | None] = [None] * len(stamps_s)
+    if truth is None:
+        return found
+    for row in np.flatnonzero(posed(stamps_s, truth)).tolist():
+        pose = truth.T_world_camera[0]
+        if len(truth) > 1:
+            pose = sample(truth, stamps_s[row].clip(*truth.stamps_s[[0, -1]]))
+        found[row] = pose
+    return found
+
+
 def usual_step_s(stamps_s: np.ndarray) -> float:
     """Median step between stamps (n,) in any order; 1/30 s for a single stamp."""
     return float(np.median(np.diff(np.sort(stamps_s)))) if len(stamps_s) > 1 else 1 / 30

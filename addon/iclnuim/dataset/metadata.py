@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..formats.files import atomic_write_text
-from ..geometry.trajectory import Trajectory, sample
 from .image_pairs import find_pairs
-from .layout import posed
+from .layout import poses_at
 from .sequence_poses import read_truth
 from .stored_images import read_camera
 
@@ -26,7 +25,7 @@ def write_metadata(folder: Path | str) -> Path:
     folder = Path(folder)
     pairs = find_pairs(folder)
     camera = read_camera(folder, pairs[0].rgb).to_dict()
-    poses = _poses(np.array([pair.stamp_s for pair in pairs]), read_truth(folder))
+    poses = poses_at(np.array([pair.stamp_s for pair in pairs]), read_truth(folder))
     lines = []
     for pair, pose in zip(pairs, poses, strict=True):
         line: dict[str, Any] = {
@@ -34,21 +33,8 @@ def write_metadata(folder: Path | str) -> Path:
             "depth_file_name": pair.depth.relative_to(folder).as_posix(),
             "stamp_s": pair.stamp_s,
             **camera,
-            "T_world_camera": pose,
+            "T_world_camera": None if pose is None else pose.matrix.tolist(),
         }
         lines.append(json.dumps(line) + "\n")
     atomic_write_text(folder / FILE, "".join(lines))
     return folder / FILE
-
-
-def _poses(stamps_s: np.ndarray, truth: Trajectory | None) -> list[list[list[float]] | None]:
-    found: list[list[list[float]] | None] = [None] * len(stamps_s)
-    rows = np.flatnonzero(posed(stamps_s, truth))
-    if truth is None or not len(rows):
-        return found
-    poses = truth.T_world_camera
-    if len(truth) > 1:
-        poses = sample(truth, stamps_s[rows].clip(*truth.stamps_s[[0, -1]]))
-    for row, matrix in zip(rows, poses.matrix.tolist(), strict=True):
-        found[row] = matrix
-    return found

@@ -17,6 +17,15 @@ from ..shown import Brief
 VOID = 0
 #: Classes with a smaller share of the true pixels are listed separately.
 RARE = 0.001
+#: The figures over all classes.
+_OF_ALL = (
+    "mean_iou",
+    "mean_iou_without_rare",
+    "frequency_weighted_iou",
+    "pixel_accuracy",
+    "mean_accuracy",
+    "unlabelled",
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,14 +95,7 @@ class LabelFigures(Brief):
 
     def to_dict(self) -> dict[str, float]:
         """The figures over all classes."""
-        return {
-            "mean_iou": self.mean_iou,
-            "mean_iou_without_rare": self.mean_iou_without_rare,
-            "frequency_weighted_iou": self.frequency_weighted_iou,
-            "pixel_accuracy": self.pixel_accuracy,
-            "mean_accuracy": self.mean_accuracy,
-            "unlabelled": self.unlabelled,
-        }
+        return {name: getattr(self, name) for name in _OF_ALL}
 
 
 def label_confusion(truth: np.ndarray, predicted: np.ndarray, classes: int) -> np.ndarray:

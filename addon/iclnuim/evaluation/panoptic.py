@@ -14,6 +14,8 @@ from .labels import VOID
 #: A predicted segment matches a true one of its class above this IoU; no more than one does
 #: (section 4.1).
 _MATCHED = 0.5
+#: The figures of each class.
+QUALITIES = ("panoptic_quality", "segmentation_quality", "recognition_quality")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,12 +32,7 @@ class PanopticQuality(Brief):
 
     def __add__(self, other: "PanopticQuality") -> "PanopticQuality":
         """The segments of both, of other images."""
-        return PanopticQuality(
-            self.matched + other.matched,
-            self.false_positives + other.false_positives,
-            self.false_negatives + other.false_negatives,
-            self.iou_sum + other.iou_sum,
-        )
+        return PanopticQuality(*map(np.add, vars(self).values(), vars(other).values()))
 
     @property
     def segmentation_quality(self) -> np.ndarray:
@@ -60,11 +57,7 @@ class PanopticQuality(Brief):
 
     def to_dict(self) -> dict[str, float]:
         """Means over the classes of which the truth has a segment."""
-        return {
-            "panoptic_quality": float(np.nanmean(self.panoptic_quality)),
-            "segmentation_quality": float(np.nanmean(self.segmentation_quality)),
-            "recognition_quality": float(np.nanmean(self.recognition_quality)),
-        }
+        return {name: float(np.nanmean(getattr(self, name))) for name in QUALITIES}
 
     def _of_present(self, values: np.ndarray) -> np.ndarray:
         return np.where(self.is_present, values, np.nan)

@@ -5,7 +5,7 @@ All recordings of one sequence (`of`) have the same id, so that the viewer shows
 """
 
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from ..console import Meter, advance_of
 from ..dataset.image_pairs import find_pairs
-from ..dataset.layout import posed
+from ..dataset.layout import poses_at
 from ..dataset.sequence_poses import read_truth
 from ..dataset.stored_images import read_camera, read_depth_m
 from ..errors import InputError, WorkError
@@ -22,7 +22,6 @@ from ..formats.images import ARRAY, read_colour8
 from ..formats.png import read_depth16
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
-from ..geometry.trajectory import Trajectory, sample
 
 ENDING = ".rrd"
 #: The colour of ground truth.
@@ -184,16 +183,3 @@ def _images(recorder: Recorder, rgb: Path, depth: Path, units: float) -> None:
     else:
         image = recorder.rerun.DepthImage(read_depth16(depth), meter=units)
     recorder.log(f"{_CAMERA}/image/depth", image)
-
-
-def poses_at(stamps_s: np.ndarray, truth: Trajectory | None) -> Iterable[SE3 | None]:
-    """The ground-truth pose of each frame at stamps (n,), None if there is none within half a frame
-    period.
-    """
-    if truth is None or len(truth) < 2:
-        return [None] * len(stamps_s)
-    poses = sample(truth, stamps_s.clip(*truth.stamps_s[[0, -1]]))
-    found: list[SE3 | None] = [None] * len(stamps_s)
-    for k in np.flatnonzero(posed(stamps_s, truth)):
-        found[k] = poses[int(k)]
-    return found

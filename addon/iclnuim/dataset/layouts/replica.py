@@ -8,7 +8,7 @@ vMAP, imap/00 for training or imap/01 for novel views, which SplaTAM reads as Re
 rgb/rgb_0.png, depth/depth_0.png, traj_w_c.txt.
 """
 
-from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +30,15 @@ from ..layout import (
     SequenceFormat,
     SequenceFrame,
     rows_by_name,
+    truth_at,
 )
 
 #: Depth units per metre in the systems' settings for Replica; the range ends at 10 m.
 UNITS = 6553.5
 _PUBLISHED = PinholeCamera(1200, 680, 600.0, 600.0, 599.5, 339.5)
 _LABELS = ("class", INSTANCE)
-#: Format -> its trajectory.
-_TRAJECTORIES = {"replica": "traj.txt", "replica-v2": "traj_w_c.txt"}
+_TRAJECTORY = "traj.txt"
+_V2_TRAJECTORY = "traj_w_c.txt"
 _CAMERA = "cam_params.json"
 _NUMBERS = ("w", "h", "fx", "fy", "cx", "cy", "scale")
 #: Keys of cam_params.json.
@@ -49,8 +50,8 @@ KEYS = Keys(
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
-    path = folder / _TRAJECTORIES[format.name]
-    write_trajectory(path, Trajectory(contents.stamps_s, contents.poses), "replica")
+    name = _TRAJECTORY if format.name == "replica" else _V2_TRAJECTORY
+    write_trajectory(folder / name, Trajectory(contents.stamps_s, contents.poses), "replica")
     c = contents.camera
     k = {"w": c.width, "h": c.height, "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy}
     write_json(folder / _CAMERA, {"camera": {**k, "scale": contents.depth_units_per_metre}})
@@ -59,21 +60,18 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 def _rows(folder: Path) -> list[Row]:
     """The frames; a depth image has the number of its colour image."""
     results = folder / "results"
-    return rows_by_name(
-        _numbered(results, "frame*.jpg", "frame*.png"), _numbered(results, "depth*.png")
-    )
+    if results.is_dir():
+        colours = files_in(results, "frame*.jpg", "frame*.png")
+        depths = files_in(results, "depth*.png")
+    else:
+        colours = files_in(folder / "rgb", "rgb_*.png")
+        depths = files_in(folder / "depth", "depth_*.png")
+    return rows_by_name(_numbered(colours), _numbered(depths))
 
 
-def _rows_of_v2(folder: Path) -> list[Row]:
-    return rows_by_name(
-        _numbered(folder / "rgb", "rgb_*.png"), _numbered(folder / "depth", "depth_*.png")
-    )
-
-
-def _numbered(folder: Path, *patterns: str) -> Mapping[str, Path]:
-    """The images by what is in place of the asterisk."""
-    begin = len(patterns[0].partition("*")[0])
-    return {path.stem[begin:]: path for path in files_in(folder, *patterns)}
+def _numbered(images: list[Path]) -> dict[str, Path]:
+    """The images by what follows the letters in their names."""
+    return {path.stem.lstrip("framedpthgb_"): path for path in images}
 
 
 def _camera(folder: Path, image: Path) -> SequenceCamera | None:
@@ -110,37 +108,34 @@ def _image_of_v2(frame: SequenceFrame, kind: str) -> str:
     return _image(frame, kind) if kind in _LABELS else f"{kind}/{kind}_{frame.number}.png"
 
 
-def _reader(name: str, images: str, rows: Callable[[Path], list[Row]]) -> Reader:
-    def truth(folder: Path) -> Path:
-        return folder / _TRAJECTORIES[name]
-
-    def found(folder: Path) -> bool:
-        return truth(folder).is_file() and (folder / images).is_dir()
-
-    return Reader(found, rows, _camera, truth)
-
-
 FORMAT = SequenceFormat(
     "replica",
     "Replica as NICE-SLAM and its successors read it: results/frame*.jpg, results/depth*.png, "
     "traj.txt, cam_params.json",
     _image,
     _write,
-    _reader("replica", "results", _rows),
+    Reader(
+        lambda folder: (folder / _TRAJECTORY).is_file() and (folder / "results").is_dir(),
+        _rows,
+        _camera,
+        truth_at(_TRAJECTORY),
+    ),
     stamps="numbers",
     depth_stamps=False,
     fixed_units=UNITS,
     every_pose=True,
 )
-V2 = SequenceFormat(
-    "replica-v2",
-    "a part of Replica as vMAP and SplaTAM's novel views read it: rgb/rgb_*.png, "
+V2 = replace(
+    FORMAT,
+    name="replica-v2",
+    description="a part of Replica as vMAP and SplaTAM's novel views read it: rgb/rgb_*.png, "
     "depth/depth_*.png, traj_w_c.txt, cam_params.json",
-    _image_of_v2,
-    _write,
-    _reader("replica-v2", "rgb", _rows_of_v2),
-    stamps="numbers",
-    depth_stamps=False,
+    image=_image_of_v2,
+    reader=Reader(
+        lambda folder: (folder / _V2_TRAJECTORY).is_file() and (folder / "rgb").is_dir(),
+        _rows,
+        _camera,
+        truth_at(_V2_TRAJECTORY),
+    ),
     fixed_units=1000.0,
-    every_pose=True,
 )
