@@ -518,3 +518,17 @@ def test_a_sky_that_is_an_image_is_sampled_at_the_images_size():
     image.image = bpy.data.images["sky"]
     assert width(sky) is None
     assert width(_sky_of("ShaderNodeTexSky")[0]) is None and width(_sky_of()[0]) is None
+
+
+@pytest.mark.parametrize(("size_m", "seen"), [(4.0, True), (1.2, False)])
+def test_a_room_whose_walls_show_their_backs_is_seen_from_inside_and_a_solid_is_not(size_m, seen):
+    """A box with its faces outward and a ball beside it, so that there are places outside too."""
+    from iclnuim.blender import surfaces
+    from iclnuim.blender.light.viewpoints import viewpoints
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add(size=size_m)
+    bpy.ops.mesh.primitive_uv_sphere_add(location=(size_m, 0, 0), radius=0.3)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    places = viewpoints(depsgraph, surfaces.joined(surfaces.parts(depsgraph)), 16, 0)
+    assert (np.abs(places) < size_m / 2).all(1).any() == seen

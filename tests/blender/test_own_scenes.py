@@ -406,17 +406,19 @@ def test_a_lamp_or_a_material_that_changes_is_found(room):
 
 def test_a_scene_without_light_gets_one_and_a_closed_one_gets_lamps_inside(tmp_path):
     made.fresh(bpy)
-    made.box(bpy, "crate", (0, 0, 0), (1, 1, 1))
+    made.box(bpy, "crate", (0, 0, 0), (1.2, 1.2, 1.2))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "open.blend"))
     notes = opened(tmp_path / "open.blend")
     assert "inside" not in next(n for n in notes if "uniform white sky was added" in n)
-    made.fresh(bpy)
-    room = made.box(bpy, "room", (-2, -2, 0), (2, 2, 2.5))
-    room.data.flip_normals()
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "closed.blend"))
-    assert any("lamps inside" in n for n in opened(tmp_path / "closed.blend"))
-    lamps = [o for o in bpy.context.scene.objects if o.type == "LIGHT"]
-    assert lamps and all(abs(o.location.x) < 2 and 0 < o.location.z < 2.5 for o in lamps)
+    for inwards in (True, False):
+        made.fresh(bpy)
+        room = made.box(bpy, "room", (-2, -2, 0), (2, 2, 2.5))
+        if inwards:
+            room.data.flip_normals()
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "closed.blend"))
+        assert any("lamps inside" in n for n in opened(tmp_path / "closed.blend"))
+        lamps = [o for o in bpy.context.scene.objects if o.type == "LIGHT"]
+        assert lamps and all(abs(o.location.x) < 2 and 0 < o.location.z < 2.5 for o in lamps)
 
 
 def test_displacement_by_a_material_is_in_the_mesh_as_the_formula_has_it(tmp_path):

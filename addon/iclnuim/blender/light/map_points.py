@@ -80,7 +80,7 @@ class MapPoints:
         share = np.array(_STEPS_INTO_VIEW)[:, None, None]
         points = (1 - share) * self.points_m[hidden_row] + share * self.points_m[near_row]
         normals = (1 - share) * self.normals[hidden_row] + share * self.normals[near_row]
-        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+        normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
         seen = np.ones(points.shape[:2], bool)  # the last is the visible texel itself
         tested = light_sampling.seen(
             points[:-1].reshape(-1, 3), normals[:-1].reshape(-1, 3), places, self.seed

@@ -6,14 +6,13 @@ from mathutils import Vector
 
 from ...geometry.points import farthest_points
 from ...lightmap.surfaces import Surfaces
+from ..look_round import MAX_BACKS, ROOM_M, look_round
 from ..surfaces import rendered_lamps
 
 #: Rays that look round at a place: their share of hits is then known within 7 %.
 _RAYS = 48
 #: Places that are tried for each one wanted: at least some are in free space in every room.
 _TRIED = 24
-#: A place is in free space if less than this share of its rays ends at the back of a surface.
-_MAX_BACKS = 0.1
 #: Free places are used if at least this share of the rays of the most enclosed place hits surfaces:
 #: they are inside rooms, if there are any. If less than half of the places qualify, the scene is
 #: open and these few are niches: then the second, lower share is used.
@@ -27,17 +26,21 @@ _FARTHEST_M = 4.0
 def viewpoints(
     depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, seed: int
 ) -> np.ndarray:
-    """(up to count, 3) places in metres distributed over the scene's free space: in rooms, not
-    inside solids or behind walls.
+    """(up to count, 3) places in metres distributed over the scene's free space: in rooms, also in
+    those whose walls show their backs, not inside solids or behind walls.
     """
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(_RAYS, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    places = [_place_before(depsgraph, surfaces, rng) for _ in range(count * _TRIED)]
-    hits = np.array([_front_hits(depsgraph, p, directions) for p in places])
+    tried = range(count * _TRIED)
+    places = np.array([_place_before(depsgraph, surfaces, rng) for _ in tried])
+    fronts, backs, nearest_m, median_m = look_round(depsgraph, places, directions).T
+    hits = np.where((backs <= MAX_BACKS) & (nearest_m >= _NEAREST_M), fronts, 0.0)
     enclosed = hits[hits > 0] >= _ENCLOSED * hits.max()
     share = _ENCLOSED if enclosed.sum() >= enclosed.size / 2 else _IN_THE_OPEN
-    free = np.array(places)[(hits > 0) & (hits >= share * hits.max())]
+    free = places[(hits > 0) & (hits >= share * hits.max())]
+    behind = (backs > hits.max()) & (median_m >= ROOM_M) & (nearest_m >= _NEAREST_M)
+    free = np.concatenate([free, places[behind]])
     lamps = [lamp for lamp in rendered_lamps(bpy.context.scene) if lamp.data.type != "SUN"]
     lamps_m = [lamp.matrix_world.translation for lamp in lamps]
     if lamps_m and not any(_sees_one(depsgraph, place, lamps_m) for place in free):
@@ -80,24 +83,3 @@ def _sees_one(depsgraph: bpy.types.Depsgraph, place: np.ndarray, lamps_m: list[V
         if not ray.length or not scene.ray_cast(depsgraph, origin, ray, distance=ray.length)[0]:
             return True
     return False
-
-
-def _front_hits(depsgraph: bpy.types.Depsgraph, place: np.ndarray, directions: np.ndarray) -> int:
-    """The number of rays that end at the front of a surface; 0 for a place that is not in free
-    space.
-    """
-    origin = Vector(place)
-    backs = fronts = 0
-    for direction in directions:
-        hit, location, normal, *_ = depsgraph.scene.ray_cast(depsgraph, origin, Vector(direction))
-        if not hit:
-            continue
-        if (location - origin).length < _NEAREST_M:
-            return 0
-        if normal.dot(Vector(direction)) > 0:
-            backs += 1
-        else:
-            fronts += 1
-        if backs > _MAX_BACKS * _RAYS:
-            return 0
-    return fronts

@@ -2,10 +2,10 @@
 
 import bpy
 import numpy as np
-from mathutils import Vector
 
 from ...geometry.points import farthest_points
 from .. import compat, surfaces
+from ..look_round import MAX_BACKS, ROOM_M, look_round
 from ..sky import gives_light
 
 #: Random places that are tried for lamps inside, and the number of rays from each: in a room of
@@ -15,8 +15,6 @@ _RAYS = 48
 #: A place needs lamps if less than this share of its rays reaches the sky: in a room, less than a
 #: small window lets through.
 _MAX_SKY = 0.03
-#: A place is in free space if less than this share of its rays ends at the back of a surface.
-_MAX_BACKS = 0.1
 #: One lamp for each quarter of a room, of the size of a ceiling lamp: soft shadows.
 _LAMPS = 4
 _RADIUS_M = 0.15
@@ -90,13 +88,17 @@ def _light_inside(scene: bpy.types.Scene) -> int:
     rays = rng.normal(size=(_RAYS, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    seen = np.array([_look_round(depsgraph, place, rays) for place in places])
-    sky, backs, nearest_m = seen.T
-    free = (backs < _MAX_BACKS) & (nearest_m > 2 * _RADIUS_M)
-    shut_in = free & (sky < _MAX_SKY)
-    if shut_in.sum() < 0.5 * max(free.sum(), 1):
+    fronts, backs, nearest_m, median_m = look_round(depsgraph, places, rays).T
+    free = nearest_m > 2 * _RADIUS_M
+    shut_in = fronts + backs > 1 - _MAX_SKY
+    before = free & (backs < MAX_BACKS)
+    behind = free & (backs > fronts) & (median_m >= ROOM_M)
+    for side in (before, behind):
+        inside = places[side & shut_in]
+        if len(inside) > 0.5 * side.sum():
+            break
+    else:
         return 0
-    inside = places[shut_in]
     chosen = farthest_points(inside, _LAMPS, first=int(inside[:, 2].argmax()))
     area_m2 = 2 * float(size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
     for place in chosen:
@@ -108,22 +110,3 @@ def _light_inside(scene: bpy.types.Scene) -> int:
         lamp.visible_camera = False  # visible in reflections, because metal shows nothing else
         scene.collection.objects.link(lamp)
     return len(chosen)
-
-
-def _look_round(
-    depsgraph: bpy.types.Depsgraph, place: np.ndarray, rays: np.ndarray
-) -> tuple[float, float, float]:
-    """The share of rays that reach the sky, the share that end at a back face, and the distance of
-    the nearest surface in metres.
-    """
-    sky = backs = 0
-    nearest_m = np.inf
-    origin = Vector(place)
-    for ray in rays:
-        hit, location, normal, *_ = depsgraph.scene.ray_cast(depsgraph, origin, Vector(ray))
-        if hit:
-            backs += normal.dot(Vector(ray)) > 0
-            nearest_m = min(nearest_m, (location - origin).length)
-        else:
-            sky += 1
-    return sky / len(rays), backs / len(rays), nearest_m

@@ -87,8 +87,9 @@ def why_black(rgb: np.ndarray, depth_z_m: np.ndarray) -> str | None:
     if np.median(depth_z_m[seen]) < _TOO_NEAR_M:
         return "the camera is inside an object or touches one; check the trajectory"
     return (
-        "no light reaches what the camera sees: lamps are hidden or too weak, walls face outwards, "
-        "or a dome shuts the sky out (of our scenes the backdrop: export them without it)"
+        "no light reaches what the camera sees: lamps are hidden or too weak, or a dome shuts the "
+        "sky out (of our scenes the backdrop: export them without it); a scene without lamps, "
+        "emission and sky is lit here"
     )
 
 
