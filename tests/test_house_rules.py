@@ -46,7 +46,7 @@ MAY_IMPORT = {
     "channels": "formats",
     "job": f"{CORE} channels shipped sensor",
     "dataset": f"{CORE} version console channels job shipped sensor evaluation",
-    "postprocess": f"{CORE} console sensor evaluation dataset",
+    "postprocess": f"{CORE} console sensor evaluation dataset report",
     "render": f"{CORE} console job dataset worker_events",
     "lightmap": "errors geometry",
     "blender": f"{CORE} lightmap",

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from iclnuim import SE3, InputError, Trajectory, console
 from iclnuim.dataset.stored_images import read_images
+from iclnuim.headless import cli
 
 sys.modules.setdefault("matplotlib", __import__("matplotlib")).use("Agg")
 
@@ -98,11 +99,28 @@ def test_errors_are_computed_of_matrices_lists_and_trajectories():
                 assert measure(one, other).translation_m.rmse == pytest.approx(expected)
         late = Trajectory(truth.stamps_s + 100, POSES)
         assert measure(late, MOVED).translation_m.rmse == pytest.approx(expected)
-        with pytest.raises(InputError, match="as many poses of both, .*found 8 and 7"):
+        with pytest.raises(InputError, match="as many lines .* 8, found 7 lines"):
             measure(truth, MOVED.matrix[:7])
         for wrong in (None, 3, np.eye(4), [[1, 2]]):
             with pytest.raises(InputError, match="a Trajectory or the name of a file, or poses"):
                 measure(truth, wrong)
+
+
+@pytest.mark.parametrize("error", ["ate", "rpe"])
+def test_python_gives_the_warnings_of_the_command(tmp_path, capsys, repository, error):
+    truth = repository / "trajectories/living_room/kt2.txt"
+    estimate = tmp_path / "estimate.txt"
+    poses = iclnuim.read_trajectory(truth).trajectory.T_world_camera
+    late = Trajectory(1 + np.arange(len(poses)) / 25, poses)
+    iclnuim.write_trajectory(estimate, late, "tum")
+    assert cli.main(["evaluate", error, str(truth), str(estimate), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)["warnings"]
+    names = {"ate": iclnuim.absolute_trajectory_error, "rpe": iclnuim.relative_pose_error}
+    found = names[error](truth, estimate)
+    assert list(found.warnings) == said and "30 poses a second instead of 25" in repr(found)
+    as_given = names[error](iclnuim.read_trajectory(truth).trajectory, late)
+    assert as_given.warnings[0][:90] == said[0][:90]
+    assert names[error](truth, truth).warnings == ()
 
 
 def results():

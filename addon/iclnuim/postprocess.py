@@ -18,22 +18,27 @@ import numpy as np
 from .console import Meter, advance_of
 from .dataset.frame_source import FrameSource
 from .dataset.image_frames import image_frames
+from .dataset.pose_lines import tied_to_poses
 from .dataset.rgbd_sequence import RgbdSequence
 from .dataset.run_frames import run_frames
 from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
 from .errors import InputError
-from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
-from .evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
+from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
+from .evaluation.relative_error import RelativeError, RelativeErrorSettings
 from .formats.files import sha256
-from .formats.trajectories import read_trajectory, trajectory_text
+from .formats.trajectories import LoadedTrajectory, ReadAs, read_trajectory, trajectory_text
+from .formats.trajectory_source import OWN_WORLD
 from .geometry.camera import CameraOrText, PinholeCamera
 from .geometry.se3 import SE3, Poses
 from .geometry.trajectory import Trajectory
+from .report.trajectory_report import ComparedFile, Report
 from .sensor.models import NamedNoise, depth_model, rgb_model
 from .sensor.noise_model import DEPTH, RGB, frame_generator
 
 Settings = Mapping[str, Any]
 TrajectoryOrFile = Trajectory | Poses | str | os.PathLike[str]
+#: Poses from Python, which need no other reading of a file.
+_AS_GIVEN = ReadAs("replica", "right", OWN_WORLD, "poses as given")
 #: What images must be, and what to try if they hold whole numbers.
 _METRES = "depth in metres", "dividing by the units per metre (TUM: 5000)"
 _LINEAR_RGB = "scene-linear RGB with 1 = white", "iclnuim.linear_from_srgb8 for 8-bit images"
@@ -196,10 +201,13 @@ def absolute_trajectory_error(
     the other's pose i.
 
     By default, stamps within 20 ms are associated and the estimate is aligned by SE(3).
-    `.translation_m.rmse` is the value that papers report. Raises InputError for a file that cannot
+    `.translation_m.rmse` is the value that papers report, `.warnings` what `iclnuim evaluate` warns
+    of. Raises InputError for a file that cannot
     be read, if no stamps match, and if the poses do not determine the alignment.
     """
-    return absolute_error(*_trajectories(truth, estimate), settings)
+    found = _report(truth, estimate, settings or AbsoluteErrorSettings())
+    assert isinstance(found, AbsoluteError)
+    return found
 
 
 def relative_pose_error(
@@ -215,32 +223,33 @@ def relative_pose_error(
     frames, seconds or metres. Raises InputError for a file that cannot be read, if no stamps match,
     and if no two poses are delta apart.
     """
-    return relative_error(*_trajectories(truth, estimate), settings)
+    found = _report(truth, estimate, settings or RelativeErrorSettings())
+    assert isinstance(found, RelativeError)
+    return found
 
 
-def _trajectories(
-    truth: TrajectoryOrFile, estimate: TrajectoryOrFile
-) -> tuple[Trajectory, Trajectory]:
-    """Both as trajectories; poses without stamps get those of the other."""
-    both = [_read(given) for given in (truth, estimate)]
-    stamped = next((one for one in both if isinstance(one, Trajectory)), None)
-    counts = [len(one) for one in both]
-    if not all(isinstance(one, Trajectory) for one in both) and counts[0] != counts[1]:
-        expected = "as many poses of both, as some have no stamps"
-        raise InputError(expected, found=f"{counts[0]} and {counts[1]}")
-    found = []
-    for one in both:
-        if isinstance(one, SE3):
-            one = Trajectory.at_rate(one) if stamped is None else Trajectory(stamped.stamps_s, one)
-        found.append(one)
-    return found[0], found[1]
+def _report(
+    truth: TrajectoryOrFile,
+    estimate: TrajectoryOrFile,
+    settings: AbsoluteErrorSettings | RelativeErrorSettings,
+) -> AbsoluteError | RelativeError:
+    """The errors, with the warnings that `iclnuim evaluate` prints."""
+    both = tied_to_poses(_read(truth), _read(estimate))
+    reference = ComparedFile(_name(truth), both[0])
+    report = Report.of(reference, ComparedFile(_name(estimate), both[1]), settings)
+    return replace(report.result, warnings=tuple(report.warnings))
 
 
-def _read(given: TrajectoryOrFile) -> Trajectory | SE3:
-    if isinstance(given, Trajectory):
-        return given
+def _name(given: TrajectoryOrFile) -> str:
+    return os.fspath(given) if isinstance(given, str | os.PathLike) else ""
+
+
+def _read(given: TrajectoryOrFile) -> LoadedTrajectory:
+    """The poses; those without stamps are counted rows."""
     if isinstance(given, str | os.PathLike):
-        return read_trajectory(given).trajectory
+        return read_trajectory(given)
+    if isinstance(given, Trajectory):
+        return LoadedTrajectory(given, _AS_GIVEN, np.arange(len(given)), len(given))
     try:
         poses = SE3.of(given)
     except InputError:
@@ -248,4 +257,5 @@ def _read(given: TrajectoryOrFile) -> Trajectory | SE3:
     if len(poses.shape) != 1:
         expected = "a Trajectory or the name of a file, or poses (n,) or (n, 4, 4)"
         raise InputError(expected, found=type(given).__name__)
-    return poses
+    rows = np.arange(len(poses))
+    return LoadedTrajectory(Trajectory.at_rate(poses), _AS_GIVEN, rows, len(rows), is_counted=True)

@@ -173,7 +173,12 @@ def _compared(
     is given.
     """
     from iclnuim.dataset.pose_lines import tied_to_poses
-    from iclnuim.dataset.sequence_poses import find_truth, load_truth, tied_to_sequence
+    from iclnuim.dataset.sequence_poses import (
+        find_truth,
+        load_truth,
+        said_of_body,
+        tied_to_sequence,
+    )
 
     options = {"rate_hz": args.file_rate, "positions_suffice": of_positions}
     estimate = read_trajectory(args.estimate, args.format, **options)
@@ -182,7 +187,7 @@ def _compared(
     file = found or folder
     truth = load_truth(folder, **options) if found and not args.reference_from else None
     if truth is None:
-        truth = read_trajectory(file, args.reference_from, **options)
+        truth = said_of_body(file, read_trajectory(file, args.reference_from, **options))
     if not offset_s:
         with within(args.estimate):
             if found:

@@ -18,7 +18,7 @@ from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.known_keys import DISTORTED
 from iclnuim.dataset.layouts import euroc, nerf, replica, vslam_lab
 from iclnuim.dataset.layouts.scannet import SCAN
-from iclnuim.dataset.sequence_poses import load_truth, read_truth
+from iclnuim.dataset.sequence_poses import find_truth, load_truth, read_truth
 from iclnuim.dataset.stored_images import read_camera
 from iclnuim.errors import InputError
 from iclnuim.formats.colmap_cameras import MODELS
@@ -279,6 +279,13 @@ def test_poses_of_a_body_become_those_of_its_camera(
     numbers = image_frames(folder).numbers
     assert image_frames(folder).truth_file(numbers) is None
     assert image_frames(all_formats / format).truth_file(numbers) is not None
+    truth_file = find_truth(folder)
+    for reference, is_body in ((truth_file, True), (folder, False)):
+        code, _, said = command_here("evaluate", reference, truth_file, "--align", "none")
+        assert code == 0 and ("poses of the body, without T_BS" in said) == is_body
+    right = find_truth(all_formats / format)
+    code, _, said = command_here("evaluate", right, truth_file, "--align", "none")
+    assert code == 0 and "of the body" not in said
     code, _, _ = command_here("convert", folder, folder.parent / "out")
     written = read_truth(folder.parent / "out").T_world_camera.matrix
     assert code == 0 and np.allclose(written, expected, atol=1e-6)

@@ -7,6 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
+from iclnuim.dataset import inspected_poses
 from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import SequenceCamera
@@ -52,6 +53,17 @@ def box(tmp_path_factory):
 @pytest.fixture
 def tum(box, tmp_path):
     return shutil.copytree(box["tum"], tmp_path / "sequence")
+
+
+@pytest.mark.parametrize(("residual", "is_wrong"), [(0.008, False), (0.018, False), (0.025, True)])
+def test_a_small_residual_without_an_explanation_is_no_error(tum, monkeypatch, residual, is_wrong):
+    def unexplained(*_):
+        return Agreement(residual, told=True, matches=False)
+
+    monkeypatch.setattr(inspected_poses, "pose_agreement", unexplained)
+    found = inspect_sequence(tum)
+    (said,) = [text for text in found.wrong + found.odd if "do not match" in text]
+    assert (said in found.wrong) == is_wrong
 
 
 def write_poses(folder, change):

@@ -203,6 +203,19 @@ CASES = {
         ["cam_pos = [x, y, z]", "no cam_pos"],
     ),
     "a camera of words": ("s_1.txt", CAMERA.replace("1, 0]", "one, 0]"), 3, ["cam_up = [x, y, z]"]),
+    "Euler angles": (
+        "e.txt",
+        "1.0 0 0 0.3 0.1 0.2 0.3\n" * 3,
+        1,
+        ["7 columns", "roll, pitch, yaw"],
+    ),
+    "Euler angles alone": ("e.txt", "0 0 0.3 3 2 90\n" * 3, 1, ["6 columns", "roll, pitch, yaw"]),
+    "named Euler angles": (
+        "e.csv",
+        "time,x,y,z,roll,pitch,yaw\n1,0,0,0,1,2,3\n2,0,0,1,1,2,3\n",
+        None,
+        ["positions alone", "quaternions instead of angles"],
+    ),
     "a flat camera": ("s_1.txt", CAMERA.replace("[0, 1, 0]", "[0, 0, 2]"), None, ["span a plane"]),
 }
 

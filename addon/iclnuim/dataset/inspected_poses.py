@@ -6,6 +6,7 @@ import numpy as np
 
 from ..evaluation.associate import nearest
 from ..evaluation.carried_depth import carried_residual
+from ..evaluation.depth_against_poses import MISMATCH
 from ..formats.trajectories import LoadedTrajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -72,7 +73,8 @@ def inspect_depth_against_poses(
         return
     result.figures["depth_fits_poses_percent"] = round(100 * found.residual, 3)
     if sentence := doubt(found, camera):
-        result.wrong.append(sentence)
+        is_wrong = found.reading.kind or found.residual > MISMATCH
+        (result.wrong if is_wrong else result.odd).append(sentence)
     elif not found.told:
         result.figures["depth_against_poses"] = TOO_LITTLE
     if found.reading.kind:

@@ -19,6 +19,9 @@ from .pose_lines import ImagesOfLines, Residuals, numbers_only_count, tied_to_im
 from .sequence_formats import format_of
 from .stored_images import read_camera, read_depth_m
 
+#: Folders above a ground truth that may be its sequence: EuRoC's is mav0/NAME/data.csv.
+_DEEPEST = 3
+
 
 def find_truth(folder: Path) -> Path | None:
     """The ground truth of a sequence, or None: a file or folder that read_trajectory can read."""
@@ -40,6 +43,20 @@ def load_truth(folder: Path, **options: Any) -> LoadedTrajectory | None:
     poses = Trajectory(own.stamps_s, own.T_world_camera @ mount)
     how = f"{loaded.read_as.sentence}; poses of the camera by T_BS of its file"
     return replace(loaded, trajectory=poses, read_as=replace(loaded.read_as, sentence=how))
+
+
+def said_of_body(file: Path, loaded: LoadedTrajectory) -> LoadedTrajectory:
+    """The poses of a file, and in how they were read that those of the camera differ, if the file
+    is the ground truth of a sequence whose camera is mounted on a body.
+    """
+    for folder in file.absolute().parents[:_DEEPEST]:
+        if find_truth(folder) == file.absolute():
+            if format_of(folder).reader.mount(folder) is None:
+                break
+            how = f"poses of the body, without T_BS of the camera; {folder} gives the camera's"
+            sentence = f"{loaded.read_as.sentence}; {how}"
+            return replace(loaded, read_as=replace(loaded.read_as, sentence=sentence))
+    return loaded
 
 
 def read_truth(folder: Path) -> Trajectory | None:

@@ -55,7 +55,8 @@ class PoseErrors(Shown):
     """Errors of m compared poses or RPE pairs: translation_error_m (m,), rotation_error_rad (m,) in
     0..pi.
 
-    reference (n,): the associated poses of the ground truth, stamps_s (n,) their stamps.
+    reference (n,): the associated poses of the ground truth, stamps_s (n,) their stamps. warnings:
+    sentences, as those of `iclnuim evaluate`.
     """
 
     reference: SE3
@@ -64,6 +65,7 @@ class PoseErrors(Shown):
     mirror: MirrorCheck
     translation_error_m: np.ndarray
     rotation_error_rad: np.ndarray
+    warnings: tuple[str, ...] = field(default=(), kw_only=True)
 
     @property
     def translation_m(self) -> ErrorStatistics:
@@ -82,7 +84,8 @@ class PoseErrors(Shown):
         words = [f"RMSE {MM * self.translation_m.rmse:.4g} mm"]
         if self._has_rotations():
             words.append(f"{self.rotation_deg.rmse:.4g} deg")
-        return ", ".join([*words, f"{len(self.translation_error_m)} errors"])
+        text = ", ".join([*words, f"{len(self.translation_error_m)} errors"])
+        return "; warning: ".join([text, *self.warnings])
 
     def _has_rotations(self) -> bool:
         return bool(np.isfinite(self.rotation_error_rad).all())

@@ -25,7 +25,7 @@ _NOISE_LEFT = 4
 _AT_MOST = 0.5
 _CLEARLY = 1.25
 #: Above this relative residual poses and depth do not match, whatever explains it.
-_MISMATCH = 0.02
+MISMATCH = 0.02
 #: Fewer pairs cannot be divided into those that choose an explanation and those that test it.
 _MIN_PAIRS = 4
 #: Pairs and share of the points that choose the candidates, and number of candidates.
@@ -82,7 +82,7 @@ def agreement(load: LoadDepth, T_world_camera: SE3, camera: PinholeCamera) -> Ag
         if best.kind == "unit":
             best = _measured_again(best, load, T_world_camera, camera)
         return replace(found, told=True, reading=best, explained=explained)
-    return replace(found, matches=residual <= _MISMATCH and not explanations)
+    return replace(found, matches=residual <= MISMATCH and not explanations)
 
 
 def _explanations(pairs: DepthPairs, T: SE3) -> list[Reading]:

@@ -47,7 +47,8 @@ def read_trajectory(
     format = format or sniffed(source)
     loaded = _known(format).reader.read(format, source, options)
     if not (loaded.read_as.has_rotations or positions_suffice):
-        raise InputError("poses with rotations", path=path, found="positions alone")
+        angles = "quaternions instead of angles" if "yaw" in loaded.read_as.sentence else None
+        raise InputError("poses with rotations", path=path, found="positions alone", hint=angles)
     return loaded
 
 

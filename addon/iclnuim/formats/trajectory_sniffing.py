@@ -172,7 +172,10 @@ def sniffed(source: Source) -> str:
     if not source.columns:
         raise InputError(expected, path=source.path, found="comments alone")
     found = f"{source.columns} columns"
+    hint = "{from} FORMAT"
+    if source.columns in (6, 7):
+        hint += ", or quaternions instead of angles if the last three columns are roll, pitch, yaw"
     if not source.starts_with_numbers:
         found = repr(source.first_lines[0][:60])
     line = data_lines(source.text)[0][0]
-    raise InputError(expected, path=source.path, line=line, found=found, hint="{from} FORMAT")
+    raise InputError(expected, path=source.path, line=line, found=found, hint=hint)

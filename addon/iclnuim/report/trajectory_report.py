@@ -119,7 +119,7 @@ class Report:
                 unknown = np.full_like(result.rotation_error_rad, np.nan)
                 result = replace(result, rotation_error_rad=unknown)
         except InputError as error:
-            if error.path is not None:
+            if error.path is not None or not estimate.path:
                 raise
             raise error.at(estimate.path) from None
         explained = ExplainedError.of(*files, settings)
