@@ -48,8 +48,8 @@ def on_config(config: MkDocsConfig) -> None:
     for section in config.nav or []:
         sections |= section
     sections["Reference"].append({"Python": [python_page(title) for title in public_names()]})
-    measured = sorted(REPOSITORY.glob("docs/measured/[!R]*.md"))
-    sections["Measured"] += [f"measured/{page.name}" for page in measured]
+    measured = {f"measured/{page.name}" for page in REPOSITORY.glob("docs/measured/*.md")}
+    sections["Measured"] += sorted(measured - set(sections["Measured"]))
     scripts = sorted(REPOSITORY.glob("examples/*.py"))
     sections["Examples"] += [site_place(f"examples/{script.name}") for script in scripts]
 
@@ -82,12 +82,22 @@ def on_page_markdown(markdown: str, page: Any, config: MkDocsConfig, files: File
     origin = checkout_place(here)
 
     def turned(link: re.Match[str]) -> str:
-        if ":" in link[1]:
+        text, target = link.groups()
+        if ":" in target:
             return link[0]
-        path = os.path.normpath(PurePosixPath(origin).parent / link[1])
-        return f"]({os.path.relpath(site_place(path), PurePosixPath(here).parent)}"
+        path = os.path.normpath(PurePosixPath(origin).parent / target)
+        place = os.path.relpath(site_place(path), PurePosixPath(here).parent)
+        return f"[{link_text(text, path)}]({place}"
 
-    return re.sub(r"\]\(([^)#\s]+)", turned, markdown)
+    return re.sub(r"\[([^\[\]]*)\]\(([^)#\s]+)", turned, markdown)
+
+
+def link_text(text: str, path: str) -> str:
+    """The title of the page in place of the name of its file."""
+    if not re.fullmatch(r"[\w/]+(\.md|/)", text) or not path.endswith(".md"):
+        return text
+    first = (REPOSITORY / path).read_text("utf-8").partition("\n")[0]
+    return first.removeprefix("# ")
 
 
 def site_place(path: str) -> str:
