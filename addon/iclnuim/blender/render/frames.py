@@ -88,8 +88,8 @@ def why_black(rgb: np.ndarray, depth_z_m: np.ndarray) -> str | None:
         return "the camera is inside an object or touches one; check the trajectory"
     return (
         "no light reaches what the camera sees: lamps are hidden or too weak, or a dome shuts the "
-        "sky out (of our scenes the backdrop: export them without it); a scene without lamps, "
-        "emission and sky is lit here"
+        "sky out (of our scenes the backdrop: export them without it); a scene without any light "
+        "is lit here"
     )
 
 
