@@ -105,7 +105,9 @@ def own_file(found: dict, button, out: str) -> None:
     settings.map_size, settings.map_samples, settings.frames = 64, 2, "100"
     settings.out = out + "_file/run"
     found["light_before"] = inputs.light_map_line(settings)
-    for name in ("load_scene", "bake", "render"):
+    button("load_scene", "load_scene an own file")
+    found["read_as"] = list(state.current().work.notes)
+    for name in ("bake", "render"):
         button(name, f"{name} an own file")
     state.current().light_map = None
     found["light_after"] = inputs.light_map_line(settings)

@@ -156,6 +156,10 @@ def test_what_is_hidden_for_a_shown_scene_is_shown_again_when_it_is_removed(driv
     assert "Cube, Light" in driven["messages"]["load_scene"]
 
 
+def test_it_is_said_how_a_shown_file_was_read(driven):
+    assert " up" in driven["read_as"][0] and "metre" in driven["read_as"][0]
+
+
 def test_refusals_say_what_to_do(driven):
     said = driven["messages"]
     assert "choosing one as Output Folder, or saving this file" in said["no folder chosen"]

@@ -85,8 +85,10 @@ def current_pose(context: bpy.types.Context) -> int:
     the timeline, keyframes of a trajectory at 0.
     """
     scene = context.scene
-    first = scene.frame_start if scene.iclnuim.trajectory_source == "CAMERA" else 0
-    return max(scene.frame_current - first, 0)
+    number = scene.frame_current
+    if scene.iclnuim.trajectory_source == "CAMERA":
+        number -= scene.frame_start
+    return max(number, 0)
 
 
 def output_folder(settings: bpy.types.PropertyGroup) -> Path:

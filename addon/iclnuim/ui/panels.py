@@ -82,12 +82,13 @@ def _panel(
         members = {
             "bl_space_type": "VIEW_3D",
             "bl_region_type": region,
-            "bl_category": "ICL-NUIM" if region == "UI" else "",
             "bl_label": label,
             "bl_parent_id": parent,
             "bl_options": {"DEFAULT_CLOSED"} if closed else set(),
             "draw": draw,
         }
+        if region == "UI":
+            members["bl_category"] = "ICL-NUIM"
         return type(f"ICLNUIM_PT_{content.__name__}", (Panel,), members)
 
     return made

@@ -18,7 +18,7 @@ _GRID = (215, 215, 215)
 #: Glyphs of 5 x 7 dots. Each row is one digit of base 32, from the top; its bits are the dots from
 #: left to right.
 _GLYPHS = {
-    " ": "0000000",
+    chr(32): "0000000",
     "0": "ehjlphe", "1": "4c4444e", "2": "eh1248v", "3": "v2421he", "4": "26aiv22",
     "5": "vgu11he", "6": "68guhhe", "7": "v124888", "8": "ehhehhe", "9": "ehhf12c",
     ".": "00000cc", ",": "0000c48", "-": "000v000", "(": "2488842", ")": "8422248",

@@ -45,36 +45,25 @@ def load_scene(self: Operator, context: Context) -> None:
     """
     settings = context.scene.iclnuim
     name = inputs.chosen_scene(settings)
-    reading = settings.reading()
     find = shipped.scene_file if shipped.is_scene(name) else importers.checked_file
     file = find(name)
     if settings.scene_source == "FILE":
-        scene_paths.check(file, reading)
+        scene_paths.check(file, settings.reading())
     if trajectory_view.COLLECTION in bpy.data.collections:
         _restore(context)
     collection = bpy.data.collections.new(trajectory_view.COLLECTION)
-    context.scene.collection.children.link(collection)
     collection[_WORLD] = context.scene.world
-    if file.suffix.lower() == ".blend":
-        _append(context.scene, file, collection)
-        if settings.scene_source == "FILE":
-            orient.orient(file, reading, list(collection.all_objects))
-    else:
-        _import(context, file, reading, collection)
+    context.scene.collection.children.link(collection)
+    read_as = _load(context, file, collection)
     collection[trajectory_view.SHOWN] = name
-    hidden = [
-        *_hide_start_up(context.scene, collection),
-        "symbols of lamps and cameras",
-        "backs of walls",
-    ]
-    spaces = [area.spaces.active for area in state.areas("VIEW_3D")]
-    for space in spaces:
-        collection[_VIEW] = [space.overlay.show_extras, space.shading.show_backface_culling]
-        _set_view(space, False, True)
-        _frame(context, space, collection)
+    hidden = _hide_start_up(context.scene, collection)
+    for area in state.areas("VIEW_3D"):
+        _look_into(context, area.spaces.active, collection)
     trajectory_view.refresh(context)
-    text = f"{Path(name).name} is shown; hidden until Remove: {', '.join(hidden)}"
-    state.current().work.message = text
+    hidden += ["symbols of lamps and cameras", "backs of walls"]
+    work = state.current().work
+    work.message = f"{file.stem} is shown; hidden until Remove: {', '.join(hidden)}"
+    work.notes += filter(None, [read_as])
 
 
 @operator("Remove", _shown, undo=True)
@@ -119,7 +108,10 @@ def _hide_start_up(scene: Scene, collection: Collection) -> list[str]:
     return hidden
 
 
-def _frame(context: Context, space: SpaceView3D, collection: Collection) -> None:
+def _look_into(context: Context, space: SpaceView3D, collection: Collection) -> None:
+    """Frame the collection, and hide what is in the way."""
+    collection[_VIEW] = [space.overlay.show_extras, space.shading.show_backface_culling]
+    _set_view(space, False, True)
     context.view_layer.update()
     corners = []
     for thing in collection.all_objects:
@@ -134,6 +126,22 @@ def _frame(context: Context, space: SpaceView3D, collection: Collection) -> None
     view.view_distance = 1.5 * float(np.linalg.norm(high - low))
 
 
+def _load(context: Context, file: Path, collection: Collection) -> str:
+    """Load the file into the collection. Returns how it was read, empty for a built-in scene."""
+    settings = context.scene.iclnuim
+    reading = settings.reading()
+    read_as = ""
+    if file.suffix.lower() != ".blend":
+        read_as = _import(context, file, reading, collection)
+    else:
+        _append(context.scene, file, collection)
+        if settings.scene_source == "FILE":
+            read_as, _ = orient.orient(file, reading, list(collection.all_objects))
+    for thing in collection.all_objects:
+        thing.select_set(False)
+    return read_as
+
+
 def _append(scene: Scene, file: Path, collection: Collection) -> None:
     with bpy.data.libraries.load(str(file), link=False) as (there, here):
         here.objects = list(there.objects)
@@ -146,9 +154,9 @@ def _append(scene: Scene, file: Path, collection: Collection) -> None:
         scene.world = here.worlds[0]
 
 
-def _import(context: Context, file: Path, reading: SceneReading, collection: Collection) -> None:
+def _import(context: Context, file: Path, reading: SceneReading, collection: Collection) -> str:
     """Import the file through a separate scene, because axes and units are guessed from everything
-    in the scene.
+    in the scene. Returns how it was read.
     """
     before = context.window.scene
     own = bpy.data.scenes.new("ICL-NUIM import")
@@ -161,7 +169,7 @@ def _import(context: Context, file: Path, reading: SceneReading, collection: Col
     finally:
         context.window.scene = before
         bpy.data.scenes.remove(own)
-    state.current().work.message = sentence
+    return sentence
 
 
 register, unregister = bpy.utils.register_classes_factory((load_scene, remove_scene))

@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -161,15 +161,6 @@ def operator(
     panel and the status bar.
     """
 
-    def possible(cls: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
-        try:
-            for need in needs:
-                need(context)
-        except IclnuimError as error:
-            cls.poll_message_set(sentence(error.worded(current().work.name_of)))
-            return False
-        return True
-
     def made(function: Callable[..., None]) -> type[bpy.types.Operator]:
         def execute(self: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
             return _executed(function, self, context)
@@ -181,7 +172,7 @@ def operator(
             "bl_idname": f"iclnuim.{function.__name__}",
             "bl_label": label,
             "execute": execute,
-            "poll": classmethod(possible),
+            "poll": classmethod(lambda cls, context: _possible(needs, cls, context)),
         }
         if undo:
             members["bl_options"] = {"REGISTER", "UNDO"}
@@ -190,6 +181,20 @@ def operator(
         return type(f"ICLNUIM_OT_{function.__name__}", (bpy.types.Operator,), members)
 
     return made
+
+
+def _possible(
+    needs: Iterable[Callable[[bpy.types.Context], object]],
+    operator: type[bpy.types.Operator],
+    context: bpy.types.Context,
+) -> bool:
+    try:
+        for need in needs:
+            need(context)
+    except IclnuimError as error:
+        operator.poll_message_set(sentence(error.worded(current().work.name_of)))
+        return False
+    return True
 
 
 def _executed(
