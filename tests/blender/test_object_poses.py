@@ -85,6 +85,21 @@ def test_the_table_of_objects_is_that_of_frame_0_whichever_the_file_shows(crate,
     assert [row[3] for row in matrix] == [0, 0, 0, 1]
 
 
+def test_what_appears_later_has_a_row_and_poses_from_then_on(crate, tmp_path):
+    for frame, hidden in ((0, True), (2, True), (3, False)):
+        crate.hide_render = hidden
+        crate.keyframe_insert("hide_render", frame=frame)
+    run, *_ = run_of(tmp_path, ground_truth=True)
+    objects = json.loads((run / "objects.json").read_text())["objects"]
+    number = next(row["id"] for row in objects if row["name"] == "crate")
+    with open(run / "object_poses.csv", newline="") as text:
+        rows = list(csv.DictReader(text))
+    assert [float(row["stamp"]) for row in rows] == pytest.approx(
+        [1 + 3 / 30, 1 + 4 / 30], abs=1e-6
+    )
+    assert {int(row["id"]) for row in rows} == {number}
+
+
 @pytest.mark.parametrize("moves, truth", [(False, True), (True, False)])
 def test_without_motion_or_ground_truth_there_is_none(crate, tmp_path, moves, truth):
     for frame in (0, FRAMES):

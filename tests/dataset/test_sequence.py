@@ -3,6 +3,7 @@ is mixed.
 """
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -507,3 +508,13 @@ def test_the_finished_frames_of_an_interrupted_sequence_are_read_with_poses(run,
     assert posed == list(range(len(pairs)))[name == "icl-nuim" :]
     whole = fill(run, tmp_path / "whole", formats=(name,))
     assert contents(fill(run, tmp_path / "a", formats=(name,))) == contents(whole)
+
+
+def test_a_sequence_begins_before_the_objects_of_its_scene_are_listed(labelled_run, tmp_path):
+    raw = shutil.copytree(labelled_run, tmp_path / "raw")
+    (raw / "objects.json").unlink()
+    writer = SequenceWriter(run_frames(raw), {tmp_path / "a": NOISY})
+    assert (tmp_path / "a/groundtruth.txt").is_file() and not (tmp_path / "a/classes.csv").exists()
+    shutil.copy(labelled_run / "objects.json", raw)
+    writer.write()
+    assert (tmp_path / "a/classes.csv").is_file()

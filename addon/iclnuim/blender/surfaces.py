@@ -2,6 +2,7 @@
 can have light maps.
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -13,7 +14,7 @@ import mathutils
 import numpy as np
 
 from ..lightmap.surfaces import Surfaces, join
-from .compat import temporarily
+from .compat import curves_of, temporarily
 
 #: Points closer than this are at the same position.
 _SAME_PLACE_M = 1e-5
@@ -163,6 +164,27 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
         depsgraph = bpy.context.evaluated_depsgraph_get()
         depsgraph.update()
         yield depsgraph
+
+
+def go_to(scene: bpy.types.Scene, frame: float) -> None:
+    """Change the frame within as_rendered(), with the objects that are rendered then."""
+    scene.frame_set(math.floor(frame), subframe=frame % 1)
+    for thing in bpy.data.objects:
+        hidden = _is_hidden(thing, frame)
+        if thing.hide_viewport != hidden:
+            thing.hide_viewport = hidden
+    bpy.context.view_layer.update()
+
+
+def _is_hidden(thing: bpy.types.Object, frame: float) -> bool:
+    """Whether renders of a frame are without an object. Blender does not evaluate the animations of
+    objects that the viewport does not show.
+    """
+    if thing.animation_data and thing.animation_data.action:
+        for curve in curves_of(thing.animation_data.action):
+            if curve.data_path == "hide_render":
+                return bool(curve.evaluate(frame))
+    return bool(thing.hide_render)
 
 
 def _levels(thing: Any) -> dict[str, object]:

@@ -27,6 +27,11 @@ class FurtherImages:
         self.run = Path(run)
         self.channels = channels
 
+    @property
+    def has_objects(self) -> bool:
+        """False until a worker of the run has prepared the scene."""
+        return (self.run / OBJECTS).is_file()
+
     @cached_property
     def objects(self) -> dict:
         """The content of objects.json. Raises InputError if it is missing or has another format."""

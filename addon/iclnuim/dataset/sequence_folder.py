@@ -124,11 +124,12 @@ class SequenceFolder:
     def _write_texts(self, surface: Surface | None = None) -> tuple[Path, ...]:
         """Write lists, camera and ground truth of all frames; returns the folders."""
         folders = tuple(self.images.folder_of(format) for format in self.images.formats)
+        further = self.source.further
         for format, folder in zip(self.images.formats, folders, strict=True):
             contents = replace(self.contents(self._numbers, format), surface=surface)
             format.write_texts(folder, contents, format)
-            if self.source.further:
-                self.source.further.write_tables(folder)
+            if further and (surface is not None or further.has_objects):
+                further.write_tables(folder)
         return folders
 
     def _begin(self) -> None:

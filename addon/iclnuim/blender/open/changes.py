@@ -3,7 +3,6 @@ cause: modifiers, constraints, nodes, properties of the scene.
 """
 
 import hashlib
-import math
 from collections import defaultdict
 from collections.abc import Iterator
 from typing import Any, TypeAlias
@@ -51,11 +50,11 @@ def changed_names(scene: bpy.types.Scene, first_only: bool = False) -> set[str]:
     with surfaces.as_rendered(scene) as depsgraph:
         bpy.app.handlers.frame_change_post.append(note)
         try:
-            scene.frame_set(int(spread[0]))
+            surfaces.go_to(scene, scene.frame_start)
             first = _State(scene, depsgraph, hashes)
             for frame in (scene.frame_end, *others):
                 updated.clear()
-                scene.frame_set(frame)
+                surfaces.go_to(scene, frame)
                 if updated.keys() - {scene}:
                     new = {block.name for block, is_new in updated.items() if is_new}
                     for key in [key for key in hashes if new & {*key[:2]}]:
@@ -65,7 +64,7 @@ def changed_names(scene: bpy.types.Scene, first_only: bool = False) -> set[str]:
                     break
         finally:
             bpy.app.handlers.frame_change_post.remove(note)
-            scene.frame_set(math.floor(before), subframe=before % 1)
+            surfaces.go_to(scene, before)
     return changed
 
 

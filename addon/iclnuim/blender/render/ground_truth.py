@@ -1,5 +1,6 @@
 """The numbers of objects and classes in instance and class images, and the table of objects."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import bpy
@@ -61,7 +62,8 @@ def number_objects() -> None:
 
     A custom property `instance_id` of the scene is used if it is a whole number that no other
     object has; the other objects get the remaining numbers, in alphabetical order. Instances of one
-    object share its number. Raises InputError for more than 32767 objects.
+    object share its number. Objects that only later frames show come last. Raises InputError for
+    more than 32767 objects.
     """
     shown = [thing for thing in bpy.context.scene.objects if thing.type in SURFACE_TYPES]
     with surfaces.as_rendered(bpy.context.scene) as depsgraph:  # not as the viewport shows it
@@ -82,19 +84,31 @@ def number_objects() -> None:
     free = (n for n in range(1, _MAX_OBJECTS + 1) if n not in taken)
     for thing in things:
         thing.pass_index = thing.pass_index or next(free)
+    later = (thing for thing in bpy.data.objects if thing.type in SURFACE_TYPES)
+    for thing in sorted(set(later).difference(things), key=lambda thing: thing.name):
+        thing.pass_index = next(free, 0)
 
 
-def objects_table() -> dict:
-    """The table of all rendered objects, by number. Call it after number_objects(). An instanced
-    object has a row for each instance.
+def objects_table(first_frames: Mapping[int, int] | None = None) -> dict:
+    """The table of all objects that the current frame shows, by number, and of those that only
+    appear later, at the first of their frames. Call it after number_objects(). An instanced object
+    has a row for each instance.
 
     `T_world_object`: Blender's matrix by rows, which may contain a scale. `box_world_m`: minimum
     and maximum x, y, z. `box_m`: the smallest upright box: centre and quaternion (x y z w) in the
     world, with its x axis along the longer horizontal side; full side lengths.
     """
-    with surfaces.rendered_parts() as (found, _):
-        kinds = kinds_of([surfaces.class_name(part.source) for part in found])
-        rows = [_row(part, kinds[surfaces.class_name(part.source)]) for part in found]
+    scene = bpy.context.scene
+    before = scene.frame_current
+    shown = _shown()
+    here = {part.number for part in shown}
+    later = {n: frame for n, frame in (first_frames or {}).items() if n not in here}
+    for frame in sorted(set(later.values())):
+        scene.frame_set(frame)
+        shown += [part for part in _shown() if later.get(part.number) == frame]
+    scene.frame_set(before)
+    kinds = kinds_of([part.class_name for part in shown])
+    rows = [part.row(kinds[part.class_name]) for part in shown]
     rows.sort(key=lambda row: (row["id"], row["box_m"]["centre"]))
     listed = sorted({kind.id: kind for kind in kinds.values()}.values(), key=lambda kind: kind.id)
     return {
@@ -105,15 +119,40 @@ def objects_table() -> dict:
     }
 
 
-def _row(part: Part, kind: Kind) -> dict:
+@dataclass(frozen=True)
+class _ShownPart:
+    """A rendered object or instance, as far as it does not depend on other objects."""
+
+    number: int
+    name: str
+    class_name: str | None
+    places: dict
+
+    def row(self, kind: Kind) -> dict:
+        return {
+            "id": self.number,
+            "name": self.name,
+            "class": kind.name,
+            "class_id": kind.id,
+            "nyu40_id": kind.nyu40_id,
+            **self.places,
+        }
+
+
+def _shown() -> list[_ShownPart]:
+    shown = []
+    with surfaces.rendered_parts() as (found, _):
+        for part in found:
+            source = part.source
+            names = (source.name, surfaces.class_name(source))
+            shown.append(_ShownPart(source.pass_index, *names, _places(part)))
+    return shown
+
+
+def _places(part: Part) -> dict:
     points_m = part.vertices_m()
     box = upright_box(points_m)
     return {
-        "id": part.source.pass_index,
-        "name": part.source.name,
-        "class": kind.name,
-        "class_id": kind.id,
-        "nyu40_id": kind.nyu40_id,
         "T_world_object": _listed(np.array(part.matrix)),
         "box_world_m": {"min": _listed(points_m.min(0)), "max": _listed(points_m.max(0))},
         "box_m": {

@@ -1,6 +1,7 @@
 """The poses of objects that move, frame by frame."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -15,8 +16,20 @@ _ROUNDED_S = 1e-6
 _HEAD = "stamp,id,tx,ty,tz,qx,qy,qz,qw"
 
 
-def object_poses(stamps_s: np.ndarray) -> str | None:
-    """A table of the poses of all moving objects with a surface, as text; None if nothing moves.
+@dataclass(frozen=True)
+class ObjectPoses:
+    """The table of poses by rows, and the first frame of each object of it, by number."""
+
+    rows: list[str]
+    first_frames: dict[int, int]
+
+    @property
+    def text(self) -> str:
+        return "\n".join([_HEAD, *self.rows]) + "\n"
+
+
+def object_poses(stamps_s: np.ndarray) -> ObjectPoses:
+    """The poses of all moving objects with a surface; no rows if nothing moves.
 
     Row by row: the stamp (s) of frame i, the number of the object, its position (m) and its
     quaternion (x y z w) in the world, without scale. An instanced object has a row for each
@@ -24,15 +37,18 @@ def object_poses(stamps_s: np.ndarray) -> str | None:
     """
     scene = bpy.context.scene
     moving = set(motion.all_moving_names(scene))
-    rows = [_HEAD]
+    poses = ObjectPoses([], {})
+    if not moving:
+        return poses
     before = scene.frame_current
     with surfaces.as_rendered(scene) as depsgraph:
         for frame, stamp_s in enumerate(stamps_s):
-            scene.frame_set(frame)
-            found = sorted(_numbers_and_poses(depsgraph, moving))
-            rows += [f"{stamp_s:.6f},{number},{pose}" for number, pose in found]
-        scene.frame_set(before)
-    return "\n".join(rows) + "\n" if len(rows) > 1 else None
+            surfaces.go_to(scene, frame)
+            for number, pose in sorted(_numbers_and_poses(depsgraph, moving)):
+                poses.rows.append(f"{stamp_s:.6f},{number},{pose}")
+                poses.first_frames.setdefault(number, frame)
+        surfaces.go_to(scene, before)
+    return poses
 
 
 def covers(file: Path, stamp_s: float) -> bool:

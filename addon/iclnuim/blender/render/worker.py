@@ -121,10 +121,7 @@ class Session:
     def prepare(self) -> None:
         """Build the scene, once."""
         if not self._ready:
-            table = self._build()
-            if table is not None:
-                write_json(self.run.path / OBJECTS, table)
-                self._write_poses()
+            self._build()
             # including volumes made by Geometry Nodes
             self._volumes = bool(
                 light_choice.volume_names(bpy.context.scene) or compat.volume_outputs()
@@ -133,13 +130,19 @@ class Session:
             self._opened = False
             self.emit(events.Ready())
 
-    def _write_poses(self) -> None:
-        file = self.run.path / OBJECT_POSES
+    def _write_objects(self) -> None:
+        """Number the objects, and write their tables unless they are there."""
+        ground_truth.number_objects()
+        table, poses_file = self.run.path / OBJECTS, self.run.path / OBJECT_POSES
         stamps_s = self.trajectory.stamps_s
         if is_simulated(bpy.context.scene):
             stamps_s = stamps_s[: self._last + 1]
-        if not covers(file, stamps_s[-1]) and (table := object_poses(stamps_s)):
-            atomic_write_text(file, table)
+        if table.is_file() and covers(poses_file, stamps_s[-1]):
+            return
+        poses = object_poses(stamps_s)
+        if poses.rows:
+            atomic_write_text(poses_file, poses.text)
+        write_json(table, ground_truth.objects_table(poses.first_frames))
 
     def bake(self) -> tuple[Path, bool]:
         """Find or bake the light map. Returns its folder and whether it was baked; in that case the
@@ -209,17 +212,12 @@ class Session:
         instant = self.work / "instant.exr"
         return frames.shoot(self.job, number, self.trajectory, depth_z_m, instant)
 
-    def _build(self) -> dict | None:
-        """Open the scene unless it is open, light it, keyframe the camera, and set all settings.
-
-        With instances, returns the table of objects.
-        """
+    def _build(self) -> None:
+        """Open the scene unless it is open, light it, keyframe the camera, and set all settings."""
         job = self.job
-        table = None
         _set_up(job, self.emit, self.threads, self._opened, self._frames)
         if INSTANCE in exr_types(job.further):
-            ground_truth.number_objects()
-            table = ground_truth.objects_table()
+            self._write_objects()
         lit_by = None
         if job.light == "baked":
             lit_by, _ = light_map.prepare(job, lambda text: self.emit(events.Note(text)))
@@ -239,7 +237,6 @@ class Session:
                 bpy.context.scene.world.cycles.sampling_method = "NONE"
         passes.add(job.further)
         camera.keyframe(self.trajectory.T_world_camera, job.camera)
-        return table
 
     def _close(
         self,
