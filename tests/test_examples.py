@@ -1,5 +1,8 @@
-"""The scripts of examples/ run on a small sequence: the first one here, all in the slow tests."""
+"""The scripts and notebooks of examples/ run on a small sequence: one of each kind here, all in the
+slow tests.
+"""
 
+import json
 import os
 import subprocess
 import sys
@@ -10,54 +13,115 @@ import numpy as np
 import pytest
 
 FOLDER = Path(__file__).parents[1] / "examples"
-#: script -> its arguments in the empty folder of the test, and what its output has
+#: script -> its arguments in the empty folder of the test, what its output has, a file that it makes
 RUNS = {
-    "01_a_sequence.py": (["clean"], "the camera moves 0.200 m"),
-    "02_noise_on_your_images.py": (["clean", "noisy"], "100% measured"),
-    "03_ate_of_arrays.py": (["ate.png"], "AbsoluteError(RMSE"),
+    "01_a_sequence.py": (["clean"], "the camera moves 0.", ""),
+    "02_noise_on_your_images.py": (["clean", "noisy"], "measured", "noisy/depth/000015.png"),
+    "03_ate_of_arrays.py": (["ate.png"], "AbsoluteError(RMSE", "ate.png"),
+    "04_your_odometer.py": (["clean", "odometer.png"], "point_to_point", "odometer.png"),
+    "05_frame_from_a_pose.py": (["frame.png"], "RenderedFrame(320x240)", "frame.png"),
+    "06_pov_trajectory.py": (["poses.txt", "path.png"], "60 poses, 4.8", "path.png"),
+    "07_surface_score.py": (["clean", "room.obj", "score.png"], "F at 1 cm", "surface.ply"),
+    "08_your_scene.py": (["room.obj", "mine"], "8 frames of 160x120", "mine/rgb/000007.png"),
+    "09_held_out_views.py": (["clean", "room.obj", "views.png"], "HeldOutView", "views.txt"),
+    "10_ground_truth.py": (["out", "truth.png"], "class, depth, instance, normal", "truth.png"),
 }
+NOTEBOOKS = ("11_first_look.ipynb", "12_sensor_models.ipynb")
+CAMERA = iclnuim.PinholeCamera.parse("160x120")
+CORNERS = np.array(np.meshgrid([-2.0, 2.0], [-2.5, 2.5], [0.0, 2.5])).reshape(3, -1).T
+FACES = ((0, 2, 6, 4), (1, 3, 7, 5), (0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6))
+MOTION = iclnuim.SE3.exp(np.arange(16)[:, None] / 30 * [0.3, 0.05, 0.2, 0.1, 0.3, 0.05])
+POSES = iclnuim.SE3.from_quat_xyzw([-0.775, 0.281, -0.193, 0.532], [0.0, 0.0, 1.4]) @ MOTION
 
 
 def look(number):
-    return np.full((48, 64, 3), 0.3), np.full((48, 64), 2.0)
+    """The inside of a box of 4 x 5 x 2.5 m with a pattern on its walls."""
+    T = POSES[number]
+    rays = CAMERA.rays() @ T.rotation.T
+    walls = np.where(rays > 0, [2.0, 2.5, 2.5], [-2.0, -2.5, 0.0])
+    depth_z_m = ((walls - T.translation) / rays).min(axis=-1)
+    points = T.translation + rays * depth_z_m[..., None]
+    stripes = np.sin(23 * points.sum(-1, keepdims=True))
+    return 0.4 + 0.15 * (np.sin(points * [7, 9, 11]) + stripes), depth_z_m
 
 
 @pytest.fixture
 def folder(tmp_path):
-    twists = np.zeros((21, 6))
-    twists[:, 0] = np.linspace(0, 0.2, 21)
-    frames = iclnuim.frames_from("64x48", iclnuim.SE3.exp(twists), look)
+    frames = iclnuim.frames_from(CAMERA, POSES, look)
     iclnuim.make_sequence(frames, tmp_path / "clean", workers=1)
+    lines = [f"v {x} {y} {z}" for x, y, z in CORNERS]
+    for a, b, c, d in FACES:
+        lines += [f"f {a + 1} {b + 1} {c + 1}", f"f {a + 1} {c + 1} {d + 1}"]
+    (tmp_path / "room.obj").write_text("\n".join(lines) + "\n")
     return tmp_path
 
 
-def run(script, folder):
-    words, said = RUNS[script]
-    environment = {**os.environ, "MPLBACKEND": "Agg"}
-    command = [sys.executable, str(FOLDER / script), *words]
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+def run(command, folder):
+    environment = {**os.environ, "MPLBACKEND": "Agg", "SEQUENCE": "clean"}
+    done = subprocess.run(
+        [sys.executable, *command], cwd=folder, env=environment, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
-    assert said in done.stdout and done.stderr == ""
+    return done.stdout
+
+
+def run_script(script, folder):
+    words, said, made = RUNS[script]
+    assert said in run([str(FOLDER / script), *words], folder)
+    assert not made or (folder / made).stat().st_size > 100
+
+
+def code_of(notebook):
+    cells = json.loads((FOLDER / notebook).read_text())["cells"]
+    return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
 
 
 def test_the_first_example_runs(folder):
-    run("01_a_sequence.py", folder)
+    run_script("01_a_sequence.py", folder)
+
+
+def test_the_cells_of_a_notebook_run_in_order(folder):
+    (folder / "cells.py").write_text("\n".join(code_of("12_sensor_models.ipynb")))
+    assert "median " in run(["cells.py"], folder)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("script", list(RUNS))
 def test_every_example_runs(folder, script):
-    run(script, folder)
-    made = {
-        "02_noise_on_your_images.py": "noisy/depth/000019.png",
-        "03_ate_of_arrays.py": "ate.png",
+    run_script(script, folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_every_notebook_runs_in_a_kernel(folder, name, monkeypatch):
+    nbclient = pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    import nbformat
+
+    monkeypatch.setenv("SEQUENCE", "clean")
+    notebook = nbformat.read(FOLDER / name, as_version=4)
+    where = {"metadata": {"path": str(folder)}}
+    nbclient.NotebookClient(notebook, kernel_name="python3", timeout=300, resources=where).execute()
+    kinds = {
+        kind
+        for cell in notebook.cells
+        for o in cell.get("outputs", ())
+        for kind in o.get("data", ())
     }
-    if script in made:
-        assert (folder / made[script]).stat().st_size > 100
+    assert "image/png" in kinds
 
 
-def test_every_example_is_run_and_listed():
-    scripts = sorted(path.name for path in FOLDER.glob("*.py"))
-    assert scripts == sorted(RUNS)
+def test_every_example_is_run_and_listed_with_a_small_picture():
+    files = sorted(path.name for path in FOLDER.glob("[0-9]*"))
+    assert files == sorted([*RUNS, *NOTEBOOKS])
     text = (FOLDER / "README.md").read_text()
-    assert all(f"]({script})" in text for script in scripts)
+    for name in files:
+        picture = FOLDER / f"pictures/{name[:2]}.jpg"
+        assert f"]({name})" in text and f"](pictures/{picture.name})" in text
+        assert 2_000 < picture.stat().st_size < 60_000
+
+
+def test_notebooks_are_kept_without_outputs():
+    for name in NOTEBOOKS:
+        cells = json.loads((FOLDER / name).read_text())["cells"]
+        assert not any(cell.get("outputs") for cell in cells)
