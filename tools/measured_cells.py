@@ -32,8 +32,8 @@ Rows = list[list[str]]
 #: What the cells of a benchmark have besides and no page shows.
 _LEFT_OUT = ("path", "not_fitted")
 _DIGITS = 6
-#: Words of an identity that are of code.
-_CODE = ("code", "method_code", "reference_code")
+#: Words of an identity that are of the method's own code; that of the evaluation does not count.
+_CODE = ("method_code", "reference_code")
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,11 @@ class Run:
     commit: str
     machine: str
     command: str
+
+    @property
+    def name(self) -> str:
+        """Eight digits of its hash: another run does not change the lines of this one's cells."""
+        return sha256(json.dumps(astuple(self)).encode())[:8]
 
 
 @dataclass(frozen=True)
@@ -85,11 +90,10 @@ class PublishedCells:
     def write(self, path: Path) -> None:
         """Write the runs that have cells, and the cells, each in one line."""
         runs = sorted({cell.run for cell in self.cells.values()}, key=astuple)
-        names = {run: f"run {n}" for n, run in enumerate(runs, 1)}
-        lines = [{"run": names[run], **vars(run)} for run in runs]
+        lines: list[dict[str, Any]] = [{"run": run.name, **vars(run)} for run in runs]
         for key in sorted(self.cells, key=lambda key: [str(word) for word in key]):
             cell = self.cells[key]
-            line: dict[str, Any] = {"key": key, "run": names[cell.run], "figures": cell.figures}
+            line: dict[str, Any] = {"key": key, "run": cell.run.name, "figures": cell.figures}
             hashes = {"code": cell.code, "input": cell.input}
             lines.append(line | {name: text for name, text in hashes.items() if text})
         texts = [json.dumps(line, ensure_ascii=False) for line in lines]

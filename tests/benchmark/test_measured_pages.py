@@ -101,7 +101,8 @@ def test_cells_of_a_benchmark_are_taken_with_their_code_and_input(tmp_path):
     assert measured_pages.take(cells, out) == 3
     (first, *_) = cells.cells.values()
     assert first.figures["ate_m"]["rmse"] == 0.0123457 and "path" not in first.figures
-    assert first.code == code_hash({"code": "b", "method_code": "c"}) and first.input
+    assert first.code == code_hash({"code": "other", "method_code": "c"}) and first.input
+    assert first.code != code_hash({"code": "b", "method_code": "d"})
     assert [r.key for r in cells.benchmark()] == sorted(keys, key=lambda key: key.place)
 
 
