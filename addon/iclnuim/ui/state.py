@@ -113,7 +113,9 @@ def start(
     if job.light == "auto":
         options["asked"] = numbers
     log = user_folder("log") / "child.txt"
-    environment = {"ICLNUIM_CACHE": str(cache_folder())}
+    cache = str(cache_folder())
+    # an empty folder of extensions: those of this Blender stay closed to the worker
+    environment = {"ICLNUIM_CACHE": cache, "BLENDER_USER_EXTENSIONS": f"{cache}/extensions"}
     worker = WorkerClient(
         worker_command(), options, out, log, environment=environment, writable=[out.parent]
     )
