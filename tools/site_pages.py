@@ -114,8 +114,9 @@ def checkout_place(place: str) -> str:
     """The file of the checkout that is at this place of the site."""
     if place == "map.md":
         return "docs/README.md"
-    under_docs = place != "README.md" and (REPOSITORY / "docs" / place).is_file()
-    return f"docs/{place}" if under_docs else place
+    if place != "README.md" and (REPOSITORY / "docs" / place).is_file():
+        return f"docs/{place}"
+    return place
 
 
 def python_page(title: str) -> str:

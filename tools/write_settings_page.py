@@ -113,8 +113,10 @@ def _section(group: type[Settings]) -> str:
 def _meanings(setting: Setting) -> str:
     """What the choices of a setting mean, one line."""
     told = {c: m for c, m in (setting.choices or {}).items() if m not in ("", c)}
+    if not told:
+        return ""
     meanings = "; ".join(f"`{choice}` {meaning}" for choice, meaning in told.items())
-    return f"- `{setting.name}`: {meanings}" if told else ""
+    return f"- `{setting.name}`: {meanings}"
 
 
 def table(settings: list[Setting], shared: list[str]) -> str:
@@ -127,7 +129,9 @@ def table(settings: list[Setting], shared: list[str]) -> str:
         default = ""
         if s.default not in (None, MISSING):
             default = f"`{plain(s.default)}`"
-        option = f"`{s.option}`" if s.option else ""
+        option = ""
+        if s.option:
+            option = f"`{s.option}`"
         what = s.help
         if s.source in shared:
             what += f" [{shared.index(s.source) + 1}]"
