@@ -95,7 +95,7 @@ def test_images_have_pixels_and_trajectories_are_trajectories():
             noise(np.zeros((0, 0, 3)))
     for error in (absolute_trajectory_error, relative_pose_error):
         with pytest.raises(
-            InputError, match="a Trajectory or the name of a file, or poses .*, found SE3"
+            InputError, match="a Trajectory, a file, a sequence, or poses .*, found SE3"
         ):
             error(SE3.identity(), SE3.identity())
 

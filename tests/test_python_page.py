@@ -62,4 +62,4 @@ def test_the_example_of_the_readme_runs(notebook, repository, capsys):
     (clean / "groundtruth.txt").write_text((folder / "room/groundtruth.txt").read_text())
     (code,) = blocks(repository / "README.md")
     exec(compile(code, "README.md", "exec"), {})
-    assert re.fullmatch(r"ATE \d+\.\d mm\n", capsys.readouterr().out)
+    assert re.fullmatch(r"ATE \d+\.\d{3} mm\n", capsys.readouterr().out)

@@ -102,8 +102,47 @@ def test_errors_are_computed_of_matrices_lists_and_trajectories():
         with pytest.raises(InputError, match="as many lines .* 8, found 7 lines"):
             measure(truth, MOVED.matrix[:7])
         for wrong in (None, 3, np.eye(4), [[1, 2]]):
-            with pytest.raises(InputError, match="a Trajectory or the name of a file, or poses"):
+            with pytest.raises(InputError, match="a Trajectory, a file, a sequence, or poses"):
                 measure(truth, wrong)
+
+
+def test_what_takes_a_trajectory_takes_matrices(tmp_path):
+    trajectory = Trajectory.at_rate(POSES)
+    for poses in (POSES.matrix, list(POSES.matrix), POSES):
+        iclnuim.write_trajectory(tmp_path / "a.txt", poses, "tum")
+        read = iclnuim.read_trajectory(tmp_path / "a.txt").trajectory
+        np.testing.assert_allclose(read.T_world_camera.matrix, POSES.matrix, atol=1e-6)
+        assert iclnuim.trajectory_statistics(poses) == iclnuim.trajectory_statistics(trajectory)
+        assert len(iclnuim.resample(poses, 60)) == 15
+    with pytest.raises(InputError, match="expected a Trajectory, found str; try .*read_trajectory"):
+        iclnuim.trajectory_statistics("a.txt")
+
+
+def test_an_opened_sequence_is_taken_where_its_folder_is(sequence):
+    assert iclnuim.inspect_sequence(sequence).figures["pairs"] == 8
+    settings = iclnuim.ViewSettings(lpips=False)
+    assert len(iclnuim.view_errors(sequence, sequence, settings=settings).views) == 8
+    for truth in (sequence, str(sequence.folder)):
+        assert iclnuim.absolute_trajectory_error(truth, POSES).translation_m.rmse < 1e-5
+    with pytest.raises(InputError, match="found a part of a sequence; try make_sequence"):
+        iclnuim.inspect_sequence(sequence[:3])
+
+
+def test_one_odometer_runs_without_a_list(sequence):
+    pytest.importorskip("cv2")
+    (run,) = iclnuim.run_odometers(iclnuim.odometer("icp"), sequence[:2], progress=False)
+    assert run.name == "icp"
+    with pytest.raises(InputError, match="expected odometers"):
+        iclnuim.run_odometers("icp", sequence)
+
+
+def test_reprs_are_short(sequence, tmp_path):
+    written = iclnuim.make_sequence(sequence[:2], tmp_path / "o", workers=1)
+    found = iclnuim.trajectory_statistics(POSES)
+    view = iclnuim.HeldOutView(0.123456789, 1 / 3, 0.0)
+    assert repr(view) == "HeldOutView(distance_m=0.123457, angle_deg=0.333333, unseen=0)"
+    assert repr(written).endswith("o, 2 frames made, 0 found)")
+    assert len(repr(found)) < 230
 
 
 @pytest.mark.parametrize("error", ["ate", "rpe"])

@@ -22,6 +22,7 @@ from .dataset.pose_lines import tied_to_poses
 from .dataset.rgbd_sequence import RgbdSequence
 from .dataset.run_frames import run_frames
 from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
+from .dataset.sequence_poses import load_truth
 from .errors import InputError
 from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
 from .evaluation.relative_error import RelativeError, RelativeErrorSettings
@@ -197,8 +198,8 @@ def absolute_trajectory_error(
     settings: AbsoluteErrorSettings | None = None,
 ) -> AbsoluteError:
     """ATE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a
-    Trajectory, a file in any known format, or poses or matrices (n, 4, 4), whose pose i is that of
-    the other's pose i.
+    Trajectory, a file in any known format, a sequence with ground truth, or poses or matrices
+    (n, 4, 4), whose pose i is that of the other's pose i.
 
     By default, stamps within 20 ms are associated and the estimate is aligned by SE(3).
     `.translation_m.rmse` is the value that papers report, `.warnings` what `iclnuim evaluate` warns
@@ -216,8 +217,8 @@ def relative_pose_error(
     settings: RelativeErrorSettings | None = None,
 ) -> RelativeError:
     """RPE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a
-    Trajectory, a file in any known format, or poses or matrices (n, 4, 4), whose pose i is that of
-    the other's pose i.
+    Trajectory, a file in any known format, a sequence with ground truth, or poses or matrices
+    (n, 4, 4), whose pose i is that of the other's pose i.
 
     By default, all pairs of consecutive frames are used; `settings` can set another delta in
     frames, seconds or metres. Raises InputError for a file that cannot be read, if no stamps match,
@@ -247,7 +248,8 @@ def _name(given: TrajectoryOrFile) -> str:
 def _read(given: TrajectoryOrFile) -> LoadedTrajectory:
     """The poses; those without stamps are counted rows."""
     if isinstance(given, str | os.PathLike):
-        return read_trajectory(given)
+        of_sequence = load_truth(Path(given)) if os.path.isdir(given) else None
+        return of_sequence or read_trajectory(given)
     if isinstance(given, Trajectory):
         return LoadedTrajectory(given, _AS_GIVEN, np.arange(len(given)), len(given))
     try:
@@ -255,7 +257,7 @@ def _read(given: TrajectoryOrFile) -> LoadedTrajectory:
     except InputError:
         poses = SE3.identity()
     if len(poses.shape) != 1:
-        expected = "a Trajectory or the name of a file, or poses (n,) or (n, 4, 4)"
+        expected = "a Trajectory, a file, a sequence, or poses (n,) or (n, 4, 4)"
         raise InputError(expected, found=type(given).__name__)
     rows = np.arange(len(poses))
     return LoadedTrajectory(Trajectory.at_rate(poses), _AS_GIVEN, rows, len(rows), is_counted=True)

@@ -27,6 +27,8 @@ class Brief:
 def _brief(value: object) -> str:
     if isinstance(value, np.ndarray):
         return f"{value.dtype} {value.shape}"
+    if isinstance(value, float):
+        return f"{value:.6g}"
     return repr(value)
 
 

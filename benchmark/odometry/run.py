@@ -200,21 +200,21 @@ class OdometryRun(Shown):
 
 
 def run_odometers(
-    odometers: Iterable[Odometer],
+    odometers: Iterable[Odometer] | Odometer,
     sequence: Sequence | RgbdSequence | Path | str,
     policy: str = "hold",
     progress: Meter = None,
     frames: int | None = None,
     against: Callable[[Odometer, PinholeCamera], Reference] | None = None,
 ) -> list[OdometryRun]:
-    """Run several odometers on a sequence (or its folder), or on its first `frames`.
+    """Run one or several odometers on a sequence (or its folder), or on its first `frames`.
 
     Each frame is read once and passed to one odometer after the other, so that all run under the
     same machine load. progress: as of render_frames(). `against` returns
     the reference that frames are aligned against, by default the one that each odometer declares.
     Raises InputError for an object that is not an odometer.
     """
-    odometers = list(odometers)
+    odometers = list(odometers) if isinstance(odometers, Iterable) else [odometers]
     for o in odometers:
         if not all(hasattr(o, part) for part in ("name", "reference", "prepare", "align")):
             raise InputError(

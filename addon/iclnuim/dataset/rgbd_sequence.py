@@ -63,6 +63,15 @@ class RgbdSequence:
     def __len__(self) -> int:
         return len(self.pairs)
 
+    def __fspath__(self) -> str:
+        """The folder, where one is taken. Raises InputError for a part of the sequence, as the
+        folder has all of it.
+        """
+        if len(self) != len(find_pairs(self.folder)):
+            hint = "make_sequence, which writes the part into a folder"
+            raise InputError("a folder", found="a part of a sequence", hint=hint)
+        return str(self.folder)
+
     @property
     def camera(self) -> PinholeCamera:
         """The camera of depth and colour."""

@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ..errors import InputError
 from ..formats.depth_units import KINDS
 from ..formats.files import locked, make_folder, write_json, writer_has_ended
 from ..formats.image_names import files_in
+from ..shown import Shown
 from .frame_source import FrameSource
 from .image_files import paths_of, same_image
 from .journal import JournalEntry
@@ -23,8 +25,8 @@ from .sequence_images import Frame, SequenceImages
 from .sequence_options import SequenceSettings
 
 
-@dataclass(frozen=True)
-class WrittenSequence:
+@dataclass(frozen=True, repr=False)
+class WrittenSequence(Shown):
     """Folders (one per format), number of frames made now and of frames found finished, and number
     of pixels without depth by kind.
     """
@@ -33,6 +35,14 @@ class WrittenSequence:
     made: int
     found: int
     invalid_depth: dict[str, int]
+
+    def summary(self) -> str:
+        folders = ", ".join(map(str, self.folders))
+        return f"{folders}, {self.made} frames made, {self.found} found"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The folders as texts, and the counts."""
+        return {**vars(self), "folders": list(map(str, self.folders))}
 
 
 #: Colour (h, w, 3) uint8 and depth (h, w) in metres of a frame.

@@ -3,6 +3,7 @@
 import os
 
 from ..errors import InputError
+from ..geometry.se3 import Poses
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
 from . import colmap, trajectory_formats
 from .anchored import ANCHORED_WORLD
@@ -54,15 +55,16 @@ def read_trajectory(
 
 def write_trajectory(
     path: str | os.PathLike[str],
-    trajectory: Trajectory,
+    trajectory: Trajectory | Poses,
     format: str,
     options: FileOptions | None = None,
 ) -> None:
-    """Write a trajectory file atomically.
+    """Write a trajectory file atomically, also of poses or matrices (n, 4, 4) at 30 Hz, the first
+    at 1 s.
 
     Raises InputError if the format cannot represent the trajectory.
     """
-    atomic_write_text(path, trajectory_text(trajectory, format, options))
+    atomic_write_text(path, trajectory_text(Trajectory.of(trajectory), format, options))
 
 
 def trajectory_text(trajectory: Trajectory, format: str, options: FileOptions | None = None) -> str:

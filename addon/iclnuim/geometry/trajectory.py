@@ -1,5 +1,6 @@
 """A camera trajectory with time stamps: statistics, equation 2 of the paper, resampling, slices."""
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, overload
@@ -8,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from ..shown import plot_from_above
+from ..shown import Brief, plot_from_above
 from . import so3
 from .se3 import SE3, Poses
 
@@ -103,6 +104,18 @@ class Trajectory:
             raise InputError("poses (n,)", found=f"poses {T_world_camera.shape}")
         return cls(stamps_of_frames(np.arange(len(T_world_camera)), rate_hz), T_world_camera)
 
+    @classmethod
+    def of(cls, given: "Trajectory | Poses") -> "Trajectory":
+        """A trajectory as it is, poses (n,) or matrices (n, 4, 4) at 30 Hz. Raises InputError for
+        anything else.
+        """
+        if isinstance(given, Trajectory):
+            return given
+        if isinstance(given, str | os.PathLike):
+            hint = "iclnuim.read_trajectory(file).trajectory"
+            raise InputError("a Trajectory", found=type(given).__name__, hint=hint)
+        return cls.at_rate(given)
+
     def __len__(self) -> int:
         return len(self.stamps_s)
 
@@ -156,8 +169,8 @@ class Trajectory:
         return plot_from_above(axes, self.positions_m, label)
 
 
-@dataclass(frozen=True)
-class TrajectoryStatistics:
+@dataclass(frozen=True, repr=False)
+class TrajectoryStatistics(Brief):
     """The values of the paper's Table I, and more.
 
     Speeds in m/s, rotation rates in degrees/s; a gap is a step of more than 1.5 median steps.
@@ -175,8 +188,11 @@ class TrajectoryStatistics:
     longest_gap_s: float = 0
 
 
-def trajectory_statistics(trajectory: Trajectory) -> TrajectoryStatistics:
-    """Statistics of one trajectory; the rates of a single pose are zero."""
+def trajectory_statistics(trajectory: "Trajectory | Poses") -> TrajectoryStatistics:
+    """Statistics of one trajectory, or of poses or matrices (n, 4, 4) at 30 Hz; the rates of a
+    single pose are zero.
+    """
+    trajectory = Trajectory.of(trajectory)
     steps_s = np.diff(trajectory.stamps_s)
     if len(steps_s) == 0:
         return TrajectoryStatistics(len(trajectory))
@@ -233,10 +249,11 @@ def sample(trajectory: Trajectory, stamps_s: np.ndarray) -> SE3:
     return poses[before].interpolate(poses[before + 1], share)
 
 
-def resample(trajectory: Trajectory, rate_hz: float) -> Trajectory:
+def resample(trajectory: "Trajectory | Poses", rate_hz: float) -> Trajectory:
     """The same motion at another frame rate, 15 to 240 Hz; starts at the first stamp and stays
-    within the time span.
+    within the time span. Poses or matrices (n, 4, 4) are at 30 Hz.
     """
+    trajectory = Trajectory.of(trajectory)
     if not 15.0 <= rate_hz <= 240.0:
         raise InputError("a rate of 15 to 240 Hz", found=rate_hz)
     if len(trajectory) < 2:

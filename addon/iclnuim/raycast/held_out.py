@@ -12,6 +12,7 @@ from ..geometry import so3
 from ..geometry.camera import CameraOrText, PinholeCamera
 from ..geometry.handheld import rotation_world_camera
 from ..geometry.se3 import SE3, Poses
+from ..shown import Brief
 from .caster import RayCaster
 from .visibility import seen_points
 
@@ -28,8 +29,8 @@ _CLEAR_M = 0.25
 _HINT = "a number of views, which are then chosen"
 
 
-@dataclass(frozen=True)
-class HeldOutView:
+@dataclass(frozen=True, repr=False)
+class HeldOutView(Brief):
     """distance_m and angle_deg (between viewing directions) to the most similar training view;
     unseen: share of its pixels whose surface
     no training view saw.
