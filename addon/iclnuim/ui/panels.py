@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
+from datetime import timedelta
 
 import bpy
 from bpy.types import Context, Panel, PropertyGroup, UILayout
@@ -124,17 +125,8 @@ def _progress(layout: UILayout, work: Work) -> None:
     left_s = work.seconds_left()
     if left_s is not None:
         rate = f"{work.frames_per_second():.2f} frames/s"
-        layout.label(text=f"{rate}, {_duration(left_s)} left")
+        layout.label(text=f"{rate}, {timedelta(seconds=round(left_s))} left")
     layout.operator("iclnuim.cancel", icon="CANCEL")
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    if not minutes:
-        return f"{rest} s"
-    if minutes < 60:
-        return f"{minutes} min {rest} s"
-    return f"{minutes // 60} h {minutes % 60} min"
 
 
 @_panel("Scene")
