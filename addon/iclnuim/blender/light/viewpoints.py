@@ -7,7 +7,6 @@ from mathutils import Vector
 from ...geometry.points import farthest_points
 from ...lightmap.surfaces import Surfaces
 from ..look_round import MAX_BACKS, ROOM_M, look_round
-from ..surfaces import rendered_lamps
 
 #: Rays that look round at a place: their share of hits is then known within 7 %.
 _RAYS = 48
@@ -39,15 +38,8 @@ def viewpoints(
     enclosed = hits[hits > 0] >= _ENCLOSED * hits.max()
     share = _ENCLOSED if enclosed.sum() >= enclosed.size / 2 else _IN_THE_OPEN
     free = places[(hits > 0) & (hits >= share * hits.max())]
-    behind = (backs > hits.max()) & (median_m >= ROOM_M) & (nearest_m >= _NEAREST_M)
+    behind = (fronts + backs > hits.max()) & (median_m >= ROOM_M) & (nearest_m >= _NEAREST_M)
     free = np.concatenate([free, places[behind]])
-    lamps = [lamp for lamp in rendered_lamps(bpy.context.scene) if lamp.data.type != "SUN"]
-    lamps_m = [lamp.matrix_world.translation for lamp in lamps]
-    if lamps_m and not any(_sees_one(depsgraph, place, lamps_m) for place in free):
-        # the normals of the walls may point outward: then places with a view of a lamp are inside
-        # the room
-        seeing = [place for place in places if _sees_one(depsgraph, place, lamps_m)]
-        free = np.concatenate([free, seeing or np.zeros((0, 3))])
     return free if len(free) <= count else farthest_points(free, count)
 
 
@@ -69,17 +61,3 @@ def _place_before(
     )
     reach = np.linalg.norm(np.array(location) - start) if hit else _FARTHEST_M
     return start + rng.uniform(0.1, 0.9) * reach * ray
-
-
-def _sees_one(depsgraph: bpy.types.Depsgraph, place: np.ndarray, lamps_m: list[Vector]) -> bool:
-    """Whether at least one lamp is visible from the place, and no surface is close to the place."""
-    scene = depsgraph.scene
-    origin = Vector(place)
-    for direction in np.vstack([np.eye(3), -np.eye(3)]):
-        if scene.ray_cast(depsgraph, origin, Vector(direction), distance=_NEAREST_M)[0]:
-            return False
-    for lamp_m in lamps_m:
-        ray = lamp_m - origin
-        if not ray.length or not scene.ray_cast(depsgraph, origin, ray, distance=ray.length)[0]:
-            return True
-    return False
