@@ -26,6 +26,8 @@ _FOLDERS = {
     "iclnuim.benchmark": Path(odometry.__path__[0]).parent,
     "iclnuim": Path(geometry.__path__[0]).parent,
 }
+#: Settings of a parameter that are texts for people.
+_TEXTS = ("label", "source", "help")
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 
@@ -85,8 +87,8 @@ def _read(name: str, file: Path) -> tuple[str, list[str]]:
 
 
 def meaning(source: bytes) -> str:
-    """The syntax tree of a source without docstrings and without the places that it imports from,
-    as text.
+    """The syntax tree of a source as text, without docstrings, the places that it imports from, and
+    the texts of settings.
     """
     tree = ast.parse(source)
     for node in ast.walk(tree):
@@ -95,7 +97,13 @@ def meaning(source: bytes) -> str:
         elif isinstance(node, ast.ImportFrom):
             node.module = None
             node.level = 0
+        elif isinstance(node, ast.Call):
+            node.keywords = list(filter(_decides, node.keywords))
     return ast.dump(tree)
+
+
+def _decides(keyword: ast.keyword) -> bool:
+    return keyword.arg not in _TEXTS
 
 
 def _imports(package: str, source: bytes) -> Iterator[str]:

@@ -129,6 +129,14 @@ def test_the_code_of_a_method_is_what_it_imports_and_nothing_else(tmp_path, monk
     assert code_version.code_of.__wrapped__("mine.still") != first
 
 
+def test_the_hash_of_code_ignores_the_labels_of_settings():
+    one, renamed, other = (
+        code_version.meaning(f"fx = parameter({value}, label={label!r}, unit='px')".encode())
+        for value, label in ((481.2, "fx"), (481.2, "Focal Length fx"), (480.0, "fx"))
+    )
+    assert one == renamed != other
+
+
 def test_the_hash_of_code_does_not_depend_on_the_names_of_modules(tmp_path, monkeypatch):
     package = tmp_path / "mine"
     package.mkdir()
