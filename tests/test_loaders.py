@@ -31,7 +31,7 @@ def test_every_loader_has_its_function_its_code_and_its_settings():
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory):
     out = tmp_path_factory.mktemp("loaders") / "out"
-    loaders.write(out, 5, ("replica",))
+    loaders.write(out, ("replica",), 5)
     return out / "replica"
 
 
@@ -77,8 +77,7 @@ def test_loaders_of_pypi_read_all_frames(name, tmp_path):
     if importlib.util.find_spec(package) is None:
         pytest.skip(f"needs the package {package}; try: pip install {package}")
     loader = TABLE[name]
-    formats = ("tum",) if loader.format == "icl-nuim" else (loader.format,)
-    loaders.write(tmp_path / "out", formats=formats)
+    loaders.write(tmp_path / "out", (loader.format,))
     (tmp_path / "empty").mkdir()
     where = loaders.place(tmp_path / "out", loader)
     row = loaders.tried(name, loader, where, tmp_path / "empty")

@@ -1,4 +1,4 @@
-"""ESLAM on the CPU, with the settings file of `iclnuim settings eslam`, fewer iterations and pixels.
+"""ESLAM on the CPU: the settings of `iclnuim settings eslam`, with fewer iterations and pixels.
 
     iclnuim convert out/living_room/kt2/clean kt2 --frames :20 --format replica
     iclnuim settings eslam kt2

@@ -148,7 +148,12 @@ def gradslam_icl(sequence: Path) -> Read:
 
 
 def mast3r_slam(sequence: Path) -> Read:
-    """What its main.py does with --calib."""
+    """What its main.py does with --calib. Modules that are left out import PIL.Image, and have the
+    image as (1, 3, h, w), here without its normalization.
+    """
+    importlib.import_module("PIL.Image")
+    norm = {"ImgNorm": lambda image: np.moveaxis(np.asarray(image), 2, 0)}
+    vars(sys.modules["dust3r.utils.image"]).update(norm)
     module = importlib.import_module("mast3r_slam.config")
     module.load_config("config/calib.yaml")
     loader = importlib.import_module("mast3r_slam.dataloader")
@@ -156,9 +161,8 @@ def mast3r_slam(sequence: Path) -> Read:
     settings = yaml.safe_load((sequence / "mast3r-slam.yaml").read_text())
     size = (settings["width"], settings["height"])
     given = loader.Intrinsics.from_calib(data.img_size, *size, settings["calibration"])
-    for camera in (data.camera_intrinsics, given):
-        if np.abs(camera.K_orig - given.K_orig).max() > 0:
-            raise ValueError("calibration.txt and mast3r-slam.yaml differ")
+    if np.abs(data.camera_intrinsics.K_orig - given.K_orig).max() > 1e-4:  # single precision
+        raise ValueError("calibration.txt and mast3r-slam.yaml differ")
     K = given.K_orig
     return Read([str(file) for file in data.rgb_files], (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
 

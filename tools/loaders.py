@@ -16,6 +16,7 @@ import os
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -35,7 +36,6 @@ from iclnuim.postprocess import frames_from
 
 _READERS = Path(__file__).with_name("loader_readers.py")
 _TABLE = Path(__file__).with_suffix(".toml")
-_FORMATS = ("replica", "scannet", "eth3d", "nerf", "vslam-lab", "colmap", "tum")
 _ICL = "living_room_traj2_frei_png"
 
 
@@ -89,7 +89,7 @@ def made_up_depth_m(number: int) -> float:
     return 1 + number / 777
 
 
-def write(out: Path, frames: int | None = None, formats: tuple[str, ...] = _FORMATS) -> None:
+def write(out: Path, formats: Iterable[str], frames: int | None = None) -> None:
     """Flat images along the path of kt2 in each format; icl-nuim as the official folder, which has
     no pose of image 0.
     """
@@ -104,11 +104,13 @@ def write(out: Path, frames: int | None = None, formats: tuple[str, ...] = _FORM
 
     source = frames_from(camera, trajectory, load)
     for format in formats:
-        write_sequence(source, out / format, SequenceSettings(), (format,))
-    if "tum" in formats:
-        official = out / "icl-nuim" / _ICL
-        published = original_frames(out / "tum", "1:")
-        write_sequence(published, official, SequenceSettings(names=PUBLISHED), ("icl-nuim",))
+        if format == "icl-nuim":
+            write(out, ("tum",), frames)
+            published = original_frames(out / "tum", "1:")
+            settings = SequenceSettings(names=PUBLISHED)
+            write_sequence(published, out / format / _ICL, settings, (format,))
+        else:
+            write_sequence(source, out / format, SequenceSettings(), (format,))
 
 
 def place(out: Path, loader: Loader) -> Path:
@@ -208,7 +210,7 @@ def _relative(T: np.ndarray) -> np.ndarray:
 
 def _write_csv(path: Path, rows: list[Tried]) -> None:
     with path.open("w", newline="") as file:
-        writer = csv.writer(file)
+        writer = csv.writer(file, lineterminator="\n")
         names = [field.name for field in fields(Tried)]
         writer.writerow(names)
         for row in rows:
@@ -225,12 +227,11 @@ def main(arguments: list[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     work = args.work.resolve()
     source = args.source and args.source.resolve()
-    write(work / "sequences")
+    chosen = {name: loader for name, loader in loaders().items() if args.only in name}
+    write(work / "sequences", {loader.format for loader in chosen.values()})
     rows = []
     failed = 0
-    for name, loader in loaders().items():
-        if args.only not in name:
-            continue
+    for name, loader in chosen.items():
         sequence = place(work / "sequences", loader)
         write_settings(loader, sequence)
         try:

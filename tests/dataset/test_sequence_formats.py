@@ -716,6 +716,15 @@ def test_settings_of_bags_without_bags_are_refused(all_formats, tmp_path, option
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(("frames", "noted"), [("1:", True), (":2", False)])
+def test_a_part_of_replica_v2_without_frame_0_is_noted(
+    all_formats, tmp_path, command_here, frames, noted
+):
+    words = ("--format", "replica-v2", "--frames", frames)
+    code, _, said = command_here("convert", all_formats / "tum", tmp_path / "out", *words)
+    assert code == 0 and ("SplaTAM looks for rgb_0.png" in said) == noted
+
+
 def test_images_that_are_in_no_pair_are_noted(all_formats, tmp_path, command_here):
     shutil.copytree(all_formats / "tum", tmp_path / "s")
     for name in ("rgb.txt", "depth.txt", "associations.txt", "depth/000002.png"):

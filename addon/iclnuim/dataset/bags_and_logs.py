@@ -87,12 +87,13 @@ class LogSettings(Settings):
             wanted.append(klg)
         if self.rosbag:
             wanted += [ros1, ros2]
-        missing = [path for path in wanted if not path.exists()]
+        written = []
         for path in wanted:
-            if path not in missing:
+            if path.exists():
                 again = "remove it to have it written from the present frames"
                 note(f"{path} exists already and is not changed; {again}")
-        for path in missing:
+                continue
+            written.append(path)
             note(f"{path} is written")
             if path == klg:
                 write_klg(folder, klg)
@@ -100,7 +101,7 @@ class LogSettings(Settings):
                 write_rosbag(folder, path, 1 if path == ros1 else 2, self)
                 if path == ros1 and min(pair.stamp_s for pair in find_pairs(folder)) == 0:
                     note("note: ROS 1 treats the first stamp, 0 s, as missing")
-        return missing
+        return written
 
 
 def write_rosbag(

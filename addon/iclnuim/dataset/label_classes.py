@@ -127,10 +127,8 @@ class ClassMap:
     def _colours(self) -> tuple[np.ndarray, np.ndarray]:
         """Codes of the colours in ascending order, and the index of each; empty without colours."""
         found: dict[int, int] = {}
-        for kind in self.void:
-            if kind.colour:
-                found[int(_codes(np.array(kind.colour)))] = VOID
-        for index, kind in enumerate(self.classes, 1):
+        kinds = [*((VOID, kind) for kind in self.void), *enumerate(self.classes, 1)]
+        for index, kind in kinds:
             if kind.colour:
                 found[int(_codes(np.array(kind.colour)))] = index
         if found:

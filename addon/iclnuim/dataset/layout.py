@@ -312,20 +312,28 @@ class SequenceFormat:
         return found
 
 
-def posed(stamps_s: np.ndarray, truth: Trajectory | None) -> np.ndarray:
-    """(n,) bool: whether the trajectory has a pose within half a usual step of each stamp (n,)."""
+def posed(
+    stamps_s: np.ndarray, truth: Trajectory | None, step_s: float | None = None
+) -> np.ndarray:
+    """(n,) bool: whether the trajectory has a pose within half a step, by default half the usual
+    one, of each stamp (n,).
+    """
     if truth is None:
         return np.zeros(len(stamps_s), bool)
     off_s = nearest(stamps_s, truth.stamps_s)[1]
-    return off_s <= _SLACK * usual_step_s(stamps_s) + 1e-6
+    return off_s <= _SLACK * (step_s or usual_step_s(stamps_s)) + 1e-6
 
 
-def poses_at(stamps_s: np.ndarray, truth: Trajectory | None) -> list[SE3 | None]:
-    """The true pose at each stamp (n,), None where `posed` is False."""
+def poses_at(
+    stamps_s: np.ndarray, truth: Trajectory | None, step_s: float | None = None
+) -> list[SE3 | None]:
+    """The true pose at each stamp (n,), between its neighbours on a screw motion; None where
+    `posed` is False.
+    """
     found: list[SE3 | None] = [None] * len(stamps_s)
     if truth is None:
         return found
-    for row in np.flatnonzero(posed(stamps_s, truth)).tolist():
+    for row in np.flatnonzero(posed(stamps_s, truth, step_s)).tolist():
         pose = truth.T_world_camera[0]
         if len(truth) > 1:
             pose = sample(truth, stamps_s[row].clip(*truth.stamps_s[[0, -1]]))

@@ -18,11 +18,11 @@ from ..formats.depth_units import UNITS_PER_METRE, check_units
 from ..formats.png import png_bytes
 from ..geometry.camera import CameraOrText, PinholeCamera
 from ..geometry.se3 import SE3
-from ..geometry.trajectory import Trajectory, sample
+from ..geometry.trajectory import Trajectory
 from ..sensor.transfer import srgb8
 from ..shown import depth_colours, depth_range
 from .image_pairs import ImagePair, find_pairs
-from .layout import SequenceCamera, usual_step_s
+from .layout import SequenceCamera, poses_at, usual_step_s
 from .sequence_poses import read_truth
 from .stored_images import read_camera, read_images
 
@@ -90,12 +90,9 @@ class RgbdSequence:
         whole = self.whole_truth
         if whole is None or not len(self):
             return None
-        rows = np.flatnonzero(self._is_near(whole.stamps_s, self.stamps_s))
+        off_s = nearest(whole.stamps_s, self.stamps_s)[1]
+        rows = np.flatnonzero(off_s <= 0.5 * self.step_s + 1e-6)
         return whole[rows] if len(rows) else None
-
-    def _is_near(self, stamps_s: np.ndarray, others_s: np.ndarray) -> np.ndarray:
-        """(n,) bool: whether one of the others is within half a usual step of each stamp (n,)."""
-        return nearest(stamps_s, others_s)[1] <= 0.5 * self.step_s + 1e-6
 
     @overload
     def __getitem__(self, index: int | np.integer) -> PosedFrame: ...
@@ -112,22 +109,11 @@ class RgbdSequence:
             return replace(self, pairs=self.pairs[index])
         pair = self.pairs[index]
         rgb, depth_z_m = read_images(pair, self.images)
-        return PosedFrame(pair.stamp_s, rgb, depth_z_m, self._pose(pair))
+        pose = poses_at(np.array([pair.stamp_s]), self.whole_truth, self.step_s)[0]
+        return PosedFrame(pair.stamp_s, rgb, depth_z_m, pose)
 
     def __iter__(self) -> Iterator[PosedFrame]:
         return (self[i] for i in range(len(self)))
-
-    def _pose(self, pair: ImagePair) -> SE3 | None:
-        """The true pose at the frame's stamp, between poses of the ground truth on a screw motion;
-        None farther than half a step from all of them.
-        """
-        truth = self.whole_truth
-        stamp_s = np.array([pair.stamp_s])
-        if truth is None or not self._is_near(stamp_s, truth.stamps_s)[0]:
-            return None
-        if len(truth) == 1:
-            return truth.T_world_camera[0]
-        return sample(truth, np.clip(stamp_s, *truth.stamps_s[[0, -1]]))[0]
 
     def __repr__(self) -> str:
         camera = self.camera

@@ -108,6 +108,12 @@ def _image_of_v2(frame: SequenceFrame, kind: str) -> str:
     return _image(frame, kind) if kind in _LABELS else f"{kind}/{kind}_{frame.number}.png"
 
 
+def _remarks_of_v2(contents: Contents) -> list[str]:
+    if contents.frames[0].number == 0:
+        return []
+    return ["SplaTAM looks for rgb_0.png in imap/00, and frame 0 is not among these"]
+
+
 FORMAT = SequenceFormat(
     "replica",
     "Replica as NICE-SLAM and its successors read it: results/frame*.jpg, results/depth*.png, "
@@ -138,4 +144,5 @@ V2 = replace(
         truth_at(_V2_TRAJECTORY),
     ),
     fixed_units=1000.0,
+    remarks=_remarks_of_v2,
 )
