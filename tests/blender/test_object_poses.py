@@ -85,10 +85,15 @@ def test_the_table_of_objects_is_that_of_frame_0_whichever_the_file_shows(crate,
     assert [row[3] for row in matrix] == [0, 0, 0, 1]
 
 
-def test_what_appears_later_has_a_row_and_poses_from_then_on(crate, tmp_path):
-    for frame, hidden in ((0, True), (2, True), (3, False)):
-        crate.hide_render = hidden
-        crate.keyframe_insert("hide_render", frame=frame)
+@pytest.mark.parametrize("is_driven", [False, True])
+def test_what_appears_later_has_a_row_and_poses_from_then_on(is_driven, crate, tmp_path):
+    crate.hide_render = True
+    if is_driven:
+        crate.driver_add("hide_render").driver.expression = "frame < 3"
+    else:
+        for frame, hidden in ((2, True), (3, False)):
+            crate.hide_render = hidden
+            crate.keyframe_insert("hide_render", frame=frame)
     run, *_ = run_of(tmp_path, ground_truth=True)
     objects = json.loads((run / "objects.json").read_text())["objects"]
     number = next(row["id"] for row in objects if row["name"] == "crate")
@@ -98,6 +103,14 @@ def test_what_appears_later_has_a_row_and_poses_from_then_on(crate, tmp_path):
         [1 + 3 / 30, 1 + 4 / 30], abs=1e-6
     )
     assert {int(row["id"]) for row in rows} == {number}
+
+
+def test_what_disappears_has_a_row_and_poses_until_then(crate, tmp_path):
+    crate.driver_add("hide_render").driver.expression = "frame > 1"
+    run, *_ = run_of(tmp_path, ground_truth=True)
+    objects = json.loads((run / "objects.json").read_text())["objects"]
+    assert "crate" in [row["name"] for row in objects]
+    assert len((run / "object_poses.csv").read_text().splitlines()) == 3
 
 
 @pytest.mark.parametrize("moves, truth", [(False, True), (True, False)])

@@ -270,6 +270,20 @@ def _is_there(operator: Any) -> bool:
     return True
 
 
+def animated_curves(block: bpy.types.ID | None) -> list[bpy.types.FCurve]:
+    """All F-curves of a datablock: of its action and of its strips, without drivers."""
+    animation = getattr(block, "animation_data", None)
+    if animation is None:
+        return []
+    actions = [animation.action]
+    for track in animation.nla_tracks:
+        actions += [strip.action for strip in track.strips]
+    curves = []
+    for action in filter(None, actions):
+        curves += curves_of(action)
+    return curves
+
+
 def curves_of(action: bpy.types.Action) -> list[bpy.types.FCurve]:
     """All F-curves of an action, of all slots.
 

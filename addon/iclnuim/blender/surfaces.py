@@ -14,7 +14,7 @@ import mathutils
 import numpy as np
 
 from ..lightmap.surfaces import Surfaces, join
-from .compat import curves_of, temporarily
+from .compat import animated_curves, temporarily
 
 #: Points closer than this are at the same position.
 _SAME_PLACE_M = 1e-5
@@ -167,24 +167,22 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
 
 
 def go_to(scene: bpy.types.Scene, frame: float) -> None:
-    """Change the frame within as_rendered(), with the objects that are rendered then."""
-    scene.frame_set(math.floor(frame), subframe=frame % 1)
-    for thing in bpy.data.objects:
-        hidden = _is_hidden(thing, frame)
-        if thing.hide_viewport != hidden:
-            thing.hide_viewport = hidden
-    bpy.context.view_layer.update()
-
-
-def _is_hidden(thing: bpy.types.Object, frame: float) -> bool:
-    """Whether renders of a frame are without an object. Blender does not evaluate the animations of
-    objects that the viewport does not show.
+    """Change the frame within as_rendered(), with the objects that are rendered then. Blender does
+    not evaluate the animation of an object that the viewport does not show.
     """
-    if thing.animation_data and thing.animation_data.action:
-        for curve in curves_of(thing.animation_data.action):
-            if curve.data_path == "hide_render":
-                return bool(curve.evaluate(frame))
-    return bool(thing.hide_render)
+    changing = [thing for thing in bpy.data.objects if _may_appear(thing)]
+    for thing in changing:
+        thing.hide_viewport = False
+    scene.frame_set(math.floor(frame), subframe=frame % 1)
+    for thing in changing:
+        thing.hide_viewport = thing.hide_render
+    if changing:
+        bpy.context.view_layer.update()
+
+
+def _may_appear(thing: bpy.types.Object) -> bool:
+    curves = [*animated_curves(thing), *getattr(thing.animation_data, "drivers", ())]
+    return any(curve.data_path == "hide_render" for curve in curves)
 
 
 def _levels(thing: Any) -> dict[str, object]:

@@ -115,15 +115,9 @@ def _depends_on(thing: bpy.types.Object) -> Iterator[bpy.types.Object | None]:
 
 def varies(block: bpy.types.ID | None) -> bool:
     """Whether a datablock has an action or strip whose curves are not constant, or a driver."""
-    animation = getattr(block, "animation_data", None)
-    if animation is None:
-        return False
-    actions = [animation.action]
-    for track in animation.nla_tracks:
-        actions += [strip.action for strip in track.strips]
-    if len(animation.drivers):
+    if len(getattr(getattr(block, "animation_data", None), "drivers", ())):
         return True
-    return any(any(map(_is_varying, compat.curves_of(action))) for action in actions if action)
+    return any(map(_is_varying, compat.animated_curves(block)))
 
 
 def _is_varying(curve: bpy.types.FCurve) -> bool:

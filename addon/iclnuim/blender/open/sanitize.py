@@ -4,7 +4,7 @@ without a material, drivers written in Python.
 Everything is done in memory.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import bmesh
 import bpy
@@ -28,6 +28,8 @@ def sanitize(scene: bpy.types.Scene) -> list[str]:
     scripts = [text for text in bpy.data.texts if text.use_module]
     if scripts:
         notes.append(f"scripts in the file ({names_of(scripts)}): not run")
+    if driven := {block for block, _ in _python_drivers(scene.objects)}:
+        notes.append(f"drivers that need Python ({names_of(driven)}): not run")
     return notes
 
 
@@ -122,20 +124,24 @@ def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:
     """Remove drivers that need Python from objects, their data, shape keys and materials, before
     they are evaluated. Returns their number.
     """
+    found = list(_python_drivers(things))
+    for block, curve in found:
+        block.animation_data.drivers.remove(curve)
+    return len(found)
+
+
+def _python_drivers(
+    things: Iterable[bpy.types.Object | None],
+) -> Iterator[tuple[bpy.types.ID, bpy.types.FCurve]]:
     blocks: set[bpy.types.ID] = set()
     for thing in things:
         if thing is not None:
             blocks.update(_blocks_of(thing))
-    removed = 0
     for block in blocks:
         animation = getattr(block, "animation_data", None)
-        if animation is None:
-            continue
-        for curve in list(animation.drivers):
+        for curve in animation.drivers if animation else ():
             if curve.driver.type == "SCRIPTED" and not curve.driver.is_simple_expression:
-                animation.drivers.remove(curve)
-                removed += 1
-    return removed
+                yield block, curve
 
 
 def _blocks_of(thing: bpy.types.Object) -> list[bpy.types.ID]:
