@@ -260,7 +260,9 @@ class WorkerClient(subprocess.Popen[bytes]):
         self._options_file = log.with_suffix(".json")
         self._last_s = time.monotonic()
         self.temporary = Path(tempfile.mkdtemp(prefix="iclnuim-"))
-        own = {"TMPDIR": str(self.temporary), shipped.COMMIT: shipped.source_commit() or ""}
+        # the user's extensions are behind the wall: an empty folder has none to look for
+        temporary = dict.fromkeys(("TMPDIR", "BLENDER_USER_EXTENSIONS"), str(self.temporary))
+        own = {**temporary, shipped.COMMIT: shipped.source_commit() or ""}
         given = {**_ALLOCATOR, **os.environ, **own, **(environment or {})}
         places = [out, log.parent, self.temporary, *writable, *_further_folders(given)]
         self._write_options(options, command[0], places)

@@ -234,7 +234,7 @@ def switch_off_during_a_render():
     child = state.current().work.worker
     found["timers_meanwhile"] = timers()
     log = (state.user_folder("log") / "child.txt").read_text()
-    found["denied_in_log"] = "Permission denied" in log
+    found["denied_in_log"] = "PermissionError" in log
     for step in ("disable", "enable", "disable"):
         getattr(bpy.ops.preferences, f"addon_{step}")(module=MODULE)
         yield 1.0

@@ -113,9 +113,7 @@ def start(
     if job.light == "auto":
         options["asked"] = numbers
     log = user_folder("log") / "child.txt"
-    cache = str(cache_folder())
-    # an empty folder of extensions: those of this Blender stay closed to the worker
-    environment = {"ICLNUIM_CACHE": cache, "BLENDER_USER_EXTENSIONS": f"{cache}/extensions"}
+    environment = {"ICLNUIM_CACHE": str(cache_folder())}
     worker = WorkerClient(
         worker_command(), options, out, log, environment=environment, writable=[out.parent]
     )
