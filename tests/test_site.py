@@ -16,4 +16,6 @@ def test_the_site_is_built_strictly_and_has_every_public_name(repository, tmp_pa
     pages = "".join(path.read_text() for path in (tmp_path / "reference/python").glob("*.html"))
     for name in set(iclnuim.__all__) - {"__version__"}:
         assert f'id="iclnuim.{name}"' in pages
+    for example in (repository / "examples").glob("[0-9]*"):
+        assert f'href="{example.name}.html"' in (tmp_path / "examples/index.html").read_text()
     assert 'href="../addon/index.html#light-baked"' in (tmp_path / "guide/light.html").read_text()

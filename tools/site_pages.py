@@ -4,9 +4,11 @@ the site too, links between them and docs/ hold, and every public name is in the
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -16,6 +18,8 @@ from mkdocs.structure.files import File, Files
 REPOSITORY = Path(__file__).resolve().parents[1]
 #: Where mkdocstrings finds the package: its folders as they lie when it is installed.
 PACKAGE = REPOSITORY / "out/site_package/iclnuim"
+#: Files of examples/ that become pages.
+EXAMPLES = (".py", ".ipynb")
 #: What the site has besides docs/.
 BESIDE = (
     "*.md",
@@ -51,8 +55,9 @@ def on_config(config: MkDocsConfig) -> None:
     sections["Reference"].append({"Python": [python_page(title) for title in public_names()]})
     measured = {f"measured/{page.name}" for page in REPOSITORY.glob("docs/measured/*.md")}
     sections["Measured"] += sorted(measured - set(sections["Measured"]))
-    scripts = sorted(REPOSITORY.glob("examples/*.py"))
-    sections["Examples"] += [site_place(f"examples/{script.name}") for script in scripts]
+    for path in sorted(REPOSITORY.glob("examples/*")):
+        if path.suffix in EXAMPLES:
+            sections["Examples"].append(site_place(f"examples/{path.name}"))
 
 
 def on_files(files: Files, config: MkDocsConfig) -> None:
@@ -68,13 +73,26 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
 
 
 def add(files: Files, config: MkDocsConfig, path: str) -> None:
-    """Add one file of the checkout; a script becomes a page."""
+    """Add one file of the checkout; a script or notebook becomes a page."""
     source = REPOSITORY / path
-    if source.suffix == ".py":
-        text = f"# {source.name}\n\n```python\n{source.read_text('utf-8')}```\n"
+    if source.suffix in EXAMPLES:
+        text = "\n\n".join([f"# {source.name}", *example_parts(source)])
         files.append(File.generated(config, site_place(path), content=text))
     else:
         files.append(File.generated(config, site_place(path), abs_src_path=str(source)))
+
+
+def example_parts(source: Path) -> Iterator[str]:
+    """The code of a script, or the cells of a notebook without what they print, as Markdown."""
+    text = source.read_text("utf-8")
+    cells = [{"cell_type": "code", "source": [text]}]
+    if source.suffix == ".ipynb":
+        cells = json.loads(text)["cells"]
+    for cell in cells:
+        content = "".join(cell["source"]).strip()
+        if cell["cell_type"] == "code":
+            content = f"```python\n{content}\n```"
+        yield content
 
 
 def on_page_markdown(markdown: str, page: Any, config: MkDocsConfig, files: Files) -> str:
@@ -105,7 +123,7 @@ def site_place(path: str) -> str:
     """Where a file of the checkout is on the site."""
     if path == "docs/README.md":
         return "map.md"
-    if path.startswith("examples/") and path.endswith(".py"):
+    if path.startswith("examples/") and path.endswith(EXAMPLES):
         return f"{path}.md"
     return path.removeprefix("docs/")
 
