@@ -145,5 +145,8 @@ def one_thread() -> None:
 
     for name in _THREADS:
         os.environ.setdefault(f"{name}_NUM_THREADS", "1")
-    numba.core.config.reload_config()
+    try:
+        numba.core.config.reload_config()
+    except RuntimeError:  # its threads run already, and it would refuse to compile
+        del os.environ["NUMBA_NUM_THREADS"]
     cv2.setNumThreads(1)

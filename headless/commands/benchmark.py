@@ -49,6 +49,32 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="default: out/benchmark",
     )
+    _add_cells(parser)
+    help = (
+        "results of `iclnuim run` on the same sequences, shown as further rows; default: "
+        "out/systems"
+    )
+    add("--systems", type=Path, default=Path("out/systems"), metavar="DIR", help=help)
+    add(
+        "--workers",
+        type=count,
+        metavar="N",
+        help="number of processes; default: one per core and 2 GB of memory",
+    )
+    add(
+        "--videos",
+        action="store_true",
+        help="add a short film of each sequence to the report; needs --data",
+    )
+    help = "measure nothing: write tables and report of the cells in DIR; default: those in --out"
+    add("--report-only", nargs="?", const="", metavar="DIR", help=help)
+    add_dry_run(parser)
+    common(parser, "iclnuim benchmark --only living_room/kt0,kt2/icp,dvo")
+
+
+def _add_cells(parser: argparse.ArgumentParser) -> None:
+    """Add what chooses the cells."""
+    add = parser.add_argument
     help = (
         "folder of the same sequences rendered without reflections (`iclnuim make all --lambertian"
         " -o DIR`), for finding 11"
@@ -83,26 +109,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "measure trajectories only: Tables III to VI; surfaces that are measured already are kept"
     )
     add("--no-surfaces", action="store_true", help=help)
-    help = (
-        "results of `iclnuim run` on the same sequences, shown as further rows; default: "
-        "out/systems"
-    )
-    add("--systems", type=Path, default=Path("out/systems"), metavar="DIR", help=help)
-    add(
-        "--workers",
-        type=count,
-        metavar="N",
-        help="number of processes; default: one per core and 2 GB of memory",
-    )
-    add(
-        "--videos",
-        action="store_true",
-        help="add a short film of each sequence to the report; needs --data",
-    )
-    help = "measure nothing: write tables and report of the cells in DIR; default: those in --out"
-    add("--report-only", nargs="?", const="", metavar="DIR", help=help)
-    add_dry_run(parser)
-    common(parser, "iclnuim benchmark --only living_room/kt0,kt2/icp,dvo")
 
 
 def _words(text: str) -> list[str]:

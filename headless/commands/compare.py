@@ -93,15 +93,11 @@ def compare(a: Path, b: Path, by_tolerance: bool) -> dict:
         raise InputError(
             "frames with the same numbers in both folders", path=b, found=f"none that {a} has too"
         )
+    compared = _beyond_tolerance if why else _other_bytes
     with ThreadPoolExecutor() as pool:
-        if why:
-            results = list(pool.map(lambda name: _beyond_tolerance(one, other, name), both))
-        else:
-            results = list(pool.map(lambda name: _other_bytes(one, other, name), both))
-    channels = {}
-    for name, result in zip(both, results, strict=True):
-        if result.differs:
-            channels[name] = result.channels
+        results = list(pool.map(lambda name: compared(one, other, name), both))
+    named = zip(both, results, strict=True)
+    channels = {name: result.channels for name, result in named if result.differs}
     alone = sorted(one.paths.keys() ^ other.paths.keys())
     return {
         "files": images,

@@ -103,6 +103,7 @@ def _add_placement(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.benchmark.fusion.alignment import fit_effect
+    from iclnuim.benchmark.fusion.labels import label_samples, surface_labels
     from iclnuim.benchmark.fusion.quality import surface_quality, what_was_seen
     from iclnuim.benchmark.fusion.reconstruction import read_reconstruction
     from iclnuim.benchmark.fusion.settings import QualitySettings
@@ -111,26 +112,16 @@ def run(args: argparse.Namespace, console: Console) -> None:
     from iclnuim.geometry.scene_axes import parse_unit
 
     settings = settings_from(args, QualitySettings())
-    unit_m = parse_unit(args.unit)
-    model_unit_m = parse_unit(args.model_unit)
+    unit_m, model_unit_m = map(parse_unit, (args.unit, args.model_unit))
     recording = checked_rerun(args)
-    if not _MIN_ERROR_MM <= args.max_error <= _MAX_ERROR_MM:
-        expected = f"{_MIN_ERROR_MM:g} to {_MAX_ERROR_MM:g} mm"
-        raise InputError(expected, setting="--max-error", found=args.max_error)
-    seen_by = _seen_by(args)
-    if args.labels and seen_by is None and args.seen_by != "all":
-        expected = "{labels} with {seen_by}: a trajectory, or all"
-        raise InputError(expected, found="no trajectory that saw the model")
-    mesh = read_reconstruction(args.mesh, unit_m, args.labels)
-    for note in mesh.notes:
-        console.note(f"note: {args.mesh}: {note}")
+    seen_by = _checked_seen_by(args)
+    mesh = _noted(read_reconstruction(args.mesh, unit_m, args.labels), args, console)
     given = _given_transform(args)
     T = _fitted_transform(args, given, unit_m, console)
     with within(args.model):
         model = read_classed_model(args.model, model_unit_m)
         surface = TrueSurface(model.points, model.triangles)
-    if args.align == "icp":
-        T = surface.aligned(mesh.points, T)
+    T = surface.aligned(mesh.points, T) if args.align == "icp" else T
     error = surface.error(mesh.points, T, unit_m, model_unit_m)
     _draw(args, mesh, error, recording, console)
     values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **error.to_dict()}
@@ -139,26 +130,34 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if T is not given:  # a fit was computed
         values["as_given"] = fit_effect(surface, mesh.points, given, T)
     seen = what_was_seen(surface, seen_by, settings, console.progress) if seen_by else None
-    quality = surface_quality(
-        surface,
-        mesh.points,
-        mesh.triangles,
-        T,
-        seen,
-        whole=args.seen_by == "all",
-        settings=settings,
-    )
+    of_mesh = (surface, mesh.points, mesh.triangles, T, seen)
+    quality = surface_quality(*of_mesh, whole=args.seen_by == "all", settings=settings)
     values["quality"] = {**settings.to_dict(), **quality.to_dict()}
     if args.labels:
-        from iclnuim.benchmark.fusion.labels import label_samples, surface_labels
-
-        truth = _true_labels(args.model, model)
         samples_m = label_samples(surface, seen, settings)
-        labels = surface_labels(surface, truth, mesh, T, samples_m, args.classes)
-        values["labels"] = labels.to_dict()
+        of_labels = (surface, _true_labels(args.model, model), mesh, T, samples_m, args.classes)
+        values["labels"] = surface_labels(*of_labels).to_dict()
         for sentence in label_notes(values["labels"]):
             console.note(f"note: {sentence}")
     console.result(values, _text(values))
+
+
+def _noted(mesh: "Reconstruction", args: argparse.Namespace, console: Console) -> "Reconstruction":
+    for note in mesh.notes:
+        console.note(f"note: {args.mesh}: {note}")
+    return mesh
+
+
+def _checked_seen_by(args: argparse.Namespace) -> "SeenBy | None":
+    """_seen_by(). Raises InputError for options that do not fit together."""
+    if not _MIN_ERROR_MM <= args.max_error <= _MAX_ERROR_MM:
+        expected = f"{_MIN_ERROR_MM:g} to {_MAX_ERROR_MM:g} mm"
+        raise InputError(expected, setting="--max-error", found=args.max_error)
+    seen_by = _seen_by(args)
+    if args.labels and seen_by is None and args.seen_by != "all":
+        expected = "{labels} with {seen_by}: a trajectory, or all"
+        raise InputError(expected, found="no trajectory that saw the model")
+    return seen_by
 
 
 def _true_labels(name: str, model: "ClassedModel") -> "TrueLabels":

@@ -54,17 +54,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if args.plot:
         require(console, "fuse --plot", "embreex")
     from iclnuim.benchmark.fusion.sequence import fuse_sequence
-    from iclnuim.dataset.image_pairs import find_pairs
-    from iclnuim.dataset.sequence_poses import find_truth, load_poses, load_truth
 
     settings = _settings(args, console)
-    find_pairs(args.folder)  # a folder without a sequence is reported as such
-    poses = args.poses or find_truth(args.folder)
-    loaded = load_poses(args.folder, args.poses) if args.poses else load_truth(args.folder)
-    if poses is None or loaded is None:
-        raise InputError(
-            "a ground truth in the folder", path=args.folder, found="none", hint="--poses FILE"
-        )
+    poses, loaded = _poses(args)
     console.note(f"{poses}: {loaded.read_as.sentence}")
     sequence = open_sequence(
         args, console, args.folder, poses=loaded.trajectory, frames=settings.frames
@@ -84,6 +76,23 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if args.plot:
         _draw(mesh, loaded, args.plot)
     console.result(figures, _text(figures))
+
+
+def _poses(args: argparse.Namespace) -> tuple[Path | str, LoadedTrajectory]:
+    """The file of the poses, and the poses."""
+    from iclnuim.dataset.image_pairs import find_pairs
+    from iclnuim.dataset.sequence_poses import find_truth, load_poses, load_truth
+
+    find_pairs(args.folder)  # a folder without a sequence is reported as such
+    if args.poses:
+        return args.poses, load_poses(args.folder, args.poses)
+    poses = find_truth(args.folder)
+    loaded = load_truth(args.folder)
+    if poses is None or loaded is None:
+        raise InputError(
+            "a ground truth in the folder", path=args.folder, found="none", hint="--poses FILE"
+        )
+    return poses, loaded
 
 
 def _recipe_head() -> dict:

@@ -51,6 +51,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="OUT",
         help="default: out/systems",
     )
+    _add_system_options(parser)
+    add_frames(parser, FRAMES)
+    add(
+        "--stage-only",
+        action="store_true",
+        help="only write the view and the settings file, and print the command",
+    )
+    add_camera_options(parser)
+    add_dry_run(parser)
+    common(
+        parser, "iclnuim run orbslam3 out/living_room/kt2/clean --runs 3 --vocabulary ORBvoc.txt"
+    )
+
+
+def _add_system_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the system, and where it is."""
+    add = parser.add_argument
     help = "an option of the system; may be given several times"
     add("--set", action="append", default=[], metavar="NAME=VALUE", help=help)
     add(
@@ -62,17 +79,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--program",
         metavar="PATH",
         help="program of the system, or the Python that runs it; default: found on PATH",
-    )
-    add_frames(parser, FRAMES)
-    add(
-        "--stage-only",
-        action="store_true",
-        help="only write the view and the settings file, and print the command",
-    )
-    add_camera_options(parser)
-    add_dry_run(parser)
-    common(
-        parser, "iclnuim run orbslam3 out/living_room/kt2/clean --runs 3 --vocabulary ORBvoc.txt"
     )
 
 

@@ -22,6 +22,7 @@ from ..sequence_options import note_sequence
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.recipes.stress import Stress
+    from iclnuim.benchmark.experiments.stress_tables import Summary
     from iclnuim.benchmark.perturbations.plan import Plan
 
 #: Core-seconds to perturb and track a frame, in the mean of the odometers.
@@ -41,14 +42,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="only list the perturbations, one per line, with their five severities",
     )
-    add(
-        "-o",
-        "--out",
-        type=Path,
-        default=Path("out/stress"),
-        metavar="OUT",
-        help="default: out/stress",
-    )
+    out = Path("out/stress")
+    add("-o", "--out", type=Path, default=out, metavar="OUT", help=f"default: {out}")
     help = (
         "only perturbations whose name contains TEXT, such as `holes`; may be given several times;"
         " default: all"
@@ -61,6 +56,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="K,K",
         help="such as 1,2,5; default: all five",
     )
+    _add_methods(parser)
+    add_frames(parser, "the first N frames of each segment, at least 3; default: :120", True)
+    add(
+        "--starts",
+        type=count,
+        metavar="N",
+        help="only the first N segments of each sequence; default: all three",
+    )
+    add("--workers", type=count, metavar="N", help="number of processes; default: one per core")
+    _add_report(parser)
+    add_dry_run(parser)
+    common(parser, "iclnuim stress out/living_room/kt2/clean --only holes --only noise --starts 1")
+
+
+def _add_methods(parser: argparse.ArgumentParser) -> None:
+    """Add what chooses odometers and systems."""
+    add = parser.add_argument
     help = (
         "an odometer, or all whose name contains TEXT, such as `baseline`; may be given several "
         "times; default: all that are installed, with --system none"
@@ -76,14 +88,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     help = "runs on each segment of a system that is not deterministic; default: 5"
     add("--runs", type=count, default=5, metavar="N", help=help)
     add("--preset", default="best", help="preset of our odometers: best (default) or paper")
-    add_frames(parser, "the first N frames of each segment, at least 3; default: :120", True)
-    add(
-        "--starts",
-        type=count,
-        metavar="N",
-        help="only the first N segments of each sequence; default: all three",
-    )
-    add("--workers", type=count, metavar="N", help="number of processes; default: one per core")
+
+
+def _add_report(parser: argparse.ArgumentParser) -> None:
+    """Add what chooses the cells of the report."""
+    add = parser.add_argument
     add(
         "--report-only",
         action="store_true",
@@ -94,8 +103,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add(
         "--plot", type=Path, metavar="FILE", help="draw heat maps of all methods (.png, .pdf, .svg)"
     )
-    add_dry_run(parser)
-    common(parser, "iclnuim stress out/living_room/kt2/clean --only holes --only noise --starts 1")
 
 
 def _severities(text: str) -> tuple[int, ...]:
@@ -140,10 +147,14 @@ def run(args: argparse.Namespace, console: Console) -> None:
     if not cells:
         hint = "the same command without --report-only"
         raise WorkError(f"{args.out}: no measured cells", hint=hint)
-    summary = Summary.of(plan, names, stress.perturbations, cells)
     make_folder(args.out, hint="another {out}")
-    write_json(args.out / "stress.json", summary.to_dict())
     write_cells(cells, args.out / "stress.csv")
+    _report(args, console, Summary.of(plan, names, stress.perturbations, cells))
+
+
+def _report(args: argparse.Namespace, console: Console, summary: "Summary") -> None:
+    """Write the results as JSON, as pages and as a figure, and print the table."""
+    write_json(args.out / "stress.json", summary.to_dict())
     console.note(f"{summary.write(args.out)} written")
     if args.plot:
         from iclnuim.benchmark.experiments.stress_chart import figure

@@ -17,7 +17,7 @@ from iclnuim.headless import cli
 
 pytest.importorskip("embreex")
 pytest.importorskip("igl")
-from iclnuim.benchmark.experiments import seen_cache  # noqa: E402
+from iclnuim.benchmark.experiments import pool, seen_cache  # noqa: E402
 from iclnuim.benchmark.experiments.paper_sources import Sources  # noqa: E402
 from iclnuim.benchmark.experiments.recipes.paper import Paper  # noqa: E402
 from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality  # noqa: E402
@@ -117,3 +117,16 @@ def test_one_command_at_a_time_works_in_a_folder_and_can_fork(started, tmp_path,
     before = threading.active_count()
     assert started() == 2  # no cell is measured
     assert begun == [before]
+
+
+def test_threads_of_numba_that_run_already_keep_their_number(monkeypatch):
+    """Else numba refuses to compile anything further."""
+
+    def refuses():
+        raise RuntimeError("threads have been launched")
+
+    monkeypatch.setattr("numba.core.config.reload_config", refuses)
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    pool.one_thread()
+    assert "NUMBA_NUM_THREADS" not in os.environ

@@ -65,16 +65,7 @@ def check_held_out(
     on_view = advance_of(progress, len(views), "held-out views, checked", "views")
     T_world_training = SE3.of(T_world_training)
     nearest = [_nearest(view, T_world_training) for view in views]
-    if near := [k for k, place in enumerate(nearest) if not HeldOutView(*place, 0.0).is_new]:
-        expected = (
-            f"held-out views {MIN_DISTANCE_M:g} m or {MIN_ANGLE_DEG:g} degrees from every training "
-            "view"
-        )
-        distance_m, angle_deg = nearest[near[0]]
-        found = f"view {near[0]} at {distance_m:.3f} m and {angle_deg:.1f} degrees"
-        if len(near) > 1:
-            found += f", and {len(near) - 1} more"
-        raise InputError(expected, found=found, hint=_HINT)
+    _refuse_near(nearest)
     found_views = []
     for k, (view, place) in enumerate(zip(views, nearest, strict=True)):
         found_views.append(HeldOutView(*place, _unseen(caster, camera, view, T_world_training)))
@@ -87,6 +78,19 @@ def check_held_out(
             raise InputError(expected, found=found, hint=_HINT)
         on_view()
     return found_views
+
+
+def _refuse_near(nearest: list[tuple[float, float]]) -> None:
+    """Raises InputError unless every view is new, by its distances to the nearest training view."""
+    near = [k for k, place in enumerate(nearest) if not HeldOutView(*place, 0.0).is_new]
+    if not near:
+        return
+    limits = f"{MIN_DISTANCE_M:g} m or {MIN_ANGLE_DEG:g} degrees"
+    distance_m, angle_deg = nearest[near[0]]
+    found = f"view {near[0]} at {distance_m:.3f} m and {angle_deg:.1f} degrees"
+    if len(near) > 1:
+        found += f", and {len(near) - 1} more"
+    raise InputError(f"held-out views {limits} from every training view", found=found, hint=_HINT)
 
 
 def choose_held_out(
