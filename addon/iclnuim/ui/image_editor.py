@@ -30,10 +30,10 @@ class LastFrame:
         self._at_s = 0.0
 
     def look(self, work: Work) -> None:
-        """Show the last frame, if the pause is over and an image editor is open."""
+        """Show the last frame, if the pause or the work is over and an image editor is open."""
         number = work.last_frame
-        paused = time.monotonic() - self._at_s > PAUSE_S
-        if number is None or not paused or not state.areas("IMAGE_EDITOR"):
+        too_soon = work.busy and time.monotonic() - self._at_s < PAUSE_S
+        if number is None or too_soon or not state.areas("IMAGE_EDITOR"):
             return
         self._at_s = time.monotonic()
         with suppress(IclnuimError):  # the render reports a frame that cannot be read
@@ -60,7 +60,10 @@ def show(context: bpy.types.Context, name: str, picture: np.ndarray) -> None:
     if bpy.app.background:
         return
     area = next(iter(state.areas("IMAGE_EDITOR")), None) or _split(context)
-    if area is not None and area.spaces.active.image != image:
+    if area is None:
+        return
+    area.tag_redraw()
+    if area.spaces.active.image != image:
         area.spaces.active.image = image
         _fit(context, area)
 
@@ -78,7 +81,6 @@ def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
                 bpy.ops.image.view_all(fit_view=True)
             area.tag_redraw()
 
-    area.tag_redraw()
     state.later(fit)
 
 
