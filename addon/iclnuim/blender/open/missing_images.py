@@ -17,15 +17,18 @@ _PLAIN = (0.8, 0.8, 0.8, 1.0)
 _TILE = re.compile("<UDIM>|<UVTILE>")
 
 
-def replace_missing(scene: bpy.types.Scene) -> list[str]:
+def replace_missing(scene: bpy.types.Scene) -> tuple[list[str], bool]:
     """Unlink missing images and image nodes without an image, and give what they were linked to a
-    plain colour. Returns a note if a node showed one.
+    plain colour. Returns a note if a node showed one, and whether one was that of the sky, and with
+    it its light.
 
     A sequence or a set of tiles is missing if an image that may be shown is: Blender shows magenta
     or black there.
     """
     missing = {image for image in bpy.data.images if _is_missing(image)}
     shown = []
+    lost_sky = False
+    sky = scene.world.node_tree if scene.world and scene.world.use_nodes else None
     for tree, plain in _trees():
         for node in tree.nodes:
             if node.type not in ("TEX_IMAGE", "TEX_ENVIRONMENT") or not _is_linked(node):
@@ -34,24 +37,14 @@ def replace_missing(scene: bpy.types.Scene) -> list[str]:
                 shown.append(
                     Path(node.image.filepath).name if node.image else node.label or tree.name
                 )
+                lost_sky |= tree == sky and node.type == "TEX_ENVIRONMENT"
                 _replace(node, plain)
     for image in missing:
         bpy.data.images.remove(image)
     if not shown:
-        return []
-    return [
-        f"textures that are missing or broken ({names_of(set(shown))}): replaced by plain colour"
-    ]
-
-
-def sky_is_missing(world: bpy.types.World | None) -> bool:
-    """Whether the image of the sky, and with it its light, is missing. Call it before
-    replace_missing.
-    """
-    if world is None or not world.use_nodes:
-        return False
-    nodes = [node for node in world.node_tree.nodes if node.type == "TEX_ENVIRONMENT"]
-    return any(_is_linked(n) and (n.image is None or _is_missing(n.image)) for n in nodes)
+        return [], False
+    what = f"textures that are missing or broken ({names_of(set(shown))})"
+    return [f"{what}: replaced by plain colour"], lost_sky
 
 
 def _trees() -> Iterator[tuple[bpy.types.NodeTree, tuple[float, ...]]]:

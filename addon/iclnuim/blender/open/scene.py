@@ -104,8 +104,8 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
         raise InputError("a scene with at least one surface", path=path, found=[*notes, "none"][0])
     notes += _without_grease_pencil()
-    lost_sky = missing_images.sky_is_missing(scene.world)
-    notes += missing_images.replace_missing(scene)
+    words, lost_sky = missing_images.replace_missing(scene)
+    notes += words
     notes += sanitize.sanitize(scene)
     if path.suffix.lower() == ".obj":
         notes += glass.without_false_glass(path)

@@ -113,10 +113,10 @@ class Session:
 
     @property
     def _frames(self) -> RunFrames:
-        def report(text: str) -> None:
-            self.emit(events.Note(text))
+        return RunFrames(len(self.trajectory), self._last, self._note)
 
-        return RunFrames(len(self.trajectory), self._last, report)
+    def _note(self, text: str) -> None:
+        self.emit(events.Note(text))
 
     def prepare(self) -> None:
         """Build the scene, once."""
@@ -220,7 +220,7 @@ class Session:
             self._write_objects()
         lit_by = None
         if job.light == "baked":
-            lit_by, _ = light_map.prepare(job, lambda text: self.emit(events.Note(text)))
+            lit_by, _ = light_map.prepare(job, self._note)
         if job.mipmaps:  # after the light map is found: it is that of the original textures
             self._mipmaps = mipmaps.filter_textures(job.camera)
         if lit_by is not None:
