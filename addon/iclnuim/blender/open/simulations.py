@@ -156,7 +156,8 @@ class _Bake:
         systems = [system for thing in evaluated_objects(scene) for system in dynamic_hair(thing)]
         rounds = len(systems) + bool(self.zones) + any(caches(scene))
         frames = rounds * max(1, self.run.last - first + 1)
-        takes = f"about {per_frame_s * frames:.0f} s and up to {self.bytes / 1e6:.1f} MB"
+        megabytes = max(0.1, self.bytes / 1e6)
+        takes = f"about {max(1.0, per_frame_s * frames):.0f} s and up to {megabytes:.1f} MB"
         self.run.report(f"{self._label}: a bake up to frame {self.run.last} takes {takes}")
         begun = reported = time.monotonic()
         done = 0
