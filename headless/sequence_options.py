@@ -184,10 +184,9 @@ def _note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console
 
     if missing := missing_images(folder):
         first = os.path.relpath(missing[0], folder)
-        there = (
-            f"{len(pairs)} of {len(find_rows(folder))} frames are there, and only these are used"
-        )
-        console.note(f"{folder}: {there}; {len(missing)} images are missing, the first {first}")
+        there = f"{len(pairs)} of {len(find_rows(folder))} frames are there"
+        lost = f"{len(missing)} images are missing, the first {first}"
+        console.note(f"{folder}: {there}, and only these are used; {lost}")
     counts = []
     for kind, paths in unused_images(pairs).items():
         if paths:

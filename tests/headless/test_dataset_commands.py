@@ -140,7 +140,7 @@ def test_an_image_that_is_a_loop_of_links_is_one_line(raw, tmp_path, capsys):
     assert main(["inspect", str(out)]) == 0
     assert "do not exist: 000001.png" in capsys.readouterr().out
     assert main(["convert", str(out), str(tmp_path / "other")]) == 0
-    assert "their frames are left out, the first rgb/000001.png" in capsys.readouterr().err
+    assert "1 images are missing, the first rgb/000001.png" in capsys.readouterr().err
     assert main(["pack", str(tmp_path / "loop")]) == 2
     assert "loop: expected a sequence" in capsys.readouterr().err
 
