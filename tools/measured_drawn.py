@@ -308,12 +308,34 @@ def learned_light(cells: PublishedCells) -> Rows:
 def loaders(cells: PublishedCells) -> Rows:
     """The rows that tools/loaders.py has stored."""
     rows = []
-    with (_MEASURED / "loaders.csv").open(newline="") as file:
-        for row in csv.DictReader(file):
-            figures = [_one_digit(row[name]) for name in ("poses", "camera", "depth_units")]
-            name = f"{row['loader']} `{row['commit']}`"
-            rows.append((name, f"`{row['format']}`", row["frames"], row["order"], *figures))
+    for row in _stored("loaders.csv"):
+        figures = [_one_digit(row[name]) for name in ("poses", "camera", "depth_units")]
+        name = f"{row['loader']} `{row['commit']}`"
+        rows.append((name, f"`{row['format']}`", row["frames"], row["order"], *figures))
     return words("loader | format | frames | in order | poses | camera, px | depth, units", rows)
+
+
+def rooms(cells: PublishedCells) -> Rows:
+    """Public rooms: what `auto:6` sees, path tracing next to plain Cycles, baked light."""
+    columns = ["room", "seen", "dB", "mm", "baked", "notes"]
+    rows = [row for row in _stored("own_scenes.csv") if not row["refused"]]
+    return [columns, *([row[name] for name in columns] for row in rows)]
+
+
+def refused_rooms(cells: PublishedCells) -> Rows:
+    """Public rooms that end in a line."""
+    rows = [row for row in _stored("own_scenes.csv") if row["refused"]]
+    return [["room", "refused"], *([row["room"], row["refused"]] for row in rows)]
+
+
+def scene_checks(cells: PublishedCells) -> Rows:
+    rows = [list(row.values()) for row in _stored("own_scenes_checks.csv")]
+    return [["what", "measured", "command", "commit"], *rows]
+
+
+def _stored(name: str) -> list[dict[str, str]]:
+    with (_MEASURED / name).open(newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def _one_digit(figure: str) -> str:
@@ -332,6 +354,9 @@ DRAWN: dict[str, Drawn] = {
     "benchmark-correlation": correlations,
     "stress-fails": stress_fails,
     "stress-totals": stress_totals,
+    "own_scenes-rooms": rooms,
+    "own_scenes-refused": refused_rooms,
+    "own_scenes-checks": scene_checks,
     "learned-noise": learned_noise,
     "learned-orbslam3": learned_orbslam3,
     "learned-light": learned_light,

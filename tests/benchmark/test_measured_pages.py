@@ -22,7 +22,7 @@ from iclnuim.tools.measured_tables import COMMAND_TABLES  # noqa: E402
 from made_up import result, written  # noqa: E402
 
 #: Pages of what no command of ours measures.
-BY_HAND = ("formats.md", "own_scenes.md")
+BY_HAND = ("formats.md",)
 #: A number with a unit of something measured.
 FIGURE = re.compile(
     r"[0-9.]\s?(?:mm|cm|m|ms|s|min|h|%|dB|GB|MB|KB|degrees|times|frames a second|core-\w+)\b"
