@@ -11,8 +11,10 @@ import pytest
 from corrupted_estimates import KINDS, OF_TIME, corrupted, estimate_of, truth_of
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
+from iclnuim.evaluation.compared_poses import Errors
 from iclnuim.evaluation.constant_transform import rotation_name
 from iclnuim.evaluation.explanation import explain
+from iclnuim.evaluation.fit import Fit
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
 from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.se3 import SE3
@@ -170,6 +172,12 @@ def test_the_command_warns_of_each_kind(tmp_path, capsys, metric):
             total["all"] += 1
             total["noticed"] += bool(values["warnings"])
     assert total["all"] >= 40 and total["noticed"] >= 0.98 * total["all"]
+
+
+@pytest.mark.parametrize(("turn_rad", "explains"), [(0.4, True), (0.6, False)])
+def test_another_motion_is_no_other_reading(turn_rad, explains):
+    given, found = Errors(1.0, 1.0, 2.0), Errors(0.01, 0.01, turn_rad)
+    assert Fit(given, found, (given, given), (found, found), 1.0, 1.0).explains() == explains
 
 
 def failed(truth, kind, rng):

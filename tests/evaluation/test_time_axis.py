@@ -231,6 +231,14 @@ def test_a_small_error_is_not_searched_for_another_rate(evaluate, walk, drift, i
     assert bool(values["reading"]) == is_named
 
 
+def test_keyframes_that_are_counted_are_given_no_reading(evaluate, walk):
+    """The poses of a minute with the stamps of two seconds: shrunk to a point they would fit."""
+    kept = np.sort(np.random.default_rng(1).choice(400, 60, replace=False))
+    poses = estimate_of(walk, 0.0).T_world_camera[kept]
+    values = evaluate(Trajectory(walk.stamps_s[:60], poses), "ate")
+    assert values["reading"] is None and values["unit"] is None
+
+
 def test_poses_that_hardly_pair_are_said(evaluate, walk):
     lost = drifted(walk, 0.05, 1)
     between = Trajectory(

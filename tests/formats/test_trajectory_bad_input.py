@@ -24,6 +24,12 @@ CASES = {
     "empty": ("a.txt", "", None, ["found an empty file"]),
     "blank": ("a.txt", " \n\n", None, ["found an empty file"]),
     "comments alone": ("a.txt", "# nothing\n", None, ["found comments alone"]),
+    "a pointer": (
+        "p.txt",
+        "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n",
+        1,
+        ["a pointer of Git LFS", "git lfs pull"],
+    ),
     "a web page": (
         "a.txt",
         "<!DOCTYPE html><html><body>404</body></html>",

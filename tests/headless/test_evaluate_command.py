@@ -290,6 +290,16 @@ def test_two_files_without_an_action_are_ate(files, capsys):
     assert code == 2 and "nowhere.txt: expected a trajectory file, found no such file" in err
 
 
+def test_a_few_keyframes_by_frame_number_are_refused_with_their_format(files, tmp_path, capsys):
+    truth = files / "truth.txt"
+    lines = [line for line in truth.read_text().splitlines() if not line.startswith("#")]
+    numbered = tmp_path / "numbered.txt"
+    rows = [f"{i} {lines[i].split(maxsplit=1)[1]}\n" for i in range(7, len(lines), 25)]
+    numbered.write_text("".join(rows))
+    code, _, said = call(capsys, truth, numbered)
+    assert code == 2 and "tum-ids" in said
+
+
 def test_frame_numbers_that_were_read_as_seconds_are_named_and_following_the_advice_helps(
     files, tmp_path, capsys
 ):

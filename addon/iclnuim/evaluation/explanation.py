@@ -22,6 +22,8 @@ from .time_readings import TIME_KINDS, associated_poses, time_readings
 
 #: Scales within this factor are a drift of scale.
 DRIFT_OF_SCALE = 1.15
+#: Kinds that are parts of others.
+_PARTS = {"body": {"rotation", "arm"}, "rate": {"offset"}}
 #: What concerns all errors of lengths.
 _OF_ALL = ("scale", *TIME_KINDS)
 
@@ -112,11 +114,11 @@ def _at_other_times(
 def _simplest(best: _Candidate, candidates: list[_Candidate]) -> _Candidate:
     """The best candidate, or a part of it that explains nearly as much."""
     parts = {"scale", best.kind}
-    if best.kind == "body":
-        parts |= {"rotation", "arm"}
+    parts |= _PARTS.get(best.kind, set())
     for part in sorted(candidates, key=lambda candidate: candidate.cost):
-        is_part = part.kind in parts and part.parameters < best.parameters
-        if is_part and part.explains() and not best.fit.halves_errors_of(part.fit):
+        is_simpler = part.parameters < best.parameters or part.kind == "offset"
+        is_part = part.kind in parts and is_simpler and part.explains()
+        if is_part and not best.fit.halves_errors_of(part.fit):
             return part
     return best
 

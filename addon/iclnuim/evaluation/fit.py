@@ -16,6 +16,8 @@ HALF_SHARE = 0.9
 #: estimate can always be shrunk to a point.
 FITS_EXTENT = 0.35
 FITS_MOTION = 0.7
+#: With a larger error of the turns (30 degrees) the estimate is another motion.
+_OTHER_TURN_RAD = 0.5
 #: Each fitted parameter has to reduce the product of the three errors by this share.
 PER_PARAMETER = 0.2
 #: Errors below this, in metres and radians, are rounding.
@@ -65,7 +67,8 @@ class Fit:
         """Whether it halves an error and makes none of the others clearly worse; or makes all
         others of lengths clearly smaller, if it concerns them all.
         """
-        if self._left("turn_rad") > 1 / HALF_SHARE:
+        turn_rad = self.found.turn_rad
+        if turn_rad > _OTHER_TURN_RAD or self._left("turn_rad") > 1 / HALF_SHARE:
             return False
         lengths = ("position_m", "motion_m")
         limit = HALF_SHARE if concerns_all else 1 / HALF_SHARE

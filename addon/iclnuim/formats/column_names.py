@@ -24,8 +24,10 @@ _QUATERNION = "(?:quaternion|quat|orientation|rotation|rot|q|r)"
 
 
 def _along(stem: str, axis: str) -> str:
-    """The pattern of an axis of a vector, with the frames that it may name: t_x, p_RS_R_x."""
-    return f"(?:{_BEFORE}{stem}_?(?:{_FRAME}_)*{axis}(?:_{_FRAME})*)"
+    """The pattern of an axis of a vector, with the frames that it may name: t_x, p_RS_R_x,
+    p_G_Ix.
+    """
+    return f"(?:{_BEFORE}{stem}_?(?:{_FRAME}_|{_FRAME}_[a-z](?={axis}))*{axis}(?:_{_FRAME})*)"
 
 
 _POSITIONS = ("x", "y", "z")

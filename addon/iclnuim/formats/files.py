@@ -284,7 +284,8 @@ def is_file(path: str | os.PathLike[str]) -> bool:
 def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
     """Read text in UTF-8 or UTF-16.
 
-    Raises InputError for a missing, unreadable, empty or binary file, and for a saved web page.
+    Raises InputError for a missing, unreadable, empty or binary file, a saved web page, and a
+    pointer of Git LFS.
     """
     data = read_bytes(path, what)
     if not data.strip():
@@ -303,6 +304,9 @@ def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
         raise InputError(
             what, path=path, line=1, found="a web page", hint="downloading the file itself again"
         )
+    if text.startswith("version https://git-lfs"):
+        found = "a pointer of Git LFS instead of the file"
+        raise InputError(what, path=path, line=1, found=found, hint="git lfs pull")
     return text
 
 

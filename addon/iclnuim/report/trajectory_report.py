@@ -95,6 +95,15 @@ def _uncertain(alignment: Alignment) -> str:
     )
 
 
+def _as_frame_numbers(estimate: LoadedTrajectory) -> str:
+    """What else to try if an estimate's stamps are whole numbers."""
+    stamps_s = estimate.trajectory.stamps_s
+    is_whole = bool((stamps_s == np.rint(stamps_s)).all())
+    if estimate.read_as.format != "tum" or not is_whole:
+        return ""
+    return ", or reading it as tum-ids if its whole numbers are frame numbers"
+
+
 @dataclass(frozen=True, eq=False)
 class Report:
     """An ATE or an RPE, with its trajectories and settings."""
@@ -121,7 +130,10 @@ class Report:
         except InputError as error:
             if error.path is not None or not estimate.path:
                 raise
-            raise error.at(estimate.path) from None
+            refused = error.at(estimate.path)
+            if refused.hint and "tum-ids" not in refused.hint:
+                refused.hint += _as_frame_numbers(files[1])
+            raise refused from None
         explained = ExplainedError.of(*files, settings)
         return cls(reference, estimate, settings, result, explained)
 
@@ -132,7 +144,7 @@ class Report:
             formats = self.reference.loaded.read_as.format, self.estimate.loaded.read_as.format
             sentence = self.explained.sentence(*formats)
             if self.explained.explanation.kind == "rate":
-                sentence += self._as_frame_numbers()
+                sentence += _as_frame_numbers(self.estimate.loaded)
             found.append(sentence)
         elif unpaired := self._unpaired():
             found.append(unpaired)
@@ -153,17 +165,7 @@ class Report:
             return ""
         window = f"{self.settings.association.max_difference_s:g} s"
         text = f"only {pairs} of the estimate's {len(both[1])} poses have a ground-truth pose"
-        return (
-            f"{text} within {window}; try a larger difference or offset{self._as_frame_numbers()}"
-        )
-
-    def _as_frame_numbers(self) -> str:
-        """What else to try if the estimate's stamps are whole numbers."""
-        stamps_s = self.estimate.loaded.trajectory.stamps_s
-        is_whole = bool((stamps_s == np.rint(stamps_s)).all())
-        if self.estimate.loaded.read_as.format != "tum" or not is_whole:
-            return ""
-        return ", or reading it as tum-ids if its whole numbers are frame numbers"
+        return f"{text} within {window}; try a larger difference or offset{_as_frame_numbers(self.estimate.loaded)}"
 
     def to_dict(self) -> dict:
         result = self.result
