@@ -180,6 +180,12 @@ def test_another_motion_is_no_other_reading(turn_rad, explains):
     assert Fit(given, found, (given, given), (found, found), 1.0, 1.0).explains() == explains
 
 
+@pytest.mark.parametrize(("scale", "is_noise"), [(1.2, True), (1.35, False), (0.8, True)])
+def test_a_scale_of_the_size_of_the_error_may_be_noise(scale, is_noise):
+    given, found = Errors(0.5, 0.5, 0.1), Errors(0.1, 0.1, 0.1)
+    assert Fit(given, found, (given,) * 2, (found,) * 2, 1.0, 1.0).may_be_noise(scale) == is_noise
+
+
 def failed(truth, kind, rng):
     """Estimates that failed, which no reading explains."""
     poses = truth.T_world_camera

@@ -84,7 +84,7 @@ SECONDS = {
 #: program -> text of a file with nanoseconds since 1970
 NANOSECONDS = {
     "EuRoC": table("#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []", NS, *AT, *FIRST, separator=","),
-    "maplab": table("timestamp [ns], vertex index, p_G_Ix [m], p_G_Iy [m], p_G_Iz [m], q_G_Iw [], q_G_Ix [], q_G_Iy [], q_G_Iz []", NS, ZERO, *AT, *FIRST, separator=", "),
+    "maplab with frames": table("timestamp [ns], vertex index, p_G_Ix [m], p_G_Iy [m], p_G_Iz [m], q_G_Iw [], q_G_Ix [], q_G_Iy [], q_G_Iz []", NS, ZERO, *AT, *FIRST, separator=", "),
     "EuRoC with the scalar last": table("#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_x [], q_RS_y [], q_RS_z [], q_RS_w []", NS, *AT, *LAST, separator=","),
     "EuRoC with blanks": table("#timestamp [ns] p_RS_R_x [m] p_RS_R_y [m] p_RS_R_z [m] q_RS_w [] q_RS_x [] q_RS_y [] q_RS_z []", NS, *AT, *FIRST),
     "OKVIS": table("timestamp, p_WS_W_x, p_WS_W_y, p_WS_W_z, q_WS_x, q_WS_y, q_WS_z, q_WS_w, v_WS_W_x, b_g_x", NS, *AT, *LAST, ZERO, ZERO, separator=", "),

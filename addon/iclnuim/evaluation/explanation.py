@@ -87,7 +87,7 @@ def explain(
     change = best.change
     if best.kind == "scale":
         change = _scale_of_all(reference, estimate, settings)
-        if is_drift(change.scale):
+        if is_drift(change.scale) or best.fit.may_be_noise(change.scale):
             return None
     if not best.explains():
         return None
@@ -106,9 +106,12 @@ def _at_other_times(
     settings: AssociationSettings,
     how: Comparison,
 ) -> Iterable[_Candidate]:
+    """Those that explain the error: others fit poses that the readings do not compare."""
     for kind, parameters, time, fit in time_readings(reference, estimate, settings, how):
         change = Change("estimate", unchanged, time=time)
-        yield _Candidate(kind, parameters, change, fit)
+        candidate = _Candidate(kind, parameters, change, fit)
+        if candidate.explains():
+            yield candidate
 
 
 def _simplest(best: _Candidate, candidates: list[_Candidate]) -> _Candidate:

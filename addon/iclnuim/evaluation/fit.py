@@ -18,6 +18,8 @@ FITS_EXTENT = 0.35
 FITS_MOTION = 0.7
 #: With a larger error of the turns (30 degrees) the estimate is another motion.
 _OTHER_TURN_RAD = 0.5
+#: A logarithm of a scale below this multiple of what is left, as a share of the extent, may be noise.
+_NOISE_OF_SCALE = 2.5
 #: Each fitted parameter has to reduce the product of the three errors by this share.
 PER_PARAMETER = 0.2
 #: Errors below this, in metres and radians, are rounding.
@@ -75,6 +77,11 @@ class Fit:
         if any(self._left(name) > limit for name in lengths):
             return False
         return any(self._halves(name) for name in lengths)
+
+    def may_be_noise(self, scale: float) -> bool:
+        """Whether errors as large as those that are left can have caused the scale."""
+        noise = self.found.position_m / self.extent_m
+        return abs(np.log(scale)) < _NOISE_OF_SCALE * noise
 
     def _left(self, name: str) -> float:
         """The share of an error that is left."""
