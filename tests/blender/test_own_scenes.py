@@ -343,6 +343,14 @@ def test_a_file_that_was_saved_in_edit_mode_keeps_its_uv_maps(tmp_path):
     assert len(mesh.uv_layers[0].data) == len(mesh.loops) > 0
 
 
+def test_a_file_whose_active_scene_is_empty_names_the_others(tmp_path):
+    bpy.ops.wm.read_factory_settings()
+    bpy.context.window.scene = bpy.data.scenes.new("empty")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "two.blend"))
+    with pytest.raises(InputError, match=r"surface, found none; try .* scene active \(Scene\)"):
+        opened(tmp_path / "two.blend")
+
+
 def test_what_the_author_draws_over_the_image_is_named_as_left_out(room):
     opened(room)
     scene = bpy.context.scene

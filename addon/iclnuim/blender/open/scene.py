@@ -102,7 +102,10 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
     _look_at_rendered_layer(scene)
     _leave_edit_mode(scene.view_layers[0])
     if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
-        raise InputError("a scene with at least one surface", path=path, found=[*notes, "none"][0])
+        others = set(bpy.data.scenes) - {scene}
+        hint = f"saving it with another scene active ({names_of(others)})" if others else None
+        found = [*notes, "none"][0]
+        raise InputError("a scene with at least one surface", path=path, found=found, hint=hint)
     notes += _without_grease_pencil()
     words, lost_sky = missing_images.replace_missing(scene)
     notes += words
