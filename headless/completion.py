@@ -8,7 +8,6 @@ import shlex
 from collections.abc import Callable, Mapping
 
 from iclnuim import shipped
-from iclnuim.benchmark.odometry.registry import ODOMETERS
 
 #: Arguments that may be the name of a built-in sequence or scene.
 _SEQUENCES = (
@@ -57,6 +56,8 @@ def _names(argument: str) -> list[str]:
     if argument in _SCENES:
         return list(shipped.SCENE_NAMES)
     if argument in _ODOMETERS:
+        from iclnuim.benchmark.odometry.registry import ODOMETERS
+
         return list(ODOMETERS)
     if argument not in _SEQUENCES:
         return []
