@@ -39,8 +39,8 @@ class Correlation:
 
 
 def correlation(results: Sequence[Measured]) -> Correlation | None:
-    """Correlation over cells that have both an ATE and a surface; None for fewer than MIN_CELLS, or if
-    all values of either are equal.
+    """Correlation over cells that have both an ATE and a surface; None for fewer than MIN_CELLS, or
+    if all values of either are equal.
     """
     known = []
     for result in results:

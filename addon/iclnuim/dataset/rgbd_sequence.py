@@ -130,8 +130,8 @@ class RgbdSequence:
 
 
 def pictures(rgb: np.ndarray, depth_z_m: np.ndarray) -> str:
-    """HTML of colour (h, w, 3), uint8 or scene-linear, beside depth (h, w) in metres by colour, with
-    a bar below; black is missing.
+    """HTML of colour (h, w, 3), uint8 or scene-linear, beside depth (h, w) in metres by colour,
+    with a bar below; black is missing.
     """
     colour = rgb if rgb.dtype == np.uint8 else srgb8(rgb)
     near_m, far_m = depth_range(depth_z_m)

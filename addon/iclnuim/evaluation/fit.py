@@ -18,7 +18,8 @@ FITS_EXTENT = 0.35
 FITS_MOTION = 0.7
 #: With a larger error of the turns (30 degrees) the estimate is another motion.
 _OTHER_TURN_RAD = 0.5
-#: A logarithm of a scale below this multiple of what is left, as a share of the extent, may be noise.
+#: A logarithm of a scale below this multiple of what is left, as a share of the extent, may be
+#: noise.
 _NOISE_OF_SCALE = 2.5
 #: Each fitted parameter has to reduce the product of the three errors by this share.
 PER_PARAMETER = 0.2

@@ -207,7 +207,8 @@ def guess_unit_m(shape: Shape, up: str) -> float:
     to that of a room; metres if there is none.
 
     Where no layer is level, as in a reconstruction with parts far outside of the room, the height
-    says nothing. A scene as high as two storeys, with tables as high as a person, is a room in feet.
+    says nothing. A scene as high as two storeys, with tables as high as a person, is a room in
+    feet.
     """
     k = "xyz".index(up[-1])
     height = float(shape.extent[k])

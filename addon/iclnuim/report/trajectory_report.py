@@ -165,7 +165,8 @@ class Report:
             return ""
         window = f"{self.settings.association.max_difference_s:g} s"
         text = f"only {pairs} of the estimate's {len(both[1])} poses have a ground-truth pose"
-        return f"{text} within {window}; try a larger difference or offset{_as_frame_numbers(self.estimate.loaded)}"
+        numbers = _as_frame_numbers(self.estimate.loaded)
+        return f"{text} within {window}; try a larger difference or offset{numbers}"
 
     def to_dict(self) -> dict:
         result = self.result

@@ -101,11 +101,7 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
     _with_background_sets(scene)
     _look_at_rendered_layer(scene)
     _leave_edit_mode(scene.view_layers[0])
-    if not any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
-        others = set(bpy.data.scenes) - {scene}
-        hint = f"saving it with another scene active ({names_of(others)})" if others else None
-        found = [*notes, "none"][0]
-        raise InputError("a scene with at least one surface", path=path, found=found, hint=hint)
+    _refuse_without_surfaces(path, scene, found=[*notes, "none"][0])
     notes += _without_grease_pencil()
     words, lost_sky = missing_images.replace_missing(scene)
     notes += words
@@ -128,6 +124,14 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
         passes = "light of lamps and sky passes straight through it, without caustics"
         notes.append(f"glass ({names_of(names)}): {passes}")
     return [*notes, *neutral_light.light_up(scene, lost_sky)]
+
+
+def _refuse_without_surfaces(path: Path, scene: bpy.types.Scene, found: str) -> None:
+    if any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
+        return
+    others = set(bpy.data.scenes) - {scene}
+    hint = f"saving it with another scene active ({names_of(others)})" if others else None
+    raise InputError("a scene with at least one surface", path=path, found=found, hint=hint)
 
 
 def _neutral_settings(path: Path, scene: bpy.types.Scene) -> None:

@@ -153,8 +153,8 @@ class _Bake:
         """Report the time and the size before the block, and the time left during it."""
         first = scene.frame_start
         per_frame_s = _seconds_a_frame(scene)
-        systems = [system for thing in evaluated_objects(scene) for system in dynamic_hair(thing)]
-        rounds = len(systems) + bool(self.zones) + any(caches(scene))
+        hair = sum(len(dynamic_hair(thing)) for thing in evaluated_objects(scene))
+        rounds = hair + bool(self.zones) + any(caches(scene))
         frames = rounds * max(1, self.run.last - first + 1)
         megabytes = max(0.1, self.bytes / 1e6)
         takes = f"about {max(1.0, per_frame_s * frames):.0f} s and up to {megabytes:.1f} MB"
