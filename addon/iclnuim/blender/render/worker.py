@@ -345,7 +345,8 @@ def _set_up(
     if must_bake and (obstacle := light_choice.reason_against_baking(bpy.context.scene)):
         wanted = "a scene whose light can be baked"
         raise InputError(wanted, path=job.scene, found=obstacle, hint="{light} path")
-    _note_all(emit, preflight.findings(must_bake or job.light == "baked"))
+    if not shipped.is_scene(job.scene):
+        _note_all(emit, preflight.findings(must_bake or job.light == "baked"))
     if must_bake or job.light == "baked":
         surfaces.make_lamps_real()
     settings.apply(job, threads)
