@@ -147,7 +147,7 @@ def test_commands_inspect_convert_and_evaluate(sequences, command):
 def test_make_renders_a_sequence(command):
     pytest.importorskip("bpy")
     size = ("--frames", "0:90:30", "--camera", "64x48")
-    code, _, said = command("make", "living_room/kt2", *size, "-o", "out", "--keep-raw", "--quiet")
+    code, _, said = command("make", "living_room/kt2", *size, "-o", "out", "--keep-raw")
     assert code == 0 and "note: " not in said, said
     code, out, _ = command("inspect", "out/clean")
     assert code == 0 and "no errors found" in out
