@@ -2,20 +2,10 @@
 metres is not called one in another unit.
 """
 
-import json
-
 import numpy as np
 import pytest
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.headless import cli
-
-
-@pytest.fixture(scope="module")
-def walk(repository):
-    """400 poses of the shipped kt2."""
-    return read_trajectory(repository / "trajectories/living_room/kt2.txt").trajectory[200:600]
 
 
 def scaled_estimate(truth, scale, noise=0.003, shift_s=0.0):
@@ -26,18 +16,6 @@ def scaled_estimate(truth, scale, noise=0.003, shift_s=0.0):
         @ SE3.exp(rng.normal(0, noise, (len(truth), 6)))
     )
     return Trajectory(truth.stamps_s + shift_s, SE3(T.rotation, scale * T.translation))
-
-
-@pytest.fixture
-def evaluate(tmp_path, walk, capsys):
-    def call(estimate, *arguments):
-        write_trajectory(tmp_path / "truth.txt", walk, "tum")
-        write_trajectory(tmp_path / "estimate.txt", estimate, "tum")
-        files = (str(tmp_path / name) for name in ("truth.txt", "estimate.txt"))
-        assert cli.main(["evaluate", arguments[0], *files, "--json", *arguments[1:]]) == 0
-        return json.loads(capsys.readouterr().out)
-
-    return call
 
 
 UNITS = [

@@ -2,7 +2,6 @@
 error far smaller, and evo agrees with what is advised.
 """
 
-import json
 import re
 
 import corrupted_estimates
@@ -12,16 +11,9 @@ from iclnuim.errors import InputError
 from iclnuim.evaluation import time_axis
 from iclnuim.evaluation.absolute_error import absolute_error
 from iclnuim.evaluation.time_axis import TimeAxis, best_offset, best_scales, rms_m
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
+from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.headless import cli
-
-
-@pytest.fixture(scope="module")
-def walk(repository):
-    """400 poses of the shipped kt2."""
-    return read_trajectory(repository / "trajectories/living_room/kt2.txt").trajectory[200:600]
 
 
 def estimate_of(truth, shift_s, noise=0.003, every=1, seed=0):
@@ -64,18 +56,6 @@ def test_without_a_motion_there_is_no_offset(walk, still):
         walk[:9] if still == "too short" else Trajectory(walk.stamps_s, SE3.identity((len(walk),)))
     )
     assert best_offset(walk, estimate) is None
-
-
-@pytest.fixture
-def evaluate(tmp_path, walk, capsys):
-    def call(estimate, *arguments):
-        write_trajectory(tmp_path / "truth.txt", walk, "tum")
-        write_trajectory(tmp_path / "estimate.txt", estimate, "tum")
-        files = (str(tmp_path / name) for name in ("truth.txt", "estimate.txt"))
-        assert cli.main(["evaluate", arguments[0], *files, "--json", *arguments[1:]]) == 0
-        return json.loads(capsys.readouterr().out)
-
-    return call
 
 
 @pytest.mark.parametrize("error", [["ate"], ["rpe", "--delta", "1s"]], ids=["ate", "rpe"])

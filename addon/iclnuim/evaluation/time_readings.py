@@ -68,7 +68,7 @@ def time_readings(
     fits = poses is not None and poses.errors.position_m < _WORTH_SEARCH * poses.sizes_m()[0]
     for kind, parameters, stamped, axis in _axes(reference, estimate, settings, fits):
         axis = moved_onto_stamps(reference.stamps_s, stamped.stamps_s, axis, settings)
-        whole = retimed(stamped, axis)
+        whole = Trajectory(axis.of(stamped.stamps_s), stamped.T_world_camera)
         rows = np.unique(associate(reference.stamps_s, whole.stamps_s, plain).second)
         middle = middle_of_way(estimate.positions_m[rows])
         halves = rows[:middle], rows[middle:]
