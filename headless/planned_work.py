@@ -9,7 +9,7 @@ from iclnuim.console import Console
 
 #: Work that takes longer is announced.
 ANNOUNCED_S = 60.0
-#: Core-seconds of a frame: 80 cells of docs/measured/benchmark.md took 3.6 core-hours.
+#: Core-seconds of a frame: 80 cells of `iclnuim benchmark`, with surfaces, took 3.6 core-hours.
 TRACK_CORE_S = 0.07
 FUSE_CORE_S = 0.07
 

@@ -22,7 +22,7 @@ import numpy as np
 from iclnuim.dataset.frame_pool import keep_freed_memory
 from iclnuim.dataset.frame_source import FrameSource
 from iclnuim.dataset.image_frames import image_frames
-from iclnuim.dataset.run_frames import run_frames
+from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_options import SequenceSettings, noisy_images
 from iclnuim.errors import InputError

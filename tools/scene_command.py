@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from iclnuim.console import Console
-from iclnuim.dataset.run_frames import read_frame
+from iclnuim.dataset.rendered_frames import read_frame
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import atomic_write
 from iclnuim.formats.png import write_png

@@ -143,7 +143,7 @@ _OLD = {
     "absolute_error": ("evaluation.absolute_error", "absolute_trajectory_error"),
     "relative_error": ("evaluation.relative_error", "relative_pose_error"),
     "image_frames": ("dataset.image_frames", "make_sequence with the folder, or open_sequence"),
-    "run_frames": ("dataset.run_frames", "make_sequence with the folder"),
+    "run_frames": ("dataset.rendered_frames", "make_sequence with the folder"),
     "write_sequence": ("dataset.sequence", "make_sequence"),
     "SequenceSettings": ("dataset.sequence", "make_sequence, which takes them as arguments"),
 }

@@ -19,8 +19,8 @@ from .console import Meter, advance_of
 from .dataset.frame_source import FrameSource
 from .dataset.image_frames import image_frames
 from .dataset.pose_lines import tied_to_poses
+from .dataset.rendered_frames import run_frames
 from .dataset.rgbd_sequence import RgbdSequence
-from .dataset.run_frames import run_frames
 from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
 from .dataset.sequence_poses import load_truth
 from .errors import InputError

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from .console import Meter, advance_of
+from .dataset.rendered_frames import read_frame
 from .dataset.rgbd_sequence import pictures
 from .dataset.run_folder import RunFolder, load_trajectory, read_run
-from .dataset.run_frames import read_frame
 from .errors import InputError, WorkError
 from .formats.trajectories import write_trajectory
 from .geometry.se3 import SE3, Poses

@@ -27,7 +27,7 @@ from iclnuim.dataset.label_frames import has_classes
 from iclnuim.dataset.layout import camera_file
 from iclnuim.dataset.metadata import write_metadata
 from iclnuim.dataset.packing import LICENCES, check_packable, is_archive, pack, packed_names
-from iclnuim.dataset.run_frames import run_frames
+from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from iclnuim.dataset.bags_and_logs import LogSettings
+from iclnuim.dataset.rendered_frames import frames_of_run
 from iclnuim.dataset.run_folder import read_run
-from iclnuim.dataset.run_frames import frames_of_run
 from iclnuim.dataset.sequence import complete_frames
 from iclnuim.dataset.sequence_options import SequenceOptions, SequenceSettings
 from iclnuim.errors import InputError

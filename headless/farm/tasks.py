@@ -17,8 +17,8 @@ from typing import Any
 from iclnuim.console import Console
 from iclnuim.dataset.frame_pool import FramePool
 from iclnuim.dataset.journal import JournalEntry
+from iclnuim.dataset.rendered_frames import frames_of_run
 from iclnuim.dataset.run_folder import RunFolder, read_run
-from iclnuim.dataset.run_frames import frames_of_run
 from iclnuim.dataset.sequence import FrameMaker, SequenceWriter, images_of
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import locked

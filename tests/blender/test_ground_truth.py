@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from iclnuim.blender.render import ground_truth as classes
 from iclnuim.channels import CHANNELS, FURTHER, normal16
+from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.run_folder import read_run
-from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_options import SequenceSettings
 from iclnuim.formats.exr import read_exr

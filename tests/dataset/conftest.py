@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.run_folder import open_run
-from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.geometry.se3 import SE3

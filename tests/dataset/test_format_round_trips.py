@@ -11,7 +11,7 @@ from iclnuim.dataset.image_frames import original_frames
 from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import DEPTH, RGB, SequenceFrame
-from iclnuim.dataset.run_frames import run_frames
+from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS, format_of
 from iclnuim.dataset.sequence_poses import find_truth, read_truth

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.official_archives import archive_of, described
+from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.run_folder import open_run
-from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.formats.files import read_json, write_json
 from iclnuim.formats.png import read_depth16, write_png

@@ -13,7 +13,7 @@ import pytest
 from iclnuim import label_errors, read_class_map
 from iclnuim.dataset.label_classes import BUILT_IN, class_map
 from iclnuim.dataset.label_frames import label_frames, read_ids, true_classes
-from iclnuim.dataset.run_frames import run_frames
+from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.errors import InputError

@@ -11,7 +11,7 @@ import pytest
 from iclnuim.dataset import bags_and_logs
 from iclnuim.dataset.bags_and_logs import LogSettings, write_klg, write_rosbag
 from iclnuim.dataset.packing import check_packable, pack
-from iclnuim.dataset.run_frames import run_frames
+from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.errors import InputError
 from iclnuim.formats.png import read_depth16, read_rgb8

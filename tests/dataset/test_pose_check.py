@@ -12,8 +12,8 @@ from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.pose_check import TOO_LITTLE, doubt, pose_agreement
+from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.run_folder import open_run
-from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.dataset.sequence_poses import read_truth

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from iclnuim.dataset.image_frames import image_frames
 from iclnuim.dataset.image_pairs import find_pairs
+from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.run_folder import open_run
-from iclnuim.dataset.run_frames import run_frames
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS as SEQUENCE_FORMATS
 from iclnuim.dataset.sequence_poses import read_truth

@@ -12,7 +12,7 @@ from iclnuim.dataset.image_frames import image_frames, original_frames
 from iclnuim.dataset.image_pairs import find_pairs, unused_images
 from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.layout import Row, SequenceCamera, posed
-from iclnuim.dataset.run_frames import run_frames
+from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.sequence import SequenceSettings, SequenceWriter, write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.dataset.sequence_options import SequenceOptions

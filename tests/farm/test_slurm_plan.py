@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from iclnuim.dataset.rendered_frames import frames_of_run
 from iclnuim.dataset.run_folder import load_trajectory, open_run
-from iclnuim.dataset.run_frames import frames_of_run
 from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError

@@ -40,7 +40,7 @@ def raw(tmp_path):
 
 
 def test_a_model_is_most_like_its_own_frames(raw, tmp_path):
-    from iclnuim.dataset.run_frames import run_frames
+    from iclnuim.dataset.rendered_frames import run_frames
 
     clean, noisy = tmp_path / "clean", tmp_path / "noisy"
     write_sequence(run_frames(raw), clean)

@@ -17,8 +17,8 @@ from ..sensor.transfer import srgb8
 from .frame_pool import FramePool, cores, keep_freed_memory
 from .frame_source import FrameSource
 from .journal import JournalEntry
+from .rendered_frames import frames_of_run
 from .run_folder import RunFolder
-from .run_frames import frames_of_run
 from .sequence_folder import SequenceFolder, WrittenSequence
 from .sequence_formats import sequence_format
 from .sequence_images import Frame, SequenceImages

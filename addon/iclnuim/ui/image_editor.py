@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..dataset.run_frames import read_frame
+from ..dataset.rendered_frames import read_frame
 from ..dataset.sequence_options import SequenceSettings, noisy_images
 from ..errors import IclnuimError
 from ..geometry.camera import PinholeCamera

@@ -14,8 +14,8 @@ from bpy.types import Context, Event, Operator
 
 from ..blender.render import camera as keyed_camera
 from ..dataset.pose_lines import tied_to_poses
+from ..dataset.rendered_frames import read_frame
 from ..dataset.run_folder import read_run
-from ..dataset.run_frames import read_frame
 from ..dataset.sequence_options import SequenceOptions, noisy_images
 from ..errors import InputError, WorkError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
