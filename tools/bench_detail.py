@@ -2,8 +2,6 @@
 share that is never seen.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import tempfile
@@ -17,6 +15,8 @@ from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.options import Actions, action, add_plot, numbers
 from iclnuim.native_output import native_output_in
+
+from .measured_tables import tables
 
 if TYPE_CHECKING:
     from .detail import DetailLevel
@@ -44,10 +44,6 @@ def configure(actions: Actions) -> None:
     add("--lit", type=_numbers, default=(0.25, 0.5, 1.0, 2.0), metavar="D,D", help=help)
     help = "sizes of light maps in texels; default: 512,1024,1536,2048; `none`: leave them out"
     add("--maps", type=_numbers, default=(512, 1024, 1536, 2048), metavar="N,N", help=help)
-    help = "light map size of the lit levels; default: 1024"
-    add("--map-size", type=int, default=1024, metavar="N", help=help)
-    help = "light map samples of the lit levels; default: 2"
-    add("--map-samples", type=int, default=2, metavar="N", help=help)
     help = "number of views, spread over all trajectories; default: 12"
     add("--views", type=int, default=12, metavar="N", help=help)
     help = "for visibility, use every Nth pose; default: 30"
@@ -101,8 +97,7 @@ def _measure(
     for name in rooms:
         with tempfile.TemporaryDirectory() as folder:
             room = detail.Room(name, detail.views_of(name, args.views), camera, Path(folder))
-            light = (args.map_size, args.map_samples)
-            levels[name] = detail.measure_levels(room, args.levels, args.lit, *light, on_level)
+            levels[name] = detail.measure_levels(room, args.levels, args.lit, on_level)
         sizes = [int(n) for n in args.maps]
         maps[name] = detail_maps.measure_sizes(
             name, sizes, args.views, camera, console.note, progress.advance
@@ -116,16 +111,13 @@ def _measure(
 
 
 def _report(
-    levels: dict[str, list[DetailLevel]],
-    maps: dict[str, list[MapSize]],
-    unseen: list[Unseen],
+    levels: "dict[str, list[DetailLevel]]",
+    maps: "dict[str, list[MapSize]]",
+    unseen: "list[Unseen]",
     console: Console,
 ) -> None:
     from . import detail_chart
 
-    parts = [f"{name}\n{detail_chart.table(row)}" for name, row in levels.items()]
-    parts += [f"{name}\n{detail_chart.maps_table(row)}" for name, row in maps.items() if row]
-    parts.append("\n".join(map(detail_chart.unseen_line, unseen)))
     knee = {name: row[detail_chart.knee_of(row)].detail for name, row in levels.items()}
     values = {
         "levels": {name: [asdict(level) for level in row] for name, row in levels.items()},
@@ -133,8 +125,9 @@ def _report(
         "maps": {name: [_map_values(one) for one in row] for name, row in maps.items()},
         "unseen": [asdict(share) for share in unseen],
     }
-    console.result(values, "\n\n".join(parts))
+    rooms = [f"detail-{name.replace('_', '-')}" for name in levels]
+    console.result(values, tables(values, *rooms, "detail-maps", "detail-unseen"))
 
 
-def _map_values(one: MapSize) -> dict[str, Any]:
+def _map_values(one: "MapSize") -> dict[str, Any]:
     return {**asdict(one), "folder": one.folder.name}

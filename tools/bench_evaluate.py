@@ -1,7 +1,5 @@
 """`iclnuim bench evaluate`: the time of `iclnuim evaluate ate` and of evo_ape on the same files."""
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import subprocess

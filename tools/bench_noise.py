@@ -1,7 +1,5 @@
 """`iclnuim bench noise`: speed of the noise models, and their similarity to published frames."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import asdict
 from pathlib import Path
@@ -9,6 +7,8 @@ from pathlib import Path
 from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.headless.options import Actions, action, add_plot
+
+from .measured_tables import tables
 
 
 def configure(actions: Actions) -> None:
@@ -52,4 +52,4 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
         "model_ms": times_ms,
         "overlap_with_official": overlaps,
     }
-    console.result(values, noise_comparison.table(pairs, times_ms, overlaps))
+    console.result(values, tables(values, "noise-pairs", "noise-models"))

@@ -1,7 +1,5 @@
 """`iclnuim bench render` and `iclnuim bench textures`: time and error of rendered frames."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from dataclasses import asdict, replace
@@ -16,6 +14,8 @@ from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.headless.options import Actions, action, add_plot, whole_numbers
 from iclnuim.job import RenderJob
 
+from .measured_tables import tables
+
 
 def configure(actions: Actions) -> None:
     _configure_render(actions)
@@ -27,15 +27,10 @@ def _configure_render(actions: Actions) -> None:
     render = action(actions, "render", help, "iclnuim bench render kt2", _render)
     add = render.add_argument
     add("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
-    help = "instead, measure the parts of a frame's time: rays, shading, EXR, overhead"
-    add("--breakdown", action="store_true", help=help)
-    add("--frames", metavar="A:B:S", help="default: every 160th; with --breakdown every 30th")
+    add("--frames", default="::160", metavar="A:B:S", help="default: every 160th")
     help = "sizes of light maps in texels; default: 512,1024,2048"
     add("--maps", type=whole_numbers, default=(512, 1024, 2048), metavar="N,N", help=help)
     add("--only", metavar="TEXT", help="only methods whose name contains TEXT, such as `baked`")
-    help = "for --breakdown; default: baked"
-    add("--light", choices=("baked", "path"), default="baked", help=help)
-    add("--samples", type=int, metavar="N", help="samples per pixel, for --breakdown")
     add_plot(render, "time against error")
 
 
@@ -52,14 +47,6 @@ def _configure_textures(actions: Actions) -> None:
     add_plot(textures, "parts of frames side by side")
 
 
-def _render(args: argparse.Namespace, console: Console) -> None:
-    _require_blender("bench render")
-    if args.breakdown:
-        _break_down(args, console)
-    else:
-        _compare_light(args, console)
-
-
 def _require_blender(what: str) -> None:
     try:
         import bpy  # noqa: F401
@@ -67,21 +54,14 @@ def _require_blender(what: str) -> None:
         raise blender_missing(what, error) from None
 
 
-def _break_down(args: argparse.Namespace, console: Console) -> None:
-    from . import frame_breakdown
-
-    job = jobs.shipped_job(args.sequence).changed(light=args.light, samples=args.samples)
-    figures = asdict(frame_breakdown.measure(job.changed(denoise=False), args.frames or "::30"))
-    console.result(figures, "\n".join(f"{name:<20}{value:9.2f}" for name, value in figures.items()))
-
-
-def _compare_light(args: argparse.Namespace, console: Console) -> None:
+def _render(args: argparse.Namespace, console: Console) -> None:
+    _require_blender("bench render")
     from iclnuim.report import charts
 
     from . import light_comparison
 
     job = jobs.shipped_job(args.sequence).changed(map_size=max(args.maps))
-    views = list(frame_slice(args.frames or "::160", len(load_trajectory(job)) - 1))
+    views = list(frame_slice(args.frames, len(load_trajectory(job)) - 1))
     if len(views) < 3:
         raise InputError("at least 3 frames to compare", found=len(views))
     console.note(f"references: {light_comparison.REFERENCE_SAMPLES} samples, {len(views)} views")
@@ -93,13 +73,12 @@ def _compare_light(args: argparse.Namespace, console: Console) -> None:
     results = []
     for method in methods:
         results.append(comparison.run(method))
-        console.note(" ".join(light_comparison.row(results[-1])))
+        console.note(f"{method.family} {method.label}: {results[-1].seconds:.3f} s a frame")
         progress.advance()
     if args.plot:
         charts.save(light_comparison.figure(results), args.plot)
-    text = f"{light_comparison.table(results)}\n{light_comparison.summary(results, job)}"
     values = {"machine": _machine(job), "methods": [asdict(r) for r in results]}
-    console.result(values, text)
+    console.result(values, tables(values, "light"))
 
 
 def _machine(job: RenderJob) -> dict[str, Any]:
@@ -128,4 +107,4 @@ def _textures(args: argparse.Namespace, console: Console) -> None:
     if args.plot:
         charts.save(texture_comparison.figure(parts), args.plot)
     values = {"machine": _machine(job), "rows": [asdict(r) for r in results]}
-    console.result(values, texture_comparison.table(results))
+    console.result(values, tables(values, "textures"))

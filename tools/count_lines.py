@@ -5,8 +5,6 @@ A token is one of Python's tokenizer, without comments, docstrings, line ends an
 names each dense place.
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import sys

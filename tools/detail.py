@@ -2,8 +2,6 @@
 are compared with those of the finest level.
 """
 
-from __future__ import annotations
-
 import io
 import time
 from collections.abc import Callable, Sequence
@@ -29,12 +27,14 @@ from iclnuim.raycast.caster import RayCaster
 from iclnuim.sensor.transfer import srgb_from_light
 
 from .detail_colour import by_lamp
-from .rendered import rendered
+from .rendered import psnr_db, rendered
 
 #: Depth beyond this is the painted surroundings, which do not depend on triangles.
 _MAX_DEPTH_M = 15.0
 #: A pixel with a larger error shows another surface, or one of another shape.
 OFF_M = 0.005
+#: Samples of the light map of a lit level.
+_MAP_SAMPLES = 2
 
 
 @dataclass(frozen=True)
@@ -121,18 +121,17 @@ class Room:
         with native_output_in(self.folder / "lamp.log"):
             return by_lamp(self.name, self.views, self.camera, self.folder)
 
-    def lit(self, detail: float, map_size: int, map_samples: int) -> Light:
+    def lit(self, detail: float) -> Light:
         """Times with baked light: seconds of the bake, as recorded then, and per frame."""
         job = RenderJob(
             f"{self.name}/views",
             str(self._blend(detail)),
             str(self._path),
             self.camera,
-            map_size=map_size,
-            map_samples=map_samples,
+            map_samples=_MAP_SAMPLES,
         )
         bake_s = light_files.read_recipe(worker.bake_light(job, lambda event: None)[0])["seconds"]
-        frame_s = rendered(job, self.folder / f"frames-{detail:g}-{map_size}")[-1]
+        frame_s = rendered(job, self.folder / f"frames-{detail:g}")[-1]
         return Light(float(bake_s), frame_s)
 
     def _blend(self, detail: float) -> Path:
@@ -143,8 +142,6 @@ def measure_levels(
     room: Room,
     levels: Sequence[float],
     lit: Sequence[float],
-    map_size: int,
-    map_samples: int,
     on_level: Callable[[DetailLevel], None],
 ) -> list[DetailLevel]:
     """Measure all levels, coarsest first; those in `lit` also with baked light.
@@ -174,7 +171,7 @@ def measure_levels(
             frame_s=frame_s,
             psnr_db=psnr_db,
             median_of_255=median_of_255,
-            light=room.lit(detail, map_size, map_samples) if detail in lit else None,
+            light=room.lit(detail) if detail in lit else None,
         )
         on_level(level)
         found.append(level)
@@ -195,8 +192,8 @@ def difference(rgb: np.ndarray, other: np.ndarray) -> tuple[float, float]:
     both of display values.
     """
     off = srgb_from_light(rgb) - srgb_from_light(other)
-    square = np.maximum((off**2).mean((1, 2, 3)), 1e-9)
-    return float(np.mean(-10 * np.log10(square))), float(255 * np.median(np.abs(off)))
+    decibels = psnr_db((off**2).mean((1, 2, 3)))
+    return float(np.mean(decibels)), float(255 * np.median(np.abs(off)))
 
 
 def knee(cost: Sequence[float], error: Sequence[float]) -> int:

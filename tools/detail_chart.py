@@ -1,8 +1,6 @@
-"""Chart and tables of detail: triangles against errors and times, light map sizes against error and
+"""Chart of detail: triangles against errors and times, light map sizes against error and
 time, and the knee of the curve.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 
@@ -15,21 +13,6 @@ from matplotlib.ticker import NullLocator
 
 from .detail import DetailLevel, knee
 from .detail_maps import MapSize
-from .detail_unseen import Unseen
-from .rendered import markdown
-
-_HEADER = (
-    "detail",
-    "triangles",
-    "mean depth error mm",
-    "99 % mm",
-    "off > 5 mm",
-    "build s",
-    "PSNR dB",
-    "bake s",
-    "frame s",
-)
-_MAPS = ("map", "bake s", "PSNR dB to the largest", "median of 255", "frame s")
 
 
 def figure(rooms: dict[str, list[DetailLevel]], maps: dict[str, list[MapSize]]) -> Figure:
@@ -140,42 +123,3 @@ def _name_sizes(axes: Axes) -> None:
 def knee_of(levels: Sequence[DetailLevel]) -> int:
     """Index of the level at the knee of depth error against triangles."""
     return knee([level.triangles for level in levels], [level.mean_m for level in levels])
-
-
-def table(levels: Sequence[DetailLevel]) -> str:
-    """One row per level, in Markdown; the knee is marked."""
-    marked = knee_of(levels)
-    return markdown(_HEADER, [_row(level, k == marked) for k, level in enumerate(levels)])
-
-
-def _row(level: DetailLevel, is_knee: bool) -> list[str]:
-    return [
-        f"{level.detail:g}{' (knee)' if is_knee else ''}",
-        f"{level.triangles:,}",
-        f"{1e3 * level.mean_m:.3f}",
-        f"{1e3 * level.p99_m:.2f}",
-        f"{level.off_share:.2%}",
-        f"{level.build_s:.1f}",
-        "" if level.psnr_db is None else f"{level.psnr_db:.1f}",
-        f"{level.light.bake_s:.0f}" if level.light else "",
-        f"{level.frame_s:.3f}",
-    ]
-
-
-def maps_table(row: Sequence[MapSize]) -> str:
-    """One row per size of the light map, in Markdown."""
-    rows = []
-    for m in row:
-        errors = ["", ""]
-        if m.psnr_db is not None:
-            errors = [f"{m.psnr_db:.1f}", f"{m.median_of_255:.2f}"]
-        rows.append([m.size, f"{m.bake_s:.0f}", *errors, f"{m.frame_s:.3f}"])
-    return markdown(_MAPS, rows)
-
-
-def unseen_line(share: Unseen) -> str:
-    """A sentence about the parts that are never seen."""
-    parts = f"{share.triangles:.1%} of the triangles, {share.surface:.1%} of the surface"
-    if share.texels is not None:
-        parts += f", {share.texels:.1%} of the used texels of the light map"
-    return f"{share.room}: no shipped trajectory sees {parts} ({share.poses} poses)"

@@ -2,8 +2,6 @@
 lamp at the camera, so that one ray per pixel is enough.
 """
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

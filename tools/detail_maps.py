@@ -2,8 +2,6 @@
 compared with those of the largest.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,12 +1,9 @@
-"""`iclnuim bench detail-odometry`: how a room's level of detail changes the errors of odometers and
-of fused surfaces.
+"""`iclnuim bench detail-odometry`: how a room's level of detail changes the errors of odometers.
 
 A room is built at several levels, and at the default level with several random seeds. Another seed
 gives other cloth, wood and plaster of the same detail, so the differences between seeds are those
 that detail has to exceed.
 """
-
-from __future__ import annotations
 
 import argparse
 import os
@@ -14,7 +11,6 @@ import subprocess
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -31,32 +27,27 @@ from iclnuim.headless.options import Actions, action, add_plot, add_span, number
 from iclnuim.native_output import native_output_in
 from iclnuim.version import __version__
 
+from .measured_tables import tables
+
 #: The level that is shipped.
 DEFAULT = 1.0
 KINDS = ("clean", "noisy")
-#: A level is sufficient if errors change by less than this share at the next one.
-SHARE = 0.05
-#: Errors below this may also change by as much as between seeds.
-SMALL_M = 0.010
-_VOXEL_M = 4.5 / 512
 
 
 @dataclass(frozen=True)
 class Build:
-    """A room at a level of detail with a seed. ate_m: by kind of sequence and method, None if lost.
-    surface_m: mean distance of the fused surface to this model.
+    """A room at a level of detail with a seed. ate_m: by kind of sequence and method, None if
+    lost.
     """
 
     sequence: str
     detail: float
     seed: int
-    triangles: int
     ate_m: dict[str, dict[str, float | None]]
-    surface_m: float
 
 
 def configure(actions: Actions) -> None:
-    help = "level of detail of a room against the errors of odometers and of fused surfaces"
+    help = "level of detail of a room against the errors of odometers"
     example = "iclnuim bench detail-odometry kt2 --levels 0.5,1,1.4 --seeds 0,1,2"
     parser = action(actions, "detail-odometry", help, example, _run)
     add = parser.add_argument
@@ -78,7 +69,7 @@ def configure(actions: Actions) -> None:
 
 
 def _run(args: argparse.Namespace, console: Console) -> None:
-    require(console, "bench detail-odometry", "numba", "cv2", "igl")
+    require(console, "bench detail-odometry", "numba", "cv2")
     try:
         # before Open3D: both bring a TBB, and that of bpy 5.2 has to be the first
         with native_output_in(Path(os.devnull)):
@@ -95,7 +86,7 @@ def _run(args: argparse.Namespace, console: Console) -> None:
     methods = args.method or installed(names(), "best", console)
     variants: list[tuple[str, float, int]] = []
     for sequence in sequences:
-        variants += [(sequence, detail, 0) for detail in sorted(args.levels)]
+        variants += [(sequence, detail, 0) for detail in sorted({*args.levels, DEFAULT})]
         variants += [(sequence, DEFAULT, seed) for seed in args.seeds]
     variants = list(dict.fromkeys(variants))
     progress = console.progress(len(variants), "bench detail-odometry", "rooms")
@@ -108,13 +99,8 @@ def _run(args: argparse.Namespace, console: Console) -> None:
         from iclnuim.report import charts
 
         charts.save(_figure(builds), args.plot)
-    sufficient = {s: sufficient_level([b for b in builds if b.sequence == s]) for s in sequences}
-    values = {
-        "builds": [asdict(b) for b in builds],
-        "sufficient": sufficient,
-        "changes": changes(builds),
-    }
-    console.result(values, _text(builds, sufficient))
+    values = {"builds": [asdict(b) for b in builds], "changes": changes(builds)}
+    console.result(values, tables(values, "detail-odometry"))
 
 
 def _measured(
@@ -139,9 +125,8 @@ def _measured(
         level = ["--detail", f"{detail:g}", "--seed", str(seed)]
         _iclnuim("scene", "build", room, *level, "--out", str(scene))
     _make(folder, scene, sequence, args)
-    triangles, surface_m = _surface(folder / KINDS[0], scene, args.first)
     ate_m = {kind: _errors(folder / kind, methods, args.first) for kind in KINDS}
-    build = Build(sequence, detail, seed, triangles, ate_m, surface_m)
+    build = Build(sequence, detail, seed, ate_m)
     write_json(kept, {"settings": settings, "build": asdict(build)})
     return build
 
@@ -167,21 +152,16 @@ def _iclnuim(*words: str) -> None:
         raise WorkError((done.stderr.strip().splitlines() or [f"iclnuim {words[0]} failed"])[-1])
 
 
-def _segment(folder: Path, frames: int) -> Any:
+def _errors(folder: Path, methods: Sequence[str], frames: int) -> dict[str, float | None]:
+    """ATE in metres of each method; None if it lost more than half of the frames."""
+    from iclnuim.benchmark.experiments import curves
     from iclnuim.benchmark.odometry.run import Sequence as Images
+    from iclnuim.benchmark.odometry.track import Tracker
     from iclnuim.benchmark.perturbations.segment import Segment
 
     truth = read_truth(folder)
     assert truth is not None  # make wrote it
-    return Segment.of(Images(folder), truth, 0, frames, seed=1)
-
-
-def _errors(folder: Path, methods: Sequence[str], frames: int) -> dict[str, float | None]:
-    """ATE in metres of each method; None if it lost more than half of the frames."""
-    from iclnuim.benchmark.experiments import curves
-    from iclnuim.benchmark.odometry.track import Tracker
-
-    segment = _segment(folder, frames)
+    segment = Segment.of(Images(folder), truth, 0, frames, seed=1)
     variants = []
     for name in methods:
         tracker = Tracker(odometer(name), segment.camera)
@@ -192,24 +172,9 @@ def _errors(folder: Path, methods: Sequence[str], frames: int) -> dict[str, floa
     return found
 
 
-def _surface(folder: Path, scene: Path, frames: int) -> tuple[int, float]:
-    """Triangles of the model, and the mean distance in metres of the surface that is fused along
-    the true poses.
-    """
-    from iclnuim.benchmark.experiments import fusion_curve
-    from iclnuim.benchmark.fusion.surface_error import TrueSurface
-    from iclnuim.blender.open.model_file import read_model
-
-    points, triangles = read_model(str(scene))
-    (fused,) = fusion_curve.measure(
-        (_VOXEL_M,), _segment(folder, frames), TrueSurface(points, triangles), lambda: None
-    )
-    return len(triangles), fused.mean_m
-
-
 def changes(builds: Sequence[Build]) -> list[dict[str, Any]]:
-    """For each sequence, kind and method: ATE by level, its relative change at the next level up,
-    and the range between seeds at level 1 divided by their median.
+    """For each sequence, kind and method: ATE by level, and the range between seeds at level 1
+    divided by their median.
     """
     rows = []
     for sequence in dict.fromkeys(b.sequence for b in builds):
@@ -223,62 +188,14 @@ def changes(builds: Sequence[Build]) -> list[dict[str, Any]]:
                 row["levels"] = [b.detail for b in levels]
                 row["ate_m"] = ate_m
                 row["seeds_m"] = seeds_m
-                row["change"] = [_change(a, b) for a, b in pairwise(ate_m)]
                 row["spread"] = _spread(seeds_m)
                 rows.append(row)
     return rows
 
 
-def _change(one: float | None, other: float | None) -> float | None:
-    """Relative change; 0 if both are lost, None if only one is."""
-    if one is None or other is None:
-        return 0.0 if one is other else None
-    return abs(one / other - 1)
-
-
 def _spread(values: Iterable[float | None]) -> float | None:
     known = [v for v in values if v is not None]
     return (max(known) - min(known)) / median(known) if len(known) > 1 else None
-
-
-def sufficient_level(builds: Sequence[Build]) -> float | None:
-    """The lowest level from which on no error changes at the next level by more than SHARE, or than
-    between seeds where it is below SMALL_M.
-    """
-    rows = changes(builds)
-    levels: list[float] = rows[0]["levels"]
-    found = None
-    for k in reversed(range(len(levels) - 1)):
-        if not all(_is_small(row, k) for row in rows):
-            break
-        found = levels[k]
-    return found
-
-
-def _is_small(row: dict[str, Any], k: int) -> bool:
-    change = row["change"][k]
-    if change is None:
-        return False
-    ate_m = row["ate_m"][k + 1]
-    is_small = ate_m is not None and ate_m < SMALL_M
-    return change <= SHARE or (is_small and change <= (row["spread"] or 0.0))
-
-
-def _text(builds: Sequence[Build], sufficient: dict[str, float | None]) -> str:
-    lines = []
-    for row in changes(builds):
-        line = f"{row['sequence']:<16}{row['kind']:<7}{row['method']:<26}"
-        for m in row["ate_m"]:
-            line += f"{'-':>9}" if m is None else f"{1e3 * m:9.3g}"
-        spread = "-" if row["spread"] is None else f"{row['spread']:.0%}"
-        lines.append(f"{line}   seeds {spread}")
-    for b in builds:
-        room = f"{b.sequence} {b.detail:g}, seed {b.seed}"
-        surface = f"{b.triangles:,} triangles, surface {1e3 * b.surface_m:.3f} mm"
-        lines.append(f"{room}: {surface}")
-    for name, detail in sufficient.items():
-        lines.append(f"{name}: sufficient from level {'none' if detail is None else f'{detail:g}'}")
-    return "\n".join(lines)
 
 
 def _draw(axes: Any, row: dict[str, Any], style: dict[str, Any]) -> Any:

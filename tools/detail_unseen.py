@@ -2,8 +2,6 @@
 and the texels of its light map.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -9,8 +9,6 @@ Its code is unchanged (tools/loaders.py fetches it). Stand-ins: the two function
 it calls, and the mesh, which is not made.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import types
@@ -20,6 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 import yaml
+from scipy.spatial.transform import Rotation
 
 #: What differs from its own settings for Replica.
 _CHANGED = {
@@ -44,23 +43,9 @@ def quaternion_to_matrix(wxyz: torch.Tensor) -> torch.Tensor:
 
 
 def matrix_to_quaternion(matrices: torch.Tensor) -> torch.Tensor:
-    """(n, 3, 3) -> (n, 4) w, x, y, z, of which the largest is positive: the eigenvector of the
-    largest eigenvalue (Bar-Itzhack, 2000).
-    """
-    a, b, c = torch.unbind(torch.diagonal(matrices, dim1=1, dim2=2), -1)
-    upper = matrices[:, (0, 0, 1), (1, 2, 2)]
-    lower = matrices[:, (1, 2, 2), (0, 0, 1)]
-    xy, xz, yz = torch.unbind(lower + upper, -1)
-    wz, wy, wx = torch.unbind((lower - upper) * torch.tensor([1, -1, 1]), -1)
-    rows = (
-        *(a + b + c, wx, wy, wz),
-        *(wx, a - b - c, xy, xz),
-        *(wy, xy, b - a - c, yz),
-        *(wz, xz, yz, c - a - b),
-    )
-    vectors = torch.linalg.eigh(torch.stack(rows, -1).reshape(-1, 4, 4))[1][:, :, -1]
-    largest = vectors.gather(1, vectors.abs().argmax(1, keepdim=True))
-    return vectors * largest.sign()
+    """(n, 3, 3) -> (n, 4) w, x, y, z, of which the largest is positive."""
+    xyzw = Rotation.from_matrix(matrices.detach().numpy()).as_quat()
+    return torch.tensor(np.roll(xyzw, 1, -1), dtype=matrices.dtype)
 
 
 class NoMesh:

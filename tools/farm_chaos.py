@@ -2,8 +2,6 @@
 command resumes it; the result is compared with an undisturbed run.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import resource

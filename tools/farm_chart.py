@@ -1,8 +1,6 @@
-"""Charts and tables of the farm: throughput by split, the model of many machines, and the damage
+"""Charts of the farm: throughput by split, the model of many machines, and the damage
 after kills.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -15,21 +13,9 @@ from matplotlib.figure import Figure
 
 from .farm_model import Model
 from .farm_throughput import Throughput
-from .rendered import markdown
 
 if TYPE_CHECKING:
     from .farm_chaos import Damage
-
-_SPLITS = (
-    "light",
-    "workers x threads",
-    "frames per hour",
-    "relative to the best",
-    "cores busy",
-    "start-up s",
-    "of a 5-minute chunk",
-)
-_DAMAGE = ("", "frames", "kills", "broken", "lost", "finished twice", "workers still running")
 
 
 def figure(results: Sequence[Throughput], models: Sequence[Model], nodes: int) -> Figure:
@@ -91,25 +77,7 @@ def _draw_scaling(axes: Axes, model: Model, colour: str, nodes: int) -> None:
     axes.set_xlabel(f"machines (dotted: {nodes}; dot: more do not help)")
 
 
-def table(results: Sequence[Throughput]) -> str:
-    """One row per split, in Markdown."""
-    best = {r.name: max(o.frames_an_hour for o in results if o.name == r.name) for r in results}
-    return markdown(_SPLITS, [_split_row(r, best[r.name]) for r in results])
-
-
-def _split_row(r: Throughput, best: float) -> list[str]:
-    return [
-        r.name,
-        f"{r.workers} x {r.threads}",
-        f"{r.frames_an_hour:.0f}",
-        f"{r.frames_an_hour / best:.2f}",
-        f"{100 * r.busy_share:.0f} %",
-        f"{r.startup_s:.1f}",
-        f"{100 * r.startup_s / (r.startup_s + 300):.1f} %",
-    ]
-
-
-def damage_figure(damages: Mapping[str, Damage]) -> Figure:
+def damage_figure(damages: "Mapping[str, Damage]") -> Figure:
     """Chart of broken and lost frames after the same number of kills."""
     drawn = Figure(figsize=(6.5, 3.2), layout="constrained")
     FigureCanvasAgg(drawn)
@@ -128,11 +96,3 @@ def damage_figure(damages: Mapping[str, Damage]) -> Figure:
     axes.margins(x=0.1)
     axes.legend(frameon=False, loc="center right")
     return drawn
-
-
-def damage_table(damages: Mapping[str, Damage]) -> str:
-    """The damage as a table in Markdown."""
-    rows = []
-    for name, d in damages.items():
-        rows.append((name, d.frames, d.kills, d.broken, d.lost, d.twice, d.outlived))
-    return markdown(_DAMAGE, rows)

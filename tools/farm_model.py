@@ -2,8 +2,6 @@
 number of nodes beyond which more do not help.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from math import ceil
 from typing import Any
@@ -16,9 +14,8 @@ class Model:
     """A worker starts in `startup_s`, then renders a chunk of frames in `frame_s` each. All chunks
     are equal.
 
-    A node runs `workers_a_node` workers. Light is baked before, in `bake_s`, once per scene, for
-    all scenes in parallel. A shared file system receives `bytes_a_frame`, with `bytes_a_second` in
-    total. The model does not include waiting in a queue.
+    A node runs `workers_a_node` workers. A shared file system receives `bytes_a_frame`, with
+    `bytes_a_second` in total. The model does not include waiting in a queue.
     """
 
     name: str
@@ -28,7 +25,6 @@ class Model:
     sequences: int = 10_000
     frames_a_sequence: int = 900
     chunk_s: float = 300.0
-    bake_s: float = 0.0
     bytes_a_frame: float = 2.5e6
     bytes_a_second: float = 10e9
 
@@ -50,11 +46,11 @@ class Model:
         return self.startup_s + self.frames_a_sequence * self.sequences / self.chunks * self.frame_s
 
     def seconds(self, nodes: int) -> float:
-        """Wall time: light, then the rounds of chunks, or the time of the file system if that is
+        """Wall time: the rounds of chunks, or the time of the file system if that is
         longer.
         """
         rounds = ceil(self.chunks / (nodes * self.workers_a_node))
-        return self.bake_s + max(rounds * self.chunk_seconds, self._stored_s)
+        return max(rounds * self.chunk_seconds, self._stored_s)
 
     @property
     def _stored_s(self) -> float:
@@ -98,15 +94,3 @@ def figures(model: Model, nodes: int) -> dict[str, Any]:
         "scales_to_nodes": limit,
         "then": why,
     }
-
-
-def summary(model: Model, nodes: int) -> str:
-    """The results of the model as a sentence."""
-    limit, why = model.stops_scaling()
-    return (
-        f"{model.name}: {model.sequences} sequences of {model.frames_a_sequence} frames "
-        f"on {nodes} nodes of {model.workers_a_node} workers: "
-        f"{model.seconds(nodes) / 3600:.2f} h, {100 * model.efficiency(nodes):.0f} % of it "
-        f"on frames (start-up {model.startup_s:.1f} s, chunks of {model.frames_a_chunk} frames, "
-        f"{model.frame_s:.3f} s per frame); scales to {limit} nodes, then {why}"
-    )

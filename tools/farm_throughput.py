@@ -2,8 +2,6 @@
 and utilisation of the cores.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 import time
@@ -133,25 +131,13 @@ def _cpu_seconds(pid: int) -> float:
         return 0.0
 
 
-def measure_splits(
-    job: RenderJob, frames: int, repeat: int, note: Callable[[str], None]
-) -> list[Throughput]:
-    """Measure every split of this machine's cores; the fastest of `repeat` rounds counts, as other
-    programs may load the machine.
-    """
-    kept: dict[tuple[int, int], Throughput] = {}
-    for _ in range(repeat):
-        for split in splits(own_cores()):
-            result = measure(job, *split, frames)
-            note(row(result))
-            if split not in kept or result.frames_an_hour > kept[split].frames_an_hour:
-                kept[split] = result
-    return list(kept.values())
-
-
-def best(results: list[Throughput]) -> Throughput:
-    """The split with the most frames per hour."""
-    return max(results, key=lambda r: r.frames_an_hour)
+def measure_splits(job: RenderJob, frames: int, note: Callable[[str], None]) -> list[Throughput]:
+    """Measure every split of this machine's cores."""
+    found = []
+    for split in splits(own_cores()):
+        found.append(measure(job, *split, frames))
+        note(row(found[-1]))
+    return found
 
 
 def row(r: Throughput) -> str:

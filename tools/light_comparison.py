@@ -1,5 +1,5 @@
 """Compares lighting methods (path tracing, baked light) with a reference of many path-traced
-samples: seconds per frame, error, and flicker between frames, as a table and as a chart. Errors are
+samples: seconds per frame, error, and flicker between frames, also as a chart. Errors are
 those of display values, 0..1.
 """
 
@@ -26,7 +26,7 @@ from iclnuim.worker_events import Event, FrameDone, Note, Ready
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .rendered import markdown, read_frames
+from .rendered import psnr_db, read_frames
 
 REFERENCE_SAMPLES = 2048
 #: Seeds of the two halves of the reference. Their noise must be independent of each other and of
@@ -38,20 +38,6 @@ _BAKED_SAMPLES = (1, 2, 4, 8)
 _SLOW_SAMPLES = 16
 #: A depth difference beyond this share means another surface.
 _SAME_SURFACE = 0.01
-
-_TO = "to the reference"
-_HEADER = (
-    "method",
-    "samples",
-    "s/frame",
-    "PSNR dB",
-    "worst view",
-    _TO,
-    "median error",
-    _TO,
-    "bias",
-    "flicker",
-)
 
 
 @dataclass(frozen=True)
@@ -65,18 +51,12 @@ class Method:
 
 @dataclass(frozen=True)
 class Error:
-    """psnr_db: of each view against the image to which path tracing converges. median, bias: median
-    and mean difference of colour values.
-
-    psnr_to_reference_db, median_to_reference: the same against the reference itself, whose noise
-    then counts as error.
+    """psnr_db: of each view against the image to which path tracing converges. median: median
+    difference of colour values from it.
     """
 
     psnr_db: tuple[float, ...]
-    psnr_to_reference_db: tuple[float, ...]
     median: float
-    median_to_reference: float
-    bias: float
 
     @property
     def mean_psnr_db(self) -> float:
@@ -96,16 +76,9 @@ def error(frames: np.ndarray, halves: np.ndarray) -> Error:
     median = float(np.median(np.abs(whole)))
     noise = float(np.median(np.abs(a - b))) / 2
     return Error(
-        psnr_db=tuple(_decibels(np.mean(x * y)) for x, y in zip(a, b, strict=True)),
-        psnr_to_reference_db=tuple(_decibels(np.mean(x**2)) for x in whole),
+        psnr_db=tuple(psnr_db((a * b).mean((1, 2, 3))).tolist()),
         median=float(np.sqrt(max(median**2 - noise**2, 0))),
-        median_to_reference=median,
-        bias=float(whole.mean()),
     )
-
-
-def _decibels(square: float) -> float:
-    return float(-10 * np.log10(max(square, 1e-9)))
 
 
 def carried_difference(
@@ -279,46 +252,3 @@ def _draw(
     axes.plot(seconds, values, **style)
     for r, at in zip(line, zip(seconds, values, strict=True), strict=True):
         axes.annotate(r.method.label, at, xytext=(4, 4), textcoords="offset points", fontsize=8)
-
-
-def table(results: Sequence[LightResult]) -> str:
-    """One row per method, in Markdown."""
-    return markdown(_HEADER, map(row, results))
-
-
-def row(r: LightResult) -> list[str]:
-    """The table row of a method."""
-    error = r.error
-    return [
-        r.method.family,
-        r.method.label,
-        f"{r.seconds:.3f}",
-        f"{error.mean_psnr_db:.1f}",
-        f"{min(error.psnr_db):.1f}",
-        f"{np.mean(error.psnr_to_reference_db):.1f}",
-        f"{error.median:.4f}",
-        f"{error.median_to_reference:.4f}",
-        f"{error.bias:+.4f}",
-        f"{255 * r.flicker:.2f}",
-    ]
-
-
-def summary(results: Sequence[LightResult], job: RenderJob) -> str:
-    """How much less time the job's baked light takes than path tracing with the same error."""
-    own = next((r for r in results if r.method.job == job.changed(light="baked")), None)
-    if own is None:
-        return ""
-    psnr_db = own.error.mean_psnr_db
-    lines = []
-    for family in ("path traced, denoised", "path traced"):
-        line = [r for r in results if r.method.family == family]
-        if not line:
-            continue
-        line.sort(key=lambda r: r.error.mean_psnr_db)
-        reached = "not reached by it"
-        if psnr_db <= line[-1].error.mean_psnr_db:
-            log_s = np.log([r.seconds for r in line])
-            seconds = np.exp(np.interp(psnr_db, [r.error.mean_psnr_db for r in line], log_s))
-            reached = f"{seconds / own.seconds:.0f} times less time"
-        lines.append(f"baked light against {family} at {psnr_db:.1f} dB: {reached}")
-    return "\n".join(lines)

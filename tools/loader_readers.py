@@ -4,8 +4,6 @@ loader, which runs in the folder of its checkout.
     python tools/loader_readers.py NAME SEQUENCE OUT [STAND-IN ...]
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import os

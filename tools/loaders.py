@@ -8,8 +8,6 @@ order of the images, poses, camera, depth.
 The packages that they import must be there; PyTorch for the CPU suffices.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import os

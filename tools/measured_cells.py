@@ -23,12 +23,11 @@ from iclnuim.benchmark.experiments.recipes.stress import StressKey
 from iclnuim.errors import InputError
 from iclnuim.formats.files import atomic_write_text, read_text, sha256
 from iclnuim.shipped import folder, paper_scenes
+from iclnuim.tools.measured_tables import Rows
 
 TABLE = "table"
 FACT = "fact"
 Key = tuple[Any, ...]
-#: The words of each row of a table, the header first.
-Rows = list[list[str]]
 #: What the cells of a benchmark have besides and no page shows.
 _LEFT_OUT = ("path", "not_fitted")
 _DIGITS = 6

@@ -7,9 +7,7 @@ from itertools import product
 from pathlib import Path
 from statistics import geometric_mean, mean, median
 
-from iclnuim.benchmark.experiments.best_methods import (
-    best_methods_table,
-)
+from iclnuim.benchmark.experiments.best_methods import best_methods_table
 from iclnuim.benchmark.experiments.correlation import correlation_table
 from iclnuim.benchmark.experiments.findings import findings_table
 from iclnuim.benchmark.experiments.paper_figures import Ours, Printed, Where, ate_of, paper
@@ -18,8 +16,8 @@ from iclnuim.benchmark.experiments.stress_tables import Summary
 from iclnuim.benchmark.experiments.table import ResultTable, mm
 from iclnuim.benchmark.perturbations.plan import read_plan
 from iclnuim.shipped import TRAJECTORY_NAMES, further_sequences, paper_sequences
-from iclnuim.tools.measured_cells import PublishedCells, Rows
-from iclnuim.tools.measured_tables import words
+from iclnuim.tools.measured_cells import PublishedCells
+from iclnuim.tools.measured_tables import Rows, words
 
 #: What stands where no cell has the figure.
 NOT_MEASURED = "not measured"
@@ -82,22 +80,23 @@ def _shown(errors_m: Sequence[float] | None) -> str:
 
 def accuracy(cells: PublishedCells) -> Rows:
     """ATE in mm of our odometers on every sequence."""
-    errors_m = _errors_m(cells)
-    rows = []
-    for sequence in sequences():
-        found = [_shown(errors_m.get(_ours(sequence, name))) for name in _OURS]
-        rows.append([_title(sequence), *found])
-    return [["ATE, mm", *_OURS], *rows]
+    return _by_sequence(cells, _ours, _OURS)
 
 
 def systems(cells: PublishedCells) -> Rows:
     """ATE in mm of the third-party systems on every sequence."""
+    return _by_sequence(cells, system_key, _SYSTEMS)
+
+
+def _by_sequence(
+    cells: PublishedCells, key_of: Callable[..., PaperKey], methods: Sequence[str]
+) -> Rows:
     errors_m = _errors_m(cells)
     rows = []
     for sequence in sequences():
-        found = [_shown(errors_m.get(system_key(sequence, title))) for title in _SYSTEMS]
+        found = [_shown(errors_m.get(key_of(sequence, name))) for name in methods]
         rows.append([_title(sequence), *found])
-    return [["ATE, mm", *_SYSTEMS], *rows]
+    return [["ATE, mm", *methods], *rows]
 
 
 def authors(cells: PublishedCells) -> Rows:

@@ -11,8 +11,6 @@ In a page, what is drawn is between `<!-- measured: MARK -->` and `<!-- end of M
 run in the top folder of the checkout, on the sequences that `iclnuim make all` writes to out/.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re
@@ -31,10 +29,10 @@ from iclnuim.benchmark.experiments.recipes.stress import KIND as STRESS
 from iclnuim.benchmark.experiments.recipes.stress import StressKey
 from iclnuim.benchmark.experiments.store import Store, made_by
 from iclnuim.report.charts import save
-from iclnuim.tools.measured_cells import TABLE, PublishedCell, PublishedCells, Rows, Run, rooms_hash
+from iclnuim.tools.measured_cells import TABLE, PublishedCell, PublishedCells, Run, rooms_hash
 from iclnuim.tools.measured_drawn import DRAWN, NOT_MEASURED, stress_summary
 from iclnuim.tools.measured_plan import plan
-from iclnuim.tools.measured_tables import COMMAND_TABLES, CommandTable
+from iclnuim.tools.measured_tables import COMMAND_TABLES, CommandTable, markdown
 
 TOP = Path(__file__).resolve().parents[1]
 PAGES = Path("docs/measured")
@@ -46,12 +44,6 @@ _RUNS = "-cells"
 _STRESS_DPI = 70
 _MARKED = re.compile(r"<!-- measured: (.*) -->\n(.*?)<!-- end of \1 -->\n", re.S)
 _KEYS = {BENCHMARK: PaperKey, STRESS: StressKey}
-
-
-def markdown(rows: Rows) -> str:
-    """A table in Markdown; its first row is the header."""
-    lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def redrawn(text: str, cells: PublishedCells) -> str:

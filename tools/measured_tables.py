@@ -8,8 +8,6 @@ from itertools import product
 from statistics import geometric_mean, mean
 from typing import Any
 
-from iclnuim.tools.measured_cells import Rows
-
 _PICTURES = "docs/measured/pictures"
 _KT2 = "out/living_room/kt2"
 _SEQUENCES = [f"{room}/kt{k}" for room, k in product(("living_room", "office"), range(4))]
@@ -36,6 +34,8 @@ _SURFACES = (
     ("clean, `--preset paper`", "clean", "--preset paper"),
     ("noisy (`released`), `best --min-weight 3`", "noisy", "--min-weight 3"),
 )
+#: The words of each row of a table, the header first.
+Rows = list[list[str]]
 #: The rows of a table from the output of each of its commands.
 FromOutput = Callable[[Sequence[Any]], Rows]
 
@@ -392,3 +392,14 @@ def _command_tables() -> Iterator[CommandTable]:
 
 
 COMMAND_TABLES = {table.mark: table for table in _command_tables()}
+
+
+def markdown(rows: Rows) -> str:
+    """A table in Markdown; its first row is the header."""
+    lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def tables(output: Any, *marks: str) -> str:
+    """The tables of some marks from the output of their one command, in Markdown."""
+    return "\n".join(markdown(COMMAND_TABLES[mark].rows([output])) for mark in marks).rstrip()

@@ -1,4 +1,4 @@
-"""Measures noise models, as a chart and as tables: the time of sequences relative to that of their
+"""Measures noise models: the time of sequences relative to that of their
 files alone, the time of each model alone, and its similarity to published noisy frames.
 
 Similarity is the overlap of two histograms of pixels. A bin of the histogram is given by the true
@@ -7,8 +7,6 @@ the share of pixels that both noises put into the same bins: 1 if they are equal
 nothing in common. It measures amount, bias and gaps of the noise by depth and brightness, but not
 its correlation between pixels.
 """
-
-from __future__ import annotations
 
 import os
 import tempfile
@@ -36,8 +34,6 @@ from iclnuim.sensor.transfer import srgb8
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .rendered import markdown
-
 #: Pairs of depth and RGB models that users combine.
 PAIRS = (
     ("none", "none"),
@@ -57,14 +53,6 @@ _BINS = 24
 _MISSING = _BINS + 1
 
 _MODELS = {"depth": DEPTH_MODELS, "rgb": RGB_MODELS}
-_PAIRS_HEADER = (
-    "depth + RGB",
-    "frames/s",
-    "relative to files alone",
-    "processor ms per frame",
-    "relative to files alone",
-)
-_MODELS_HEADER = ("model", "ms per frame", "overlap with the official noise")
 Figures = Mapping[str, Mapping[str, float]]
 
 
@@ -163,7 +151,7 @@ class FrameImages:
     depth_z_m: np.ndarray
 
     @classmethod
-    def of(cls, source: FrameSource, number: int) -> FrameImages:
+    def of(cls, source: FrameSource, number: int) -> "FrameImages":
         light, depth_z_m = source.load(number)
         return cls(number, source.camera, light, depth_z_m)
 
@@ -252,7 +240,7 @@ def _binned(error: np.ndarray) -> np.ndarray:
     return np.clip(np.rint(error), -_BINS // 2, _BINS // 2) + _BINS // 2
 
 
-# -- chart and tables
+# -- chart
 
 
 def figure(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> Figure:
@@ -296,17 +284,3 @@ def _draw_models(axes: Axes, times_ms: Figures, overlaps: Figures) -> None:
     axes.set_ylim(0, 1.08)
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right")
-
-
-def table(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> str:
-    """Two tables in Markdown: pairs, then models."""
-    rows = []
-    for p in pairs:
-        times = [f"{p.frames_per_s:.1f}", f"{p.ratio:.2f}", f"{p.cpu_ms:.0f}", f"{p.cpu_ratio:.2f}"]
-        rows.append([f"{p.depth} + {p.rgb}", *times])
-    models = []
-    for kind, by_name in times_ms.items():
-        for name, ms in by_name.items():
-            overlap = f"{overlaps[kind][name]:.3f}" if overlaps else ""
-            models.append([f"{kind} {name}", f"{ms:.1f}", overlap])
-    return f"{markdown(_PAIRS_HEADER, rows)}\n\n{markdown(_MODELS_HEADER, models)}"

@@ -1,7 +1,5 @@
 """The official frames of both rooms: colour, depth, and poses in our world."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ python -m iclnuim.tools.plain_blender SCENE.blend OUT FIRST LAST      the proces
 a user would run Blender
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

@@ -1,6 +1,4 @@
-"""Frames that a measurement renders, as arrays; and its tables."""
-
-from __future__ import annotations
+"""Frames that a measurement renders, as arrays."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -40,7 +38,6 @@ def read_frames(folder: Path, numbers: Iterable[int]) -> tuple[np.ndarray, np.nd
     return rgb, np.stack([c["Z"] for c in channels])
 
 
-def markdown(header: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
-    """A table in Markdown."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(map(str, cells))} |" for cells in lines)
+def psnr_db(square: np.ndarray | float) -> np.ndarray:
+    """PSNR of mean squared differences of values 0..1, at most 90 dB."""
+    return -10 * np.log10(np.maximum(square, 1e-9))

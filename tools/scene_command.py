@@ -1,7 +1,5 @@
 """`iclnuim scene`: build a scene's .blend by code; compare our rooms with the official frames."""
 
-from __future__ import annotations
-
 import argparse
 import io
 import os
@@ -59,8 +57,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = compare.add_argument
     room = {"nargs": "?", "default": "living_room", "choices": names}
     add("name", metavar="NAME", **room, help="default: living_room")
-    help = "the official samples; default: ICLNUIM_SAMPLES"
-    add("--samples-dir", type=Path, default=SAMPLES, metavar="DIR", help=help)
     help = "folder for the pictures; default: scene_compare"
     add("--out", type=Path, default=Path("scene_compare"), metavar="DIR", help=help)
     help = "path traced with N samples per pixel; default: as `make` renders, with baked light"
@@ -115,19 +111,19 @@ def _compare(args: argparse.Namespace, console: Console) -> None:
         known = ", ".join(official_views.VIEWS)
         raise InputError(f"a scene with official frames ({known})", found=args.name)
     views = official_views.VIEWS[args.name]
-    if not (args.samples_dir / views.trajectory).is_file():
+    if not (SAMPLES / views.trajectory).is_file():
         raise InputError(
             "the official ICL-NUIM samples",
-            path=args.samples_dir,
+            path=SAMPLES,
             found=f"no {views.trajectory}",
-            hint="--samples-dir DIR",
+            hint="their folder as ICLNUIM_SAMPLES",
         )
     args.out.mkdir(parents=True, exist_ok=True)
     figures = {}
     progress = console.progress(len(views.frames), "compare")
-    for number, rgb, depth_z_m in _rendered(views, args.samples_dir, args.samples, console):
+    for number, rgb, depth_z_m in _rendered(views, args.samples, console):
         bgr = srgb8(rgb)[..., ::-1].copy()
-        official_bgr, official_z_m = views.official(args.samples_dir, number)
+        official_bgr, official_z_m = views.official(SAMPLES, number)
         ours = scene_likeness.measure(bgr, depth_z_m)
         figures[str(number)] = ours.ratios_to(scene_likeness.measure(official_bgr, official_z_m))
         picture = scene_likeness.side_by_side(bgr, official_bgr)[..., ::-1]
@@ -137,7 +133,7 @@ def _compare(args: argparse.Namespace, console: Console) -> None:
 
 
 def _rendered(
-    views: OfficialViews, samples_dir: Path, path_samples: int | None, console: Console
+    views: "OfficialViews", path_samples: int | None, console: Console
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Yield (number, scene-linear RGB, planar Z) of the official views, rendered like the frames of
     `make`, or path traced with `path_samples`.
@@ -148,7 +144,7 @@ def _rendered(
             console.note(f"note: {event.text}")
 
     with tempfile.TemporaryDirectory() as folder:
-        poses = views.poses(samples_dir)[list(views.frames)]
+        poses = views.poses(SAMPLES)[list(views.frames)]
         file = Path(folder) / "poses.txt"
         write_trajectory(file, Trajectory(np.array(views.frames) / 30.0, poses), "tum")
         job = RenderJob("compare", views.scene, str(file))

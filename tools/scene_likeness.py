@@ -2,8 +2,6 @@
 corners, gradients, depth.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 
 import cv2
@@ -24,7 +22,7 @@ class Likeness:
     grey: float
     depth_quantiles_m: tuple[float, ...]
 
-    def ratios_to(self, other: Likeness) -> dict[str, float | list[float]]:
+    def ratios_to(self, other: "Likeness") -> dict[str, float | list[float]]:
         """self / other, figure by figure."""
         theirs = asdict(other)
         return {k: np.divide(v, theirs[k]).round(3).tolist() for k, v in asdict(self).items()}

@@ -2,8 +2,6 @@
 the site too, links between them and docs/ hold, and every public name is in the reference.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -16,12 +16,11 @@ from iclnuim.sensor.transfer import srgb_from_light
 from matplotlib.figure import Figure
 
 from .light_comparison import carried_difference
-from .rendered import markdown, rendered
+from .rendered import rendered
 
 #: Rays along each side of a pixel of the reference.
 RAYS = 4
 _REFERENCE = f"{RAYS**2} rays a pixel"
-_HEADER = ("sequence", "textures", "ms/frame", "median change", "mean change", "mean difference")
 
 
 @dataclass(frozen=True)
@@ -122,16 +121,6 @@ def _finer(camera: PinholeCamera) -> PinholeCamera:
         camera.cx * RAYS + shift,
         camera.cy * RAYS + shift,
     )
-
-
-def table(results: Sequence[TextureResult]) -> str:
-    """One row per sequence and method, in Markdown; differences of 255."""
-    rows = []
-    for r in results:
-        changes = [f"{255 * r.change_median:.2f}", f"{255 * r.change_mean:.2f}"]
-        difference = "" if r.difference is None else f"{255 * r.difference:.2f}"
-        rows.append([r.sequence, r.textures, f"{r.ms:.0f}", *changes, difference])
-    return markdown(_HEADER, rows)
 
 
 def figure(parts: Sequence[dict[str, np.ndarray]]) -> Figure:

@@ -2,8 +2,6 @@
 tools/write_settings_page.py`. With --check it only compares the page.
 """
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import re

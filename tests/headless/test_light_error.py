@@ -26,10 +26,6 @@ def test_the_error_is_that_of_the_frame_whatever_the_noise_of_the_reference(nois
     found = error(light_from_srgb(off), halves_of(display, noise, rng))
     assert found.mean_psnr_db == pytest.approx(40, abs=0.2)
     assert found.median == pytest.approx(0.6745 * 0.01, rel=0.1)
-    assert found.bias == pytest.approx(0, abs=1e-3)
-    seen = np.hypot(0.01, noise / np.sqrt(2))
-    assert np.mean(found.psnr_to_reference_db) == pytest.approx(-20 * np.log10(seen), abs=0.3)
-    assert found.median_to_reference == pytest.approx(0.6745 * seen, rel=0.1)
 
 
 def wall(T_world_camera: SE3, brightness: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
