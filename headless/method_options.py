@@ -2,7 +2,7 @@
 installed.
 """
 
-import argparse
+from argparse import Namespace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -19,7 +19,7 @@ COMPILING = "compiling, once: 10 s to a minute"
 
 
 def open_sequence(
-    args: argparse.Namespace,
+    args: Namespace,
     console: Console,
     folder: Path,
     depth_offset: float = 0.0,

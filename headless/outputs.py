@@ -1,13 +1,13 @@
 """Protects the files that a command reads from being replaced by the files that it writes."""
 
-import argparse
 import os
 import re
+from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from iclnuim.errors import InputError
+from iclnuim.errors import InputError, StrPath
 from iclnuim.formats.files import is_stream, real_path
 
 #: Options whose value is written.
@@ -25,7 +25,7 @@ _FOLDERS = ("rgb", "depth", "exr")
 _DEPTH = 4
 
 
-def check_outputs(args: argparse.Namespace) -> None:
+def check_outputs(args: Namespace) -> None:
     """Raises InputError if an existing file that would be written is one that the command reads, or
     belongs to a sequence; or if a required output is not given.
     """
@@ -38,7 +38,7 @@ def check_outputs(args: argparse.Namespace) -> None:
             _check_output(name, path, args)
 
 
-def _check_output(name: str, path: Path, args: argparse.Namespace) -> None:
+def _check_output(name: str, path: Path, args: Namespace) -> None:
     read = next((given for given in _inputs(args) if _is_read(path, given)), None)
     if read is None:
         read = _sequence_with(path)
@@ -50,7 +50,7 @@ def _check_output(name: str, path: Path, args: argparse.Namespace) -> None:
     raise InputError(expected, path=path, found=found, hint=hint)
 
 
-def refuse_existing(path: str | os.PathLike[str], hint: str) -> None:
+def refuse_existing(path: StrPath, hint: str) -> None:
     """Raises InputError if a file or folder exists at the path of a new file.
 
     Pipes and devices (/dev/stdout) are written.
@@ -59,7 +59,7 @@ def refuse_existing(path: str | os.PathLike[str], hint: str) -> None:
         raise InputError("a new file name", path=path, found="an existing file", hint=hint)
 
 
-def _outputs(args: argparse.Namespace) -> Iterator[tuple[str, Path]]:
+def _outputs(args: Namespace) -> Iterator[tuple[str, Path]]:
     """Options and the files that they write; `beside_out` of a command is the ending of a second
     file, which it writes next to its output.
     """
@@ -71,7 +71,7 @@ def _outputs(args: argparse.Namespace) -> Iterator[tuple[str, Path]]:
         yield "out", args.out.with_suffix(beside)
 
 
-def _inputs(args: argparse.Namespace) -> Iterator[Path]:
+def _inputs(args: Namespace) -> Iterator[Path]:
     """Files and folders that exist among the values of all other options."""
     for name, value in vars(args).items():
         if name in (*_OUTPUTS, "beside_out"):

@@ -2,7 +2,7 @@
 and as a note before work of more than a minute.
 """
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict, dataclass
 
 from iclnuim.console import Console
@@ -40,12 +40,12 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 3600:.1f} hours"
 
 
-def add_dry_run(parser: argparse.ArgumentParser) -> None:
+def add_dry_run(parser: ArgumentParser) -> None:
     help = "only say what will run, about how long, and how much it writes"
     parser.add_argument("--dry-run", action="store_true", help=help)
 
 
-def told(work: PlannedWork, args: argparse.Namespace, console: Console) -> bool:
+def told(work: PlannedWork, args: Namespace, console: Console) -> bool:
     """Say what is planned; whether that is all that was requested."""
     dry_run = getattr(args, "dry_run", False)
     if dry_run:

@@ -1,8 +1,8 @@
 """Options for sequences: noise models, output formats, and the camera of a recorded sequence."""
 
-import argparse
 import os
 import sys
+from argparse import ArgumentParser, Namespace
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +29,7 @@ _EXAMPLES = {"depth": '{"sigma_d": 0.1}', "rgb": '{"exposure": 0.5}'}
 
 
 def add_sensor_options(
-    parser: argparse.ArgumentParser, default: str, names: tuple[str, ...] = ("seed", "depth_units")
+    parser: ArgumentParser, default: str, names: tuple[str, ...] = ("seed", "depth_units")
 ) -> None:
     """Add --depth-noise and --rgb-noise with the default `default`, their settings, and the options
     of the other `names` of SequenceOptions.
@@ -43,7 +43,7 @@ def add_sensor_options(
         )
 
 
-def sequence_options(args: argparse.Namespace) -> SequenceOptions:
+def sequence_options(args: Namespace) -> SequenceOptions:
     """The SequenceOptions given on the command line. Raises InputError for an invalid value."""
     options = settings_from(args, SequenceOptions())
     check_format_units(args, options)
@@ -54,7 +54,7 @@ def sequence_options(args: argparse.Namespace) -> SequenceOptions:
     return options.changed(depth_settings=depth_settings, rgb_settings=_json(args.rgb_settings))
 
 
-def check_format_units(args: argparse.Namespace, options: SequenceOptions) -> None:
+def check_format_units(args: Namespace, options: SequenceOptions) -> None:
     """Raises InputError if --depth-units are given, and every format has other units that are
     fixed.
     """
@@ -70,7 +70,7 @@ def check_format_units(args: argparse.Namespace, options: SequenceOptions) -> No
     )
 
 
-def log_settings(args: argparse.Namespace) -> LogSettings:
+def log_settings(args: Namespace) -> LogSettings:
     """The LogSettings given on the command line.
 
     Raises InputError for settings of bags that are not written.
@@ -88,7 +88,7 @@ def _json(text: str | None) -> dict[str, Any] | None:
     return content_of_json(text, "noise settings in JSON")
 
 
-def read_bags(args: argparse.Namespace, console: Console) -> None:
+def read_bags(args: Namespace, console: Console) -> None:
     """Unpack the bags among the sequences that a command reads, with progress, and print how each
     is read. The command itself reports what is wrong with them.
     """
@@ -105,7 +105,7 @@ def read_bags(args: argparse.Namespace, console: Console) -> None:
                 console.note(f"{path}: unpacked in {folder}, which may be removed afterwards")
 
 
-def add_camera_options(parser: argparse.ArgumentParser) -> None:
+def add_camera_options(parser: ArgumentParser) -> None:
     parser.set_defaults(reads_sequences=True)
     help = "default: camera.json of the folder, or the benchmark's camera"
     parser.add_argument("--camera", metavar="WxH,FX,FY,CX,CY", help=help)
@@ -113,7 +113,7 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--units", type=float, metavar="N", help=help)
 
 
-def camera_from(args: argparse.Namespace, folder: Path) -> SequenceCamera | None:
+def camera_from(args: Namespace, folder: Path) -> SequenceCamera | None:
     """The camera given by the options; with --units alone, that of `folder` with these units.
 
     None where none is given: the folder then decides.
@@ -125,9 +125,7 @@ def camera_from(args: argparse.Namespace, folder: Path) -> SequenceCamera | None
     return replace(_camera_of(folder), depth_units_per_metre=units_from(args))
 
 
-def given_or_noted_camera(
-    args: argparse.Namespace, console: Console, folder: Path
-) -> SequenceCamera:
+def given_or_noted_camera(args: Namespace, console: Console, folder: Path) -> SequenceCamera:
     """The camera given by the options, else that of `folder`; see note_sequence."""
     camera = camera_from(args, folder) or _camera_of(folder)
     note_sequence(folder, camera, console)
@@ -142,7 +140,7 @@ def _camera_of(folder: Path) -> SequenceCamera:
     return read_camera(folder, next(filter(is_file, images), images[0]))
 
 
-def units_from(args: argparse.Namespace) -> float:
+def units_from(args: Namespace) -> float:
     """Depth units per metre given by --units, or the default. Raises InputError."""
     return check_units(UNITS_PER_METRE if args.units is None else args.units)
 

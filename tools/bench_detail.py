@@ -2,9 +2,9 @@
 share that is never seen.
 """
 
-import argparse
 import os
 import tempfile
+from argparse import Namespace
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,7 +58,7 @@ def _numbers(text: str) -> tuple[float, ...]:
     return numbers(text)
 
 
-def _detail(args: argparse.Namespace, console: Console) -> None:
+def _detail(args: Namespace, console: Console) -> None:
     rooms = args.rooms or list(shipped.SCENE_NAMES)
     for room in rooms:
         if room not in shipped.SCENE_NAMES:
@@ -77,9 +77,7 @@ def _detail(args: argparse.Namespace, console: Console) -> None:
     _measure(rooms, args, PinholeCamera.parse(args.camera), console)
 
 
-def _measure(
-    rooms: list[str], args: argparse.Namespace, camera: PinholeCamera, console: Console
-) -> None:
+def _measure(rooms: list[str], args: Namespace, camera: PinholeCamera, console: Console) -> None:
     from iclnuim.report import charts
 
     from . import detail, detail_chart, detail_maps, detail_unseen

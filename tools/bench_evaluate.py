@@ -1,10 +1,10 @@
 """`iclnuim bench evaluate`: the time of `iclnuim evaluate ate` and of evo_ape on the same files."""
 
-import argparse
 import shutil
 import subprocess
 import sys
 import time
+from argparse import Namespace
 from pathlib import Path
 from statistics import median
 
@@ -26,7 +26,7 @@ def configure(actions: Actions) -> None:
     add("--rounds", type=count, default=7, metavar="N", help=help)
 
 
-def _evaluate(args: argparse.Namespace, console: Console) -> None:
+def _evaluate(args: Namespace, console: Console) -> None:
     files = [args.reference, args.estimate]
     commands = {_OURS: [sys.executable, "-m", "iclnuim", "evaluate", "ate", *files]}
     beside = str(Path(sys.executable).parent)

@@ -2,11 +2,11 @@
 after kills, stops and a full disk.
 """
 
-import argparse
 import subprocess
 import sys
 import tempfile
 import time
+from argparse import Namespace
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,7 +63,7 @@ def _configure_chaos(actions: Actions) -> None:
     add_plot(chaos)
 
 
-def _farm(args: argparse.Namespace, console: Console) -> None:
+def _farm(args: Namespace, console: Console) -> None:
     from iclnuim.report import charts
 
     from . import farm_chart, farm_model, farm_throughput
@@ -91,7 +91,7 @@ def _farm(args: argparse.Namespace, console: Console) -> None:
     console.result(values, tables(values, "farm-splits"))
 
 
-def _chaos(args: argparse.Namespace, console: Console) -> int:
+def _chaos(args: Namespace, console: Console) -> int:
     try:
         from . import farm_chaos, farm_chart
     except ImportError:
@@ -116,7 +116,7 @@ def _chaos(args: argparse.Namespace, console: Console) -> int:
     return 0 if ours.none else 3
 
 
-def _undisturbed(args: argparse.Namespace, base: Path, console: Console) -> Path:
+def _undisturbed(args: Namespace, base: Path, console: Console) -> Path:
     from .farm_chaos import Chaos
 
     begun = time.monotonic()
@@ -127,7 +127,7 @@ def _undisturbed(args: argparse.Namespace, base: Path, console: Console) -> Path
     return undisturbed.out
 
 
-def _plain(args: argparse.Namespace, base: Path, console: Console) -> "Damage":
+def _plain(args: Namespace, base: Path, console: Console) -> "Damage":
     """The same prepared scene, with its animated camera, by Blender's own animation render."""
     from .plain_blender import PlainBlender
 

@@ -1,6 +1,6 @@
 """`iclnuim bench noise`: speed of the noise models, and their similarity to published frames."""
 
-import argparse
+from argparse import Namespace
 from dataclasses import asdict
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def configure(actions: Actions) -> None:
     add_plot(noise, "time against similarity")
 
 
-def _noise(args: argparse.Namespace, console: Console) -> None:
+def _noise(args: Namespace, console: Console) -> None:
     from iclnuim.report import charts
 
     from . import noise_comparison

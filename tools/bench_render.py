@@ -1,7 +1,7 @@
 """`iclnuim bench render` and `iclnuim bench textures`: time and error of rendered frames."""
 
-import argparse
 import os
+from argparse import Namespace
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -54,7 +54,7 @@ def _require_blender(what: str) -> None:
         raise blender_missing(what, error) from None
 
 
-def _render(args: argparse.Namespace, console: Console) -> None:
+def _render(args: Namespace, console: Console) -> None:
     _require_blender("bench render")
     from iclnuim.report import charts
 
@@ -88,7 +88,7 @@ def _machine(job: RenderJob) -> dict[str, Any]:
     return {"cores": os.cpu_count(), **recipe["machine"], "blender": recipe["blender"]}
 
 
-def _textures(args: argparse.Namespace, console: Console) -> None:
+def _textures(args: Namespace, console: Console) -> None:
     _require_blender("bench textures")
     from iclnuim.report import charts
 

@@ -5,10 +5,10 @@ gives other cloth, wood and plaster of the same detail, so the differences betwe
 that detail has to exceed.
 """
 
-import argparse
 import os
 import subprocess
 import sys
+from argparse import Namespace
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -68,7 +68,7 @@ def configure(actions: Actions) -> None:
     add_plot(parser)
 
 
-def _run(args: argparse.Namespace, console: Console) -> None:
+def _run(args: Namespace, console: Console) -> None:
     require(console, "bench detail-odometry", "numba", "cv2")
     try:
         # before Open3D: both bring a TBB, and that of bpy 5.2 has to be the first
@@ -104,7 +104,7 @@ def _run(args: argparse.Namespace, console: Console) -> None:
 
 
 def _measured(
-    sequence: str, detail: float, seed: int, methods: Sequence[str], args: argparse.Namespace
+    sequence: str, detail: float, seed: int, methods: Sequence[str], args: Namespace
 ) -> Build:
     """Build, light and render the room, and run all methods, unless this has been done."""
     room, kt = sequence.split("/")
@@ -131,7 +131,7 @@ def _measured(
     return build
 
 
-def _make(folder: Path, scene: Path, sequence: str, args: argparse.Namespace) -> None:
+def _make(folder: Path, scene: Path, sequence: str, args: Namespace) -> None:
     words = ["--scene", str(scene), "--trajectory", str(shipped.trajectory_file(sequence))]
     words += ["--frames", f"{args.start}:{args.start + args.first}", "--light", "baked"]
     words += ["--map-size", str(args.map_size), "--map-samples", str(args.map_samples)]

@@ -8,12 +8,12 @@ order of the images, poses, camera, depth.
 The packages that they import must be there; PyTorch for the CPU suffices.
 """
 
-import argparse
 import csv
 import os
 import subprocess
 import sys
 import tomllib
+from argparse import ArgumentParser
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from importlib.metadata import version
@@ -216,7 +216,7 @@ def _write_csv(path: Path, rows: list[Tried]) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--from", type=Path, dest="source", metavar="DIR", help="clones by name")
     parser.add_argument("--only", metavar="TEXT", default="", help="names that contain TEXT")
     help = "code and sequences, kept for the next time; default: %(default)s"

@@ -11,12 +11,12 @@ In a page, what is drawn is between `<!-- measured: MARK -->` and `<!-- end of M
 run in the top folder of the checkout, on the sequences that `iclnuim make all` writes to out/.
 """
 
-import argparse
 import json
 import re
 import shlex
 import subprocess
 import sys
+from argparse import ArgumentParser
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple
 from pathlib import Path
@@ -124,7 +124,7 @@ def pages() -> list[Path]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--list", action="store_true", help="show pages, marks and commands")
     parser.add_argument("--plan", action="store_true", help="show which cells are missing")
     help = "put the cells of a benchmark's or a stress's folder into the file"

@@ -1,9 +1,9 @@
 """`iclnuim scene`: build a scene's .blend by code; compare our rooms with the official frames."""
 
-import argparse
 import io
 import os
 import tempfile
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -36,7 +36,7 @@ _HEADER = (
 )
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     actions = subcommands(parser)
     names = list(SCENES)
     help = "build a scene by code and save it as a .blend"
@@ -63,7 +63,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--samples", type=int, metavar="N", help=help)
 
 
-def _build(args: argparse.Namespace, console: Console) -> None:
+def _build(args: Namespace, console: Console) -> None:
     if not 0.15 <= args.detail <= 3:
         raise InputError("--detail of 0.15..3", found=f"{args.detail:g}")
     out = args.out or REPOSITORY / "blend" / f"{args.name}.blend"
@@ -101,7 +101,7 @@ def _save(path: Path) -> None:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True)
 
 
-def _compare(args: argparse.Namespace, console: Console) -> None:
+def _compare(args: Namespace, console: Console) -> None:
     try:
         from . import official_views, scene_likeness
     except ImportError:

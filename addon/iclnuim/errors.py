@@ -7,6 +7,9 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+#: A file or folder, as functions take its name.
+StrPath = str | os.PathLike[str]
+
 
 class IclnuimError(Exception):
     """Base of every error that a user should read as one line instead of a traceback: `MESSAGE; try
@@ -53,7 +56,7 @@ class InputError(IclnuimError):
         self,
         expected: str,
         *,
-        path: str | os.PathLike[str] | None = None,
+        path: StrPath | None = None,
         line: int | None = None,
         setting: str | None = None,
         found: object = None,
@@ -78,7 +81,7 @@ class InputError(IclnuimError):
             text += f", found {_printable(self.found)}"
         return text + self._advice(name_of)
 
-    def at(self, path: str | os.PathLike[str]) -> "InputError":
+    def at(self, path: StrPath) -> "InputError":
         """The same error with `path` as its file.
 
         If the error has a path already, that path is appended as a place inside the file.
@@ -99,7 +102,7 @@ def _printable(found: object) -> str:
 
 
 @contextmanager
-def within(path: str | os.PathLike[str]) -> Iterator[None]:
+def within(path: StrPath) -> Iterator[None]:
     """Add `path` to an InputError of the block that has no path."""
     try:
         yield

@@ -3,7 +3,6 @@
 Panel, farm and worker exchange jobs in this form.
 """
 
-import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -12,7 +11,7 @@ from typing import Any, ClassVar
 
 from . import shipped
 from .channels import FURTHER, Channel, further_of
-from .errors import InputError
+from .errors import InputError, StrPath
 from .formats.files import read_bytes, read_json, sha256
 from .geometry.camera import PinholeCamera, blender_from_pinhole
 from .geometry.scene_axes import SceneReading
@@ -212,7 +211,7 @@ def shipped_job(sequence: str) -> RenderJob:
     return RenderJob(sequence=name, scene=name.split("/")[0], trajectory=name)
 
 
-def read_recipe(path: str | os.PathLike[str]) -> RenderJob:
+def read_recipe(path: StrPath) -> RenderJob:
     """The job of a recipe file (or of a run's sequence.json). Its paths are relative to the file
     and may not leave its folder.
 

@@ -23,7 +23,7 @@ from .dataset.rendered_frames import run_frames
 from .dataset.rgbd_sequence import RgbdSequence
 from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
 from .dataset.sequence_poses import load_truth
-from .errors import InputError
+from .errors import InputError, StrPath
 from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
 from .evaluation.relative_error import RelativeError, RelativeErrorSettings
 from .formats.files import sha256
@@ -37,7 +37,7 @@ from .sensor.models import NamedNoise, depth_model, rgb_model
 from .sensor.noise_model import DEPTH, RGB, frame_generator
 
 Settings = Mapping[str, Any]
-TrajectoryOrFile = Trajectory | Poses | str | os.PathLike[str]
+TrajectoryOrFile = Trajectory | Poses | StrPath
 #: Poses from Python, which need no other reading of a file.
 _AS_GIVEN = ReadAs("replica", "right", OWN_WORLD, "poses as given")
 #: What images must be, and what to try if they hold whole numbers.
@@ -104,8 +104,8 @@ def _floating(image: np.ndarray, expected: str, hint: str) -> np.ndarray:
 
 
 def make_sequence(
-    frames: RgbdSequence | FrameSource | str | os.PathLike[str],
-    out: str | os.PathLike[str],
+    frames: RgbdSequence | FrameSource | StrPath,
+    out: StrPath,
     depth_noise: NamedNoise = "none",
     rgb_noise: NamedNoise = "none",
     seed: int = 0,
@@ -137,7 +137,7 @@ def make_sequence(
     return write_sequence(source, Path(out), settings, names, workers, lambda number: advance())
 
 
-def _source(frames: RgbdSequence | FrameSource | str | os.PathLike[str]) -> FrameSource:
+def _source(frames: RgbdSequence | FrameSource | StrPath) -> FrameSource:
     if isinstance(frames, FrameSource):
         return frames
     if isinstance(frames, RgbdSequence):

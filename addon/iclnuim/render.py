@@ -5,7 +5,6 @@ One worker uses all cores. `iclnuim render` uses several workers, locks the fold
 workers that crash.
 """
 
-import os
 import queue
 import tempfile
 from collections.abc import Callable
@@ -19,7 +18,7 @@ from .console import Meter, advance_of
 from .dataset.rendered_frames import read_frame
 from .dataset.rgbd_sequence import pictures
 from .dataset.run_folder import RunFolder, load_trajectory, read_run
-from .errors import InputError, WorkError
+from .errors import InputError, StrPath, WorkError
 from .formats.trajectories import write_trajectory
 from .geometry.se3 import SE3, Poses
 from .geometry.trajectory import Trajectory, frame_slice
@@ -45,7 +44,7 @@ class RenderedFrame:
 
 def render_frames(
     job: RenderJob,
-    out: str | os.PathLike[str],
+    out: StrPath,
     frames: str = "::",
     on_event: Callable[[Event], None] = lambda event: None,
     progress: Meter = None,

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 from iclnuim.benchmark.odometry.registry import ODOMETERS
 from iclnuim.formats.files import read_json
@@ -41,20 +41,10 @@ class Where:
     reference: str = ""
 
 
-class PaperFigures(Protocol):
-    """Access to errors in metres; None if a figure is missing."""
-
-    def ate(self, where: Where, statistic: str = "rmse") -> float | None: ...
-
-    def surface(self, where: Where, statistic: str = "mean") -> float | None: ...
-
-    def degenerate(self, where: Where) -> float | None:
-        """Share of frames that an odometer reported as under-constrained."""
-        ...
-
-
 class Printed:
-    """The figures printed in the paper; None for a reference that the paper did not use."""
+    """The figures printed in the paper: errors in metres, None if a figure is missing, as for a
+    reference that the paper did not use.
+    """
 
     def ate(self, where: Where, statistic: str = "rmse") -> float | None:
         return self._of(ATE_TABLES, where, statistic)
@@ -69,7 +59,7 @@ class Printed:
         self, numbers: Mapping[tuple[str, str], str], where: Where, statistic: str
     ) -> float | None:
         number = numbers.get((where.room, where.noise))
-        if number is None or where.reference not in ("", _reference(where.odometer)):
+        if number is None or where.reference not in ("", reference_of(where.odometer)):
             return None
         table = paper()["tables"][number]
         return table.get(where.odometer, {}).get(where.trajectory, {}).get(statistic)
@@ -77,7 +67,7 @@ class Printed:
 
 @dataclass(eq=False)
 class Ours:
-    """The figures of the measured cells of one preset and one noise seed."""
+    """The same figures of the measured cells of one preset and one noise seed."""
 
     results: Sequence[Measured]
     preset: str = "best"
@@ -91,7 +81,7 @@ class Ours:
         """The result of a cell; None if it was not measured."""
         seed = self.seed if where.noise == "noisy" else 0
         words = (where.room, where.trajectory, where.noise, where.odometer, self.preset)
-        reference = where.reference or _reference(where.odometer)
+        reference = where.reference or reference_of(where.odometer)
         return self._by_key.get(PaperKey(*words, reference, seed))
 
     def figures(self, where: Where) -> Mapping[str, Any]:
@@ -106,11 +96,15 @@ class Ours:
         return surface_of(self.figures(where), statistic)
 
     def degenerate(self, where: Where) -> float | None:
+        """Share of frames that an odometer reported as under-constrained."""
         figures = self.figures(where)
         return figures["degenerate"] / figures["frames"] if "degenerate" in figures else None
 
 
-def _reference(odometer: str) -> str:
+PaperFigures: TypeAlias = Printed | Ours
+
+
+def reference_of(odometer: str) -> str:
     """The reference that the paper used for an odometer."""
     return ODOMETERS[odometer].references[0]
 

@@ -16,6 +16,7 @@ from iclnuim.geometry.trajectory import FRAME_RATE_HZ
 from .cell import Measured
 from .paper_figures import (
     ATE_TABLES,
+    SURFACE_TABLES,
     Ours,
     PaperFigures,
     Printed,
@@ -23,13 +24,14 @@ from .paper_figures import (
     ate_of,
     paper,
     presets_of,
+    reference_of,
     seeds_of,
     surface_of,
 )
 from .paper_keys import NOISES, PaperKey, paper_titles
 from .table import ResultTable
 
-ROMAN = dict(zip("1234567", ("I", "II", "III", "IV", "V", "VI", "VII"), strict=True))
+_ROMAN = dict(zip("1234567", ["I", "II", "III", "IV", "V", "VI", "VII"], strict=True))
 TRAJECTORIES = shipped.TRAJECTORY_NAMES
 #: The room of Tables II and VII.
 LIVING = "living_room"
@@ -41,7 +43,6 @@ _STATISTICS = {
     "min": "Min",
     "max": "Max",
 }
-_SURFACE_TABLES = {"clean": "2", "noisy": "7"}
 _ONE_SIDED = (
     "Our figures and the printed ones come from different frames and programs: compare their "
     "order, not their values."
@@ -86,7 +87,7 @@ def _is_further(key: PaperKey) -> bool:
     """Whether it is an odometer of ours that the paper does not have, against its own reference."""
     if key.external or key.odometer in paper_titles():
         return False
-    return key.odometer in ODOMETERS and key.reference == _reference(key.odometer)
+    return key.odometer in ODOMETERS and key.reference == reference_of(key.odometer)
 
 
 # -- Table I
@@ -170,7 +171,7 @@ def _ate_table(
         rows.append(tuple(row))
     rows += _further_rows(views[0], [k for k in others if (k.room, k.noise) == (room, noise)])
     number = ATE_TABLES[room, noise]
-    title = f"Table {ROMAN[number]}: ATE in mm, {_words(room)}, {noise}."
+    title = f"Table {_ROMAN[number]}: ATE in mm, {room_words(room)}, {noise}."
     columns = ["odometer", "error mm"]
     for kt in TRAJECTORIES:
         columns += [kt, "printed"]
@@ -215,18 +216,14 @@ def _part_note(results: Sequence[Measured], room: str, noise: str) -> list[str]:
 
 
 def _notes(views: Sequence[Ours], noise: str) -> tuple[str, ...]:
-    model = [title for name, title in paper_titles().items() if _reference(name) == "model"]
+    model = [title for name, title in paper_titles().items() if reference_of(name) == "model"]
     how = f"{' and '.join(model)} are aligned against a model, as in the paper; the others are not."
     if len(views) > 1 and noise == "noisy":
         how += f" Median of {len(views)} noise seeds, in brackets the minimum and the maximum."
     return (how, _ONE_SIDED)
 
 
-def _reference(odometer: str) -> str:
-    return ODOMETERS[odometer].references[0]
-
-
-def _words(room: str) -> str:
+def room_words(room: str) -> str:
     return shipped.SCENES[room].title.lower()
 
 
@@ -255,16 +252,16 @@ def _surface_table(views: Sequence[Ours], room: str, noise: str) -> ResultTable:
         for where in cells:
             row += [_mm(figure(view.figures(where)) for view in views), *[""] * in_paper]
         rows.append(tuple(row))
-    number = _SURFACE_TABLES[noise]
+    number = SURFACE_TABLES[LIVING, noise]
     name = f"table_{number}"
-    what = f"of the surfaces of the {_words(room)} in mm, {noise}"
+    what = f"of the surfaces of the {room_words(room)} in mm, {noise}"
     note = (
         "Surfaces of ICP, except where noted, aligned with the model by ICP as in the paper. The "
         "last rows are not in the paper; they align by the first pose."
     )
     notes = [*_part_note(views[0].results, room, noise), note]
     if in_paper:
-        title = f"Table {ROMAN[number]}: error {what}."
+        title = f"Table {_ROMAN[number]}: error {what}."
         notes.append(_ONE_SIDED)
     else:
         name = f"{name}_{room}"
@@ -335,7 +332,7 @@ def cells_table(results: Sequence[Measured]) -> ResultTable:
     """One row per cell."""
     rows = tuple(map(cell_row, results))
     others = {r.key.room for r in results} - set(shipped.paper_scenes())
-    notes = [f"The paper's tables do not have {_words(room)}." for room in sorted(others)]
+    notes = [f"The paper's tables do not have {room_words(room)}." for room in sorted(others)]
     return ResultTable("cells", "All cells.", CELL_COLUMNS, rows, notes=tuple(notes))
 
 

@@ -172,7 +172,10 @@ class Summary:
             f"{mm(bounds.success_m, 'g')} mm, or less than {bounds.min_coverage:.0%} of their "
             "frames have a pose. A dash: no severity fails."
         )
-        columns = ("fails from severity", *map(_short, self.methods))
+        columns = (
+            "fails from severity",
+            *(method.removeprefix("baseline:") for method in self.methods),
+        )
         title = "The lowest severity at which methods fail."
         return ResultTable("stress", title, columns, tuple(rows), notes=(note,), marks=marks)
 
@@ -242,7 +245,3 @@ class Summary:
     def write(self, out: Path) -> Path:
         """Write OUT/stress.html and return its path."""
         return self.page().write(out / "stress.html")
-
-
-def _short(method: str) -> str:
-    return method.removeprefix("baseline:")

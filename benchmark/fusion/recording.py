@@ -1,8 +1,7 @@
 """A surface with its errors for the Rerun viewer."""
 
-from pathlib import Path
-
 import numpy as np
+from iclnuim.errors import StrPath
 from iclnuim.report.recording import Recorder, record
 
 from .surface_error import SurfaceError
@@ -11,8 +10,8 @@ _BARS = 100
 
 
 def record_surface(
-    path: Path | str,
-    of: Path | str,
+    path: StrPath,
+    of: StrPath,
     points: np.ndarray,
     triangles: np.ndarray,
     error: SurfaceError,

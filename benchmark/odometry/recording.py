@@ -3,10 +3,9 @@ uncertainty, and flags of lost, degenerate and
 not converged frames."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
-from iclnuim.errors import InputError
+from iclnuim.errors import InputError, StrPath
 from iclnuim.evaluation.absolute_error import absolute_error
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
@@ -22,7 +21,7 @@ _CURVES = ("residual", "inliers", "largest_sigma_m", "smallest_eigenvalue", "ite
 
 
 def record_runs(
-    path: Path | str, folder: Path | str, runs: Sequence[OdometryRun], camera: PinholeCamera
+    path: StrPath, folder: StrPath, runs: Sequence[OdometryRun], camera: PinholeCamera
 ) -> None:
     """Record runs of a sequence as world/METHOD, error_m/METHOD, residual/METHOD and so on.
     flags/METHOD is a text log with a line for each

@@ -2,7 +2,7 @@
 light finds it.
 """
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +23,7 @@ _LIGHT_MAP = ("map_size", "map_samples", "seed")
 _BYTES_A_TEXEL = 6
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     help = f"{', '.join(shipped.SCENE_NAMES)}, or a file such as room.blend"
     parser.add_argument("scene", metavar="SCENE", help=help)
     add_scene_options(parser)
@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim bake living_room").set_defaults(opens="scene")
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
+def run(args: Namespace, console: Console) -> None:
     job = _job(args)
     if args.dry_run:
         told(_work(job), args, console)
@@ -62,7 +62,7 @@ def _work(job: RenderJob) -> PlannedWork:
     return PlannedWork(what, bake_core_s(job) / len(own_cores()), size / 1e9)
 
 
-def _job(args: argparse.Namespace) -> RenderJob:
+def _job(args: Namespace) -> RenderJob:
     """A job with any trajectory of the scene, as its light does not depend on the camera."""
     if args.scene in shipped.SCENE_NAMES:
         job = shipped_job(f"{args.scene}/kt0")

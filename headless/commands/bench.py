@@ -1,7 +1,7 @@
 """`iclnuim bench`: measurements of time and error, with their conditions."""
 
-import argparse
 import importlib
+from argparse import ArgumentParser, Namespace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -36,7 +36,7 @@ _TOOLS = {
 }
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     actions = subcommands(parser, "WHAT")
     help = "speed and error of our odometers and third-party ones in one run"
     example = (
@@ -80,11 +80,11 @@ def _configure_tools(actions: Actions) -> None:
             importlib.import_module(f"iclnuim.tools.{module}").configure(actions)
 
 
-def _refuse(error: WorkError, args: argparse.Namespace, console: Console) -> None:
+def _refuse(error: WorkError, args: Namespace, console: Console) -> None:
     raise error
 
 
-def _odometry(args: argparse.Namespace, console: Console) -> None:
+def _odometry(args: Namespace, console: Console) -> None:
     from iclnuim.benchmark.experiments.odometry_chart import figure, front
     from iclnuim.benchmark.odometry.run import odometry_table
 
@@ -130,7 +130,7 @@ def _work(sequences: "list[Sequence]", which: list[str]) -> PlannedWork:
 
 
 def _compare_odometers(
-    sequence: "Sequence", which: list[str], args: argparse.Namespace, console: Console
+    sequence: "Sequence", which: list[str], args: Namespace, console: Console
 ) -> dict[str, Any]:
     """Run the odometers; returns `sequence`, `preset` and `runs` (Run.to_dict() of each).
 

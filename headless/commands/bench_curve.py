@@ -1,7 +1,7 @@
 """`iclnuim bench curve`: speed against accuracy as one setting changes in steps."""
 
-import argparse
 import os
+from argparse import Namespace
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -69,7 +69,7 @@ def configure(actions: Actions) -> None:
     add_dry_run(curve)
 
 
-def _curve(args: argparse.Namespace, console: Console) -> None:
+def _curve(args: Namespace, console: Console) -> None:
     require(console, "bench curve", "numba", "cv2")
     os.environ.setdefault("OMP_NUM_THREADS", str(args.threads))  # of Open3D, before it is loaded
     import cv2
@@ -103,7 +103,7 @@ def _curve(args: argparse.Namespace, console: Console) -> None:
     console.result({"recipe": recipe, "points": rows}, text)
 
 
-def _experiment(args: argparse.Namespace, console: Console) -> "Curve":
+def _experiment(args: Namespace, console: Console) -> "Curve":
     """The curve that the options describe."""
     from iclnuim.benchmark.experiments import curves
     from iclnuim.benchmark.experiments.recipes import curve
@@ -133,7 +133,7 @@ def _experiment(args: argparse.Namespace, console: Console) -> "Curve":
     return curve.Curve(args.curve, inputs, segments, steps, settings)
 
 
-def _inputs(args: argparse.Namespace, console: Console) -> "dict[str, Input]":
+def _inputs(args: Namespace, console: Console) -> "dict[str, Input]":
     from iclnuim.benchmark.experiments.inputs import Input
 
     if args.start < 0:
@@ -147,7 +147,7 @@ def _inputs(args: argparse.Namespace, console: Console) -> "dict[str, Input]":
     return found
 
 
-def _segment(args: argparse.Namespace, one: "Input") -> "Segment":
+def _segment(args: Namespace, one: "Input") -> "Segment":
     """The chosen frames. Raises InputError if there are fewer."""
     from iclnuim.benchmark.perturbations.segment import Segment
 

@@ -2,8 +2,8 @@
 findings and a report.
 """
 
-import argparse
 import os
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,7 +37,7 @@ _BYTES_A_WORKER = 2 << 30
 _SCREEN = 40
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     add = parser.add_argument
     help = "folder of sequences, as `iclnuim make all` writes them; default: out"
     add("--data", type=Path, default=Path("out"), metavar="DIR", help=help)
@@ -72,7 +72,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim benchmark --only living_room/kt0,kt2/icp,dvo")
 
 
-def _add_cells(parser: argparse.ArgumentParser) -> None:
+def _add_cells(parser: ArgumentParser) -> None:
     """Add what chooses the cells."""
     add = parser.add_argument
     help = (
@@ -115,7 +115,7 @@ def _words(text: str) -> list[str]:
     return [word for word in text.split(",") if word]
 
 
-def run(args: argparse.Namespace, console: Console) -> int:
+def run(args: Namespace, console: Console) -> int:
     """Exit code 3 if a cell could not be measured; all other cells are measured."""
     problems: list[str] = []
     args.out = Path(args.report_only or args.out)
@@ -161,7 +161,7 @@ def measured_cells(out: Path) -> "list[Measured]":
     return results
 
 
-def _experiment(args: argparse.Namespace, console: Console) -> "Paper":
+def _experiment(args: Namespace, console: Console) -> "Paper":
     """The experiment that the options describe. Raises InputError if no cell can be measured."""
     from iclnuim.benchmark.experiments.paper_sources import Sources, external_keys
     from iclnuim.benchmark.experiments.recipes.paper import Paper
@@ -192,7 +192,7 @@ def _work(paper: "Paper", store: "Store", workers: int) -> PlannedWork:
 
 
 def _measurable(
-    keys: list[PaperKey], sources: "Sources", args: argparse.Namespace, console: Console
+    keys: list[PaperKey], sources: "Sources", args: Namespace, console: Console
 ) -> list[PaperKey]:
     """Those whose sequences are there; a note names each other one.
 
@@ -219,9 +219,7 @@ def _workers() -> int:
     return max(1, min(cores(), memory // _BYTES_A_WORKER))
 
 
-def _films(
-    args: argparse.Namespace, results: "list[Measured]", console: Console
-) -> dict[str, bytes]:
+def _films(args: Namespace, results: "list[Measured]", console: Console) -> dict[str, bytes]:
     """The films OUT/films/SEQUENCE.webm of the measured sequences that exist, by sequence; missing
     films are made.
     """

@@ -1,7 +1,7 @@
 """`iclnuim cache`: says where the cache is and how large its content, and clears it."""
 
-import argparse
 import shutil
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from iclnuim import shipped
@@ -20,13 +20,13 @@ KINDS = {
 }
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     help = "remove all of it; what a later command needs is made again"
     parser.add_argument("--clear", action="store_true", help=help)
     common(parser, "iclnuim cache --clear")
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
+def run(args: Namespace, console: Console) -> None:
     cache = shipped.cache_folder()
     kinds = {name: _size(cache / name) for name in KINDS}
     total = sum(kinds.values())

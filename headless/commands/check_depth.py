@@ -2,7 +2,7 @@
 independently at the same geometry.
 """
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from pathlib import Path
 
@@ -36,7 +36,7 @@ _MIN_SHARE = 0.999
 _MAX_MEDIAN_M = 1e-5
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     parser.add_argument(
         "folder", type=Path, metavar="DIR", help="folder of a run, as `iclnuim render` writes it"
     )
@@ -46,7 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim check-depth out/living_room/kt2/raw").set_defaults(opens="folder")
 
 
-def run(args: argparse.Namespace, console: Console) -> int:
+def run(args: Namespace, console: Console) -> int:
     frames = read_run(args.folder)
     allowed = given_settings(args, SceneReading, ["allow_outside"])
     frames.job.reading.check_asked(bool(allowed), args.folder)

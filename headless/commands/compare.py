@@ -2,9 +2,9 @@
 Blender versions differ, images within a tolerance.
 """
 
-import argparse
 import json
 import re
+from argparse import ArgumentParser, Namespace
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,7 +36,7 @@ _ORIGINS = ("recipe.json", "sequence.json", JOURNAL)
 _CHANNEL = re.compile(f"(?:semantic_)?({'|'.join(CHANNELS)})(?![a-z])")
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     parser.add_argument("a", type=Path, metavar="A", help="a run (EXR frames) or a sequence")
     parser.add_argument(
         "b", type=Path, metavar="B", help="another run or sequence, of the same kind as A"
@@ -46,7 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim compare out/living_room/kt2/clean elsewhere/kt2/clean")
 
 
-def run(args: argparse.Namespace, console: Console) -> int:
+def run(args: Namespace, console: Console) -> int:
     found = compare(args.a, args.b, args.tolerance)
     counts = f"{found['files']} images and {found['other_files']} other files"
     if found["by_bytes"]:

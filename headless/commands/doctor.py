@@ -2,7 +2,6 @@
 command that installs it.
 """
 
-import argparse
 import importlib.metadata
 import importlib.util
 import platform
@@ -10,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict, dataclass, replace
 
 from iclnuim import shipped, wall
@@ -59,11 +59,11 @@ PACKAGES = (
 )
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     common(parser, "iclnuim doctor")
 
 
-def run(args: argparse.Namespace, console: Console) -> int:
+def run(args: Namespace, console: Console) -> int:
     findings = examine()
     broken = [f for f in findings if f.needed and not f.good]
     lines = []

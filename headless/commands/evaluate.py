@@ -4,8 +4,8 @@ rendered views (views), and of label images (labels: evaluate_labels.py).
 iclnuim.report.trajectory_report documents what --json prints and --csv writes.
 """
 
-import argparse
 import os
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from iclnuim.console import Console, Progress
@@ -34,7 +34,7 @@ _VIEW_COLUMNS = {
 }
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     parser.description = (
         f"{parser.description}. Without ACTION, as in `iclnuim evaluate GT EST`, it is ate; GT may "
         "be a sequence."
@@ -95,7 +95,7 @@ def _configure_views(actions: Actions) -> None:
     add("--csv", metavar="FILE", help="write the errors of every view as a CSV table")
 
 
-def _files_and_times(parser: argparse.ArgumentParser) -> None:
+def _files_and_times(parser: ArgumentParser) -> None:
     add = parser.add_argument
     help = (
         "ground truth, in any format that `iclnuim trajectory info` reads, a sequence that "
@@ -129,13 +129,13 @@ def _ground_truth(text: str) -> str:
     raise InputError(expected, path=text, found="none")
 
 
-def run_ate(args: argparse.Namespace, console: Console) -> None:
+def run_ate(args: Namespace, console: Console) -> None:
     association = settings_from(args, AssociationSettings())
     alignment = settings_from(args, AlignmentSettings())
     _report(AbsoluteErrorSettings(association, alignment), args, console)
 
 
-def run_rpe(args: argparse.Namespace, console: Console) -> None:
+def run_rpe(args: Namespace, console: Console) -> None:
     delta, unit = parse_delta(args.delta)
     association = settings_from(args, AssociationSettings())
     base = RelativeErrorSettings(delta, unit, args.pairs == "all", association=association)
@@ -145,7 +145,7 @@ def run_rpe(args: argparse.Namespace, console: Console) -> None:
 
 def _report(
     settings: AbsoluteErrorSettings | RelativeErrorSettings,
-    args: argparse.Namespace,
+    args: Namespace,
     console: Console,
 ) -> None:
     """Read ground truth and estimate, report how each was read, and report the errors."""
@@ -167,7 +167,7 @@ def _report(
 
 
 def _compared(
-    args: argparse.Namespace, offset_s: float, of_positions: bool
+    args: Namespace, offset_s: float, of_positions: bool
 ) -> tuple[ComparedFile, ComparedFile]:
     """Ground truth and estimate, with the stamps of the same frames if one has none and no offset
     is given.
@@ -197,7 +197,7 @@ def _compared(
     return ComparedFile(str(file), truth), ComparedFile(args.estimate, estimate)
 
 
-def run_views(args: argparse.Namespace, console: Console) -> None:
+def run_views(args: Namespace, console: Console) -> None:
     from iclnuim.dataset.rendered_views import view_errors
 
     def progress(total: int, label: str) -> Progress:

@@ -1,6 +1,6 @@
 """`iclnuim evaluate labels`: label images against the classes and instances of a sequence."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,7 @@ def configure(actions: Actions) -> None:
     add("--plot", metavar="FILE", help="draw the confusion matrix (.png, .pdf, .svg)")
 
 
-def add_classes(parser: argparse.ArgumentParser) -> None:
+def add_classes(parser: ArgumentParser) -> None:
     """Add --classes."""
     help = (
         "numbering of the labels: ours (default), nyu40, scannet20, replica, or a table (.csv) "
@@ -60,7 +60,7 @@ def add_classes(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--classes", default="ours", metavar="NAME|FILE", help=help)
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
+def run(args: Namespace, console: Console) -> None:
     from iclnuim.dataset.label_errors import label_errors
 
     if args.plot:

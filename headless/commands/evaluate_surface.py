@@ -2,7 +2,7 @@
 and completion.
 """
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -73,7 +73,7 @@ def configure(actions: Actions) -> None:
     add_rerun(surface, "the surface, coloured by its errors")
 
 
-def _add_placement(parser: argparse.ArgumentParser) -> None:
+def _add_placement(parser: ArgumentParser) -> None:
     """Add the options that place the mesh in the model's world."""
     add = parser.add_argument
     help = "unit of MESH: m (default), cm, mm, inch, foot or a number of metres"
@@ -101,7 +101,7 @@ def _add_placement(parser: argparse.ArgumentParser) -> None:
     add("--align", choices=("none", "icp"), default="none", help=help)
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
+def run(args: Namespace, console: Console) -> None:
     from iclnuim.benchmark.fusion.alignment import fit_effect
     from iclnuim.benchmark.fusion.labels import label_samples, surface_labels
     from iclnuim.benchmark.fusion.quality import surface_quality, what_was_seen
@@ -115,7 +115,9 @@ def run(args: argparse.Namespace, console: Console) -> None:
     unit_m, model_unit_m = map(parse_unit, (args.unit, args.model_unit))
     recording = checked_rerun(args)
     seen_by = _checked_seen_by(args)
-    mesh = _noted(read_reconstruction(args.mesh, unit_m, args.labels), args, console)
+    mesh = read_reconstruction(args.mesh, unit_m, args.labels)
+    for note in mesh.notes:
+        console.note(f"note: {args.mesh}: {note}")
     given = _given_transform(args)
     T = _fitted_transform(args, given, unit_m, console)
     with within(args.model):
@@ -142,13 +144,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     console.result(values, _text(values))
 
 
-def _noted(mesh: "Reconstruction", args: argparse.Namespace, console: Console) -> "Reconstruction":
-    for note in mesh.notes:
-        console.note(f"note: {args.mesh}: {note}")
-    return mesh
-
-
-def _checked_seen_by(args: argparse.Namespace) -> "SeenBy | None":
+def _checked_seen_by(args: Namespace) -> "SeenBy | None":
     """_seen_by(). Raises InputError for options that do not fit together."""
     if not _MIN_ERROR_MM <= args.max_error <= _MAX_ERROR_MM:
         expected = f"{_MIN_ERROR_MM:g} to {_MAX_ERROR_MM:g} mm"
@@ -174,7 +170,7 @@ def _true_labels(name: str, model: "ClassedModel") -> "TrueLabels":
 
 
 def _draw(
-    args: argparse.Namespace,
+    args: Namespace,
     mesh: "Reconstruction",
     error: "SurfaceError",
     recording: Path | None,
@@ -194,7 +190,7 @@ def _draw(
         console.note(f"{recording} written")
 
 
-def _seen_by(args: argparse.Namespace) -> "SeenBy | None":
+def _seen_by(args: Namespace) -> "SeenBy | None":
     """The camera and poses that decide over which part of the model completion is measured."""
     from iclnuim.benchmark.fusion.quality import SeenBy
     from iclnuim.geometry.camera import PinholeCamera
@@ -209,7 +205,7 @@ def _seen_by(args: argparse.Namespace) -> "SeenBy | None":
     return None
 
 
-def _given_transform(args: argparse.Namespace) -> "SE3":
+def _given_transform(args: Namespace) -> "SE3":
     """T_model_mesh as given by the options, without a fit."""
     from iclnuim.benchmark.fusion.alignment import first_poses_transform
     from iclnuim.benchmark.fusion.reconstruction import read_transform
@@ -225,9 +221,7 @@ def _given_transform(args: argparse.Namespace) -> "SE3":
     return first_poses_transform(*_poses_and_truth(args))
 
 
-def _fitted_transform(
-    args: argparse.Namespace, given: "SE3", unit_m: float, console: Console
-) -> "SE3":
+def _fitted_transform(args: Namespace, given: "SE3", unit_m: float, console: Console) -> "SE3":
     """T_model_mesh fitted to picked pairs or to the whole trajectory; `given` if the options
     request neither.
     """
@@ -248,7 +242,7 @@ def _fitted_transform(
     return trajectories_transform(*_poses_and_truth(args), args.fit_poses)
 
 
-def _poses_and_truth(args: argparse.Namespace) -> "tuple[Trajectory, Trajectory]":
+def _poses_and_truth(args: Namespace) -> "tuple[Trajectory, Trajectory]":
     """--poses and --truth, with the stamps of the same frames."""
     from iclnuim.dataset.pose_lines import tied_to_poses
 

@@ -2,9 +2,9 @@
 scenes and all trajectories. The bytes are reproducible.
 """
 
-import argparse
 import tomllib
 import zipfile
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,7 +21,7 @@ _DATE = (2020, 1, 1, 0, 0, 0)
 _LEFT_OUT = {"raycast", "checkout.py", "__main__.py"}
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     help = "write the zip of the extension: code, scenes, trajectories"
     example = "iclnuim extension build --out dist/"
     build = action(subcommands(parser), "build", help, example, _build)
@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     build.add_argument("--out", type=Path, default=Path("dist"), metavar="DIR", help=help)
 
 
-def _build(args: argparse.Namespace, console: Console) -> None:
+def _build(args: Namespace, console: Console) -> None:
     path = build(args.out)
     size = path.stat().st_size
     console.result({"file": str(path), "bytes": size}, f"{path} ({size / 1e6:.1f} MB)")

@@ -2,7 +2,7 @@
 benchmark.
 """
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from iclnuim.benchmark.experiments.paper_keys import PRESETS, PaperKey
@@ -14,7 +14,7 @@ from ..options import common
 from ..outputs import refuse_existing
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     add = parser.add_argument
     help = (
         "1: the living room in clay; 2, 3: frames; 4: noise; 5, 7: surfaces; 6, 9: heat maps; 8: "
@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim figure 6 -o figure_6.png", json=False)
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
+def run(args: Namespace, console: Console) -> None:
     target = args.out or Path(f"figure_{args.number}.png")
     if not args.out:
         refuse_existing(target, "-o FILE")

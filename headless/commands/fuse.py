@@ -1,13 +1,13 @@
 """`iclnuim fuse`: fuses depth images along a trajectory into a coloured surface."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from iclnuim.benchmark.fusion.settings import PRESETS, FuseSettings, VolumeSettings
 from iclnuim.console import Console
-from iclnuim.errors import InputError
+from iclnuim.errors import InputError, StrPath
 from iclnuim.formats.files import check_file, is_file, read_json, write_json
 from iclnuim.formats.ply import write_ply
 from iclnuim.formats.trajectories import ANCHORED_WORLD, LoadedTrajectory
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _RECIPE = ".json"
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     add = parser.add_argument
     add("folder", type=Path, metavar="DIR", help="a sequence in any supported format")
     help = "trajectory in any supported format; default: ground truth of DIR"
@@ -43,7 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(beside_out=_RECIPE)
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
+def run(args: Namespace, console: Console) -> None:
     if args.out.suffix.lower() != ".ply":
         raise InputError("a mesh named *.ply", path=args.out)
     recipe_file = args.out.with_suffix(_RECIPE)
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     console.result(figures, _text(figures))
 
 
-def _poses(args: argparse.Namespace) -> tuple[Path | str, LoadedTrajectory]:
+def _poses(args: Namespace) -> tuple[StrPath, LoadedTrajectory]:
     """The file of the poses, and the poses."""
     from iclnuim.dataset.image_pairs import find_pairs
     from iclnuim.dataset.sequence_poses import find_truth, load_poses, load_truth
@@ -133,7 +133,7 @@ def _refuse_other_json(path: Path) -> None:
         raise InputError(expected, path=path, found="another file", hint="another name for {out}")
 
 
-def _settings(args: argparse.Namespace, console: Console) -> FuseSettings:
+def _settings(args: Namespace, console: Console) -> FuseSettings:
     """The preset with the given options.
 
     The truncation distance, unless given, and the distance behind a surface grow with the voxels.

@@ -2,7 +2,7 @@
 all of them.
 """
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from iclnuim.benchmark.odometry.run import OdometryRun
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     add = parser.add_argument
     methods = f"{', '.join(ODOMETERS)} or baseline:NAME (see docs/guide/odometry.md)"
     add("method", nargs="?", metavar="METHOD", help=methods)
@@ -50,7 +50,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim odometry dvo out/living_room/kt2/clean -o est.txt")
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
+def run(args: Namespace, console: Console) -> None:
     """Exit code 0 even if frames were lost: notes name them, and the trajectory leaves them out."""
     if not args.method and not args.all and not args.folder.exists():
         expected = "a METHOD and a folder with a sequence, or --all and a folder"
@@ -104,7 +104,7 @@ def _note_separate_truth(run: "OdometryRun", console: Console) -> None:
         console.note(f"no error is computed, as no image has a ground-truth pose: {spans}")
 
 
-def _write_and_draw(runs: "list[OdometryRun]", args: argparse.Namespace, console: Console) -> None:
+def _write_and_draw(runs: "list[OdometryRun]", args: Namespace, console: Console) -> None:
     """Write and draw the runs that have a trajectory. Raises WorkError if none has one."""
     found = []
     for done in runs:

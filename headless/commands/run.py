@@ -2,9 +2,9 @@
 sequences, measures its time and memory, and evaluates the trajectories that it wrote.
 """
 
-import argparse
 import signal
 import threading
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain
@@ -28,7 +28,7 @@ from ..planned_work import PlannedWork, add_dry_run, told
 from ..sequence_options import add_camera_options, camera_from, note_sequence
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     add = parser.add_argument
     add(
         "system",
@@ -65,7 +65,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_system_options(parser: argparse.ArgumentParser) -> None:
+def _add_system_options(parser: ArgumentParser) -> None:
     """Add the options of the system, and where it is."""
     add = parser.add_argument
     help = "an option of the system; may be given several times"
@@ -82,7 +82,7 @@ def _add_system_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace, console: Console) -> int:
+def run(args: Namespace, console: Console) -> int:
     """Exit code 0 even if a system failed on some sequences: its rows report the failures.
 
     3 if it gave no pose at all.
@@ -161,7 +161,7 @@ def table(result: dict[str, Any]) -> ResultTable:
     return ResultTable("runs", result["sequence"], _COLUMNS, tuple(rows), notes=tuple(notes))
 
 
-def _options(args: argparse.Namespace) -> dict[str, str]:
+def _options(args: Namespace) -> dict[str, str]:
     """The options of the system given by --set, --vocabulary and --program."""
     given = {"vocabulary": args.vocabulary, "program": args.program}
     options = {key: value for key, value in given.items() if value is not None}
@@ -177,7 +177,7 @@ def seconds(text: str) -> float:
     """The argparse type of --time-limit."""
     value = float(text)
     if not 0 < value < 1e7:
-        raise argparse.ArgumentTypeError(f"expected a number of seconds above 0, found {text!r}")
+        raise ArgumentTypeError(f"expected a number of seconds above 0, found {text!r}")
     return value
 
 

@@ -2,9 +2,9 @@
 on this machine or on Slurm.
 """
 
-import argparse
 import os
 import time
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -14,7 +14,7 @@ from iclnuim import shipped
 from iclnuim.console import Console
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.run_folder import load_trajectory
-from iclnuim.errors import InputError
+from iclnuim.errors import InputError, StrPath
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.trajectory import frame_slice
@@ -43,7 +43,7 @@ _STAGES = {
 }
 
 
-def configure_make(parser: argparse.ArgumentParser) -> None:
+def configure_make(parser: ArgumentParser) -> None:
     out = (
         "folder for clean/, noisy/ and, while frames are rendered, raw/; "
         "default: out/SEQUENCE (with `all`: out)"
@@ -58,7 +58,7 @@ def configure_make(parser: argparse.ArgumentParser) -> None:
     _add_farm_options(parser, "iclnuim make kt2 --quick", _begin)
 
 
-def configure_render(parser: argparse.ArgumentParser) -> None:
+def configure_render(parser: ArgumentParser) -> None:
     add_run_options(parser, "render", "folder of the run; default: out/SEQUENCE/raw")
     blend = "also save the scene with the animated camera, to play it in Blender"
     parser.add_argument("--blend", type=Path, metavar="FILE", help=blend)
@@ -66,14 +66,14 @@ def configure_render(parser: argparse.ArgumentParser) -> None:
     _add_farm_options(parser, "iclnuim render kt2 --quick", _begin)
 
 
-def configure_resume(parser: argparse.ArgumentParser) -> None:
+def configure_resume(parser: ArgumentParser) -> None:
     help = "output folder of `iclnuim render` or `make`"
     parser.add_argument("folder", type=Path, metavar="DIR", help=help)
     options.add_settings(parser, SceneReading, ["allow_outside"])
     _add_farm_options(parser, "iclnuim resume out/living_room/kt2", _resume)
 
 
-def configure_task(parser: argparse.ArgumentParser) -> None:
+def configure_task(parser: ArgumentParser) -> None:
     actions = options.subcommands(parser, "STAGE")
     for stage, help in _STAGES.items():
         example = f"iclnuim task {stage} kt2 --out out/kt2"
@@ -88,7 +88,7 @@ def configure_task(parser: argparse.ArgumentParser) -> None:
         one.add_argument("--progress", choices=("flamenco",), help=farm)
 
 
-def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> None:
+def add_run_options(parser: ArgumentParser, command: str, out: str) -> None:
     """Add the options of `render` or `make`, except those that distribute the work.
 
     `out`: the help text of --out.
@@ -119,7 +119,7 @@ def add_run_options(parser: argparse.ArgumentParser, command: str, out: str) -> 
         add("--keep-raw", action="store_true", help=help)
 
 
-def _add_farm_options(parser: argparse.ArgumentParser, example: str, run: Callable) -> None:
+def _add_farm_options(parser: ArgumentParser, example: str, run: Callable) -> None:
     """Add the options that distribute the work; none of them changes a pixel."""
     options.add_settings(parser, FarmSettings)
     add = parser.add_argument
@@ -132,12 +132,12 @@ def _add_farm_options(parser: argparse.ArgumentParser, example: str, run: Callab
     parser.set_defaults(run=run)
 
 
-def plan_from(args: argparse.Namespace) -> RunPlan:
+def plan_from(args: Namespace) -> RunPlan:
     """The plan given by the options. Raises InputError."""
     return _plan(args, args.sequence, args.out)
 
 
-def every_plan(args: argparse.Namespace) -> list[RunPlan]:
+def every_plan(args: Namespace) -> list[RunPlan]:
     """The plans of `make all`, each with a folder ROOM/KT below --out. Raises InputError."""
     if args.scene or args.trajectory:
         raise InputError("all without {scene} and {trajectory}, as it makes the built-in sequences")
@@ -145,7 +145,7 @@ def every_plan(args: argparse.Namespace) -> list[RunPlan]:
     return [_plan(args, name, out / name) for name in shipped.paper_sequences()]
 
 
-def _plan(args: argparse.Namespace, sequence: str | None, out: Path | None) -> RunPlan:
+def _plan(args: Namespace, sequence: str | None, out: Path | None) -> RunPlan:
     job = _job(args, sequence)
     if args.quick and args.frames:
         raise InputError("{quick} or {frames}, not both")
@@ -166,7 +166,7 @@ def _plan(args: argparse.Namespace, sequence: str | None, out: Path | None) -> R
     return _with_farm_options(plan, args)
 
 
-def _with_farm_options(plan: RunPlan, args: argparse.Namespace) -> RunPlan:
+def _with_farm_options(plan: RunPlan, args: Namespace) -> RunPlan:
     """The plan with the engine and the settings given by the options. Raises InputError."""
     file = getattr(args, "slurm", None)
     slurm = read_settings(file) if file else plan.slurm
@@ -175,7 +175,7 @@ def _with_farm_options(plan: RunPlan, args: argparse.Namespace) -> RunPlan:
     )
 
 
-def _job(args: argparse.Namespace, sequence: str | None) -> RenderJob:
+def _job(args: Namespace, sequence: str | None) -> RenderJob:
     """The render job given by the options.
 
     Raises InputError for an unknown sequence, scene or camera.
@@ -196,7 +196,7 @@ def _job(args: argparse.Namespace, sequence: str | None) -> RenderJob:
     return job.changed(reading=options.settings_from(args, job.reading), **given)
 
 
-def _sequence_job(sequence: str | None, args: argparse.Namespace) -> RenderJob:
+def _sequence_job(sequence: str | None, args: Namespace) -> RenderJob:
     """The job of a recipe, of a shipped sequence, or of a scene and a trajectory."""
     if sequence is not None:
         return read_recipe(sequence) if sequence.endswith(".json") else shipped_job(sequence)
@@ -207,7 +207,7 @@ def _sequence_job(sequence: str | None, args: argparse.Namespace) -> RenderJob:
     return RenderJob(sequence=name, scene=args.scene, trajectory=args.trajectory)
 
 
-def _check_asked(job: RenderJob, args: argparse.Namespace, file: str | Path) -> None:
+def _check_asked(job: RenderJob, args: Namespace, file: StrPath) -> None:
     """Raises InputError if a recipe, but no option, lets the scene read files outside."""
     allowed = options.given_settings(args, SceneReading, ["allow_outside"])
     job.reading.check_asked(bool(allowed), file)
@@ -229,7 +229,7 @@ def _held_out(name: str, job: RenderJob) -> str:
     return str(Path(name).expanduser().resolve())
 
 
-def _begin(args: argparse.Namespace, console: Console) -> int:
+def _begin(args: Namespace, console: Console) -> int:
     if args.command == "make" and args.sequence == "all":
         plans = every_plan(args)
         refuse_print_only(plans[0], args.print_only)
@@ -281,7 +281,7 @@ def _new_blend(blend: Path | None, plan: RunPlan, console: Console) -> Path | No
     return None
 
 
-def _resume(args: argparse.Namespace, console: Console) -> int:
+def _resume(args: Namespace, console: Console) -> int:
     """Execute the recorded plan of the folder again; finished work is skipped."""
     plan = _with_farm_options(read_plan(find_run(args.folder)), args)
     _check_asked(plan.job, args, args.folder)
@@ -291,7 +291,7 @@ def _resume(args: argparse.Namespace, console: Console) -> int:
     return execute(plan, console, args.print_only)
 
 
-def _task(args: argparse.Namespace, console: Console) -> int:
+def _task(args: Namespace, console: Console) -> int:
     """Run one task of a render farm, as called by a scheduler.
 
     Tasks on many machines may share a folder.

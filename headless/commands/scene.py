@@ -3,13 +3,13 @@
 Needs a checkout: tools/scene_command.py.
 """
 
-import argparse
 import importlib
+from argparse import ArgumentParser
 
 from iclnuim import checkout
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     checkout.load("iclnuim.tools", "building or comparing a scene")
     checkout.load("iclnuim.blend.builder", "building or comparing a scene")
     importlib.import_module("iclnuim.tools.scene_command").configure(parser)

@@ -7,9 +7,9 @@ real sensor. `inspect` reports problems of a sequence and draws it. `pack` write
 publish.
 """
 
-import argparse
 import json
 import tempfile
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
@@ -84,7 +84,7 @@ _LABELS = {
 }
 
 
-def configure_dataset(parser: argparse.ArgumentParser) -> None:
+def configure_dataset(parser: ArgumentParser) -> None:
     add = parser.add_argument
     add("raw", type=Path, metavar="RAW", help="folder of a run, as `iclnuim render` writes it")
     add_out(parser, "output folder of the sequence")
@@ -97,24 +97,24 @@ def configure_dataset(parser: argparse.ArgumentParser) -> None:
     common(parser, example).set_defaults(run=_dataset)
 
 
-def _add_output_options(parser: argparse.ArgumentParser) -> None:
+def _add_output_options(parser: ArgumentParser) -> None:
     """Add the options for noise and for the formats in which a sequence is written."""
     add_sensor_options(parser, "none", ("seed", "depth_units", "formats", "names"))
     _add_file_options(parser)
 
 
-def _add_file_options(parser: argparse.ArgumentParser) -> None:
+def _add_file_options(parser: ArgumentParser) -> None:
     add_settings(parser, LogSettings)
     help = "number of processes that write images; default: one per core"
     parser.add_argument("--workers", type=count, metavar="N", help=help)
 
 
-def _dataset(args: argparse.Namespace, console: Console) -> None:
+def _dataset(args: Namespace, console: Console) -> None:
     _write(run_frames(args.raw, args.frames), sequence_options(args), args, console)
 
 
 def _write(
-    source: FrameSource, options: SequenceOptions, args: argparse.Namespace, console: Console
+    source: FrameSource, options: SequenceOptions, args: Namespace, console: Console
 ) -> None:
     """Write the sequence args.out, reporting progress."""
     logs = log_settings(args)
@@ -142,7 +142,7 @@ def _write(
     console.result(values, text)
 
 
-def configure_convert(parser: argparse.ArgumentParser) -> None:
+def configure_convert(parser: ArgumentParser) -> None:
     add = parser.add_argument
     add("source", type=Path, metavar="DIR", help="a sequence in any supported format")
     add_out(parser, "output folder of the converted sequence")
@@ -157,7 +157,7 @@ def configure_convert(parser: argparse.ArgumentParser) -> None:
     common(parser, example).set_defaults(run=_convert)
 
 
-def _convert(args: argparse.Namespace, console: Console) -> None:
+def _convert(args: Namespace, console: Console) -> None:
     camera = given_or_noted_camera(args, console, args.source)
     source = original_frames(args.source, args.frames, camera)
     options = settings_from(args, SequenceOptions(depth_units=source.depth_units_per_metre))
@@ -186,7 +186,7 @@ def _posed(source: FrameSource, format: str, console: Console) -> FrameSource:
     return posed if posed.numbers else source
 
 
-def configure_noise(parser: argparse.ArgumentParser) -> None:
+def configure_noise(parser: ArgumentParser) -> None:
     add = parser.add_argument
     help = "sequence with rgb/ and depth/ as PNG, with lists or without; or `calibrate`"
     add("source", metavar="DIR", help=help)
@@ -201,7 +201,7 @@ def configure_noise(parser: argparse.ArgumentParser) -> None:
     parser.description = f"{parser.description}.{_ABOUT}"
 
 
-def _noise(args: argparse.Namespace, console: Console) -> None:
+def _noise(args: Namespace, console: Console) -> None:
     if args.source == "calibrate":
         _calibrate(args, console)
         return
@@ -212,12 +212,14 @@ def _noise(args: argparse.Namespace, console: Console) -> None:
     _write(source, sequence_options(args), args, console)
 
 
-def _calibrate(args: argparse.Namespace, console: Console) -> None:
+def _calibrate(args: Namespace, console: Console) -> None:
     folder = args.out
     rgb = depth = None
     if (folder / EXPOSURES).is_file():
         rgb = _calibrate_rgb(folder / EXPOSURES)
-    walls = [wall for wall in (folder / "depth", *files_in(folder, "wall*")) if _has_png(wall)]
+    walls = [
+        wall for wall in (folder / "depth", *files_in(folder, "wall*")) if files_in(wall, "*.png")
+    ]
     if walls:
         own = camera_file(folder) if args.units is None else None
         depth = _calibrate_depth(walls, own.depth_units_per_metre if own else units_from(args))
@@ -233,10 +235,6 @@ def _calibrate(args: argparse.Namespace, console: Console) -> None:
         values["depth"] = asdict(depth)
         lines += _depth_lines(depth)
     console.result(values, "\n".join(lines))
-
-
-def _has_png(folder: Path) -> bool:
-    return bool(files_in(folder, "*.png"))
 
 
 def _rgb_lines(rgb: RgbCalibration) -> list[str]:
@@ -287,7 +285,7 @@ def _calibrate_depth(walls: list[Path], units_per_metre: float) -> DepthCalibrat
     return calibrate_depth(stacks, sigma_s_px=0.5)
 
 
-def configure_inspect(parser: argparse.ArgumentParser) -> None:
+def configure_inspect(parser: ArgumentParser) -> None:
     help = "a sequence in any supported format"
     parser.add_argument("folder", type=Path, metavar="DIR", help=help)
     help = (
@@ -304,7 +302,7 @@ def configure_inspect(parser: argparse.ArgumentParser) -> None:
     common(parser, example).set_defaults(run=_inspect, reads_sequences=True)
 
 
-def _inspect(args: argparse.Namespace, console: Console) -> int:
+def _inspect(args: Namespace, console: Console) -> int:
     """Exit code 2 if errors were found, 0 if there are at most warnings."""
     recording = checked_rerun(args)
     found = inspect_sequence(args.folder)
@@ -352,7 +350,7 @@ def _figure_line(name: str, value: Any) -> str:
     return f"{label}: {value}{unit}"
 
 
-def configure_pack(parser: argparse.ArgumentParser) -> None:
+def configure_pack(parser: ArgumentParser) -> None:
     add = parser.add_argument
     add("folder", type=Path, metavar="DIR", help="a finished sequence")
     add("-o", "--out", type=Path, metavar="FILE", help="a .tar.gz; default: DIR.tar.gz")
@@ -364,7 +362,7 @@ def configure_pack(parser: argparse.ArgumentParser) -> None:
     common(parser, example).set_defaults(run=_pack)
 
 
-def _check_archive(args: argparse.Namespace, out: Path) -> None:
+def _check_archive(args: Namespace, out: Path) -> None:
     """Raises InputError for another kind of archive, one inside the folder, and, if the user did
     not name it, for a file of another origin.
     """
@@ -379,7 +377,7 @@ def _check_archive(args: argparse.Namespace, out: Path) -> None:
     check_file(out)
 
 
-def _pack(args: argparse.Namespace, console: Console) -> None:
+def _pack(args: Namespace, console: Console) -> None:
     folder = args.folder if args.folder.name else real_path(args.folder)  # `.` has no name
     out = args.out or folder.with_name(f"{real_path(folder).name}.tar.gz")
     check_packable(args.folder, args.licence)

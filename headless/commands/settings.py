@@ -2,7 +2,7 @@
 sequence.
 """
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from iclnuim.console import Console
@@ -12,7 +12,7 @@ from ..loader_settings import filled, system_files, systems
 from ..options import common
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     add = parser.add_argument
     add("system", metavar="SYSTEM", help=", ".join(systems()))
     add("folder", type=Path, metavar="DIR", help="sequence in the format that the system reads")
@@ -23,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim settings nice-slam replica_kt2")
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
+def run(args: Namespace, console: Console) -> None:
     out = args.out or args.folder
     texts = filled(system_files(args.system), args.folder, args.model)
     for name, text in texts.items():

@@ -1,6 +1,6 @@
 """`iclnuim status DIR`: reports what is finished in an output folder and what is missing."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from iclnuim.console import Console
@@ -9,7 +9,7 @@ from ..farm.run_state import run_state
 from ..options import common
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     add = parser.add_argument
     add("folder", type=Path, metavar="DIR", help="output folder of `iclnuim render` or `make`")
     help = "frames to count, as a Python slice; default: those of the recorded command"
@@ -17,7 +17,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim status out/living_room/kt2")
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
+def run(args: Namespace, console: Console) -> None:
     state = run_state(args.folder, args.frames)
     missing = f"{state['missing']} missing" if state["missing"] else "nothing is missing"
     lines = [

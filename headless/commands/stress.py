@@ -2,8 +2,8 @@
 increasing severity, and writes figures and heat maps.
 """
 
-import argparse
 import os
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,7 +31,7 @@ _SEVERITIES = (1, 2, 3, 4, 5)
 _DEFAULT = (Path("out/living_room/kt2/clean"), Path("out/office/kt1/clean"))
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     add = parser.add_argument
     help = (
         "clean sequences with ground truth; default: out/living_room/kt2/clean out/office/kt1/clean"
@@ -70,7 +70,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim stress out/living_room/kt2/clean --only holes --only noise --starts 1")
 
 
-def _add_methods(parser: argparse.ArgumentParser) -> None:
+def _add_methods(parser: ArgumentParser) -> None:
     """Add what chooses odometers and systems."""
     add = parser.add_argument
     help = (
@@ -90,7 +90,7 @@ def _add_methods(parser: argparse.ArgumentParser) -> None:
     add("--preset", default="best", help="preset of our odometers: best (default) or paper")
 
 
-def _add_report(parser: argparse.ArgumentParser) -> None:
+def _add_report(parser: ArgumentParser) -> None:
     """Add what chooses the cells of the report."""
     add = parser.add_argument
     add(
@@ -108,13 +108,13 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
 def _severities(text: str) -> tuple[int, ...]:
     found = tuple(sorted({int(part) for part in text.split(",")}))
     if not set(found) <= set(_SEVERITIES):
-        raise argparse.ArgumentTypeError(
+        raise ArgumentTypeError(
             f"expected numbers from {_SEVERITIES[0]} to {_SEVERITIES[-1]}, found {text!r}"
         )
     return found
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
+def run(args: Namespace, console: Console) -> None:
     """Exit code 0 even if methods failed: their cells report the failures."""
     require(console, "stress", "numba", "cv2")
     from iclnuim.benchmark.perturbations.plan import read_plan
@@ -152,7 +152,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     _report(args, console, Summary.of(plan, names, stress.perturbations, cells))
 
 
-def _report(args: argparse.Namespace, console: Console, summary: "Summary") -> None:
+def _report(args: Namespace, console: Console, summary: "Summary") -> None:
     """Write the results as JSON, as pages and as a figure, and print the table."""
     write_json(args.out / "stress.json", summary.to_dict())
     console.note(f"{summary.write(args.out)} written")
@@ -171,9 +171,7 @@ def _work(stress: "Stress", cells: int, workers: int) -> PlannedWork:
     return PlannedWork(f"{what}, {workers} processes", frames * _FRAME_CORE_S / workers)
 
 
-def _experiment(
-    args: argparse.Namespace, console: Console, plan: "Plan", may_be_empty: bool
-) -> "Stress":
+def _experiment(args: Namespace, console: Console, plan: "Plan", may_be_empty: bool) -> "Stress":
     """The experiment that the options describe. may_be_empty: it may have no sequence."""
     from iclnuim.benchmark.experiments.inputs import Input, rendered_name
     from iclnuim.benchmark.experiments.recipes.stress import Stress
@@ -204,7 +202,7 @@ def _experiment(
     )
 
 
-def _methods(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
+def _methods(args: Namespace, console: Console) -> tuple[str, ...]:
     """Names of the requested odometers that are installed; a note names each other one."""
     texts = args.methods or [""]
     selected = []
@@ -227,7 +225,7 @@ def _segment(frames: int | None) -> int | None:
     return frames
 
 
-def _systems(args: argparse.Namespace) -> tuple[System, ...]:
+def _systems(args: Namespace) -> tuple[System, ...]:
     """The systems of --system, with the options of --set."""
     options: dict[str, dict[str, str]] = {name: {} for name in args.system}
     for text in args.set:

@@ -2,7 +2,7 @@
 saw.
 """
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ _MAX_PIECES = 20_000_000
 WRITERS = {".ply": write_ply, ".obj": write_obj}
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     add = parser.add_argument
     add("scene", metavar="SCENE", help=f"living_room, office, or a file: {SCENE_KINDS}")
     help = ".ply, or .obj with .mtl and textures; default: SCENE.ply, if there is no such file"
@@ -49,7 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(opens="scene")
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
+def run(args: Namespace, console: Console) -> None:
     out = _checked_out(args)
     if args.every < 1 or not args.cell > 0:
         expected = "--every of at least 1 and --cell above 0"
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace, console: Console) -> None:
     console.result(figures, "\n".join(f"{key:17} {value}" for key, value in figures.items()))
 
 
-def _checked_out(args: argparse.Namespace) -> Path:
+def _checked_out(args: Namespace) -> Path:
     """The file to write; raises InputError if it cannot be, or if others would be lost."""
     out = args.out or Path(f"{Path(args.scene).stem}.ply")
     if out.suffix.lower() not in WRITERS:
@@ -106,7 +106,7 @@ def poses_of(name: str, scene: str) -> SE3:
     return read_trajectory(path).trajectory.T_world_camera
 
 
-def _model(args: argparse.Namespace, out: Path) -> SceneModel:
+def _model(args: Namespace, out: Path) -> SceneModel:
     reading = settings_from(args, SceneReading())
     with opened_scene("surface", args.scene, reading, writes=[out]):
         from iclnuim.blender.render import ground_truth, model

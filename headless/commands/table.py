@@ -2,7 +2,7 @@
 trajectories, the others from a benchmark.
 """
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from iclnuim.benchmark.experiments.paper_keys import PRESETS
@@ -14,7 +14,7 @@ from ..options import common
 from .benchmark import measured_cells
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     add = parser.add_argument
     help = "1: trajectories; 2, 7: surfaces; 3 to 6: ATE"
     add("number", type=int, choices=range(1, 8), metavar="N", help=help)
@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     common(parser, "iclnuim table 1")
 
 
-def run(args: argparse.Namespace, console: Console) -> None:
+def run(args: Namespace, console: Console) -> None:
     written = FORMATS[args.format][1]
     if args.number == 1:
         rows = {row["sequence"]: row for row in trajectory_rows()}

@@ -3,8 +3,8 @@
 Each action reports the coordinate frames of its input and output.
 """
 
-import argparse
 import os
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from . import trajectory_changes, trajectory_make
 from .trajectory_options import FILE, add_reading, check_out, loaded
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: ArgumentParser) -> None:
     actions = subcommands(parser)
     _configure_info(actions)
     trajectory_changes.configure(actions)
@@ -69,7 +69,7 @@ def _configure_camera(actions: Actions) -> None:
     add_scene_options(camera)
 
 
-def _info(args: argparse.Namespace, console: Console) -> None:
+def _info(args: Namespace, console: Console) -> None:
     found = []
     for file in args.files:
         one = loaded(args, file, positions_suffice=True)
@@ -96,7 +96,7 @@ def _info_text(one: dict[str, Any]) -> str:
   gaps      {gaps}"""
 
 
-def _plot(args: argparse.Namespace, console: Console) -> None:
+def _plot(args: Namespace, console: Console) -> None:
     read = [(file, loaded(args, file)) for file in args.files]
     for file, one in read:
         console.note(f"{file}: {one.read_as.sentence}")
@@ -108,7 +108,7 @@ def _plot(args: argparse.Namespace, console: Console) -> None:
     console.note(f"{args.out}: {count} drawn; gt.freiburg and gt.sim are rotated z up")
 
 
-def _camera(args: argparse.Namespace, console: Console) -> None:
+def _camera(args: Namespace, console: Console) -> None:
     """Write one pose for each frame of the scene's timeline."""
     out = args.out or Path(f"{Path(args.scene).stem}.txt")
     check_out(out, args.force)

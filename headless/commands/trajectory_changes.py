@@ -2,8 +2,8 @@
 adopt, resample.
 """
 
-import argparse
 import os
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from functools import partial
 
@@ -19,7 +19,7 @@ from iclnuim.geometry.trajectory import Trajectory
 from ..options import Actions, action, trajectory_file
 from .trajectory_options import FILE, add_reading, check_out, loaded
 
-Change = Callable[[argparse.Namespace, Trajectory, Console], Trajectory]
+Change = Callable[[Namespace, Trajectory, Console], Trajectory]
 
 
 def configure(actions: Actions) -> None:
@@ -75,12 +75,12 @@ def _configure_resample(actions: Actions) -> None:
     _add_writing(resample)
 
 
-def _add_out(parser: argparse.ArgumentParser) -> None:
+def _add_out(parser: ArgumentParser) -> None:
     help = "output file; default: TUM on standard output"
     parser.add_argument("-o", "--out", metavar="OUT", help=help)
 
 
-def _add_writing(parser: argparse.ArgumentParser) -> None:
+def _add_writing(parser: ArgumentParser) -> None:
     add_reading(parser)
     add = parser.add_argument
     names = ", ".join(name for name, known in files.FORMATS.items() if known.writer)
@@ -93,7 +93,7 @@ def _add_writing(parser: argparse.ArgumentParser) -> None:
     add("--force", action="store_true", help="overwrite OUT")
 
 
-def _run(change: Change, args: argparse.Namespace, console: Console) -> None:
+def _run(change: Change, args: Namespace, console: Console) -> None:
     """Read a trajectory, change it, and write it. OUT is checked first, before anything is read."""
     to = args.out_format or (files.format_for_name(args.out) if args.out else "tum")
     if args.out:
@@ -122,13 +122,13 @@ def _run(change: Change, args: argparse.Namespace, console: Console) -> None:
         _note_gaps(changed, consequence, console)
 
 
-def _restamped(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
+def _restamped(args: Namespace, source: Trajectory, console: Console) -> Trajectory:
     if not args.restamp:
         return source
     return Trajectory.at_rate(source.T_world_camera, args.file_rate)
 
 
-def _adopted(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
+def _adopted(args: Namespace, source: Trajectory, console: Console) -> Trajectory:
     T_world_start, frame = _start_pose(args.start.strip())
     adopted = trajectories.adopt(source, T_world_start, args.scale)
     scaled = f"translations scaled by {args.scale:g}"
@@ -136,7 +136,7 @@ def _adopted(args: argparse.Namespace, source: Trajectory, console: Console) -> 
     return adopted
 
 
-def _resampled(args: argparse.Namespace, source: Trajectory, console: Console) -> Trajectory:
+def _resampled(args: Namespace, source: Trajectory, console: Console) -> Trajectory:
     resampled = trajectories.resample(source, args.rate)
     console.note(f"resampled: {len(source)} poses to {len(resampled)} at {args.rate:g} Hz")
     _note_gaps(source, "poses in it are interpolated as if the motion were uniform", console)

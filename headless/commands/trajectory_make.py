@@ -2,9 +2,9 @@
 keeps clear of its surfaces.
 """
 
-import argparse
 import json
 import re
+from argparse import Namespace
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -61,7 +61,7 @@ def configure(actions: Actions) -> None:
     add_scene_options(parser)
 
 
-def _make(args: argparse.Namespace, console: Console) -> None:
+def _make(args: Namespace, console: Console) -> None:
     if args.scene or args.viewpoints:
         _make_in_scene(args, console)
         return
@@ -138,7 +138,7 @@ def _places(name: str, out: Path | None) -> tuple[Path, Path]:
     return source, (out or source.parent) / f"{source.stem}.txt"
 
 
-def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
+def _make_in_scene(args: Namespace, console: Console) -> None:
     """Plan a trajectory through a scene; write it as NAME.txt (TUM) and its recipe as NAME.json."""
     if not args.scene or not args.viewpoints or args.recipes:
         expected = "--scene and --viewpoints together, and no recipe"
@@ -168,7 +168,7 @@ def _make_in_scene(args: argparse.Namespace, console: Console) -> None:
     console.result({**names, "clearance_m": made.clearance_m, **figures}, text)
 
 
-def _surface(args: argparse.Namespace, console: Console) -> tuple[np.ndarray, np.ndarray]:
+def _surface(args: Namespace, console: Console) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3) in metres and triangles (m, 3) of the scene."""
     file = args.scene
     if file not in shipped.SCENE_NAMES:

@@ -1,8 +1,8 @@
 """Options that the actions of `iclnuim trajectory` share."""
 
-import argparse
-import os
+from argparse import ArgumentParser, Namespace
 
+from iclnuim.errors import StrPath
 from iclnuim.formats import trajectories as files
 from iclnuim.formats.files import check_file
 from iclnuim.geometry.scene_axes import parse_unit
@@ -12,7 +12,7 @@ from ..outputs import refuse_existing
 FILE = "a trajectory file, a folder of POV-Ray camera files, or a built-in one (living_room/kt2)"
 
 
-def add_reading(parser: argparse.ArgumentParser) -> None:
+def add_reading(parser: ArgumentParser) -> None:
     """Add the options that decide how a trajectory file is read; `loaded` reads it."""
     add = parser.add_argument
     known = ", ".join(files.FORMATS)
@@ -24,9 +24,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add("--file-rate", type=float, default=30.0, metavar="HZ", help=help)
 
 
-def loaded(
-    args: argparse.Namespace, file: str, positions_suffice: bool = False
-) -> files.LoadedTrajectory:
+def loaded(args: Namespace, file: str, positions_suffice: bool = False) -> files.LoadedTrajectory:
     return files.read_trajectory(
         file,
         args.source_format,
@@ -36,7 +34,7 @@ def loaded(
     )
 
 
-def check_out(out: str | os.PathLike[str], force: bool) -> None:
+def check_out(out: StrPath, force: bool) -> None:
     """Raises InputError if the file exists, unless `force` is true, or cannot be written."""
     if not force:
         refuse_existing(out, "--force to overwrite it")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.formats.images import image_header, read_colour8, write_jpeg
-from iclnuim.formats.png import check_png, read_depth16, read_rgb8, write_png
+from iclnuim.formats.png import checked_png, read_depth16, read_rgb8, write_png
 
 RGB = np.arange(8 * 12 * 3, dtype=np.uint8).reshape(8, 12, 3)
 DEPTH = np.full((8, 12), 5000, np.uint16)
@@ -52,7 +52,7 @@ def test_an_image_that_is_to_be_turned_is_refused(tmp_path, orientation, order):
     for path, read in (
         (jpeg, image_header),
         (jpeg, read_colour8),
-        (colour, check_png),
+        (colour, checked_png),
         (colour, read_rgb8),
         (depth, read_depth16),
     ):
@@ -85,4 +85,4 @@ def test_damaged_exif_data_says_nothing(tmp_path, exif):
     write_png(tmp_path / "a.png", RGB)
     into_png(tmp_path / "a.png", exif, 12)
     assert image_header(tmp_path / "a.jpg").width == 12
-    assert check_png(tmp_path / "a.png").width == 12
+    assert checked_png(tmp_path / "a.png")[1].width == 12

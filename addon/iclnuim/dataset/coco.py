@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..console import Meter, advance_of
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from ..formats.files import atomic_write_text
 from .label_classes import ClassMap
 from .label_frames import LabelFrame, label_frames, read_ids, true_classes
@@ -17,8 +17,8 @@ from .sequence_origin import sequence_name
 
 
 def write_coco(
-    path: Path | str,
-    folder: Path | str,
+    path: StrPath,
+    folder: StrPath,
     progress: Meter = None,
 ) -> None:
     """Write the annotations of a sequence with class and instance images as JSON, which pycocotools

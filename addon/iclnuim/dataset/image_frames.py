@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..channels import DEPTH, RGB
+from ..errors import StrPath
 from ..formats.files import read_bytes, sha256
 from ..geometry.trajectory import frame_slice
 from ..sensor.transfer import linear_from_srgb8
@@ -19,7 +20,7 @@ from .truth_of_some import TruthOfSome
 
 
 def image_frames(
-    folder: Path | str, frames: str = "::", camera: SequenceCamera | None = None
+    folder: StrPath, frames: str = "::", camera: SequenceCamera | None = None
 ) -> FrameSource:
     """The pairs of a user-provided sequence in any known format, with or without lists.
 
@@ -58,7 +59,7 @@ def image_frames(
 
 
 def original_frames(
-    folder: Path | str, frames: str = "::", camera: SequenceCamera | None = None
+    folder: StrPath, frames: str = "::", camera: SequenceCamera | None = None
 ) -> FrameSource:
     """Like image_frames; a sequence without noise copies the files byte for byte if it stores
     images in the same way.

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import StrPath
 from ..geometry.trajectory import frame_rate_hz
 from .findings import Inspection
 from .image_pairs import ImagePair, find_pairs, missing_images, unused_images
@@ -13,7 +14,7 @@ from .sequence_poses import find_truth, load_truth
 from .stored_images import read_camera
 
 
-def inspect_sequence(folder: Path | str) -> Inspection:
+def inspect_sequence(folder: StrPath) -> Inspection:
     """Inspect a sequence in any known format.
 
     It never raises an error because of a file's content.

@@ -7,7 +7,6 @@ truth (names of true classes or NYU40 labels that are this class, separated by |
 """
 
 import csv
-import os
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -16,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from ..evaluation.labels import VOID
 from ..formats.files import read_text
 from ..formats.label_images import LabelImage
@@ -86,7 +85,7 @@ class ClassMap:
         found = np.where(known, self._of_id[np.where(known, ids, 0)], _UNKNOWN)
         return _without_unknown(found, ids, str)
 
-    def of_image(self, image: LabelImage, path: str | os.PathLike[str]) -> Indices:
+    def of_image(self, image: LabelImage, path: StrPath) -> Indices:
         """The classes of a label image: by colour if both have colours, else by id.
 
         Raises InputError for an image in colour if the table has no colours.
@@ -152,7 +151,7 @@ def class_map(name: str, truth: ClassMap) -> ClassMap:
     return replace(truth, name=OURS, classes=tuple(listed[number] for number in sorted(listed)))
 
 
-def read_class_map(name: str | Path) -> ClassMap:
+def read_class_map(name: StrPath) -> ClassMap:
     """Read one of the tables of BUILT_IN, or a file. Raises InputError, also for an empty table."""
     found = read_true_classes(name)
     if not found.classes:
@@ -160,7 +159,7 @@ def read_class_map(name: str | Path) -> ClassMap:
     return found
 
 
-def read_true_classes(name: str | Path) -> ClassMap:
+def read_true_classes(name: StrPath) -> ClassMap:
     """The same for classes.csv of a sequence, which is empty if its scene names no class."""
     path = Path(name)
     if name in BUILT_IN:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..channels import INSTANCE
 from ..console import Meter, advance_of
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from ..evaluation.labels import VOID, LabelFigures, label_confusion, label_figures
 from ..evaluation.panoptic import QUALITIES, PanopticQuality, Segmentation, panoptic_quality
 from ..formats.label_images import read_label_image
@@ -117,8 +117,8 @@ class LabelErrors:
 
 
 def label_errors(
-    folder: Path | str,
-    truth: Path | str,
+    folder: StrPath,
+    truth: StrPath,
     classes: str = OURS,
     progress: Meter = None,
 ) -> LabelErrors:

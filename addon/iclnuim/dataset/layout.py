@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..channels import BASE, DEPTH, RGB, Channel
-from ..errors import InputError, within
+from ..errors import InputError, StrPath, within
 from ..evaluation.associate import nearest
 from ..formats.associations import ImageList
 from ..formats.depth_units import UNITS_PER_METRE, check_units
@@ -346,7 +346,7 @@ def usual_step_s(stamps_s: np.ndarray) -> float:
     return float(np.median(np.diff(np.sort(stamps_s)))) if len(stamps_s) > 1 else 1 / 30
 
 
-def truth_at(file: str | Path) -> Callable[[Path], Path | None]:
+def truth_at(file: StrPath) -> Callable[[Path], Path | None]:
     """A function that returns this file of a folder, None if it does not exist."""
 
     def find(folder: Path) -> Path | None:

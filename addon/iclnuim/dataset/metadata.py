@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import StrPath
 from ..formats.files import atomic_write_text
 from .image_pairs import find_pairs
 from .layout import poses_at
@@ -15,7 +16,7 @@ from .stored_images import read_camera
 FILE = "metadata.jsonl"
 
 
-def write_metadata(folder: Path | str) -> Path:
+def write_metadata(folder: StrPath) -> Path:
     """Write metadata.jsonl into the folder of a sequence, and return its path: for each frame the
     names of its images, its stamp, the camera (pixels, units per metre) and T_world_camera (4, 4)
     in metres of the OpenCV camera, null for a frame without a pose.

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..channels import further_of
-from ..errors import InputError, within
+from ..errors import InputError, StrPath, within
 from ..formats.exr import read_exr
 from ..formats.files import read_bytes, read_json, sha256
 from ..formats.trajectories import read_trajectory
@@ -17,7 +17,7 @@ from .ground_truth import FurtherImages
 from .run_folder import RunFolder, read_run
 
 
-def run_frames(folder: Path | str, frames: str = "::") -> FrameSource:
+def run_frames(folder: StrPath, frames: str = "::") -> FrameSource:
     """The EXR frames of a run folder (exr/000000.exr, groundtruth.txt, camera.json, sequence.json).
 
     `frames` is a slice of the poses of the trajectory; of these, the existing frames are used.

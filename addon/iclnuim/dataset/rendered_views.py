@@ -13,7 +13,7 @@ import numpy as np
 
 from ..channels import DEPTH, RGB
 from ..console import Meter, advance_of
-from ..errors import InputError, WorkError
+from ..errors import InputError, StrPath, WorkError
 from ..evaluation.image_error import ViewSettings, psnr_db, ssim
 from ..formats.files import data_lines, is_file, read_text
 from ..formats.images import ARRAY, JPEG, read_colour8
@@ -106,9 +106,9 @@ class ViewErrors(Shown):
 
 
 def view_errors(
-    folder: Path | str,
-    truth: Path | str,
-    keyframes: Path | str | None = None,
+    folder: StrPath,
+    truth: StrPath,
+    keyframes: StrPath | None = None,
     settings: ViewSettings | None = None,
     progress: Meter = None,
 ) -> ViewErrors:

@@ -12,7 +12,7 @@ from typing import NamedTuple, overload
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from ..evaluation.associate import nearest
 from ..formats.depth_units import UNITS_PER_METRE, check_units
 from ..formats.png import png_bytes
@@ -146,7 +146,7 @@ def _img(image: np.ndarray) -> str:
 
 
 def open_sequence(
-    folder: Path | str,
+    folder: StrPath,
     camera: CameraOrText | None = None,
     depth_units_per_metre: float = UNITS_PER_METRE,
 ) -> RgbdSequence:

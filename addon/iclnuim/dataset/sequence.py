@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..channels import DEPTH, RGB
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from ..formats.files import locked
 from ..formats.images import read_colour8
 from ..sensor.transfer import srgb8
@@ -28,7 +28,7 @@ from .stored_images import read_depth_m
 
 def write_sequence(
     source: FrameSource,
-    out: Path | str,
+    out: StrPath,
     settings: SequenceSettings | None = None,
     formats: Iterable[str] = ("tum",),
     workers: int | None = None,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, within
+from ..errors import InputError, StrPath, within
 from ..evaluation.depth_pairs import depth_residuals
 from ..formats.image_names import numbers_in_names
 from ..formats.trajectories import LoadedTrajectory, read_trajectory
@@ -65,7 +65,7 @@ def read_truth(folder: Path) -> Trajectory | None:
     return None if loaded is None else loaded.trajectory
 
 
-def load_poses(folder: Path, path: Path | str, **options: Any) -> LoadedTrajectory:
+def load_poses(folder: Path, path: StrPath, **options: Any) -> LoadedTrajectory:
     """Poses of a sequence's frames from any file; without stamps and frame numbers in the file, the
     line of each frame is found (pose_lines.py). options: those of read_trajectory. Raises
     InputError if the line cannot be told.

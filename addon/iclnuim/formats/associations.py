@@ -7,14 +7,13 @@ frame numbers in every list: systems that read TUM's order need the columns of t
 """
 
 import math
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import PurePath
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from ..geometry.trajectory import FRAME_RATE_HZ, frames_of_stamps, stamps_of_frames
 from .files import atomic_write_text, data_lines, read_text
 from .stamps import (
@@ -108,7 +107,7 @@ class Associations:
         return len(self.rgb)
 
 
-def read_associations(path: str | os.PathLike[str]) -> Associations:
+def read_associations(path: StrPath) -> Associations:
     """Read associations in either order; the paths show which column is depth. Whole numbers in
     ICL-NUIM's order, and those that are the names of the images, are frame numbers, stamp = 1 + id
     / 30 s. Raises InputError with file and line.
@@ -128,7 +127,7 @@ def read_associations(path: str | os.PathLike[str]) -> Associations:
     return Associations(first, second, "tum")
 
 
-def read_image_lists(*paths: str | os.PathLike[str]) -> tuple[ImageList, ...]:
+def read_image_lists(*paths: StrPath) -> tuple[ImageList, ...]:
     """Read `rgb.txt` and `depth.txt`: stamps in seconds, or, if all are the names of the images,
     frame numbers. Raises InputError.
     """
@@ -138,9 +137,7 @@ def read_image_lists(*paths: str | os.PathLike[str]) -> tuple[ImageList, ...]:
     return lists
 
 
-def write_associations(
-    path: str | os.PathLike[str], pairs: Associations, order: str = "tum"
-) -> None:
+def write_associations(path: StrPath, pairs: Associations, order: str = "tum") -> None:
     """Write associations in TUM's order with seconds, or in ICL-NUIM's order with frame numbers,
     atomically.
     """
@@ -154,7 +151,7 @@ def write_associations(
     atomic_write_text(path, "".join(f"{one} {other}\n" for one, other in rows))
 
 
-def read_image_list(path: str | os.PathLike[str]) -> ImageList:
+def read_image_list(path: StrPath) -> ImageList:
     """Read `rgb.txt` or `depth.txt`: stamps in seconds, increasing.
 
     Raises InputError with file and line.
@@ -162,7 +159,7 @@ def read_image_list(path: str | os.PathLike[str]) -> ImageList:
     return _image_list(path, _rows(path, 2, "2 columns: stamp path"), 0, increasing=True)
 
 
-def write_image_list(path: str | os.PathLike[str], images: ImageList) -> None:
+def write_image_list(path: StrPath, images: ImageList) -> None:
     """Write a header `# timestamp filename` and one line per image, atomically."""
     lines = ["# timestamp filename", *_entries(images, images.stamp_texts()), ""]
     atomic_write_text(path, "\n".join(lines))
@@ -173,7 +170,7 @@ def _entries(images: ImageList, stamps: Iterable[object]) -> list[str]:
     return [f"{stamp} {_plain(path)}" for stamp, path in zip(stamps, images.paths, strict=True)]
 
 
-def _rows(path: str | os.PathLike[str], columns: int, what: str) -> list[tuple[int, list[str]]]:
+def _rows(path: StrPath, columns: int, what: str) -> list[tuple[int, list[str]]]:
     lines = data_lines(read_text(path, "a list of images"))
     rows = [(number, line.split()) for number, line in lines]
     if not rows:
@@ -185,7 +182,7 @@ def _rows(path: str | os.PathLike[str], columns: int, what: str) -> list[tuple[i
 
 
 def _image_list(
-    path: str | os.PathLike[str], rows: list[tuple[int, list[str]]], column: int, increasing: bool
+    path: StrPath, rows: list[tuple[int, list[str]]], column: int, increasing: bool
 ) -> ImageList:
     stamps = np.array([_finite(fields[column]) for _, fields in rows])
     ticks = stamp_ticks(stamps)

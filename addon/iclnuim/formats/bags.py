@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, WorkError
+from ..errors import InputError, StrPath, WorkError
 
 IMAGE = "sensor_msgs/msg/Image"
 _FILES = (".bag", ".mcap", ".db3", ".active")
@@ -19,7 +19,7 @@ _STORAGES = ("*.mcap*", "*.db3*")
 _DAMAGED = "`rosbag reindex` (ROS 1) or `ros2 bag reindex` (ROS 2), or copying the bag again"
 
 
-def split_topics(path: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
+def split_topics(path: StrPath) -> tuple[Path, tuple[str, ...]]:
     """The path of a bag, and the topics after it: X.bag:/camera/pose:/camera/depth."""
     text = os.fspath(path)
     found = re.search(r"(:/[^:]+)+$", text)
@@ -28,7 +28,7 @@ def split_topics(path: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
     return Path(text[: found.start()]), tuple(found[0][1:].split(":"))
 
 
-def is_bag(path: str | os.PathLike[str]) -> bool:
+def is_bag(path: StrPath) -> bool:
     """Whether a path, which may end in topics, is a file named as a bag, or a folder that contains
     the files of one alone.
     """
@@ -52,7 +52,7 @@ class Bag:
     may raise anything then.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: StrPath) -> None:
         need_rosbags()
         self.path, self.given = split_topics(path)
         self._opened = ExitStack()

@@ -7,14 +7,13 @@ Its images have no stamps. The last number in a name is the frame's number, or i
 nanoseconds, or, with a decimal point, in seconds.
 """
 
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from ..geometry.trajectory import stamps_of_frames
 from .colmap_binary import BinaryFile
 from .columns import NumberTable
@@ -55,7 +54,7 @@ def rows(source: Source) -> NumberTable:
     return NumberTable(images.values, lambda row: (source.path, images.lines[row]), images.ticks)
 
 
-def stamps_and_names(path: str | os.PathLike[str]) -> list[tuple[float, str]]:
+def stamps_and_names(path: StrPath) -> list[tuple[float, str]]:
     """Stamp in seconds and name of each image, in the order of time."""
     images = _read(source_of(path))
     first = images.values[:, 0]
@@ -63,12 +62,12 @@ def stamps_and_names(path: str | os.PathLike[str]) -> list[tuple[float, str]]:
     return list(zip(stamps_s.tolist(), images.names, strict=True))
 
 
-def camera_numbers(path: str | os.PathLike[str]) -> set[str]:
+def camera_numbers(path: StrPath) -> set[str]:
     """The numbers of the cameras of the images."""
     return set(_read(source_of(path)).cameras)
 
 
-def source_of(path: str | os.PathLike[str]) -> Source:
+def source_of(path: StrPath) -> Source:
     """A file to be read; the lines of a file of images that is binary."""
     source = Source(path)
     return source.with_text(_text_of_binary(source.path)) if is_binary(source.path) else source

@@ -4,13 +4,12 @@ Numbers are read by numpy; the invalid line is searched only after an error.
 """
 
 import io
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from ..geometry.se3 import SE3
 from .files import data_lines, is_number
 from .trajectory_source import Source
@@ -65,7 +64,7 @@ class NumberTable:
     """
 
     values: np.ndarray
-    place: Callable[[int], tuple[str | os.PathLike[str], int | None]]
+    place: Callable[[int], tuple[StrPath, int | None]]
     ticks: float | None = None
     columns: Columns | None = None
     metres: float | None = None

@@ -2,17 +2,16 @@
 (CIPA DC-008, Exif 2.32, section 4.6.4: tag 274).
 """
 
-import os
 import struct
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 
 _ORIENTATION = 0x0112
 _UPRIGHT = 1
 _ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
 
 
-def refuse_turned(tiff: bytes, path: str | os.PathLike[str]) -> None:
+def refuse_turned(tiff: bytes, path: StrPath) -> None:
     """Raises InputError if the EXIF data, which has the form of a TIFF file, says that the pixels
     are to be turned or mirrored: readers differ on whether they do it, so that camera and depth
     would belong to other pixels.

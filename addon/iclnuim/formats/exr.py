@@ -18,7 +18,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from ..errors import InputError, WorkError
+from ..errors import InputError, StrPath, WorkError
 from .files import atomic_write, read_bytes
 from .libraries import first_library
 
@@ -62,14 +62,14 @@ class ExrHeader:
     channels: dict[str, str]
 
 
-def read_exr(path: str | os.PathLike[str], backend: str | None = None) -> dict[str, np.ndarray]:
+def read_exr(path: StrPath) -> dict[str, np.ndarray]:
     """Read every channel of every part by its full name: (height, width), float16 or float32 as
     stored.
 
     Raises InputError if the file is missing, truncated, not a flat EXR, or of an implausible size.
     """
     header = exr_header(path, whole=True)
-    name, module = first_library("EXR", *BACKENDS, only=backend)
+    name, module = first_library("EXR", *BACKENDS)
     try:
         if name == "OpenEXR":
             channels = _read_openexr(module, os.fspath(path))
@@ -87,10 +87,9 @@ def read_exr(path: str | os.PathLike[str], backend: str | None = None) -> dict[s
 
 
 def write_exr(
-    path: str | os.PathLike[str],
+    path: StrPath,
     channels: Mapping[str, np.ndarray],
     attributes: Mapping[str, str] | None = None,
-    backend: str | None = None,
     compressed: bool = True,
 ) -> None:
     """Write (height, width) float16 or float32 arrays under their names, and text attributes into
@@ -111,7 +110,7 @@ def write_exr(
     for name, values in channels.items():
         if values.dtype not in (np.float16, np.float32):
             raise InputError(f"channel {name} as float16 or float32", path=path, found=values.dtype)
-    name, module = first_library("EXR", *BACKENDS, only=backend)
+    name, module = first_library("EXR", *BACKENDS)
     write = _write_openexr if name == "OpenEXR" else _write_oiio
 
     def write_and_check(temporary: Path) -> None:
@@ -192,7 +191,7 @@ def _write_oiio(
         raise ValueError(output.geterror())
 
 
-def exr_header(path: str | os.PathLike[str], whole: bool = False) -> ExrHeader:
+def exr_header(path: StrPath, whole: bool = False) -> ExrHeader:
     """The header of `path`. `whole`: also check that each chunk listed in the header is inside the
     file. No pixel is read.
 

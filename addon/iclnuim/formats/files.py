@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, WorkError
+from ..errors import InputError, StrPath, WorkError
 
 try:
     import fcntl
@@ -34,7 +34,7 @@ _LONGEST_INTEGER = 300
 _OPEN_FILES = ("/dev/stdout", "/dev/stderr", "/dev/fd/", "/proc/")
 
 
-def atomic_write(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:
+def atomic_write(path: StrPath, write: Callable[[Path], object]) -> None:
     """Call `write` with a temporary file in the folder of `path` (same ending), then rename it to
     `path`.
 
@@ -89,7 +89,7 @@ def locked(path: Path, wait: bool = False) -> Iterator[None]:
         os.close(descriptor)
 
 
-def real_path(path: str | os.PathLike[str]) -> Path:
+def real_path(path: StrPath) -> Path:
     """The path without symbolic links.
 
     Those of a loop stay, where Path.resolve() raises RuntimeError before Python 3.13.
@@ -97,7 +97,7 @@ def real_path(path: str | os.PathLike[str]) -> Path:
     return Path(os.path.realpath(path))
 
 
-def is_stream(path: str | os.PathLike[str]) -> bool:
+def is_stream(path: StrPath) -> bool:
     """Whether a path is a pipe, a device, or a name of an open file, which must not be replaced by
     a file.
     """
@@ -121,7 +121,7 @@ def _write_stream(path: Path, write: Callable[[Path], object]) -> None:
         raise not_written(path, error) from error
 
 
-def not_written(path: str | os.PathLike[str], error: OSError) -> WorkError:
+def not_written(path: StrPath, error: OSError) -> WorkError:
     """The error for a file that could not be written.
 
     The OSError of a full disk does not contain the file's name.
@@ -195,7 +195,7 @@ def writer_has_ended(temporary: Path) -> bool:
         return False
 
 
-def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:
+def atomic_write_text(path: StrPath, text: str) -> None:
     """Write text in UTF-8, with its line ends unchanged."""
     atomic_write(path, lambda temporary: temporary.write_bytes(text.encode()))
 
@@ -218,12 +218,12 @@ def _with_nulls(content: object) -> object:
     return content
 
 
-def write_json(path: str | os.PathLike[str], content: dict) -> None:
+def write_json(path: StrPath, content: dict) -> None:
     """Write the text of JSON, with a line end at the end."""
     atomic_write_text(path, json_text(content) + "\n")
 
 
-def read_json(path: str | os.PathLike[str]) -> dict:
+def read_json(path: StrPath) -> dict:
     """Read a JSON object. Raises InputError with the line of the first error."""
     content = content_of_json(read_text(path), path=path)
     if not isinstance(content, dict):
@@ -231,9 +231,7 @@ def read_json(path: str | os.PathLike[str]) -> dict:
     return content
 
 
-def content_of_json(
-    text: str, what: str = "JSON", path: str | os.PathLike[str] | None = None
-) -> Any:
+def content_of_json(text: str, what: str = "JSON", path: StrPath | None = None) -> Any:
     """The content of JSON text. Raises InputError, with the line in `path` if that is given, also
     for numbers that are not finite or have hundreds of digits.
     """
@@ -262,7 +260,7 @@ def _finite(text: str) -> float:
     return value
 
 
-def read_bytes(path: str | os.PathLike[str], what: str = "a file", most: int = -1) -> bytes:
+def read_bytes(path: StrPath, what: str = "a file", most: int = -1) -> bytes:
     """The content of a file, or at most so many bytes. Raises InputError if it cannot be read."""
     try:
         with open(path, "rb") as file:
@@ -273,7 +271,7 @@ def read_bytes(path: str | os.PathLike[str], what: str = "a file", most: int = -
         raise InputError(what, path=path, found=found) from None
 
 
-def is_file(path: str | os.PathLike[str]) -> bool:
+def is_file(path: StrPath) -> bool:
     """Whether the file exists; False for an invalid name."""
     try:
         return Path(path).is_file()
@@ -281,7 +279,7 @@ def is_file(path: str | os.PathLike[str]) -> bool:
         return False
 
 
-def read_text(path: str | os.PathLike[str], what: str = "a text file") -> str:
+def read_text(path: StrPath, what: str = "a text file") -> str:
     """Read text in UTF-8 or UTF-16.
 
     Raises InputError for a missing, unreadable, empty or binary file, a saved web page, and a
@@ -353,7 +351,7 @@ def sha256(data: bytes) -> str:
 PICTURES = (".png", ".pdf", ".svg", ".jpg")
 
 
-def check_picture(path: str | os.PathLike[str]) -> None:
+def check_picture(path: StrPath) -> None:
     """Raises InputError if the ending is not one of PICTURES, or the folder does not exist."""
     ending = os.path.splitext(path)[1].lower()
     if ending not in PICTURES:
@@ -365,7 +363,7 @@ def check_picture(path: str | os.PathLike[str]) -> None:
     check_file(path)
 
 
-def check_file(path: str | os.PathLike[str]) -> None:
+def check_file(path: StrPath) -> None:
     """Raises InputError if a file cannot be written because its folder does not exist or it is a
     folder itself, WorkError if the folder is read-only.
     """

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from . import png
 from .exif import refuse_turned
 from .files import atomic_write, read_bytes
@@ -28,31 +28,31 @@ _EXIF = b"Exif\0\0"
 _MAX_PIXELS = 1 << 28
 
 
-def image_header(path: str | os.PathLike[str], whole: bool = False) -> PngHeader:
+def image_header(path: StrPath, whole: bool = False) -> PngHeader:
     """Size and kind of a PNG, JPEG or .npy image. `whole`: read the file to its end and verify its
     checksums, if it has any.
 
     Raises InputError if `path` is none of these, or damaged.
     """
-    start = _start(path)
+    start = read_bytes(path, "an image", 8)
     if start.startswith(_JPEG):
         return _jpeg_header(path, read_bytes(path, "an image"))
     if start.startswith(_NUMPY):
         height, width = read_array(path).shape
         return PngHeader(width, height, 32, "grey, metres")
-    return png.check_png(path) if whole else png.png_header(path)
+    return png.checked_png(path)[1] if whole else png.png_header(path)
 
 
-def read_colour8(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
+def read_colour8(path: StrPath) -> np.ndarray:
     """Read a PNG or JPEG as (height, width, 3) uint8 in the order R, G, B.
 
     Raises InputError for other files.
     """
-    if not _start(path).startswith(_JPEG):
-        return png.read_rgb8(path, backend)
+    if not read_bytes(path, "an image", 8).startswith(_JPEG):
+        return png.read_rgb8(path)
     data = read_bytes(path, "an image")
     header = _jpeg_header(path, data)
-    name, module = first_library("JPEG", *png.BACKENDS, only=backend)
+    name, module = first_library("JPEG", *png.BACKENDS)
     if name == "cv2":
         mode = module.IMREAD_COLOR | module.IMREAD_IGNORE_ORIENTATION
         image = module.imdecode(np.frombuffer(data, np.uint8), mode)
@@ -81,7 +81,7 @@ def seen_by(
     return cv2.remap(image, u, v, cv2.INTER_LINEAR)
 
 
-def read_array(path: str | os.PathLike[str]) -> np.ndarray:
+def read_array(path: StrPath) -> np.ndarray:
     """Read (height, width) float32 from a NumPy file.
 
     Raises InputError for other arrays, and for Python objects, which are never loaded.
@@ -108,9 +108,9 @@ def read_array(path: str | os.PathLike[str]) -> np.ndarray:
         return depth_m.astype(np.float32)
 
 
-def write_jpeg(path: str | os.PathLike[str], image: np.ndarray, backend: str | None = None) -> None:
+def write_jpeg(path: StrPath, image: np.ndarray) -> None:
     """Write (h, w, 3) uint8 RGB as JPEG, atomically. Raises WorkError if it cannot be written."""
-    name, module = first_library("JPEG", *png.BACKENDS, only=backend)
+    name, module = first_library("JPEG", *png.BACKENDS)
     if name == "cv2":
         settings = [module.IMWRITE_JPEG_QUALITY, _QUALITY]
         settings += [module.IMWRITE_JPEG_SAMPLING_FACTOR, module.IMWRITE_JPEG_SAMPLING_FACTOR_444]
@@ -133,22 +133,14 @@ def write_jpeg(path: str | os.PathLike[str], image: np.ndarray, backend: str | N
     atomic_write(path, write)
 
 
-def write_array(path: str | os.PathLike[str], depth_z_m: np.ndarray) -> None:
+def write_array(path: StrPath, depth_z_m: np.ndarray) -> None:
     """Write (h, w) metres as float32 .npy, atomically. Raises WorkError if it cannot be written."""
     file = io.BytesIO()
     np.lib.format.write_array(file, np.ascontiguousarray(depth_z_m, "<f4"), (1, 0))
     atomic_write(path, lambda temporary: temporary.write_bytes(file.getvalue()))
 
 
-def _start(path: str | os.PathLike[str]) -> bytes:
-    try:
-        with open(path, "rb") as file:
-            return file.read(8)
-    except (OSError, ValueError):
-        return read_bytes(path, "an image")[:8]  # raises the InputError
-
-
-def _jpeg_header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
+def _jpeg_header(path: StrPath, data: bytes) -> PngHeader:
     """Size and kind from the frame header (SOF).
 
     Raises InputError if the file has no end marker, is damaged, or is to be turned.

@@ -1,11 +1,10 @@
 """Reading of label images: PNG of 1 to 16 bits, grey, with a palette or in colour."""
 
-import os
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from .libraries import first_library
 from .png import PngHeader, checked_png, chunk, chunks_of
 
@@ -30,7 +29,7 @@ class LabelImage:
         return () if pixels is None else pixels.shape[:2]
 
 
-def read_label_image(path: str | os.PathLike[str]) -> LabelImage:
+def read_label_image(path: StrPath) -> LabelImage:
     """Read a PNG of labels; alpha is dropped.
 
     Raises InputError for another file or a damaged one, and for colours of 16 bits.
@@ -49,7 +48,7 @@ def read_label_image(path: str | os.PathLike[str]) -> LabelImage:
     return LabelImage(ids, colours if header.bits == 8 else None)
 
 
-def _with_palette(path: str | os.PathLike[str], data: bytes, header: PngHeader) -> LabelImage:
+def _with_palette(path: StrPath, data: bytes, header: PngHeader) -> LabelImage:
     """Indices, decoded as the grey values of the same file without its palette, and colours."""
     kept = [data[:8]]
     palette = np.zeros((0, 3), np.uint8)
@@ -67,7 +66,7 @@ def _with_palette(path: str | os.PathLike[str], data: bytes, header: PngHeader) 
     return LabelImage(ids, palette[ids])
 
 
-def _decoded(path: str | os.PathLike[str], data: bytes, header: PngHeader) -> np.ndarray:
+def _decoded(path: StrPath, data: bytes, header: PngHeader) -> np.ndarray:
     """(h, w, channels), blue first."""
     _, cv2 = first_library("label images", "cv2")
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

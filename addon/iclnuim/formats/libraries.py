@@ -13,13 +13,11 @@ from types import ModuleType
 from ..errors import WorkError
 
 
-def first_library(what: str, *packages: str, only: str | None = None) -> tuple[str, ModuleType]:
-    """Name and module of the first of `packages` (module names) that can be imported, or of `only`.
+def first_library(what: str, *packages: str) -> tuple[str, ModuleType]:
+    """Name and module of the first of `packages` (module names) that can be imported.
 
     Raises WorkError if there is none.
     """
-    if only:
-        packages = (only,)
     for package in packages:
         module = _module(package)
         if module is not None:

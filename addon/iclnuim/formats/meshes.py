@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError, WorkError
+from ..errors import InputError, StrPath, WorkError
 from .obj import read_obj
 from .off import read_off
 from .ply import read_ply
@@ -15,7 +15,7 @@ GLTF_ENDINGS = (".gltf", ".glb")
 MESH_ENDINGS = (".ply", *_READERS, *GLTF_ENDINGS)
 
 
-def read_mesh(path: Path | str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def read_mesh(path: StrPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """points (n, 3), triangles (m, 3), colours (n, 3) uint8 or (n, 0); polygons become triangles.
 
     Raises InputError for a file that is not a mesh, is empty, has no triangle, or has coordinates

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from ..geometry.triangles import check_mesh, fans, strips
 from .files import atomic_write
 from .ply_elements import Columns, read_elements
@@ -48,7 +48,7 @@ def read_ply(path: Path) -> PlyModel:
     do not exist.
     """
     elements = _checked(path)
-    vertices = elements.get("vertex", Columns())
+    vertices = elements["vertex"]
     if any(name not in vertices.scalars for name in "xyz"):
         found = ", ".join(vertices.scalars) or "none"
         raise InputError("vertices with x, y and z", path=path, found=found)
@@ -59,7 +59,7 @@ def read_ply(path: Path) -> PlyModel:
 def _triangles(elements: dict[str, Columns]) -> np.ndarray:
     triangles = [np.zeros((0, 3), np.int64)]
     for name, unrolled in _UNROLLED.items():
-        for corners, counts in elements.get(name, Columns()).lists.values():
+        for corners, counts in elements[name].lists.values():
             triangles.append(unrolled(corners, counts))
     return np.concatenate(triangles)
 
@@ -89,9 +89,9 @@ def read_ply_labels(path: Path) -> MeshLabels:
     """
     used = {"vertex": _LABELS, "face": (*_INDICES, *_LABELS), "tristrips": _INDICES}
     elements = read_elements(path, used)
-    face = elements.get("face", Columns())
-    strips_too = elements.get("tristrips", Columns()).count
-    for element in (face, elements.get("vertex", Columns())):
+    face = elements["face"]
+    strips_too = elements["tristrips"].count
+    for element in (face, elements["vertex"]):
         name = next((name for name in _LABELS if name in element.scalars), None)
         if name is None or (element is face and (strips_too or not face.lists)):
             continue
@@ -116,14 +116,14 @@ def check_ply(path: Path) -> np.ndarray:
     does not exist, the file is truncated, or it has triangle strips.
     """
     elements = _checked(path)
-    if elements.get("tristrips", Columns()).count:
+    if elements["tristrips"].count:
         expected = "polygons, which Blender can read"
         raise InputError(expected, path=path, found="triangle strips")
     return _triangles(elements)
 
 
 def write_ply(
-    path: Path | str,
+    path: StrPath,
     points: np.ndarray,
     triangles: np.ndarray | None = None,
     *,
@@ -188,9 +188,9 @@ def _rows(count: int, columns: list[tuple]) -> bytes:
 def _checked(path: Path) -> dict[str, Columns]:
     """The elements by name. Raises InputError for faces of vertices that do not exist."""
     elements = read_elements(path, _USED)
-    count = elements.get("vertex", Columns()).count
+    count = elements["vertex"].count
     for name in _UNROLLED:
-        faces = elements.get(name, Columns())
+        faces = elements[name]
         if faces.count and len(faces.lists) != 1:
             found = " and ".join(faces.lists) or "a header without it"
             raise InputError(f"faces with a list of {_INDICES[0]}", path=path, found=found)

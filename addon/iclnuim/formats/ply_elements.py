@@ -32,18 +32,18 @@ class Columns:
 
 
 def read_elements(path: Path, used: dict[str, tuple[str, ...]]) -> dict[str, Columns]:
-    """The elements of these names with these properties, as far as the file has them.
+    """The elements of these names with these properties, empty where the file has none.
 
     Raises InputError for a file that is not a PLY or has other data than its header says.
     """
     header = read_header(path)
     blocks_of = _binary(path, header) if header.order else _ascii(path, header)
-    found = {}
+    found = {name: Columns() for name in used}
     for element, blocks in blocks_of:
         wanted = used.get(element.name, ())
         some = [{name: block[name] for name in wanted if name in block} for block in blocks]
         found[element.name] = _joined(element, wanted, some)
-    return {name: found[name] for name in used if name in found}
+    return found
 
 
 def _joined(element: Element, wanted: tuple[str, ...], blocks: list[Block]) -> Columns:

@@ -17,7 +17,7 @@ from types import ModuleType
 
 import numpy as np
 
-from ..errors import InputError, within
+from ..errors import InputError, StrPath, within
 from .exif import refuse_turned
 from .files import atomic_write, read_bytes
 from .libraries import first_library
@@ -45,45 +45,33 @@ class PngHeader:
         return f"{self.width} x {self.height}, {self.bits}-bit {self.colour}"
 
 
-def png_header(path: str | os.PathLike[str]) -> PngHeader:
+def png_header(path: StrPath) -> PngHeader:
     """Size and kind, from the first bytes only. Raises InputError if `path` is not a PNG."""
-    try:
-        with open(path, "rb") as file:
-            return _header(path, file.read(33))
-    except (OSError, ValueError):
-        return _header(path, read_bytes(path, "a PNG image"))
+    return _header(path, read_bytes(path, "a PNG image", 33))
 
 
-def check_png(path: str | os.PathLike[str]) -> PngHeader:
-    """Read the whole file and check every chunk's checksum, without decoding.
-
-    Raises InputError if it is damaged.
-    """
-    return checked_png(path)[1]
-
-
-def read_rgb8(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
+def read_rgb8(path: StrPath) -> np.ndarray:
     """Read (height, width, 3) uint8 in the order R, G, B; alpha is dropped, grey is repeated.
 
     Raises InputError for other files.
     """
-    return _read(path, "an 8-bit colour PNG", 8, _COLOURS.values(), 3, backend)
+    return _read(path, "an 8-bit colour PNG", 8, _COLOURS.values(), 3)
 
 
-def read_depth16(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
+def read_depth16(path: StrPath) -> np.ndarray:
     """Read (height, width) uint16, raw units. Raises InputError unless it is a 16-bit grey PNG."""
-    return _read(path, "a 16-bit grey depth PNG", 16, ("grey",), 1, backend)[..., 0]
+    return _read(path, "a 16-bit grey depth PNG", 16, ("grey",), 1)[..., 0]
 
 
-def read_rgb16(path: str | os.PathLike[str], backend: str | None = None) -> np.ndarray:
+def read_rgb16(path: StrPath) -> np.ndarray:
     """Read (height, width, 3) uint16 in the order R, G, B: three values per pixel, such as normals.
 
     Raises InputError for other files.
     """
-    return _read(path, "a 16-bit RGB PNG", 16, ("RGB",), 3, backend)
+    return _read(path, "a 16-bit RGB PNG", 16, ("RGB",), 3)
 
 
-def read_png(path: str | os.PathLike[str]) -> np.ndarray:
+def read_png(path: StrPath) -> np.ndarray:
     """Read (h, w) or (h, w, 3) uint16 of a PNG with 16 bits, (h, w, 3) uint8 of any other.
 
     Raises InputError.
@@ -94,20 +82,18 @@ def read_png(path: str | os.PathLike[str]) -> np.ndarray:
     return read_rgb16(path) if header.colour == "RGB" else read_depth16(path)
 
 
-def write_png(
-    path: str | os.PathLike[str], image: np.ndarray, compressor: str | None = None
-) -> None:
-    """Write (h, w, 3) uint8 or uint16 RGB or (h, w) uint16, atomically. The same pixels and
-    compressor give the same bytes.
+def write_png(path: StrPath, image: np.ndarray) -> None:
+    """Write (h, w, 3) uint8 or uint16 RGB or (h, w) uint16, atomically. The same pixels
+    compressed by the same library give the same bytes.
 
     Raises InputError for other arrays, WorkError if it cannot be written.
     """
     with within(path):
-        data = png_bytes(image, compressor)
+        data = png_bytes(image)
     atomic_write(path, lambda temporary: temporary.write_bytes(data))
 
 
-def png_bytes(image: np.ndarray, compressor: str | None = None) -> bytes:
+def png_bytes(image: np.ndarray) -> bytes:
     """The file that write_png writes. Raises InputError for other arrays."""
     kinds = ((3, np.uint8), (3, np.uint16), (2, np.uint16))
     if (image.ndim, image.dtype) not in kinds or image.shape[2:] not in ((), (3,)):
@@ -116,14 +102,14 @@ def png_bytes(image: np.ndarray, compressor: str | None = None) -> bytes:
     height, width = image.shape[:2]
     size = struct.pack(">II", width, height)
     kind = bytes((8 * image.itemsize, 2 if image.ndim == 3 else 0, 0, 0, 0))
-    name, module = first_library("PNG", *COMPRESSORS, only=compressor)
+    name, module = first_library("PNG", *COMPRESSORS)
     compress = module.zlib_compress if name == "deflate" else module.compress
     pixels = compress(_filtered(image).tobytes(), 1)
     chunks = (*chunk(b"IHDR", size + kind), *chunk(b"IDAT", pixels), *chunk(b"IEND", b""))
     return b"".join((_SIGNATURE, *chunks))
 
 
-def same_pixels(a: str | os.PathLike[str], b: str | os.PathLike[str]) -> bool:
+def same_pixels(a: StrPath, b: StrPath) -> bool:
     """Whether two PNG files contain the same image, however it is compressed.
 
     Raises InputError if one is damaged.
@@ -164,7 +150,7 @@ def chunks_of(data: bytes) -> Iterator[tuple[bytes, bytes]]:
         place += 12 + size
 
 
-def checked_png(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
+def checked_png(path: StrPath) -> tuple[bytes, PngHeader]:
     """The content of the file and its header, after a check that every chunk is complete and has
     the right checksum, and that the image is not to be turned. OpenCV would decode half a file
     without an error.
@@ -189,7 +175,7 @@ def checked_png(path: str | os.PathLike[str]) -> tuple[bytes, PngHeader]:
     return data, header
 
 
-def _header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
+def _header(path: StrPath, data: bytes) -> PngHeader:
     if data[:8] != _SIGNATURE:
         found = f"a file that starts with {data[:4]!r}" if data else "an empty file"
         if data[:2] == b"\xff\xd8":
@@ -206,18 +192,13 @@ def _header(path: str | os.PathLike[str], data: bytes) -> PngHeader:
 
 
 def _read(
-    path: str | os.PathLike[str],
-    expected: str,
-    bits: int,
-    colours: Collection[str],
-    channels: int,
-    backend: str | None,
+    path: StrPath, expected: str, bits: int, colours: Collection[str], channels: int
 ) -> np.ndarray:
     """(height, width, channels)."""
     data, header = checked_png(path)
     if header.bits != bits or header.colour not in colours:
         raise InputError(expected, path=path, found=str(header))
-    name, module = first_library("PNG", *BACKENDS, only=backend)
+    name, module = first_library("PNG", *BACKENDS)
     if name == "cv2":
         mode = module.IMREAD_COLOR if channels == 3 and bits == 8 else module.IMREAD_UNCHANGED
         image = module.imdecode(np.frombuffer(data, np.uint8), mode)

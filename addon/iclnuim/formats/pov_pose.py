@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from ..geometry.axes import world_cv_from_pov
 from ..geometry.se3 import SE3
 from .pov import camera_axes
@@ -15,7 +15,7 @@ Vector = np.ndarray | Sequence[float]
 
 
 def pose_from_pov(
-    camera: str | os.PathLike[str] | Vector,
+    camera: StrPath | Vector,
     direction: Vector | None = None,
     up: Vector = (0.0, 1.0, 0.0),
     unit_m: float = 1.0,

@@ -2,7 +2,7 @@
 
 import os
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from ..geometry.se3 import Poses
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
 from . import colmap, trajectory_formats
@@ -26,7 +26,7 @@ TUM_HEADER = trajectory_formats.TUM_HEADER.format(unit="metres")
 
 
 def read_trajectory(
-    path: str | os.PathLike[str],
+    path: StrPath,
     format: str | None = None,
     *,
     rate_hz: float = FRAME_RATE_HZ,
@@ -54,7 +54,7 @@ def read_trajectory(
 
 
 def write_trajectory(
-    path: str | os.PathLike[str],
+    path: StrPath,
     trajectory: Trajectory | Poses,
     format: str,
     options: FileOptions | None = None,
@@ -81,7 +81,7 @@ def writer_of(format: str) -> TrajectoryWriter:
     return writer
 
 
-def format_for_name(path: str | os.PathLike[str]) -> str:
+def format_for_name(path: StrPath) -> str:
     """The format of a file to be written, by its name.
 
     Raises InputError if no format has such names.

@@ -1,6 +1,5 @@
 """A trajectory file to be read, the options of files that do not say everything, and the result."""
 
-import os
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -8,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
 from ..shown import Brief
 from .column_names import names_in
@@ -87,7 +86,7 @@ class FileOptions:
 class Source:
     """A file or folder to be read. Its text is read once, at first use."""
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: StrPath) -> None:
         self.path = Path(path)
 
     def with_text(self, text: str) -> "Source":

@@ -4,12 +4,12 @@ import os
 import re
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, StrPath
 from .files import read_text
 from .libraries import first_library
 
 
-def read_yaml(path: str | os.PathLike[str]) -> dict[str, Any]:
+def read_yaml(path: StrPath) -> dict[str, Any]:
     """Read a YAML mapping. All values are texts, lists and mappings.
 
     Raises InputError for other content.

@@ -5,12 +5,11 @@ They use Matplotlib without pyplot: no window, no global settings. Import this m
 needed; that takes half a second.
 """
 
-import os
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..errors import StrPath
 from ..evaluation.absolute_error import AbsoluteError
 from ..formats.files import atomic_write, check_picture
 from ..formats.trajectories import ANCHORED_WORLD, LoadedTrajectory
@@ -71,7 +70,7 @@ def positions_z_up_m(loaded: LoadedTrajectory) -> np.ndarray:
     return positions_m
 
 
-def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 110) -> None:
+def save(figure: Figure, path: StrPath, dpi: int = 110) -> None:
     """Write a figure atomically; the extension of the name is its format."""
     check_picture(path)
     atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=dpi))

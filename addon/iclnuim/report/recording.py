@@ -16,7 +16,7 @@ from ..dataset.image_pairs import find_pairs
 from ..dataset.layout import poses_at
 from ..dataset.sequence_poses import read_truth
 from ..dataset.stored_images import read_camera, read_depth_m
-from ..errors import InputError, WorkError
+from ..errors import InputError, StrPath, WorkError
 from ..formats.files import atomic_write, check_file, read_bytes, sha256
 from ..formats.images import ARRAY, read_colour8
 from ..formats.png import read_depth16
@@ -114,7 +114,7 @@ def _package() -> Any:
     return rerun
 
 
-def record(path: Path | str, of: Path | str, fill: Callable[[Recorder], None]) -> None:
+def record(path: StrPath, of: StrPath, fill: Callable[[Recorder], None]) -> None:
     """Write a recording, filled by `fill`, atomically. `of`: the folder of a sequence or the file
     that it belongs to. Raises the same errors as check_recording, and WorkError if it cannot be
     written.
@@ -141,8 +141,8 @@ def record(path: Path | str, of: Path | str, fill: Callable[[Recorder], None]) -
 
 
 def record_sequence(
-    path: Path | str,
-    folder: Path | str,
+    path: StrPath,
+    folder: StrPath,
     progress: Meter = None,
 ) -> None:
     """Record colour and depth of a sequence in any format, its camera, and the ground-truth poses,
