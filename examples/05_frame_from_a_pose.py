@@ -22,5 +22,5 @@ print(frame, f"{frame.depth_z_m.min():.3f} to {frame.depth_z_m.max():.3f} m")
 
 figure, (left, right) = pyplot.subplots(1, 2, figsize=(8, 3), layout="constrained")
 left.imshow(np.clip(frame.rgb, 0, 1) ** (1 / 2.2))  # scene-linear, as it comes from the renderer
-figure.colorbar(right.imshow(frame.depth_z_m), label="depth (m)")
+figure.colorbar(right.imshow(frame.depth_z_m, cmap="turbo"), label="depth (m)")
 figure.savefig(sys.argv[1])

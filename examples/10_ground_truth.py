@@ -22,7 +22,7 @@ kinds = sorted(path for path in Path(out, "clean").iterdir() if path.is_dir())
 print("channels:", ", ".join(path.name for path in kinds))
 figure, axes = pyplot.subplots(1, len(kinds), figsize=(2.4 * len(kinds), 2), layout="constrained")
 for one, folder in zip(axes, kinds, strict=True):
-    one.imshow(pyplot.imread(min(folder.glob("*.png"))))
+    one.imshow(pyplot.imread(min(folder.glob("*.png"))), cmap="turbo")
     one.set_title(folder.name)
     one.axis("off")
 figure.savefig(picture)

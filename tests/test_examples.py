@@ -11,6 +11,7 @@ from pathlib import Path
 import iclnuim
 import numpy as np
 import pytest
+from patience import patience
 
 FOLDER = Path(__file__).parents[1] / "examples"
 #: script -> its arguments in the empty folder of the test, what its output has, a file that it makes
@@ -101,7 +102,9 @@ def test_every_notebook_runs_in_a_kernel(folder, name, monkeypatch):
     monkeypatch.setenv("SEQUENCE", "clean")
     notebook = nbformat.read(FOLDER / name, as_version=4)
     where = {"metadata": {"path": str(folder)}}
-    nbclient.NotebookClient(notebook, kernel_name="python3", timeout=300, resources=where).execute()
+    nbclient.NotebookClient(
+        notebook, kernel_name="python3", timeout=patience(300), resources=where
+    ).execute()
     kinds = {
         kind
         for cell in notebook.cells

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 from iclnuim.formats.png import write_png
+from patience import patience
 
 PAGES = (
     "README.md",
@@ -95,7 +96,7 @@ def test_the_lines_of_a_page_run_in_order(repository, tmp_path, page):
             cwd=tmp_path,
             capture_output=True,
             text=True,
-            timeout=900,
+            timeout=patience(900),
         )
         assert done.returncode == 0, f"{line}: {done.stderr[-600:]}"
         assert all((tmp_path / written).exists() for written in outputs(words))

@@ -17,6 +17,7 @@ from iclnuim.job import RenderJob, shipped_job
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS
 from iclnuim.settings import Settings, declared, setting
 from iclnuim.tools.write_settings_page import table
+from patience import patience
 
 
 @dataclass(frozen=True)
@@ -209,5 +210,5 @@ def test_the_page_of_settings_is_written_from_the_declarations(repository):
         "numba", reason="the settings of odometers are declared beside compiled loops"
     )
     words = [sys.executable, str(repository / "tools/write_settings_page.py"), "--check"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=patience(120))
     assert done.returncode == 0, done.stdout + done.stderr

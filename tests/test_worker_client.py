@@ -12,6 +12,7 @@ import pytest
 from iclnuim import wall, worker_events
 from iclnuim.errors import WorkError
 from iclnuim.worker_events import Exited, FrameDone, Note, WorkerClient
+from patience import patience
 
 JOB = {"job": {"scene": "office", "trajectory": "office/kt0"}}
 WORKER = textwrap.dedent("""
@@ -45,7 +46,7 @@ def client(tmp_path):
 
 def until(client, kind):
     found = []
-    end = time.monotonic() + 20
+    end = time.monotonic() + patience(20)
     while time.monotonic() < end and not any(isinstance(event, kind) for event in found):
         found += client.events()
         time.sleep(0.01)

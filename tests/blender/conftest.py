@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import patience
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
@@ -79,7 +80,7 @@ def render(cornered_room, forward_path):
             command(out, *options, scene=scene, trajectory=trajectory, base=base),
             capture_output=True,
             text=True,
-            timeout=300,
+            timeout=patience(300),
         )
 
     def command(

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from patience import patience
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
@@ -272,7 +273,7 @@ def test_bake_prints_its_figures_and_nothing_else(room, tmp_path, command_here):
         capture_output=True,
         text=True,
         env={**os.environ, "ICLNUIM_CACHE": str(tmp_path)},
-        timeout=300,
+        timeout=patience(300),
     )
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout)

@@ -20,6 +20,7 @@ from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import read_depth16, read_rgb16
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.sensor.models import depth_model, rgb_model
+from patience import patience
 
 o3d = pytest.importorskip("open3d")
 
@@ -233,7 +234,7 @@ def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_format(truth_r
     ]
     for form in ("tum", "euroc"):
         command += ["--format", form]
-    subprocess.run(command, check=True, timeout=120)
+    subprocess.run(command, check=True, timeout=patience(120))
     tum = tmp_path / "out/tum"
     euroc = tmp_path / "out/euroc"
     frame = read_exr(truth_run / "exr/000006.exr")
@@ -254,7 +255,11 @@ def test_a_sequence_holds_the_truth_beside_rgb_and_depth_in_every_format(truth_r
         mine = euroc / f"mav0/{name}0/data/{200_000_000:019}.png"
         assert mine.read_bytes() == (tum / f"{name}/000006.png").read_bytes()
     again = subprocess.run(
-        [*command[:-5], *command[-4:]], capture_output=True, text=True, check=True, timeout=120
+        [*command[:-5], *command[-4:]],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=patience(120),
     )
     assert "0 frames written, 2 already finished" in again.stdout
 
@@ -282,7 +287,7 @@ def test_one_channel_is_written_without_the_others(render_here, truth_run, awkwa
 def test_the_estimated_bytes_of_images_are_those_of_a_room(repository, tmp_path):
     """Of one frame of the size that the bytes are given for, with and without noise."""
     words = ["render", "kt2", "--frames", "480:481", "--ground-truth", "-o", str(tmp_path / "run")]
-    subprocess.run([sys.executable, "-m", "iclnuim", *words], check=True, timeout=120)
+    subprocess.run([sys.executable, "-m", "iclnuim", *words], check=True, timeout=patience(120))
     noise = SequenceSettings(depth_model("released"), rgb_model("released"))
     for name, settings in (("clean", SequenceSettings()), ("noisy", noise)):
         write_sequence(run_frames(tmp_path / "run"), tmp_path / name, settings)

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from patience import patience
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
@@ -50,7 +51,9 @@ def opened(files: dict[str, Path], mode: str, finishes: bool = True) -> tuple[se
     rows = root / mode / "rows.jsonl"
     watch = ["strace", "-f", "-y", "-qq", "-e", "trace=open,openat,openat2,creat", "-o", str(trace)]
     command = [*watch, sys.executable, str(READER), str(rows), mode, *map(str, files.values())]
-    done = subprocess.run(command, cwd=root, capture_output=True, timeout=1800, check=False)
+    done = subprocess.run(
+        command, cwd=root, capture_output=True, timeout=patience(1800), check=False
+    )
     assert done.returncode == 0 or not finishes, done.stderr[-2000:]
     if mode == "walled" and finishes:  # the trace shows that they were tried
         assert re.search(r"/outside/[^\n]*EACCES", trace.read_text(errors="replace"))

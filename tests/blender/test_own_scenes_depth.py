@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import patience
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
@@ -20,7 +21,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 def iclnuim(*arguments):
     """The command in a process of its own, as a user runs it."""
     command = [sys.executable, "-m", "iclnuim", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+    return subprocess.run(command, capture_output=True, text=True, timeout=patience(300))
 
 
 def rich_room(folder: Path) -> Path:
@@ -251,7 +252,7 @@ def test_a_crash_of_blender_becomes_words():
         "    except Exception as error: print(error.exit_code, error)\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=patience(60)
     )
     first, second = done.stdout.splitlines()
     assert first.startswith("3 a.blend: Blender crashed on it (SIGSEGV)")

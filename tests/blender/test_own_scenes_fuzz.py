@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import patience
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
@@ -82,7 +83,7 @@ def outcomes(files: list[Path], answers: Path) -> tuple[list[dict], list[str]]:
         done = subprocess.run(
             [sys.executable, str(READER), str(answers), *left],
             capture_output=True,
-            timeout=1200,
+            timeout=patience(1200),
             check=False,
         )
         rows = [json.loads(line) for line in answers.read_text().splitlines()]

@@ -1,8 +1,6 @@
 """A small synthetic run, also one with ground truth."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +10,6 @@ from iclnuim.dataset.sequence import write_sequence
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 #: class_id, class, nyu40_id, nyu40 of the objects 1, 2 ... of a run with ground truth
 LABELS = ((1, "wall", 1, "wall"), (2, "floor", 2, "floor"), (9, "sofa", 6, "sofa"))

@@ -12,6 +12,7 @@ import time
 import psutil
 import pytest
 from iclnuim.errors import InputError
+from patience import patience
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux", reason="processes are forked on Linux only"
@@ -41,7 +42,7 @@ def start(script: str) -> subprocess.Popen:
 
 
 def output(script: str) -> str:
-    out, err = start(script).communicate(timeout=60)
+    out, err = start(script).communicate(timeout=patience(60))
     assert err == ""
     return out
 
@@ -114,13 +115,13 @@ def test_all_end_when_the_parent_is_killed():
     parent.stdout.readline()
     children = _children(psutil.Process(parent.pid), 3)
     parent.send_signal(signal.SIGKILL)
-    _, alive = psutil.wait_procs(children, timeout=60)
+    _, alive = psutil.wait_procs(children, timeout=patience(60))
     parent.communicate()
     assert len(children) == 3 and not alive
 
 
 def _children(process: psutil.Process, count: int) -> list[psutil.Process]:
-    end = time.monotonic() + 20
+    end = time.monotonic() + patience(20)
     while len(found := process.children()) < count and time.monotonic() < end:
         time.sleep(0.05)
     time.sleep(0.3)  # each has heard of its parent's end by now

@@ -12,7 +12,7 @@ from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.headless import cli
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+sys.path.insert(0, str(Path(__file__).parent))
 from paired_poses import Pairs  # noqa: E402
 
 

@@ -17,6 +17,7 @@ from iclnuim.headless.commands.runs import configure_make, configure_task
 from iclnuim.headless.farm.chunks import numbers_from
 from iclnuim.job import RenderJob
 from iclnuim.settings import declared
+from patience import patience
 
 pytestmark = pytest.mark.skipif(
     shutil.which("node") is None, reason="no node on the PATH (Debian: nodejs)"
@@ -36,7 +37,7 @@ def compiled(repository):
             repository / "headless/farm/flamenco/iclnuim.js",
         ]
         done = subprocess.run(
-            [*words, json.dumps(settings)], capture_output=True, text=True, timeout=30
+            [*words, json.dumps(settings)], capture_output=True, text=True, timeout=patience(30)
         )
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)
@@ -166,7 +167,10 @@ def test_the_tasks_run_one_after_another_make_the_bytes_of_a_local_run(compiled,
 
 def run(words):
     done = subprocess.run(
-        [sys.executable, "-m", "iclnuim", *words], capture_output=True, text=True, timeout=120
+        [sys.executable, "-m", "iclnuim", *words],
+        capture_output=True,
+        text=True,
+        timeout=patience(120),
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

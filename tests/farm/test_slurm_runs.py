@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from patience import patience
 
 pytest.importorskip("bpy", reason="needs the bpy package")
 pytest.importorskip("submitit", reason="needs submitit: pip install submitit")
@@ -40,7 +41,7 @@ class Cluster:
     def run(self, *command: str) -> subprocess.CompletedProcess:
         words = [sys.executable, "-m", "iclnuim", *map(str, command)]
         done = subprocess.run(
-            words, env=self.environment, capture_output=True, text=True, timeout=500
+            words, env=self.environment, capture_output=True, text=True, timeout=patience(500)
         )
         assert done.returncode == 0, done.stderr
         return done

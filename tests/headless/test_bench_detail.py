@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from patience import patience
 
 bpy = pytest.importorskip(
     "bpy", reason="needs the bpy package"
@@ -90,7 +91,7 @@ def test_the_command_measures_the_living_room(tmp_path):
     command = [sys.executable, "-m", "iclnuim", *OPTIONS, *SMALL, "--levels", "0.15,0.2,0.3"]
     chart = tmp_path / "c.png"
     done = subprocess.run(
-        [*command, "--plot", str(chart)], capture_output=True, text=True, timeout=300
+        [*command, "--plot", str(chart)], capture_output=True, text=True, timeout=patience(300)
     )
     assert done.returncode == 0, done.stderr
     check_figures(json.loads(done.stdout), [0.15, 0.2, 0.3], chart)
@@ -101,7 +102,7 @@ def test_the_command_measures_the_living_room(tmp_path):
 )
 def test_unknown_rooms_and_too_few_levels_are_refused_in_a_line(options, words):
     command = [sys.executable, "-m", "iclnuim", "bench", "detail", *options]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=patience(60))
     assert (
         done.returncode == 2 and words in done.stderr and len(done.stderr.strip().splitlines()) == 1
     )

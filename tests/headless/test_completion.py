@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from patience import patience
 
 pytest.importorskip("argcomplete")
 
@@ -21,7 +22,7 @@ def completed(line, folder):
         "COMP_LINE": line,
         "COMP_POINT": str(len(line)),
     }
-    subprocess.run(command, cwd=folder, env=environment, check=True, timeout=120)
+    subprocess.run(command, cwd=folder, env=environment, check=True, timeout=patience(120))
     return [word.strip() for word in (folder / "words").read_text().splitlines()]
 
 

@@ -15,11 +15,12 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless import cli
 from iclnuim.report.trajectory_report import significant
+from patience import patience
 
 
 def run(*arguments):
     command = [sys.executable, "-m", "iclnuim", "evaluate", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, capture_output=True, text=True, timeout=patience(120))
 
 
 def call(capsys, *arguments):

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from patience import patience
 
 RENDER = ["kt2", "--frames", "0:1", "--camera", "64x48", "--light", "path", "--samples", "1"]
 
@@ -31,7 +32,7 @@ def sabotaged(tmp_path):
             text=True,
             env=environment,
             cwd=tmp_path,
-            timeout=200,
+            timeout=patience(200),
         )
 
     return run

@@ -23,6 +23,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.cli import main
+from patience import patience
 
 WALK = Trajectory.at_rate(SE3.exp(np.random.default_rng(0).normal(size=(20, 6)) * 0.1))
 SIZE = (64, 48)
@@ -190,7 +191,10 @@ def test_a_file_in_memory_is_replaced_as_any_other():
 def test_standard_output_by_its_name(files):
     words = ["evaluate", "ate", "gt.txt", "est.txt", "--csv", "/dev/stdout", "--quiet"]
     done = subprocess.run(
-        [sys.executable, "-m", "iclnuim", *words], capture_output=True, text=True, timeout=100
+        [sys.executable, "-m", "iclnuim", *words],
+        capture_output=True,
+        text=True,
+        timeout=patience(100),
     )
     assert done.returncode == 0 and "reference_index" in done.stdout and "rmse" in done.stdout
     assert not Path("/dev/stdout").is_file() or Path("/dev/stdout").is_symlink()
@@ -211,7 +215,7 @@ def test_a_closed_standard_output_is_no_error(files, words, unbuffered):
         stderr=subprocess.PIPE,
         text=True,
         env=environment,
-        timeout=100,
+        timeout=patience(100),
     )
     os.close(write)
     assert done.returncode == 0 and "Error" not in done.stderr, done.stderr
@@ -221,7 +225,9 @@ def test_a_closed_standard_output_is_no_error(files, words, unbuffered):
 def test_a_full_standard_output_is_one_line(files):
     with open("/dev/full", "w") as full:
         words = [sys.executable, "-m", "iclnuim", "evaluate", "ate", "gt.txt", "est.txt", "--quiet"]
-        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=100)
+        done = subprocess.run(
+            words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=patience(100)
+        )
     assert (
         done.returncode == 3
         and "No space left on device" in done.stderr

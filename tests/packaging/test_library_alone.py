@@ -11,6 +11,7 @@ import sys
 
 import iclnuim
 import pytest
+from patience import patience
 
 AWAY = ("numba", "cv2", "scipy", "igl", "embreex", "open3d", "evo")
 #: Read by every Python of the test at its start: the packages cannot be found, nor can the
@@ -72,7 +73,7 @@ def alone(repository, tmp_path_factory):
             env={**os.environ, **paths},
             capture_output=True,
             text=True,
-            timeout=300,
+            timeout=patience(300),
         )
 
     return run

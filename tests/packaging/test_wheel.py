@@ -10,6 +10,7 @@ import sys
 import zipfile
 
 import pytest
+from patience import patience
 
 SOURCES = (
     "addon",
@@ -62,7 +63,12 @@ def installed(wheel, tmp_path_factory):
         }
         command = [sys.executable, "-m", "iclnuim", *argv]
         return subprocess.run(
-            command, cwd=away, env=environment, capture_output=True, text=True, timeout=300
+            command,
+            cwd=away,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=patience(300),
         )
 
     run.away = away

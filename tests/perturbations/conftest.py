@@ -1,13 +1,8 @@
 """What the textured box shows at any time."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from box_scene import look, pose_at, segment, truth  # noqa: E402, F401
-from iclnuim.sensor.transfer import srgb8  # noqa: E402
+from box_scene import look, pose_at, segment, truth  # noqa: F401
+from iclnuim.sensor.transfer import srgb8
 
 
 @pytest.fixture(scope="session")

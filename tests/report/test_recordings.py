@@ -23,6 +23,7 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.postprocess import frames_from
 from iclnuim.report.recording import check_recording, record_sequence
+from patience import patience
 
 TIMES = np.array([0.0, 0.0, 0.0, 0.4, 0.0, 0.1])
 TRUTH = Trajectory.at_rate(
@@ -108,7 +109,9 @@ def verified(path):
     """Rerun's own check of the file."""
     pytest.importorskip("rerun", reason="recordings: pip install rerun-sdk")
     done = subprocess.run(
-        [sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, timeout=60
+        [sys.executable, "-m", "rerun", "rrd", "verify", str(path)],
+        capture_output=True,
+        timeout=patience(60),
     )
     assert done.returncode == 0, done.stderr
     return read(path)

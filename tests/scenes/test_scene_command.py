@@ -6,11 +6,12 @@ import sys
 
 import numpy as np
 import pytest
+from patience import patience
 
 
 def scene(*arguments):
     command = [sys.executable, "-m", "iclnuim", "scene", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=1200)
+    return subprocess.run(command, capture_output=True, text=True, timeout=patience(1200))
 
 
 @pytest.mark.parametrize(

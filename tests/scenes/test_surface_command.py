@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from patience import patience
 
 bpy = pytest.importorskip(
     "bpy", reason="needs the bpy package"
@@ -64,7 +65,7 @@ def test_the_whole_room_is_written_in_its_own_world(room, tmp_path, surface):
         tmp_path / "room.ply",
     ]
     done = subprocess.run(
-        [*command, "--json", "--quiet"], capture_output=True, text=True, timeout=300
+        [*command, "--json", "--quiet"], capture_output=True, text=True, timeout=patience(300)
     )
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout)

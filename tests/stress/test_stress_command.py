@@ -20,6 +20,7 @@ from iclnuim.benchmark.odometry.run import Sequence
 from iclnuim.benchmark.perturbations.plan import read_plan
 from iclnuim.errors import InputError
 from iclnuim.headless.commands.stress import _segment, _systems
+from patience import patience
 
 SMALL = ("--frames", ":6", "--starts", "1", "--methods", "opencv", "--workers", "1")
 
@@ -276,7 +277,10 @@ def test_it_ends_though_opencv_has_threads_already(folder, tmp_path):
         "--quiet",
     ]
     subprocess.run(
-        [sys.executable, "-c", program, *words], check=True, capture_output=True, timeout=60
+        [sys.executable, "-c", program, *words],
+        check=True,
+        capture_output=True,
+        timeout=patience(60),
     )
     assert len(cells(tmp_path / "out")) == 2 * 3
 

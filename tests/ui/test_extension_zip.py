@@ -12,6 +12,7 @@ from pathlib import Path
 import iclnuim
 import pytest
 from iclnuim.headless.commands.extension import build
+from patience import patience
 
 DRIVER = Path(__file__).with_name("gui_driver_background.py")
 
@@ -50,7 +51,7 @@ def driven(archive, estimate, tmp_path_factory) -> dict:
         [sys.executable, str(DRIVER), str(archive), str(home / "out"), str(estimate)],
         capture_output=True,
         text=True,
-        timeout=900,
+        timeout=patience(900),
         env=clean,
         cwd=home,
     )

@@ -10,6 +10,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import shipped_job
 from iclnuim.ui.work import Work
 from iclnuim.worker_events import WorkerClient, worker_command
+from patience import patience
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
@@ -51,7 +52,7 @@ def begin(crate):
 
 
 def wait(work: Work, until) -> None:
-    end = time.monotonic() + 120
+    end = time.monotonic() + patience(120)
     while not until() and time.monotonic() < end:
         work.poll()
         time.sleep(0.02)
