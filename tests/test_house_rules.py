@@ -97,7 +97,7 @@ MAY_LOAD_A_CHECKOUT = {
 #: encoder of images is the first of several that is there (formats/libraries.py).
 OUTSIDE = {
     "formats": ("numpy", "open3d rosbags"),
-    "blender": ("numpy bpy bmesh mathutils", "pxr _cycles zstandard"),
+    "blender": ("numpy bpy bmesh mathutils", "pxr _cycles zstandard io_scene_gltf2"),
     "ui": ("numpy bpy mathutils", "gpu gpu_extras"),
     "report": ("numpy matplotlib", "rerun"),
     "shown": ("numpy", "matplotlib"),

@@ -330,7 +330,7 @@ def test_a_coloured_scan_shows_its_colours(tmp_path):
     )
     (tmp_path / "scan.ply").write_text(text)
     notes = opened(tmp_path / "scan.ply")
-    assert any("colours of their vertices" in note for note in notes)
+    assert any("show the colours of" in note for note in notes)
     assert bpy.context.scene.objects[0].material_slots[0].material is not None
 
 
@@ -363,6 +363,16 @@ def test_what_the_author_draws_over_the_image_is_named_as_left_out(room):
     assert "Freestyle lines: left out" in "".join(preflight.findings(baked=False))
     compat.compositor(scene).nodes.new("CompositorNodeGlare")
     assert "lines and effects of the compositor: left" in "".join(preflight.findings(baked=False))
+
+
+def test_settings_of_the_view_layer_that_hide_or_paint_are_named(room):
+    opened(room)
+    layer = bpy.context.scene.view_layers[0]
+    assert not any("view layer" in note for note in preflight.findings(baked=False))
+    layer.use_sky = False
+    layer.material_override = bpy.data.materials["wall"]
+    words = "view layer (material_override, use_sky): not applied"
+    assert words in "".join(preflight.findings(baked=False))
 
 
 def test_what_moves_leads_to_path_tracing_with_a_word(room):

@@ -276,6 +276,19 @@ def test_of_equal_faces_one_stays_but_boxes_that_touch_are_left_alone():
     assert [len(box.data.polygons) for box in twins] == [6, 0]
 
 
+def test_an_object_that_stands_elsewhere_as_an_instance_keeps_its_faces():
+    from iclnuim.blender.open import coplanar
+
+    scene_gallery.bpy.ops.wm.read_factory_settings(use_empty=True)
+    _, twin = (scene_gallery.box(name, (3, 0, 0), (4, 1, 1)) for name in ("one", "twin"))
+    places = scene_gallery.mesh("places", [(0, 0, 3), (1, 0, 3), (0, 1, 3)], [(0, 1, 2)])
+    twin.parent = places
+    places.instance_type = "FACES"
+    scene_gallery.bpy.context.view_layer.update()
+    assert coplanar.remove_coincident_faces(scene_gallery.bpy.context.scene) == []
+    assert len(twin.data.polygons) == 6
+
+
 def test_a_rug_lies_on_a_floor_of_tiles_and_a_poster_that_shows_its_back_is_named():
     from iclnuim.blender.open import coplanar
 

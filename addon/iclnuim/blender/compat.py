@@ -72,6 +72,17 @@ def matt_material(
     return material, diffuse
 
 
+def add_white_sky(scene: bpy.types.Scene, strength: float) -> None:
+    """Give the scene a uniform sky."""
+    world = bpy.data.worlds.new("Neutral light")
+    if world.node_tree is None:
+        world.use_nodes = True
+    sky = world.node_tree.nodes["Background"].inputs
+    sky["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    sky["Strength"].default_value = strength
+    scene.world = world
+
+
 def nodes_of(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
     """All nodes of a tree, including those of groups."""
     found = list(tree.nodes)
@@ -244,7 +255,15 @@ def import_usd(path: str) -> object:
     options = dict.fromkeys(wanted & set(known), True)
     if "set_frame_range" in known:
         options["set_frame_range"] = False
+    add_white_sky(bpy.context.scene, 0.0)  # Blender passes over dome lights if there is no sky
     return bpy.ops.wm.usd_import(filepath=path, **options)
+
+
+def gltf_extensions() -> set[str]:
+    """The extensions that Blender's importer of glTF reads."""
+    from io_scene_gltf2.io.imp.gltf2_io_gltf import glTFImporter
+
+    return set(glTFImporter("", {"import_user_extensions": []}).extensions_managed)
 
 
 def usd_library() -> Any:

@@ -327,16 +327,15 @@ def _normal_matrix(linear: np.ndarray) -> np.ndarray:
     return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)])
 
 
-def rendered_lamps(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The lamps that are rendered: not hidden, and in at least one collection that is not
-    hidden.
+def rendered_objects(scene: bpy.types.Scene, types: set[str]) -> list[bpy.types.Object]:
+    """The objects of these types that are rendered: not hidden, and in at least one collection that
+    is not hidden.
     """
     top = bpy.context.view_layer.layer_collection
     shown = set(top.collection.objects)
     for layer in layers_below(top, rendered=True):
         shown.update(layer.collection.objects)
-    lamps = [thing for thing in scene.objects if thing.type == "LIGHT" and not thing.hide_render]
-    return [lamp for lamp in lamps if lamp in shown]
+    return [o for o in scene.objects if o in shown and o.type in types and not o.hide_render]
 
 
 def put(thing: bpy.types.Object, matrix: mathutils.Matrix) -> list[bpy.types.Object]:

@@ -15,10 +15,11 @@ from ..geometry.triangles import check_mesh, fans, strips
 from .files import atomic_write
 from .ply_elements import Columns, read_elements
 
+_RGB = ("red", "green", "blue")
 _INDICES = ("vertex_indices", "vertex_index")
 #: What is read: the elements' properties.
 _USED = {
-    "vertex": ("x", "y", "z", "red", "green", "blue"),
+    "vertex": ("x", "y", "z", *_RGB),
     "face": _INDICES,
     "tristrips": _INDICES,
 }
@@ -64,13 +65,18 @@ def _triangles(elements: dict[str, Columns]) -> np.ndarray:
     return np.concatenate(triangles)
 
 
-def _colours(vertices: Columns, count: int) -> np.ndarray:
+def face_colours(path: Path) -> np.ndarray:
+    """(m, 3) uint8 the colours of the polygons of a file; (0, 3) without any."""
+    faces = read_elements(path, {"face": _RGB}).get("face", Columns())
+    return _colours(faces, 0).reshape(-1, 3)
+
+
+def _colours(rows: Columns, count: int) -> np.ndarray:
     """(count, 3) uint8 of integers, or of floats from 0 to 1; (count, 0) without colours."""
-    names = ("red", "green", "blue")
-    if not vertices.scalars.keys() >= set(names):
+    if not rows.scalars.keys() >= set(_RGB):
         return np.zeros((count, 0), np.uint8)
-    rgb = np.stack([vertices.scalars[name] for name in names], -1)
-    if vertices.kinds["red"][0] == "f":
+    rgb = np.stack([rows.scalars[name] for name in _RGB], -1)
+    if rows.kinds["red"][0] == "f":
         rgb = np.rint(255 * rgb)
     return np.clip(np.nan_to_num(rgb), 0, 255).astype(np.uint8)
 

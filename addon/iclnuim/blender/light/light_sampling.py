@@ -18,7 +18,7 @@ import numpy as np
 from .. import compat
 from ..compat import temporarily
 from ..sky import gives_light, sampled_at_image_size
-from ..surfaces import rendered_lamps
+from ..surfaces import rendered_objects
 from .point_bake import AT_ONCE, batches, target
 
 #: Maximum number of passes; if there are more lamps, they share passes.
@@ -116,7 +116,7 @@ def _sources() -> tuple[list[bpy.types.Object], list[bpy.types.Object]]:
 
     Lamps without light are left out, as Cycles gives them no samples.
     """
-    lamps = rendered_lamps(bpy.context.scene)
+    lamps = rendered_objects(bpy.context.scene, {"LIGHT"})
     portals = [lamp for lamp in lamps if lamp.data.type == "AREA" and lamp.data.cycles.is_portal]
     shining = [lamp for lamp in lamps if lamp.data.energy != 0 and any(lamp.data.color)]
     return [lamp for lamp in shining if lamp not in portals], portals

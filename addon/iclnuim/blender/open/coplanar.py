@@ -74,7 +74,8 @@ def _found(
     """
     with as_rendered(scene) as depsgraph:
         shown = [i.object for i in depsgraph.object_instances if i.show_self and not i.is_instance]
-        meshes = [t for t in shown if t.type == "MESH" and t.name not in moving]
+        copied = {i.object.name for i in depsgraph.object_instances if _is_copy(i)}
+        meshes = [t for t in shown if t.type == "MESH" and t.name not in moving | copied]
         things = [thing for thing in meshes if _is_opaque(thing.original)]
         if not any(len(thing.data.polygons) for thing in things):
             return {}, {}, set()
@@ -83,6 +84,11 @@ def _found(
         raised = _raised_sheets(faces, again)
         lifted, reversed_names = _overlapping(faces, again, raised)
         return _edits(faces, again, lifted), raised, reversed_names
+
+
+def _is_copy(instance: bpy.types.DepsgraphObjectInstance) -> bool:
+    """Whether it is an object at another place, which would be edited with it."""
+    return instance.is_instance and instance.parent.original != instance.object.original
 
 
 def _edits(faces: Faces, again: np.ndarray, lifted: np.ndarray) -> dict[bpy.types.Object, _Edit]:

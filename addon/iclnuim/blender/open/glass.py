@@ -29,7 +29,7 @@ def without_false_glass(path: Path) -> list[str]:
     1 1 1` for all, with `d 1` and `illum 2`.
     """
     opaque = set()
-    for name, values in _mtl_materials(path):
+    for name, values in mtl_materials(path):
         material = bpy.data.materials.get(name[:63])
         if material is None or not _is_falsely_glass(values):
             continue
@@ -44,7 +44,7 @@ def without_false_glass(path: Path) -> list[str]:
     return [f"Tf of opaque materials ({names_of(opaque)}): not treated as glass"]
 
 
-def _mtl_materials(path: Path) -> Iterator[tuple[str, dict[str, list[str]]]]:
+def mtl_materials(path: Path) -> Iterator[tuple[str, dict[str, list[str]]]]:
     """(name, keyword -> arguments) of each material in the .mtl files of an OBJ."""
     named = re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", path.read_bytes(), re.MULTILINE)
     libraries = {path.parent / os.fsdecode(name).strip('"') for name in named}

@@ -36,13 +36,7 @@ def light_up(scene: bpy.types.Scene, lost_sky: bool) -> list[str]:
         lost = "the image of the sky is missing: its plain colour gives the light"
         lamps = _light_inside(scene)
         return [f"{lost}, and {lamps} soft lamps inside" if lamps else lost]
-    world = bpy.data.worlds.new("Neutral light")
-    if world.node_tree is None:
-        world.use_nodes = True
-    sky = world.node_tree.nodes["Background"].inputs
-    sky["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
-    sky["Strength"].default_value = 1.0
-    scene.world = world
+    compat.add_white_sky(scene, 1.0)
     note = "the scene has no light: a uniform white sky was added"
     if lamps := _light_inside(scene):
         note += f", and {lamps} soft lamps inside, where the sky does not reach"
@@ -50,12 +44,12 @@ def light_up(scene: bpy.types.Scene, lost_sky: bool) -> list[str]:
 
 
 def _has_light(scene: bpy.types.Scene, lost_sky: bool) -> bool:
-    if any(lamp.data.energy > 0 for lamp in surfaces.rendered_lamps(scene)):
+    if any(lamp.data.energy > 0 for lamp in surfaces.rendered_objects(scene, {"LIGHT"})):
         return True
     instances = any(o.type == "EMPTY" and o.instance_collection for o in scene.objects)
     if (instances and bpy.data.lights) or (gives_light(scene.world) and not lost_sky):
         return True
-    things = [o for o in scene.objects if o.type in surfaces.SURFACE_TYPES and not o.hide_render]
+    things = surfaces.rendered_objects(scene, surfaces.SURFACE_TYPES)
     return any(max(thing.dimensions) > _MIN_EMITTER_M and _emits(thing) for thing in things)
 
 
@@ -65,11 +59,19 @@ def _emits(thing: bpy.types.Object) -> bool:
 
 
 def _is_emitter(node: bpy.types.Node) -> bool:
-    if node.type == "EMISSION":
+    if node.type == "EMISSION" and not all(map(_is_for_cameras, node.outputs[0].links)):
         return _is_on(node.inputs["Color"], node.inputs["Strength"])
     if node.type == "BSDF_PRINCIPLED":
         return _is_on(node.inputs["Emission Color"], node.inputs["Emission Strength"])
     return False
+
+
+def _is_for_cameras(link: bpy.types.NodeLink) -> bool:
+    """Whether only camera rays get what is linked, as from the unlit materials of glTF."""
+    mix = link.to_node
+    if mix.type != "MIX_SHADER" or link.to_socket != mix.inputs[2]:
+        return False
+    return any(factor.from_socket.name == "Is Camera Ray" for factor in mix.inputs[0].links)
 
 
 def _is_on(colour: bpy.types.NodeSocket, strength: bpy.types.NodeSocket) -> bool:

@@ -11,6 +11,8 @@ from .motion import moving_names
 
 #: Depth is float32: at this distance from the origin its resolution is about 0.1 mm.
 FAR_M = 1000.0
+#: Settings of a view layer that are off in files where it hides something.
+_SHOWN = ("use_solid", "use_sky", "use_strand", "use_volumes")
 
 
 def findings(baked: bool) -> list[str]:
@@ -49,6 +51,12 @@ def _settings_notes(scene: bpy.types.Scene) -> list[str]:
         notes.append(f"{settings}: not applied, frames contain scene-linear RGB")
     if drawn := [name for name, is_on in _drawn_over(scene) if is_on]:
         notes.append(f"{' and '.join(drawn)}: left out, frames contain what Cycles renders")
+    layer = scene.view_layers[0]
+    ignored = [name for name in _SHOWN if not getattr(layer, name)]
+    if layer.material_override:
+        ignored.append("material_override")
+    if ignored:
+        notes.append(f"settings of the view layer ({names_of(ignored)}): not applied")
     if (exposure := scene.cycles.film_exposure) != 1:
         notes.append(f"film exposure {exposure:g}: not applied, 1 is the light of the scene")
     return notes

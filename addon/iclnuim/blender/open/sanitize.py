@@ -24,7 +24,7 @@ def sanitize(scene: bpy.types.Scene) -> list[str]:
     """Repair all meshes and materials of the open session. Returns what was done."""
     notes = [*_hide_lost_objects(scene), *_repair_meshes()]
     if _show_vertex_colours(scene):
-        notes.append("surfaces without a material show the colours of their vertices")
+        notes.append("surfaces without a material show the colours of their vertices or faces")
     scripts = [text for text in bpy.data.texts if text.use_module]
     if scripts:
         notes.append(f"scripts in the file ({names_of(scripts)}): not run")

@@ -22,6 +22,7 @@ from . import (
     displacement,
     fluids,
     glass,
+    left_out,
     missing_images,
     neutral_light,
     orient,
@@ -85,6 +86,7 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
             load(path, log)
         scene_paths.check_open(path, reading, log.read_text("utf-8", "replace"))
     notes += plain_names.rename()
+    notes += left_out.completed(path)
     if bpy.data.libraries:  # local copies of linked datablocks can be changed in memory
         bpy.ops.object.make_local(type="ALL")
     if run is not None:
@@ -99,7 +101,7 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
         scene.frame_end = run.poses - 1
         scene.frame_set(0)
     _with_background_sets(scene)
-    _look_at_rendered_layer(scene)
+    notes += _with_rendered_layer(scene)
     _leave_edit_mode(scene.view_layers[0])
     _refuse_without_surfaces(path, scene, found=[*notes, "none"][0])
     notes += _without_grease_pencil()
@@ -183,14 +185,21 @@ def _without_grease_pencil() -> list[str]:
     return [f"Grease Pencil ({names_of(hidden)}): left out, because {reason}"]
 
 
-def _look_at_rendered_layer(scene: bpy.types.Scene) -> None:
-    """Make the first view layer, which is rendered, the active one too.
+def _with_rendered_layer(scene: bpy.types.Scene) -> list[str]:
+    """Make the first view layer that is used for rendering the only one. Returns a note on others.
 
     Holdouts and indirect-only settings of its collections are moved to objects.
     """
-    layer = scene.view_layers[0]
+    layers = list(scene.view_layers)
+    used = [layer for layer in layers if layer.use] or layers
+    layer = used[0]
     if bpy.context.window is not None:
         bpy.context.window.view_layer = layer
+    note = f"view layers ({names_of(used[1:])}): left out, {layer.name} is rendered"
+    for other in layers:
+        if other != layer:
+            scene.view_layers.remove(other)
+    layer.use = True
     for thing in layer.objects:
         if thing.indirect_only_get(view_layer=layer):
             thing.visible_camera = False
@@ -202,6 +211,7 @@ def _look_at_rendered_layer(scene: bpy.types.Scene) -> None:
     if getattr(layer, "world_override", None):  # from Blender 4.4 on
         scene.world = layer.world_override
         layer.world_override = None
+    return [note] if len(used) > 1 else []
 
 
 def _leave_edit_mode(layer: bpy.types.ViewLayer) -> None:

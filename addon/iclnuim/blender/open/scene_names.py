@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ...errors import InputError
 from .. import compat
@@ -140,13 +141,18 @@ def _text(data: bytes) -> str:
     return data.decode("utf-8", "surrogateescape")
 
 
+def gltf_content(file: Path) -> Any:
+    """The JSON of a glTF or GLB file. Raises ValueError if it has none."""
+    data = file.read_bytes()
+    if data.startswith(b"glTF"):
+        data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
+    return json.loads(data)
+
+
 def _in_gltf(file: Path) -> Iterator[Named]:
     entries = []
     try:
-        data = file.read_bytes()
-        if data.startswith(b"glTF"):
-            data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
-        content = json.loads(data)
+        content = gltf_content(file)
         for key in ("buffers", "images"):
             for k, entry in enumerate(content.get(key) or []):
                 if isinstance(entry, dict):

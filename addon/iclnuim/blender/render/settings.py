@@ -89,8 +89,6 @@ def apply(job: RenderJob, threads: int | None = None) -> None:
     # with date and times in the header, files of equal frames would differ
     stamps = [name for name in dir(scene.render) if name.startswith("use_stamp")]
     assign(scene.render, dict.fromkeys(stamps, False))
-    for other in scene.view_layers:
-        other.use = other == layer
     passes = [name for name in dir(layer) if name.startswith("use_pass_")]
     assign(layer, {name: name in ("use_pass_combined", "use_pass_z") for name in passes})
     # a pane of glass counts as a surface: Z is that of the first surface a ray hits
