@@ -144,6 +144,17 @@ def test_gaps_stamps_poses_and_camera_are_checked(folder):
     assert "half a pixel off" in odd
 
 
+@pytest.mark.parametrize(("left", "is_wrong"), [(4, True), (6, False)])
+def test_poses_of_less_than_half_of_the_frames_are_an_error_with_both_times(folder, left, is_wrong):
+    lines = (folder / "groundtruth.txt").read_text().splitlines()
+    poses = [line for line in lines if not line.startswith("#")]
+    (folder / "groundtruth.txt").write_text("\n".join(poses[:left]) + "\n")
+    found = inspect_sequence(folder)
+    said = "\n".join(found.wrong if is_wrong else found.odd)
+    assert f"{len(poses) - left} frames without a pose" in said
+    assert ("those of poses are 1.000 to 1.100 s" in said) == is_wrong
+
+
 def test_a_folder_of_nothing_and_a_list_that_is_broken_are_findings_not_errors(folder, tmp_path):
     assert "pairs of colour and depth images" in inspect_sequence(tmp_path).wrong[0]
     (folder / "associations.txt").write_text("1 2\n")

@@ -5,6 +5,7 @@ import pytest
 from iclnuim.dataset.pose_lines import (
     ImagesOfLines,
     first_numbers,
+    tied_by_whole_stamps,
     tied_to_images,
     tied_to_poses,
 )
@@ -59,6 +60,44 @@ def test_as_many_lines_as_images_are_theirs_in_order(read, numbers):
     np.testing.assert_allclose(tied.trajectory.stamps_s, stamps_of_frames(numbers))
     said = "one line for each image" in tied.read_as.sentence
     assert said == (numbers != [0, 1, 2])
+
+
+def with_stamps(tmp_path, stamps) -> LoadedTrajectory:
+    """Poses at x = 0, 1, ... with these stamps as TUM's rows."""
+    lines = [f"{stamp} {x} 0 0 0 0 0 1" for x, stamp in enumerate(stamps)]
+    (tmp_path / "poses.tum").write_text("\n".join(lines) + "\n")
+    return read_trajectory(tmp_path / "poses.tum")
+
+
+@pytest.mark.parametrize(
+    ("stamps", "numbers", "x"),
+    [
+        (range(20), range(20), range(20)),
+        (range(1, 21), range(20), range(20)),  # counted from 1, the images from 0
+        (range(20), range(1, 21), range(20)),
+        (range(30), range(5, 20), range(5, 20)),  # poses of more images than there are
+        (range(0, 30, 3), range(30), range(10)),  # of every third image
+    ],
+)
+def test_whole_stamps_outside_the_time_of_the_images_are_their_numbers(
+    tmp_path, stamps, numbers, x
+):
+    tied = tied_by_whole_stamps(with_stamps(tmp_path, stamps), images(list(numbers)))
+    assert x_of(tied) == list(x)
+    posed = numbers if len(x) == len(numbers) else stamps
+    np.testing.assert_allclose(tied.trajectory.stamps_s, stamps_of_frames(list(posed)))
+
+
+@pytest.mark.parametrize(
+    ("stamps", "numbers"),
+    [
+        ([1, 2, 3, 4], range(100)),  # a pose a second: most lie within the images' 3.3 s
+        (range(1, 31), range(20)),  # the numbers of other images
+    ],
+)
+def test_other_whole_stamps_are_left(tmp_path, stamps, numbers):
+    loaded = with_stamps(tmp_path, stamps)
+    assert tied_by_whole_stamps(loaded, images(list(numbers))) is loaded
 
 
 def test_a_lost_row_leaves_its_image_without_a_pose(read):

@@ -19,6 +19,8 @@ from .pose_check import TOO_LITTLE, doubt, pose_agreement
 
 #: Maximum distance of a frame from its pose, as a share of the time between frames.
 _SLACK = 0.5
+#: Poses belong to a sequence if not more than this share of its frames has none.
+_MOST = 0.5
 #: Larger residuals are caused by other surfaces, not by errors of the pose.
 _SAME_SURFACE_M = 0.3
 #: Of unrelated images the median is half of that.
@@ -38,7 +40,13 @@ def inspect_poses(result: Inspection, pairs: list[ImagePair], loaded: LoadedTraj
     without = np.flatnonzero(~posed(stamps, truth))
     if without.size:
         names = first_names([pairs[int(i)].rgb.name for i in without])
-        result.odd.append(f"{without.size} frames without a pose: {names}")
+        sentence = f"{without.size} frames without a pose: {names}"
+        if without.size > _MOST * len(stamps):
+            times = f"{stamps[0]:.3f} to {stamps[-1]:.3f} s, those of poses are "
+            times += f"{truth.stamps_s[0]:.3f} to {truth.stamps_s[-1]:.3f} s"
+            result.wrong.append(f"{sentence}; stamps of images are {times}")
+        else:
+            result.odd.append(sentence)
     if loaded.read_as.lost:
         lost = f"{loaded.read_as.lost} of {loaded.row_count} rows have no finite pose"
         result.odd.append(f"{lost} and are left out")

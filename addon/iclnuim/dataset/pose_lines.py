@@ -28,6 +28,8 @@ from .layout import usual_step_s
 Residuals = Callable[[np.ndarray, list[SE3]], list[float]]
 #: Of two readings of the lines, one is chosen if its residual is below this share of the other's.
 _CLEARLY = 0.7
+#: Whole stamps are the seconds of images if this share of them lies within the images' time.
+_MOST = 0.5
 _HINT = "a file with stamps (TUM) or frame numbers in its first column"
 
 
@@ -64,6 +66,28 @@ def tied_to_images(loaded: LoadedTrajectory, images: ImagesOfLines) -> LoadedTra
     sentence = f"{count} lines for {n} images: the first line is that of number {first}{figures}"
     tied = _tied(loaded, images.stamps_s, numbers - first, sentence)
     return replace(tied, by_depth=sentence if figures else "")
+
+
+def tied_by_whole_stamps(loaded: LoadedTrajectory, images: ImagesOfLines) -> LoadedTrajectory:
+    """The poses of the images whose numbers stand in place of stamps: whole ones, most of them
+    outside the time of the images. As they are where they are stamps or other numbers.
+    """
+    stamps_s = loaded.trajectory.stamps_s
+    first_s, last_s = images.stamps_s[0], images.stamps_s[-1]
+    within = (stamps_s >= first_s) & (stamps_s <= last_s)
+    if usual_step_s(images.stamps_s) >= 1 or within.mean() >= _MOST:
+        return loaded
+    n = len(images.stamps_s)
+    if n == loaded.row_count:
+        how = "they are no times of the images: one line for each image"
+        return _tied(loaded, images.stamps_s, np.arange(n), how)
+    numbers = np.array(images.numbers or [])
+    there = np.isin(numbers, stamps_s)
+    if not there.any() or not (there.all() or np.isin(stamps_s, numbers).all()):
+        return loaded
+    lines = loaded.rows[np.searchsorted(stamps_s, numbers[there])]
+    how = "they are the numbers of the images"
+    return _tied(loaded, images.stamps_s[there], lines, how)
 
 
 def numbers_only_count(loaded: LoadedTrajectory, images: ImagesOfLines) -> bool:

@@ -15,7 +15,14 @@ from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from .image_pairs import find_rows, frame_numbers
 from .layout import Row
-from .pose_lines import ImagesOfLines, Residuals, numbers_only_count, tied_to_images, tied_to_poses
+from .pose_lines import (
+    ImagesOfLines,
+    Residuals,
+    numbers_only_count,
+    tied_by_whole_stamps,
+    tied_to_images,
+    tied_to_poses,
+)
 from .sequence_formats import format_of
 from .stored_images import read_camera, read_depth_m
 
@@ -66,14 +73,17 @@ def read_truth(folder: Path) -> Trajectory | None:
 
 
 def load_poses(folder: Path, path: StrPath, **options: Any) -> LoadedTrajectory:
-    """Poses of a sequence's frames from any file; without stamps and frame numbers in the file, the
-    line of each frame is found (pose_lines.py). options: those of read_trajectory. Raises
-    InputError if the line cannot be told.
+    """Poses of a sequence's frames from any file; without stamps and frame numbers in the file, or
+    with the images' numbers in place of stamps, the line of each frame is found (pose_lines.py).
+    options: those of read_trajectory. Raises InputError if the line cannot be told.
     """
     loaded = read_trajectory(path, **options)
-    if not (loaded.is_counted or loaded.is_numbered):
+    has_stamps = not (loaded.is_counted or loaded.is_numbered)
+    if has_stamps and (loaded.trajectory.stamps_s % 1).any():
         return loaded
     images = _images_of_lines(folder)
+    if has_stamps:
+        return tied_by_whole_stamps(loaded, images)
     if loaded.is_numbered and not numbers_only_count(loaded, images):
         return loaded
     with within(path):
