@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 #: Least and largest upper end of a heat map.
 _MIN_ERROR_MM = 1e-3
 _MAX_ERROR_MM = 1e5
+#: A share of the true poses without one of the estimate that is more than some lost frames.
+_NOTED_SHARE = 0.1
 
 
 def configure(actions: Actions) -> None:
@@ -114,7 +116,7 @@ def run(args: Namespace, console: Console) -> None:
     settings = settings_from(args, QualitySettings())
     unit_m, model_unit_m = map(parse_unit, (args.unit, args.model_unit))
     recording = checked_rerun(args)
-    seen_by = _checked_seen_by(args)
+    seen_by = _checked_seen_by(args, console)
     mesh = read_reconstruction(args.mesh, unit_m, args.labels)
     for note in mesh.notes:
         console.note(f"note: {args.mesh}: {note}")
@@ -144,12 +146,12 @@ def run(args: Namespace, console: Console) -> None:
     console.result(values, _text(values))
 
 
-def _checked_seen_by(args: Namespace) -> "SeenBy | None":
+def _checked_seen_by(args: Namespace, console: Console) -> "SeenBy | None":
     """_seen_by(). Raises InputError for options that do not fit together."""
     if not _MIN_ERROR_MM <= args.max_error <= _MAX_ERROR_MM:
         expected = f"{_MIN_ERROR_MM:g} to {_MAX_ERROR_MM:g} mm"
         raise InputError(expected, setting="--max-error", found=args.max_error)
-    seen_by = _seen_by(args)
+    seen_by = _seen_by(args, console)
     if args.labels and seen_by is None and args.seen_by != "all":
         expected = "{labels} with {seen_by}: a trajectory, or all"
         raise InputError(expected, found="no trajectory that saw the model")
@@ -190,7 +192,7 @@ def _draw(
         console.note(f"{recording} written")
 
 
-def _seen_by(args: Namespace) -> "SeenBy | None":
+def _seen_by(args: Namespace, console: Console) -> "SeenBy | None":
     """The camera and poses that decide over which part of the model completion is measured."""
     from iclnuim.benchmark.fusion.quality import SeenBy
     from iclnuim.geometry.camera import PinholeCamera
@@ -200,9 +202,24 @@ def _seen_by(args: Namespace) -> "SeenBy | None":
         return None
     if args.seen_by:
         return SeenBy(camera, poses_of(args.seen_by, args.model))
-    if args.truth:
-        return SeenBy(camera, read_trajectory(args.truth).trajectory.T_world_camera)
+    if args.poses and args.truth:
+        estimate, truth = _poses_and_truth(args)
+        _note_truth_alone(args, estimate, truth, console)
+        return SeenBy(camera, truth.T_world_camera)
     return None
+
+
+def _note_truth_alone(
+    args: Namespace, estimate: "Trajectory", truth: "Trajectory", console: Console
+) -> None:
+    """Print a note if the true camera saw more than that of the estimate."""
+    from iclnuim.evaluation.associate import nearest
+
+    step_s = (truth.stamps_s[-1] - truth.stamps_s[0]) / max(len(truth) - 1, 1)
+    alone = int((nearest(truth.stamps_s, estimate.stamps_s)[1] > 0.5 * step_s).sum())
+    if alone > _NOTED_SHARE * len(truth):
+        there = f"{args.poses} has no pose at {alone} of the {len(truth)} poses of {args.truth}"
+        console.note(f"note: {there}; what these saw counts as missing")
 
 
 def _given_transform(args: Namespace) -> "SE3":

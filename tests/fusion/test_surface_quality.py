@@ -398,6 +398,19 @@ def test_every_kind_of_reconstruction_and_alignment_is_measured_and_said_in_word
         assert float(out.split("without the fit: mean")[1].split(";")[0]) > mean_mm
 
 
+@pytest.mark.parametrize(("left", "is_said"), [(29, False), (20, True)])
+def test_true_poses_that_the_estimate_lacks_are_said(
+    looked, monkeypatch, command_here, left, is_said
+):
+    """As after an interrupted render, whose ground truth has the poses of all frames."""
+    monkeypatch.chdir(looked)
+    write_trajectory("part.txt", read_trajectory("est.txt").trajectory[:left], "tum")
+    paths = ("mesh.ply", "--model", "model.ply", "--poses", "part.txt", "--truth", "gt.txt")
+    code, _, err = command_here("evaluate", "surface", *paths, "--samples", "5000")
+    assert code == 0, err
+    assert ("part.txt has no pose at 10 of the 30 poses of gt.txt" in err) == is_said
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
