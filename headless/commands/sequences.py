@@ -26,7 +26,7 @@ from iclnuim.dataset.inspection import inspect_sequence
 from iclnuim.dataset.label_frames import has_classes
 from iclnuim.dataset.layout import camera_file
 from iclnuim.dataset.metadata import write_metadata
-from iclnuim.dataset.packing import LICENCES, check_packable, is_archive, pack, packed_names
+from iclnuim.dataset.packing import LICENCES, is_archive, pack, packed_licence, packed_names
 from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_formats import sequence_format
@@ -354,8 +354,11 @@ def configure_pack(parser: ArgumentParser) -> None:
     add = parser.add_argument
     add("folder", type=Path, metavar="DIR", help="a finished sequence")
     add("-o", "--out", type=Path, metavar="FILE", help="a .tar.gz; default: DIR.tar.gz")
-    licences = tuple(LICENCES)
-    add("--licence", choices=licences, default="CC-BY-4.0", help="default: %(default)s")
+    help = (
+        f"{', '.join(LICENCES)}, or the name of any other; required for other images than renders "
+        "of our rooms, which are under CC-BY-4.0"
+    )
+    add("--licence", default="", metavar="NAME", help=help)
     add("--author", default="", help="name of the author in the archive")
     add("--no-preview", action="store_true", help="leave out preview.png and preview.mp4")
     example = "iclnuim pack out/living_room/kt2/noisy -o kt2_noisy.tar.gz"
@@ -380,7 +383,7 @@ def _check_archive(args: Namespace, out: Path) -> None:
 def _pack(args: Namespace, console: Console) -> None:
     folder = args.folder if args.folder.name else real_path(args.folder)  # `.` has no name
     out = args.out or folder.with_name(f"{real_path(folder).name}.tar.gz")
-    check_packable(args.folder, args.licence)
+    licence = packed_licence(args.folder, args.licence)
     _check_archive(args, out)
     extra: dict[str, bytes] = {}
     if not args.no_preview:
@@ -394,8 +397,10 @@ def _pack(args: Namespace, console: Console) -> None:
     def on_file(name: str) -> None:
         progress.advance()
 
-    count = pack(args.folder, out, args.licence, args.author, extra, on_file)
+    count = pack(args.folder, out, licence, args.author, extra, on_file)
     digest = sha256(read_bytes(out))
     size = out.stat().st_size
     values = {"archive": str(out), "files": count, "bytes": size, "sha256": digest}
-    console.result(values, f"{out}: {count} files, {size / 1e6:.1f} MB, SHA-256 {digest}")
+    values["licence"] = licence
+    text = f"{out}: {count} files, {size / 1e6:.1f} MB, under {licence}, SHA-256 {digest}"
+    console.result(values, text)

@@ -283,7 +283,7 @@ def test_labels_are_in_the_archive_of_every_format(labelled_formats, tmp_path, c
     for name in ("tum", "replica"):
         out = tmp_path / f"{name}.tar.gz"
         command = ("pack", labelled_formats / name, "-o", out, "--no-preview")
-        assert command_here(*command, "--author", "A")[0] == 0
+        assert command_here(*command, "--author", "A", "--licence", "CC0-1.0")[0] == 0
         with tarfile.open(out) as archive:
             listed = archive.getnames()
         assert sum("class" in path and path.endswith(".png") for path in listed) == 4

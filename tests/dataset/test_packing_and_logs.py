@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from iclnuim.dataset import bags_and_logs
 from iclnuim.dataset.bags_and_logs import LogSettings, write_klg, write_rosbag
-from iclnuim.dataset.packing import check_packable, pack
+from iclnuim.dataset.packing import pack, packed_licence
 from iclnuim.dataset.rendered_frames import run_frames
 from iclnuim.dataset.sequence import write_sequence
 from iclnuim.errors import InputError
@@ -25,8 +25,9 @@ def sequence(run, tmp_path):
 def test_the_archive_holds_every_file_with_its_checksum_and_is_the_same_each_time(
     sequence, tmp_path
 ):
-    count = pack(sequence, tmp_path / "a.tar.gz", author="N. N.", extra={"preview.png": b"picture"})
-    pack(sequence, tmp_path / "b.tar.gz", author="N. N.", extra={"preview.png": b"picture"})
+    words = {"licence": "CC-BY-4.0", "author": "N. N.", "extra": {"preview.png": b"picture"}}
+    count = pack(sequence, tmp_path / "a.tar.gz", **words)
+    pack(sequence, tmp_path / "b.tar.gz", **words)
     assert (tmp_path / "a.tar.gz").read_bytes() == (tmp_path / "b.tar.gz").read_bytes()
     with tarfile.open(tmp_path / "a.tar.gz") as tar:
         files = {
@@ -44,8 +45,6 @@ def test_the_archive_holds_every_file_with_its_checksum_and_is_the_same_each_tim
 
 
 def test_an_unfinished_or_foreign_folder_is_not_packed(sequence, tmp_path):
-    with pytest.raises(InputError, match="a licence among"):
-        pack(sequence, tmp_path / "a.tar.gz", licence="mine")
     recipe = (sequence / "recipe.json").read_text()
     (sequence / "recipe.json").write_text(recipe.replace('"finished": true', '"finished": false'))
     with pytest.raises(InputError, match="a finished sequence"):
@@ -56,20 +55,57 @@ def test_an_unfinished_or_foreign_folder_is_not_packed(sequence, tmp_path):
     assert not (tmp_path / "a.tar.gz").exists()
 
 
+def told(archive, name):
+    with tarfile.open(archive) as tar:
+        return tar.extractfile(next(m for m in tar if m.name.endswith(name))).read().decode()
+
+
+def test_only_a_sequence_of_our_rooms_has_a_licence_without_being_asked(
+    sequence, tmp_path, command_here
+):
+    out = tmp_path / "my_sequence.tar.gz"
+    command = ("pack", sequence, "--no-preview")
+    assert command_here("convert", sequence, tmp_path / "mine")[0] == 0
+    for folder in (sequence, tmp_path / "mine"):  # a scene of the user's; no scene
+        code, _, said = command_here("pack", folder, "--no-preview")
+        assert code == 2 and "--licence: expected a licence for these images: CC-BY-4.0" in said
+    code, _, said = command_here(*command, "--licence", "two\nlines")
+    assert code == 2 and "any other name, found" in said
+    code, printed, _ = command_here(*command, "--licence", "of my lab")
+    assert code == 0 and "under of my lab" in printed
+    assert "is under of my lab (the licence as given).\n" in told(out, "LICENSE.txt")
+    recipe = sequence / "recipe.json"
+    recipe.write_text(recipe.read_text().replace('"job": {', '"job": {"scene": "office",'))
+    code, printed, _ = command_here(*command)
+    assert code == 0 and "under CC-BY-4.0" in printed
+    assert "(CC-BY-4.0).\nhttps://creative" in told(out, "LICENSE.txt")
+
+
+def test_only_a_render_is_said_to_have_exact_ground_truth(sequence, tmp_path, command_here):
+    pack(sequence, tmp_path / "ours.tar.gz", "MIT")
+    assert "with exact ground truth, made with ICL-NUIM" in told(
+        tmp_path / "ours.tar.gz", "README.txt"
+    )
+    assert command_here("convert", sequence, tmp_path / "mine")[0] == 0
+    pack(tmp_path / "mine", tmp_path / "theirs.tar.gz", "MIT")
+    about = told(tmp_path / "theirs.tar.gz", "README.txt")
+    assert "sequence, written by ICL-NUIM" in about and "truth" not in about
+
+
 def test_a_link_to_a_file_outside_is_not_published(sequence, tmp_path):
     (tmp_path / "secret").write_text("secret")
     (sequence / "notes.txt").symlink_to(tmp_path / "secret")
     with pytest.raises(InputError, match=r"notes.txt: .*found a link to a file outside"):
-        check_packable(sequence, "CC-BY-4.0")
+        packed_licence(sequence, "CC-BY-4.0")
     (sequence / "notes.txt").unlink()
     (sequence / "notes.txt").symlink_to("groundtruth.txt")
-    check_packable(sequence, "CC-BY-4.0")
+    packed_licence(sequence, "CC-BY-4.0")
 
 
 def test_no_archive_of_another_origin_kind_or_place_is_written(sequence, tmp_path, command_here):
     default = tmp_path / "my_sequence.tar.gz"
     default.write_bytes(b"downloaded")
-    code, _, said = command_here("pack", sequence, "--no-preview")
+    code, _, said = command_here("pack", sequence, "--no-preview", "--licence", "MIT")
     assert (
         code == 2
         and "my_sequence.tar.gz: expected a new file name" in said
@@ -77,13 +113,13 @@ def test_no_archive_of_another_origin_kind_or_place_is_written(sequence, tmp_pat
     )
     default.unlink()
     for _ in range(2):  # our own archive is replaced
-        assert command_here("pack", sequence, "--no-preview")[0] == 0
+        assert command_here("pack", sequence, "--no-preview", "--licence", "MIT")[0] == 0
     for out, words in (
         (tmp_path / "a.zip", "an archive named *.tar.gz or *.tgz, found .zip"),
         (sequence / "a.tar.gz", "outside the folder that is packed"),
         (tmp_path / "no/a.tar.gz", "no such folder"),
     ):
-        code, _, said = command_here("pack", sequence, "--no-preview", "-o", out)
+        code, _, said = command_here("pack", sequence, "--licence", "MIT", "-o", out)
         assert code == 2 and words in said and not out.exists()
 
 
@@ -109,7 +145,7 @@ def test_a_sequence_whose_images_are_not_those_that_were_made_is_not_packed(
 ):
     harm(sequence)
     with pytest.raises(InputError, match=found):
-        pack(sequence, tmp_path / "a.tar.gz")
+        pack(sequence, tmp_path / "a.tar.gz", "MIT")
     assert not list(tmp_path.glob("*a.tar*"))
 
 

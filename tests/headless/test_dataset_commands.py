@@ -508,7 +508,7 @@ def test_preview_and_pack(raw, tmp_path, capsys):
     assert sheet.shape == (28 + 3 * 24, 3 * 32, 3) and sheet.std() > 20  # captions, three rows
     film = next((tmp_path / "pictures").glob("preview.[mg]*"))
     assert cv2.VideoCapture(str(film)).read()[1].shape == (24, 64, 3)
-    assert main(["pack", str(out), "--author", "N. N.", "--quiet"]) == 0
+    assert main(["pack", str(out), "--licence", "CC0-1.0", "--quiet"]) == 0
     assert (tmp_path / "sequence.tar.gz").is_file()
     assert main(["pack", str(raw)]) == 2
 

@@ -377,7 +377,7 @@ def test_the_folder_one_stands_in_is_packed_beside_it(sequence, monkeypatch):
     monkeypatch.chdir(sequence)
     assert main(["convert", ".", "../tum"]) == 0
     monkeypatch.chdir(sequence.parent / "tum")
-    assert main(["pack", ".", "--no-preview", "--quiet"]) == 0
+    assert main(["pack", ".", "--no-preview", "--licence", "MIT", "--quiet"]) == 0
     assert (sequence.parent / "tum.tar.gz").is_file()
 
 

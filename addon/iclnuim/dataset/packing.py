@@ -14,14 +14,18 @@ from pathlib import Path
 from ..errors import InputError
 from ..formats.files import atomic_write, read_bytes, sha256
 from ..formats.image_names import is_visible
+from ..shipped import SCENE_NAMES
 from .journal import JOURNAL, read_entries
 from .recipe import read_recipe
+from .sequence_origin import rendered_job
 
 CHECKSUMS = "SHA256SUMS"
 LICENCE = "LICENSE.txt"
 ABOUT = "README.txt"
 _IMAGES = (".png", ".jpg", ".npy")
 _AGAIN = "the command that made the sequence, again"
+#: The licence of sequences of the shipped rooms.
+_OURS = "CC-BY-4.0"
 #: Licences for data sets, by SPDX name.
 LICENCES = {
     "CC-BY-4.0": (
@@ -39,22 +43,22 @@ LICENCES = {
 def pack(
     folder: Path,
     archive: Path,
-    licence: str = "CC-BY-4.0",
+    licence: str = "",
     author: str = "",
     extra: Mapping[str, bytes] | None = None,
     on_file: Callable[[str], None] = lambda name: None,
 ) -> int:
     """Write `archive` (.tar.gz) with the files of `folder`, in a top folder of its name, and
-    `extra` files by name. Returns the number of files.
+    `extra` files by name. Returns the number of files. licence: as of packed_licence().
 
     SHA256SUMS can be checked with `sha256sum -c`. Raises InputError for a folder without a finished
-    recipe, with images that are missing or not those that were made, or for an unknown licence;
+    recipe, with images that are missing or not those that were made, or without a licence;
     WorkError if the archive cannot be written.
     """
     folder = Path(folder)
-    check_packable(folder, licence)
+    licence = packed_licence(folder, licence)
     top = folder.resolve().name
-    extra = {**(extra or {}), LICENCE: _terms(top, licence, author), ABOUT: _ABOUT.encode()}
+    extra = {**(extra or {}), LICENCE: _terms(top, licence, author), ABOUT: _about(folder)}
     names = sorted({*packed_names(folder), *extra} - {CHECKSUMS})
 
     def write(temporary: Path) -> None:
@@ -81,9 +85,18 @@ def pack(
 
 
 def _terms(name: str, licence: str, author: str) -> bytes:
-    title, address = LICENCES[licence]
     by = f" by {author}" if author else ""
-    return f"The data set {name}{by} is under {title} ({licence}).\n{address}\n".encode()
+    terms = f"{licence} (the licence as given)."
+    if licence in LICENCES:
+        title, address = LICENCES[licence]
+        terms = f"{title} ({licence}).\n{address}"
+    return f"The data set {name}{by} is under {terms}\n".encode()
+
+
+def _about(folder: Path) -> bytes:
+    rendered = rendered_job(folder)
+    what = "with exact ground truth, made with" if rendered else "written by"
+    return _ABOUT.format(what=what).encode()
 
 
 class _Images:
@@ -133,9 +146,12 @@ def packed_names(folder: Path) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in packed)
 
 
-def check_packable(folder: Path, licence: str) -> None:
-    """Raises InputError for a folder without a finished recipe, a link to a file outside, which
-    would be published, or an unknown licence.
+def packed_licence(folder: Path, licence: str = "") -> str:
+    """The licence of the archive: `licence`, a name among LICENCES or any other, or CC BY 4.0 for
+    a sequence of a shipped room.
+
+    Raises InputError for a folder without a finished recipe, a link to a file outside, which would
+    be published, no licence for other images, or one of several lines.
     """
     if not (folder / "recipe.json").is_file():
         hint = "the output folder of `iclnuim make`, `dataset`, `noise` or `convert`"
@@ -149,8 +165,12 @@ def check_packable(folder: Path, licence: str) -> None:
             expected = "files in the folder itself"
             hint = "the file in place of the link, or without it"
             raise InputError(expected, path=path, found="a link to a file outside", hint=hint)
-    if licence not in LICENCES:
-        raise InputError(f"a licence among {', '.join(LICENCES)}", found=licence)
+    if not licence and rendered_job(folder).get("scene") in SCENE_NAMES:
+        return _OURS
+    if not licence.strip() or not licence.isprintable():
+        expected = f"a licence for these images: {', '.join(LICENCES)} or any other name"
+        raise InputError(expected, setting="licence", found=licence or "none")
+    return licence
 
 
 def is_archive(path: Path) -> bool:
@@ -171,7 +191,7 @@ def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
     tar.addfile(info, io.BytesIO(data))
 
 
-_ABOUT = """An RGB-D sequence with exact ground truth, made with ICL-NUIM rebuilt (iclnuim).
+_ABOUT = """An RGB-D sequence, {what} ICL-NUIM rebuilt (iclnuim).
 
 recipe.json says how: settings, seed, versions. The same recipe gives the same files.
 Check the files: sha256sum -c SHA256SUMS
