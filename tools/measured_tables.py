@@ -2,10 +2,11 @@
 which commands, and the rows that it becomes.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from statistics import geometric_mean, mean
+from string import Formatter
 from typing import Any
 
 _PICTURES = "docs/measured/pictures"
@@ -57,11 +58,22 @@ def words(header: str, rows: Iterable[Sequence[object]]) -> Rows:
     return [columns, *([str(one) for one in row] for row in rows)]
 
 
-def _shown(value: float | None, spec: str, unit: str = "", factor: float = 1.0) -> str:
-    """factor times the value with its unit; empty if it was not measured."""
-    if value is None:
-        return ""
-    return f"{factor * value:{spec}}{unit}"
+class _Figures(Formatter):
+    """Formats figures by `digits unit`: metres in mm; empty if one was not measured."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if value is None:
+            return ""
+        digits, space, unit = format_spec.partition(" ")
+        if unit == "mm":
+            value = 1e3 * value
+        return f"{value:{digits}}{space}{unit}"
+
+
+def _each(header: str, row: str, figures: Iterable[Mapping[str, Any]]) -> Rows:
+    """A row of each mapping: fields between "|", with its figures by name."""
+    texts = [field.strip() for field in row.split("|")]
+    return words(header, ([_Figures().vformat(text, (), one) for text in texts] for one in figures))
 
 
 def _plain(sequence: str) -> str:
@@ -78,99 +90,79 @@ def _mm(run: dict[str, Any]) -> str:
 
 
 def _light(found: Sequence[Any]) -> Rows:
-    rows = []
-    for one in found[0]["methods"]:
-        psnr_db = one["error"]["psnr_db"]
-        rows.append(
-            (
-                one["method"]["family"],
-                one["method"]["label"],
-                f"{one['seconds']:.3g}",
-                f"{mean(psnr_db):.1f}",
-                f"{min(psnr_db):.1f}",
-                f"{one['error']['median']:.4f}",
-                f"{255 * one['flicker']:.2f}",
-            )
-        )
     header = (
         "light | samples | s/frame | PSNR dB | worst view | median error"
         " | median change from frame to frame (of 255)"
     )
-    return words(header, rows)
+    row = (
+        "{method[family]} | {method[label]} | {seconds:.3g} | {mean_db:.1f} | {worst_db:.1f}"
+        " | {error[median]:.4f} | {of_255:.2f}"
+    )
+    figures = []
+    for one in found[0]["methods"]:
+        psnr_db = one["error"]["psnr_db"]
+        ours = {"mean_db": mean(psnr_db), "worst_db": min(psnr_db), "of_255": 255 * one["flicker"]}
+        figures.append(one | ours)
+    return _each(header, row, figures)
 
 
 def _textures(found: Sequence[Any]) -> Rows:
-    rows = []
-    for r in found[0]["rows"]:
-        differences = [r["change_median"], r["change_mean"], r["difference"]]
-        of_255 = [_shown(d, ".2f", factor=255) for d in differences]
-        rows.append((_plain(r["sequence"]), r["textures"], *of_255))
     header = (
         "sequence | textures | median change | mean change | mean difference from 16 rays a pixel"
     )
-    return words(header, rows)
+    row = "{sequence} | {textures} | {change_median:.2f} | {change_mean:.2f} | {difference:.2f}"
+    figures = []
+    for r in found[0]["rows"]:
+        names = ("change_median", "change_mean", "difference")
+        of_255 = {name: r[name] and 255 * r[name] for name in names}
+        figures.append({**r, **of_255, "sequence": _plain(r["sequence"])})
+    return _each(header, row, figures)
 
 
 def _levels(room: str) -> FromOutput:
+    """One row per level; the finest, with which the others are compared, has no errors."""
+    header = (
+        "detail | triangles | mean depth error | 99 % | off by more than 5 mm"
+        " | colour, PSNR | build | frame"
+    )
+    row = (
+        "{title} | {triangles:,} | {mean_m:.2g mm} | {p99_m:.2g mm} | {off_share:.2%}"
+        " | {psnr_db:.1f dB} | {build_s:.1f s} | {frame_s:.3f s}"
+    )
+
     def text(found: Sequence[Any]) -> Rows:
-        knee = found[0]["knee"][room]
-        rows = []
+        figures = []
         for level in found[0]["levels"][room]:
             title = f"{level['detail']:g}"
-            if level["detail"] == knee:
+            if level["detail"] == found[0]["knee"][room]:
                 title += ", the knee"
             if level["detail"] == 1:
                 title = f"**{title}**"
-            rows.append((title, *_level_figures(level)))
-        header = (
-            "detail | triangles | mean depth error | 99 % | off by more than 5 mm"
-            " | colour, PSNR | build | frame"
-        )
-        return words(header, rows)
+            figures.append({**level, "title": title})
+            if level["psnr_db"] is None:
+                figures[-1] |= dict.fromkeys(("mean_m", "p99_m", "off_share"))
+        return _each(header, row, figures)
 
     return text
 
 
-def _level_figures(level: dict[str, Any]) -> tuple[str, ...]:
-    """The finest level, with which the others are compared, has no errors."""
-    errors = ["", "", "", ""]
-    if level["psnr_db"] is not None:
-        errors = [
-            f"{1e3 * level['mean_m']:.2g} mm",
-            f"{1e3 * level['p99_m']:.2g} mm",
-            f"{level['off_share']:.2%}",
-            f"{level['psnr_db']:.1f} dB",
-        ]
-    times = (f"{level['build_s']:.1f} s", f"{level['frame_s']:.3f} s")
-    return f"{level['triangles']:,}", *errors, *times
-
-
 def _maps(found: Sequence[Any]) -> Rows:
     """One row per room and size of the light map."""
-    rows = []
-    for room, sizes in found[0]["maps"].items():
-        for one in sizes:
-            rows.append(
-                (
-                    room,
-                    one["size"],
-                    f"{one['bake_s']:.0f} s",
-                    _shown(one["psnr_db"], ".1f", " dB"),
-                    _shown(one["median_of_255"], ".2f", " of 255"),
-                    f"{one['frame_s']:.3f} s",
-                )
-            )
     header = "room | map | bake | PSNR against the largest | median | frame, 320 x 240"
-    return words(header, rows)
+    row = (
+        "{room} | {size} | {bake_s:.0f s} | {psnr_db:.1f dB} | {median_of_255:.2f of 255}"
+        " | {frame_s:.3f s}"
+    )
+    figures: list[dict[str, Any]] = []
+    for room, sizes in found[0]["maps"].items():
+        figures += [{"room": room, **one} for one in sizes]
+    return _each(header, row, figures)
 
 
 def _unseen(found: Sequence[Any]) -> Rows:
-    rows = []
-    for one in found[0]["unseen"]:
-        shares = [one["triangles"], one["surface"], one["texels"]]
-        rows.append((one["room"], one["poses"], *(_shown(share, ".1%") for share in shares)))
     header = "room | poses | triangles never seen | surface never seen | texels in use never seen"
-    return words(header, rows)
+    row = "{room} | {poses} | {triangles:.1%} | {surface:.1%} | {texels:.1%}"
+    return _each(header, row, found[0]["unseen"])
 
 
 def _splits(found: Sequence[Any]) -> Rows:
@@ -192,42 +184,33 @@ def _splits(found: Sequence[Any]) -> Rows:
 
 
 def _chaos(found: Sequence[Any]) -> Rows:
-    rows = []
-    for name, damage in found[0].items():
-        events = [damage["events"].get(kind, "") for kind in ("full", "stop")]
-        lost = [damage[key] for key in ("broken", "lost", "twice")]
-        rows.append((name, damage["frames"], damage["kills"], *events, *lost))
     header = (
         " | frames | kill -9 | full disk | stopped worker | frames broken | frames lost"
         " | finished twice"
     )
-    return words(header, rows)
+    row = "{name} | {frames} | {kills} | {full} | {stop} | {broken} | {lost} | {twice}"
+    figures = []
+    for name, damage in found[0].items():
+        events = {"full": None, "stop": None, **damage["events"]}
+        figures.append({"name": name, **damage, **events})
+    return _each(header, row, figures)
 
 
 def _pairs(found: Sequence[Any]) -> Rows:
-    rows = []
-    for pair in found[0]["pairs"]:
-        rows.append(
-            (
-                f"{pair['depth']} + {pair['rgb']}",
-                f"{pair['frames_per_s']:.0f}",
-                f"{pair['ratio']:.2f}",
-                f"{pair['cpu_ms']:.0f}",
-                f"{pair['cpu_ratio']:.2f}",
-            )
-        )
     header = "depth + RGB | frames/s | over files alone | processor ms a frame | over files alone"
-    return words(header, rows)
+    row = "{depth} + {rgb} | {frames_per_s:.0f} | {ratio:.2f} | {cpu_ms:.0f} | {cpu_ratio:.2f}"
+    return _each(header, row, found[0]["pairs"])
 
 
 def _models(found: Sequence[Any]) -> Rows:
     overlaps = found[0]["overlap_with_official"] or {}
-    rows = []
+    figures = []
     for kind, times_ms in found[0]["model_ms"].items():
         for name, ms in times_ms.items():
             overlap = overlaps.get(kind, {}).get(name)
-            rows.append((f"{kind} `{name}`", f"{ms:.1f}", _shown(overlap, ".3f")))
-    return words("model | ms a frame, one core | overlap with the official noise", rows)
+            figures.append({"kind": kind, "name": name, "ms": ms, "overlap": overlap})
+    header = "model | ms a frame, one core | overlap with the official noise"
+    return _each(header, "{kind} `{name}` | {ms:.1f} | {overlap:.3f}", figures)
 
 
 def _surface(titles: Iterable[str]) -> FromOutput:
@@ -304,14 +287,12 @@ def _ratio(points: Sequence[Any], bases: Sequence[Any], key: str) -> float:
 
 
 def _voxels(found: Sequence[Any]) -> Rows:
-    rows = []
-    for point in found[0]["points"]:
-        lengths_m = [point[key] for key in ("voxel_m", "mean_m", "p95_m")]
-        lengths = [f"{1e3 * length_m:.3g} mm" for length_m in lengths_m]
-        rows.append(
-            (point["sequence"], *lengths, f"{point['ms']:.0f}", f"{point['memory_mb']:.0f}")
-        )
-    return words(" | voxel | mean distance | 95 % | ms per frame | MB", rows)
+    header = " | voxel | mean distance | 95 % | ms per frame | MB"
+    row = (
+        "{sequence} | {voxel_m:.3g mm} | {mean_m:.3g mm} | {p95_m:.3g mm} | {ms:.0f}"
+        " | {memory_mb:.0f}"
+    )
+    return _each(header, row, found[0]["points"])
 
 
 def _plotted(command: str, picture: str) -> str:
