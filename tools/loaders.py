@@ -8,14 +8,13 @@ order of the images, poses, camera, depth.
 The packages that they import must be there; PyTorch for the CPU suffices.
 """
 
-import csv
 import os
 import subprocess
 import sys
 import tomllib
 from argparse import ArgumentParser
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -26,6 +25,7 @@ from iclnuim.dataset.image_pairs import find_pairs
 from iclnuim.dataset.name_forms import PUBLISHED
 from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.dataset.stored_images import read_camera
+from iclnuim.formats.files import csv_text
 from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import Trajectory
@@ -206,15 +206,6 @@ def _relative(T: np.ndarray) -> np.ndarray:
     return np.linalg.inv(T[0]) @ T
 
 
-def _write_csv(path: Path, rows: list[Tried]) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        names = [field.name for field in fields(Tried)]
-        writer.writerow(names)
-        for row in rows:
-            writer.writerow([getattr(row, name) for name in names])
-
-
 def main(arguments: list[str] | None = None) -> int:
     parser = ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--from", type=Path, dest="source", metavar="DIR", help="clones by name")
@@ -245,7 +236,8 @@ def main(arguments: list[str] | None = None) -> int:
             failed += 1
             print(f"{name}: differs: {row}", flush=True)
     if args.csv:
-        _write_csv(args.csv, rows)
+        names = [field.name for field in fields(Tried)]
+        args.csv.write_text(csv_text([names, *map(astuple, rows)]))
     return min(failed, 1)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from iclnuim.errors import InputError
-from iclnuim.formats.files import atomic_write_text, read_text
+from iclnuim.formats.files import atomic_write_text, csv_text, read_text
 
 from .outcome import Outcome
 from .recipes.stress import StressKey
@@ -26,13 +26,11 @@ _COLUMNS = [*_KEY, *_FIGURES]
 
 def write_cells(cells: Cells, file: Path) -> None:
     """Write the cells, sorted. Figures have six significant digits; one that is None is empty."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_COLUMNS)
+    rows = [_COLUMNS]
     for key in sorted(cells):
         figures = [_word(cells[key][name]) for name in _FIGURES]
-        writer.writerow([*astuple(key)[: len(_KEY)], *figures])
-    atomic_write_text(file, text.getvalue())
+        rows.append([*astuple(key)[: len(_KEY)], *figures])
+    atomic_write_text(file, csv_text(rows))
 
 
 def read_cells(file: Path) -> dict[StressKey, dict[str, Any]]:

@@ -52,9 +52,6 @@ class Printed:
     def surface(self, where: Where, statistic: str = "mean") -> float | None:
         return self._of(SURFACE_TABLES, where, statistic)
 
-    def degenerate(self, where: Where) -> float | None:
-        return None
-
     def _of(
         self, numbers: Mapping[tuple[str, str], str], where: Where, statistic: str
     ) -> float | None:

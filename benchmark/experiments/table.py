@@ -1,12 +1,12 @@
 """A table of texts, and its output for a terminal, in Markdown, in LaTeX and as CSV."""
 
-import csv
-import io
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, zip_longest
 from textwrap import wrap
+
+from iclnuim.formats.files import csv_text
 
 #: Maximum width of a column in a terminal, in characters.
 _WIDEST = 34
@@ -144,10 +144,7 @@ class ResultTable:
         return "\n".join([*lines, r"\hline", r"\end{tabular}", *notes, r"\end{table}"])
 
     def csv(self) -> str:
-        stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerows((self.columns, *self.rows))
-        return stream.getvalue().removesuffix("\n")
+        return csv_text((self.columns, *self.rows)).removesuffix("\n")
 
 
 def shown(value: float | None, spec: str, factor: float = 1) -> str:

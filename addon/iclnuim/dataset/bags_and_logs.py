@@ -11,7 +11,6 @@ import tempfile
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from decimal import Decimal
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -20,6 +19,7 @@ import numpy as np
 from ..errors import InputError, WorkError
 from ..formats.depth_units import depth16_from_metres
 from ..formats.files import atomic_write, atomic_write_text, read_bytes
+from ..formats.stamps import nanoseconds_of
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
@@ -104,22 +104,15 @@ class LogSettings(Settings):
         return written
 
 
-def write_rosbag(
-    folder: Path,
-    out: Path,
-    ros: int,
-    settings: LogSettings | None = None,
-    on_frame: Callable[[int], None] = lambda number: None,
-) -> int:
+def write_rosbag(folder: Path, out: Path, ros: int, settings: LogSettings | None = None) -> int:
     """Write the pairs of a sequence as a bag: a file for `ros` 1, a folder for `ros` 2. Returns the
     number of pairs.
 
     Raises InputError if `out` exists already, WorkError without the package rosbags.
     """
-    pairs = find_pairs(Path(folder))
-    camera = read_camera(Path(folder), pairs[0].rgb)
-    truth = read_truth(Path(folder))
-    out = Path(out)
+    pairs = find_pairs(folder)
+    camera = read_camera(folder, pairs[0].rgb)
+    truth = read_truth(folder)
     if out.exists():
         raise InputError("a path that does not exist yet", path=out, found="a file or folder")
     try:
@@ -130,7 +123,6 @@ def write_rosbag(
             with bag.writer:
                 for pair in pairs:
                     bag.pair(pair, camera)
-                    on_frame(pair.number)
                 if truth is not None:
                     bag.truth(truth)
             (Path(scratch) / out.name).rename(out)
@@ -179,7 +171,7 @@ class _Bag:
             stored = ("16UC1", depth16_from_metres(depth, 1000).astype("<u2"))
         images = zip(self.topics, (("rgb8", rgb), stored), pair.written, strict=True)
         for topic, (encoding, pixels), text in images:
-            stamp_ns = self._nanoseconds(text or pair.stamp_s)
+            stamp_ns = nanoseconds_of(text or pair.stamp_s)
             data = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8)
             image = self._new(
                 "sensor_msgs/msg/Image",
@@ -199,7 +191,7 @@ class _Bag:
     def truth(self, truth: Trajectory) -> None:
         """Write poses, and the same poses as transforms."""
         for i, stamp_s in enumerate(truth.stamps_s.tolist()):
-            stamp_ns = self._nanoseconds(stamp_s)
+            stamp_ns = nanoseconds_of(stamp_s)
             T = truth.T_world_camera[i]
             header = self._header(stamp_ns, _WORLD)
             place = dict(zip("xyz", T.translation.tolist(), strict=True))
@@ -251,15 +243,8 @@ class _Bag:
         serialize = self.store.serialize_ros1 if self.ros == 1 else self.store.serialize_cdr
         self.writer.write(self.connections[topic], stamp_ns, serialize(message, kind))
 
-    @staticmethod
-    def _nanoseconds(stamp: float | str) -> int:
-        """Nanoseconds of a stamp in seconds; of the text of a stamp, with all its digits."""
-        return round(Decimal(stamp if isinstance(stamp, str) else repr(stamp)) * 10**9)
 
-
-def write_klg(
-    folder: Path, file: Path, on_frame: Callable[[int], None] = lambda number: None
-) -> int:
+def write_klg(folder: Path, file: Path) -> int:
     """Write the pairs of a sequence as one log for ElasticFusion and Kintinuous, and its camera
     next to it. Returns the number of pairs. Raises
     the errors of the readers, and InputError if the camera's file exists with another content.
@@ -269,8 +254,8 @@ def write_klg(
     compressed: the programs detect this by its size). The camera is in a separate file .cal with
     one line `fx fy cx cy`: ElasticFusion -l X.klg -cal X.cal.
     """
-    pairs = find_pairs(Path(folder))
-    camera = read_camera(Path(folder), pairs[0].rgb)
+    pairs = find_pairs(folder)
+    camera = read_camera(folder, pairs[0].rgb)
     c = camera.pinhole
 
     def write(temporary: Path) -> None:
@@ -284,7 +269,6 @@ def write_klg(
                 log.write(struct.pack("<qii", stamp_us, len(depth), rgb.nbytes))
                 log.write(depth)
                 log.write(rgb.tobytes())
-                on_frame(pair.number)
 
     calibration = file.with_suffix(".cal")
     line = f"{c.fx:.9g} {c.fy:.9g} {c.cx:.9g} {c.cy:.9g}\n"

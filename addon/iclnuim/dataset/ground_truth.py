@@ -1,7 +1,5 @@
 """Images of a run in addition to colour and depth, and its table of objects and classes."""
 
-import csv
-import io
 from functools import cached_property
 from pathlib import Path
 
@@ -10,7 +8,7 @@ import numpy as np
 from ..channels import INSTANCE, Channel, exr_types
 from ..errors import InputError
 from ..formats.exr import read_exr
-from ..formats.files import atomic_write_text, read_bytes, read_json, write_json
+from ..formats.files import atomic_write_text, csv_text, read_bytes, read_json, write_json
 
 OBJECTS = "objects.json"
 #: The poses of moving objects in every frame, if something moves.
@@ -72,9 +70,7 @@ class FurtherImages:
         if (self.run / OBJECT_POSES).is_file():
             poses = read_bytes(self.run / OBJECT_POSES).decode()
             atomic_write_text(folder / OBJECT_POSES, poses)
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(("class_id", "class", "nyu40_id", "nyu40"))
         keys = ("id", "name", "nyu40_id", "nyu40")
-        table.writerows([kind[key] for key in keys] for kind in self.objects["classes"])
-        atomic_write_text(folder / "classes.csv", text.getvalue())
+        rows = [[kind[key] for key in keys] for kind in self.objects["classes"]]
+        text = csv_text([("class_id", "class", "nyu40_id", "nyu40"), *rows])
+        atomic_write_text(folder / "classes.csv", text)

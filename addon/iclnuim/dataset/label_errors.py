@@ -2,8 +2,6 @@
 matrix over all frames, and panoptic quality.
 """
 
-import csv
-import io
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +14,7 @@ from ..console import Meter, advance_of
 from ..errors import InputError, StrPath
 from ..evaluation.labels import VOID, LabelFigures, label_confusion, label_figures
 from ..evaluation.panoptic import QUALITIES, PanopticQuality, Segmentation, panoptic_quality
+from ..formats.files import csv_text
 from ..formats.label_images import read_label_image
 from .label_classes import OURS, ClassMap, class_map
 from .label_frames import (
@@ -85,12 +84,10 @@ class LabelErrors:
         """
         rows, columns, counts = self.shown()
         names = self.classes.names
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(["truth", *(names[k] for k in columns)])
+        table = [["truth", *(names[k] for k in columns)]]
         for k, row in zip(rows, counts.tolist(), strict=True):
-            table.writerow([names[k], *row])
-        return text.getvalue()
+            table.append([names[k], *row])
+        return csv_text(table)
 
     def shown(self) -> tuple[list[int], list[int], np.ndarray]:
         """Indices of the classes of the truth, of those of truth or prediction, and the confusion

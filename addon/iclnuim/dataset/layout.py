@@ -7,7 +7,6 @@ Each format is a module in layouts/ and an entry of the registry in sequence_for
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from decimal import Decimal
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -23,7 +22,7 @@ from ..formats.depth_units import UNITS_PER_METRE, check_units
 from ..formats.files import atomic_write, is_file, make_folder, read_json
 from ..formats.image_names import by_numbers, numbers_in_names
 from ..formats.images import image_header
-from ..formats.stamps import seconds_of_names, stamp_name, stamp_text
+from ..formats.stamps import nanoseconds_of, seconds_of_names, stamp_name, stamp_text
 from ..formats.trajectories import write_trajectory
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -61,10 +60,8 @@ class SequenceFrame:
         return stamp_name(text)
 
     def nanoseconds(self, kind: str = RGB) -> int:
-        """The stamp in nanoseconds, from its shortest decimal text: 1305031102.175304 s does not
-        become ...303936 ns.
-        """
-        return round(Decimal(self.written.get(kind) or repr(self.stamp_s)) * 10**9)
+        """The stamp in nanoseconds, from the text in its list if there is one."""
+        return nanoseconds_of(self.written.get(kind) or self.stamp_s)
 
 
 class Row(NamedTuple):

@@ -15,7 +15,7 @@ from ..channels import DEPTH, RGB
 from ..console import Meter, advance_of
 from ..errors import InputError, StrPath, WorkError
 from ..evaluation.image_error import ViewSettings, psnr_db, ssim
-from ..formats.files import data_lines, is_file, read_text
+from ..formats.files import csv_text, data_lines, is_file, read_text
 from ..formats.images import ARRAY, JPEG, read_colour8
 from ..shown import Shown, axes_or_new
 from .image_pairs import ImagePair, find_pairs
@@ -95,14 +95,10 @@ class ViewErrors(Shown):
 
     def csv(self) -> str:
         """A CSV table with one line per view."""
-        rows = [",".join(["view", "keyframe", *FIGURES])]
+        rows: list[list[object]] = [["view", "keyframe", *FIGURES]]
         for view in self.views:
-            row = [view.name, str(int(view.keyframe))]
-            for name in FIGURES:
-                value = getattr(view, name)
-                row.append("" if value is None else repr(value))
-            rows.append(",".join(row))
-        return "\n".join(rows) + "\n"
+            rows.append([view.name, int(view.keyframe), *(getattr(view, name) for name in FIGURES)])
+        return csv_text(rows)
 
 
 def view_errors(

@@ -3,8 +3,10 @@ file and line.
 """
 
 import codecs
+import csv
 import errno
 import hashlib
+import io
 import json
 import math
 import os
@@ -12,7 +14,7 @@ import platform
 import shutil
 import tempfile
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -198,6 +200,13 @@ def writer_has_ended(temporary: Path) -> bool:
 def atomic_write_text(path: StrPath, text: str) -> None:
     """Write text in UTF-8, with its line ends unchanged."""
     atomic_write(path, lambda temporary: temporary.write_bytes(text.encode()))
+
+
+def csv_text(rows: Iterable[Iterable[object]]) -> str:
+    """The text of CSV; None is an empty field."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 def json_text(content: object, ascii: bool = False) -> str:

@@ -170,9 +170,11 @@ def _nine_digits(stamp_s: Decimal) -> str:
     return text[:-3] + text[-3:].rstrip("0")
 
 
-def nanoseconds_of(stamp_s: float) -> int:
-    """Nanoseconds of the shortest decimal text of a stamp in seconds."""
-    return round(Decimal(repr(stamp_s)) * 10**9)
+def nanoseconds_of(stamp_s: float | str) -> int:
+    """Nanoseconds of a stamp in seconds, by its text or the shortest one: 1305031102.175304 s does
+    not become ...303936 ns.
+    """
+    return round(Decimal(str(stamp_s)) * 10**9)
 
 
 def frame_numbers(stamps_s: np.ndarray, rate_hz: float) -> np.ndarray:
