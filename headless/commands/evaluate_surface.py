@@ -117,9 +117,7 @@ def run(args: Namespace, console: Console) -> None:
     unit_m, model_unit_m = map(parse_unit, (args.unit, args.model_unit))
     recording = checked_rerun(args)
     seen_by = _checked_seen_by(args, console)
-    mesh = read_reconstruction(args.mesh, unit_m, args.labels)
-    for note in mesh.notes:
-        console.note(f"note: {args.mesh}: {note}")
+    mesh = _noted(read_reconstruction(args.mesh, unit_m, args.labels), args, console)
     given = _given_transform(args)
     T = _fitted_transform(args, given, unit_m, console)
     with within(args.model):
@@ -144,6 +142,12 @@ def run(args: Namespace, console: Console) -> None:
         for sentence in label_notes(values["labels"]):
             console.note(f"note: {sentence}")
     console.result(values, _text(values))
+
+
+def _noted(mesh: "Reconstruction", args: Namespace, console: Console) -> "Reconstruction":
+    for note in mesh.notes:
+        console.note(f"note: {args.mesh}: {note}")
+    return mesh
 
 
 def _checked_seen_by(args: Namespace, console: Console) -> "SeenBy | None":
