@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from iclnuim.errors import InputError, StrPath, within
+from iclnuim.errors import InputError, within
 from iclnuim.formats.files import data_lines, read_text
 from iclnuim.formats.meshes import read_mesh_or_cloud
 from iclnuim.formats.ply import MeshLabels, read_ply_labels
@@ -27,7 +27,7 @@ class Reconstruction:
 
 
 def read_reconstruction(
-    path: StrPath, unit_m: float = 1.0, labelled: bool = False
+    path: Path | str, unit_m: float = 1.0, labelled: bool = False
 ) -> Reconstruction:
     """Read a mesh or a point cloud in units of unit_m, and its labels if requested. Points that are
     not finite, and triangles with such points, are left out.
@@ -70,7 +70,7 @@ def _labels(path: Path) -> MeshLabels:
 
 
 def _finite_part(
-    path: StrPath, points: np.ndarray, triangles: np.ndarray, finite: np.ndarray
+    path: Path | str, points: np.ndarray, triangles: np.ndarray, finite: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, str]:
     """The finite points, the triangles of finite points, and a note about the others."""
     total = len(points)

@@ -4,6 +4,7 @@ volume is meshed.
 
 import os
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from iclnuim.console import Meter, advance_of
 from iclnuim.dataset.image_pairs import ImagePair
 from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.rgbd_sequence import RgbdSequence
-from iclnuim.errors import InputError, StrPath
+from iclnuim.errors import InputError
 from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.geometry.se3 import SE3, Poses
 from iclnuim.geometry.trajectory import Trajectory, frame_slice, sample
@@ -45,7 +46,7 @@ class FusedSurface(Shown):
 
 
 def fuse_sequence(
-    folder: RgbdSequence | StrPath,
+    folder: RgbdSequence | Path | str,
     trajectory: Trajectory | Poses,
     settings: FuseSettings | None = None,
     progress: Meter = None,
@@ -139,7 +140,7 @@ class _Fusion:
             "parts_that_left": len(self.parts) - 1,
         }
 
-    def no_surface(self, folder: StrPath) -> InputError:
+    def no_surface(self, folder: Path | str) -> InputError:
         """The error for no surface, with the number of frames left out, and the reason of the first
         whose images were refused, if any was.
         """

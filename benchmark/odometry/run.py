@@ -15,7 +15,7 @@ from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.dataset.rgbd_sequence import RgbdSequence
 from iclnuim.dataset.sequence_poses import read_truth
 from iclnuim.dataset.stored_images import read_camera, read_images
-from iclnuim.errors import InputError, StrPath, WorkError
+from iclnuim.errors import InputError, WorkError
 from iclnuim.evaluation.absolute_error import absolute_error
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
 from iclnuim.formats.files import is_file
@@ -51,7 +51,7 @@ class Sequence:
 
     def __init__(
         self,
-        folder: StrPath | RgbdSequence,
+        folder: Path | str | RgbdSequence,
         depth_offset: float = 0.0,
         camera: SequenceCamera | None = None,
         frames: str = "::",
@@ -143,7 +143,7 @@ class OdometryRun(Shown):
         """One line per lost frame: its stamp and the reason."""
         return [f"{f.stamp_s:.6f} s lost: {f.result.reason}" for f in self.frames if f.lost]
 
-    def write(self, path: StrPath) -> None:
+    def write(self, path: str | Path) -> None:
         """The trajectory as a TUM file."""
         write_trajectory(path, self.trajectory, "tum")
 
@@ -201,7 +201,7 @@ class OdometryRun(Shown):
 
 def run_odometers(
     odometers: Iterable[Odometer] | Odometer,
-    sequence: Sequence | RgbdSequence | StrPath,
+    sequence: Sequence | RgbdSequence | Path | str,
     policy: str = "hold",
     progress: Meter = None,
     frames: int | None = None,

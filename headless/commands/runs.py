@@ -14,7 +14,7 @@ from iclnuim import shipped
 from iclnuim.console import Console
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.run_folder import load_trajectory
-from iclnuim.errors import InputError, StrPath
+from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.trajectory import frame_slice
@@ -207,7 +207,7 @@ def _sequence_job(sequence: str | None, args: Namespace) -> RenderJob:
     return RenderJob(sequence=name, scene=args.scene, trajectory=args.trajectory)
 
 
-def _check_asked(job: RenderJob, args: Namespace, file: StrPath) -> None:
+def _check_asked(job: RenderJob, args: Namespace, file: str | Path) -> None:
     """Raises InputError if a recipe, but no option, lets the scene read files outside."""
     allowed = options.given_settings(args, SceneReading, ["allow_outside"])
     job.reading.check_asked(bool(allowed), file)

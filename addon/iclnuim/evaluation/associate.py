@@ -240,32 +240,37 @@ def _greedy_by_heap(
     stamps_s = np.concatenate([first_s, second_s])
     order = np.argsort(stamps_s, kind="stable")
     count = len(first_s)
-    # between two ends that are in no pair
-    owner = [0, *order.tolist(), 0]
-    stamp = [-np.inf, *stamps_s[order].tolist(), np.inf]
+    owner = order.tolist()
+    stamp = stamps_s[order].tolist()
     after = list(range(1, len(owner) + 1))
     before = list(range(-1, len(owner) - 1))
-    heap: list[tuple[float, list[int], int, int]] = []
+    heap: list[tuple[float, int, int, int, int]] = []
 
     def propose(left: int, right: int) -> None:
-        pair = sorted((owner[left], owner[right]))
+        one = owner[left]
+        other = owner[right]
+        if one > other:
+            one, other = other, one
         difference = stamp[right] - stamp[left]
-        if pair[0] < count <= pair[1] and difference < limit_s:
-            heapq.heappush(heap, (difference, pair, left, right))
+        if one < count <= other and difference < limit_s:
+            heapq.heappush(heap, (difference, one, other, left, right))
 
     for left in range(len(owner) - 1):
         propose(left, left + 1)
     free = [True] * len(owner)
     pairs = []
     while heap:
-        _, pair, left, right = heapq.heappop(heap)
-        if free[left] and free[right]:
-            pairs.append(pair)
-            free[left] = free[right] = False
-            left = before[left]
-            right = after[right]
+        _, one, other, left, right = heapq.heappop(heap)
+        if not (free[left] and free[right]):
+            continue
+        pairs.append((one, other - count))
+        free[left] = free[right] = False
+        left, right = before[left], after[right]
+        if left >= 0:
             after[left] = right
+        if right < len(owner):
             before[right] = left
+        if left >= 0 and right < len(owner):
             propose(left, right)
     i, j = np.array(pairs, int).reshape(-1, 2).T
-    return i, j - count
+    return i, j

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..errors import InputError, StrPath
+from ..errors import InputError
 from ..settings import Settings, declared, setting
 from . import axes
 
@@ -94,7 +94,7 @@ class SceneReading(Settings):
     )
     allow_outside: bool = setting(False, "read all files that the scene refers to, in any folder")
 
-    def check_asked(self, allowed: bool, path: StrPath) -> None:
+    def check_asked(self, allowed: bool, path: str | Path) -> None:
         """Raises InputError if these settings, read from the file `path`, let the scene read files
         outside its folder and the user's own act does not: no file may allow it.
         """

@@ -68,8 +68,7 @@ class TriangleDistance:
         for rows in slabs(self.vertices, self.triangles, self._slab):
             part = self.triangles[rows]
             corners = self.vertices[part]
-            in_box_m = points_m.clip(corners.min((0, 1)), corners.max((0, 1)))
-            to_box_m = np.linalg.norm(points_m - in_box_m, axis=1)
+            to_box_m = _distance_to_box(points_m, corners.min((0, 1)), corners.max((0, 1)))
             del corners
             # skip points that are farther from the slab's box than from the triangles of an earlier
             # slab
@@ -116,3 +115,7 @@ def slabs(
     order = np.argsort(vertices[triangles[:, 0], axis].astype(np.float32), kind="stable")
     for start in range(0, len(order), max_triangles):
         yield order[start : start + max_triangles]
+
+
+def _distance_to_box(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(points - points.clip(low, high), axis=1)
