@@ -108,6 +108,7 @@ function opened(cell) {
   picture("heat_jpg", "Surface coloured by its distance to the model");
   if (cell.heat_jpg) box.lastChild.append(make("div", { class: "heat" }), make("span", { class: "soft" }, data.heat_text));
   picture("surface_jpg", "Surface in its fused colours");
+  if (data.films[cell.sequence]) figure(make("video", { src: data.films[cell.sequence], controls: "", muted: "", loop: "", preload: "none" }), "The sequence: colour and depth");
   const list = make("dl"), pair = (name, text) => list.append(make("div", {}, make("dt", {}, name), make("dd", {}, text)));
   columns.forEach((name, k) => { if (cell.row[k]) pair(name, cell.row[k]); });
   for (const [name, text] of Object.entries(cell.more)) pair(name, text);

@@ -5,7 +5,7 @@ error over time and heat map.
 import base64
 import io
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +21,18 @@ from .paper_tables import CELL_COLUMNS, cell_row, cells_table, has_ours
 from .paper_task import HEAT_MM
 from .table import ResultTable
 
-#: Part of the page for pictures. Those beyond it are left out, those in colour first.
+#: Part of the page for pictures and films. Pictures beyond it are left out, those in colour first.
 _PICTURES = 52_000_000
 _DPI = 110
 _HEAT_TEXT = f"logarithmic: {HEAT_MM[0]:g} mm or less (blue) to {HEAT_MM[1]:g} mm or more (red)"
 
 
-def write_report(out: Path, results: Sequence[Measured], tables: Sequence[ResultTable]) -> Path:
+def write_report(
+    out: Path,
+    results: Sequence[Measured],
+    tables: Sequence[ResultTable],
+    films: Mapping[str, bytes] | None = None,
+) -> Path:
     """Write OUT/report.html from the measured cells and their tables.
 
     Raises WorkError if it cannot be written or is too large.
@@ -44,7 +49,7 @@ def write_report(out: Path, results: Sequence[Measured], tables: Sequence[Result
         lead=_about(out),
         sections=[*first, *_sections(findings, correlations, others)],
         tiles=_tiles(results, findings[0]),
-        data=_data(results),
+        data=_data(results, films or {}),
         heat=_heat_gradient(),
     )
     return page.write(out / "report.html")
@@ -108,11 +113,11 @@ def _tiles(results: Sequence[Measured], findings: ResultTable) -> list[tuple[str
     return texts
 
 
-def _data(results: Sequence[Measured]) -> dict[str, Any]:
+def _data(results: Sequence[Measured], films: Mapping[str, bytes]) -> dict[str, Any]:
     """The data that the page's script draws."""
     table = cells_table(results)
     cells = [_row(result) for result in results]
-    left = _PICTURES
+    left = _PICTURES - sum(map(len, films.values())) * 4 // 3
     for found, result, name in _pictures(cells, results):
         path = result.folder / f"{name}.jpg"
         if path.is_file() and len(text := _inline("image/jpeg", path.read_bytes())) <= left:
@@ -125,6 +130,7 @@ def _data(results: Sequence[Measured]) -> dict[str, Any]:
         "several": [CELL_COLUMNS[j] for j in columns if len(set(table.column(j))) > 1],
         "cells": cells,
         "colours": _colours(results),
+        "films": {sequence: _inline("video/webm", film) for sequence, film in films.items()},
         "heat_text": _HEAT_TEXT,
     }
 

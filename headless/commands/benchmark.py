@@ -61,6 +61,11 @@ def configure(parser: ArgumentParser) -> None:
         metavar="N",
         help="number of processes; default: one per core and 2 GB of memory",
     )
+    add(
+        "--videos",
+        action="store_true",
+        help="add a short film of each sequence to the report; needs --data",
+    )
     help = "measure nothing: write tables and report of the cells in DIR; default: those in --out"
     add("--report-only", nargs="?", const="", metavar="DIR", help=help)
     add_dry_run(parser)
@@ -133,7 +138,8 @@ def run(args: Namespace, console: Console) -> int:
     tables = tables_of(results)
     write_tables(args.out / "tables", tables)
     console.note(f"{args.out / 'tables'} written, {len(tables)} tables in {', '.join(FORMATS)}")
-    console.note(f"{write_report(args.out, results, tables)} written")
+    films = _films(args, results, console) if args.videos else {}
+    console.note(f"{write_report(args.out, results, tables, films)} written")
     console.result(_values(results, tables), _text(tables))
     if problems:
         raise WorkError(
@@ -211,6 +217,31 @@ def _workers() -> int:
         return cores()
     memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     return max(1, min(cores(), memory // _BYTES_A_WORKER))
+
+
+def _films(args: Namespace, results: "list[Measured]", console: Console) -> dict[str, bytes]:
+    """The films OUT/films/SEQUENCE.webm of the measured sequences that exist, by sequence; missing
+    films are made.
+    """
+    from iclnuim.benchmark.experiments.paper_sources import Sources
+    from iclnuim.native_output import native_output_in
+    from iclnuim.report.preview import write_web_film
+
+    sources = Sources(args.data, args.out, args.lambertian)
+    keys = {r.key.sequence: r.key for r in results if not r.key.seed}
+    folders = {name: sources.folder(key) for name, key in keys.items()}
+    there = {name: folder for name, folder in folders.items() if folder.is_dir()}
+    progress = console.progress(len(there), "films", "films")
+    films = {}
+    for name, folder in there.items():
+        path = sources.out / "films" / f"{name}.webm"
+        if not path.is_file():
+            make_folder(path.parent)
+            with native_output_in(Path(os.devnull)):  # OpenCV's FFmpeg writes to standard error
+                write_web_film(folder, path, args.first)
+        films[name] = path.read_bytes()
+        progress.advance()
+    return films
 
 
 def tables_of(results: "list[Measured]") -> list[ResultTable]:

@@ -23,6 +23,7 @@ from ..shown import depth_colours, depth_range, ramp
 
 _ROWS = 6
 _FILM_FRAMES = 300
+_WEB_FRAMES = 150
 _FILM_HZ = 15
 _ERROR_FULL_M = 0.05
 #: The error is relative to a frame this number of frames away: half a second.
@@ -131,10 +132,22 @@ def _halved(image: np.ndarray) -> np.ndarray:
     return even.reshape(h // 2, 2, w // 2, 2, 3).mean((1, 3)).astype(np.uint8)
 
 
-def _write_film(path: Path, frames: list[np.ndarray]) -> None:
+def write_web_film(folder: Path, path: Path, first: int | None = None) -> None:
+    """Write a WebM film of colour and depth for web pages, at a quarter of the width and height,
+    with at most 150 frames of a sequence or of its `first` ones.
+    """
+    pairs = find_pairs(folder)[:first]
+    camera = read_camera(folder, pairs[0].rgb)
+    pairs = pairs[:: -(-len(pairs) // _WEB_FRAMES)]
+    range_m = depth_range(_metres(pairs[len(pairs) // 2], camera))
+    frames = [_halved(_tiles(pair, camera, range_m)) for pair in pairs]
+    atomic_write(path, lambda temporary: _write_film(temporary, frames, "VP80"))
+
+
+def _write_film(path: Path, frames: list[np.ndarray], code: str = "mp4v") -> None:
     _, cv2 = first_library("a film", "cv2")
     height, width = frames[0].shape[:2]
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), _FILM_HZ, (width, height))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), _FILM_HZ, (width, height))
     for frame in frames:
         writer.write(np.ascontiguousarray(frame[..., ::-1]))
     writer.release()
