@@ -1171,6 +1171,7 @@ def settings_that_spoil(folder: Path) -> None:
                 "light_sampling_threshold": 1.0,
                 "scrambling_distance": 0.0,
                 "texture_limit_render": "128",
+                "direct_light_sampling_type": "FORWARD_PATH_TRACING",
             },
         ),
         (scene.cycles, {"sampling_pattern": "TABULATED_SOBOL", "film_exposure": 4.0}),

@@ -289,6 +289,25 @@ def test_an_object_that_stands_elsewhere_as_an_instance_keeps_its_faces():
     assert len(twin.data.polygons) == 6
 
 
+def test_what_overlaps_what_was_moved_is_moved_further():
+    from iclnuim.blender.open import coplanar
+
+    scene_gallery.bpy.ops.wm.read_factory_settings(use_empty=True)
+    sheets = []
+    for low, high in ((0, 9), (1, 5), (2, 3)):
+        corners = [(low, low, 0), (high, low, 0), (high, high, 0), (low, high, 0)]
+        sheets.append(scene_gallery.mesh(f"sheet {low}", corners, [(0, 1, 2, 3)]))
+    fronts = []
+    for name, low, high in (("shelf", 0, 9), ("board", 1, 5), ("end", 2, 3)):
+        fronts.append(scene_gallery.box(name, (20, low, low / 9), (21, high, 1 + high / 9)))
+    notes = coplanar.remove_coincident_faces(scene_gallery.bpy.context.scene)
+    assert any("(sheet 1, sheet 2): moved" in note for note in notes)
+    heights_mm = [1000 * sheet.matrix_world.translation.z for sheet in sheets]
+    assert np.allclose(heights_mm, [0, 0.05, 0.1], atol=1e-4)
+    reached_mm = [1000 * (21 - max(v.co.x for v in box.data.vertices)) for box in fronts]
+    assert np.allclose(np.abs(reached_mm), [0, 0.05, 0.1], atol=3e-3)
+
+
 def test_a_rug_lies_on_a_floor_of_tiles_and_a_poster_that_shows_its_back_is_named():
     from iclnuim.blender.open import coplanar
 

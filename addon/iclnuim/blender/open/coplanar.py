@@ -91,14 +91,19 @@ def _is_copy(instance: bpy.types.DepsgraphObjectInstance) -> bool:
     return instance.is_instance and instance.parent.original != instance.object.original
 
 
-def _edits(faces: Faces, again: np.ndarray, lifted: np.ndarray) -> dict[bpy.types.Object, _Edit]:
+def _edits(
+    faces: Faces, again: np.ndarray, lifted: dict[int, int]
+) -> dict[bpy.types.Object, _Edit]:
     edits = {}
+    rows = np.array(sorted(lifted), int)
     for k, thing in enumerate(faces.things):
         gone = faces.rows_of(k, again)
-        moved = faces.rows_of(k, lifted)
+        moved = faces.rows_of(k, rows)
         if len(gone) or len(moved):
             start = faces.starts[k]
-            edits[thing.original] = _Edit(gone - start, moved - start, faces.normals[moved])
+            layers = np.array([lifted[row] for row in moved])[:, None]
+            directions = faces.normals[moved] * layers
+            edits[thing.original] = _Edit(gone - start, moved - start, directions)
     return edits
 
 
@@ -106,7 +111,7 @@ def _notes(
     edits: dict[bpy.types.Object, _Edit], raised: Iterable[bpy.types.Object], reversed_: set[str]
 ) -> list[str]:
     black = "because Cycles would show both black"
-    moved = f"moved by {_RAISED_M * 1e3:g} mm, {black}"
+    moved = f"moved by {_RAISED_M * 1e3:g} mm a layer, {black}"
     notes = []
     if gone := [thing for thing, edit in edits.items() if len(edit.left_out)]:
         count = sum(len(edit.left_out) for edit in edits.values())
@@ -201,23 +206,39 @@ def _raised_sheets(faces: Faces, again: np.ndarray) -> dict[bpy.types.Object, Ve
     """Sheets that are in the plane of larger objects and face the same direction -> their
     translation in metres.
     """
-    raised: dict[bpy.types.Object, Vector] = {}
+    normals: dict[int, Vector] = {}
+    pairs = []
     for row, over in _sharing_planes(faces):
-        one = faces.things[faces.owner[row]].original
-        if one in raised or faces.things[over].original in raised or row in again:
-            continue
-        hit = faces.at(row, over)
+        hit = None if row in again else faces.at(row, faces.owner[over])
         if hit is None:
             continue
-        normal = hit[1]
-        if normal.dot(Vector(faces.normals[row])) > PARALLEL and faces.is_sheet(row):
-            raised[one] = normal * _RAISED_M
+        if hit[1].dot(Vector(faces.normals[row])) > PARALLEL and faces.is_sheet(row):
+            normals[row] = hit[1]
+            pairs.append((row, over))
+    raised = {}
+    for row, layer in _layers(faces, pairs).items():
+        raised[faces.things[faces.owner[row]].original] = normals[row] * layer * _RAISED_M
     return raised
 
 
+def _layers(faces: Faces, pairs: Iterable[tuple[int, int]]) -> dict[int, int]:
+    """The number of faces below each smaller face of pairs (smaller, larger), from 1 on: those that
+    overlap one another move by different distances.
+    """
+
+    def from_largest(pair: tuple[int, int]) -> tuple[float, float, int]:
+        large = pair[1]
+        return -round(float(faces.spread_m2[large]), 6), -faces.area_m2[large], large
+
+    layers: dict[int, int] = {}
+    for small, large in sorted(pairs, key=from_largest):
+        layers[small] = max(layers.get(small, 0), layers.get(large, 0) + 1)
+    return layers
+
+
 def _sharing_planes(faces: Faces) -> list[tuple[int, int]]:
-    """Pairs of a face, the largest of its object in its plane, and another object with more area in
-    that plane; a limited number of pairs.
+    """Pairs of faces, each the largest of its object in their plane, of which the second has more
+    area in it; a limited number of pairs.
     """
     order = np.lexsort((-faces.area_m2, faces.owner, faces.plane))
     large = faces.spread_m2 > _LARGE * np.bincount(faces.owner, faces.area_m2)[faces.owner]
@@ -230,7 +251,7 @@ def _sharing_planes(faces: Faces) -> list[tuple[int, int]]:
         if len(group) <= _MAX_IN_PLANE:
             for a, b in permutations(group, 2):
                 if a == faces.smaller(a, b):
-                    pairs.append((a, faces.owner[b]))
+                    pairs.append((a, b))
     return pairs[:: 1 + len(pairs) // _MAX_PAIRS]
 
 
@@ -239,20 +260,21 @@ def _sharing_planes(faces: Faces) -> list[tuple[int, int]]:
 
 def _overlapping(
     faces: Faces, again: np.ndarray, raised: Iterable[bpy.types.Object]
-) -> tuple[np.ndarray, set[str]]:
-    """Rows of faces that overlap larger ones that face the same direction, and names of sheets that
-    overlap others that face the opposite direction.
+) -> tuple[dict[int, int], set[str]]:
+    """Rows of faces that overlap larger ones that face the same direction -> their layer, and names
+    of sheets that overlap others that face the opposite direction.
     """
-    lifted: set[int] = set()
+    pairs: set[tuple[int, int]] = set()
     reversed_: set[str] = set()
     for row, other in _overlaps(faces, again, raised):
         small = faces.smaller(row, other)
+        large = row + other - small
         if (faces.normals[row] * faces.normals[other]).sum() > 0:
-            if _may_be_seen(faces, small, row + other - small):
-                lifted.add(small)
+            if _may_be_seen(faces, small, large):
+                pairs.add((small, large))
         elif faces.owner[row] != faces.owner[other] and faces.is_sheet(small):
             reversed_.add(faces.things[faces.owner[small]].name)
-    return np.array(sorted(lifted), int), reversed_
+    return _layers(faces, pairs), reversed_
 
 
 def _overlaps(

@@ -76,10 +76,6 @@ def _blocks(thing: bpy.types.Object) -> list[bpy.types.ID | None]:
     return [thing, thing.data, getattr(thing.data, "shape_keys", None), *bones]
 
 
-def _is_animated(block: bpy.types.ID | None) -> bool:
-    return getattr(block, "animation_data", None) is not None
-
-
 def _varies_inside(tree: bpy.types.NodeTree | None) -> bool:
     """Whether a node tree or one of its groups is animated."""
     if tree is None:

@@ -31,6 +31,7 @@ _CYCLES = {
     "transmission_bounces": 8,
     "transparent_max_bounces": 16, "caustics_reflective": False, "caustics_refractive": False,
     "sample_clamp_direct": 0.0,
+    "direct_light_sampling_type": "MULTIPLE_IMPORTANCE_SAMPLING",
     "sample_clamp_indirect": 10.0, "use_light_tree": True, "use_guiding": False,
     "debug_use_spatial_splits": True,
     "pixel_filter_type": "BLACKMAN_HARRIS", "film_exposure": 1.0, "use_sample_subset": False,
