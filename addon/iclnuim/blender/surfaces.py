@@ -4,7 +4,7 @@ can have light maps.
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -166,23 +166,50 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
         yield depsgraph
 
 
-def go_to(scene: bpy.types.Scene, frame: float) -> None:
-    """Change the frame within as_rendered(), with the objects that are rendered then. Blender does
-    not evaluate the animation of an object that the viewport does not show.
+def frame_changer(scene: bpy.types.Scene) -> Callable[[float], None]:
+    """A function that changes the frame within as_rendered(), with the objects that are rendered
+    then.
+
+    Blender does not evaluate the animation of an object that the viewport does not show. Showing it
+    takes as long as building the scene, so that a plain curve is read instead.
     """
-    changing = [thing for thing in bpy.data.objects if _may_appear(thing)]
-    for thing in changing:
-        thing.hide_viewport = False
-    scene.frame_set(math.floor(frame), subframe=frame % 1)
-    for thing in changing:
-        thing.hide_viewport = thing.hide_render
-    if changing:
-        bpy.context.view_layer.update()
+    curves = {thing: _hiding_curves(thing) for thing in bpy.data.objects}
+    appearing = {thing: found for thing, found in curves.items() if found}
+
+    def go_to(frame: float) -> None:
+        for thing, found in appearing.items():
+            hidden = False
+            if _is_plain(thing, found):
+                hidden = found[0].evaluate(frame) >= 1
+                _assign(thing, "hide_render", hidden)
+            _assign(thing, "hide_viewport", hidden)
+        scene.frame_set(math.floor(frame), subframe=frame % 1)
+        if any([_assign(thing, "hide_viewport", thing.hide_render) for thing in appearing]):
+            bpy.context.view_layer.update()
+
+    return go_to
 
 
-def _may_appear(thing: bpy.types.Object) -> bool:
+def _hiding_curves(thing: bpy.types.Object) -> list[bpy.types.FCurve]:
+    """The curves and drivers that decide whether an object is rendered."""
     curves = [*animated_curves(thing), *getattr(thing.animation_data, "drivers", ())]
-    return any(curve.data_path == "hide_render" for curve in curves)
+    return [curve for curve in curves if curve.data_path == "hide_render"]
+
+
+def _is_plain(thing: bpy.types.Object, curves: list[bpy.types.FCurve]) -> bool:
+    """Whether the value of one curve decides alone."""
+    data = thing.animation_data
+    return len(curves) == 1 and not (curves[0].mute or curves[0].driver or len(data.nla_tracks))
+
+
+def _assign(thing: bpy.types.Object, name: str, value: bool) -> bool:
+    """Set a property unless it has the value, as Blender builds the scene again. Whether it was
+    set.
+    """
+    is_other = getattr(thing, name) != value
+    if is_other:
+        setattr(thing, name, value)
+    return is_other
 
 
 def _levels(thing: Any) -> dict[str, object]:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Any, TypeAlias
 
 import bpy
+import mathutils
 import numpy as np
 
 from .. import compat, surfaces
@@ -48,13 +49,14 @@ def changed_names(scene: bpy.types.Scene, first_only: bool = False) -> set[str]:
 
     changed: set[str] = set()
     with surfaces.as_rendered(scene) as depsgraph:
+        go_to = surfaces.frame_changer(scene)
         bpy.app.handlers.frame_change_post.append(note)
         try:
-            surfaces.go_to(scene, scene.frame_start)
+            go_to(scene.frame_start)
             first = _State(scene, depsgraph, hashes)
             for frame in (scene.frame_end, *others):
                 updated.clear()
-                surfaces.go_to(scene, frame)
+                go_to(frame)
                 if updated.keys() - {scene}:
                     new = {block.name for block, is_new in updated.items() if is_new}
                     for key in [key for key in hashes if new & {*key[:2]}]:
@@ -64,7 +66,7 @@ def changed_names(scene: bpy.types.Scene, first_only: bool = False) -> set[str]:
                     break
         finally:
             bpy.app.handlers.frame_change_post.remove(note)
-            surfaces.go_to(scene, before)
+            go_to(before)
     return changed
 
 
@@ -76,13 +78,13 @@ class _State:
     def __init__(
         self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, hashes: _Hashes
     ) -> None:
-        self.places: defaultdict[str, list[np.ndarray]] = defaultdict(list)
+        self.places: defaultdict[str, list[mathutils.Matrix]] = defaultdict(list)
         self.looks: defaultdict[str, list[bytes]] = defaultdict(list)
         for instance in depsgraph.object_instances:
             thing = instance.object
             if instance.show_self and thing.type in _RENDERED:
                 owner = instance.parent or thing
-                self.places[owner.name].append(np.array(instance.matrix_world))
+                self.places[owner.name].append(instance.matrix_world.copy())
                 self.looks[owner.name].append(_shape(thing, owner, hashes))
         for name, tree in _trees(scene):
             self.looks[name].append(_values(tree, scene))
@@ -95,9 +97,10 @@ class _State:
     def _is_same(self, other: "_State", name: str) -> bool:
         if self.looks.get(name) != other.looks.get(name):
             return False
-        here = np.array(self.places.get(name, []))
-        there = np.array(other.places.get(name, []))
-        return here.shape == there.shape and np.allclose(here, there, rtol=0, atol=_STILL)
+        here, there = self.places[name], other.places[name]
+        if here == there:  # the most, without arrays
+            return True
+        return len(here) == len(there) and np.allclose(here, there, rtol=0, atol=_STILL)
 
 
 def _shape(evaluated: bpy.types.Object, owner: bpy.types.Object, hashes: _Hashes) -> bytes:

@@ -42,12 +42,13 @@ def object_poses(stamps_s: np.ndarray) -> ObjectPoses:
         return poses
     before = scene.frame_current
     with surfaces.as_rendered(scene) as depsgraph:
+        go_to = surfaces.frame_changer(scene)
         for frame, stamp_s in enumerate(stamps_s):
-            surfaces.go_to(scene, frame)
+            go_to(frame)
             for number, pose in sorted(_numbers_and_poses(depsgraph, moving)):
                 poses.rows.append(f"{stamp_s:.6f},{number},{pose}")
                 poses.first_frames.setdefault(number, frame)
-        surfaces.go_to(scene, before)
+        go_to(before)
     return poses
 
 
@@ -64,8 +65,9 @@ def _numbers_and_poses(
 ) -> Iterator[tuple[int, str]]:
     for instance in depsgraph.object_instances:
         thing = instance.object
-        names = {thing.name, (instance.parent or thing).name}
-        if instance.show_self and thing.type in surfaces.SURFACE_TYPES and names & moving:
+        if thing.name not in moving and (instance.parent or thing).name not in moving:
+            continue
+        if instance.show_self and thing.type in surfaces.SURFACE_TYPES:
             yield thing.original.pass_index, _pose(instance.matrix_world)
 
 
