@@ -125,8 +125,8 @@ def _run(argv: list[str]) -> int:
     except ModuleNotFoundError as error:
         print(f"iclnuim {command}: {package_missing(command, error)}", file=sys.stderr)
         return 3
-    except KeyboardInterrupt:
-        print(f"iclnuim {command}: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print(f"iclnuim {': '.join([command, 'interrupted', *error.args])}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         raise

@@ -21,6 +21,7 @@ WIRE = [
         '{"event": "frame", "frame": 1, "cycles": 0.5, "close": 0.25}',
     ),
     (events.Written(2), '{"event": "written", "frame": 2}'),
+    (events.Baking(2.5), '{"event": "baking", "seconds": 2.5}'),
     (events.Baked("/x"), '{"event": "baked", "folder": "/x"}'),
     (
         events.ChunkDone(0, 1.5, 0.0),

@@ -104,6 +104,12 @@ class Written(Event, name="written"):
     frame: int
 
 
+class Baking(Event, name="baking"):
+    """A bake of simulations begins, which takes about `seconds`. Interrupted, it begins again."""
+
+    seconds: float
+
+
 class Baked(Event, name="baked"):
     """The light map is in `folder`. made: this command has baked it."""
 

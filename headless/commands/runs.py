@@ -37,7 +37,8 @@ from ..sequence_options import add_sensor_options, log_settings, sequence_option
 #: are the first frames, so that stamps begin at 1 s.
 QUICK_FRAMES = ":60"
 _STAGES = {
-    "light": "first: write the run folder with its recipe, and bake the light into the cache",
+    "simulations": "first: write the run folder, and bake the simulations of a .blend that has any",
+    "light": "then: write the run folder with its recipe, and bake the light into the cache",
     "frames": "then: render those of the given frames that are missing",
     "dataset": "last: write the clean and the noisy sequence of all frames",
 }

@@ -23,6 +23,8 @@ MIN_FRAMES = 3
 #: Core-seconds to write a frame of both sequences, living room at 640 x 480
 #: (docs/measured/farm.md).
 PAIR_CORE_S = 0.1
+#: Seconds of a simulated frame, a guess: cloth of 30,000 points. A bake says how long it takes.
+SIMULATED_FRAME_S = 2.0
 #: Seconds until a worker has prepared its scene, the living room; of a run's own scene once it is
 #: measured.
 START_S = 15.0
@@ -104,7 +106,8 @@ def _key(job: RenderJob) -> dict:
 @dataclass(frozen=True)
 class CostEstimate:
     """Estimate for the missing work. bake_core_hours: spent only if the cache does not have the
-    light map. wall_minutes: without waiting in the queue.
+    light map. wall_minutes: without waiting in the queue. simulations_minutes: if the scene has
+    any, in addition to all others.
     """
 
     frames: int
@@ -115,6 +118,7 @@ class CostEstimate:
     gigabytes: float
     wall_minutes: float
     task_minutes: float
+    simulations_minutes: float
     light_minutes: float
     dataset_minutes: float
     figures: str
@@ -167,6 +171,7 @@ def estimate(plan: RunPlan, chunks: list[int], known: FrameCost) -> CostEstimate
         gigabytes=_gigabytes(plan, frames),
         wall_minutes=wall_s / 60,
         task_minutes=task_s / 60,
+        simulations_minutes=(known.start_s + SIMULATED_FRAME_S * (max(plan.numbers) + 1)) / 60,
         light_minutes=light_s / 60,
         dataset_minutes=dataset_s / 60,
         figures=f"{known.frame_core_s:.2f} core-seconds per frame, {known.start_s:.0f} s to start: "

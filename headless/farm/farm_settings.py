@@ -3,6 +3,7 @@
 import re
 import tomllib
 from dataclasses import dataclass, field
+from math import ceil
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -99,6 +100,11 @@ class SlurmSettings(Settings):
         object.__setattr__(self, "setup", tuple(self.setup))
         if not isinstance(self.extra, dict):
             raise InputError("a table of sbatch options", setting="extra", found=self.extra)
+
+
+def limit_minutes(expected: float) -> int:
+    """The time limit of a task that is expected to take this number of minutes."""
+    return max(30, ceil(4 * expected))
 
 
 def minutes(text: str | int) -> int:

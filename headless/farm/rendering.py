@@ -3,6 +3,7 @@ several workers render frames.
 """
 
 import itertools
+import math
 import os
 import platform
 import queue
@@ -22,6 +23,7 @@ from iclnuim.formats.files import atomic_write
 from iclnuim.job import RenderJob
 from iclnuim.worker_events import (
     Baked,
+    Baking,
     ChunkDone,
     Event,
     Exited,
@@ -35,25 +37,28 @@ from iclnuim.worker_events import (
 
 from ..isolation import crash_words
 from .chunks import chunks_of, granted_cores, local_size, own_cores, split
+from .farm_settings import limit_minutes
 from .local import Inbox, LocalFarm, RenderOutcome, Worker, WorkerError, not_started
 from .lock import OutputLock
 from .run_plan import RunPlan
 
 E = TypeVar("E", bound=Event)
+_BEGINS_AGAIN = "the same command begins the bake again"
 
 
 @dataclass
 class Workers:
     """Starts the worker processes of a run folder, and prints each of their notes once.
 
-    shared: tasks on other machines use the folder too. Logs and journal are then named after this
-    task, and a worker uses no more cores than the scheduler granted. It is bound to them only if
-    the scheduler has bound this process.
+    last: the last frame that they render. shared: tasks on other machines use the folder too. Logs
+    and journal are then named after this task, and a worker uses no more cores than the scheduler
+    granted. It is bound to them only if the scheduler has bound this process.
     """
 
     job: RenderJob
     out: Path
     console: Console
+    last: int
     shared: bool = False
     requested: Sequence[int] = ()
     _printed: set[str] = field(default_factory=set)
@@ -81,7 +86,7 @@ class Workers:
             "threads": self.threads(cores),
             "journal": str(journal),
             "asked": self.requested,
-            "last": max(self.requested, default=None),
+            "last": self.last,
         }
         return WorkerClient(worker_command(), options, self.out.resolve(), log.resolve(), inbox)
 
@@ -100,26 +105,36 @@ class Workers:
 
 class LocalRun:
     """A run folder on this machine, as a context manager. One worker process makes or resumes it,
-    and bakes its light. Then several workers render, or only the first one if it uses all cores.
+    bakes its simulations, and then its light. Then several workers render, or only the first one if
+    it uses all cores.
 
     run, job: as decided by the worker, for example without baked light if the scene moves. shared:
-    see Workers.
+    see Workers. limit_s: the time for a bake of simulations.
     """
 
     def __init__(
-        self, plan: RunPlan, console: Console, should_stop: Callable[[], bool], shared: bool = False
+        self,
+        plan: RunPlan,
+        console: Console,
+        should_stop: Callable[[], bool],
+        shared: bool = False,
+        limit_s: float = math.inf,
     ) -> None:
         self.plan = plan
         self.console = console
         self.should_stop = should_stop
         self.farm: LocalFarm | None = None
-        self._workers = Workers(plan.job, plan.raw, console, shared, plan.numbers)
+        self.limit_s = limit_s
+        last = max(plan.numbers)
+        self._workers = Workers(plan.job, plan.raw, console, last, shared, plan.numbers)
+        self._lost: list[str] = []  # by an interruption
         self._inbox: Inbox = queue.SimpleQueue()
 
     def __enter__(self) -> "LocalRun":
         self._client = self._workers.start(own_cores(), self._inbox)
         try:
             self._wait(Started)
+            self._lost = []
             self.run: RunFolder = read_run(self.plan.raw)
             self.job = self.run.job
         except BaseException:
@@ -144,8 +159,10 @@ class LocalRun:
         """
         if self.job.light != "baked":
             return False
+        self._lost = [_BEGINS_AGAIN]
         self._client.send({"bake": True})
         baked = self._wait(Baked)
+        self._lost = []
         self._wait(ChunkDone)
         return baked.made
 
@@ -228,7 +245,7 @@ class LocalRun:
     def _wait(self, kind: type[E]) -> E:
         """Wait for one event; an error of the worker is raised here.
 
-        A request to stop ends the wait at once, as nothing is lost.
+        A request to stop ends the wait at once: at most a bake is lost.
         """
         while not self.should_stop():
             try:
@@ -238,6 +255,8 @@ class LocalRun:
             self._workers.on_event(event)
             if isinstance(event, kind):
                 return event
+            if isinstance(event, Baking):
+                self._begin_bake(event.seconds)
             if isinstance(event, Failed) and not event.bug:
                 raise WorkerError(event)
             if isinstance(event, Exited) and event.code < 0:
@@ -245,7 +264,16 @@ class LocalRun:
                 raise WorkError(f"{crashed}; its log: {client.log}")
             if isinstance(event, Exited):
                 raise not_started(client, event.code)
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(*self._lost)
+
+    def _begin_bake(self, seconds: float) -> None:
+        """Raises WorkError for a bake of simulations that its time limit would end."""
+        self._lost = [_BEGINS_AGAIN]
+        if seconds > self.limit_s:
+            minutes = seconds / 60
+            found = f"a bake of {minutes:.0f} minutes in a task of {self.limit_s / 60:.0f}"
+            again = f"iclnuim resume {self.plan.out} --time {limit_minutes(minutes)}"
+            raise WorkError(f"{self.plan.job.scene}: {found}; try: {again}")
 
 
 @contextmanager

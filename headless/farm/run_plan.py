@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from iclnuim.blender.open.blend_file import may_simulate
 from iclnuim.dataset.bags_and_logs import LogSettings
 from iclnuim.dataset.rendered_frames import frames_of_run
 from iclnuim.dataset.run_folder import read_run
@@ -96,6 +97,11 @@ class RunPlan:
         if self.noisy:
             found[self.out / "noisy"] = noisy
         return found
+
+    @property
+    def may_simulate(self) -> bool:
+        """Whether simulations may have to be baked first."""
+        return may_simulate(Path(self.job.scene))
 
     def missing(self) -> list[int]:
         """Frames that are neither rendered nor written to the sequences, according to the files of

@@ -1,5 +1,5 @@
-"""Slurm: submits light, arrays of frame tasks and the data set to an existing Slurm cluster with
-submitit. Each stage depends on the one before it.
+"""Slurm: submits simulations, light, arrays of frame tasks and the data set to an existing Slurm
+cluster with submitit. Each stage depends on the one before it.
 """
 
 import re
@@ -7,7 +7,6 @@ import shutil
 import subprocess
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from math import ceil
 from typing import Any
 
 from iclnuim.console import Console
@@ -19,7 +18,7 @@ from iclnuim.errors import InputError, WorkError
 from .chunks import Chunk, chunks_of, size_for_seconds
 from .estimate import CostEstimate, estimate
 from .estimate import known as known_figures
-from .farm_settings import SlurmSettings, minutes
+from .farm_settings import SlurmSettings, limit_minutes, minutes
 from .run_plan import RunPlan, read_plan
 from .slurm_queue import NAMES, Submitted, counted, in_queue, query, record, recorded
 from .tasks import SlurmTask
@@ -32,8 +31,8 @@ MAX_TIMEOUTS = 20
 NOTICE_S = 60
 #: Slurm's default, used if Slurm is not queried.
 MAX_ARRAY_SIZE = 1001
-#: stage -> its dependency in scripts that are only shown, as job numbers are unknown
-_SHOWN_DEPENDENCY = {"light": None, "frames": "afterok:LIGHT", "dataset": "afterany:LIGHT:FRAMES"}
+#: stage -> the one whose success it needs
+_NEEDS = {"light": "simulations", "frames": "light"}
 
 Chunks = tuple[Chunk, ...]
 
@@ -71,12 +70,9 @@ def run(plan: RunPlan, print_only: bool, console: Console) -> int:
     console.note(f"{plan.job.sequence}: {batch.estimate.text()}")
     for job in jobs:
         tasks = f"{len(job.chunks)} task{'s' * (len(job.chunks) != 1)}"
-        what = {
-            "light": "light",
-            "frames": f"{sum(map(len, job.chunks))} frames in {tasks}",
-            "dataset": "data set",
-        }
-        console.note(f"submitted: {what[job.stage]} as job {job.job}")
+        frames = f"{sum(map(len, job.chunks))} frames in {tasks}"
+        what = {"frames": frames, "dataset": "data set"}.get(job.stage, job.stage)
+        console.note(f"submitted: {what} as job {job.job}")
     console.note(f"next: iclnuim status {plan.out}; iclnuim resume {plan.out}")
     return 0
 
@@ -90,11 +86,12 @@ def _show(plan: RunPlan, console: Console) -> int:
         batch = prepare(plan, ask=False)
     executor = _executor(plan)
     texts = []
+    shown: list[Submitted] = []  # under the name of the stage, as job numbers are unknown
     for stage, chunks in batch.stages:
         executor.parameters = {}
-        expected = batch.estimate
-        parameters = _parameters(plan.slurm, stage, expected, _SHOWN_DEPENDENCY[stage])
-        executor.update_parameters(**parameters)
+        dependency = _dependency(stage, shown, batch)
+        shown.append(Submitted(stage.upper(), stage))
+        executor.update_parameters(**_parameters(plan.slurm, stage, batch.estimate, dependency))
         if len(chunks) > 1:
             executor.parameters["map_count"] = len(chunks)
         texts.append(executor._make_submission_file_text(executor._submitit_command_str, stage))
@@ -123,6 +120,7 @@ def prepare(plan: RunPlan, ask: bool = True) -> Batch:
     chunks = chunks_of(missing, size)
     stages: list[tuple[str, Chunks]] = []
     if chunks:
+        stages += [("simulations", ())] * plan.may_simulate
         stages.append(("light", ()))
         # the fewest possible arrays, of similar length
         max_size = _max_array_size() if ask else MAX_ARRAY_SIZE
@@ -155,8 +153,12 @@ def submit(plan: RunPlan, batch: Batch) -> list[Submitted]:
         for stage, chunks in batch.stages:
             dependency = _dependency(stage, new, batch)
             executor.parameters = {}
-            executor.update_parameters(**_parameters(plan.slurm, stage, batch.estimate, dependency))
-            task = SlurmTask(plan.to_dict(), str(plan.raw.resolve()), stage)
+            parameters = _parameters(plan.slurm, stage, batch.estimate, dependency)
+            executor.update_parameters(**parameters)
+            # a bake would begin again
+            executor.max_num_timeout = MAX_TIMEOUTS * (stage != "simulations")
+            limit_s = 60 * parameters["time"]
+            task = SlurmTask(plan.to_dict(), str(plan.raw.resolve()), stage, limit_s)
             job = executor.submit_array([replace(task, frames=f) for f in chunks or [()]])[0]
             new.append(Submitted(job.job_id.split("_")[0], stage, chunks))
             record(plan.raw, still + new)
@@ -203,17 +205,14 @@ def _parameters(
     The time limit of a task is four times its estimate, at least half an hour.
     """
     task = {
+        "simulations": expected.simulations_minutes,
         "light": expected.light_minutes,
         "frames": expected.task_minutes,
         "dataset": expected.dataset_minutes,
     }
-    time_min = max(30, ceil(4 * task[stage]))
+    time_min = limit_minutes(task[stage])
     if settings.time:
         time_min = minutes(settings.time)
-    setup = [*settings.setup]
-    if settings.scratch is not None:  # variables are expanded on the node
-        quoted = re.sub(r'(["`\\])', r"\\\1", settings.scratch)
-        setup += [f'export ICLNUIM_SCRATCH="{quoted}"', 'mkdir -p "$ICLNUIM_SCRATCH"']
     parameters = {
         "job_name": NAMES[stage],
         "time": time_min,
@@ -224,7 +223,7 @@ def _parameters(
         # since 22.05 srun does not take it from sbatch
         "srun_args": [f"--cpus-per-task={settings.cpus}"],
         "wckey": None,
-        "setup": setup or None,
+        "setup": _setup(settings),
         # a task that was preempted, or whose node failed, is requeued; one whose light task failed
         # is cancelled
         "additional_parameters": {"requeue": True, "kill-on-invalid-dep": "yes", **settings.extra},
@@ -237,15 +236,23 @@ def _parameters(
     return {name: value for name, value in parameters.items() if value or name == "wckey"}
 
 
+def _setup(settings: SlurmSettings) -> list[str]:
+    """The shell lines that run first."""
+    if settings.scratch is None:
+        return [*settings.setup]
+    quoted = re.sub(r'(["`\\])', r"\\\1", settings.scratch)  # variables are expanded on the node
+    lines = [f'export ICLNUIM_SCRATCH="{quoted}"', 'mkdir -p "$ICLNUIM_SCRATCH"']
+    return [*settings.setup, *lines]
+
+
 def _dependency(stage: str, new: list[Submitted], batch: Batch) -> str | None:
-    """Frame tasks depend on the success of the light task.
+    """Light depends on the success of the simulations, frames on that of the light.
 
     The data set runs after all others, successful or not, and reports missing frames.
     """
-    if stage == "light":
-        return None
-    if stage == "frames":
-        return f"afterok:{new[0].job}"
+    if stage != "dataset":
+        needed = [job.job for job in new if job.stage == _NEEDS.get(stage)]
+        return f"afterok:{needed[0]}" if needed else None
     earlier = [task.split("_")[0] for task in batch.waiting]
     earlier += [job.job for job in new]
     if not earlier:

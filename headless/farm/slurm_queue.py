@@ -20,7 +20,7 @@ _SUBMITTED = ".farm/slurm/submitted.json"
 #: The last line of a traceback.
 _ERROR = re.compile(r"^(?:[\w.]*\.)?\w*Error: (.+)$", re.MULTILINE)
 #: stage -> name of its jobs
-NAMES = {stage: f"iclnuim-{stage}" for stage in ("light", "frames", "dataset")}
+NAMES = {stage: f"iclnuim-{stage}" for stage in ("simulations", "light", "frames", "dataset")}
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,12 @@
-"""The tasks of a render by a scheduler: light, some frames, the data set. They share a run folder
-without locks on frames.
+"""The tasks of a render by a scheduler: simulations, light, some frames, the data set. They share a
+run folder without locks on frames.
 
 A frame file is complete or absent, and has the same bytes on every machine, so two tasks may render
 the same frame. Only the data set, whose journals have one writer, holds the lock of the folder.
 """
 
 import logging
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
@@ -144,8 +145,21 @@ class _LateFrameMaker:
         return FrameMaker(frames, images_of(frames, plan.variants(), plan.formats))
 
 
+def simulations(
+    plan: RunPlan, console: Console, should_stop: Callable[[], bool], limit_s: float
+) -> None:
+    """The first task of a scene that may have simulations: make the run folder, and bake them into
+    the cache.
+
+    Raises InputError; WorkError if they take longer than `limit_s`.
+    """
+    if plan.may_simulate:
+        with LocalRun(plan, console, should_stop, shared=True, limit_s=limit_s):
+            pass
+
+
 def light(plan: RunPlan, console: Console, should_stop: Callable[[], bool] = lambda: False) -> None:
-    """The first task: make the run folder with its recipe, and bake the light map into the cache.
+    """The next task: make the run folder with its recipe, and bake the light map into the cache.
 
     Raises InputError, WorkError.
     """
@@ -159,7 +173,7 @@ def frames(
     on_frame: Callable[[int], None],
     should_stop: Callable[[], bool] = lambda: False,
 ) -> RenderOutcome:
-    """The second task: render the missing frames of the plan.
+    """The next task: render the missing frames of the plan.
 
     Raises InputError, WorkError; the outcome lists frames that were given up.
     """
@@ -170,7 +184,7 @@ def frames(
         return RenderOutcome()
     read_run(plan.raw).check_space(len(missing))
     cores = split(None, granted_cores())[: len(missing)]
-    workers = Workers(plan.job, plan.raw, console, shared=True)
+    workers = Workers(plan.job, plan.raw, console, max(missing), shared=True)
     times = _Times(workers)
     farm = LocalFarm(workers.start, cores, on_frame, times.on_event, should_stop, plan.farm)
     outcome = farm.run(chunks_of(missing, local_size(len(missing), len(cores))))
@@ -215,29 +229,35 @@ def run(
     console: Console,
     on_frame: Callable[[int], None],
     should_stop: Callable[[], bool] = lambda: False,
+    limit_s: float = math.inf,
 ) -> int:
-    """Run the task `light`, `frames` or `dataset`; returns its exit code.
+    """Run the task `simulations`, `light`, `frames` or `dataset`; returns its exit code. limit_s:
+    its time limit.
 
     Raises InputError, WorkError.
     """
-    if stage == "frames":
-        return report(frames(plan, console, on_frame, should_stop), console)
-    if stage == "light":
-        light(plan, console, should_stop)
-    else:
-        dataset(plan, on_frame)
+    match stage:
+        case "simulations":
+            simulations(plan, console, should_stop, limit_s)
+        case "light":
+            light(plan, console, should_stop)
+        case "frames":
+            return report(frames(plan, console, on_frame, should_stop), console)
+        case _:
+            dataset(plan, on_frame)
     return 0
 
 
 @dataclass(frozen=True)
 class SlurmTask:
     """One task that Slurm runs: a stage of the plan in `record`, for the run folder `raw`. frames:
-    those of a frame task.
+    those of a frame task. limit_s: its time limit.
     """
 
     record: Mapping[str, Any]
     raw: str
     stage: str
+    limit_s: float
     frames: tuple[int, ...] = ()
 
     def __call__(self) -> int:
@@ -251,7 +271,11 @@ class SlurmTask:
             plan = replace(plan, numbers=self.frames)
         label = f"{plan.job.sequence}, frame {plan.numbers[0]} and on"
         progress = console.progress(len(plan.numbers), label)
-        return run(self.stage, plan, console, lambda number: progress.advance())
+
+        def on_frame(number: int) -> None:
+            progress.advance()
+
+        return run(self.stage, plan, console, on_frame, limit_s=self.limit_s)
 
     def checkpoint(self) -> object:
         """Called by submitit before the time limit, or at a preemption: submits the same task

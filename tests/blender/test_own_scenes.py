@@ -351,6 +351,17 @@ def test_a_file_whose_active_scene_is_empty_names_the_others(tmp_path):
         opened(tmp_path / "two.blend")
 
 
+def test_rough_metal_is_named_where_it_is_seen_at_one_sample():
+    made.fresh(bpy)
+    looks = {"brushed": (1.0, 0.3), "mirror": (1.0, 0.1), "paint": (0.0, 0.3)}
+    for name, (metallic, roughness) in looks.items():
+        seen = made.material(bpy, name, Metallic=metallic, Roughness=roughness)
+        made.box(bpy, name, (0, 0, 0), (1, 1, 1), seen)
+    assert not any("metal" in note for note in preflight.findings(baked=True))
+    found = [note for note in preflight.findings(True, noisy=True) if "metal" in note]
+    assert [note.partition(":")[0] for note in found] == ["rough metal (brushed)"]
+
+
 def test_what_the_author_draws_over_the_image_is_named_as_left_out(room):
     opened(room)
     scene = bpy.context.scene

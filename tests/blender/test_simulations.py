@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +12,20 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
+import own_scene_files as made  # noqa: E402
 import simulated_scenes  # noqa: E402
 from iclnuim.blender.open import motion, scene, simulations  # noqa: E402
+from iclnuim.blender.open.blend_file import may_simulate  # noqa: E402
 from iclnuim.blender.open.run_frames import RunFrames  # noqa: E402
 from iclnuim.blender.render import worker  # noqa: E402
+from iclnuim.console import Console  # noqa: E402
 from iclnuim.errors import InputError, WorkError  # noqa: E402
 from iclnuim.formats.trajectories import write_trajectory  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 from iclnuim.geometry.se3 import SE3  # noqa: E402
 from iclnuim.geometry.trajectory import Trajectory  # noqa: E402
+from iclnuim.headless.farm import tasks  # noqa: E402
+from iclnuim.headless.farm.run_plan import RunPlan  # noqa: E402
 from iclnuim.job import RenderJob  # noqa: E402
 
 FRAMES = 11
@@ -110,6 +116,41 @@ def state(frame):
             thing = bpy.data.objects["crate"].evaluated_get(depsgraph)
             points += [tuple(system.co_hair(thing, particle_no=k, step=4)) for k in range(30)]
     return np.array(sorted(points))
+
+
+def test_a_file_that_may_have_simulations_is_known_without_opening_it(tmp_path):
+    simulated = simulated_scenes.write(bpy, "rigid", tmp_path)
+    assert may_simulate(simulated)
+    linking = tmp_path / "linking.blend"
+    made.fresh(bpy)
+    with bpy.data.libraries.load(str(simulated), link=True) as (_, linked):
+        linked.objects = ["floor"]
+    bpy.context.scene.collection.objects.link(linked.objects[0])
+    bpy.ops.wm.save_as_mainfile(filepath=str(linking))
+    assert may_simulate(linking)
+    made.fresh(bpy)
+    made.box(bpy, "box", (0, 0, 0), (1, 1, 1))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "still.blend"), compress=True)
+    assert not may_simulate(tmp_path / "still.blend")
+    assert not may_simulate(tmp_path / "room.glb")
+    (tmp_path / "bad.blend").write_bytes(b"BLENDER")
+    assert may_simulate(tmp_path / "bad.blend")
+
+
+@pytest.mark.slow
+def test_a_task_of_its_own_bakes_what_the_tasks_of_frames_show(tmp_path, cache):
+    job = job_of(simulated_scenes.write(bpy, "rigid", tmp_path))
+    whole, _ = render(job, range(FRAMES), tmp_path / "whole")
+    next(cache.glob("*/*.blend")).unlink()
+    plan = RunPlan(job, tmp_path / "raw", tuple(range(FRAMES)))
+    given = (Console(quiet=True), lambda number: None)
+    tasks.run("simulations", plan, *given)
+    assert [copy.stem for copy in cache.glob("*/*.blend")] == ["10"]
+    for numbers in ((0, 1), (9, 10)):
+        assert tasks.run("frames", replace(plan, numbers=numbers), *given) == 0
+    assert [copy.stem for copy in cache.glob("*/*.blend")] == ["10"]
+    for number in (0, 1, 9, 10):
+        assert (plan.raw / f"exr/{number:06}.exr").read_bytes() == whole[number]
 
 
 def test_the_file_stays_and_its_textures_are_found_from_the_copy(tmp_path, cache):

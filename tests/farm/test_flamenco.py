@@ -85,7 +85,8 @@ def test_every_task_is_a_command_line_that_the_command_takes(compiled):
         "tasks"
     ]
     stages = [parsed(t) for t in tasks]
-    assert [s.action for s in stages] == ["light", *["frames"] * 4, "dataset"]
+    assert [s.action for s in stages] == ["simulations", "light", *["frames"] * 4, "dataset"]
+    assert tasks[1]["dependencies"] == ["simulations"] and tasks[2]["dependencies"] == ["light"]
     for stage in stages:
         assert (stage.sequence, str(stage.out), stage.light, stage.samples) == (
             "kt1",
@@ -104,6 +105,7 @@ def test_every_task_is_a_command_line_that_the_command_takes(compiled):
     assert [n for numbers in shared for n in numbers] == wanted
     assert list(numbers_from(stages[-1].numbers)) == wanted
     assert [t["commands"][0]["totalStepCount"] for t in tasks] == [
+        0,
         0,
         *map(len, shared),
         len(wanted),

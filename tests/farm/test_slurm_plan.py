@@ -16,7 +16,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
 from iclnuim.headless.commands.runs import configure_make, configure_render, plan_from
-from iclnuim.headless.farm import estimate, slurm, slurm_queue, tasks
+from iclnuim.headless.farm import estimate, run_plan, slurm, slurm_queue, tasks
 from iclnuim.headless.farm.farm_settings import SlurmSettings, minutes, read_settings
 from iclnuim.headless.farm.run_plan import RECORD, RunPlan, find_run, read_plan
 from iclnuim.job import shipped_job
@@ -194,6 +194,31 @@ def test_light_frames_and_data_set_wait_for_each_other(pretended, tmp_path, caps
     jobs = slurm_queue.recorded(tmp_path / "o/raw")
     assert sorted(n for job in jobs for chunk in job.chunks for n in chunk) == list(range(10))
     assert "submitted: light as job 11" in capsys.readouterr().err
+
+
+def test_simulations_are_baked_before_the_light(pretended, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(run_plan, "may_simulate", lambda scene: True)
+    sent = pretended()
+    words = [
+        "make",
+        "kt2",
+        "--frames",
+        "870:880",
+        "--engine",
+        "slurm",
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    assert main(words) == 0
+    scripts = sent()
+    stages = ["simulations", "light", "frames", "dataset"]
+    assert [option(s, "job-name") for s in scripts] == [[f"iclnuim-{one}"] for one in stages]
+    after = [option(s, "dependency") for s in scripts]
+    assert after == [[], ["afterok:11"], ["afterok:12"], ["afterany:11:12:13"]]
+    assert option(scripts[0], "time") == ["119"], "all frames up to the last are simulated"
+    assert "submitted: simulations as job 11" in capsys.readouterr().err
+    assert main([*words[:-1], str(tmp_path / "shown"), "--print-only"]) == 0
+    assert "afterany:SIMULATIONS:LIGHT:FRAMES" in capsys.readouterr().out
 
 
 def test_what_slurm_refuses_is_said_and_what_was_sent_is_cancelled(pretended, tmp_path, capsys):

@@ -10,6 +10,8 @@ from .shader_nodes import constant
 #: Oren-Nayar roughness from which frames with baked light, which does not depend on the view, come
 #: below 30 dB: 24 dB at 1.
 _ROUGH = 0.3
+#: Roughness from which a floor of metal is noisy at one sample: 39 dB at 0.1, 30 dB at 0.3.
+_BLURRED = 0.2
 DIFFUSE = {"BSDF_DIFFUSE", "SUBSURFACE_SCATTERING"}
 
 
@@ -59,6 +61,20 @@ def is_rough(node: Node) -> bool:
         return False
     value = constant(roughness)
     return value is None or value > _ROUGH
+
+
+def is_rough_metal(node: Node) -> bool:
+    """Whether the node mirrors, at least in part, in so many directions that one sample of them is
+    not enough.
+    """
+    if node.type == "BSDF_PRINCIPLED":
+        is_metal = constant(node.inputs["Metallic"]) != 0.0
+    else:
+        is_metal = node.type in {"BSDF_GLOSSY", "BSDF_METALLIC"}
+    if not is_metal:
+        return False
+    value = constant(node.inputs["Roughness"])
+    return value is None or value > _BLURRED
 
 
 def reflects(principled: Node) -> bool:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A job type for Flamenco 3. Its tasks are light, chunks of frames and the data set; each calls `iclnuim task`. See docs/guide/cluster.md.
+// A job type for Flamenco 3. Its tasks are simulations (for other scenes), light, chunks of frames and the data set; each calls `iclnuim task`. See docs/guide/cluster.md.
 
 const JOB_TYPE = {
     label: "ICL-NUIM sequence",
@@ -33,6 +33,11 @@ const JOB_TYPE = {
 function compileJob(job) {
     const settings = job.settings;
     const light = task(settings, "light", "light", "");
+    if (`${settings.sequence} ${settings.more_options}`.match(/--scene|\.json/)) {
+        const simulations = task(settings, "simulations", "simulations", "");
+        job.addTask(simulations);
+        light.addDependency(simulations);
+    }
     job.addTask(light);
 
     const chunks = frameChunker(settings.frames, settings.chunk_size);

@@ -125,6 +125,18 @@ class BlendFile:
         return struct.unpack_from(self.order + self.address, data, offset)[0]
 
 
+def may_simulate(scene: Path) -> bool:
+    """Whether a scene may have simulations: a .blend with a cache of points, a node that is baked,
+    or a library. Also True for a file that cannot be read.
+    """
+    if scene.suffix.lower() != ".blend":
+        return False
+    try:
+        return any(BlendFile(scene).each({"PointCache", "NodesModifierBake", "Library"}))
+    except Exception:  # as for any damaged file
+        return True
+
+
 def _opened(file: Path) -> Any:
     """The uncompressed content, which can only be read forwards."""
     content = open(file, "rb")  # noqa: SIM115 (the caller closes it)

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
-from .. import compat, surfaces
+from .. import compat, materials, surfaces
 from ..notes import names_of
-from .motion import moving_names
+from ..shader_nodes import constant
 
 #: Depth is float32: at this distance from the origin its resolution is about 0.1 mm.
 FAR_M = 1000.0
@@ -15,23 +15,19 @@ FAR_M = 1000.0
 _SHOWN = ("use_solid", "use_sky", "use_strand", "use_volumes")
 
 
-def findings(baked: bool) -> list[str]:
+def findings(baked: bool, noisy: bool = False) -> list[str]:
     """The findings in the open scene, one sentence each.
 
-    `baked` includes limitations of baked light. Nothing is changed.
+    `baked` includes limitations of baked light, `noisy` of one sample per pixel that is not
+    denoised. Nothing is changed.
     """
     scene = bpy.context.scene
-    notes = [*_settings_notes(scene), *_material_notes(baked)]
+    notes = [*_settings_notes(scene), *_material_notes(baked, noisy)]
     meshes = [o for o in scene.objects if o.type == "MESH"]
     far_m = float(np.abs(surfaces.box_corners_m(meshes)).max())
     if far_m > FAR_M:
         where = f"surfaces {far_m:.0f} m from the origin"
         notes.append(f"{where}: float32 depth loses precision there")
-    if moving := moving_names(scene):
-        effect = "each frame shows them at its own time"
-        if baked:
-            effect = "baked light would be wrong there; path tracing is correct"
-        notes.append(f"objects or lights that move ({names_of(moving)}): {effect}")
     return notes
 
 
@@ -71,39 +67,33 @@ def _drawn_over(scene: bpy.types.Scene) -> Iterator[tuple[str, bool]]:
     yield "effects of the compositor", scene.render.use_compositing and bool(effects)
 
 
-def _material_notes(baked: bool) -> list[str]:
-    glass = []
-    mixed = []
-    bumps = []
-    bright = []
-    for material in bpy.data.materials:
-        if not material.users or not material.node_tree:
-            continue
-        nodes = compat.nodes_of(material.node_tree)
-        kinds = {node.type for node in nodes}
-        if baked and kinds & {"NORMAL_MAP", "BUMP"}:
-            bumps.append(material)
-        if not material.use_nodes:
-            continue
-        if any(map(_reflects_more_than_it_gets, nodes)):
-            bright.append(material)
-        if kinds & {"BSDF_GLASS", "BSDF_REFRACTION"} or _uses(nodes, "Transmission Weight", 0.0):
-            glass.append(material)
-        elif "BSDF_TRANSPARENT" in kinds or _uses(nodes, "Alpha", 1.0):
-            mixed.append(material)
+def _material_notes(baked: bool, noisy: bool) -> list[str]:
+    used = [m for m in bpy.data.materials if m.users and m.use_nodes and m.node_tree]
     notes = []
-    if glass:
-        notes.append(f"glass ({names_of(glass)}): Z is the depth of the pane")
-    if mixed:
-        effect = "Z is that of the nearest surface, visible or not"
-        notes.append(f"partly transparent surfaces ({names_of(mixed)}): {effect}")
-    if bright:
-        effect = "they reflect more light than they get"
-        notes.append(f"colours above 1 ({names_of(bright)}): {effect}")
-    if bumps:
-        effect = "with baked light visible only in gloss"
-        notes.append(f"normal maps or bumps ({names_of(bumps)}): {effect}")
+    for what, is_so, effect in (*_EFFECTS, *_BAKED_EFFECTS * baked, *_NOISY_EFFECTS * noisy):
+        if shown := [m for m in used if is_so(compat.nodes_of(m.node_tree))]:
+            notes.append(f"{what} ({names_of(shown)}): {effect}")
     return notes
+
+
+def _is_glass(nodes: list[bpy.types.Node]) -> bool:
+    return any(map(materials.is_glass, nodes))
+
+
+def _is_mixed(nodes: list[bpy.types.Node]) -> bool:
+    return any(map(_lets_through, nodes)) and not _is_glass(nodes)
+
+
+def _is_bright(nodes: list[bpy.types.Node]) -> bool:
+    return any(map(_reflects_more_than_it_gets, nodes))
+
+
+def _has_bumps(nodes: list[bpy.types.Node]) -> bool:
+    return any(node.type in ("NORMAL_MAP", "BUMP") for node in nodes)
+
+
+def _is_rough_metal(nodes: list[bpy.types.Node]) -> bool:
+    return any(map(materials.is_rough_metal, nodes))
 
 
 def _reflects_more_than_it_gets(node: bpy.types.Node) -> bool:
@@ -111,13 +101,22 @@ def _reflects_more_than_it_gets(node: bpy.types.Node) -> bool:
     if name is None:
         return False
     socket = node.inputs[name]
-    return not socket.is_linked and max(tuple(socket.default_value)[:3]) > 1
+    return not socket.is_linked and max(socket.default_value[:3]) > 1
 
 
-def _uses(nodes: list[bpy.types.Node], name: str, neutral: float) -> bool:
-    """Whether a Principled surface has another value than the neutral one in an input."""
-    for node in nodes:
-        entry = node.inputs.get(name) if node.type == "BSDF_PRINCIPLED" else None
-        if entry is not None and (entry.is_linked or entry.default_value != neutral):
-            return True
-    return False
+def _lets_through(node: bpy.types.Node) -> bool:
+    if node.type == "BSDF_PRINCIPLED":
+        return constant(node.inputs["Alpha"]) != 1.0
+    return node.type == "BSDF_TRANSPARENT"
+
+
+#: What a note is about, whether the nodes of a material show it, and what it does.
+_EFFECTS = (
+    ("glass", _is_glass, "Z is the depth of the pane"),
+    ("partly transparent surfaces", _is_mixed, "Z is that of the nearest surface, visible or not"),
+    ("colours above 1", _is_bright, "they reflect more light than they get"),
+)
+_BAKED_EFFECTS = (("normal maps or bumps", _has_bumps, "with baked light visible only in gloss"),)
+_NOISY_EFFECTS = (
+    ("rough metal", _is_rough_metal, "noisy at 1 sample per pixel, which 16 samples mend"),
+)

@@ -125,7 +125,10 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
     if names := glass.let_light_through(panes):
         passes = "light of lamps and sky passes straight through it, without caustics"
         notes.append(f"glass ({names_of(names)}): {passes}")
-    return [*notes, *neutral_light.light_up(scene, lost_sky)]
+    notes += neutral_light.light_up(scene, lost_sky)
+    if run is not None:
+        simulations.play_hair(scene, run.last)
+    return notes
 
 
 def _refuse_without_surfaces(path: Path, scene: bpy.types.Scene, found: str) -> None:

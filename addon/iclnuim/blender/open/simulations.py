@@ -157,7 +157,9 @@ class _Bake:
         rounds = hair + bool(self.zones) + any(caches(scene))
         frames = rounds * max(1, self.run.last - first + 1)
         megabytes = max(0.1, self.bytes / 1e6)
-        takes = f"about {max(1.0, per_frame_s * frames):.0f} s and up to {megabytes:.1f} MB"
+        seconds = max(1.0, per_frame_s * frames)
+        self.run.begin(seconds)
+        takes = f"about {seconds:.0f} s and up to {megabytes:.1f} MB"
         self.run.report(f"{self._label}: a bake up to frame {self.run.last} takes {takes}")
         begun = reported = time.monotonic()
         done = 0
@@ -192,12 +194,17 @@ def _seconds_a_frame(scene: bpy.types.Scene) -> float:
 def _bake_caches(scene: bpy.types.Scene, last: int) -> set[str]:
     """Bake all point caches up to frame `last`. Returns names of objects whose are not baked."""
     for _, cache in caches(scene):
-        if cache.use_disk_cache:
-            cache.use_disk_cache = False  # also reads a finished cache into memory
-        if not cache.is_baked:
-            cache.frame_end = max(cache.frame_start + 1, last)
+        _open_until(cache, last)
     bpy.ops.ptcache.bake_all(bake=True)
     return {thing.name for thing, cache in caches(scene) if not cache.is_baked}
+
+
+def _open_until(cache: bpy.types.PointCache, last: int) -> None:
+    """Keep a cache in memory, up to frame `last` unless it is baked."""
+    if cache.use_disk_cache:
+        cache.use_disk_cache = False  # also reads a finished cache into memory
+    if not cache.is_baked:
+        cache.frame_end = max(cache.frame_start + 1, last)
 
 
 def _bake_hair(scene: bpy.types.Scene, last: int) -> set[str]:
@@ -210,16 +217,26 @@ def _bake_hair(scene: bpy.types.Scene, last: int) -> set[str]:
     for thing in evaluated_objects(scene):
         for system in dynamic_hair(thing):
             cache = system.cloth.point_cache
-            if cache.use_disk_cache:
-                cache.use_disk_cache = False
+            _open_until(cache, last)
             with bpy.context.temp_override(object=thing, point_cache=cache):
                 if not cache.is_baked:
-                    cache.frame_end = max(cache.frame_start + 1, last)
                     bpy.ops.ptcache.bake(bake=True)
                 if not cache.is_baked:
                     left.add(thing.name)
                 bpy.ops.ptcache.free_bake()
     return left
+
+
+def play_hair(scene: bpy.types.Scene, last: int) -> None:
+    """Show all frames up to the one after `last` once, if there is dynamic hair: Blender 5.2 reads
+    the cache of its frames in their order only.
+    """
+    if not any(map(dynamic_hair, evaluated_objects(scene))):
+        return
+    before = scene.frame_current
+    for frame in range(last + 2):
+        scene.frame_set(frame)
+    scene.frame_set(before)
 
 
 def _bake_zones(zones: list[tuple[bpy.types.Object, Any]]) -> set[str]:

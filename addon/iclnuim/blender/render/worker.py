@@ -113,7 +113,10 @@ class Session:
 
     @property
     def _frames(self) -> RunFrames:
-        return RunFrames(len(self.trajectory), self._last, self._note)
+        def begin(seconds: float) -> None:
+            self.emit(events.Baking(seconds))
+
+        return RunFrames(len(self.trajectory), self._last, self._note, begin)
 
     def _note(self, text: str) -> None:
         self.emit(events.Note(text))
@@ -341,13 +344,14 @@ def _set_up(
     must_bake: bool = False,
 ) -> None:
     """Open the job's scene unless it is open, emit notes about it, and set all settings."""
+    baked = must_bake or job.light == "baked"
     _note_all(emit, [] if opened else scene.open_scene(job.scene, job.reading, frames))
     if must_bake and (obstacle := light_choice.reason_against_baking(bpy.context.scene)):
         wanted = "a scene whose light can be baked"
         raise InputError(wanted, path=job.scene, found=obstacle, hint="{light} path")
     if not shipped.is_scene(job.scene):
-        _note_all(emit, preflight.findings(must_bake or job.light == "baked"))
-    if must_bake or job.light == "baked":
+        _note_all(emit, preflight.findings(baked, baked and job.samples == 1 and not job.denoise))
+    if baked:
         surfaces.make_lamps_real()
     settings.apply(job, threads)
 
