@@ -13,6 +13,18 @@ from typing import Any
 
 import bpy
 import numpy as np
+from bpy.types import (
+    ID,
+    Action,
+    FCurve,
+    ImageFormatSettings,
+    Material,
+    Node,
+    NodeSocket,
+    NodeTree,
+    Object,
+    Scene,
+)
 
 from ..errors import InputError, WorkError
 
@@ -52,9 +64,7 @@ def temporarily(thing: object, **settings: object) -> Iterator[None]:
             setattr(thing, name, value)
 
 
-def matt_material(
-    name: str, colour: tuple[float, ...] | None = None
-) -> tuple[bpy.types.Material, bpy.types.Node]:
+def matt_material(name: str, colour: tuple[float, ...] | None = None) -> tuple[Material, Node]:
     """A new material with a Diffuse BSDF, and that node.
 
     From 5.0 on every material has a node tree.
@@ -72,7 +82,7 @@ def matt_material(
     return material, diffuse
 
 
-def add_white_sky(scene: bpy.types.Scene, strength: float) -> None:
+def add_white_sky(scene: Scene, strength: float) -> None:
     """Give the scene a uniform sky."""
     world = bpy.data.worlds.new("Neutral light")
     if world.node_tree is None:
@@ -83,7 +93,7 @@ def add_white_sky(scene: bpy.types.Scene, strength: float) -> None:
     scene.world = world
 
 
-def nodes_of(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
+def nodes_of(tree: NodeTree) -> list[Node]:
     """All nodes of a tree, including those of groups."""
     found = list(tree.nodes)
     for node in tree.nodes:
@@ -92,7 +102,7 @@ def nodes_of(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
     return found
 
 
-def volume_outputs() -> list[bpy.types.Node]:
+def volume_outputs() -> list[Node]:
     """The output nodes with a volume, of materials and worlds in use."""
     found = []
     for block in (*bpy.data.materials, *bpy.data.worlds):
@@ -103,26 +113,26 @@ def volume_outputs() -> list[bpy.types.Node]:
     return found
 
 
-def compositor(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
+def compositor(scene: Scene) -> NodeTree | None:
     """The compositor's nodes; from 5.0 on they are a group."""
     if hasattr(scene, "compositing_node_group"):
         return scene.compositing_node_group
     return scene.node_tree if scene.use_nodes else None
 
 
-def unlink(socket: bpy.types.NodeSocket) -> None:
+def unlink(socket: NodeSocket) -> None:
     """Remove all links of an input or output."""
     for link in list(socket.links):
         socket.id_data.links.remove(link)
 
 
-def redirect(old: bpy.types.NodeSocket, new: bpy.types.NodeSocket) -> None:
+def redirect(old: NodeSocket, new: NodeSocket) -> None:
     """Move all links of the output `old` to the output `new`."""
     for target in [link.to_socket for link in old.links]:
         old.id_data.links.new(new, target)
 
 
-def bake(thing: bpy.types.Object, **options: object) -> None:
+def bake(thing: Object, **options: object) -> None:
     """Bake one object with Cycles. Raises WorkError with Blender's message."""
     layer = bpy.context.view_layer
     layer.update()  # otherwise an object that was just linked may not be in the layer yet
@@ -139,7 +149,7 @@ def bake(thing: bpy.types.Object, **options: object) -> None:
         raise WorkError(f"{thing.name}: Blender stopped baking")
 
 
-def set_multilayer_exr(image_settings: bpy.types.ImageFormatSettings) -> None:
+def set_multilayer_exr(image_settings: ImageFormatSettings) -> None:
     """Set 32-bit float multilayer EXR, not compressed.
 
     From 5.0 on the media type must be set before the format.
@@ -151,7 +161,7 @@ def set_multilayer_exr(image_settings: bpy.types.ImageFormatSettings) -> None:
     image_settings.exr_codec = "NONE"
 
 
-def fcurves(datablock: bpy.types.ID, action: bpy.types.Action) -> Any:
+def fcurves(datablock: ID, action: Action) -> Any:
     """The F-curves of `action` for `datablock`.
 
     From 4.4 on they are in layers, strips and channel bags of a slot.
@@ -228,7 +238,7 @@ def has_denoiser() -> bool:
         return False
 
 
-def leave_out_experiments(scene: bpy.types.Scene) -> None:
+def leave_out_experiments(scene: Scene) -> None:
     """Use only Cycles' supported features. From 5.2 on there is no other feature set."""
     if hasattr(scene.cycles, "feature_set"):
         scene.cycles.feature_set = "SUPPORTED"
@@ -289,7 +299,7 @@ def _is_there(operator: Any) -> bool:
     return True
 
 
-def animated_curves(block: bpy.types.ID | None) -> list[bpy.types.FCurve]:
+def animated_curves(block: ID | None) -> list[FCurve]:
     """All F-curves of a datablock: of its action and of its strips, without drivers."""
     animation = getattr(block, "animation_data", None)
     if animation is None:
@@ -303,7 +313,7 @@ def animated_curves(block: bpy.types.ID | None) -> list[bpy.types.FCurve]:
     return curves
 
 
-def curves_of(action: bpy.types.Action) -> list[bpy.types.FCurve]:
+def curves_of(action: Action) -> list[FCurve]:
     """All F-curves of an action, of all slots.
 
     Nothing is changed. See `fcurves` about layers and slots.

@@ -4,8 +4,8 @@ solid.
 
 from typing import NamedTuple
 
-import bpy
 import numpy as np
+from bpy.types import Depsgraph
 from mathutils import Vector
 
 #: The median distance of what rays meet in a room whose walls show their backs; in solids it is
@@ -26,14 +26,12 @@ class Seen(NamedTuple):
     median_m: float
 
 
-def look_round(
-    depsgraph: bpy.types.Depsgraph, places: np.ndarray, directions: np.ndarray
-) -> np.ndarray:
+def look_round(depsgraph: Depsgraph, places: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """(n, 4): what is Seen from places (n, 3) in metres along unit directions (d, 3)."""
     return np.array([_seen(depsgraph, Vector(place), directions) for place in places])
 
 
-def _seen(depsgraph: bpy.types.Depsgraph, origin: Vector, directions: np.ndarray) -> Seen:
+def _seen(depsgraph: Depsgraph, origin: Vector, directions: np.ndarray) -> Seen:
     lengths_m = []
     backs = 0
     for direction in directions:

@@ -5,12 +5,12 @@ which Cycles samples it.
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import bpy
+from bpy.types import Node, World
 
 from . import compat
 
 
-def gives_light(world: bpy.types.World | None) -> bool:
+def gives_light(world: World | None) -> bool:
     """Whether the sky may give light: False without a world, and for a Background of strength 0 or
     black colour.
     """
@@ -25,7 +25,7 @@ def gives_light(world: bpy.types.World | None) -> bool:
     return not all(map(_is_black, shaders))
 
 
-def _is_black(shader: bpy.types.Node) -> bool:
+def _is_black(shader: Node) -> bool:
     if shader.type != "BACKGROUND":
         return False
     colour = shader.inputs["Color"]
@@ -35,7 +35,7 @@ def _is_black(shader: bpy.types.Node) -> bool:
 
 
 @contextmanager
-def sampled_at_image_size(world: bpy.types.World | None) -> Iterator[None]:
+def sampled_at_image_size(world: World | None) -> Iterator[None]:
     """Let Cycles sample a sky that is an image by a map of the image's width, temporarily.
 
     Cycles' automatic map is 4096 wide. It is made anew for each bake, and every sample searches it;
@@ -49,7 +49,7 @@ def sampled_at_image_size(world: bpy.types.World | None) -> Iterator[None]:
         yield
 
 
-def _image_width(world: bpy.types.World | None) -> int | None:
+def _image_width(world: World | None) -> int | None:
     """The largest width of the images of a sky that only consists of equirectangular ones; None for
     another sky, whose detail is not known.
     """
@@ -63,7 +63,7 @@ def _image_width(world: bpy.types.World | None) -> int | None:
     return max(node.image.size[0] for node in placed)
 
 
-def _is_whole_sphere(node: bpy.types.Node) -> bool:
+def _is_whole_sphere(node: Node) -> bool:
     if node.type != "TEX_ENVIRONMENT" or node.inputs["Vector"].is_linked:
         return False
     return (

@@ -12,6 +12,15 @@ from typing import Any
 import bpy
 import mathutils
 import numpy as np
+from bpy.types import (
+    Depsgraph,
+    DepsgraphObjectInstance,
+    FCurve,
+    LayerCollection,
+    Mesh,
+    Object,
+    Scene,
+)
 
 from ..lightmap.surfaces import Surfaces, join
 from .compat import animated_curves, temporarily
@@ -53,10 +62,10 @@ class Part:
     """
 
     name: str
-    mesh: bpy.types.Mesh
+    mesh: Mesh
     matrix: mathutils.Matrix
-    source: bpy.types.Object
-    origin: bpy.types.Object
+    source: Object
+    origin: Object
     single: bool
     shared: bool = False
 
@@ -100,13 +109,13 @@ def triangles(panes: bool = True) -> Surface:
     )
 
 
-def class_name(thing: bpy.types.Object) -> str | None:
+def class_name(thing: Object) -> str | None:
     """The class of an object, its custom property `class_name`; None if it has none."""
     own = thing.get("class_name")
     return own if isinstance(own, str) and own else None
 
 
-def box_corners_m(things: Iterable[bpy.types.Object]) -> np.ndarray:
+def box_corners_m(things: Iterable[Object]) -> np.ndarray:
     """(n, 3) the corners of the objects' bounding boxes in the world; the origin if there are no
     objects.
     """
@@ -133,7 +142,7 @@ def triangle_count() -> int:
 
 
 @contextmanager
-def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
+def as_rendered(scene: Scene) -> Iterator[Depsgraph]:
     """The scene evaluated as for rendering: visibility, modifiers, curves and metaballs have their
     settings for rendering instead of those for the
     viewport, also for objects that are only instanced.
@@ -166,7 +175,7 @@ def as_rendered(scene: bpy.types.Scene) -> Iterator[bpy.types.Depsgraph]:
         yield depsgraph
 
 
-def frame_changer(scene: bpy.types.Scene) -> Callable[[float], None]:
+def frame_changer(scene: Scene) -> Callable[[float], None]:
     """A function that changes the frame within as_rendered(), with the objects that are rendered
     then.
 
@@ -190,19 +199,19 @@ def frame_changer(scene: bpy.types.Scene) -> Callable[[float], None]:
     return go_to
 
 
-def _hiding_curves(thing: bpy.types.Object) -> list[bpy.types.FCurve]:
+def _hiding_curves(thing: Object) -> list[FCurve]:
     """The curves and drivers that decide whether an object is rendered."""
     curves = [*animated_curves(thing), *getattr(thing.animation_data, "drivers", ())]
     return [curve for curve in curves if curve.data_path == "hide_render"]
 
 
-def _is_plain(thing: bpy.types.Object, curves: list[bpy.types.FCurve]) -> bool:
+def _is_plain(thing: Object, curves: list[FCurve]) -> bool:
     """Whether the value of one curve decides alone."""
     data = thing.animation_data
     return len(curves) == 1 and not (curves[0].mute or curves[0].driver or len(data.nla_tracks))
 
 
-def _assign(thing: bpy.types.Object, name: str, value: bool) -> bool:
+def _assign(thing: Object, name: str, value: bool) -> bool:
     """Set a property unless it has the value, as Blender builds the scene again. Whether it was
     set.
     """
@@ -225,9 +234,7 @@ def _levels(thing: Any) -> dict[str, object]:
     return levels
 
 
-def layers_below(
-    layer: bpy.types.LayerCollection, rendered: bool = False
-) -> list[bpy.types.LayerCollection]:
+def layers_below(layer: LayerCollection, rendered: bool = False) -> list[LayerCollection]:
     """All layer collections below `layer`, or only those that render.
 
     The top one is never hidden.
@@ -239,7 +246,7 @@ def layers_below(
     return below
 
 
-def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
+def parts(depsgraph: Depsgraph) -> list[Part]:
     """Every rendered surface, with instances made real, in Blender's order.
 
     The caller must remove the meshes.
@@ -263,15 +270,13 @@ def parts(depsgraph: bpy.types.Depsgraph) -> list[Part]:
     return [replace(part, shared=users[k] > 1) for part, k in zip(found, data, strict=True)]
 
 
-def _mesh_of(
-    instance: bpy.types.DepsgraphObjectInstance, depsgraph: bpy.types.Depsgraph
-) -> bpy.types.Mesh | None:
+def _mesh_of(instance: DepsgraphObjectInstance, depsgraph: Depsgraph) -> Mesh | None:
     """A copy of the evaluated mesh of an instance, with the materials that it shows."""
     thing = instance.object
     # an instance made by Geometry Nodes is not an object: it has a mesh and materials, but the name
     # of the object
     by_nodes = instance.is_instance and instance.parent.original == thing.original
-    if by_nodes and isinstance(thing.data, bpy.types.Mesh):
+    if by_nodes and isinstance(thing.data, Mesh):
         mesh = thing.data.copy()
     else:
         options = {"preserve_all_data_layers": True, "depsgraph": depsgraph}
@@ -288,7 +293,7 @@ def _mesh_of(
             mesh.materials[number] = material
         else:
             mesh.materials.append(material)
-    if isinstance(thing.data, bpy.types.Mesh):
+    if isinstance(thing.data, Mesh):
         # generated coordinates refer to its bounding box before the modifiers
         mesh.use_auto_texspace = False
         mesh.texspace_location = thing.data.texspace_location
@@ -297,7 +302,7 @@ def _mesh_of(
 
 
 @contextmanager
-def rendered_parts() -> Iterator[tuple[list[Part], bpy.types.Depsgraph]]:
+def rendered_parts() -> Iterator[tuple[list[Part], Depsgraph]]:
     """The parts of the open scene as rendered.
 
     Their meshes are removed at the end of the `with` block.
@@ -354,7 +359,7 @@ def _normal_matrix(linear: np.ndarray) -> np.ndarray:
     return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)])
 
 
-def rendered_objects(scene: bpy.types.Scene, types: set[str]) -> list[bpy.types.Object]:
+def rendered_objects(scene: Scene, types: set[str]) -> list[Object]:
     """The objects of these types that are rendered: not hidden, and in at least one collection that
     is not hidden.
     """
@@ -365,7 +370,7 @@ def rendered_objects(scene: bpy.types.Scene, types: set[str]) -> list[bpy.types.
     return [o for o in scene.objects if o in shown and o.type in types and not o.hide_render]
 
 
-def put(thing: bpy.types.Object, matrix: mathutils.Matrix) -> list[bpy.types.Object]:
+def put(thing: Object, matrix: mathutils.Matrix) -> list[Object]:
     """Set the world matrix of an object without a parent. An object's own matrix cannot shear: in
     that case it gets an empty as a parent, which is
     returned.

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from bpy.types import Depsgraph, Image, Object
 
 from ... import shipped
 from ...errors import IclnuimError, InputError
@@ -125,13 +126,13 @@ def apply(folder: Path, limit: float | None = None) -> LitScene:
     return lit
 
 
-def _brightest(image: bpy.types.Image) -> float:
+def _brightest(image: Image) -> float:
     pixels = np.empty(len(image.pixels), np.float32)
     image.pixels.foreach_get(pixels)
     return float(pixels.max())
 
 
-def _is_all_in_map(lamp: bpy.types.Object) -> bool:
+def _is_all_in_map(lamp: Object) -> bool:
     """Whether all light of a lamp is in the map: it is a portal, or not visible in reflections."""
     if lamp.data.type == "AREA" and lamp.data.cycles.is_portal:
         return True
@@ -141,7 +142,7 @@ def _is_all_in_map(lamp: bpy.types.Object) -> bool:
 def _make(
     folder: Path,
     found: list[Part],
-    depsgraph: bpy.types.Depsgraph,
+    depsgraph: Depsgraph,
     chosen: dict[str, int],
     key: dict,
     report: Callable[[str], None],

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
+from bpy.types import Light, Material, Object, Scene
 
 from .. import compat
 from ..compat import temporarily
@@ -47,7 +48,7 @@ class _Pass:
     number of samples, and the seed.
     """
 
-    lamps: list[bpy.types.Object]
+    lamps: list[Object]
     world: bool
     samples: int
     seed: int = 0
@@ -59,7 +60,7 @@ def direct(
     normals: np.ndarray,
     samples: int,
     seed: int,
-    materials: list[bpy.types.Material],
+    materials: list[Material],
     sky: bool = True,
     together: bool = False,
 ) -> np.ndarray:
@@ -111,7 +112,7 @@ def _sampled(points_m: np.ndarray, normals: np.ndarray, passes: list[_Pass]) -> 
     return light
 
 
-def _sources() -> tuple[list[bpy.types.Object], list[bpy.types.Object]]:
+def _sources() -> tuple[list[Object], list[Object]]:
     """The lamps, and the portals, through which the sky is sampled.
 
     Lamps without light are left out, as Cycles gives them no samples.
@@ -122,7 +123,7 @@ def _sources() -> tuple[list[bpy.types.Object], list[bpy.types.Object]]:
     return [lamp for lamp in shining if lamp not in portals], portals
 
 
-def _lamp_passes(lamps: list[bpy.types.Object], samples: int) -> list[_Pass]:
+def _lamp_passes(lamps: list[Object], samples: int) -> list[_Pass]:
     """The passes for all lamps, without seeds. samples: those of each half for a large lamp, if
     there are few.
     """
@@ -147,7 +148,7 @@ def _lamp_passes(lamps: list[bpy.types.Object], samples: int) -> list[_Pass]:
     return passes
 
 
-def _powers_of_two(lamps: list[bpy.types.Object]) -> list[list[bpy.types.Object]]:
+def _powers_of_two(lamps: list[Object]) -> list[list[Object]]:
     """The lamps in lists whose lengths are powers of two, longest first."""
     lists = []
     while lamps:
@@ -157,14 +158,14 @@ def _powers_of_two(lamps: list[bpy.types.Object]) -> list[list[bpy.types.Object]
     return lists
 
 
-def _is_small(lamp: bpy.types.Light) -> bool:
+def _is_small(lamp: Light) -> bool:
     if lamp.type == "SUN":
         return lamp.angle < _SMALL_RAD
     return lamp.type != "AREA" and lamp.shadow_soft_size < _SMALL_M
 
 
 @contextmanager
-def only(lamps: list[bpy.types.Object], world: bool, evenly: bool = False) -> Iterator[None]:
+def only(lamps: list[Object], world: bool, evenly: bool = False) -> Iterator[None]:
     """The open scene with only these lamps, with or without its world, temporarily. evenly: without
     the light tree, which prefers strong lamps.
     """
@@ -183,7 +184,7 @@ def only(lamps: list[bpy.types.Object], world: bool, evenly: bool = False) -> It
 
 
 @contextmanager
-def without_glow(materials: list[bpy.types.Material]) -> Iterator[None]:
+def without_glow(materials: list[Material]) -> Iterator[None]:
     """Disable the emission of the materials temporarily."""
     with ExitStack() as stack:
         for material in materials:
@@ -233,7 +234,7 @@ def seen(
 
 
 @contextmanager
-def _only_lamps(scene: bpy.types.Scene, places_m: np.ndarray) -> Iterator[None]:
+def _only_lamps(scene: Scene, places_m: np.ndarray) -> Iterator[None]:
     """The scene lit only by one point lamp at each place, temporarily."""
     data = bpy.data.lights.new("light test", "POINT")
     data.energy = _POWER

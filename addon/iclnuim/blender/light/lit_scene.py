@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
+from bpy.types import ID, Image, Material, Mesh, Object, bpy_struct
 
 from ...errors import WorkError
 from ...lightmap.surfaces import BACK, FRONT
@@ -30,7 +31,7 @@ _SHADOW_SETTINGS = ("shadow_terminator_offset", "shadow_terminator_geometry_offs
 
 
 #: The copies made so far, by the original.
-Copies = dict[tuple[bpy.types.Material | None, Baked], bpy.types.Material]
+Copies = dict[tuple[Material | None, Baked], Material]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +53,10 @@ class LitScene:
     this.
     """
 
-    made: list[bpy.types.ID] = field(default_factory=list)
-    hidden: list[tuple[bpy.types.Object, str, bool]] = field(default_factory=list)
+    made: list[ID] = field(default_factory=list)
+    hidden: list[tuple[Object, str, bool]] = field(default_factory=list)
 
-    def hide(self, thing: bpy.types.Object, name: str) -> None:
+    def hide(self, thing: Object, name: str) -> None:
         """Hide an object, which gets this name meanwhile."""
         self.hidden.append((thing, thing.name, thing.hide_render))
         thing.hide_render = True
@@ -74,7 +75,7 @@ class LitScene:
 def show(
     found: list[Part],
     layout: MapLayout,
-    image: bpy.types.Image,
+    image: Image,
     gathering: bool = False,
     limit: float | None = None,
 ) -> LitScene:
@@ -123,7 +124,7 @@ def _bake_materials(part: Part, has: np.ndarray, baked: Baked, copies: Copies) -
             part.mesh.materials.append(copies[key])
 
 
-def set_pixels(image: bpy.types.Image, light: np.ndarray) -> None:
+def set_pixels(image: Image, light: np.ndarray) -> None:
     """Write new light (rows, columns, 3), row 0 at the bottom, into an image of the same size.
     Baking uses it; a render with persistent data would not.
     """
@@ -133,7 +134,7 @@ def set_pixels(image: bpy.types.Image, light: np.ndarray) -> None:
     image.update()
 
 
-def _add_uvs(mesh: bpy.types.Mesh, layout: MapLayout, corners: slice) -> None:
+def _add_uvs(mesh: Mesh, layout: MapLayout, corners: slice) -> None:
     """Add the UV map of the front, and that of the back if it has texels.
 
     A side without a chart is never visible and gets the position of the other side.
@@ -150,15 +151,13 @@ def _add_uvs(mesh: bpy.types.Mesh, layout: MapLayout, corners: slice) -> None:
         layer.data.foreach_set("uv", uv.astype(np.float32).ravel())
 
 
-def _copy_settings(source: bpy.types.Object, target: bpy.types.Object) -> None:
+def _copy_settings(source: Object, target: Object) -> None:
     _copy_properties(source, target, (*_OBJECT_SETTINGS, *_SHADOW_SETTINGS))
     if hasattr(source, "cycles") and hasattr(target, "cycles"):
         _copy_properties(source.cycles, target.cycles, _SHADOW_SETTINGS)
 
 
-def _copy_properties(
-    source: bpy.types.bpy_struct, target: bpy.types.bpy_struct, names: tuple[str, ...]
-) -> None:
+def _copy_properties(source: bpy_struct, target: bpy_struct, names: tuple[str, ...]) -> None:
     for name in names:
         if hasattr(source, name) and hasattr(target, name):
             setattr(target, name, getattr(source, name))

@@ -7,9 +7,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import bpy
 import numpy as np
-from bpy.types import Material, Mesh, Node, Object
+from bpy.types import Material, Mesh, MeshUVLoopLayer, Node, Object
 
 from ..surfaces import array_of
 from .mipmap_images import LEVELS, margins
@@ -114,7 +113,7 @@ def _largest(objects: Iterable[Object]) -> dict[Mesh, Object]:
     return largest
 
 
-def _layer(mesh: Mesh, uv_map: str) -> bpy.types.MeshUVLoopLayer | None:
+def _layer(mesh: Mesh, uv_map: str) -> MeshUVLoopLayer | None:
     if uv_map:
         return mesh.uv_layers.get(uv_map)
     return next((layer for layer in mesh.uv_layers if layer.active_render), None)
@@ -136,7 +135,7 @@ def _is_plain(thing: Object, uv_map: str) -> bool:
     return _layer(thing.data, uv_map) is not None
 
 
-def _add_positions(thing: Object, layer: bpy.types.MeshUVLoopLayer, texture: Texture) -> bool:
+def _add_positions(thing: Object, layer: MeshUVLoopLayer, texture: Texture) -> bool:
     """Add the positions p in level 0 of the texture's image to the corners of a mesh; those of a
     face are shifted by whole repeats to the first one. Returns whether each face with the material
     lies within one repeat.
@@ -166,7 +165,7 @@ def _add_positions(thing: Object, layer: bpy.types.MeshUVLoopLayer, texture: Tex
     return bool(inside[np.isin(index, slots)].all())
 
 
-def density(thing: Object, layer: bpy.types.MeshUVLoopLayer) -> np.ndarray:
+def density(thing: Object, layer: MeshUVLoopLayer) -> np.ndarray:
     """(F,) the square root of the area in the UV map per square metre, of each face of a mesh
     object. 0 for faces without area.
     """

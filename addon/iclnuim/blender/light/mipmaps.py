@@ -19,7 +19,7 @@ is left out if each face lies within one repeat.
 import math
 
 import bpy
-from bpy.types import Image, Material, Node, NodeSocket, NodeTree
+from bpy.types import Image, Material, Node, NodeSocket, NodeTree, TexMapping
 
 from ...geometry.camera import PinholeCamera
 from ..compat import nodes_of
@@ -101,7 +101,7 @@ def _can_be_filtered(node: Node) -> bool:
     return node.outputs["Color"].is_linked and not node.outputs["Alpha"].is_linked
 
 
-def _is_moved(mapping: bpy.types.TexMapping) -> bool:
+def _is_moved(mapping: TexMapping) -> bool:
     if tuple(mapping.scale) != (1, 1, 1) or any((*mapping.translation, *mapping.rotation)):
         return True
     return (mapping.mapping_x, mapping.mapping_y, mapping.mapping_z) != ("X", "Y", "Z")

@@ -8,6 +8,18 @@ from typing import Any
 
 import bpy
 import numpy as np
+from bpy.types import (
+    ColorRamp,
+    CurveMap,
+    CurveMapping,
+    Image,
+    Material,
+    Node,
+    NodeTree,
+    Object,
+    Scene,
+    bpy_struct,
+)
 
 from ..compat import nodes_of
 from ..surfaces import Part, array_of
@@ -31,12 +43,12 @@ _NOT_LIGHT = {
     "library", "image_user", "show_texture",
 }  # fmt: skip
 #: Types of a struct's pointers that are included.
-_POINTED = (bpy.types.ColorRamp, bpy.types.CurveMapping, bpy.types.Image)
+_POINTED = (ColorRamp, CurveMapping, Image)
 
 
-def key_parts(found: list[Part], scene: bpy.types.Scene) -> dict[str, str]:
+def key_parts(found: list[Part], scene: Scene) -> dict[str, str]:
     """A hash (hexadecimal) for each of: surfaces, materials, images, lamps, world, bounces."""
-    materials: set[bpy.types.Material] = set()
+    materials: set[Material] = set()
     for part in found:
         materials.update(material for material in part.mesh.materials if material is not None)
     images: set[str] = set()
@@ -97,11 +109,11 @@ def _part(part: Part) -> bytes:
     return _hash(*[a.tobytes() for a in arrays], _text([part.name, names, rays])).encode()
 
 
-def _visible(thing: bpy.types.Object, *rays: str) -> list[bool]:
+def _visible(thing: Object, *rays: str) -> list[bool]:
     return [getattr(thing, f"visible_{ray}", True) for ray in rays]
 
 
-def _material(material: bpy.types.Material) -> dict:
+def _material(material: Material) -> dict:
     names = ("emission_sampling", "use_transparent_shadow")
     return {
         "name": material.name,
@@ -111,7 +123,7 @@ def _material(material: bpy.types.Material) -> dict:
     }
 
 
-def _lamp(thing: bpy.types.Object) -> dict:
+def _lamp(thing: Object) -> dict:
     data = thing.data
     names = ("is_portal", "cast_shadow", "max_bounces", "use_multiple_importance_sampling")
     return {
@@ -123,7 +135,7 @@ def _lamp(thing: bpy.types.Object) -> dict:
     }
 
 
-def _tree(tree: bpy.types.NodeTree | None) -> list:
+def _tree(tree: NodeTree | None) -> list:
     """The nodes with their settings and unlinked inputs, and the links between them, without layout
     and selection.
     """
@@ -137,7 +149,7 @@ def _tree(tree: bpy.types.NodeTree | None) -> list:
     return [nodes, sorted(ends)]
 
 
-def _node(node: bpy.types.Node) -> dict:
+def _node(node: Node) -> dict:
     sockets = [s for s in [*node.inputs, *node.outputs] if hasattr(s, "default_value")]
     return {
         "name": node.name,
@@ -148,7 +160,7 @@ def _node(node: bpy.types.Node) -> dict:
     }
 
 
-def _plain_properties(thing: bpy.types.bpy_struct) -> dict:
+def _plain_properties(thing: bpy_struct) -> dict:
     """The numbers, texts, colour ramps and curves of an RNA struct."""
     found = {}
     for entry in thing.bl_rna.properties:
@@ -165,21 +177,21 @@ def _plain_properties(thing: bpy.types.bpy_struct) -> dict:
 
 
 def _value(value: Any) -> Any:
-    if isinstance(value, bpy.types.ColorRamp):
+    if isinstance(value, ColorRamp):
         stops = [(e.position, tuple(e.color)) for e in value.elements]
         return [value.interpolation, value.color_mode, value.hue_interpolation, stops]
-    if isinstance(value, bpy.types.CurveMapping):
+    if isinstance(value, CurveMapping):
         return [_curve_points(curve) for curve in value.curves]
     if isinstance(value, bool | int | float | str | list | tuple):
         return value
     return tuple(value) if hasattr(value, "__len__") else str(getattr(value, "name", ""))
 
 
-def _curve_points(curve: bpy.types.CurveMap) -> list:
+def _curve_points(curve: CurveMap) -> list:
     return [(tuple(point.location), point.handle_type) for point in curve.points]
 
 
-def _image(image: bpy.types.Image) -> str:
+def _image(image: Image) -> str:
     """A hash of name, colour space and content: the packed or referenced file, or the pixels of an
     image that is only in memory.
     """

@@ -1,7 +1,7 @@
 """Places of cameras in the free space of the open scene, from which its surfaces are seen."""
 
-import bpy
 import numpy as np
+from bpy.types import Depsgraph
 from mathutils import Vector
 
 from ...geometry.points import farthest_points
@@ -22,9 +22,7 @@ _NEAREST_M = 0.1
 _FARTHEST_M = 4.0
 
 
-def viewpoints(
-    depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, count: int, seed: int
-) -> np.ndarray:
+def viewpoints(depsgraph: Depsgraph, surfaces: Surfaces, count: int, seed: int) -> np.ndarray:
     """(up to count, 3) places in metres distributed over the scene's free space: in rooms, also in
     those whose walls show their backs, not inside solids or behind walls.
     """
@@ -43,9 +41,7 @@ def viewpoints(
     return free if len(free) <= count else farthest_points(free, count)
 
 
-def _place_before(
-    depsgraph: bpy.types.Depsgraph, surfaces: Surfaces, rng: np.random.Generator
-) -> np.ndarray:
+def _place_before(depsgraph: Depsgraph, surfaces: Surfaces, rng: np.random.Generator) -> np.ndarray:
     """A random place on a ray from a random triangle, in front of it or behind it; each object has
     the same probability.
     """

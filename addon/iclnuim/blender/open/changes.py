@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import bpy
 import mathutils
 import numpy as np
+from bpy.types import Depsgraph, Mesh, NodeTree, Object, Scene
 
 from .. import compat, surfaces
 
@@ -31,7 +32,7 @@ SKY = "the sky"
 _Hashes: TypeAlias = dict[tuple[str, str, int], bytes]
 
 
-def changed_names(scene: bpy.types.Scene, first_only: bool = False) -> set[str]:
+def changed_names(scene: Scene, first_only: bool = False) -> set[str]:
     """Names of objects, lights and materials that are not the same at the first, the last and 30
     spread frames of the timeline, or only those of the first difference that is found; the world is
     `the sky`. The current frame is restored.
@@ -44,7 +45,7 @@ def changed_names(scene: bpy.types.Scene, first_only: bool = False) -> set[str]:
     updated: dict[bpy.types.ID, bool] = {}  # and whether its geometry is
     hashes: _Hashes = {}
 
-    def note(_: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    def note(_: Scene, depsgraph: Depsgraph) -> None:
         updated.update({u.id.original: u.is_updated_geometry for u in depsgraph.updates})
 
     changed: set[str] = set()
@@ -75,9 +76,7 @@ class _State:
     it instances, and hashes of all else.
     """
 
-    def __init__(
-        self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, hashes: _Hashes
-    ) -> None:
+    def __init__(self, scene: Scene, depsgraph: Depsgraph, hashes: _Hashes) -> None:
         self.places: defaultdict[str, list[mathutils.Matrix]] = defaultdict(list)
         self.looks: defaultdict[str, list[bytes]] = defaultdict(list)
         for instance in depsgraph.object_instances:
@@ -103,7 +102,7 @@ class _State:
         return len(here) == len(there) and np.allclose(here, there, rtol=0, atol=_STILL)
 
 
-def _shape(evaluated: bpy.types.Object, owner: bpy.types.Object, hashes: _Hashes) -> bytes:
+def _shape(evaluated: Object, owner: Object, hashes: _Hashes) -> bytes:
     """The hash of the mesh of an evaluated object, kept in `hashes` for its other instances and for
     frames in which its geometry is not updated.
     """
@@ -119,7 +118,7 @@ def _shape(evaluated: bpy.types.Object, owner: bpy.types.Object, hashes: _Hashes
     return hashes[key]
 
 
-def _mesh_hash(mesh: bpy.types.Mesh | None) -> bytes:
+def _mesh_hash(mesh: Mesh | None) -> bytes:
     if mesh is None:
         return b""
     digest = hashlib.sha1()  # the corners of faces are among the attributes
@@ -130,7 +129,7 @@ def _mesh_hash(mesh: bpy.types.Mesh | None) -> bytes:
     return digest.digest()
 
 
-def _trees(scene: bpy.types.Scene) -> Iterator[tuple[str, bpy.types.NodeTree]]:
+def _trees(scene: Scene) -> Iterator[tuple[str, NodeTree]]:
     for material in bpy.data.materials:
         if material.users and material.node_tree:
             yield material.name, material.node_tree
@@ -138,7 +137,7 @@ def _trees(scene: bpy.types.Scene) -> Iterator[tuple[str, bpy.types.NodeTree]]:
         yield SKY, scene.world.node_tree
 
 
-def _values(tree: bpy.types.NodeTree, scene: bpy.types.Scene) -> bytes:
+def _values(tree: NodeTree, scene: Scene) -> bytes:
     """The values of all sockets, and what the nodes read of the scene and of objects."""
     found: list[object] = []
     for node in compat.nodes_of(tree):
@@ -152,7 +151,7 @@ def _values(tree: bpy.types.NodeTree, scene: bpy.types.Scene) -> bytes:
     return repr(found).encode()
 
 
-def _of_scene(scene: bpy.types.Scene, name: str) -> object:
+def _of_scene(scene: Scene, name: str) -> object:
     """The value that a node reads from the view layer or the scene: of a custom property, or at a
     path.
     """

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import bmesh
-import bpy
 import numpy as np
+from bpy.types import DepsgraphObjectInstance, Object, Scene
 from mathutils import Matrix, Vector, geometry
 
 from .. import compat, materials
@@ -51,7 +51,7 @@ class _Edit:
     directions: np.ndarray
 
 
-def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
+def remove_coincident_faces(scene: Scene) -> list[str]:
     """Remove or move the faces that lie in the plane of others. Returns notes."""
     found = _found(scene, set())
     # what moves takes long to find, and few scenes have such faces
@@ -67,8 +67,8 @@ def remove_coincident_faces(scene: bpy.types.Scene) -> list[str]:
 
 
 def _found(
-    scene: bpy.types.Scene, moving: set[str]
-) -> tuple[dict[bpy.types.Object, _Edit], dict[bpy.types.Object, Vector], set[str]]:
+    scene: Scene, moving: set[str]
+) -> tuple[dict[Object, _Edit], dict[Object, Vector], set[str]]:
     """Edits of meshes, translations of sheets, and names of sheets that overlap the back of others,
     without the objects that move.
     """
@@ -86,14 +86,12 @@ def _found(
         return _edits(faces, again, lifted), raised, reversed_names
 
 
-def _is_copy(instance: bpy.types.DepsgraphObjectInstance) -> bool:
+def _is_copy(instance: DepsgraphObjectInstance) -> bool:
     """Whether it is an object at another place, which would be edited with it."""
     return instance.is_instance and instance.parent.original != instance.object.original
 
 
-def _edits(
-    faces: Faces, again: np.ndarray, lifted: dict[int, int]
-) -> dict[bpy.types.Object, _Edit]:
+def _edits(faces: Faces, again: np.ndarray, lifted: dict[int, int]) -> dict[Object, _Edit]:
     edits = {}
     rows = np.array(sorted(lifted), int)
     for k, thing in enumerate(faces.things):
@@ -107,9 +105,7 @@ def _edits(
     return edits
 
 
-def _notes(
-    edits: dict[bpy.types.Object, _Edit], raised: Iterable[bpy.types.Object], reversed_: set[str]
-) -> list[str]:
+def _notes(edits: dict[Object, _Edit], raised: Iterable[Object], reversed_: set[str]) -> list[str]:
     black = "because Cycles would show both black"
     moved = f"moved by {_RAISED_M * 1e3:g} mm a layer, {black}"
     notes = []
@@ -130,7 +126,7 @@ def _notes(
     return notes
 
 
-def _edit_faces(thing: bpy.types.Object, edit: _Edit) -> None:
+def _edit_faces(thing: Object, edit: _Edit) -> None:
     to_object = thing.matrix_world.inverted_safe().to_3x3()
     edited = bmesh.new()
     edited.from_mesh(thing.data)
@@ -146,7 +142,7 @@ def _edit_faces(thing: bpy.types.Object, edit: _Edit) -> None:
     edited.free()
 
 
-def _is_opaque(thing: bpy.types.Object) -> bool:
+def _is_opaque(thing: Object) -> bool:
     """Whether an object is opaque and visible to all rays."""
     if not thing.visible_camera or not thing.visible_shadow or thing.hide_render:
         return False
@@ -202,7 +198,7 @@ def _leaves(
 # Sheets in the plane of larger objects
 
 
-def _raised_sheets(faces: Faces, again: np.ndarray) -> dict[bpy.types.Object, Vector]:
+def _raised_sheets(faces: Faces, again: np.ndarray) -> dict[Object, Vector]:
     """Sheets that are in the plane of larger objects and face the same direction -> their
     translation in metres.
     """
@@ -259,7 +255,7 @@ def _sharing_planes(faces: Faces) -> list[tuple[int, int]]:
 
 
 def _overlapping(
-    faces: Faces, again: np.ndarray, raised: Iterable[bpy.types.Object]
+    faces: Faces, again: np.ndarray, raised: Iterable[Object]
 ) -> tuple[dict[int, int], set[str]]:
     """Rows of faces that overlap larger ones that face the same direction -> their layer, and names
     of sheets that overlap others that face the opposite direction.
@@ -278,7 +274,7 @@ def _overlapping(
 
 
 def _overlaps(
-    faces: Faces, again: np.ndarray, raised: Iterable[bpy.types.Object]
+    faces: Faces, again: np.ndarray, raised: Iterable[Object]
 ) -> Iterator[tuple[int, int]]:
     """Pairs of faces that overlap in one plane, among the largest faces that share a plane."""
     is_raised = np.array([thing.original in raised for thing in faces.things])

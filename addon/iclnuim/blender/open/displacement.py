@@ -5,6 +5,7 @@ from contextlib import ExitStack, contextmanager
 
 import bpy
 import numpy as np
+from bpy.types import Material, Object, Scene
 
 from .. import compat
 from ..compat import temporarily
@@ -14,7 +15,7 @@ from ..surfaces import array_of, as_rendered
 _ATTRIBUTE = "displaced position"
 
 
-def displace_meshes(scene: bpy.types.Scene) -> list[str]:
+def displace_meshes(scene: Scene) -> list[str]:
     """Give every object with displacement in its materials a separate mesh, evaluated and
     displaced, also if the object is only instanced. Returns notes.
     """
@@ -40,7 +41,7 @@ def displace_meshes(scene: bpy.types.Scene) -> list[str]:
 
 
 @contextmanager
-def _in_view(scene: bpy.types.Scene, things: list[bpy.types.Object]) -> Iterator[None]:
+def _in_view(scene: Scene, things: list[Object]) -> Iterator[None]:
     """Make all these objects rendered objects of the scene temporarily, so that instanced or unused
     ones are evaluated and baked, too.
     """
@@ -54,7 +55,7 @@ def _in_view(scene: bpy.types.Scene, things: list[bpy.types.Object]) -> Iterator
 
 
 @contextmanager
-def _without_others(things: list[bpy.types.Object]) -> Iterator[None]:
+def _without_others(things: list[Object]) -> Iterator[None]:
     """Hide all other objects and instances temporarily: baking identifies an object by its name,
     which its instances share.
     """
@@ -66,7 +67,7 @@ def _without_others(things: list[bpy.types.Object]) -> Iterator[None]:
         yield
 
 
-def _displaces(material: bpy.types.Material) -> bool:
+def _displaces(material: Material) -> bool:
     if material.node_tree is None or material.displacement_method == "BUMP":
         return False
     output = material.node_tree.get_output_node("CYCLES")
@@ -89,7 +90,7 @@ def _without_adaptive_subdivision() -> list[str]:
     return [f"adaptive subdivision ({names_of(found)}): the levels for rendering are used"]
 
 
-def as_rendered_meshes(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
+def as_rendered_meshes(scene: Scene, objects: list[Object]) -> None:
     """Apply the modifiers at the levels for rendering; each object then has its own mesh."""
     made = []
     with as_rendered(scene) as depsgraph:
@@ -113,7 +114,7 @@ def as_rendered_meshes(scene: bpy.types.Scene, objects: list[bpy.types.Object]) 
             slot.material = material
 
 
-def _displace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
+def _displace(scene: Scene, thing: Object) -> None:
     """Move vertices to the positions in Cycles' position pass; loose vertices are not moved."""
     thing.hide_set(False)
     mesh = thing.data

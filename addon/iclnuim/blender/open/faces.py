@@ -4,8 +4,8 @@ what a ray from them hits.
 
 from collections.abc import Sequence
 
-import bpy
 import numpy as np
+from bpy.types import Depsgraph, Object
 from mathutils import Vector, geometry
 
 from ..surfaces import array_of
@@ -37,7 +37,7 @@ class Faces:
     area of all faces of the same owner in the same plane.
     """
 
-    def __init__(self, depsgraph: bpy.types.Depsgraph, things: list[bpy.types.Object]) -> None:
+    def __init__(self, depsgraph: Depsgraph, things: list[Object]) -> None:
         self.depsgraph = depsgraph
         self.things = things
         columns = zip(*map(_faces_of, things), strict=True)
@@ -120,7 +120,7 @@ def _numbered(values: np.ndarray) -> np.ndarray:
     return np.unique(values, return_inverse=True)[1].reshape(-1)
 
 
-def _faces_of(thing: bpy.types.Object) -> Sequence[np.ndarray]:
+def _faces_of(thing: Object) -> Sequence[np.ndarray]:
     """keys, centres_m, normals, area_m2 of an evaluated mesh, see Faces."""
     mesh = thing.data
     if not len(mesh.polygons):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import bpy
+from bpy.types import DepsgraphObjectInstance, Material, Node, Object, Scene
 
 from ...job import RenderJob
 from .. import compat, materials, surfaces
@@ -37,7 +38,7 @@ def with_light(job: RenderJob, light: str) -> RenderJob:
     return job if compat.has_denoiser() else job.changed(denoise=False)
 
 
-def reason_against_baking(scene: bpy.types.Scene) -> str | None:
+def reason_against_baking(scene: Scene) -> str | None:
     """The reason why the scene cannot have a light map, or None."""
     if moving := moving_names(scene):
         return f"objects or lights that move ({names_of(moving)})"
@@ -59,23 +60,23 @@ def reason_against_baking(scene: bpy.types.Scene) -> str | None:
     return None
 
 
-def _all_objects(scene: bpy.types.Scene) -> set[bpy.types.Object]:
+def _all_objects(scene: Scene) -> set[Object]:
     """The objects of the scene and of all collections, which may be instanced."""
     return set(scene.objects).union(*(c.all_objects for c in bpy.data.collections))
 
 
-def _shown_materials(scene: bpy.types.Scene) -> set[bpy.types.Material | None]:
+def _shown_materials(scene: Scene) -> set[Material | None]:
     """The materials of all surfaces, including instanced collections; None for a surface without a
     material.
     """
-    shown: set[bpy.types.Material | None] = set()
+    shown: set[Material | None] = set()
     for thing in _all_objects(scene):
         if thing.type in surfaces.SURFACE_TYPES:
             shown.update([slot.material for slot in thing.material_slots] or [None])
     return shown
 
 
-def strand_names(scene: bpy.types.Scene) -> list[str]:
+def strand_names(scene: Scene) -> list[str]:
     """Objects that render as hair, curves or points, which have no faces for a light map, including
     instances and results of Geometry Nodes.
     """
@@ -83,7 +84,7 @@ def strand_names(scene: bpy.types.Scene) -> list[str]:
         return sorted({i.object.name for i in depsgraph.object_instances if _shows_strands(i)})
 
 
-def _shows_strands(instance: bpy.types.DepsgraphObjectInstance) -> bool:
+def _shows_strands(instance: DepsgraphObjectInstance) -> bool:
     thing = instance.object
     if thing.original.hide_render and not instance.is_instance:
         return False
@@ -94,18 +95,18 @@ def _shows_strands(instance: bpy.types.DepsgraphObjectInstance) -> bool:
     return instance.is_instance or not _is_instances(thing)
 
 
-def _made_volume_names(scene: bpy.types.Scene) -> list[str]:
+def _made_volume_names(scene: Scene) -> list[str]:
     """Objects whose Geometry Nodes make a volume."""
     with surfaces.as_rendered(scene) as depsgraph:
         made = (i.object for i in depsgraph.object_instances if i.is_instance and i.show_self)
         return sorted({thing.name for thing in made if thing.type == "VOLUME"})
 
 
-def _has_particles(thing: bpy.types.Object) -> bool:
+def _has_particles(thing: Object) -> bool:
     return any(m.type == "PARTICLE_SYSTEM" and m.show_render for m in thing.modifiers)
 
 
-def _is_instances(evaluated: bpy.types.Object) -> bool:
+def _is_instances(evaluated: Object) -> bool:
     """Whether an evaluated object consists only of instances, as far as known: from 4.5 on."""
     if not hasattr(evaluated, "evaluated_geometry"):
         return False
@@ -113,7 +114,7 @@ def _is_instances(evaluated: bpy.types.Object) -> bool:
     return not any((geometry.mesh, geometry.curves, geometry.pointcloud, geometry.volume))
 
 
-def volume_names(scene: bpy.types.Scene) -> list[str]:
+def volume_names(scene: Scene) -> list[str]:
     """Objects with a volume, or with a material or world that has one."""
     trees = {output.id_data for output in compat.volume_outputs()}
     names = []
@@ -126,7 +127,7 @@ def volume_names(scene: bpy.types.Scene) -> list[str]:
     return sorted(names)
 
 
-def _light_linking_names(scene: bpy.types.Scene) -> list[str]:
+def _light_linking_names(scene: Scene) -> list[str]:
     """Lamps and emitting objects that light, or are shadowed by, only some objects."""
     names = []
     for thing in _all_objects(scene):
@@ -136,7 +137,7 @@ def _light_linking_names(scene: bpy.types.Scene) -> list[str]:
     return names
 
 
-def _unmappable_names(scene: bpy.types.Scene) -> set[str]:
+def _unmappable_names(scene: Scene) -> set[str]:
     """Objects that cannot have a light map: because of unsupported shaders, too many UV maps, or
     materials that differ between instances.
     """
@@ -153,7 +154,7 @@ def _unmappable_names(scene: bpy.types.Scene) -> set[str]:
     return found
 
 
-def _is_unmappable(evaluated: bpy.types.Object, is_instance: bool) -> bool:
+def _is_unmappable(evaluated: Object, is_instance: bool) -> bool:
     if len(getattr(evaluated.data, "uv_layers", ())) > _MAX_UV_MAPS:
         return True
     slots = [slot.material for slot in evaluated.material_slots]
@@ -167,7 +168,7 @@ def _is_unmappable(evaluated: bpy.types.Object, is_instance: bool) -> bool:
     return False
 
 
-def _tells_instances(node: bpy.types.Node) -> bool:
+def _tells_instances(node: Node) -> bool:
     """Whether a node has different values for instances of one object."""
     if node.type == "OBJECT_INFO":
         return bool(node.outputs["Random"].is_linked)

@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import bpy
+from bpy.types import Image, Node, NodeTree, Scene
 
 from .. import compat
 from ..notes import names_of
@@ -17,7 +18,7 @@ _PLAIN = (0.8, 0.8, 0.8, 1.0)
 _TILE = re.compile("<UDIM>|<UVTILE>")
 
 
-def replace_missing(scene: bpy.types.Scene) -> tuple[list[str], bool]:
+def replace_missing(scene: Scene) -> tuple[list[str], bool]:
     """Unlink missing images and image nodes without an image, and give what they were linked to a
     plain colour. Returns a note if a node showed one, and whether one was that of the sky, and with
     it its light.
@@ -47,7 +48,7 @@ def replace_missing(scene: bpy.types.Scene) -> tuple[list[str], bool]:
     return [f"{what}: replaced by plain colour"], lost_sky
 
 
-def _trees() -> Iterator[tuple[bpy.types.NodeTree, tuple[float, ...]]]:
+def _trees() -> Iterator[tuple[NodeTree, tuple[float, ...]]]:
     """The trees of nodes that may show images, with the plain colour of each."""
     for group in bpy.data.node_groups:
         yield group, _PLAIN
@@ -59,11 +60,11 @@ def _trees() -> Iterator[tuple[bpy.types.NodeTree, tuple[float, ...]]]:
             yield block.node_tree, _PLAIN
 
 
-def _is_linked(node: bpy.types.Node) -> bool:
+def _is_linked(node: Node) -> bool:
     return any(output.is_linked for output in node.outputs)
 
 
-def _replace(node: bpy.types.Node, plain: tuple[float, ...]) -> None:
+def _replace(node: Node, plain: tuple[float, ...]) -> None:
     """Unlink the outputs. Shaders keep the colour that stands in their own socket."""
     for output in node.outputs:
         for target in [link.to_socket for link in output.links]:
@@ -75,7 +76,7 @@ def _replace(node: bpy.types.Node, plain: tuple[float, ...]) -> None:
         compat.unlink(output)
 
 
-def _is_missing(image: bpy.types.Image) -> bool:
+def _is_missing(image: Image) -> bool:
     if image.source in ("GENERATED", "VIEWER"):
         return False
     with suppress(RuntimeError, OSError, ValueError):
@@ -87,11 +88,11 @@ def _is_missing(image: bpy.types.Image) -> bool:
     return True
 
 
-def _file(image: bpy.types.Image) -> Path:
+def _file(image: Image) -> Path:
     return Path(bpy.path.abspath(image.filepath, library=image.library))
 
 
-def _tile_file(image: bpy.types.Image, number: int) -> Path:
+def _tile_file(image: Image, number: int) -> Path:
     """The file of a tile, named by its number (UDIM) or by its column and row from 1."""
     column, row = (number - 1001) % 10 + 1, (number - 1001) // 10 + 1
     names = {"<UDIM>": str(number), "<UVTILE>": f"u{column}_v{row}"}
@@ -99,7 +100,7 @@ def _tile_file(image: bpy.types.Image, number: int) -> Path:
     return file.with_name(_TILE.sub(lambda found: names[found[0]], file.name))
 
 
-def _numbers(image: bpy.types.Image) -> set[int]:
+def _numbers(image: Image) -> set[int]:
     """The numbers of the files of a sequence."""
     file = _file(image)
     head, _, tail = re.fullmatch(r"(.*?)(\d*)(\D*)", file.name).groups()  # type: ignore[union-attr]
@@ -108,7 +109,7 @@ def _numbers(image: bpy.types.Image) -> set[int]:
     return {int(match[1]) for match in found if match}
 
 
-def _lacks_a_frame(node: bpy.types.Node, scene: bpy.types.Scene) -> bool:
+def _lacks_a_frame(node: Node, scene: Scene) -> bool:
     """Whether the image that a sequence's node shows in some frame from 0 on does not exist.
 
     Blender counts frame `frame_start` as 1, stays within 0 and the duration, and adds the offset.

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import bpy
+from bpy.types import ID, FCurve, NodeTree, Object, Scene
 
 from .. import compat
 from .changes import SKY, changed_names
@@ -17,7 +18,7 @@ _SIMULATED = {
 _CONSTANT = 1e-6
 
 
-def moving_names(scene: bpy.types.Scene) -> list[str]:
+def moving_names(scene: Scene) -> list[str]:
     """Names of objects and lights that move or change, in order, without cameras; the world is `the
     sky`. Those of the animations, or, if there are none, of the first difference between frames of
     the timeline: each evaluation takes time.
@@ -25,7 +26,7 @@ def moving_names(scene: bpy.types.Scene) -> list[str]:
     return _ordered(_animated_names(scene) or _changed_names(scene, first_only=True))
 
 
-def all_moving_names(scene: bpy.types.Scene) -> list[str]:
+def all_moving_names(scene: Scene) -> list[str]:
     """As moving_names, of all animations and of all differences."""
     return _ordered(_animated_names(scene) | _changed_names(scene, first_only=False))
 
@@ -34,12 +35,12 @@ def _ordered(names: set[str]) -> list[str]:
     return sorted(names, key=lambda name: (name == SKY, name))
 
 
-def _changed_names(scene: bpy.types.Scene, first_only: bool) -> set[str]:
+def _changed_names(scene: Scene, first_only: bool) -> set[str]:
     """Simulations that are not baked are not evaluated: they would lose their state."""
     return set() if is_unbaked(scene) else changed_names(scene, first_only)
 
 
-def _animated_names(scene: bpy.types.Scene) -> set[str]:
+def _animated_names(scene: Scene) -> set[str]:
     moving: set[str] = set()
     for thing in scene.objects:
         if thing.type == "CAMERA" or (thing.hide_render and not varies(thing)):
@@ -59,24 +60,24 @@ def _animated_names(scene: bpy.types.Scene) -> set[str]:
     return moving
 
 
-def _shows_film(tree: bpy.types.NodeTree | None) -> bool:
+def _shows_film(tree: NodeTree | None) -> bool:
     if tree is None:
         return False
     textures = [n for n in compat.nodes_of(tree) if n.type in ("TEX_IMAGE", "TEX_ENVIRONMENT")]
     return any(n.image and n.image.source in ("MOVIE", "SEQUENCE") for n in textures)
 
 
-def _is_simulated(thing: bpy.types.Object) -> bool:
+def _is_simulated(thing: Object) -> bool:
     return any(modifier.type in _SIMULATED for modifier in thing.modifiers)
 
 
-def _blocks(thing: bpy.types.Object) -> list[bpy.types.ID | None]:
+def _blocks(thing: Object) -> list[ID | None]:
     """The datablocks that may change an object's shape."""
     bones = [m.object for m in thing.modifiers if m.type == "ARMATURE"]
     return [thing, thing.data, getattr(thing.data, "shape_keys", None), *bones]
 
 
-def _varies_inside(tree: bpy.types.NodeTree | None) -> bool:
+def _varies_inside(tree: NodeTree | None) -> bool:
     """Whether a node tree or one of its groups is animated."""
     if tree is None:
         return False
@@ -84,7 +85,7 @@ def _varies_inside(tree: bpy.types.NodeTree | None) -> bool:
     return varies(tree) or any(varies(n.node_tree) for n in nodes if n.type == "GROUP")
 
 
-def _moves(thing: bpy.types.Object, seen: set[bpy.types.Object]) -> bool:
+def _moves(thing: Object, seen: set[Object]) -> bool:
     """Whether an object moves: by its animation, its data, its shape keys, a simulation, or another
     object that it depends on.
     """
@@ -98,7 +99,7 @@ def _moves(thing: bpy.types.Object, seen: set[bpy.types.Object]) -> bool:
     return any(other is not None and _moves(other, seen) for other in _depends_on(thing))
 
 
-def _depends_on(thing: bpy.types.Object) -> Iterator[bpy.types.Object | None]:
+def _depends_on(thing: Object) -> Iterator[Object | None]:
     yield thing.parent
     for constraint in thing.constraints:
         if not constraint.mute:
@@ -109,13 +110,13 @@ def _depends_on(thing: bpy.types.Object) -> Iterator[bpy.types.Object | None]:
         yield from (o for o in thing.instance_collection.all_objects if o.type != "CAMERA")
 
 
-def varies(block: bpy.types.ID | None) -> bool:
+def varies(block: ID | None) -> bool:
     """Whether a datablock has an action or strip whose curves are not constant, or a driver."""
     if len(getattr(getattr(block, "animation_data", None), "drivers", ())):
         return True
     return any(map(_is_varying, compat.animated_curves(block)))
 
 
-def _is_varying(curve: bpy.types.FCurve) -> bool:
+def _is_varying(curve: FCurve) -> bool:
     values = [point.co[1] for point in curve.keyframe_points]
     return len(curve.modifiers) > 0 or (bool(values) and max(values) - min(values) > _CONSTANT)

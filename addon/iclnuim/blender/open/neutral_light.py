@@ -2,6 +2,7 @@
 
 import bpy
 import numpy as np
+from bpy.types import Node, NodeLink, NodeSocket, Object, Scene
 
 from ...geometry.points import farthest_points
 from .. import compat, surfaces
@@ -24,7 +25,7 @@ _W_PER_M2 = 1.0
 _MIN_EMITTER_M = 0.03
 
 
-def light_up(scene: bpy.types.Scene, lost_sky: bool) -> list[str]:
+def light_up(scene: Scene, lost_sky: bool) -> list[str]:
     """Add light to a scene that has none: a uniform white sky, and lamps inside rooms that the sky
     does not reach. Returns a note if light was added.
 
@@ -43,7 +44,7 @@ def light_up(scene: bpy.types.Scene, lost_sky: bool) -> list[str]:
     return [note]
 
 
-def _has_light(scene: bpy.types.Scene, lost_sky: bool) -> bool:
+def _has_light(scene: Scene, lost_sky: bool) -> bool:
     if any(lamp.data.energy > 0 for lamp in surfaces.rendered_objects(scene, {"LIGHT"})):
         return True
     instances = any(o.type == "EMPTY" and o.instance_collection for o in scene.objects)
@@ -53,12 +54,12 @@ def _has_light(scene: bpy.types.Scene, lost_sky: bool) -> bool:
     return any(max(thing.dimensions) > _MIN_EMITTER_M and _emits(thing) for thing in things)
 
 
-def _emits(thing: bpy.types.Object) -> bool:
+def _emits(thing: Object) -> bool:
     trees = [slot.material.node_tree for slot in thing.material_slots if slot.material]
     return any(any(map(_is_emitter, compat.nodes_of(tree))) for tree in trees if tree)
 
 
-def _is_emitter(node: bpy.types.Node) -> bool:
+def _is_emitter(node: Node) -> bool:
     if node.type == "EMISSION" and not all(map(_is_for_cameras, node.outputs[0].links)):
         return _is_on(node.inputs["Color"], node.inputs["Strength"])
     if node.type == "BSDF_PRINCIPLED":
@@ -66,7 +67,7 @@ def _is_emitter(node: bpy.types.Node) -> bool:
     return False
 
 
-def _is_for_cameras(link: bpy.types.NodeLink) -> bool:
+def _is_for_cameras(link: NodeLink) -> bool:
     """Whether only camera rays get what is linked, as from the unlit materials of glTF."""
     mix = link.to_node
     if mix.type != "MIX_SHADER" or link.to_socket != mix.inputs[2]:
@@ -74,12 +75,12 @@ def _is_for_cameras(link: bpy.types.NodeLink) -> bool:
     return any(factor.from_socket.name == "Is Camera Ray" for factor in mix.inputs[0].links)
 
 
-def _is_on(colour: bpy.types.NodeSocket, strength: bpy.types.NodeSocket) -> bool:
+def _is_on(colour: NodeSocket, strength: NodeSocket) -> bool:
     is_bright = colour.is_linked or max(tuple(colour.default_value)[:3]) > 0
     return is_bright and (strength.is_linked or strength.default_value > 0)
 
 
-def _light_inside(scene: bpy.types.Scene) -> int:
+def _light_inside(scene: Scene) -> int:
     """Add lamps at enclosed places in free space, far from one another. Returns their number."""
     meshes = [o for o in scene.objects if o.type == "MESH" and not o.hide_render]
     corners_m = surfaces.box_corners_m([o for o in meshes if len(o.data.polygons)])

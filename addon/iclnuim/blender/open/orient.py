@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 import mathutils
 import numpy as np
+from bpy.types import Mesh, Object
 
 from ...errors import InputError
 from ...geometry import axes, scene_axes
@@ -22,9 +23,7 @@ _Y_UP = (".glb", ".gltf")
 _SILENT = {".obj": "y", ".ply": "z"}
 
 
-def orient(
-    path: Path, reading: SceneReading, objects: Sequence[bpy.types.Object]
-) -> tuple[str, bool]:
+def orient(path: Path, reading: SceneReading, objects: Sequence[Object]) -> tuple[str, bool]:
     """Transform the `objects` imported from `path` to metres, z up. If needed, they become children
     of an empty.
 
@@ -89,7 +88,7 @@ def _size(extent_m: np.ndarray, up: str) -> str:
     return f"{across[1]:.3g} x {across[0]:.3g} m, {extent_m['xyz'.index(up[-1])]:.3g} m high"
 
 
-def _size_warning(path: Path, objects: Sequence[bpy.types.Object], unit_m: float) -> str | None:
+def _size_warning(path: Path, objects: Sequence[Object], unit_m: float) -> str | None:
     """A warning if the scene does not have the size of a room.
 
     Bounding boxes are checked first, to avoid reading all triangles.
@@ -109,7 +108,7 @@ def _size_warning(path: Path, objects: Sequence[bpy.types.Object], unit_m: float
     return f"{_size(shape.extent, 'z')} is not the size of a room, {advice} (option: scene unit)"
 
 
-def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
+def _move(objects: Sequence[Object], matrix: np.ndarray) -> None:
     """Apply the matrix to the vertices of meshes without parents, animation or second users, so
     that an OBJ or PLY has no mirrored objects.
     If there are other objects, all become children of one empty.
@@ -130,13 +129,13 @@ def _move(objects: Sequence[bpy.types.Object], matrix: np.ndarray) -> None:
     _scale_lamps(objects, abs(float(np.linalg.det(matrix))) ** (1 / 3))
 
 
-def _is_plain_mesh(thing: bpy.types.Object) -> bool:
+def _is_plain_mesh(thing: Object) -> bool:
     if thing.type != "MESH" or thing.data.users != 1 or thing.animation_data is not None:
         return False
     return not (thing.children or thing.modifiers or thing.constraints or thing.data.shape_keys)
 
 
-def _scale_lamps(objects: Sequence[bpy.types.Object], scale: float) -> None:
+def _scale_lamps(objects: Sequence[Object], scale: float) -> None:
     """Give the same image at another scale: power grows with the area, radii with the length; a sun
     has neither.
     """
@@ -149,7 +148,7 @@ def _scale_lamps(objects: Sequence[bpy.types.Object], scale: float) -> None:
             lamp.shadow_soft_size *= scale
 
 
-def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:
+def _into_vertices(thing: Object, matrix: np.ndarray) -> None:
     mesh = thing.data
     whole = mathutils.Matrix(matrix).to_4x4() @ thing.matrix_basis
     is_mirrored = whole.determinant() < 0
@@ -171,7 +170,7 @@ def _into_vertices(thing: bpy.types.Object, matrix: np.ndarray) -> None:
     mesh.update()
 
 
-def _flip(mesh: bpy.types.Mesh) -> np.ndarray:
+def _flip(mesh: Mesh) -> np.ndarray:
     """Reverse the winding of all faces. Returns (corners,) the previous index of each corner."""
     numbers = mesh.attributes.new("corner before", "INT", "CORNER")
     numbers.data.foreach_set("value", np.arange(len(mesh.loops), dtype=np.int32))

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import bpy
 import numpy as np
+from bpy.types import Node, Scene
 
 from .. import compat, materials, surfaces
 from ..notes import names_of
@@ -31,7 +32,7 @@ def findings(baked: bool, noisy: bool = False) -> list[str]:
     return notes
 
 
-def _settings_notes(scene: bpy.types.Scene) -> list[str]:
+def _settings_notes(scene: Scene) -> list[str]:
     notes = []
     disabled = "it is disabled here (it changes Z by millimetres)"
     if scene.render.use_motion_blur:
@@ -58,7 +59,7 @@ def _settings_notes(scene: bpy.types.Scene) -> list[str]:
     return notes
 
 
-def _drawn_over(scene: bpy.types.Scene) -> Iterator[tuple[str, bool]]:
+def _drawn_over(scene: Scene) -> Iterator[tuple[str, bool]]:
     """What may change the image of Cycles, and whether it does: nodes beside input and output."""
     yield "Freestyle lines", scene.render.use_freestyle
     tree = compat.compositor(scene)
@@ -76,27 +77,27 @@ def _material_notes(baked: bool, noisy: bool) -> list[str]:
     return notes
 
 
-def _is_glass(nodes: list[bpy.types.Node]) -> bool:
+def _is_glass(nodes: list[Node]) -> bool:
     return any(map(materials.is_glass, nodes))
 
 
-def _is_mixed(nodes: list[bpy.types.Node]) -> bool:
+def _is_mixed(nodes: list[Node]) -> bool:
     return any(map(_lets_through, nodes)) and not _is_glass(nodes)
 
 
-def _is_bright(nodes: list[bpy.types.Node]) -> bool:
+def _is_bright(nodes: list[Node]) -> bool:
     return any(map(_reflects_more_than_it_gets, nodes))
 
 
-def _has_bumps(nodes: list[bpy.types.Node]) -> bool:
+def _has_bumps(nodes: list[Node]) -> bool:
     return any(node.type in ("NORMAL_MAP", "BUMP") for node in nodes)
 
 
-def _is_rough_metal(nodes: list[bpy.types.Node]) -> bool:
+def _is_rough_metal(nodes: list[Node]) -> bool:
     return any(map(materials.is_rough_metal, nodes))
 
 
-def _reflects_more_than_it_gets(node: bpy.types.Node) -> bool:
+def _reflects_more_than_it_gets(node: Node) -> bool:
     name = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}.get(node.type)
     if name is None:
         return False
@@ -104,7 +105,7 @@ def _reflects_more_than_it_gets(node: bpy.types.Node) -> bool:
     return not socket.is_linked and max(socket.default_value[:3]) > 1
 
 
-def _lets_through(node: bpy.types.Node) -> bool:
+def _lets_through(node: Node) -> bool:
     if node.type == "BSDF_PRINCIPLED":
         return constant(node.inputs["Alpha"]) != 1.0
     return node.type == "BSDF_TRANSPARENT"

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 import bmesh
 import bpy
 import numpy as np
+from bpy.types import ID, FCurve, Material, Mesh, MeshUVLoopLayer, Object, Scene
 
 from .. import compat
 from ..notes import names_of
@@ -20,7 +21,7 @@ _MAX_COORDINATE = 1e7
 _MIN_AREA = 1e-14
 
 
-def sanitize(scene: bpy.types.Scene) -> list[str]:
+def sanitize(scene: Scene) -> list[str]:
     """Repair all meshes and materials of the open session. Returns what was done."""
     notes = [*_hide_lost_objects(scene), *_repair_meshes()]
     if _show_vertex_colours(scene):
@@ -33,7 +34,7 @@ def sanitize(scene: bpy.types.Scene) -> list[str]:
     return notes
 
 
-def _hide_lost_objects(scene: bpy.types.Scene) -> list[str]:
+def _hide_lost_objects(scene: Scene) -> list[str]:
     lost = [o for o in scene.objects if not np.isfinite(np.array(o.matrix_world)).all()]
     if not lost:
         return []
@@ -65,7 +66,7 @@ def _repair_meshes() -> list[str]:
     return notes
 
 
-def _reset_texture_coordinates(layer: bpy.types.MeshUVLoopLayer) -> int:
+def _reset_texture_coordinates(layer: MeshUVLoopLayer) -> int:
     """Set invalid coordinates to 0. Returns their number."""
     uv = array_of(layer.data, "uv", 2).ravel()
     wrong = ~np.isfinite(uv)
@@ -74,7 +75,7 @@ def _reset_texture_coordinates(layer: bpy.types.MeshUVLoopLayer) -> int:
     return int(wrong.sum())
 
 
-def _remove_lost_vertices(mesh: bpy.types.Mesh) -> int:
+def _remove_lost_vertices(mesh: Mesh) -> int:
     places = array_of(mesh.vertices, "co", 3)
     lost = np.flatnonzero(~(np.abs(places) < _MAX_COORDINATE).all(1))
     if len(lost):
@@ -92,7 +93,7 @@ def _remove_lost_vertices(mesh: bpy.types.Mesh) -> int:
     return len(lost)
 
 
-def _show_vertex_colours(scene: bpy.types.Scene) -> bool:
+def _show_vertex_colours(scene: Scene) -> bool:
     """Show the vertex colours of meshes without any material, such as a scan as PLY.
 
     Returns whether there are any.
@@ -108,7 +109,7 @@ def _show_vertex_colours(scene: bpy.types.Scene) -> bool:
     return found
 
 
-def _colour_material(attribute: str) -> bpy.types.Material:
+def _colour_material(attribute: str) -> Material:
     """A material that shows a colour attribute; one for each name of an attribute."""
     name = f"colours of {attribute}"
     material = bpy.data.materials.get(name)
@@ -120,7 +121,7 @@ def _colour_material(attribute: str) -> bpy.types.Material:
     return material
 
 
-def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:
+def remove_python_drivers(things: Iterable[Object | None]) -> int:
     """Remove drivers that need Python from objects, their data, shape keys and materials, before
     they are evaluated. Returns their number.
     """
@@ -131,9 +132,9 @@ def remove_python_drivers(things: Iterable[bpy.types.Object | None]) -> int:
 
 
 def _python_drivers(
-    things: Iterable[bpy.types.Object | None],
-) -> Iterator[tuple[bpy.types.ID, bpy.types.FCurve]]:
-    blocks: set[bpy.types.ID] = set()
+    things: Iterable[Object | None],
+) -> Iterator[tuple[ID, FCurve]]:
+    blocks: set[ID] = set()
     for thing in things:
         if thing is not None:
             blocks.update(_blocks_of(thing))
@@ -144,7 +145,7 @@ def _python_drivers(
                 yield block, curve
 
 
-def _blocks_of(thing: bpy.types.Object) -> list[bpy.types.ID]:
+def _blocks_of(thing: Object) -> list[ID]:
     data = thing.data
     materials = [slot.material for slot in thing.material_slots if slot.material]
     blocks = [thing, data, getattr(data, "shape_keys", None), getattr(data, "node_tree", None)]

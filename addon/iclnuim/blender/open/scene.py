@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 
 import bpy
+from bpy.types import Scene, ViewLayer
 
 from ... import shipped
 from ...errors import InputError
@@ -131,7 +132,7 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
     return notes
 
 
-def _refuse_without_surfaces(path: Path, scene: bpy.types.Scene, found: str) -> None:
+def _refuse_without_surfaces(path: Path, scene: Scene, found: str) -> None:
     if any(o.type in surfaces.SURFACE_TYPES or o.instance_collection for o in scene.objects):
         return
     others = set(bpy.data.scenes) - {scene}
@@ -139,7 +140,7 @@ def _refuse_without_surfaces(path: Path, scene: bpy.types.Scene, found: str) -> 
     raise InputError("a scene with at least one surface", path=path, found=found, hint=hint)
 
 
-def _neutral_settings(path: Path, scene: bpy.types.Scene) -> None:
+def _neutral_settings(path: Path, scene: Scene) -> None:
     """Reset settings of the scene in the file at `path` that would change or hide surfaces, and set
     those that its importer does not set.
     """
@@ -160,7 +161,7 @@ def _neutral_settings(path: Path, scene: bpy.types.Scene) -> None:
         scene.frame_end = max(scene.frame_start, math.ceil(max(lasts)))
 
 
-def _with_background_sets(scene: bpy.types.Scene) -> None:
+def _with_background_sets(scene: Scene) -> None:
     """Link the objects of the background sets, which are rendered from other scenes."""
     behind = scene.background_set
     scene.background_set = None
@@ -188,7 +189,7 @@ def _without_grease_pencil() -> list[str]:
     return [f"Grease Pencil ({names_of(hidden)}): left out, because {reason}"]
 
 
-def _with_rendered_layer(scene: bpy.types.Scene) -> list[str]:
+def _with_rendered_layer(scene: Scene) -> list[str]:
     """Make the first view layer that is used for rendering the only one. Returns a note on others.
 
     Holdouts and indirect-only settings of its collections are moved to objects.
@@ -217,7 +218,7 @@ def _with_rendered_layer(scene: bpy.types.Scene) -> list[str]:
     return [note] if len(used) > 1 else []
 
 
-def _leave_edit_mode(layer: bpy.types.ViewLayer) -> None:
+def _leave_edit_mode(layer: ViewLayer) -> None:
     """A mesh that was edited when its file was saved has no UV maps until it is left."""
     for thing in layer.objects:
         if thing.mode == "EDIT":

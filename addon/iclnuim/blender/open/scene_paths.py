@@ -14,6 +14,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import bpy
+from bpy.types import ID
 
 from ...errors import InputError
 from ...geometry.scene_axes import SceneReading
@@ -222,7 +223,7 @@ def _resolved(target: Path) -> Path:
         return Path("/")
 
 
-def _open_files() -> Iterator[tuple[bpy.types.ID, Path]]:
+def _open_files() -> Iterator[tuple[ID, Path]]:
     """(block, existing file) for every external file of the open session, except scripts, which are
     never read.
     """
@@ -236,7 +237,7 @@ def _open_files() -> Iterator[tuple[bpy.types.ID, Path]]:
                 yield block, target
 
 
-def _frames(block: bpy.types.ID, file: Path) -> list[Path]:
+def _frames(block: ID, file: Path) -> list[Path]:
     """The existing files of a path: the file itself, UDIM tiles, or the images of a sequence."""
     pattern = glob.escape(file.name)
     if getattr(block, "source", "") == "SEQUENCE" or getattr(block, "is_sequence", False):

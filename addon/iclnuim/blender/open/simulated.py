@@ -5,25 +5,26 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+from bpy.types import Object, ParticleSystem, Scene
 
 from .blend_file import BlendFile
 
 _ZONE = "GeometryNodeSimulationOutput"
 
 
-def is_unbaked(scene: bpy.types.Scene) -> bool:
+def is_unbaked(scene: Scene) -> bool:
     """Whether an evaluation of other frames would change the state of a simulation."""
     return any(not cache.is_baked for _, cache in caches(scene))
 
 
-def is_simulated(scene: bpy.types.Scene) -> bool:
+def is_simulated(scene: Scene) -> bool:
     """Whether anything that is rendered is simulated."""
     if any(True for _ in caches(scene)):
         return True
     return any(dynamic_hair(o) or list(_with_zones(o)) for o in evaluated_objects(scene))
 
 
-def caches(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, Any]]:
+def caches(scene: Scene) -> Iterator[tuple[Object, Any]]:
     """(object, point cache) of every simulation that is rendered, without dynamic hair."""
     world = scene.rigidbody_world
     if world is not None and world.enabled and world.collection is not None:
@@ -44,23 +45,21 @@ def caches(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, Any]]:
                     yield thing, system.point_cache
 
 
-def dynamic_hair(thing: bpy.types.Object) -> list[bpy.types.ParticleSystem]:
+def dynamic_hair(thing: Object) -> list[ParticleSystem]:
     """The systems of hair of an object that are simulated."""
     shown = [m for m in thing.modifiers if m.type == "PARTICLE_SYSTEM" and m.show_render]
     hair = [m.particle_system for m in shown if m.particle_system.settings.type == "HAIR"]
     return [system for system in hair if system.use_hair_dynamics and system.cloth is not None]
 
 
-def evaluated_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+def evaluated_objects(scene: Scene) -> list[Object]:
     """The objects of the scene, and of collections that it instances."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    found = {block.original for block in depsgraph.ids if isinstance(block, bpy.types.Object)}
+    found = {block.original for block in depsgraph.ids if isinstance(block, Object)}
     return sorted(found | set(scene.objects), key=lambda thing: thing.name)
 
 
-def unbaked_zones(
-    scene: bpy.types.Scene, packed: set[int]
-) -> Iterator[tuple[bpy.types.Object, Any]]:
+def unbaked_zones(scene: Scene, packed: set[int]) -> Iterator[tuple[Object, Any]]:
     """(object, modifier) with simulation zones that are not baked."""
     for thing in evaluated_objects(scene):
         for modifier, zones in _with_zones(thing):
@@ -68,7 +67,7 @@ def unbaked_zones(
                 yield thing, modifier
 
 
-def _with_zones(thing: bpy.types.Object) -> Iterator[tuple[Any, list[Any]]]:
+def _with_zones(thing: Object) -> Iterator[tuple[Any, list[Any]]]:
     """(modifier, its entries of simulation zones) that are rendered."""
     for modifier in thing.modifiers:
         if modifier.type == "NODES" and modifier.show_render:

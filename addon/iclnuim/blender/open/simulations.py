@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+from bpy.types import Object, PointCache, Scene
 
 from ... import shipped
 from ...errors import InputError, WorkError
@@ -113,7 +114,7 @@ class _Bake:
     path: Path
     run: RunFrames
     names: set[str]
-    zones: list[tuple[bpy.types.Object, Any]]
+    zones: list[tuple[Object, Any]]
 
     @property
     def bytes(self) -> int:
@@ -149,7 +150,7 @@ class _Bake:
         return f"simulations ({names_of(self.names)})"
 
     @contextmanager
-    def _progress(self, scene: bpy.types.Scene) -> Iterator[None]:
+    def _progress(self, scene: Scene) -> Iterator[None]:
         """Report the time and the size before the block, and the time left during it."""
         first = scene.frame_start
         per_frame_s = _seconds_a_frame(scene)
@@ -180,7 +181,7 @@ class _Bake:
             bpy.app.handlers.frame_change_post.remove(advance)
 
 
-def _seconds_a_frame(scene: bpy.types.Scene) -> float:
+def _seconds_a_frame(scene: Scene) -> float:
     """The time that a frame takes, from the first ones."""
     before = scene.frame_current
     for frame in range(scene.frame_start, scene.frame_start + _TIMED):
@@ -191,7 +192,7 @@ def _seconds_a_frame(scene: bpy.types.Scene) -> float:
     return seconds
 
 
-def _bake_caches(scene: bpy.types.Scene, last: int) -> set[str]:
+def _bake_caches(scene: Scene, last: int) -> set[str]:
     """Bake all point caches up to frame `last`. Returns names of objects whose are not baked."""
     for _, cache in caches(scene):
         _open_until(cache, last)
@@ -199,7 +200,7 @@ def _bake_caches(scene: bpy.types.Scene, last: int) -> set[str]:
     return {thing.name for thing, cache in caches(scene) if not cache.is_baked}
 
 
-def _open_until(cache: bpy.types.PointCache, last: int) -> None:
+def _open_until(cache: PointCache, last: int) -> None:
     """Keep a cache in memory, up to frame `last` unless it is baked."""
     if cache.use_disk_cache:
         cache.use_disk_cache = False  # also reads a finished cache into memory
@@ -207,7 +208,7 @@ def _open_until(cache: bpy.types.PointCache, last: int) -> None:
         cache.frame_end = max(cache.frame_start + 1, last)
 
 
-def _bake_hair(scene: bpy.types.Scene, last: int) -> set[str]:
+def _bake_hair(scene: Scene, last: int) -> set[str]:
     """Fill the caches of dynamic hair. Returns names of objects with others.
 
     Blender does not draw baked hair from a file; hair in a cache that is full but not called baked,
@@ -227,7 +228,7 @@ def _bake_hair(scene: bpy.types.Scene, last: int) -> set[str]:
     return left
 
 
-def play_hair(scene: bpy.types.Scene, last: int) -> None:
+def play_hair(scene: Scene, last: int) -> None:
     """Show all frames up to the one after `last` once, if there is dynamic hair: Blender 5.2 reads
     the cache of its frames in their order only.
     """
@@ -239,7 +240,7 @@ def play_hair(scene: bpy.types.Scene, last: int) -> None:
     scene.frame_set(before)
 
 
-def _bake_zones(zones: list[tuple[bpy.types.Object, Any]]) -> set[str]:
+def _bake_zones(zones: list[tuple[Object, Any]]) -> set[str]:
     """Bake simulation zones, over the timeline. Returns names of objects with zones not baked."""
     things = [thing for thing, _ in zones]
     for thing, modifier in zones:

@@ -5,6 +5,7 @@ trajectory, its lens as a pinhole camera.
 import bpy
 import mathutils
 import numpy as np
+from bpy.types import Camera, Object, RenderSettings, Scene
 
 from ...errors import InputError
 from ...geometry import axes
@@ -20,7 +21,7 @@ NAME = "ICL-NUIM camera"
 _LINEAR = 1
 
 
-def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
+def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> Object:
     """Add an active camera that follows the poses (n,), pose i at frame i, with the intrinsics of
     `camera`: exactly its K, without depth of field, with clipping at 1 mm and 10 km.
 
@@ -53,9 +54,7 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> bpy.types.Object:
     return thing
 
 
-def _set_lens(
-    render: bpy.types.RenderSettings, lens: bpy.types.Camera, settings: BlenderCamera
-) -> None:
+def _set_lens(render: RenderSettings, lens: Camera, settings: BlenderCamera) -> None:
     for name in ("resolution_x", "resolution_y", "pixel_aspect_x", "pixel_aspect_y"):
         setattr(render, name, getattr(settings, name))
     render.resolution_percentage = 100
@@ -83,7 +82,7 @@ def _locations_and_quaternions(T_world_cv: SE3) -> tuple[np.ndarray, np.ndarray]
     return np.array(locations), np.array(quaternions)
 
 
-def active(scene: bpy.types.Scene, name: str | None = None) -> bpy.types.Object:
+def active(scene: Scene, name: str | None = None) -> Object:
     """The camera of that name, or the active camera. Raises InputError if there is none."""
     cameras = [o for o in scene.objects if o.type == "CAMERA"]
     if name is not None:
@@ -98,7 +97,7 @@ def active(scene: bpy.types.Scene, name: str | None = None) -> bpy.types.Object:
     return scene.camera
 
 
-def trajectory(scene: bpy.types.Scene, camera: bpy.types.Object | None = None) -> Trajectory:
+def trajectory(scene: Scene, camera: Object | None = None) -> Trajectory:
     """The poses of the camera at every frame of the timeline, with stamps from 1 s on at the
     scene's frame rate. The current frame is restored.
 
@@ -116,7 +115,7 @@ def trajectory(scene: bpy.types.Scene, camera: bpy.types.Object | None = None) -
     return Trajectory.at_rate(axes.world_cv_from_world_blender(_poses(np.array(matrices))), rate_hz)
 
 
-def timeline_note(scene: bpy.types.Scene) -> str | None:
+def timeline_note(scene: Scene) -> str | None:
     """A warning if the poses of `trajectory` and the scene's motion would be rendered at different
     times: pose 0 is rendered at frame 0.
     """
@@ -138,7 +137,7 @@ def _poses(matrices: np.ndarray) -> SE3:
     return SE3(np.stack([right, np.cross(back, right), back], -1), matrices[:, :3, 3])
 
 
-def pinhole(scene: bpy.types.Scene, camera: bpy.types.Object) -> PinholeCamera | None:
+def pinhole(scene: Scene, camera: Object) -> PinholeCamera | None:
     """The camera's K at the render's resolution; None if it is not a perspective camera."""
     lens = camera.data
     render = scene.render

@@ -4,8 +4,8 @@ camera do not contain it.
 
 from collections.abc import Mapping
 
-import bpy
 import numpy as np
+from bpy.types import Object, Scene
 
 from ..notes import names_of
 from ..open import motion
@@ -24,7 +24,7 @@ _NEUTRAL: Mapping[str, tuple[str, object]] = {
 }
 
 
-def camera_notes(scene: bpy.types.Scene, camera: bpy.types.Object | None = None) -> list[str]:
+def camera_notes(scene: Scene, camera: Object | None = None) -> list[str]:
     """The findings, one sentence each, about the trajectory of the camera, or of the active one."""
     notes = []
     cameras = _in_use(scene, camera)
@@ -46,7 +46,7 @@ def camera_notes(scene: bpy.types.Scene, camera: bpy.types.Object | None = None)
     return notes
 
 
-def _in_use(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> list[bpy.types.Object]:
+def _in_use(scene: Scene, camera: Object | None) -> list[Object]:
     """The cameras that the timeline shows, in the order of time."""
     if camera is not None:
         return [camera]
@@ -60,7 +60,7 @@ def _in_use(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> list[bpy
     return list(dict.fromkeys(marker.camera for marker in first + later))
 
 
-def _lens_notes(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> list[str]:
+def _lens_notes(scene: Scene, camera: Object | None) -> list[str]:
     """A sentence if the intrinsics change along the timeline. The current frame is restored."""
     before = scene.frame_current
     intrinsics = []
@@ -79,7 +79,7 @@ def _lens_notes(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> list
     return [f"the camera's lens changes along the timeline ({lengths}): frames have one lens"]
 
 
-def _has(scene: bpy.types.Scene, place: str, neutral: object) -> bool:
+def _has(scene: Scene, place: str, neutral: object) -> bool:
     """Whether the scene has another value in that place, if it has the place at all."""
     value: object = scene
     for name in place.split("."):

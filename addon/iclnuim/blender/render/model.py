@@ -2,8 +2,8 @@
 world coordinates.
 """
 
-import bpy
 import numpy as np
+from bpy.types import Image, Material, NodeSocket, NodeTree
 
 from ...errors import InputError
 from ...formats.scene_model import Appearance, SceneModel
@@ -41,7 +41,7 @@ def scene_model(stretched: bool = False) -> SceneModel:
         counts = [len(part.mesh.loop_triangles) for part in parts]
         corners_m = joined.corners_m[joined.triangles]
         normals = joined.normals[joined.triangles]
-        looks: dict[bpy.types.Material | None, int] = {}
+        looks: dict[Material | None, int] = {}
         material = []
         start = 0
         for part, count in zip(parts, counts, strict=True):
@@ -94,7 +94,7 @@ def _shade_as_cycles(part: Part, corners_m: np.ndarray, normals: np.ndarray) -> 
     normals[bent] = own[bent, None]
 
 
-def _materials(part: Part, looks: dict[bpy.types.Material | None, int]) -> np.ndarray:
+def _materials(part: Part, looks: dict[Material | None, int]) -> np.ndarray:
     """(m,) number of each triangle's material in `looks`; new materials are added to it."""
     slots = list(part.mesh.materials) or [None]
     numbers = np.array([looks.setdefault(material, len(looks)) for material in slots])
@@ -112,7 +112,7 @@ def _uv(part: Part) -> np.ndarray:
     return uv[array_of(mesh.loop_triangles, "loops", 3, np.int32)]
 
 
-def _look(material: bpy.types.Material | None) -> Appearance:
+def _look(material: Material | None) -> Appearance:
     if material is None:
         return Appearance("no material", _srgb(_GREY))
     socket = _colour_of(material.node_tree) if material.use_nodes and material.node_tree else None
@@ -124,7 +124,7 @@ def _look(material: bpy.types.Material | None) -> Appearance:
     return Appearance(material.name, _srgb((1.0, 1.0, 1.0)), _pixels(image))
 
 
-def _colour_of(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket | None:
+def _colour_of(tree: NodeTree) -> NodeSocket | None:
     for kind, name in _SHADERS.items():
         for node in tree.nodes:
             if node.type == kind:
@@ -132,7 +132,7 @@ def _colour_of(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket | None:
     return None
 
 
-def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:
+def _image_behind(socket: NodeSocket) -> Image | None:
     """The nearest image node that is connected to the socket, directly or through other nodes."""
     waiting = [socket]
     seen = set()
@@ -147,7 +147,7 @@ def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:
     return None
 
 
-def _pixels(image: bpy.types.Image) -> np.ndarray:
+def _pixels(image: Image) -> np.ndarray:
     """(h, w, 3) uint8 sRGB, row 0 at the top."""
     width, height = image.size
     values = np.empty(width * height * image.channels, np.float32)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
+from bpy.types import ViewLayer
 
 from ...channels import INSTANCE, NORMAL, Channel
 from ...geometry.camera import PinholeCamera
@@ -72,7 +73,7 @@ def _normal(shot: Shot) -> dict[str, np.ndarray]:
     return {name: normal_camera[..., k] for k, name in enumerate(NORMAL)}
 
 
-def _output_shading_normals(layer: bpy.types.ViewLayer) -> None:
+def _output_shading_normals(layer: ViewLayer) -> None:
     """Let every material output the shading normal, by a shader output variable (AOV): Cycles'
     Normal pass is the mean of the normals of the closures, and gloss bends them at grazing angles.
     """
@@ -88,7 +89,7 @@ def _output_shading_normals(layer: bpy.types.ViewLayer) -> None:
             material.node_tree.links.new(geometry.outputs["Normal"], output.inputs["Color"])
 
 
-_PREPARED: dict[str, Callable[[bpy.types.ViewLayer], None]] = {"normal": _output_shading_normals}
+_PREPARED: dict[str, Callable[[ViewLayer], None]] = {"normal": _output_shading_normals}
 #: name of the channel -> its function
 _READERS: dict[str, Callable[[Shot], dict[str, np.ndarray]]] = {
     "instance": _instance,
