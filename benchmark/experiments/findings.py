@@ -79,7 +79,8 @@ def findings_table(results: Sequence[Measured], preset: str = "best") -> ResultT
         "paper's. Errors in mm."
     ]
     if missing:
-        notes.append(f"{MISSING.capitalize()}: findings {', '.join(missing)}.")
+        which = f"Findings {', '.join(missing)}" if rows else "All findings"
+        notes.append(f"{which} need more cells than these {len(results)}, which fill the tables.")
     table = ResultTable("findings", title, columns, tuple(rows), notes=tuple(notes))
     return table.of_preset(preset)
 

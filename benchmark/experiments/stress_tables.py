@@ -113,8 +113,14 @@ def _median_with_failures(values: Iterable[float | None]) -> float | None:
 #: Rows of the unperturbed frames: title, figure, format, factor.
 _CLEAN_TOTALS = (
     ("ATE mm", "ate_m", ".3g", 1e3),
-    ("false alarms", "false_alarms", ".1%", 1),
-    ("NEES", "nees", ".2g", 1),
+    ("right, reported as bad", "false_alarms", ".1%", 1),
+    ("NEES, 1: errors are as uncertain as stated", "nees", ".2g", 1),
+)
+#: Rows of all perturbed frames: title, share.
+_PERTURBED_TOTALS = (
+    ("segments that succeed", "succeeded"),
+    ("frames: wrong, reported as good", "false_successes"),
+    ("frames: right, reported as bad", "false_alarms"),
 )
 
 
@@ -193,15 +199,26 @@ class Summary:
         cleans = [self.groups.get((m, CLEAN, 0)) for m in self.methods]
         for title, name, spec, factor in _CLEAN_TOTALS:
             values = [getattr(clean, name, None) for clean in cleans]
-            rows.append((f"clean: {title}", *(shown(v, spec, factor) for v in values)))
-        for name in ("succeeded", "false_successes", "false_alarms"):
+            rows.append((f"unperturbed: {title}", *(shown(v, spec, factor) for v in values)))
+        for title, name in _PERTURBED_TOTALS:
             values = [self._mean(method, name) for method in self.methods]
-            rows.append((name.replace("_", " "), *(shown(v, ".1%") for v in values)))
+            rows.append((title, *(shown(v, ".1%") for v in values)))
         return rows
 
     def _mean(self, method: str, name: str) -> float | None:
         keys = [key for key in self.groups if key[0] == method and key[1] != CLEAN]
         return mean(getattr(self.groups[key], name) for key in keys)
+
+    def by_severity(self) -> ResultTable:
+        """The ATE of each method in mm, one row per perturbation and method."""
+        rows = []
+        for name in self.perturbations:
+            for method in self.methods:
+                groups = self.row(method, name)
+                rows.append((name, method, *(getattr(group, "mark", "") for group in groups)))
+        columns = ("", "severity", *map(str, range(SEVERITIES + 1)))
+        title = "ATE in mm; 0: unperturbed; \u00d7: failed; !: reports wrong poses as good."
+        return ResultTable("severities", title, columns, tuple(rows))
 
     def of_method(self, method: str) -> ResultTable:
         """The ATE of a method in mm by perturbation and severity."""

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from iclnuim.console import Console
+from iclnuim.console import Console, Meter
 from iclnuim.errors import InputError, named, within
 from iclnuim.formats.trajectories import read_trajectory
 
@@ -131,7 +131,7 @@ def run(args: Namespace, console: Console) -> None:
     values["notes"] = list(mesh.notes)
     if T is not given:  # a fit was computed
         values["as_given"] = fit_effect(surface, mesh.points, given, T)
-    seen = what_was_seen(surface, seen_by, settings, console.progress) if seen_by else None
+    seen = what_was_seen(surface, seen_by, settings, _phases(console)) if seen_by else None
     of_mesh = (surface, mesh.points, mesh.triangles, T, seen)
     quality = surface_quality(*of_mesh, whole=args.seen_by == "all", settings=settings)
     values["quality"] = {**settings.to_dict(), **quality.to_dict()}
@@ -148,6 +148,12 @@ def _noted(mesh: "Reconstruction", args: Namespace, console: Console) -> "Recons
     for note in mesh.notes:
         console.note(f"note: {args.mesh}: {note}")
     return mesh
+
+
+def _phases(console: Console) -> Meter:
+    """A progress display of what_was_seen() for each of its two sets of samples."""
+    names = iter(("find what was seen", "sample what was seen"))
+    return lambda total, _: console.progress(total, next(names), "poses")
 
 
 def _checked_seen_by(args: Namespace, console: Console) -> "SeenBy | None":
@@ -277,6 +283,7 @@ def _text(values: dict) -> str:
     lines = [f"{values['vertices']} vertices of {values['mesh']} to {values['model']} [mm]"]
     for name in ("mean", "median", "std", "min", "max", "rmse"):
         lines.append(f"  {name:<8}{1e3 * values['distance_m'][name]:>10.3f}")
+    lines[1] += "  (the paper's figure)"
     lines.append(f"  {_shares(values['within'], 1)}")
     if given := values.get("as_given"):
         lines.append(
@@ -291,7 +298,7 @@ def _text(values: dict) -> str:
 
 
 def _quality_lines(quality: dict) -> list[str]:
-    lines = [f"{quality['samples']} samples, uniform by area"]
+    lines = [f"{quality['samples']} samples, uniform by area; not the paper's figures"]
     for name in ("accuracy", "completion", "depth_l1"):
         if f"{name}_m" in quality:
             title = name.replace("_l1", " L1")

@@ -161,7 +161,8 @@ def _report(args: Namespace, console: Console, summary: "Summary") -> None:
         from iclnuim.report import charts
 
         charts.save(figure(summary), args.plot)
-    console.result(summary.to_dict(), summary.overview().text())
+    tables = (summary.by_severity(), summary.overview())
+    console.result(summary.to_dict(), "\n\n".join(table.text() for table in tables))
 
 
 def _work(stress: "Stress", cells: int, workers: int) -> PlannedWork:

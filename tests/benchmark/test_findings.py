@@ -91,7 +91,7 @@ def test_only_frames_without_reflections_show_whether_these_are_the_reason(share
 def test_every_finding_has_a_rule_and_without_figures_none_a_verdict():
     table = findings_table([])
     assert table.rows == () and set(RULES) == set(range(1, 19))
-    assert table.notes[-1].startswith("Not measured: findings 1, 2, 3, ")
+    assert table.notes[-1].startswith("All findings need more cells than these 0, ")
 
 
 def test_one_missing_cell_leaves_open_what_needs_it():

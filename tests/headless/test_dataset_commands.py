@@ -499,7 +499,7 @@ def test_calibrate_reads_an_exposure_series_and_gives_back_its_noise(tmp_path, c
     )
 
 
-def test_preview_and_pack(raw, tmp_path, capsys):
+def test_a_preview_has_a_column_of_errors_only_with_poses_and_pack(raw, tmp_path, capsys):
     cv2 = pytest.importorskip("cv2")
     out = tmp_path / "sequence"
     assert main(["dataset", str(raw), str(out), "--depth-noise", "released", "--quiet"]) == 0
@@ -507,6 +507,10 @@ def test_preview_and_pack(raw, tmp_path, capsys):
     sheet = cv2.imread(str(tmp_path / "pictures/preview.png"))
     assert sheet.shape == (28 + 3 * 24, 3 * 32, 3) and sheet.std() > 20  # captions, three rows
     film = next((tmp_path / "pictures").glob("preview.[mg]*"))
+    for file in out.glob("groundtruth.txt"):
+        file.unlink()
+    assert main(["inspect", str(out), "--preview", str(tmp_path / "unposed"), "--quiet"]) == 0
+    assert cv2.imread(str(tmp_path / "unposed/preview.png")).shape == (28 + 3 * 24, 2 * 32, 3)
     assert cv2.VideoCapture(str(film)).read()[1].shape == (24, 64, 3)
     assert main(["pack", str(out), "--licence", "CC0-1.0", "--quiet"]) == 0
     assert (tmp_path / "sequence.tar.gz").is_file()

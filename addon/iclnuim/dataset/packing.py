@@ -18,6 +18,7 @@ from ..shipped import SCENE_NAMES
 from .journal import JOURNAL, read_entries
 from .recipe import read_recipe
 from .sequence_origin import rendered_job
+from .sequence_poses import read_truth
 
 CHECKSUMS = "SHA256SUMS"
 LICENCE = "LICENSE.txt"
@@ -94,8 +95,8 @@ def _terms(name: str, licence: str, author: str) -> bytes:
 
 
 def _about(folder: Path) -> bytes:
-    rendered = rendered_job(folder)
-    what = "with exact ground truth, made with" if rendered else "written by"
+    exact = rendered_job(folder) and read_truth(folder)
+    what = "with exact ground truth, made with" if exact else "written by"
     return _ABOUT.format(what=what).encode()
 
 

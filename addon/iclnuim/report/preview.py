@@ -1,4 +1,6 @@
-"""Previews of a sequence: colour, depth and error of some frames as an image, and a short film."""
+"""Previews of a sequence: colour and depth of some frames as an image, with the difference to depth
+of another frame where the sequence has poses, and a short film.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,7 @@ from ..evaluation.carried_depth import carried_residual
 from ..formats.files import atomic_write, make_folder
 from ..formats.libraries import first_library
 from ..formats.png import write_png
-from ..geometry.trajectory import sample
+from ..geometry.trajectory import Trajectory, sample
 from ..shown import depth_colours, depth_range, ramp
 
 _ROWS = 6
@@ -41,12 +43,13 @@ def draw_preview(folder: Path, out: Path, progress: Meter = None) -> list[Path]:
     spread = sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _ROWS)})
     # the depth range of the colour map is the same for all frames
     range_m = depth_range(np.concatenate([_metres(pairs[i], camera).ravel() for i in spread]))
-    errors = _error_tiles(folder, pairs, spread, camera)
-    rows = []
-    for i, error in zip(spread, errors, strict=True):
-        rows.append(np.hstack([_tiles(pairs[i], camera, range_m), error]))
+    rows = [_tiles(pairs[i], camera, range_m) for i in spread]
+    truth = read_truth(folder)
+    if truth is not None:
+        errors = _error_tiles(truth, pairs, spread, camera)
+        rows = [np.hstack(tiles) for tiles in zip(rows, errors, strict=True)]
     make_folder(out)
-    picture = np.vstack([_captions(rows[0].shape[1], range_m), *rows])
+    picture = np.vstack([_captions(2 if truth is None else 3, rows[0].shape[1], range_m), *rows])
     write_png(out / "preview.png", np.ascontiguousarray(picture))
     filmed = pairs[:: max(1, -(-len(pairs) // _FILM_FRAMES))]
     advance = advance_of(progress, len(filmed), "film")
@@ -58,22 +61,24 @@ def draw_preview(folder: Path, out: Path, progress: Meter = None) -> list[Path]:
     return [out / "preview.png", out / "preview.mp4"]
 
 
-def _captions(width: int, range_m: tuple[float, float]) -> np.ndarray:
-    """Captions of the three columns; that of depth has a bar of its colours."""
+def _captions(columns: int, width: int, range_m: tuple[float, float]) -> np.ndarray:
+    """Captions of two or three columns; that of depth has a bar of its colours."""
     figure = Figure(figsize=(width / 100, 0.28), dpi=100, facecolor="black")
     canvas = FigureCanvasAgg(figure)
-    error = f"off its neighbour: black 0, yellow {100 * _ERROR_FULL_M:g} cm"
+    error = f"depth against a near frame, 0 to {100 * _ERROR_FULL_M:g} cm"
     near_m, far_m = range_m
-    texts = ("colour", f"depth {near_m:.1f} m{' ' * 24}{far_m:.1f} m", error)
-    style: dict[str, Any] = {
-        "color": "white",
-        "fontsize": min(9, width / 110),
-        "ha": "center",
-        "va": "center",
-    }
-    for k, text in enumerate(texts):
-        figure.text((k + 0.5) / 3, 0.5, text, **style)
-    bar = figure.add_axes((0.475, 0.25, 0.085, 0.5))
+    texts = (
+        (0.5, "colour"),
+        (1.22, f"depth  {near_m:.1f} m"),
+        (1.84, f"{far_m:.1f} m"),
+        (2.5, error),
+    )
+    size = min(11, width / columns / 28)
+    style: dict[str, Any] = {"color": "white", "fontsize": size, "ha": "center", "va": "center"}
+    for place, text in texts:
+        if place < columns:
+            figure.text(place / columns, 0.5, text, **style)
+    bar = figure.add_axes((1.45 / columns, 0.25, 0.27 / columns, 0.5))
     bar.imshow(ramp(np.linspace(0, 1, 256)[None]), aspect="auto")
     bar.axis("off")
     canvas.draw()
@@ -94,20 +99,19 @@ def _tiles(pair: ImagePair, camera: SequenceCamera, range_m: tuple[float, float]
 
 
 def _error_tiles(
-    folder: Path, pairs: list[ImagePair], chosen: list[int], camera: SequenceCamera
+    truth: Trajectory, pairs: list[ImagePair], chosen: list[int], camera: SequenceCamera
 ) -> list[np.ndarray]:
     """Difference to the depth of a frame half a second away, reprojected to this frame; grey where
     it is unknown.
     """
     tiles = []
-    truth = read_truth(folder)
     for i in chosen:
         tile = np.full((camera.pinhole.height, camera.pinhole.width, 3), 40, np.uint8)
         j = i - _APART
         if j < 0:
             j = min(i + _APART, len(pairs) - 1)
         stamps_s = np.array([pairs[i].stamp_s, pairs[j].stamp_s])
-        if truth and truth.stamps_s[0] <= stamps_s.min() < stamps_s.max() <= truth.stamps_s[-1]:
+        if truth.stamps_s[0] <= stamps_s.min() < stamps_s.max() <= truth.stamps_s[-1]:
             poses = sample(truth, stamps_s)
             current = _metres(pairs[i], camera)
             other = _metres(pairs[j], camera)
