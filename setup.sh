@@ -104,4 +104,5 @@ fi
 note "done. Next:"
 echo "  . $venv/bin/activate"
 if has_bpy "$venv/bin/python"; then echo "  iclnuim make kt2 --quick    # 60 frames, clean and noisy, in out/: half a minute"; fi
+case " $* " in *" test "*) echo "  python -m pytest            # the tests" ;; esac
 echo "  iclnuim --help              # all commands; README.md has the common tasks"

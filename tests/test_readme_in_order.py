@@ -55,7 +55,7 @@ def test_no_two_lines_write_to_the_same_place(repository, page):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_file_that_a_line_reads_was_written_by_a_line_before_it(repository, page):
-    there = {"flat.glb", "my_sequence", "my_images", "ORBvoc.txt"}  # the reader's own
+    there = {"your_scene.glb", "my_images", "ORBvoc.txt"}  # the reader's own
     for words in shown_lines(repository, page):
         written = outputs(words)
         for word in words[1:]:
@@ -64,6 +64,13 @@ def test_every_file_that_a_line_reads_was_written_by_a_line_before_it(repository
                 assert word in there or place in there, f"{shlex.join(words)}: {word}"
         there |= {*written, "out"} if words[0] == "make" else set(written)
         there |= {"paths"} & set(written)
+
+
+def test_a_line_that_needs_something_of_the_readers_says_so(repository):
+    text = (repository / "README.md").read_text()
+    for mine in ("my_images", "--scene", "orbslam3"):
+        line = re.search(rf"^iclnuim .*{mine}.*$", text, re.M)[0]
+        assert re.search(r"# (your|needs)\b", line), line
 
 
 def test_a_line_of_more_than_ten_seconds_says_how_long(repository):
@@ -112,18 +119,18 @@ def smaller(line, words):
         if option in kept:
             k = kept.index(option)
             del kept[k : k + 2]
-    kept = [word.replace("flat.glb", "flat.obj") for word in kept]
+    kept = [word.replace("scene.glb", "scene.obj") for word in kept]
     return [*kept, *extra]
 
 
 def lay_out(folder, repository):
-    """The reader's own files: two sequences without lists, and a scene."""
-    for name in ("my_sequence", "my_images"):
-        for kind, dtype, shape in (
-            ("rgb", np.uint8, (480, 640, 3)),
-            ("depth", np.uint16, (480, 640)),
-        ):
-            (folder / name / kind).mkdir(parents=True)
-            for number in range(2):
-                write_png(folder / name / kind / f"{number}.png", np.full(shape, 2000, dtype))
-    (folder / "flat.obj").write_text((repository / "tests/room.obj").read_text())
+    """The reader's own files: images without lists, and a scene."""
+    for kind, dtype, shape in (
+        ("rgb", np.uint8, (480, 640, 3)),
+        ("depth", np.uint16, (480, 640)),
+    ):
+        place = folder / "my_images" / kind
+        place.mkdir(parents=True)
+        for number in range(2):
+            write_png(place / f"{number}.png", np.full(shape, 2000, dtype))
+    (folder / "your_scene.obj").write_text((repository / "tests/room.obj").read_text())

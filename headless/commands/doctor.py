@@ -134,7 +134,9 @@ def _sequences() -> Finding:
         names = shipped.sequence_names()
     except InputError as error:
         return Finding("shipped sequences", str(error), False, fix)
-    return Finding("shipped sequences", str(len(names)), len(names) > 0, fix)
+    more = [name for name in names if name not in shipped.paper_sequences()]
+    found = f"{len(names)}: those of the paper, and {', '.join(more)}"
+    return Finding("shipped sequences", found, len(names) > 0, fix)
 
 
 def _slurm() -> Finding:

@@ -75,6 +75,7 @@ def run(args: Namespace, console: Console) -> None:
     write_json(recipe_file, {**_recipe_head(), **figures})
     if args.plot:
         _draw(mesh, loaded, args.plot)
+    console.note(f"{recipe_file} written: how the surface was fused")
     console.result(figures, _text(figures))
 
 

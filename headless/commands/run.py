@@ -143,11 +143,12 @@ def table(result: dict[str, Any]) -> ResultTable:
     rows = []
     notes = []
     for r in result["runs"]:
+        killed = any("killed at" in note for note in r["notes"])
         quartiles_m = r["ate_quartiles_m"] or []
         rows.append(
             (
                 r["odometer"],
-                f"{r['good_runs']}/{r['runs']}",
+                f"{r['good_runs']}/{r['runs']}{', some killed' * killed}",
                 f"{r['coverage']:.1%}",
                 mm(r["ate_rmse_m"], ".3f"),
                 " .. ".join(mm(value, ".3f") for value in quartiles_m) or "-",

@@ -32,7 +32,7 @@ from iclnuim.dataset.sequence import SequenceWriter
 from iclnuim.dataset.sequence_formats import sequence_format
 from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, within
-from iclnuim.formats.depth_units import metres_from_depth16
+from iclnuim.formats.depth_units import UNITS_PER_METRE, metres_from_depth16
 from iclnuim.formats.files import (
     check_file,
     data_lines,
@@ -162,6 +162,10 @@ def _convert(args: Namespace, console: Console) -> None:
     source = original_frames(args.source, args.frames, camera)
     options = settings_from(args, SequenceOptions(depth_units=source.depth_units_per_metre))
     check_format_units(args, options)
+    kept = options.depth_units
+    if "tum" in options.formats and args.depth_units is None and kept != UNITS_PER_METRE:
+        expected = f"most readers of TUM expect {UNITS_PER_METRE:g}: --depth-units"
+        console.note(f"depth keeps its {kept:g} units a metre; {expected}")
     needing = [name for name in options.formats if sequence_format(name).every_pose]
     if needing:
         source = _posed(source, needing[0], console)

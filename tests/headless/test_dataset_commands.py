@@ -290,6 +290,23 @@ def test_noise_on_some_frames_lists_those_and_other_formats_have_names_of_their_
     assert (tmp_path / "both/euroc/mav0/cam0/data/1305031102175304000.png").is_file()
 
 
+@pytest.mark.parametrize(
+    ("options", "is_said"),
+    [
+        (("--units", "1000"), True),
+        (("--units", "5000"), False),
+        (("--units", "1000", "--depth-units", "5000"), False),
+        (("--units", "1000", "--format", "vslam-lab"), False),
+    ],
+)
+def test_convert_says_that_depth_keeps_units_that_readers_of_tum_do_not_expect(
+    freiburg, tmp_path, command_here, options, is_said
+):
+    camera = ("--camera", "64x48,48,48,31.5,23.5")
+    code, _, notes = command_here("convert", freiburg, tmp_path / "a", *camera, *options)
+    assert code == 0 and ("keeps its 1000 units" in notes and "expect 5000" in notes) == is_said
+
+
 @pytest.mark.parametrize("through", ["tum", "eth3d", "rtabmap", "euroc", "vslam-lab"])
 def test_convert_keeps_stamps_to_the_character_through_every_format_that_has_them(
     freiburg, tmp_path, capsys, through

@@ -123,10 +123,11 @@ def test_a_surface_replaces_no_json_that_is_not_its_recipe(sequence, name, capsy
     assert path.read_bytes() == before and not path.with_suffix(".ply").exists()
 
 
-def test_a_surface_and_its_recipe_are_replaced_by_the_next(sequence):
+def test_a_surface_and_its_recipe_are_announced_and_replaced_by_the_next(sequence, capsys):
     for _ in range(2):
         assert main(["fuse", "seq", "-o", "surface.ply", "--max-blocks", "4000"]) == 0
     assert json.loads((sequence.parent / "surface.json").read_text())["kind"] == "surface"
+    assert "surface.json written" in capsys.readouterr().err
 
 
 def test_a_folder_that_does_not_exist_is_not_taken_for_one_without_ground_truth(tmp_path, capsys):

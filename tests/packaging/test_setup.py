@@ -154,6 +154,7 @@ def test_each_step_is_told_and_the_end_says_what_to_do_next(machine):
     assert first == "  . .venv/bin/activate"
     assert make.startswith("  iclnuim make kt2 --quick ")
     assert all_commands.startswith("  iclnuim --help ")
+    assert "python -m pytest" in machine.setup("test").stdout
 
 
 def test_uv_installs_where_it_is_there_and_pip_is_not_asked(machine):

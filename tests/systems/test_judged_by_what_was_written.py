@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from iclnuim.formats.png import write_png
 from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.headless.commands.run import table
 
 #: mode: frames covered, whether there is an error below 0.1 mm, pieces of what is said
 CASES = {
@@ -94,6 +95,14 @@ def test_one_that_hangs_is_killed_with_its_children(run, fake, tmp_path):
     assert rows["hangs"]["ate_rmse_m"] is None and 0.4 <= rows["hangs"]["wall_s"] < 2
     left = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True).stdout
     assert str(tmp_path) not in left
+
+
+@pytest.mark.parametrize(("note", "shown"), [("killed at the time limit of 9 s", 1), ("cut", 0)])
+def test_a_row_says_beside_the_number_of_runs_that_some_were_killed(note, shown):
+    figures = dict.fromkeys(("ate_rmse_m", "rpe_1s_rmse_m", "ate_quartiles_m"))
+    figures |= dict.fromkeys(("coverage", "wall_s", "cpu_s", "peak_bytes"), 1)
+    row = {"odometer": "good", "runs": 2, "good_runs": 2, "notes": [f"run 2: {note}"], **figures}
+    assert table({"sequence": "s", "runs": [row]}).rows[0][1] == "2/2" + ", some killed" * shown
 
 
 def test_medians_and_quartiles_are_of_the_runs_that_have_a_figure(run, fake, tmp_path):
