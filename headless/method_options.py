@@ -16,6 +16,11 @@ from .sequence_options import camera_from, note_sequence
 
 #: For an odometer about 10 s on two free cores, a minute where they are shared.
 COMPILING = "compiling, once: 10 s to a minute"
+#: Columns of odometry_table() that are short.
+COLUMNS = (
+    "degen.: frames whose alignment is under-constrained; ms: median of a frame's time, then its "
+    "95th percentile; 1/s: frames per second"
+)
 
 
 def open_sequence(

@@ -13,7 +13,7 @@ from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS, names, odo
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 
-from ..method_options import installed, open_sequence, require
+from ..method_options import COLUMNS, installed, open_sequence, require
 from ..options import FRAMES, Actions, action, add_frames, add_plot, subcommands
 from ..planned_work import TRACK_CORE_S, PlannedWork, add_dry_run, told
 from ..sequence_options import add_camera_options
@@ -44,6 +44,7 @@ def configure(parser: ArgumentParser) -> None:
         "odometry.png"
     )
     odometry = action(actions, "odometry", help, example, _odometry)
+    odometry.description = f"{help}. {COLUMNS}"
     add = odometry.add_argument
     what = (
         "sequences with ground truth, or earlier results: output of --json, or results.json of "

@@ -13,7 +13,7 @@ from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import check_file
 
-from ..method_options import installed, open_sequence, require
+from ..method_options import COLUMNS, installed, open_sequence, require
 from ..options import FRAMES, add_frames, add_plot, add_rerun, checked_rerun, common
 from ..planned_work import TRACK_CORE_S, PlannedWork, told
 from ..sequence_options import add_camera_options
@@ -41,7 +41,7 @@ def configure(parser: ArgumentParser) -> None:
     add(
         "--all",
         action="store_true",
-        help=f"run {', '.join(ODOMETERS)} on the same frames and print a table",
+        help=f"run {', '.join(ODOMETERS)} on the same frames and print a table. {COLUMNS}",
     )
     add_plot(parser, "trajectory, residual and uncertainty; with --all all methods in one figure")
     add("--show", action="store_true", help="show the same figure in a window")

@@ -118,6 +118,8 @@ def _write(
 ) -> None:
     """Write the sequence args.out, reporting progress."""
     logs = log_settings(args)
+    for number in source.numbers[:1]:
+        source.load(number)  # images of another size are refused before anything is written
     writer = SequenceWriter(source, {args.out: options.sequence_settings()}, options.formats)
     for sentence in writer.losses():
         console.note(sentence)

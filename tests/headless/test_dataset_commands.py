@@ -307,6 +307,16 @@ def test_convert_says_that_depth_keeps_units_that_readers_of_tum_do_not_expect(
     assert code == 0 and ("keeps its 1000 units" in notes and "expect 5000" in notes) == is_said
 
 
+@pytest.mark.parametrize("command", [("convert",), ("noise", "--rgb-noise", "paper")])
+def test_images_of_another_size_are_refused_before_anything_is_written(
+    freiburg, tmp_path, command_here, command
+):
+    camera = ("--camera", "32x24,48,48,15.5,11.5")
+    code, _, said = command_here(command[0], freiburg, tmp_path / "a", *camera, *command[1:])
+    assert code == 2 and "with the size of the images" in said
+    assert "frames to write" not in said and not (tmp_path / "a").exists()
+
+
 @pytest.mark.parametrize("through", ["tum", "eth3d", "rtabmap", "euroc", "vslam-lab"])
 def test_convert_keeps_stamps_to_the_character_through_every_format_that_has_them(
     freiburg, tmp_path, capsys, through
