@@ -6,6 +6,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from bpy.types import Area, Context
 
 from ..dataset.rendered_frames import read_frame
 from ..dataset.sequence_options import SequenceSettings, noisy_images
@@ -42,7 +43,7 @@ class LastFrame:
             show(bpy.context, LAST_FRAME, colour_and_depth(rgb, depth_z_m))
 
 
-def show(context: bpy.types.Context, name: str, picture: np.ndarray) -> None:
+def show(context: Context, name: str, picture: np.ndarray) -> None:
     """Show an (h, w, 3) uint8 array as the image `name` in an image editor.
 
     If none is open, one is opened next to the 3D view.
@@ -68,7 +69,7 @@ def show(context: bpy.types.Context, name: str, picture: np.ndarray) -> None:
         _fit(context, area)
 
 
-def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
+def _fit(context: Context, area: Area) -> None:
     """Fit the whole image into the editor, after a short delay: a new area has no size before it is
     drawn for the first time.
     """
@@ -84,7 +85,7 @@ def _fit(context: bpy.types.Context, area: bpy.types.Area) -> None:
     state.later(fit)
 
 
-def _split(context: bpy.types.Context) -> bpy.types.Area | None:
+def _split(context: Context) -> Area | None:
     """Open a new image editor next to the 3D view; None if there is no 3D view."""
     window = context.window or context.window_manager.windows[0]
     areas = window.screen.areas

@@ -11,6 +11,7 @@ from pathlib import Path
 import bpy
 import mathutils
 import numpy as np
+from bpy.types import Context, PropertyGroup, Scene
 
 from .. import shipped
 from ..blender.light import light_map
@@ -40,7 +41,7 @@ DEFAULT_OUT = "//iclnuim"
 _FRESH_S = 1.0
 
 
-def trajectory(context: bpy.types.Context) -> LoadedTrajectory:
+def trajectory(context: Context) -> LoadedTrajectory:
     """The chosen trajectory, scaled and moved. Raises InputError."""
     check_trajectory(context)
     settings = context.scene.iclnuim
@@ -63,14 +64,14 @@ def trajectory(context: bpy.types.Context) -> LoadedTrajectory:
     return replace(loaded, trajectory=moved)
 
 
-def _animation(scene: bpy.types.Scene) -> LoadedTrajectory:
+def _animation(scene: Scene) -> LoadedTrajectory:
     poses = camera.trajectory(scene)
     sentence = "; ".join(["the active camera's animation", *camera_notes(scene)])
     read_as = ReadAs("tum", "right-handed", "world", sentence)
     return LoadedTrajectory(poses, read_as, np.arange(len(poses)), len(poses))
 
 
-def check_trajectory(context: bpy.types.Context) -> None:
+def check_trajectory(context: Context) -> None:
     """Raises InputError if no trajectory is chosen."""
     settings = context.scene.iclnuim
     if settings.trajectory_source == "FILE" and not settings.trajectory_file:
@@ -80,7 +81,7 @@ def check_trajectory(context: bpy.types.Context) -> None:
         camera.active(context.scene)
 
 
-def current_pose(context: bpy.types.Context) -> int:
+def current_pose(context: Context) -> int:
     """The pose at the timeline's current frame, from 0. An animation begins at the first frame of
     the timeline, keyframes of a trajectory at 0.
     """
@@ -91,7 +92,7 @@ def current_pose(context: bpy.types.Context) -> int:
     return max(number, 0)
 
 
-def output_folder(settings: bpy.types.PropertyGroup) -> Path:
+def output_folder(settings: PropertyGroup) -> Path:
     """The absolute path; `//` is the folder of the saved .blend.
 
     Raises InputError if that file is not saved yet.
@@ -103,7 +104,7 @@ def output_folder(settings: bpy.types.PropertyGroup) -> Path:
     return Path(bpy.path.abspath(out)).expanduser().resolve()
 
 
-def existing_output(context: bpy.types.Context) -> Path:
+def existing_output(context: Context) -> Path:
     """The output folder. Raises InputError if it does not exist."""
     folder = output_folder(context.scene.iclnuim)
     if not folder.is_dir():
@@ -111,7 +112,7 @@ def existing_output(context: bpy.types.Context) -> Path:
     return folder
 
 
-def run_to_resume(context: bpy.types.Context) -> Path:
+def run_to_resume(context: Context) -> Path:
     """The folder of the run in the output folder. Raises InputError if there is none."""
     raw = output_folder(context.scene.iclnuim) / "raw"
     if not (raw / "sequence.json").is_file():
@@ -120,14 +121,14 @@ def run_to_resume(context: bpy.types.Context) -> Path:
     return raw
 
 
-def scene_name(settings: bpy.types.PropertyGroup) -> str:
+def scene_name(settings: PropertyGroup) -> str:
     """The name of the scene in the settings: a built-in name, the path of a file, or OPEN."""
     if settings.scene_source == "FILE" and settings.scene_file:
         return str(Path(bpy.path.abspath(settings.scene_file)).expanduser().resolve())
     return settings.scene_source
 
 
-def job(context: bpy.types.Context, out: Path) -> RenderJob:
+def job(context: Context, out: Path) -> RenderJob:
     """The render job of the settings. A scene or trajectory that has no file is written into `out`.
 
     Raises InputError, WorkError.
@@ -149,7 +150,7 @@ def check_free(raw: Path) -> None:
             raise WorkError(text, hint="again when it has finished, or another {out}")
 
 
-def light_map_line(settings: bpy.types.PropertyGroup) -> str:
+def light_map_line(settings: PropertyGroup) -> str:
     """A sentence for the panel: whether the cache contains the light map of the chosen scene."""
     if settings.scene_source == "OPEN":
         return _OPEN_FILE
@@ -171,7 +172,7 @@ _NO_LIGHT_MAP = (
 )
 
 
-def _looked_up(settings: bpy.types.PropertyGroup, name: str) -> str:
+def _looked_up(settings: PropertyGroup, name: str) -> str:
     """A sentence about the light map of the scene `name`."""
     cache = state.cache_folder()
     try:
@@ -185,16 +186,14 @@ def _looked_up(settings: bpy.types.PropertyGroup, name: str) -> str:
     return "this scene's light map is in the cache"
 
 
-def _shipped_name(settings: bpy.types.PropertyGroup) -> str:
+def _shipped_name(settings: PropertyGroup) -> str:
     scene = settings.scene_source
     if scene not in SCENES:
         scene = next(iter(SCENES))
     return f"{scene}/{settings.trajectory_source}"
 
 
-def _trajectory_for(
-    context: bpy.types.Context, settings: bpy.types.PropertyGroup, out: Path
-) -> str:
+def _trajectory_for(context: Context, settings: PropertyGroup, out: Path) -> str:
     """The name of an unchanged built-in trajectory. Any other trajectory is written to a TUM file
     in `out`; its path is returned.
 
@@ -212,12 +211,12 @@ def _trajectory_for(
     return str(path)
 
 
-def check_scene(context: bpy.types.Context) -> None:
+def check_scene(context: Context) -> None:
     """Raises InputError if no scene is chosen."""
     chosen_scene(context.scene.iclnuim)
 
 
-def chosen_scene(settings: bpy.types.PropertyGroup) -> str:
+def chosen_scene(settings: PropertyGroup) -> str:
     """scene_name() of the chosen scene.
 
     Raises InputError if a scene file is required and none is chosen.
@@ -227,7 +226,7 @@ def chosen_scene(settings: bpy.types.PropertyGroup) -> str:
     return scene_name(settings)
 
 
-def _scene_for(settings: bpy.types.PropertyGroup, out: Path) -> str:
+def _scene_for(settings: PropertyGroup, out: Path) -> str:
     if (name := chosen_scene(settings)) != "OPEN":
         return name
     path = out / "iclnuim_scene.blend"

@@ -18,6 +18,7 @@ from bpy.props import (
     IntProperty,
     StringProperty,
 )
+from bpy.types import Context, PropertyGroup
 
 from ..dataset.sequence_options import SequenceOptions
 from ..errors import InputError
@@ -185,7 +186,7 @@ def label_of(setting: str) -> str:
     return found.keywords["name"] if found else setting
 
 
-class ICLNUIM_PG_settings(bpy.types.PropertyGroup):
+class ICLNUIM_PG_settings(PropertyGroup):
     """The settings of one scene. The properties are created when the class is registered."""
 
     def camera(self) -> PinholeCamera:
@@ -340,7 +341,7 @@ def _file(name: str, description: str, subtype: str = "FILE_PATH") -> Any:
     return StringProperty(name=name, description=description, subtype=subtype)
 
 
-def _trajectory_changed(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+def _trajectory_changed(self: PropertyGroup, context: Context) -> None:
     state.current().trajectory_changed(context)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from bpy.types import Area, Context, Operator
 
 from ..errors import IclnuimError, WorkError
 from ..evaluation.absolute_error import AbsoluteError
@@ -35,7 +36,7 @@ class PanelState:
     """
 
     work: Work
-    trajectory_changed: Callable[[bpy.types.Context], None]
+    trajectory_changed: Callable[[Context], None]
     trajectory_lines: list[str] = field(default_factory=list)
     trajectory_warning: str = ""
     trajectory_key: tuple = ()
@@ -148,11 +149,11 @@ def later(action: Callable[[], None]) -> None:
 
 def operator(
     label: str,
-    *needs: Callable[[bpy.types.Context], object],
+    *needs: Callable[[Context], object],
     undo: bool = False,
     invoke: Callable[..., set[str]] | None = None,
     **properties: Any,
-) -> Callable[[Callable[..., None]], type[bpy.types.Operator]]:
+) -> Callable[[Callable[..., None]], type[Operator]]:
     """Decorator: makes the operator iclnuim.NAME from a function NAME(self, context) whose
     docstring is the tooltip.
 
@@ -161,8 +162,8 @@ def operator(
     panel and the status bar.
     """
 
-    def made(function: Callable[..., None]) -> type[bpy.types.Operator]:
-        def execute(self: bpy.types.Operator, context: bpy.types.Context) -> set[str]:
+    def made(function: Callable[..., None]) -> type[Operator]:
+        def execute(self: Operator, context: Context) -> set[str]:
             return _executed(function, self, context)
 
         members: dict[str, Any] = {
@@ -178,15 +179,15 @@ def operator(
             members["bl_options"] = {"REGISTER", "UNDO"}
         if invoke:
             members["invoke"] = invoke
-        return type(f"ICLNUIM_OT_{function.__name__}", (bpy.types.Operator,), members)
+        return type(f"ICLNUIM_OT_{function.__name__}", (Operator,), members)
 
     return made
 
 
 def _possible(
-    needs: Iterable[Callable[[bpy.types.Context], object]],
-    operator: type[bpy.types.Operator],
-    context: bpy.types.Context,
+    needs: Iterable[Callable[[Context], object]],
+    operator: type[Operator],
+    context: Context,
 ) -> bool:
     try:
         for need in needs:
@@ -197,9 +198,7 @@ def _possible(
     return True
 
 
-def _executed(
-    function: Callable[..., None], operator: bpy.types.Operator, context: bpy.types.Context
-) -> set[str]:
+def _executed(function: Callable[..., None], operator: Operator, context: Context) -> set[str]:
     work = current().work
     if not work.busy:  # the messages belong to the previous step
         work.phase = "idle"
@@ -217,7 +216,7 @@ def _executed(
     return {"FINISHED"}
 
 
-def idle(context: bpy.types.Context) -> None:
+def idle(context: Context) -> None:
     """Raises WorkError if other work is running."""
     current().work.check_idle()
 
@@ -228,7 +227,7 @@ def sentence(text: str) -> str:
     return text[:1].upper() + text[1:] if word.isalpha() else text
 
 
-def areas(kind: str) -> list[bpy.types.Area]:
+def areas(kind: str) -> list[Area]:
     """The areas of all windows whose editor is of this kind."""
     found = []
     for window in bpy.context.window_manager.windows:

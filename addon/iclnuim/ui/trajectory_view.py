@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 from bpy.app.handlers import persistent
+from bpy.types import Context, Scene
 
 from ..errors import IclnuimError
 from ..geometry.camera import PinholeCamera
@@ -27,7 +28,7 @@ _FRUSTA = 30
 _FRUSTUM_DEPTH_M = 0.12
 
 
-def refresh(context: bpy.types.Context) -> None:
+def refresh(context: Context) -> None:
     """Read the trajectory, store its statistics as lines of text for the panel, and draw it.
 
     An error is stored as the warning.
@@ -77,12 +78,12 @@ def show_estimate(positions_m: np.ndarray, error_m: np.ndarray) -> None:
     _show("estimate", _segments(positions_m), _segments(colours))
 
 
-def _key(scene: bpy.types.Scene) -> tuple:
+def _key(scene: Scene) -> tuple:
     values = [np.array(getattr(scene.iclnuim, n)).tolist() for n in properties.OF_THE_TRAJECTORY]
     return scene.name, bpy.data.collections.get(COLLECTION, {}).get(SHOWN), *values
 
 
-def _collisions(context: bpy.types.Context, trajectory: Trajectory) -> str:
+def _collisions(context: Context, trajectory: Trajectory) -> str:
     """A warning if the line between two successive poses hits a surface of the open scene; only if
     that is the chosen scene.
     """
