@@ -57,9 +57,9 @@ def test_the_examples_run_and_their_results_are_sound(notebook):
 
 def test_the_example_of_the_readme_runs(notebook, repository, capsys):
     folder, _ = notebook
-    clean = folder / "out/living_room/kt2/clean"
-    clean.mkdir(parents=True)
-    (clean / "groundtruth.txt").write_text((folder / "room/groundtruth.txt").read_text())
+    noisy = folder / "out/living_room/kt2/noisy"
+    noisy.mkdir(parents=True)
+    (noisy / "groundtruth.txt").write_text((folder / "room/groundtruth.txt").read_text())
     (code,) = blocks(repository / "README.md")
     exec(compile(code, "README.md", "exec"), {})
     assert re.fullmatch(r"ATE \d+\.\d{3} mm\n", capsys.readouterr().out)

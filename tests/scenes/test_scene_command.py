@@ -19,10 +19,11 @@ def scene(*arguments):
     [
         (("build", "ballroom"), "living_room"),
         (("build", "living_room", "--out", "no such folder/x.blend"), "no such folder"),
-        (("compare", "--samples-dir", "no samples here"), "no samples here"),
+        (("compare",), "no samples here"),
     ],
 )
-def test_bad_input_ends_with_code_2_and_one_line(blender, arguments, said):
+def test_bad_input_ends_with_code_2_and_one_line(blender, monkeypatch, arguments, said):
+    monkeypatch.setenv("ICLNUIM_SAMPLES", "no samples here")
     done = scene(*arguments)
     assert done.returncode == 2
     assert said in done.stderr
@@ -32,23 +33,15 @@ def test_bad_input_ends_with_code_2_and_one_line(blender, arguments, said):
 @pytest.mark.parametrize(
     "room", [pytest.param(name, marks=pytest.mark.slow) for name in ("living_room", "office")]
 )
-def test_our_frames_feed_an_odometer_as_the_official_ones_do(samples, blender, tmp_path, room):
+def test_our_frames_feed_an_odometer_as_the_official_ones_do(
+    samples, blender, monkeypatch, tmp_path, room
+):
     """Corners as the mean of three views: in one view their number depends on how edges are sampled
     (blend/README.md).
     """
     pytest.importorskip("cv2")
-    done = scene(
-        "compare",
-        room,
-        "--samples",
-        32,
-        "--samples-dir",
-        samples,
-        "--out",
-        tmp_path,
-        "--quiet",
-        "--json",
-    )
+    monkeypatch.setenv("ICLNUIM_SAMPLES", str(samples))
+    done = scene("compare", room, "--samples", 32, "--out", tmp_path, "--quiet", "--json")
     assert done.returncode == 0, done.stderr
     views = json.loads(done.stdout)
     for number, ratios in views.items():
@@ -60,11 +53,10 @@ def test_our_frames_feed_an_odometer_as_the_official_ones_do(samples, blender, t
     assert len(list(tmp_path.glob("*.png"))) == len(views) == 3
 
 
-def test_compare_renders_like_make_unless_told_otherwise(samples, blender, tmp_path):
+def test_compare_renders_like_make_unless_told_otherwise(samples, blender, monkeypatch, tmp_path):
     pytest.importorskip("cv2")
-    done = scene(
-        "compare", "office", "--samples-dir", samples, "--out", tmp_path, "--quiet", "--json"
-    )
+    monkeypatch.setenv("ICLNUIM_SAMPLES", str(samples))
+    done = scene("compare", "office", "--out", tmp_path, "--quiet", "--json")
     assert done.returncode == 0, done.stderr
     for ratios in json.loads(done.stdout).values():
         assert np.allclose(ratios["depth_quantiles_m"], 1, atol=0.01)
