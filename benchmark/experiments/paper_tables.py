@@ -304,12 +304,19 @@ def _count(name: str) -> Figure:
     return lambda figures: figures.get(name)
 
 
+def _lost(figures: Mapping[str, Any]) -> float | None:
+    """The frames without a pose; those of a system's trajectory follow from its coverage."""
+    if "lost" not in figures and "coverage" in figures:
+        return round((1 - figures["coverage"]) * figures["frames"])
+    return figures.get("lost")
+
+
 #: Figures of the table of all cells, and their factors.
 _CELL_FIGURES: tuple[tuple[str, Figure, float], ...] = (
     ("frames", _count("frames"), 1),
     ("ATE mm", ate_of, 1e3),
     ("RPE mm/s", _rpe, 1e3),
-    ("lost", _count("lost"), 1),
+    ("lost", _lost, 1),
     ("degenerate", _count("degenerate"), 1),
     ("surface mm", surface_of, 1e3),
     ("not fitted mm", _not_fitted, 1e3),

@@ -60,7 +60,8 @@ def run(args: Namespace, console: Console) -> int:
             f"worst file {100 * found['largest_share']:.2g} %"
         )
     if found["same"]:
-        console.result(found, f"{how}: equal")
+        equal = "equal" if found["by_bytes"] else "equal within the tolerance"
+        console.result(found, f"{how}: {equal}")
         return 0
     names = []
     for name, channels in found["channels"].items():

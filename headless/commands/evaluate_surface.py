@@ -283,7 +283,10 @@ def _text(values: dict) -> str:
     lines = [f"{values['vertices']} vertices of {values['mesh']} to {values['model']} [mm]"]
     for name in ("mean", "median", "std", "min", "max", "rmse"):
         lines.append(f"  {name:<8}{1e3 * values['distance_m'][name]:>10.3f}")
-    lines[1] += "  (the paper's figure)"
+    is_fitted = values["align"] == "icp"
+    lines[1] += (
+        "  (the paper's figure)" if is_fitted else "  (not fitted; the paper's is: --align icp)"
+    )
     lines.append(f"  {_shares(values['within'], 1)}")
     if given := values.get("as_given"):
         lines.append(

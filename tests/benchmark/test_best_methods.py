@@ -22,6 +22,15 @@ def test_methods_are_ranked_by_the_geometric_mean_over_the_sequences():
     )
 
 
+@pytest.mark.parametrize(("coverage", "is_there"), [(0.35, False), (0.85, False), (0.95, True)])
+def test_an_error_of_a_part_of_the_frames_ranks_nowhere(coverage, is_there):
+    found = cells("icp", [0.01] * 4) + cells("dvo", [0.02] * 4)
+    part = cells("rgbd", [0.001] * 4)
+    for one in part:
+        one.figures["coverage"] = coverage
+    assert ("RGB-D" in str(best_methods_table(found + part).rows)) == is_there
+
+
 def test_runs_of_a_system_count_by_their_median_and_another_reference_is_another_method():
     found = cells("icp", [0.01] * 4) + cells("icp", [0.02] * 4, reference="model")
     for one in cells("icp", [0.01] * 4):

@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 from iclnuim.benchmark.experiments.paper_figures import paper
 from iclnuim.benchmark.experiments.paper_keys import PaperKey, all_keys, chosen, paper_titles
-from iclnuim.benchmark.experiments.paper_tables import all_tables, preset_tables
+from iclnuim.benchmark.experiments.paper_tables import all_tables, cells_table, preset_tables
 from iclnuim.benchmark.experiments.table import ResultTable
 from iclnuim.errors import InputError
 from iclnuim.headless import cli
@@ -172,6 +172,14 @@ def test_a_name_and_a_sentence_fit_into_the_columns_of_a_terminal():
     lines = table.text().splitlines()
     assert max(map(len, lines)) <= 80
     assert any(name in line for line in lines)
+
+
+def test_the_frames_that_a_system_has_no_pose_of_are_lost():
+    run = result(external(ICP, 1), 0.01, coverage=0.35)
+    del run.figures["lost"]
+    table = cells_table([run, result(ICP, 0.01)])
+    place = table.columns.index("lost")
+    assert [row[place] for row in table.rows] == ["39", "0"]
 
 
 def report_of(found, out, capsys):
