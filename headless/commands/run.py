@@ -116,7 +116,7 @@ def run(args: Namespace, console: Console) -> int:
             rows = e.run(args.runs, limit_s, progress.advance)
             results.append({"sequence": e.sequence.name, "preset": None, "runs": rows})
             write_results(args.out, results[-1:])
-    console.note(f"{file} written; `iclnuim bench odometry` shows it next to other results")
+    console.note(f"{file} written; `iclnuim bench odometry {file}` shows it next to other results")
     console.result({"results": results}, "\n\n".join(table(one).text() for one in results))
     found = [row for row in chain.from_iterable(one["runs"] for one in results) if row["coverage"]]
     return 0 if found else 3
