@@ -223,10 +223,9 @@ def _note_truth_alone(
     args: Namespace, estimate: "Trajectory", truth: "Trajectory", console: Console
 ) -> None:
     """Print a note if the true camera saw more than that of the estimate."""
-    from iclnuim.evaluation.associate import nearest
+    from iclnuim.dataset.layout import posed
 
-    step_s = (truth.stamps_s[-1] - truth.stamps_s[0]) / max(len(truth) - 1, 1)
-    alone = int((nearest(truth.stamps_s, estimate.stamps_s)[1] > 0.5 * step_s).sum())
+    alone = int((~posed(truth.stamps_s, estimate)).sum())
     if alone > _NOTED_SHARE * len(truth):
         there = f"{args.poses} has no pose at {alone} of the {len(truth)} poses of {args.truth}"
         console.note(f"note: {there}; what these saw counts as missing")

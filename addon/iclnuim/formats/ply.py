@@ -67,7 +67,7 @@ def _triangles(elements: dict[str, Columns]) -> np.ndarray:
 
 def face_colours(path: Path) -> np.ndarray:
     """(m, 3) uint8 the colours of the polygons of a file; (0, 3) without any."""
-    faces = read_elements(path, {"face": _RGB}).get("face", Columns())
+    faces = read_elements(path, {"face": _RGB})["face"]
     return _colours(faces, 0).reshape(-1, 3)
 
 
