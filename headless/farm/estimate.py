@@ -106,8 +106,8 @@ def _key(job: RenderJob) -> dict:
 @dataclass(frozen=True)
 class CostEstimate:
     """Estimate for the missing work. bake_core_hours: spent only if the cache does not have the
-    light map. wall_minutes: without waiting in the queue. simulations_minutes: if the scene has
-    any, in addition to all others.
+    light map. wall_minutes: without waiting in the queue. simulations_minutes: a guess, in addition
+    to all others; 0 if the scene has no simulations.
     """
 
     frames: int
@@ -128,11 +128,16 @@ class CostEstimate:
         bake = ""
         if self.bake_core_hours:
             bake = f", {self.bake_core_hours:.2f} of them to bake the light, unless it is cached"
+        before = ""
+        if self.simulations_minutes:
+            guess = f"a guess of {SIMULATED_FRAME_S:.0f} s a frame"
+            what = f"{self.simulations_minutes:.0f} min of simulations, {guess}"
+            before = f"\n             after {what}, if the scene has any that are not cached"
         return (
             f"{self.frames} frames, {tasks}\n"
             f"core-hours   {self.core_hours:.2f}{bake}\n"
             f"gigabytes    {self.gigabytes:.2f}\n"
-            f"wall time    {self.wall_minutes:.0f} min, without waiting in the queue\n"
+            f"wall time    {self.wall_minutes:.0f} min, without waiting in the queue{before}\n"
             f"figures      {self.figures}"
         )
 
@@ -146,6 +151,9 @@ def estimate(plan: RunPlan, chunks: list[int], known: FrameCost) -> CostEstimate
     bake_s = 0.0
     if job.light != "path" and chunks and not shipped_light(job):
         bake_s = bake_core_s(job)
+    simulated_s = 0.0
+    if chunks and plan.may_simulate:
+        simulated_s = known.start_s + SIMULATED_FRAME_S * (max(plan.numbers) + 1)
     start_s = known.start_s * cpus * (len(chunks) + bool(chunks))
     task_s = known.start_s + known.frame_core_s * largest / cpus
     light_s = known.start_s + bake_s / cpus
@@ -171,7 +179,7 @@ def estimate(plan: RunPlan, chunks: list[int], known: FrameCost) -> CostEstimate
         gigabytes=_gigabytes(plan, frames),
         wall_minutes=wall_s / 60,
         task_minutes=task_s / 60,
-        simulations_minutes=(known.start_s + SIMULATED_FRAME_S * (max(plan.numbers) + 1)) / 60,
+        simulations_minutes=simulated_s / 60,
         light_minutes=light_s / 60,
         dataset_minutes=dataset_s / 60,
         figures=f"{known.frame_core_s:.2f} core-seconds per frame, {known.start_s:.0f} s to start: "

@@ -218,7 +218,12 @@ def test_simulations_are_baked_before_the_light(pretended, tmp_path, monkeypatch
     assert option(scripts[0], "time") == ["119"], "all frames up to the last are simulated"
     assert "submitted: simulations as job 11" in capsys.readouterr().err
     assert main([*words[:-1], str(tmp_path / "shown"), "--print-only"]) == 0
-    assert "afterany:SIMULATIONS:LIGHT:FRAMES" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "afterany:SIMULATIONS:LIGHT:FRAMES" in printed
+    assert "after 30 min of simulations, a guess of 2 s a frame, if the scene has any" in printed
+    assert main([*words[:-1], str(tmp_path / "shown"), "--print-only", "--time", "7"]) == 0
+    scripts = capsys.readouterr().out.split("# job ")[1:]
+    assert [option(s, "time") for s in scripts] == [["7"]] * 4, "an explicit limit is of all tasks"
 
 
 def test_what_slurm_refuses_is_said_and_what_was_sent_is_cancelled(pretended, tmp_path, capsys):
