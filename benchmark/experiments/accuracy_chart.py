@@ -34,7 +34,7 @@ def figure(results: Sequence[Measured]) -> Figure:
             axes.plot(1e3 * mean_m, y, "|", color=COLOURS[1], markersize=13, markeredgewidth=2)
         axes.set_yticks(range(len(ranked)), labels=[name for _, name in ranked], fontsize=8)
         axes.set(title=", ".join(condition).replace("_", " "), xscale="log")
-        axes.invert_yaxis()
+        axes.set_ylim(len(ranked) - 0.5, -0.5)
         axes.grid(alpha=0.3, axis="x")
     drawing.supxlabel("ATE RMSE [mm]: a dot for each sequence, a line at the mean", fontsize=9)
     return drawing

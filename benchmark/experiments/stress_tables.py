@@ -113,8 +113,8 @@ def _median_with_failures(values: Iterable[float | None]) -> float | None:
 #: Rows of the unperturbed frames: title, figure, format, factor.
 _CLEAN_TOTALS = (
     ("ATE mm", "ate_m", ".3g", 1e3),
-    ("right, reported as bad", "false_alarms", ".1%", 1),
-    ("NEES, 1: errors are as uncertain as stated", "nees", ".2g", 1),
+    ("right, called bad", "false_alarms", ".1%", 1),
+    ("NEES", "nees", ".2g", 1),
 )
 #: Rows of all perturbed frames: title, share.
 _PERTURBED_TOTALS = (
@@ -176,7 +176,7 @@ class Summary:
         note = (
             "A severity fails if at least half of its segments do: their ATE is above "
             f"{mm(bounds.success_m, 'g')} mm, or less than {bounds.min_coverage:.0%} of their "
-            "frames have a pose. A dash: no severity fails."
+            "frames have a pose. A dash: no severity fails. NEES of 1: errors are as large as stated."
         )
         columns = (
             "fails from severity",

@@ -5,6 +5,7 @@ Blender versions differ, images within a tolerance.
 import json
 import re
 from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -66,11 +67,16 @@ def run(args: Namespace, console: Console) -> int:
     names = []
     for name, channels in found["channels"].items():
         names.append(f"{name} ({', '.join(channels) or 'no channel'})")
-    names += [f"{name} (in one folder only)" for name in found["only_in_one"]]
-    more = f" and {len(names) - 10} more" if len(names) > 10 else ""
-    unlike = f"{len(found['different'])} differ, {len(found['only_in_one'])} are in one folder only"
-    console.result(found, f"{how}: {unlike}: {', '.join(names[:10])}{more}")
+    lines = [f"{how}:", *_listed("differ", names)]
+    lines += _listed("in one folder only", found["only_in_one"])
+    console.result(found, "\n".join(lines))
     return 3
+
+
+def _listed(what: str, names: Sequence[str]) -> list[str]:
+    """A line with the first ten of the names; none without names."""
+    more = f" and {len(names) - 10} more" if len(names) > 10 else ""
+    return [f"  {len(names)} {what}: {', '.join(names[:10])}{more}"] if names else []
 
 
 def compare(a: Path, b: Path, by_tolerance: bool) -> dict:

@@ -304,7 +304,8 @@ def _quality_lines(quality: dict) -> list[str]:
     for name in ("accuracy", "completion", "depth_l1"):
         if f"{name}_m" in quality:
             title = name.replace("_l1", " L1")
-            lines.append(f"  {title:<11}{1e3 * quality[f'{name}_m']:>10.3f} mm")
+            holes = ", holes count as 0 m" * (name == "depth_l1")
+            lines.append(f"  {title:<11}{1e3 * quality[f'{name}_m']:>10.3f} mm{holes}")
     for name in ("precision", "recall", "f_score"):
         if name in quality:
             lines.append(f"  {name.replace('_', ' '):<11} {_shares(quality[name], 2)}")

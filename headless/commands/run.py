@@ -109,10 +109,16 @@ def run(args: Namespace, console: Console) -> int:
     if told(_work(experiments, args.runs), args, console):
         return 0
     results = []
-    progress = console.progress(args.runs * len(experiments), f"run {system.name}", "runs")
+    limits_s = [args.time_limit or 60.0 + len(e.sequence.pairs) for e in experiments]
+    there = [e.there(args.runs, s) for e, s in zip(experiments, limits_s, strict=True)]
+    total = args.runs * len(experiments)
+    if any(there):
+        console.note(
+            f"{sum(there)} of {total} runs are in {args.out} already, and are not repeated"
+        )
+    progress = console.progress(total, f"run {system.name}", "runs")
     with _terminated_as_interrupted():
-        for e in experiments:
-            limit_s = args.time_limit or 60.0 + len(e.sequence.pairs)
+        for e, limit_s in zip(experiments, limits_s, strict=True):
             rows = e.run(args.runs, limit_s, progress.advance)
             results.append({"sequence": e.sequence.name, "preset": None, "runs": rows})
             write_results(args.out, results[-1:])

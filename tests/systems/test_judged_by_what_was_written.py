@@ -139,12 +139,14 @@ def test_its_error_is_evos_on_the_same_file(run, fake, sequence, tmp_path):
 
 
 def test_runs_are_taken_up_again_and_other_settings_refused(run, fake, tmp_path):
-    run(fake("good"))
+    _, notes = run(fake("good"))
+    assert "already" not in notes
     ended = next(tmp_path.glob("out/cells/good/*/run_1.cell.json"))
     before = ended.stat().st_mtime_ns
     reworded = fake("good", "deterministic = true")
     reworded.write_text(reworded.read_text().replace("a stand-in", "in other words"))
-    run(reworded, "--runs", "2")
+    _, notes = run(reworded, "--runs", "2")
+    assert f"1 of 2 runs are in {tmp_path / 'out'} already" in notes
     assert ended.stat().st_mtime_ns == before and (ended.with_name("run_2.cell.json")).is_file()
     _, err = run(fake("good"), "--first", "30", code=2)
     assert "expected the experiment that was started there" in err and len(err.splitlines()) == 1

@@ -41,9 +41,7 @@ def begin(crate):
             "camera": PinholeCamera.parse("32x24"),
         }
         job = shipped_job("kt2").changed(scene=str(crate), **small, **changes)
-        worker = WorkerClient(
-            worker_command(), {"job": job.to_dict(), "nice": 10}, out, out.parent / "log.txt"
-        )
+        worker = WorkerClient(worker_command(), {"job": job.to_dict()}, out, out.parent / "log.txt")
         work = Work()
         work.start("render", {"frames": frames, "sequences": sequences}, worker, "all there")
         return work, worker

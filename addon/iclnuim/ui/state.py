@@ -22,6 +22,8 @@ from ..worker_events import WorkerClient, worker_command
 from .work import Work
 
 POLL_S = 0.1
+#: Added to the worker's niceness, so that the window stays responsive.
+WINDOW_FIRST = 10
 PACKAGE = __package__.rpartition(".")[0]
 
 
@@ -110,7 +112,9 @@ def start(
     state = current()
     state.work.check_idle()
     numbers = command.get("frames", ())
-    options = {"job": job.to_dict(), "nice": 10, "asked": (), "last": max(numbers, default=None)}
+    options = {"job": job.to_dict(), "asked": (), "last": max(numbers, default=None)}
+    if not bpy.app.background:
+        options["nice"] = WINDOW_FIRST
     if job.light == "auto":
         options["asked"] = numbers
     log = user_folder("log") / "child.txt"

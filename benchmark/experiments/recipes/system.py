@@ -97,6 +97,10 @@ class SystemRuns:
                 self.sequence.write(settings.stage, temporary)
         return values
 
+    def there(self, runs: int, limit_s: float) -> int:
+        """Number of the first `runs` runs that run() would keep."""
+        return sum(self._is_done(cell, limit_s) for cell in self.cells(runs))
+
     def run(
         self, runs: int, limit_s: float, on_run: Callable[[], object] = lambda: None
     ) -> list[dict[str, Any]]:
