@@ -244,7 +244,7 @@ def test_a_bake_says_beforehand_how_long_it_takes_and_one_without_reflections_wh
         settings.apply(job.changed(lambertian=lambertian))
         light_map.prepare(job.changed(lambertian=lambertian), notes.append)
     assert notes == [
-        "light map: baked in about 1 s",
+        "light map: the bake takes about 1 s",
         "light map: without reflections the light differs, so a separate map is baked, "
         "in about 386 s",
     ]

@@ -72,12 +72,22 @@ def test_progress_is_drawn_in_finished_frames(draw):
     work.phase = "rendering"
     work.done = 12
     work.total = 60
-    assert "Rendering: 12 of 60 frames" in draw()
+    work.message = "stopped; finished frames stay"
+    assert {"Rendering: 12 of 60 frames", "Stopped; finished frames stay"} <= set(draw())
+    work.total = 1
+    assert "Rendering" in draw()
     work.phase = "idle"
 
 
-def test_the_trajectory_is_read_once_after_the_panel_was_drawn(draw):
+def test_the_trajectory_is_read_once_after_the_panel_was_drawn_for_a_scene(draw):
     panel = state.current()
     draw()
     draw()
     assert len(panel.waiting) == 1
+    first = bpy.context.window.scene
+    bpy.context.window.scene = bpy.data.scenes.new("Another")
+    draw()
+    draw()
+    assert len(panel.waiting) == 2
+    bpy.data.scenes.remove(bpy.context.window.scene)
+    assert bpy.context.window.scene == first

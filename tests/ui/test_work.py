@@ -129,6 +129,15 @@ def test_cancel_asks_first_and_ends_the_worker_after_the_grace(work, worker):
     assert "Resume" in work.message
 
 
+def test_only_a_render_can_be_resumed(worker):
+    work = Work()
+    work.start("preview", {"frames": [0]}, worker)
+    work.cancel()
+    assert work.message == "stopping"
+    report(work, worker, {"event": "exit", "code": 130})
+    assert work.message == "stopped"
+
+
 def test_frames_that_finish_during_a_cancel_are_counted_and_stay_in_its_phase(work, worker):
     report(work, worker, START, *READY, *frames(0))
     work.cancel()

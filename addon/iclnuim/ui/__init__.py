@@ -35,6 +35,6 @@ def unregister() -> None:
 
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import operators, panels, presets, properties, shown_scene, trajectory_view
+    from . import image_editor, operators, panels, presets, properties, shown_scene, trajectory_view
 
-    return properties, presets, shown_scene, operators, trajectory_view, panels
+    return properties, presets, shown_scene, operators, image_editor, trajectory_view, panels

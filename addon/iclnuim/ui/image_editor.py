@@ -3,9 +3,11 @@
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
+from bpy.app.handlers import persistent
 from bpy.types import Area, Context
 
 from ..dataset.rendered_frames import read_frame
@@ -101,3 +103,19 @@ def _split(context: Context) -> Area | None:
     new = min((new, view), key=lambda a: a.x)
     new.type = "IMAGE_EDITOR"
     return new
+
+
+@persistent
+def _pack(*_: Any) -> None:
+    """The file is saved: it would contain the images as black ones."""
+    for image in bpy.data.images:
+        if image.name.startswith("ICL-NUIM ") and image.is_dirty:
+            image.pack()
+
+
+def register() -> None:
+    bpy.app.handlers.save_pre.append(_pack)
+
+
+def unregister() -> None:
+    bpy.app.handlers.save_pre.remove(_pack)

@@ -119,7 +119,7 @@ def main(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
 def _progress(layout: UILayout, work: Work) -> None:
     share = work.done / max(work.total, 1)
     text = state.sentence(work.phase)
-    if work.total:
+    if work.total > 1:
         text += f": {work.done} of {work.total} frames"
     layout.progress(factor=share, text=text)
     left_s = work.seconds_left()
@@ -197,7 +197,7 @@ def sensor(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
 def output(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     row = layout.row(align=True)
     row.prop(settings, "out", text="", placeholder=inputs.DEFAULT_OUT[2:])
-    row.operator("iclnuim.open_folder", text="", icon="FILEBROWSER")
+    row.operator("iclnuim.open_folder", text="", icon="WINDOW")
     if not bpy.data.filepath and (not settings.out or settings.out.startswith("//")):
         _text(layout, context, "this file is not saved yet: Render asks for a folder")
     layout.prop(settings, "frames")

@@ -32,7 +32,9 @@ def _shown(context: Context) -> Collection:
 
 
 def _can_be_shown(context: Context) -> None:
-    if inputs.chosen_scene(context.scene.iclnuim) == "OPEN":
+    chosen = inputs.chosen_scene(context.scene.iclnuim)
+    # Blender cannot append objects of the open file
+    if chosen == "OPEN" or Path(chosen) == Path(bpy.data.filepath).resolve():
         found = "the open file, which is already shown"
         raise InputError("a built-in scene or a file to show", found=found)
 

@@ -227,7 +227,7 @@ def idle(context: Context) -> None:
 
 def sentence(text: str) -> str:
     """The text with a capital letter, unless it begins with a name or a path."""
-    word = text.partition(" ")[0]
+    word = text.partition(" ")[0].rstrip(",;:")
     return text[:1].upper() + text[1:] if word.isalpha() else text
 
 

@@ -1,6 +1,6 @@
 """Draws the trajectory chosen in the panel and an estimate into the 3D view, without objects.
 
-The trajectory is read when the panel is first drawn, and when a setting changes.
+The trajectory is read when the panel is first drawn for a scene, and when a setting changes.
 """
 
 from typing import Any
@@ -60,15 +60,19 @@ def refresh(context: Context) -> None:
 
 
 def begin() -> None:
-    """Read and draw the trajectory of this file, once, soon after the panel was drawn."""
+    """Read and draw the trajectory of the first window's scene, soon after the panel was drawn
+    for it.
+    """
     panel = state.current()
-    if not panel.trajectory_key:
-        panel.trajectory_key = ("asked",)
+    scene = bpy.context.window_manager.windows[0].scene
+    if panel.trajectory_key[:1] != (scene.name,):
+        panel.trajectory_key = (scene.name,)
         state.later(_refresh_here)
 
 
 def _refresh_here() -> None:
-    refresh(bpy.context)
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+        refresh(bpy.context)
     state.redraw()
 
 
@@ -162,8 +166,11 @@ def draw() -> None:
 
 @persistent
 def _file_opened(*_: Any) -> None:
-    """Another file was opened: nothing is drawn until the panel is."""
+    """Another file was opened: nothing is drawn until the panel is, and no evaluation is left."""
     panel = state.current()
+    panel.evaluation = None
+    panel.evaluation_lines = []
+    panel.evaluation_warnings = []
     panel.shapes.clear()
     panel.batches.clear()
     panel.trajectory_key = ()

@@ -18,9 +18,6 @@ GRACE_S = 4.0
 BUSY = ("starting", "preparing", "rendering", "writing", "stopping")
 
 
-_STAY = "finished frames stay, and Resume continues after them"
-
-
 def _now(now_s: float | None) -> float:
     return time.monotonic() if now_s is None else now_s
 
@@ -93,7 +90,7 @@ class Work:
             if self.phase in ("starting", "preparing"):  # there is no frame to finish
                 self._stopping_since_s -= GRACE_S
             self.phase = "stopping"
-            self.message = "stopping; finished frames stay"
+            self.message = "stopping" + self._what_stays()
             self.worker.stop()
 
     def end(self) -> None:
@@ -138,7 +135,7 @@ class Work:
             case events.Failed():
                 self.message = named(event.template or event.text, self.name_of)
                 if self.done and self.phase in ("rendering", "writing"):
-                    self.message += f"; {_STAY}"
+                    self.message += self._what_stays()
                 self.phase = "failed"
             case events.Exited(code, log):
                 self.worker = self._stopping_since_s = None
@@ -154,16 +151,20 @@ class Work:
             return
         if self.phase == "stopping" or code == 130:
             self.phase = "stopped"
-            self.message = f"stopped; {_STAY}"
+            self.message = "stopped" + self._what_stays()
         elif code == 0:
             self.phase = "done"
             self.message = self._when_done
         else:
             self.phase = "failed"
-            self.message = f"the background Blender exited unexpectedly (code {code}); "
-            self.message += "finished frames stay; try Resume"
+            self.message = f"the background Blender exited unexpectedly (code {code})"
+            self.message += self._what_stays()
             if log:
                 self.message += f". The end of its log: {log}"
+
+    def _what_stays(self) -> str:
+        stays = "; finished frames stay, and Resume continues after them"
+        return stays if self.kind == "render" else ""
 
     def _become(self, phase: str, message: str) -> None:
         if self.phase != "stopping":

@@ -107,7 +107,7 @@ def _beforehand(job: RenderJob) -> str:
     if job.lambertian:
         reason = "without reflections the light differs, so a separate map is baked"
         return f"light map: {reason}, in {duration}"
-    return f"light map: baked in {duration}"
+    return f"light map: the bake takes {duration}"
 
 
 def apply(folder: Path, limit: float | None = None) -> LitScene:
