@@ -1,4 +1,4 @@
-"""What saving and opening a file does to the panel and to the images that it made."""
+"""What saving, opening and undo do to the panel and its images; what a shown scene leaves behind."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
 from iclnuim import ui  # noqa: E402
-from iclnuim.ui import image_editor, operators, state  # noqa: E402
+from iclnuim.ui import image_editor, operators, shown_scene, state  # noqa: E402
 
 
 @pytest.fixture
@@ -39,3 +39,29 @@ def test_the_open_file_cannot_be_loaded_into_itself(saved: Path):
     assert not bpy.ops.iclnuim.load_scene.poll()
     settings.scene_file = str(saved.with_name("another.blend"))
     assert bpy.ops.iclnuim.load_scene.poll()
+
+
+def test_a_removed_scene_leaves_nothing_behind(saved: Path):
+    bpy.context.scene.iclnuim.scene_source = "office"
+    before = set(bpy.data.user_map())
+    bpy.ops.iclnuim.load_scene()
+    used = next(m for m in set(bpy.data.materials) - before if m.users)
+    bpy.data.meshes["Cube"].materials.append(used)
+    bpy.ops.iclnuim.remove_scene()
+    left = set(bpy.data.user_map()) - before
+    assert {block for block in left if block.id_type not in ("IMAGE", "LIBRARY")} == {used}
+
+
+def test_undo_shows_what_the_views_hid_for_a_scene(saved: Path):
+    (area,) = state.areas("VIEW_3D")
+    overlay = area.spaces.active.overlay
+    bpy.context.scene.iclnuim.scene_source = "office"
+    bpy.ops.iclnuim.load_scene()
+    assert not overlay.show_extras
+    collection = bpy.data.collections[shown_scene.trajectory_view.COLLECTION]
+    bpy.data.collections.remove(collection)
+    shown_scene._undone()
+    assert overlay.show_extras
+    bpy.data.collections.new(shown_scene.trajectory_view.COLLECTION)
+    shown_scene._undone()
+    assert not overlay.show_extras

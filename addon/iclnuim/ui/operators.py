@@ -52,6 +52,8 @@ def keyframe(self: Operator, context: Context) -> None:
     for area in state.areas("VIEW_3D"):
         area.spaces.active.region_3d.view_perspective = "CAMERA"
     trajectory_view.refresh(context)
+    changed = "the active camera, timeline, frame rate and image size are now the trajectory's"
+    state.current().work.message = f"{len(chosen)} poses are keyframed; {changed}"
 
 
 @operator("Read Again")

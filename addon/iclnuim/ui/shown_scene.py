@@ -3,10 +3,12 @@ back when the scene is removed.
 """
 
 from pathlib import Path
+from typing import Any
 
 import bpy
 import mathutils
 import numpy as np
+from bpy.app.handlers import persistent
 from bpy.types import Collection, Context, Operator, Scene, SpaceView3D
 
 from .. import shipped
@@ -20,6 +22,8 @@ from .state import operator
 _HIDDEN = "iclnuim_hidden"
 _WORLD = "iclnuim_world"
 _VIEW = "iclnuim_view"
+#: Property of everything that was loaded with the scene.
+_LOADED = "iclnuim_loaded"
 #: Share of the corners of all objects on either side that are not framed: a backdrop is far away.
 _FAR = 0.05
 
@@ -56,11 +60,17 @@ def load_scene(self: Operator, context: Context) -> None:
     collection = bpy.data.collections.new(trajectory_view.COLLECTION)
     collection[_WORLD] = context.scene.world
     context.scene.collection.children.link(collection)
+    before = set(bpy.data.user_map())
     read_as = _load(context, file, collection)
+    for block in set(bpy.data.user_map()) - before:
+        if block.library is None:
+            block[_LOADED] = True
+            block.use_fake_user = False
     collection[trajectory_view.SHOWN] = name
     hidden = _hide_start_up(context.scene, collection)
     for area in state.areas("VIEW_3D"):
         _look_into(context, area.spaces.active, collection)
+    state.current().view_before = tuple(collection.get(_VIEW, (True, False)))
     trajectory_view.refresh(context)
     hidden += ["symbols of lamps and cameras", "backs of walls"]
     work = state.current().work
@@ -79,12 +89,36 @@ def remove_scene(self: Operator, context: Context) -> None:
 def _restore(context: Context) -> None:
     collection = _shown(context)
     context.scene.world = collection.get(_WORLD)
-    for area in state.areas("VIEW_3D"):
-        _set_view(area.spaces.active, *collection.get(_VIEW, (True, False)))
+    _set_views(*collection.get(_VIEW, (True, False)))
+    state.current().view_before = None
     bpy.data.batch_remove([*collection.all_objects, collection])
+    while unused := [block for block in bpy.data.user_map() if _is_unused(block)]:
+        bpy.data.batch_remove(unused)
     for thing in context.scene.objects:
         if thing.pop(_HIDDEN, False):
             thing.hide_viewport = thing.hide_render = False
+
+
+def _is_unused(block: bpy.types.ID) -> bool:
+    return block.users == 0 and _LOADED in block
+
+
+def _set_views(show_extras: bool, show_backface_culling: bool) -> None:
+    for area in state.areas("VIEW_3D"):
+        _set_view(area.spaces.active, show_extras, show_backface_culling)
+
+
+@persistent
+def _undone(*_: Any) -> None:
+    """Undo and redo show and remove the scene, but do not change what the views hide for it."""
+    panel = state.current()
+    collection = bpy.data.collections.get(trajectory_view.COLLECTION)
+    if collection is None and panel.view_before is not None:
+        _set_views(*panel.view_before)
+        panel.view_before = None
+    elif collection is not None and panel.view_before is None:
+        _set_views(False, True)
+        panel.view_before = tuple(collection.get(_VIEW, (True, False)))
 
 
 def _set_view(space: SpaceView3D, show_extras: bool, show_backface_culling: bool) -> None:
@@ -174,4 +208,16 @@ def _import(context: Context, file: Path, reading: SceneReading, collection: Col
     return sentence
 
 
-register, unregister = bpy.utils.register_classes_factory((load_scene, remove_scene))
+_register, _unregister = bpy.utils.register_classes_factory((load_scene, remove_scene))
+
+
+def register() -> None:
+    _register()
+    bpy.app.handlers.undo_post.append(_undone)
+    bpy.app.handlers.redo_post.append(_undone)
+
+
+def unregister() -> None:
+    bpy.app.handlers.undo_post.remove(_undone)
+    bpy.app.handlers.redo_post.remove(_undone)
+    _unregister()

@@ -34,7 +34,8 @@ class PanelState:
 
     shapes: name -> end points of line segments (m, 3) and their colours (m, 4); batches: the same
     on the GPU. light_map: the last look-up of a scene's light map: its key, its time
-    (time.monotonic()) and the line that is shown.
+    (time.monotonic()) and the line that is shown. view_before: whether the views showed extras and
+    culled backfaces before a scene was shown; None while none is shown.
     """
 
     work: Work
@@ -48,6 +49,7 @@ class PanelState:
     shapes: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     batches: dict[str, list] = field(default_factory=dict)
     draw_handle: Any = None
+    view_before: tuple[bool, bool] | None = None
     light_map: tuple[tuple, float, str] | None = None
     on_done: Callable[[], None] | None = None
     on_tick: Callable[[Work], None] | None = None
