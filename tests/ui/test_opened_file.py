@@ -65,3 +65,14 @@ def test_undo_shows_what_the_views_hid_for_a_scene(saved: Path):
     bpy.data.collections.new(shown_scene.trajectory_view.COLLECTION)
     shown_scene._undone()
     assert not overlay.show_extras
+
+
+def test_a_file_that_cannot_be_read_leaves_no_collection(saved: Path):
+    file = saved.with_name("bad.glb")
+    file.write_bytes(b"glTF")
+    settings = bpy.context.scene.iclnuim
+    settings.scene_source = "FILE"
+    settings.scene_file = str(file)
+    before = set(bpy.data.user_map())
+    assert bpy.ops.iclnuim.load_scene() == {"CANCELLED"}
+    assert set(bpy.data.user_map()) == before

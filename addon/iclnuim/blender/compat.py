@@ -43,6 +43,11 @@ def require_supported_version() -> None:
         )
 
 
+def is_package() -> bool:
+    """Whether this is the bpy package. Before 4.5 Blender does not say; the package has no path."""
+    return getattr(bpy.app, "module", not bpy.app.binary_path)
+
+
 def version_line() -> str:
     """Version and build hash, such as `4.5.3 LTS (hash)`, which identify the build."""
     return f"{bpy.app.version_string} ({bpy.app.build_hash.decode(errors='replace')})"

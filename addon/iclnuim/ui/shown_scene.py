@@ -13,7 +13,7 @@ from bpy.types import Collection, Context, Operator, Scene, SpaceView3D
 
 from .. import shipped
 from ..blender.open import importers, orient, sanitize, scene_paths
-from ..errors import InputError
+from ..errors import IclnuimError, InputError
 from ..geometry.scene_axes import SceneReading
 from . import inputs, state, trajectory_view
 from .state import operator
@@ -61,7 +61,11 @@ def load_scene(self: Operator, context: Context) -> None:
     collection[_WORLD] = context.scene.world
     context.scene.collection.children.link(collection)
     before = set(bpy.data.user_map())
-    read_as = _load(context, file, collection)
+    try:
+        read_as = _load(context, file, collection)
+    except IclnuimError:
+        _restore(context)
+        raise
     for block in set(bpy.data.user_map()) - before:
         if block.library is None:
             block[_LOADED] = True
@@ -89,7 +93,8 @@ def remove_scene(self: Operator, context: Context) -> None:
 def _restore(context: Context) -> None:
     collection = _shown(context)
     context.scene.world = collection.get(_WORLD)
-    _set_views(*collection.get(_VIEW, (True, False)))
+    if _VIEW in collection:
+        _set_views(*collection[_VIEW])
     state.current().view_before = None
     bpy.data.batch_remove([*collection.all_objects, collection])
     while unused := [block for block in bpy.data.user_map() if _is_unused(block)]:

@@ -4,9 +4,8 @@ the process, when it is evaluated.
 
 from pathlib import Path
 
-import bpy
-
 from ...errors import InputError
+from .. import compat
 from . import scene_paths
 from .blend_file import BlendFile, text
 
@@ -21,12 +20,12 @@ def refuse_fluids(path: Path) -> None:
     """
     expected, found = "baked fluids", "a fluid domain not baked"
     hint = "baking the fluid in Blender and saving the file, or deleting its domain"
-    if bpy.app.module:
+    if compat.is_package():
         expected, found = "no fluids", "a fluid domain, which ends the bpy package"
         hint = "`blender -b -P headless/render.py` after the fluid is baked, or deleting its domain"
     for file in (path, *scene_paths.libraries(path)):
         try:
-            is_left = _has_domain(BlendFile(file), None if bpy.app.module else file.parent)
+            is_left = _has_domain(BlendFile(file), None if compat.is_package() else file.parent)
         except InputError:
             raise
         except Exception as error:  # as for any damaged file
