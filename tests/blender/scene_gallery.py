@@ -437,6 +437,14 @@ def tiny_light(folder: Path) -> None:
     )
 
 
+@scene(map_samples=16)
+def lit_by_a_surface_alone(folder: Path) -> None:
+    """A small Principled surface whose emission is all light."""
+    room(lit=False)
+    shine = {"Emission_Color": (1, 0.9, 0.8, 1), "Emission_Strength": 20}
+    box("tube", (-0.5, 0.2, 2.2), (0.5, 0.3, 2.3), material("shine", (1, 1, 1), **shine))
+
+
 @scene(note="passes straight through", map_samples=64)
 def sun_through_a_window(folder: Path) -> None:
     """A room lit by the sun through a pane of window glass."""

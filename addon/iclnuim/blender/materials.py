@@ -2,7 +2,7 @@
 glass.
 """
 
-from bpy.types import Material, Node, NodeSocket, NodeTree
+from bpy.types import Material, Node, NodeLink, NodeSocket, NodeTree
 
 from .compat import nodes_of
 from .shader_nodes import constant
@@ -43,6 +43,33 @@ def is_glass(node: Node) -> bool:
 
 def tree_of(material: Material | None) -> NodeTree | None:
     return material.node_tree if material is not None and material.use_nodes else None
+
+
+def emits(material: Material | None) -> bool:
+    """Whether a material gives light to others."""
+    tree = tree_of(material)
+    return tree is not None and any(map(_is_emitter, nodes_of(tree)))
+
+
+def _is_emitter(node: Node) -> bool:
+    if node.type == "EMISSION" and not all(map(_is_for_cameras, node.outputs[0].links)):
+        return _is_on(node.inputs["Color"], node.inputs["Strength"])
+    if node.type == "BSDF_PRINCIPLED":
+        return _is_on(node.inputs["Emission Color"], node.inputs["Emission Strength"])
+    return False
+
+
+def _is_for_cameras(link: NodeLink) -> bool:
+    """Whether only camera rays get what is linked, as from the unlit materials of glTF."""
+    mix = link.to_node
+    if mix.type != "MIX_SHADER" or link.to_socket != mix.inputs[2]:
+        return False
+    return any(factor.from_socket.name == "Is Camera Ray" for factor in mix.inputs[0].links)
+
+
+def _is_on(colour: NodeSocket, strength: NodeSocket) -> bool:
+    is_bright = colour.is_linked or max(tuple(colour.default_value)[:3]) > 0
+    return is_bright and (strength.is_linked or strength.default_value > 0)
 
 
 def has_diffuse(principled: Node) -> bool:

@@ -48,14 +48,16 @@ _A_MINUS_B = tuple(np.polynomial.polynomial.polysub(_A, _B).tolist())
 class Baked:
     """How baked light is shown: by `image` through the UV map FRONT_UV and, if two_sided, BACK_UV.
 
-    gathering: the light that falls on other surfaces, instead of the view of a camera. limit:
-    maximum of the light that is seen in reflections and through glass, like Cycles' clamp of
-    indirect light; otherwise bright spots next to lamps would cause fireflies in gloss.
+    gathering: the light that falls on other surfaces, instead of the view of a camera. glow:
+    surfaces that emit are sampled as lamps are. limit: maximum of the light that is seen in
+    reflections and through glass, like Cycles' clamp of indirect light; otherwise bright spots next
+    to lamps would cause fireflies in gloss.
     """
 
     image: Image
     two_sided: bool
     gathering: bool = False
+    glow: bool = False
     limit: float | None = None
 
 
@@ -70,6 +72,8 @@ def baked_copy(material: Material | None, baked: Baked) -> Material:
         copy, _ = matt_material(name, colour)
     # sampled as a lamp, each surface would take a second per frame
     copy.cycles.emission_sampling = "NONE"
+    if baked.glow and materials.emits(copy):
+        copy.cycles.emission_sampling = "FRONT_BACK"
     _bake_tree(copy.node_tree, baked)
     return copy
 

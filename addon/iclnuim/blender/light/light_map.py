@@ -81,6 +81,9 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
             "coarse_samples": _COARSE_SAMPLES,
             "seed": job.seed,
         }
+        # built-in rooms keep their light
+        if not shipped.is_scene(job.scene) and any(map(_glows, found)):
+            chosen["glow"] = 1
         versions = {"blender": compat.version_line(), "iclnuim": __version__, "extra": {}}
         key = {**scene_key.key_parts(found, bpy.context.scene), "settings": chosen, **versions}
         name = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:20]
@@ -162,7 +165,7 @@ def _make(
     layout = lay_out(whole, wanted, chosen["size"], exposure, coarse.contrast(first))
     seen = seen_texels(layout, places, seed + 1)
     fine = MapPoints(layout, seen > 0, places, chosen["samples"], seed + 1, translucent)
-    with _bounced(found, coarse, first):
+    with _bounced(found, coarse, first, "glow" in chosen):
         report(f"fine map: {fine.layout.summary()}")
         light = fine.map(fine.direct(sky=False) + fine.gathered(sky=True))
     seconds = time.perf_counter() - started
@@ -180,9 +183,9 @@ def _make(
 
 
 @contextmanager
-def _bounced(found: list[Part], coarse: MapPoints, first: np.ndarray) -> Iterator[None]:
+def _bounced(found: list[Part], coarse: MapPoints, first: np.ndarray, glow: bool) -> Iterator[None]:
     """The scene lit by the coarse map with all bounces except the last; `first` is the direct
-    light.
+    light of lamps and sky. glow: that of surfaces is added, which is no bounce.
     """
     cycles = bpy.context.scene.cycles
     light = coarse.map(first)
@@ -190,14 +193,23 @@ def _bounced(found: list[Part], coarse: MapPoints, first: np.ndarray) -> Iterato
     image = bpy.data.images.new("light map", *size, float_buffer=True, is_data=True)
     lit_scene.set_pixels(image, light)
     copies = [replace(part, mesh=part.mesh.copy()) for part in found]
-    lit = lit_scene.show(copies, _map_layout(found, coarse.layout), image, gathering=True)
+    lit = lit_scene.show(
+        copies, _map_layout(found, coarse.layout), image, gathering=True, glow=glow
+    )
     try:
+        if glow:
+            lit_scene.set_pixels(image, np.zeros_like(light))
+            lit_scene.set_pixels(image, coarse.map(first + coarse.gathered()))
         for _ in range(min(cycles.max_bounces, cycles.diffuse_bounces, _MAX_BOUNCES) - 1):
             lit_scene.set_pixels(image, coarse.map(first + coarse.gathered()))
         yield
     finally:
         lit.revert()
         bpy.data.images.remove(image)
+
+
+def _glows(part: Part) -> bool:
+    return any(map(materials.emits, part.mesh.materials))
 
 
 def _map_layout(found: list[Part], layout: Layout) -> MapLayout:

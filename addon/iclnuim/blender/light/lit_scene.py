@@ -77,10 +77,11 @@ def show(
     layout: MapLayout,
     image: Image,
     gathering: bool = False,
+    glow: bool = False,
     limit: float | None = None,
 ) -> LitScene:
-    """Show the parts lit by `image`, to a camera or for gathering light from them; limit: as in
-    baked_material.Baked. The parts' meshes are used, not copied.
+    """Show the parts lit by `image`, to a camera or for gathering light from them; glow, limit: as
+    in baked_material.Baked. The parts' meshes are used, not copied.
 
     Raises WorkError if the layout is for another scene.
     """
@@ -90,8 +91,8 @@ def show(
         others = f"{len(found)} parts with other meshes"
         raise WorkError(f"light map: expected {expected}, found {others}")
     lit = LitScene()
-    one_sided = Baked(image, False, gathering, limit)
-    both_sided = Baked(image, True, gathering, limit)
+    one_sided = Baked(image, False, gathering, glow, limit)
+    both_sided = Baked(image, True, gathering, glow, limit)
     copies: Copies = {}
     start = 0
     for part, count in zip(found, corners, strict=True):

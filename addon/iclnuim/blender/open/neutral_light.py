@@ -2,10 +2,10 @@
 
 import bpy
 import numpy as np
-from bpy.types import Node, NodeLink, NodeSocket, Object, Scene
+from bpy.types import Object, Scene
 
 from ...geometry.points import farthest_points
-from .. import compat, surfaces
+from .. import compat, materials, surfaces
 from ..look_round import MAX_BACKS, ROOM_M, look_round
 from ..sky import gives_light
 
@@ -55,29 +55,7 @@ def _has_light(scene: Scene, lost_sky: bool) -> bool:
 
 
 def _emits(thing: Object) -> bool:
-    trees = [slot.material.node_tree for slot in thing.material_slots if slot.material]
-    return any(any(map(_is_emitter, compat.nodes_of(tree))) for tree in trees if tree)
-
-
-def _is_emitter(node: Node) -> bool:
-    if node.type == "EMISSION" and not all(map(_is_for_cameras, node.outputs[0].links)):
-        return _is_on(node.inputs["Color"], node.inputs["Strength"])
-    if node.type == "BSDF_PRINCIPLED":
-        return _is_on(node.inputs["Emission Color"], node.inputs["Emission Strength"])
-    return False
-
-
-def _is_for_cameras(link: NodeLink) -> bool:
-    """Whether only camera rays get what is linked, as from the unlit materials of glTF."""
-    mix = link.to_node
-    if mix.type != "MIX_SHADER" or link.to_socket != mix.inputs[2]:
-        return False
-    return any(factor.from_socket.name == "Is Camera Ray" for factor in mix.inputs[0].links)
-
-
-def _is_on(colour: NodeSocket, strength: NodeSocket) -> bool:
-    is_bright = colour.is_linked or max(tuple(colour.default_value)[:3]) > 0
-    return is_bright and (strength.is_linked or strength.default_value > 0)
+    return any(materials.emits(slot.material) for slot in thing.material_slots)
 
 
 def _light_inside(scene: Scene) -> int:
