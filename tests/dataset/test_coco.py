@@ -16,6 +16,7 @@ from iclnuim.dataset.label_frames import label_frames, read_ids, true_classes
 from iclnuim.dataset.sequence_formats import FORMATS
 from iclnuim.errors import InputError
 from iclnuim.formats.png import read_png, write_png
+from iclnuim.report import label_pictures
 from iclnuim.report.label_pictures import class_colours
 
 #: A Python that has pycocotools.
@@ -106,7 +107,7 @@ def test_inspect_writes_annotations_and_a_picture_of_the_classes(written, tmp_pa
 
 
 def test_a_scene_that_names_no_class_has_a_picture_and_annotations_without_classes(
-    labelled_formats, tmp_path, command_here
+    labelled_formats, tmp_path, command_here, monkeypatch
 ):
     """As a user's own scene: classes.csv has 0 alone, and all class images are 0."""
     folder = tmp_path / "own"
@@ -115,9 +116,14 @@ def test_a_scene_that_names_no_class_has_a_picture_and_annotations_without_class
     (folder / "classes.csv").write_text(f"{head}0,unlabelled,0,unlabelled\n")
     for path in (folder / "class").iterdir():
         write_png(path, np.zeros_like(read_png(path)))
+    labels = []
+    patch = label_pictures.Patch
+    monkeypatch.setattr(
+        label_pictures, "Patch", lambda **of: labels.append(of["label"]) or patch(**of)
+    )
     options = ("--coco", tmp_path / "coco.json", "--preview", tmp_path / "pictures")
     _, _, error = command_here("inspect", folder, *options)
-    assert "classes.png written" in error
+    assert "classes.png written" in error and labels == ["0 unlabelled: no class_name"]
     content = json.loads((tmp_path / "coco.json").read_text())
     assert content["categories"] == content["annotations"] == [] and len(content["images"]) == 4
     assert (tmp_path / "pictures/classes.png").exists()

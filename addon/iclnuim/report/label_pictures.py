@@ -72,6 +72,8 @@ def draw_classes(folder: Path, out: Path) -> Path:
             place.set_axis_off()
         axes[0].set_title(f"frame {frames[row].pair.number}", size=9)
     patches = []
+    if 0 in seen:
+        patches.append(Patch(color=colours[0] / 255, label="0 unlabelled: no class_name"))
     for kind in true_classes(folder).classes:
         if kind.id in seen:
             label = f"{kind.id} {kind.name}"
