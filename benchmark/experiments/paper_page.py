@@ -61,6 +61,7 @@ def _sections(
     others: Sequence[ResultTable],
 ) -> list[Section]:
     question = "Does a better trajectory mean a better surface?"
+    dots = "A dot is a cell with a measured surface."
     beside = "The paper's tables: our figures next to the printed ones"
     how = (
         "Click a column's name to sort. Click a sequence to show its trajectory, its error over "
@@ -72,7 +73,7 @@ def _sections(
     cells = Section("cells", "All cells", how, part="cells")
     sections = [
         Section("findings", of_paper, missing, decided, folded=True),
-        Section("main", question, tables=[t for t in correlations if t.rows], part="chart"),
+        Section("main", question, dots, [t for t in correlations if t.rows], part="chart"),
         Section("tables", beside, tables=others, folded=True),
     ]
     whole = any(len(table.rows) == len(RULES) for table in decided)

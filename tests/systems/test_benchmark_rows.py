@@ -51,7 +51,8 @@ def test_runs_of_a_system_are_cells_whose_error_is_that_of_its_row(
     assert names == {("good", name, number) for name in ("final", "live") for number in (1, 2)}
     assert external_keys(tmp_path / "out", [KT2], sources, 30) == {}  # other frames
     key = next(key for key in keys if key.preset == "final" and key.run == 2)
-    measure(Paper(sources, [], {key: keys[key]}), store)
+    notes, _ = measure(Paper(sources, [], {key: keys[key]}), store)
+    assert notes[0].endswith("; 1 of iclnuim run")
     (found,) = store.read_all(PaperKey)
     assert found.key == key and found.figures["coverage"] == 1 and "surface" not in found.figures
     assert found.figures["ate_m"]["rmse"] == pytest.approx(rows["good"]["ate_rmse_m"], abs=1e-9)
@@ -198,3 +199,4 @@ def test_a_room_whose_triangles_cannot_be_read_has_no_surface_until_they_can(
     notes, steps = measure(paper, store)
     assert "surfaces of living_room are not measured: no Blender" in notes[1] and steps == 0
     assert len(store.missing(paper.cells())) == len(keys) == len(store.read_all(PaperKey)) == 2
+    assert "; 2 have a trajectory only" in measure(paper, store)[0][0]

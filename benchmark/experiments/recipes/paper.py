@@ -85,7 +85,12 @@ class Paper:
         cells = self.cells()
         missing = store.missing(cells)
         measured = len(cells) - len(missing)
-        console.note(f"benchmark: {len(cells)} cells, {measured} of them already measured")
+        text = f"benchmark: {len(cells)} cells, {measured} of them already measured"
+        if again := self._without_surface(store, missing):
+            text += f"; {again} have a trajectory only, and are measured again with the surface"
+        if self.systems:
+            text += f"; {len(self.systems)} of iclnuim run"
+        console.note(text)
         problems: list[str] = []
 
         def on_problem(problem: str) -> None:
@@ -113,6 +118,11 @@ class Paper:
         if not problems:
             self.sources.remove_work()
         return problems
+
+    def _without_surface(self, store: Store, missing: Sequence[Cell]) -> int:
+        """Number of the missing cells of which only the surface is missing."""
+        bare = replace(self, surfaces=False)
+        return len(missing) - len(store.missing([bare._cell(cell.key) for cell in missing]))
 
     def _with_models(self, cells: Sequence[Cell], console: Console) -> list[Cell]:
         """The cells, without a model where its triangles cannot be read: no surface is measured,
