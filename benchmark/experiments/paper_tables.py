@@ -44,8 +44,8 @@ _STATISTICS = {
     "max": "Max",
 }
 _ONE_SIDED = (
-    "Our figures and the printed ones come from different frames and programs: compare their "
-    "order, not their values."
+    "Our figures (empty: not measured) and the printed ones come from different frames and "
+    "programs: compare their order, not their values."
 )
 #: A figure of a measured cell.
 Figure = Callable[[Mapping[str, Any]], float | None]
