@@ -176,7 +176,8 @@ class Summary:
         note = (
             "A severity fails if at least half of its segments do: their ATE is above "
             f"{mm(bounds.success_m, 'g')} mm, or less than {bounds.min_coverage:.0%} of their "
-            "frames have a pose. A dash: no severity fails. NEES of 1: errors are as large as stated."
+            "frames have a pose. A dash: no severity fails. NEES of 1: errors are as large as "
+            "stated."
         )
         columns = (
             "fails from severity",

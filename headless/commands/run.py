@@ -5,7 +5,7 @@ sequences, measures its time and memory, and evaluates the trajectories that it 
 import signal
 import threading
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
@@ -19,7 +19,7 @@ from iclnuim.benchmark.experiments.recipes.system import (
 )
 from iclnuim.benchmark.experiments.table import ResultTable, mm
 from iclnuim.benchmark.systems.staging import StagedSequence
-from iclnuim.benchmark.systems.system import built_in, read_system
+from iclnuim.benchmark.systems.system import System, built_in, read_system
 from iclnuim.console import Console
 from iclnuim.errors import InputError
 
@@ -88,17 +88,10 @@ def run(args: Namespace, console: Console) -> int:
     3 if it gave no pose at all.
     """
     system = read_system(args.system, _options(args))
-    store = system_store(args.out)
     file = args.out / "results.json"
     if file.is_file():
         read_results(file)  # an older one is refused before the work
-    experiments = []
-    for folder in args.folders:
-        sequence = StagedSequence.of(folder, camera_from(args, folder), args.frames)
-        note_sequence(folder, sequence.camera, console)
-        experiments.append(SystemRuns(system, sequence, store))
-    if len({e.folder for e in experiments}) < len(experiments):
-        raise InputError("sequences of different names", found=", ".join(map(str, args.folders)))
+    experiments = _experiments(args, system, console)
     if args.stage_only:
         commands = []
         for e in experiments:
@@ -108,24 +101,44 @@ def run(args: Namespace, console: Console) -> int:
         return 0
     if told(_work(experiments, args.runs), args, console):
         return 0
-    results = []
+    results = _results(args, experiments, console)
+    console.note(f"{file} written; `iclnuim bench odometry {file}` shows it next to other results")
+    console.result({"results": results}, "\n\n".join(table(one).text() for one in results))
+    found = [row for row in chain.from_iterable(one["runs"] for one in results) if row["coverage"]]
+    return 0 if found else 3
+
+
+def _experiments(args: Namespace, system: System, console: Console) -> list[SystemRuns]:
+    """One for each sequence. Raises InputError for two sequences of one name."""
+    store = system_store(args.out)
+    experiments = []
+    for folder in args.folders:
+        sequence = StagedSequence.of(folder, camera_from(args, folder), args.frames)
+        note_sequence(folder, sequence.camera, console)
+        experiments.append(SystemRuns(system, sequence, store))
+    if len({e.folder for e in experiments}) < len(experiments):
+        raise InputError("sequences of different names", found=", ".join(map(str, args.folders)))
+    return experiments
+
+
+def _results(
+    args: Namespace, experiments: Sequence[SystemRuns], console: Console
+) -> list[dict[str, Any]]:
+    """Make the missing runs; returns the rows of each sequence, which are stored as they come."""
     limits_s = [args.time_limit or 60.0 + len(e.sequence.pairs) for e in experiments]
     there = [e.there(args.runs, s) for e, s in zip(experiments, limits_s, strict=True)]
     total = args.runs * len(experiments)
     if any(there):
-        console.note(
-            f"{sum(there)} of {total} runs are in {args.out} already, and are not repeated"
-        )
-    progress = console.progress(total, f"run {system.name}", "runs")
+        kept = f"{sum(there)} of {total} runs are in {args.out} already"
+        console.note(f"{kept}, and are not repeated")
+    progress = console.progress(total, f"run {experiments[0].system.name}", "runs")
+    results = []
     with _terminated_as_interrupted():
         for e, limit_s in zip(experiments, limits_s, strict=True):
             rows = e.run(args.runs, limit_s, progress.advance)
             results.append({"sequence": e.sequence.name, "preset": None, "runs": rows})
             write_results(args.out, results[-1:])
-    console.note(f"{file} written; `iclnuim bench odometry {file}` shows it next to other results")
-    console.result({"results": results}, "\n\n".join(table(one).text() for one in results))
-    found = [row for row in chain.from_iterable(one["runs"] for one in results) if row["coverage"]]
-    return 0 if found else 3
+    return results
 
 
 def _work(experiments: list[SystemRuns], runs: int) -> PlannedWork:

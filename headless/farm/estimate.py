@@ -151,19 +151,13 @@ def estimate(plan: RunPlan, chunks: list[int], known: FrameCost) -> CostEstimate
     bake_s = 0.0
     if job.light != "path" and chunks and not shipped_light(job):
         bake_s = bake_core_s(job)
-    simulated_s = 0.0
-    if chunks and plan.may_simulate:
-        simulated_s = known.start_s + SIMULATED_FRAME_S * (max(plan.numbers) + 1)
     start_s = known.start_s * cpus * (len(chunks) + bool(chunks))
     task_s = known.start_s + known.frame_core_s * largest / cpus
     light_s = known.start_s + bake_s / cpus
     wall_s = 0.0
     if chunks:
         wall_s += light_s + ceil(len(chunks) / plan.slurm.at_once) * task_s
-    pairs_s = 0.0
-    if plan.sequences is not None:
-        pixels = job.camera.width * job.camera.height
-        pairs_s = len(plan.numbers) * PAIR_CORE_S * pixels / (640 * 480)
+    pairs_s = _pairs_core_s(plan)
     dataset_s = 10 + pairs_s / cpus
     if plan.sequences is not None:
         wall_s += dataset_s
@@ -179,12 +173,27 @@ def estimate(plan: RunPlan, chunks: list[int], known: FrameCost) -> CostEstimate
         gigabytes=_gigabytes(plan, frames),
         wall_minutes=wall_s / 60,
         task_minutes=task_s / 60,
-        simulations_minutes=simulated_s / 60,
+        simulations_minutes=_simulated_s(plan, known) / 60 if chunks else 0.0,
         light_minutes=light_s / 60,
         dataset_minutes=dataset_s / 60,
         figures=f"{known.frame_core_s:.2f} core-seconds per frame, {known.start_s:.0f} s to start: "
         + source,
     )
+
+
+def _pairs_core_s(plan: RunPlan) -> float:
+    """The images of all sequences."""
+    if plan.sequences is None:
+        return 0.0
+    pixels = plan.job.camera.width * plan.job.camera.height
+    return len(plan.numbers) * PAIR_CORE_S * pixels / (640 * 480)
+
+
+def _simulated_s(plan: RunPlan, known: FrameCost) -> float:
+    """The bake of simulations, from the scene's start to the last frame."""
+    if not plan.may_simulate:
+        return 0.0
+    return known.start_s + SIMULATED_FRAME_S * (max(plan.numbers) + 1)
 
 
 def local_estimate(plan: RunPlan, frames: int, cores: int) -> CostEstimate:
