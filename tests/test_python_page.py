@@ -60,6 +60,7 @@ def test_the_example_of_the_readme_runs(notebook, repository, capsys):
     noisy = folder / "out/living_room/kt2/noisy"
     noisy.mkdir(parents=True)
     (noisy / "groundtruth.txt").write_text((folder / "room/groundtruth.txt").read_text())
+    (folder / "out/estimate.txt").write_text((folder / "estimate.txt").read_text())
     (code,) = blocks(repository / "README.md")
     exec(compile(code, "README.md", "exec"), {})
     assert re.fullmatch(r"ATE \d+\.\d{3} mm\n", capsys.readouterr().out)
