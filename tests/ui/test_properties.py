@@ -20,7 +20,7 @@ from iclnuim.dataset import sequence_formats  # noqa: E402
 from iclnuim.dataset.sequence_options import SequenceOptions  # noqa: E402
 from iclnuim.formats.trajectories import read_trajectory  # noqa: E402
 from iclnuim.sensor import models  # noqa: E402
-from iclnuim.ui import inputs, presets, properties  # noqa: E402
+from iclnuim.ui import inputs, presets, properties, state  # noqa: E402
 
 
 @pytest.fixture
@@ -201,6 +201,22 @@ def test_presets_hold_only_differences_and_leave_this_files_settings_alone(regis
         presets.apply(settings, {"colour": 1})
     with pytest.raises(InputError, match="light"):
         presets.apply(settings, {"light": "moon"})
+
+
+def test_a_path_saved_under_a_name_without_ending_is_a_txt_and_the_message_names_it(
+    register, tmp_path
+):
+    register()
+    bpy.ops.iclnuim.save_path(filepath=str(tmp_path / "kept"))
+    assert [p.name for p in tmp_path.iterdir()] == ["kept.txt"]
+    assert state.current().work.message.endswith(" kept.txt")
+
+
+def test_open_folder_names_the_folder_for_who_has_no_file_manager(register, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    register().out = str(tmp_path)
+    bpy.ops.iclnuim.open_folder()
+    assert state.current().work.message == f"the output folder is {tmp_path}"
 
 
 def test_nothing_is_left_after_unregistering(register):

@@ -83,8 +83,9 @@ def save_path(self: Operator, context: Context) -> None:
     down, z forward
     """
     file = Path(bpy.path.abspath(self.filepath)).expanduser().resolve()
+    file = file.with_suffix(file.suffix or ".txt")
     poses = inputs.trajectory(context).trajectory
-    write_trajectory(file.with_suffix(file.suffix or ".txt"), poses, "tum")
+    write_trajectory(file, poses, "tum")
     state.current().work.message = f"{len(poses)} poses were written to {file.name}"
 
 
@@ -146,10 +147,9 @@ def resume(self: Operator, context: Context) -> None:
 def open_folder(self: Operator, context: Context) -> None:
     """Open the output folder in the file manager"""
     folder = inputs.existing_output(context)
-    try:
-        bpy.ops.wm.path_open(filepath=str(folder))
-    except RuntimeError:
-        raise WorkError(f"{folder}: this system has no file manager") from None
+    bpy.ops.wm.path_open(filepath=str(folder))
+    # without a file manager, Blender says nothing
+    state.current().work.message = f"the output folder is {folder}"
 
 
 def _busy(context: Context) -> None:
