@@ -219,6 +219,16 @@ def test_open_folder_names_the_folder_for_who_has_no_file_manager(register, tmp_
     assert state.current().work.message == f"the output folder is {tmp_path}"
 
 
+@pytest.mark.parametrize("name", ["My preset", "Benchmark"])
+def test_the_panel_is_drawn_again_with_what_a_button_says(name, register, monkeypatch):
+    register()
+    redrawn: list[str] = []
+    monkeypatch.setattr(state, "redraw", redrawn.append)
+    monkeypatch.setattr(presets, "write_json", lambda *_: None)
+    bpy.ops.iclnuim.preset_save(preset=name)
+    assert redrawn == ["UI"]
+
+
 def test_nothing_is_left_after_unregistering(register):
     register()
     ui.unregister()

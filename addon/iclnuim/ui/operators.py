@@ -161,7 +161,6 @@ def _busy(context: Context) -> None:
 def cancel(self: Operator, context: Context) -> None:
     """Stop after the current frame. Finished frames stay, and Resume continues after them"""
     state.current().work.cancel()
-    state.redraw()
 
 
 @operator("Preview Pose", *_CAN_RENDER)

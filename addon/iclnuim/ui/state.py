@@ -219,6 +219,8 @@ def _executed(function: Callable[..., None], operator: Operator, context: Contex
             work.message = text
         operator.report({"WARNING"}, text)
         return {"CANCELLED"}
+    finally:
+        redraw("UI")
     return {"FINISHED"}
 
 
