@@ -26,6 +26,8 @@ def figure(results: Sequence[Measured]) -> Figure:
     panels = drawing.subplots(rows, columns, sharex=True, squeeze=False).flat
     for axes in panels[len(conditions) :]:
         axes.set_visible(False)
+    for axes in panels[len(conditions) - columns : len(conditions)]:
+        axes.tick_params(labelbottom=True)
     for axes, (condition, errors) in zip(panels, conditions.items(), strict=False):
         ranked = means(errors)
         for y, (mean_m, name) in enumerate(ranked):
