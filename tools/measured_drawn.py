@@ -10,7 +10,14 @@ from statistics import geometric_mean, mean, median
 from iclnuim.benchmark.experiments.best_methods import best_methods_table
 from iclnuim.benchmark.experiments.correlation import correlation_table
 from iclnuim.benchmark.experiments.findings import findings_table
-from iclnuim.benchmark.experiments.paper_figures import Ours, Printed, Where, ate_of, paper
+from iclnuim.benchmark.experiments.paper_figures import (
+    Ours,
+    Printed,
+    Where,
+    ate_of,
+    paper,
+    reference_of,
+)
 from iclnuim.benchmark.experiments.paper_keys import NOISES, PaperKey, paper_titles
 from iclnuim.benchmark.experiments.stress_tables import Summary
 from iclnuim.benchmark.experiments.table import ResultTable, mm
@@ -152,6 +159,22 @@ def verdicts(cells: PublishedCells) -> Rows:
         verdict = decided.get(str(finding["number"]), (NOT_MEASURED, "-"))
         rows.append((finding["number"], finding["finding"], *verdict))
     return words("no. | finding | verdict | holds with seeds", rows)
+
+
+def noise_seeds(cells: PublishedCells) -> Rows:
+    """ATE in mm over the noise seeds of the paper's odometers, each with the paper's reference."""
+    over_seeds: dict[PaperKey, list[float]] = {}
+    for key, errors_m in _errors_m(cells).items():
+        over_seeds.setdefault(replace(key, seed=0), []).extend(errors_m)
+    rows = []
+    for sequence in sequences():
+        if sequence[2] == "noisy":
+            keys = [
+                PaperKey(*sequence, name, "best", reference_of(name)) for name in paper_titles()
+            ]
+            found = [over_seeds.get(key, []) for key in keys]
+            rows.append([_title(sequence), *map(_shown, found), str(min(map(len, found)))])
+    return [["ATE, mm", *paper_titles().values(), "seeds"], *rows]
 
 
 def correlations(cells: PublishedCells) -> Rows:
@@ -349,6 +372,7 @@ DRAWN: dict[str, Drawn] = {
     "benchmark-best": best_methods,
     "benchmark-verdicts": verdicts,
     "benchmark-model": against_model,
+    "benchmark-seeds": noise_seeds,
     "benchmark-surfaces": surfaces,
     "benchmark-correlation": correlations,
     "stress-fails": stress_fails,

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
 
+from iclnuim.benchmark.experiments.paper_figures import reference_of
 from iclnuim.benchmark.experiments.paper_keys import PaperKey, all_keys
 from iclnuim.benchmark.experiments.recipes.paper import KIND, code_of_trajectory
 from iclnuim.benchmark.experiments.recipes.stress import KIND as STRESS
@@ -13,7 +14,7 @@ from iclnuim.tools.measured_cells import TABLE, PublishedCells, code_hash, rooms
 from iclnuim.tools.measured_drawn import sequences, stress_summary, system_key
 from iclnuim.tools.measured_tables import COMMAND_TABLES
 
-#: Noise seeds of the preset `best`.
+#: Noise seeds of the preset `best`, each odometer with the paper's reference.
 _SEEDS = 5
 #: Core-seconds of a frame that is tracked, and of one that is fused and compared: 80 cells took 3.6
 #: core-hours.
@@ -47,10 +48,16 @@ def missing_cells(cells: PublishedCells) -> Iterator[MissingCells]:
     paper = all_keys(["paper"], references=["default"])
     yield from _missing(cells, [key for key in best if not key.seed], "--no-surfaces")
     yield from _missing(cells, paper, "--no-surfaces --presets paper --references default")
-    yield from _missing(cells, [key for key in best if key.seed], f"--no-surfaces --seeds {_SEEDS}")
+    seeds = [key for key in best if key.seed and key.reference == reference_of(key.odometer)]
+    for reference in ("default", "model"):
+        others = [key for key in seeds if key.reference == reference and key.odometer != "icp"]
+        names = ",".join(sorted({key.odometer for key in others}))
+        options = f"--no-surfaces --seeds {_SEEDS} --references {reference}"
+        yield from _missing(cells, others, options, words=f"/{names}")
+    icp = [key for key in seeds if key.odometer == "icp"]
+    options = f"--seeds {_SEEDS} --references {reference_of('icp')}"
+    yield from _missing(cells, icp, options, surface=True, words="/icp")
     yield from _missing(cells, [key for key in best if not key.seed], "", surface=True)
-    seeds = [key for key in best if key.odometer == "icp" and key.seed]
-    yield from _missing(cells, seeds, f"--seeds {_SEEDS}", surface=True)
     yield from _missing_runs(cells)
     yield from _missing_stress(cells)
     for mark in COMMAND_TABLES:
@@ -60,18 +67,22 @@ def missing_cells(cells: PublishedCells) -> Iterator[MissingCells]:
 
 
 def _missing(
-    cells: PublishedCells, keys: Sequence[PaperKey], options: str, surface: bool = False
+    cells: PublishedCells,
+    keys: Sequence[PaperKey],
+    options: str,
+    surface: bool = False,
+    words: str = "",
 ) -> Iterator[MissingCells]:
-    """A line for each sequence with missing cells."""
+    """A line for each sequence with missing cells. words: of the filter, after the sequence."""
     by_sequence: dict[str, int] = {}
     for key in keys:
         cell = cells.cells.get((KIND, *astuple(key)))
         valid = cell is not None and cell.code in ("", code_hash(code_of_trajectory(key)))
         if cell is None or not valid or (surface and "surface" not in cell.figures):
-            only = f"{key.room}/{key.trajectory}"
+            only = f"{key.room}/{key.trajectory}{words}"
             by_sequence[only] = by_sequence.get(only, 0) + 1
     for only, count in by_sequence.items():
-        each_s = _frames(only) * (_TRACK_CORE_S + surface * _FUSE_CORE_S)
+        each_s = _frames(only.removesuffix(words)) * (_TRACK_CORE_S + surface * _FUSE_CORE_S)
         command = f"iclnuim benchmark --only {only} {options}".rstrip()
         yield MissingCells(command, count, count * each_s / _PER_HOUR)
 

@@ -40,12 +40,13 @@ class Correlation:
 
 def correlation(results: Sequence[Measured]) -> Correlation | None:
     """Correlation over cells that have both an ATE and a surface; None for fewer than MIN_CELLS, or
-    if all values of either are equal.
+    if all values of either are equal. Only the first noise seed counts, with which every odometer
+    has a surface.
     """
     known = []
     for result in results:
         errors = (ate_of(result.figures), surface_of(result.figures))
-        if None not in errors:
+        if None not in errors and not result.key.seed:
             known.append((*errors, result.key.sequence))
     x = np.array([row[0] for row in known], float)
     y = np.array([row[1] for row in known], float)

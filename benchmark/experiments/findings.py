@@ -1,5 +1,5 @@
 """The 18 findings of the paper's section VI. Each is a rule over figures, applied to the printed
-figures and, for each noise seed, to ours.
+figures and to ours; if it is about noisy frames, for each noise seed whose cells are measured.
 
 A rule returns whether the finding holds, and the figures that decide it, in mm; four figures are
 those of kt0 to kt3. No result is coded here.
@@ -20,7 +20,8 @@ OFFICE = "office"
 HOLDS = "holds"
 FAILS = "does not hold"
 UNDECIDED = "undecided by the seeds"
-MISSING = "not measured"
+#: Those about noisy frames: each noise seed decides them.
+NOISY = range(12, 19)
 #: Finding 15: noise increases an error strongly if it multiplies the error by at least this factor.
 _STRONGLY = 2.0
 #: Finding 11: reflections are the reason for an error if it is at most this share of it without
@@ -56,20 +57,16 @@ def findings_table(results: Sequence[Measured], preset: str = "best") -> ResultT
         holds, printed = apply_rule(rule.holds, Printed())
         if holds is False:
             printed += "; by this rule, the printed figures contradict the finding"
-        if number == _MAIN:
-            of_preset = [r for r in results if r.key.preset == preset or r.key.external]
-            ours = [_main_finding(of_preset)]
-        else:
-            views = [Ours(results, preset, seed) for seed in seeds_of(results, preset)]
-            ours = [apply_rule(rule.holds, view) for view in views]
-        answers = [answer for answer, _ in ours]
-        if verdict(answers) == MISSING:
+        ours = _ours(results, preset, number)
+        if not ours:
             missing.append(str(number))
             continue
+        answers = [holds for holds, _ in ours]
         why = rule.why
         if remark := finding.get("remark"):
             why += f". {remark}"
-        decided = (verdict(answers), _seeds(answers), why)
+        seeds_text = f"{answers.count(True)} of {len(answers)}" if number in NOISY else "-"
+        decided = (verdict(answers), seeds_text, why)
         texts = (finding["finding"], printed or "-", ours[0][1] or "-", *decided)
         rows.append((str(number), finding["section"], *texts))
     columns = ("no.", "section", "finding", "printed", "ours", "verdict", "seeds", "why")
@@ -85,11 +82,17 @@ def findings_table(results: Sequence[Measured], preset: str = "best") -> ResultT
     return table.of_preset(preset)
 
 
-def _seeds(holds: Sequence[bool | None]) -> str:
-    """With how many of the noise seeds a finding holds; a dash if none decides it."""
-    if None in holds:
-        return "-"
-    return f"{holds.count(True)} of {len(holds)}"
+def _ours(results: Sequence[Measured], preset: str, number: int) -> list[tuple[bool, str]]:
+    """Of our figures: one result of a finding's rule; if it is about noise, one for each noise seed
+    that decides it.
+    """
+    if number == _MAIN:
+        found = [_main_finding([r for r in results if r.key.preset == preset or r.key.external])]
+    else:
+        seeds = seeds_of(results, preset) if number in NOISY else [0]
+        views = [Ours(results, preset, seed) for seed in seeds]
+        found = [apply_rule(RULES[number].holds, view) for view in views]
+    return [(holds, text) for holds, text in found if holds is not None]
 
 
 def apply_rule(rule: Callable[[PaperFigures], RuleResult], of: PaperFigures) -> RuleResult:
@@ -100,11 +103,9 @@ def apply_rule(rule: Callable[[PaperFigures], RuleResult], of: PaperFigures) -> 
         return None, ""
 
 
-def verdict(holds: Iterable[bool | None]) -> str:
-    """The verdict from a rule's results for all noise seeds."""
+def verdict(holds: Iterable[bool]) -> str:
+    """The verdict from a rule's results for the noise seeds; at least one."""
     answers = set(holds)
-    if None in answers:
-        return MISSING
     if len(answers) > 1:
         return UNDECIDED
     return HOLDS if answers == {True} else FAILS
@@ -284,6 +285,8 @@ def _icp_best_surfaces(of: PaperFigures) -> RuleResult:
     grown = _grown(clean, noisy) == _ALL_BUT_KT0
     if isinstance(of, Printed):  # the paper prints no noisy surfaces of the other odometers
         return grown, text
+    if not grown:
+        return False, text
     others = [_surfaces(of, "noisy", name) for name in paper_titles() if name != "icp"]
     wins = sum(mine < min(theirs) for mine, *theirs in zip(noisy, *others, strict=True))
     text += f"; the best of the five on {wins} of {len(noisy)}"

@@ -15,7 +15,6 @@ from iclnuim.benchmark.experiments.correlation import (
 from iclnuim.benchmark.experiments.findings import (
     FAILS,
     HOLDS,
-    MISSING,
     RULES,
     UNDECIDED,
     apply_rule,
@@ -68,7 +67,7 @@ def test_noise_increases_an_error_strongly_from_twice_on(growth, holds):
     assert apply_rule(RULES[15].holds, ours)[0] is holds
 
 
-@pytest.mark.parametrize(("share", "found"), [(0.4, HOLDS), (0.6, FAILS), (None, MISSING)])
+@pytest.mark.parametrize(("share", "found"), [(0.4, HOLDS), (0.6, FAILS), (None, None)])
 def test_only_frames_without_reflections_show_whether_these_are_the_reason(share, found):
     """Ten times worse than geometric methods; without reflections a share of that.
 
@@ -82,7 +81,7 @@ def test_only_frames_without_reflections_show_whether_these_are_the_reason(share
     rows = {
         row[0]: row for row in findings_table(office + (without if share else without[1:])).rows
     }
-    assert ("11" in rows) == (found != MISSING)
+    assert ("11" in rows) == bool(found)
     if share:
         assert rows["11"][5] == found
         assert "without reflections" in rows["11"][4] and "100" in rows["11"][4]
@@ -108,12 +107,28 @@ def test_seeds_that_disagree_decide_nothing():
         and verdict([False]) == FAILS
         and verdict([True, False]) == UNDECIDED
     )
-    assert verdict([True, None]) == MISSING
     grown = [r for seed in (0, 1) for r in results(0, (seed,)) if r.key.noise == "noisy"]
     clean = only(results(0), noise="clean")
     two = [*clean, *with_errors(grown, 1e6, noise="noisy", seed=0)]
     two = [r if r.key.seed != 1 else result(r.key, 1e-9, 1e-9) for r in two]
-    assert {row[0]: row[5] for row in findings_table(two).rows}["12"] == UNDECIDED
+    rows = {row[0]: row[5:7] for row in findings_table(two).rows}
+    assert rows["12"] == (UNDECIDED, "1 of 2") and rows["1"][1] == "-"
+
+
+def test_seeds_that_lack_the_cells_of_a_finding_do_not_count_for_it():
+    """The second seed has trajectories only, the third those of one sequence."""
+    found = results(0, (0, 1, 2))
+    found = [result(r.key, r.figures["ate_m"]["rmse"]) if r.key.seed else r for r in found]
+    found = [r for r in found if r.key.seed < 2 or r.key.trajectory == "kt2"]
+    seeds = {row[0]: row[6].partition(" of ")[2] for row in findings_table(found).rows}
+    assert (seeds["12"], seeds["14"], seeds["18"]) == ("1", "2", "2")
+
+
+def test_an_error_that_does_not_grow_as_printed_decides_finding_13_without_the_others():
+    clean = only(results(0), noise="clean")
+    noisy = [replace(r.key, noise="noisy", seed=3) for r in only(clean, odometer="icp")]
+    found = [*clean, *(result(key, 1e3, 1e3) for key in noisy)]
+    assert {row[0]: row[5:7] for row in findings_table(found).rows}["13"] == (FAILS, "0 of 1")
 
 
 def test_the_rank_correlation_and_its_interval_are_scipys():
