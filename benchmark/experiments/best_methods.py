@@ -12,22 +12,22 @@ from .table import ResultTable, mm
 _COVERED = 0.9
 #: Room and noise.
 Condition = tuple[str, str]
-#: Method -> its ATE in metres on each sequence, the median over its runs.
+#: Method -> its ATE in metres on each sequence, the median over runs and noise seeds.
 Errors = Mapping[str, Mapping[str, float]]
 
 
 def errors_by_condition(
     results: Sequence[Measured],
 ) -> dict[Condition, dict[str, dict[str, float]]]:
-    """Condition -> method -> ATE in metres on each sequence with the first noise seed. Only methods
-    that have an error on all of the condition's sequences, of nearly all frames.
+    """Condition -> method -> ATE in metres on each sequence. Only methods that have an error on all
+    of the condition's sequences, of nearly all frames.
     """
     runs: dict[Condition, dict[str, dict[str, list[float]]]] = {}
     for result in results:
         key = result.key
         ate_m = ate_of(result.figures)
         covers = result.figures.get("coverage", 1.0) >= _COVERED
-        if ate_m is not None and covers and not key.seed:
+        if ate_m is not None and covers:
             of_method = runs.setdefault((key.room, key.noise), {}).setdefault(method_name(key), {})
             of_method.setdefault(key.trajectory, []).append(ate_m)
     found = {}
@@ -74,7 +74,7 @@ def best_methods_table(results: Sequence[Measured]) -> ResultTable:
     columns = ("condition", "best method", "ATE mm", "next", "worst", "sequences")
     title = "The method with the least trajectory error, by condition"
     notes = (
-        "Geometric mean of the ATE over the sequences; of a system's runs the median.",
+        "Geometric mean of the ATE over the sequences; of runs and of noise seeds the median.",
         f"Without trajectories that cover less than {_COVERED:.0%} of the frames.",
     )
     return ResultTable("best_methods", title, columns, texts, notes=notes)

@@ -1,5 +1,7 @@
 """Which method has the least error under which condition."""
 
+from dataclasses import replace
+
 import pytest
 from iclnuim.benchmark.experiments.best_methods import best_methods_table, errors_by_condition
 from iclnuim.benchmark.experiments.paper_keys import PaperKey
@@ -38,3 +40,10 @@ def test_runs_of_a_system_count_by_their_median_and_another_reference_is_another
     errors = errors_by_condition(found)["office", "noisy"]
     assert set(errors) == {"ICP", "ICP, model", "ORB-SLAM3"}
     assert errors["ORB-SLAM3"]["kt0"] == 4 and errors["ICP, model"]["kt2"] == pytest.approx(0.02)
+
+
+def test_noise_seeds_count_by_their_median():
+    found = cells("dvo", [0.02] * 4)
+    for seed, ate_m in ((1, 0.05), (2, 0.03)):
+        found += [result(replace(one.key, seed=seed), ate_m) for one in cells("dvo", [0.0] * 4)]
+    assert errors_by_condition(found)["office", "noisy"]["DVO"]["kt0"] == 0.03
