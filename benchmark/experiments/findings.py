@@ -20,6 +20,7 @@ OFFICE = "office"
 HOLDS = "holds"
 FAILS = "does not hold"
 UNDECIDED = "undecided by the seeds"
+MISSING = "not measured"
 #: Those about noisy frames: each noise seed decides them.
 NOISY = range(12, 19)
 #: Finding 15: noise increases an error strongly if it multiplies the error by at least this factor.
