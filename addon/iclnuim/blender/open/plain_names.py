@@ -51,7 +51,7 @@ def _inside(block: ID) -> Iterator[bpy_struct]:
 
 
 def _make_readable(thing: bpy_struct) -> bool:
-    """Replace its texts that are not UTF-8, so that a UV map and a node that names it still agree."""
+    """Replace its texts that are not UTF-8: a UV map and a node that names it still agree."""
     unreadable = []
     for entry in thing.bl_rna.properties:
         try:
