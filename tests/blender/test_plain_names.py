@@ -70,6 +70,21 @@ def test_a_name_that_is_not_utf_8_stops_nothing(word, tmp_path):
     assert uv.uv_map == mesh.uv_layers[0].name
 
 
+@pytest.mark.parametrize("word", ["ZZuv", "ZZattribute", "ZZnode"])
+def test_a_name_that_is_not_utf_8_in_a_linked_file_stops_nothing(word, tmp_path):
+    library = named_in_bytes(tmp_path, word)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(library), link=True) as (_, wanted):
+        wanted.objects = ["Plane"]
+    bpy.context.scene.collection.objects.link(bpy.data.objects["Plane"])
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "links.blend"))
+    notes = scene.open_scene(str(tmp_path / "links.blend"))
+    assert any("names with unusual characters: changed" in note for note in notes)
+    assert changes.changed_names(bpy.context.scene) == set()
+    with surfaces.rendered_parts() as (found, _):
+        assert scene_key.key_parts(found, bpy.context.scene)
+
+
 def test_classes_are_four_fields_whatever_their_names(tmp_path):
     kinds = [{"id": 1, "name": 'wall, "red"', "nyu40_id": 1, "nyu40": "wall"}]
     write_json(tmp_path / "objects.json", {"objects": [], "classes": kinds})

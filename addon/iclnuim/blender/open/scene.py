@@ -86,10 +86,10 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
         with native_output_in(log):
             load(path, log)
         scene_paths.check_open(path, reading, log.read_text("utf-8", "replace"))
-    notes += plain_names.rename()
-    notes += left_out.completed(path)
     if bpy.data.libraries:  # local copies of linked datablocks can be changed in memory
         bpy.ops.object.make_local(type="ALL")
+    notes += plain_names.rename()
+    notes += left_out.completed(path)
     if run is not None:
         copy, words = simulations.baked(path, run)
         notes += words
