@@ -49,6 +49,10 @@ def sequences() -> list[tuple[str, str, str]]:
     return found
 
 
+def _noisy_sequences() -> list[tuple[str, str, str]]:
+    return [sequence for sequence in sequences() if sequence[2] == "noisy"]
+
+
 def _title(sequence: tuple[str, str, str]) -> str:
     return " ".join(sequence).replace("_", " ")
 
@@ -167,13 +171,10 @@ def noise_seeds(cells: PublishedCells) -> Rows:
     for key, errors_m in _errors_m(cells).items():
         over_seeds.setdefault(replace(key, seed=0), []).extend(errors_m)
     rows = []
-    for sequence in sequences():
-        if sequence[2] == "noisy":
-            keys = [
-                PaperKey(*sequence, name, "best", reference_of(name)) for name in paper_titles()
-            ]
-            found = [over_seeds.get(key, []) for key in keys]
-            rows.append([_title(sequence), *map(_shown, found), str(min(map(len, found)))])
+    for sequence in _noisy_sequences():
+        keys = [PaperKey(*sequence, name, "best", reference_of(name)) for name in paper_titles()]
+        found = [over_seeds.get(key, []) for key in keys]
+        rows.append([_title(sequence), *map(_shown, found), str(min(map(len, found)))])
     return [["ATE, mm", *paper_titles().values(), "seeds, at least"], *rows]
 
 
@@ -291,10 +292,10 @@ def learned_noise(cells: PublishedCells) -> Rows:
     noise seeds with which all of them are measured, and over the best.
     """
     errors_m = _errors_m(cells)
-    noisy = [sequence for sequence in sequences() if sequence[2] == "noisy"]
+    noisy = _noisy_sequences()
     means_m: dict[str, list[float]] = {}
     worst_m: dict[str, float] = {}
-    for name, seed in product(_OURS, {key.seed: None for key in errors_m}):
+    for name, seed in product(_OURS, {key.seed for key in errors_m}):
         keys = [replace(_ours(sequence, name), seed=seed) for sequence in noisy]
         found = [errors_m[key][0] for key in keys if key in errors_m]
         if len(found) == len(noisy):
