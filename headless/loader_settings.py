@@ -8,13 +8,13 @@ from pathlib import Path
 from string import Template
 
 import numpy as np
-from iclnuim.dataset.image_pairs import find_pairs
-from iclnuim.dataset.layout import poses_at
-from iclnuim.dataset.sequence_poses import read_truth
-from iclnuim.dataset.stored_images import read_camera, read_depth_m
 from iclnuim.errors import InputError
 from iclnuim.formats.meshes import read_mesh_or_cloud
 from iclnuim.geometry.trajectory import frame_rate_hz
+from iclnuim.sequences.image_pairs import find_pairs
+from iclnuim.sequences.layout import poses_at
+from iclnuim.sequences.sequence_poses import read_truth
+from iclnuim.sequences.stored_images import read_camera, read_depth_m
 
 _FOLDER = Path(__file__).parent / "settings"
 #: Added to the bounds of the room on each side, as a share of their size.

@@ -104,8 +104,8 @@ def _has(folder: Path, path: Path) -> bool:
     """Whether a file is an image, the ground truth, a list or the camera of a sequence in any
     format.
     """
-    from iclnuim.dataset.image_pairs import find_pairs
-    from iclnuim.dataset.sequence_poses import find_truth
+    from iclnuim.sequences.image_pairs import find_pairs
+    from iclnuim.sequences.sequence_poses import find_truth
 
     files = set()
     places = {folder / name for name in _FOLDERS if (folder / name).is_dir()}

@@ -9,21 +9,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from iclnuim.console import Console
-from iclnuim.dataset.bags_and_logs import LogSettings
-from iclnuim.dataset.layout import SequenceCamera
-from iclnuim.dataset.sequence_formats import sequence_format
-from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError
 from iclnuim.formats.bags import is_bag
 from iclnuim.formats.depth_units import UNITS_PER_METRE, check_units
 from iclnuim.formats.files import content_of_json, is_file
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.sequences.bags.recorded import LogSettings
+from iclnuim.sequences.layout import SequenceCamera
+from iclnuim.sequences.sequence_formats import sequence_format
+from iclnuim.sequences.sequence_options import SequenceOptions
 
 from .options import add_settings, option_name, settings_from
 
 if TYPE_CHECKING:
-    from iclnuim.dataset.image_pairs import ImagePair
     from iclnuim.geometry.trajectory import Trajectory
+    from iclnuim.sequences.image_pairs import ImagePair
 
 _EXAMPLES = {"depth": '{"sigma_d": 0.1}', "rgb": '{"exposure": 0.5}'}
 
@@ -96,7 +96,7 @@ def read_bags(args: Namespace, console: Console) -> None:
     sequences = [given.get("folder"), given.get("source"), *(given.get("folders") or [])]
     for path in sequences:
         if path and is_bag(path):
-            from iclnuim.dataset.bag_sequence import unpacked
+            from iclnuim.sequences.bags.sequence import unpacked
 
             with suppress(InputError):
                 folder, notes = unpacked(path, console.progress)
@@ -133,8 +133,8 @@ def given_or_noted_camera(args: Namespace, console: Console, folder: Path) -> Se
 
 
 def _camera_of(folder: Path) -> SequenceCamera:
-    from iclnuim.dataset.image_pairs import find_pairs
-    from iclnuim.dataset.stored_images import read_camera
+    from iclnuim.sequences.image_pairs import find_pairs
+    from iclnuim.sequences.stored_images import read_camera
 
     images = [pair.rgb for pair in find_pairs(folder)]
     return read_camera(folder, next(filter(is_file, images), images[0]))
@@ -155,9 +155,9 @@ def note_sequence(
     that no file gives, lens distortion, images in no pair; and a warning if depth does not agree
     with the poses. By default the camera and the ground truth of the folder.
     """
-    from iclnuim.dataset.image_pairs import find_pairs
-    from iclnuim.dataset.pose_check import doubt, pose_agreement
-    from iclnuim.dataset.sequence_poses import load_truth
+    from iclnuim.sequences.image_pairs import find_pairs
+    from iclnuim.sequences.inspection.pose_check import doubt, pose_agreement
+    from iclnuim.sequences.sequence_poses import load_truth
 
     pairs = find_pairs(folder)
     camera = camera or _camera_of(folder)
@@ -178,7 +178,7 @@ def note_sequence(
 
 def _note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console) -> None:
     """Print a note if images of the sequence are in no pair."""
-    from iclnuim.dataset.image_pairs import find_rows, missing_images, unused_images
+    from iclnuim.sequences.image_pairs import find_rows, missing_images, unused_images
 
     if missing := missing_images(folder):
         first = os.path.relpath(missing[0], folder)

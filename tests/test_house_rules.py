@@ -43,21 +43,24 @@ MAY_IMPORT = {
     "formats": "errors shown geometry native_output",
     "sensor": "errors settings geometry",
     "evaluation": "errors settings shown geometry",
+    "trajectory_files": f"{CORE} evaluation",
+    "doubt": f"{CORE} trajectory_files evaluation",
     "channels": "formats",
     "job": f"{CORE} channels shipped sensor",
-    "dataset": f"{CORE} version console channels job shipped sensor evaluation",
-    "postprocess": f"{CORE} console sensor evaluation dataset report",
-    "render": f"{CORE} console job dataset worker_events",
+    "sequences": f"{CORE} version console channels job shipped sensor evaluation trajectory_files doubt",
+    "labels": f"{CORE} console channels sequences report",
+    "postprocess": f"{CORE} console sensor evaluation trajectory_files sequences report",
+    "render": f"{CORE} console job trajectory_files sequences worker_events",
     "lightmap": "errors geometry",
     "blender": f"{CORE} lightmap",
     "blender.open": f"{CORE} shipped job blender",
     "blender.light": f"{CORE} version shipped job sensor lightmap blender",
-    "blender.render": f"{CORE} version channels job worker_events shipped sensor dataset blender "
-    "blender.open blender.light",
-    "blender.child": f"{CORE} job worker_events dataset blender blender.render",
-    "report": f"{CORE} console evaluation dataset",
-    "raycast": f"{CORE} console channels dataset",
-    "ui": f"{CORE} job worker_events shipped sensor evaluation dataset report "
+    "blender.render": f"{CORE} version channels job worker_events shipped sensor sequences labels "
+    "trajectory_files blender blender.open blender.light",
+    "blender.child": f"{CORE} job worker_events sequences blender blender.render",
+    "report": f"{CORE} console evaluation doubt trajectory_files sequences",
+    "raycast": f"{CORE} console channels sequences",
+    "ui": f"{CORE} job worker_events shipped sensor evaluation trajectory_files sequences report "
     "blender blender.open blender.light blender.render",
 }
 LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"})
@@ -68,7 +71,7 @@ BENCHMARK = [
 MAY_IMPORT |= {
     "benchmark": "",
     "benchmark.odometry": LIBRARY,
-    "benchmark.fusion": f"{CORE} console sensor evaluation dataset report raycast "
+    "benchmark.fusion": f"{CORE} console sensor evaluation trajectory_files sequences labels report raycast "
     "benchmark.odometry",
     "benchmark.perturbations": f"{LIBRARY} benchmark.odometry",
     "benchmark.systems": f"{LIBRARY} benchmark.odometry",
@@ -97,11 +100,13 @@ MAY_LOAD_A_CHECKOUT = {
 #: encoder of images is the first of several that is there (formats/libraries.py).
 OUTSIDE = {
     "formats": ("numpy", "open3d rosbags"),
+    "trajectory_files": ("numpy", "rosbags"),
+    "labels": ("numpy matplotlib", ""),
     "blender": ("numpy bpy bmesh mathutils", "pxr _cycles zstandard io_scene_gltf2"),
     "ui": ("numpy bpy mathutils", "gpu gpu_extras"),
     "report": ("numpy matplotlib", "rerun"),
     "shown": ("numpy", "matplotlib"),
-    "dataset": ("numpy", "rosbags torch lpips"),
+    "sequences": ("numpy", "rosbags torch lpips"),
     "raycast": ("numpy", "embreex igl scipy"),
     "headless.completion": ("", "argcomplete"),
     "headless.farm": ("numpy", "submitit"),

@@ -13,8 +13,8 @@ import iclnuim
 import numpy as np
 import pytest
 from iclnuim import SE3, InputError, Trajectory, console
-from iclnuim.dataset.stored_images import read_images
 from iclnuim.headless import cli
+from iclnuim.sequences.stored_images import read_images
 
 sys.modules.setdefault("matplotlib", __import__("matplotlib")).use("Agg")
 
@@ -163,7 +163,7 @@ def test_python_gives_the_warnings_of_the_command(tmp_path, capsys, repository, 
 
 
 def results():
-    from iclnuim.dataset.rendered_views import ViewError, ViewErrors
+    from iclnuim.sequences.rendered_views import ViewError, ViewErrors
 
     truth = Trajectory.at_rate(POSES)
     cube = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])

@@ -8,13 +8,13 @@ import sys
 from dataclasses import dataclass
 
 import pytest
-from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError, named
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.headless.cli import main
 from iclnuim.headless.options import add_settings, option_name, settings_from
 from iclnuim.job import RenderJob, shipped_job
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS
+from iclnuim.sequences.sequence_options import SequenceOptions
 from iclnuim.settings import Settings, declared, setting
 from iclnuim.tools.write_settings_page import table
 from patience import patience

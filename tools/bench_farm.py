@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from iclnuim import job as jobs
 from iclnuim.console import Console
-from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError, WorkError
 from iclnuim.headless.options import Actions, action, add_plot
+from iclnuim.sequences.run_folder import load_trajectory
 
 from .measured_tables import tables
 

@@ -7,12 +7,12 @@ from typing import Any
 
 from iclnuim import job as jobs
 from iclnuim.console import Console
-from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError, blender_missing
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.headless.options import Actions, action, add_plot, whole_numbers
 from iclnuim.job import RenderJob
+from iclnuim.sequences.run_folder import load_trajectory
 
 from .measured_tables import tables
 

@@ -17,7 +17,6 @@ from iclnuim.blender import surfaces
 from iclnuim.blender.light import light_files
 from iclnuim.blender.open import scene
 from iclnuim.blender.render import worker
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
@@ -25,6 +24,7 @@ from iclnuim.job import RenderJob
 from iclnuim.native_output import native_output_in
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.sensor.transfer import srgb_from_light
+from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
 from .detail_colour import by_lamp
 from .rendered import psnr_db, rendered

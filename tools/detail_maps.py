@@ -11,9 +11,9 @@ import numpy as np
 from iclnuim.blender.light import light_files
 from iclnuim.blender.render import worker
 from iclnuim.errors import InputError
-from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import RenderJob
+from iclnuim.trajectory_files.trajectories import write_trajectory
 
 from .detail import difference, views_of
 from .rendered import rendered

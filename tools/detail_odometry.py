@@ -19,12 +19,12 @@ import numpy as np
 from iclnuim import shipped
 from iclnuim.benchmark.odometry.registry import names, odometer
 from iclnuim.console import Console
-from iclnuim.dataset.sequence_poses import read_truth
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import is_file, make_folder, read_json, write_json
 from iclnuim.headless.method_options import installed, require
 from iclnuim.headless.options import Actions, action, add_plot, add_span, numbers, whole_numbers
 from iclnuim.native_output import native_output_in
+from iclnuim.sequences.sequence_poses import read_truth
 from iclnuim.version import __version__
 
 from .measured_tables import tables
@@ -154,7 +154,7 @@ def _iclnuim(*words: str) -> None:
 
 def _errors(folder: Path, methods: Sequence[str], frames: int) -> dict[str, float | None]:
     """ATE in metres of each method; None if it lost more than half of the frames."""
-    from iclnuim.benchmark.experiments import curves
+    from iclnuim.benchmark.experiments.recipes.curve import curves
     from iclnuim.benchmark.odometry.run import Sequence as Images
     from iclnuim.benchmark.odometry.track import Tracker
     from iclnuim.benchmark.perturbations.segment import Segment
@@ -216,7 +216,7 @@ def _figure(builds: Sequence[Build]) -> Any:
     """A panel for each sequence and kind: ATE by detail; bars at level 1 are the range between
     seeds.
     """
-    from iclnuim.benchmark.experiments.error_chart import look
+    from iclnuim.benchmark.experiments.recipes.curve.error_chart import look
     from matplotlib.figure import Figure
 
     rows = changes(builds)

@@ -14,10 +14,10 @@ from iclnuim.blender.light import light_files
 from iclnuim.blender.open import scene
 from iclnuim.blender.render import model
 from iclnuim.formats.scene_model import SceneModel
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.native_output import native_output_in
 from iclnuim.raycast.visibility import Visibility
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 #: Longest edge of the pieces whose visibility is tested.
 PIECE_M = 0.1

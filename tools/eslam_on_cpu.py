@@ -78,9 +78,9 @@ torch.manual_seed(0)
 
 def main(code: Path, sequence: Path, estimate: Path) -> None:
     """Run it, and write its trajectory: one 4 x 4 matrix a frame."""
-    from iclnuim.formats.trajectories import write_trajectory
     from iclnuim.geometry.se3 import SE3
     from iclnuim.geometry.trajectory import Trajectory, stamps_of_frames
+    from iclnuim.trajectory_files.trajectories import write_trajectory
 
     out = estimate.resolve().with_suffix("")
     estimate = estimate.resolve()

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 import psutil
-from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import WorkError
+from iclnuim.sequences.run_folder import read_run
 from iclnuim.worker_events import CHILD
 
 #: Number of new frames that must be finished before each disturbance.

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from iclnuim.console import Console
-from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError
 from iclnuim.headless.farm.chunks import own_cores
 from iclnuim.headless.farm.rendering import LocalRun, open_run
 from iclnuim.headless.farm.run_plan import RunPlan
 from iclnuim.job import RenderJob
+from iclnuim.sequences.run_folder import load_trajectory
 
 
 @dataclass(frozen=True)

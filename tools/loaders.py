@@ -20,17 +20,17 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim import shipped
-from iclnuim.dataset.image_frames import original_frames
-from iclnuim.dataset.image_pairs import find_pairs
-from iclnuim.dataset.name_forms import PUBLISHED
-from iclnuim.dataset.sequence import SequenceSettings, write_sequence
-from iclnuim.dataset.stored_images import read_camera
 from iclnuim.formats.files import csv_text
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.loader_settings import filled, system_files
 from iclnuim.postprocess import frames_from
+from iclnuim.sequences.image_frames import original_frames
+from iclnuim.sequences.image_pairs import find_pairs
+from iclnuim.sequences.name_forms import PUBLISHED
+from iclnuim.sequences.sequence import SequenceSettings, write_sequence
+from iclnuim.sequences.stored_images import read_camera
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 _READERS = Path(__file__).with_name("loader_readers.py")
 _TABLE = Path(__file__).with_suffix(".toml")

@@ -16,10 +16,10 @@ from typing import Any
 
 from iclnuim.benchmark.experiments.cell import Measured
 from iclnuim.benchmark.experiments.outcome import Outcome
-from iclnuim.benchmark.experiments.paper_keys import PaperKey
-from iclnuim.benchmark.experiments.recipes.paper import KIND as BENCHMARK
-from iclnuim.benchmark.experiments.recipes.stress import KIND as STRESS
-from iclnuim.benchmark.experiments.recipes.stress import StressKey
+from iclnuim.benchmark.experiments.recipes.paper.keys import PaperKey
+from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND as BENCHMARK
+from iclnuim.benchmark.experiments.recipes.stress.recipe import KIND as STRESS
+from iclnuim.benchmark.experiments.recipes.stress.recipe import StressKey
 from iclnuim.errors import InputError
 from iclnuim.formats.files import atomic_write_text, read_text, sha256
 from iclnuim.shipped import folder, paper_scenes

@@ -7,10 +7,9 @@ from itertools import product
 from pathlib import Path
 from statistics import geometric_mean, mean, median
 
-from iclnuim.benchmark.experiments.best_methods import best_methods_table
-from iclnuim.benchmark.experiments.correlation import correlation_table
-from iclnuim.benchmark.experiments.findings import findings_table
-from iclnuim.benchmark.experiments.paper_figures import (
+from iclnuim.benchmark.experiments.recipes.paper.best_methods import best_methods_table
+from iclnuim.benchmark.experiments.recipes.paper.correlation import correlation_table
+from iclnuim.benchmark.experiments.recipes.paper.figures import (
     Ours,
     Printed,
     Where,
@@ -18,8 +17,9 @@ from iclnuim.benchmark.experiments.paper_figures import (
     paper,
     reference_of,
 )
-from iclnuim.benchmark.experiments.paper_keys import NOISES, PaperKey, paper_titles
-from iclnuim.benchmark.experiments.stress_tables import Summary
+from iclnuim.benchmark.experiments.recipes.paper.findings import findings_table
+from iclnuim.benchmark.experiments.recipes.paper.keys import NOISES, PaperKey, paper_titles
+from iclnuim.benchmark.experiments.recipes.stress.tables import Summary
 from iclnuim.benchmark.experiments.table import ResultTable, mm
 from iclnuim.benchmark.perturbations.plan import read_plan
 from iclnuim.shipped import TRAJECTORY_NAMES, further_sequences, paper_sequences

@@ -22,11 +22,12 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
-from iclnuim.benchmark.experiments import accuracy_chart, stress_chart
-from iclnuim.benchmark.experiments.paper_keys import PaperKey
-from iclnuim.benchmark.experiments.recipes.paper import KIND as BENCHMARK
-from iclnuim.benchmark.experiments.recipes.stress import KIND as STRESS
-from iclnuim.benchmark.experiments.recipes.stress import StressKey
+from iclnuim.benchmark.experiments.recipes.paper import accuracy_chart
+from iclnuim.benchmark.experiments.recipes.paper.keys import PaperKey
+from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND as BENCHMARK
+from iclnuim.benchmark.experiments.recipes.stress import chart as stress_chart
+from iclnuim.benchmark.experiments.recipes.stress.recipe import KIND as STRESS
+from iclnuim.benchmark.experiments.recipes.stress.recipe import StressKey
 from iclnuim.benchmark.experiments.store import Store, made_by
 from iclnuim.report.charts import save
 from iclnuim.tools.measured_cells import TABLE, PublishedCell, PublishedCells, Run, rooms_hash

@@ -3,16 +3,16 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
 
-from iclnuim.benchmark.experiments.paper_figures import reference_of
-from iclnuim.benchmark.experiments.paper_keys import PaperKey, all_keys
-from iclnuim.benchmark.experiments.recipes.paper import KIND, code_of_trajectory
-from iclnuim.benchmark.experiments.recipes.stress import KIND as STRESS
+from iclnuim.benchmark.experiments.recipes.paper.figures import reference_of
+from iclnuim.benchmark.experiments.recipes.paper.keys import PaperKey, all_keys
+from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND, code_of_trajectory
+from iclnuim.benchmark.experiments.recipes.stress.recipe import KIND as STRESS
 from iclnuim.benchmark.perturbations.plan import SEVERITIES
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.shipped import trajectory_file
 from iclnuim.tools.measured_cells import TABLE, PublishedCells, code_hash, rooms_hash
 from iclnuim.tools.measured_drawn import sequences, stress_summary, system_key
 from iclnuim.tools.measured_tables import COMMAND_TABLES
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 #: Noise seeds of the preset `best`, each odometer with the paper's reference.
 _SEEDS = 5

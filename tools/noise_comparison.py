@@ -17,12 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from iclnuim.dataset.frame_pool import keep_freed_memory
-from iclnuim.dataset.frame_source import FrameSource
-from iclnuim.dataset.image_frames import image_frames
-from iclnuim.dataset.rendered_frames import run_frames
-from iclnuim.dataset.sequence import SequenceWriter
-from iclnuim.dataset.sequence_options import SequenceSettings, noisy_images
 from iclnuim.errors import InputError
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import write_png
@@ -31,6 +25,12 @@ from iclnuim.report.charts import COLOURS
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
 from iclnuim.sensor.noise_model import DEPTH, RGB, frame_generator
 from iclnuim.sensor.transfer import srgb8
+from iclnuim.sequences.frame_pool import keep_freed_memory
+from iclnuim.sequences.frame_source import FrameSource
+from iclnuim.sequences.image_frames import image_frames
+from iclnuim.sequences.rendered_frames import run_frames
+from iclnuim.sequences.sequence import SequenceWriter
+from iclnuim.sequences.sequence_options import SequenceSettings, noisy_images
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 from iclnuim.errors import InputError
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry import axes, so3
 from iclnuim.geometry.se3 import SE3
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 #: Pose of the frame of office kt0's ground truth in our world: origin (m) and rotation vector
 #: (degrees). It is fitted so that floor, ceiling and two walls of the depth images are planar to

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-from iclnuim.dataset.run_folder import read_run
 from iclnuim.formats.exr import read_exr
 from iclnuim.job import RenderJob
+from iclnuim.sequences.run_folder import read_run
 from iclnuim.worker_events import Event, FrameDone
 
 

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from iclnuim.console import Console
-from iclnuim.dataset.rendered_frames import read_frame
 from iclnuim.errors import InputError, WorkError, blender_missing
 from iclnuim.formats.files import atomic_write
 from iclnuim.formats.png import write_png
-from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.options import action, subcommands
 from iclnuim.job import RenderJob
 from iclnuim.native_output import native_output_in
 from iclnuim.render import render_frames
 from iclnuim.sensor.transfer import srgb8
+from iclnuim.sequences.rendered_frames import read_frame
 from iclnuim.shipped import SCENES
+from iclnuim.trajectory_files.trajectories import write_trajectory
 from iclnuim.worker_events import Event, Note
 
 if TYPE_CHECKING:

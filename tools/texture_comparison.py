@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import RenderJob
 from iclnuim.sensor.transfer import srgb_from_light
+from iclnuim.sequences.run_folder import load_trajectory
 from matplotlib.figure import Figure
 
 from .light_comparison import carried_difference

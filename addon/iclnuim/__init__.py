@@ -65,27 +65,14 @@ if TYPE_CHECKING:
     from .benchmark.odometry.run import OdometryRun, odometry_table, run_odometers
     from .benchmark.odometry.track import Tracked, Tracker, track
     from .blender.open.model_file import read_model
-    from .dataset.coco import write_coco
-    from .dataset.findings import Inspection
-    from .dataset.frame_source import FrameSource
-    from .dataset.inspection import inspect_sequence
-    from .dataset.label_classes import ClassMap, read_class_map
-    from .dataset.label_errors import LabelErrors, label_errors
-    from .dataset.rendered_views import ViewError, ViewErrors, view_errors
-    from .dataset.rgbd_sequence import PosedFrame, RgbdSequence, open_sequence
-    from .dataset.sequence import WrittenSequence
     from .errors import IclnuimError, InputError, WorkError
     from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
     from .evaluation.align import AlignmentSettings
     from .evaluation.associate import Association, AssociationSettings, associate
     from .evaluation.image_error import ViewSettings, psnr_db, ssim
-    from .evaluation.labels import LabelFigures, label_confusion, label_figures
-    from .evaluation.panoptic import PanopticQuality, Segmentation, panoptic_quality
     from .evaluation.relative_error import RelativeError, RelativeErrorSettings
     from .formats.meshes import read_mesh
     from .formats.ply import write_ply
-    from .formats.pov_pose import pose_from_pov
-    from .formats.trajectories import LoadedTrajectory, read_trajectory, write_trajectory
     from .geometry.camera import PinholeCamera
     from .geometry.se3 import SE3
     from .geometry.trajectory import (
@@ -96,6 +83,11 @@ if TYPE_CHECKING:
         trajectory_statistics,
     )
     from .job import RenderJob, read_recipe, shipped_job
+    from .labels.classes import ClassMap, read_class_map
+    from .labels.coco import write_coco
+    from .labels.errors import LabelErrors, label_errors
+    from .labels.panoptic import PanopticQuality, Segmentation, panoptic_quality
+    from .labels.scores import LabelFigures, label_confusion, label_figures
     from .postprocess import (
         absolute_trajectory_error,
         frames_from,
@@ -110,7 +102,15 @@ if TYPE_CHECKING:
     from .report.recording import record_sequence
     from .sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
     from .sensor.transfer import linear_from_srgb8
+    from .sequences.frame_source import FrameSource
+    from .sequences.inspection.findings import Inspection
+    from .sequences.inspection.inspect import inspect_sequence
+    from .sequences.rendered_views import ViewError, ViewErrors, view_errors
+    from .sequences.rgbd_sequence import PosedFrame, RgbdSequence, open_sequence
+    from .sequences.sequence import WrittenSequence
     from .shipped import SCENES
+    from .trajectory_files.pov_pose import pose_from_pov
+    from .trajectory_files.trajectories import LoadedTrajectory, read_trajectory, write_trajectory
 else:
 
     def __getattr__(name: str) -> Any:
@@ -142,10 +142,10 @@ else:
 _OLD = {
     "absolute_error": ("evaluation.absolute_error", "absolute_trajectory_error"),
     "relative_error": ("evaluation.relative_error", "relative_pose_error"),
-    "image_frames": ("dataset.image_frames", "make_sequence with the folder, or open_sequence"),
-    "run_frames": ("dataset.rendered_frames", "make_sequence with the folder"),
-    "write_sequence": ("dataset.sequence", "make_sequence"),
-    "SequenceSettings": ("dataset.sequence", "make_sequence, which takes them as arguments"),
+    "image_frames": ("sequences.image_frames", "make_sequence with the folder, or open_sequence"),
+    "run_frames": ("sequences.rendered_frames", "make_sequence with the folder"),
+    "write_sequence": ("sequences.sequence", "make_sequence"),
+    "SequenceSettings": ("sequences.sequence", "make_sequence, which takes them as arguments"),
 }
 #: public name -> (module, its name there), read from the imports above
 _PLACES: dict[str, tuple[str, str]] = {}

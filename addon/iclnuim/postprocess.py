@@ -16,25 +16,30 @@ from typing import Any
 import numpy as np
 
 from .console import Meter, advance_of
-from .dataset.frame_source import FrameSource
-from .dataset.image_frames import image_frames
-from .dataset.pose_lines import tied_to_poses
-from .dataset.rendered_frames import run_frames
-from .dataset.rgbd_sequence import RgbdSequence
-from .dataset.sequence import SequenceSettings, WrittenSequence, write_sequence
-from .dataset.sequence_poses import load_truth
 from .errors import InputError, StrPath
 from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
 from .evaluation.relative_error import RelativeError, RelativeErrorSettings
 from .formats.files import sha256
-from .formats.trajectories import LoadedTrajectory, ReadAs, read_trajectory, trajectory_text
-from .formats.trajectory_source import OWN_WORLD
 from .geometry.camera import CameraOrText, PinholeCamera
 from .geometry.se3 import SE3, Poses
 from .geometry.trajectory import Trajectory
 from .report.trajectory_report import ComparedFile, Report
 from .sensor.models import NamedNoise, depth_model, rgb_model
 from .sensor.noise_model import DEPTH, RGB, frame_generator
+from .sequences.frame_source import FrameSource
+from .sequences.image_frames import image_frames
+from .sequences.pose_lines import tied_to_poses
+from .sequences.rendered_frames import run_frames
+from .sequences.rgbd_sequence import RgbdSequence
+from .sequences.sequence import SequenceSettings, WrittenSequence, write_sequence
+from .sequences.sequence_poses import load_truth
+from .trajectory_files.source import OWN_WORLD
+from .trajectory_files.trajectories import (
+    LoadedTrajectory,
+    ReadAs,
+    read_trajectory,
+    trajectory_text,
+)
 
 Settings = Mapping[str, Any]
 TrajectoryOrFile = Trajectory | Poses | StrPath
@@ -120,7 +125,7 @@ def make_sequence(
     frames: the folder of a run or of any sequence, a sequence or a part of it (open_sequence), or
     frames of your own (frames_from). depth_noise, rgb_noise: names, `module:function` or functions
     of images (h, w) and (h, w, 3), as for noisy_depth and noisy_rgb. formats: names in
-    dataset/sequence_formats.py. Several formats are written into a folder each. workers: processes,
+    sequences/sequence_formats.py. Several formats are written into a folder each. workers: processes,
     by default as many as cores. progress: as of render_frames().
 
     Raises InputError if `frames` contains no frames or `out` contains another sequence, and

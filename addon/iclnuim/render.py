@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from .console import Meter, advance_of
-from .dataset.rendered_frames import read_frame
-from .dataset.rgbd_sequence import pictures
-from .dataset.run_folder import RunFolder, load_trajectory, read_run
 from .errors import InputError, StrPath, WorkError
-from .formats.trajectories import write_trajectory
 from .geometry.se3 import SE3, Poses
 from .geometry.trajectory import Trajectory, frame_slice
 from .job import RenderJob
+from .sequences.rendered_frames import read_frame
+from .sequences.rgbd_sequence import pictures
+from .sequences.run_folder import RunFolder, load_trajectory, read_run
+from .trajectory_files.trajectories import write_trajectory
 from .worker_events import ChunkDone, Event, Exited, Failed, FrameDone, WorkerClient, worker_command
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from iclnuim.benchmark.odometry.run import Sequence
-from iclnuim.dataset.image_pairs import missing_images
-from iclnuim.dataset.sequence_origin import rendered_job
-from iclnuim.dataset.sequence_poses import find_truth, read_truth
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_bytes, sha256
 from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.sequences.image_pairs import missing_images
+from iclnuim.sequences.sequence_origin import rendered_job
+from iclnuim.sequences.sequence_poses import find_truth, read_truth
 
 from ..systems.staging import StagedSequence
 

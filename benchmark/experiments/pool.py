@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from iclnuim.dataset.frame_pool import FramePool
 from iclnuim.errors import IclnuimError
+from iclnuim.sequences.frame_pool import FramePool
 
 #: Advances a progress display by a number of steps.
 Advance = Callable[[int], object]

@@ -15,9 +15,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from iclnuim.dataset.record import Record
 from iclnuim.errors import InputError
 from iclnuim.formats.files import is_file, make_folder, read_json, whole_folder, write_json
+from iclnuim.sequences.record import Record
 from iclnuim.shipped import source_commit, versions
 from iclnuim.version import __version__
 

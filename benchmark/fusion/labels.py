@@ -6,19 +6,12 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
-from iclnuim.dataset.label_classes import (
-    FIRST_OWN,
-    OURS,
-    ClassMap,
-    LabelClass,
-    class_map,
-    read_class_map,
-)
-from iclnuim.dataset.label_errors import LabelErrors
 from iclnuim.errors import InputError
-from iclnuim.evaluation.labels import VOID, label_confusion, label_figures
 from iclnuim.formats.ply import MeshLabels
 from iclnuim.geometry.se3 import SE3
+from iclnuim.labels.classes import FIRST_OWN, OURS, ClassMap, LabelClass, class_map, read_class_map
+from iclnuim.labels.errors import LabelErrors
+from iclnuim.labels.scores import VOID, label_confusion, label_figures
 from iclnuim.raycast.distance import TriangleDistance
 
 from .quality import NEAR_M, Seen

@@ -8,8 +8,8 @@ from iclnuim.errors import InputError, within
 from iclnuim.formats.files import data_lines, read_text
 from iclnuim.formats.meshes import read_mesh_or_cloud
 from iclnuim.formats.ply import MeshLabels, read_ply_labels
-from iclnuim.formats.trajectory_reader import LARGEST_POSITION_M
 from iclnuim.geometry.se3 import SE3
+from iclnuim.trajectory_files.reader import LARGEST_POSITION_M
 
 from .samples import areas_m2
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 from iclnuim.console import Meter, advance_of
-from iclnuim.dataset.image_pairs import ImagePair
-from iclnuim.dataset.layout import SequenceCamera
-from iclnuim.dataset.rgbd_sequence import RgbdSequence
 from iclnuim.errors import InputError
 from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.geometry.se3 import SE3, Poses
 from iclnuim.geometry.trajectory import Trajectory, frame_slice, sample
+from iclnuim.sequences.image_pairs import ImagePair
+from iclnuim.sequences.layout import SequenceCamera
+from iclnuim.sequences.rgbd_sequence import RgbdSequence
 from iclnuim.shown import Shown
 
 from ..odometry.compiling import WorkClock

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from iclnuim.console import Meter, advance_of
-from iclnuim.dataset.image_pairs import ImagePair, find_pairs
-from iclnuim.dataset.layout import SequenceCamera
-from iclnuim.dataset.rgbd_sequence import RgbdSequence
-from iclnuim.dataset.sequence_poses import read_truth
-from iclnuim.dataset.stored_images import read_camera, read_images
 from iclnuim.errors import InputError, WorkError
 from iclnuim.evaluation.absolute_error import absolute_error
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
 from iclnuim.formats.files import is_file
-from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, frame_slice
+from iclnuim.sequences.image_pairs import ImagePair, find_pairs
+from iclnuim.sequences.layout import SequenceCamera
+from iclnuim.sequences.rgbd_sequence import RgbdSequence
+from iclnuim.sequences.sequence_poses import read_truth
+from iclnuim.sequences.stored_images import read_camera, read_images
 from iclnuim.shown import MM, Shown
+from iclnuim.trajectory_files.trajectories import write_trajectory
 
 from .protocol import Frame, Odometer, Status
 from .track import Reference, Tracked, Tracker

@@ -12,15 +12,15 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
+from iclnuim.doubt.explained_error import ExplainedError
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
 from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
 from iclnuim.evaluation.time_axis import best_offset
 from iclnuim.formats.files import atomic_write_text, read_text
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.trajectory import FRAME_RATE_HZ, Trajectory, frames_of_stamps
-from iclnuim.report.explained_error import ExplainedError
+from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
 from .process import Ended
 from .staging import StagedSequence

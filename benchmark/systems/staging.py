@@ -17,23 +17,23 @@ from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
-from iclnuim.dataset.image_pairs import ImagePair, find_pairs
-from iclnuim.dataset.layout import SequenceCamera
-from iclnuim.dataset.sequence_origin import sequence_name
-from iclnuim.dataset.sequence_poses import read_truth
-from iclnuim.dataset.slam_settings import SLAM_SETTINGS
-from iclnuim.dataset.stored_images import read_camera, read_depth_m
 from iclnuim.errors import InputError, WorkError
-from iclnuim.formats.associations import (
+from iclnuim.formats.depth_units import depth16_from_metres
+from iclnuim.formats.files import atomic_write, atomic_write_text, make_folder, read_bytes, sha256
+from iclnuim.formats.png import write_png
+from iclnuim.geometry.trajectory import Trajectory, frame_rate_hz, frame_slice
+from iclnuim.sequences.associations import (
     Associations,
     ImageList,
     write_associations,
     write_image_list,
 )
-from iclnuim.formats.depth_units import depth16_from_metres
-from iclnuim.formats.files import atomic_write, atomic_write_text, make_folder, read_bytes, sha256
-from iclnuim.formats.png import write_png
-from iclnuim.geometry.trajectory import Trajectory, frame_rate_hz, frame_slice
+from iclnuim.sequences.image_pairs import ImagePair, find_pairs
+from iclnuim.sequences.layout import SequenceCamera
+from iclnuim.sequences.sequence_origin import sequence_name
+from iclnuim.sequences.sequence_poses import read_truth
+from iclnuim.sequences.slam_settings import SLAM_SETTINGS
+from iclnuim.sequences.stored_images import read_camera, read_depth_m
 
 from .system import StageSettings
 

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS
-from iclnuim.dataset.slam_settings import SLAM_SETTINGS
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import read_text
-from iclnuim.formats.trajectories import FORMATS
+from iclnuim.sequences.slam_settings import SLAM_SETTINGS
 from iclnuim.settings import MISSING, Settings, parameter
+from iclnuim.trajectory_files.trajectories import FORMATS
 
 _HERE = Path(__file__).parent
 #: The file that all odometers of `iclnuim odometry` share.

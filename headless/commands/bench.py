@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from iclnuim import checkout
-from iclnuim.benchmark.experiments.recipes.system import merged, read_results
+from iclnuim.benchmark.experiments.recipes.system.recipe import merged, read_results
 from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS, names, odometer
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
@@ -86,7 +86,7 @@ def _refuse(error: WorkError, args: Namespace, console: Console) -> None:
 
 
 def _odometry(args: Namespace, console: Console) -> None:
-    from iclnuim.benchmark.experiments.odometry_chart import figure, front
+    from iclnuim.benchmark.experiments.recipes.curve.odometry_chart import figure, front
     from iclnuim.benchmark.odometry.run import odometry_table
 
     only = args.only or ""
@@ -138,7 +138,7 @@ def _compare_odometers(
     Raises InputError without ground truth.
     """
     from iclnuim.benchmark.odometry.run import run_odometers
-    from iclnuim.dataset.sequence_origin import sequence_name
+    from iclnuim.sequences.sequence_origin import sequence_name
 
     for frames, progress in ((_WARM_UP, None), (None, console.progress)):
         odometers = [odometer(name, args.preset) for name in which]

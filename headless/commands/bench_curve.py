@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from iclnuim.benchmark.odometry.registry import names
 from iclnuim.console import Console
-from iclnuim.dataset.sequence_origin import sequence_name
 from iclnuim.errors import InputError
+from iclnuim.sequences.sequence_origin import sequence_name
 
 from ..method_options import installed, open_sequence, require
 from ..options import Actions, action, add_span, count, numbers
@@ -18,7 +18,7 @@ from ..sequence_options import add_camera_options
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.inputs import Input
-    from iclnuim.benchmark.experiments.recipes.curve import Curve
+    from iclnuim.benchmark.experiments.recipes.curve.recipe import Curve
     from iclnuim.benchmark.perturbations.segment import Segment
 
 _OUT = "folder of the measured steps, by which the command resumes; default: out/curves"
@@ -73,7 +73,7 @@ def _curve(args: Namespace, console: Console) -> None:
     require(console, "bench curve", "numba", "cv2")
     os.environ.setdefault("OMP_NUM_THREADS", str(args.threads))  # of Open3D, before it is loaded
     import cv2
-    from iclnuim.benchmark.experiments.recipes.curve import KIND
+    from iclnuim.benchmark.experiments.recipes.curve.recipe import KIND
     from iclnuim.benchmark.experiments.store import Store
 
     curve = _experiment(args, console)
@@ -105,8 +105,8 @@ def _curve(args: Namespace, console: Console) -> None:
 
 def _experiment(args: Namespace, console: Console) -> "Curve":
     """The curve that the options describe."""
-    from iclnuim.benchmark.experiments import curves
-    from iclnuim.benchmark.experiments.recipes import curve
+    from iclnuim.benchmark.experiments.recipes.curve import curves
+    from iclnuim.benchmark.experiments.recipes.curve import recipe as curve
 
     known = (*curves.CURVES, curve.FUSION)
     if args.curve not in known:
@@ -117,7 +117,7 @@ def _experiment(args: Namespace, console: Console) -> "Curve":
     settings: dict[str, Any] = {"threads": args.threads, "seed": _SEED}
     if args.curve == curve.FUSION:
         require(console, "bench curve voxel", "igl")
-        from iclnuim.benchmark.experiments.fusion_curve import VALUES
+        from iclnuim.benchmark.experiments.recipes.curve.fusion_curve import VALUES
         from iclnuim.benchmark.fusion.surface_error import TrueSurface
         from iclnuim.blender.open.model_file import read_model
 

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from iclnuim.benchmark.experiments.paper_keys import (
+from iclnuim.benchmark.experiments.recipes.paper.keys import (
     PRESETS,
     PaperKey,
     all_keys,
@@ -17,9 +17,9 @@ from iclnuim.benchmark.experiments.paper_keys import (
 )
 from iclnuim.benchmark.experiments.table import FORMATS, ResultTable
 from iclnuim.console import Console
-from iclnuim.dataset.frame_pool import cores
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import atomic_write_text, locked, make_folder
+from iclnuim.sequences.frame_pool import cores
 
 from ..method_options import require
 from ..options import add_frames, common, count
@@ -28,8 +28,8 @@ from ..sequence_options import note_sequence
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.cell import Measured
-    from iclnuim.benchmark.experiments.paper_sources import Sources
-    from iclnuim.benchmark.experiments.recipes.paper import Paper
+    from iclnuim.benchmark.experiments.recipes.paper.recipe import Paper
+    from iclnuim.benchmark.experiments.recipes.paper.sources import Sources
     from iclnuim.benchmark.experiments.store import Store
 
 _BYTES_A_WORKER = 2 << 30
@@ -122,7 +122,7 @@ def run(args: Namespace, console: Console) -> int:
     if args.report_only is None:
         surfaces = () if args.no_surfaces else ("embreex", "igl")
         require(console, "benchmark", "numba", "cv2", *surfaces)
-        from iclnuim.benchmark.experiments.recipes.paper import KIND
+        from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND
         from iclnuim.benchmark.experiments.store import Store
 
         paper = _experiment(args, console)
@@ -132,7 +132,7 @@ def run(args: Namespace, console: Console) -> int:
         make_folder(args.out, hint="another {out}")
         with locked(args.out):  # a lock without a thread, beside which no process can be forked
             problems = paper.run(store, args.workers or _workers(), console)
-    from iclnuim.benchmark.experiments.paper_page import write_report
+    from iclnuim.benchmark.experiments.recipes.paper.page import write_report
 
     results = measured_cells(args.out)
     tables = tables_of(results)
@@ -151,7 +151,7 @@ def run(args: Namespace, console: Console) -> int:
 
 def measured_cells(out: Path) -> "list[Measured]":
     """All measured cells of a benchmark. Raises InputError if there are none."""
-    from iclnuim.benchmark.experiments.recipes.paper import KIND
+    from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND
     from iclnuim.benchmark.experiments.store import Store
 
     results = Store(out, KIND).read_all(PaperKey)
@@ -163,8 +163,8 @@ def measured_cells(out: Path) -> "list[Measured]":
 
 def _experiment(args: Namespace, console: Console) -> "Paper":
     """The experiment that the options describe. Raises InputError if no cell can be measured."""
-    from iclnuim.benchmark.experiments.paper_sources import Sources, external_keys
-    from iclnuim.benchmark.experiments.recipes.paper import Paper
+    from iclnuim.benchmark.experiments.recipes.paper.recipe import Paper
+    from iclnuim.benchmark.experiments.recipes.paper.sources import Sources, external_keys
 
     if unknown := [name for name in args.presets if name not in PRESETS]:
         expected = f"presets of {', '.join(PRESETS)}"
@@ -223,7 +223,7 @@ def _films(args: Namespace, results: "list[Measured]", console: Console) -> dict
     """The films OUT/films/SEQUENCE.webm of the measured sequences that exist, by sequence; missing
     films are made.
     """
-    from iclnuim.benchmark.experiments.paper_sources import Sources
+    from iclnuim.benchmark.experiments.recipes.paper.sources import Sources
     from iclnuim.native_output import native_output_in
     from iclnuim.report.preview import write_web_film
 
@@ -246,11 +246,11 @@ def _films(args: Namespace, results: "list[Measured]", console: Console) -> dict
 
 def tables_of(results: "list[Measured]") -> list[ResultTable]:
     """All tables that are made from the measured cells."""
-    from iclnuim.benchmark.experiments.best_methods import best_methods_table
-    from iclnuim.benchmark.experiments.correlation import correlation_table
-    from iclnuim.benchmark.experiments.findings import findings_table
-    from iclnuim.benchmark.experiments.paper_figures import presets_of
-    from iclnuim.benchmark.experiments.paper_tables import all_tables
+    from iclnuim.benchmark.experiments.recipes.paper.best_methods import best_methods_table
+    from iclnuim.benchmark.experiments.recipes.paper.correlation import correlation_table
+    from iclnuim.benchmark.experiments.recipes.paper.figures import presets_of
+    from iclnuim.benchmark.experiments.recipes.paper.findings import findings_table
+    from iclnuim.benchmark.experiments.recipes.paper.tables import all_tables
 
     findings = [findings_table(results, preset) for preset in presets_of(results)]
     *tables, cells = all_tables(results)
@@ -260,7 +260,7 @@ def tables_of(results: "list[Measured]") -> list[ResultTable]:
 
 def _text(tables: list[ResultTable]) -> str:
     """The tables with a figure of ours; of few cells, these instead of the paper's tables."""
-    from iclnuim.benchmark.experiments.paper_tables import BRIEF_COLUMNS, has_ours
+    from iclnuim.benchmark.experiments.recipes.paper.tables import BRIEF_COLUMNS, has_ours
 
     *shown, cells = tables
     if len(cells.rows) <= _SCREEN:

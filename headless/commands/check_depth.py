@@ -10,10 +10,8 @@ import numpy as np
 from iclnuim import shipped
 from iclnuim.blender.open.run_frames import RunFrames
 from iclnuim.console import Console
-from iclnuim.dataset.run_folder import RunFolder, read_run
 from iclnuim.errors import InputError, within
 from iclnuim.formats.exr import read_exr
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.job import RenderJob
 from iclnuim.raycast.caster import RayCaster
@@ -26,6 +24,8 @@ from iclnuim.raycast.checks import (
     depth_summary,
     truth_summary,
 )
+from iclnuim.sequences.run_folder import RunFolder, read_run
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 from ..isolation import opened_scene
 from ..options import add_settings, common, count, given_settings

@@ -14,14 +14,14 @@ from typing import NamedTuple
 import numpy as np
 from iclnuim.channels import CHANNELS, DEPTH, FURTHER, RGB
 from iclnuim.console import Console
-from iclnuim.dataset.journal import JOURNAL
-from iclnuim.dataset.sequence_formats import FORMATS
-from iclnuim.dataset.stored_images import read_camera
 from iclnuim.errors import InputError, within
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.files import read_bytes, read_json
 from iclnuim.formats.images import ARRAY, read_array, read_colour8
 from iclnuim.formats.png import png_header, read_png
+from iclnuim.sequences.journal import JOURNAL
+from iclnuim.sequences.sequence_formats import FORMATS
+from iclnuim.sequences.stored_images import read_camera
 
 from ..options import common
 

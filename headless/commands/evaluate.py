@@ -18,8 +18,8 @@ from iclnuim.evaluation.relative_error import RelativeErrorSettings, parse_delta
 from iclnuim.formats.bags import is_bag
 from iclnuim.formats.files import atomic_write_text
 from iclnuim.formats.image_names import files_in
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.report.trajectory_report import ComparedFile, Report, error_text
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 from ..options import Actions, action, add_settings, settings_from, subcommands, trajectory_file
 from . import evaluate_labels, evaluate_surface
@@ -120,7 +120,7 @@ def _ground_truth(text: str) -> str:
     text = trajectory_file(text)
     if not os.path.isdir(text) or is_bag(text):
         return text
-    from iclnuim.dataset.sequence_poses import find_truth
+    from iclnuim.sequences.sequence_poses import find_truth
 
     # a folder of POV-Ray camera files is itself a trajectory
     if find_truth(Path(text)) is not None or files_in(Path(text), "*.txt"):
@@ -172,8 +172,8 @@ def _compared(
     """Ground truth and estimate, with the stamps of the same frames if one has none and no offset
     is given.
     """
-    from iclnuim.dataset.pose_lines import tied_to_poses
-    from iclnuim.dataset.sequence_poses import (
+    from iclnuim.sequences.pose_lines import tied_to_poses
+    from iclnuim.sequences.sequence_poses import (
         find_truth,
         load_truth,
         said_of_body,
@@ -198,7 +198,7 @@ def _compared(
 
 
 def run_views(args: Namespace, console: Console) -> None:
-    from iclnuim.dataset.rendered_views import view_errors
+    from iclnuim.sequences.rendered_views import view_errors
 
     def progress(total: int, label: str) -> Progress:
         return console.progress(total, label, "views")

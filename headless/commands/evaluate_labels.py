@@ -61,7 +61,7 @@ def add_classes(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace, console: Console) -> None:
-    from iclnuim.dataset.label_errors import label_errors
+    from iclnuim.labels.errors import label_errors
 
     if args.plot:
         from iclnuim.formats.files import check_picture
@@ -71,8 +71,8 @@ def run(args: Namespace, console: Console) -> None:
     if args.csv:
         atomic_write_text(args.csv, found.csv())
     if args.plot:
+        from iclnuim.labels.pictures import confusion_figure
         from iclnuim.report.charts import save
-        from iclnuim.report.label_pictures import confusion_figure
 
         save(confusion_figure(found), args.plot)
     values = {"folder": str(args.folder), "truth": str(args.truth), **found.to_dict()}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from iclnuim.console import Console, Meter
 from iclnuim.errors import InputError, named, within
-from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 from ..options import (
     Actions,
@@ -223,7 +223,7 @@ def _note_truth_alone(
     args: Namespace, estimate: "Trajectory", truth: "Trajectory", console: Console
 ) -> None:
     """Print a note if the true camera saw more than that of the estimate."""
-    from iclnuim.dataset.layout import posed
+    from iclnuim.sequences.layout import posed
 
     alone = int((~posed(truth.stamps_s, estimate)).sum())
     if alone > _NOTED_SHARE * len(truth):
@@ -270,7 +270,7 @@ def _fitted_transform(args: Namespace, given: "SE3", unit_m: float, console: Con
 
 def _poses_and_truth(args: Namespace) -> "tuple[Trajectory, Trajectory]":
     """--poses and --truth, with the stamps of the same frames."""
-    from iclnuim.dataset.pose_lines import tied_to_poses
+    from iclnuim.sequences.pose_lines import tied_to_poses
 
     estimate = read_trajectory(args.poses)
     with within(args.poses):

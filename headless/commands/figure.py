@@ -5,7 +5,7 @@ benchmark.
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from iclnuim.benchmark.experiments.paper_keys import PRESETS, PaperKey
+from iclnuim.benchmark.experiments.recipes.paper.keys import PRESETS, PaperKey
 from iclnuim.console import Console
 from iclnuim.formats.files import check_picture
 
@@ -47,9 +47,9 @@ def run(args: Namespace, console: Console) -> None:
         refuse_existing(target, "-o FILE")
     check_picture(target)
     require(console, "figure", "numba", "cv2", "embreex")
-    from iclnuim.benchmark.experiments.paper_charts import Material, draw
-    from iclnuim.benchmark.experiments.paper_sources import Sources
-    from iclnuim.benchmark.experiments.recipes.paper import KIND
+    from iclnuim.benchmark.experiments.recipes.paper.charts import Material, draw
+    from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND
+    from iclnuim.benchmark.experiments.recipes.paper.sources import Sources
     from iclnuim.benchmark.experiments.store import Store
     from iclnuim.report.charts import save
 

@@ -10,7 +10,7 @@ from iclnuim.console import Console
 from iclnuim.errors import InputError, StrPath
 from iclnuim.formats.files import check_file, is_file, read_json, write_json
 from iclnuim.formats.ply import write_ply
-from iclnuim.formats.trajectories import ANCHORED_WORLD, LoadedTrajectory
+from iclnuim.trajectory_files.trajectories import ANCHORED_WORLD, LoadedTrajectory
 
 from ..method_options import open_sequence, require
 from ..options import add_settings, common, settings_from, trajectory_file
@@ -81,8 +81,8 @@ def run(args: Namespace, console: Console) -> None:
 
 def _poses(args: Namespace) -> tuple[StrPath, LoadedTrajectory]:
     """The file of the poses, and the poses."""
-    from iclnuim.dataset.image_pairs import find_pairs
-    from iclnuim.dataset.sequence_poses import find_truth, load_poses, load_truth
+    from iclnuim.sequences.image_pairs import find_pairs
+    from iclnuim.sequences.sequence_poses import find_truth, load_poses, load_truth
 
     find_pairs(args.folder)  # a folder without a sequence is reported as such
     if args.poses:

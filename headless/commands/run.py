@@ -11,7 +11,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from iclnuim.benchmark.experiments.recipes.system import (
+from iclnuim.benchmark.experiments.recipes.system.recipe import (
     SystemRuns,
     read_results,
     system_store,

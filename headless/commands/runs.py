@@ -12,13 +12,13 @@ from pathlib import Path
 
 from iclnuim import shipped
 from iclnuim.console import Console
-from iclnuim.dataset.bags_and_logs import LogSettings
-from iclnuim.dataset.run_folder import load_trajectory
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob, read_recipe, shipped_job
+from iclnuim.sequences.bags.recorded import LogSettings
+from iclnuim.sequences.run_folder import load_trajectory
 
 from .. import options
 from ..farm import tasks

@@ -18,19 +18,6 @@ from typing import Any
 import numpy as np
 from iclnuim.channels import FURTHER
 from iclnuim.console import Console
-from iclnuim.dataset.bags_and_logs import LogSettings
-from iclnuim.dataset.coco import write_coco
-from iclnuim.dataset.frame_source import FrameSource, frames_with_poses
-from iclnuim.dataset.image_frames import image_frames, original_frames
-from iclnuim.dataset.inspection import inspect_sequence
-from iclnuim.dataset.label_frames import has_classes
-from iclnuim.dataset.layout import camera_file
-from iclnuim.dataset.metadata import write_metadata
-from iclnuim.dataset.packing import LICENCES, is_archive, pack, packed_licence, packed_names
-from iclnuim.dataset.rendered_frames import run_frames
-from iclnuim.dataset.sequence import SequenceWriter
-from iclnuim.dataset.sequence_formats import sequence_format
-from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, within
 from iclnuim.formats.depth_units import UNITS_PER_METRE, metres_from_depth16
 from iclnuim.formats.files import (
@@ -44,12 +31,25 @@ from iclnuim.formats.files import (
 )
 from iclnuim.formats.image_names import files_in
 from iclnuim.formats.png import read_depth16, read_rgb8
+from iclnuim.labels.coco import write_coco
+from iclnuim.labels.frames import has_classes
 from iclnuim.sensor.calibration import (
     DepthCalibration,
     RgbCalibration,
     calibrate_depth,
     calibrate_rgb,
 )
+from iclnuim.sequences.bags.recorded import LogSettings
+from iclnuim.sequences.frame_source import FrameSource, frames_with_poses
+from iclnuim.sequences.image_frames import image_frames, original_frames
+from iclnuim.sequences.inspection.inspect import inspect_sequence
+from iclnuim.sequences.layout import camera_file
+from iclnuim.sequences.metadata import write_metadata
+from iclnuim.sequences.packing import LICENCES, is_archive, pack, packed_licence, packed_names
+from iclnuim.sequences.rendered_frames import run_frames
+from iclnuim.sequences.sequence import SequenceWriter
+from iclnuim.sequences.sequence_formats import sequence_format
+from iclnuim.sequences.sequence_options import SequenceOptions
 
 from ..options import add_out, add_rerun, add_settings, checked_rerun, common, count, settings_from
 from ..outputs import refuse_existing
@@ -330,7 +330,7 @@ def _inspect(args: Namespace, console: Console) -> int:
         for path in draw_preview(args.folder, args.preview, console.progress):
             console.note(f"{path} written")
         if has_classes(args.folder):
-            from iclnuim.report.label_pictures import draw_classes
+            from iclnuim.labels.pictures import draw_classes
 
             console.note(f"{draw_classes(args.folder, args.preview)} written")
     if args.coco is not None:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from iclnuim.benchmark.odometry.registry import names
 from iclnuim.benchmark.systems.system import System, read_system
 from iclnuim.console import Console
-from iclnuim.dataset.frame_pool import cores
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import make_folder, write_json
+from iclnuim.sequences.frame_pool import cores
 
 from ..method_options import installed, require
 from ..options import add_frames, common, count
@@ -21,8 +21,8 @@ from ..planned_work import PlannedWork, add_dry_run, told
 from ..sequence_options import note_sequence
 
 if TYPE_CHECKING:
-    from iclnuim.benchmark.experiments.recipes.stress import Stress
-    from iclnuim.benchmark.experiments.stress_tables import Summary
+    from iclnuim.benchmark.experiments.recipes.stress.recipe import Stress
+    from iclnuim.benchmark.experiments.recipes.stress.tables import Summary
     from iclnuim.benchmark.perturbations.plan import Plan
 
 #: Core-seconds to perturb and track a frame, in the mean of the odometers.
@@ -126,10 +126,14 @@ def run(args: Namespace, console: Console) -> None:
         return
     # set before Open3D is loaded, as its results depend on the number of threads
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from iclnuim.benchmark.experiments.cells_file import chosen, read_cells, write_cells
-    from iclnuim.benchmark.experiments.recipes.stress import KIND
+    from iclnuim.benchmark.experiments.recipes.stress.cells_file import (
+        chosen,
+        read_cells,
+        write_cells,
+    )
+    from iclnuim.benchmark.experiments.recipes.stress.recipe import KIND
+    from iclnuim.benchmark.experiments.recipes.stress.tables import Summary
     from iclnuim.benchmark.experiments.store import Store
-    from iclnuim.benchmark.experiments.stress_tables import Summary
 
     given = read_cells(args.cells) if args.cells else {}
     plan = replace(plan, frames=_segment(args.first) or plan.frames)
@@ -157,7 +161,7 @@ def _report(args: Namespace, console: Console, summary: "Summary") -> None:
     write_json(args.out / "stress.json", summary.to_dict())
     console.note(f"{summary.write(args.out)} written")
     if args.plot:
-        from iclnuim.benchmark.experiments.stress_chart import figure
+        from iclnuim.benchmark.experiments.recipes.stress.chart import figure
         from iclnuim.report import charts
 
         charts.save(figure(summary), args.plot)
@@ -175,7 +179,7 @@ def _work(stress: "Stress", cells: int, workers: int) -> PlannedWork:
 def _experiment(args: Namespace, console: Console, plan: "Plan", may_be_empty: bool) -> "Stress":
     """The experiment that the options describe. may_be_empty: it may have no sequence."""
     from iclnuim.benchmark.experiments.inputs import Input, rendered_name
-    from iclnuim.benchmark.experiments.recipes.stress import Stress
+    from iclnuim.benchmark.experiments.recipes.stress.recipe import Stress
     from iclnuim.benchmark.odometry.run import Sequence
 
     texts = args.only or [""]

@@ -11,10 +11,10 @@ from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.formats.files import check_file
 from iclnuim.formats.scene_model import SceneModel, obj_parts, write_obj, write_ply
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.se3 import SE3
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 from ..isolation import opened_scene
 from ..options import SCENE_KINDS, add_scene_options, common, settings_from

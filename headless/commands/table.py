@@ -5,8 +5,12 @@ trajectories, the others from a benchmark.
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from iclnuim.benchmark.experiments.paper_keys import PRESETS
-from iclnuim.benchmark.experiments.paper_tables import preset_tables, table_1, trajectory_rows
+from iclnuim.benchmark.experiments.recipes.paper.keys import PRESETS
+from iclnuim.benchmark.experiments.recipes.paper.tables import (
+    preset_tables,
+    table_1,
+    trajectory_rows,
+)
 from iclnuim.benchmark.experiments.table import FORMATS
 from iclnuim.console import Console
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from iclnuim.console import Console
-from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry import trajectory as trajectories
 from iclnuim.geometry.scene_axes import SceneReading
+from iclnuim.trajectory_files.trajectories import write_trajectory
 
 from ..isolation import opened_scene
 from ..options import (

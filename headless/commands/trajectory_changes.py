@@ -10,11 +10,11 @@ from functools import partial
 import numpy as np
 from iclnuim.console import Console
 from iclnuim.errors import InputError
-from iclnuim.formats import trajectories as files
 from iclnuim.geometry import trajectory as trajectories
 from iclnuim.geometry.scene_axes import parse_unit
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.trajectory_files import trajectories as files
 
 from ..options import Actions, action, trajectory_file
 from .trajectory_options import FILE, add_reading, check_out, loaded

@@ -21,13 +21,13 @@ from iclnuim.formats.files import (
     read_json,
     read_text,
 )
-from iclnuim.formats.trajectories import TUM_HEADER
 from iclnuim.geometry import handheld
 from iclnuim.geometry import trajectory as trajectories
 from iclnuim.geometry.handheld_plan import PlanSettings, Waypoint, plan
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.raycast.scene_route import planned_in_rooms, space_around
+from iclnuim.trajectory_files.trajectories import TUM_HEADER
 
 from ..isolation import opened_scene
 from ..options import Actions, action, add_scene_options, add_settings, settings_from

@@ -3,9 +3,9 @@
 from argparse import ArgumentParser, Namespace
 
 from iclnuim.errors import StrPath
-from iclnuim.formats import trajectories as files
 from iclnuim.formats.files import check_file
 from iclnuim.geometry.scene_axes import parse_unit
+from iclnuim.trajectory_files import trajectories as files
 
 from ..outputs import refuse_existing
 

@@ -6,8 +6,8 @@ Each sequence can be resumed separately, and so can the whole.
 from collections.abc import Callable, Sequence
 
 from iclnuim.console import Console, Progress
-from iclnuim.dataset.journal import read_entries
 from iclnuim.errors import IclnuimError, WorkError
+from iclnuim.sequences.journal import read_entries
 
 from ..options import option_name
 from .run_plan import RunPlan

@@ -4,9 +4,9 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from iclnuim.console import Console
-from iclnuim.dataset.run_folder import trajectory_file
 from iclnuim.errors import InputError
-from iclnuim.formats.trajectories import read_trajectory
+from iclnuim.sequences.run_folder import trajectory_file
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 from . import held_out, slurm
 from .chunks import own_cores

@@ -11,14 +11,14 @@ import numpy as np
 from iclnuim import shipped
 from iclnuim.blender.open.run_frames import RunFrames
 from iclnuim.console import Console
-from iclnuim.dataset.record import Record
-from iclnuim.dataset.run_folder import load_trajectory, read_run
 from iclnuim.errors import InputError
 from iclnuim.formats.files import make_folder, read_bytes, sha256, write_json
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.held_out import check_held_out, choose_held_out
+from iclnuim.sequences.record import Record
+from iclnuim.sequences.run_folder import load_trajectory, read_run
+from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 from iclnuim.version import __version__
 
 from ..isolation import opened_scene, run_isolated

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import TypeVar
 
 from iclnuim.console import Console
-from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import atomic_write
 from iclnuim.job import RenderJob
+from iclnuim.sequences.run_folder import RunFolder, load_trajectory, read_run
 from iclnuim.worker_events import (
     Baked,
     Baking,

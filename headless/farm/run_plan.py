@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from iclnuim.blender.open.blend_file import may_simulate
-from iclnuim.dataset.bags_and_logs import LogSettings
-from iclnuim.dataset.rendered_frames import frames_of_run
-from iclnuim.dataset.run_folder import read_run
-from iclnuim.dataset.sequence import complete_frames
-from iclnuim.dataset.sequence_options import SequenceOptions, SequenceSettings
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_json, write_json
 from iclnuim.job import RenderJob
+from iclnuim.sequences.bags.recorded import LogSettings
+from iclnuim.sequences.rendered_frames import frames_of_run
+from iclnuim.sequences.run_folder import read_run
+from iclnuim.sequences.sequence import complete_frames
+from iclnuim.sequences.sequence_options import SequenceOptions, SequenceSettings
 from iclnuim.settings import refuse_unknown
 
 from .chunks import numbers_from, numbers_text

@@ -5,12 +5,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from iclnuim.dataset.journal import read_entries
-from iclnuim.dataset.rendered_frames import frames_of_run
-from iclnuim.dataset.run_folder import RunFolder, load_trajectory, read_run
-from iclnuim.dataset.sequence import complete_frames
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
+from iclnuim.sequences.journal import read_entries
+from iclnuim.sequences.rendered_frames import frames_of_run
+from iclnuim.sequences.run_folder import RunFolder, load_trajectory, read_run
+from iclnuim.sequences.sequence import complete_frames
 
 from . import held_out, slurm_queue
 from .lock import OutputLock

@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from iclnuim.console import Console
-from iclnuim.dataset.recipe import read_recipe
-from iclnuim.dataset.record import Record
-from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import InputError, WorkError
+from iclnuim.sequences.recipe import read_recipe
+from iclnuim.sequences.record import Record
+from iclnuim.sequences.run_folder import read_run
 
 from .chunks import Chunk, chunks_of, size_for_seconds
 from .estimate import CostEstimate, estimate

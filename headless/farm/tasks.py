@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from iclnuim.console import Console
-from iclnuim.dataset.frame_pool import FramePool
-from iclnuim.dataset.journal import JournalEntry
-from iclnuim.dataset.rendered_frames import frames_of_run
-from iclnuim.dataset.run_folder import RunFolder, read_run
-from iclnuim.dataset.sequence import FrameMaker, SequenceWriter, images_of
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import locked
+from iclnuim.sequences.frame_pool import FramePool
+from iclnuim.sequences.journal import JournalEntry
+from iclnuim.sequences.rendered_frames import frames_of_run
+from iclnuim.sequences.run_folder import RunFolder, read_run
+from iclnuim.sequences.sequence import FrameMaker, SequenceWriter, images_of
 from iclnuim.worker_events import Event, FrameDone, Ready
 
 from . import estimate

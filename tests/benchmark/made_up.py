@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim.benchmark.experiments.cell import Cell, Measured
-from iclnuim.benchmark.experiments.paper_keys import PaperKey, all_keys
-from iclnuim.benchmark.experiments.recipes.paper import KIND
+from iclnuim.benchmark.experiments.recipes.paper.keys import PaperKey, all_keys
+from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND
 from iclnuim.benchmark.experiments.store import Store
 
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")

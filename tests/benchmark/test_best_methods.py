@@ -3,8 +3,11 @@
 from dataclasses import replace
 
 import pytest
-from iclnuim.benchmark.experiments.best_methods import best_methods_table, errors_by_condition
-from iclnuim.benchmark.experiments.paper_keys import PaperKey
+from iclnuim.benchmark.experiments.recipes.paper.best_methods import (
+    best_methods_table,
+    errors_by_condition,
+)
+from iclnuim.benchmark.experiments.recipes.paper.keys import PaperKey
 from made_up import external, result
 
 

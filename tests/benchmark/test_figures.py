@@ -3,10 +3,10 @@
 import cv2
 import numpy as np
 import pytest
-from iclnuim.benchmark.experiments.paper_charts import FIGURES, Material, draw
-from iclnuim.benchmark.experiments.paper_keys import PaperKey
-from iclnuim.benchmark.experiments.paper_sources import Sources
-from iclnuim.benchmark.experiments.recipes.paper import KIND
+from iclnuim.benchmark.experiments.recipes.paper.charts import FIGURES, Material, draw
+from iclnuim.benchmark.experiments.recipes.paper.keys import PaperKey
+from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND
+from iclnuim.benchmark.experiments.recipes.paper.sources import Sources
 from iclnuim.benchmark.experiments.store import Store
 from iclnuim.benchmark.fusion.pictures import clay
 from iclnuim.errors import InputError

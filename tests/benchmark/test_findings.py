@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from iclnuim.benchmark.experiments.correlation import (
+from iclnuim.benchmark.experiments.recipes.paper.correlation import (
     MIN_CELLS,
     correlation,
     correlation_table,
     interval,
 )
-from iclnuim.benchmark.experiments.findings import (
+from iclnuim.benchmark.experiments.recipes.paper.figures import Ours, Printed
+from iclnuim.benchmark.experiments.recipes.paper.findings import (
     FAILS,
     HOLDS,
     RULES,
@@ -21,8 +22,11 @@ from iclnuim.benchmark.experiments.findings import (
     findings_table,
     verdict,
 )
-from iclnuim.benchmark.experiments.paper_figures import Ours, Printed
-from iclnuim.benchmark.experiments.paper_keys import all_keys, family, lambertian_keys
+from iclnuim.benchmark.experiments.recipes.paper.keys import (
+    all_keys,
+    family,
+    lambertian_keys,
+)
 from made_up import only, result, results, with_errors
 from scipy import stats
 

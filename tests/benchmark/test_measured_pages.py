@@ -10,8 +10,8 @@ from dataclasses import replace
 import pytest
 
 pytest.importorskip("numba")
-from iclnuim.benchmark.experiments.paper_keys import all_keys  # noqa: E402
-from iclnuim.benchmark.experiments.recipes.paper import KIND, code_of_trajectory  # noqa: E402
+from iclnuim.benchmark.experiments.recipes.paper.keys import all_keys  # noqa: E402
+from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND, code_of_trajectory  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.headless import cli  # noqa: E402
 from iclnuim.tools import measured_pages, measured_tables  # noqa: E402

@@ -7,12 +7,12 @@ import pytest
 
 pytest.importorskip("cv2")
 from iclnuim import shipped  # noqa: E402
-from iclnuim.benchmark.experiments.paper_measure import _drawn  # noqa: E402
-from iclnuim.benchmark.experiments.paper_surface import _draw  # noqa: E402
+from iclnuim.benchmark.experiments.recipes.paper.measure import _drawn  # noqa: E402
+from iclnuim.benchmark.experiments.recipes.paper.surface import _draw  # noqa: E402
 from iclnuim.benchmark.fusion.mesh import Mesh  # noqa: E402
 from iclnuim.evaluation.absolute_error import absolute_error  # noqa: E402
 from iclnuim.formats.images import read_colour8  # noqa: E402
-from iclnuim.formats.trajectories import read_trajectory  # noqa: E402
+from iclnuim.trajectory_files.trajectories import read_trajectory  # noqa: E402
 
 
 def beside_m(points_m, line_m):

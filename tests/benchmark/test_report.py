@@ -83,7 +83,7 @@ def test_what_failed_is_said_and_does_not_become_markup(report):
 
 @pytest.mark.slow
 def test_pictures_beyond_the_limit_are_left_out(report, monkeypatch):
-    from iclnuim.benchmark.experiments import paper_page
+    from iclnuim.benchmark.experiments.recipes.paper import page as paper_page
 
     monkeypatch.setattr(paper_page, "_PICTURES", 10)
     assert cli.main(["benchmark", "--report-only", "--out", str(report.parent), "--quiet"]) == 0

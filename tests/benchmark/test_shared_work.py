@@ -17,9 +17,10 @@ from iclnuim.headless import cli
 
 pytest.importorskip("embreex")
 pytest.importorskip("igl")
-from iclnuim.benchmark.experiments import pool, seen_cache  # noqa: E402
-from iclnuim.benchmark.experiments.paper_sources import Sources  # noqa: E402
-from iclnuim.benchmark.experiments.recipes.paper import Paper  # noqa: E402
+from iclnuim.benchmark.experiments import pool
+from iclnuim.benchmark.experiments.recipes.paper import seen_cache
+from iclnuim.benchmark.experiments.recipes.paper.recipe import Paper  # noqa: E402
+from iclnuim.benchmark.experiments.recipes.paper.sources import Sources  # noqa: E402
 from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality  # noqa: E402
 from iclnuim.benchmark.fusion.settings import QualitySettings  # noqa: E402
 from iclnuim.benchmark.fusion.surface_error import TrueSurface  # noqa: E402

@@ -8,9 +8,18 @@ import json
 from dataclasses import replace
 
 import pytest
-from iclnuim.benchmark.experiments.paper_figures import paper
-from iclnuim.benchmark.experiments.paper_keys import PaperKey, all_keys, chosen, paper_titles
-from iclnuim.benchmark.experiments.paper_tables import all_tables, cells_table, preset_tables
+from iclnuim.benchmark.experiments.recipes.paper.figures import paper
+from iclnuim.benchmark.experiments.recipes.paper.keys import (
+    PaperKey,
+    all_keys,
+    chosen,
+    paper_titles,
+)
+from iclnuim.benchmark.experiments.recipes.paper.tables import (
+    all_tables,
+    cells_table,
+    preset_tables,
+)
 from iclnuim.benchmark.experiments.table import ResultTable
 from iclnuim.errors import InputError
 from iclnuim.headless import cli

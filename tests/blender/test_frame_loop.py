@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from iclnuim.dataset.run_folder import read_run
 from iclnuim.errors import WorkError
 from iclnuim.formats.exr import read_exr
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import RenderJob
+from iclnuim.sequences.run_folder import read_run
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 
 def frames(out):

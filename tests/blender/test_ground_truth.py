@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from iclnuim.blender.render import ground_truth as classes
 from iclnuim.channels import CHANNELS, FURTHER, normal16
-from iclnuim.dataset.rendered_frames import run_frames
-from iclnuim.dataset.run_folder import read_run
-from iclnuim.dataset.sequence import write_sequence
-from iclnuim.dataset.sequence_options import SequenceSettings
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import read_depth16, read_rgb16
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.sensor.models import depth_model, rgb_model
+from iclnuim.sequences.rendered_frames import run_frames
+from iclnuim.sequences.run_folder import read_run
+from iclnuim.sequences.sequence import write_sequence
+from iclnuim.sequences.sequence_options import SequenceSettings
+from iclnuim.trajectory_files.trajectories import read_trajectory
 from patience import patience
 
 o3d = pytest.importorskip("open3d")

@@ -13,12 +13,12 @@ bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
 from iclnuim.blender.render import worker  # noqa: E402
-from iclnuim.dataset.ground_truth import FurtherImages  # noqa: E402
-from iclnuim.formats.trajectories import write_trajectory  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 from iclnuim.geometry.se3 import SE3  # noqa: E402
 from iclnuim.geometry.trajectory import Trajectory  # noqa: E402
 from iclnuim.job import RenderJob  # noqa: E402
+from iclnuim.sequences.ground_truth import FurtherImages  # noqa: E402
+from iclnuim.trajectory_files.trajectories import write_trajectory  # noqa: E402
 
 FRAMES = 5
 

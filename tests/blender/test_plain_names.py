@@ -9,8 +9,8 @@ from iclnuim.blender import surfaces  # noqa: E402
 from iclnuim.blender.light import scene_key  # noqa: E402
 from iclnuim.blender.open import changes, plain_names, scene  # noqa: E402
 from iclnuim.channels import CHANNELS  # noqa: E402
-from iclnuim.dataset.ground_truth import FurtherImages  # noqa: E402
 from iclnuim.formats.files import write_json  # noqa: E402
+from iclnuim.sequences.ground_truth import FurtherImages  # noqa: E402
 
 
 def test_names_of_a_scene_are_one_line_each():

@@ -20,10 +20,10 @@ from iclnuim.blender.open.light_choice import reason_against_baking  # noqa: E40
 from iclnuim.blender.render import camera, frames, settings, worker  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.exr import read_exr  # noqa: E402
-from iclnuim.formats.trajectories import read_trajectory  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 from iclnuim.job import RenderJob  # noqa: E402
 from iclnuim.sensor.transfer import srgb8  # noqa: E402
+from iclnuim.trajectory_files.trajectories import read_trajectory  # noqa: E402
 from iclnuim.worker_events import FrameDone, Note  # noqa: E402
 
 #: The default run takes these.

@@ -20,13 +20,13 @@ from iclnuim.blender.open.run_frames import RunFrames  # noqa: E402
 from iclnuim.blender.render import worker  # noqa: E402
 from iclnuim.console import Console  # noqa: E402
 from iclnuim.errors import InputError, WorkError  # noqa: E402
-from iclnuim.formats.trajectories import write_trajectory  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 from iclnuim.geometry.se3 import SE3  # noqa: E402
 from iclnuim.geometry.trajectory import Trajectory  # noqa: E402
 from iclnuim.headless.farm import tasks  # noqa: E402
 from iclnuim.headless.farm.run_plan import RunPlan  # noqa: E402
 from iclnuim.job import RenderJob  # noqa: E402
+from iclnuim.trajectory_files.trajectories import write_trajectory  # noqa: E402
 
 FRAMES = 11
 #: Those of each run that a test of all classes renders.

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.headless import cli
+from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
 sys.path.insert(0, str(Path(__file__).parent))
 from paired_poses import Pairs  # noqa: E402

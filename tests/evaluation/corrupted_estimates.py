@@ -5,9 +5,9 @@ files that make such an estimate worse than it is. Everything is drawn from the 
 from pathlib import Path
 
 import numpy as np
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 ROOMS = sorted((REPOSITORY / "trajectories").glob("*/*.txt"))

@@ -200,7 +200,7 @@ def test_estimates_that_have_nothing_to_do_with_the_truth_are_not_called_mirrore
 
 
 def test_the_official_office_path_mirrored_is_recognised(samples):
-    from iclnuim.formats.trajectories import read_trajectory
+    from iclnuim.trajectory_files.trajectories import read_trajectory
 
     right = read_trajectory(samples / "or_kt0/traj0.gt.freiburg").trajectory.T_world_camera
     left = read_trajectory(

@@ -7,8 +7,8 @@ import collections
 import numpy as np
 import pytest
 from corrupted_sequence import KINDS, corrupted
-from iclnuim.evaluation.depth_against_poses import agreement
-from iclnuim.evaluation.depth_pairs import depth_residuals
+from iclnuim.doubt.depth_against_poses import agreement
+from iclnuim.doubt.depth_pairs import depth_residuals
 from iclnuim.geometry.se3 import SE3
 from moving_box import CAMERA, depth_z_m, hand_held, kinect
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from iclnuim.evaluation.depth_blocks import DepthBlocks
-from iclnuim.evaluation.depth_pairs import DepthPairs, depth_residuals
+from iclnuim.doubt.depth_blocks import DepthBlocks
+from iclnuim.doubt.depth_pairs import DepthPairs, depth_residuals
 from iclnuim.geometry.se3 import SE3
 from moving_box import CAMERA, depth_z_m, hand_held, kinect
 

@@ -6,8 +6,8 @@ import pytest
 from iclnuim.errors import InputError
 from iclnuim.evaluation.align import AlignmentSettings
 from iclnuim.evaluation.relative_error import RelativeErrorSettings
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
+from iclnuim.trajectory_files.trajectories import read_trajectory
 from paired_poses import Pairs, absolute_error_of_pairs, relative_error_of_pairs
 
 trajectory = pytest.importorskip("evo.core.trajectory", reason="evo is the judge")

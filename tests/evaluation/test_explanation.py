@@ -9,18 +9,18 @@ import corrupted_estimates
 import numpy as np
 import pytest
 from corrupted_estimates import KINDS, OF_TIME, corrupted, estimate_of, truth_of
+from iclnuim.doubt.constant_transform import rotation_name
+from iclnuim.doubt.explanation import explain
+from iclnuim.doubt.fit import Fit
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
 from iclnuim.evaluation.compared_poses import Errors
-from iclnuim.evaluation.constant_transform import rotation_name
-from iclnuim.evaluation.explanation import explain
-from iclnuim.evaluation.fit import Fit
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless import cli
 from iclnuim.report.trajectory_report import ComparedFile, Report
+from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
 RPE = RelativeErrorSettings(10.0)
 SETTINGS = (AbsoluteErrorSettings(), RPE)

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
+from iclnuim.doubt.fit import Fit
 from iclnuim.evaluation.compared_poses import Errors
-from iclnuim.evaluation.fit import Fit
 
 GIVEN = Errors(position_m=1.0, motion_m=0.2, turn_rad=0.1)
 

@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 import pytest
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless import cli
+from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
 NOISE_M = 0.003
 

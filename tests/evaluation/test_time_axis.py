@@ -11,9 +11,9 @@ from iclnuim.errors import InputError
 from iclnuim.evaluation import time_axis
 from iclnuim.evaluation.absolute_error import absolute_error
 from iclnuim.evaluation.time_axis import TimeAxis, best_offset, best_scales, rms_m
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 
 def estimate_of(truth, shift_s, noise=0.003, every=1, seed=0):

@@ -6,11 +6,11 @@ import argparse
 
 import pytest
 from iclnuim.console import Console
-from iclnuim.dataset.journal import JournalEntry
 from iclnuim.errors import InputError, WorkError
 from iclnuim.headless.cli import main
 from iclnuim.headless.commands.runs import configure_make, every_plan
 from iclnuim.headless.farm.all_sequences import make_all
+from iclnuim.sequences.journal import JournalEntry
 from iclnuim.shipped import paper_sequences
 
 

@@ -11,11 +11,11 @@ import sys
 
 import pytest
 from iclnuim import shipped
-from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.commands.runs import configure_make, configure_task
 from iclnuim.headless.farm.chunks import numbers_from
 from iclnuim.job import RenderJob
+from iclnuim.sequences.sequence_options import SequenceOptions
 from iclnuim.settings import declared
 from patience import patience
 

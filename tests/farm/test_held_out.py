@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from iclnuim import shipped
 from iclnuim.console import Console
-from iclnuim.dataset.run_folder import open_run
 from iclnuim.errors import InputError
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.headless.commands.runs import configure_make, plan_from
 from iclnuim.headless.farm import held_out
 from iclnuim.headless.farm.run_plan import RunPlan
 from iclnuim.headless.farm.run_state import run_state
+from iclnuim.sequences.run_folder import open_run
+from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
 
 def plan_of(out, *words) -> RunPlan:
@@ -128,9 +128,9 @@ def test_make_renders_views_that_see_what_training_saw(tmp_path, command_here):
     """Judged by the images: nearly every pixel of a view is where some training frame has the same
     depth, in the same colour.
     """
-    from iclnuim.dataset.image_pairs import find_pairs
-    from iclnuim.dataset.sequence_poses import read_truth
-    from iclnuim.dataset.stored_images import read_camera, read_images
+    from iclnuim.sequences.image_pairs import find_pairs
+    from iclnuim.sequences.sequence_poses import read_truth
+    from iclnuim.sequences.stored_images import read_camera, read_images
 
     words = ["make", "kt2", "--quick", "--camera", "160x120", "-o", tmp_path, "--quiet"]
     assert command_here(*words, "--held-out", "kt2")[0] == 2 and not (tmp_path / "raw").exists()

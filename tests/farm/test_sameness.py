@@ -6,12 +6,12 @@ import json
 
 import numpy as np
 import pytest
-from iclnuim.dataset.run_folder import load_trajectory, open_run
 from iclnuim.formats.files import write_json
 from iclnuim.formats.png import write_png
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
 from iclnuim.job import shipped_job
+from iclnuim.sequences.run_folder import load_trajectory, open_run
 
 RNG = np.random.default_rng(5)
 RGB, Z_M = RNG.uniform(0, 1, (30, 40, 3)), RNG.uniform(1, 4, (30, 40))

@@ -6,13 +6,13 @@ import textwrap
 
 import pytest
 from iclnuim.console import Console
-from iclnuim.dataset.run_folder import load_trajectory, open_run
 from iclnuim.errors import WorkError
 from iclnuim.headless.cli import main
 from iclnuim.headless.farm import estimate, rendering, run_plan, tasks
 from iclnuim.headless.farm.farm_settings import limit_minutes
 from iclnuim.headless.farm.run_plan import RunPlan
 from iclnuim.job import shipped_job
+from iclnuim.sequences.run_folder import load_trajectory, open_run
 
 PRETENDER = textwrap.dedent("""
     import json, sys, time

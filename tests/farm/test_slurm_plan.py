@@ -8,10 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from iclnuim.dataset.rendered_frames import frames_of_run
-from iclnuim.dataset.run_folder import load_trajectory, open_run
-from iclnuim.dataset.sequence import SequenceWriter
-from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
@@ -20,6 +16,10 @@ from iclnuim.headless.farm import estimate, run_plan, slurm, slurm_queue, tasks
 from iclnuim.headless.farm.farm_settings import SlurmSettings, minutes, read_settings
 from iclnuim.headless.farm.run_plan import RECORD, RunPlan, find_run, read_plan
 from iclnuim.job import shipped_job
+from iclnuim.sequences.rendered_frames import frames_of_run
+from iclnuim.sequences.run_folder import load_trajectory, open_run
+from iclnuim.sequences.sequence import SequenceWriter
+from iclnuim.sequences.sequence_options import SequenceOptions
 
 TINY = ("--camera", "16x12", "--frames", "0:10")
 

@@ -7,8 +7,6 @@ import sys
 
 import numpy as np
 import pytest
-from iclnuim.dataset.run_folder import load_trajectory, open_run
-from iclnuim.dataset.sequence_options import SequenceOptions
 from iclnuim.formats.files import write_json
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
@@ -17,6 +15,8 @@ from iclnuim.headless.farm.lock import OutputLock
 from iclnuim.headless.farm.run_plan import RunPlan
 from iclnuim.headless.farm.tasks import SequenceStage
 from iclnuim.job import shipped_job
+from iclnuim.sequences.run_folder import load_trajectory, open_run
+from iclnuim.sequences.sequence_options import SequenceOptions
 
 
 @pytest.fixture

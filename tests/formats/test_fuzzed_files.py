@@ -12,16 +12,17 @@ import numpy as np
 import pytest
 from iclnuim import frames_from
 from iclnuim.benchmark.fusion.reconstruction import read_reconstruction
-from iclnuim.dataset import label_classes
-from iclnuim.dataset.image_pairs import ImagePair, find_pairs
-from iclnuim.dataset.label_classes import read_class_map
-from iclnuim.dataset.rendered_views import read_keyframes
-from iclnuim.dataset.sequence import write_sequence
-from iclnuim.dataset.sequence_formats import FORMATS as LAYOUTS
-from iclnuim.dataset.sequence_poses import read_truth
-from iclnuim.dataset.stored_images import read_camera, read_depth_m
 from iclnuim.errors import InputError
-from iclnuim.formats.associations import (
+from iclnuim.formats.images import read_colour8
+from iclnuim.formats.meshes import read_mesh_or_cloud
+from iclnuim.formats.png import chunk, write_png
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.labels import classes as label_classes
+from iclnuim.labels.classes import read_class_map
+from iclnuim.labels.images import read_label_image
+from iclnuim.sequences.associations import (
     Associations,
     ImageList,
     read_associations,
@@ -29,14 +30,13 @@ from iclnuim.formats.associations import (
     write_associations,
     write_image_list,
 )
-from iclnuim.formats.images import read_colour8
-from iclnuim.formats.label_images import read_label_image
-from iclnuim.formats.meshes import read_mesh_or_cloud
-from iclnuim.formats.png import chunk, write_png
-from iclnuim.formats.trajectories import FORMATS, read_trajectory, trajectory_text
-from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.geometry.se3 import SE3
-from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.sequences.image_pairs import ImagePair, find_pairs
+from iclnuim.sequences.rendered_views import read_keyframes
+from iclnuim.sequences.sequence import write_sequence
+from iclnuim.sequences.sequence_formats import FORMATS as LAYOUTS
+from iclnuim.sequences.sequence_poses import read_truth
+from iclnuim.sequences.stored_images import read_camera, read_depth_m
+from iclnuim.trajectory_files.trajectories import FORMATS, read_trajectory, trajectory_text
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 import mesh_files as made  # noqa: E402
@@ -255,7 +255,7 @@ def content_of(format: str) -> bytes:
 
 
 def test_every_format_is_fuzzed():
-    """Bags in tests/dataset/test_fuzzed_bags.py."""
+    """Bags in tests/sequences/test_fuzzed_bags.py."""
     assert set(NAMES) == set(FORMATS) - {"rosbag"}
 
 
@@ -513,7 +513,7 @@ def test_damaged_tables_of_classes_are_read_or_refused(tmp_path, name, files):
     lines = ["id,class,truth,thing,red,green,blue", "0,void,,,,,", "1,wall,a|b,0,1,2,3"]
     data = "\n".join([*lines, '7,"a, b",c,,255,0,0', "9,sofa,,1,4,5,6", ""]).encode()
     if name != "colours":
-        data = (Path(label_classes.__file__).parent / f"classes/{name}.csv").read_bytes()
+        data = (Path(label_classes.__file__).parent / f"class_maps/{name}.csv").read_bytes()
 
     def check(table) -> None:
         count = len(table.classes)

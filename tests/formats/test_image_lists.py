@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
-from iclnuim.formats.associations import (
+from iclnuim.sequences.associations import (
     Associations,
     ImageList,
     read_associations,

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from iclnuim.errors import InputError, WorkError
-from iclnuim.formats.associations import (
+from iclnuim.formats.files import atomic_write, process_is_running
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.sequences.associations import (
     Associations,
     ImageList,
     write_associations,
     write_image_list,
 )
-from iclnuim.formats.files import atomic_write, process_is_running
-from iclnuim.formats.trajectories import write_trajectory
-from iclnuim.geometry.se3 import SE3
-from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.trajectory_files.trajectories import write_trajectory
 
 WALK = Trajectory.at_rate(SE3.exp(np.random.default_rng(0).normal(size=(2000, 6)) * 0.1))
 IMAGES = ImageList(tuple(i / 30 for i in range(2000)), tuple(f"depth/{i}.png" for i in range(2000)))

@@ -7,9 +7,9 @@ import subprocess
 import numpy as np
 import pytest
 from iclnuim.formats.png import write_png
-from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.trajectory_files.trajectories import write_trajectory
 
 pytest.importorskip("numba")
 pytest.importorskip("embreex")
@@ -380,7 +380,7 @@ def test_a_sequence_is_fused_and_judged_by_the_commands(sequence, tmp_path, icl)
 def test_a_surface_in_the_first_cameras_frame_is_laid_on_the_model_by_the_first_poses(
     sequence, tmp_path, icl
 ):
-    from iclnuim.formats.trajectories import read_trajectory
+    from iclnuim.trajectory_files.trajectories import read_trajectory
 
     truth = read_trajectory(sequence / "groundtruth.txt").trajectory
     own = Trajectory(truth.stamps_s, truth.T_world_camera[0].inverse() @ truth.T_world_camera)

@@ -7,11 +7,11 @@ import pytest
 from iclnuim import shipped
 from iclnuim.errors import InputError
 from iclnuim.formats.ply import write_ply
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry import so3
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
 pytest.importorskip("embreex")
 pytest.importorskip("igl")

@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pytest
 from iclnuim import postprocess
-from iclnuim.dataset.image_frames import image_frames
-from iclnuim.dataset.run_folder import open_run, read_run
 from iclnuim.formats.files import read_json, write_json
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.cli import main
+from iclnuim.sequences.image_frames import image_frames
+from iclnuim.sequences.run_folder import open_run, read_run
 
 
 @pytest.fixture

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry import axes
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless import cli
 from iclnuim.report.trajectory_report import significant
+from iclnuim.trajectory_files.trajectories import write_trajectory
 from patience import patience
 
 

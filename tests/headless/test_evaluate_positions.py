@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from iclnuim.formats.trajectories import trajectory_text
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless import cli
+from iclnuim.trajectory_files.trajectories import trajectory_text
 
 COUNT = 60
 RNG = np.random.default_rng(7)

@@ -41,7 +41,7 @@ def sabotaged(tmp_path):
 def test_in_a_command(sabotaged, repository):
     path = repository / "trajectories/living_room/kt2.txt"
     done = sabotaged(
-        "iclnuim.formats.trajectories",
+        "iclnuim.trajectory_files.trajectories",
         "read_trajectory",
         "-m",
         "iclnuim",
@@ -68,6 +68,6 @@ def test_in_a_worker(sabotaged, repository, tmp_path):
         "--out",
         "raw",
     )
-    done = sabotaged("iclnuim.dataset.run_folder", "RunFolder.write_frame", *words)
+    done = sabotaged("iclnuim.sequences.run_folder", "RunFolder.write_frame", *words)
     assert done.returncode == 3, done.stderr
     assert "sabotaged" in done.stderr + "".join(p.read_text() for p in tmp_path.rglob("*.log"))

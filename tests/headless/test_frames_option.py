@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from iclnuim.benchmark.odometry.run import Sequence
 from iclnuim.benchmark.systems.staging import StagedSequence
-from iclnuim.dataset.layout import SequenceCamera
 from iclnuim.formats.png import write_png
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless import cli
+from iclnuim.sequences.layout import SequenceCamera
 
 WITH_FRAMES = (
     "odometry icp seq",

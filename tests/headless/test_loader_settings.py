@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pytest
 import yaml
-from iclnuim.dataset.sequence import SequenceSettings, write_sequence
 from iclnuim.formats.ply import write_ply
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, stamps_of_frames
 from iclnuim.headless.loader_settings import bounds_m, filled, system_files, systems
 from iclnuim.postprocess import frames_from
+from iclnuim.sequences.sequence import SequenceSettings, write_sequence
 
 CAMERA = PinholeCamera(64, 48, 48.5, 47.25, 31.5, 23.75)
 UNITS = {"replica": 6553.5, "eth3d": 5000.0, "euroc": 1000.0, "vslam-lab": 5000.0}

@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from iclnuim import noisy_depth, noisy_rgb
-from iclnuim.dataset.stored_images import read_depth_m
 from iclnuim.errors import InputError
 from iclnuim.formats.depth_units import depth16_from_metres
 from iclnuim.formats.files import atomic_write_text, check_file
 from iclnuim.formats.png import write_png
-from iclnuim.formats.trajectories import write_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.cli import main
+from iclnuim.sequences.stored_images import read_depth_m
+from iclnuim.trajectory_files.trajectories import write_trajectory
 from patience import patience
 
 WALK = Trajectory.at_rate(SE3.exp(np.random.default_rng(0).normal(size=(20, 6)) * 0.1))
@@ -154,7 +154,7 @@ def test_a_figure_without_a_name_replaces_no_file(tmp_path, monkeypatch, capsys)
 def test_a_table_that_cannot_be_written_is_refused_before_the_work(
     sequence, out, words, capsys, monkeypatch
 ):
-    monkeypatch.setattr("iclnuim.dataset.rendered_views.view_errors", None)
+    monkeypatch.setattr("iclnuim.sequences.rendered_views.view_errors", None)
     assert main(["evaluate", "views", "seq", "--truth", "seq", "--csv", out]) == 2
     assert words in capsys.readouterr().err
 
@@ -318,7 +318,7 @@ def test_depth_units_alone_replace_those_of_the_folder_s_camera(sequence, words,
         used.append(units_per_metre)
         return read_depth_m(path, units_per_metre)
 
-    monkeypatch.setattr("iclnuim.dataset.stored_images.read_depth_m", remembered)
+    monkeypatch.setattr("iclnuim.sequences.stored_images.read_depth_m", remembered)
     assert main([*words, "--units", "2500"]) == 0
     if words[0] in ("noise", "convert"):
         made, recipe = (

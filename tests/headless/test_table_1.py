@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from iclnuim.benchmark.experiments.paper_tables import trajectory_rows
+from iclnuim.benchmark.experiments.recipes.paper.tables import trajectory_rows
 from iclnuim.headless import cli
 
 

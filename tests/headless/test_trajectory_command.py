@@ -8,10 +8,10 @@ import sys
 
 import numpy as np
 import pytest
-from iclnuim.formats.trajectories import FORMATS, read_trajectory, write_trajectory
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, adopt, resample
 from iclnuim.headless.cli import main
+from iclnuim.trajectory_files.trajectories import FORMATS, read_trajectory, write_trajectory
 
 WALK = Trajectory.at_rate(
     SE3.exp(np.cumsum(np.random.default_rng(0).normal(size=(61, 6)) * 0.01, axis=0))

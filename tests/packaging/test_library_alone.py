@@ -33,7 +33,7 @@ sys.meta_path[:] = [Without if finder is PathFinder else finder for finder in ke
 SEQUENCES = """
 import numpy as np
 import iclnuim
-from iclnuim.dataset.run_folder import open_run
+from iclnuim.sequences.run_folder import open_run
 camera = iclnuim.PinholeCamera.parse("64x48")
 twists = np.zeros((4, 6))
 twists[:, :3] = [[0, 0, 0], [0.02, 0, 0], [0.02, 0.02, 0], [0.02, 0.02, 0.01]]

@@ -80,7 +80,7 @@ def test_what_is_needed_is_in_it_and_nothing_of_the_checkout_alone(wheel, reposi
     shipped = {
         "py.typed",
         "blender_manifest.toml",
-        "benchmark/experiments/paper.json",
+        "benchmark/experiments/recipes/paper/paper.json",
         "benchmark/experiments/page.html",
     }
     shipped |= {"headless/farm/iclnuim.def", "headless/farm/flamenco/iclnuim.js"}
@@ -88,7 +88,7 @@ def test_what_is_needed_is_in_it_and_nothing_of_the_checkout_alone(wheel, reposi
         ("benchmark/systems", "*.toml", "benchmark/systems"),
         ("benchmark/systems/drivers", "*", "benchmark/systems/drivers"),
         ("headless/settings", "*.toml", "headless/settings"),
-        ("addon/iclnuim/dataset/classes", "*.csv", "dataset/classes"),
+        ("addon/iclnuim/labels/class_maps", "*.csv", "labels/class_maps"),
     ):
         files = list((repository / folder).glob(ending))
         assert files

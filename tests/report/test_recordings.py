@@ -13,9 +13,6 @@ from iclnuim.benchmark.odometry.protocol import OdometryResult, Status, failure
 from iclnuim.benchmark.odometry.recording import record_runs
 from iclnuim.benchmark.odometry.run import OdometryRun
 from iclnuim.benchmark.odometry.track import Tracked
-from iclnuim.dataset.image_pairs import find_pairs
-from iclnuim.dataset.sequence import write_sequence
-from iclnuim.dataset.sequence_poses import read_truth
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.png import read_depth16
 from iclnuim.geometry.camera import PinholeCamera
@@ -23,6 +20,9 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.postprocess import frames_from
 from iclnuim.report.recording import check_recording, record_sequence
+from iclnuim.sequences.image_pairs import find_pairs
+from iclnuim.sequences.sequence import write_sequence
+from iclnuim.sequences.sequence_poses import read_truth
 from patience import patience
 
 TIMES = np.array([0.0, 0.0, 0.0, 0.4, 0.0, 0.1])

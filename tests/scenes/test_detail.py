@@ -56,8 +56,8 @@ def test_less_detail_is_fewer_triangles_and_a_larger_error_in_every_room(
     from iclnuim.blend.builder import build_scene
     from iclnuim.blender import surfaces
     from iclnuim.blender.open import scene
-    from iclnuim.formats.trajectories import read_trajectory
     from iclnuim.raycast.caster import RayCaster
+    from iclnuim.trajectory_files.trajectories import read_trajectory
 
     camera = PinholeCamera.parse("160x120")
     poses = read_trajectory(repository / f"trajectories/{room}/kt2.txt").trajectory.T_world_camera

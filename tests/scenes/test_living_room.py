@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from iclnuim.blend.builder import build_scene
 from iclnuim.errors import InputError
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.shipped import SCENES
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 OFFICIAL = {"kt0": (0, 1, 50), "kt2": range(180, 190, 3)}
 SINGLE_SHEETS = {

@@ -80,8 +80,8 @@ def test_the_whole_room_is_written_in_its_own_world(room, tmp_path, surface):
 
 
 def test_what_a_path_saw_is_what_its_rays_meet_and_nothing_behind_it(room, tmp_path, surface):
-    from iclnuim.formats.trajectories import read_trajectory
     from iclnuim.geometry.camera import PinholeCamera
+    from iclnuim.trajectory_files.trajectories import read_trajectory
 
     code, _, said = surface(
         room / "room.blend", "-o", tmp_path / "seen.ply", "--seen-by", room / "path.txt",

@@ -2,9 +2,9 @@
 
 from dataclasses import asdict
 
-from iclnuim.benchmark.experiments.cells_file import read_cells, write_cells
 from iclnuim.benchmark.experiments.outcome import Outcome
-from iclnuim.benchmark.experiments.recipes.stress import StressKey
+from iclnuim.benchmark.experiments.recipes.stress.cells_file import read_cells, write_cells
+from iclnuim.benchmark.experiments.recipes.stress.recipe import StressKey
 
 
 def test_cells_come_back_whatever_their_names(tmp_path):

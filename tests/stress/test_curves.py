@@ -11,7 +11,7 @@ import time
 import numpy as np
 import pytest
 from iclnuim import write_ply
-from iclnuim.benchmark.experiments import curves
+from iclnuim.benchmark.experiments.recipes.curve import curves
 from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult
 from iclnuim.benchmark.odometry.track import Tracker
 from iclnuim.errors import InputError
@@ -278,7 +278,7 @@ def test_a_method_with_fewer_levels_has_fewer_steps(command_here, folder):
 
 
 def test_a_step_that_lost_most_frames_fails_and_is_not_in_the_front():
-    from iclnuim.benchmark.experiments import curve_chart
+    from iclnuim.benchmark.experiments.recipes.curve import chart as curve_chart
     from iclnuim.report import pareto
 
     fast = curves.Point("icp", "levels", 2, 20, 20, 4, 1e-4, 1.0)

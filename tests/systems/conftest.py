@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from iclnuim.formats.associations import Associations, ImageList, write_associations
 from iclnuim.formats.png import write_png
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless import cli
+from iclnuim.sequences.associations import Associations, ImageList, write_associations
+from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
 FRAMES = 60
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from iclnuim.benchmark.experiments import code_version
-from iclnuim.benchmark.experiments.paper_keys import LAMBERTIAN, PaperKey
-from iclnuim.benchmark.experiments.paper_sources import Sources, external_keys
-from iclnuim.benchmark.experiments.recipes.paper import KIND, Paper
+from iclnuim.benchmark.experiments.recipes.paper.keys import LAMBERTIAN, PaperKey
+from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND, Paper
+from iclnuim.benchmark.experiments.recipes.paper.sources import Sources, external_keys
 from iclnuim.benchmark.experiments.store import Store
 from iclnuim.console import Console
 from iclnuim.formats.png import write_png
@@ -144,7 +144,7 @@ def test_code_of_surfaces_decides_surfaces_alone(sources, monkeypatch):
                     return "other"
                 return whole(name, *names, without=without)
 
-            other.setattr("iclnuim.benchmark.experiments.recipes.paper.code_of", code_of)
+            other.setattr("iclnuim.benchmark.experiments.recipes.paper.recipe.code_of", code_of)
             assert [a != b for a, b in zip(before, identities(), strict=True)] == changed
 
 

@@ -10,8 +10,8 @@ import time
 import numpy as np
 import pytest
 from iclnuim.formats.png import write_png
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.headless.commands.run import table
+from iclnuim.trajectory_files.trajectories import read_trajectory
 
 #: mode: frames covered, whether there is an error below 0.1 mm, pieces of what is said
 CASES = {

@@ -5,8 +5,8 @@ import json
 
 import numpy as np
 import pytest
-from iclnuim.formats.trajectories import read_trajectory, write_trajectory
 from iclnuim.headless import cli
+from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
 pytestmark = pytest.mark.slow
 

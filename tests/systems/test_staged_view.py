@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from iclnuim.benchmark.systems.staging import StagedSequence
 from iclnuim.benchmark.systems.system import built_in, read_system
-from iclnuim.dataset.slam_settings import SLAM_SETTINGS
-from iclnuim.formats.associations import read_image_list
 from iclnuim.formats.png import read_depth16
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless import cli
+from iclnuim.sequences.associations import read_image_list
+from iclnuim.sequences.slam_settings import SLAM_SETTINGS
 
 
 def staged(tmp_path):

@@ -4,12 +4,12 @@ bytes.
 
 import numpy as np
 import pytest
-from iclnuim.formats.trajectories import read_trajectory
 from iclnuim.geometry import handheld
 from iclnuim.geometry.handheld import Recipe
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, trajectory_statistics
 from iclnuim.headless.commands.trajectory_make import tum_text
+from iclnuim.trajectory_files.trajectories import read_trajectory
 from scipy.signal import welch
 from scipy.spatial.transform import Rotation
 

@@ -16,10 +16,10 @@ from iclnuim.settings import declared
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
 from iclnuim import shipped, ui  # noqa: E402
-from iclnuim.dataset import sequence_formats  # noqa: E402
-from iclnuim.dataset.sequence_options import SequenceOptions  # noqa: E402
-from iclnuim.formats.trajectories import read_trajectory  # noqa: E402
 from iclnuim.sensor import models  # noqa: E402
+from iclnuim.sequences import sequence_formats  # noqa: E402
+from iclnuim.sequences.sequence_options import SequenceOptions  # noqa: E402
+from iclnuim.trajectory_files.trajectories import read_trajectory  # noqa: E402
 from iclnuim.ui import inputs, presets, properties, state  # noqa: E402
 
 

@@ -1,4 +1,4 @@
-"""Readers and writers of files: trajectories of all formats, EXR, PNG, PLY, JSON.
+"""What is only a file: EXR, PNG, PLY, OBJ, STL, JSON, bags.
 
-The name of each conversion states its frames.
+Names of functions state frames and units.
 """

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from ..errors import StrPath
 from ..evaluation.absolute_error import AbsoluteError
 from ..formats.files import atomic_write, check_picture
-from ..formats.trajectories import ANCHORED_WORLD, LoadedTrajectory
 from ..geometry.axes import Z_UP_FROM_Y_DOWN
 from ..geometry.se3 import SE3
+from ..trajectory_files.trajectories import ANCHORED_WORLD, LoadedTrajectory
 from .trajectory_report import Report, title
 
 #: Distinguishable with colour blindness (Okabe and Ito's set, without yellow).

@@ -11,16 +11,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..console import Meter, advance_of
-from ..dataset.image_pairs import ImagePair, find_pairs
-from ..dataset.layout import SequenceCamera
-from ..dataset.sequence_poses import read_truth
-from ..dataset.stored_images import read_camera, read_depth_m, read_images
+from ..doubt.carried_depth import carried_residual
 from ..errors import InputError
-from ..evaluation.carried_depth import carried_residual
 from ..formats.files import atomic_write, make_folder
 from ..formats.libraries import first_library
 from ..formats.png import write_png
 from ..geometry.trajectory import Trajectory, sample
+from ..sequences.image_pairs import ImagePair, find_pairs
+from ..sequences.layout import SequenceCamera
+from ..sequences.sequence_poses import read_truth
+from ..sequences.stored_images import read_camera, read_depth_m, read_images
 from ..shown import depth_colours, depth_range, ramp
 
 _ROWS = 6

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 
 from ..console import Meter, advance_of
-from ..dataset.image_pairs import find_pairs
-from ..dataset.layout import poses_at
-from ..dataset.sequence_poses import read_truth
-from ..dataset.stored_images import read_camera, read_depth_m
 from ..errors import InputError, StrPath, WorkError
 from ..formats.files import atomic_write, check_file, read_bytes, sha256
 from ..formats.images import ARRAY, read_colour8
 from ..formats.png import read_depth16
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
+from ..sequences.image_pairs import find_pairs
+from ..sequences.layout import poses_at
+from ..sequences.sequence_poses import read_truth
+from ..sequences.stored_images import read_camera, read_depth_m
 
 ENDING = ".rrd"
 #: The colour of ground truth.

@@ -24,7 +24,7 @@ JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, sha
     reading               {kind, of, rmse_m, given_rmse_m, rotation_rmse_deg,
                           given_rotation_rmse_deg} if it fits much better read otherwise: kind is
                           inverse, inverse rotations, wxyz, xyzw, rotation, arm, body, mirror, axes,
-                          rate or rows (evaluation/explanation.py), of is estimate or reference;
+                          rate or rows (doubt/explanation.py), of is estimate or reference;
                           else null
     warnings              list of sentences, empty without warnings
 
@@ -43,15 +43,15 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from ..doubt.explained_error import ExplainedError, Settings, measured
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteError
 from ..evaluation.align import Alignment
 from ..evaluation.relative_error import RelativeError
-from ..formats.trajectories import LoadedTrajectory
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from ..shown import MM
-from .explained_error import ExplainedError, Settings, measured
+from ..trajectory_files.trajectories import LoadedTrajectory
 
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
 ERRORS = "translation_error_m,rotation_error_deg"

@@ -10,10 +10,10 @@ import numpy as np
 from bpy.app.handlers import persistent
 from bpy.types import Area, Context
 
-from ..dataset.rendered_frames import read_frame
-from ..dataset.sequence_options import SequenceSettings, noisy_images
 from ..errors import IclnuimError
 from ..geometry.camera import PinholeCamera
+from ..sequences.rendered_frames import read_frame
+from ..sequences.sequence_options import SequenceSettings, noisy_images
 from . import state
 from .pictures import colour_and_depth
 from .work import Work

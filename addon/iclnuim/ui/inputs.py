@@ -21,18 +21,18 @@ from ..errors import IclnuimError, InputError, WorkError
 from ..formats import exr, png
 from ..formats.files import make_folder, process_is_running, sha256
 from ..formats.libraries import first_library
-from ..formats.trajectories import (
+from ..geometry import axes
+from ..geometry.se3 import SE3
+from ..geometry.trajectory import adopt
+from ..job import RenderJob
+from ..shipped import SCENES, TRAJECTORIES
+from ..trajectory_files.trajectories import (
     LoadedTrajectory,
     ReadAs,
     read_trajectory,
     trajectory_text,
     write_trajectory,
 )
-from ..geometry import axes
-from ..geometry.se3 import SE3
-from ..geometry.trajectory import adopt
-from ..job import RenderJob
-from ..shipped import SCENES, TRAJECTORIES
 from . import state
 
 DEFAULT_OUT = "//iclnuim"

@@ -13,18 +13,18 @@ from bpy.props import BoolProperty, StringProperty
 from bpy.types import Context, Event, Operator
 
 from ..blender.render import camera as keyed_camera
-from ..dataset.pose_lines import tied_to_poses
-from ..dataset.rendered_frames import read_frame
-from ..dataset.run_folder import read_run
-from ..dataset.sequence_options import SequenceOptions, noisy_images
 from ..errors import InputError, WorkError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
 from ..evaluation.align import AlignmentSettings
 from ..evaluation.relative_error import RelativeErrorSettings, parse_delta, relative_error
-from ..formats.trajectories import read_trajectory, write_trajectory
 from ..geometry.trajectory import frame_rate_hz, frame_slice
 from ..job import RenderJob
 from ..report.trajectory_report import ComparedFile, Report
+from ..sequences.pose_lines import tied_to_poses
+from ..sequences.rendered_frames import read_frame
+from ..sequences.run_folder import read_run
+from ..sequences.sequence_options import SequenceOptions, noisy_images
+from ..trajectory_files.trajectories import read_trajectory, write_trajectory
 from . import image_editor, inputs, pictures, state, trajectory_view
 from .state import operator
 

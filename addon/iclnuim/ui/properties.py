@@ -20,12 +20,12 @@ from bpy.props import (
 )
 from bpy.types import Context, PropertyGroup
 
-from ..dataset.sequence_options import SequenceOptions
 from ..errors import InputError
 from ..evaluation.align import AlignmentSettings
 from ..geometry.camera import PinholeCamera
 from ..geometry.scene_axes import UNITS_M, SceneReading
 from ..job import RenderJob
+from ..sequences.sequence_options import SequenceOptions
 from ..settings import Setting, Settings, declared, setting
 from ..shipped import SCENES, TRAJECTORIES
 from . import state
@@ -222,7 +222,7 @@ class ICLNUIM_PG_settings(PropertyGroup):
         return {s.name: _value(s, getattr(self, name)) for name, s in settings_of(group).items()}
 
     def sequences(self, out: Path) -> dict[str, Any] | None:
-        """The sequences that the worker process writes (see dataset.sequence.writer_of); None if
+        """The sequences that the worker process writes (see sequences.sequence.writer_of); None if
         none are chosen. Raises InputError.
         """
         if not (self.write_clean or self.write_noisy):

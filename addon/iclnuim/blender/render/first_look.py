@@ -12,11 +12,11 @@ import bpy
 import numpy as np
 
 from ... import shipped
-from ...dataset.run_folder import read_run
 from ...formats import png
 from ...geometry.trajectory import Trajectory
 from ...job import RenderJob, bake_core_s
 from ...sensor.transfer import srgb8
+from ...sequences.run_folder import read_run
 from .. import compat
 from ..light import light_map
 from ..open import light_choice

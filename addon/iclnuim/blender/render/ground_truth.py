@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass
 import bpy
 import numpy as np
 
-from ...dataset.label_classes import FIRST_OWN, read_class_map
 from ...errors import InputError
 from ...geometry.points import upright_box
+from ...labels.classes import FIRST_OWN, read_class_map
 from .. import surfaces
 from ..surfaces import SURFACE_TYPES, Part
 

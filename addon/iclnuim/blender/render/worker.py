@@ -22,8 +22,6 @@ import numpy as np
 from ... import shipped
 from ... import worker_events as events
 from ...channels import INSTANCE, exr_types
-from ...dataset.ground_truth import OBJECT_POSES, OBJECTS
-from ...dataset.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
 from ...errors import InputError
 from ...formats.files import (
     atomic_write_text,
@@ -37,6 +35,8 @@ from ...formats.files import (
 from ...geometry.trajectory import frame_slice
 from ...job import RenderJob
 from ...native_output import native_output_in
+from ...sequences.ground_truth import OBJECT_POSES, OBJECTS
+from ...sequences.run_folder import RunFolder, load_trajectory, open_run, read_run, trajectory_file
 from ...version import __version__
 from ...worker_events import Event
 from .. import compat, surfaces

@@ -1,0 +1,1 @@
+"""Why a file does not fit: what explains an error better than a poor estimate does."""

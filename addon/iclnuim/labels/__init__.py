@@ -1,0 +1,1 @@
+"""Labels of pixels, surfaces and objects: classes, scores, pictures, COCO."""

@@ -1,0 +1,1 @@
+"""Sequences in ROS bags, and folders that recordings and logs left."""

@@ -1,0 +1,281 @@
+"""A sequence in one file: ROS 1 and ROS 2 bags, written by the optional package rosbags (no ROS
+needed), and .klg logs.
+
+Topics of bags: colour (rgb8) and depth, a camera_info for each, and with ground truth
+/ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Stamps are those of each
+image of the sequence, to the nanosecond.
+"""
+
+import struct
+import tempfile
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...errors import InputError, WorkError
+from ...formats.depth_units import depth16_from_metres
+from ...formats.files import atomic_write, atomic_write_text, read_bytes
+from ...geometry.camera import PinholeCamera
+from ...geometry.trajectory import Trajectory
+from ...settings import Settings, setting
+from ...trajectory_files.stamps import nanoseconds_of
+from ..image_pairs import ImagePair, find_pairs
+from ..layout import SequenceCamera
+from ..sequence_poses import read_truth
+from ..stored_images import read_camera, read_images
+
+_REALSENSE = "realsense"
+#: Names of topics -> those of colour and depth, and the coordinate frame of the camera.
+_TOPICS = {
+    "tum": ("/camera/rgb/image_color", "/camera/depth/image", "camera_rgb_optical_frame"),
+    _REALSENSE: (
+        "/camera/color/image_raw",
+        "/camera/aligned_depth_to_color/image_raw",
+        "camera_color_optical_frame",
+    ),
+}
+_WORLD = "world"
+_TRANSFORMS = "tf2_msgs/msg/TFMessage"
+
+
+@dataclass(frozen=True)
+class LogSettings(Settings):
+    """Bags and logs that are written in addition to a sequence OUT."""
+
+    group: ClassVar[str] = "bags and logs"
+
+    rosbag: bool = setting(
+        False, "also write OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg"
+    )
+    klg: bool = setting(
+        False, "also write OUT.klg, the log of ElasticFusion, and its camera OUT.cal"
+    )
+    bag_storage: str = setting(
+        "sqlite3",
+        "storage format of the ROS 2 bag",
+        choices={
+            "sqlite3": "a database, the default of ROS 2 up to Humble",
+            "mcap": "MCAP, the default after Humble",
+        },
+    )
+    bag_names: str = setting(
+        "tum",
+        "topics of the bags",
+        choices={
+            "tum": "/camera/rgb/image_color, /camera/depth/image (32FC1, metres, NaN = missing)",
+            _REALSENSE: "/camera/color/image_raw, /camera/aligned_depth_to_color/image_raw "
+            "(16UC1, whole millimetres, 0 = missing)",
+        },
+    )
+    compress_bags: bool = setting(False, "compress the bags: ROS 1 by LZ4, ROS 2 by Zstandard")
+
+    def write(
+        self, folder: Path, out: Path, note: Callable[[str], object] = lambda text: None
+    ) -> list[Path]:
+        """Write bags and logs next to `out` from the sequence in `folder`.
+
+        Returns their paths. Existing ones stay, which `note` says.
+        """
+        beside = out.resolve()
+        klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
+        wanted = []
+        if self.klg or self.rosbag:
+            wanted.append(klg)
+        if self.rosbag:
+            wanted += [ros1, ros2]
+        written = []
+        for path in wanted:
+            if path.exists():
+                again = "remove it to have it written from the present frames"
+                note(f"{path} exists already and is not changed; {again}")
+                continue
+            written.append(path)
+            note(f"{path} is written")
+            if path == klg:
+                write_klg(folder, klg)
+            else:
+                write_rosbag(folder, path, 1 if path == ros1 else 2, self)
+                if path == ros1 and min(pair.stamp_s for pair in find_pairs(folder)) == 0:
+                    note("note: ROS 1 treats the first stamp, 0 s, as missing")
+        return written
+
+
+def write_rosbag(folder: Path, out: Path, ros: int, settings: LogSettings | None = None) -> int:
+    """Write the pairs of a sequence as a bag: a file for `ros` 1, a folder for `ros` 2. Returns the
+    number of pairs.
+
+    Raises InputError if `out` exists already, WorkError without the package rosbags.
+    """
+    pairs = find_pairs(folder)
+    camera = read_camera(folder, pairs[0].rgb)
+    truth = read_truth(folder)
+    if out.exists():
+        raise InputError("a path that does not exist yet", path=out, found="a file or folder")
+    try:
+        with tempfile.TemporaryDirectory(
+            prefix=".bag-", dir=out.parent
+        ) as scratch:  # the bag is moved when it is complete
+            bag = _Bag(Path(scratch) / out.name, ros, settings or LogSettings())
+            with bag.writer:
+                for pair in pairs:
+                    bag.pair(pair, camera)
+                if truth is not None:
+                    bag.truth(truth)
+            (Path(scratch) / out.name).rename(out)
+    except OSError as error:
+        raise WorkError(f"{out}: cannot write: {error.strerror or error}") from None
+    return len(pairs)
+
+
+class _Bag:
+    """A bag being written: message types and connections of ROS 1 or 2."""
+
+    def __init__(self, path: Path, ros: int, settings: LogSettings) -> None:
+        try:
+            from rosbags import rosbag1, rosbag2
+            from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+        except ImportError:
+            raise WorkError("bags need the package rosbags; try: pip install rosbags") from None
+        self.ros = ros
+        self.store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+        if _TRANSFORMS not in self.store.types:  # the store of ROS 1 does not contain it
+            self.store.register(
+                get_types_from_msg("geometry_msgs/TransformStamped[] transforms", _TRANSFORMS)
+            )
+        self.writer: Any
+        if ros == 1:
+            self.writer = rosbag1.Writer(path)
+            if settings.compress_bags:
+                self.writer.set_compression(rosbag1.Writer.CompressionFormat.LZ4)
+        else:
+            mcap = settings.bag_storage == "mcap"
+            self.writer = rosbag2.Writer(
+                path, version=8, storage_plugin=rosbag2.StoragePlugin[settings.bag_storage.upper()]
+            )
+            if settings.compress_bags:
+                mode = rosbag2.CompressionMode.STORAGE if mcap else rosbag2.CompressionMode.MESSAGE
+                self.writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
+        self.connections: dict[str, Any] = {}
+        *self.topics, self.frame = _TOPICS[settings.bag_names]
+        self.millimetres = settings.bag_names == _REALSENSE
+
+    def pair(self, pair: ImagePair, camera: SequenceCamera) -> None:
+        """Write both images and their camera."""
+        rgb, depth = read_images(pair, camera)
+        stored = ("32FC1", np.where(depth > 0, depth, np.nan).astype("<f4"))
+        if self.millimetres:
+            stored = ("16UC1", depth16_from_metres(depth, 1000).astype("<u2"))
+        images = zip(self.topics, (("rgb8", rgb), stored), pair.written, strict=True)
+        for topic, (encoding, pixels), text in images:
+            stamp_ns = nanoseconds_of(text or pair.stamp_s)
+            data = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8)
+            image = self._new(
+                "sensor_msgs/msg/Image",
+                **self._size(stamp_ns, pixels.shape),
+                encoding=encoding,
+                is_bigendian=0,
+                step=data.size // pixels.shape[0],
+                data=data,
+            )
+            self._write(topic, image, stamp_ns)
+            info = self._camera_info(stamp_ns, camera.pinhole)
+            self._write(f"{topic.rpartition('/')[0]}/camera_info", info, stamp_ns)
+
+    def _size(self, stamp_ns: int, shape: tuple[int, ...]) -> dict[str, Any]:
+        return {"header": self._header(stamp_ns, self.frame), "height": shape[0], "width": shape[1]}
+
+    def truth(self, truth: Trajectory) -> None:
+        """Write poses, and the same poses as transforms."""
+        for i, stamp_s in enumerate(truth.stamps_s.tolist()):
+            stamp_ns = nanoseconds_of(stamp_s)
+            T = truth.T_world_camera[i]
+            header = self._header(stamp_ns, _WORLD)
+            place = dict(zip("xyz", T.translation.tolist(), strict=True))
+            turn = dict(zip("xyzw", T.quat_xyzw.tolist(), strict=True))
+            rotation = self._new("geometry_msgs/msg/Quaternion", **turn)
+            point = self._new("geometry_msgs/msg/Point", **place)
+            move = self._new("geometry_msgs/msg/Vector3", **place)
+            pose = self._new("geometry_msgs/msg/Pose", position=point, orientation=rotation)
+            posed = self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
+            self._write("/ground_truth/pose", posed, stamp_ns)
+            named = {"header": header, "child_frame_id": self.frame}
+            transform = self._new(
+                "geometry_msgs/msg/Transform", translation=move, rotation=rotation
+            )
+            stamped = self._new("geometry_msgs/msg/TransformStamped", **named, transform=transform)
+            self._write("/tf", self._new(_TRANSFORMS, transforms=[stamped]), stamp_ns)
+
+    def _camera_info(self, stamp_ns: int, c: PinholeCamera) -> Any:
+        sides = dict.fromkeys(("x_offset", "y_offset", "height", "width"), 0)
+        roi = self._new("sensor_msgs/msg/RegionOfInterest", **sides, do_rectify=False)
+        projection = np.hstack([c.K, np.zeros((3, 1))])
+        matrices = {"d": np.zeros(5), "k": c.K, "r": np.eye(3), "p": projection}
+        if self.ros == 1:  # their names are upper-case
+            matrices = {name.upper(): matrix for name, matrix in matrices.items()}
+        return self._new(
+            "sensor_msgs/msg/CameraInfo",
+            **self._size(stamp_ns, (c.height, c.width)),
+            distortion_model="plumb_bob",
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+            **{name: matrix.ravel() for name, matrix in matrices.items()},
+        )
+
+    def _header(self, stamp_ns: int, frame: str) -> Any:
+        stamp = self._new(
+            "builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9
+        )
+        more = {"seq": 0} if self.ros == 1 else {}
+        return self._new("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **more)
+
+    def _new(self, kind: str, **values: Any) -> Any:
+        return self.store.types[kind](**values)
+
+    def _write(self, topic: str, message: Any, stamp_ns: int) -> None:
+        kind = message.__msgtype__
+        if topic not in self.connections:
+            self.connections[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
+        serialize = self.store.serialize_ros1 if self.ros == 1 else self.store.serialize_cdr
+        self.writer.write(self.connections[topic], stamp_ns, serialize(message, kind))
+
+
+def write_klg(folder: Path, file: Path) -> int:
+    """Write the pairs of a sequence as one log for ElasticFusion and Kintinuous, and its camera
+    next to it. Returns the number of pairs. Raises
+    the errors of the readers, and InputError if the camera's file exists with another content.
+
+    Little-endian: int32 frames; for each int64 stamp in microseconds, int32 bytes of depth, int32
+    bytes of colour, depth (16 bit, millimetres, zlib), colour (RGB, three bytes per pixel, not
+    compressed: the programs detect this by its size). The camera is in a separate file .cal with
+    one line `fx fy cx cy`: ElasticFusion -l X.klg -cal X.cal.
+    """
+    pairs = find_pairs(folder)
+    camera = read_camera(folder, pairs[0].rgb)
+    c = camera.pinhole
+
+    def write(temporary: Path) -> None:
+        with open(temporary, "wb") as log:
+            log.write(struct.pack("<i", len(pairs)))
+            for pair in pairs:
+                rgb, depth_z_m = read_images(pair, camera)
+                millimetres = np.rint(depth_z_m.astype(float) * 1000).clip(0, 65535).astype("<u2")
+                depth = zlib.compress(millimetres.tobytes(), 1)
+                stamp_us = round(pair.stamp_s * 1e6)
+                log.write(struct.pack("<qii", stamp_us, len(depth), rgb.nbytes))
+                log.write(depth)
+                log.write(rgb.tobytes())
+
+    calibration = file.with_suffix(".cal")
+    line = f"{c.fx:.9g} {c.fy:.9g} {c.cx:.9g} {c.cy:.9g}\n"
+    if calibration.exists() and read_bytes(calibration) != line.encode():
+        expected = "the camera of this log, or no file"
+        hint = "moving this file away, or another {out}"
+        raise InputError(expected, path=calibration, found="other text", hint=hint)
+    atomic_write_text(calibration, line)  # before the log, so that an interrupted log has none
+    atomic_write(file, write)
+    return len(pairs)

@@ -1,0 +1,1 @@
+"""What is wrong with a sequence: its images, its camera, its poses."""

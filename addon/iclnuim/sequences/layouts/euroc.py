@@ -1,0 +1,207 @@
+"""EuRoC's layout with a depth camera: mav0/cam0 (colour), mav0/depth0 (16 bit), their sensor.yaml,
+state_groundtruth_estimate0; stamps in ns.
+"""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ...channels import RGB
+from ...errors import InputError, within
+from ...formats.depth_units import UNITS_PER_METRE, check_units
+from ...formats.files import atomic_write_text, data_lines, is_file, read_text
+from ...formats.yaml_files import read_yaml
+from ...geometry.camera import PinholeCamera
+from ...geometry.se3 import SE3
+from ...geometry.trajectory import Trajectory
+from ...trajectory_files.stamps import stamp_text_of_ns
+from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, as_list, names
+from ..layout import (
+    Contents,
+    Reader,
+    Row,
+    SequenceCamera,
+    SequenceFormat,
+    numbers_in,
+    truth_at,
+    write_truth,
+)
+from ..mount import is_identity, mount_notes, pose_of
+
+_ROOT = Path("mav0")
+_SENSORS = {RGB: "cam"}
+_TRUTH = Path("mav0/state_groundtruth_estimate0/data.csv")
+#: Stamps of the images, from which ORB-SLAM3 makes their names.
+_TIMES = Path("times.txt")
+#: Columns of the ground truth after the poses.
+_STATES = (
+    ",v_RS_R_x [m s^-1],v_RS_R_y [m s^-1],v_RS_R_z [m s^-1]"
+    ",b_w_RS_S_x [rad s^-1],b_w_RS_S_y [rad s^-1],b_w_RS_S_z [rad s^-1]"
+    ",b_a_RS_S_x [m s^-2],b_a_RS_S_y [m s^-2],b_a_RS_S_z [m s^-2]"
+)
+#: Depth units per metre that OKVIS2 assumes.
+UNITS = 1000.0
+_UNITS = "depth_units_per_metre"
+#: Folders of the cameras; the first decides.
+_CAMERAS = ("depth0", "cam0")
+#: Keys of EuRoC's sensor.yaml and of those that follow it.
+KEYS = Keys(
+    used=names(f"T_BS resolution intrinsics {_UNITS}"),
+    harmless=names("sensor_type comment rate_hz rostopic cam_overlaps"),
+    required={
+        "camera_model": any_of("pinhole"),
+        "distortion_model": any_of(*WITHOUT_PROJECTION),
+    },
+    distortion=names("distortion_coefficients"),
+)
+
+
+def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    stems = [Path(path).stem for path in format.images(contents, RGB).paths]
+    rows = ["#timestamp [ns],filename\n"]
+    rows += [f"{stem},{stem}.png\n" for stem in stems]
+    for sensor, what in (("cam0", "camera"), ("depth0", "depth camera, 16 bit, 0 = missing")):
+        atomic_write_text(folder / _ROOT / sensor / "data.csv", "".join(rows))
+        atomic_write_text(folder / _ROOT / sensor / "sensor.yaml", _sensor(contents, what))
+    atomic_write_text(folder / _TIMES, "".join(f"{stem}\n" for stem in stems))
+    write_truth(folder / _TRUTH, contents, "euroc")
+    kept = contents.truth_file is not None and contents.truth_file[0] == "euroc"
+    if contents.truth is not None and not kept:
+        _add_states(folder / _TRUTH, contents.truth)
+
+
+def _add_states(path: Path, truth: Trajectory) -> None:
+    """Add the velocity, by differences of the positions, and biases of 0 to the poses of a file."""
+    head, *rows = read_text(path).splitlines()
+    velocities = np.zeros_like(truth.positions_m)
+    if len(truth) > 1:
+        velocities = np.gradient(truth.positions_m, truth.stamps_s, axis=0)
+    lines = [head + _STATES]
+    for row, velocity in zip(rows, velocities.tolist(), strict=True):
+        numbers = ",".join(f"{value + 0.0:.9f}" for value in velocity)
+        lines.append(f"{row},{numbers}{',0' * 6}")
+    atomic_write_text(path, "\n".join(lines) + "\n")
+
+
+def _folder(kind: str) -> str:
+    return f"mav0/{_SENSORS.get(kind, kind)}0/data"
+
+
+def _sensor(contents: Contents, what: str) -> str:
+    """The body frame is the camera's: T_BS is the identity."""
+    c = contents.camera
+    return f"""sensor_type: {what.split()[0]}
+comment: {what}
+T_BS:
+  cols: 4
+  rows: 4
+  data: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+rate_hz: {contents.rate_hz:g}
+resolution: [{c.width}, {c.height}]
+camera_model: pinhole
+intrinsics: [{c.fx:.9g}, {c.fy:.9g}, {c.cx:.9g}, {c.cy:.9g}]
+distortion_model: radial-tangential
+distortion_coefficients: [0.0, 0.0, 0.0, 0.0]
+depth_units_per_metre: {contents.depth_units_per_metre:g}
+"""
+
+
+def _rows(folder: Path) -> list[Row]:
+    """Pairs of images with equal stamps in nanoseconds in both data.csv."""
+    rgb, depth = (_images(folder / _ROOT / sensor) for sensor in ("cam0", "depth0"))
+    texts = {ns: stamp_text_of_ns(ns) for ns in rgb.keys() & depth.keys()}
+    return [Row(ns / 1e9, rgb[ns], depth[ns], (texts[ns], texts[ns])) for ns in sorted(texts)]
+
+
+def _images(sensor: Path) -> dict[int, Path]:
+    """The images of a sensor's data.csv by their stamps in nanoseconds; names of columns may stand
+    in the first line.
+    """
+    file = sensor / "data.csv"
+    lines = data_lines(read_text(file))
+    if lines and re.match("[A-Za-z]", lines[0][1]):
+        del lines[0]
+    found = {}
+    for number, line in lines:
+        stamp, _, name = (part.strip() for part in line.rstrip(", ").partition(","))
+        if not re.fullmatch("[0-9]{1,19}", stamp) or not name or "," in name:
+            raise InputError("lines `nanoseconds,image`", path=file, line=number, found=line)
+        found[int(stamp)] = sensor / "data" / name
+    return found
+
+
+def _camera(folder: Path, image: Path) -> SequenceCamera:
+    """The depth camera, and the colour camera if it is another one."""
+    files = [file for name in _CAMERAS if is_file(file := _sensor_file(folder, name))]
+    if not files:
+        file = _sensor_file(folder, _CAMERAS[0])
+        raise InputError("the depth camera's file", path=file, found="none")
+    cameras = [_camera_in(file) for file in files]
+    depth = cameras[0]
+    colour = cameras[-1].pinhole
+    notes = [*depth.notes, *cameras[-1].notes, *mount_notes(_mount(folder)), *_apart(folder)]
+    return replace(
+        depth,
+        colour=colour if colour != depth.pinhole else None,
+        notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def _sensor_file(folder: Path, name: str) -> Path:
+    return folder / _ROOT / name / "sensor.yaml"
+
+
+def _camera_in(file: Path) -> SequenceCamera:
+    """The camera of one sensor."""
+    said = read_yaml(file)
+    notes = KEYS.notes([said], file)
+    values = as_list(said.get("resolution")) + as_list(said.get("intrinsics"))
+    what = "resolution: [w, h] and intrinsics: [fx, fy, cx, cy]"
+    width, height, *intrinsics = numbers_in(file, values, 6, what)
+    what = "depth_units_per_metre as a number"
+    (per_metre,) = numbers_in(file, [said.get(_UNITS, UNITS_PER_METRE)], 1, what)
+    with within(file):
+        pinhole = PinholeCamera(int(width), int(height), *intrinsics)
+        return SequenceCamera(pinhole, check_units(per_metre), notes=notes)
+
+
+def _T_body(folder: Path, *sensors: str) -> SE3:
+    """T_BS, the pose in the body, of the first of these sensors whose file gives it; else the
+    identity.
+    """
+    for sensor in sensors:
+        file = _sensor_file(folder, sensor)
+        if is_file(file) and "T_BS" in (said := read_yaml(file)):
+            return pose_of(said["T_BS"], file)
+    return SE3.identity()
+
+
+def _mount(folder: Path) -> SE3 | None:
+    """The pose of the depth camera in the frame that the ground truth follows."""
+    T_truth_camera = _T_body(folder, _TRUTH.parent.name).inverse() @ _T_body(folder, *_CAMERAS)
+    return None if is_identity(T_truth_camera) else T_truth_camera
+
+
+def _apart(folder: Path) -> list[str]:
+    """A sentence if the colour camera has another pose than the depth camera."""
+    T_depth_colour = _T_body(folder, *_CAMERAS).inverse() @ _T_body(folder, *_CAMERAS[::-1])
+    if is_identity(T_depth_colour):
+        return []
+    distance_mm = 1000 * float(np.linalg.norm(T_depth_colour.translation))
+    differ = f"T_BS of cam0 and depth0 differ (positions by {distance_mm:.3g} mm)"
+    return [f"{differ}: colour is read as if it had the pose of the depth camera"]
+
+
+FORMAT = SequenceFormat(
+    "euroc",
+    "mav0/cam0, mav0/depth0 and state_groundtruth_estimate0; stamps in nanoseconds",
+    lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds():019}.png",
+    _write,
+    Reader(lambda folder: (folder / _ROOT).is_dir(), _rows, _camera, truth_at(_TRUTH), _mount),
+    stamps="ns",
+    depth_stamps=False,
+    fixed_units=UNITS,
+    published_image=lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds()}.png",
+)

@@ -1,0 +1,55 @@
+"""The registry of sequence formats. A new format is a module in layouts/ and an entry here; the
+command line, the panel and the documentation
+list these entries.
+"""
+
+from pathlib import Path
+
+from ..errors import InputError
+from .bags import sequence as bag_sequence
+from .layout import SequenceFormat
+from .layouts import (
+    colmap,
+    eth3d,
+    euroc,
+    icl_nuim,
+    nerf,
+    replica,
+    scannet,
+    tartanair,
+    tum,
+    vslam_lab,
+)
+
+_ALL = (
+    tum.FORMAT,
+    icl_nuim.FORMAT,
+    euroc.FORMAT,
+    nerf.FORMAT,
+    replica.FORMAT,
+    replica.V2,
+    scannet.FORMAT,
+    colmap.FORMAT,
+    eth3d.FORMAT,
+    vslam_lab.FORMAT,
+    tartanair.FORMAT,
+    tum.RTABMAP,
+)
+#: name -> format, in the order in which they are tried when a folder's format is detected
+FORMATS = {format.name: format for format in _ALL}
+
+
+def sequence_format(name: str) -> SequenceFormat:
+    """The format of this name. Raises InputError for an unknown name."""
+    if name not in FORMATS:
+        raise InputError(f"a sequence format ({', '.join(FORMATS)})", found=name)
+    return FORMATS[name]
+
+
+def format_of(folder: Path) -> SequenceFormat:
+    """The format of a folder, or of a bag, which is only read. If none is detected, tum, whose
+    reader reports what is missing.
+    """
+    if bag_sequence.FORMAT.reader.found(folder):
+        return bag_sequence.FORMAT
+    return next((format for format in FORMATS.values() if format.reader.found(folder)), tum.FORMAT)

@@ -1,0 +1,1 @@
+"""Files of trajectories: every format that is read, detected and written."""

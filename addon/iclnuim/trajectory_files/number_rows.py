@@ -1,0 +1,98 @@
+"""The tables of formats whose lines are numbers separated by blanks, commas or semicolons."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..formats.files import data_lines
+from .columns import Columns, NumberTable, read_table
+from .source import Source
+from .stamps import stamp_ticks, ticks_unless_frames
+
+#: Start of the line of names in VSLAM-LAB's files, in lower case.
+VSLAM_LAB_STAMP = "ts (ns),"
+_VSLAM_LAB = "8 columns separated by commas: ts (ns), tx, ty, tz, qx, qy, qz, qw"
+#: EuRoC's states, VINS-Mono's with velocities, EuRoC's with velocities and biases.
+_EUROC_COUNTS = (8, 11, 17)
+_EUROC = "8, 11 or 17 columns separated by commas: stamp in ns, x, y, z, qw, qx, qy, qz"
+#: A table of TUM's columns with commas has another order of the quaternion, and other stamps.
+_NO_COMMAS = "a header that names the columns, or {from} tum, or tum-wxyz if qw is first"
+#: A row of TUM's files.
+TUM = "8 columns: timestamp tx ty tz qx qy qz qw"
+_MATRIX = "12 columns of a 3x4 matrix, or 13 with the frame number or stamp first"
+_SQUARE = "16 columns of a 4x4 matrix, row by row, or 17 with the frame number or stamp first"
+_POSITIONS = "4 columns: timestamp x y z, or 3: x y z"
+
+
+def plain_rows(counts: tuple[int, ...], expected: str) -> Callable[[Source], NumberTable]:
+    """A reader of rows with one of these numbers of columns, which contain no stamps."""
+    return lambda source: read_table(source, counts, expected)
+
+
+def tum_rows(source: Source) -> NumberTable:
+    """(n, 8); the stamps may be in nanoseconds, as in ORB-SLAM3's files for EuRoC."""
+    table = read_table(source, (8,), TUM)
+    return replace(table, ticks=stamp_ticks(table.values[:, 0]))
+
+
+def position_rows(source: Source) -> NumberTable:
+    """(n, 4) with stamps, or (n, 3) without."""
+    table = read_table(source, (3, 4), _POSITIONS)
+    if table.values.shape[1] == 3:
+        return replace(table, columns=Columns((0, 1, 2), ()))
+    return replace(table, columns=Columns((1, 2, 3), ()), ticks=stamp_ticks(table.values[:, 0]))
+
+
+def matrix_rows(source: Source) -> NumberTable:
+    """(n, 12), or (n, 13) with a frame number or a stamp first."""
+    table = read_table(source, (12, 13), _MATRIX)
+    return replace(table, ticks=_ticks_if_numbered(table))
+
+
+def square_rows(source: Source) -> NumberTable:
+    """(n, 12), or (n, 13) with a frame number or a stamp first.
+
+    Raises InputError for a line that does not end in 0 0 0 1.
+    """
+    table = read_table(source, (16, 17), _SQUARE)
+    finite = np.isfinite(table.values).all(axis=1)
+    last = table.values[:, -4:]
+    wrong = np.flatnonzero(finite & (np.abs(last - (0, 0, 0, 1)).max(axis=1) > 1e-6))
+    if wrong.size:
+        found = " ".join(f"{value:g}" for value in last[wrong[0]])
+        raise table.error(wrong[0], f"{_SQUARE}, ending in 0 0 0 1", found)
+    table = replace(table, values=table.values[:, :-4])
+    return replace(table, ticks=_ticks_if_numbered(table))
+
+
+def _ticks_if_numbered(table: NumberTable) -> float | None:
+    return ticks_unless_frames(table.values[:, 0]) if table.is_numbered else None
+
+
+def vslam_lab_rows(source: Source) -> NumberTable:
+    """(n, 8) values of VSLAM-LAB's groundtruth.csv. Raises InputError without its header."""
+    if not source.header.lstrip("# \n").startswith(VSLAM_LAB_STAMP):
+        number, found = next(iter(data_lines(source.text)), (None, "comments alone"))
+        expected = f"the header {VSLAM_LAB_STAMP}..."
+        raise InputError(expected, path=source.path, line=number, found=found)
+    return replace(read_table(source, (8,), _VSLAM_LAB), ticks=1e9)
+
+
+def euroc_rows(source: Source) -> NumberTable:
+    """(n, 8), (n, 11) or (n, 17).
+
+    Raises InputError for stamps that are not whole nanoseconds or microseconds.
+    """
+    table = read_table(source, _EUROC_COUNTS, _EUROC)
+    stamps = table.values[:, 0]
+    parts = np.flatnonzero(stamps != np.rint(stamps))
+    if parts.size:
+        found = f"{stamps[parts[0]]:.12g}"
+        raise table.error(parts[0], "stamps in whole nanoseconds, as in EuRoC", found, _NO_COMMAS)
+    ticks = stamp_ticks(stamps)
+    if len(stamps) > 1 and ticks < 1e6:
+        found = f"stamps {np.median(np.diff(stamps)):.12g} apart, as of frame numbers or seconds"
+        raise table.error(0, "stamps in nanoseconds, as in EuRoC", found, _NO_COMMAS)
+    return replace(table, ticks=1e9 if len(stamps) == 1 else ticks)

@@ -1,0 +1,130 @@
+"""Poses as matrices: ScanNet's folder with one file per frame, transforms.json of NeRF programs,
+and Open3D's camera trajectories.
+"""
+
+import itertools
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path, PurePath
+
+import numpy as np
+
+from ..errors import InputError
+from ..formats.files import read_json, read_text
+from .columns import NumberTable
+from .source import Source
+from .stamps import ticks_unless_frames
+
+_MATRIX = "a 4 x 4 matrix"
+#: Key of transforms.json: units of length of its poses per metre.
+APPLIED_SCALE = "applied_scale"
+
+
+def is_scannet(source: Source) -> bool:
+    """Whether a folder has files 0.txt, 1.txt and so on."""
+    return source.path.is_dir() and any(path.stem.isdecimal() for path in source.path.glob("*.txt"))
+
+
+def scannet_rows(source: Source) -> NumberTable:
+    """(n, 13): the number in the file's name, and three rows of its matrix.
+
+    Files of lost frames (-inf) are left out.
+    """
+    paths = {int(path.stem): path for path in source.path.glob("*.txt") if path.stem.isdecimal()}
+    found = []
+    for number in sorted(paths):
+        values = _numbers(paths[number], read_text(paths[number], _MATRIX).split())
+        if np.isfinite(values).all():
+            found.append((float(number), *_rows_of(paths[number], values)))
+    if not found:
+        raise InputError("pose files with finite numbers", path=source.path, found="none")
+    return NumberTable(np.array(found), lambda row: (paths[int(found[row][0])], None))
+
+
+def numbers_of_names(names: Sequence[str]) -> list[int]:
+    """The frame numbers or stamps at the ends of images' names, without their endings; if they are
+    not all there and distinct, the places in the list.
+    """
+    found = [re.search(r"(\d{1,19})$", PurePath(name).stem, re.ASCII) for name in names]
+    numbers = [int(number[1]) for number in found if number]
+    return numbers if len(set(numbers)) == len(names) else list(range(len(names)))
+
+
+def nerf_rows(source: Source) -> NumberTable:
+    """(n, 13): the number or stamp at the end of the image's name, or else the frame's index in the
+    list, and three rows of its matrix, with positions in metres: those of the file divided by its
+    applied_scale.
+    """
+    content = read_json(source.path)
+    frames = content.get("frames")
+    valid = isinstance(frames, list) and all(isinstance(frame, dict) for frame in frames)
+    if not frames or not valid:
+        raise InputError("a list of frames", path=source.path)
+    scale = _applied_scale(source.path, content)
+    numbers = numbers_of_names([str(frame.get("file_path")) for frame in frames])
+    found = []
+    for number, frame in zip(numbers, frames, strict=True):
+        matrix = frame.get("transform_matrix")
+        rows = matrix if isinstance(matrix, list) else []
+        flat = itertools.chain.from_iterable(row for row in rows if isinstance(row, list))
+        values = _numbers(source.path, list(flat))
+        if len(values) == 12 and len(rows) == 3:
+            values = np.append(values, (0, 0, 0, 1))
+        pose = _rows_of(source.path, values)
+        pose[3::4] = [position / scale for position in pose[3::4]]
+        found.append((float(number), *pose))
+    values = np.array(sorted(found))
+    ticks = ticks_unless_frames(values[:, 0])
+    return NumberTable(values, lambda row: (source.path, None), ticks)
+
+
+def _applied_scale(path: Path, content: dict) -> float:
+    """How many units of the positions a metre has, which nerfstudio's converters write."""
+    given = content.get(APPLIED_SCALE, 1.0)
+    with suppress(TypeError, ValueError, OverflowError):
+        if 1e-6 <= float(given) <= 1e6:
+            return float(given)
+    raise InputError(f"{APPLIED_SCALE} of 1e-6 to 1e6", path=path, found=given)
+
+
+def is_open3d(source: Source) -> bool:
+    """Whether a file is JSON with the class of Open3D's camera trajectories."""
+    return source.path.suffix.lower() == ".json" and '"PinholeCameraTrajectory"' in source.text
+
+
+def open3d_rows(source: Source) -> NumberTable:
+    """(n, 12): three rows of each world-to-camera matrix; in the file it is column by column."""
+    content = read_json(source.path)
+    matrices = content.get("extrinsic")  # of the first versions, with one camera
+    cameras = content.get("parameters", [])
+    if isinstance(cameras, list) and all(isinstance(camera, dict) for camera in cameras):
+        matrices = [camera.get("extrinsic") for camera in cameras] or matrices
+    if not matrices or not isinstance(matrices, list):
+        raise InputError("a list of parameters with extrinsic", path=source.path)
+    found = []
+    for matrix in matrices:
+        values = _numbers(source.path, matrix if isinstance(matrix, list) else [])
+        if len(values) == 16:
+            values = values.reshape(4, 4).T.ravel()
+        found.append(_rows_of(source.path, values))
+    return NumberTable(np.array(found), lambda row: (source.path, None))
+
+
+def _numbers(path: Path, values: list) -> np.ndarray:
+    try:
+        return np.array([float(value) for value in values])
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(_MATRIX, path=path, found=str(values)) from None
+
+
+def _rows_of(path: Path, values: np.ndarray) -> list[float]:
+    """The first three rows of a matrix.
+
+    Raises InputError unless there are 16 numbers that end in 0 0 0 1.
+    """
+    whole = len(values) == 16 and np.isfinite(values).all()
+    if not whole or np.abs(values[12:] - (0, 0, 0, 1)).max() >= 1e-6:
+        found = " ".join(f"{value:g}" for value in values)
+        raise InputError(f"{_MATRIX} that ends in 0 0 0 1", path=path, found=found)
+    return values[:12].tolist()

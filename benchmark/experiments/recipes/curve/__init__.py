@@ -1,0 +1,1 @@
+"""Speed against accuracy: a setting of a method from fast to exact."""

@@ -1,0 +1,80 @@
+"""Which method has the least trajectory error under which condition: a room, clean or noisy."""
+
+from collections.abc import Mapping, Sequence
+from statistics import geometric_mean, median
+
+from ...cell import Measured
+from ...table import ResultTable, mm
+from .figures import ate_of
+from .keys import PaperKey
+
+#: An ATE counts from this share of the frames on: one of the frames that were easy is no result.
+_COVERED = 0.9
+#: Room and noise.
+Condition = tuple[str, str]
+#: Method -> its ATE in metres on each sequence, the median over runs and noise seeds.
+Errors = Mapping[str, Mapping[str, float]]
+
+
+def errors_by_condition(
+    results: Sequence[Measured],
+) -> dict[Condition, dict[str, dict[str, float]]]:
+    """Condition -> method -> ATE in metres on each sequence. Only methods that have an error on all
+    of the condition's sequences, of nearly all frames.
+    """
+    runs: dict[Condition, dict[str, dict[str, list[float]]]] = {}
+    for result in results:
+        key = result.key
+        ate_m = ate_of(result.figures)
+        covers = result.figures.get("coverage", 1.0) >= _COVERED
+        if ate_m is not None and covers:
+            of_method = runs.setdefault((key.room, key.noise), {}).setdefault(method_name(key), {})
+            of_method.setdefault(key.trajectory, []).append(ate_m)
+    found = {}
+    for condition, of_methods in sorted(runs.items()):
+        longest = max(map(len, of_methods.values()))
+        whole = {name: of for name, of in of_methods.items() if len(of) == longest}
+        found[condition] = {name: _medians(of) for name, of in whole.items()}
+    return found
+
+
+def _medians(runs: Mapping[str, list[float]]) -> dict[str, float]:
+    return {sequence: median(ate_m) for sequence, ate_m in runs.items()}
+
+
+def method_name(key: PaperKey) -> str:
+    """`ICP`; with what is not the default: `ICP, paper, model`."""
+    words = [key.title, *({key.preset} - {"best"}), *({key.reference} - {"default"})]
+    return words[0] if key.external else ", ".join(words)
+
+
+def means(errors: Errors) -> list[tuple[float, str]]:
+    """The geometric mean of the ATE over the sequences in metres, and the method; least first."""
+    return sorted((geometric_mean(of.values()), name) for name, of in errors.items())
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.2f}" if ratio < 10 else f"{ratio:,.0f}"
+
+
+def best_methods_table(results: Sequence[Measured]) -> ResultTable:
+    """A row for each condition with several methods: the best one, the next, and the worst."""
+    rows = []
+    for (room, noise), errors in errors_by_condition(results).items():
+        ranked = means(errors)
+        if len(ranked) < 2:
+            continue
+        best_m, best = ranked[0]
+        places = []
+        for mean_m, name in (ranked[1], ranked[-1]):
+            places.append(f"{name}: {_times(mean_m / best_m)} times")
+        sequences = len(errors[best])
+        rows.append((f"{room.replace('_', ' ')}, {noise}", best, mm(best_m), *places, sequences))
+    texts = tuple(tuple(map(str, row)) for row in rows)
+    columns = ("condition", "best method", "ATE mm", "next", "worst", "sequences")
+    title = "The method with the least trajectory error, by condition"
+    notes = (
+        "Geometric mean of the ATE over the sequences; of runs and of noise seeds the median.",
+        f"Without trajectories that cover less than {_COVERED:.0%} of the frames.",
+    )
+    return ResultTable("best_methods", title, columns, texts, notes=notes)

@@ -1,0 +1,205 @@
+"""The page of `iclnuim benchmark`: summary, findings, tables, and every cell with its trajectory,
+error over time and heat map.
+"""
+
+import base64
+import io
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from iclnuim.formats.files import read_json
+
+from ...cell import Measured
+from ...page import Page, Section
+from ...table import ResultTable
+from .correlation import correlation
+from .figures import ate_of, surface_of
+from .findings import FAILS, HOLDS, MISSING, RULES, UNDECIDED
+from .keys import paper_titles
+from .tables import CELL_COLUMNS, cell_row, cells_table, has_ours
+from .task import HEAT_MM
+
+#: Part of the page for pictures and films. Pictures beyond it are left out, those in colour first.
+_PICTURES = 52_000_000
+_DPI = 110
+_HEAT_TEXT = f"logarithmic: {HEAT_MM[0]:g} mm or less (blue) to {HEAT_MM[1]:g} mm or more (red)"
+
+
+def write_report(
+    out: Path,
+    results: Sequence[Measured],
+    tables: Sequence[ResultTable],
+    films: Mapping[str, bytes] | None = None,
+) -> Path:
+    """Write OUT/report.html from the measured cells and their tables.
+
+    Raises WorkError if it cannot be written or is too large.
+    """
+    findings = [table for table in tables if table.name.startswith("findings")]
+    correlations = [table for table in tables if table.name == "correlation"]
+    best = [table for table in tables if table.name == "best_methods" and table.rows]
+    apart = {"cells", *(table.name for table in (*best, *findings, *correlations))}
+    others = [table for table in tables if table.name not in apart and has_ours(table)]
+    conditions = "Which method for which condition"
+    first = [Section("best", conditions, tables=best, picture=_accuracy(results))] if best else []
+    page = Page(
+        title="The ICL-NUIM benchmark, reproduced",
+        lead=_about(out),
+        sections=[*first, *_sections(findings, correlations, others)],
+        tiles=_tiles(results, findings[0]),
+        data=_data(results, films or {}),
+        heat=_heat_gradient(),
+    )
+    return page.write(out / "report.html")
+
+
+def _sections(
+    findings: Sequence[ResultTable],
+    correlations: Sequence[ResultTable],
+    others: Sequence[ResultTable],
+) -> list[Section]:
+    question = "Does a better trajectory mean a better surface?"
+    dots = "A dot is a cell with a measured surface."
+    beside = "The paper's tables: our figures next to the printed ones"
+    how = (
+        "Click a column's name to sort. Click a sequence to show its trajectory, its error over "
+        "time and its heat map. Errors in mm."
+    )
+    decided = [table for table in findings if table.rows]
+    missing = " ".join(dict.fromkeys(table.notes[-1] for table in findings if not table.rows))
+    of_paper = "The findings of section VI"
+    cells = Section("cells", "All cells", how, part="cells")
+    sections = [
+        Section("findings", of_paper, missing, decided, folded=True),
+        Section("main", question, dots, [t for t in correlations if t.rows], part="chart"),
+        Section("tables", beside, tables=others, folded=True),
+    ]
+    whole = any(len(table.rows) == len(RULES) for table in decided)
+    return [*sections, cells] if whole else [cells, *reversed(sections)]
+
+
+def _accuracy(results: Sequence[Measured]) -> str:
+    """The chart of the ATE of every method."""
+    from .accuracy_chart import figure
+
+    chart = io.BytesIO()
+    figure(results).savefig(chart, format="png", dpi=_DPI)
+    return _inline("image/png", chart.getvalue())
+
+
+def _about(out: Path) -> str:
+    recipe = read_json(out / "recipe.json") if (out / "recipe.json").is_file() else {}
+    first = recipe.get("first")
+    frames = f"the first {first} frames of each sequence" if first else "all frames"
+    version = (recipe.get("versions") or {}).get("iclnuim", "")
+    system = (recipe.get("machine") or {}).get("system", "")
+    made = f"iclnuim {version}, {system}".strip(", ")
+    paper = "Handa, Whelan, McDonald and Davison, ICRA 2014"
+    return f"The experiments of {paper}, on our sequences, with our odometers: {frames}. {made}."
+
+
+def _tiles(results: Sequence[Measured], findings: ResultTable) -> list[tuple[str, str]]:
+    verdicts = Counter(row[5] for row in findings.rows)
+    failed = sum("failed" in result.figures for result in results)
+    tiles = [(len(results), "cells measured"), (failed, "cells failed")]
+    tiles.append((len({r.key.sequence for r in results}), "sequences"))
+    verdicts[MISSING] = len(RULES) - len(findings.rows)
+    for name in (HOLDS, FAILS, UNDECIDED, MISSING):
+        tiles.append((verdicts[name], f"of {len(RULES)} findings: {name}"))
+    texts = [(str(number), text) for number, text in tiles if number]
+    if found := correlation(results):
+        texts.append((f"{found.rho:.2f}", "rank correlation of trajectory and surface error"))
+    return texts
+
+
+def _data(results: Sequence[Measured], films: Mapping[str, bytes]) -> dict[str, Any]:
+    """The data that the page's script draws."""
+    table = cells_table(results)
+    cells = [_row(result) for result in results]
+    left = _PICTURES - sum(map(len, films.values())) * 4 // 3
+    for found, result, name in _pictures(cells, results):
+        path = result.folder / f"{name}.jpg"
+        if path.is_file() and len(text := _inline("image/jpeg", path.read_bytes())) <= left:
+            found[f"{name}_jpg"] = text
+            left -= len(text)
+    columns = range(len(CELL_COLUMNS))
+    return {
+        "columns": CELL_COLUMNS,
+        "numeric": [table.is_number(j) for j in columns],
+        "several": [CELL_COLUMNS[j] for j in columns if len(set(table.column(j))) > 1],
+        "cells": cells,
+        "colours": _colours(results),
+        "films": {sequence: _inline("video/webm", film) for sequence, film in films.items()},
+        "heat_text": _HEAT_TEXT,
+    }
+
+
+def _pictures(
+    cells: Sequence[dict], results: Sequence[Measured]
+) -> Iterator[tuple[dict, Measured, str]]:
+    """The heat maps of all cells before their surfaces in colour."""
+    for name in ("heat", "surface"):
+        for cell, result in zip(cells, results, strict=True):
+            yield cell, result, name
+
+
+def _row(result: Measured) -> dict[str, Any]:
+    key = result.key
+    row = cell_row(result)
+    return {
+        "name": key.place,
+        "sequence": key.sequence,
+        "room": key.room,
+        "noise": key.noise,
+        "title": key.title,
+        "row": row,
+        "search": " ".join((key.place, *row)).lower(),
+        "ate": _mm(ate_of(result.figures)),
+        "surface": _mm(surface_of(result.figures)),
+        "failed": result.figures.get("failed", ""),
+        "path": result.figures.get("path"),
+        "more": _more(result),
+    }
+
+
+def _mm(length_m: float | None) -> float | None:
+    return None if length_m is None else 1e3 * length_m
+
+
+def _more(result: Measured) -> dict[str, str]:
+    """Further figures of a cell, by name."""
+    more = {}
+    surface = result.figures.get("surface", {})
+    times = result.figures["times"]
+    if "fit_moved_m" in surface:
+        moved_mm = 1e3 * surface["fit_moved_m"]
+        more["ICP alignment"] = f"{moved_mm:.2f} mm, {surface['fit_turned_deg']:.3f} degrees"
+    if "track_s" in times:
+        each = f"{times['ms_median']:.1f} ms per frame"
+        more["tracking"] = f"{times['track_s']:.1f} s on one core, {each}"
+    return {**more, "cell": f"{times['cpu_s']:.0f} s on one core"}
+
+
+def _colours(results: Sequence[Measured]) -> dict[str, str]:
+    """Title -> colour in the charts; the paper's five odometers come first."""
+    from iclnuim.report.charts import COLOURS
+
+    further = {r.key.title for r in results} - set(paper_titles().values())
+    titles = [*paper_titles().values(), *sorted(further)]
+    return {title: COLOURS[k % len(COLOURS)] for k, title in enumerate(titles)}
+
+
+def _heat_gradient() -> str:
+    """The heat maps' colour scale from low to high, as a CSS gradient."""
+    import numpy as np
+    from iclnuim.benchmark.fusion.pictures import heat_colours
+    from matplotlib.colors import to_hex
+
+    colours = heat_colours(np.geomspace(*HEAT_MM, 17), *HEAT_MM)
+    return f"linear-gradient(to right, {', '.join(to_hex(c / 255) for c in colours)})"
+
+
+def _inline(kind: str, data: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"

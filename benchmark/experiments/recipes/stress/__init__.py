@@ -1,0 +1,1 @@
+"""Where methods fail: perturbations of rising severity, and who keeps tracking."""

@@ -1,0 +1,1 @@
+"""Third-party systems, run several times on sequences."""

@@ -1,0 +1,64 @@
+"""metadata.jsonl of a sequence: each frame with its images, camera and pose, as Hugging Face datasets
+read it where they are installed.
+"""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from iclnuim.formats.images import read_colour8
+from iclnuim.sequences.image_pairs import find_pairs
+from iclnuim.sequences.metadata import write_metadata
+from iclnuim.sequences.sequence_formats import FORMATS
+from iclnuim.sequences.sequence_poses import read_truth
+from iclnuim.sequences.stored_images import read_camera
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_each_frame_has_its_images_camera_and_pose(all_formats, tmp_path, name, command_here):
+    folder = shutil.copytree(all_formats / name, tmp_path / name)
+    command_here("inspect", folder, "--metadata")
+    lines = [json.loads(line) for line in (folder / "metadata.jsonl").read_text().splitlines()]
+    pairs = find_pairs(folder)
+    truth = read_truth(folder)
+    assert [(folder / line["file_name"], folder / line["depth_file_name"]) for line in lines] == [
+        (pair.rgb, pair.depth) for pair in pairs
+    ]
+    camera = read_camera(folder, pairs[0].rgb).to_dict()
+    for pair, line in zip(pairs, lines, strict=True):
+        assert line["stamp_s"] == pair.stamp_s and camera.items() <= line.items()
+        at = np.flatnonzero(np.abs(truth.stamps_s - pair.stamp_s) < 1e-4)
+        if not at.size:  # image 0 of the format icl-nuim
+            assert line["T_world_camera"] is None and pair.number == 0
+            continue
+        difference = truth.T_world_camera.matrix[at[0]] - line["T_world_camera"]
+        assert np.abs(difference).max() < 1e-9
+
+
+@pytest.mark.parametrize("poses", [0, 1])
+def test_frames_without_a_pose_have_none(all_formats, tmp_path, poses):
+    folder = shutil.copytree(all_formats / "tum", tmp_path / "s")
+    rows = (folder / "groundtruth.txt").read_text().splitlines(keepends=True)
+    kept = [row for row in rows if not row.startswith("#")][:poses]
+    (folder / "groundtruth.txt").unlink()
+    if kept:
+        (folder / "groundtruth.txt").write_text("".join(kept))
+    lines = write_metadata(folder).read_text().splitlines()
+    found = [json.loads(line)["T_world_camera"] is not None for line in lines]
+    assert found == [poses == 1, False, False, False]
+
+
+def test_hugging_face_reads_it(all_formats, tmp_path):
+    datasets = pytest.importorskip("datasets")
+    folder = shutil.copytree(all_formats / "tum", tmp_path / "s")
+    write_metadata(folder)
+    given = {"data_dir": str(folder), "cache_dir": str(tmp_path / "cache"), "split": "train"}
+    frames = datasets.load_dataset("imagefolder", **given)
+    pairs = find_pairs(folder)
+    assert len(frames) == len(pairs)
+    camera = read_camera(folder, pairs[0].rgb)
+    for frame, pair in zip(frames, pairs, strict=True):
+        assert np.array_equal(np.asarray(frame["image"].convert("RGB")), read_colour8(pair.rgb))
+        assert np.asarray(frame["depth"]).max() > camera.depth_units_per_metre
+        assert np.shape(frame["T_world_camera"]) == (4, 4)
