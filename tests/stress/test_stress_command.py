@@ -86,7 +86,7 @@ def test_cells_of_other_code_are_made_again(command_here, folder, tmp_path, monk
         def other(*names, module=module):
             return "other" if names[0].endswith(module) else code_of(*names)
 
-        for place in ("code_version", "recipes.stress"):
+        for place in ("code_version", "recipes.stress.recipe"):
             monkeypatch.setattr(f"iclnuim.benchmark.experiments.{place}.code_of", other)
         assert command_here(*words)[0] == 0
         again = {file for file in stamps if os.stat(out / file).st_mtime_ns != stamps[file]}
