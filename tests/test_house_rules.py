@@ -33,7 +33,8 @@ MAY_IMPORT = {
     "version": "",
     "console": "formats",
     "shown": "",
-    "worker_events": "errors geometry formats shipped wall scene_wall",
+    "worker_events": "errors",
+    "worker_client": "errors geometry formats shipped wall scene_wall worker_events",
     "wall": "",
     "scene_wall": "geometry shipped wall",
     "__main__": "errors checkout headless headless.cli benchmark",
@@ -50,7 +51,7 @@ MAY_IMPORT = {
     "sequences": f"{CORE} version console channels job shipped sensor evaluation trajectory_files doubt",
     "labels": f"{CORE} console channels sequences report",
     "postprocess": f"{CORE} console sensor evaluation trajectory_files sequences report",
-    "render": f"{CORE} console job trajectory_files sequences worker_events",
+    "render": f"{CORE} console job trajectory_files sequences worker_client worker_events",
     "lightmap": "errors geometry",
     "blender": f"{CORE} lightmap",
     "blender.open": f"{CORE} shipped job blender",
@@ -60,7 +61,7 @@ MAY_IMPORT = {
     "blender.child": f"{CORE} job worker_events sequences blender blender.render",
     "report": f"{CORE} console evaluation doubt trajectory_files sequences",
     "raycast": f"{CORE} console channels sequences",
-    "ui": f"{CORE} job worker_events shipped sensor evaluation trajectory_files sequences report "
+    "ui": f"{CORE} job worker_client worker_events shipped sensor evaluation trajectory_files sequences report "
     "blender blender.open blender.light blender.render",
 }
 LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"})

@@ -9,9 +9,10 @@ import time
 from pathlib import Path
 
 import pytest
-from iclnuim import wall, worker_events
+from iclnuim import wall, worker_client
 from iclnuim.errors import WorkError
-from iclnuim.worker_events import Exited, FrameDone, Note, WorkerClient
+from iclnuim.worker_client import WorkerClient
+from iclnuim.worker_events import Exited, FrameDone, Note
 from patience import patience
 
 JOB = {"job": {"scene": "office", "trajectory": "office/kt0"}}
@@ -117,6 +118,6 @@ def test_a_worker_writes_only_its_folders(client, tmp_path):
 
 
 def test_the_package_is_compiled_before_a_worker_stands_behind_the_wall(client):
-    child = Path(worker_events.CHILD)
+    child = Path(worker_client.CHILD)
     for module in (child, child.with_name("render") / "worker.py"):
         assert Path(importlib.util.cache_from_source(str(module))).is_file()

@@ -19,7 +19,7 @@ import numpy as np
 import psutil
 from iclnuim.errors import WorkError
 from iclnuim.sequences.run_folder import read_run
-from iclnuim.worker_events import CHILD
+from iclnuim.worker_client import CHILD
 
 #: Number of new frames that must be finished before each disturbance.
 FRAMES_BETWEEN = 3

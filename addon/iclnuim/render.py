@@ -23,7 +23,8 @@ from .sequences.rendered_frames import read_frame
 from .sequences.rgbd_sequence import pictures
 from .sequences.run_folder import RunFolder, load_trajectory, read_run
 from .trajectory_files.trajectories import write_trajectory
-from .worker_events import ChunkDone, Event, Exited, Failed, FrameDone, WorkerClient, worker_command
+from .worker_client import WorkerClient, worker_command
+from .worker_events import ChunkDone, Event, Exited, Failed, FrameDone
 
 
 @dataclass(frozen=True, eq=False)

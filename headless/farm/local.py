@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from iclnuim.errors import IclnuimError, WorkError, named
-from iclnuim.worker_events import ChunkDone, Event, Exited, Failed, FrameDone, Ready, WorkerClient
+from iclnuim.worker_client import WorkerClient
+from iclnuim.worker_events import ChunkDone, Event, Exited, Failed, FrameDone, Ready
 
 from .chunks import Chunk
 from .run_plan import FarmSettings

@@ -21,6 +21,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import atomic_write
 from iclnuim.job import RenderJob
 from iclnuim.sequences.run_folder import RunFolder, load_trajectory, read_run
+from iclnuim.worker_client import WorkerClient, worker_command
 from iclnuim.worker_events import (
     Baked,
     Baking,
@@ -31,8 +32,6 @@ from iclnuim.worker_events import (
     Note,
     Ready,
     Started,
-    WorkerClient,
-    worker_command,
 )
 
 from ..isolation import crash_words

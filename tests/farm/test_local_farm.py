@@ -14,7 +14,7 @@ from iclnuim.errors import IclnuimError, WorkError
 from iclnuim.headless.farm.chunks import chunks_of
 from iclnuim.headless.farm.farm_settings import FarmSettings
 from iclnuim.headless.farm.local import LocalFarm
-from iclnuim.worker_events import WorkerClient
+from iclnuim.worker_client import WorkerClient
 
 JOB = {"job": {"scene": "office", "trajectory": "office/kt0"}}
 #: A worker that speaks the protocol but renders nothing: it touches OUT/N and follows

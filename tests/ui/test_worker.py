@@ -9,7 +9,7 @@ import pytest
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import shipped_job
 from iclnuim.ui.work import Work
-from iclnuim.worker_events import WorkerClient, worker_command
+from iclnuim.worker_client import WorkerClient, worker_command
 from patience import patience
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")

@@ -18,7 +18,7 @@ from bpy.types import Area, Context, Operator
 from ..errors import IclnuimError, WorkError
 from ..evaluation.absolute_error import AbsoluteError
 from ..job import RenderJob
-from ..worker_events import WorkerClient, worker_command
+from ..worker_client import WorkerClient, worker_command
 from .work import Work
 
 POLL_S = 0.1

@@ -10,7 +10,7 @@ from typing import Any
 
 from .. import worker_events as events
 from ..errors import WorkError, named
-from ..worker_events import WorkerClient
+from ..worker_client import WorkerClient
 
 #: After a request to stop, a worker has this time to finish its frame. Then it is terminated, and
 #: the frame is rendered again on resume.
