@@ -1,34 +1,34 @@
-"""A hash of the code that a result depends on: it changes with what the code does, not with
-comments, docstrings or layout, nor with the names of modules.
+"""A hash of the code that a result depends on: of the functions, classes and constants that are
+reached by name from entry points. It changes with what these do, not with comments, docstrings or
+layout, nor with the files they are in, nor with what is not reached.
 """
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 
-from iclnuim import geometry
-from iclnuim.benchmark import odometry
 from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS, PACKAGES
 from iclnuim.formats.files import sha256
 from iclnuim.shipped import versions
 
 #: Rooms whose code decides figures; files, options and texts do not.
-_ROOMS = ("benchmark", "geometry", "sensor", "evaluation", "raycast")
-_PATTERN = re.compile(rf"iclnuim\.({'|'.join(_ROOMS)})\b")
+_ROOMS = re.compile(r"iclnuim\.(benchmark|geometry|sensor|evaluation|raycast)\b")
 _ODOMETRY = "iclnuim.benchmark.odometry"
 #: Names of odometers: a new one does not change the others.
 _REGISTRY = f"{_ODOMETRY}.registry"
-#: Package -> its folder, the inner one first.
-_FOLDERS = {
-    "iclnuim.benchmark": Path(odometry.__path__[0]).parent,
-    "iclnuim": Path(geometry.__path__[0]).parent,
-}
 #: Settings of a parameter that are texts for people.
 _TEXTS = ("label", "source", "help")
-_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
+_DOCUMENTED = (ast.ClassDef, ast.FunctionDef)
+#: A function, class or constant by its module and name; a module has an empty name.
+Name = tuple[str, str]
+#: An entry point: a function or class, or `module:name` of one that is not imported yet.
+Entry = str | Callable[..., object]
 
 
 def method_code(name: str) -> str | None:
@@ -37,9 +37,9 @@ def method_code(name: str) -> str | None:
     as their program is hashed.
     """
     if name in ODOMETERS:
-        module = ODOMETERS[name].module
-        full = f"{_ODOMETRY}{module}" if module.startswith(".") else module
-        return code_of(full, f"{_ODOMETRY}.track")
+        entry = ODOMETERS[name]
+        module = f"{_ODOMETRY}{entry.module}" if entry.module.startswith(".") else entry.module
+        return code_of(f"{module}:{entry.class_name}", f"{_ODOMETRY}.track:Tracker")
     if name not in BASELINES:
         return None
     return package_version(PACKAGES[BASELINES[name][2].partition(".")[0]])
@@ -52,68 +52,151 @@ def package_version(package: str) -> str | None:
 
 
 @cache
-def code_of(*modules: str, without: tuple[str, ...] = ()) -> str:
-    """The hash of modules and of all modules in _ROOMS that they import; without some, and without
-    what only these import.
+def code_of(*entries: Entry, without: tuple[Entry, ...] = ()) -> str:
+    """The hash of entry points and of all definitions in _ROOMS that they reach by name; without
+    some, and without what only these reach. Raises LookupError for an entry that is not there.
     """
-    found: dict[str, str] = {}
-    left = list(modules)
+    texts = set()
+    left = [_entry(entry) for entry in entries]
+    seen = {*left, *map(_entry, without)}
     while left:
-        name = left.pop()
-        if name not in (_REGISTRY, *without, *found) and (file := _file_of(name)):
-            found[name], imported = _read(name, file)
-            left += imported
-    return sha256("\n".join(sorted(found.values())).encode())
+        found, names = _meaning(left.pop())
+        texts.add(found)
+        left += names - seen
+        seen |= names
+    return sha256("\n".join(sorted(texts)).encode())
 
 
-def _file_of(module: str) -> Path | None:
-    """The file of a module; None for another name."""
-    for package, folder in _FOLDERS.items():
-        if module.startswith(f"{package}."):
-            path = folder.joinpath(*module.removeprefix(f"{package}.").split("."))
-            files = (path.with_suffix(".py"), path / "__init__.py")
-            return next((file for file in files if file.is_file()), None)
-    spec = find_spec(module)
-    return Path(spec.origin) if spec and spec.origin else None
+def _entry(entry: Entry) -> Name:
+    if not isinstance(entry, str):
+        entry = f"{entry.__module__}:{entry.__qualname__}"
+    module, _, name = entry.partition(":")
+    found = _definition(module, name)
+    if found is None:
+        raise LookupError(f"{entry} is not defined")
+    return found
 
 
 @cache
-def _read(name: str, file: Path) -> tuple[str, list[str]]:
-    """The hash of a module, and what it imports from _ROOMS."""
-    source = file.read_bytes()
-    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-    imported = [one for one in _imports(package, source) if _PATTERN.match(one)]
-    return sha256(meaning(source).encode()), imported
+def _meaning(name: Name) -> tuple[str, frozenset[Name]]:
+    """What decides the result of a definition, as text, and the definitions that it names."""
+    module = _module(name[0])
+    reached = _Reached(module)
+    texts = [reached.text_of(statement) for statement in module.definitions[name[1]]]
+    return "\n".join(texts), frozenset(reached.names)
 
 
-def meaning(source: bytes) -> str:
-    """The syntax tree of a source as text, without docstrings, the places that it imports from, and
-    the texts of settings.
+@dataclass(frozen=True)
+class _Module:
+    """definitions: name -> the statements at the top of the module that bind it."""
+
+    name: str
+    is_package: bool
+    definitions: dict[str, list[ast.stmt]] = field(default_factory=dict)
+    imports: dict[str, Name] = field(default_factory=dict)
+
+
+@cache
+def _module(name: str) -> _Module:
+    """An empty one for a name that is no module in Python."""
+    try:
+        spec = find_spec(name)
+    except ModuleNotFoundError:
+        spec = None
+    file = Path((spec and spec.origin) or "")
+    found = _Module(name, file.name == "__init__.py")
+    source = file.read_bytes() if file.suffix == ".py" else b""
+    for statement in ast.parse(source).body:
+        for bound in _bound(statement):
+            found.definitions.setdefault(bound, []).append(statement)
+        if not isinstance(statement, ast.If):  # of types alone
+            found.imports.update(_imports(found, statement))
+    return found
+
+
+def _bound(statement: ast.stmt) -> Iterator[str]:
+    """Names of functions, classes and constants that a statement binds."""
+    if isinstance(statement, _DOCUMENTED):
+        yield statement.name
+    elif isinstance(statement, ast.Assign | ast.AnnAssign | ast.AugAssign):
+        targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
+        nodes = chain.from_iterable(map(ast.walk, targets))
+        yield from (node.id for node in nodes if isinstance(node, ast.Name))
+
+
+def _imports(module: _Module, statement: ast.AST) -> Iterator[tuple[str, Name]]:
+    """Name -> what it is imported from, of all imports in a statement."""
+    package = module.name if module.is_package else module.name.rpartition(".")[0]
+    for node in ast.walk(statement):
+        if isinstance(node, ast.ImportFrom):
+            above = package.rsplit(".", node.level - 1)[0] if node.level else ""
+            base = ".".join(filter(None, [above, node.module]))
+            for alias in node.names:
+                yield alias.asname or alias.name, (base, alias.name)
+
+
+@cache
+def _definition(module: str, name: str) -> Name | None:
+    """Where a name of a module is defined; (module, "") of a module, None if it is in no room."""
+    content = _module(module)
+    if name in content.definitions:
+        return module, name
+    if name in content.imports:
+        return _imported(*content.imports[name])
+    return (f"{module}.{name}", "") if content.is_package else None
+
+
+def _imported(module: str, name: str) -> Name | None:
+    if module == _REGISTRY or not _ROOMS.match(f"{module}.{name}"):
+        return None
+    return _definition(module, name)
+
+
+class _Reached(ast.NodeTransformer):
+    """Leaves of a statement what decides its result, and collects the definitions that it names. A
+    name that is reached through its module stands there alone.
     """
-    tree = ast.parse(source)
-    for node in ast.walk(tree):
-        if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+
+    def __init__(self, module: _Module) -> None:
+        self.module = module
+        self.imports = dict(module.imports)
+        self.names: set[Name] = set()
+
+    def text_of(self, statement: ast.stmt) -> str:
+        self.imports.update(_imports(self.module, statement))
+        return ast.dump(self.visit(deepcopy(statement)))
+
+    def _target(self, node: ast.AST) -> Name | None:
+        """What a name, or an attribute of a module, is; a module has an empty name."""
+        if isinstance(node, ast.Name):
+            if node.id in self.imports:
+                return _imported(*self.imports[node.id])
+            return (self.module.name, node.id) if node.id in self.module.definitions else None
+        if isinstance(node, ast.Attribute) and (base := self._target(node.value)):
+            return None if base[1] else _imported(base[0], node.attr)
+        return None
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        if (target := self._target(node)) and target[1]:
+            self.names.add(target)
+        return node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        if (target := self._target(node)) and target[1]:
+            self.names.add(target)
+            return ast.Name(node.attr, node.ctx)
+        return self.generic_visit(node)
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
+        return None
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        node.keywords = [one for one in node.keywords if one.arg not in _TEXTS]
+        return self.generic_visit(node)
+
+    def visit_ClassDef(self, node: ast.ClassDef | ast.FunctionDef) -> ast.AST:
+        if ast.get_docstring(node, clean=False) is not None:
             del node.body[0]
-        elif isinstance(node, ast.ImportFrom):
-            node.module = None
-            node.level = 0
-        elif isinstance(node, ast.Call):
-            node.keywords = list(filter(_decides, node.keywords))
-    return ast.dump(tree)
+        return self.generic_visit(node)
 
-
-def _decides(keyword: ast.keyword) -> bool:
-    return keyword.arg not in _TEXTS
-
-
-def _imports(package: str, source: bytes) -> Iterator[str]:
-    """Names of what a module of a package imports: modules, and things in them."""
-    above = package.split(".")
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            parents = above[: len(above) - node.level + 1] if node.level else []
-            base = ".".join([*parents, *filter(None, [node.module])])
-            yield base
-            yield from (f"{base}.{alias.name}" for alias in node.names)
+    visit_FunctionDef = visit_ClassDef

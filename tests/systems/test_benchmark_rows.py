@@ -131,18 +131,18 @@ def test_code_of_surfaces_decides_surfaces_alone(sources, monkeypatch):
         return [dict(cell.identity) for cell in cells]
 
     before = identities()
-    for module, changed in (
-        ("paper_surface", [False, False, True, True]),
-        ("reference", [False, True, False, True]),
-        ("paper_measure", [True, True, True, True]),
+    for name, changed in (
+        ("measure_surface", [False, False, True, True]),
+        ("make_reference", [False, True, False, True]),
+        ("measure", [True, True, True, True]),
     ):
         with monkeypatch.context() as other:
             whole = code_version.code_of
 
-            def code_of(name, *names, without=(), module=module, whole=whole):
-                if name.endswith(f".{module}"):
+            def code_of(entry, without=(), name=name, whole=whole):
+                if getattr(entry, "__name__", entry).split(":")[-1] == name:
                     return "other"
-                return whole(name, *names, without=without)
+                return whole(entry, without=without)
 
             other.setattr("iclnuim.benchmark.experiments.recipes.paper.recipe.code_of", code_of)
             assert [a != b for a, b in zip(before, identities(), strict=True)] == changed

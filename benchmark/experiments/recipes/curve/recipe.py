@@ -52,7 +52,7 @@ class CurveKey:
 @dataclass(frozen=True, eq=False)
 class Curve:
     """The experiment with odometers. segments: which frames of each input. settings: further
-    settings that decide the figures. module: that of the measurement. point: its figures.
+    settings that decide the figures. measurement: the function that measures. point: its figures.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Curve:
     steps: Sequence[Step]
     settings: Mapping[str, Any]
 
-    module: ClassVar[str] = curves.__name__
+    measurement: ClassVar[str] = f"{curves.__name__}:measure"
     point: ClassVar[Callable[..., Any]] = Point
 
     def cells(self, sequence: str) -> list[Cell]:
@@ -71,7 +71,7 @@ class Curve:
             "input": self.inputs[sequence].sha256,
             "numbers": [segment.numbers[0], segment.numbers[-1]],
             "camera": segment.camera.to_dict(),
-            "code": code_of(self.module),
+            "code": code_of(self.measurement),
             **self.settings,
         }
         found = []
@@ -152,7 +152,7 @@ class FusionCurve(Curve):
 
     surface: TrueSurface
 
-    module: ClassVar[str] = fusion_curve.__name__
+    measurement: ClassVar[str] = f"{fusion_curve.__name__}:measure"
     point: ClassVar[Callable[..., Any]] = FusedPoint
 
     def _points(self, segment: Segment, progress: Callable[[], object]) -> Sequence[Any]:

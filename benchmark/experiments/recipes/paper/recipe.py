@@ -28,19 +28,19 @@ from .sources import Sources
 from .task import PaperTask, fuse_settings
 
 KIND = "benchmark"
-#: Modules on which only surfaces depend, and those on which only an alignment with a model does.
-_SURFACE = ("iclnuim.benchmark.experiments.recipes.paper.surface",)
-_REFERENCE = ("iclnuim.benchmark.fusion.reference",)
+#: What only surfaces depend on, and what only an alignment with a model depends on.
+_SURFACE = "iclnuim.benchmark.experiments.recipes.paper.surface:measure_surface"
+_REFERENCE = "iclnuim.benchmark.fusion.reference:make_reference"
 
 
 def code_of_trajectory(key: PaperKey) -> dict[str, str | None]:
     """The hashes of the code on which a cell's trajectory and its errors depend."""
     found: dict[str, str | None] = {}
-    found["code"] = code_of(measure.__module__, without=(*_SURFACE, *_REFERENCE))
+    found["code"] = code_of(measure, without=(_SURFACE, _REFERENCE))
     if not key.external:
         found["method_code"] = method_code(key.odometer)
     if key.reference == "model":
-        found["reference_code"] = code_of(*_REFERENCE)
+        found["reference_code"] = code_of(_REFERENCE)
     return found
 
 
@@ -75,7 +75,7 @@ class Paper:
                 "model": self.sources.model_name(key),
                 "fusion": asdict(fuse_settings(key, self.first)),
                 "quality": QualitySettings().to_dict(),
-                "surface_code": code_of(*_SURFACE),
+                "surface_code": code_of(_SURFACE),
             }
         return Cell(key, identity)
 

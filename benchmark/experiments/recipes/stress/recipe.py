@@ -27,7 +27,7 @@ from ....perturbations.segment import Segment
 from ....systems.staging import StagedSequence
 from ....systems.system import System
 from ...cell import Cell
-from ...code_version import code_of, method_code
+from ...code_version import Entry, code_of, method_code
 from ...inputs import Input
 from ...outcome import Outcome, Poses, diagnostics, outcome, track_all
 from ...pool import Advance, Job, compile_first, one_thread, run_jobs
@@ -36,9 +36,8 @@ from ..system.recipe import SystemRuns, system_store
 
 KIND = "stress"
 CLEAN = "clean"
-_BENCHMARK = "iclnuim.benchmark"
 #: What selects frames, and computes the figures of a cell.
-_FRAMES_CODE = (f"{_BENCHMARK}.perturbations.plan", f"{_BENCHMARK}.experiments.outcome")
+_FRAMES_CODE: tuple[Entry, ...] = (Plan, Poses, track_all, diagnostics, outcome)
 
 
 @dataclass(frozen=True, order=True)
@@ -237,12 +236,11 @@ class Stress:
         return 1 if system.settings.deterministic else self.runs
 
 
-def _frames_code(perturbation: str) -> list[str]:
-    """The modules that decide the frames and figures of a perturbation's cells."""
-    modules = [*_FRAMES_CODE]
+def _frames_code(perturbation: str) -> list[Entry]:
+    """What decides the frames and figures of a perturbation's cells."""
     if perturbation in FUNCTIONS:
-        modules.append(FUNCTIONS[perturbation].function.__module__)
-    return modules
+        return [*_FRAMES_CODE, FUNCTIONS[perturbation].function]
+    return [*_FRAMES_CODE]
 
 
 def label(system: System) -> str:
