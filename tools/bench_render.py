@@ -101,9 +101,9 @@ def _compare_light(args: Namespace, console: Console) -> None:
 
 
 def _machine(job: RenderJob) -> dict[str, Any]:
-    from iclnuim.blender.render import worker
+    from iclnuim.blender.render import run_recipe
 
-    recipe = worker.recipe(job)
+    recipe = run_recipe.recipe(job)
     return {"cores": os.cpu_count(), **recipe["machine"], "blender": recipe["blender"]}
 
 

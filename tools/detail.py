@@ -16,7 +16,7 @@ from iclnuim.blend.builder import build_scene
 from iclnuim.blender import surfaces
 from iclnuim.blender.light import light_files
 from iclnuim.blender.open import scene
-from iclnuim.blender.render import worker
+from iclnuim.blender.render.job_scene import JobScene
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
@@ -130,7 +130,7 @@ class Room:
             self.camera,
             map_samples=_MAP_SAMPLES,
         )
-        bake_s = light_files.read_recipe(worker.bake_light(job, lambda event: None)[0])["seconds"]
+        bake_s = light_files.read_recipe(JobScene(job, lambda event: None).bake()[0])["seconds"]
         frame_s = rendered(job, self.folder / f"frames-{detail:g}")[-1]
         return Light(float(bake_s), frame_s)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim.blender.light import light_files
-from iclnuim.blender.render import worker
+from iclnuim.blender.render.job_scene import JobScene
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.job import RenderJob
@@ -57,7 +57,7 @@ def measure_sizes(
             job = RenderJob(room, room, str(path), camera, map_size=size, map_samples=_SAMPLES)
             on_step()
             try:
-                light, _ = worker.bake_light(job, lambda event: None)
+                light, _ = JobScene(job, lambda event: None).bake()
             except InputError as refusal:
                 note(f"{room}, {size} texels: left out: {refusal}")
                 continue

@@ -177,12 +177,12 @@ class Comparison:
         return LightResult(method, seconds, found, flicker)
 
     def _reference(self, seed: int) -> np.ndarray:
-        from iclnuim.blender.render import worker
+        from iclnuim.blender.render import run_recipe
 
         samples = REFERENCE_SAMPLES // len(_REFERENCE_SEEDS)
         job = self.job.changed(light="path", samples=samples, denoise=False, seed=seed)
         job = replace(job, camera=self.small)
-        recipe = worker.recipe(job)
+        recipe = run_recipe.recipe(job)
         deciding = ("job", "scene_sha256", "trajectory_sha256", "blender")
         key = sha256(json.dumps([recipe[k] for k in deciding], sort_keys=True).encode())
         folder = shipped.cache_folder() / "references" / key[:20]

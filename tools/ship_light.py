@@ -16,7 +16,7 @@ import OpenEXR
 from iclnuim import shipped
 from iclnuim.blender.light import light_files
 from iclnuim.blender.open import scene
-from iclnuim.blender.render import worker
+from iclnuim.blender.render.job_scene import JobScene
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.files import write_json
 from iclnuim.job import shipped_job
@@ -50,7 +50,7 @@ def ship(room: str) -> str:
         if isinstance(event, Note):
             print(event.text, flush=True)
 
-    made, _ = worker.bake_light(job, listen)
+    made, _ = JobScene(job, listen).bake()
     target.mkdir(parents=True)
     light = read_exr(made / light_files.MAP)
     for level in LEVELS:

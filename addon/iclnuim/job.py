@@ -57,8 +57,8 @@ class RenderJob(Settings):
             "baked": "diffuse light from a map that is baked once per scene; "
             "reflections and glass are traced",
             "path": "every frame is fully path traced; slow, correct for moving objects",
-            "auto": "user-provided scenes: whichever takes less time, "
-            "the default of the command line; built-in scenes: baked",
+            "auto": "whichever takes less time, the default of the command line; "
+            "built-in scenes that ship with a light map: baked",
         },
         source="baked: paper, section III",
     )
@@ -112,7 +112,8 @@ class RenderJob(Settings):
     def __post_init__(self) -> None:
         known = declared(RenderJob)
         object.__setattr__(self, "camera", PinholeCamera.of(self.camera))
-        if known["light"].checked(self.light) == "auto" and self.scene in shipped.SCENE_NAMES:
+        is_auto = known["light"].checked(self.light) == "auto"
+        if is_auto and shipped.is_scene(self.scene) and shipped.has_light(self.scene):
             object.__setattr__(self, "light", "baked")
         for name, value in LIGHT_DEFAULTS.get(self.light, {}).items():
             if getattr(self, name) is None:

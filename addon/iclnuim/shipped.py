@@ -81,6 +81,11 @@ def scene_file(name: str) -> Path:
     return path
 
 
+def has_light(scene: str) -> bool:
+    """Whether a built-in scene has a light map in blend/light/NAME."""
+    return (folder("blend") / "light" / scene).is_dir()
+
+
 def cache_folder() -> Path:
     """The cache folder: ICLNUIM_CACHE, or iclnuim in XDG_CACHE_HOME, or ~/.cache/iclnuim."""
     if own := os.environ.get("ICLNUIM_CACHE"):

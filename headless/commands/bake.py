@@ -39,7 +39,7 @@ def run(args: Namespace, console: Console) -> None:
         return
     try:
         from iclnuim.blender.light import light_files
-        from iclnuim.blender.render import worker
+        from iclnuim.blender.render.job_scene import JobScene
     except ImportError as error:
         raise blender_missing("bake", error) from None
 
@@ -47,7 +47,7 @@ def run(args: Namespace, console: Console) -> None:
         if isinstance(event, Note):
             console.note(event.text)
 
-    folder, _ = worker.bake_light(job, listen)
+    folder, _ = JobScene(job, listen).bake()
     recipe = light_files.read_recipe(folder)
     text = f"{folder}\n{recipe['texels']} texels, baked in {recipe['seconds']} s"
     console.result({"folder": str(folder), **recipe}, text)
@@ -62,10 +62,14 @@ def _work(job: RenderJob) -> PlannedWork:
     return PlannedWork(what, bake_core_s(job) / len(own_cores()), size / 1e9)
 
 
+def _first_sequence(scene: str) -> str:
+    return next(name for name in shipped.sequence_names() if name.startswith(f"{scene}/"))
+
+
 def _job(args: Namespace) -> RenderJob:
     """A job with any trajectory of the scene, as its light does not depend on the camera."""
     if args.scene in shipped.SCENE_NAMES:
-        job = shipped_job(f"{args.scene}/kt0")
+        job = shipped_job(_first_sequence(args.scene))
     elif Path(args.scene).is_file():
         job = shipped_job("living_room/kt0")
         job = job.changed(sequence="scene/light", scene=str(Path(args.scene).resolve()))

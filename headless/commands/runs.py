@@ -190,7 +190,7 @@ def _job(args: Namespace, sequence: str | None) -> RenderJob:
     if args.camera:
         given["camera"] = PinholeCamera.parse(args.camera)
     is_recipe = sequence is not None and sequence.endswith(".json")
-    if args.scene and not is_recipe and not {"map_size", "map_samples"} & given.keys():
+    if not is_recipe and not {"map_size", "map_samples"} & given.keys():
         given.setdefault("light", "auto")
     job = _sequence_job(sequence, args)
     _check_asked(job, args, sequence or "")

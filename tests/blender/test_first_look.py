@@ -3,11 +3,13 @@ and that neither changes a frame.
 """
 
 import json
+import shutil
 
 import pytest
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 
+from iclnuim import shipped  # noqa: E402
 from iclnuim.blender.render import worker  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.formats.png import read_rgb8  # noqa: E402
@@ -51,6 +53,24 @@ def test_a_bake_that_would_not_pay_is_not_begun_and_the_run_keeps_its_light(begu
     plain, _, notes = begun("plain", [0], [0], light="path", samples=4)
     assert not (plain / "preview.png").exists()
     assert (plain / "exr/000000.exr").read_bytes() == (out / "exr/000000.exr").read_bytes()
+
+
+def test_a_built_in_scene_without_a_light_map_is_lit_as_an_own_one(
+    begun, cornered_room, tmp_path, monkeypatch
+):
+    """And a resumed run does not choose again."""
+    (tmp_path / "blend").mkdir()
+    shutil.copy(cornered_room, tmp_path / "blend/box.blend")
+    entry = shipped.SceneEntry("box", "Box", "a box")
+    monkeypatch.setattr(shipped, "SCENES", {**shipped.SCENES, "box": entry})
+    monkeypatch.setattr(shipped, "SCENE_NAMES", tuple(shipped.SCENES))
+    monkeypatch.setattr(shipped, "folder", lambda name: tmp_path / name)
+    out, job, notes = begun("run", [0], [0], scene="box", light="auto", samples=4)
+    assert (job["scene"], job["light"]) == ("box", "path")
+    assert any("light: path traced, which takes less time (1 frame:" in note for note in notes)
+    assert (out / "exr/000000.exr").is_file()
+    _, again, notes = begun("run", [0] * 10**6, scene="box", light="auto", samples=4)
+    assert again == job and "light: path, as when this run was started" in notes
 
 
 def test_many_frames_are_baked(begun):

@@ -15,7 +15,7 @@ pytest.importorskip("bpy", reason="needs the bpy package")
 from iclnuim.blender import surfaces  # noqa: E402
 from iclnuim.blender.light import light_files  # noqa: E402
 from iclnuim.blender.open import scene  # noqa: E402
-from iclnuim.blender.render import worker  # noqa: E402
+from iclnuim.blender.render.job_scene import JobScene  # noqa: E402
 
 ROOMS = shipped.SCENE_NAMES
 
@@ -46,7 +46,7 @@ def test_nothing_is_baked_where_it_serves(monkeypatch, tmp_path):
     monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path / "cache"))
     job = shipped_job("living_room/kt2")
     for seed in (0, 5):
-        folder, made = worker.bake_light(job.changed(seed=seed), lambda event: None)
+        folder, made = JobScene(job.changed(seed=seed), lambda event: None).bake()
         assert not made and folder == shipped_light(job)
     assert not (tmp_path / "cache").exists()
 

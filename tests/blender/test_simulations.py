@@ -17,7 +17,7 @@ import simulated_scenes  # noqa: E402
 from iclnuim.blender.open import motion, scene, simulations  # noqa: E402
 from iclnuim.blender.open.blend_file import may_simulate  # noqa: E402
 from iclnuim.blender.open.run_frames import RunFrames  # noqa: E402
-from iclnuim.blender.render import worker  # noqa: E402
+from iclnuim.blender.render import run_recipe, worker  # noqa: E402
 from iclnuim.console import Console  # noqa: E402
 from iclnuim.errors import InputError, WorkError  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
@@ -156,7 +156,7 @@ def test_a_task_of_its_own_bakes_what_the_tasks_of_frames_show(tmp_path, cache):
 def test_the_file_stays_and_its_textures_are_found_from_the_copy(tmp_path, cache):
     file = simulated_scenes.write(bpy, "rigid", tmp_path)
     before = file.read_bytes()
-    plain = worker.recipe(job_of(file))["scene_sha256"]
+    plain = run_recipe.recipe(job_of(file))["scene_sha256"]
     scene.open_scene(str(file), None, RunFrames(FRAMES, 10))
     assert bpy.data.filepath == str(next(cache.glob("*/*.blend")))
     assert Path(bpy.data.images["floor"].filepath) == tmp_path / "floor.png"

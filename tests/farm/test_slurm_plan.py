@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from iclnuim import shipped
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
@@ -373,7 +374,9 @@ def test_a_plan_is_recorded_and_read_back_wherever_the_folder_moves(tmp_path, mo
     assert again == replace(plan, raw=raw)
 
 
-def test_light_is_chosen_for_a_users_own_scene_unless_options_name_it_or_its_map(tmp_path):
+def test_light_is_chosen_for_a_scene_without_a_map_unless_options_name_it_or_its_map(
+    tmp_path, monkeypatch
+):
     own = ("--scene", str(tmp_path / "own.blend"))
     cases = {
         ("kt2", *own): "auto",
@@ -387,6 +390,9 @@ def test_light_is_chosen_for_a_users_own_scene_unless_options_name_it_or_its_map
     }
     for words, light in cases.items():
         assert asked_for(tmp_path, *words).job.light == light, words
+    monkeypatch.setattr(shipped, "has_light", lambda scene: False)
+    assert asked_for(tmp_path, "kt2").job.light == "auto"
+    assert asked_for(tmp_path, "kt2", "--light", "baked").job.light == "baked"
     auto = asked_for(tmp_path, "kt2", *own, "--samples", "7").job
     assert (auto.samples, replace(auto, light="path").denoise) == (7, True)
 

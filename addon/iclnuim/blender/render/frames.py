@@ -1,6 +1,6 @@
 """Rendering of one frame to arrays: scene-linear RGB, exact planar Z, motion blur and rolling
-shutter. Passes are taken from Cycles in memory where
-possible, otherwise from Blender's multilayer EXR, with the same values.
+shutter. Passes are taken from Cycles in memory where possible, otherwise from Blender's multilayer
+EXR, with the same values.
 
 For motion blur and rolling shutter, many cheap renders at poses inside the exposure are averaged in
 linear light, band by band.
@@ -8,7 +8,7 @@ linear light, band by band.
 
 import math
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import bpy
 import numpy as np
@@ -19,6 +19,7 @@ from ...geometry.trajectory import Trajectory, sample
 from ...job import RenderJob
 from ...sensor.exposure import Band, motion_px, plan
 from ..compat import passes_in_memory, temporarily
+from . import settings
 
 #: All channels of a frame by name, such as `ViewLayer.Combined.R`, or an EXR file with them.
 Raw: TypeAlias = dict[str, np.ndarray] | Path
@@ -49,6 +50,41 @@ def render(number: float, raw_file: Path, in_memory: bool = False) -> Raw:
     if result != {"FINISHED"} or (not raw_file.is_file() if passes is None else not passes):
         raise WorkError(f"frame {number}: Blender ended with {result} and wrote no frame")
     return raw_file if passes is None else passes
+
+
+class RawFrame(NamedTuple):
+    """Blender's frames with RGB and with Z, usually the same, and with Z behind glass if the job
+    needs it.
+    """
+
+    rgb: Raw
+    depth: Raw
+    behind: Raw | None
+
+
+def render_parts(job: RenderJob, number: int, name: Path, volumes: bool) -> RawFrame:
+    """Render a frame. Its parts may be files: the caller alternates names while another frame is
+    being written.
+
+    A separate render with one sample gives Z if the filter is wide or the scene has `volumes`, else
+    Z is that of the first sample. It also gives the further channels, which otherwise are a mean
+    over the samples.
+    """
+    scene = bpy.context.scene
+    rgb = depth = render(number, name.with_suffix(".exr"), in_memory=True)
+    behind = None
+    # one narrow ray per pixel, so that Z has the same bits as without antialiasing
+    narrow = {"filter_width": settings.CENTRE_FILTER_PX, "samples": 1, "use_denoising": False}
+    if job.antialias or volumes or (job.further and job.samples != 1):
+        with temporarily(scene.cycles, **narrow), settings.without_volumes():
+            file = name.with_name(f"{name.name}-depth.exr")
+            depth = render(number, file, in_memory=True)
+    if job.glass != "surface":
+        through = temporarily(scene.view_layers[0], pass_alpha_threshold=0.5)
+        with through, temporarily(scene.cycles, **narrow), settings.without_volumes():
+            file = name.with_name(f"{name.name}-behind.exr")
+            behind = render(number, file, in_memory=True)
+    return RawFrame(rgb, depth, behind)
 
 
 def channels_of(raw: Raw) -> dict[str, np.ndarray]:

@@ -1,18 +1,28 @@
-"""The numbers of objects and classes in instance and class images, and the table of objects."""
+"""The numbers of objects and classes in instance and class images, and the tables of objects and of
+the poses of those that move.
+"""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import bpy
+import mathutils
 import numpy as np
 
 from ...errors import InputError
+from ...formats.files import atomic_write_text, write_json
 from ...geometry.points import upright_box
 from ...labels.classes import FIRST_OWN, read_class_map
+from ...sequences.ground_truth import OBJECT_POSES, OBJECTS
 from .. import surfaces
+from ..open import motion
 from ..surfaces import SURFACE_TYPES, Part
 
 _SCHEMA_VERSION = 1
+#: Stamps are written with six decimals.
+_ROUNDED_S = 1e-6
+_POSES_HEAD = "stamp,id,tx,ty,tz,qx,qy,qz,qw"
 _DIGITS = 6  # micrometres
 _MAX_OBJECTS = 32767  # the maximum of Blender's pass index
 #: The 40 labels of NYU Depth v2 as reduced by Gupta, Arbelaez and Malik (CVPR 2013), from number 1
@@ -54,6 +64,21 @@ def kinds_of(names: list[str | None]) -> dict[str | None, Kind]:
     for number, name in enumerate(sorted({n for n in names if n and n not in KINDS}), FIRST_OWN):
         found[name] = _kind(number, name, name)
     return found
+
+
+def write_objects(folder: Path, stamps_s: np.ndarray) -> None:
+    """Number the objects of the open scene, and write their tables into the folder, unless they are
+    there: objects.json, and object_poses.csv if something moves at these stamps (s), frame by
+    frame.
+    """
+    number_objects()
+    table, poses_file = folder / OBJECTS, folder / OBJECT_POSES
+    if table.is_file() and _covers(poses_file, stamps_s[-1]):
+        return
+    poses = _object_poses(stamps_s)
+    if poses.rows:
+        atomic_write_text(poses_file, poses.text)
+    write_json(table, objects_table(poses.first_frames))
 
 
 def number_objects() -> None:
@@ -165,3 +190,64 @@ def _places(part: Part) -> dict:
 
 def _listed(values: np.ndarray) -> list:
     return (np.round(values, _DIGITS) + 0.0).tolist()
+
+
+@dataclass(frozen=True)
+class _ObjectPoses:
+    """The table of poses by rows, and the first frame of each object of it, by number."""
+
+    rows: list[str]
+    first_frames: dict[int, int]
+
+    @property
+    def text(self) -> str:
+        return "\n".join([_POSES_HEAD, *self.rows]) + "\n"
+
+
+def _object_poses(stamps_s: np.ndarray) -> _ObjectPoses:
+    """The poses of all moving objects with a surface; no rows if nothing moves.
+
+    Row by row: the stamp (s) of frame i, the number of the object, its position (m) and its
+    quaternion (x y z w) in the world, without scale. An instanced object has a row for each
+    instance. Call it after number_objects(); the current frame is restored.
+    """
+    scene = bpy.context.scene
+    moving = set(motion.all_moving_names(scene))
+    poses = _ObjectPoses([], {})
+    if not moving:
+        return poses
+    before = scene.frame_current
+    with surfaces.as_rendered(scene) as depsgraph:
+        go_to = surfaces.frame_changer(scene)
+        for frame, stamp_s in enumerate(stamps_s):
+            go_to(frame)
+            for number, pose in sorted(_numbers_and_poses(depsgraph, moving)):
+                poses.rows.append(f"{stamp_s:.6f},{number},{pose}")
+                poses.first_frames.setdefault(number, frame)
+        go_to(before)
+    return poses
+
+
+def _covers(file: Path, stamp_s: float) -> bool:
+    """Whether a table reaches a stamp."""
+    if not file.is_file():
+        return False
+    *_, last = file.read_text().splitlines()
+    return not last.startswith("stamp") and float(last.split(",")[0]) >= stamp_s - _ROUNDED_S
+
+
+def _numbers_and_poses(
+    depsgraph: bpy.types.Depsgraph, moving: set[str]
+) -> Iterator[tuple[int, str]]:
+    for instance in depsgraph.object_instances:
+        thing = instance.object
+        if thing.name not in moving and (instance.parent or thing).name not in moving:
+            continue
+        if instance.show_self and thing.type in surfaces.SURFACE_TYPES:
+            yield thing.original.pass_index, _pose(instance.matrix_world)
+
+
+def _pose(matrix: mathutils.Matrix) -> str:
+    place, turn, _ = matrix.decompose()
+    values = (*place, turn.x, turn.y, turn.z, turn.w)
+    return ",".join(f"{value + 0.0:.6f}" for value in values)

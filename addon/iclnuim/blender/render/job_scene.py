@@ -1,0 +1,167 @@
+"""The scene of a render job in Blender's session: opened, previewed, baked, built for frames."""
+
+import os
+import tempfile
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy.types import Image
+
+from ... import shipped
+from ... import worker_events as events
+from ...channels import INSTANCE, exr_types
+from ...errors import InputError
+from ...geometry.trajectory import Trajectory
+from ...job import RenderJob
+from ...native_output import native_output_in
+from .. import compat, surfaces
+from ..light import light_map, mipmaps
+from ..open import light_choice, preflight, scene
+from ..open.run_frames import RunFrames
+from ..open.simulated import is_simulated
+from . import camera, first_look, ground_truth, passes, settings
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltScene:
+    """A scene that is built for frames. has_volumes: also volumes that Geometry Nodes make.
+    mipmaps: its filtered textures, which have no files.
+    """
+
+    has_volumes: bool
+    mipmaps: list[Image]
+
+
+class JobScene:
+    """The scene of a job, for the frames of a run. A step that changes what is open in Blender
+    says so, and the next one opens the scene again.
+
+    job: with light "auto" until it is chosen. threads: of Cycles; default: all cores of this
+    process.
+    """
+
+    def __init__(
+        self,
+        job: RenderJob,
+        emit: Callable[[events.Event], None],
+        threads: int | None = None,
+        frames: RunFrames | None = None,
+    ) -> None:
+        self.job = job
+        self.frames = frames
+        self._emit = emit
+        self._threads = threads
+        self._is_open = False
+
+    def open_early(self) -> None:
+        """Open the scene before its run, with path tracing if it cannot have baked light: its
+        textures are part of the recipe, and moving objects affect the choice of light.
+        """
+        with _silence():
+            notes = scene.open_scene(self.job.scene, self.job.reading, self.frames)
+            self.job, more = light_choice.with_possible_light(self.job)
+        self._is_open = True
+        self._note_all([*notes, *more])
+
+    def preview(self, trajectory: Trajectory, number: int) -> first_look.Look:
+        """A preview of frame `number`. The scene is changed."""
+        self._is_open = False
+        with _silence(errors=True):
+            return first_look.look(self.job, trajectory, number, self._threads)
+
+    def bake(self) -> tuple[Path, bool]:
+        """Find or bake the light map. Returns its folder and whether it was baked: then the scene
+        is changed, and preferably built in a new process, which needs less memory.
+
+        Raises InputError for a scene whose light cannot be baked.
+        """
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            native_output_in(Path(folder) / "blender.log"),
+        ):
+            self._set_up(must_bake=True)
+            map_folder, made = light_map.prepare(self.job, self._note)
+        self._is_open = not made
+        return map_folder, made
+
+    def extend(self, last: int) -> bool:
+        """Whether the run reaches beyond its last frame, where simulations end; then the scene is
+        opened again, for a run that ends at frame `last`.
+        """
+        if self.frames is None or last <= self.frames.last:
+            return False
+        self.frames = replace(self.frames, last=last)
+        self._is_open = False
+        return True
+
+    def build(self, trajectory: Trajectory, run: Path) -> BuiltScene:
+        """Light the scene, keyframe the camera, and set all settings. Tables of the objects are
+        written into the folder `run` if the job has instances.
+        """
+        job = self.job
+        self._set_up()
+        if INSTANCE in exr_types(job.further):
+            ground_truth.write_objects(run, self._stamps_of_objects_s(trajectory))
+        map_folder = light_map.prepare(job, self._note)[0] if job.light == "baked" else None
+        # after the light map is found: it is that of the original textures
+        filtered = mipmaps.filter_textures(job.camera) if job.mipmaps else []
+        if map_folder is not None:
+            self._light_up(map_folder)
+        passes.add(job.further)
+        camera.keyframe(trajectory.T_world_camera, job.camera)
+        # including volumes made by Geometry Nodes
+        volumes = light_choice.volume_names(bpy.context.scene) or compat.volume_outputs()
+        return BuiltScene(bool(volumes), filtered)
+
+    def _set_up(self, must_bake: bool = False) -> None:
+        """Open the scene unless it is open, note what is found in it, and set all settings. The
+        scene is changed.
+        """
+        job = self.job
+        if not self._is_open:
+            self._note_all(scene.open_scene(job.scene, job.reading, self.frames))
+        self._is_open = False
+        baked = must_bake or job.light == "baked"
+        if must_bake and (obstacle := light_choice.reason_against_baking(bpy.context.scene)):
+            wanted = "a scene whose light can be baked"
+            raise InputError(wanted, path=job.scene, found=obstacle, hint="{light} path")
+        if not shipped.is_scene(job.scene):
+            noisy = baked and job.samples == 1 and not job.denoise
+            self._note_all(preflight.findings(baked, noisy))
+        if baked:
+            surfaces.make_lamps_real()
+        settings.apply(job, self._threads)
+
+    def _light_up(self, map_folder: Path) -> None:
+        """Show the scene lit by its light map."""
+        here = bpy.context.scene
+        # path tracing clamps indirect light in the same way; not for built-in rooms, so that their
+        # frames do not change
+        is_built_in = shipped.is_scene(self.job.scene)
+        light_map.apply(map_folder, None if is_built_in else here.cycles.sample_clamp_indirect)
+        settings.assign(here.cycles, light_map.BOUNCES)
+        if here.world is not None:
+            # only rays of reflections sample the sky, which is faster than importance sampling
+            here.world.cycles.sampling_method = "NONE"
+
+    def _stamps_of_objects_s(self, trajectory: Trajectory) -> np.ndarray:
+        """The stamps of all frames; those up to the last rendered one if a simulation ends there."""
+        if self.frames is None or not is_simulated(bpy.context.scene):
+            return trajectory.stamps_s
+        return trajectory.stamps_s[: self.frames.last + 1]
+
+    def _note(self, text: str) -> None:
+        self._emit(events.Note(text))
+
+    def _note_all(self, texts: Iterable[str]) -> None:
+        for text in texts:
+            self._note(text)
+
+
+def _silence(errors: bool = False) -> AbstractContextManager[None]:
+    """Before a run has its log, what Blender prints goes nowhere."""
+    return native_output_in(Path(os.devnull), errors=errors)
