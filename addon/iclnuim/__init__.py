@@ -109,8 +109,12 @@ if TYPE_CHECKING:
     from .sequences.rgbd_sequence import PosedFrame, RgbdSequence, open_sequence
     from .sequences.sequence import WrittenSequence
     from .shipped import SCENES
-    from .trajectory_files.pov_pose import pose_from_pov
-    from .trajectory_files.trajectories import LoadedTrajectory, read_trajectory, write_trajectory
+    from .trajectory_files.trajectories import (
+        LoadedTrajectory,
+        pose_from_pov,
+        read_trajectory,
+        write_trajectory,
+    )
 else:
 
     def __getattr__(name: str) -> Any:

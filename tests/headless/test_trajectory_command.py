@@ -1,6 +1,5 @@
 """`iclnuim trajectory` as a user types it: figures, files, statements of frames, refusals."""
 
-import dataclasses
 import json
 import os
 import subprocess
@@ -11,7 +10,7 @@ import pytest
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, adopt, resample
 from iclnuim.headless.cli import main
-from iclnuim.trajectory_files.trajectories import FORMATS, read_trajectory, write_trajectory
+from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
 WALK = Trajectory.at_rate(
     SE3.exp(np.cumsum(np.random.default_rng(0).normal(size=(61, 6)) * 0.01, axis=0))
@@ -245,6 +244,7 @@ def test_a_resampled_trajectory_gets_frame_numbers_of_its_own_rate(run, walk, tm
         ("a.gt.freiburg", 60, True),
         ("a.kitti", 60, True),
         ("a.tum", 60, False),
+        ("a_vslam.csv", 60, False),
         ("b.kitti", 30, False),
     ],
 )
@@ -256,19 +256,6 @@ def test_a_file_without_stamps_at_another_rate_is_noted_with_the_option_that_rea
     if noted:
         _, out, _ = run("info", tmp_path / name, "--file-rate", "60")
         assert " at 60 Hz" in out
-
-
-@pytest.mark.parametrize(
-    ("name", "has_stamps"), [("tum", False), ("kitti", True), ("vslam-lab", False)]
-)
-def test_the_entry_of_a_format_says_whether_its_files_have_stamps(
-    run, walk, tmp_path, monkeypatch, name, has_stamps
-):
-    entry = FORMATS[name]
-    writer = dataclasses.replace(entry.writer, has_stamps=has_stamps)
-    monkeypatch.setitem(FORMATS, name, entry._replace(writer=writer))
-    _, _, err = run("resample", walk, "--rate", 60, "-o", tmp_path / "a", "--to", name)
-    assert ("give --file-rate 60 where it is read" in err) != has_stamps
 
 
 @pytest.mark.parametrize(

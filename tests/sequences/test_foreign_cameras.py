@@ -22,7 +22,9 @@ from iclnuim.sequences.layouts import euroc, nerf, replica, vslam_lab
 from iclnuim.sequences.layouts.scannet import SCAN
 from iclnuim.sequences.sequence_poses import find_truth, load_truth, read_truth
 from iclnuim.sequences.stored_images import read_camera
-from iclnuim.trajectory_files.colmap_cameras import MODELS
+from iclnuim.trajectory_files.colmap import (
+    MODELS,
+)
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
 CAMERA_KEYS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")

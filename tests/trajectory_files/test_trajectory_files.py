@@ -460,3 +460,17 @@ def test_every_format_says_in_one_sentence_how_it_was_taken(samples):
         sentence = read_trajectory(samples / name).read_as.sentence
         assert "\n" not in sentence and "LEFT-handed" in sentence
     assert all(known.writer.goes_to for known in FORMATS.values() if known.writer)
+
+
+def test_a_loaded_trajectory_shows_itself_in_one_short_line(file):
+    lines = [f"{i}.5 {i} 0 0 0 0 0 1\n" for i in range(999)]
+    loaded = read_trajectory(
+        file("a.txt", "".join([*lines, lines[-1], lines[-1].replace(" 0", " nan")]))
+    )
+    assert repr(loaded) == (
+        "LoadedTrajectory(tum, Trajectory(999 poses, 0.500..998.500 s, 998.000 m), "
+        "1 lost, 1 repeated)"
+    )
+    assert repr(read_trajectory(file("b.txt", lines[0]))) == (
+        "LoadedTrajectory(tum, Trajectory(1 poses, 0.500..0.500 s, 0.000 m))"
+    )

@@ -1,10 +1,13 @@
 """Every trajectory format that can be written: what is read back is what was written."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.trajectory_files.number_rows import NumberRows
 from iclnuim.trajectory_files.stamps import stamp_text
 from iclnuim.trajectory_files.trajectories import (
     FORMATS,
@@ -52,6 +55,40 @@ def test_the_formats_that_can_be_written():
     assert {"tum", "kitti", "pov-matrix", "gt.freiburg", "gt.sim", "pov-commands", "euroc"} <= set(
         NAMES
     )
+
+
+def wrong_entries():
+    """(name, entry) of formats with one part that does not fit the others."""
+    for name, entry in FORMATS.items():
+        if entry.writer:
+            line = entry.writer.line
+            for other in (f"%f {line}", line.replace("%", "%%", 1), f"{line}%"):
+                yield name, entry._replace(writer=replace(entry.writer, line=other))
+        rows = entry.reader.rows
+        if isinstance(rows, NumberRows):
+            for by in (-1, 1):
+                columns = entry.reader.columns.shifted(by)
+                yield name, entry._replace(reader=replace(entry.reader, columns=columns))
+            narrow = replace(rows, counts=(min(rows.counts) - 1,))
+            yield name, entry._replace(reader=replace(entry.reader, rows=narrow))
+
+
+def test_an_entry_whose_parts_do_not_fit_is_refused_in_one_line():
+    wrong = list(wrong_entries())
+    assert len(wrong) > 40
+    for name, entry in wrong:
+        with pytest.raises(InputError, match=f"^trajectory format {name}: expected .*") as error:
+            entry.check(name)
+        assert "\n" not in str(error.value)
+    for name, entry in FORMATS.items():
+        entry.check(name)
+
+
+def test_stamps_as_seconds_and_numbers_as_whole_numbers_are_told_apart():
+    tum = FORMATS["tum"]
+    line = tum.writer.line.replace("%s", "%d")
+    with pytest.raises(InputError, match=r"a stamp in seconds \(%s\) and 7 numbers"):
+        tum._replace(writer=replace(tum.writer, line=line)).check("tum")
 
 
 @pytest.mark.parametrize("format", NAMES)

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, within
-from ..formats.bag_topics import image_topics
-from ..formats.bags import Bag, frame_of, stamp_ns
+from ..formats.bags import Bag, frame_of, image_topics, stamp_ns
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, sample
-from .columns import NumberTable
 from .source import Source
+from .tables import NumberTable
 
 _PATH = "nav_msgs/msg/Path"
 _TRANSFORM = "geometry_msgs/msg/TransformStamped"

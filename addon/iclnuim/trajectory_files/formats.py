@@ -1,32 +1,23 @@
 """The registry of trajectory formats, described by their columns: how each is read and, for most,
-written. A new format is an entry here and, to be detected, one in trajectory_sniffing.py.
+written. A new format is an entry here and, to be detected, one in sniffing.py.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import within
 from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
-from . import (
-    anchored,
-    bag_poses,
-    colmap,
-    matrix_blocks,
-    named_rows,
-    number_rows,
-    pose_folders,
-    pov,
-)
-from . import (
-    writer as trajectory_writer,
-)
-from .anchored import ANCHORED_WORLD
-from .columns import MATRIX, SCALAR_FIRST, SCALAR_LAST, Columns, NumberTable
+from . import bag_poses, colmap, icl_nuim, matrices, named_rows, number_rows
+from .icl_nuim import ANCHORED_WORLD
+from .number_rows import NumberRows
 from .reader import TrajectoryReader
 from .sniffing import is_freiburg
 from .source import OUR_WORLD, OWN_WORLD, Source
+from .stamps import Stamps
+from .tables import MATRIX, SCALAR_FIRST, SCALAR_LAST, NumberTable, PoseColumns
 from .writer import TrajectoryWriter
 
 #: Rooms are a few metres wide: a POV-world trajectory that is this far from the origin was probably
@@ -48,6 +39,13 @@ class TrajectoryFormat(NamedTuple):
 
     reader: TrajectoryReader
     writer: TrajectoryWriter | None = None
+
+    def check(self, name: str) -> None:
+        """Raises InputError if the parts of the entry do not fit each other."""
+        with within(f"trajectory format {name}"):
+            self.reader.check()
+            if self.writer is not None:
+                self.writer.check()
 
 
 def _numbering(source: Source, table: NumberTable, trajectory: Trajectory) -> str:
@@ -118,15 +116,13 @@ _POV_HEADER = (
     "LEFT-handed POV-Ray world (y up), camera x right y up z forward, {unit}\n"
 )
 #: val00 val01 ... val32 of POV-Ray: rows 0 to 2 are the camera's axes, row 3 is the position.
-_POV = Columns((9, 10, 11), (0, 3, 6, 1, 4, 7, 2, 5, 8))
+_POV = PoseColumns((9, 10, 11), (0, 3, 6, 1, 4, 7, 2, 5, 8))
 _POSE = "%.9f %.9f %.9f %.12f %.12f %.12f %.12f\n"
 _POSE_WITH_COMMAS = "%d," + _POSE.replace(" ", ",")
 _MATRIX_LINE = " ".join((["%.12f"] * 3 + ["%.9f"]) * 3) + "\n"
-_pov_rows = number_rows.plain_rows(
-    (12, 13), "12 columns of a 3x4 matrix, or 13 with the frame number first"
-)
-_unstamped_rows = number_rows.plain_rows((7,), "7 columns: tx ty tz qx qy qz qw")
-_UNSTAMPED = Columns((0, 1, 2), (3, 4, 5, 6))
+_UNSTAMPED_ROWS = NumberRows((7,), "7 columns: tx ty tz qx qy qz qw", Stamps.NONE)
+_TUM_ROWS = NumberRows((8,), number_rows.TUM, Stamps.SECONDS)
+_UNSTAMPED = PoseColumns((0, 1, 2), (3, 4, 5, 6))
 _MIRRORED = "LEFT-handed y-up poses made right-handed by mirroring y"
 _FROM_POV = f"(y up), converted to {OUR_WORLD}, stamps 1 + frame/{{rate}} s"
 _RIGHT_IN_OWN = f"right-handed camera-to-world poses in {OWN_WORLD}"
@@ -142,7 +138,7 @@ FORMATS = {
     # one 4x4 matrix per file
     "scannet": TrajectoryFormat(
         TrajectoryReader(
-            pose_folders.scannet_rows,
+            matrices.scannet_rows,
             MATRIX,
             f"ScanNet's pose files: {_RIGHT_IN_OWN}, "
             "stamps 1 + number/{rate} s by the files' names",
@@ -151,7 +147,7 @@ FORMATS = {
     # OpenGL cameras in JSON
     "nerf": TrajectoryFormat(
         TrajectoryReader(
-            pose_folders.nerf_rows,
+            matrices.nerf_rows,
             MATRIX,
             "transforms.json: OpenGL camera poses converted to right-handed cv camera poses in "
             f"{OWN_WORLD}, {{how}} by the images' names",
@@ -162,7 +158,7 @@ FORMATS = {
     # PinholeCameraTrajectory in JSON, world to camera
     "open3d": TrajectoryFormat(
         TrajectoryReader(
-            pose_folders.open3d_rows,
+            matrices.open3d_rows,
             MATRIX,
             "Open3D's camera trajectory: world-to-camera poses inverted to right-handed "
             f"camera-to-world poses in {OWN_WORLD}, {{how}}",
@@ -183,7 +179,7 @@ FORMATS = {
     # set and Open3D
     "matrix-blocks": TrajectoryFormat(
         TrajectoryReader(
-            matrix_blocks.block_rows,
+            matrices.block_rows,
             MATRIX,
             f"blocks of a 4x4 matrix (as in Redwood's .log): {_RIGHT_IN_OWN}, {{how}}",
             how=_stamps,
@@ -192,7 +188,7 @@ FORMATS = {
     # ICL-NUIM's own format, one file per frame
     "pov-cameras": TrajectoryFormat(
         TrajectoryReader(
-            pov.camera_rows,
+            icl_nuim.camera_rows,
             _POV,
             f"pov-cameras: LEFT-handed poses of POV-Ray camera files {_FROM_POV} "
             "by the number in the file's name{how}",
@@ -204,7 +200,7 @@ FORMATS = {
     ),
     "pov-commands": TrajectoryFormat(
         TrajectoryReader(
-            pov.command_rows,
+            icl_nuim.command_rows,
             _POV,
             f"pov-commands: LEFT-handed poses in the POV world {_FROM_POV} by the number {{how}}",
             convert=axes.world_cv_from_pov,
@@ -213,11 +209,12 @@ FORMATS = {
             how=_counted,
         ),
         TrajectoryWriter(
-            pov.COMMAND_LINE,
+            icl_nuim.COMMAND_LINE,
             _POV,
+            Stamps.FRAMES,
             "pov-commands: LEFT-handed poses in the POV world (y up), "
             "the frame number in the image's name",
-            trajectory_writer.pov_with_numbers,
+            convert=axes.pov_from_world_cv,
             word="command",
             texts=(".txt", ".sh"),
         ),
@@ -225,7 +222,7 @@ FORMATS = {
     # ICL-NUIM's own format, anchored at image 1; image 0 has no pose
     "gt.freiburg": TrajectoryFormat(
         TrajectoryReader(
-            number_rows.plain_rows((8,), "8 columns: id tx ty tz qx qy qz qw"),
+            NumberRows((8,), "8 columns: id tx ty tz qx qy qz qw", Stamps.FRAMES),
             SCALAR_LAST,
             f"gt.freiburg ({{how}}): {_MIRRORED}, stamps 1 + id/{{rate}} s, in {ANCHORED_WORLD}",
             convert=axes.mirrored_y,
@@ -238,9 +235,11 @@ FORMATS = {
         TrajectoryWriter(
             "%d " + _POSE,
             SCALAR_LAST,
+            Stamps.FRAMES,
             "gt.freiburg: frame ids, LEFT-handed y-up poses, moved to the original's start, "
             "image 0 left out",
-            anchored.at_image_1,
+            convert=axes.mirrored_y,
+            chosen=icl_nuim.at_image_1,
             endings=(".gt.freiburg",),
         ),
     ),
@@ -248,7 +247,7 @@ FORMATS = {
     # image k + 1
     "gt.sim": TrajectoryFormat(
         TrajectoryReader(
-            anchored.block_rows,
+            icl_nuim.sim_rows,
             MATRIX,
             f"gt.sim: {_MIRRORED}, block k taken as image k+1, stamps 1 + (k+1)/{{rate}} s, "
             f"in {ANCHORED_WORLD}; anchored at image 0, up to 8 mm off gt.freiburg",
@@ -259,9 +258,11 @@ FORMATS = {
         TrajectoryWriter(
             "%.12f %.12f %.12f %.9f\n" * 3,
             MATRIX,
+            Stamps.NONE,
             "gt.sim: blocks for images 1, 2, ..., LEFT-handed y-up poses, "
             "placed so that image 0 is the original's start",
-            anchored.at_image_0,
+            convert=axes.mirrored_y,
+            chosen=icl_nuim.at_image_0,
             separator="\n",
             endings=(".gt.sim",),
         ),
@@ -276,12 +277,11 @@ FORMATS = {
         TrajectoryWriter(
             _POSE_WITH_COMMAS,
             SCALAR_LAST,
+            Stamps.NANOSECONDS,
             f"VSLAM-LAB: nanoseconds, {_UNCHANGED}",
-            trajectory_writer.with_nanoseconds,
             header="ts (ns),tx ({symbol}),ty ({symbol}),tz ({symbol}),qx,qy,qz,qw\n",
             word="vslam",
             texts=(".csv", ".txt"),
-            has_stamps=True,
         ),
     ),
     # quaternion scalar FIRST; more columns (velocity, biases) may follow
@@ -296,17 +296,16 @@ FORMATS = {
         TrajectoryWriter(
             _POSE_WITH_COMMAS,
             SCALAR_FIRST,
+            Stamps.NANOSECONDS,
             "EuRoC: nanoseconds, right-handed camera-to-world poses (as world <- body), "
             "world unchanged",
-            trajectory_writer.with_nanoseconds,
             header=_EUROC_HEADER,
             endings=(".csv",),
-            has_stamps=True,
         ),
     ),
     "pov-matrix": TrajectoryFormat(
         TrajectoryReader(
-            _pov_rows,
+            icl_nuim.pov_matrix_rows,
             MATRIX,
             f"pov-matrix: LEFT-handed poses in the POV world {_FROM_POV}{{how}}",
             convert=axes.world_cv_from_pov,
@@ -317,8 +316,9 @@ FORMATS = {
         TrajectoryWriter(
             "%d " + _MATRIX_LINE,
             MATRIX,
+            Stamps.FRAMES,
             "pov-matrix: frame numbers, LEFT-handed poses in the POV world (y up)",
-            trajectory_writer.pov_with_numbers,
+            convert=axes.pov_from_world_cv,
             header=_POV_HEADER,
             word="pov",
         ),
@@ -333,6 +333,7 @@ FORMATS = {
         TrajectoryWriter(
             _MATRIX_LINE,
             MATRIX,
+            Stamps.NONE,
             f"KITTI: 12 columns, {_UNCHANGED}{_NO_STAMPS}",
             endings=(".kitti",),
             word="kitti",
@@ -349,6 +350,7 @@ FORMATS = {
         TrajectoryWriter(
             _MATRIX_LINE.replace("\n", " 0 0 0 1\n"),
             MATRIX,
+            Stamps.NONE,
             f"Replica: 16 columns of a 4x4 matrix, {_UNCHANGED}{_NO_STAMPS}",
             endings=(".replica",),
             word="replica",
@@ -369,7 +371,7 @@ FORMATS = {
     # x forward, y right, z down
     "tartanair": TrajectoryFormat(
         TrajectoryReader(
-            _unstamped_rows,
+            _UNSTAMPED_ROWS,
             _UNSTAMPED,
             "TartanAir: poses in NED axes (x forward, y right, z down) converted to "
             f"{OUR_WORLD}, stamps 1 + line/{{rate}} s, lines from 0",
@@ -379,14 +381,15 @@ FORMATS = {
         TrajectoryWriter(
             _POSE,
             _UNSTAMPED,
+            Stamps.NONE,
             "TartanAir: 7 columns, poses in NED axes (x forward, y right, z down)" + _NO_STAMPS,
-            trajectory_writer.ned_alone,
+            convert=axes.ned_from_world_cv,
             word="pose_left",
         ),
     ),
     "tum-unstamped": TrajectoryFormat(
         TrajectoryReader(
-            _unstamped_rows,
+            _UNSTAMPED_ROWS,
             _UNSTAMPED,
             f"TUM without stamps: {_RIGHT_IN_OWN}, {{how}} (the format tartanair reads its 7 "
             "columns as poses in NED axes)",
@@ -404,7 +407,7 @@ FORMATS = {
     ),
     "tum": TrajectoryFormat(
         TrajectoryReader(
-            number_rows.tum_rows,
+            _TUM_ROWS,
             SCALAR_LAST,
             "TUM: stamps in {how}",
             how=_tum_stamps,
@@ -413,18 +416,17 @@ FORMATS = {
         TrajectoryWriter(
             "%s " + _POSE,
             SCALAR_LAST,
+            Stamps.SECONDS,
             f"TUM: seconds, {_UNCHANGED}",
-            trajectory_writer.with_seconds,
             header=TUM_HEADER,
             endings=(".tum", ".txt"),
-            has_stamps=True,
         ),
     ),
     # frame numbers as stamps, as written by odometers on ICL-NUIM; never detected, only used by
     # name
     "tum-ids": TrajectoryFormat(
         TrajectoryReader(
-            number_rows.plain_rows((8,), number_rows.TUM),
+            NumberRows((8,), number_rows.TUM, Stamps.FRAMES),
             SCALAR_LAST,
             "TUM with frame numbers: stamps 1 + number/{rate} s, "
             f"right-handed poses in {OWN_WORLD}",
@@ -434,7 +436,7 @@ FORMATS = {
     # as written by systems that estimate the world's pose in the camera; only used by name
     "tum-inverse": TrajectoryFormat(
         TrajectoryReader(
-            number_rows.tum_rows,
+            _TUM_ROWS,
             SCALAR_LAST,
             "TUM with world-to-camera poses, which are inverted: stamps in {how}",
             convert=SE3.inverse,
@@ -444,10 +446,13 @@ FORMATS = {
     # only used by name
     "tum-wxyz": TrajectoryFormat(
         TrajectoryReader(
-            number_rows.tum_rows,
+            _TUM_ROWS,
             SCALAR_FIRST,
             "TUM with the quaternion's scalar first: stamps in {how}",
             how=_tum_stamps,
         )
     ),
 }
+
+for _name, _format in FORMATS.items():
+    _format.check(_name)

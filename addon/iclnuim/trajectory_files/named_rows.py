@@ -8,9 +8,9 @@ from ..errors import InputError
 from ..formats.files import is_number
 from ..geometry.so3 import QUAT_NORM_TOLERANCE
 from .column_names import NamedColumns, columns_of, is_known
-from .columns import MATRIX, SCALAR_FIRST, SCALAR_LAST, Columns, NumberTable, read_table
 from .source import Source
 from .stamps import plausible, stamp_ticks
+from .tables import MATRIX, SCALAR_FIRST, SCALAR_LAST, NumberTable, PoseColumns, read_table
 
 _EXPECTED = "a header that names each of x, y, z and, but for positions alone, qx, qy, qz, qw once"
 _SHOWN = 6
@@ -53,13 +53,13 @@ def is_named(source: Source) -> bool:
         return source.has_title and source.columns > 0
     if named.metres not in (None, 1.0):
         return True
-    layout = Columns(named.position, named.orientation)
+    layout = PoseColumns(named.position, named.orientation)
     if len(named.orientation) == 9:
         return layout not in (MATRIX, MATRIX.shifted(1))
     return not _is_usual(source, named, layout)
 
 
-def _is_usual(source: Source, named: NamedColumns, layout: Columns) -> bool:
+def _is_usual(source: Source, named: NamedColumns, layout: PoseColumns) -> bool:
     """Whether TUM's reader, or EuRoC's or VSLAM-LAB's for commas, reads the same columns."""
     if named.stamp != 0 or named.is_frame:
         return False
@@ -93,7 +93,7 @@ def named_rows(source: Source) -> NumberTable:
         more = ", ..." if len(others) > _SHOWN else ""
         note = f"; not read: {shown}{more}"
     first = len(named.used) - len(named.position) - len(named.orientation)
-    layout = Columns((0, 1, 2), tuple(range(3, 3 + len(named.orientation)))).shifted(first)
+    layout = PoseColumns((0, 1, 2), tuple(range(3, 3 + len(named.orientation)))).shifted(first)
     table = replace(table, columns=layout, metres=named.metres, note=note)
     return _with_ticks(table, named) if first else table
 

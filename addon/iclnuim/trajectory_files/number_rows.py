@@ -1,15 +1,16 @@
-"""The tables of formats whose lines are numbers separated by blanks, commas or semicolons."""
+"""Rows of numbers parted by blanks, commas or semicolons: the tables of formats that have one pose a
+line.
+"""
 
-from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import InputError
 from ..formats.files import data_lines
-from .columns import Columns, NumberTable, read_table
 from .source import Source
-from .stamps import stamp_ticks, ticks_unless_frames
+from .stamps import Stamps, stamp_ticks, ticks_unless_frames
+from .tables import NumberTable, PoseColumns, read_table
 
 #: Start of the line of names in VSLAM-LAB's files, in lower case.
 VSLAM_LAB_STAMP = "ts (ns),"
@@ -26,23 +27,41 @@ _SQUARE = "16 columns of a 4x4 matrix, row by row, or 17 with the frame number o
 _POSITIONS = "4 columns: timestamp x y z, or 3: x y z"
 
 
-def plain_rows(counts: tuple[int, ...], expected: str) -> Callable[[Source], NumberTable]:
-    """A reader of rows with one of these numbers of columns, which contain no stamps."""
-    return lambda source: read_table(source, counts, expected)
+@dataclass(frozen=True)
+class NumberRows:
+    """Reads rows that each have one of these numbers of columns. stamps: what column 0 has before
+    the pose; seconds may also be another unit of time, which the numbers tell, as in ORB-SLAM3's
+    files for EuRoC. expected: what a valid row is, for errors.
+    """
 
+    counts: tuple[int, ...]
+    expected: str
+    stamps: Stamps
 
-def tum_rows(source: Source) -> NumberTable:
-    """(n, 8); the stamps may be in nanoseconds, as in ORB-SLAM3's files for EuRoC."""
-    table = read_table(source, (8,), TUM)
-    return replace(table, ticks=stamp_ticks(table.values[:, 0]))
+    def __call__(self, source: Source) -> NumberTable:
+        """(n, columns). Raises InputError with the line that has something else."""
+        table = read_table(source, self.counts, self.expected)
+        if self.stamps is Stamps.SECONDS:
+            return replace(table, ticks=stamp_ticks(table.values[:, 0]))
+        return replace(table, ticks=1e9) if self.stamps is Stamps.NANOSECONDS else table
+
+    def check(self, columns: PoseColumns) -> None:
+        """Raises InputError unless each row has these columns of a pose, after its stamp."""
+        used = columns.position + columns.orientation
+        first = int(self.stamps is not Stamps.NONE)
+        last = min(self.counts) - 1
+        fits = first <= min(used) and max(used) <= last and len(set(used)) == len(used)
+        if not fits or columns.leave_first != bool(first):
+            expected = f"a pose in the columns {first} to {last} of rows with {self.stamps}"
+            raise InputError(expected, found=f"columns {', '.join(map(str, used))}")
 
 
 def position_rows(source: Source) -> NumberTable:
     """(n, 4) with stamps, or (n, 3) without."""
     table = read_table(source, (3, 4), _POSITIONS)
     if table.values.shape[1] == 3:
-        return replace(table, columns=Columns((0, 1, 2), ()))
-    return replace(table, columns=Columns((1, 2, 3), ()), ticks=stamp_ticks(table.values[:, 0]))
+        return replace(table, columns=PoseColumns((0, 1, 2), ()))
+    return replace(table, columns=PoseColumns((1, 2, 3), ()), ticks=stamp_ticks(table.values[:, 0]))
 
 
 def matrix_rows(source: Source) -> NumberTable:
@@ -77,7 +96,7 @@ def vslam_lab_rows(source: Source) -> NumberTable:
         number, found = next(iter(data_lines(source.text)), (None, "comments alone"))
         expected = f"the header {VSLAM_LAB_STAMP}..."
         raise InputError(expected, path=source.path, line=number, found=found)
-    return replace(read_table(source, (8,), _VSLAM_LAB), ticks=1e9)
+    return NumberRows((8,), _VSLAM_LAB, Stamps.NANOSECONDS)(source)
 
 
 def euroc_rows(source: Source) -> NumberTable:

@@ -11,9 +11,10 @@ from ..formats.files import data_lines
 from ..geometry import so3
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
-from .columns import Columns, NumberTable
+from .number_rows import NumberRows
 from .source import OWN_WORLD, FileOptions, LoadedTrajectory, ReadAs, Source
 from .stamps import seconds_of
+from .tables import NumberTable, PoseColumns
 
 #: Positions further from the first one (a thousand kilometres) are rejected as damaged.
 LARGEST_POSITION_M = 1e6
@@ -42,7 +43,7 @@ class TrajectoryReader:
     """
 
     rows: Callable[[Source], NumberTable]
-    columns: Columns
+    columns: PoseColumns
     sentence: str
     convert: Callable[[SE3], SE3] | None = None
     world: str = OWN_WORLD
@@ -50,6 +51,11 @@ class TrajectoryReader:
     how: Callable[[Source, NumberTable, Trajectory], str] = _nothing
     hint: str | None = None
     first_pose: int | None = None
+
+    def check(self) -> None:
+        """Raises InputError unless the rows have the columns."""
+        if isinstance(self.rows, NumberRows):
+            self.rows.check(self.columns)
 
     def read(self, format: str, source: Source, options: FileOptions) -> LoadedTrajectory:
         """Read a file. Raises InputError with the line for invalid content.
@@ -106,7 +112,7 @@ def _with_remarks(read_as: ReadAs, note: str, row_count: int) -> ReadAs:
     return replace(read_as, sentence=sentence)
 
 
-def _finite_rows(table: NumberTable, columns: Columns) -> np.ndarray:
+def _finite_rows(table: NumberTable, columns: PoseColumns) -> np.ndarray:
     """The rows (m,) whose pose is finite. Raises InputError if there are none."""
     finite = np.isfinite(table.values[:, columns.position + columns.orientation]).all(axis=1)
     if not finite.any():
@@ -131,7 +137,7 @@ def _empty_lines_before(source: Source, table: NumberTable) -> np.ndarray:
     return before if 2 * before[-1] < len(before) else none
 
 
-def _poses(table: NumberTable, columns: Columns, unit_m: float) -> tuple[SE3, str]:
+def _poses(table: NumberTable, columns: PoseColumns, unit_m: float) -> tuple[SE3, str]:
     """The poses in a table's columns, with positions in units of `unit_m`, or, if that is 1, in the
     unit that the file names; and a note on their rotations. Without columns of an orientation,
     rotations are the identity.

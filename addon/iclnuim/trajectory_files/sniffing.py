@@ -7,8 +7,8 @@ import numpy as np
 from ..errors import InputError
 from ..formats.bags import is_bag
 from ..formats.files import data_lines, is_number
-from . import colmap, matrix_blocks, named_rows, pose_folders
-from .anchored import starts_as_official
+from . import colmap, matrices, named_rows
+from .icl_nuim import starts_as_official
 from .number_rows import VSLAM_LAB_STAMP
 from .source import Source
 
@@ -137,14 +137,14 @@ _TARTANAIR_FOLDERS = ("image_left", "depth_left", "image_lcam_*", "depth_lcam_*"
 #: yes is the file's format. A format that is not listed is only read by its name.
 SNIFFED = {
     "rosbag": is_rosbag,
-    "scannet": pose_folders.is_scannet,
-    "open3d": pose_folders.is_open3d,
+    "scannet": matrices.is_scannet,
+    "open3d": matrices.is_open3d,
     "nerf": is_nerf,
     "pov-cameras": is_pov_camera,
     "pov-commands": is_pov_command,
     "colmap": is_colmap,
     "gt.freiburg": is_freiburg,
-    "matrix-blocks": matrix_blocks.is_blocks,
+    "matrix-blocks": matrices.is_blocks,
     "gt.sim": is_sim,
     "tartanair": is_tartanair,
     "named-columns": named_rows.is_named,

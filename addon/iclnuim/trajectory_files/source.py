@@ -10,7 +10,6 @@ import numpy as np
 from ..errors import InputError, StrPath
 from ..formats.files import data_lines, is_number, read_text
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
-from ..shown import Brief
 from .column_names import names_in
 
 OWN_WORLD = "the file's own world"
@@ -46,7 +45,7 @@ class ReadAs:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LoadedTrajectory(Brief):
+class LoadedTrajectory:
     """A right-handed trajectory of cv camera poses, and how its file was read.
 
     rows (n,): the rows of the poses, from 0, of row_count rows, lost ones included. is_counted:
@@ -62,6 +61,11 @@ class LoadedTrajectory(Brief):
     is_counted: bool = False
     is_numbered: bool = False
     by_depth: str = ""
+
+    def __repr__(self) -> str:
+        counts = {"lost": self.read_as.lost, "repeated": self.read_as.repeated}
+        left_out = "".join(f", {count} {word}" for word, count in counts.items() if count)
+        return f"LoadedTrajectory({self.read_as.format}, {self.trajectory}{left_out})"
 
 
 @dataclass(frozen=True)

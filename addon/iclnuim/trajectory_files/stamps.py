@@ -1,12 +1,14 @@
 """Stamps and frame numbers of files: their units, their limits, and their text."""
 
+from collections.abc import Iterable
 from decimal import Decimal
+from enum import Enum
 
 import numpy as np
 
 from ..errors import InputError
 from ..geometry.trajectory import STAMP_DIGITS, frames_of_stamps, stamps_of_frames
-from .columns import NumberTable
+from .tables import NumberTable
 
 #: Larger stamps (three thousand years) and frame numbers are rejected as damaged.
 LARGEST_STAMP_S = 1e11
@@ -28,6 +30,35 @@ _STEP_US = 1e3
 _TICKS = (1.0, 1e3, 1e6, 1e9)
 #: Whole numbers whose median step is shorter (10,000 frames per second) are no nanoseconds.
 SHORTEST_STEP_NS = 1e5
+
+
+class Stamps(Enum):
+    """What a format has before each pose, with the printf format that writes it: a stamp in seconds
+    is a text with all its digits, the others are whole numbers.
+    """
+
+    SECONDS = "a stamp in seconds (%s)"
+    NANOSECONDS = "a stamp in nanoseconds (%d)"
+    FRAMES = "a frame number (%d)"
+    NONE = "no stamp"
+
+    def __str__(self) -> str:
+        return self.value
+
+    def of(self, stamps_s: np.ndarray, rate_hz: float) -> Iterable[tuple[str | int, ...]]:
+        """What stands before the poses of stamps (n,). Raises InputError for frame numbers of
+        stamps between two frames.
+        """
+        if self is Stamps.FRAMES:
+            return self.of_frames(frame_numbers(stamps_s, rate_hz))
+        if self is Stamps.NONE:
+            return self.of_frames(np.arange(len(stamps_s)))
+        form = stamp_text if self is Stamps.SECONDS else nanoseconds_of
+        return ((form(stamp_s),) for stamp_s in stamps_s.tolist())
+
+    def of_frames(self, numbers: np.ndarray) -> Iterable[tuple[int, ...]]:
+        """What stands before the poses of frames (n,)."""
+        return [()] * len(numbers) if self is Stamps.NONE else zip(numbers.tolist())
 
 
 def stamp_ticks(stamps: np.ndarray) -> float:

@@ -1,15 +1,19 @@
 """Reading and writing trajectory files of any format."""
 
 import os
+from collections.abc import Sequence
+
+import numpy as np
 
 from ..errors import InputError, StrPath
 from ..formats.files import atomic_write_text
-from ..geometry.se3 import Poses
+from ..geometry.axes import world_cv_from_pov
+from ..geometry.se3 import SE3, Poses
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
 from . import colmap
 from . import formats as trajectory_formats
-from .anchored import ANCHORED_WORLD
 from .formats import FORMATS, TrajectoryFormat
+from .icl_nuim import ANCHORED_WORLD, camera_axes
 from .sniffing import sniffed
 from .source import FileOptions, LoadedTrajectory, ReadAs
 from .writer import TrajectoryWriter
@@ -22,6 +26,8 @@ __all__ += [
     "write_trajectory",
     "writer_of",
 ]
+
+Vector = np.ndarray | Sequence[float]
 
 TUM_HEADER = trajectory_formats.TUM_HEADER.format(unit="metres")
 
@@ -100,3 +106,38 @@ def _known(format: str) -> TrajectoryFormat:
     if format not in FORMATS:
         raise InputError(f"a trajectory format ({', '.join(FORMATS)})", found=format)
     return FORMATS[format]
+
+
+def pose_from_pov(
+    camera: StrPath | Vector,
+    direction: Vector | None = None,
+    up: Vector = (0.0, 1.0, 0.0),
+    unit_m: float = 1.0,
+) -> SE3:
+    """The pose, in our world and of the cv camera, of a POV-Ray camera file of ICL-NUIM with
+    cam_pos, cam_dir and cam_up, or of the three vectors (3,) themselves, in the left-handed POV
+    world, y up.
+
+    unit_m: the unit of the position in metres (1 in the living room, 0.01 in the office). Raises
+    InputError for anything else.
+    """
+    if isinstance(camera, str | os.PathLike):
+        if direction is not None:
+            raise InputError("a file without a direction, which it contains", found=str(camera))
+        loaded = read_trajectory(camera, "pov-cameras", unit_m=unit_m).trajectory
+        if len(loaded) != 1:
+            hint = "one of its files, or iclnuim.read_trajectory"
+            raise InputError("one camera", path=camera, found=f"{len(loaded)}", hint=hint)
+        return loaded.T_world_camera[0]
+    if direction is None:
+        raise InputError("a position with a direction", found="no direction")
+    position, ahead, upwards = (_vector(given) for given in (camera, direction, up))
+    rotation = camera_axes(ahead, upwards).T
+    return world_cv_from_pov(SE3(rotation, unit_m * position))
+
+
+def _vector(given: Vector) -> np.ndarray:
+    vector = np.asarray(given)
+    if vector.shape != (3,) or vector.dtype.kind not in "iuf" or not np.isfinite(vector).all():
+        raise InputError("a vector of three finite numbers", found=given)
+    return vector.astype(float)

@@ -6,68 +6,54 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
-from .columns import Columns
 from .reader import LARGEST_POSITION_M
 from .source import FileOptions
-from .stamps import LARGEST_STAMP_S, frame_numbers, nanoseconds_of, stamp_text
+from .stamps import LARGEST_STAMP_S, Stamps
+from .tables import PoseColumns
 
 #: Names and symbols of units in metres, for headers.
 _UNITS = {1.0: ("metres", "m"), 0.01: ("centimetres", "cm"), 0.001: ("millimetres", "mm")}
-
-#: Stamps or frame numbers (None if a format has none), and the poses to write.
-Given = tuple[Iterable | None, SE3]
-
-
-def poses_alone(trajectory: Trajectory, options: FileOptions) -> Given:
-    """The poses without stamps."""
-    return None, trajectory.T_world_camera
-
-
-def with_seconds(trajectory: Trajectory, options: FileOptions) -> Given:
-    """Texts of the stamps in seconds, and the poses."""
-    return map(stamp_text, trajectory.stamps_s.tolist()), trajectory.T_world_camera
-
-
-def with_nanoseconds(trajectory: Trajectory, options: FileOptions) -> Given:
-    """Stamps in nanoseconds, and the poses."""
-    return map(nanoseconds_of, trajectory.stamps_s.tolist()), trajectory.T_world_camera
-
-
-def pov_with_numbers(trajectory: Trajectory, options: FileOptions) -> Given:
-    """Frame numbers, and the poses in the POV world."""
-    numbers = frame_numbers(trajectory.stamps_s, options.rate_hz)
-    return numbers.tolist(), axes.pov_from_world_cv(trajectory.T_world_camera)
-
-
-def ned_alone(trajectory: Trajectory, options: FileOptions) -> Given:
-    """The poses in NED axes without stamps."""
-    return None, axes.ned_from_world_cv(trajectory.T_world_camera)
 
 
 @dataclass(frozen=True)
 class TrajectoryWriter:
     """How a format's files are written.
 
-    line: a printf format of all columns in order, after the stamp or frame number if `given`
-    returns such. header: may contain {unit} or {symbol} of the positions. goes_to: description of
-    the written file. endings, word: file names that select this format: endings, or a word in the
-    name of a file that ends in `texts`. has_stamps: whether a file has the stamps of its poses; a
-    reader of the others needs the frame rate.
+    line: a printf format of all columns in order, after that of `stamps`. convert: makes the
+    file's poses of right-handed cv camera poses (None if they are that). chosen: the frame numbers
+    and poses of a format that leaves frames out or moves its poses. goes_to: description of the
+    written file. header: may contain {unit} or {symbol} of the positions. endings, word: file names
+    that select this format: endings, or a word in the name of a file that ends in `texts`.
     """
 
     line: str
-    columns: Columns
+    columns: PoseColumns
+    stamps: Stamps
     goes_to: str
-    given: Callable[[Trajectory, FileOptions], Given] = poses_alone
+    convert: Callable[[SE3], SE3] | None = None
+    chosen: Callable[[Trajectory, FileOptions], tuple[np.ndarray, SE3]] | None = None
     header: str = ""
     separator: str = ""
     endings: tuple[str, ...] = ()
     word: str = ""
     texts: tuple[str, ...] = (".txt",)
-    has_stamps: bool = False
+
+    @property
+    def has_stamps(self) -> bool:
+        """Whether a file has the stamps of its poses; a reader of the others needs the rate."""
+        return self.stamps in (Stamps.SECONDS, Stamps.NANOSECONDS)
+
+    def check(self) -> None:
+        """Raises InputError unless `line` takes the stamp and the columns of a pose."""
+        numbers = self.columns.filled(SE3.identity((1,)), 1.0)[0].tolist()
+        (stamp,) = self.stamps.of(np.ones(1), 1.0)
+        try:
+            self.line % (*stamp, *numbers)
+        except (TypeError, ValueError) as error:
+            expected = f"a line of {self.stamps} and {len(numbers)} numbers of a pose"
+            raise InputError(expected, found=f"{self.line!r}: {error}") from None
 
     def text(self, trajectory: Trajectory, options: FileOptions) -> str:
         """The text of a file in this format.
@@ -75,13 +61,21 @@ class TrajectoryWriter:
         Raises InputError if the format cannot represent the trajectory.
         """
         check_writable(trajectory)
-        stamps, poses = self.given(trajectory, options)
+        stamps, poses = self._stamps_and_poses(trajectory, options)
+        if self.convert:
+            poses = self.convert(poses)
         rows = self.columns.filled(poses, options.unit_m).tolist()
-        if stamps is None:
-            lines = [self.line % tuple(row) for row in rows]
-        else:
-            lines = [self.line % (stamp, *row) for stamp, row in zip(stamps, rows, strict=True)]
+        lines = [self.line % (*stamp, *row) for stamp, row in zip(stamps, rows, strict=True)]
         return self._header(options.unit_m) + self.separator.join(lines)
+
+    def _stamps_and_poses(
+        self, trajectory: Trajectory, options: FileOptions
+    ) -> tuple[Iterable[tuple[str | int, ...]], SE3]:
+        if self.chosen is None:
+            stamps = self.stamps.of(trajectory.stamps_s, options.rate_hz)
+            return stamps, trajectory.T_world_camera
+        numbers, poses = self.chosen(trajectory, options)
+        return self.stamps.of_frames(numbers), poses
 
     def _header(self, unit_m: float) -> str:
         """The header for positions in a unit of so many metres."""

@@ -14,8 +14,16 @@ import numpy as np
 from ...channels import DEPTH, RGB
 from ...console import Meter, advance_of
 from ...errors import InputError, WorkError, within
-from ...formats.bag_topics import ImageTopics, depth_units, encoding_of, image_topics
-from ...formats.bags import Bag, is_bag, split_topics, stamp_ns
+from ...formats.bags import (
+    Bag,
+    ImageTopics,
+    depth_units,
+    encoding_of,
+    image_topics,
+    is_bag,
+    split_topics,
+    stamp_ns,
+)
 from ...formats.depth_units import UNITS_PER_METRE
 from ...formats.files import (
     locked,

@@ -18,7 +18,7 @@ from ...errors import InputError, within
 from ...formats.files import atomic_write_text, is_file, make_folder
 from ...geometry.camera import PinholeCamera
 from ...trajectory_files import colmap
-from ...trajectory_files.colmap_cameras import MODELS, read_cameras
+from ...trajectory_files.colmap import MODELS, read_cameras
 from ..known_keys import DISTORTED
 from ..layout import Contents, Reader, Row, SequenceCamera, SequenceFormat, camera_file
 from . import listed

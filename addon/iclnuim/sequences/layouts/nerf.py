@@ -19,7 +19,7 @@ from ...formats.ply import write_ply
 from ...geometry import axes
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import stamps_of_frames
-from ...trajectory_files.pose_folders import APPLIED_SCALE, numbers_of_names
+from ...trajectory_files.matrices import APPLIED_SCALE, numbers_of_names
 from ...trajectory_files.stamps import seconds_of_names
 from ..known_keys import COEFFICIENTS, Keys, absent, any_of, identity, names, one, zeros
 from ..layout import Contents, Reader, Row, SequenceCamera, SequenceFormat, numbers_in

@@ -16,7 +16,7 @@ from .source import Source
 
 
 @dataclass(frozen=True)
-class Columns:
+class PoseColumns:
     """The columns of x y z, and of qx qy qz qw or r00 r01 ... r22. If they leave column 0 free, it
     contains a stamp or a frame number.
     """
@@ -29,9 +29,9 @@ class Columns:
         """Whether column 0 is none of the pose's."""
         return 0 not in self.position + self.orientation
 
-    def shifted(self, by: int) -> "Columns":
+    def shifted(self, by: int) -> "PoseColumns":
         """The same columns of a row with `by` more columns in front."""
-        return Columns(
+        return PoseColumns(
             tuple(column + by for column in self.position),
             tuple(column + by for column in self.orientation),
         )
@@ -48,10 +48,10 @@ class Columns:
 
 
 #: A stamp, then the pose with the scalar of the quaternion last, as in TUM's files, or first.
-SCALAR_LAST = Columns((1, 2, 3), (4, 5, 6, 7))
-SCALAR_FIRST = Columns((1, 2, 3), (5, 6, 7, 4))
+SCALAR_LAST = PoseColumns((1, 2, 3), (4, 5, 6, 7))
+SCALAR_FIRST = PoseColumns((1, 2, 3), (5, 6, 7, 4))
 #: The rows of a 3x4 matrix.
-MATRIX = Columns((3, 7, 11), (0, 1, 2, 4, 5, 6, 8, 9, 10))
+MATRIX = PoseColumns((3, 7, 11), (0, 1, 2, 4, 5, 6, 8, 9, 10))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class NumberTable:
     values: np.ndarray
     place: Callable[[int], tuple[StrPath, int | None]]
     ticks: float | None = None
-    columns: Columns | None = None
+    columns: PoseColumns | None = None
     metres: float | None = None
     note: str = ""
 
