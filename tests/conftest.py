@@ -7,6 +7,7 @@ import signal
 import sys
 from pathlib import Path
 
+import judges
 import pytest
 from iclnuim import checkout
 
@@ -61,6 +62,12 @@ def pytest_xdist_make_scheduler(config, log):
 def pytest_collection_modifyitems(items):
     if "PYTEST_XDIST_WORKER" in os.environ:
         items.sort(key=lambda item: [not item.nodeid.startswith(place) for place in FIRST])
+
+
+def pytest_terminal_summary(terminalreporter):
+    if missing := judges.absent(terminalreporter.stats.get("skipped", [])):
+        hint = "try: ./setup.sh test, .ci/judges"
+        terminalreporter.line(f"judges absent, their tests skipped: {', '.join(missing)} ({hint})")
 
 
 def pytest_sessionfinish(session, exitstatus):

@@ -20,9 +20,10 @@ from iclnuim.sequences.run_folder import read_run
 from iclnuim.sequences.sequence import write_sequence
 from iclnuim.sequences.sequence_options import SequenceSettings
 from iclnuim.trajectory_files.trajectories import read_trajectory
+from judges import judge_module
 from patience import patience
 
-o3d = pytest.importorskip("open3d")
+o3d = judge_module("open3d", "open3d-cpu")
 
 
 def mesh_object(name, mesh, location=(0, 0, 0), **properties):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from judges import judge_module
 from patience import patience
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
@@ -205,7 +206,7 @@ def test_light_baked_on_an_own_scene_is_near_path_tracing(
 
 
 def test_a_walk_through_an_own_scene_is_clear_of_its_surfaces(rich, tmp_path, command_here):
-    open3d = pytest.importorskip("open3d")
+    open3d = judge_module("open3d", "open3d-cpu")
     ends = ("-1.9,-1.5,1.2:0,1,1", "1.6,0.2,1.1")
     place = ("--scene", rich["obj"], "--viewpoints")
     code, printed, said = command_here(

@@ -7,6 +7,7 @@ import pytest
 from iclnuim.errors import InputError
 from iclnuim.evaluation import associate as module
 from iclnuim.evaluation.associate import AssociationSettings, associate, pair_up
+from iclnuim.evaluation.time_axis import best_offset, rms_m
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
@@ -188,6 +189,35 @@ def test_stamps_in_another_unit_of_time_are_named(power, of):
     pair = (seconds, late) if of == "its stamps" else (late, seconds)
     with pytest.raises(InputError, match=f"try {of} divided by 10+, if they are {units[power]}"):
         pair_up(*pair)
+
+
+@pytest.mark.parametrize(
+    ("times_as_long", "is_named"), [(0.3, False), (0.4, True), (2.5, True), (3.5, False)]
+)
+def test_stamps_are_in_another_unit_if_the_two_last_nearly_as_long(times_as_long, is_named):
+    """A part of a sequence, or one that goes on after it, but at most three times as long."""
+    seconds = Trajectory(np.arange(200) / 10, SE3.identity((200,)))
+    other_s = 1000 * times_as_long * seconds.stamps_s + 1e6
+    with pytest.raises(InputError) as refused:
+        pair_up(seconds, Trajectory(other_s, SE3.identity((200,))))
+    assert ("divided by 1000, if they are milliseconds" in str(refused.value)) == is_named
+
+
+@pytest.mark.parametrize(("left", "advised"), [(0.4, "scale"), (0.8, "offset")])
+def test_another_rate_is_advised_where_the_best_offset_leaves_twice_the_error(walk, left, advised):
+    """Errors of positions of `left` times what the rate makes of right ones: the best scale leaves
+    0.37 and 0.62 of what the best offset does.
+    """
+    late_s = 1.5e9 + np.arange(len(walk)) / 25
+    exact = Trajectory(late_s, walk.T_world_camera)
+    error_m = rms_m(walk, exact, best_offset(walk, exact))
+    errors = np.random.default_rng(1).normal(0, left * error_m / np.sqrt(3), (len(walk), 3))
+    poses = SE3(walk.T_world_camera.rotation, walk.positions_m + errors)
+    with pytest.raises(InputError, match="no overlap in time") as refused:
+        pair_up(walk, Trajectory(late_s, poses))
+    scale = "+ 0.8333333 (stamp - " in str(refused.value)
+    assert ("scale" if scale else "offset") == advised
+    assert scale or "try an offset of -14999999" in str(refused.value)
 
 
 def test_a_short_part_of_a_long_ground_truth_is_in_no_other_unit():

@@ -9,6 +9,7 @@ import pytest
 from corrupted_sequence import KINDS, corrupted
 from iclnuim.doubt.depth_against_poses import agreement
 from iclnuim.doubt.depth_pairs import depth_residuals
+from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from moving_box import CAMERA, depth_z_m, hand_held, kinect
 
@@ -143,6 +144,31 @@ def test_an_error_of_the_camera_is_not_explained_by_a_reading_that_leaves_half_o
     T = hand_held(40, seed=6)
     found = agreement(lambda i: np.roll(depth_z_m(T[i]), 8, axis=1), T, CAMERA)
     assert not found.reading.kind
+
+
+@pytest.mark.parametrize(("factor", "kind"), [(2.0, ""), (3.0, "unit")])
+def test_an_explanation_that_leaves_more_than_noise_has_at_most_a_quarter(factor, kind):
+    """Depth without noise, twelve pixels beside where the camera says: with the best unit a third
+    of the residual is left of doubled distances, a sixth of tripled ones.
+    """
+    T = hand_held(40, seed=6)
+    larger = SE3(T.rotation, factor * T.translation)
+    found = agreement(lambda i: np.roll(depth_z_m(T[i]), 12, axis=1), larger, CAMERA)
+    assert found.reading.kind == kind
+
+
+def test_what_is_below_the_noise_of_a_pixel_is_explained_if_many_pixels_tell():
+    """Blocks of 8 x 8 pixels have an eighth of the noise: right poses leave a seventh of it, and
+    distances of 1.7 times their size not even a half.
+    """
+    camera = PinholeCamera.parse("640x480")
+    T = hand_held(12, seed=5)
+    rng = np.random.default_rng(0)
+    noise = 1 + rng.normal(0, 0.02, (12, 480, 640))
+    depth_m = [depth_z_m(pose, camera) * each for pose, each in zip(T, noise, strict=True)]
+    found = agreement(depth_m.__getitem__, SE3(T.rotation, 1.7 * T.translation), camera)
+    assert found.residual < 0.5 * 0.674 * 0.02 and found.reading.kind == "unit"
+    assert float(found.reading.detail) == pytest.approx(1 / 1.7, rel=0.01)
 
 
 def test_depth_with_holes_everywhere_is_not_a_mismatch():

@@ -55,3 +55,27 @@ def test_the_residual_is_the_difference_relative_to_depth():
     assert np.allclose(found[np.isfinite(found)], 0.1 / 2.05, rtol=1e-3)
     behind = SE3(np.eye(3), np.array([0, 0, -3.0]))
     assert np.isinf(blocks.residuals(behind, blocks.points_m)).all()
+
+
+@pytest.mark.parametrize(("share", "counts"), [(0.5, False), (0.75, True)])
+def test_points_that_leave_the_image_do_not_agree_if_they_are_most(share, counts):
+    """A wall that the camera slides along: what is still seen agrees exactly. Of points that leave,
+    those beyond 40 % count: a tenth against a half is not the median, a third against a quarter is.
+    """
+    wall = DepthBlocks.of(np.full((120, 160), 2.0), CAMERA)
+    aside_m = share * 2.0 * CAMERA.width / CAMERA.fx
+    pairs = DepthPairs(np.array([0]), np.array([1]), {0: wall, 1: wall})
+    moved = SE3(np.eye(3)[None], np.array([[aside_m, 0.0, 0.0]]))
+    assert (pairs.residuals(moved)[0] > 0.1) == counts
+
+
+def test_pairs_are_chosen_where_the_motion_varies():
+    """A camera that turns steadily, but for four slower frames in forty, tells there alone whether
+    its poses are those of the next frames.
+    """
+    is_slow = np.arange(240) % 40 // 4 == 1
+    turns = np.zeros((240, 6))
+    turns[:, 4] = np.cumsum(np.where(is_slow, 0.01, 0.02))
+    T = hand_held(1, seed=1)[0] @ SE3.exp(turns)
+    right, late = depth_residuals(lambda i: depth_z_m(T[i]), [T, shifted(T, 1)], CAMERA)
+    assert right < 1e-6 and late > 1e-3

@@ -279,7 +279,7 @@ def test_the_benchmark_beside_evo_leaves_evo_out_where_it_is_missing(files, caps
     assert list(json.loads(out)["times"]) == ["iclnuim evaluate ate"] and "pip install evo" in err
     monkeypatch.setattr(shutil, "which", which)
     if not which("evo_ape", path=str(Path(sys.executable).parent)):
-        pytest.skip("evo is not installed")
+        pytest.skip("judge absent: evo")
     assert cli.main(["bench", *map(str, names)]) == 0
     assert json.loads(capsys.readouterr().out)["times"]["evo_ape"]["median_s"] > 0
 

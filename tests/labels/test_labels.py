@@ -3,19 +3,15 @@ laws.
 """
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from iclnuim import PanopticQuality, Segmentation, label_confusion, label_figures, panoptic_quality
 from iclnuim.errors import InputError
+from judges import judged_by
 
 HERE = Path(__file__).parent
-#: A Python that has scikit-learn and panoptica.
-JUDGE = os.environ.get("ICLNUIM_LABEL_JUDGE", sys.executable)
 CLASSES = 9
 IS_THING = np.array([False, False, False] + [True] * 7)
 
@@ -64,9 +60,6 @@ def quality_of(truth, instance, predicted, numbers, is_thing=IS_THING):
 
 def judged(path, truth, instance, predicted, numbers, is_thing):
     """The figures of scikit-learn and panoptica."""
-    has = subprocess.run([JUDGE, "-c", "import sklearn, panoptica"], capture_output=True)
-    if has.returncode:
-        pytest.skip("ICLNUIM_LABEL_JUDGE is no Python with scikit-learn and panoptica")
     np.savez(
         path,
         truth=truth,
@@ -75,9 +68,10 @@ def judged(path, truth, instance, predicted, numbers, is_thing):
         predicted_instance=numbers,
         is_thing=is_thing,
     )
-    command = [JUDGE, HERE / "label_judge.py", path]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    return json.loads(done.stdout.splitlines()[-1])
+    said = judged_by(
+        "panoptica and scikit-learn", "sklearn, panoptica", HERE / "label_judge.py", path
+    )
+    return json.loads(said.splitlines()[-1])
 
 
 def check_against_judge(found, figures, quality):
@@ -154,6 +148,29 @@ def test_half_an_overlap_does_not_match():
     predicted[0, 2] = 3
     quality = quality_of(truth, instance, predicted, instance)
     assert quality.matched[3] == 1 and quality.panoptic_quality[3] == 3 / 4
+
+
+@pytest.mark.parametrize(
+    ("matched", "missed", "invented"),
+    [(1, 0, 0), (3, 1, 0), (3, 0, 1), (2, 3, 1), (1, 4, 5), (0, 2, 1)],
+)
+def test_recognition_is_the_f1_score_and_panoptic_quality_its_product_with_the_mean_iou(
+    matched, missed, invented
+):
+    """Segments of 4 pixels in a row; a matched one is predicted with 3 of them."""
+    segments = np.arange(1, 1 + matched + missed + invented)
+    instance = np.repeat(segments, 4)[None]
+    truth = np.where(instance <= matched + missed, 3, 1)
+    predicted = np.where((instance <= matched) | (instance > matched + missed), 3, 1)
+    predicted[0, : 4 * matched : 4] = 1
+    quality = quality_of(truth[None], instance[None], predicted[None], instance[None])
+    precision = matched / max(1, matched + invented)
+    recall = matched / (matched + missed)
+    f1 = 2 * precision * recall / (precision + recall) if matched else 0.0
+    assert quality.recognition_quality[3] == pytest.approx(f1, abs=1e-15)
+    iou = 3 / 4 if matched else 0.0
+    assert quality.segmentation_quality[3] == iou
+    assert quality.panoptic_quality[3] == pytest.approx(iou * f1, abs=1e-15)
 
 
 def test_stuff_is_one_segment_and_sums_are_over_frames():

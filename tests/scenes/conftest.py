@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from judges import judge_module
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ def rays(built):
     normal) by
     Embree.
     """
-    o3d = pytest.importorskip("open3d")
+    o3d = judge_module("open3d", "open3d-cpu")
     caster = o3d.t.geometry.RaycastingScene()
     caster.add_triangles(
         built.surface.vertices.astype(np.float32), built.surface.triangles.astype(np.uint32)

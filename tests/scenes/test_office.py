@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.trajectory_files.trajectories import read_trajectory
+from judges import judge_module
 
 bpy = pytest.importorskip(
     "bpy", reason="needs the bpy package"
 )  # before open3d: both bring a TBB, and bpy 5.2 needs its own
 cv2 = pytest.importorskip("cv2")
-o3d = pytest.importorskip("open3d")
+o3d = judge_module("open3d", "open3d-cpu")
 
 from iclnuim.blend.builder import build_scene, office_textures  # noqa: E402
 from iclnuim.tools.official_views import OFFICE  # noqa: E402

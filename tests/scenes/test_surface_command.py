@@ -6,12 +6,13 @@ import sys
 
 import numpy as np
 import pytest
+from judges import judge_module
 from patience import patience
 
 bpy = pytest.importorskip(
     "bpy", reason="needs the bpy package"
 )  # before open3d: both bring a TBB, and bpy 5.2 needs its own
-o3d = pytest.importorskip("open3d")
+o3d = judge_module("open3d", "open3d-cpu")
 
 
 @pytest.fixture

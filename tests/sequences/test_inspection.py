@@ -13,10 +13,11 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.sequences.inspection.inspect import inspect_sequence
-from iclnuim.sequences.inspection.official_archives import archive_of, described
+from iclnuim.sequences.inspection.official_archives import ARCHIVES, archive_of, described
 from iclnuim.sequences.rendered_frames import run_frames
 from iclnuim.sequences.run_folder import open_run
 from iclnuim.sequences.sequence import write_sequence
+from iclnuim.trajectory_files.source import LoadedTrajectory, ReadAs
 from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
 
@@ -189,6 +190,19 @@ def test_the_living_room_is_told_from_the_office_and_other_paths_are_no_archive(
         SE3(loaded.trajectory.T_world_camera.rotation, 1.02 * loaded.trajectory.positions_m),
     )
     assert archive_of(replace(loaded, trajectory=other)) is None
+
+
+@pytest.mark.parametrize("archive", ARCHIVES, ids=lambda each: each.file)
+@pytest.mark.parametrize("times_as_long", [0.98, 0.992, 1.0, 1.008, 1.02])
+def test_an_archive_is_told_by_its_poses_and_its_length_within_a_hundredth(archive, times_as_long):
+    along_m = np.linspace(0, times_as_long * archive.length_m, archive.poses)
+    positions_m = np.stack([along_m, 0 * along_m, 0 * along_m], -1)
+    poses = SE3(np.broadcast_to(np.eye(3), (archive.poses, 3, 3)), positions_m)
+    loaded = LoadedTrajectory(
+        Trajectory(np.arange(archive.poses) / 30, poses), ReadAs("tum", "right", "", "")
+    )
+    found = archive_of(loaded)
+    assert found is (archive if abs(times_as_long - 1) < 0.01 else None)
 
 
 def test_depth_images_of_another_size_are_listed_and_do_not_end_the_inspection(sound, tmp_path):
