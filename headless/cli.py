@@ -58,6 +58,7 @@ GROUPS = {
     "experiments": {
         "benchmark": "run the paper's experiments on all sequences: tables, findings, one report",
         "stress": "measure where methods fail, on frames with perturbations of increasing severity",
+        "experiment": "measure an experiment of your own on sequences: cells, tables, a page",
         "figure": "draw a figure of the paper from our rooms, sequences and measured cells",
         "table": "print a table of the paper: our figures next to the printed ones",
     },

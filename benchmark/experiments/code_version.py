@@ -24,6 +24,8 @@ _ODOMETRY = "iclnuim.benchmark.odometry"
 _REGISTRY = f"{_ODOMETRY}.registry"
 #: Settings of a parameter that are texts for people.
 _TEXTS = ("label", "source", "help")
+#: The method of an experiment that only shows its cells.
+_TABLES = "tables"
 _DOCUMENTED = (ast.ClassDef, ast.FunctionDef)
 #: A function, class or constant by its module and name; a module has an empty name.
 Name = tuple[str, str]
@@ -197,6 +199,7 @@ class _Reached(ast.NodeTransformer):
     def visit_ClassDef(self, node: ast.ClassDef | ast.FunctionDef) -> ast.AST:
         if ast.get_docstring(node, clean=False) is not None:
             del node.body[0]
+        node.body = [one for one in node.body if getattr(one, "name", "") != _TABLES]
         return self.generic_visit(node)
 
     visit_FunctionDef = visit_ClassDef

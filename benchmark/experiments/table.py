@@ -4,9 +4,10 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, zip_longest
+from pathlib import Path
 from textwrap import wrap
 
-from iclnuim.formats.files import csv_text
+from iclnuim.formats.files import atomic_write_text, csv_text, make_folder
 
 #: Maximum width of a column in a terminal, in characters.
 _WIDEST = 34
@@ -175,3 +176,11 @@ FORMATS: dict[str, tuple[str, Callable[[ResultTable], str]]] = {
     "latex": ("tex", ResultTable.latex),
     "csv": ("csv", ResultTable.csv),
 }
+
+
+def write_tables(folder: Path, tables: Sequence[ResultTable]) -> None:
+    """Write each table in every format. Their content does not depend on time or speed."""
+    make_folder(folder)
+    for table in tables:
+        for ending, written in FORMATS.values():
+            atomic_write_text(folder / f"{table.name}.{ending}", written(table) + "\n")

@@ -15,10 +15,10 @@ from iclnuim.benchmark.experiments.recipes.paper.keys import (
     chosen,
     lambertian_keys,
 )
-from iclnuim.benchmark.experiments.table import FORMATS, ResultTable
+from iclnuim.benchmark.experiments.table import FORMATS, ResultTable, write_tables
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
-from iclnuim.formats.files import atomic_write_text, locked, make_folder
+from iclnuim.formats.files import locked, make_folder
 from iclnuim.sequences.frame_pool import cores
 
 from ..method_options import require
@@ -269,14 +269,6 @@ def _text(tables: list[ResultTable]) -> str:
     with_rows = [table.text() for table in shown if table.rows and has_ours(table)]
     undecided = [table.notes[-1] for table in shown if table.notes and not table.rows]
     return "\n\n".join([*with_rows, *undecided])
-
-
-def write_tables(folder: Path, tables: list[ResultTable]) -> None:
-    """Write each table in every format. Their content does not depend on time or speed."""
-    make_folder(folder)
-    for table in tables:
-        for ending, written in FORMATS.values():
-            atomic_write_text(folder / f"{table.name}.{ending}", written(table) + "\n")
 
 
 def _values(results: "list[Measured]", tables: list[ResultTable]) -> dict:
