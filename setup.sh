@@ -1,6 +1,6 @@
 #!/bin/sh
 # Installs the system libraries that Blender's Python package bpy needs, then iclnuim into .venv next to this script.
-# usage: ./setup.sh [EXTRA ...]    extras: test, dev, docs, ros, slurm
+# usage: ./setup.sh [EXTRA ...]    extras: test, dev, docs, ros, rerun, slurm, open3d, completion
 #
 # Python 3.11 gets bpy 4.5 LTS, Python 3.13 gets bpy 5.2 LTS. If neither is installed, uv (from PyPI) fetches 3.11, or the Python of an
 # installed Blender is used. PYTHON=python3.12 ./setup.sh installs without bpy. VENV=FOLDER installs into another folder than .venv.

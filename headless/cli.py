@@ -27,7 +27,7 @@ from .options import option_name
 from .outputs import check_outputs
 
 #: Groups of commands: command -> description. `configure` in commands/NAME.py (`-` becomes `_`)
-#: declares its options, or `configure_NAME` in the module listed in _SHARED.
+#: declares its options, and `run` executes it.
 GROUPS = {
     "rendering": {
         "make": "bake the light, render the frames, and write a clean and a noisy sequence",
@@ -76,8 +76,6 @@ GROUPS = {
 }
 #: command -> description.
 COMMANDS = dict(ChainMap(*reversed(GROUPS.values())))
-_SHARED = dict.fromkeys(("make", "render", "resume", "task"), "runs")
-_SHARED |= dict.fromkeys(("dataset", "convert", "noise", "inspect", "pack"), "sequences")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -139,7 +137,8 @@ def _run(argv: list[str]) -> int:
 
 def _meant(word: str, known: Collection[str]) -> str:
     """The known words that resemble a mistyped one, joined by `or`; empty if there are none."""
-    return " or ".join(get_close_matches(word, known, n=2))
+    others = [other for other in dict.fromkeys(known) if other != word]
+    return " or ".join(get_close_matches(word, others, n=2))
 
 
 def _usage() -> str:
@@ -163,7 +162,7 @@ def _run_command(argv: list[str]) -> int:
         check_file(args.csv)
     console = Console(given.get("quiet", False), given.get("json", False))
     if given.get("reads_sequences"):
-        from .sequence_options import read_bags
+        from .sequence_input import read_bags
 
         read_bags(args, console)
     work = partial(args.run, args, console)
@@ -201,15 +200,10 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         if "; try " not in message:
-            hint = self._joined(message) or self._misspelt(message) or f"{self.prog} --help"
+            used = _used(self, self.words)
+            hint = self._joined(message) or _misspelt(message, used) or f"{used.prog} --help"
             message += f"; try {hint}"
         self.exit(2, f"{self.prog}: {message}\n")
-
-    def _misspelt(self, message: str) -> str:
-        """The options that resemble the first one that is unknown."""
-        _, _, unknown = message.partition("unrecognized arguments: ")
-        option = unknown.partition(" ")[0].partition("=")[0]
-        return _meant(option, _options(self)) if option.startswith("-") else ""
 
     def _joined(self, message: str) -> str:
         """`--frames=-3:` if the option's value, a number or an axis, was taken for another option
@@ -225,16 +219,25 @@ class _Parser(argparse.ArgumentParser):
         return ""
 
 
-def _options(parser: argparse.ArgumentParser) -> list[str]:
-    """The options of a command and of its actions."""
-    options: list[str] = []
+def _used(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser of the action among the words, or that of a command without actions."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for word in words:
+                if word in action.choices:
+                    return action.choices[word]
+    return parser
+
+
+def _misspelt(message: str, parser: argparse.ArgumentParser) -> str:
+    """The options of the parser that resemble the first one that is unknown."""
+    _, _, unknown = message.partition("unrecognized arguments: ")
+    option = unknown.partition(" ")[0].partition("=")[0]
+    known: list[str] = []
     for action in parser._actions:
         if action.help != argparse.SUPPRESS:
-            options += action.option_strings
-        if isinstance(action, argparse._SubParsersAction):
-            for one in action.choices.values():
-                options += _options(one)
-    return options
+            known += action.option_strings
+    return _meant(option, known) if option.startswith("-") else ""
 
 
 def _refuse_empty(argv: list[str]) -> None:
@@ -251,15 +254,14 @@ def _refuse_empty(argv: list[str]) -> None:
 
 
 def _module_of(command: str) -> Any:
-    name = _SHARED.get(command) or command.replace("-", "_")
-    return importlib.import_module(f".commands.{name}", __package__)
+    return importlib.import_module(f".commands.{command.replace('-', '_')}", __package__)
 
 
 def _configure(parser: argparse.ArgumentParser, command: str) -> None:
     """Declare the options of a command."""
     module = _module_of(command)
     parser.set_defaults(run=getattr(module, "run", None))
-    getattr(module, f"configure_{command}" if command in _SHARED else "configure")(parser)
+    module.configure(parser)
 
 
 def parsed(command: str, argv: list[str]) -> argparse.Namespace:

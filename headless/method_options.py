@@ -12,7 +12,7 @@ from iclnuim.console import Console
 from iclnuim.errors import IclnuimError, WorkError
 from iclnuim.geometry.trajectory import Trajectory
 
-from .sequence_options import camera_from, note_sequence
+from .sequence_input import camera_from, note_sequence
 
 #: For an odometer about 10 s on two free cores, a minute where they are shared.
 COMPILING = "compiling, once: 10 s to a minute"

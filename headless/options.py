@@ -101,12 +101,18 @@ def given_settings(
     args: argparse.Namespace, group: type[Settings], only: Iterable[str] | None = None
 ) -> dict[str, Any]:
     """The settings that were given as options: name -> value."""
-    given = {}
-    for name, declaration in declared(group).items():
-        value = getattr(args, _key(declaration), None)
-        if value is not None and (only is None or name in only):
-            given[name] = value
-    return given
+    (given,) = given_of_groups(args, group)
+    return {name: value for name, value in given.items() if only is None or name in only}
+
+
+def given_of_groups(args: argparse.Namespace, *groups: type[Settings]) -> list[dict[str, Any]]:
+    """The settings that were given as options, of each group: name -> value."""
+    found = []
+    for group in groups:
+        keys = {name: _key(declaration) for name, declaration in declared(group).items()}
+        values = {name: getattr(args, key, None) for name, key in keys.items()}
+        found.append({name: value for name, value in values.items() if value is not None})
+    return found
 
 
 def settings_from(
@@ -116,11 +122,11 @@ def settings_from(
 
     Raises InputError, which names the option, for an invalid value.
     """
-    options = {n: s.option for n, s in declared(type(base)).items() if s.option}
     given = given_settings(args, type(base), only)
     try:
         return replace(base, **{**derived, **given})
-    except InputError as error:
+    except InputError as error:  # two groups may have a setting of this name, as `method`
+        options = {n: s.option for n, s in declared(type(base)).items() if s.option}
         setting = options.get(error.setting or "", error.setting)
         raise InputError(
             error.expected, setting=setting, found=error.found, hint=error.hint

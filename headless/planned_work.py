@@ -45,8 +45,8 @@ def add_dry_run(parser: ArgumentParser) -> None:
     parser.add_argument("--dry-run", action="store_true", help=help)
 
 
-def told(work: PlannedWork, args: Namespace, console: Console) -> bool:
-    """Say what is planned; whether that is all that was requested."""
+def announce(work: PlannedWork, args: Namespace, console: Console) -> bool:
+    """Print what is planned, if it is long or only that was requested; returns whether it was."""
     dry_run = getattr(args, "dry_run", False)
     if dry_run:
         console.result(asdict(work), work.sentence())

@@ -240,7 +240,7 @@ def test_imports_are_found_however_they_are_written(monkeypatch, tmp_path):
         "ui.panels",
         "tools.detail",
         "job",
-        "headless.commands.runs",
+        "headless.commands.make",
         "benchmark.fusion.mesh",
     }
     assert expected <= set(map(short, found))

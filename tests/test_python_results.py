@@ -221,8 +221,21 @@ def test_an_array_in_a_repr_is_its_shape():
 
 def test_an_inspection_lists_its_findings(sequence):
     found = iclnuim.inspect_sequence(sequence.folder)
-    assert repr(found).endswith(f"{len(found.wrong)} wrong, {len(found.odd)} odd)")
-    assert found.to_dict()["pairs"] == 8 and found._repr_html_()
+    assert repr(found).endswith(f"{len(found.errors)} errors, {len(found.warnings)} warnings)")
+    assert found.to_dict()["figures"]["pairs"] == 8 and found._repr_html_()
+
+
+def test_sequences_are_compared_by_their_files(sequence, tmp_path):
+    iclnuim.make_sequence(sequence, tmp_path / "same", workers=1)
+    iclnuim.make_sequence(sequence, tmp_path / "noisy", depth_noise="kinect2012", workers=1)
+    same = iclnuim.compare_sequences(tmp_path / "same", str(tmp_path / "same"))
+    assert same.same and same.images == 16 and "0 files differ" in repr(same)
+    found = iclnuim.compare_sequences(tmp_path / "same", tmp_path / "noisy")
+    assert not found.same and len(found.different) == 8
+    assert {name.split("/")[0] for name in found.different} == {"depth"}
+    assert json.loads(json.dumps(found.to_dict())) == found.to_dict() and found._repr_html_()
+    with pytest.raises(InputError, match="neither"):
+        iclnuim.compare_sequences(sequence, tmp_path)
 
 
 def test_figures_of_an_error_are_those_of_its_parts():

@@ -38,7 +38,8 @@ __all__ = [
     "RGB_MODELS",
     # RGB-D sequences
     "make_sequence", "WrittenSequence", "FrameSource",
-    "frames_from", "inspect_sequence", "Inspection", "open_sequence",
+    "frames_from", "inspect_sequence", "Inspection", "compare_sequences", "SequenceComparison",
+    "open_sequence",
     "RgbdSequence", "PosedFrame",
     # rendering
     "SCENES", "RenderJob", "read_recipe", "shipped_job", "render_frames", "render_pose",
@@ -102,6 +103,7 @@ if TYPE_CHECKING:
     from .report.recording import record_sequence
     from .sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
     from .sensor.transfer import linear_from_srgb8
+    from .sequences.compare import SequenceComparison, compare_sequences
     from .sequences.frame_source import FrameSource
     from .sequences.inspection.findings import Inspection
     from .sequences.inspection.inspect import inspect_sequence

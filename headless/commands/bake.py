@@ -15,7 +15,7 @@ from iclnuim.worker_events import Event, Note
 
 from ..farm.chunks import own_cores
 from ..options import add_scene_options, add_settings, common, settings_from
-from ..planned_work import PlannedWork, add_dry_run, told
+from ..planned_work import PlannedWork, add_dry_run, announce
 
 #: The settings of a job that decide its light map.
 _LIGHT_MAP = ("map_size", "map_samples", "seed")
@@ -35,7 +35,7 @@ def configure(parser: ArgumentParser) -> None:
 def run(args: Namespace, console: Console) -> None:
     job = _job(args)
     if args.dry_run:
-        told(_work(job), args, console)
+        announce(_work(job), args, console)
         return
     try:
         from iclnuim.blender.light import light_files

@@ -15,8 +15,8 @@ from iclnuim.errors import InputError, WorkError
 
 from ..method_options import COLUMNS, installed, open_sequence, require
 from ..options import FRAMES, Actions, action, add_frames, add_plot, subcommands
-from ..planned_work import TRACK_CORE_S, PlannedWork, add_dry_run, told
-from ..sequence_options import add_camera_options
+from ..planned_work import TRACK_CORE_S, PlannedWork, add_dry_run, announce
+from ..sequence_input import add_camera_options
 from . import bench_curve
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def _odometry(args: Namespace, console: Console) -> None:
         require(console, "bench odometry", "numba", "cv2")
         which = installed(which, args.preset, console)
     sequences = [open_sequence(args, console, folder, frames=args.frames) for folder in folders]
-    if sequences and told(_work(sequences, which), args, console):
+    if sequences and announce(_work(sequences, which), args, console):
         return
     results += [_compare_odometers(sequence, which, args, console) for sequence in sequences]
     results = merged(results)

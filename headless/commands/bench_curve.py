@@ -13,8 +13,8 @@ from iclnuim.sequences.sequence_origin import sequence_name
 
 from ..method_options import installed, open_sequence, require
 from ..options import Actions, action, add_span, count, numbers
-from ..planned_work import TRACK_CORE_S, PlannedWork, add_dry_run, told
-from ..sequence_options import add_camera_options
+from ..planned_work import TRACK_CORE_S, PlannedWork, add_dry_run, announce
+from ..sequence_input import add_camera_options
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.inputs import Input
@@ -81,7 +81,7 @@ def _curve(args: Namespace, console: Console) -> None:
     store = Store(args.out / curve.name, KIND)
     frames = sum(job.steps for job in curve.jobs(store))
     what = f"{len(curve.steps)} steps of {curve.name}, {frames} frames"
-    if told(PlannedWork(what, frames * len(curve.steps) * TRACK_CORE_S), args, console):
+    if announce(PlannedWork(what, frames * len(curve.steps) * TRACK_CORE_S), args, console):
         return
     curve.run(store, console)
     points = curve.points(store)

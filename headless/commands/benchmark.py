@@ -23,8 +23,8 @@ from iclnuim.sequences.frame_pool import cores
 
 from ..method_options import require
 from ..options import add_frames, common, count
-from ..planned_work import FUSE_CORE_S, TRACK_CORE_S, PlannedWork, add_dry_run, told
-from ..sequence_options import note_sequence
+from ..planned_work import FUSE_CORE_S, TRACK_CORE_S, PlannedWork, add_dry_run, announce
+from ..sequence_input import note_sequence
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.cell import Measured
@@ -127,7 +127,7 @@ def run(args: Namespace, console: Console) -> int:
 
         paper = _experiment(args, console)
         store = Store(args.out, KIND)
-        if told(_work(paper, store, args.workers or _workers()), args, console):
+        if announce(_work(paper, store, args.workers or _workers()), args, console):
             return 0
         make_folder(args.out, hint="another {out}")
         with locked(args.out):  # a lock without a thread, beside which no process can be forked

@@ -26,7 +26,7 @@ def configure(parser: ArgumentParser) -> None:
     example = "iclnuim extension build --out dist/"
     build = action(subcommands(parser), "build", help, example, _build)
     help = "folder of the zip; default: dist"
-    build.add_argument("--out", type=Path, default=Path("dist"), metavar="DIR", help=help)
+    build.add_argument("-o", "--out", type=Path, default=Path("dist"), metavar="DIR", help=help)
 
 
 def _build(args: Namespace, console: Console) -> None:

@@ -14,8 +14,8 @@ from iclnuim.trajectory_files.trajectories import ANCHORED_WORLD, LoadedTrajecto
 
 from ..method_options import open_sequence, require
 from ..options import add_settings, common, settings_from, trajectory_file
-from ..planned_work import FUSE_CORE_S, PlannedWork, told
-from ..sequence_options import add_camera_options
+from ..planned_work import FUSE_CORE_S, PlannedWork, announce
+from ..sequence_input import add_camera_options
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.fusion.mesh import Mesh
@@ -62,7 +62,7 @@ def run(args: Namespace, console: Console) -> None:
         args, console, args.folder, poses=loaded.trajectory, frames=settings.frames
     )
     what = f"{len(sequence)} frames to fuse"
-    told(PlannedWork(what, len(sequence) * FUSE_CORE_S), args, console)
+    announce(PlannedWork(what, len(sequence) * FUSE_CORE_S), args, console)
     surface = fuse_sequence(
         args.folder, loaded.trajectory, settings, console.progress, sequence.camera
     )

@@ -15,8 +15,8 @@ from iclnuim.formats.files import check_file
 
 from ..method_options import COLUMNS, installed, open_sequence, require
 from ..options import FRAMES, add_frames, add_plot, add_rerun, checked_rerun, common
-from ..planned_work import TRACK_CORE_S, PlannedWork, told
-from ..sequence_options import add_camera_options
+from ..planned_work import TRACK_CORE_S, PlannedWork, announce
+from ..sequence_input import add_camera_options
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.odometry.run import OdometryRun
@@ -71,7 +71,7 @@ def run(args: Namespace, console: Console) -> None:
     sequence = open_sequence(args, console, args.folder, args.depth_offset, frames=args.frames)
     seconds = len(sequence) * len(odometers) * TRACK_CORE_S
     work = PlannedWork(f"{len(sequence)} frames, {len(odometers)} odometers", seconds)
-    told(work, args, console)
+    announce(work, args, console)
     against = partial(make_reference, args.reference, preset=args.preset)
     runs = run_odometers(odometers, sequence, args.lost, console.progress, against=against)
     for done in runs:

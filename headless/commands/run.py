@@ -24,8 +24,8 @@ from iclnuim.console import Console
 from iclnuim.errors import InputError
 
 from ..options import FRAMES, add_frames, common, count
-from ..planned_work import PlannedWork, add_dry_run, told
-from ..sequence_options import add_camera_options, camera_from, note_sequence
+from ..planned_work import PlannedWork, add_dry_run, announce
+from ..sequence_input import add_camera_options, camera_from, note_sequence
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -99,7 +99,7 @@ def run(args: Namespace, console: Console) -> int:
             commands.append(system.filled(system.settings.command, values))
         console.result({"commands": commands}, "\n".join(map(" ".join, commands)))
         return 0
-    if told(_work(experiments, args.runs), args, console):
+    if announce(_work(experiments, args.runs), args, console):
         return 0
     results = _results(args, experiments, console)
     console.note(f"{file} written; `iclnuim bench odometry {file}` shows it next to other results")

@@ -17,8 +17,8 @@ from iclnuim.sequences.frame_pool import cores
 
 from ..method_options import installed, require
 from ..options import add_frames, common, count
-from ..planned_work import PlannedWork, add_dry_run, told
-from ..sequence_options import note_sequence
+from ..planned_work import PlannedWork, add_dry_run, announce
+from ..sequence_input import note_sequence
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.recipes.stress.recipe import Stress
@@ -141,7 +141,7 @@ def run(args: Namespace, console: Console) -> None:
     store = Store(args.out, KIND)
     if not args.report_only:
         workers = args.workers or cores()
-        if told(_work(stress, len(store.missing(stress.cells())), workers), args, console):
+        if announce(_work(stress, len(store.missing(stress.cells())), workers), args, console):
             return
         stress.run(store, workers, console)
     others = () if args.methods or args.system else sorted({key.method for key in given})

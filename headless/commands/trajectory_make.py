@@ -47,7 +47,7 @@ def configure(actions: Actions) -> None:
     help = "kt2, office/kt0, a recipe file; default: all"
     add("recipes", nargs="*", metavar="NAME|RECIPE", help=help)
     help = "write below DIR instead of next to the recipe"
-    add("--out", type=Path, metavar="DIR", help=help)
+    add("-o", "--out", type=Path, metavar="DIR", help=help)
     help = "write nothing; exit with 3 if a file differs from the trajectory that its recipe makes"
     add("--check", action="store_true", help=help)
     help = "make a trajectory through this scene instead of recipes"

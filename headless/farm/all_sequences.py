@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 
 from iclnuim.console import Console, Progress
 from iclnuim.errors import IclnuimError, WorkError
-from iclnuim.sequences.journal import read_entries
 
 from ..options import option_name
 from .run_plan import RunPlan
@@ -21,7 +20,7 @@ class _Whole(Console):
 
     def __init__(self, console: Console, plans: Sequence[RunPlan]) -> None:
         super().__init__(console.quiet, console.as_json)
-        self._later = {plan.job.sequence: lacking(plan) for plan in plans}
+        self._later = {plan.job.sequence: plan.unwritten() for plan in plans}
         self._progress = console.progress(sum(self._later.values()), "all")
 
     def begin(self, plan: RunPlan) -> None:
@@ -57,15 +56,3 @@ def make_all(
         done = f"{len(plans) - len(failed)} of {len(plans)} are done"
         raise WorkError(f"{', '.join(failed)} failed, for the reasons above; {done}")
     return 0
-
-
-def lacking(plan: RunPlan) -> int:
-    """Number of frames that are missing in the journal of at least one sequence; of a run without
-    sequences, of those that are not rendered.
-    """
-    if plan.sequences is None:
-        return len(plan.missing())
-    made = set(plan.numbers)
-    for folder in plan.variants():
-        made &= read_entries(folder).keys()
-    return len(plan.numbers) - len(made)

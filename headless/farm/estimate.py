@@ -16,6 +16,8 @@ from iclnuim.errors import IclnuimError
 from iclnuim.formats.files import sha256, write_json
 from iclnuim.job import RenderJob, bake_core_s, shipped_light
 
+from ..planned_work import PlannedWork
+from .chunks import own_cores
 from .run_plan import RunPlan
 
 #: Figures measured on fewer frames are not stored.
@@ -210,3 +212,25 @@ def _gigabytes(plan: RunPlan, frames: int) -> float:
     image_bytes = sum(channel.png_bytes for channel in channels)
     bytes_a_pixel += len(plan.variants()) * len(plan.numbers) * image_bytes
     return plan.job.camera.width * plan.job.camera.height * bytes_a_pixel / 1e9
+
+
+def local_work(plans: Sequence[RunPlan]) -> PlannedWork:
+    """The missing frames of runs on this machine, one after another. A raw frame is removed once
+    all sequences of its run have it, unless it is kept.
+    """
+    cores = len(own_cores())
+    missing = 0
+    minutes = 0.0
+    gigabytes = 0.0
+    for plan in plans:
+        if frames := plan.unwritten():
+            missing += frames
+            minutes += local_estimate(plan, frames, cores).wall_minutes
+            raw_stays = plan.keep_raw or plan.sequences is None
+            gigabytes += local_estimate(plan, frames * raw_stays, cores).gigabytes
+    where = f"{len(plans)} sequences"
+    if len(plans) == 1:
+        where = f"{plans[0].job.sequence}, in {plans[0].out}"
+    total = sum(len(plan.numbers) for plan in plans)
+    what = f"{missing} of {total} frames to render on {cores} cores, {where}"
+    return PlannedWork(what, 60 * minutes, gigabytes)

@@ -14,6 +14,7 @@ from iclnuim.errors import InputError
 from iclnuim.formats.files import read_json, write_json
 from iclnuim.job import RenderJob
 from iclnuim.sequences.bags.recorded import LogSettings
+from iclnuim.sequences.journal import read_entries
 from iclnuim.sequences.rendered_frames import frames_of_run
 from iclnuim.sequences.run_folder import read_run
 from iclnuim.sequences.sequence import complete_frames
@@ -115,6 +116,17 @@ class RunPlan:
             source = frames_of_run(run, list(self.numbers))
             made = complete_frames(source, self.variants(), self.formats)
         return run.missing([n for n in self.numbers if n not in made])
+
+    def unwritten(self) -> int:
+        """Number of frames that are missing in the journal of at least one sequence; of a run without
+        sequences, of those that are not rendered.
+        """
+        if self.sequences is None:
+            return len(self.missing())
+        made = set(self.numbers)
+        for folder in self.variants():
+            made &= read_entries(folder).keys()
+        return len(self.numbers) - len(made)
 
     def to_dict(self) -> dict[str, Any]:
         """The record. It does not contain the run folder, which may be moved."""

@@ -35,21 +35,23 @@ UNITS = [
 @pytest.mark.parametrize(("scale", "name"), UNITS)
 def test_another_unit_is_named_and_following_the_advice_helps(evaluate, walk, scale, name):
     values = evaluate(scaled_estimate(walk, scale), "ate")
-    told, given = values["unit"], values["translation_error_m"]["rmse"]
+    told, given = values["explained_error"], values["translation_error_m"]["rmse"]
+    (explanation,) = values["explanations"]
     assert len(values["warnings"]) == 1 and name in values["warnings"][0]
-    assert told["scale"] == pytest.approx(1 / scale, rel=0.01) and told["given_rmse_m"] == given
+    assert explanation["kind"] == "scale" and told["as_read_rmse_m"] == given
+    assert explanation["parameters"]["scale"] == pytest.approx(1 / scale, rel=0.01)
     followed = evaluate(scaled_estimate(walk, scale), "ate", "--align", "sim3")
     assert followed["translation_error_m"]["rmse"] == pytest.approx(told["rmse_m"], rel=1e-9)
     assert told["rmse_m"] < 0.02 < given
-    assert followed["unit"] is None and not followed["warnings"]
+    assert followed["explanations"] == [] and not followed["warnings"]
 
 
 def test_relative_errors_have_the_same_advice(evaluate, walk):
     values = evaluate(scaled_estimate(walk, 1e3), "rpe", "--delta", "1s")
-    assert "millimetres" in values["warnings"][0] and values["unit"]["rmse_m"] < 0.02
+    assert "millimetres" in values["warnings"][0] and values["explained_error"]["rmse_m"] < 0.02
     followed = evaluate(scaled_estimate(walk, 1e3), "rpe", "--delta", "1s", "--correct-scale")
     rmse_m = followed["translation_error_m"]["rmse"]
-    assert rmse_m == pytest.approx(values["unit"]["rmse_m"], rel=1e-9)
+    assert rmse_m == pytest.approx(values["explained_error"]["rmse_m"], rel=1e-9)
     assert not followed["warnings"]
 
 
@@ -57,7 +59,7 @@ def test_evo_has_the_advised_error(evaluate, walk, tmp_path):
     tools = judge_module("evo.tools.file_interface", "evo")
     from evo.core import metrics, sync
 
-    values = evaluate(scaled_estimate(walk, 1e3), "ate")["unit"]
+    values = evaluate(scaled_estimate(walk, 1e3), "ate")
     reference, estimate = (
         tools.read_tum_trajectory_file(tmp_path / f"{name}.txt") for name in ("truth", "estimate")
     )
@@ -65,14 +67,15 @@ def test_evo_has_the_advised_error(evaluate, walk, tmp_path):
     scale = estimate.align(reference, correct_scale=True)[2]
     judge = metrics.APE(metrics.PoseRelation.translation_part)
     judge.process_data((reference, estimate))
-    assert values["scale"] == pytest.approx(scale, rel=1e-9)
-    assert values["rmse_m"] == pytest.approx(judge.get_all_statistics()["rmse"], abs=1e-9)
+    assert values["explanations"][0]["parameters"]["scale"] == pytest.approx(scale, rel=1e-9)
+    rmse_m = values["explained_error"]["rmse_m"]
+    assert rmse_m == pytest.approx(judge.get_all_statistics()["rmse"], abs=1e-9)
 
 
 @pytest.mark.parametrize("error", [["ate"], ["rpe", "--delta", "1s"]], ids=["ate", "rpe"])
 @pytest.mark.parametrize("scale", [1.0, 0.95, 1.1])
 def test_a_drift_of_scale_is_an_error_and_no_other_unit(evaluate, walk, scale, error):
-    assert evaluate(scaled_estimate(walk, scale), *error)["unit"] is None
+    assert evaluate(scaled_estimate(walk, scale), *error)["explanations"] == []
 
 
 @pytest.mark.parametrize("size_m", [1e-3, 1.0, 100.0])
@@ -81,4 +84,4 @@ def test_a_failed_estimate_is_not_called_one_in_another_unit(evaluate, walk, siz
         rng = np.random.default_rng(seed)
         steps = np.cumsum(rng.normal(0, size_m / 20, (len(walk), 3)), axis=0)
         lost = Trajectory(walk.stamps_s, SE3(walk.T_world_camera.rotation, steps))
-        assert evaluate(lost, "ate")["unit"] is None
+        assert evaluate(lost, "ate")["explanations"] == []

@@ -8,7 +8,8 @@ import pytest
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 from iclnuim.headless.cli import main
-from iclnuim.headless.commands.runs import configure_make, every_plan
+from iclnuim.headless.commands import make
+from iclnuim.headless.commands.run_options import RunOptions
 from iclnuim.headless.farm.all_sequences import make_all
 from iclnuim.sequences.journal import JournalEntry
 from iclnuim.shipped import paper_sequences
@@ -16,8 +17,8 @@ from iclnuim.shipped import paper_sequences
 
 def plans(*words):
     parser = argparse.ArgumentParser()
-    configure_make(parser)
-    return every_plan(parser.parse_args(["all", *words]))
+    make.configure(parser)
+    return RunOptions.of(parser.parse_args(["all", *words])).every_plan()
 
 
 def test_all_are_both_rooms_clean_and_noisy_in_folders_of_their_own(tmp_path):

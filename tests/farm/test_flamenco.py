@@ -12,7 +12,7 @@ import sys
 import pytest
 from iclnuim import shipped
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.headless.commands.runs import configure_make, configure_task
+from iclnuim.headless.commands import make, task
 from iclnuim.headless.farm.chunks import numbers_from
 from iclnuim.job import RenderJob
 from iclnuim.sequences.sequence_options import SequenceOptions
@@ -56,7 +56,7 @@ def words_of(one):
 
 def parsed(one):
     parser = argparse.ArgumentParser(exit_on_error=False)
-    configure_task(parser)
+    task.configure(parser)
     return parser.parse_args(words_of(one)[1:])
 
 
@@ -196,7 +196,7 @@ def test_settings_are_those_that_are_declared(compiled):
         == settings["samples"]["default"]
     ), "0: the light's own"
     parser = argparse.ArgumentParser()
-    configure_make(parser)
+    make.configure(parser)
     for name in ("depth_noise", "rgb_noise"):
         assert (
             settings[name]["default"] == parser.get_default(name)

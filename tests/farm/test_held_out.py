@@ -11,7 +11,8 @@ import pytest
 from iclnuim import shipped
 from iclnuim.console import Console
 from iclnuim.errors import InputError
-from iclnuim.headless.commands.runs import configure_make, plan_from
+from iclnuim.headless.commands import make
+from iclnuim.headless.commands.run_options import RunOptions
 from iclnuim.headless.farm import held_out
 from iclnuim.headless.farm.run_plan import RunPlan
 from iclnuim.headless.farm.run_state import run_state
@@ -21,9 +22,9 @@ from iclnuim.trajectory_files.trajectories import read_trajectory, write_traject
 
 def plan_of(out, *words) -> RunPlan:
     parser = argparse.ArgumentParser()
-    configure_make(parser)
+    make.configure(parser)
     args = parser.parse_args(["kt2", "--quick", "--camera", "80x60", "-o", str(out), *words])
-    return plan_from(args)
+    return RunOptions.of(args).plan(args.sequence)
 
 
 def begin(plan, light="baked"):

@@ -12,7 +12,8 @@ from iclnuim import shipped
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless.cli import main
-from iclnuim.headless.commands.runs import configure_make, configure_render, plan_from
+from iclnuim.headless.commands import make, render
+from iclnuim.headless.commands.run_options import RunOptions
 from iclnuim.headless.farm import estimate, run_plan, slurm, slurm_queue, tasks
 from iclnuim.headless.farm.farm_settings import SlurmSettings, minutes, read_settings
 from iclnuim.headless.farm.run_plan import RECORD, RunPlan, find_run, read_plan
@@ -322,12 +323,12 @@ def test_clean_and_noisy_are_those_of_a_local_make(job, tmp_path):
     )
 
 
-def asked_for(tmp_path, *words, configure=configure_make):
+def asked_for(tmp_path, *words, command=make):
     """The plan of `iclnuim make kt2`, or of other words."""
     parser = argparse.ArgumentParser()
-    configure(parser)
+    command.configure(parser)
     args = parser.parse_args([*(words or ("kt2", *TINY)), "--out", str(tmp_path / "plan")])
-    return plan_from(args)
+    return RunOptions.of(args).plan(args.sequence)
 
 
 def test_a_plan_is_recorded_and_read_back_wherever_the_folder_moves(tmp_path, monkeypatch):
@@ -442,9 +443,7 @@ def test_a_run_of_this_machine_is_resumed_by_slurm_with_other_options(
 ):
     out = tmp_path / "o"
     begun(job, out, [0, 1])
-    asked = asked_for(
-        tmp_path, "kt2", *TINY, "--light", "path", "--samples", "1", configure=configure_render
-    )
+    asked = asked_for(tmp_path, "kt2", *TINY, "--light", "path", "--samples", "1", command=render)
     replace(asked, raw=out).write_record()
     pretended()
     words = (
@@ -458,7 +457,7 @@ def test_a_run_of_this_machine_is_resumed_by_slurm_with_other_options(
         "--json",
     )
     assert main(list(words)) == 2 and "light baked there, path requested" in capsys.readouterr().err
-    replace(asked_for(tmp_path, "kt2", *TINY, configure=configure_render), raw=out).write_record()
+    replace(asked_for(tmp_path, "kt2", *TINY, command=render), raw=out).write_record()
     assert main(list(words)) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["estimate"]["frames"] == 8 and {
@@ -497,13 +496,11 @@ def test_pairs_in_other_formats_stand_too(job, tmp_path):
     assert len(plan.missing()) == 1
 
 
-@pytest.mark.parametrize("configure", [configure_make, configure_render])
-def test_quick_is_sixty_frames_in_a_row_from_the_first(tmp_path, configure):
-    assert asked_for(tmp_path, "office/kt1", "--quick", configure=configure).numbers == tuple(
-        range(60)
-    )
+@pytest.mark.parametrize("command", [make, render])
+def test_quick_is_sixty_frames_in_a_row_from_the_first(tmp_path, command):
+    assert asked_for(tmp_path, "office/kt1", "--quick", command=command).numbers == tuple(range(60))
     with pytest.raises(InputError, match="not both"):
-        asked_for(tmp_path, "kt2", "--quick", "--frames", "::30", configure=configure)
+        asked_for(tmp_path, "kt2", "--quick", "--frames", "::30", command=command)
 
 
 def test_poses_that_are_left_out_of_a_trajectory_are_told(pretended, tmp_path, capsys):

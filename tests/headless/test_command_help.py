@@ -43,7 +43,7 @@ def test_a_word_that_resembles_no_command_leads_to_the_help(capsys):
     [
         ("make kt2 --quikc", "--quick"),
         ("make kt2 --depth-niose=paper", "--depth-noise"),
-        ("evaluate ate a b --dleta 1s", "--delta"),
+        ("evaluate rpe a b --dleta 1s", "--delta"),
         ("stress seq --severites 1", "--severities"),
     ],
 )
@@ -52,6 +52,26 @@ def test_a_misspelt_option_is_told_what_was_meant(line, meant, capsys):
         cli.main(line.split())
     (said,) = capsys.readouterr().err.splitlines()
     assert exit.value.code == 2 and f"; try {meant}" in said
+
+
+def options_of(action, capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["trajectory", action, "--help"])
+    return set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", capsys.readouterr().out))
+
+
+def test_what_is_suggested_is_an_option_of_the_action_itself(capsys):
+    """Each option that another action has and this one has not is refused, and not suggested."""
+    own = options_of("make", capsys)
+    others = options_of("convert", capsys) | options_of("camera", capsys)
+    assert others - own
+    for option in sorted(others - own):
+        with pytest.raises(SystemExit):
+            cli.main(["trajectory", "make", option])
+        said = capsys.readouterr().err
+        assert f"unrecognized arguments: {option}; try " in said
+        suggested = said.rpartition("; try ")[2].strip()
+        assert suggested == "iclnuim trajectory make --help" or set(suggested.split(" or ")) <= own
 
 
 def test_an_option_that_resembles_none_leads_to_the_help(capsys):

@@ -214,7 +214,7 @@ def test_noise_goes_on_a_sequence_of_png_and_inspect_finds_it_sound(raw, tmp_pat
     assert main(["inspect", noisy, "--json"]) == 0
     out = capsys.readouterr().out
     found = json.loads(out[out.index('{\n  "folder": ') :])
-    assert found["wrong"] == [] and found["figures"]["pairs"] == 3
+    assert found["errors"] == [] and found["figures"]["pairs"] == 3
     (tmp_path / "noisy/rgb/000001.png").write_bytes(b"")
     assert main(["inspect", noisy]) == 2
     assert "ERROR: " in capsys.readouterr().out

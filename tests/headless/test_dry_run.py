@@ -9,7 +9,7 @@ import pytest
 from iclnuim.console import Console
 from iclnuim.headless.cli import main
 from iclnuim.headless.farm.run_plan import RunPlan
-from iclnuim.headless.planned_work import PlannedWork, told
+from iclnuim.headless.planned_work import PlannedWork, announce
 from iclnuim.job import shipped_job
 
 
@@ -87,7 +87,7 @@ def test_time_and_room_are_said_in_units_that_fit(seconds, gigabytes, text):
 @pytest.mark.parametrize(("seconds", "noted"), [(59, False), (61, True)])
 def test_work_of_more_than_a_minute_is_announced(seconds, noted, capfd):
     args = argparse.Namespace(dry_run=False)
-    assert not told(PlannedWork("frames", seconds), args, Console())
+    assert not announce(PlannedWork("frames", seconds), args, Console())
     out, err = capfd.readouterr()
     assert out == "" and bool(err) == noted
 
@@ -99,9 +99,7 @@ def test_a_dry_run_for_slurm_shows_the_job_scripts(capfd):
 
 
 def test_a_plan_without_sequences_lacks_all_frames(tmp_path):
-    from iclnuim.headless.farm.all_sequences import lacking
-
-    assert lacking(RunPlan(shipped_job("kt2"), tmp_path / "raw", (0, 1, 2))) == 3
+    assert RunPlan(shipped_job("kt2"), tmp_path / "raw", (0, 1, 2)).unwritten() == 3
 
 
 def test_more_odometers_and_steps_take_longer(capfd, few_frames):

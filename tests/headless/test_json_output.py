@@ -104,5 +104,5 @@ def test_infinite_depth_is_counted_and_read_as_missing(folder, monkeypatch, caps
     found = strict(capsys.readouterr().out)
     assert found["figures"]["depth_m"]["farthest"] == 2.0
     assert found["figures"]["depth_missing_share"] == pytest.approx(67 / 768, abs=1e-4)
-    assert any(f"{6 * 67} depths of 6" in text for text in found["odd"])
-    assert not any("65535" in text for text in found["wrong"])
+    assert any(f"{6 * 67} depths of 6" in text for text in found["warnings"])
+    assert not any("65535" in text for text in found["errors"])

@@ -45,7 +45,7 @@ for number in range(4):
     run.write_frame(number, np.full((48, 64, 3), 0.3), np.full((48, 64), 2.0))
 iclnuim.make_sequence("raw", "clean")
 iclnuim.make_sequence("raw", "noisy", depth_noise="released", rgb_noise="released")
-assert not iclnuim.inspect_sequence("noisy").wrong
+assert not iclnuim.inspect_sequence("noisy").errors
 iclnuim.make_sequence(iclnuim.open_sequence("clean"), "converted", formats=("replica",))
 loaded = iclnuim.read_trajectory("clean/groundtruth.txt").trajectory
 assert np.allclose(loaded.positions_m, trajectory.positions_m)

@@ -487,7 +487,7 @@ def test_poses_that_do_not_decide_are_named_and_can_be_given(tmp_path, capsys):
     with pytest.raises(InputError, match=r"one topic of poses, found /a .*, /b .*; try .*bag:/a"):
         read_truth(path)
     found = inspect_sequence(path)
-    assert found.figures["pairs"] == 4 and "one topic of poses" in found.wrong[0]
+    assert found.figures["pairs"] == 4 and "one topic of poses" in found.errors[0]
     for given, poses in ((f"{path}:/a", POSES), (f"{path}:/b", POSES[::-1])):
         assert np.allclose(read_truth(given).T_world_camera.matrix, poses.matrix, atol=1e-8)
     arguments = ["evaluate", "ate", f"{path}:/a", f"{path}:/a", "--json"]

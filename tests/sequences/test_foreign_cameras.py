@@ -160,7 +160,7 @@ def test_transforms_of_other_programs_are_the_same_sequence(copied, all_formats,
     assert [pair.depth.name for pair in find_pairs(folder)] == [
         pair.depth.name for pair in find_pairs(all_formats / "nerf")
     ]
-    assert inspect_sequence(folder).odd == inspect_sequence(all_formats / "nerf").odd
+    assert inspect_sequence(folder).warnings == inspect_sequence(all_formats / "nerf").warnings
 
 
 def in_a_frame(**values):
@@ -224,7 +224,7 @@ def test_transforms_with_another_camera_are_refused(copied, change, message):
 def test_what_transforms_say_and_is_not_applied_is_noted(copied, change, note, command_here):
     folder = changed_nerf(copied, change)
     assert any(re.search(note, sentence) for sentence in camera_of(folder).notes)
-    assert any(re.search(note, sentence) for sentence in inspect_sequence(folder).odd)
+    assert any(re.search(note, sentence) for sentence in inspect_sequence(folder).warnings)
     code, _, noted = command_here("convert", folder, folder.parent / "out")
     assert code == 0 and re.search(note, noted)
 
@@ -239,8 +239,8 @@ def test_a_frame_without_its_depth_image_is_left_out_with_a_note(
     (folder / depth).unlink()
     assert [pair.number for pair in find_pairs(folder)] == [0, 1, 3]
     found = inspect_sequence(folder)
-    assert not any("000002.png" in error for error in found.wrong)
-    assert any("000002.png" in warning for warning in found.odd)
+    assert not any("000002.png" in error for error in found.errors)
+    assert any("000002.png" in warning for warning in found.warnings)
     code, _, noted = command_here("convert", folder, folder.parent / "out")
     assert code == 0 and "000002.png" in noted
     shutil.rmtree(folder / "depth")
@@ -356,7 +356,7 @@ def test_what_a_sensor_file_says_and_is_not_applied_is_noted(copied, file, old, 
     folder = copied("vslam-lab" if file == 2 else "euroc")
     replaced(folder / CAMERAS[file], old, new)
     assert any(re.search(note, sentence) for sentence in camera_of(folder).notes)
-    assert any(re.search(note, sentence) for sentence in inspect_sequence(folder).odd)
+    assert any(re.search(note, sentence) for sentence in inspect_sequence(folder).warnings)
 
 
 @pytest.mark.parametrize(

@@ -144,7 +144,7 @@ def test_images_lost_in_the_middle_shift_no_pose(copied, format, first, lost):
     folder = copied(format)
     rename(folder, format, lambda n: None if n in lost else f"{n + first:06}")
     assert numbers_with_poses(folder) == without(*lost)
-    assert f"{len(lost)} poses without a frame" in inspect_sequence(folder).odd
+    assert f"{len(lost)} poses without a frame" in inspect_sequence(folder).warnings
 
 
 @both
@@ -155,7 +155,7 @@ def test_depth_decides_whether_the_first_or_the_last_image_is_lost(copied, forma
     assert numbers_with_poses(folder) == without(lost)
     figures = r"\d % with \d.*\d % with \d"
     assert re.search(figures, load_truth(folder).read_as.sentence)
-    assert re.search(figures, "\n".join(inspect_sequence(folder).odd))
+    assert re.search(figures, "\n".join(inspect_sequence(folder).warnings))
 
 
 def test_a_conversion_says_how_lines_were_tied_and_which_were_lost(copied, tmp_path, command_here):
@@ -185,7 +185,7 @@ def test_more_images_than_lines_are_refused_with_both_counts(copied, format, kep
     change_lines(folder, format, lambda lines: lines[kept])
     with pytest.raises(InputError, match=rf"12 images, found {len(EVERY[kept])} lines"):
         load_truth(folder)
-    assert any("12 images" in sentence for sentence in inspect_sequence(folder).wrong)
+    assert any("12 images" in sentence for sentence in inspect_sequence(folder).errors)
 
 
 @both
@@ -205,7 +205,7 @@ def test_a_lost_line_leaves_its_image_without_a_pose(copied, format, row, lost):
             load_truth(folder)
         return
     assert numbers_with_poses(folder) == without(*lost)
-    odd = "\n".join(inspect_sequence(folder).odd)
+    odd = "\n".join(inspect_sequence(folder).warnings)
     assert f"{len(lost)} frames without a pose" in odd and f"{len(lost)} of 12 rows" in odd
 
 
@@ -218,8 +218,8 @@ def test_a_missing_depth_or_colour_image_leaves_its_frame_out(copied, format, ki
     (folder / FOLDERS[format][kind].format(4 + first)).unlink()
     assert numbers_with_poses(folder) == without(4)
     found = inspect_sequence(folder)
-    assert found.wrong == [] and found.figures["pairs"] == 11
-    assert any(f"{4 + first:06}" in sentence for sentence in found.odd)
+    assert found.errors == [] and found.figures["pairs"] == 11
+    assert any(f"{4 + first:06}" in sentence for sentence in found.warnings)
 
 
 def test_a_missing_depth_image_of_scannet_and_of_lists_leaves_its_frame_out(copied):
@@ -228,7 +228,7 @@ def test_a_missing_depth_image_of_scannet_and_of_lists_leaves_its_frame_out(copi
         (folder / image).unlink()
         assert numbers_with_poses(folder) == without(4)
         found = inspect_sequence(folder)
-        assert found.wrong == [] and any("1 images" in sentence for sentence in found.odd)
+        assert found.errors == [] and any("1 images" in sentence for sentence in found.warnings)
 
 
 @pytest.mark.parametrize("lists", [True, False])
@@ -299,4 +299,4 @@ def test_what_file_managers_leave_in_folders_is_ignored(copied, format):
             lists.unlink()
     assert numbers_with_poses(folder) == EVERY
     found = inspect_sequence(folder)
-    assert found.wrong == [] and not any("._" in sentence for sentence in found.odd)
+    assert found.errors == [] and not any("._" in sentence for sentence in found.warnings)

@@ -160,4 +160,4 @@ def test_a_folder_is_recognised_by_what_lies_in_it(all_formats, name):
         found.figures["pairs"] == found.figures["rgb_images"] == found.figures["depth_images"] == 4
     )
     # the frames' depth belongs to no room, which is all that is wrong with them
-    assert [line for line in found.wrong if "do not match" not in line] == []
+    assert [line for line in found.errors if "do not match" not in line] == []

@@ -58,7 +58,7 @@ def folder(sound, tmp_path):
 
 def test_nothing_is_wrong_with_a_sound_sequence(sound):
     found = inspect_sequence(sound)
-    assert (found.wrong, found.odd) == ([], [])
+    assert (found.errors, found.warnings) == ([], [])
     assert found.figures["pairs"] == 12 and found.figures["rate_hz"] == 30
     assert found.figures["depth_fits_poses_mm"] < 10
     assert found.figures["depth_fits_poses_percent"] < 0.1
@@ -72,27 +72,27 @@ def test_left_handed_poses_are_seen_by_the_depth(folder):
     mirrored = Trajectory(truth.stamps_s, axes.mirrored_y(truth.T_world_camera))
     write_trajectory(folder / "groundtruth.txt", mirrored, "tum")
     found = inspect_sequence(folder)
-    assert any("a left-handed camera" in sentence for sentence in found.wrong)
-    assert found.figures["explanation"]["kind"] == "mirrored"
+    assert any("a left-handed camera" in sentence for sentence in found.errors)
+    assert [one["kind"] for one in found.explanations] == ["mirrored"]
 
 
 def test_poses_of_another_sequence_are_seen(folder):
     twists = np.random.default_rng(1).normal(0, 0.4, (12, 6))
     write_trajectory(folder / "groundtruth.txt", Trajectory.at_rate(SE3.exp(twists)), "tum")
-    assert any("do not match" in sentence for sentence in inspect_sequence(folder).wrong)
+    assert any("do not match" in sentence for sentence in inspect_sequence(folder).errors)
 
 
 def test_a_wrong_depth_scale_is_guessed(folder):
     for path in (folder / "depth").glob("*.png"):
         write_png(path, (read_depth16(path) // 20).astype(np.uint16))
-    wrong = " ".join(inspect_sequence(folder).wrong)
+    wrong = " ".join(inspect_sequence(folder).errors)
     assert "with 5000 units per metre: 1000 units per metre would give" in wrong
 
 
 def test_colour_images_of_16_bits_which_no_odometer_reads_are_an_error(folder):
     for path in (folder / "rgb").glob("*.png"):
         write_png(path, np.full((72, 96, 3), 30_000, np.uint16))
-    assert "rgb images are 96 x 72, 16-bit RGB, not 8-bit RGB" in inspect_sequence(folder).wrong
+    assert "rgb images are 96 x 72, 16-bit RGB, not 8-bit RGB" in inspect_sequence(folder).errors
 
 
 @pytest.mark.parametrize("black", [1, 12])
@@ -103,7 +103,7 @@ def test_black_colour_images_are_a_warning_and_an_error_if_all_are(folder, black
         inspect_sequence(folder),
         f"{black} of 12 inspected colour images are black, the first 000000.png",
     )
-    assert (found.wrong, found.odd) == (([sentence], []) if black == 12 else ([], [sentence]))
+    assert (found.errors, found.warnings) == (([sentence], []) if black == 12 else ([], [sentence]))
 
 
 def test_clipped_depth_is_seen(folder):
@@ -111,7 +111,7 @@ def test_clipped_depth_is_seen(folder):
     units = read_depth16(path)
     units[:10] = 65535
     write_png(path, units)
-    assert any("depth was clipped" in sentence for sentence in inspect_sequence(folder).wrong)
+    assert any("depth was clipped" in sentence for sentence in inspect_sequence(folder).errors)
 
 
 def test_missing_unlisted_broken_and_odd_images_are_named(folder):
@@ -122,13 +122,13 @@ def test_missing_unlisted_broken_and_odd_images_are_named(folder):
     write_png(folder / "rgb/000006.png", np.zeros((10, 10, 3), np.uint8))
     write_png(folder / "depth/000007.png", np.zeros((72, 96, 3), np.uint8))
     found = inspect_sequence(folder)
-    wrong = "\n".join(found.wrong)
-    assert "1 images in the lists do not exist: 000003.png" in "\n".join(found.odd)
+    wrong = "\n".join(found.errors)
+    assert "1 images in the lists do not exist: 000003.png" in "\n".join(found.warnings)
     assert "000005.png: expected a whole PNG image, found a truncated file" in wrong
     assert "rgb images differ: 10 of 96 x 72, 8-bit RGB, 1 of 10 x 10, 8-bit RGB" in wrong
     assert "not 16-bit grey" in wrong
     assert "the camera is 96 x 72, images are 10 x 10" in wrong
-    assert any("000099.png" in sentence for sentence in found.odd)
+    assert any("000099.png" in sentence for sentence in found.warnings)
 
 
 def test_gaps_stamps_poses_and_camera_are_checked(folder):
@@ -138,7 +138,7 @@ def test_gaps_stamps_poses_and_camera_are_checked(folder):
     (folder / "groundtruth.txt").write_text("\n".join(poses[:3] + poses[4:]) + "\n")
     camera = read_json(folder / "camera.json")
     write_json(folder / "camera.json", {**camera, "cx": 48.0, "cy": 36.0})
-    odd = "\n".join(inspect_sequence(folder).odd)
+    odd = "\n".join(inspect_sequence(folder).warnings)
     assert "1 gaps in time, the longest 0.133 s, the first after 000004.png" in odd
     assert "1 frames without a pose: 000002.png" in odd
     assert "3 poses without a frame" in odd
@@ -151,23 +151,23 @@ def test_poses_of_less_than_half_of_the_frames_are_an_error_with_both_times(fold
     poses = [line for line in lines if not line.startswith("#")]
     (folder / "groundtruth.txt").write_text("\n".join(poses[:left]) + "\n")
     found = inspect_sequence(folder)
-    said = "\n".join(found.wrong if is_wrong else found.odd)
+    said = "\n".join(found.errors if is_wrong else found.warnings)
     assert f"{len(poses) - left} frames without a pose" in said
     assert ("those of poses are 1.000 to 1.100 s" in said) == is_wrong
 
 
 def test_a_folder_of_nothing_and_a_list_that_is_broken_are_findings_not_errors(folder, tmp_path):
-    assert "pairs of colour and depth images" in inspect_sequence(tmp_path).wrong[0]
+    assert "pairs of colour and depth images" in inspect_sequence(tmp_path).errors[0]
     (folder / "associations.txt").write_text("1 2\n")
-    assert "4 columns" in inspect_sequence(folder).wrong[0]
+    assert "4 columns" in inspect_sequence(folder).errors[0]
     (folder / "associations.txt").unlink()
     (folder / "groundtruth.txt").unlink()
-    assert "no ground truth" in inspect_sequence(folder).odd[0]
+    assert "no ground truth" in inspect_sequence(folder).warnings[0]
 
 
 def test_the_official_sequence_is_right_and_so_is_its_handedness(samples):
     found = inspect_sequence(samples / "or_kt0")
-    assert found.wrong == []
+    assert found.errors == []
     assert found.figures["pairs"] == 120 and found.figures["poses"] == 1507
     assert found.figures["depth_fits_poses_mm"] < 3
     assert found.figures["depth_fits_poses_percent"] < 0.01
@@ -211,17 +211,17 @@ def test_depth_images_of_another_size_are_listed_and_do_not_end_the_inspection(s
         write_png(image, np.ascontiguousarray(read_depth16(image)[:40]))
     found = inspect_sequence(tmp_path / "s")
     expected = "inspected depth images are not of the camera's size 96 x 72: 000000.png is 96 x 40"
-    assert any(expected in line for line in found.wrong)
-    assert not any("no depth" in line for line in found.wrong)
+    assert any(expected in line for line in found.errors)
+    assert not any("no depth" in line for line in found.errors)
 
 
 def test_ground_truth_images_need_no_partner(sound, tmp_path):
     shutil.copytree(sound, tmp_path / "s")
     for kind in ("instance", "class", "normal"):
         shutil.copy(tmp_path / "s/depth/000001.png", tmp_path / f"s/depth/{kind}000001.png")
-    assert not any("partner" in line for line in inspect_sequence(tmp_path / "s").odd)
+    assert not any("partner" in line for line in inspect_sequence(tmp_path / "s").warnings)
     shutil.copy(tmp_path / "s/depth/000001.png", tmp_path / "s/depth/normal_light.png")
-    assert any("normal_light.png" in line for line in inspect_sequence(tmp_path / "s").odd)
+    assert any("normal_light.png" in line for line in inspect_sequence(tmp_path / "s").warnings)
 
 
 @pytest.mark.parametrize("prefix", ["classroom", "normal"])
@@ -236,4 +236,4 @@ def test_images_in_the_lists_are_found_whatever_their_names(sound, tmp_path, pre
         tmp_path / "s/associations.txt",
     ):
         lists.write_text(re.sub("(rgb|depth)/", rf"\1/{prefix}", lists.read_text()))
-    assert inspect_sequence(tmp_path / "s").wrong == inspect_sequence(sound).wrong == []
+    assert inspect_sequence(tmp_path / "s").errors == inspect_sequence(sound).errors == []

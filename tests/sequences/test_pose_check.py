@@ -62,8 +62,8 @@ def test_a_small_residual_without_an_explanation_is_no_error(tum, monkeypatch, r
 
     monkeypatch.setattr(inspected_poses, "pose_agreement", unexplained)
     found = inspect_sequence(tum)
-    (said,) = [text for text in found.wrong + found.odd if "do not match" in text]
-    assert (said in found.wrong) == is_wrong
+    (said,) = [text for text in found.errors + found.warnings if "do not match" in text]
+    assert (said in found.errors) == is_wrong
 
 
 def write_poses(folder, change):
@@ -78,7 +78,7 @@ def test_a_right_sequence_is_not_in_doubt_in_any_format(box, name):
     pairs = find_pairs(folder)
     found = pose_agreement(pairs, read_camera(folder, pairs[0].rgb), read_truth(folder))
     assert found.told and not found.doubtful
-    assert not any("not match" in sentence for sentence in inspect_sequence(folder).wrong)
+    assert not any("not match" in sentence for sentence in inspect_sequence(folder).errors)
 
 
 @pytest.mark.parametrize("name", ["tum", "replica", "scannet", "tartanair"])
@@ -123,11 +123,10 @@ def test_inspect_reports_the_explanation_as_an_error_and_in_json(tum, command_he
     write_poses(tum, lambda T: T[np.clip(np.arange(FRAMES) - 1, 0, None)])
     code, text, _ = command_here("inspect", tum, "--json")
     found = json.loads(text)
-    assert code == 2 and len(found["wrong"]) == 1
-    assert "with the poses of 1 frame later" in found["wrong"][0]
-    explanation = found["figures"]["explanation"]
-    assert (explanation["kind"], explanation["detail"]) == ("shifted", "+1")
-    percent = explanation["depth_fits_poses_percent"]
+    assert code == 2 and len(found["errors"]) == 1
+    assert "with the poses of 1 frame later" in found["errors"][0]
+    assert found["explanations"] == [{"kind": "shifted", "parameters": {"frames": 1}}]
+    percent = found["explained_error"]["depth_fits_poses_percent"]
     assert percent < 0.5 * found["figures"]["depth_fits_poses_percent"]
 
 
@@ -146,12 +145,12 @@ def test_depth_of_another_byte_order_is_reported_and_rough_depth_with_holes_is_n
 
     change_depth(tum, np.ndarray.byteswap)
     found = inspect_sequence(tum)
-    assert any("byte order" in sentence for sentence in found.odd)
+    assert any("byte order" in sentence for sentence in found.warnings)
     change_depth(tum, np.ndarray.byteswap)
     change_depth(tum, rough)
     found = inspect_sequence(tum)
     assert 55 < found.figures["depth_fits_poses_mm"] < 95
-    assert found.odd == ["50% of the depth is missing"] and not found.wrong
+    assert found.warnings == ["50% of the depth is missing"] and not found.errors
 
 
 def test_a_camera_that_does_not_move_is_said_and_is_no_error(tum):
@@ -160,7 +159,7 @@ def test_a_camera_that_does_not_move_is_said_and_is_no_error(tum):
             shutil.copy(tum / "depth/000000.png", image)
     write_poses(tum, lambda T: T[np.zeros(FRAMES, int)])
     found = inspect_sequence(tum)
-    assert found.wrong == [] and found.figures["depth_against_poses"] == TOO_LITTLE
+    assert found.errors == [] and found.figures["depth_against_poses"] == TOO_LITTLE
 
 
 def sentence(reading, camera=METRES, depth_m=2.0):

@@ -216,7 +216,7 @@ def test_scannets_own_colour_of_twice_the_size_is_seen_by_the_depth_camera(all_f
     ).T / 48  # rays of the depth camera
     expected = np.stack([100 * x + 66, 100 * y + 50], -1).reshape(48, 64, 2)
     assert np.abs(colour[1:-1, 1:-1, :2] - expected[1:-1, 1:-1]).max() <= 1
-    assert inspect_sequence(tmp_path / "s").wrong[0].startswith("poses and depth do not match")
+    assert inspect_sequence(tmp_path / "s").errors[0].startswith("poses and depth do not match")
 
 
 def test_eth3d_as_bad_slam_reads_it(all_formats):
@@ -673,7 +673,9 @@ def test_a_lens_distortion_that_is_ignored_is_noted(
     assert (tmp_path / file).read_text() != text
     code, _, noted = command_here("convert", tmp_path / name, tmp_path / "out")
     assert code == 0 and "lens distortion in the camera's file is ignored" in noted
-    assert any("lens distortion" in warning for warning in inspect_sequence(tmp_path / name).odd)
+    assert any(
+        "lens distortion" in warning for warning in inspect_sequence(tmp_path / name).warnings
+    )
 
 
 def test_make_notes_what_its_formats_lose(run):

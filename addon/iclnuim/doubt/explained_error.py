@@ -115,28 +115,15 @@ class ExplainedError:
             shown = _name(other), given_m, found_m
         return cls(explanation, given, found, shown)
 
-    def to_dict(self) -> dict[str, dict | None]:
-        """The figures under the key of the explanation's kind."""
-        found: dict[str, dict | None] = {"time_offset": None, "unit": None, "reading": None}
-        figures = {
+    def to_dict(self) -> dict[str, Any]:
+        """The explanations, and the error of the compared poses with all of them and as read."""
+        error = {
             "rmse_m": self.found.translation_m.rmse,
-            "given_rmse_m": self.given.translation_m.rmse,
+            "rotation_rmse_deg": self.found.rotation_deg.rmse,
+            "as_read_rmse_m": self.given.translation_m.rmse,
+            "as_read_rotation_rmse_deg": self.given.rotation_deg.rmse,
         }
-        kind = self.explanation.kind
-        change = self.explanation.change
-        if kind == "offset" and change.time:
-            found["time_offset"] = {"offset_s": change.time.axis.offset_s, **figures}
-        elif kind == "scale":
-            found["unit"] = {"scale": change.scale, **figures}
-        else:
-            found["reading"] = {
-                "kind": kind,
-                "of": change.of,
-                **figures,
-                "rotation_rmse_deg": self.found.rotation_deg.rmse,
-                "given_rotation_rmse_deg": self.given.rotation_deg.rmse,
-            }
-        return found
+        return {"explanations": [self.explanation.to_dict()], "explained_error": error}
 
     def sentence(self, reference_format: str = "", estimate_format: str = "") -> str:
         """A warning with both figures and what to try."""

@@ -8,7 +8,7 @@ the other half gives. Otherwise nothing explains the estimate, or it needs no ex
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,6 +45,23 @@ class Explanation:
     reference: Trajectory
     estimate: Trajectory
     delta: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Kind, the file that is read otherwise, and the parameters by names with units."""
+        parameters: dict[str, Any] = {}
+        change = self.change
+        if change.time is not None and self.kind != "rows":
+            parameters["offset_s"] = change.time.axis.offset_s
+        if self.kind == "rate" and change.time is not None:
+            parameters["stamp_scale"] = change.time.axis.scale
+            parameters["origin_s"] = change.time.axis.origin_s
+        if change.scale != 1.0:
+            parameters["scale"] = change.scale
+        if change.rotation is not None:
+            parameters["rotation"] = change.rotation.tolist()
+        if change.arm_m is not None:
+            parameters["arm_m"] = change.arm_m.tolist()
+        return {"kind": self.kind, "file": change.of, "parameters": parameters}
 
 
 class _Candidate(NamedTuple):

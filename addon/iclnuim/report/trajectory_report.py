@@ -15,17 +15,11 @@ JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, sha
     alignment             {scale, translation_m [3], quat_xyzw [4], poses_used, extents_m [3],
                           residual_rms_m}
     mirror                {mirrored, rotation_rms_m, reflection_rms_m}
-    time_offset           {offset_s, rmse_m, given_rmse_m} if a constant offset of the estimate's
-                          stamps fits much better, else null:
-                          translation error with the offset, and that of the same poses without it
-    unit                  {scale, rmse_m, given_rmse_m} if the estimate's positions, multiplied by a
-                          scale, fit much better, else null: translation error with the scale
-                          corrected, and without
-    reading               {kind, of, rmse_m, given_rmse_m, rotation_rmse_deg,
-                          given_rotation_rmse_deg} if it fits much better read otherwise: kind is
-                          inverse, inverse rotations, wxyz, xyzw, rotation, arm, body, mirror, axes,
-                          rate or rows (doubt/explanation.py), of is estimate or reference;
-                          else null
+    explanations          what explains a bad estimate, [] if nothing is doubted: {kind, file,
+                          parameters}; kind as in doubt/explanation.py, file estimate or reference
+    explained_error       the error of the compared poses with all explanations applied, and as
+                          read: {rmse_m, rotation_rmse_deg, as_read_rmse_m,
+                          as_read_rotation_rmse_deg}; null without explanations
     warnings              list of sentences, empty without warnings
 
 JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and
@@ -184,7 +178,7 @@ class Report:
             coverage = result.association.coverage
             before = {"coverage": coverage, "rpe_pairs": len(result.start), "scale": result.scale}
         mirror = result.mirror
-        explained: dict = {"time_offset": None, "unit": None, "reading": None}
+        explained: dict = {"explanations": [], "explained_error": None}
         if self.explained:
             explained = self.explained.to_dict()
         return {

@@ -13,33 +13,46 @@ T = TypeVar("T")
 
 @dataclass(repr=False)
 class Inspection(Shown):
-    """Figures by name, and findings: `wrong` are errors, `odd` are warnings."""
+    """Figures by name, and what was found: errors and warnings as sentences.
+
+    explanations: of poses that do not fit the depth, {kind, parameters}; explained_error: the
+    figures with all of them applied, None without any.
+    """
 
     folder: Path
     figures: dict[str, object] = field(default_factory=dict)
-    wrong: list[str] = field(default_factory=list)
-    odd: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    explanations: list[dict[str, Any]] = field(default_factory=list)
+    explained_error: dict[str, float] | None = None
 
     def summary(self) -> str:
-        return f"{self.folder}, {len(self.wrong)} wrong, {len(self.odd)} odd"
+        return f"{self.folder}, {len(self.errors)} errors, {len(self.warnings)} warnings"
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures by name, and the findings as sentences."""
-        return {**self.figures, "wrong": self.wrong, "odd": self.odd}
+        """The content of `iclnuim inspect` for JSON."""
+        return {
+            "folder": str(self.folder),
+            "figures": self.figures,
+            "errors": self.errors,
+            "warnings": self.warnings,
+            "explanations": self.explanations,
+            "explained_error": self.explained_error,
+        }
 
     def attempt(self, work: Callable[..., T], *arguments: object) -> T | None:
         """The result of work(*arguments).
 
-        After an InputError None; the message is added to `wrong`.
+        After an InputError None; the message is added to `errors`.
         """
         try:
             return work(*arguments)
         except InputError as error:
-            self.wrong.append(str(error).removeprefix(f"{self.folder}/"))
+            self.errors.append(str(error).removeprefix(f"{self.folder}/"))
             return None
 
     def images(self, where: list[str], paths: list[Path], sentence: str) -> None:
-        """Add a sentence with the number and the names of images to `wrong` or `odd`, if there are
+        """Add a sentence with the number and the names of images to `errors` or `warnings`, if there are
         any.
         """
         if paths:

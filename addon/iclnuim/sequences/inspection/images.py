@@ -32,9 +32,9 @@ def inspect_images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader
                 if is_file(path):
                     checked.append((kind, pool.submit(image_header, path, True)))
     broken = [str(work.exception()) for _, work in checked if work.exception()]
-    result.wrong += broken[:5]
+    result.errors += broken[:5]
     if len(broken) > 5:
-        result.wrong.append(f"{len(broken) - 5} more damaged images")
+        result.errors.append(f"{len(broken) - 5} more damaged images")
     headers = [(kind, work.result()) for kind, work in checked if not work.exception()]
     for kind, expected in _EXPECTED.items():
         of_kind = [header for k, header in headers if k == kind]
@@ -42,10 +42,10 @@ def inspect_images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader
         result.figures[f"{kind}_form"] = ", ".join(found)
         if len(found) > 1:
             counts = ", ".join(f"{count} of {each}" for each, count in found.items())
-            result.wrong.append(f"{kind} images differ: {counts}")
+            result.errors.append(f"{kind} images differ: {counts}")
         if wrong := [each for each in found if not each.endswith(expected)]:
             unreadable = kind == "depth" or any(header.bits != 8 for header in of_kind)
-            where = result.wrong if unreadable else result.odd
+            where = result.errors if unreadable else result.warnings
             where.append(f"{kind} images are {wrong[0]}, not {expected[0]}")
     return [header for _, header in headers]
 
@@ -63,7 +63,7 @@ def inspect_brightness(result: Inspection, pairs: list[ImagePair]) -> None:
         with contextlib.suppress(InputError, WorkError):
             bright.append((pair.rgb.name, bool(read_colour8(pair.rgb).any())))
     if black := [name for name, light in bright if not light]:
-        where = result.wrong if len(black) == len(bright) else result.odd
+        where = result.errors if len(black) == len(bright) else result.warnings
         where.append(
             f"{len(black)} of {len(bright)} inspected colour images are black, the first {black[0]}"
         )
@@ -74,14 +74,14 @@ def inspect_camera(result: Inspection, camera: SequenceCamera, headers: list[Png
     result.figures["camera"] = c.to_dict()
     if camera.assumed:
         units = f"{camera.depth_units_per_metre:g} depth units per metre"
-        result.odd.append(f"no camera.json: the benchmark's camera and {units} are used")
-    result.odd += camera.notes
+        result.warnings.append(f"no camera.json: the benchmark's camera and {units} are used")
+    result.warnings += camera.notes
     known = {(camera.width, camera.height) for camera in (c, camera.colour or c)}
     if others := {(h.width, h.height) for h in headers} - known:
         sizes = ", ".join(f"{w} x {h}" for w, h in sorted(others))
-        result.wrong.append(f"the camera is {c.width} x {c.height}, images are {sizes}")
+        result.errors.append(f"the camera is {c.width} x {c.height}, images are {sizes}")
     if (c.cx, c.cy) == (c.width / 2, c.height / 2):
-        result.odd.append(
+        result.warnings.append(
             "principal point at half the image size: "
             "half a pixel off if pixel centres are at whole numbers"
         )
@@ -109,18 +109,18 @@ def inspect_depth(
     if others:
         several = f"{len(others)} of {len(depths) + len(others)} inspected depth images"
         size = f"the camera's size {c.width} x {c.height}"
-        result.wrong.append(f"{several} are not of {size}: {others[0]}")
+        result.errors.append(f"{several} are not of {size}: {others[0]}")
         if not depths:
             return []
     if not_finite:
         count = f"{not_finite} depths of {len(depths)} inspected images"
-        result.odd.append(f"{count} are NaN or infinite: they are read as missing")
+        result.warnings.append(f"{count} are NaN or infinite: they are read as missing")
     largest_m = np.float32(LARGEST_UNIT) / np.float32(camera.depth_units_per_metre)
     if pairs[0].depth.suffix == ARRAY:
         largest_m = np.float32(np.inf)
     seen = [depth[depth > 0] for _, depth in depths]
     if not any(len(one) for one in seen):
-        result.wrong.append("no depth in any of the inspected images")
+        result.errors.append("no depth in any of the inspected images")
         return []
     pixels = len(depths) * c.width * c.height
     _range(result, np.concatenate(seen), pixels, camera.depth_units_per_metre, largest_m)
@@ -153,10 +153,10 @@ def _range(
             if 0.25 <= other_m <= 25 and units != per_metre:
                 found += f": {units:g} units per metre would give {other_m:.2f} m"
                 break
-        result.wrong.append(found)
+        result.errors.append(found)
     if (at_end := float((seen == largest_m).mean())) > 1e-4:
-        result.wrong.append(
+        result.errors.append(
             f"{at_end:.2%} of the depths are 65535: depth was clipped at the end of the range"
         )
     if missing > 0.5:
-        result.odd.append(f"{missing:.0%} of the depth is missing")
+        result.warnings.append(f"{missing:.0%} of the depth is missing")

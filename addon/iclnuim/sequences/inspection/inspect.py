@@ -35,7 +35,7 @@ def inspect_sequence(folder: StrPath) -> Inspection:
     loaded = result.attempt(load_truth, folder)
     if loaded is None:
         if find_truth(folder) is None:
-            result.odd.append("no ground truth")
+            result.warnings.append("no ground truth")
         return result
     truth = loaded.trajectory
     inspect_poses(result, pairs, loaded)
@@ -49,11 +49,11 @@ def _count(result: Inspection, pairs: list[ImagePair]) -> None:
     result.figures["pairs"] = len(pairs)
     unused = unused_images(pairs)
     missing = missing_images(result.folder)
-    result.images(result.odd, missing, "{} images in the lists do not exist: {}")
+    result.images(result.warnings, missing, "{} images in the lists do not exist: {}")
     for kind, paths in (("rgb", {p.rgb for p in pairs}), ("depth", {p.depth for p in pairs})):
         result.figures[f"{kind}_images"] = len(paths) + len(unused[kind])
         alone = f"{{}} images in {kind}/ have no partner or are in no list: {{}}"
-        result.images(result.odd, unused[kind], alone)
+        result.images(result.warnings, unused[kind], alone)
 
 
 def _time(result: Inspection, pairs: list[ImagePair]) -> None:
@@ -65,10 +65,10 @@ def _time(result: Inspection, pairs: list[ImagePair]) -> None:
     result.figures["rate_hz"] = rate_hz
     result.figures["duration_s"] = round(pairs[-1].stamp_s - pairs[0].stamp_s, 3)
     if back := int((steps <= 0).sum()):
-        result.wrong.append(f"{back} stamps are not after the previous stamp")
+        result.errors.append(f"{back} stamps are not after the previous stamp")
     gaps = np.flatnonzero(steps > 1.5 * usual)
     if gaps.size:
         where = pairs[int(gaps[0])].rgb.name
-        result.odd.append(
+        result.warnings.append(
             f"{gaps.size} gaps in time, the longest {steps.max():.3f} s, the first after {where}"
         )

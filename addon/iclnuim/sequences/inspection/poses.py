@@ -1,11 +1,13 @@
 """Inspection of a sequence's ground truth: its frames, its speed, and depth against poses."""
 
 import itertools
+from typing import Any
 
 import numpy as np
 
 from ...doubt.carried_depth import carried_residual
 from ...doubt.depth_against_poses import MISMATCH
+from ...doubt.pose_readings import Reading
 from ...evaluation.associate import nearest
 from ...geometry.camera import PinholeCamera
 from ...geometry.se3 import SE3
@@ -44,18 +46,18 @@ def inspect_poses(result: Inspection, pairs: list[ImagePair], loaded: LoadedTraj
         if without.size > _MOST * len(stamps):
             times = f"{stamps[0]:.3f} to {stamps[-1]:.3f} s, those of poses are "
             times += f"{truth.stamps_s[0]:.3f} to {truth.stamps_s[-1]:.3f} s"
-            result.wrong.append(f"{sentence}; stamps of images are {times}")
+            result.errors.append(f"{sentence}; stamps of images are {times}")
         else:
-            result.odd.append(sentence)
+            result.warnings.append(sentence)
     if loaded.read_as.lost:
         lost = f"{loaded.read_as.lost} of {loaded.row_count} rows have no finite pose"
-        result.odd.append(f"{lost} and are left out")
+        result.warnings.append(f"{lost} and are left out")
     if loaded.by_depth:
-        result.odd.append(loaded.by_depth)
+        result.warnings.append(loaded.by_depth)
     if idle := _without_frame(loaded, stamps):
-        result.odd.append(f"{idle} poses without a frame")
+        result.warnings.append(f"{idle} poses without a frame")
     if figures.max_speed > 5:
-        result.odd.append(f"a jump: the camera moves at up to {figures.max_speed:.1f} m/s")
+        result.warnings.append(f"a jump: the camera moves at up to {figures.max_speed:.1f} m/s")
 
 
 def _without_frame(loaded: LoadedTrajectory, stamps_s: np.ndarray) -> int:
@@ -82,15 +84,26 @@ def inspect_depth_against_poses(
     result.figures["depth_fits_poses_percent"] = round(100 * found.residual, 3)
     if sentence := doubt(found, camera):
         is_wrong = found.reading.kind or found.residual > MISMATCH
-        (result.wrong if is_wrong else result.odd).append(sentence)
+        (result.errors if is_wrong else result.warnings).append(sentence)
     elif not found.told:
         result.figures["depth_against_poses"] = TOO_LITTLE
     if found.reading.kind:
-        result.figures["explanation"] = {
-            "kind": found.reading.kind,
-            "detail": found.reading.detail,
-            "depth_fits_poses_percent": round(100 * found.explained, 3),
-        }
+        explanation = {"kind": found.reading.kind, "parameters": _parameters(found.reading)}
+        result.explanations.append(explanation)
+        percent = round(100 * found.explained, 3)
+        result.explained_error = {"depth_fits_poses_percent": percent}
+
+
+def _parameters(reading: Reading) -> dict[str, Any]:
+    """The parameters of a reading by name: the factor of the positions, the frames by which they
+    are late, or the axes of the camera.
+    """
+    match reading.kind:
+        case "unit":
+            return {"factor": float(reading.detail)}
+        case "shifted":
+            return {"frames": int(reading.detail)}
+    return {"axes": reading.detail} if reading.detail else {}
 
 
 def _report_unrelated(result: Inspection) -> None:
@@ -99,7 +112,7 @@ def _report_unrelated(result: Inspection) -> None:
     """
     distance_mm = result.figures.get("depth_fits_poses_mm")
     if isinstance(distance_mm, float) and distance_mm > 1000 * _UNRELATED_M:
-        result.odd.append(
+        result.warnings.append(
             f"successive depth images differ by {distance_mm:g} mm with the poses, and have too "
             "few smooth surfaces to tell why: is their byte order right?"
         )

@@ -1,91 +1,27 @@
-"""Options for sequences: noise models, output formats, and the camera of a recorded sequence."""
+"""What the commands that read a sequence share: the options of its camera, and the notes on what is
+assumed and left out.
+"""
 
 import os
-import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.formats.bags import is_bag
 from iclnuim.formats.depth_units import UNITS_PER_METRE, check_units
-from iclnuim.formats.files import content_of_json, is_file
+from iclnuim.formats.files import is_file
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.sequences.bags.recorded import LogSettings
 from iclnuim.sequences.layout import SequenceCamera
-from iclnuim.sequences.sequence_formats import sequence_format
-from iclnuim.sequences.sequence_options import SequenceOptions
 
-from .options import add_settings, option_name, settings_from
+from .options import option_name
 
 if TYPE_CHECKING:
     from iclnuim.geometry.trajectory import Trajectory
     from iclnuim.sequences.image_pairs import ImagePair
-
-_EXAMPLES = {"depth": '{"sigma_d": 0.1}', "rgb": '{"exposure": 0.5}'}
-
-
-def add_sensor_options(
-    parser: ArgumentParser, default: str, names: tuple[str, ...] = ("seed", "depth_units")
-) -> None:
-    """Add --depth-noise and --rgb-noise with the default `default`, their settings, and the options
-    of the other `names` of SequenceOptions.
-    """
-    noise = ("depth_noise", "rgb_noise")
-    add_settings(parser, SequenceOptions, (*noise, *names), **dict.fromkeys(noise, default))
-    parser.set_defaults(**dict.fromkeys(noise, default))
-    for kind, example in _EXAMPLES.items():
-        parser.add_argument(
-            f"--{kind}-settings", metavar="JSON", help=f"settings of the model, such as {example}"
-        )
-
-
-def sequence_options(args: Namespace) -> SequenceOptions:
-    """The SequenceOptions given on the command line. Raises InputError for an invalid value."""
-    options = settings_from(args, SequenceOptions())
-    check_format_units(args, options)
-    if ":" in options.depth_noise + options.rgb_noise and "" not in sys.path:
-        # a user's module is in the working folder, which is not on the command's search path
-        sys.path.insert(0, "")
-    depth_settings = _json(args.depth_settings)
-    return options.changed(depth_settings=depth_settings, rgb_settings=_json(args.rgb_settings))
-
-
-def check_format_units(args: Namespace, options: SequenceOptions) -> None:
-    """Raises InputError if --depth-units are given, and every format has other units that are
-    fixed.
-    """
-    fixed = {name: sequence_format(name).fixed_units for name in options.formats}
-    if args.depth_units is None or None in fixed.values() or args.depth_units in fixed.values():
-        return
-    expected = ", ".join(f"{units:g} for the format {name}" for name, units in fixed.items())
-    raise InputError(
-        expected,
-        setting="--depth-units",
-        found=f"{args.depth_units:g}",
-        hint="the command without it",
-    )
-
-
-def log_settings(args: Namespace) -> LogSettings:
-    """The LogSettings given on the command line.
-
-    Raises InputError for settings of bags that are not written.
-    """
-    logs = settings_from(args, LogSettings())
-    for name in ("bag_storage", "bag_names", "compress_bags"):
-        if not logs.rosbag and getattr(logs, name) != getattr(LogSettings(), name):
-            raise InputError(f"{{rosbag}} with {{{name}}}", found="it alone")
-    return logs
-
-
-def _json(text: str | None) -> dict[str, Any] | None:
-    if text is None:
-        return None
-    return content_of_json(text, "noise settings in JSON")
 
 
 def read_bags(args: Namespace, console: Console) -> None:

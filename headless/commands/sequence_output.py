@@ -1,0 +1,134 @@
+"""What the commands that write sequences share: the options of noise and files, read once, and the
+writing.
+"""
+
+import sys
+from argparse import ArgumentParser, Namespace
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+from iclnuim.console import Console
+from iclnuim.errors import InputError
+from iclnuim.formats.files import content_of_json
+from iclnuim.sequences.bags.recorded import LogSettings
+from iclnuim.sequences.frame_source import FrameSource
+from iclnuim.sequences.sequence import SequenceWriter
+from iclnuim.sequences.sequence_formats import sequence_format
+from iclnuim.sequences.sequence_options import SequenceOptions
+
+from ..options import add_settings, count, given_of_groups
+
+_EXAMPLES = {"depth": '{"sigma_d": 0.1}', "rgb": '{"exposure": 0.5}'}
+
+
+def add_sensor_options(
+    parser: ArgumentParser, default: str, names: tuple[str, ...] = ("seed", "depth_units")
+) -> None:
+    """Add --depth-noise and --rgb-noise with the default `default`, their settings, and the options
+    of the other `names` of SequenceOptions.
+    """
+    noise = ("depth_noise", "rgb_noise")
+    add_settings(parser, SequenceOptions, (*noise, *names), **dict.fromkeys(noise, default))
+    parser.set_defaults(**dict.fromkeys(noise, default))
+    for kind, example in _EXAMPLES.items():
+        parser.add_argument(
+            f"--{kind}-settings", metavar="JSON", help=f"settings of the model, such as {example}"
+        )
+
+
+def add_output_options(parser: ArgumentParser) -> None:
+    """Add the options for noise and for the formats in which a sequence is written."""
+    add_sensor_options(parser, "none", ("seed", "depth_units", "formats", "names"))
+    add_file_options(parser)
+
+
+def add_file_options(parser: ArgumentParser) -> None:
+    add_settings(parser, LogSettings)
+    help = "number of processes that write images; default: one per core"
+    parser.add_argument("--workers", type=count, metavar="N", help=help)
+
+
+@dataclass(frozen=True)
+class SequenceOutput:
+    """What the options say about the sequences that are written: noise, formats and bags."""
+
+    options: SequenceOptions
+    logs: LogSettings
+
+    @classmethod
+    def of(cls, args: Namespace, base: SequenceOptions | None = None) -> Self:
+        """The output given on the command line. base: the settings where no option is given.
+
+        Raises InputError for invalid settings, depth units that no format has, and settings of
+        bags that are not written.
+        """
+        given, logs = given_of_groups(args, SequenceOptions, LogSettings)
+        given |= _model_settings(args)
+        options = replace(base or SequenceOptions(), **given)
+        _check_units(options, given.get("depth_units"))
+        if ":" in options.depth_noise + options.rgb_noise and "" not in sys.path:
+            # a user's module is in the working folder, which is not on the command's search path
+            sys.path.insert(0, "")
+        return cls(options, _checked(LogSettings(**logs)))
+
+
+def _model_settings(args: Namespace) -> dict[str, Any]:
+    """The settings of the noise models, of a command that has them."""
+    found = {}
+    for name in ("depth_settings", "rgb_settings"):
+        if (text := getattr(args, name, None)) is not None:
+            found[name] = content_of_json(text, "noise settings in JSON")
+    return found
+
+
+def _check_units(options: SequenceOptions, given: float | None) -> None:
+    """Raises InputError if depth units are given, and every format has other units that are
+    fixed.
+    """
+    fixed = {name: sequence_format(name).fixed_units for name in options.formats}
+    if given is None or None in fixed.values() or given in fixed.values():
+        return
+    expected = ", ".join(f"{units:g} for the format {name}" for name, units in fixed.items())
+    hint = "the command without it"
+    raise InputError(expected, setting="depth_units", found=f"{given:g}", hint=hint)
+
+
+def _checked(logs: LogSettings) -> LogSettings:
+    """Raises InputError for settings of bags that are not written."""
+    for name in ("bag_storage", "bag_names", "compress_bags"):
+        if not logs.rosbag and getattr(logs, name) != getattr(LogSettings(), name):
+            raise InputError(f"{{rosbag}} with {{{name}}}", found="it alone")
+    return logs
+
+
+def write_reported(
+    source: FrameSource, output: SequenceOutput, args: Namespace, console: Console
+) -> None:
+    """Write the sequence args.out by args.workers processes, and report the progress and what was
+    written.
+    """
+    for number in source.numbers[:1]:
+        source.load(number)  # images of another size are refused before anything is written
+    settings = {args.out: output.options.sequence_settings()}
+    writer = SequenceWriter(source, settings, output.options.formats)
+    for sentence in writer.losses():
+        console.note(sentence)
+    console.note(f"{args.out}: {len(writer.missing)} of {len(source.numbers)} frames to write")
+    progress = console.progress(len(writer.missing), "dataset")
+    written = writer.write(args.workers, lambda number: progress.advance())[0]
+    paths = [*written.folders, *output.logs.write(written.folders[0], args.out, console.note)]
+    folders = [str(path) for path in paths]
+    values = {
+        "folders": folders,
+        "made": written.made,
+        "found": written.found,
+        "invalid_depth": written.invalid_depth,
+    }
+    text = f"{', '.join(folders)}: {written.made} frames written, {written.found} already finished"
+    lost = []
+    for kind, pixels in written.invalid_depth.items():
+        if pixels and kind != "background":
+            lost.append(f"{pixels} {kind.replace('_', ' ')}")
+    if lost:
+        text += f"\ndepth values set to 0 (no measurement): {', '.join(lost)}"
+    console.result(values, text)
