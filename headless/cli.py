@@ -43,6 +43,7 @@ GROUPS = {
         "inspect": "report problems of any RGB-D sequence; write preview images",
         "pack": "write the archive to publish: files, checksums, licence, preview, recipe",
         "compare": "compare the frames of two folders, byte for byte or within a tolerance",
+        "view": "look at sequences, trajectories, surfaces and scenes in a browser",
     },
     "scenes": {
         "trajectory": "work with trajectories: info, convert, plot, make, camera, adopt, resample",

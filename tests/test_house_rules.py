@@ -59,7 +59,7 @@ MAY_IMPORT = {
     "blender.render": f"{CORE} version channels job worker_events shipped sensor sequences labels "
     "trajectory_files blender blender.open blender.light",
     "blender.child": f"{CORE} job worker_events sequences blender blender.render",
-    "report": f"{CORE} console evaluation doubt trajectory_files sequences",
+    "report": f"{CORE} console sensor evaluation doubt trajectory_files sequences",
     "raycast": f"{CORE} console channels sequences",
     "ui": f"{CORE} job worker_client worker_events shipped sensor evaluation trajectory_files sequences report "
     "blender blender.open blender.light blender.render",

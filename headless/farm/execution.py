@@ -80,4 +80,6 @@ def _make(plan: RunPlan, console: Console) -> int:
             stage.complete(console.note)
             folders = " and ".join(map(str, plan.variants()))
             console.note(f"{folders}: all {len(plan.numbers)} requested frames are complete")
+            if len(plan.formats) == 1:
+                console.note(f"to look at them: iclnuim view {next(reversed(plan.variants()))}")
         return code

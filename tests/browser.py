@@ -4,8 +4,11 @@ import json
 import os
 import shutil
 import subprocess
+import time
 from itertools import count
 from pathlib import Path
+
+from patience import patience
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -18,7 +21,7 @@ def program() -> str | None:
 class Browser:
     """`with Browser(profile, width, height) as page: page.open(path)`."""
 
-    def __init__(self, profile: Path, width: int, height: int) -> None:
+    def __init__(self, profile: Path, width: int, height: int, webgl: bool = False) -> None:
         self.size, self.numbers, self.rest, self.session = (width, height), count(1), b"", None
         reads, theirs_out = os.pipe()
         theirs_in, writes = os.pipe()
@@ -29,6 +32,9 @@ class Browser:
             "--remote-debugging-pipe",
             f"--user-data-dir={profile}",
         ]
+        if webgl:  # computed by the processor
+            flags.remove("--disable-gpu")
+            flags += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
         def numbered():  # the browser listens on 3 and answers on 4
             spare_in, spare_out = os.dup(theirs_in), os.dup(theirs_out)
@@ -97,9 +103,16 @@ class Browser:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
+    def until(self, expression: str, seconds: float = 20) -> None:
+        """Wait until JavaScript's value is true."""
+        ends = time.monotonic() + patience(seconds)
+        while not self.value(expression):
+            assert time.monotonic() < ends, expression
+            time.sleep(0.05)
+
     def press(self, key: str) -> None:
         """Tab, Enter or a letter, as from a keyboard."""
-        codes = {"Tab": 9, "Enter": 13}
+        codes = {"Tab": 9, "Enter": 13, "ArrowLeft": 37, "ArrowRight": 39}
         text = {"text": "\r"} if key == "Enter" else {} if key in codes else {"text": key}
         about = {"key": key, "windowsVirtualKeyCode": codes.get(key, ord(key[0])), **text}
         self.call("Input.dispatchKeyEvent", type="keyDown", **about)
