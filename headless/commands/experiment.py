@@ -15,7 +15,7 @@ from iclnuim.settings import declared, plain
 
 from ..method_options import open_sequence, require
 from ..options import FRAMES, add_frames, common, count
-from ..sequence_options import add_camera_options
+from ..sequence_input import add_camera_options
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.experiment import Experiment
