@@ -2,6 +2,9 @@
 points.
 """
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import ErrorStatistics
@@ -89,18 +92,36 @@ def pairs_transform(mesh_points: np.ndarray, model_points: np.ndarray) -> tuple[
     return T, float(np.sqrt((residual_m**2).mean()))
 
 
-def fit_effect(model: TriangleDistance, points: np.ndarray, given: SE3, fitted: SE3) -> dict:
-    """The error without a fit, and by how much the fit translated the centre of the reconstruction
-    and rotated it. given, fitted: T_model_mesh.
+@dataclass(frozen=True, eq=False)
+class FitEffect:
+    """What a fit changed: distances of the vertices without it, by how far it translated the centre
+    of the reconstruction and rotated it.
     """
+
+    unfitted_m: ErrorStatistics
+    translation_m: float
+    rotation_deg: float
+    T_fitted_given: SE3
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "unfitted_distance_m": self.unfitted_m.to_dict(),
+            "translation_m": self.translation_m,
+            "rotation_deg": self.rotation_deg,
+            "T_fitted_given": self.T_fitted_given.matrix.tolist(),
+        }
+
+
+def fit_effect(model: TriangleDistance, points: np.ndarray, given: SE3, fitted: SE3) -> FitEffect:
+    """What a fit changed of points (n, 3). given, fitted: T_model_mesh without and with it."""
     T_fitted_given = fitted @ given.inverse()
     middle = given.apply(points.mean(0))
-    return {
-        "distance_m": ErrorStatistics.of(model.distance(given.apply(points))).to_dict(),
-        "moved_m": float(np.linalg.norm(T_fitted_given.apply(middle) - middle)),
-        "turned_deg": float(np.degrees(so3.angle(T_fitted_given.rotation))),
-        "T_fitted_given": T_fitted_given.matrix.tolist(),
-    }
+    return FitEffect(
+        ErrorStatistics.of(model.distance(given.apply(points))),
+        float(np.linalg.norm(T_fitted_given.apply(middle) - middle)),
+        float(np.degrees(so3.angle(T_fitted_given.rotation))),
+        T_fitted_given,
+    )
 
 
 def _span_a_plane(points: np.ndarray) -> bool:

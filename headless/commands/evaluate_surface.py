@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from iclnuim.console import Console, Meter
 from iclnuim.errors import InputError, named, within
+from iclnuim.geometry.scene_axes import parse_unit
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
 from ..options import (
@@ -25,6 +26,7 @@ from .evaluate_labels import add_classes, label_notes, labels_text
 from .surface import poses_of
 
 if TYPE_CHECKING:
+    from iclnuim.benchmark.fusion.evaluation import Placement
     from iclnuim.benchmark.fusion.labels import TrueLabels
     from iclnuim.benchmark.fusion.quality import SeenBy
     from iclnuim.benchmark.fusion.reconstruction import Reconstruction
@@ -104,50 +106,41 @@ def _add_placement(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace, console: Console) -> None:
-    from iclnuim.benchmark.fusion.alignment import fit_effect
-    from iclnuim.benchmark.fusion.labels import label_samples, surface_labels
-    from iclnuim.benchmark.fusion.quality import surface_quality, what_was_seen
+    from iclnuim.benchmark.fusion.evaluation import evaluate_surface
     from iclnuim.benchmark.fusion.reconstruction import read_reconstruction
     from iclnuim.benchmark.fusion.settings import QualitySettings
     from iclnuim.benchmark.fusion.surface_error import TrueSurface
     from iclnuim.blender.open.model_file import read_classed_model
-    from iclnuim.geometry.scene_axes import parse_unit
 
     settings = settings_from(args, QualitySettings())
     unit_m, model_unit_m = map(parse_unit, (args.unit, args.model_unit))
     recording = checked_rerun(args)
     seen_by = _checked_seen_by(args, console)
-    mesh = _noted(read_reconstruction(args.mesh, unit_m, args.labels), args, console)
-    given = _given_transform(args)
-    T = _fitted_transform(args, given, unit_m, console)
+    mesh = read_reconstruction(args.mesh, unit_m, args.labels)
+    for note in mesh.notes:
+        console.note(f"note: {args.mesh}: {note}")
+    placement = _placement(args, unit_m, model_unit_m, console)
     with within(args.model):
         model = read_classed_model(args.model, model_unit_m)
         surface = TrueSurface(model.points, model.triangles)
-    T = surface.aligned(mesh.points, T) if args.align == "icp" else T
-    error = surface.error(mesh.points, T, unit_m, model_unit_m)
-    _draw(args, mesh, error, recording, console)
-    values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **error.to_dict()}
-    values["warnings"] = [named(text, option_name) for text in error.warnings]
+    found = evaluate_surface(
+        mesh,
+        surface,
+        placement,
+        seen_by=seen_by,
+        whole=args.seen_by == "all",
+        settings=settings,
+        labels=_true_labels(args.model, model) if args.labels else None,
+        classes=args.classes,
+        progress=_phases(console),
+    )
+    _draw(args, mesh, found.error, recording, console)
+    values = {"mesh": str(args.mesh), "model": args.model, "align": args.align, **found.to_dict()}
+    values["warnings"] = [named(text, option_name) for text in found.error.warnings]
     values["notes"] = list(mesh.notes)
-    if T is not given:  # a fit was computed
-        values["as_given"] = fit_effect(surface, mesh.points, given, T)
-    seen = what_was_seen(surface, seen_by, settings, _phases(console)) if seen_by else None
-    of_mesh = (surface, mesh.points, mesh.triangles, T, seen)
-    quality = surface_quality(*of_mesh, whole=args.seen_by == "all", settings=settings)
-    values["quality"] = {**settings.to_dict(), **quality.to_dict()}
-    if args.labels:
-        samples_m = label_samples(surface, seen, settings)
-        of_labels = (surface, _true_labels(args.model, model), mesh, T, samples_m, args.classes)
-        values["labels"] = surface_labels(*of_labels).to_dict()
-        for sentence in label_notes(values["labels"]):
-            console.note(f"note: {sentence}")
+    for sentence in label_notes(values["labels"]) if found.labels else ():
+        console.note(f"note: {sentence}")
     console.result(values, _text(values))
-
-
-def _noted(mesh: "Reconstruction", args: Namespace, console: Console) -> "Reconstruction":
-    for note in mesh.notes:
-        console.note(f"note: {args.mesh}: {note}")
-    return mesh
 
 
 def _phases(console: Console) -> Meter:
@@ -231,6 +224,17 @@ def _note_truth_alone(
         console.note(f"note: {there}; what these saw counts as missing")
 
 
+def _placement(
+    args: Namespace, unit_m: float, model_unit_m: float, console: Console
+) -> "Placement":
+    """T_model_mesh as given by the options, and by the fit that they request."""
+    from iclnuim.benchmark.fusion.evaluation import Placement
+
+    given = _given_transform(args)
+    fitted = _fitted_transform(args, unit_m, console)
+    return Placement(given, fitted, args.align == "icp", unit_m, model_unit_m)
+
+
 def _given_transform(args: Namespace) -> "SE3":
     """T_model_mesh as given by the options, without a fit."""
     from iclnuim.benchmark.fusion.alignment import first_poses_transform
@@ -247,9 +251,9 @@ def _given_transform(args: Namespace) -> "SE3":
     return first_poses_transform(*_poses_and_truth(args))
 
 
-def _fitted_transform(args: Namespace, given: "SE3", unit_m: float, console: Console) -> "SE3":
-    """T_model_mesh fitted to picked pairs or to the whole trajectory; `given` if the options
-    request neither.
+def _fitted_transform(args: Namespace, unit_m: float, console: Console) -> "SE3 | None":
+    """T_model_mesh fitted to picked pairs or to the whole trajectory; None if the options request
+    neither.
     """
     from iclnuim.benchmark.fusion.alignment import pairs_transform, trajectories_transform
     from iclnuim.benchmark.fusion.reconstruction import read_pairs
@@ -264,7 +268,7 @@ def _fitted_transform(args: Namespace, given: "SE3", unit_m: float, console: Con
         console.note(f"{len(on_mesh)} pairs, residual {1e3 * rms_m:.3f} mm RMS")
         return T
     if args.fit_poses == "origin":
-        return given
+        return None
     return trajectories_transform(*_poses_and_truth(args), args.fit_poses)
 
 
@@ -287,10 +291,10 @@ def _text(values: dict) -> str:
         "  (the paper's figure)" if is_fitted else "  (not fitted; the paper's is: --align icp)"
     )
     lines.append(f"  {_shares(values['within'], 1)}")
-    if given := values.get("as_given"):
+    if fit := values.get("fit"):
         lines.append(
-            f"  without the fit: mean {1e3 * given['distance_m']['mean']:.3f}; the fit moved it by "
-            f"{1e3 * given['moved_m']:.3f} mm and {given['turned_deg']:.4f} degrees"
+            f"  without the fit: mean {1e3 * fit['unfitted_distance_m']['mean']:.3f}; the fit moved "
+            f"it by {1e3 * fit['translation_m']:.3f} mm and {fit['rotation_deg']:.4f} degrees"
         )
     lines += _quality_lines(values["quality"])
     lines += [f"warning: {text}" for text in values["warnings"]]
