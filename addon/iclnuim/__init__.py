@@ -29,6 +29,9 @@ __all__ = [
     # rendered views
     "view_errors", "ViewErrors", "ViewError", "ViewSettings", "psnr_db", "ssim", "RayCaster",
     "HeldOutView", "check_held_out", "choose_held_out",
+    # predicted depth
+    "depth_error", "depth_errors", "DepthErrors", "DepthError", "DepthErrorSettings", "DepthFigures",
+    "MethodDepthErrors",
     # labels
     "label_errors", "LabelErrors", "label_confusion", "label_figures", "LabelFigures",
     "panoptic_quality", "PanopticQuality", "Segmentation", "read_class_map", "ClassMap",
@@ -66,10 +69,13 @@ if TYPE_CHECKING:
     from .benchmark.odometry.run import OdometryRun, odometry_table, run_odometers
     from .benchmark.odometry.track import Tracked, Tracker, track
     from .blender.open.model_file import read_model
+    from .depth.errors import MethodDepthErrors, depth_errors
     from .errors import IclnuimError, InputError, WorkError
     from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
     from .evaluation.align import AlignmentSettings
     from .evaluation.associate import Association, AssociationSettings, associate
+    from .evaluation.depth_error import DepthError, DepthErrors, DepthErrorSettings, depth_error
+    from .evaluation.depth_figures import DepthFigures
     from .evaluation.image_error import ViewSettings, psnr_db, ssim
     from .evaluation.relative_error import RelativeError, RelativeErrorSettings
     from .formats.meshes import read_mesh

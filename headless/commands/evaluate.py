@@ -1,6 +1,7 @@
 """`iclnuim evaluate`: computes the error of an estimated trajectory against the ground truth,
 absolute (ate) and relative (rpe), of a reconstructed surface (surface: evaluate_surface.py), of
-rendered views (views), and of label images (labels: evaluate_labels.py).
+rendered views (views), of predicted depth (depth: evaluate_depth.py), and of label images
+(labels: evaluate_labels.py).
 iclnuim.report.trajectory_report documents what --json prints and --csv writes.
 """
 
@@ -22,7 +23,7 @@ from iclnuim.report.trajectory_report import ComparedFile, Report, error_text
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
 from ..options import Actions, action, add_settings, settings_from, subcommands, trajectory_file
-from . import evaluate_labels, evaluate_surface
+from . import evaluate_depth, evaluate_labels, evaluate_surface
 
 #: Title and factor of each figure of `views`.
 _VIEW_COLUMNS = {
@@ -44,6 +45,7 @@ def configure(parser: ArgumentParser) -> None:
     _configure_rpe(actions)
     evaluate_surface.configure(actions)
     _configure_views(actions)
+    evaluate_depth.configure(actions)
     evaluate_labels.configure(actions)
 
 

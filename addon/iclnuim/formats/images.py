@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import InputError, StrPath
 from . import png
+from .arrays import read_npy
 from .exif import refuse_turned
 from .files import atomic_write, read_bytes
 from .libraries import first_library
@@ -87,23 +88,9 @@ def read_array(path: StrPath) -> np.ndarray:
     Raises InputError for other arrays, and for Python objects, which are never loaded.
     """
     expected = "a NumPy array of depth, height x width, in metres"
-    data = read_bytes(path, "an image")
-    file = io.BytesIO(data)
-    try:
-        version = np.lib.format.read_magic(file)
-        read = np.lib.format.read_array_header_2_0
-        if version == (1, 0):
-            read = np.lib.format.read_array_header_1_0
-        shape, by_columns, kind = read(file)
-    except Exception:  # numpy's header parser may raise anything
-        raise InputError(expected, path=path, found="a damaged header") from None
-    if len(shape) != 2 or kind.kind != "f" or not 0 < shape[0] * shape[1] <= _MAX_PIXELS:
-        raise InputError(expected, path=path, found=f"{kind} {shape}")
-    body = data[file.tell() :]
-    if len(body) != shape[0] * shape[1] * kind.itemsize:
-        found = f"{len(body)} bytes for {shape[0]} x {shape[1]} {kind}"
-        raise InputError(expected, path=path, found=found)
-    depth_m = np.frombuffer(body, kind).reshape(shape, order="F" if by_columns else "C")
+    depth_m = read_npy(path, expected)
+    if depth_m.ndim != 2 or depth_m.dtype.kind != "f" or depth_m.size > _MAX_PIXELS:
+        raise InputError(expected, path=path, found=f"{depth_m.dtype} {depth_m.shape}")
     with np.errstate(over="ignore", invalid="ignore"):
         return depth_m.astype(np.float32)
 

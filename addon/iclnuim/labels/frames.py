@@ -44,16 +44,16 @@ def read_ids(path: Path) -> np.ndarray:
 
 def has_classes(folder: Path) -> bool:
     """Whether a sequence has a class image of its first frame, and the table of classes."""
-    return is_file(folder / CLASSES) and _image(folder, find_pairs(folder)[0], CLASS) is not None
+    return is_file(folder / CLASSES) and image_of(folder, find_pairs(folder)[0], CLASS) is not None
 
 
 def label_frames(folder: Path) -> list[LabelFrame]:
     """The frames of a sequence that have a class image. Raises InputError if there are none."""
     found = []
     for pair in find_pairs(folder):
-        classes = _image(folder, pair, CLASS)
+        classes = image_of(folder, pair, CLASS)
         if classes is not None:
-            found.append(LabelFrame(pair, classes, _image(folder, pair, INSTANCE)))
+            found.append(LabelFrame(pair, classes, image_of(folder, pair, INSTANCE)))
     if not found:
         raise InputError("class images", path=folder, found="none", hint=_HINT)
     return found
@@ -66,8 +66,10 @@ def true_classes(folder: Path) -> ClassMap:
     return read_true_classes(folder / CLASSES)
 
 
-def _image(folder: Path, pair: ImagePair, kind: str) -> Path | None:
-    """The image of a kind as the sequence's format names it, else named as the depth image."""
+def image_of(folder: Path, pair: ImagePair, kind: str) -> Path | None:
+    """The image of a kind of ground truth as the sequence's format names it, else named as the
+    depth image; None if there is none.
+    """
     texts = {RGB: pair.written[0], DEPTH: pair.written[1]}
     frame = SequenceFrame(pair.number, pair.stamp_s, {}, texts)
     places = [folder / format_of(folder).image(frame, kind)]

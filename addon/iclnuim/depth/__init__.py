@@ -1,0 +1,1 @@
+"""Predicted depth against the depth of a sequence: reading, groups, errors, pictures."""
