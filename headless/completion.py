@@ -49,7 +49,7 @@ def _name_sequences(parser: argparse.ArgumentParser) -> None:
             for one in action.choices.values():
                 _name_sequences(one)
         elif names := _names(action.dest):
-            action.completer = Named(names)  # type: ignore[attr-defined]
+            action.completer = CompletedNames(names)  # type: ignore[attr-defined]
 
 
 def _names(argument: str) -> list[str]:
@@ -66,7 +66,7 @@ def _names(argument: str) -> list[str]:
     return [*short, *names, "all"]
 
 
-class Named:
+class CompletedNames:
     """Completes names of what is built in, and files."""
 
     def __init__(self, names: list[str]) -> None:

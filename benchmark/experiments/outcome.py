@@ -14,7 +14,7 @@ from iclnuim.benchmark.odometry.protocol import (
     Frame,
     Odometer,
     OdometryResult,
-    Status,
+    OdometryStatus,
     failure,
 )
 from iclnuim.benchmark.odometry.track import Tracked, Tracker
@@ -168,7 +168,7 @@ def _is_good(result: OdometryResult, min_fitness: float) -> bool:
 
     Zero inliers means that a baseline does not report inliers.
     """
-    return result.status is Status.OK and not 0 < result.inliers < min_fitness
+    return result.status is OdometryStatus.OK and not 0 < result.inliers < min_fitness
 
 
 def outcome(
@@ -273,7 +273,7 @@ def diagnostics(
     cause of failure as text. clean: the unperturbed run.
     """
     results = [f.result for f in tracked[1:]]
-    used = [r for r in results if r.status is not Status.FAILED]
+    used = [r for r in results if r.status is not OdometryStatus.FAILED]
     residual = median(r.residual for r in used if np.isfinite(r.residual))
     inliers = median(r.inliers for r in used if np.isfinite(r.inliers))
     return {
@@ -326,12 +326,12 @@ def _cause(
     a larger residual; else an empty text.
     """
     total = max(1, len(results))
-    reasons = [r.reason for r in results if r.status is Status.FAILED]
+    reasons = [r.reason for r in results if r.status is OdometryStatus.FAILED]
     lost = Counter(re.sub(r"[-+]?\d[\d.,]*%?", "N", reason) for reason in reasons)
     if lost:
         reason, count = lost.most_common(1)[0]
         return f"{count / total:.0%} lost: {reason}"
-    degenerate = sum(r.status is Status.DEGENERATE for r in results)
+    degenerate = sum(r.status is OdometryStatus.DEGENERATE for r in results)
     if degenerate > _UNDER_CONSTRAINED * total:
         return f"{degenerate / total:.0%} under-constrained"
     if clean and inliers and clean.inliers and inliers < _FEWER_INLIERS * clean.inliers:

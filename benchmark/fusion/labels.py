@@ -14,7 +14,7 @@ from iclnuim.labels.errors import LabelErrors
 from iclnuim.labels.scores import VOID, label_confusion, label_figures
 from iclnuim.raycast.distance import TriangleDistance
 
-from .quality import NEAR_M, Seen
+from .quality import NEAR_M, SeenSurface
 from .reconstruction import Reconstruction
 from .samples import sampled
 from .settings import QualitySettings
@@ -56,7 +56,7 @@ class TrueLabels:
 
 
 def label_samples(
-    surface: TrueSurface, seen: Seen | None, settings: QualitySettings | None = None
+    surface: TrueSurface, seen: SeenSurface | None, settings: QualitySettings | None = None
 ) -> np.ndarray:
     """(n, 3) points, uniform by area over the part of the model that was seen, or, for None, over
     all of it.

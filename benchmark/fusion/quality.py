@@ -50,7 +50,7 @@ class SeenBy:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class SeenSurface:
     """The part of a model that views see; it does not depend on the reconstruction. points_m (n,
     3): samples, uniform over the seen
     area area_m2; the views; depth_z_m (k, h, w): depth of the model in each view, at a quarter of
@@ -144,7 +144,7 @@ def surface_quality(
     points: np.ndarray,
     triangles: np.ndarray,
     T_model_mesh: Poses | None = None,
-    seen_by: SeenBy | Seen | None = None,
+    seen_by: SeenBy | SeenSurface | None = None,
     whole: bool = False,
     settings: QualitySettings | None = None,
     progress: Meter = None,
@@ -194,7 +194,7 @@ def what_was_seen(
     seen_by: SeenBy,
     settings: QualitySettings | None = None,
     progress: Meter = None,
-) -> Seen:
+) -> SeenSurface:
     """About settings.samples points, uniform over the part of the model that every
     settings.every-th pose saw.
 
@@ -228,7 +228,7 @@ def what_was_seen(
     quarter = camera.halved().halved()
     depth_z_m = np.array([surface.caster.depth(quarter, T[k]) for k in range(len(T))], np.float32)
     area_m2 = float(seen.mean() * areas_m2(places, rows).sum())
-    return Seen(points[seen], area_m2, SeenBy(camera, T), depth_z_m)
+    return SeenSurface(points[seen], area_m2, SeenBy(camera, T), depth_z_m)
 
 
 def _to_points(points: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -239,7 +239,7 @@ def _to_points(points: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _depth_l1_m(
-    seen: Seen, points: np.ndarray, triangles: np.ndarray, far_m: float
+    seen: SeenSurface, points: np.ndarray, triangles: np.ndarray, far_m: float
 ) -> float | None:
     """Mean over the views of the mean |depth of the model - depth of the reconstruction| over
     pixels where the model has depth; a hole in

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from .grid import CameraPose, Grid, Rule, gradient, read, read_colour, row_of
+from .grid import CameraPose, Grid, VolumeRule, gradient, read, read_colour, row_of
 
 #: Side in pixels of the tiles that share one depth range.
 TILE = 8
@@ -205,7 +205,7 @@ def _first_crossing(
 
 @njit(cache=True)
 def _trace_row(
-    grid: Grid, camera: CameraPose, rule: Rule, reach: np.ndarray, view: View, v: int
+    grid: Grid, camera: CameraPose, rule: VolumeRule, reach: np.ndarray, view: View, v: int
 ) -> None:
     """`trace` of one row of pixels.
 
@@ -241,7 +241,7 @@ def _trace_row(
 
 
 @njit(cache=True, parallel=True)
-def trace(grid: Grid, camera: CameraPose, rule: Rule, reach: np.ndarray, view: View) -> None:
+def trace(grid: Grid, camera: CameraPose, rule: VolumeRule, reach: np.ndarray, view: View) -> None:
     """First crossing from front to back along each pixel's ray; without one the outputs are
     unchanged.
 

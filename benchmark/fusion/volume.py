@@ -14,7 +14,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 from .fuse_kernels import Pool, fuse, touch
-from .grid import UNIT, CameraPose, Grid, Rule
+from .grid import UNIT, CameraPose, Grid, VolumeRule
 from .settings import VolumeSettings
 from .trace_kernels import TILE, View, ranges, trace
 
@@ -65,7 +65,7 @@ class Volume:
             raise InputError(
                 "blocks that fit into memory", setting="max_blocks", found=s.max_blocks
             ) from None
-        self._rule = Rule(
+        self._rule = VolumeRule(
             voxel=s.voxel_m,
             trunc=s.truncation_m,
             behind=s.behind_m,

@@ -5,7 +5,7 @@ from typing import NamedTuple, TypeVar
 
 from iclnuim.geometry.se3 import SE3
 
-from .protocol import OdometryResult, Status
+from .protocol import OdometryResult, OdometryStatus
 from .solver import Limits, Pass, solve
 from .terms.depth import DepthTerm
 from .terms.photometric import PhotometricTerm
@@ -28,7 +28,7 @@ class Estimate(NamedTuple):
 
     @property
     def failed(self) -> bool:
-        return self.result.status is Status.FAILED
+        return self.result.status is OdometryStatus.FAILED
 
     @property
     def T(self) -> SE3:
@@ -41,7 +41,9 @@ class Estimate(NamedTuple):
         """
         if self.image:
             return self.result.inliers
-        return self.result.inliers / MORE_INLIERS if self.result.status is Status.OK else 0.0
+        return (
+            self.result.inliers / MORE_INLIERS if self.result.status is OdometryStatus.OK else 0.0
+        )
 
 
 class Candidate(NamedTuple):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .normal_equations import RANK_TOLERANCE, SYMMETRIC, NormalEquations
-from .protocol import OdometryResult, Status
+from .protocol import OdometryResult, OdometryStatus
 
 #: Blocks of the image (columns, rows). Errors are correlated over more than a pixel, a tile or a
 #: texture, but are independent between blocks.
@@ -79,7 +79,7 @@ def with_bias(result: OdometryResult, calibrated: bool) -> OdometryResult:
     It does not make a motion degenerate: the bias is in no direction of its own. calibrated: the
     offset of depth is known.
     """
-    if result.status is Status.FAILED:
+    if result.status is OdometryStatus.FAILED:
         return result
     share = CALIBRATED_BIAS if calibrated else ROUGH_BIAS
     error = share * float(np.linalg.norm(result.T_reference_camera.translation)) * np.eye(6, 3)

@@ -10,7 +10,7 @@ from iclnuim.report.charts import COLOURS
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .protocol import Status
+from .protocol import OdometryStatus
 from .run import OdometryRun
 from .solver import MAX_SIGMA_M, MIN_EIGENVALUE
 
@@ -61,7 +61,7 @@ def _residuals(axes: Axes, runs: list[OdometryRun]) -> None:
         for k, values in enumerate(residuals):
             if np.isfinite(values[1:]).any():
                 residuals[k] = values / (np.nanmedian(values[1:]) or 1.0)
-    _over_time(axes, runs, residuals, Status.FAILED, color="black", linewidth=0.6)
+    _over_time(axes, runs, residuals, OdometryStatus.FAILED, color="black", linewidth=0.6)
     axes.set(title="residual; lost frames black", ylabel=label)
 
 
@@ -80,7 +80,7 @@ def _uncertainty(axes: Axes, runs: list[OdometryRun]) -> None:
     marked = None
     if len(runs) == 1:
         title += "; degenerate frames marked"
-        marked = Status.DEGENERATE
+        marked = OdometryStatus.DEGENERATE
     _over_time(axes, runs, curves, marked, color=COLOURS[3], linewidth=0.8, alpha=0.5)
     axes.axhline(limit, color="grey", linestyle="--", linewidth=0.8)
     axes.set(title=title, xlabel="time [s]", ylabel=label)
@@ -95,7 +95,7 @@ def _over_time(
     axes: Axes,
     runs: list[OdometryRun],
     curves: list[np.ndarray],
-    marked: Status | None,
+    marked: OdometryStatus | None,
     **line: Any,
 ) -> None:
     """A curve per run, and a vertical line at each frame whose status is `marked`."""

@@ -17,7 +17,7 @@ from iclnuim.geometry.se3 import SE3
 
 from .candidates import pick
 from .features import Features, consistent, features, match
-from .protocol import Frame, OdometryResult, Status, failure
+from .protocol import Frame, OdometryResult, OdometryStatus, failure
 from .solver import Limits, Pass, Stop, solve
 from .start import maximize_correlation
 from .terms.depth import DepthTerm
@@ -107,7 +107,7 @@ class Fovis:
             return failure("features: too few corners with depth")
         far = s.searches_px[0]
         near = s.searches_px[-1]
-        search = _Search(reference, current, s)
+        search = _MatchSearch(reference, current, s)
         found = search.around(guess, near)
         if far > near and found.share < s.widen_below:
             found = search.around(guess, far)
@@ -122,7 +122,7 @@ class Fovis:
         return search.depth.final(result) if search.depth else result
 
 
-class _Search:
+class _MatchSearch:
     """Matches of two frames, and the motions that they agree on."""
 
     def __init__(self, reference: Features, current: Features, settings: FovisSettings) -> None:
@@ -188,7 +188,7 @@ class _Search:
         # the uncertainty is computed only at the optimum
         T = self._estimate(term, found.T, s.stop.min_step) if s.nu else found.T
         result = solve([Pass(term, s.iterations, s.stop)], T, s.limits)
-        if result.status is Status.FAILED:
+        if result.status is OdometryStatus.FAILED:
             return result
         return replace(result, matches=len(found.inliers), inliers=found.share)
 

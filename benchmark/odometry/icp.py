@@ -13,7 +13,7 @@ from iclnuim.geometry.se3 import SE3
 from .candidates import Candidate, Estimate, pick
 from .certainty import MAX_ROUGHNESS, with_bias
 from .levels import Level, Pair, PyramidOdometer, pyramid
-from .protocol import Frame, OdometryResult, Status
+from .protocol import Frame, OdometryResult, OdometryStatus
 from .solver import Limits, Pass, Stop, solve
 from .terms.plane import IcpSettings, PlaneTerm, roughness
 
@@ -102,4 +102,4 @@ def estimate_rotation(pair: Pair, settings: IcpSettings, guess: SE3) -> SE3:
     wide = replace(settings, strides=strides, two_normals=False, **WIDE)
     search = Pass(PlaneTerm(pair, wide, n), 20, Stop(min_step=1e-3), rotation_only=True)
     result = solve([search], guess, Limits(min_inliers=0.01))
-    return guess if result.status is Status.FAILED else result.T_reference_camera
+    return guess if result.status is OdometryStatus.FAILED else result.T_reference_camera

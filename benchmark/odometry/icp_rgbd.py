@@ -2,7 +2,7 @@
 for dense RGB-D mapping", ICRA 2013, section IV.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -34,7 +34,8 @@ CALIBRATED_SPREAD = 24.0
 #: The levels of KinectFusion's ICP (Newcombe 2011, section 3.5) with the gradients of Kintinuous'
 #: RGBDOdometry, which runs both terms on them (Whelan 2013, section IV-B).
 _PAPER = PhotometricSettings(iterations=(10, 5, 4), min_gradients=(12, 5, 3), max_depth_m=13.0)
-Planes = dict[int, PlaneTerm]
+#: Level -> its geometric term.
+PlaneTerms = dict[int, PlaneTerm]
 
 
 class IcpRgbd(Icp):
@@ -69,24 +70,24 @@ class IcpRgbd(Icp):
         self.alone = Icp(settings[0])
 
     def _align_from(self, pair: Pair, guess: SE3) -> Estimate:
-        """The candidate with the most matching points. Planes alone decide where the images have no
-        contrast or are unrelated, and on clean frames where they are more certain than the images
-        in every direction.
+        """Planes alone where the images have no contrast or are unrelated, and on clean frames
+        where they are more certain than the images in every direction; else both terms together:
+        of biased depth the image first, and after a poor prediction whatever matches most points.
         """
         if pair.no_contrast():
-            return self.alone.planes(pair, guess).estimate()
+            return self._planes_alone(pair, guess)
         start = self._start(pair, guess)
-        if self.settings.two_normals and not (pair.rough or pair.rendered or start.poor):
-            alone = self.alone.planes(pair, guess).estimate()
-            if alone.inliers and self._outweighs(alone, pair, start):
-                return alone
-        first, *others = self._estimates(pair, start, guess)
-        found = pick(first, others, lambda one: one.inliers)
-        if found.image is None:
-            return found
-        if not found.failed and found.image.unrelated():
-            return self.alone.planes(pair, guess).estimate()
-        return found._replace(result=start.checked(found.image.checked(found.result)))
+        certain = self._certain_planes(pair, start, guess)
+        if certain:
+            return certain
+        planes = self._plane_terms(pair, start)
+        if is_biased(pair):
+            found = self._image_first(pair, planes, start, guess)
+        elif start.poor:
+            found = self._best_of_all(pair, planes, start, guess)
+        else:
+            found = self._jointly(pair, planes, start.schedule, guess)
+        return self._checked(found, pair, start, guess)
 
     def _start(self, pair: Pair, guess: SE3) -> Start:
         schedule = self.schedule(pair.reference)
@@ -94,31 +95,46 @@ class IcpRgbd(Icp):
             return Start([guess], schedule)
         return initialise(pair, self.photometric, schedule, guess)
 
-    def _estimates(self, pair: Pair, start: Start, guess: SE3) -> Iterator[Estimate]:
-        """What the candidates find: both terms from the guess; of biased depth the image first; and
-        all of them, planes alone too, after a sudden motion, or where contrast moves in another way
-        than the surfaces (mirrors close by).
+    def _planes_alone(self, pair: Pair, guess: SE3) -> Estimate:
+        return self.alone.planes(pair, guess).estimate()
+
+    def _certain_planes(self, pair: Pair, start: Start, guess: SE3) -> Estimate | None:
+        """The estimate of planes alone on clean frames if it has more information than the images
+        in every direction.
         """
-        # biased planes, and those against a model, get a relative error that is larger than their
-        # noise
-        biased = is_biased(pair)
-        plain = biased or pair.rendered
-        settings = self.settings if plain else self.plane_settings(pair)
-        planes = {n: PlaneTerm(pair, settings, n) for n, _ in start.schedule}
-        if not (start.poor or biased):
-            yield self._jointly(pair, planes, start.schedule, guess).estimate()
-            return
-        planes[start.schedule[0][0]].linearise(guess, 0)  # the distance between the surfaces there
-        image_first = start.aligned(
-            lambda one: self._image_first(pair, planes, start, one).estimate()
-        )
-        if biased:
-            yield image_first
-            return
+        if not self.settings.two_normals or pair.rough or pair.rendered or start.poor:
+            return None
+        alone = self._planes_alone(pair, guess)
+        return alone if alone.inliers and self._outweighs(alone, pair, start) else None
+
+    def _plane_terms(self, pair: Pair, start: Start) -> PlaneTerms:
+        """The geometric term of each level. Biased planes, and those against a model, get a
+        relative error that is larger than their noise.
+        """
+        has_relative_error = is_biased(pair) or pair.rendered
+        settings = self.settings if has_relative_error else self.plane_settings(pair)
+        return {n: PlaneTerm(pair, settings, n) for n, _ in start.schedule}
+
+    def _best_of_all(self, pair: Pair, planes: PlaneTerms, start: Start, guess: SE3) -> Estimate:
+        """After a sudden motion, or where contrast moves in another way than the surfaces (mirrors
+        close by): of all ways, planes alone too, that with the most matching points.
+        """
+        image_first = self._image_first(pair, planes, start, guess)
         begin = start.guesses[0] if image_first.failed else image_first.T
-        yield self._jointly(pair, planes, start.schedule, begin).estimate()
-        yield self._jointly(pair, planes, start.schedule, guess).estimate()
-        yield self.alone.planes(pair, guess).estimate()
+        others = [
+            self._jointly(pair, planes, start.schedule, begin),
+            self._jointly(pair, planes, start.schedule, guess),
+            self._planes_alone(pair, guess),
+        ]
+        return pick(image_first, others, lambda one: one.inliers)
+
+    def _checked(self, found: Estimate, pair: Pair, start: Start, guess: SE3) -> Estimate:
+        """The estimate with the checks of the image; planes alone if the images are unrelated."""
+        if found.image is None:
+            return found
+        if not found.failed and found.image.unrelated():
+            return self._planes_alone(pair, guess)
+        return found._replace(result=start.checked(found.image.checked(found.result)))
 
     def _outweighs(self, alone: Estimate, pair: Pair, start: Start) -> bool:
         """Whether planes alone have more information than the images in every direction, on the
@@ -131,8 +147,8 @@ class IcpRgbd(Icp):
         return bool(np.linalg.eigvalsh(alone.result.information - image.A)[0] > 0)
 
     def _jointly(
-        self, pair: Pair, planes: Planes, schedule: list[tuple[int, int]], guess: SE3
-    ) -> Candidate:
+        self, pair: Pair, planes: PlaneTerms, schedule: list[tuple[int, int]], guess: SE3
+    ) -> Estimate:
         """Both terms in all passes (Whelan 2013, section IV)."""
         settings = self.photometric
         if pair.rough and not pair.rendered:
@@ -145,21 +161,31 @@ class IcpRgbd(Icp):
             passes[k] = self._with_planes(passes[k], planes[n], error)
         prior_m = ROUGH_PRIOR_M if pair.rough else self.settings.limits.prior_m
         limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
-        return Candidate(guess, passes, limits, image, planes[levels[0]])
+        return Candidate(guess, passes, limits, image, planes[levels[0]]).estimate()
 
-    def _image_first(self, pair: Pair, planes: Planes, start: Start, guess: SE3) -> Candidate:
-        """As `Rgbd`, with the planes in the last pass: for biased depth, and for a guess after a
-        poor prediction.
+    def _image_first(self, pair: Pair, planes: PlaneTerms, start: Start, guess: SE3) -> Estimate:
+        """As `Rgbd`, from the best start, with the planes in the last pass: for biased depth, and
+        after a poor prediction.
         """
-        n = start.schedule[-1][0]
+        coarsest = start.schedule[0][0]
+        planes[coarsest].linearise(guess, 0)  # the distance between the surfaces there
+        return start.aligned(
+            lambda one: self._image_then_planes(pair, planes, start, one).estimate()
+        )
+
+    def _image_then_planes(
+        self, pair: Pair, planes: PlaneTerms, start: Start, guess: SE3
+    ) -> Candidate:
+        coarsest = start.schedule[0][0]
+        finest = start.schedule[-1][0]
         settings = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread)
-        depth = DepthTerm(pair.reference[n], pair.current[n])
+        depth = DepthTerm(pair.reference[finest], pair.current[finest])
         passes, image = image_passes(pair, settings, start.schedule, depth)
         error = component_errors if is_biased(pair) else None
-        passes[-1] = self._with_planes(passes[-1], planes[n], error)
+        passes[-1] = self._with_planes(passes[-1], planes[finest], error)
         prior_m = settings.limits.prior_m if start.poor else ROUGH_PRIOR_M
         limits = replace(settings.limits, prior_m=prior_m)
-        return Candidate(guess, passes, limits, image, planes[start.schedule[0][0]], depth)
+        return Candidate(guess, passes, limits, image, planes[coarsest], depth)
 
     def _with_planes(
         self, one: Pass, planes: PlaneTerm, error: Callable[[SE3], np.ndarray] | None

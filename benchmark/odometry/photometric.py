@@ -12,7 +12,7 @@ from iclnuim.geometry.se3 import SE3
 
 from .candidates import Estimate
 from .levels import Level, Pair, PyramidOdometer, pyramid
-from .protocol import Frame, OdometryResult, Status, failure
+from .protocol import Frame, OdometryResult, OdometryStatus, failure
 from .solver import Limits, Pass, Stop, solve
 from .start import initialise
 from .terms.depth import DepthTerm
@@ -58,7 +58,7 @@ class Rgbd(PyramidOdometer):
         depth = DepthTerm(pair.reference[n], pair.current[n]) if self.settings.tiles else None
         passes, image = image_passes(pair, self.settings, schedule, depth)
         result = solve(passes, guess, self.settings.limits)
-        if result.status is Status.FAILED:
+        if result.status is OdometryStatus.FAILED:
             return result
         reason = image.unrelated()
         if reason:

@@ -98,10 +98,6 @@ class OdometryStatus(Enum):
     FAILED = "failed"
 
 
-#: Its name in this package.
-Status = OdometryStatus
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class OdometryResult(Brief):
     """Result of one alignment. All fields except the pose are optional; `failure(reason)` makes a
@@ -136,7 +132,7 @@ class OdometryResult(Brief):
 
 def failure(reason: str) -> OdometryResult:
     """A result without a pose. `reason` has the form `part: what`, such as `image: no contrast`."""
-    return OdometryResult(SE3.identity(), Status.FAILED, False, reason=reason)
+    return OdometryResult(SE3.identity(), OdometryStatus.FAILED, False, reason=reason)
 
 
 class Odometer(Protocol):

@@ -12,7 +12,7 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.report.charts import COLOURS
 from iclnuim.report.recording import TRUTH, Recorder, record
 
-from .protocol import Status
+from .protocol import OdometryStatus
 from .run import OdometryRun
 from .track import Tracked
 
@@ -70,7 +70,7 @@ def _flag(frame: Tracked) -> str:
     """Why a frame's pose is not reliable; "" if it is."""
     result = frame.result
     words = [f"lost: {result.reason}"] if frame.lost else []
-    words += ["degenerate"] if result.status is Status.DEGENERATE else []
+    words += ["degenerate"] if result.status is OdometryStatus.DEGENERATE else []
     words += ["not converged"] if not frame.lost and not result.converged else []
     return ", ".join(words)
 

@@ -10,7 +10,7 @@ from iclnuim.errors import InputError
 from iclnuim.geometry import so3
 from iclnuim.geometry.se3 import SE3
 
-from .protocol import Frame, OdometryResult, Status
+from .protocol import Frame, OdometryResult, OdometryStatus
 
 #: Output of an odometer's prepare() for a frame, or its equivalent for a rendered model, and
 #: T_world_camera of that frame.
@@ -69,7 +69,7 @@ class KeyframeReference(Reference):
         if self.keyframe is None:
             return self.restart(frame, prepared, T_world_camera)
         current = (prepared, T_world_camera)
-        trusted = result is None or result.status is Status.OK
+        trusted = result is None or result.status is OdometryStatus.OK
         distance = self._distance(self.keyframe, T_world_camera)
         if distance >= 1.0 and (trusted or self.far):  # a single DEGENERATE frame may be an outlier
             candidate = self.candidate

@@ -25,7 +25,7 @@ from iclnuim.sequences.stored_images import read_camera, read_images
 from iclnuim.shown import MM, Shown
 from iclnuim.trajectory_files.trajectories import write_trajectory
 
-from .protocol import Frame, Odometer, Status
+from .protocol import Frame, Odometer, OdometryStatus
 from .track import Reference, Tracked, Tracker
 
 if TYPE_CHECKING:
@@ -190,7 +190,7 @@ class OdometryRun(Shown):
             "lost": lost,
             "coverage": 1 - lost / len(self.frames),
             "not_converged": sum(not f.result.converged for f in self.frames) - lost,
-            "degenerate": sum(f.result.status is Status.DEGENERATE for f in self.frames),
+            "degenerate": sum(f.result.status is OdometryStatus.DEGENERATE for f in self.frames),
             "ms_median": float(np.median(ms)),
             "ms_95": float(np.percentile(ms, 95)),
             "frames_per_s": 1e3 / max(float(ms.mean()), 1e-6) if len(self.frames) > 1 else None,

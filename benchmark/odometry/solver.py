@@ -7,7 +7,7 @@ import numpy as np
 from iclnuim.geometry.se3 import SE3
 
 from .normal_equations import NormalEquations
-from .protocol import OdometryResult, Status, failure
+from .protocol import OdometryResult, OdometryStatus, failure
 
 #: Below this eigenvalue the geometry is degenerate (furnished rooms: about 0.12; a bare wall: 0).
 MIN_EIGENVALUE = 0.05
@@ -68,7 +68,7 @@ class Pass(NamedTuple):
 
 
 @dataclass(eq=False)
-class _Progress:
+class _SolverState:
     """The pose so far, the twist from the prior's centre, and what the last iteration found."""
 
     T: SE3
@@ -86,7 +86,7 @@ def solve(passes: list[Pass], guess: SE3, limits: Limits) -> OdometryResult:
     last one, or where it is lost on the way, the alignment fails. The inliers of the result are
     those of the last pass.
     """
-    at = _Progress(guess, np.zeros(6))
+    at = _SolverState(guess, np.zeros(6))
     for n, one in enumerate(passes, 1):
         before = at.iterations
         equations = _iterate(one, at, limits)
@@ -95,7 +95,7 @@ def solve(passes: list[Pass], guess: SE3, limits: Limits) -> OdometryResult:
     return _result(at, guess, limits, passes[-1].term.pixels)
 
 
-def _iterate(one: Pass, at: _Progress, limits: Limits) -> NormalEquations | None:
+def _iterate(one: Pass, at: _SolverState, limits: Limits) -> NormalEquations | None:
     """Gauss-Newton iterations of one pass; the equations if too few residuals are left."""
     if one.centre:
         at.total_twist = np.zeros(6)
@@ -124,14 +124,14 @@ def _iterate(one: Pass, at: _Progress, limits: Limits) -> NormalEquations | None
     return None
 
 
-def _step(one: Pass, at: _Progress, equations: NormalEquations, limits: Limits) -> np.ndarray:
+def _step(one: Pass, at: _SolverState, equations: NormalEquations, limits: Limits) -> np.ndarray:
     if one.rotation_only:
         return equations.rotation_step()
     twist, at.under_constrained = equations.step(at.total_twist, limits.prior_m, at.T.translation)
     return twist
 
 
-def _result(at: _Progress, guess: SE3, limits: Limits, pixels: int) -> OdometryResult:
+def _result(at: _SolverState, guess: SE3, limits: Limits, pixels: int) -> OdometryResult:
     equations = at.equations
     finite = np.isfinite(at.T.translation).all() and np.isfinite(at.T.rotation).all()
     if equations is None or not finite:
@@ -144,7 +144,7 @@ def _result(at: _Progress, guess: SE3, limits: Limits, pixels: int) -> OdometryR
     degenerate = smallest < limits.min_eigenvalue or sigma_m > MAX_SIGMA_M
     return OdometryResult(
         at.T,
-        Status.DEGENERATE if degenerate else Status.OK,
+        OdometryStatus.DEGENERATE if degenerate else OdometryStatus.OK,
         at.converged,
         at.iterations,
         residual=float(np.sqrt(max(equations.error, 0))),

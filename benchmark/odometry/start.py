@@ -16,7 +16,7 @@ from iclnuim.geometry.se3 import SE3
 from . import kernels
 from .candidates import Estimate, pick
 from .levels import Level, Pair
-from .protocol import OdometryResult, Status
+from .protocol import OdometryResult, OdometryStatus
 from .terms.photometric import PhotometricSettings, PhotometricTerm
 
 #: Minimum correlation of the coarsest images at the guess (clean frames have 0.94 and more; a guess
@@ -69,7 +69,7 @@ class Start(NamedTuple):
         """The result; DEGENERATE if the coarsest images do not fit, or, after a poor prediction, if
         it did not converge.
         """
-        if self.images is None or result.status is Status.FAILED:
+        if self.images is None or result.status is OdometryStatus.FAILED:
             return result
         correlation, _ = self.images.fit(result.T_reference_camera)
         if correlation >= MIN_FIT and (result.converged or not self.poor):
@@ -78,7 +78,7 @@ class Start(NamedTuple):
         if self.poor:
             afterwards = f"{'' if result.converged else 'not '}converged afterwards"
             reason = f"prediction: poor, correlation {correlation:.2f} and {afterwards}"
-        return replace(result, status=Status.DEGENERATE, reason=reason)
+        return replace(result, status=OdometryStatus.DEGENERATE, reason=reason)
 
 
 def initialise(

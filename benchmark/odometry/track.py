@@ -13,7 +13,7 @@ from iclnuim.geometry import so3
 from iclnuim.geometry.camera import CameraOrText, PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
-from .protocol import Frame, Odometer, OdometryResult, Status, failure
+from .protocol import Frame, Odometer, OdometryResult, OdometryStatus, failure
 from .references import Reference, View, reference
 from .watch import Watch
 
@@ -44,7 +44,7 @@ class Tracked:
 
     @property
     def lost(self) -> bool:
-        return self.result.status is Status.FAILED
+        return self.result.status is OdometryStatus.FAILED
 
 
 class ConstantVelocity:
@@ -110,10 +110,10 @@ class Tracker:
         if not isinstance(frame, str) and self.last and frame.repeats(self.last):
             self.watch.repeated = True
             reason = "image: repeats the one before"
-            repeat = OdometryResult(self.T_view_camera, Status.DEGENERATE, reason=reason)
+            repeat = OdometryResult(self.T_view_camera, OdometryStatus.DEGENERATE, reason=reason)
             return Tracked(stamp_s, self.T_world_view @ self.T_view_camera, repeat)
         current, result = self._aligned(stamp_s, frame)
-        if isinstance(frame, str) or result.status is Status.FAILED:
+        if isinstance(frame, str) or result.status is OdometryStatus.FAILED:
             self.last = None
             pose = self._on_lost(stamp_s, frame, current)
         else:
@@ -135,14 +135,14 @@ class Tracker:
         motion = SE3.identity() if self.losses else self.velocity.predicted(stamp_s)
         guess = self.T_view_camera @ motion
         result = self.odometer.align(self.view, current, guess)
-        if result.status is Status.FAILED and self._may_try_last(previous):
+        if result.status is OdometryStatus.FAILED and self._may_try_last(previous):
             return current, self._against_last(previous, current, motion, result)
         self.unfit = 0
-        if result.status is Status.OK:
+        if result.status is OdometryStatus.OK:
             pose = self.T_world_view @ result.T_reference_camera
             doubt = self.watch.doubt(stamp_s, frame, guess, result, pose)
             if doubt:
-                result = replace(result, status=Status.DEGENERATE, reason=doubt)
+                result = replace(result, status=OdometryStatus.DEGENERATE, reason=doubt)
         return current, result
 
     def _may_try_last(self, previous: Any) -> bool:
@@ -155,11 +155,11 @@ class Tracker:
         `lost` if this fails as well.
         """
         result = self.odometer.align(previous, current, motion)
-        if result.status is Status.FAILED:
+        if result.status is OdometryStatus.FAILED:
             return lost
         self.unfit += 1
         reason = result.reason or "track: does not fit the reference, aligned with the frame before"
-        return replace(result, status=Status.DEGENERATE, reason=reason)
+        return replace(result, status=OdometryStatus.DEGENERATE, reason=reason)
 
     def _on_tracked(
         self, stamp_s: float, frame: Frame, current: Any, result: OdometryResult

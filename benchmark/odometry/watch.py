@@ -5,7 +5,7 @@ import math
 import numpy as np
 from iclnuim.geometry.se3 import SE3
 
-from .protocol import WRONG_DEG, WRONG_M, Frame, OdometryResult, Status
+from .protocol import WRONG_DEG, WRONG_M, Frame, OdometryResult, OdometryStatus
 
 #: A DEGENERATE pose is an outlier if it is farther than this from the path between the poses around
 #: it: a third of what counts as wrong.
@@ -60,7 +60,7 @@ class Watch:
         self.assumed = False
         self.uncertain = result.largest_sigma_m > WRONG_M
         self.doubtful = (stamp_s, T_world_camera)
-        if result.status is Status.OK:
+        if result.status is OdometryStatus.OK:
             self.good = self.doubtful
             self.doubtful = None
 

@@ -50,7 +50,7 @@ def run_command(
     """
     started = time.monotonic()
     process = _begun(command, folder, log, {**os.environ, **(environment or {})})
-    watch = _Watch(process.pid, started + limit_s)
+    watch = _ProcessWatch(process.pid, started + limit_s)
     try:
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
@@ -92,7 +92,7 @@ def _kill(group: int) -> None:
         os.killpg(group, signal.SIGKILL)
 
 
-class _Watch:
+class _ProcessWatch:
     """A thread that samples the memory of a process and its children, and kills the group at the
     deadline.
     """

@@ -1,4 +1,4 @@
-"""Baked light against formulas and path tracing; the scene it was baked from stays as it was."""
+"""BakedLight light against formulas and path tracing; the scene it was baked from stays as it was."""
 
 import math
 
@@ -182,7 +182,7 @@ def test_reflections_of_a_bright_spot_are_clamped_as_path_tracing_clamps_them(tm
     light = bpy.data.images.new("light", 4, 4, float_buffer=True, is_data=True)
     light.pixels.foreach_set(np.full(4 * 4 * 4, 100.0, np.float32))
     plaster, _ = compat.matt_material("wall", (0.5, 0.5, 0.5, 1.0))
-    wall = baked_material.baked_copy(plaster, baked_material.Baked(light, False, limit=10.0))
+    wall = baked_material.baked_copy(plaster, baked_material.BakedLight(light, False, limit=10.0))
     mirror = bpy.data.materials.new("mirror")
     mirror.use_nodes = True
     node = mirror.node_tree.nodes["Principled BSDF"]

@@ -150,7 +150,9 @@ def test_a_white_principled_ball_cannot_be_told_from_a_white_furnace(tmp_path, s
     light = bpy.data.images.new("light", 4, 4, float_buffer=True, is_data=True)
     light.pixels.foreach_set(np.ones(64, np.float32))
     white = made.material(bpy, "white", (1, 1, 1), **settings)
-    ball.data.materials.append(baked_material.baked_copy(white, baked_material.Baked(light, False)))
+    ball.data.materials.append(
+        baked_material.baked_copy(white, baked_material.BakedLight(light, False))
+    )
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     camera.data.type = "ORTHO"
     camera.data.ortho_scale = 2.0

@@ -11,7 +11,7 @@ from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba")
 from iclnuim.benchmark.fusion.reference import NAMES, make_reference  # noqa: E402
-from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, Status, failure  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, OdometryStatus, failure  # noqa: E402
 from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer  # noqa: E402
 from iclnuim.benchmark.odometry.track import PREDICTION_DECAY, Tracker, track  # noqa: E402
 
@@ -56,7 +56,7 @@ def test_an_odometer_with_nothing_but_the_protocol_works_against_every_reference
 def test_a_reported_failure_is_a_lost_frame_also_with_a_residual_and_without_a_reason():
     results = {
         2: failure("nothing to see"),
-        3: OdometryResult(STEP, Status.FAILED, residual=1.0),
+        3: OdometryResult(STEP, OdometryStatus.FAILED, residual=1.0),
         4: OdometryResult(STEP, residual=np.nan),
     }
     found = list(track(Plain(results), CAMERA, [(f.stamp_s, f) for f in frames(5)]))
@@ -109,7 +109,7 @@ def test_images_that_are_unrelated_are_lost_to_intensities_and_leave_geometry_al
 ):
     found = among_grain(name, preset)
     if name in ("rgbd", "dvo", "fovis"):
-        assert np.mean([f.result.status is not Status.OK for f in found[1:]]) >= 0.95
+        assert np.mean([f.result.status is not OdometryStatus.OK for f in found[1:]]) >= 0.95
         assert all(np.linalg.norm(f.T_world_camera.translation) < 0.05 for f in found)
     else:
         alone = among_grain("icp", preset)

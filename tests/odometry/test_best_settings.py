@@ -14,7 +14,7 @@ from iclnuim.benchmark.odometry.icp_rgbd import IcpRgbd  # noqa: E402
 from iclnuim.benchmark.odometry.levels import Level, Pair  # noqa: E402
 from iclnuim.benchmark.odometry.normal_equations import NormalEquations  # noqa: E402
 from iclnuim.benchmark.odometry.photometric import image_passes  # noqa: E402
-from iclnuim.benchmark.odometry.protocol import Status  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import OdometryStatus  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
 from iclnuim.benchmark.odometry.solver import Limits, Pass, Stop, solve  # noqa: E402
 from iclnuim.benchmark.odometry.terms.depth import DepthTerm, _depth_only_twist  # noqa: E402
@@ -123,7 +123,7 @@ def test_an_image_with_few_gradients_is_aligned_if_some_match(name, share):
     uses almost all pixels.
     """
     pixels = 100_000
-    for part, status in ((0.7, Status.FAILED), (1.4, Status.OK)):
+    for part, status in ((0.7, OdometryStatus.FAILED), (1.4, OdometryStatus.OK)):
         known = Known(0.001, part * share * pixels, pixels)
         assert solve([Pass(known, 1, Stop())], SE3.identity(), limits_of(name)).status is status
 

@@ -5,7 +5,7 @@ from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.benchmark.odometry.candidates import Estimate, pick  # noqa: E402
-from iclnuim.benchmark.odometry.protocol import OdometryResult, Status  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import OdometryResult, OdometryStatus  # noqa: E402
 
 
 def test_the_first_candidate_stays_unless_another_is_better_by_the_margin():
@@ -18,10 +18,10 @@ def test_the_first_candidate_stays_unless_another_is_better_by_the_margin():
 @pytest.mark.parametrize(
     ("inliers", "status", "planes_win"),
     [
-        (0.701, Status.OK, False),  # a count that differs by rounding at the same motion
-        (0.705, Status.OK, False),
-        (0.711, Status.OK, True),
-        (0.900, Status.DEGENERATE, False),
+        (0.701, OdometryStatus.OK, False),  # a count that differs by rounding at the same motion
+        (0.705, OdometryStatus.OK, False),
+        (0.711, OdometryStatus.OK, True),
+        (0.900, OdometryStatus.DEGENERATE, False),
     ],
 )
 def test_planes_alone_win_with_a_percent_more_of_matching_points(inliers, status, planes_win):

@@ -8,7 +8,7 @@ pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.benchmark.odometry.levels import Level  # noqa: E402
 from iclnuim.benchmark.odometry.normal_equations import NormalEquations  # noqa: E402
 from iclnuim.benchmark.odometry.photometric import Dvo  # noqa: E402
-from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, Status  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, OdometryStatus  # noqa: E402
 from iclnuim.benchmark.odometry.terms.depth import DepthTerm  # noqa: E402
 from iclnuim.benchmark.odometry.terms.free_depth import inlier_weights, scale_ambiguity  # noqa: E402
 from odometry_scenes import BIG, CAMERA, ROOM, STEP, VGA, after, error_m, run, view  # noqa: E402
@@ -36,9 +36,9 @@ def test_intensities_that_move_against_depth_are_reported_and_depth_wins(name):
     frames = [view(i, ROOM, camera=BIG) for i in range(3)]
     still = [Frame.of(frames[0].grey, f.depth_z_m, f.stamp_s) for f in frames]
     found = run(name, still, BIG)
-    assert found[-1].result.status is Status.DEGENERATE and found[-1].result.reason.startswith(
-        "depth: disagrees"
-    )
+    assert found[-1].result.status is OdometryStatus.DEGENERATE and found[
+        -1
+    ].result.reason.startswith("depth: disagrees")
     assert error_m(found) < 0.2 * np.linalg.norm(after(2).translation)
 
 

@@ -16,7 +16,7 @@ from iclnuim.benchmark.odometry import features, fovis  # noqa: E402
 from iclnuim.benchmark.odometry.fovis import (  # noqa: E402
     Fovis,
     Preliminary,
-    _Search,
+    _MatchSearch,
     estimate_rotation,
 )
 from iclnuim.benchmark.odometry.normal_equations import NormalEquations  # noqa: E402
@@ -281,7 +281,7 @@ def test_the_narrow_search_bears_the_error_of_a_prediction_and_takes_no_other_co
     odometer = Fovis(Fovis.PRESETS["best"])
     T = path(2)[1]
     one, other = (odometer.prepare(seen(pose), CAMERA) for pose in (SE3.identity(), T))
-    search = _Search(one, other, odometer.settings)
+    search = _MatchSearch(one, other, odometer.settings)
     near_px = odometer.settings.searches_px[-1]
     found = [
         search.around(T @ SE3.exp(np.array([0, 0, 0, 0, off_rad, 0])), near_px)
@@ -302,7 +302,7 @@ def searches_of(monkeypatch, shares):
         share = shares[search_px > 10]
         return Preliminary(start, [None] * 20, share, search_px, "not refined")
 
-    monkeypatch.setattr(_Search, "around", around)
+    monkeypatch.setattr(_MatchSearch, "around", around)
     monkeypatch.setattr(
         fovis, "estimate_rotation", lambda one, other, guess: turned.append(guess) or guess
     )
@@ -340,7 +340,7 @@ def test_frames_of_whose_matches_a_fourteenth_agrees_are_of_two_places(monkeypat
     monkeypatch.setattr(fovis, "match", lambda *images: found)
     odometer = Fovis(replace(Fovis.PRESETS["best"], depth=False))
     frame = odometer.prepare(seen(SE3.identity()), CAMERA)
-    result = _Search(frame, frame, odometer.settings).around(SE3.identity(), 4.0)
+    result = _MatchSearch(frame, frame, odometer.settings).around(SE3.identity(), 4.0)
     assert (not result.reason) is related
 
 
@@ -361,6 +361,6 @@ def test_the_geometric_term_is_evaluated_again_while_a_motion_moves_by_a_millime
 
     odometer = Fovis(Fovis.PRESETS["best"])
     frame = odometer.prepare(seen(SE3.identity()), CAMERA)
-    search = _Search(frame, frame, odometer.settings)
+    search = _MatchSearch(frame, frame, odometer.settings)
     search._estimate(Corners(), SE3.identity(), 1e-5, Geometry())
     assert len(evaluated) in (range(3, 5) if again else range(1, 2))

@@ -10,7 +10,7 @@ pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.benchmark.odometry import icp  # noqa: E402
 from iclnuim.benchmark.odometry.icp import Icp, estimate_rotation  # noqa: E402
 from iclnuim.benchmark.odometry.levels import Level, Pair  # noqa: E402
-from iclnuim.benchmark.odometry.protocol import Status  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import OdometryStatus  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
 from iclnuim.benchmark.odometry.solver import MAX_SIGMA_M  # noqa: E402
 from iclnuim.benchmark.odometry.terms.plane import PlaneTerm  # noqa: E402
@@ -22,14 +22,19 @@ def test_a_bare_wall_is_flagged_with_and_without_noise_and_a_room_is_not(noise):
     wall = run("icp", [view(i, WALL, noise) for i in range(6)])
     room = run("icp", [view(i, ROOM, noise) for i in range(6)])
     assert all(
-        f.result.status is Status.DEGENERATE and f.result.under_constrained >= 3 for f in wall[1:]
+        f.result.status is OdometryStatus.DEGENERATE and f.result.under_constrained >= 3
+        for f in wall[1:]
     )
-    assert not any(f.result.status is Status.DEGENERATE for f in room[1:])
+    assert not any(f.result.status is OdometryStatus.DEGENERATE for f in room[1:])
 
 
 @pytest.mark.parametrize(
     ("side", "floor", "expected"),
-    [(0.43, 0.63, Status.DEGENERATE), (0.437, 0.64, Status.OK), (0.45, 0.66, Status.OK)],
+    [
+        (0.43, 0.63, OdometryStatus.DEGENERATE),
+        (0.437, 0.64, OdometryStatus.OK),
+        (0.45, 0.66, OdometryStatus.OK),
+    ],
     ids=["border", "a little more", "more"],
 )
 def test_a_motion_that_rests_on_the_last_border_of_two_faces_is_flagged_on_noisy_frames(
@@ -60,7 +65,7 @@ def test_a_first_guess_ten_degrees_off_ends_where_a_good_one_does(name):
     method, rotation = odometer(name), SE3.exp(np.array([0, 0, 0, 0.1, -0.12, 0.08]))
     one, other = (method.prepare(view(i, ROOM), CAMERA) for i in range(2))
     good, off = (method.align(one, other, guess) for guess in (SE3.identity(), rotation))
-    assert off.status is Status.OK
+    assert off.status is OdometryStatus.OK
     assert np.abs(off.T_reference_camera.matrix - good.T_reference_camera.matrix).max() < 1e-4
 
 
@@ -88,11 +93,13 @@ def test_a_guess_is_poor_where_the_surfaces_are_centimetres_apart(off_deg, align
     method = Counting(Icp.PRESETS["best"])
     one, other = (method.prepare(view(i, ROOM, camera=BIG), BIG) for i in range(2))
     off = SE3.exp(np.array([0, 0, 0, 0, np.radians(off_deg), 0]))
-    assert method.align(one, other, STEP @ off).status is Status.OK
+    assert method.align(one, other, STEP @ off).status is OdometryStatus.OK
     assert method.count == alignments
 
 
-@pytest.mark.parametrize(("tilt", "expected"), [(0.6, Status.DEGENERATE), (1.0, Status.OK)])
+@pytest.mark.parametrize(
+    ("tilt", "expected"), [(0.6, OdometryStatus.DEGENERATE), (1.0, OdometryStatus.OK)]
+)
 def test_a_flat_niche_is_degenerate_and_a_deep_one_is_not(tilt, expected):
     """Three faces that lean by `tilt` from the wall."""
     planes = ((tilt, 0, 1), (-tilt, tilt / 2, 1), (0, -tilt, 1))

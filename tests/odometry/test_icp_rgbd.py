@@ -14,7 +14,7 @@ from iclnuim.benchmark.odometry.icp_rgbd import (  # noqa: E402
 )
 from iclnuim.benchmark.odometry.levels import Pair  # noqa: E402
 from iclnuim.benchmark.odometry.normal_equations import NormalEquations  # noqa: E402
-from iclnuim.benchmark.odometry.protocol import Frame, Status  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, OdometryStatus  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
 from odometry_scenes import BIG, ROOM, STEP, WALL, error_m, run, view  # noqa: E402
 
@@ -45,7 +45,7 @@ def test_a_noisy_frame_with_a_few_pixels_of_contrast_is_tracked():
         frame.grey[100 : 100 + size[1], 140 : 140 + size[0]] = patch
     one, two = (method.prepare(frame, BIG) for frame in frames)
     result = method.align(one, two, SE3.identity())
-    assert result.status is not Status.FAILED, result.reason
+    assert result.status is not OdometryStatus.FAILED, result.reason
     assert np.linalg.norm((STEP.inverse() @ result.T_reference_camera).translation) < 0.005
 
 

@@ -11,7 +11,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 numba = pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim.benchmark.odometry.protocol import Frame, Status  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, OdometryStatus  # noqa: E402
 from iclnuim.benchmark.odometry.references import Reference  # noqa: E402
 from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer  # noqa: E402
 from iclnuim.benchmark.odometry.track import track  # noqa: E402
@@ -110,9 +110,9 @@ def test_the_first_pose_after_many_lost_frames_is_reported_as_none_knows_where_t
     assert [f.lost for f in found] == [False] * 2 + [True] * 6 + [False] * 2
     status = [f.result.status for f in found]
     assert (
-        status[8] is Status.DEGENERATE
+        status[8] is OdometryStatus.DEGENERATE
         and found[8].result.reason.startswith("track:")
-        and status[9] is Status.OK
+        and status[9] is OdometryStatus.OK
     )
 
 
@@ -178,11 +178,11 @@ def test_a_bare_wall_is_degenerate_and_held_and_a_corner_is_not():
     wall = [seen(T, np.array([[0.0, 0.0, 1.0]])) for T in path(3)]
     corner = tracked("icp", [seen(T) for T in path(3)])
     assert all(
-        f.result.status is Status.DEGENERATE and f.result.under_constrained == 3
+        f.result.status is OdometryStatus.DEGENERATE and f.result.under_constrained == 3
         for f in tracked("icp", wall)[1:]
     )
     assert not any(
-        f.result.status is Status.DEGENERATE or f.result.under_constrained for f in corner
+        f.result.status is OdometryStatus.DEGENERATE or f.result.under_constrained for f in corner
     )
     assert np.abs(tracked("icp", wall)[-1].T_world_camera.translation[:2]).max() < 0.02
 
@@ -224,7 +224,7 @@ def test_frames_that_no_motion_can_be_told_from_are_lost_or_flagged(name, preset
         if unheeded:
             assert error_m(found) < 0.003, wrong
         else:
-            assert all(f.result.status is not Status.OK for f in found[1:]), wrong
+            assert all(f.result.status is not OdometryStatus.OK for f in found[1:]), wrong
 
 
 def test_depth_of_one_value_is_noticed_and_a_wall_a_little_aslant_is_none():

@@ -10,7 +10,7 @@ pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.benchmark.odometry.levels import Level, Pair  # noqa: E402
 from iclnuim.benchmark.odometry.normal_equations import NormalEquations  # noqa: E402
 from iclnuim.benchmark.odometry.photometric import Dvo, Rgbd  # noqa: E402
-from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, Status  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, OdometryStatus  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
 from iclnuim.benchmark.odometry.solver import Limits  # noqa: E402
 from iclnuim.benchmark.odometry.terms.photometric import (  # noqa: E402
@@ -39,7 +39,9 @@ def test_blocks_of_tiles_add_up_to_the_equations_of_the_motion():
         )
 
 
-@pytest.mark.parametrize(("outliers", "status"), [(60, Status.OK), (130, Status.DEGENERATE)])
+@pytest.mark.parametrize(
+    ("outliers", "status"), [(60, OdometryStatus.OK), (130, OdometryStatus.DEGENERATE)]
+)
 def test_an_image_whose_greater_part_depth_contradicts_is_reported(outliers, status):
     """Of 192 equal tiles, `outliers` have a certain factor of 1.6 instead of 1."""
     term = TiledTerm(Pair([blank()], [blank()]), Rgbd.PRESETS["best"], 0)
@@ -49,7 +51,10 @@ def test_an_image_whose_greater_part_depth_contradicts_is_reported(outliers, sta
     term.tiles.eliminated(sums, firm=True)
     assert term.tiles.inlier_share() == pytest.approx(1 - outliers / 192, abs=0.01)
     assert term.checked(OdometryResult(SE3.identity())).status is status
-    assert term.checked(OdometryResult(SE3.identity(), Status.FAILED)).status is Status.FAILED
+    assert (
+        term.checked(OdometryResult(SE3.identity(), OdometryStatus.FAILED)).status
+        is OdometryStatus.FAILED
+    )
 
 
 def blank():

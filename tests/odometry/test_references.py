@@ -7,7 +7,7 @@ from iclnuim.geometry import so3
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim.benchmark.odometry.protocol import OdometryResult, Status  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import OdometryResult, OdometryStatus  # noqa: E402
 from iclnuim.benchmark.odometry.references import (  # noqa: E402
     EntropyReference,
     KeyframeReference,
@@ -38,7 +38,9 @@ def test_a_reported_pose_becomes_no_keyframe_while_there_is_a_good_one():
     def kept(bad):
         reference = KeyframeReference(max_m=0.02, max_deg=90)
         results = (
-            OdometryResult(SE3.identity(), Status.DEGENERATE if i in bad else Status.OK)
+            OdometryResult(
+                SE3.identity(), OdometryStatus.DEGENERATE if i in bad else OdometryStatus.OK
+            )
             for i in range(9)
         )
         return [
@@ -69,7 +71,9 @@ def test_a_single_outlier_becomes_no_keyframe():
     def kept(places_m, bad):
         reference, found = KeyframeReference(max_m=0.02, max_deg=90), []
         for i, x in enumerate(places_m):
-            result = OdometryResult(SE3.identity(), Status.DEGENERATE if i in bad else Status.OK)
+            result = OdometryResult(
+                SE3.identity(), OdometryStatus.DEGENERATE if i in bad else OdometryStatus.OK
+            )
             found.append(reference.renew(None, i, SE3(np.eye(3), [x, 0, 0]), result)[0])
         return found
 

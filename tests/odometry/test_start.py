@@ -10,7 +10,7 @@ pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.benchmark.odometry import start  # noqa: E402
 from iclnuim.benchmark.odometry.candidates import Estimate  # noqa: E402
 from iclnuim.benchmark.odometry.levels import Pair  # noqa: E402
-from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, Status, failure  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, OdometryStatus, failure  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
 from iclnuim.benchmark.odometry.start import Start, initialise  # noqa: E402
 from odometry_scenes import BIG, ROOM, WALL, after, error_m, run, view  # noqa: E402
@@ -63,7 +63,7 @@ def test_the_prediction_is_aligned_too_where_another_guess_replaces_it(turned, p
         return Estimate(OdometryResult(guess) if fits[name] else failure("image: unrelated"))
 
     found = Start(list(poses.values()), [], Images(), poor=True).aligned(align).result
-    assert found.status is (Status.OK if fits[taken] else Status.FAILED)
+    assert found.status is (OdometryStatus.OK if fits[taken] else OdometryStatus.FAILED)
     assert not fits[taken] or found.T_reference_camera is poses[taken]
 
 
@@ -74,7 +74,7 @@ def test_a_sudden_motion_along_a_wall_is_found_by_its_image(name, jump, noise):
     numbers = (0, 1, 2, 2 + jump, 3 + jump)
     found = run(name, [view(i, WALL, noise, BIG) for i in numbers], BIG)
     assert error_m(found, numbers[-1]) < 5e-4
-    assert found[3].result.status is Status.OK and found[3].result.converged
+    assert found[3].result.status is OdometryStatus.OK and found[3].result.converged
 
 
 @pytest.mark.parametrize("name", ["icp_rgbd", "rgbd", "dvo"])
@@ -85,7 +85,7 @@ def test_images_that_still_do_not_fit_after_a_poor_prediction_are_reported(name)
     frames[1].grey[:, 160:] = frames[1].grey[::-1, 160:]
     reference, current = (method.prepare(f, BIG) for f in frames)
     result = method.align(reference, current, after(27))
-    assert result.status is Status.DEGENERATE and result.reason.startswith(
+    assert result.status is OdometryStatus.DEGENERATE and result.reason.startswith(
         "prediction: poor, correlation 0.5"
     )
 
@@ -96,9 +96,9 @@ def test_the_authors_settings_report_a_motion_if_half_of_the_image_has_changed(n
     frames = [view(i, ROOM, camera=BIG) for i in (0, 1, 1)]
     frames[2].grey[:, 160:] = frames[2].grey[::-1, 160:]
     reference, same, changed = (method.prepare(f, BIG) for f in frames)
-    assert method.align(reference, same, after(1)).status is Status.OK
+    assert method.align(reference, same, after(1)).status is OdometryStatus.OK
     result = method.align(reference, changed, after(1))
-    assert result.status is not Status.OK and result.reason.startswith(
+    assert result.status is not OdometryStatus.OK and result.reason.startswith(
         ("image: does not fit", "overlap", "step")
     )
 

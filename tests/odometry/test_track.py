@@ -9,7 +9,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, Status, failure  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, OdometryStatus, failure  # noqa: E402
 from iclnuim.benchmark.odometry.references import (  # noqa: E402
     KeyframeReference,
     MatchedKeyframeReference,
@@ -36,7 +36,7 @@ def test_a_frame_that_does_not_fit_a_matched_keyframe_is_aligned_with_the_frame_
         assert places_m == pytest.approx([0.01 * i for i, f in enumerate(found) if not f.lost])
         return [f.result.status for f in found]
 
-    ok, bad, lost = Status.OK, Status.DEGENERATE, Status.FAILED
+    ok, bad, lost = OdometryStatus.OK, OdometryStatus.DEGENERATE, OdometryStatus.FAILED
     farthest, unusable = 2, ()
     assert run_on(9) == [ok] * 3 + [bad] * 5 + [
         ok
@@ -84,7 +84,7 @@ def test_a_motion_is_predicted_for_the_time_since_the_last_frame():
     ]:  # the first has no motion yet
         off = guess.inverse() @ at(before).inverse() @ at(stamp_s)
         assert np.abs(off.log()).max() < 1e-9, stamp_s
-    assert all(f.result.status is Status.OK for f in found)
+    assert all(f.result.status is OdometryStatus.OK for f in found)
     noting = Noting()  # after a gap of ten seconds, the motion of one
     list(
         track(
@@ -103,7 +103,7 @@ def test_repeated_frames_keep_the_pose_and_are_reported_and_the_motion_goes_on_a
         (k / 30, replace(view(j, ROOM, camera=BIG), stamp_s=k / 30)) for k, j in enumerate(stuck)
     ]
     found = list(track(odometer(name), BIG, frames))
-    reported = [k for k, f in enumerate(found) if f.result.status is not Status.OK]
+    reported = [k for k, f in enumerate(found) if f.result.status is not OdometryStatus.OK]
     assert reported == [4, 5, 6, 7]
     assert (
         all(f.result.reason.startswith("image: repeats") for f in found[4:7])
@@ -124,7 +124,7 @@ def test_repeated_frames_keep_the_pose_and_are_reported_and_the_motion_goes_on_a
     interrupted = list(
         track(odometer(name), BIG, [*frames[:7], (6.5 / 30, "no image"), *frames[7:]])
     )
-    assert [k for k, f in enumerate(interrupted) if f.result.status is not Status.OK] == [
+    assert [k for k, f in enumerate(interrupted) if f.result.status is not OdometryStatus.OK] == [
         4,
         5,
         6,

@@ -6,7 +6,7 @@ from iclnuim.geometry import so3
 from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
-from iclnuim.benchmark.odometry.protocol import OdometryResult, Status, failure  # noqa: E402
+from iclnuim.benchmark.odometry.protocol import OdometryResult, OdometryStatus, failure  # noqa: E402
 from odometry_scenes import reasons_of_tracked  # noqa: E402
 
 
@@ -16,7 +16,7 @@ def test_the_frame_after_an_outlier_is_reported_as_the_motion_between_them_is_wr
             T = SE3(np.eye(3), [places_m[other] - places_m[one], 0, 0])
             return OdometryResult(
                 T,
-                Status.DEGENERATE if other in bad else Status.OK,
+                OdometryStatus.DEGENERATE if other in bad else OdometryStatus.OK,
                 reason="test" if other in bad else "",
             )
 
@@ -55,7 +55,7 @@ def test_an_outlier_after_a_new_reference_at_an_assumed_pose_is_noticed_too():
             T = SE3(np.eye(3), [places_m[other] - places_m[one], 0, 0])
             return OdometryResult(
                 T,
-                Status.DEGENERATE if other == 7 else Status.OK,
+                OdometryStatus.DEGENERATE if other == 7 else OdometryStatus.OK,
                 reason="test: uncertain" if other == 7 else "",
             )
 
@@ -112,7 +112,7 @@ def test_an_outlier_may_be_one_of_rotation(off_deg, is_outlier):
     def result_of(one, other):
         angles_deg = [0, 0, off_deg, 0, 0]
         axis = np.array([0, 0, np.radians(angles_deg[other] - angles_deg[one])])
-        status = Status.DEGENERATE if other == 2 else Status.OK
+        status = OdometryStatus.DEGENERATE if other == 2 else OdometryStatus.OK
         return OdometryResult(SE3(so3.exp(axis), np.zeros(3)), status)
 
     reasons = reasons_of_tracked(5, result_of)

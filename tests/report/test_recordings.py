@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from iclnuim.benchmark.fusion.recording import record_surface
 from iclnuim.benchmark.fusion.surface_error import SurfaceError
-from iclnuim.benchmark.odometry.protocol import OdometryResult, Status, failure
+from iclnuim.benchmark.odometry.protocol import OdometryResult, OdometryStatus, failure
 from iclnuim.benchmark.odometry.recording import record_runs
 from iclnuim.benchmark.odometry.run import OdometryRun
 from iclnuim.benchmark.odometry.track import Tracked
@@ -147,7 +147,9 @@ def test_a_run_is_read_back_with_errors_residuals_and_flags(sequence, tmp_path):
     off = SE3.exp([0.3, -0.2, 0.1, 0.2, 0.4, -0.1])
     results = [OdometryResult(SE3.identity(), residual=k / 10, inliers=0.9) for k in range(8)]
     results[3] = failure("image: no contrast")
-    results[5] = OdometryResult(SE3.identity(), Status.DEGENERATE, converged=False, residual=0.5)
+    results[5] = OdometryResult(
+        SE3.identity(), OdometryStatus.DEGENERATE, converged=False, residual=0.5
+    )
     frames = [
         Tracked(float(t), off @ TRUTH.T_world_camera[k], results[k])
         for k, t in enumerate(TRUTH.stamps_s)

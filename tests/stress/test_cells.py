@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 from iclnuim.benchmark.experiments.outcome import Poses, diagnostics, outcome, track_all
-from iclnuim.benchmark.odometry.protocol import OdometryResult, Status
+from iclnuim.benchmark.odometry.protocol import OdometryResult, OdometryStatus
 from iclnuim.benchmark.odometry.registry import odometer
 from iclnuim.benchmark.odometry.track import Tracked
 from iclnuim.benchmark.perturbations.plan import Bounds
@@ -141,7 +141,7 @@ def test_under_constrained_frames_are_the_cause_from_a_tenth_on(truth):
     def cause(count):
         made = []
         for k, stamp_s in enumerate(truth.stamps_s):
-            status = Status.DEGENERATE if 0 < k <= count else Status.OK
+            status = OdometryStatus.DEGENERATE if 0 < k <= count else OdometryStatus.OK
             made.append(
                 Tracked(stamp_s, SE3.identity(), OdometryResult(SE3.identity(), status=status))
             )
@@ -177,10 +177,10 @@ def test_the_cause_is_what_the_diagnostics_say(truth):
     assert told(clean, inliers=0.85, residual=1.1) == ""
     assert told(clean, inliers=0.45, residual=1.1) == "inliers 45% instead of 90%"
     assert told(clean, inliers=0.85, residual=3.0) == "residual 3.0 times as large"
-    assert told(clean, status=Status.DEGENERATE) == "100% under-constrained"
-    assert told(status=Status.FAILED, reason="depth: only 1.2% of the pixels have any").startswith(
-        "100% lost: depth:"
-    )
+    assert told(clean, status=OdometryStatus.DEGENERATE) == "100% under-constrained"
+    assert told(
+        status=OdometryStatus.FAILED, reason="depth: only 1.2% of the pixels have any"
+    ).startswith("100% lost: depth:")
 
 
 def test_a_fitness_that_is_too_small_is_a_flag_of_open3d_and_not_of_ours(truth):

@@ -132,7 +132,7 @@ def label_errors(
     folder = Path(folder)
     truth = Path(truth)
     frames = label_frames(truth)
-    comparison = _Comparison(truth, classes)
+    comparison = _LabelSums(truth, classes)
     images = _predictions(folder, truth, CLASS, frames[0].classes).of_frames(frames)
     instances = _instances(folder, truth, frames)
     on_frame = advance_of(progress, len(frames), "evaluate")
@@ -147,7 +147,7 @@ def label_errors(
     return comparison.result(tuple(names))
 
 
-class _Comparison:
+class _LabelSums:
     """What is summed over the frames."""
 
     def __init__(self, truth: Path, classes: str) -> None:

@@ -14,8 +14,8 @@ from ..errors import InputError, within
 from ..formats.bags import Bag, frame_of, image_topics, stamp_ns
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory, sample
+from .number_table import NumberTable
 from .source import Source
-from .tables import NumberTable
 
 _PATH = "nav_msgs/msg/Path"
 _TRANSFORM = "geometry_msgs/msg/TransformStamped"

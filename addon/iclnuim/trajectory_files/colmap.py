@@ -18,9 +18,9 @@ import numpy as np
 from ..errors import InputError, StrPath
 from ..formats.files import data_lines, is_number, read_bytes, read_text
 from ..geometry.trajectory import stamps_of_frames
+from .number_table import NumberTable
 from .source import Source
 from .stamps import ticks_unless_frames
-from .tables import NumberTable
 
 
 class BinaryFile:
@@ -66,7 +66,7 @@ _STAMP = re.compile(r"(\d+(?:\.\d+)?)(?:\.[A-Za-z]\w*)?$", re.ASCII)
 
 
 @dataclass(frozen=True)
-class _Images:
+class _NamedImages:
     """The images of a file in the order of time: their names, cameras, line numbers, and values
     (n, 8) as returned by `rows`.
     """
@@ -133,7 +133,7 @@ def _text_of_binary(path: Path) -> str:
     return "".join(lines)
 
 
-def _read(source: Source) -> _Images:
+def _read(source: Source) -> _NamedImages:
     lines = [(number, line) for number, line in data_lines(source.text) if names_an_image(line)]
     if not lines:
         raise InputError(EXPECTED, path=source.path, found="no such line")
@@ -153,7 +153,7 @@ def _read(source: Source) -> _Images:
     values, numbers, names, cameras = zip(*found, strict=True)
     table = np.array(values)
     ticks = ticks_unless_frames(table[:, 0]) if whole else 1.0
-    return _Images(list(names), list(cameras), list(numbers), table, ticks)
+    return _NamedImages(list(names), list(cameras), list(numbers), table, ticks)
 
 
 class Model(NamedTuple):

@@ -13,11 +13,11 @@ from ..geometry.trajectory import Trajectory
 from . import bag_poses, colmap, icl_nuim, matrices, named_rows, number_rows
 from .icl_nuim import ANCHORED_WORLD
 from .number_rows import NumberRows
+from .number_table import MATRIX, SCALAR_FIRST, SCALAR_LAST, NumberTable, PoseColumns
 from .reader import TrajectoryReader
 from .sniffing import is_freiburg
 from .source import OUR_WORLD, OWN_WORLD, Source
 from .stamps import Stamps
-from .tables import MATRIX, SCALAR_FIRST, SCALAR_LAST, NumberTable, PoseColumns
 from .writer import TrajectoryWriter
 
 #: Rooms are a few metres wide: a POV-world trajectory that is this far from the origin was probably

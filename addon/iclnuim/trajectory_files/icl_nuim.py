@@ -21,9 +21,9 @@ from ..formats.files import data_lines, read_text
 from ..formats.image_names import files_in
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
+from .number_table import NumberTable, read_table
 from .source import FileOptions, Source
 from .stamps import frame_numbers
-from .tables import NumberTable, read_table
 
 FOLDER = "a folder of POV-Ray camera files (scene_00_0000.txt and so on)"
 COMMAND = "a POV-Ray command with Declare=val00= to Declare=val32="

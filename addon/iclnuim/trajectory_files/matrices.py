@@ -13,9 +13,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..formats.files import data_lines, is_number, read_json, read_text
+from .number_table import NumberTable
 from .source import Source
 from .stamps import ticks_unless_frames
-from .tables import NumberTable
 
 _MATRIX = "a 4 x 4 matrix"
 #: Key of transforms.json: units of length of its poses per metre.

@@ -8,9 +8,9 @@ from ..errors import InputError
 from ..formats.files import is_number
 from ..geometry.so3 import QUAT_NORM_TOLERANCE
 from .column_names import NamedColumns, columns_of, is_known
+from .number_table import MATRIX, SCALAR_FIRST, SCALAR_LAST, NumberTable, PoseColumns, read_table
 from .source import Source
 from .stamps import plausible, stamp_ticks
-from .tables import MATRIX, SCALAR_FIRST, SCALAR_LAST, NumberTable, PoseColumns, read_table
 
 _EXPECTED = "a header that names each of x, y, z and, but for positions alone, qx, qy, qz, qw once"
 _SHOWN = 6

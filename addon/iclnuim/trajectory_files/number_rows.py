@@ -8,9 +8,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..formats.files import data_lines
+from .number_table import NumberTable, PoseColumns, read_table
 from .source import Source
 from .stamps import Stamps, stamp_ticks, ticks_unless_frames
-from .tables import NumberTable, PoseColumns, read_table
 
 #: Start of the line of names in VSLAM-LAB's files, in lower case.
 VSLAM_LAB_STAMP = "ts (ns),"

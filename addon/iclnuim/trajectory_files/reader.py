@@ -12,9 +12,9 @@ from ..geometry import so3
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from .number_rows import NumberRows
+from .number_table import NumberTable, PoseColumns
 from .source import OWN_WORLD, FileOptions, LoadedTrajectory, ReadAs, Source
 from .stamps import seconds_of
-from .tables import NumberTable, PoseColumns
 
 #: Positions further from the first one (a thousand kilometres) are rejected as damaged.
 LARGEST_POSITION_M = 1e6

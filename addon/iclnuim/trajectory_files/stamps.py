@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.trajectory import STAMP_DIGITS, frames_of_stamps, stamps_of_frames
-from .tables import NumberTable
+from .number_table import NumberTable
 
 #: Larger stamps (three thousand years) and frame numbers are rejected as damaged.
 LARGEST_STAMP_S = 1e11

@@ -8,10 +8,10 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
+from .number_table import PoseColumns
 from .reader import LARGEST_POSITION_M
 from .source import FileOptions
 from .stamps import LARGEST_STAMP_S, Stamps
-from .tables import PoseColumns
 
 #: Names and symbols of units in metres, for headers.
 _UNITS = {1.0: ("metres", "m"), 0.01: ("centimetres", "cm"), 0.001: ("millimetres", "mm")}

@@ -12,7 +12,7 @@ from .. import kernels
 from ..certainty import MAX_ROUGHNESS, disagreement, with_bias
 from ..levels import Level
 from ..normal_equations import NormalEquations, small_twist
-from ..protocol import WRONG_M, OdometryResult, Status
+from ..protocol import WRONG_M, OdometryResult, OdometryStatus
 from ..solver import MAX_SIGMA_M
 from .free_depth import invertible
 
@@ -96,7 +96,7 @@ class DepthTerm:
         The result is DEGENERATE if depth disagrees by more than MAX_DISAGREEMENT_M, or the standard
         deviation is above MAX_SIGMA_M.
         """
-        if result.status is Status.FAILED or not self.evaluations:
+        if result.status is OdometryStatus.FAILED or not self.evaluations:
             return result
         T = result.T_reference_camera
         self.linearise(SE3.exp(_depth_only_twist(self.at(T))) @ T)
@@ -106,7 +106,7 @@ class DepthTerm:
         information = result.information / ratio
         checked = replace(result, information=information, largest_sigma_m=sigma_m)
         if sigma_m > MAX_SIGMA_M:
-            checked = replace(checked, status=Status.DEGENERATE)
+            checked = replace(checked, status=OdometryStatus.DEGENERATE)
         twist, _ = replace(geometry, A=geometry.A + information).step(np.zeros(6))
         disagreement_m = geometry.length_of(twist)
         if disagreement_m <= MAX_DISAGREEMENT_M:
@@ -114,7 +114,7 @@ class DepthTerm:
         return replace(
             checked,
             T_reference_camera=SE3.exp(twist) @ T,
-            status=Status.DEGENERATE,
+            status=OdometryStatus.DEGENERATE,
             reason=f"depth: disagrees with the motion by {disagreement_m * 1e3:.0f} mm",
         )
 

@@ -25,7 +25,7 @@ from iclnuim.geometry.se3 import SE3
 from .. import certainty, kernels
 from ..levels import Pair
 from ..normal_equations import SYMMETRIC, NormalEquations, small_twist
-from ..protocol import OdometryResult, Status
+from ..protocol import OdometryResult, OdometryStatus
 from ..solver import Limits, Stop
 from .depth import DepthTerm
 from .free_depth import FIRM, LOOSE, inlier_weights, scale_ambiguity
@@ -216,13 +216,13 @@ class TiledTerm(PhotometricTerm):
         """The result; DEGENERATE if depth contradicts the greater part of the image
         (MIN_INLIER_SHARE) at the last call.
         """
-        if result.status is not Status.OK:
+        if result.status is not OdometryStatus.OK:
             return result
         share = self.tiles.inlier_share()
         if share >= MIN_INLIER_SHARE:
             return result
         reason = f"depth: contradicts {1 - share:.0%} of the image"
-        return replace(result, status=Status.DEGENERATE, reason=reason)
+        return replace(result, status=OdometryStatus.DEGENERATE, reason=reason)
 
 
 class FirmTerm:

@@ -45,7 +45,7 @@ _A_MINUS_B = tuple(np.polynomial.polynomial.polysub(_A, _B).tolist())
 
 
 @dataclass(frozen=True, eq=False)
-class Baked:
+class BakedLight:
     """How baked light is shown: by `image` through the UV map FRONT_UV and, if two_sided, BACK_UV.
 
     gathering: the light that falls on other surfaces, instead of the view of a camera. glow:
@@ -61,7 +61,7 @@ class Baked:
     limit: float | None = None
 
 
-def baked_copy(material: Material | None, baked: Baked) -> Material:
+def baked_copy(material: Material | None, baked: BakedLight) -> Material:
     """A copy of the material that shows baked light. The original is not changed."""
     name = f"{material.name if material else 'no material'} (baked)"
     if material is not None and materials.tree_of(material) is not None:
@@ -78,7 +78,7 @@ def baked_copy(material: Material | None, baked: Baked) -> Material:
     return copy
 
 
-def _bake_tree(tree: NodeTree, baked: Baked) -> None:
+def _bake_tree(tree: NodeTree, baked: BakedLight) -> None:
     bake: Callable[[NodeTree, Node, NodeSocket, float | None], None] = _bake_principled
     is_lit = materials.has_diffuse
     if baked.gathering:
@@ -124,7 +124,7 @@ def _shine(tree: NodeTree, colour: NodeSocket, share: Source, limit: float | Non
     return add_node(tree, "Emission", colour, share)
 
 
-def _light_sockets(tree: NodeTree, baked: Baked) -> tuple[NodeSocket, NodeSocket]:
+def _light_sockets(tree: NodeTree, baked: BakedLight) -> tuple[NodeSocket, NodeSocket]:
     """Sockets of the light on the side that is seen, and on the other side.
 
     Each reads the map once: the position is chosen, not the colour.

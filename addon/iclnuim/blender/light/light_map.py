@@ -1,4 +1,4 @@
-"""Baked light: find or bake the light map of the open scene, and show the scene lit by it.
+"""BakedLight light: find or bake the light map of the open scene, and show the scene lit by it.
 
 The map contains irradiance, direct and indirect, without surface colour. Direct light is sampled
 lamp by lamp. Indirect light is gathered: rays end at the first surface and read the light there
@@ -115,7 +115,7 @@ def _beforehand(job: RenderJob) -> str:
 
 def apply(folder: Path, limit: float | None = None) -> LitScene:
     """Show the open scene lit by the light map in `folder`, in memory; the result can be reverted.
-    limit: as in baked_material.Baked.
+    limit: as in baked_material.BakedLight.
     """
     with surfaces.as_rendered(bpy.context.scene) as depsgraph:
         image = bpy.data.images.load(str(folder / MAP), check_existing=False)

@@ -43,7 +43,7 @@ _GLOW = 1e4
 
 
 @dataclass(frozen=True)
-class _Pass:
+class _BakePass:
     """Lamps, whether the world emits light, samples of each half, whether each lamp gets the same
     number of samples, and the seed.
     """
@@ -72,11 +72,11 @@ def direct(
     lamps, portals = _sources()
     each_half = max(1, samples // 2)
     if together and lamps:
-        passes = [_Pass(lamps, False, each_half)]
+        passes = [_BakePass(lamps, False, each_half)]
     else:
         passes = _lamp_passes(lamps, samples // 2)
     if sky and gives_light(bpy.context.scene.world):
-        passes.append(_Pass(portals, True, each_half))
+        passes.append(_BakePass(portals, True, each_half))
     passes = [replace(one, seed=seed + 100 * number) for number, one in enumerate(passes)]
     with without_glow(materials):
         return _sampled(points_m, normals, passes)
@@ -91,14 +91,14 @@ def gathered(
     With `sky`, also that of the sky, for which the same rays are used.
     """
     each_half = max(1, samples // 2)
-    one = _Pass([], False, each_half, seed)
+    one = _BakePass([], False, each_half, seed)
     if sky and gives_light(bpy.context.scene.world):
         _, portals = _sources()
-        one = _Pass(portals, True, each_half, seed)
+        one = _BakePass(portals, True, each_half, seed)
     return _sampled(points_m, normals, [one])
 
 
-def _sampled(points_m: np.ndarray, normals: np.ndarray, passes: list[_Pass]) -> np.ndarray:
+def _sampled(points_m: np.ndarray, normals: np.ndarray, passes: list[_BakePass]) -> np.ndarray:
     """(2, n, 3) the sum of the passes, by two halves of the samples.
 
     Both are baked at once, as different points in the same place.
@@ -123,7 +123,7 @@ def _sources() -> tuple[list[Object], list[Object]]:
     return [lamp for lamp in shining if lamp not in portals], portals
 
 
-def _lamp_passes(lamps: list[Object], samples: int) -> list[_Pass]:
+def _lamp_passes(lamps: list[Object], samples: int) -> list[_BakePass]:
     """The passes for all lamps, without seeds. samples: those of each half for a large lamp, if
     there are few.
     """
@@ -142,9 +142,9 @@ def _lamp_passes(lamps: list[Object], samples: int) -> list[_Pass]:
     passes = []
     for each, group in sharing.items():
         for some in _powers_of_two(group):
-            passes.append(_Pass(some, False, each * len(some), evenly=True))
-    passes += [_Pass([lamp], False, for_large) for lamp in large]
-    passes += [_Pass(crowd, False, for_large) for crowd in crowds]
+            passes.append(_BakePass(some, False, each * len(some), evenly=True))
+    passes += [_BakePass([lamp], False, for_large) for lamp in large]
+    passes += [_BakePass(crowd, False, for_large) for crowd in crowds]
     return passes
 
 

@@ -12,7 +12,7 @@ from ...errors import WorkError
 from ...lightmap.surfaces import BACK, FRONT
 from .. import surfaces
 from ..surfaces import Part, array_of, material_of_face
-from .baked_material import BACK_UV, FRONT_UV, Baked, baked_copy
+from .baked_material import BACK_UV, FRONT_UV, BakedLight, baked_copy
 
 _OBJECT_SETTINGS = (
     "pass_index",
@@ -31,7 +31,7 @@ _SHADOW_SETTINGS = ("shadow_terminator_offset", "shadow_terminator_geometry_offs
 
 
 #: The copies made so far, by the original.
-Copies = dict[tuple[Material | None, Baked], Material]
+Copies = dict[tuple[Material | None, BakedLight], Material]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def show(
     limit: float | None = None,
 ) -> LitScene:
     """Show the parts lit by `image`, to a camera or for gathering light from them; glow, limit: as
-    in baked_material.Baked. The parts' meshes are used, not copied.
+    in baked_material.BakedLight. The parts' meshes are used, not copied.
 
     Raises WorkError if the layout is for another scene.
     """
@@ -91,8 +91,8 @@ def show(
         others = f"{len(found)} parts with other meshes"
         raise WorkError(f"light map: expected {expected}, found {others}")
     lit = LitScene()
-    one_sided = Baked(image, False, gathering, glow, limit)
-    both_sided = Baked(image, True, gathering, glow, limit)
+    one_sided = BakedLight(image, False, gathering, glow, limit)
+    both_sided = BakedLight(image, True, gathering, glow, limit)
     copies: Copies = {}
     start = 0
     for part, count in zip(found, corners, strict=True):
@@ -111,7 +111,7 @@ def show(
     return lit
 
 
-def _bake_materials(part: Part, has: np.ndarray, baked: Baked, copies: Copies) -> None:
+def _bake_materials(part: Part, has: np.ndarray, baked: BakedLight, copies: Copies) -> None:
     """Replace the materials of faces that have a side in the map; has: of each corner."""
     sizes = array_of(part.mesh.polygons, "loop_total", 1, np.int32)
     for slot in set(np.unique(np.repeat(material_of_face(part), sizes)[has])):

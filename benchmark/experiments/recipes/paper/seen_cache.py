@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from iclnuim.benchmark.fusion.quality import Seen, SeenBy, what_was_seen
+from iclnuim.benchmark.fusion.quality import SeenBy, SeenSurface, what_was_seen
 from iclnuim.benchmark.fusion.settings import QualitySettings
 from iclnuim.benchmark.fusion.surface_error import TrueSurface
 from iclnuim.errors import WorkError
@@ -22,7 +22,7 @@ _VERSION = 2
 
 def cached_seen(
     folder: Path, model: str, surface: TrueSurface, seen_by: SeenBy, settings: QualitySettings
-) -> Seen:
+) -> SeenSurface:
     """The result of what_was_seen(), read from the file in `folder` for this model (its name
     contains its hash), camera, poses and settings.
 
@@ -48,16 +48,16 @@ def cached_seen(
         return what_was_seen(surface, seen_by, settings)
 
 
-def _read(path: Path, views: SeenBy) -> Seen | None:
+def _read(path: Path, views: SeenBy) -> SeenSurface | None:
     """The stored result; None if the file is missing or incomplete."""
     try:
         with np.load(path) as file:
-            return Seen(file["points_m"], float(file["area_m2"]), views, file["depth_z_m"])
+            return SeenSurface(file["points_m"], float(file["area_m2"]), views, file["depth_z_m"])
     except (OSError, ValueError, KeyError, zipfile.BadZipFile):
         return None
 
 
-def _write(path: Path, seen: Seen) -> None:
+def _write(path: Path, seen: SeenSurface) -> None:
     content: dict[str, np.ndarray] = {
         "points_m": seen.points_m,
         "area_m2": np.array(seen.area_m2),
