@@ -97,6 +97,17 @@ def test_colour_is_the_mean_of_what_was_seen(camera, plane_depth):
     assert np.abs(colour - [30, 100, 200]).max() < 0.1
 
 
+def test_the_rounding_of_many_colours_has_no_bias(camera, plane_depth):
+    """Each rounding is off by at most half of 1/256, evenly: 200 of them by 0.01 together."""
+    volume, depth = Volume(SMALL["best"]), plane_depth((0, 0, -1), (0, 0, 1.5))
+    values = np.random.default_rng(1).integers(0, 256, (200, 3))
+    for value in values:
+        image = np.broadcast_to(value.astype(np.uint8), (120, 160, 3)).copy()
+        volume.integrate(depth, camera, SE3.identity(), image)
+    colour = volume.raycast(camera, SE3.identity()).colour[30:90, 40:120]
+    assert np.abs(colour - values.mean(axis=0)).max() < 0.05
+
+
 def test_the_number_of_threads_changes_nothing(camera, sphere_depth, looking_at):
     import numba
 

@@ -157,6 +157,18 @@ def test_redwood_rounds_disparity_to_eighths_snaps_to_even_pixels_and_ends_at_10
         assert (noisy > 0).all() == seen and (noisy > 0).any() == seen
 
 
+@pytest.mark.parametrize("steps", [1.0, 8.0])
+def test_redwoods_rounding_of_disparity_has_no_bias(camera, steps):
+    """Errors of rounding to the nearest level are even over one level, so their mean is nothing."""
+    disparity = np.random.default_rng(4).uniform(10, 50, (240, 320))
+    quiet = RedwoodDepthNoise(sigma_s_px=0, snap_px=1, sigma_d=0, steps=steps)
+    depth = (35.130 / disparity).astype(np.float32)
+    rounded = 35.130 / quiet.apply(depth, camera, frame_generator(1, 1, 0)).astype(float)
+    error = (rounded - 35.130 / depth) * steps
+    assert np.abs(error).max() < 0.501
+    assert abs(error.mean()) < 5 / np.sqrt(12 * error.size)
+
+
 @pytest.mark.parametrize("angle_deg", [0, 25, 60, 80])
 @pytest.mark.parametrize("normals", [surface_normals, partial(surface_normals, backward=True)])
 def test_normals_of_planes_are_exact(camera, plane, normals, angle_deg):

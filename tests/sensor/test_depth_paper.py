@@ -5,7 +5,7 @@ nothing bleeds.
 import numpy as np
 import pytest
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.sensor.depth import PaperDepthNoise
+from iclnuim.sensor.depth import PaperDepthNoise, _projected
 from iclnuim.sensor.noise_model import frame_generator, gaussian
 
 STEPS_CM = 35130.0
@@ -166,6 +166,28 @@ def test_pixels_go_missing_as_often_as_no_vertex_lands_on_them(plane, sigma_px):
     lands = [norm.cdf((k + 0.5) / sigma_px) - norm.cdf((k - 0.5) / sigma_px) for k in range(-6, 7)]
     expected = np.prod([1 - p for p in lands])
     assert (noisy[:, 10:-10] == 0).mean() == pytest.approx(expected, rel=0.06)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_vertices_land_on_one_pixel_the_nearest_is_seen(seed):
+    """Whether it moved there or stayed: by a loop over all vertices, with a dictionary."""
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(1, 2, (30, 40)).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.2] = 0
+    shift_u, shift_v = rng.normal(0, 1.5, (2, *depth.shape)).astype(np.float32)
+    nearest = {}
+    for (row, column), z in np.ndenumerate(depth):
+        place = (
+            row + round(float(shift_v[row, column])),
+            column + round(float(shift_u[row, column])),
+        )
+        if z > 0:
+            nearest[place] = min(nearest.get(place, np.inf), z)
+    expected = np.zeros_like(depth)
+    for (row, column), z in nearest.items():
+        if 0 <= row < 30 and 0 <= column < 40:
+            expected[row, column] = z
+    np.testing.assert_array_equal(_projected(depth, shift_u, shift_v), expected)
 
 
 def test_oblique_surfaces_go_missing_and_facing_ones_do_not(plane):

@@ -79,9 +79,8 @@ class PaperDepthNoise(NoiseModel):
     ) -> np.ndarray:
         """(h, w) planar depth in metres, 0 = missing -> the same with noise, float32."""
         depth_true_m = images.as_depth(depth_z_m)
-        u, v = shifted_grid(
-            depth_true_m, np.float32(self.sigma_s_px), rng
-        )  # Z(x + n_x, y + n_y) of equation 3
+        # Z(x + n_x, y + n_y) of equation 3
+        u, v = shifted_grid(depth_true_m, np.float32(self.sigma_s_px), rng)
         depth_z_m = images.sample_within_surface(depth_true_m, u, v, self.edge_share)
         depth_z_m = quantised(depth_z_m, self.disparity_cm, self.sigma_d, rng)
         if not self.lateral:
@@ -118,10 +117,10 @@ class PaperDepthNoise(NoiseModel):
         for rows in images.bands(len(depth_z_m)):
             z = depth_z_m[rows]
             n = normals[rows]
+            ray_length = np.sqrt(1 + x * x + y[rows] * y[rows])
             step_m = self.sigma_theta(n.angle_rad(), z) * noise[rows]
-            step_m = (
-                step_m * np.sqrt(1 + x * x + y[rows] * y[rows]) / n.secant
-            )  # divided by |N|: N is not a unit vector
+            # along N, which is not a unit vector: |N| = secant / ray_length
+            step_m = step_m * ray_length / n.secant
             with np.errstate(invalid="ignore", divide="ignore"):
                 moved = z + step_m * n.z
                 shift_u[rows] = np.float32(camera.fx) * step_m * (n.x - x * n.z) / moved
@@ -167,11 +166,11 @@ class ReleasedDepthNoise(NoiseModel):
         depth_z_m = depth_z_m * (normals.secant <= 1 / np.cos(np.radians(self.missing_angle_deg)))
         u, v = shifted_grid(depth_z_m, np.float32(self.sigma_s_px), rng, self.offset_px)
         depth_z_m = images.sample_with_zeros(depth_z_m, u, v)
-        depth_z_m = np.rint(depth_z_m / np.float32(self.input_step_m)) * np.float32(
-            self.input_step_m
-        )
+        input_step_m = np.float32(self.input_step_m)
+        depth_z_m = np.rint(depth_z_m / input_step_m) * input_step_m
         depth_z_m = quantised(depth_z_m, self.disparity_cm, self.sigma_d, rng, self.disparity_bias)
-        return np.floor(depth_z_m / np.float32(self.output_step_m)) * np.float32(self.output_step_m)
+        output_step_m = np.float32(self.output_step_m)
+        return np.floor(depth_z_m / output_step_m) * output_step_m
 
 
 @dataclass(frozen=True)
@@ -224,17 +223,14 @@ class Kinect2012DepthNoise(NoiseModel):
         angle = images.surface_normals(depth_true_m, camera).angle_rad()
         seen = angle <= limit
         angle = np.minimum(angle, limit)
-        lateral_px = self.lateral_px + self.lateral_angle_px * angle / (
-            np.float32(np.pi / 2) - angle
-        )
+        from_grazing = np.float32(np.pi / 2) - angle
+        lateral_px = self.lateral_px + self.lateral_angle_px * angle / from_grazing
         u, v = shifted_grid(depth_true_m, lateral_px, rng)
         depth_z_m = images.sample_within_surface(depth_true_m, u, v, self.edge_share)
-        growth = angle / (np.float32(np.pi / 2) - angle)
-        axial_m = self.axial_m + self.axial_per_m * (depth_z_m - self.axial_nearest_m) ** 2
-        axial_m = (
-            axial_m
-            + self.axial_angle / np.sqrt(np.maximum(depth_z_m, np.float32(0.01))) * growth**2
-        )
+        growth = angle / from_grazing
+        root = np.sqrt(np.maximum(depth_z_m, np.float32(0.01)))
+        of_distance_m = self.axial_m + self.axial_per_m * (depth_z_m - self.axial_nearest_m) ** 2
+        axial_m = of_distance_m + self.axial_angle / root * growth**2
         noisy_m = depth_z_m + axial_m * gaussian(rng, depth_true_m.shape)
         return np.where(seen & (depth_z_m > 0) & (noisy_m > 0), noisy_m, np.float32(0))
 
@@ -283,10 +279,10 @@ class RedwoodDepthNoise(NoiseModel):
         depth_z_m[depth_z_m >= self.far_m] = 0
         disparity_m = np.float32(self.disparity_m)
         steps = np.float32(self.steps)
+        noise = np.float32(self.sigma_d) * gaussian(rng, depth_z_m.shape)
         with np.errstate(divide="ignore"):
-            disparity = disparity_m / depth_z_m + np.float32(self.sigma_d) * gaussian(
-                rng, depth_z_m.shape
-            )
+            disparity = disparity_m / depth_z_m + noise
+            # with the half, rounding down is rounding to the nearest level
             disparity = np.floor(disparity * steps + np.float32(0.5)) / steps
             noisy_m = disparity_m / disparity
         noisy_m[~((disparity > 0) & (disparity < np.inf))] = 0
@@ -336,6 +332,7 @@ def quantised(
     with np.errstate(divide="ignore"):
         steps = disparity_m / depth_z_m
         steps += np.float32(sigma_d) * gaussian(rng, depth_z_m.shape) + np.float32(bias)
+        # equation 3
         steps = np.floor(steps + np.float32(0.5))
         quantised_m = disparity_m / steps
     quantised_m[~((steps > 0) & (steps < np.inf))] = 0
@@ -352,15 +349,12 @@ def _projected(depth_z_m: np.ndarray, shift_u: np.ndarray, shift_v: np.ndarray) 
     result = depth_z_m.copy()
     result[leaving] = 0
     source = np.flatnonzero(leaving)
-    source = source[
-        np.argsort(-depth_z_m.ravel()[source], kind="stable")
-    ]  # the nearest last, so that it is kept
-    column = source % width + np.rint(np.clip(shift_u.ravel()[source], -width, width)).astype(
-        np.intp
-    )
-    row = source // width + np.rint(np.clip(shift_v.ravel()[source], -height, height)).astype(
-        np.intp
-    )
+    # the nearest last, so that it is kept where several arrive
+    source = source[np.argsort(-depth_z_m.ravel()[source], kind="stable")]
+    right = np.rint(np.clip(shift_u.ravel()[source], -width, width)).astype(np.intp)
+    down = np.rint(np.clip(shift_v.ravel()[source], -height, height)).astype(np.intp)
+    column = source % width + right
+    row = source // width + down
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     arrived = np.zeros_like(depth_z_m)
     arrived[row[inside], column[inside]] = depth_z_m.ravel()[source[inside]]

@@ -72,10 +72,9 @@ def sample_with_zeros(depth_z_m: np.ndarray, u: np.ndarray, v: np.ndarray) -> np
     framed[1:-2, 1:-2] = depth_z_m
     result = np.empty_like(depth_z_m)
     for rows in bands(height):
-        corners = _corners(
-            framed, np.clip(u[rows] + 1, 0, width + 1), np.clip(v[rows] + 1, 0, height + 1)
-        )
-        result[rows] = _blend(*corners)
+        framed_u = np.clip(u[rows] + 1, 0, width + 1)
+        framed_v = np.clip(v[rows] + 1, 0, height + 1)
+        result[rows] = _blend(*_corners(framed, framed_u, framed_v))
     return result
 
 
@@ -109,13 +108,11 @@ def _mean_of_nearest_surface(
     """
     nearest = np.take_along_axis(depth_z_m, np.argmax(weights, 0)[None], 0)
     limit = np.float32(1 + edge_share)
-    weights = weights * (
-        (depth_z_m > 0) & (depth_z_m <= nearest * limit) & (nearest <= depth_z_m * limit)
-    )
+    is_near = (depth_z_m <= nearest * limit) & (nearest <= depth_z_m * limit)
+    weights = weights * ((depth_z_m > 0) & is_near)
+    total = (weights * depth_z_m).sum(0)
     nothing = np.zeros(nearest.size, np.float32)
-    return np.divide(
-        (weights * depth_z_m).sum(0), weights.sum(0), out=nothing, where=nearest[0] > 0
-    )
+    return np.divide(total, weights.sum(0), out=nothing, where=nearest[0] > 0)
 
 
 @dataclass(frozen=True)

@@ -64,10 +64,10 @@ class PaperRgbNoise(NoiseModel):
         light = _exposed(light, self.exposure)
         image = np.empty(light.shape, np.uint8)
         for rows in bands(len(light)):
-            seen = np.fmax(light[rows].astype(np.float32), np.float32(0))  # NaN becomes 0
-            image[rows] = srgb8_in_place(
-                self.noisy_light(np.minimum(seen, _BRIGHTEST, out=seen), rng)
-            )
+            # NaN becomes 0
+            seen = np.fmax(light[rows].astype(np.float32), np.float32(0))
+            seen = np.minimum(seen, _BRIGHTEST, out=seen)
+            image[rows] = srgb8_in_place(self.noisy_light(seen, rng))
         return image
 
     def noisy_light(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -113,9 +113,8 @@ class ReleasedRgbNoise(NoiseModel):
         """(h, w, 3) scene-linear light, 1 = white -> (h, w, 3) uint8."""
         image = srgb8(_exposed(light, self.exposure))
         noisy = np.empty_like(image)
-        variance = (
-            np.outer(self.variance_per_value, np.arange(256)) + np.array(self.variance)[:, None]
-        )
+        growth = np.outer(self.variance_per_value, np.arange(256))
+        variance = growth + np.array(self.variance)[:, None]
         # (3, 256), for each value: rounding down adds the remaining variance of 1/12
         sigma = np.sqrt(np.maximum(variance - 1 / 12, 0)).astype(np.float32)
         for k in range(3):
