@@ -29,8 +29,7 @@ def opened_scene(
     frames: RunFrames | None = None,
 ) -> Iterator[list[str]]:
     """Open the scene `file` in Blender, for the frames of a run, with Blender's output suppressed;
-    yields the notes about the import. Raises WorkError, which names `what`, without
-    bpy.
+    yields the notes about the import. Raises WorkError, which names `what`, without bpy.
 
     From here on this process, unless Blender is already loaded in it, reads and writes only what
     the scene may read, the temporary folder, and what the command reads and writes besides.

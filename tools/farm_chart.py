@@ -1,6 +1,4 @@
-"""Charts of the farm: throughput by split, the model of many machines, and the damage
-after kills.
-"""
+"""Charts of the farm: throughput by split, the model of many machines, and the damage after kills."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING

@@ -46,9 +46,7 @@ class Model:
         return self.startup_s + self.frames_a_sequence * self.sequences / self.chunks * self.frame_s
 
     def seconds(self, nodes: int) -> float:
-        """Wall time: the rounds of chunks, or the time of the file system if that is
-        longer.
-        """
+        """Wall time: the rounds of chunks, or the time of the file system if that is longer."""
         rounds = ceil(self.chunks / (nodes * self.workers_a_node))
         return max(rounds * self.chunk_seconds, self._stored_s)
 

@@ -1,5 +1,5 @@
-"""Measures noise models: the time of sequences relative to that of their
-files alone, the time of each model alone, and its similarity to published noisy frames.
+"""Measures noise models: the time of sequences relative to that of their files alone, the time of
+each model alone, and its similarity to published noisy frames.
 
 Similarity is the overlap of two histograms of pixels. A bin of the histogram is given by the true
 depth or value of a pixel and by its error, or by the fact that the pixel is missing. The overlap is

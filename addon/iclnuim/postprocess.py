@@ -1,10 +1,13 @@
 """Noise, sequences and trajectory error for use from Python, inside or outside Blender: a thin
 layer over the library.
 
-from iclnuim import postprocess
-postprocess.make_sequence("out/living_room/kt2/raw", "noisy", depth_noise="released",
-rgb_noise="released", seed=1) postprocess.absolute_trajectory_error("noisy/groundtruth.txt",
-"estimate.txt").translation_m.rmse
+    from iclnuim import postprocess
+
+    postprocess.make_sequence(
+        "out/living_room/kt2/raw", "noisy", depth_noise="released", rgb_noise="released", seed=1
+    )
+    error = postprocess.absolute_trajectory_error("noisy/groundtruth.txt", "estimate.txt")
+    print(error.translation_m.rmse)
 """
 
 import os
@@ -63,9 +66,9 @@ def noisy_depth(
 
     model: a key of DEPTH_MODELS, a function(depth_z_m, camera, rng) or its `module:function`;
     settings: settings of the model, by name (docs/guide/sensor.md). camera: or its text; default is
-    the benchmark's camera, scaled to the image's width.
-    The noise depends only on seed and frame number. Raises InputError for an unknown model or
-    setting, for whole numbers, and for another shape or size than the camera's.
+    the benchmark's camera, scaled to the image's width. The noise depends only on seed and frame
+    number. Raises InputError for an unknown model or setting, for whole numbers, and for another
+    shape or size than the camera's.
     """
     depth_z_m = _floating(depth_z_m, *_METRES)
     if depth_z_m.ndim != 2:
@@ -208,8 +211,8 @@ def absolute_trajectory_error(
 
     By default, stamps within 20 ms are associated and the estimate is aligned by SE(3).
     `.translation_m.rmse` is the value that papers report, `.warnings` what `iclnuim evaluate` warns
-    of. Raises InputError for a file that cannot
-    be read, if no stamps match, and if the poses do not determine the alignment.
+    of. Raises InputError for a file that cannot be read, if no stamps match, and if the poses do
+    not determine the alignment.
     """
     found = _report(truth, estimate, settings or AbsoluteErrorSettings())
     assert isinstance(found, AbsoluteError)

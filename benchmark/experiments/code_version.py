@@ -35,8 +35,8 @@ Entry = str | Callable[..., object]
 
 def method_code(name: str) -> str | None:
     """What identifies the code of a method: for our odometers the hash of the odometer and of the
-    tracking; for third-party ones the version of their package; for systems None,
-    as their program is hashed.
+    tracking; for third-party ones the version of their package; for systems None, as their program
+    is hashed.
     """
     if name in ODOMETERS:
         entry = ODOMETERS[name]

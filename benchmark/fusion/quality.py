@@ -52,9 +52,8 @@ class SeenBy:
 @dataclass(frozen=True, eq=False)
 class SeenSurface:
     """The part of a model that views see; it does not depend on the reconstruction. points_m (n,
-    3): samples, uniform over the seen
-    area area_m2; the views; depth_z_m (k, h, w): depth of the model in each view, at a quarter of
-    the image size.
+    3): samples, uniform over the seen area area_m2; the views; depth_z_m (k, h, w): depth of the
+    model in each view, at a quarter of the image size.
     """
 
     points_m: np.ndarray
@@ -66,9 +65,8 @@ class SeenSurface:
 @dataclass(frozen=True, eq=False, repr=False)
 class SurfaceQuality(Shown):
     """reconstruction_m (n,): distance of each sample of the reconstruction to the model. model_m
-    (m,): distance of each sample of the
-    model (with a trajectory: each seen sample) to the reconstruction. seen_m2: seen area of the
-    model. depth_l1_m: None without a trajectory or faces.
+    (m,): distance of each sample of the model (with a trajectory: each seen sample) to the
+    reconstruction. seen_m2: seen area of the model. depth_l1_m: None without a trajectory or faces.
     """
 
     reconstruction_m: np.ndarray
@@ -242,8 +240,8 @@ def _depth_l1_m(
     seen: SeenSurface, points: np.ndarray, triangles: np.ndarray, far_m: float
 ) -> float | None:
     """Mean over the views of the mean |depth of the model - depth of the reconstruction| over
-    pixels where the model has depth; a hole in
-    the reconstruction has depth 0."""
+    pixels where the model has depth; a hole in the reconstruction has depth 0.
+    """
     camera = seen.views.camera.halved().halved()
     T = seen.views.T_world_camera
     samples_m = np.full(seen.depth_z_m.shape, np.inf, np.float32)

@@ -18,9 +18,9 @@ def record_surface(
     max_mm: float,
 ) -> None:
     """Record points (n, 3) in the model's world, in metres, and triangles (m, 3), m = 0 for a
-    cloud, coloured by distance to the model from
-    0 to max_mm; the distances in millimetres; and their histogram, whose last bar contains all
-    larger ones. `of`: the file of the surface. Raises WorkError without rerun-sdk.
+    cloud, coloured by distance to the model from 0 to max_mm; the distances in millimetres; and
+    their histogram, whose last bar contains all larger ones. `of`: the file of the surface. Raises
+    WorkError without rerun-sdk.
     """
     from matplotlib import colormaps
 

@@ -26,9 +26,8 @@ NAMES = ("default", *REFERENCES, "model")
 @dataclass(frozen=True)
 class ModelSettings:
     """every: number of frames from one fusion and raycast to the next; in between the view and its
-    pose do not change. The view is
-    used for up to max_age frames while the standard deviation of the motion is at most max_sigma_m,
-    and the camera has rotated by less than max_deg since.
+    pose do not change. The view is used for up to max_age frames while the standard deviation of
+    the motion is at most max_sigma_m, and the camera has rotated by less than max_deg since.
     """
 
     volume: VolumeSettings

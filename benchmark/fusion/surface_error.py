@@ -90,9 +90,8 @@ class TrueSurface(TriangleDistance):
         model_unit_m: float = 1.0,
     ) -> SurfaceError:
         """Error of a reconstruction's vertices (n, 3) in metres, with warnings if its unit,
-        handedness or world frame seems to be wrong.
-        `unit_m`, `model_unit_m`: the units from which they and the model were converted to metres,
-        for these warnings.
+        handedness or world frame seems to be wrong. `unit_m`, `model_unit_m`: the units from which
+        they and the model were converted to metres, for these warnings.
 
         Raises InputError for another shape, if there are no vertices, or if some are NaN, infinite
         or too far away.

@@ -79,8 +79,9 @@ class Frame(Brief):
 
     def flat(self) -> bool:
         """Whether all depth has one value to within FLAT_M, in every second row and column. Such
-        depth is not measured, or is of a wall
-        exactly parallel to the image, so motion along the wall is unobservable."""
+        depth is not measured, or is of a wall exactly parallel to the image, so motion along the
+        wall is unobservable.
+        """
         some = self.depth_z_m[::2, ::2]
         nearest = some.min(initial=np.inf, where=some > 0)
         return bool(some.max() - nearest < FLAT_M)
@@ -88,9 +89,9 @@ class Frame(Brief):
 
 class OdometryStatus(Enum):
     """OK and DEGENERATE have a pose. DEGENERATE: the motion is under-constrained in some direction,
-    depth disagrees with it, all depth has
-    one value, the frame repeats the one before, the pose before it was a DEGENERATE outlier, or the
-    alignment did not converge after an uncertain pose. FAILED has no pose: the frame is lost.
+    depth disagrees with it, all depth has one value, the frame repeats the one before, the pose
+    before it was a DEGENERATE outlier, or the alignment did not converge after an uncertain pose.
+    FAILED has no pose: the frame is lost.
     """
 
     OK = "ok"

@@ -1,6 +1,6 @@
 """Runs of odometers for the Rerun viewer: ground truth and estimates, errors, residuals,
-uncertainty, and flags of lost, degenerate and
-not converged frames."""
+uncertainty, and flags of lost, degenerate and not converged frames.
+"""
 
 from collections.abc import Sequence
 
@@ -24,9 +24,9 @@ def record_runs(
     path: StrPath, folder: StrPath, runs: Sequence[OdometryRun], camera: PinholeCamera
 ) -> None:
     """Record runs of a sequence as world/METHOD, error_m/METHOD, residual/METHOD and so on.
-    flags/METHOD is a text log with a line for each
-    lost, degenerate or not converged frame. Estimates are aligned with the ground truth, if any, by
-    SE(3). Raises WorkError without rerun-sdk.
+    flags/METHOD is a text log with a line for each lost, degenerate or not converged frame.
+    Estimates are aligned with the ground truth, if any, by SE(3). Raises WorkError without
+    rerun-sdk.
     """
 
     def fill(recorder: Recorder) -> None:
@@ -77,8 +77,8 @@ def _flag(frame: Tracked) -> str:
 
 def _aligned(run: OdometryRun) -> tuple[SE3, dict[float, float]]:
     """T_truth_world, and errors in metres by the estimate's stamps. Without ground truth, or if the
-    alignment is undetermined, the identity
-    and no errors."""
+    alignment is undetermined, the identity and no errors.
+    """
     try:
         if run.truth is None or all(frame.lost for frame in run.frames):
             return SE3.identity(), {}

@@ -13,9 +13,9 @@ from .protocol import Odometer
 class OdometerEntry:
     """An odometer of ours: its class by module and name, and what tables say of it.
 
-    title: its name in tables. family: what it aligns. references: what the
-    benchmark aligns its frames against; the first is the paper's. in_paper: whether it is one of
-    the five odometers of the paper.
+    title: its name in tables. family: what it aligns. references: what the benchmark aligns its
+    frames against; the first is the paper's. in_paper: whether it is one of the five odometers of
+    the paper.
     """
 
     module: str

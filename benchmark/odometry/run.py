@@ -210,9 +210,9 @@ def run_odometers(
     """Run one or several odometers on a sequence (or its folder), or on its first `frames`.
 
     Each frame is read once and passed to one odometer after the other, so that all run under the
-    same machine load. progress: as of render_frames(). `against` returns
-    the reference that frames are aligned against, by default the one that each odometer declares.
-    Raises InputError for an object that is not an odometer.
+    same machine load. progress: as of render_frames(). `against` returns the reference that frames
+    are aligned against, by default the one that each odometer declares. Raises InputError for an
+    object that is not an odometer.
     """
     odometers = list(odometers) if isinstance(odometers, Iterable) else [odometers]
     for o in odometers:

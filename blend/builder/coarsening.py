@@ -42,8 +42,7 @@ def coarser(mesh: Mesh, within_m: float) -> Mesh:
 
 def _merged(mesh: Mesh, within_m: float) -> Mesh:
     """`mesh` with vertices merged that are connected by edges and within `within_m` of each other;
-    the new vertex is where the planes of the
-    remaining faces meet.
+    the new vertex is where the planes of the remaining faces meet.
 
     So a chamfered box becomes its bounding box, not a smaller box. Round shapes stay round: a group
     around a wire, or wider than twice `within_m`, is not merged, and neither are the two sides of a

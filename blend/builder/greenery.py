@@ -15,8 +15,7 @@ def blade(
     path: np.ndarray, width: float, cup: float, detail: float, roll_deg: float = 0.0, rows: int = 15
 ) -> Mesh:
     """A broad leaf along a midrib path (k,3): pointed, its halves lifted by `cup`, edges a little
-    wavy; texture v
-    runs along the rib.
+    wavy; texture v runs along the rib.
     """
     rib = smooth_profile(path, steps(rows, detail, 6))
     t = np.linspace(0, 1, len(rib))

@@ -65,8 +65,7 @@ def coffee_table(width: float, depth: float, top: float, detail: float) -> Mesh:
 
 def chair(detail: float) -> Mesh:
     """A wooden chair with a bent back rest and an upholstered seat; slots 0 wood, 1 fabric. Seat
-    centre above the
-    origin.
+    centre above the origin.
     """
     n = steps(12, detail, 6)
     wood = []
@@ -124,8 +123,7 @@ def chair(detail: float) -> Mesh:
 
 def sideboard(width: float, depth: float, height: float, detail: float) -> Mesh:
     """A low media cupboard: carcass, two doors, three drawers, knobs, tapered legs; slots 0 wood, 1
-    metal, 2 dark
-    inside.
+    metal, 2 dark inside.
     """
     low = 0.14
     t = 0.022

@@ -101,8 +101,7 @@ def daylight(
     colour: Place,
 ) -> bpy.types.Object:
     """A soft rectangle outside a window for the light of sky and street that the painted
-    surroundings do not emit;
-    invisible to the camera.
+    surroundings do not emit; invisible to the camera.
     """
     data = bpy.data.lights.new(name, "AREA")
     data.shape = "RECTANGLE"

@@ -1,6 +1,5 @@
 """Blender materials of the few kinds that light baking supports: diffuse under a Fresnel or
-constant gloss, pane,
-thin cloth, emission.
+constant gloss, pane, thin cloth, emission.
 """
 
 from __future__ import annotations
@@ -17,8 +16,7 @@ Colour: TypeAlias = tuple[float, float, float] | bpy.types.Image
 
 def image(name: str, rgb: np.ndarray, photo: bool = True) -> bpy.types.Image:
     """A packed image from sRGB bytes (rows, columns, 3), row 0 at the bottom; JPEG for photo-like
-    ones, PNG
-    otherwise.
+    ones, PNG otherwise.
     """
     h, w = rgb.shape[:2]
     pixels = np.ones((h, w, 4), np.float32)

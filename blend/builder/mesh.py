@@ -1,6 +1,5 @@
 """Meshes as plain numpy arrays, from which Blender objects are made. This module does not use bpy,
-so the bytes are the same for every
-Blender.
+so the bytes are the same for every Blender.
 """
 
 from __future__ import annotations
@@ -177,8 +176,7 @@ def facing(mesh: Mesh, z: float) -> Mesh:
 
 def grid(points: np.ndarray, uv: np.ndarray | None = None) -> Mesh:
     """A surface from points (m,n,3); normal = d/dcolumn x d/drow; uv (m,n,2), by default 0..1
-    across; seams and poles
-    are welded.
+    across; seams and poles are welded.
     """
     m, n = points.shape[:2]
     if uv is None:

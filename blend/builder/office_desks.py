@@ -15,8 +15,7 @@ from .solids import block
 
 def desk(width: float, depth: float, side_boards: bool = True) -> Mesh:
     """Laminate top on a steel frame, wooden modesty board at +y, boards at both narrow sides; slots
-    0 laminate, 1 steel, 2 side
-    board, 3 rubber.
+    0 laminate, 1 steel, 2 side board, 3 rubber.
     """
     x = width / 2
     y = depth / 2

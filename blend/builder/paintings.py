@@ -1,6 +1,5 @@
 """Pictures painted by code: a mountain landscape, a coast, the view from the balcony, the sky. sRGB
-bytes, row 0 at
-the bottom.
+bytes, row 0 at the bottom.
 """
 
 from __future__ import annotations
@@ -134,8 +133,7 @@ def _town(rng: np.random.Generator, out: np.ndarray, horizon: float) -> np.ndarr
 
 def skyline(seed: int, count: int) -> np.ndarray:
     """Height (count,) of the farthest hills in the balcony's view, as a share of its image: the
-    surface ends there,
-    and the sky begins.
+    surface ends there, and the sky begins.
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 55]))
     t = np.linspace(0, 1, count)[:, None] * np.array([2.0, 3.3, 5.1, 9.7, 16.3, 29.0])

@@ -39,8 +39,7 @@ def rounded_box(
     tile_m: float = 1.0,
 ) -> Mesh:
     """A box of `size` (3,) about the origin with rounded edges; the flats are cut into `divisions`
-    so that they can
-    be bent.
+    so that they can be bent.
     """
     halves = np.asarray(size, float) / 2
     radius = min(radius, 0.98 * halves.min())
@@ -67,8 +66,7 @@ def rounded_box(
 
 def lathe(profile: ArrayLike, segments: int, arc_deg: float = 360.0) -> Mesh:
     """Turn a profile of (radius, z) rows, from bottom to top along the outside, about the z axis; u
-    runs round, v
-    along.
+    runs round, v along.
     """
     prof = np.asarray(profile, float)
     angle = np.radians(np.linspace(0, arc_deg, segments + 1))
@@ -145,8 +143,7 @@ def frame(
     width: float, height: float, profile: Sequence[Sequence[float]], tile_m: float = 0.5
 ) -> Mesh:
     """A mitred frame in the x-z plane facing -y: profile rows (inset from the outer edge, height
-    towards the viewer),
-    from the outer back inwards.
+    towards the viewer), from the outer back inwards.
     """
     parts = []
     for turn in range(4):

@@ -130,8 +130,7 @@ def pillow(
     rng: np.random.Generator, size: float, thick: float, detail: float, crease: float = 1.0
 ) -> Mesh:
     """A scatter cushion standing on its lower edge (z = 0), centred in x, facing -y: dog ears,
-    puckered seams, a dent
-    from a hand.
+    puckered seams, a dent from a hand.
     """
     n = steps(22, detail, 6) + 1
     s, t = np.meshgrid(
@@ -182,8 +181,7 @@ def curtain(
     rng: np.random.Generator, width: float, height: float, pleats: int, detail: float
 ) -> Mesh:
     """A hanging pleated curtain, x from 0 to width, z from 0 to height, folds in y. One surface, so
-    that light
-    passes.
+    that light passes.
     """
     columns, rows = pleats * steps(10, detail, 5) + 1, steps(22, detail, 6)
     s, t = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows) ** 0.85)
@@ -243,8 +241,7 @@ def rug(rng: np.random.Generator, width: float, length: float, detail: float) ->
 
 def throw(rng: np.random.Generator, detail: float) -> Mesh:
     """A knitted throw hanging over a sofa's arm: lies on top (local z = ARM_TOP), falls on both
-    sides. x across the
-    arm, y along it.
+    sides. x across the arm, y along it.
     """
     half = ARM / 2 + 0.009
     drop_out = 0.40

@@ -1,6 +1,5 @@
 """Surface colours painted by code from a seed: plaster, boards, cloth, rug. Each function gives
-sRGB bytes (rows,
-columns, 3), row 0 at the bottom.
+sRGB bytes (rows, columns, 3), row 0 at the bottom.
 """
 
 from __future__ import annotations
@@ -85,9 +84,8 @@ def boucle(
     rng: np.random.Generator, size: int, loops: int, tone: Colour, depth: float = 0.4
 ) -> np.ndarray:
     """Coarse looped upholstery: short bright yarns with dark gaps between, in irregular rows that
-    deviate by more than their
-    distance. Regular rows would cause moire with the rows of pixels, and an image shifted by one
-    row would match itself.
+    deviate by more than their distance. Regular rows would cause moire with the rows of pixels, and
+    an image shifted by one row would match itself.
     """
     shape = (size, size)
     y, x = np.mgrid[0:size, 0:size] / size

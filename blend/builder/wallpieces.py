@@ -1,6 +1,5 @@
 """Parts of the walls: planes with openings, skirting, door, window, pictures, spots. World frame;
-normals of the walls point
-inwards.
+normals of the walls point inwards.
 """
 
 from __future__ import annotations
@@ -21,8 +20,7 @@ def plane(
     hole: tuple[float, float, float, float] | None = None,
 ) -> Mesh:
     """A flat wall from `origin` along the vectors `across` and `up` (metres), normal across x up;
-    hole = (a0, a1, b0,
-    b1) in metres.
+    hole = (a0, a1, b0, b1) in metres.
     """
     origin, across, up = (np.asarray(v, float) for v in (origin, across, up))
     width, height = np.linalg.norm(across), np.linalg.norm(up)
@@ -48,9 +46,8 @@ def skirting(
     capped: bool = False,
 ) -> Mesh:
     """A skirting board on the floor (z = 0) from start to end (x, y) with the room on its left;
-    `cut`: mitred into an
-    inner corner. capped: close the other ends, where the board is thicker than what it meets: there
-    is no wall behind it, and outside would be seen past it.
+    `cut`: mitred into an inner corner. capped: close the other ends, where the board is thicker
+    than what it meets: there is no wall behind it, and outside would be seen past it.
     """
     a = np.array(start, float)
     b = np.array(end, float)
@@ -138,8 +135,7 @@ def casing(width: float, height: float, board: float, thick: float) -> Mesh:
 
 def picture(width: float, height: float, mat: float) -> Mesh:
     """A framed picture under glass in the x-z plane, centred, facing -y, its back at y = 0; slots:
-    0 wood, 1 mat, 2
-    print.
+    0 wood, 1 mat, 2 print.
     """
     rim = frame(
         width,
@@ -211,8 +207,7 @@ def _bars(width: float, height: float, section: float, depth: float) -> Mesh:
 
 def window(x0: float, x1: float, z0: float, z1: float, detail: float) -> tuple[Mesh, Mesh]:
     """French window in the plane y = 0, seen from +y: frame (slots 0 paint, 1 metal) and panes; the
-    opening x0..x1,
-    z0..z1.
+    opening x0..x1, z0..z1.
     """
     width = x1 - x0
     height = z1 - z0

@@ -166,8 +166,7 @@ def read_all(
     path, data: bytes, seed: list[int], files: int, read, check, folder=None
 ) -> tuple[int, int]:
     """Reads all damaged versions; how many were taken and how many refused. A numpy warning counts
-    as a failure. An error names the file, or
-    one in its `folder`.
+    as a failure. An error names the file, or one in its `folder`.
     """
     taken = refused = 0
     for changed in damaged(data, seed, files):

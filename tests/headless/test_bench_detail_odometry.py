@@ -1,6 +1,4 @@
-"""`iclnuim bench detail-odometry`: its figures, and the command from end to end at
-its smallest.
-"""
+"""`iclnuim bench detail-odometry`: its figures, and the command from end to end at its smallest."""
 
 import json
 

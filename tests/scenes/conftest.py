@@ -99,8 +99,7 @@ def opened(blender, repository) -> Room:
 @pytest.fixture(scope="session")
 def rays(built):
     """`rays(origins, directions)` -> (distance, owner name index or -1, cosine between ray and face
-    normal) by
-    Embree.
+    normal) by Embree.
     """
     o3d = judge_module("open3d", "open3d-cpu")
     caster = o3d.t.geometry.RaycastingScene()

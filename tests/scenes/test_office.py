@@ -197,8 +197,8 @@ def test_our_office_paths_keep_25_cm_from_every_surface(office, repository, kt):
 
 def test_the_offices_ceiling_is_as_flat_as_the_originals(office):
     """Official depth has the light of the luminaires flush with the panels, and nothing lower than
-    10.3 mm: with more relief, the noise model spoils
-    the depth of all corners there."""
+    10.3 mm: with more relief, the noise model spoils the depth of all corners there.
+    """
     names = [name for name in office.objects if name.startswith(("ceiling", "luminaire", "vent"))]
     heights = {}
     for k, name in enumerate(office.surface.names):

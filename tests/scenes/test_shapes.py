@@ -1,6 +1,5 @@
 """Shapes as plain meshes: closed ones are watertight and turned outwards, volumes are right, curves
-pass through
-their points.
+pass through their points.
 """
 
 import numpy as np

@@ -13,8 +13,8 @@ def camera():
 @pytest.fixture
 def plane():
     """plane(camera, angle, depth): depth image (float32) of a plane turned about the camera's y
-    axis, `depth` metres
-    away along the optical axis, its normal at `angle` degrees from that axis."""
+    axis, `depth` metres away along the optical axis, its normal at `angle` degrees from that axis.
+    """
 
     def make(camera, angle_deg, depth_m):
         normal = np.array([np.sin(np.radians(angle_deg)), 0.0, np.cos(np.radians(angle_deg))])

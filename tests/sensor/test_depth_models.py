@@ -104,7 +104,8 @@ def test_kinect2012_shifts_by_its_lateral_sigma(plane, angle_deg):
 @pytest.mark.parametrize("angle_deg", [0, 30, 50, 65, 75])
 def test_kinect2012_has_the_axial_sigma_of_its_formula_at_every_angle(plane, angle_deg, depth_m):
     """Nguyen, Izadi, Lovell 2012: 0.0012 + 0.0019 (z - 0.4)^2 + 0.0001 / sqrt(z) t^2 / (pi/2 - t)^2
-    metres."""
+    metres.
+    """
     camera = PinholeCamera(200, 200, 8000, 8000, 99.5, 99.5)  # a narrow view: one angle
     depth = plane(camera, angle_deg, depth_m)
     model = Kinect2012DepthNoise(lateral_px=0, lateral_angle_px=0)

@@ -89,7 +89,8 @@ def test_the_stamps_of_lists_are_the_names_of_the_images(written, name):
 
 def test_orb_slam3_and_evo_read_euroc(source, written):
     """ORB-SLAM3's LoadImages (stereo_euroc.cc): a name is the line of the times file, a stamp its
-    number."""
+    number.
+    """
     from evo.tools import file_interface
 
     mav = written[1] / "euroc/mav0"

@@ -187,9 +187,8 @@ def fcurves(datablock: ID, action: Action) -> Any:
 @contextmanager
 def passes_in_memory(wanted: bool) -> Iterator[dict[str, np.ndarray] | None]:
     """Yields a dictionary that gets the channels (h, w) of the render in the `with` block, top row
-    first, named as in Blender's multilayer EXR; None
-    if they are not wanted, if this version does not allow it, or if the image is larger than a
-    tile.
+    first, named as in Blender's multilayer EXR; None if they are not wanted, if this version does
+    not allow it, or if the image is larger than a tile.
 
     The Python part of Cycles is intercepted: once the render has ended, passes are no longer
     accessible from Python.

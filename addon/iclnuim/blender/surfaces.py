@@ -40,8 +40,8 @@ _LEVELS = (
 @dataclass(frozen=True)
 class Surface:
     """vertices (n, 3) in metres, our world; triangles (m, 3) indices; owners (m,) index into names,
-    one per object; held_out (m,): whether the
-    object is a holdout: frames have no depth there; classes: the class of each object, "" for none.
+    one per object; held_out (m,): whether the object is a holdout: frames have no depth there;
+    classes: the class of each object, "" for none.
     """
 
     vertices: np.ndarray
@@ -144,8 +144,8 @@ def triangle_count() -> int:
 @contextmanager
 def as_rendered(scene: Scene) -> Iterator[Depsgraph]:
     """The scene evaluated as for rendering: visibility, modifiers, curves and metaballs have their
-    settings for rendering instead of those for the
-    viewport, also for objects that are only instanced.
+    settings for rendering instead of those for the viewport, also for objects that are only
+    instanced.
     """
     with ExitStack() as stack:
 
@@ -372,8 +372,7 @@ def rendered_objects(scene: Scene, types: set[str]) -> list[Object]:
 
 def put(thing: Object, matrix: mathutils.Matrix) -> list[Object]:
     """Set the world matrix of an object without a parent. An object's own matrix cannot shear: in
-    that case it gets an empty as a parent, which is
-    returned.
+    that case it gets an empty as a parent, which is returned.
     """
     matrix = matrix.copy()
     thing.matrix_world = matrix

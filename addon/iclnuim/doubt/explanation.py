@@ -35,9 +35,9 @@ class Explanation:
     kind: `inverse` (world-to-camera poses), `inverse rotations`, `wxyz` or `xyzw` (order of the
     quaternions), `rotation`, `arm`, `body` (constant rotation, lever arm, or both, between the two
     bodies), `mirror`, `axes` (positions and rotations in different worlds), `scale`, and of the
-    stamps `offset`, `rate` or `rows` (time_readings.py).
-    change: what makes reference and estimate, as read, those given here. delta: frames between the
-    poses of the pairs whose errors were compared.
+    stamps `offset`, `rate` or `rows` (time_readings.py). change: what makes reference and estimate,
+    as read, those given here. delta: frames between the poses of the pairs whose errors were
+    compared.
     """
 
     kind: str

@@ -1,8 +1,8 @@
 """Rotations in three dimensions: matrix, quaternion and rotation vector, over arrays of any leading
 shape.
 
-Numerically stable for angles near 0 (by series) and near pi (by quaternions).
-All results are float64. Quaternions are Hamilton's, order named by each function.
+Numerically stable for angles near 0 (by series) and near pi (by quaternions). All results are
+float64. Quaternions are Hamilton's, order named by each function.
 """
 
 import numpy as np

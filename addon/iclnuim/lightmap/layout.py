@@ -1,6 +1,5 @@
 """The layout of a light map: surfaces are cut into charts, and the charts are packed into one
-square map; their texel density, and which sides
-get texels.
+square map; their texel density, and which sides get texels.
 
 A chart consists of connected faces with similar normals, flattened by parallel projection: lengths
 are foreshortened by at most cos(LIMIT), straight lines stay straight, and flat walls are not
@@ -117,8 +116,7 @@ def _flatten(
     surfaces: Surfaces, number: np.ndarray, vectors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Project each chart along its mean normal, and rotate it so that its bounding rectangle is
-    small; the first rotation aligns it with its
-    longest projected edge.
+    small; the first rotation aligns it with its longest projected edge.
     """
     count = int(number.max(initial=-1)) + 1
     axis = np.stack([np.bincount(number, vectors[:, k], count) for k in range(3)], -1)
@@ -209,8 +207,7 @@ def _texels(extent: np.ndarray) -> np.ndarray:
 
 def _place(extent: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray] | None:
     """Place charts in rows of decreasing height, with their longer side horizontal. Returns their
-    origins and whether they were rotated by 90
-    degrees; None if they do not fit.
+    origins and whether they were rotated by 90 degrees; None if they do not fit.
     """
     cells = _texels(extent) + GUTTER
     rotated = cells[:, 1] > cells[:, 0]
@@ -285,8 +282,7 @@ def folded(surfaces: Surfaces, charts: Charts, coordinates: np.ndarray) -> np.nd
 @dataclass(frozen=True, eq=False)
 class Layout:
     """The charts of the sides of `surfaces` that have texels, packed into a square map. corners
-    (C', 2) of the sides, in texels; density in texels
-    per metre.
+    (C', 2) of the sides, in texels; density in texels per metre.
     """
 
     surfaces: Surfaces

@@ -32,8 +32,7 @@ _HINT = "a number of views, which are then chosen"
 @dataclass(frozen=True, repr=False)
 class HeldOutView(Brief):
     """distance_m and angle_deg (between viewing directions) to the most similar training view;
-    unseen: share of its pixels whose surface
-    no training view saw.
+    unseen: share of its pixels whose surface no training view saw.
     """
 
     distance_m: float
@@ -54,8 +53,8 @@ def check_held_out(
     progress: Meter = None,
 ) -> list[HeldOutView]:
     """Compare views (n,) with training views (k,) of the same camera, all in the caster's world.
-    About 19,200 rays represent a view's
-    pixels; a training view sees a surface only from its side. progress: as of render_frames().
+    About 19,200 rays represent a view's pixels; a training view sees a surface only from its side.
+    progress: as of render_frames().
 
     Raises InputError if a view is not new, or more than MAX_UNSEEN of it was not seen by training
     views.
@@ -102,12 +101,10 @@ def choose_held_out(
     progress: Meter = None,
 ) -> SE3:
     """Choose `count` views (n,) that `check_held_out` accepts. They are also new relative to each
-    other, at least 0.25 m from surfaces, and
-    visible from the position of a training view.
+    other, at least 0.25 m from surfaces, and visible from the position of a training view.
 
     They have no roll relative to the z axis of the world. The same arguments give the same views.
-    progress: as of render_frames().
-    Raises InputError if too few are found.
+    progress: as of render_frames(). Raises InputError if too few are found.
     """
     camera = PinholeCamera.of(camera)
     on_view = advance_of(progress, count, "held-out views", "views")
@@ -137,8 +134,8 @@ def choose_held_out(
 
 def _candidate(caster: RayCaster, T_world_training: SE3, rng: np.random.Generator) -> SE3 | None:
     """A view without roll of a point that a training view sees, from a position nearer to the
-    point, or between two training views. None if
-    the position is too close to a surface, or not visible from the training view.
+    point, or between two training views. None if the position is too close to a surface, or not
+    visible from the training view.
     """
     row, other_row = rng.integers(len(T_world_training), size=2)
     training = T_world_training[int(row)]

@@ -33,8 +33,8 @@ _WORK: ContextVar[Callable[[int], Any]] = ContextVar("work")
 
 class FramePool:
     """`with FramePool(...) as pool:` call `add(number)` for frames at any time, and `close()` after
-    the last one. `work(number)` runs in the pool,
-    `finish(result)` in the caller's thread, inside `add`, `collect` and `close`.
+    the last one. `work(number)` runs in the pool, `finish(result)` in the caller's thread, inside
+    `add`, `collect` and `close`.
 
     The first error of `work` or `finish` stops the pool: frames in progress are finished, those not
     started are dropped, and `close` raises the error. Processes use `work` in the state it had when

@@ -39,8 +39,8 @@ _DECIMAL = re.compile(r"[0-9]+(\.[0-9]+)?")
 @dataclass(frozen=True)
 class SequenceFrame:
     """One pair to be written: the frame's number and its stamp in seconds. For a user-provided
-    sequence also, by kind of image (rgb, depth): the
-    path in that folder, and the text of the stamp in its lists ("" if there is none).
+    sequence also, by kind of image (rgb, depth): the path in that folder, and the text of the stamp
+    in its lists ("" if there is none).
     """
 
     number: int
@@ -146,8 +146,7 @@ class SequenceCamera:
 @dataclass(frozen=True, eq=False)
 class Contents:
     """The content of the text files: frames in order, camera, ground truth (or None), and the
-    format and bytes of a ground-truth file, which is
-    copied unchanged to a sequence in that format.
+    format and bytes of a ground-truth file, which is copied unchanged to a sequence in that format.
 
     surface(number): colour (h, w, 3) uint8 and depth (h, w) in metres of a frame, as close to the
     true surface as possible.
@@ -209,9 +208,9 @@ class Reader:
 @dataclass(frozen=True)
 class SequenceFormat:
     """A sequence format. `image` returns the path of a frame's image (rgb, depth, or a kind of
-    ground truth); its ending determines how the image
-    is stored (.png, .jpg, .npy in metres). `write_texts` writes all files that are not images;
-    `check` raises InputError for contents that the format cannot represent.
+    ground truth); its ending determines how the image is stored (.png, .jpg, .npy in metres).
+    `write_texts` writes all files that are not images; `check` raises InputError for contents that
+    the format cannot represent.
 
     stamps: how stamps are stored: "text" (exact text), "ns" (whole nanoseconds), "ids" (frame
     numbers), or not at all: only frame "numbers" in names. fixed_units:
@@ -264,8 +263,7 @@ class SequenceFormat:
 
     def losses(self, contents: Contents, source_units: float) -> list[str]:
         """The losses when these contents are written in this format, one sentence each.
-        `source_units`: depth units per metre of the source, 0 for
-        exact depth.
+        `source_units`: depth units per metre of the source, 0 for exact depth.
         """
         found = self._stamp_losses(contents)
         for channel in contents.channels:

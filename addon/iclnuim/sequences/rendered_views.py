@@ -33,10 +33,9 @@ _ENDINGS = {RGB: (".png", JPEG, ".jpeg"), DEPTH: (".png", ARRAY)}
 @dataclass(frozen=True)
 class ViewError:
     """The figures of one view. name: its image's name without the ending; keyframe: whether it is a
-    keyframe. psnr_db is inf for equal images;
-    lpips is None if its package is missing. With rendered depth: depth_l1_m, the mean |depth - true
-    depth| over pixels with true depth, where a hole has depth 0, and depth_missing, the share of
-    holes among these pixels.
+    keyframe. psnr_db is inf for equal images; lpips is None if its package is missing. With
+    rendered depth: depth_l1_m, the mean |depth - true depth| over pixels with true depth, where a
+    hole has depth 0, and depth_missing, the share of holes among these pixels.
     """
 
     name: str

@@ -1,6 +1,5 @@
 """The registry of sequence formats. A new format is a module in layouts/ and an entry here; the
-command line, the panel and the documentation
-list these entries.
+command line, the panel and the documentation list these entries.
 """
 
 from pathlib import Path

@@ -1,7 +1,6 @@
 """Settings that determine a sequence: SequenceOptions as plain values (for the command line, the
-panel, workers and recipes), and
-SequenceSettings as noise models, which convert a frame's RGB and depth to the pixels that are
-written.
+panel, workers and recipes), and SequenceSettings as noise models, which convert a frame's RGB and
+depth to the pixels that are written.
 """
 
 from collections.abc import Mapping

@@ -1,6 +1,5 @@
 """Settings files of SLAM systems for a sequence: its camera, frame rate and depth units. All other
-values are those of each system's own files
-for TUM sequences.
+values are those of each system's own files for TUM sequences.
 
 A new settings file is a function and a line in SLAM_SETTINGS.
 """

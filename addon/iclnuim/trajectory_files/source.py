@@ -29,9 +29,9 @@ _NAN_OF_WINDOWS = r"-?1\.#(?:INF|IND|QNAN)\w*"
 class ReadAs:
     """How a file was read: format, handedness of its poses, world of the resulting trajectory, and
     a sentence for the user. repeated: number of stamps that were left out because they repeat the
-    previous one. lost: number of rows without a finite pose, which were left out.
-    shift_m: what was subtracted from all positions, in `frame`. has_rotations: whether the file has
-    rotations; without them, those of the trajectory are the identity.
+    previous one. lost: number of rows without a finite pose, which were left out. shift_m: what was
+    subtracted from all positions, in `frame`. has_rotations: whether the file has rotations;
+    without them, those of the trajectory are the identity.
     """
 
     format: str

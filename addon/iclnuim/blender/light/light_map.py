@@ -64,8 +64,7 @@ _MAX_BOUNCES = 8
 
 def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
     """Find the light map of the open scene with the job's size, samples and seed, shipped or in the
-    cache, or bake it. Returns its folder, and
-    whether it was baked.
+    cache, or bake it. Returns its folder, and whether it was baked.
 
     The scene is not changed. The coarse map is never larger than the map itself.
     """

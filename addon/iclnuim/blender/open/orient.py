@@ -110,8 +110,8 @@ def _size_warning(path: Path, objects: Sequence[Object], unit_m: float) -> str |
 
 def _move(objects: Sequence[Object], matrix: np.ndarray) -> None:
     """Apply the matrix to the vertices of meshes without parents, animation or second users, so
-    that an OBJ or PLY has no mirrored objects.
-    If there are other objects, all become children of one empty.
+    that an OBJ or PLY has no mirrored objects. If there are other objects, all become children of
+    one empty.
     """
     here = set(objects)
     tops = [o for o in objects if o.parent is None or o.parent not in here]

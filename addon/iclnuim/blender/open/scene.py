@@ -50,8 +50,7 @@ def open_empty() -> None:
 def open_scene(
     name: str, reading: SceneReading | None = None, run: RunFrames | None = None
 ) -> list[str]:
-    """Open a shipped scene or a file, for the frames of a run if there is one;
-    then at frame 0.
+    """Open a shipped scene or a file, for the frames of a run if there is one; then at frame 0.
 
     Returns notes for the user. Raises InputError if it cannot be opened.
     """

@@ -246,8 +246,8 @@ class _Bag:
 
 def write_klg(folder: Path, file: Path) -> int:
     """Write the pairs of a sequence as one log for ElasticFusion and Kintinuous, and its camera
-    next to it. Returns the number of pairs. Raises
-    the errors of the readers, and InputError if the camera's file exists with another content.
+    next to it. Returns the number of pairs. Raises the errors of the readers, and InputError if the
+    camera's file exists with another content.
 
     Little-endian: int32 frames; for each int64 stamp in microseconds, int32 bytes of depth, int32
     bytes of colour, depth (16 bit, millimetres, zlib), colour (RGB, three bytes per pixel, not

@@ -54,8 +54,8 @@ _TRUTH = "groundtruth.txt"
 
 def unpacked(path: Path, progress: Meter = None) -> tuple[Path, list[str]]:
     """The folder with the images of a bag, unpacked if it does not exist, and sentences on how the
-    bag was read. `path` may end in topics: X.bag:/camera/depth/image.
-    progress: as of render_frames().
+    bag was read. `path` may end in topics: X.bag:/camera/depth/image. progress: as of
+    render_frames().
 
     Raises InputError for a bag without colour and depth images, WorkError if the folder cannot be
     written.
