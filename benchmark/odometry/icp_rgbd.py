@@ -82,11 +82,11 @@ class IcpRgbd(Icp):
             return certain
         planes = self._plane_terms(pair, start)
         if is_biased(pair):
-            found = self._image_first(pair, planes, start, guess)
+            found = self._image_first_from_best(pair, planes, start, guess)
         elif start.poor:
             found = self._best_of_all(pair, planes, start, guess)
         else:
-            found = self._jointly(pair, planes, start.schedule, guess)
+            found = self._jointly(pair, planes, start.schedule, guess).estimate()
         return self._checked(found, pair, start, guess)
 
     def _start(self, pair: Pair, guess: SE3) -> Start:
@@ -119,11 +119,11 @@ class IcpRgbd(Icp):
         """After a sudden motion, or where contrast moves in another way than the surfaces (mirrors
         close by): of all ways, planes alone too, that with the most matching points.
         """
-        image_first = self._image_first(pair, planes, start, guess)
+        image_first = self._image_first_from_best(pair, planes, start, guess)
         begin = start.guesses[0] if image_first.failed else image_first.T
         others = [
-            self._jointly(pair, planes, start.schedule, begin),
-            self._jointly(pair, planes, start.schedule, guess),
+            self._jointly(pair, planes, start.schedule, begin).estimate(),
+            self._jointly(pair, planes, start.schedule, guess).estimate(),
             self._planes_alone(pair, guess),
         ]
         return pick(image_first, others, lambda one: one.inliers)
@@ -148,7 +148,7 @@ class IcpRgbd(Icp):
 
     def _jointly(
         self, pair: Pair, planes: PlaneTerms, schedule: list[tuple[int, int]], guess: SE3
-    ) -> Estimate:
+    ) -> Candidate:
         """Both terms in all passes (Whelan 2013, section IV)."""
         settings = self.photometric
         if pair.rough and not pair.rendered:
@@ -161,21 +161,19 @@ class IcpRgbd(Icp):
             passes[k] = self._with_planes(passes[k], planes[n], error)
         prior_m = ROUGH_PRIOR_M if pair.rough else self.settings.limits.prior_m
         limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
-        return Candidate(guess, passes, limits, image, planes[levels[0]]).estimate()
+        return Candidate(guess, passes, limits, image, planes[levels[0]])
 
-    def _image_first(self, pair: Pair, planes: PlaneTerms, start: Start, guess: SE3) -> Estimate:
-        """As `Rgbd`, from the best start, with the planes in the last pass: for biased depth, and
-        after a poor prediction.
-        """
+    def _image_first_from_best(
+        self, pair: Pair, planes: PlaneTerms, start: Start, guess: SE3
+    ) -> Estimate:
         coarsest = start.schedule[0][0]
         planes[coarsest].linearise(guess, 0)  # the distance between the surfaces there
-        return start.aligned(
-            lambda one: self._image_then_planes(pair, planes, start, one).estimate()
-        )
+        return start.aligned(lambda one: self._image_first(pair, planes, start, one).estimate())
 
-    def _image_then_planes(
-        self, pair: Pair, planes: PlaneTerms, start: Start, guess: SE3
-    ) -> Candidate:
+    def _image_first(self, pair: Pair, planes: PlaneTerms, start: Start, guess: SE3) -> Candidate:
+        """As `Rgbd`, with the planes in the last pass: for biased depth, and for a guess after a
+        poor prediction.
+        """
         coarsest = start.schedule[0][0]
         finest = start.schedule[-1][0]
         settings = replace(self.photometric, spread=Rgbd.PRESETS["best"].spread)

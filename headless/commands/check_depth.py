@@ -15,7 +15,7 @@ from iclnuim.formats.exr import read_exr
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.job import RenderJob
 from iclnuim.raycast.caster import RayCaster
-from iclnuim.raycast.checks import (
+from iclnuim.raycast.depth_check import (
     DepthErrors,
     GlassCaster,
     TruthCaster,

@@ -104,7 +104,7 @@ def judge_of_open_scene():
     the camera's frame.
     """
     from iclnuim.blender.render import model
-    from iclnuim.raycast.checks import TruthCaster
+    from iclnuim.raycast.depth_check import TruthCaster
 
     return TruthCaster(model.scene_model())
 

@@ -211,7 +211,7 @@ def test_sky_is_no_outline():
     pytest.importorskip("embreex")
     from iclnuim.formats.scene_model import SceneModel
     from iclnuim.geometry.se3 import SE3
-    from iclnuim.raycast.checks import TruthCaster, truth_summary
+    from iclnuim.raycast.depth_check import TruthCaster, truth_summary
 
     corners_m = np.array([[[-1.0, -1, 4], [1, -1, 4], [0, 1, 4]]])
     normals = np.tile([0.0, 0, -1], (1, 3, 1))

@@ -10,7 +10,7 @@ from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("embreex", reason="casts rays")
 from iclnuim.raycast.caster import RayCaster  # noqa: E402
-from iclnuim.raycast.checks import compare_depth  # noqa: E402
+from iclnuim.raycast.depth_check import compare_depth  # noqa: E402
 
 CORNERS = np.array([[-1.0, -1, 2], [1, -1, 2], [0, 1, 2]])
 

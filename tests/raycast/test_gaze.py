@@ -8,7 +8,7 @@ from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("embreex", reason="casts rays")
 from iclnuim.raycast.caster import RayCaster  # noqa: E402
-from iclnuim.raycast.gaze import directions, shares_seen  # noqa: E402
+from iclnuim.raycast.scene_route import directions, shares_seen
 
 
 def hall(half_m):

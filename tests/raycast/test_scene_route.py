@@ -7,8 +7,7 @@ from iclnuim.geometry.handheld_plan import PlanSettings, Waypoint
 from iclnuim.geometry.se3 import SE3
 from iclnuim.raycast import scene_route
 from iclnuim.raycast.caster import RayCaster
-from iclnuim.raycast.gaze import shares_seen
-from iclnuim.raycast.scene_route import space_around
+from iclnuim.raycast.scene_route import shares_seen, space_around
 
 
 def quad(origin, u, v):

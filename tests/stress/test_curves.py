@@ -279,7 +279,7 @@ def test_a_method_with_fewer_levels_has_fewer_steps(command_here, folder):
 
 def test_a_step_that_lost_most_frames_fails_and_is_not_in_the_front():
     from iclnuim.benchmark.experiments.recipes.curve import chart as curve_chart
-    from iclnuim.report import pareto
+    from iclnuim.report.charts import pareto_front
 
     fast = curves.Point("icp", "levels", 2, 20, 20, 4, 1e-4, 1.0)
     sound = curves.Point(
@@ -291,7 +291,7 @@ def test_a_step_that_lost_most_frames_fails_and_is_not_in_the_front():
     assert dashed.get_xydata().tolist() == [[5.0, 1.0]] and any(
         line.get_marker() == "x" for line in axes.lines
     )
-    assert pareto.front([(3, 1), (1, 3), (2, 3), (1, 3), (4, 0)]) == [1, 3, 0, 4]
+    assert pareto_front([(3, 1), (1, 3), (2, 3), (1, 3), (4, 0)]) == [1, 3, 0, 4]
 
 
 @pytest.mark.slow

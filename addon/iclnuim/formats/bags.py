@@ -1,5 +1,7 @@
 """ROS bags as input: files of ROS 1 (.bag), files (.mcap, .db3) and folders of ROS 2, read by the
-optional package rosbags, without ROS.
+optional package rosbags, without ROS. Which topics are the colour images, the depth images and
+their camera is told by the types of messages, the encodings of the first images, and the coordinate
+frames.
 """
 
 import itertools
@@ -17,6 +19,17 @@ from ..errors import InputError, StrPath, WorkError
 from .depth_units import check_units
 
 IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+_INFO = "sensor_msgs/msg/CameraInfo"
+#: Kinds of images by encoding, preferred ones first: 16-bit grey is depth where no other topic is.
+_COLOURS = (("rgb8", "bgr8", "rgba8", "bgra8", "8UC3", "8UC4"), ("mono8", "8UC1"))
+_DEPTHS = (("16UC1", "32FC1"), ("mono16",))
+#: What the names of topics contain, if encodings do not decide.
+_NAMES = {"colour": ("rgb", "color", "colour"), "depth": ("depth",)}
+#: Infrared images have the encodings of depth.
+_INFRARED = re.compile(r"(?<![a-z])(ir(?![a-z])|infra)", re.IGNORECASE)
+_UNIT = "/option/Depth_Units/value"
+_TRANSPORTS = ("/compressedDepth", "/compressed")
 _FILES = (".bag", ".mcap", ".db3", ".active")
 _STORAGES = ("*.mcap*", "*.db3*")
 _DAMAGED = "`rosbag reindex` (ROS 1) or `ros2 bag reindex` (ROS 2), or copying the bag again"
@@ -171,19 +184,6 @@ def stamp_ns(header: Any, recorded_ns: int) -> int:
 def frame_of(name: str) -> str:
     """The name of a coordinate frame without the slash that older versions of ROS begin with."""
     return name.lstrip("/")
-
-
-COMPRESSED = "sensor_msgs/msg/CompressedImage"
-_INFO = "sensor_msgs/msg/CameraInfo"
-#: Kinds of images by encoding, preferred ones first: 16-bit grey is depth where no other topic is.
-_COLOURS = (("rgb8", "bgr8", "rgba8", "bgra8", "8UC3", "8UC4"), ("mono8", "8UC1"))
-_DEPTHS = (("16UC1", "32FC1"), ("mono16",))
-#: What the names of topics contain, if encodings do not decide.
-_NAMES = {"colour": ("rgb", "color", "colour"), "depth": ("depth",)}
-#: Infrared images have the encodings of depth.
-_INFRARED = re.compile(r"(?<![a-z])(ir(?![a-z])|infra)", re.IGNORECASE)
-_UNIT = "/option/Depth_Units/value"
-_TRANSPORTS = ("/compressedDepth", "/compressed")
 
 
 @dataclass(frozen=True)

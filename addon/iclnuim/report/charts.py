@@ -5,6 +5,8 @@ They use Matplotlib without pyplot: no window, no global settings. Import this m
 needed; that takes half a second.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -175,3 +177,15 @@ def _with_gaps(stamps_s: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np
     usual_s = np.median(steps_s) if len(steps_s) else 0.0
     gaps = np.flatnonzero(steps_s > GAP_STEPS * usual_s) + 1
     return np.insert(stamps_s, gaps, np.nan), np.insert(values, gaps, np.nan, axis=0)
+
+
+def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
+    """Indices of the points (the Pareto front) that no other point beats: none is at most as large in both quantities
+    and smaller in one. Sorted by the first.
+    """
+    kept = [k for k, one in enumerate(points) if not any(_beats(other, one) for other in points)]
+    return sorted(kept, key=lambda k: points[k])
+
+
+def _beats(other: tuple[float, float], one: tuple[float, float]) -> bool:
+    return other[0] <= one[0] and other[1] <= one[1] and other != one

@@ -1,7 +1,9 @@
-"""COLMAP's images, as text or binary (https://colmap.github.io/format.html).
+"""COLMAP's images and cameras, as text or binary (https://colmap.github.io/format.html,
+cameras.html).
 
-images.txt has lines `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, each followed by a line of
-image points; images.bin is read as the text that it stands for.
+cameras.txt has lines `CAMERA_ID MODEL WIDTH HEIGHT PARAMS`. images.txt has lines `IMAGE_ID QW QX QY
+QZ TX TY TZ CAMERA_ID NAME`, each followed by a line of image points; images.bin is read as the text
+that it stands for.
 
 Its images have no stamps. The last number in a name is the frame's number, or its stamp in
 nanoseconds, or, with a decimal point, in seconds.
@@ -23,7 +25,7 @@ from .source import Source
 from .stamps import ticks_unless_frames
 
 
-class BinaryFile:
+class _BinaryFile:
     """The content of a binary file, taken from its start."""
 
     def __init__(self, path: Path) -> None:
@@ -120,7 +122,7 @@ def is_binary(path: Path) -> bool:
 
 def _text_of_binary(path: Path) -> str:
     """The lines of images.txt that images.bin stands for, without points."""
-    content = BinaryFile(path)
+    content = _BinaryFile(path)
     lines = []
     (count,) = content.take("Q")
     for _ in range(count):
@@ -241,7 +243,7 @@ def _camera(model: Model, numbers: list[float]) -> Camera:
 
 def _binary_cameras(path: Path) -> dict[str, Camera]:
     """The cameras of cameras.bin by number."""
-    content = BinaryFile(path)
+    content = _BinaryFile(path)
     found = {}
     (count,) = content.take("Q")
     for _ in range(count):

@@ -10,8 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...formats.ply import face_colours
-from ...formats.ply_header import read_header
+from ...formats.ply import face_colours, read_header
 from .. import compat
 from ..notes import names_of
 from ..surfaces import array_of

@@ -5,8 +5,7 @@ and the Pareto front.
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from iclnuim.report import pareto
-from iclnuim.report.charts import COLOURS
+from iclnuim.report.charts import COLOURS, pareto_front
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -42,7 +41,7 @@ class ErrorChart:
 
     def front(self, title: str, points: Sequence[tuple[float, float]]) -> None:
         """Draw the Pareto front of points (cost, ATE in mm) as a dashed line."""
-        best = [points[k] for k in pareto.front(points)]
+        best = [points[k] for k in pareto_front(points)]
         x = [point[0] for point in best]
         y = [point[1] for point in best]
         self.panels[title].plot(x, y, "--", color="grey", linewidth=0.8, zorder=0)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from itertools import chain
 from typing import Any
 
-from iclnuim.report import pareto
+from iclnuim.report.charts import pareto_front
 from matplotlib.figure import Figure
 
 from .error_chart import ErrorChart, look
@@ -16,7 +16,7 @@ Comparison = Mapping[str, Any]
 def front(runs: Sequence[Mapping[str, Any]]) -> list[str]:
     """The Pareto front: names of the runs that no other run beats in both median time and error."""
     known = [run for run in runs if _has_point(run)]
-    best = pareto.front([(run["ms_median"], run["ate_rmse_m"]) for run in known])
+    best = pareto_front([(run["ms_median"], run["ate_rmse_m"]) for run in known])
     return [known[k]["odometer"] for k in best]
 
 

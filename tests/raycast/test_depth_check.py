@@ -11,7 +11,7 @@ from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("embreex", reason="casts rays")
 from iclnuim.raycast.caster import RayCaster  # noqa: E402
-from iclnuim.raycast.checks import TruthCaster, compare_depth, truth_summary  # noqa: E402
+from iclnuim.raycast.depth_check import TruthCaster, compare_depth, truth_summary  # noqa: E402
 
 CAMERA = PinholeCamera(9, 9, 9.0, 9.0, 4.0, 4.0)
 IDENTITY = SE3.identity()
