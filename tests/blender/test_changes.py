@@ -8,7 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
-from iclnuim.blender.open import changes, motion  # noqa: E402
+from iclnuim.blender.open import motion  # noqa: E402
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_copies_that_follow_an_animated_number_of_them(box):
     for frame, value in ((0, 2), (10, 4)):
         array.count = value
         box.keyframe_insert('modifiers["array"].count', frame=frame)
-    assert changes.changed_names(bpy.context.scene) == {"box"}
+    assert motion.changed_names(bpy.context.scene) == {"box"}
 
 
 def test_motion_between_two_of_the_compared_frames_of_a_short_run_is_found(box):
@@ -91,7 +91,7 @@ def test_motion_between_two_of_the_compared_frames_of_a_short_run_is_found(box):
     for frame, z in ((6, 0.0), (7, 1.0), (8, 0.0)):
         box.location.z = z
         box.keyframe_insert("location", frame=frame)
-    assert changes.changed_names(scene) == {"box"}
+    assert motion.changed_names(scene) == {"box"}
 
 
 def test_the_first_difference_is_enough_unless_all_are_wanted(box, mover):
@@ -104,8 +104,8 @@ def test_the_first_difference_is_enough_unless_all_are_wanted(box, mover):
     other = made.box(bpy, "other", (3, 3, 3), (4, 4, 4))
     box.modifiers.new("mirror", "MIRROR").mirror_object = mover
     other.modifiers.new("mirror", "MIRROR").mirror_object = back
-    assert changes.changed_names(bpy.context.scene, first_only=True) == {"box"}
-    assert changes.changed_names(bpy.context.scene) == {"box", "other"}
+    assert motion.changed_names(bpy.context.scene, first_only=True) == {"box"}
+    assert motion.changed_names(bpy.context.scene) == {"box", "other"}
 
 
 def test_what_moves_after_the_run_does_not_count(box, mover):
@@ -113,6 +113,6 @@ def test_what_moves_after_the_run_does_not_count(box, mover):
     for frame, x in ((11, 0.0), (20, -1.0)):
         mover.location.x = x
         mover.keyframe_insert("location", frame=frame)
-    assert changes.changed_names(bpy.context.scene) == set()
+    assert motion.changed_names(bpy.context.scene) == set()
     bpy.context.scene.frame_end = 20
-    assert changes.changed_names(bpy.context.scene) == {"box"}
+    assert motion.changed_names(bpy.context.scene) == {"box"}

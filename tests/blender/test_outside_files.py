@@ -1,9 +1,8 @@
-"""Files that a scene names: what lies outside its folder is not opened, what is missing is said,
-and all that is read counts in the hash.
+"""Files that a scene names: the names are found, what lies outside its folder is refused, what is
+missing is reported, and all that is read counts in the hash. The kernel's part is in
+tests/test_scene_wall.py.
 """
 
-import json
-import random
 import re
 import shutil
 import subprocess
@@ -11,106 +10,94 @@ import sys
 from pathlib import Path
 
 import pytest
-from patience import patience
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import hostile_scenes as hostile  # noqa: E402
 import own_scene_files as made  # noqa: E402
 from iclnuim import wall  # noqa: E402
-from iclnuim.blender.open import scene  # noqa: E402
+from iclnuim.blender.open import scene, scene_names, scene_paths  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry.scene_axes import SceneReading  # noqa: E402
 
-READER = Path(__file__).with_name("outside_reader.py")
-SAMPLE = (
-    "gltf_image_backslash",
-    "obj_mtllib",
-    "usd_sublayer",
-    "blend_library",
-    "blend_mesh_cache",
-    "blend_nodes_obj",
-)
-#: Refused too, though Blender by itself is not seen to open these: it would in a window, aloud, in
-#: another version, or beside a real cache.
-NOT_SEEN = {
-    "gltf_image_file_url", "obj_map_absolute", "obj_mtllib_absolute", "usd_clip", "usd_dome",
-    "blend_tiles", "blend_clip", "blend_sound",
-    "blend_nodes_obj_inner", "blend_nodes_bake", "blend_osl", "blend_ocean", "blend_point_cache",
-    "blend_fluid",
-}  # fmt: skip
-
-
-def opened(files: dict[str, Path], mode: str, finishes: bool = True) -> tuple[set[str], list[dict]]:
-    """The ways whose file outside was opened, by any process and under any name, and the reader's
-    rows.
-    """
-    root = next(iter(files.values())).parents[2]
-    (root / mode).mkdir()
-    trace = root / f"{mode}.trace"
-    rows = root / mode / "rows.jsonl"
-    watch = ["strace", "-f", "-y", "-qq", "-e", "trace=open,openat,openat2,creat", "-o", str(trace)]
-    command = [*watch, sys.executable, str(READER), str(rows), mode, *map(str, files.values())]
-    done = subprocess.run(
-        command, cwd=root, capture_output=True, timeout=patience(1800), check=False
-    )
-    assert done.returncode == 0 or not finishes, done.stderr[-2000:]
-    if mode == "walled" and finishes:  # the trace shows that they were tried
-        assert re.search(r"/outside/[^\n]*EACCES", trace.read_text(errors="replace"))
-    found = re.findall(
-        rf"= \d+<{re.escape(str(root))}/outside/([^./>]+)", trace.read_text(errors="replace")
-    )
-    if not finishes:
-        return set(found), []
-    return set(found), [json.loads(row) for row in rows.read_text().splitlines()]
-
-
-@pytest.mark.parametrize(
-    "ways", [SAMPLE, pytest.param(tuple(hostile.WAYS), marks=pytest.mark.slow)], ids=["some", "all"]
-)
-def test_no_way_of_naming_a_file_opens_one_outside(tmp_path, ways):
-    if (
-        shutil.which("strace") is None
-        or subprocess.run(["strace", "true"], capture_output=True).returncode
-    ):
-        pytest.skip("needs strace, and leave to trace")
-    files = {way: hostile.WAYS[way](hostile.Maker(bpy, tmp_path, way)) for way in ways}
-    followed = {way: file for way, file in files.items() if way not in NOT_SEEN}
-    assert opened(followed, "plain")[0] == set(followed)
-    if wall.version():
-        assert opened(followed, "walled")[0] == set()
-    found, rows = opened(files, "checked")
-    assert found == set()
-    for row in rows:
-        assert re.fullmatch(
-            r"[^\n]+/scenes/\w+/[\w.]+: [^:].*own folder, found .+; try .+", row["refused"]
-        ), row
-
-
-@pytest.mark.slow
-def test_damaged_scenes_open_nothing_outside_behind_the_wall(tmp_path):
-    """Bytes changed anywhere, so that the search for names may not find what Blender finds; each in
-    a process of its own, which may crash.
-    """
-    if shutil.which("strace") is None or not wall.version():
-        pytest.skip("needs strace and Landlock")
-    rng = random.Random(16)
-    for number in range(100):
-        way = rng.choice(sorted(set(hostile.WAYS) - NOT_SEEN))
-        file = file_of(tmp_path / str(number), way)
-        content = bytearray(file.read_bytes())
-        for _ in range(rng.randint(1, 8)):
-            content[rng.randrange(len(content))] = rng.randrange(256)
-        file.write_bytes(content)
-        assert opened({way: file}, "walled", finishes=False)[0] == set(), (number, way)
+ONE_LINE = r"[^\n]+/scenes/\w+/[\w.]+: [^:].*own folder, found .+; try .+"
 
 
 def file_of(tmp_path, way):
     return hostile.WAYS[way](hostile.Maker(bpy, tmp_path, way))
 
 
+@pytest.mark.parametrize("way", hostile.WAYS)
+def test_scene_paths_check_refuses_a_file_outside_however_it_is_named(tmp_path, way):
+    file = file_of(tmp_path, way)
+    with pytest.raises(InputError) as refused:
+        scene_paths.check(file, SceneReading())
+    assert re.fullmatch(ONE_LINE, str(refused.value))
+    scene_paths.check(file, SceneReading(allow_outside=True))
+
+
+def test_scene_names_finds_the_paths_of_all_datablocks_of_a_blend(tmp_path):
+    """Each by the fields that this Blender writes; libraries, tiles and baked nodes are above."""
+    made.fresh(bpy)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    box = made.box(bpy, "box", (0, 0, 0), (1, 1, 1), made.material(bpy, "m"))
+    adders = {f"{add.__name__}.file": add for add in (hostile.image, hostile.mesh_cache)}
+    adders |= {f"{add.__name__}.file": add for add in (hostile.ocean, hostile.ies, hostile.volume)}
+    adders["cache.abc"] = hostile.sequence_cache
+    for name, add in adders.items():
+        add(bpy, box, f"//{name}")
+    nodes = [name for name in ("OBJ", "PLY", "STL", "CSV", "Text", "VDB") if has_import(name)]
+    for kind in nodes:
+        hostile.import_node(bpy, box, f"//nodes.{kind}", kind)
+    (tmp_path / "sound.wav").write_bytes(b"RIFF")
+    picture = made.picture(bpy, tmp_path / "clip.png")
+    bpy.data.sounds.load("//sound.wav")
+    bpy.data.movieclips.load(picture.filepath)
+    for block in (*bpy.data.sounds, *bpy.data.movieclips):
+        block.use_fake_user = True
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    found = {Path(named.name).name for named in scene_names.named_in(tmp_path / "scene.blend")}
+    expected = {*adders, *(f"nodes.{kind}" for kind in nodes), "sound.wav", "clip.png"}
+    assert expected <= found
+
+
+def has_import(kind):
+    return hasattr(bpy.types, f"GeometryNodeImport{kind}")
+
+
+#: Opens a scene as Blender does, without a search for names, behind its wall; then the check of what
+#: Blender lists and logs.
+BEHIND_THE_WALL = """
+import os, sys
+from pathlib import Path
+from iclnuim import scene_wall
+from iclnuim.geometry.scene_axes import SceneReading
+file, scratch = map(Path, sys.argv[1:])
+os.environ["TMPDIR"] = str(scratch)
+assert scene_wall.around(str(file), SceneReading(), sys.executable, [], [scratch]).put_up()
+from iclnuim.blender.open import scene, scene_paths
+scene_paths.check = lambda path, reading: []
+try:
+    scene.open_scene(str(file))
+except Exception as error:
+    print("refused:", error)
+sys.stdout.flush()
+os._exit(0)
+"""
+
+
+@pytest.mark.skipif(not wall.version(), reason="this kernel has no Landlock")
+@pytest.mark.parametrize("way", ["usd_sublayer", "blend_mesh_cache", "gltf_image"])
+def test_check_open_refuses_what_the_wall_hides_from_blender(tmp_path, way):
+    file = file_of(tmp_path, way)
+    (tmp_path / "scratch").mkdir()
+    command = [sys.executable, "-c", BEHIND_THE_WALL, str(file), str(tmp_path / "scratch")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert re.search(rf"refused: .*own folder, found .*outside/{way}", done.stdout), done
+
+
 @pytest.mark.parametrize("way", ["gltf_image", "obj_mtllib", "usd_reference", "blend_mesh_cache"])
-def test_who_means_it_allows_what_lies_outside_and_it_counts(tmp_path, way):
+def test_a_file_outside_that_is_allowed_counts_in_the_hash(tmp_path, way):
     file = file_of(tmp_path, way)
     scene.open_scene(str(file), SceneReading(allow_outside=True))
     before = scene.scene_sha256(str(file))
@@ -138,9 +125,8 @@ def inside(tmp_path, way):
 @pytest.mark.parametrize(
     "way", ["usd_sublayer", "usd_inner", "usd_payload", "usd_texture", "obj_map", "gltf_buffer"]
 )
-def test_every_layer_counts_in_the_hash(tmp_path, way):
+def test_every_file_that_a_scene_names_counts_in_its_hash(tmp_path, way):
     file = inside(tmp_path, way)
-    scene.open_scene(str(file))
     before = scene.scene_sha256(str(file))
     named = next(p for p in file.parent.iterdir() if p.stem == way)
     named.write_bytes(named.read_bytes() + b"\n# more")
@@ -148,19 +134,19 @@ def test_every_layer_counts_in_the_hash(tmp_path, way):
 
 
 @pytest.mark.parametrize(
-    ("way", "words"),
+    "name",
     [
-        ("obj_mtllib", r"missing \(obj_mtllib.mtl\)"),
-        ("usd_reference", r"missing \(usd_reference.usda\)"),
-        ("blend_mesh_cache", r"missing \(blend_mesh_cache.pc2\)"),
-        ("blend_library", r"missing \(blend_library.blend\)"),
+        "obj_mtllib.mtl",
+        "usd_reference.usda",
+        "blend_mesh_cache.pc2",
+        "blend_library.blend",
     ],
 )
-def test_what_is_missing_is_said(tmp_path, way, words):
-    file = file_of(tmp_path, way)
+def test_open_scene_names_missing_files(tmp_path, name):
+    file = file_of(tmp_path, Path(name).stem)
     shutil.rmtree(tmp_path / "outside")
     notes = scene.open_scene(str(file))
-    assert any(re.search(words, note) for note in notes), notes
+    assert any(f"missing ({name})" in note for note in notes), notes
 
 
 def test_what_is_packed_is_not_looked_for(tmp_path):

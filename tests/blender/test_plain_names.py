@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 from iclnuim.blender import surfaces  # noqa: E402
 from iclnuim.blender.light import scene_key  # noqa: E402
-from iclnuim.blender.open import changes, plain_names, scene  # noqa: E402
+from iclnuim.blender.open import motion, plain_names, scene  # noqa: E402
 from iclnuim.channels import CHANNELS  # noqa: E402
 from iclnuim.formats.files import write_json  # noqa: E402
 from iclnuim.sequences.ground_truth import FurtherImages  # noqa: E402
@@ -61,7 +61,7 @@ def test_a_name_that_is_not_utf_8_stops_nothing(word, tmp_path):
     """As files have them whose names a program wrote in an encoding of its country."""
     notes = scene.open_scene(str(named_in_bytes(tmp_path, word)))
     assert any("names with unusual characters: changed" in note for note in notes)
-    assert changes.changed_names(bpy.context.scene) == set()
+    assert motion.changed_names(bpy.context.scene) == set()
     with surfaces.rendered_parts() as (found, _):
         assert scene_key.key_parts(found, bpy.context.scene)
     (mesh,) = bpy.data.meshes
@@ -80,7 +80,7 @@ def test_a_name_that_is_not_utf_8_in_a_linked_file_stops_nothing(word, tmp_path)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "links.blend"))
     notes = scene.open_scene(str(tmp_path / "links.blend"))
     assert any("names with unusual characters: changed" in note for note in notes)
-    assert changes.changed_names(bpy.context.scene) == set()
+    assert motion.changed_names(bpy.context.scene) == set()
     with surfaces.rendered_parts() as (found, _):
         assert scene_key.key_parts(found, bpy.context.scene)
 

@@ -15,7 +15,7 @@ ROOM_M = 1.0
 MAX_BACKS = 0.1
 
 
-class Seen(NamedTuple):
+class Surroundings(NamedTuple):
     """The shares of the rays that end at the front and at the back of a surface, and the smallest
     and the median length of both in metres, inf without any.
     """
@@ -27,11 +27,11 @@ class Seen(NamedTuple):
 
 
 def look_round(depsgraph: Depsgraph, places: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """(n, 4): what is Seen from places (n, 3) in metres along unit directions (d, 3)."""
+    """(n, 4): the Surroundings of places (n, 3) in metres along unit directions (d, 3)."""
     return np.array([_seen(depsgraph, Vector(place), directions) for place in places])
 
 
-def _seen(depsgraph: Depsgraph, origin: Vector, directions: np.ndarray) -> Seen:
+def _seen(depsgraph: Depsgraph, origin: Vector, directions: np.ndarray) -> Surroundings:
     lengths_m = []
     backs = 0
     for direction in directions:
@@ -40,7 +40,7 @@ def _seen(depsgraph: Depsgraph, origin: Vector, directions: np.ndarray) -> Seen:
             lengths_m.append((location - origin).length)
             backs += normal.dot(Vector(direction)) > 0
     if not lengths_m:
-        return Seen(0.0, 0.0, np.inf, np.inf)
+        return Surroundings(0.0, 0.0, np.inf, np.inf)
     rays = len(directions)
     middle_m = float(np.median(lengths_m))
-    return Seen((len(lengths_m) - backs) / rays, backs / rays, min(lengths_m), middle_m)
+    return Surroundings((len(lengths_m) - backs) / rays, backs / rays, min(lengths_m), middle_m)

@@ -61,7 +61,7 @@ def names(file: Path) -> Iterator[tuple[str, str, str]]:
     Raises InputError for a file that is not a valid .blend.
     """
     try:
-        yield from _Search(BlendFile(file)).names()
+        yield from _PathSearch(BlendFile(file)).names()
     except InputError:
         raise
     except Exception as error:  # a damaged file may cause any error, also in the two decompressors
@@ -69,7 +69,7 @@ def names(file: Path) -> Iterator[tuple[str, str, str]]:
         raise InputError("a scene that Blender can read", path=file, found=damage) from None
 
 
-class _Search:
+class _PathSearch:
     def __init__(self, blend: BlendFile) -> None:
         self.blend = blend
         self.fields = blend.fields

@@ -33,7 +33,7 @@ _LAYERS = (".usd", ".usda", ".usdc", ".usdz", ".sdf", ".mtlx")
 
 
 @dataclass(frozen=True)
-class Named:
+class FileReference:
     """A reference. place: its position in the file. report_missing: report it if the file is
     missing.
 
@@ -51,7 +51,7 @@ class Named:
     kind: str = ""
 
 
-def named_in(file: Path, kind: str = "") -> Iterator[Named]:
+def named_in(file: Path, kind: str = "") -> Iterator[FileReference]:
     """The references in a file, read as a file of that kind (`.mtl`), or else by its ending and its
     first bytes. If the file cannot be read, there are none, because Blender's importer will report
     the error; for a .blend, raises InputError.
@@ -62,22 +62,18 @@ def named_in(file: Path, kind: str = "") -> Iterator[Named]:
     ending = file.suffix.lower()
     with suppress(OSError):
         state = file.stat()
-        if ending == ".mtlx":
-            # its includes are read together with it, so they must be yielded first
-            yield from _looked_through(file, kind)
-            return
         changes = (state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
         yield from _kept(file, kind, changes)
         if ending == ".obj" and file.with_suffix(".mtl").exists():
-            yield Named("its materials", f"{file.stem}.mtl")
+            yield FileReference("its materials", f"{file.stem}.mtl")
 
 
 @functools.lru_cache(maxsize=1024)
-def _kept(file: Path, kind: str, changes: tuple[int, ...]) -> tuple[Named, ...]:
+def _kept(file: Path, kind: str, changes: tuple[int, ...]) -> tuple[FileReference, ...]:
     return tuple(_looked_through(file, kind))
 
 
-def _looked_through(file: Path, kind: str) -> Iterator[Named]:
+def _looked_through(file: Path, kind: str) -> Iterator[FileReference]:
     with open(file, "rb") as content:
         head = content.read(18)
     if not head:
@@ -90,28 +86,28 @@ def _looked_through(file: Path, kind: str) -> Iterator[Named]:
         yield from finder(file)
 
 
-def _in_blend(file: Path) -> Iterator[Named]:
+def _in_blend(file: Path) -> Iterator[FileReference]:
     for place, kind, name in blend_names.names(file):
         if kind == "computed":
-            yield Named(place, name, computed=True)
+            yield FileReference(place, name, computed=True)
         elif name not in ("", "<builtin>"):
-            yield Named(place, name, kind == "required", kind == "folder", blenders=True)
-    yield Named("disk cache", f"//blendcache_{file.stem}", folder=True, blenders=True)
+            yield FileReference(place, name, kind == "required", kind == "folder", blenders=True)
+    yield FileReference("disk cache", f"//blendcache_{file.stem}", folder=True, blenders=True)
 
 
-def _in_obj(file: Path) -> Iterator[Named]:
+def _in_obj(file: Path) -> Iterator[FileReference]:
     for line, name in _lines(file, _MTLLIB):
-        yield Named(line, name.strip('"'), report_missing=True, kind=".mtl")
+        yield FileReference(line, name.strip('"'), report_missing=True, kind=".mtl")
 
 
-def _in_mtl(file: Path) -> Iterator[Named]:
+def _in_mtl(file: Path) -> Iterator[FileReference]:
     for line, arguments in _lines(file, _MAP):
         # `-bm 0.5 my wood.png`: only Blender's parser decides where the options end, so the name
         # may begin at any word
-        yield Named(line, arguments)
+        yield FileReference(line, arguments)
         if arguments.startswith("-"):
             for word in re.finditer(r"[^\0- ]+", arguments):
-                yield Named(line, arguments[word.start() :])
+                yield FileReference(line, arguments[word.start() :])
 
 
 @contextmanager
@@ -149,7 +145,7 @@ def gltf_content(file: Path) -> Any:
     return json.loads(data)
 
 
-def _in_gltf(file: Path) -> Iterator[Named]:
+def _in_gltf(file: Path) -> Iterator[FileReference]:
     entries = []
     try:
         content = gltf_content(file)
@@ -162,10 +158,10 @@ def _in_gltf(file: Path) -> Iterator[Named]:
     for place, uri in entries:
         # importers treat as paths what is not data in base64
         if isinstance(uri, str) and not (uri.startswith("data:") and ";base64," in uri):
-            yield Named(place, uri, report_missing=place.startswith("buffers"))
+            yield FileReference(place, uri, report_missing=place.startswith("buffers"))
 
 
-def _in_fbx(file: Path) -> Iterator[Named]:
+def _in_fbx(file: Path) -> Iterator[FileReference]:
     """All texts of the file, because it depends on the program that wrote it which of them are
     paths.
     """
@@ -180,7 +176,7 @@ def _in_fbx(file: Path) -> Iterator[Named]:
         if _FBX_ORIGIN.match(text):
             origins.update(range(k + 1, k + 5))
     for name in dict.fromkeys(text for k, text in enumerate(texts) if k not in origins):
-        yield Named("a text", name)
+        yield FileReference("a text", name)
 
 
 def _fbx_string(content: mmap.mmap, at: int) -> bytes:
@@ -188,12 +184,8 @@ def _fbx_string(content: mmap.mmap, at: int) -> bytes:
     return content[at + 4 : at + 4 + length]
 
 
-def _in_usd(file: Path) -> Iterator[Named]:
+def _in_usd(file: Path) -> Iterator[FileReference]:
     """References of the layer, and of the layers that are packed into it."""
-    if file.suffix.lower() == ".mtlx":
-        # its includes are read together with it, so they are yielded first
-        for found in re.findall(rb"[\"']([^\"']{1,4096})[\"']", file.read_bytes()):
-            yield Named("a text", html.unescape(_text(found)))
     pxr = compat.usd_library()
     if pxr is None:
         without = f"{compat.version_line()} without its library"
@@ -220,21 +212,27 @@ def _in_usd(file: Path) -> Iterator[Named]:
                     todo.append(whole)
 
 
-def _usd_reference(place: str, name: str) -> Named:
+def _in_materialx(file: Path) -> Iterator[FileReference]:
+    """All texts of the file: USD's library would open what they name."""
+    for found in re.findall(rb"[\"']([^\"']{1,4096})[\"']", file.read_bytes()):
+        yield FileReference("a text", html.unescape(_text(found)))
+
+
+def _usd_reference(place: str, name: str) -> FileReference:
     plain = name.partition("[")[0].partition(":SDF_FORMAT_ARGS:")[0]
     is_layer = Path(plain).suffix in _LAYERS
-    return Named(place, plain, report_missing=is_layer, computed=name.startswith("`"))
+    return FileReference(place, plain, report_missing=is_layer, computed=name.startswith("`"))
 
 
-def _in_playlist(file: Path) -> Iterator[Named]:
+def _in_playlist(file: Path) -> Iterator[FileReference]:
     """A video playlist that refers to other videos."""
     for line in file.read_text("utf-8", "surrogateescape").splitlines():
         quoted = re.findall("[\"']([^\"']+)[\"']", line)
         for name in (line.strip(), *quoted, line.rpartition(" ")[2]):
-            yield Named("playlist", name)
+            yield FileReference("playlist", name)
 
 
-_Finder = Callable[[Path], Iterator[Named]]
+_Finder = Callable[[Path], Iterator[FileReference]]
 _MAGIC: dict[bytes, _Finder] = {
     **dict.fromkeys((b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd"), _in_blend),
     b"glTF": _in_gltf,
@@ -249,4 +247,5 @@ _FINDERS: dict[str, _Finder] = {
     **dict.fromkeys((".gltf", ".glb"), _in_gltf),
     ".fbx": _in_fbx,
     **dict.fromkeys(_LAYERS, _in_usd),
+    ".mtlx": _in_materialx,
 }

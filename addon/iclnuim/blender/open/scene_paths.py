@@ -1,5 +1,9 @@
 """References of a scene to other files: files outside the scene's folder are refused unless
 allowed, and all are included in the scene's hash.
+
+Where the kernel has a wall (scene_wall.py), Blender cannot open what is refused here; the refusal
+says so in words, before a texture is missing. Where it has none, as in the panel, these names are
+all there is.
 """
 
 import functools
@@ -20,7 +24,7 @@ from ...errors import InputError
 from ...geometry.scene_axes import SceneReading
 from ..notes import names_of
 from . import scene_names
-from .scene_names import Named
+from .scene_names import FileReference
 
 #: Variants of a name that importers may use; each function is applied to the results of the
 #: previous ones.
@@ -59,14 +63,11 @@ def check(path: Path, reading: SceneReading) -> list[str]:
 
 
 def check_open(path: Path, reading: SceneReading, log: str) -> None:
-    """Check the references of the open scene: textures, libraries, volumes, caches, fonts and
-    sounds, and all else that Blender lists or could not read, as its `log` says. Raises InputError.
+    """Check the files of the open scene: those that Blender lists, and those that it could not
+    read, as its `log` says. Raises InputError.
 
     The strips of the sequencer are removed from the open scene: like scripts, they are never read.
     """
-    for block, target in _open_files():
-        if not _allowed(path, target, reading):
-            _refuse(path, block.name, block.filepath, reading)
     for scene in bpy.data.scenes:
         scene.sequence_editor_clear()
     scripts = {bpy.path.abspath(text.filepath) for text in bpy.data.texts}
@@ -84,7 +85,7 @@ def sha256(path: Path) -> str:
     """The hash of the file and of every other file that it, the open scene, or one of these files
     refers to.
     """
-    beside = {target for _, target in _open_files()}
+    beside = set(_open_files())
     for _, _, there in _walk(path):
         for target in there:
             beside.update(_files(path, target))
@@ -100,7 +101,7 @@ def libraries(path: Path) -> list[Path]:
     return sorted({target for target in named if target.suffix == ".blend"})
 
 
-def _walk(path: Path) -> Iterator[tuple[Path, Named, list[Path]]]:
+def _walk(path: Path) -> Iterator[tuple[Path, FileReference, list[Path]]]:
     """(file, reference, existing files) for all references of the scene and, recursively, of the
     files it refers to.
 
@@ -133,7 +134,7 @@ def _walk(path: Path) -> Iterator[tuple[Path, Named, list[Path]]]:
             todo += [(target, named.kind) for target in there]
 
 
-def _targets(folder: Path, named: Named) -> Iterator[Path]:
+def _targets(folder: Path, named: FileReference) -> Iterator[Path]:
     """The paths that a name may refer to. In Blender's paths `//` is the file's folder, else they
     start in the working folder; Blender truncates paths that are too long.
     """
@@ -152,7 +153,7 @@ def _targets(folder: Path, named: Named) -> Iterator[Path]:
             yield Path(os.fsdecode(encoded))
 
 
-def _last_resorts(folder: Path, named: Named) -> Iterator[Path]:
+def _last_resorts(folder: Path, named: FileReference) -> Iterator[Path]:
     """Further paths that importers try for a missing file: the working folder, the last parts of
     the name, spaces instead of underscores.
     """
@@ -223,18 +224,15 @@ def _resolved(target: Path) -> Path:
         return Path("/")
 
 
-def _open_files() -> Iterator[tuple[ID, Path]]:
-    """(block, existing file) for every external file of the open session, except scripts, which are
-    never read.
-    """
+def _open_files() -> Iterator[Path]:
+    """Every existing external file of the open session, except scripts, which are never read."""
     data = bpy.data
     kinds = (data.images, data.libraries, data.cache_files, data.volumes, data.fonts)
     for block in itertools.chain(*kinds, data.movieclips, data.sounds):
         is_named = block.filepath and block.filepath != "<builtin>"
         if is_named and getattr(block, "packed_file", None) is None:
             file = Path(bpy.path.abspath(block.filepath, library=block.library))
-            for target in _frames(block, file):
-                yield block, target
+            yield from _frames(block, file)
 
 
 def _frames(block: ID, file: Path) -> list[Path]:
