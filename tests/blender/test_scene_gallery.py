@@ -134,7 +134,7 @@ PLAIN = {
     "plain_room", "displaced_twice_in_a_library", "displaced_instances", "instances_in_instances",
     "instanced_lamps_and_shear", "background_set", "mirrored_object",
     "levels_for_rendering", "is_viewport", "instances_on_a_point_cloud",
-    "lamp_in_excluded_collection", "mixed_normals", "point_lamp_without_size",
+    "mixed_normals", "point_lamp_without_size",
 }  # fmt: skip
 
 
