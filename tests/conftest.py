@@ -39,7 +39,7 @@ TOGETHER = ("tests/fusion/", "tests/odometry/", "tests/test_python_page.py")
 #: to do.
 FIRST = (
     "tests/ui/", "tests/farm/test_chaos.py", *TOGETHER, "tests/blender/", "tests/scenes/", "tests/lightmap/", "tests/raycast/",
-    "tests/packaging/", "tests/farm/", "tests/headless/test_bench_detail.py", "tests/headless/test_exit_codes.py",
+    "tests/packaging/", "tests/farm/", "tests/headless/test_exit_codes.py",
     "tests/formats/test_fuzzed_files.py",
 )  # fmt: skip
 

@@ -27,14 +27,10 @@ def _configure_render(actions: Actions) -> None:
     render = action(actions, "render", help, "iclnuim bench render kt2", _render)
     add = render.add_argument
     add("sequence", nargs="?", default="kt2", metavar="SEQUENCE", help="default: kt2")
-    help = "instead, measure the parts of a frame's time: rays, shading, EXR, overhead"
-    add("--breakdown", action="store_true", help=help)
-    add("--frames", metavar="A:B:S", help="default: every 160th; with --breakdown every 30th")
+    add("--frames", default="::160", metavar="A:B:S", help="default: every 160th")
     help = "sizes of light maps in texels; default: 512,1024,2048"
     add("--maps", type=whole_numbers, default=(512, 1024, 2048), metavar="N,N", help=help)
     add("--only", metavar="TEXT", help="only methods whose name contains TEXT, such as `baked`")
-    help = "for --breakdown; default: baked"
-    add("--light", choices=("baked", "path"), default="baked", help=help)
     add_plot(render, "time against error")
 
 
@@ -60,27 +56,12 @@ def _require_blender(what: str) -> None:
 
 def _render(args: Namespace, console: Console) -> None:
     _require_blender("bench render")
-    if args.breakdown:
-        _break_down(args, console)
-    else:
-        _compare_light(args, console)
-
-
-def _break_down(args: Namespace, console: Console) -> None:
-    from . import frame_breakdown
-
-    job = jobs.shipped_job(args.sequence).changed(light=args.light, denoise=False)
-    figures = asdict(frame_breakdown.measure(job, args.frames or "::30"))
-    console.result(figures, "\n".join(f"{name:<20}{value:9.2f}" for name, value in figures.items()))
-
-
-def _compare_light(args: Namespace, console: Console) -> None:
     from iclnuim.report import charts
 
     from . import light_comparison
 
     job = jobs.shipped_job(args.sequence).changed(map_size=max(args.maps))
-    views = list(frame_slice(args.frames or "::160", len(load_trajectory(job)) - 1))
+    views = list(frame_slice(args.frames, len(load_trajectory(job)) - 1))
     if len(views) < 3:
         raise InputError("at least 3 frames to compare", found=len(views))
     console.note(f"references: {light_comparison.REFERENCE_SAMPLES} samples, {len(views)} views")

@@ -13,21 +13,9 @@ _PICTURES = "docs/measured/pictures"
 _KT2 = "out/living_room/kt2"
 _SEQUENCES = [f"{room}/kt{k}" for room, k in product(("living_room", "office"), range(4))]
 _BIASED = ("icp", "rgbd", "icp_rgbd")
-_DETAIL = "bench detail --lit none --maps 512,1024,2048 --every 60"
-_DETAIL_ODOMETRY = "bench detail-odometry --levels 0.5,0.7,1,1.4 --frames 80:200"
-_CLEAN_TWO = f"{_KT2}/clean out/office/kt1/clean"
 _FOUR = f"{_KT2}/clean {_KT2}/noisy out/office/kt1/clean out/office/kt1/noisy"
-#: Curve -> sequences, number of frames, and the step to which the table refers: the default, or one
-#: at which all methods work.
-_CURVES = {
-    "iterations": (_FOUR, 120, 1.0),
-    "levels": (_FOUR, 120, 0.0),
-    "pixels": (_FOUR, 120, 1.0),
-    "resolution": (_FOUR, 120, 640.0),
-    "keyframe": (_FOUR, 120, 0.02),
-    "rate": (f"{_CLEAN_TWO} --values 15,30,60,120,240", 60, 30.0),
-    "realtime": (_FOUR, 120, 1.0),
-}
+#: Curve -> the step to which the table refers: the default, or one at which all methods work.
+_CURVES = {"iterations": 1.0, "levels": 0.0, "pixels": 1.0, "resolution": 640.0}
 _NOISE = f"bench noise {_KT2}/raw --frames :120 --official ../shared/data/iclnuim/or_kt3"
 #: Title of the row, kind of sequence, options of `fuse`.
 _SURFACES = (
@@ -117,52 +105,6 @@ def _textures(found: Sequence[Any]) -> Rows:
         of_255 = {name: r[name] and 255 * r[name] for name in names}
         figures.append({**r, **of_255, "sequence": _plain(r["sequence"])})
     return _each(header, row, figures)
-
-
-def _levels(room: str) -> FromOutput:
-    """One row per level; the finest, with which the others are compared, has no errors."""
-    header = (
-        "detail | triangles | mean depth error | 99 % | off by more than 5 mm"
-        " | colour, PSNR | build | frame"
-    )
-    row = (
-        "{title} | {triangles:,} | {mean_m:.2g mm} | {p99_m:.2g mm} | {off_share:.2%}"
-        " | {psnr_db:.1f dB} | {build_s:.1f s} | {frame_s:.3f s}"
-    )
-
-    def text(found: Sequence[Any]) -> Rows:
-        figures = []
-        for level in found[0]["levels"][room]:
-            title = f"{level['detail']:g}"
-            if level["detail"] == found[0]["knee"][room]:
-                title += ", the knee"
-            if level["detail"] == 1:
-                title = f"**{title}**"
-            figures.append({**level, "title": title})
-            if level["psnr_db"] is None:
-                figures[-1] |= dict.fromkeys(("mean_m", "p99_m", "off_share"))
-        return _each(header, row, figures)
-
-    return text
-
-
-def _maps(found: Sequence[Any]) -> Rows:
-    """One row per room and size of the light map."""
-    header = "room | map | bake | PSNR against the largest | median | frame, 320 x 240"
-    row = (
-        "{room} | {size} | {bake_s:.0f s} | {psnr_db:.1f dB} | {median_of_255:.2f of 255}"
-        " | {frame_s:.3f s}"
-    )
-    figures: list[dict[str, Any]] = []
-    for room, sizes in found[0]["maps"].items():
-        figures += [{"room": room, **one} for one in sizes]
-    return _each(header, row, figures)
-
-
-def _unseen(found: Sequence[Any]) -> Rows:
-    header = "room | poses | triangles never seen | surface never seen | texels in use never seen"
-    row = "{room} | {poses} | {triangles:.1%} | {surface:.1%} | {texels:.1%}"
-    return _each(header, row, found[0]["unseen"])
 
 
 def _splits(found: Sequence[Any]) -> Rows:
@@ -312,45 +254,10 @@ def _surface_commands() -> Iterator[str]:
         yield evaluate
 
 
-def _detail_odometry(found: Sequence[Any]) -> Rows:
-    """Of each method the ATE at each level over that at level 1, geometric means over the
-    sequences, and the largest range between seeds.
-    """
-    of_methods: dict[str, list[Any]] = {}
-    for change in found[0]["changes"]:
-        of_methods.setdefault(change["method"], []).append(change)
-    levels = found[0]["changes"][0]["levels"]
-    rows = []
-    for method, changes in of_methods.items():
-        row = [f"`{method}`"]
-        for k in range(len(levels)):
-            row.append(_ratio_to_level_1(changes, levels.index(1), k))
-        spreads = [change["spread"] for change in changes if change["spread"] is not None]
-        rows.append([*row, f"{max(spreads, default=0):.0%}"])
-    steps = " | ".join(f"{level:g}" for level in levels)
-    return words(f"ATE over that at level 1 | {steps} | range between seeds", rows)
-
-
-def _ratio_to_level_1(changes: Sequence[Any], at_1: int, k: int) -> str:
-    ratios = []
-    for change in changes:
-        ate_m = change["ate_m"]
-        if ate_m[k] is not None and ate_m[at_1]:
-            ratios.append(ate_m[k] / ate_m[at_1])
-    return f"{geometric_mean(ratios):.2f}" if ratios else "-"
-
-
 def _command_tables() -> Iterator[CommandTable]:
     yield CommandTable("light", (_plotted("bench render kt2", "light.png"),), _light)
     textures = _plotted("bench textures kt2 office/kt0", "textures.png")
     yield CommandTable("textures", (textures,), _textures)
-    detail = (_plotted(_DETAIL, "detail.png"),)
-    yield CommandTable("detail-living-room", detail, _levels("living_room"))
-    yield CommandTable("detail-office", detail, _levels("office"))
-    yield CommandTable("detail-unseen", detail, _unseen)
-    yield CommandTable("detail-maps", detail, _maps)
-    odometry = (_plotted(_DETAIL_ODOMETRY, "detail_odometry.png"),)
-    yield CommandTable("detail-odometry", odometry, _detail_odometry)
     offsets = []
     for sequence, name in product(_SEQUENCES, _BIASED):
         offsets.append(f"odometry {name} out/{sequence}/noisy --depth-offset 0.00155")
@@ -364,10 +271,10 @@ def _command_tables() -> Iterator[CommandTable]:
     yield CommandTable("noise-models", noise, _models)
     titles = [title for title, _, _ in _SURFACES]
     yield CommandTable("surface-error", tuple(_surface_commands()), _surface(titles))
-    for curve, (sequences, frames, default) in _CURVES.items():
-        options = f"--method all --frames 80:{80 + frames}"
-        command = _plotted(f"bench curve {curve} {sequences} {options}", f"curve_{curve}.png")
-        yield CommandTable(f"curve-{curve}", (command,), _curve(default))
+    for curve, default in _CURVES.items():
+        command = f"bench curve {curve} {_FOUR} --method all --frames 80:200"
+        table = (_plotted(command, f"curve_{curve}.png"),)
+        yield CommandTable(f"curve-{curve}", table, _curve(default))
     voxel = f"bench curve voxel {_KT2}/clean {_KT2}/noisy --frames 80:320"
     yield CommandTable("curve-voxel", (_plotted(voxel, "curve_voxel.png"),), _voxels)
 

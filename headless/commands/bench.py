@@ -29,10 +29,7 @@ _WARM_UP = 3
 _TOOLS = {
     "bench_render": ("render", "textures"),
     "bench_noise": ("noise",),
-    "bench_evaluate": ("evaluate",),
     "bench_farm": ("farm", "chaos"),
-    "bench_detail": ("detail",),
-    "detail_odometry": ("detail-odometry",),
 }
 
 
@@ -86,7 +83,7 @@ def _refuse(error: WorkError, args: Namespace, console: Console) -> None:
 
 
 def _odometry(args: Namespace, console: Console) -> None:
-    from iclnuim.benchmark.experiments.recipes.curve.odometry_chart import figure, front
+    from iclnuim.benchmark.experiments.recipes.curve.chart import front, odometry_figure
     from iclnuim.benchmark.odometry.run import odometry_table
 
     only = args.only or ""
@@ -113,7 +110,7 @@ def _odometry(args: Namespace, console: Console) -> None:
     if args.plot:
         from iclnuim.report import charts
 
-        charts.save(figure(results), args.plot)
+        charts.save(odometry_figure(results), args.plot)
     texts = []
     for result in results:
         title = result["sequence"]

@@ -24,9 +24,13 @@ if TYPE_CHECKING:
 _OUT = "folder of the measured steps, by which the command resumes; default: out/curves"
 _SEED = 1
 _FRAMES = 120
-#: Largest step of a curve; at a higher rate, frames in between would fill the memory.
 _LARGEST_STEP = 1e6
-_LARGEST = {"rate": 1000.0}
+#: Former curves -> what shows the same.
+_ELSEWHERE = {
+    "keyframe": "iclnuim odometry --reference keyframe",
+    "rate": "iclnuim stress --only speed, and --only motion_blur",
+    "realtime": "another curve, whose ms say which frame rate a method keeps up with",
+}
 
 
 def configure(actions: Actions) -> None:
@@ -43,7 +47,7 @@ def configure(actions: Actions) -> None:
     add(
         "curve",
         metavar="CURVE",
-        help="levels, iterations, pixels, keyframe, resolution, realtime, rate or voxel",
+        help="levels, iterations, pixels, resolution or voxel",
     )
     add("folders", type=Path, nargs="+", metavar="DIR", help="sequences with ground truth")
     add_camera_options(curve)
@@ -110,19 +114,19 @@ def _experiment(args: Namespace, console: Console) -> "Curve":
 
     known = (*curves.CURVES, curve.FUSION)
     if args.curve not in known:
-        raise InputError(f"a curve ({', '.join(known)})", found=args.curve)
+        hint = _ELSEWHERE.get(args.curve, "")
+        raise InputError(f"a curve ({', '.join(known)})", found=args.curve, hint=hint)
     _check_values(args.curve, args.values or ())
     inputs = _inputs(args, console)
     segments = {name: _segment(args, one) for name, one in inputs.items()}
     settings: dict[str, Any] = {"threads": args.threads, "seed": _SEED}
     if args.curve == curve.FUSION:
         require(console, "bench curve voxel", "igl")
-        from iclnuim.benchmark.experiments.recipes.curve.fusion_curve import VALUES
         from iclnuim.benchmark.fusion.surface_error import TrueSurface
         from iclnuim.blender.open.model_file import read_model
 
         surface = TrueSurface(*read_model(args.model))
-        steps: list[curves.Step] = [("fusion", value) for value in args.values or VALUES]
+        steps: list[curves.Step] = [("fusion", value) for value in args.values or curves.VOXELS_M]
         settings["model"] = curve.surface_sha256(surface)
         return curve.FusionCurve(args.curve, inputs, segments, steps, settings, surface)
     methods = args.method or ["icp", "rgbd"]
@@ -162,14 +166,13 @@ def _segment(args: Namespace, one: "Input") -> "Segment":
 
 
 def _check_values(curve: str, values: tuple[float, ...]) -> None:
-    """Raises InputError unless all steps are positive numbers, or numbers of levels, within the
-    limit of the curve.
-    """
-    most = _LARGEST.get(curve, _LARGEST_STEP)
+    """Raises InputError unless all steps are positive numbers, or numbers of levels."""
     for value in values:
         if curve == "levels" and not (value >= 0 and value.is_integer()):
             raise InputError("whole numbers of levels", setting="--values", found=f"{value:g}")
-        if curve != "levels" and not 0 < value <= most:
+        if curve != "levels" and not 0 < value <= _LARGEST_STEP:
             raise InputError(
-                f"numbers above 0, at most {most:g}", setting="--values", found=f"{value:g}"
+                f"numbers above 0, at most {_LARGEST_STEP:g}",
+                setting="--values",
+                found=f"{value:g}",
             )

@@ -14,10 +14,9 @@ from iclnuim.benchmark.experiments.recipes.paper.keys import all_keys  # noqa: E
 from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND, code_of_trajectory  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.headless import cli  # noqa: E402
-from iclnuim.tools import measured_pages, measured_tables  # noqa: E402
+from iclnuim.tools import measured, measured_tables  # noqa: E402
 from iclnuim.tools.measured_cells import PublishedCells, Run, code_hash  # noqa: E402
 from iclnuim.tools.measured_drawn import DRAWN  # noqa: E402
-from iclnuim.tools.measured_plan import missing_cells  # noqa: E402
 from iclnuim.tools.measured_tables import COMMAND_TABLES  # noqa: E402
 from made_up import only, result, written  # noqa: E402
 
@@ -32,22 +31,22 @@ MEASURED_RUN = Run("75405c27", "2 cores", "iclnuim benchmark")
 
 @pytest.fixture(scope="module")
 def cells():
-    return PublishedCells.read(measured_pages.TOP / measured_pages.CELLS)
+    return PublishedCells.read(measured.TOP / measured.CELLS)
 
 
 def page_texts():
-    return {page.name: page.read_text() for page in measured_pages.pages()}
+    return {page.name: page.read_text() for page in measured.pages()}
 
 
 @pytest.mark.parametrize("name", sorted(page_texts()))
 def test_a_page_says_what_the_cells_hold(name, cells):
     text = page_texts()[name]
-    assert measured_pages.redrawn(text, cells) == text
+    assert measured.redrawn(text, cells) == text
 
 
 @pytest.mark.parametrize("name", sorted(set(page_texts()) - set(BY_HAND)))
 def test_no_figure_stands_outside_of_what_is_drawn(name):
-    prose = measured_pages._MARKED.sub("", page_texts()[name])
+    prose = measured._MARKED.sub("", page_texts()[name])
     prose = re.sub(r"```.*?```|`[^`]*`|\]\([^)]*\)", "", prose, flags=re.S)
     assert FIGURE.findall(prose) == []
 
@@ -58,7 +57,7 @@ def test_a_changed_cell_changes_its_page_and_only_what_shows_it(cells):
     before = cells.cells[key]
     other = PublishedCells(dict(cells.cells))
     other.cells[key] = replace(before, figures={"ate_m": {"rmse": 0.98765}})
-    changed = measured_pages.redrawn(text, other)
+    changed = measured.redrawn(text, other)
     lines = [line for line in changed.splitlines() if line not in text.splitlines()]
     assert len(lines) == 1 and lines[0].startswith("| office kt3 noisy | ") and " 988 " in lines[0]
 
@@ -67,9 +66,9 @@ def test_a_figure_that_no_cell_holds_is_not_measured(cells):
     marks = re.findall("<!-- measured: (.*) -->", "".join(page_texts().values()))
     nothing = PublishedCells()
     for mark in ("odometry-cost", "light", "benchmark-verdicts"):
-        assert mark in marks and "not measured" in measured_pages.drawn(mark, nothing)
+        assert mark in marks and "not measured" in measured.drawn(mark, nothing)
     with pytest.raises(ValueError, match="nothing draws odometry-ates"):
-        measured_pages.drawn("odometry-ates", cells)
+        measured.drawn("odometry-ates", cells)
 
 
 def test_errors_over_the_noise_seeds_are_of_all_that_are_measured():
@@ -94,7 +93,7 @@ def test_every_table_stands_on_one_page():
 
 
 def test_cells_keep_their_bytes_and_a_line_that_is_none_is_named(cells, tmp_path):
-    path = measured_pages.TOP / measured_pages.CELLS
+    path = measured.TOP / measured.CELLS
     cells.write(tmp_path / "again.jsonl")
     assert (tmp_path / "again.jsonl").read_bytes() == path.read_bytes()
     assert path.stat().st_size < 1_000_000
@@ -113,7 +112,7 @@ def test_cells_of_a_benchmark_are_taken_with_their_code_and_input(tmp_path):
         content["identity"] = {"input": {"sha256": "a"}, "code": "b", "method_code": "c"}
         file.write_text(json.dumps(content))
     cells = PublishedCells()
-    assert measured_pages.take(cells, out) == 3
+    assert measured.take(cells, out) == 3
     (first, *_) = cells.cells.values()
     assert first.figures["ate_m"]["rmse"] == 0.0123457 and "path" not in first.figures
     assert first.code == code_hash({"code": "other", "method_code": "c"}) and first.input
@@ -123,12 +122,12 @@ def test_cells_of_a_benchmark_are_taken_with_their_code_and_input(tmp_path):
 
 def test_the_plan_names_what_is_missing_and_cells_of_other_code():
     def trajectories(cells):
-        lines = [one for one in missing_cells(cells) if "--no-surfaces" in one.command]
+        lines = [one for one in measured.missing_cells(cells) if "--no-surfaces" in one.command]
         return sum(one.cells for one in lines), sum(one.core_hours for one in lines)
 
     cells = PublishedCells()
     count, hours = trajectories(cells)
-    total = sum(one.core_hours or 0 for one in missing_cells(cells))
+    total = sum(one.core_hours or 0 for one in measured.missing_cells(cells))
     assert count > 300 and 1 < hours < total < 40
     key = all_keys()[0]
     of_code = {"code": code_of_trajectory(key)}
@@ -144,7 +143,7 @@ def test_the_plan_names_what_is_missing_and_cells_of_other_code():
 
 def test_the_plan_names_tables_of_other_rooms_and_missing_runs_and_segments(cells):
     def commands(of):
-        return {one.command.split(" out/")[0]: one.cells for one in missing_cells(of)}
+        return {one.command.split(" out/")[0]: one.cells for one in measured.missing_cells(of)}
 
     some = PublishedCells(dict(cells.cells))
     table = "python tools/measured.py --measure curve-levels"
@@ -152,12 +151,12 @@ def test_the_plan_names_tables_of_other_rooms_and_missing_runs_and_segments(cell
     some.cells["table", "curve-levels"] = replace(some.cells["table", "curve-levels"], input="a")
     assert table in commands(some)
     runs = commands(some).get("iclnuim run orbslam3", 0)
-    lines = {one.command: one.cells for one in missing_cells(some)}
+    lines = {one.command: one.cells for one in measured.missing_cells(some)}
     fovis = [command for command in lines if command.endswith("--methods fovis")]
     assert fovis == []
     del some.cells["stress", "office/kt1", 80, "holes", 3, "fovis", ""]
     del some.cells[KIND, "office", "kt1", "clean", "ORB-SLAM3", "final", "run", 0, 2]
-    lines = {one.command: one.cells for one in missing_cells(some)}
+    lines = {one.command: one.cells for one in measured.missing_cells(some)}
     assert [n for command, n in lines.items() if command.endswith("--methods fovis")] == [1]
     assert commands(some)["iclnuim run orbslam3"] == runs + 1
 
@@ -170,11 +169,6 @@ def test_its_commands_are_understood(words):
     assert cli.parsed(command, [*rest, "--json"]).json
 
 
-LEVEL = dict.fromkeys(
-    ("triangles", "build_s", "mean_m", "p99_m", "off_share", "frame_s", "median_of_255"), 1.0
-)
-LEVELS = [{**LEVEL, "detail": 1.0, "psnr_db": 40.0}, {**LEVEL, "detail": 2.0, "psnr_db": None}]
-MAP = {"size": 512, "bake_s": 9.0, "frame_s": 0.1, "psnr_db": None, "median_of_255": None}
 RUN = {"odometer": "icp", "ms_median": 12.0, "ms_95": 15.0, "ate_rmse_m": 0.0123, "coverage": 0.99}
 PAIR = {
     "depth": "none",
@@ -185,7 +179,6 @@ PAIR = {
     "cpu_ratio": 1.1,
 }
 DAMAGE = {"frames": 9, "kills": 3, "broken": 0, "lost": 0, "twice": 0, "events": {"full": 1}}
-UNSEEN = {"room": "office", "poses": 79, "triangles": 0.5, "surface": 0.4, "texels": None}
 ERROR = {"psnr_db": [40.0, 36.0], "median": 0.0028}
 STEP = {
     "method": "icp",
@@ -204,14 +197,6 @@ VOXEL = {
     "p95_m": 0.002,
     "ms": 9.0,
     "memory_mb": 90.0,
-}
-CHANGE = {
-    "sequence": "kt2",
-    "kind": "clean",
-    "method": "icp",
-    "levels": [0.5, 1],
-    "ate_m": [None, 1e-3],
-    "spread": None,
 }
 #: What a command prints, as far as it is used, by the command's first words.
 PRINTED = {
@@ -237,13 +222,6 @@ PRINTED = {
             | {"difference": difference}
             for difference in (0.004, None)
         ]
-    },
-    "bench detail-odometry": {"changes": [CHANGE]},
-    "bench detail": {
-        "levels": dict.fromkeys(("living_room", "office"), LEVELS),
-        "knee": dict.fromkeys(("living_room", "office"), 1.0),
-        "maps": {"office": [MAP, {**MAP, "psnr_db": 41.0, "median_of_255": 0.3}]},
-        "unseen": [UNSEEN],
     },
     "bench curve voxel": {"points": [VOXEL]},
     "bench curve": {"points": STEPS},
@@ -290,9 +268,9 @@ def test_a_table_that_is_measured_becomes_a_cell_and_the_page(tmp_path, monkeypa
     )
     cells = PublishedCells()
     cells.add([replace(result(all_keys()[0], 0.01), identity={"input": "a"})], KIND, MEASURED_RUN)
-    cells.write(tmp_path / measured_pages.CELLS)
-    monkeypatch.setattr(measured_pages, "TOP", tmp_path)
-    monkeypatch.setattr(measured_pages, "draw_charts", lambda cells: None)
+    cells.write(tmp_path / measured.CELLS)
+    monkeypatch.setattr(measured, "TOP", tmp_path)
+    monkeypatch.setattr(measured, "draw_charts", lambda cells: None)
     split = {
         "light": "baked",
         "workers": 2,
@@ -300,13 +278,13 @@ def test_a_table_that_is_measured_becomes_a_cell_and_the_page(tmp_path, monkeypa
         "frames_an_hour": 27460.2,
         "busy_share": 0.914,
     }
-    monkeypatch.setattr(measured_pages, "output_of", lambda command: {"splits": [split]})
-    assert measured_pages.main(["--measure", "farm-splits"]) == 0
+    monkeypatch.setattr(measured, "output_of", lambda command: {"splits": [split]})
+    assert measured.main(["--measure", "farm-splits"]) == 0
     assert page.read_text().splitlines()[3] == "| --- | --- | --- | --- | --- |"
     assert (
         "\n| 2 x 2 | 27,460 | 91% |  |  |\n<!-- end of farm-splits -->\nafter\n" in page.read_text()
     )
-    stored = PublishedCells.read(tmp_path / measured_pages.CELLS)
+    stored = PublishedCells.read(tmp_path / measured.CELLS)
     assert stored.table("farm-splits")[1][:2] == ["2 x 2", "27,460"]
 
 
@@ -337,5 +315,5 @@ def test_steps_of_a_curve_are_relative_to_the_default_step_as_geometric_means():
 
 def test_a_command_that_fails_ends_the_measurement_in_a_line(capfd):
     with pytest.raises(SystemExit, match="measured: iclnuim evaluate ended with exit code 2"):
-        measured_pages.output_of("evaluate no/such/file no/such/other")
+        measured.output_of("evaluate no/such/file no/such/other")
     assert "Traceback" not in capfd.readouterr().err

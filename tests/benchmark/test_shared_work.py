@@ -18,7 +18,7 @@ from iclnuim.headless import cli
 pytest.importorskip("embreex")
 pytest.importorskip("igl")
 from iclnuim.benchmark.experiments import pool
-from iclnuim.benchmark.experiments.recipes.paper import seen_cache
+from iclnuim.benchmark.experiments.recipes.paper import surface as paper_surface
 from iclnuim.benchmark.experiments.recipes.paper.recipe import Paper  # noqa: E402
 from iclnuim.benchmark.experiments.recipes.paper.sources import Sources  # noqa: E402
 from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality  # noqa: E402
@@ -43,14 +43,14 @@ def test_what_was_seen_is_computed_once_for_all_cells_and_again_if_its_file_is_d
 ):
     surface, asked = TrueSurface(WALLS, SIDES), []
 
-    def counted(*args, compute=seen_cache.what_was_seen):
+    def counted(*args, compute=paper_surface.what_was_seen):
         asked.append(args)
         return compute(*args)
 
-    monkeypatch.setattr(seen_cache, "what_was_seen", counted)
+    monkeypatch.setattr(paper_surface, "what_was_seen", counted)
 
     def figures(seen_by=views, model="room_1.npz"):
-        seen = seen_cache.cached_seen(tmp_path / "seen", model, surface, seen_by, FEW)
+        seen = paper_surface.cached_seen(tmp_path / "seen", model, surface, seen_by, FEW)
         return surface_quality(
             surface, WALLS + (0, 0, 0.004), SIDES, seen_by=seen, settings=FEW
         ).to_dict()

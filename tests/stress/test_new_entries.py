@@ -12,9 +12,9 @@ from iclnuim.console import Console
 from iclnuim.headless.cli import main
 from iclnuim.headless.method_options import installed
 from iclnuim.tools import measured_tables
+from iclnuim.tools.measured import take
 from iclnuim.tools.measured_cells import PublishedCells
 from iclnuim.tools.measured_drawn import stress_totals
-from iclnuim.tools.measured_pages import take
 
 CLASS = '''
 from dataclasses import dataclass
@@ -107,7 +107,7 @@ def test_an_odometer_without_iterations_works_in_every_command(
     published = PublishedCells()
     assert take(published, tmp_path / "stress") == len(groups["cells"])
     assert "still" in [row[0] for row in stress_totals(published)]
-    for curve, values in (("iterations", [1.0, None]), ("keyframe", [0.1, 0.1])):
+    for curve, values in (("iterations", [1.0, None]), ("resolution", [160.0, 160.0])):
         words = ("--method", "baseline:opencv-icp", "--method", "still", "--method", "icp")
         points = result(
             command_here, "bench", "curve", curve, folder, "--first", "6", "--values",

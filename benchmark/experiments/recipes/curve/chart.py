@@ -1,33 +1,80 @@
-"""Chart of `iclnuim bench curve`: error over cost, with a line for each method through its steps
-and the Pareto front of all.
-
-The cost is the time per frame. Two settings do not change it, so the error is drawn over the
-setting itself; the frame rate changes the time per second.
+"""Charts of error over time: of `iclnuim bench curve`, with a line for each method through its
+steps, and of `iclnuim bench odometry`, with a dot for each method; both with the Pareto front.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from typing import Any
 
-from iclnuim.report.charts import COLOURS
+from iclnuim.report.charts import COLOURS, pareto_front
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from .curves import CURVES, Point
-from .error_chart import TICKS_MS, ErrorChart, look
-from .fusion_curve import FusedPoint
+from .curves import CURVES, FusedPoint, Point
 
-#: Curves whose steps take the same time: the error is drawn over the setting.
-_OVER_SETTING = ("keyframe", "realtime")
+#: Ticks of the time per frame in ms.
+_TICKS_MS = (2, 5, 10, 20, 50, 100, 200)
 
 
-def figure(curve: str, results: Mapping[str, Sequence[Point]]) -> Figure:
+class ErrorChart:
+    """A figure with a panel for each title; `close` adds the legend and the labels."""
+
+    def __init__(self, titles: Sequence[str], columns: int, side: float) -> None:
+        columns = min(len(titles), columns)
+        rows = -(-len(titles) // columns)
+        size = ((side + 0.2) * columns + 1.7, side * rows + 0.4)
+        self.drawing = Figure(figsize=size, layout="constrained")
+        panels = self.drawing.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        self.panels: dict[str, Axes] = dict(zip(titles, panels.flat, strict=False))
+        self.shown: dict[str, Line2D] = {}
+        for axes in panels.flat[len(titles) :]:
+            axes.set_visible(False)
+        for title, axes in self.panels.items():
+            axes.set(xscale="log", yscale="log", title=title)
+            axes.xaxis.set_minor_formatter("")
+            axes.grid(alpha=0.3)
+            axes.set_xticks(_TICKS_MS, labels=[f"{x:g}" for x in _TICKS_MS])
+
+    def front(self, title: str, points: Sequence[tuple[float, float]]) -> None:
+        """Draw the Pareto front of points (cost, ATE in mm) as a dashed line."""
+        best = [points[k] for k in pareto_front(points)]
+        x = [point[0] for point in best]
+        y = [point[1] for point in best]
+        self.panels[title].plot(x, y, "--", color="grey", linewidth=0.8, zorder=0)
+
+    def close(self, cost: str, title: str = "") -> Figure:
+        """The figure, with the name of the cost."""
+        self.drawing.suptitle(title)
+        self.drawing.supxlabel(cost, fontsize="medium")
+        self.drawing.supylabel("ATE RMSE [mm]", fontsize="medium")
+        self.drawing.legend(
+            self.shown.values(), self.shown.keys(), loc="outside right upper", fontsize=8
+        )
+        return self.drawing
+
+
+def look(method: str, methods: Sequence[str]) -> dict[str, Any]:
+    """Line and marker of one of `methods`: colours in their order, hollow markers once these are
+    used up; dotted lines with squares for third-party ones.
+    """
+    k = methods.index(method)
+    colour = COLOURS[k % len(COLOURS)]
+    inside = "white" if k >= len(COLOURS) else colour
+    style = {"color": colour, "markerfacecolor": inside, "linewidth": 1, "markersize": 4}
+    if method.startswith("baseline:"):
+        return {**style, "linestyle": ":", "marker": "s"}
+    return {**style, "linestyle": "-", "marker": "o"}
+
+
+# -- curves
+
+
+def curve_figure(curve: str, results: Mapping[str, Sequence[Point]]) -> Figure:
     """Ours are lines with dots; third-party ones are dotted lines with squares. The first and last
     step of a method have their values beside them. A cross is a step that lost more than half of
     the frames it processed; it is not part of the front.
     """
-    label, cost = _axis(curve)
     chart = ErrorChart(list(results), 2, 4.4)
     methods = list(dict.fromkeys(p.method for p in chain.from_iterable(results.values())))
     for name, points in results.items():
@@ -35,37 +82,15 @@ def figure(curve: str, results: Mapping[str, Sequence[Point]]) -> Figure:
             own = [p for p in points if p.method == method and p.ate_m is not None]
             if own:
                 style = look(method, methods)
-                chart.shown[method] = _line(chart.panels[name], own, cost, style)
-        if curve not in _OVER_SETTING:
-            good = [p for p in points if not p.failed and p.ate_m is not None]
-            chart.front(name, [(cost(p), 1e3 * (p.ate_m or 0.0)) for p in good])
-    if curve in _OVER_SETTING:
-        chart.ticks(_values(results))
-    elif curve == "rate":
-        chart.ticks(100.0 * ms for ms in TICKS_MS)
-    return chart.close(label, f"{curve}: {CURVES[curve].unit}")
+                chart.shown[method] = _line(chart.panels[name], own, style)
+        good = [p for p in points if not p.failed and p.ate_m is not None]
+        chart.front(name, [(p.ms, 1e3 * (p.ate_m or 0.0)) for p in good])
+    return chart.close("median ms per frame", f"{curve}: {CURVES[curve].unit}")
 
 
-def _values(results: Mapping[str, Sequence[Point]]) -> list[float]:
-    """The steps of all methods."""
-    points = chain.from_iterable(results.values())
-    return sorted({p.value for p in points if p.value is not None})
-
-
-def _axis(curve: str) -> tuple[str, Callable[[Point], float]]:
-    """Label of the horizontal axis, and its value for a step."""
-    if curve in _OVER_SETTING:
-        return CURVES[curve].unit, lambda p: p.value or 0.0
-    if curve == "rate":
-        return "processing time in ms per second of the sequence", lambda p: p.ms * (p.value or 1.0)
-    return "median ms per frame", lambda p: p.ms
-
-
-def _line(
-    axes: Axes, points: Sequence[Point], cost: Callable[[Point], float], style: dict[str, Any]
-) -> Line2D:
+def _line(axes: Axes, points: Sequence[Point], style: dict[str, Any]) -> Line2D:
     """The line of a method through its steps; returns its handle for the legend."""
-    x = [cost(p) for p in points]
+    x = [p.ms for p in points]
     y = [1e3 * (p.ate_m or 0.0) for p in points]
     (handle,) = axes.plot(x, y, **style)
     for p, px, py in zip(points, x, y, strict=True):
@@ -73,7 +98,7 @@ def _line(
             axes.plot(px, py, "x", color="black", markersize=7)
     for k in {0, len(points) - 1}:
         value = points[k].value
-        if value is not None and x[k] != value:
+        if value is not None:
             _annotate(axes, (x[k], y[k]), f"{value:g}", style["color"])
     return handle
 
@@ -103,3 +128,46 @@ def fusion_figure(results: Mapping[str, Sequence[FusedPoint]]) -> Figure:
     panels[0].set_ylabel("mean distance to the true surface [mm]")
     panels[0].legend(fontsize=8)
     return drawing
+
+
+# -- odometers
+
+#: A sequence with its runs, as in the output of --json.
+Comparison = Mapping[str, Any]
+
+
+def front(runs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The Pareto front: names of the runs that no other run beats in both median time and error."""
+    known = [run for run in runs if _has_point(run)]
+    best = pareto_front([(run["ms_median"], run["ate_rmse_m"]) for run in known])
+    return [known[k]["odometer"] for k in best]
+
+
+def _has_point(run: Mapping[str, Any]) -> bool:
+    return run["ate_rmse_m"] is not None and run["ms_median"] is not None
+
+
+def odometry_figure(results: Sequence[Comparison]) -> Figure:
+    """A dot at the median and a line to the 95th percentile; for several runs of a system, whose
+    times are those of the whole process, a triangle and the quartiles of the ATE.
+    """
+    chart = ErrorChart([result["sequence"] for result in results], 4, 3.4)
+    runs = chain.from_iterable(result["runs"] for result in results)
+    methods = list(dict.fromkeys(run["odometer"] for run in runs))
+    for result in results:
+        axes = chart.panels[result["sequence"]]
+        points = []
+        for run in filter(_has_point, result["runs"]):
+            style = {**look(run["odometer"], methods), "linestyle": ""}
+            ms = run["ms_median"]
+            ate_mm = 1e3 * run["ate_rmse_m"]
+            if "runs" in run:
+                style["marker"] = "^"
+                ends = [[ms, ms], [1e3 * ate_m for ate_m in run["ate_quartiles_m"]]]
+            else:
+                ends = [[ms, run["ms_95"]], [ate_mm, ate_mm]]
+            axes.plot(*ends, color=style["color"], linewidth=1)
+            (chart.shown[run["odometer"]],) = axes.plot(ms, ate_mm, **style)
+            points.append((ms, ate_mm))
+        chart.front(result["sequence"], points)
+    return chart.close("ms per frame: median, line to 95 % (triangles: whole process)")

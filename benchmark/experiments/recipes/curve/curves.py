@@ -5,24 +5,25 @@ Times can be compared only within a run: all variants process a frame before the
 loaded.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
 
 import numpy as np
+from iclnuim.benchmark.fusion.mesh import extract
+from iclnuim.benchmark.fusion.settings import PRESETS
+from iclnuim.benchmark.fusion.surface_error import TrueSurface
+from iclnuim.benchmark.fusion.volume import Volume
 from iclnuim.benchmark.odometry.protocol import Frame, Odometer
-from iclnuim.benchmark.odometry.references import KeyframeReference
 from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer
 from iclnuim.benchmark.odometry.track import Tracker
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
-from iclnuim.geometry.trajectory import FRAME_RATE_HZ, Trajectory, sample
-from iclnuim.sensor.rgb import PaperRgbNoise
-from iclnuim.sensor.transfer import srgb8
+from iclnuim.geometry.trajectory import Trajectory
 
-from ....perturbations.motion import depth_at, exposed
 from ....perturbations.segment import Segment
 from ...outcome import ate_rmse_m
 
@@ -90,21 +91,6 @@ class Variant:
         )
 
 
-@dataclass(eq=False)
-class Busy(Variant):
-    """A live camera, on a machine `value` times as slow: frames that arrive before the previous one
-    is processed are dropped.
-    """
-
-    done_s: float = -np.inf
-
-    def add(self, stamp_s: float, frame: Frame) -> None:
-        if stamp_s < self.done_s:
-            return
-        super().add(stamp_s, frame)
-        self.done_s = stamp_s + (self.value or 1.0) * self.seconds[-1]
-
-
 # -- settings of our odometers in steps: (group of settings, value) -> changed group
 
 
@@ -136,7 +122,7 @@ def pixels(settings: Any, value: float) -> Any:
 
 
 @dataclass(frozen=True)
-class Setting:
+class Scaling:
     """What a curve changes. change: function of a group of settings and a value, for odometers that
     have one of the fields, level by level; other methods have one step.
     """
@@ -152,18 +138,15 @@ class Setting:
 
 
 CURVES = {
-    "levels": Setting((0, 1, 2), "finest levels left out", levels, ("iterations",)),
-    "iterations": Setting((0.25, 0.5, 1, 2, 4), "times the default", iterations, ("iterations",)),
-    "pixels": Setting(
+    "levels": Scaling((0, 1, 2), "finest levels left out", levels, ("iterations",)),
+    "iterations": Scaling((0.25, 0.5, 1, 2, 4), "times the default", iterations, ("iterations",)),
+    "pixels": Scaling(
         (1, 2, 4, 8),
         "times the minimum gradient or the stride",
         pixels,
         ("strides", "min_gradients"),
     ),
-    "keyframe": Setting((0.02, 0.05, 0.1, 0.2, 0.4), "metres to the next keyframe"),
-    "resolution": Setting((640, 320, 160), "width of the images in pixels"),
-    "realtime": Setting((1, 2, 4, 8, 16), "times slower machine, frames dropped while it is busy"),
-    "rate": Setting((15, 30, 60, 120, 240), "frames per second, exposed for half of each"),
+    "resolution": Scaling((640, 320, 160), "width of the images in pixels"),
 }
 #: A method and its value; None for a method that does not have the setting.
 Step = tuple[str, float | None]
@@ -174,15 +157,15 @@ def steps_of(curve: str, methods: Sequence[str], values: Sequence[float]) -> lis
 
     Raises InputError if no method has it.
     """
-    setting = CURVES[curve]
-    if setting.change and not any(_groups(method, setting) for method in methods):
-        known = [name for name in ODOMETERS if _groups(name, setting)]
+    scaling = CURVES[curve]
+    if scaling.change and not any(_groups(method, scaling) for method in methods):
+        known = [name for name in ODOMETERS if _groups(name, scaling)]
         expected = f"an odometer with such settings ({', '.join(known)})"
         raise InputError(expected, found=", ".join(methods))
     found: list[Step] = []
     for method in methods:
-        own = _groups(method, setting)
-        if setting.change and not own:
+        own = _groups(method, scaling)
+        if scaling.change and not own:
             found.append((method, None))
             continue
         fewest = min((sum(map(bool, g.iterations)) for g in own), default=0)
@@ -197,22 +180,8 @@ def measure(
     curve: str, steps: Sequence[Step], segment: Segment, progress: Callable[[], object]
 ) -> list[Point]:
     """Measure all steps; progress() is called once per frame."""
-    if curve != "rate":
-        variants = [_variant(curve, method, value, segment.camera) for method, value in steps]
-        return interleaved(curve, variants, segment.frames, segment.truth, progress)
-    points: dict[Step, Point] = {}
-    for hz in dict.fromkeys(value for _, value in steps if value is not None):
-        methods = [method for method, value in steps if value == hz]
-        found = _at_rate(methods, hz, segment, progress)
-        points |= {(point.method, point.value): point for point in found}
-    return [points[step] for step in steps]
-
-
-def length(curve: str, values: Sequence[float], segment: Segment) -> int:
-    """Number of frames to process."""
-    if curve != "rate":
-        return len(segment.numbers)
-    return sum(len(_stamps_s(segment, hz)) for hz in values)
+    variants = [_variant(curve, method, value, segment.camera) for method, value in steps]
+    return interleaved(curve, variants, segment.frames, segment.truth, progress)
 
 
 def interleaved(
@@ -245,11 +214,6 @@ def _variant(curve: str, method: str, value: float | None, camera: PinholeCamera
         return Variant(method, None, Tracker(odometer(method), camera))
     if CURVES[curve].change:
         return Variant(method, value, Tracker(changed(method, CURVES[curve], value), camera))
-    if curve == "keyframe":
-        reference = KeyframeReference(value, 50.0 * value)
-        return Variant(method, value, Tracker(odometer(method), camera, against=reference))
-    if curve == "realtime":
-        return Busy(method, value, Tracker(odometer(method), camera))
     halvings = round(float(np.log2(camera.width / value)))
     if halvings < 0 or camera.width != value * 2**halvings:
         raise InputError(f"{camera.width} divided by a power of two", found=value)
@@ -266,25 +230,25 @@ def _preset(method: str) -> tuple[Any, Any]:
     return kind, kind.PRESETS["best"]
 
 
-def _groups(method: str, setting: Setting) -> list[Any]:
+def _groups(method: str, scaling: Scaling) -> list[Any]:
     """The groups of settings of a method that a curve changes."""
-    if setting.change is None or method not in ODOMETERS:
+    if scaling.change is None or method not in ODOMETERS:
         return []
     _, preset = _preset(method)
     groups = preset if isinstance(preset, tuple) else (preset,)
-    return [group for group in groups if setting.changes(group)]
+    return [group for group in groups if scaling.changes(group)]
 
 
-def changed(method: str, setting: Setting, value: float) -> Odometer:
+def changed(method: str, scaling: Scaling, value: float) -> Odometer:
     """One of our odometers with changed settings, in all groups that have the setting."""
     kind, preset = _preset(method)
-    change = setting.change
+    change = scaling.change
     assert change is not None
     if not isinstance(preset, tuple):
         return kind(change(preset, value))
     groups = list(preset)
     for k, group in enumerate(groups):
-        if setting.changes(group):
+        if scaling.changes(group):
             groups[k] = change(group, value)
     return kind(tuple(groups))
 
@@ -310,30 +274,72 @@ def _of_each_four(image: np.ndarray) -> list[np.ndarray]:
     return [image[y:h:2, x:w:2] for y, x in np.ndindex(2, 2)]
 
 
-def _stamps_s(segment: Segment, hz: float) -> np.ndarray:
-    first_s = segment.stamps_s[segment.numbers[0]]
-    last_s = segment.stamps_s[segment.numbers[-1]]
-    return first_s + np.arange(int((last_s - first_s) * hz + 1e-6) + 1) / hz
+# -- fusion
 
 
-def _at_rate(
-    methods: Sequence[str], hz: float, segment: Segment, progress: Callable[[], object]
-) -> list[Point]:
-    """Frames at another rate, exposed for half of their period: shorter exposures are sharper and
-    noisier (Handa et al., ECCV 2012).
+#: Sides of a voxel in metres.
+VOXELS_M = (0.035, 0.0176, 4.5 / 512, 0.004)
+
+
+@dataclass(frozen=True)
+class FusedPoint:
+    """voxel_m, and distances of the vertices to the true surface, in metres; ms: time of fusing per
+    frame; memory_mb: memory of fusing.
     """
-    noise = PaperRgbNoise()
-    light_share = np.float32(FRAME_RATE_HZ / hz)
 
-    def frames() -> Iterator[tuple[float, Frame]]:
-        for stamp_s in _stamps_s(segment, hz):
-            light = exposed(segment, stamp_s, 0.5 / hz)
-            rng = segment.generator(round(stamp_s * 1e4))
-            colour = srgb8(noise.noisy_light(np.maximum(light, 0) * light_share, rng) / light_share)
-            yield float(stamp_s), Frame.of(colour, depth_at(segment, stamp_s), float(stamp_s))
+    voxel_m: float
+    vertices: int
+    mean_m: float
+    median_m: float
+    p95_m: float
+    ms: float
+    meshing_s: float
+    memory_mb: float
 
-    camera = segment.camera
-    variants = [Variant(method, hz, Tracker(odometer(method), camera)) for method in methods]
-    stamps_s = _stamps_s(segment, hz)
-    dense = Trajectory(stamps_s, sample(segment.truth, stamps_s))
-    return interleaved("rate", variants, frames, dense, progress)
+
+def measure_fusion(
+    values: Sequence[float], segment: Segment, surface: TrueSurface, progress: Callable[[], object]
+) -> list[FusedPoint]:
+    """Fuse along the true poses: every frame is fused into all volumes, then each volume is meshed.
+
+    The first frame is not timed.
+    """
+    base = PRESETS["best"]
+    volumes = []
+    for voxel_m in values:
+        truncation_m, behind_m = base.reach_m(voxel_m)
+        settings = base.changed(
+            voxel_m=float(voxel_m),
+            truncation_m=truncation_m,
+            behind_m=behind_m,
+            max_blocks=400_000,
+        )
+        volumes.append(Volume(settings, lambda volume, leaves: None))
+    seconds = np.zeros(len(volumes))
+    for number in segment.numbers:
+        colour, depth_z_m = segment.load(number)
+        pose = segment.pose(segment.stamps_s[number])
+        for k, volume in enumerate(volumes):
+            started = time.perf_counter()
+            volume.integrate(depth_z_m, segment.camera, pose, colour)
+            seconds[k] += (number != segment.numbers[0]) * (time.perf_counter() - started)
+        progress()
+    each_ms = 1e3 * seconds / max(1, len(segment.numbers) - 1)
+    return [_fused_point(v, float(ms), surface) for v, ms in zip(volumes, each_ms, strict=True)]
+
+
+def _fused_point(volume: Volume, ms: float, surface: TrueSurface) -> FusedPoint:
+    started = time.perf_counter()
+    mesh = extract(volume)
+    meshing_s = time.perf_counter() - started
+    distances_m = surface.distance(mesh.points)
+    return FusedPoint(
+        voxel_m=volume.settings.voxel_m,
+        vertices=len(mesh.points),
+        mean_m=float(distances_m.mean()),
+        median_m=float(np.median(distances_m)),
+        p95_m=float(np.percentile(distances_m, 95)),
+        ms=ms,
+        meshing_s=meshing_s,
+        memory_mb=volume.bytes_used / 1e6,
+    )

@@ -23,9 +23,8 @@ from ...page import Page, Section
 from ...pool import Advance, Job, run_jobs
 from ...store import Store
 from ...table import ResultTable, mm, shown
-from . import curves, fusion_curve
-from .curves import Point, Step
-from .fusion_curve import FusedPoint
+from . import curves
+from .curves import FusedPoint, Point, Step
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -86,7 +85,7 @@ class Curve:
         for sequence, segment in self.segments.items():
             if store.missing(self.cells(sequence)):
                 measure = partial(self._measure, sequence, store)
-                jobs.append(Job(sequence, measure, self._length(segment)))
+                jobs.append(Job(sequence, measure, len(segment.numbers)))
         return jobs
 
     def run(self, store: Store, console: Console) -> None:
@@ -101,9 +100,6 @@ class Curve:
     def _values(self) -> list[float]:
         values = [value for _, value in self.steps if value is not None]
         return list(dict.fromkeys(values))
-
-    def _length(self, segment: Segment) -> int:
-        return curves.length(self.name, self._values(), segment)
 
     def _measure(self, sequence: str, store: Store, advance: Advance) -> None:
         points = self._points(self.segments[sequence], lambda: advance(1))
@@ -141,9 +137,9 @@ class Curve:
 
     def figure(self, points: Mapping[str, Sequence[Any]]) -> "Figure":
         """Error over cost."""
-        from .chart import figure
+        from .chart import curve_figure
 
-        return figure(self.name, points)
+        return curve_figure(self.name, points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,11 +148,11 @@ class FusionCurve(Curve):
 
     surface: TrueSurface
 
-    measurement: ClassVar[str] = f"{fusion_curve.__name__}:measure"
+    measurement: ClassVar[str] = f"{curves.__name__}:measure_fusion"
     point: ClassVar[Callable[..., Any]] = FusedPoint
 
     def _points(self, segment: Segment, progress: Callable[[], object]) -> Sequence[Any]:
-        return fusion_curve.measure(self._values(), segment, self.surface, progress)
+        return curves.measure_fusion(self._values(), segment, self.surface, progress)
 
     def table(self, sequence: str, points: Sequence[Any]) -> ResultTable:
         rows = []

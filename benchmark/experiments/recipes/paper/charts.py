@@ -23,9 +23,8 @@ from matplotlib.figure import Figure
 
 from ...cell import Measured
 from .figures import Ours, Where, ate_of, surface_of
-from .keys import NOISES, paper_titles
+from .keys import HEAT_MM, NOISES, paper_titles
 from .sources import Sources
-from .task import HEAT_MM
 
 #: Viewpoints of figure 1: trajectory, and position as a share of its length.
 _INTERIOR = (("kt2", 0.0), ("kt3", 0.45))

@@ -1,10 +1,14 @@
-"""The cells of the paper's experiments: their keys, order and selection."""
+"""The cells of the paper's experiments: their keys, order and selection, and what measuring one
+needs.
+"""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 
 from iclnuim import shipped
+from iclnuim.benchmark.fusion import settings as fusion
 from iclnuim.benchmark.odometry.registry import ODOMETERS
 from iclnuim.errors import InputError
 
@@ -120,3 +124,48 @@ def chosen(keys: Iterable[PaperKey], only: str | None) -> list[PaperKey]:
         expected = "a filter that matches at least one cell"
         raise InputError(expected, setting="only", found=only, hint=hint)
     return found
+
+
+# -- what measuring a cell needs
+
+#: Minimum weight of a voxel for the mesh of a noisy sequence: its surface must be seen by this many
+#: frames.
+_MIN_NOISY_WEIGHT = 3.0
+#: Limits of the heat maps' scale in mm. It is logarithmic and the same for all cells.
+HEAT_MM = (0.1, 100.0)
+
+
+@dataclass(frozen=True)
+class PaperTask:
+    """folder: the sequence. first: use only the first N frames. model: file with the room's
+    triangles; None: no surface is measured. trajectory: file written by an external system; None:
+    the cell's odometer estimates it. work: folder for data shared by cells, which can be
+    recomputed.
+    """
+
+    key: PaperKey
+    folder: Path
+    first: int | None
+    model: Path | None
+    trajectory: Path | None
+    work: Path
+
+
+class Meter:
+    """The library's progress display, which it calls as `progress(total, label)`."""
+
+    def __init__(self, advance: Callable[[int], object]) -> None:
+        self._advance = advance
+
+    def __call__(self, total: int = 0, label: str = "") -> "Meter":
+        return self
+
+    def advance(self, count: int = 1) -> None:
+        self._advance(count)
+
+
+def fuse_settings(key: PaperKey, first: int | None) -> fusion.FuseSettings:
+    """The fusion settings: the volume by the cell's preset, `min_weight` by its noise."""
+    volume = fusion.PRESETS.get(key.preset, fusion.PRESETS["best"])
+    min_weight = _MIN_NOISY_WEIGHT if key.noise == "noisy" else fusion.FuseSettings().min_weight
+    return fusion.FuseSettings(volume, min_weight, f":{first or ''}")

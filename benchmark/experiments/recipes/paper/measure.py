@@ -14,7 +14,7 @@ from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.sequences.sequence_poses import read_truth
 from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
-from .task import Meter, PaperTask
+from .keys import Meter, PaperTask
 
 #: Number of trajectory points stored for charts.
 _DRAWN = 300

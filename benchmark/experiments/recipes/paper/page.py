@@ -14,12 +14,12 @@ from iclnuim.formats.files import read_json
 from ...cell import Measured
 from ...page import Page, Section
 from ...table import ResultTable
+from .best_methods import accuracy_figure
 from .correlation import correlation
 from .figures import ate_of, surface_of
 from .findings import FAILS, HOLDS, MISSING, RULES, UNDECIDED
-from .keys import paper_titles
+from .keys import HEAT_MM, paper_titles
 from .tables import CELL_COLUMNS, cell_row, cells_table, has_ours
-from .task import HEAT_MM
 
 #: Part of the page for pictures and films. Pictures beyond it are left out, those in colour first.
 _PICTURES = 52_000_000
@@ -82,10 +82,8 @@ def _sections(
 
 def _accuracy(results: Sequence[Measured]) -> str:
     """The chart of the ATE of every method."""
-    from .accuracy_chart import figure
-
     chart = io.BytesIO()
-    figure(results).savefig(chart, format="png", dpi=_DPI)
+    accuracy_figure(results).savefig(chart, format="png", dpi=_DPI)
     return _inline("image/png", chart.getvalue())
 
 

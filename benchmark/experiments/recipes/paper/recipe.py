@@ -22,10 +22,9 @@ from ...cell import Cell
 from ...code_version import code_of, method_code
 from ...pool import Advance, Job, compile_first, run_jobs
 from ...store import Store
-from .keys import PaperKey
+from .keys import PaperKey, PaperTask, fuse_settings
 from .measure import measure
 from .sources import Sources
-from .task import PaperTask, fuse_settings
 
 KIND = "benchmark"
 #: What only surfaces depend on, and what only an alignment with a model depends on.

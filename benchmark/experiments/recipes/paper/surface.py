@@ -2,8 +2,12 @@
 compared with the model; two pictures show it.
 """
 
+import hashlib
+import json
 import time
+import zipfile
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +15,18 @@ import numpy as np
 from iclnuim.benchmark.fusion.alignment import first_poses_transform
 from iclnuim.benchmark.fusion.mesh import Mesh
 from iclnuim.benchmark.fusion.pictures import heat_colours, picture
-from iclnuim.benchmark.fusion.quality import SeenBy, surface_quality
+from iclnuim.benchmark.fusion.quality import SeenBy, SeenSurface, surface_quality, what_was_seen
 from iclnuim.benchmark.fusion.sequence import fuse_sequence
 from iclnuim.benchmark.fusion.settings import QualitySettings
 from iclnuim.benchmark.fusion.surface_error import TrueSurface
-from iclnuim.errors import InputError
+from iclnuim.errors import InputError, WorkError
 from iclnuim.evaluation.absolute_error import ErrorStatistics
-from iclnuim.formats.files import atomic_write
+from iclnuim.formats.files import atomic_write, locked, make_folder
 from iclnuim.geometry import so3
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
-from .seen_cache import cached_seen
-from .task import HEAT_MM, Meter, PaperTask, fuse_settings
+from .keys import HEAT_MM, Meter, PaperTask, fuse_settings
 
 _WIDTH = 720
 _HEIGHT = 540
@@ -87,3 +90,55 @@ def _jpeg(image: np.ndarray) -> Callable[[Path], object]:
 
     data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
     return lambda path: path.write_bytes(data)
+
+
+# -- what a trajectory saw of a room: the first cell of a sequence writes it, the others read it
+
+#: Version of the file's content; increase it when the result of what_was_seen() changes.
+_VERSION = 2
+
+
+def cached_seen(
+    folder: Path, model: str, surface: TrueSurface, seen_by: SeenBy, settings: QualitySettings
+) -> SeenSurface:
+    """The result of what_was_seen(), read from the file in `folder` for this model (its name
+    contains its hash), camera, poses and settings.
+
+    While one process computes it, other processes wait. If it cannot be stored, each process
+    computes it.
+    """
+    views = SeenBy(seen_by.camera, seen_by.T_world_camera[:: settings.every])
+    inputs = json.dumps([_VERSION, model, asdict(views.camera), settings.to_dict()], sort_keys=True)
+    key = hashlib.sha256(inputs.encode() + views.T_world_camera.matrix.tobytes()).hexdigest()[:16]
+    path = folder / f"{key}.npz"
+    try:
+        make_folder(folder)
+        lock = path.with_suffix(".lock")
+        lock.touch()
+        with locked(
+            lock, wait=True
+        ):  # where there are no such locks, two processes may compute the same result
+            if (found := _read(path, views)) is None:
+                found = what_was_seen(surface, seen_by, settings)
+                _write(path, found)
+            return found
+    except (OSError, WorkError):
+        return what_was_seen(surface, seen_by, settings)
+
+
+def _read(path: Path, views: SeenBy) -> SeenSurface | None:
+    """The stored result; None if the file is missing or incomplete."""
+    try:
+        with np.load(path) as file:
+            return SeenSurface(file["points_m"], float(file["area_m2"]), views, file["depth_z_m"])
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return None
+
+
+def _write(path: Path, seen: SeenSurface) -> None:
+    content: dict[str, np.ndarray] = {
+        "points_m": seen.points_m,
+        "area_m2": np.array(seen.area_m2),
+        "depth_z_m": seen.depth_z_m,
+    }
+    atomic_write(path, lambda temporary: np.savez(temporary, **content))

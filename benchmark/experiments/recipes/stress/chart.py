@@ -11,8 +11,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from ....perturbations.plan import SEVERITIES
-from .shades import HIGH_MM, LOW_MM, colour_map, ink, shown_mm
-from .tables import Summary
+from .tables import HIGH_MM, LOW_MM, Summary, colour_map, ink, shown_mm
 
 _COLUMNS = 5
 
