@@ -15,9 +15,8 @@ HEADLESS = Path(__file__).resolve().parent
 def main() -> int:
     arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
     if sys.path and Path(sys.path[0] or ".").resolve() == HEADLESS:
-        del sys.path[
-            0
-        ]  # the modules next to this script belong to a package and are not top-level modules
+        # the modules next to this script belong to a package and are not top-level modules
+        del sys.path[0]
     sys.path.insert(0, str(HEADLESS.parent / "addon"))
     from iclnuim import __main__ as entry
 

@@ -119,9 +119,8 @@ class RenderJob(Settings):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)
         for name, declaration in known.items():
-            declaration.checked(
-                getattr(self, name)
-            )  # the value keeps the type it has in the recipe: 0 does not become 0.0
+            # the value keeps the type it has in the recipe: 0 does not become 0.0
+            declaration.checked(getattr(self, name))
         for name in ("sequence", "scene", "trajectory"):
             if not isinstance(getattr(self, name), str) or not getattr(self, name):
                 raise InputError("text", setting=name, found=getattr(self, name))

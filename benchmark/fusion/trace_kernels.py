@@ -15,7 +15,7 @@ from .grid import CameraPose, Grid, VolumeRule, gradient, read, read_colour, row
 TILE = 8
 
 
-class View(NamedTuple):
+class RaycastView(NamedTuple):
     """Raycast of the volume: depth (h, w), normals_camera (h, w, 3) towards free space, colour (h,
     w, channels).
 
@@ -205,7 +205,7 @@ def _first_crossing(
 
 @njit(cache=True)
 def _trace_row(
-    grid: Grid, camera: CameraPose, rule: VolumeRule, reach: np.ndarray, view: View, v: int
+    grid: Grid, camera: CameraPose, rule: VolumeRule, reach: np.ndarray, view: RaycastView, v: int
 ) -> None:
     """`trace` of one row of pixels.
 
@@ -241,7 +241,9 @@ def _trace_row(
 
 
 @njit(cache=True, parallel=True)
-def trace(grid: Grid, camera: CameraPose, rule: VolumeRule, reach: np.ndarray, view: View) -> None:
+def trace(
+    grid: Grid, camera: CameraPose, rule: VolumeRule, reach: np.ndarray, view: RaycastView
+) -> None:
     """First crossing from front to back along each pixel's ray; without one the outputs are
     unchanged.
 

@@ -205,9 +205,8 @@ def test_half_a_reconstruction_scores_half_however_large_its_triangles_are(surfa
     found = surface_quality(TrueSurface(*wall), *half, seen_by=seen_by, settings=SMALL)
     assert found.seen_m2 == pytest.approx(10, rel=1e-3)
     assert found.recall(0.01) == pytest.approx(0.5 + 0.01 / 4, abs=0.001)
-    assert found.completion_m == pytest.approx(
-        0.5, rel=1e-3
-    )  # 0 for one half, 0 to 2 m for the other
+    # 0 for one half, 0 to 2 m for the other
+    assert found.completion_m == pytest.approx(0.5, rel=1e-3)
     assert found.precision(0.01) == 1
 
 

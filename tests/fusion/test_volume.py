@@ -73,10 +73,11 @@ def test_a_single_view_of_a_sphere_is_exact(camera, sphere_depth):
 
 
 def test_a_table_seen_at_a_grazing_angle_is_whole_up_to_its_rim(camera, plane_depth):
+    # 8.4 mm before the next voxel
     table, volume = (
         plane_depth((0, 1, 0), (0, 0.1146, 0)),
         Volume(SMALL["best"]),
-    )  # 8.4 mm before the next voxel
+    )
     depth = np.where((table > 0) & (table < 0.75), table, np.float32(3))  # at 9 degrees there
     for _ in range(3):
         volume.integrate(depth, camera, SE3.identity())

@@ -144,9 +144,8 @@ def kitchen(width, depth, height, ceiling=True):
     lows, highs = [], []
     for x in np.arange(0.0, width - 0.6, 0.6):
         for z, top, back in ((0.1, 0.85, 0.6), (1.4, 2.1, 0.35)):
-            lows += [
-                (x, y, z) for y in (0.02, back - 0.06, back - 0.04, back)
-            ]  # back, drawer, door of two panels
+            # back, drawer, door of two panels
+            lows += [(x, y, z) for y in (0.02, back - 0.06, back - 0.04, back)]
             highs += [(x + 0.58, y + 0.02, top) for y in (0.02, back - 0.06, back - 0.04, back)]
             lows += [(x + 0.1 + 0.03 * k, back + 0.03, top - 0.1) for k in range(12)]
             highs += [(x + 0.12 + 0.03 * k, back + 0.05, top - 0.08) for k in range(12)]

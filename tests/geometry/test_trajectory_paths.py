@@ -62,9 +62,8 @@ def test_frames_have_stamps_of_microseconds_from_one_second_on(rate_hz):
         f"{1 + i / rate_hz:.6f}" for i in numbers
     ]
     np.testing.assert_array_equal(np.rint(frames_of_stamps(stamps_s, rate_hz)), numbers)
-    np.testing.assert_allclose(
-        frames_of_stamps(numbers / rate_hz, rate_hz), numbers
-    )  # as release 0.1 wrote them
+    # as release 0.1 wrote them
+    np.testing.assert_allclose(frames_of_stamps(numbers / rate_hz, rate_hz), numbers)
     assert frame_rate_hz(stamps_s) == rate_hz
     assert frame_rate_hz(np.delete(stamps_s, [7, 8, 9, 50])) == pytest.approx(rate_hz, rel=1e-5)
 
@@ -189,9 +188,8 @@ def test_even_motion_stays_even_when_resampled():
     screw = SE3.exp(np.outer(np.arange(60), [0.01, 0.002, 0, 0.01, 0.02, 0.005]))
     resampled = resample(Trajectory.at_rate(screw), 77)
     expected = SE3.exp(np.outer((resampled.stamps_s - 1) * 30, [0.01, 0.002, 0, 0.01, 0.02, 0.005]))
-    np.testing.assert_allclose(
-        resampled.T_world_camera.matrix, expected.matrix, atol=1e-6
-    )  # stamps of microseconds
+    # stamps of microseconds
+    np.testing.assert_allclose(resampled.T_world_camera.matrix, expected.matrix, atol=1e-6)
 
 
 @pytest.mark.parametrize("rate_hz", [14.9, 240.1, 0, -30, np.nan])

@@ -126,9 +126,8 @@ def test_the_frames_around_one_without_depth_are_tracked():
 
 
 def test_a_turn_beyond_the_search_is_found_by_the_small_images_first():
-    turn = SE3.exp(
-        np.r_[0, 0, 0, 0, 0.12, 0]
-    )  # 29 pixels; without the first rotation nothing is found in 10
+    # 29 pixels; without the first rotation nothing is found in 10
+    turn = SE3.exp(np.r_[0, 0, 0, 0, 0.12, 0])
     settings = replace(Fovis.PRESETS["best"], searches_px=(10.0,))
     odometer = Fovis(settings)
     one, other = (odometer.prepare(seen(T), CAMERA) for T in (SE3.identity(), turn))

@@ -46,9 +46,8 @@ def test_a_motion_that_rests_on_the_last_border_of_two_faces_is_flagged_on_noisy
     planes = (WALL[0], (np.sqrt(1 - side**2), 0.0, side), (0.0, np.sqrt(1 - floor**2), floor))
     result = run("icp", [view(i, planes, 0.001, BIG) for i in range(2)], BIG)[1].result
     assert result.status is expected
-    assert (
-        result.largest_sigma_m < MAX_SIGMA_M and result.under_constrained == 0
-    )  # no other rule flags it
+    # no other rule flags it
+    assert result.largest_sigma_m < MAX_SIGMA_M and result.under_constrained == 0
 
 
 def test_noise_fakes_constraint_for_one_normal_and_not_for_two():

@@ -24,14 +24,12 @@ def test_the_step_solves_the_equations_as_numpy_does():
 def test_a_rotation_in_front_of_a_bare_wall_is_not_estimated_as_a_motion_along_it():
     rng = np.random.default_rng(6)
     wall = np.c_[rng.uniform(-1, 1, (200, 2)), np.full(200, 2.0)]
-    J = (
-        np.c_[np.tile([0.0, 0, 1], (200, 1)), np.cross(wall, [0.0, 0, 1])] * 1e3
-    )  # certain to a millimetre
+    # certain to a millimetre
+    J = np.c_[np.tile([0.0, 0, 1], (200, 1)), np.cross(wall, [0.0, 0, 1])] * 1e3
     rotation = np.r_[0, 0, 0.01, 0.02, -0.03, 0]
     for camera_m in (np.zeros(3), np.array([0.2, -0.1, 0.3])):
-        about = (
-            np.r_[np.cross(camera_m, rotation[3:]), np.zeros(3)] + rotation
-        )  # the camera itself moves along z only
+        # the camera itself moves along z only
+        about = np.r_[np.cross(camera_m, rotation[3:]), np.zeros(3)] + rotation
         system = NormalEquations(
             J.T @ J, J.T @ (J @ about), 1.0, 200, wall.mean(axis=0), 0.8, is_information=True
         )

@@ -17,9 +17,8 @@ from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer  # noqa: E40
 from iclnuim.benchmark.odometry.track import track  # noqa: E402
 from odometry_scenes import ROOM, celled, error_m, run, view  # noqa: E402
 
-DENSE = [
-    name for name in ODOMETERS if name != "fovis"
-]  # this corner is smooth: FOVIS, which needs corners, has a test of its own
+# this corner is smooth: FOVIS, which needs corners, has a test of its own
+DENSE = [name for name in ODOMETERS if name != "fovis"]
 CAMERA = PinholeCamera.parse("160x120")
 CORNER = np.array([[0.8, 0.0, 0.6], [-0.8, 0.0, 0.6], [0.0, 0.8, 0.6]])
 TWIST = np.array([0.006, -0.004, 0.005, 0.004, -0.003, 0.005])
@@ -217,10 +216,11 @@ def unusable():
 def test_frames_that_no_motion_can_be_told_from_are_lost_or_flagged(name, preset, unusable):
     for wrong, frames in unusable.items():
         found = list(track(odometer(name, preset), CAMERA, [(f.stamp_s, f) for f in frames]))
+        # geometry alone decides, and is right
         unheeded = name.startswith("icp") and wrong in (
             "black",
             "grain",
-        )  # geometry alone decides, and is right
+        )
         if unheeded:
             assert error_m(found) < 0.003, wrong
         else:

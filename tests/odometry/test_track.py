@@ -38,9 +38,8 @@ def test_a_frame_that_does_not_fit_a_matched_keyframe_is_aligned_with_the_frame_
 
     ok, bad, lost = OdometryStatus.OK, OdometryStatus.DEGENERATE, OdometryStatus.FAILED
     farthest, unusable = 2, ()
-    assert run_on(9) == [ok] * 3 + [bad] * 5 + [
-        ok
-    ]  # after five such frames the last one is the keyframe
+    # after five such frames the last one is the keyframe
+    assert run_on(9) == [ok] * 3 + [bad] * 5 + [ok]
     assert aligned[:6] == [(0, 1), (0, 2), (0, 3), (2, 3), (0, 4), (3, 4)] and aligned[-1] == (7, 8)
     farthest, unusable = 9, (2,)
     assert run_on(4) == [ok, ok, lost, ok] and aligned == [(0, 1), (0, 2), (1, 2), (0, 3)]

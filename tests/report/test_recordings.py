@@ -135,9 +135,8 @@ def test_a_sequence_is_read_back_to_the_byte(sequence, tmp_path):
         for depth, pair in zip(depths, pairs, strict=True)
     )
     pose = found["/world/camera"]
-    rotations = (
-        np.array([v[0] for _, v in pose["mat3x3"]]).reshape(-1, 3, 3).swapaxes(1, 2)
-    )  # by columns, 32 bits
+    # by columns, 32 bits
+    rotations = np.array([v[0] for _, v in pose["mat3x3"]]).reshape(-1, 3, 3).swapaxes(1, 2)
     assert np.abs(rotations - truth.rotation).max() < 1e-6
     assert np.abs(np.array([v[0] for _, v in pose["translation"]]) - truth.translation).max() < 1e-6
 

@@ -151,9 +151,8 @@ def test_pixels_go_missing_as_often_as_no_vertex_lands_on_them(plane, sigma_px):
 
     camera, angle = PinholeCamera(300, 200, 6000, 6000, 149.5, 99.5), np.radians(70)
     depth = plane(camera, 70, 2.0)
-    sigma_m = (
-        sigma_px * 2.0 / camera.fx / np.sin(angle)
-    )  # a step along the normal moves a vertex by its sine
+    # a step along the normal moves a vertex by its sine
+    sigma_m = sigma_px * 2.0 / camera.fx / np.sin(angle)
     constant = {
         "sigma_theta_m": sigma_m,
         "sigma_theta_m_per_rad": 0.0,
@@ -191,9 +190,8 @@ def test_where_vertices_land_on_one_pixel_the_nearest_is_seen(seed):
 
 
 def test_oblique_surfaces_go_missing_and_facing_ones_do_not(plane):
-    camera = PinholeCamera(
-        40, 40, 481, 480, 19.5, 19.5
-    )  # the middle of the benchmark's image: angles to 3 degrees
+    # the middle of the benchmark's image: angles to 3 degrees
+    camera = PinholeCamera(40, 40, 481, 480, 19.5, 19.5)
     missing = []
     for angle_deg in (0, 40, 60, 70, 78, 86):
         wall = plane(camera, angle_deg, 1.0)

@@ -230,9 +230,8 @@ def test_being_told_beats_name_and_start(file):
 def test_a_converted_file_is_not_mirrored_twice(file, tmp_path):
     loaded = read_trajectory(file("a.gt.freiburg", LEFT.format(id0=30, id1=60, z=-2.25)))
     write_trajectory(tmp_path / "a.txt", loaded.trajectory, "tum")
-    np.testing.assert_array_equal(
-        loaded.trajectory.stamps_s, [2, 3]
-    )  # whole seconds at the official start
+    # whole seconds at the official start
+    np.testing.assert_array_equal(loaded.trajectory.stamps_s, [2, 3])
     again = read_trajectory(tmp_path / "a.txt")
     assert again.read_as.format == "tum"
     np.testing.assert_allclose(

@@ -69,11 +69,12 @@ def calibrate_rgb(exposures: Sequence[float], images: Sequence[np.ndarray]) -> R
             "images of an exposure that differ by their noise", found="the same image twice"
         )
     gamma = _gamma(gains, means, use)
+    # v: share of white
     curves = {
         "linear": lambda v: v,
         "srgb": light_from_srgb,
         "gamma": lambda v: v**gamma,
-    }  # v: share of white
+    }
     spreads = {name: _spread(gains, curve(means / 255), use) for name, curve in curves.items()}
     # the free exponent can always fit a power law better: a named curve that is at most 5 % worse
     # is preferred
