@@ -24,11 +24,7 @@ def trajectory_file(text: str) -> str:
     """A file or a folder; if there is none, the file of the built-in trajectory of that name, such
     as `office/kt0`, or `kt2` of the living room.
     """
-    if not os.path.exists(text):
-        for name in (text, f"living_room/{text}"):
-            if name in shipped.sequence_names():
-                return str(shipped.trajectory_file(name))
-    return text
+    return os.fspath(shipped.file_or_trajectory(text))
 
 
 def add_settings(

@@ -44,7 +44,7 @@ MAY_IMPORT = {
     "formats": "errors shown geometry native_output",
     "sensor": "errors settings geometry",
     "evaluation": "errors settings shown geometry",
-    "trajectory_files": f"{CORE} evaluation",
+    "trajectory_files": f"{CORE} shipped evaluation",
     "doubt": f"{CORE} trajectory_files evaluation",
     "channels": "formats",
     "job": f"{CORE} channels shipped sensor",

@@ -102,7 +102,7 @@ def test_errors_are_computed_of_matrices_lists_and_trajectories():
         with pytest.raises(InputError, match="as many lines .* 8, found 7 lines"):
             measure(truth, MOVED.matrix[:7])
         for wrong in (None, 3, np.eye(4), [[1, 2]]):
-            with pytest.raises(InputError, match="a Trajectory, a file, a sequence, or poses"):
+            with pytest.raises(InputError, match="a Trajectory, a file, a sequence, poses"):
                 measure(truth, wrong)
 
 
@@ -128,12 +128,13 @@ def test_an_opened_sequence_is_taken_where_its_folder_is(sequence):
         iclnuim.inspect_sequence(sequence[:3])
 
 
-def test_one_odometer_runs_without_a_list(sequence):
+def test_odometers_run_by_name_and_without_a_list(sequence):
     pytest.importorskip("cv2")
-    (run,) = iclnuim.run_odometers(iclnuim.odometer("icp"), sequence[:2], progress=False)
-    assert run.name == "icp"
-    with pytest.raises(InputError, match="expected odometers"):
-        iclnuim.run_odometers("icp", sequence)
+    for given in (iclnuim.odometer("icp"), "icp", ["icp"]):
+        (run,) = iclnuim.run_odometers(given, sequence[:2], progress=False)
+        assert run.name == "icp"
+    with pytest.raises(InputError, match="an odometer"):
+        iclnuim.run_odometers("icp2", sequence)
 
 
 def test_reprs_are_short(sequence, tmp_path):
@@ -362,3 +363,63 @@ def test_a_sequence_and_its_parts_are_tracked_and_fused(sequence):
     with pytest.raises(InputError, match="as many poses as stamps"):
         iclnuim.fuse_sequence(sequence, POSES.matrix[:3])
     assert read_images(sequence.pairs[0], sequence.images)[1].shape == (12, 16)
+
+
+def test_a_pose_is_an_array_of_its_matrix():
+    assert np.array_equal(np.asarray(POSES), POSES.matrix)
+    assert np.asarray(POSES[0], np.float32).dtype == np.float32
+    assert np.array_equal(np.array(POSES[0], copy=True), POSES[0].matrix)
+
+
+def test_a_matrix_times_poses_is_their_composition():
+    product = SHIFT + np.eye(4)
+    np.testing.assert_allclose((product @ POSES).matrix, product @ POSES.matrix)
+    with pytest.raises(TypeError):
+        product * POSES
+
+
+def test_the_ate_takes_an_alignment_by_name_and_gives_its_rmse():
+    scaled = SE3(MOVED.rotation, 2 * MOVED.translation)
+    error = iclnuim.absolute_trajectory_error(POSES, scaled, alignment="sim3")
+    assert error.alignment.scale == pytest.approx(0.5, abs=0.05)
+    assert error.rmse_mm == 1e3 * error.rmse_m == 1e3 * error.translation_m.rmse
+    assert error.rmse_m < iclnuim.absolute_trajectory_error(POSES, scaled).rmse_m
+    with pytest.raises(InputError, match="se3"):
+        iclnuim.absolute_trajectory_error(POSES, scaled, alignment="sim(3)")
+
+
+def test_the_ate_of_positions_and_of_rows_is_that_of_poses():
+    expected = iclnuim.absolute_trajectory_error(POSES, MOVED).rmse_m
+    of_positions = iclnuim.absolute_trajectory_error(POSES.translation, MOVED.translation)
+    assert of_positions.rmse_m == pytest.approx(expected)
+    stamps_s = np.arange(8.0)[:, None]
+    rows = [np.hstack([stamps_s, T.translation, T.quat_xyzw]) for T in (POSES, MOVED)]
+    assert iclnuim.absolute_trajectory_error(*rows).rmse_m == pytest.approx(expected)
+    with pytest.raises(InputError, match=r"found \(8, 5\)"):
+        iclnuim.absolute_trajectory_error(POSES, np.zeros((8, 5)))
+
+
+def test_built_in_trajectories_have_names(sequence):
+    assert "living_room/kt2" in iclnuim.sequence_names()
+    loaded = iclnuim.read_trajectory("living_room/kt2")
+    assert iclnuim.absolute_trajectory_error("living_room/kt2", loaded.trajectory).rmse_m < 1e-9
+
+
+def test_a_sequence_is_converted_in_a_line(sequence, tmp_path):
+    iclnuim.convert_sequence(sequence[2:5], tmp_path / "k", "colmap")
+    assert len(iclnuim.open_sequence(tmp_path / "k")) == 3
+
+
+def test_noise_that_is_not_finite_is_missing(sequence, tmp_path):
+    def holes(depth_z_m, camera, rng):
+        return np.where(np.arange(16) < 3, np.nan, depth_z_m)
+
+    noisy = iclnuim.noisy_depth(look(0)[1], holes, CAMERA)
+    assert (noisy[:, :3] == 0).all() and (noisy[:, 3:] == 2).all()
+
+
+def test_a_camera_from_its_field_of_view_sees_that_angle():
+    camera = iclnuim.PinholeCamera.from_fov(640, 480, 90)
+    assert (camera.fx, camera.fy) == pytest.approx((320, 320))
+    edges = (np.array([-0.5, 639.5]) - camera.cx) / camera.fx
+    assert np.degrees(np.arctan(edges)) == pytest.approx([-45, 45])

@@ -40,12 +40,12 @@ __all__ = [
     "noisy_depth", "noisy_rgb", "linear_from_srgb8", "depth_model", "rgb_model", "DEPTH_MODELS",
     "RGB_MODELS",
     # RGB-D sequences
-    "make_sequence", "WrittenSequence", "FrameSource",
+    "make_sequence", "convert_sequence", "WrittenSequence", "FrameSource",
     "frames_from", "inspect_sequence", "Inspection", "compare_sequences", "SequenceComparison",
     "open_sequence",
     "RgbdSequence", "PosedFrame",
     # rendering
-    "SCENES", "RenderJob", "read_recipe", "shipped_job", "render_frames", "render_pose",
+    "SCENES", "sequence_names", "RenderJob", "read_recipe", "shipped_job", "render_frames", "render_pose",
     "RenderedFrame",
     # odometry
     "odometer", "Odometer", "Frame", "OdometryResult", "OdometryStatus", "track", "Tracked",
@@ -97,6 +97,7 @@ if TYPE_CHECKING:
     from .labels.scores import LabelFigures, label_confusion, label_figures
     from .postprocess import (
         absolute_trajectory_error,
+        convert_sequence,
         frames_from,
         make_sequence,
         noisy_depth,
@@ -116,7 +117,7 @@ if TYPE_CHECKING:
     from .sequences.rendered_views import ViewError, ViewErrors, view_errors
     from .sequences.rgbd_sequence import PosedFrame, RgbdSequence, open_sequence
     from .sequences.sequence import WrittenSequence
-    from .shipped import SCENES
+    from .shipped import SCENES, sequence_names
     from .trajectory_files.trajectories import (
         LoadedTrajectory,
         pose_from_pov,

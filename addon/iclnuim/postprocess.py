@@ -12,7 +12,7 @@ layer over the library.
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ import numpy as np
 from .console import Meter, advance_of
 from .errors import InputError, StrPath
 from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
+from .evaluation.align import AlignmentSettings
 from .evaluation.relative_error import RelativeError, RelativeErrorSettings
 from .formats.files import sha256
 from .geometry.camera import CameraOrText, PinholeCamera
@@ -145,6 +146,15 @@ def make_sequence(
     return write_sequence(source, Path(out), settings, names, workers, lambda number: advance())
 
 
+def convert_sequence(
+    sequence: RgbdSequence | StrPath, out: StrPath, format: str, progress: Meter = None
+) -> WrittenSequence:
+    """Write a sequence, its folder or a part of it in another format, without noise; images that
+    the format stores in the same way are copied byte for byte. Raises the errors of make_sequence.
+    """
+    return make_sequence(sequence, out, formats=(format,), progress=progress)
+
+
 def _source(frames: RgbdSequence | FrameSource | StrPath) -> FrameSource:
     if isinstance(frames, FrameSource):
         return frames
@@ -204,17 +214,23 @@ def absolute_trajectory_error(
     truth: TrajectoryOrFile,
     estimate: TrajectoryOrFile,
     settings: AbsoluteErrorSettings | None = None,
+    alignment: str | None = None,
 ) -> AbsoluteError:
     """ATE of an estimate against the ground truth (Sturm et al., IROS 2012, section VII), each a
-    Trajectory, a file in any known format, a sequence with ground truth, or poses or matrices
-    (n, 4, 4), whose pose i is that of the other's pose i.
+    Trajectory, a file in any known format, the name of a built-in trajectory (`living_room/kt2`), a
+    sequence with ground truth; poses or matrices (n, 4, 4), or positions (n, 3), whose row i is
+    that of the other's row i; or rows (n, 8) of stamp, position and quaternion as in TUM files.
 
-    By default, stamps within 20 ms are associated and the estimate is aligned by SE(3).
-    `.translation_m.rmse` is the value that papers report, `.warnings` what `iclnuim evaluate` warns
-    of. Raises InputError for a file that cannot be read, if no stamps match, and if the poses do
-    not determine the alignment.
+    By default, stamps within 20 ms are associated and the estimate is aligned by SE(3); alignment:
+    se3, sim3, yaw, origin or none, in place of that of the settings. `.rmse_mm` is the value that
+    papers report, `.warnings` what `iclnuim evaluate` warns of. Raises InputError for a file that
+    cannot be read, if no stamps match, and if the poses do not determine the alignment.
     """
-    found = _report(truth, estimate, settings or AbsoluteErrorSettings())
+    settings = settings or AbsoluteErrorSettings()
+    if alignment is not None:
+        own = AlignmentSettings.from_dict(asdict(settings.alignment) | {"method": alignment})
+        settings = replace(settings, alignment=own)
+    found = _report(truth, estimate, settings)
     assert isinstance(found, AbsoluteError)
     return found
 
@@ -257,15 +273,29 @@ def _read(given: TrajectoryOrFile) -> LoadedTrajectory:
     """The poses; those without stamps are counted rows."""
     if isinstance(given, str | os.PathLike):
         of_sequence = load_truth(Path(given)) if os.path.isdir(given) else None
-        return of_sequence or read_trajectory(given)
+        return of_sequence or read_trajectory(given, positions_suffice=True)
     if isinstance(given, Trajectory):
         return LoadedTrajectory(given, _AS_GIVEN, np.arange(len(given)), len(given))
-    try:
-        poses = SE3.of(given)
-    except InputError:
-        poses = SE3.identity()
+    shape = np.shape(given) if not isinstance(given, SE3) else ()
+    if len(shape) == 2 and shape[1] == 8:
+        table = np.asarray(given, float)
+        poses = SE3.from_quat_xyzw(table[:, 4:], table[:, 1:4])
+        stamped = Trajectory(table[:, 0], poses)
+        return LoadedTrajectory(stamped, _AS_GIVEN, np.arange(len(table)), len(table))
+    read_as = _AS_GIVEN
+    if len(shape) == 2 and shape[1] == 3:
+        read_as = replace(_AS_GIVEN, sentence="positions as given", has_rotations=False)
+        poses = SE3(SE3.identity(shape[:1]).rotation, np.asarray(given, float))
+    else:
+        try:
+            poses = SE3.of(given)
+        except InputError:
+            poses = SE3.identity()
     if len(poses.shape) != 1:
-        expected = "a Trajectory, a file, a sequence, or poses (n,) or (n, 4, 4)"
-        raise InputError(expected, found=type(given).__name__)
+        expected = (
+            "a Trajectory, a file, a sequence, poses (n,) or (n, 4, 4), positions (n, 3), or rows "
+            "(n, 8) of a TUM file"
+        )
+        raise InputError(expected, found=shape or type(given).__name__)
     rows = np.arange(len(poses))
-    return LoadedTrajectory(Trajectory.at_rate(poses), _AS_GIVEN, rows, len(rows), is_counted=True)
+    return LoadedTrajectory(Trajectory.at_rate(poses), read_as, rows, len(rows), is_counted=True)

@@ -16,6 +16,7 @@ import numpy as np
 
 from .console import Meter, advance_of
 from .errors import InputError, StrPath, WorkError
+from .geometry.camera import CameraOrText
 from .geometry.se3 import SE3, Poses
 from .geometry.trajectory import Trajectory, frame_slice
 from .job import RenderJob
@@ -88,11 +89,19 @@ def render_frames(
     return read_run(Path(out))
 
 
-def render_pose(scene: str, T_world_camera: Poses, **settings: Any) -> RenderedFrame:
+def render_pose(
+    scene: str,
+    T_world_camera: Poses,
+    camera: CameraOrText | None = None,
+    light: str | None = None,
+    samples: int | None = None,
+    **settings: Any,
+) -> RenderedFrame:
     """Render one frame of a scene (a built-in name or a file) from a pose of the cv camera (x
     right, y down, z forward; metres, z up), or from its matrix (4, 4).
 
-    settings: settings of RenderJob, such as camera, light, samples. Starting Blender and opening
+    camera: by default the benchmark's. light: baked, path or auto, samples: of a pixel, by default
+    those of the scene; settings: further fields of RenderJob. Starting Blender and opening
     the scene takes seconds: for many poses, write a trajectory file and call render_frames. Raises
     InputError and WorkError like render_frames.
     """
@@ -104,6 +113,8 @@ def render_pose(scene: str, T_world_camera: Poses, **settings: Any) -> RenderedF
         file = Path(folder) / "pose.txt"
         pose = SE3(T_world_camera.rotation[None], T_world_camera.translation[None])
         write_trajectory(file, Trajectory(np.zeros(1), pose), "tum")
+        given = {"camera": camera, "light": light, "samples": samples}
+        settings |= {name: value for name, value in given.items() if value is not None}
         job = RenderJob(sequence="pose", scene=scene, trajectory=str(file), **settings)
         run = render_frames(job, Path(folder) / "run", progress=False)
         rgb, depth_z_m = read_frame(run.frame_file(0), run.camera)

@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from itertools import product
 from pathlib import Path
 
-from .errors import InputError
+from .errors import InputError, StrPath
 
 _PACKAGE = Path(__file__).resolve().parent
 #: Environment variable that gives a worker behind its wall, where git reads nothing, the commit.
@@ -132,6 +132,17 @@ def full_name(sequence: str) -> str:
         hint = "a recipe file, or {scene} and {trajectory}"
         raise InputError(f"a sequence: {', '.join(known)}", found=sequence, hint=hint)
     return name
+
+
+def file_or_trajectory(text: StrPath) -> StrPath:
+    """A file or a folder as it is; if there is none, the file of the built-in trajectory of that
+    name, such as `office/kt0`, or `kt2` of the living room.
+    """
+    if not os.path.exists(text):
+        for name in (text, f"living_room/{text}"):
+            if name in sequence_names():
+                return trajectory_file(str(name))
+    return text
 
 
 def trajectory_file(name: str) -> Path:

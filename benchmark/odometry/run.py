@@ -26,6 +26,7 @@ from iclnuim.shown import MM, Shown
 from iclnuim.trajectory_files.trajectories import write_trajectory
 
 from .protocol import Frame, Odometer, OdometryStatus
+from .registry import odometer
 from .track import Reference, Tracked, Tracker
 
 if TYPE_CHECKING:
@@ -200,22 +201,25 @@ class OdometryRun(Shown):
 
 
 def run_odometers(
-    odometers: Iterable[Odometer] | Odometer,
+    odometers: Iterable[Odometer | str] | Odometer | str,
     sequence: Sequence | RgbdSequence | Path | str,
     policy: str = "hold",
     progress: Meter = None,
     frames: int | None = None,
     against: Callable[[Odometer, PinholeCamera], Reference] | None = None,
 ) -> list[OdometryRun]:
-    """Run one or several odometers on a sequence (or its folder), or on its first `frames`.
+    """Run one or several odometers, or those of these names with their preset `best`, on a sequence
+    (or its folder), or on its first `frames`.
 
     Each frame is read once and passed to one odometer after the other, so that all run under the
     same machine load. progress: as of render_frames(). `against` returns the reference that frames
     are aligned against, by default the one that each odometer declares. Raises InputError for an
     object that is not an odometer.
     """
-    odometers = list(odometers) if isinstance(odometers, Iterable) else [odometers]
-    for o in odometers:
+    if isinstance(odometers, str) or not isinstance(odometers, Iterable):
+        odometers = [odometers]
+    methods = [odometer(one) if isinstance(one, str) else one for one in odometers]
+    for o in methods:
         if not all(hasattr(o, part) for part in ("name", "reference", "prepare", "align")):
             raise InputError(
                 "odometers, as iclnuim.odometer(name) makes them (iclnuim.Odometer)", found=repr(o)
@@ -228,19 +232,19 @@ def run_odometers(
     )  # before the work: an error in it must not discard a finished run
     camera = sequence.camera.pinhole
     trackers = []
-    for o in odometers:
+    for o in methods:
         reference = against(o, camera) if against else None
         trackers.append(Tracker(o, camera, policy, reference))
-    tracked: list[list[Tracked]] = [[] for _ in odometers]
+    tracked: list[list[Tracked]] = [[] for _ in methods]
     total = min(len(sequence), frames or len(sequence))
-    advance = advance_of(progress, total, ", ".join(o.name for o in odometers))
+    advance = advance_of(progress, total, ", ".join(o.name for o in methods))
     with WorkClock() as clock:
         for stamp_s, frame in sequence.frames(frames):
             for tracker, results in zip(trackers, tracked, strict=True):
                 results.append(timed(tracker, stamp_s, frame, clock))
             advance()
-    named = zip(odometers, tracked, strict=True)
-    return [OdometryRun(odometer.name, results, truth) for odometer, results in named]
+    named = zip(methods, tracked, strict=True)
+    return [OdometryRun(method.name, results, truth) for method, results in named]
 
 
 def timed(tracker: Tracker, stamp_s: float, frame: Frame | str, clock: "WorkClock") -> Tracked:

@@ -72,6 +72,16 @@ class PoseErrors(Shown):
         return ErrorStatistics.of(self.translation_error_m)
 
     @property
+    def rmse_m(self) -> float:
+        """The value that papers report, in metres."""
+        return self.translation_m.rmse
+
+    @property
+    def rmse_mm(self) -> float:
+        """The same in millimetres."""
+        return MM * self.translation_m.rmse
+
+    @property
     def rotation_deg(self) -> ErrorStatistics:
         return ErrorStatistics.of(self.rotation_error_rad, 180 / np.pi)
 

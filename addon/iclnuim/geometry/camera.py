@@ -5,6 +5,7 @@ Camera frame: cv (x right, y down, z forward). Depth is planar: z along the opti
 """
 
 import json
+import math
 import os
 import re
 from dataclasses import dataclass, fields
@@ -103,6 +104,18 @@ class PinholeCamera(Settings):
         if K.shape != (3, 3) or K[0, 1] or K[1, 0] or K[2].tolist() != [0, 0, 1]:
             raise InputError("a camera matrix [fx 0 cx; 0 fy cy; 0 0 1]", found=K.tolist())
         return cls(width, height, K[0, 0], abs(K[1, 1]), K[0, 2], K[1, 2])
+
+    @classmethod
+    def from_fov(cls, width: int, height: int, horizontal_deg: float) -> "PinholeCamera":
+        """Square pixels, the principal point in the middle of the image, and a horizontal field of
+        view in degrees, from the left edge of the first pixel to the right edge of the last.
+
+        Raises InputError for an angle that is not between 0 and 180 degrees.
+        """
+        if not 0 < horizontal_deg < 180:
+            raise InputError("a field of view between 0 and 180 degrees", found=horizontal_deg)
+        focal = width / 2 / math.tan(math.radians(horizontal_deg) / 2)
+        return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> "PinholeCamera":

@@ -141,6 +141,19 @@ class SE3:
         r = np.swapaxes(self.rotation, -1, -2)
         return SE3(r, -(r @ self.translation[..., None])[..., 0])
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Matrices (..., 4, 4), for np.asarray. Raises ValueError for copy=False: they are made."""
+        if copy is False:
+            raise ValueError("the matrices of poses are made, which copy=False forbids")
+        return self.matrix if dtype is None else self.matrix.astype(dtype)
+
+    #: No arithmetic of NumPy on poses but the product of matrices.
+    __array_ufunc__ = None
+
+    def __rmatmul__(self, other: np.ndarray) -> "SE3":
+        """Compose a matrix (..., 4, 4) with poses."""
+        return SE3.of(other) @ self
+
     def __matmul__(self, other: "Poses") -> "SE3":
         """Compose: T_a_b @ T_b_c = T_a_c; leading shapes broadcast."""
         other = SE3.of(other)

@@ -10,6 +10,7 @@ from ..formats.files import atomic_write_text
 from ..geometry.axes import world_cv_from_pov
 from ..geometry.se3 import SE3, Poses
 from ..geometry.trajectory import FRAME_RATE_HZ, Trajectory
+from ..shipped import file_or_trajectory
 from . import colmap
 from . import formats as trajectory_formats
 from .formats import FORMATS, TrajectoryFormat
@@ -41,7 +42,8 @@ def read_trajectory(
     positions_suffice: bool = False,
 ) -> LoadedTrajectory:
     """Read a right-handed trajectory of cv camera poses (camera to world, metres), and how the file
-    was read.
+    was read. Where there is no such file, `path` may be the name of a built-in trajectory, such as
+    `living_room/kt2`.
 
     `format` is a name of FORMATS; without it, the format is detected by name and content. `rate_hz`
     is used if a file has frame numbers. `unit_m` is the file's unit of length in metres (0.01 for
@@ -51,6 +53,7 @@ def read_trajectory(
     Raises InputError with file and line for a file that cannot be read.
     """
     options = FileOptions(rate_hz, unit_m)
+    path = file_or_trajectory(path)
     source = colmap.source_of(path)
     format = format or sniffed(source)
     loaded = _known(format).reader.read(format, source, options)
