@@ -1,11 +1,11 @@
 """A hash of the code that a result depends on: of the functions, classes and constants that are
 reached by name from entry points. It changes with what these do, not with comments, docstrings or
-layout, nor with the files they are in, nor with what is not reached.
+layout, nor with their names and the files they are in, nor with what is not reached.
 """
 
 import ast
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cache
@@ -22,6 +22,9 @@ _ROOMS = re.compile(r"iclnuim\.(benchmark|geometry|sensor|evaluation|raycast)\b"
 _ODOMETRY = "iclnuim.benchmark.odometry"
 #: Names of odometers: a new one does not change the others.
 _REGISTRY = f"{_ODOMETRY}.registry"
+_PLACES = re.compile("\u2039[^\u203a]*\u203a")
+#: So often the names in a text are replaced by the hashes of what they name, which may name others.
+_ROUNDS = 4
 #: Settings of a parameter that are texts for people.
 _TEXTS = ("label", "source", "help")
 #: The method of an experiment that only shows its cells.
@@ -58,15 +61,28 @@ def code_of(*entries: Entry, without: tuple[Entry, ...] = ()) -> str:
     """The hash of entry points and of all definitions in _ROOMS that they reach by name; without
     some, and without what only these reach. Raises LookupError for an entry that is not there.
     """
-    texts = set()
+    texts: dict[Name, str] = {}
     left = [_entry(entry) for entry in entries]
     seen = {*left, *map(_entry, without)}
     while left:
-        found, names = _meaning(left.pop())
-        texts.add(found)
+        name = left.pop()
+        texts[name], names = _meaning(name)
         left += names - seen
         seen |= names
-    return sha256("\n".join(sorted(texts)).encode())
+    hashes: dict[str, str] = {}
+    for _ in range(_ROUNDS):
+        hashes = {_place(name): _filled(text, hashes) for name, text in texts.items()}
+    return sha256("\n".join(sorted(set(hashes.values()))).encode())
+
+
+def _place(name: Name) -> str:
+    """What stands in the text of a definition for another one."""
+    return f"\u2039{':'.join(name)}\u203a"
+
+
+def _filled(text: str, hashes: Mapping[str, str]) -> str:
+    """The hash of a text with the hashes of what it names in place of their names."""
+    return sha256(_PLACES.sub(lambda found: hashes.get(found[0], ""), text).encode())
 
 
 def _entry(entry: Entry) -> Name:
@@ -142,7 +158,9 @@ def _definition(module: str, name: str) -> Name | None:
     """Where a name of a module is defined; (module, "") of a module, None if it is in no room."""
     content = _module(module)
     if name in content.definitions:
-        return module, name
+        value = getattr(content.definitions[name][-1], "value", None)
+        other = isinstance(value, ast.Name) and _definition(module, value.id)  # one with two names
+        return other or (module, name)
     if name in content.imports:
         return _imported(*content.imports[name])
     return (f"{module}.{name}", "") if content.is_package else None
@@ -155,8 +173,8 @@ def _imported(module: str, name: str) -> Name | None:
 
 
 class _Reached(ast.NodeTransformer):
-    """Leaves of a statement what decides its result, and collects the definitions that it names. A
-    name that is reached through its module stands there alone.
+    """Leaves of a statement what decides its result, and collects the definitions that it names,
+    which have a mark in place of their name.
     """
 
     def __init__(self, module: _Module) -> None:
@@ -166,14 +184,19 @@ class _Reached(ast.NodeTransformer):
 
     def text_of(self, statement: ast.stmt) -> str:
         self.imports.update(_imports(self.module, statement))
-        return ast.dump(self.visit(deepcopy(statement)))
+        copy = deepcopy(statement)
+        if isinstance(copy, ast.ClassDef | ast.FunctionDef):
+            copy.name = ""
+        return ast.dump(self.visit(copy))
 
     def _target(self, node: ast.AST) -> Name | None:
         """What a name, or an attribute of a module, is; a module has an empty name."""
         if isinstance(node, ast.Name):
             if node.id in self.imports:
                 return _imported(*self.imports[node.id])
-            return (self.module.name, node.id) if node.id in self.module.definitions else None
+            if node.id in self.module.definitions:
+                return _definition(self.module.name, node.id)
+            return None
         if isinstance(node, ast.Attribute) and (base := self._target(node.value)):
             return None if base[1] else _imported(base[0], node.attr)
         return None
@@ -181,12 +204,13 @@ class _Reached(ast.NodeTransformer):
     def visit_Name(self, node: ast.Name) -> ast.AST:
         if (target := self._target(node)) and target[1]:
             self.names.add(target)
+            node.id = _place(target)
         return node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         if (target := self._target(node)) and target[1]:
             self.names.add(target)
-            return ast.Name(node.attr, node.ctx)
+            return ast.Name(_place(target), node.ctx)
         return self.generic_visit(node)
 
     def visit_ImportFrom(self, node: ast.ImportFrom) -> None:

@@ -116,6 +116,25 @@ def test_a_file_that_is_renamed_moved_or_merged_does_not_change_it(hash_of):
     assert hash_of(inside | {"lines": PACKAGE["lines"]}) == expected
 
 
+def test_another_name_does_not_change_it(hash_of):
+    expected = hash_of(PACKAGE)
+    other = changed("errors", "LIMIT = 3", "HIGHEST = 3")
+    other["errors"] = other["errors"].replace("factor(LIMIT)", "factor(HIGHEST)")
+    assert hash_of(other) == expected
+    other = changed("lines", "class Line", "class Segment")
+    other["errors"] = other["errors"].replace("Line", "Segment")
+    assert hash_of(other) == expected
+    twice = changed("lines", "def length", "Other = Line\n\n\ndef length")
+    twice["errors"] = twice["errors"].replace("Line", "Other")
+    assert hash_of(twice) == expected
+
+
+def test_the_same_definitions_in_other_places_change_it(hash_of):
+    text = "A = {}\nB = {}\n\n\ndef f(x):\n    return A * x - B\n"
+    package = {"__init__": "", "m": text.format(1, 2)}
+    assert hash_of(package, "m:f") != hash_of(package | {"m": text.format(2, 1)}, "m:f")
+
+
 def test_what_is_left_out_counts_neither_itself_nor_with_what_it_reaches(hash_of):
     without = {"without": ("scale:factor",)}
     assert hash_of(PACKAGE, **without) != hash_of(PACKAGE)
