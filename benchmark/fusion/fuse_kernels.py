@@ -2,6 +2,10 @@
 means in them.
 
 Each block is written by one thread only, so results do not depend on the number of threads.
+
+Compiled code is kept on disk with the names of the classes that it takes (Rule, CameraPose, Grid
+and so on). numba cannot read it if one of them has another name, and does not compile it again: a
+class that is renamed needs other lines for the functions that take it.
 """
 
 import math
@@ -10,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numba import njit, prange
 
-from .grid import UNIT, CameraPose, Grid, VolumeRule
+from .grid import UNIT, CameraPose, Grid, Rule
 
 #: If the distance along the normal is more than this share of the distance along z, the nearest
 #: point of the surface counts as observed.
@@ -35,7 +39,7 @@ class Pool(NamedTuple):
 
 
 @njit(cache=True)
-def touch(grid: Grid, inverse: np.ndarray, camera: CameraPose, rule: VolumeRule, pool: Pool) -> int:
+def touch(grid: Grid, inverse: np.ndarray, camera: CameraPose, rule: Rule, pool: Pool) -> int:
     """List the blocks within the truncation distance of a measured depth, and allocate missing
     ones. Every second pixel of every second row is used. Returns the number of blocks that could
     not be allocated.
@@ -241,7 +245,7 @@ def _tangent(
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _measure(K: Intrinsics, rule: VolumeRule, layer: Layer) -> None:
+def _measure(K: Intrinsics, rule: Rule, layer: Layer) -> None:
     """The distance of each voxel to the surface, and the weight of this observation; 0 without one.
 
     Rules: see `fuse`.
@@ -292,7 +296,7 @@ def _measure(K: Intrinsics, rule: VolumeRule, layer: Layer) -> None:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _average(tsdf: np.ndarray, weight: np.ndarray, rule: VolumeRule, layer: Layer) -> None:
+def _average(tsdf: np.ndarray, weight: np.ndarray, rule: Rule, layer: Layer) -> None:
     """Update the running means of a layer, tsdf and weight (64,)."""
     trunc = rule.trunc
     free = np.float32(trunc)
@@ -338,7 +342,7 @@ def _fuse_blocks(
     inverse: np.ndarray,
     image: np.ndarray,
     camera: CameraPose,
-    rule: VolumeRule,
+    rule: Rule,
 ) -> None:
     """`fuse` of some blocks.
 
@@ -373,7 +377,7 @@ def fuse(
     inverse: np.ndarray,
     image: np.ndarray,
     camera: CameraPose,
-    rule: VolumeRule,
+    rule: Rule,
     rows: np.ndarray,
 ) -> None:
     """Update the running mean of the truncated distance in the listed blocks, and whether a voxel

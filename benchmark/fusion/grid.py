@@ -43,7 +43,7 @@ class CameraPose(NamedTuple):
     t: np.ndarray
 
 
-class VolumeRule(NamedTuple):
+class Rule(NamedTuple):
     """The settings of a volume that compiled code reads: lengths in metres; max_weight in UNIT."""
 
     voxel: float

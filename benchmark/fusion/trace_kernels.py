@@ -1,6 +1,7 @@
 """The compiled loops of a raycast: along each ray to the trilinear zero crossing.
 
 Each pixel is written by one thread only, so results do not depend on the number of threads.
+Classes that compiled code takes keep their names (fuse_kernels.py).
 """
 
 import math
@@ -9,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from .grid import CameraPose, Grid, VolumeRule, gradient, read, read_colour, row_of
+from .grid import CameraPose, Grid, Rule, gradient, read, read_colour, row_of
 
 #: Side in pixels of the tiles that share one depth range.
 TILE = 8
 
 
-class RaycastView(NamedTuple):
+class View(NamedTuple):
     """Raycast of the volume: depth (h, w), normals_camera (h, w, 3) towards free space, colour (h,
     w, channels).
 
@@ -205,7 +206,7 @@ def _first_crossing(
 
 @njit(cache=True)
 def _trace_row(
-    grid: Grid, camera: CameraPose, rule: VolumeRule, reach: np.ndarray, view: RaycastView, v: int
+    grid: Grid, camera: CameraPose, rule: Rule, reach: np.ndarray, view: View, v: int
 ) -> None:
     """`trace` of one row of pixels.
 
@@ -241,9 +242,7 @@ def _trace_row(
 
 
 @njit(cache=True, parallel=True)
-def trace(
-    grid: Grid, camera: CameraPose, rule: VolumeRule, reach: np.ndarray, view: RaycastView
-) -> None:
+def trace(grid: Grid, camera: CameraPose, rule: Rule, reach: np.ndarray, view: View) -> None:
     """First crossing from front to back along each pixel's ray; without one the outputs are
     unchanged.
 

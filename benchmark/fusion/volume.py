@@ -14,9 +14,9 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
 from .fuse_kernels import Pool, fuse, touch
-from .grid import UNIT, CameraPose, Grid, VolumeRule
+from .grid import UNIT, CameraPose, Grid, Rule
 from .settings import VolumeSettings
-from .trace_kernels import TILE, RaycastView, ranges, trace
+from .trace_kernels import TILE, View, ranges, trace
 
 
 class BlockLimitError(InputError):
@@ -65,7 +65,7 @@ class Volume:
             raise InputError(
                 "blocks that fit into memory", setting="max_blocks", found=s.max_blocks
             ) from None
-        self._rule = VolumeRule(
+        self._rule = Rule(
             voxel=s.voxel_m,
             trunc=s.truncation_m,
             behind=s.behind_m,
@@ -130,12 +130,12 @@ class Volume:
 
     def raycast(
         self, camera: PinholeCamera, T_world_camera: SE3, normals: bool = True, colour: bool = True
-    ) -> RaycastView:
+    ) -> View:
         """Raycast of the surface: trilinear zero crossing, normals from the gradient."""
         T = _checked_pose(T_world_camera)
         shape = (camera.height, camera.width)
         channels = self.settings.channels
-        view = RaycastView(
+        view = View(
             np.full(shape, np.nan, np.float32),
             np.full((*shape, 3) if normals else (0, 0, 3), np.nan, np.float32),
             np.full((*shape, channels) if colour else (0, 0, 3), np.nan, np.float32),

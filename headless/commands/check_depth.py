@@ -16,8 +16,8 @@ from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.job import RenderJob
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.depth_check import (
-    DepthErrors,
     GlassCaster,
+    RayDepthErrors,
     TruthCaster,
     TruthErrors,
     compare_depth,
@@ -83,7 +83,7 @@ def run(args: Namespace, console: Console) -> int:
     return 3 if failed else 0
 
 
-def _failed(e: DepthErrors, truth: TruthErrors | None) -> list[str]:
+def _failed(e: RayDepthErrors, truth: TruthErrors | None) -> list[str]:
     """A sentence for each figure beyond its limit."""
     shares = [("within 0.1 mm", e.within_01mm_share)]
     if truth:
@@ -148,7 +148,7 @@ def _caster(job: RenderJob, console: Console) -> tuple[RayCaster, TruthCaster | 
     return caster, truth_caster
 
 
-def _text(frames: int, e: DepthErrors, truth: TruthErrors | None) -> str:
+def _text(frames: int, e: RayDepthErrors, truth: TruthErrors | None) -> str:
     rows = [
         ("frames", f"{frames}"),
         ("pixels", f"{e.pixels}"),

@@ -15,7 +15,7 @@ from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings
 from iclnuim.evaluation.align import AlignmentSettings
 from iclnuim.formats.meshes import MESH_ENDINGS, read_mesh
 from iclnuim.report.view import gather
-from iclnuim.report.view.contents import View, ViewedSurface
+from iclnuim.report.view.contents import ViewContents, ViewedSurface
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
 from ..options import FRAMES, SCENE_KINDS, add_frames, add_settings, common, settings_from
@@ -76,7 +76,7 @@ def has_display() -> bool:
     return True
 
 
-def _gathered(args: Namespace) -> View:
+def _gathered(args: Namespace) -> ViewContents:
     """What the page shows."""
     kinds = {text: _kind(text) for text in dict.fromkeys(args.what)}
     names = dict(zip(kinds, _short(list(kinds)), strict=True))
@@ -91,7 +91,7 @@ def _gathered(args: Namespace) -> View:
     files = [text for text, kind in kinds.items() if kind == "trajectory"]
     named = [(names[text], read_trajectory(_path(text), positions_suffice=True)) for text in files]
     settings = AbsoluteErrorSettings(alignment=settings_from(args, AlignmentSettings()))
-    view = View(
+    view = ViewContents(
         ", ".join(names.values()),
         sequences,
         gather.trajectories(named, truth, settings),

@@ -17,7 +17,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.report.view import gather, page
-from iclnuim.report.view.contents import View, ViewedFrame, ViewedSequence, ViewedSurface
+from iclnuim.report.view.contents import ViewContents, ViewedFrame, ViewedSequence, ViewedSurface
 from iclnuim.report.view.packing import packed_whole
 from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
@@ -76,7 +76,9 @@ def test_packed_whole_numbers_unpack_to_the_same(kind):
 def test_depth_of_a_small_page_is_that_of_the_files(tmp_path):
     camera = PinholeCamera(64, 48, 50, 50, 31.5, 23.5)
     images = random_images(3, 64, 48, 1)
-    assert page.write_page(tmp_path / "v.html", View("t", [frames_of(images, camera)])) == []
+    assert (
+        page.write_page(tmp_path / "v.html", ViewContents("t", [frames_of(images, camera)])) == []
+    )
     data, texts = parts_of(tmp_path / "v.html")
     for frame, (_, depth_z_m) in zip(data["sequences"][0]["frames"], images, strict=True):
         units = unpacked_whole(texts[frame["depth"]], "<u2").reshape(48, 64)
@@ -85,7 +87,7 @@ def test_depth_of_a_small_page_is_that_of_the_files(tmp_path):
 
 def test_depth_that_does_not_fit_is_shown_in_every_second_row_and_column_unless_asked(tmp_path):
     camera = PinholeCamera(640, 480, 500, 500, 319.5, 239.5)
-    view = View("t", [frames_of(random_images(20, 640, 480, 2), camera)])
+    view = ViewContents("t", [frames_of(random_images(20, 640, 480, 2), camera)])
     (note,) = page.write_page(tmp_path / "v.html", view)
     assert "every second row and column" in note
     assert (tmp_path / "v.html").stat().st_size < 15e6
@@ -124,7 +126,7 @@ def test_the_world_is_turned_so_that_cameras_stand_upright(kt2, axis, sign):
     )
     points = np.random.default_rng(1).normal(size=(9, 3))
     surface = ViewedSurface("s", points, np.zeros((0, 3), int))
-    view = gather.upright(View("t", [], one, [surface]))
+    view = gather.upright(ViewContents("t", [], one, [surface]))
     turned = view.trajectories[0].trajectory.T_world_camera
     assert np.allclose(-turned.rotation[:, :, 1], [0, 0, 1])
     offsets = view.surfaces[0].points[:, None] - turned.translation

@@ -18,7 +18,7 @@ from .frames import (
     CLASS,
     CLASSES,
     LabelFrame,
-    Predictions,
+    LabelPredictions,
     indices_of_truth,
     label_frames,
     read_ids,
@@ -210,8 +210,8 @@ class _LabelSums:
         )
 
 
-def _predictions(folder: Path, truth: Path, kind: str, image: Path) -> Predictions:
-    return Predictions(folder, kind, str(image.parent.relative_to(truth)))
+def _predictions(folder: Path, truth: Path, kind: str, image: Path) -> LabelPredictions:
+    return LabelPredictions(folder, kind, str(image.parent.relative_to(truth)))
 
 
 def _instances(folder: Path, truth: Path, frames: list[LabelFrame]) -> list[Path | None]:

@@ -78,7 +78,7 @@ def image_of(folder: Path, pair: ImagePair, kind: str) -> Path | None:
     return next((place for place in places if is_file(place)), None)
 
 
-class Predictions:
+class LabelPredictions:
     """The label images of a kind that a method wrote for frames, found by name or by number: at the
     same place as in the sequence, in class/ or semantic_class/ (or instance), or, for classes, in
     the folder itself.

@@ -28,7 +28,7 @@ PROMISED_DEG = 0.1
 
 
 @dataclass(frozen=True)
-class DepthErrors:
+class RayDepthErrors:
     """|Z - Z of the rays| in metres over the pixels that are not on an edge; `edge_share` and
     `lost_share` are shares of all pixels.
 
@@ -117,13 +117,13 @@ def _edges(
     return found & ((centre > 0) | ~nothing_around)
 
 
-def depth_summary(errors: list[np.ndarray]) -> DepthErrors:
+def depth_summary(errors: list[np.ndarray]) -> RayDepthErrors:
     """Statistics over the images of `compare_depth`."""
     every = np.concatenate([e.ravel() for e in errors])
     inner = np.abs(every[~np.isnan(every)])
     finite = inner[np.isfinite(inner)]
     p50, p999 = np.percentile(finite, (50, 99.9)) if len(finite) else (np.nan, np.nan)
-    return DepthErrors(
+    return RayDepthErrors(
         pixels=len(every),
         median_m=float(p50),
         p999_m=float(p999),

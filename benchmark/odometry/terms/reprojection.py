@@ -37,8 +37,10 @@ class Matches:
         return Matches(**{name: values[which] for name, values in vars(self).items()})
 
 
-class MatchArrays(NamedTuple):
-    """What the compiled loops read: the intrinsics, pixels and points in both frames, weights."""
+class Seen(NamedTuple):
+    """What the compiled loops read: the intrinsics, pixels and points in both frames, weights. Its
+    name stays, because numba keeps compiled code on disk under it.
+    """
 
     k: np.ndarray
     points0: np.ndarray
@@ -64,7 +66,7 @@ class ReprojectionTerm:
         self.loose = loose
         self.sigma = 1.0
         self.pixels = 4 * len(matches)
-        self.seen = MatchArrays(camera.intrinsics, m.points0_m, m.uv0, m.points1_m, m.uv1, m.weight)
+        self.seen = Seen(camera.intrinsics, m.points0_m, m.uv0, m.points1_m, m.uv1, m.weight)
         across, down = (m.uv0 * GRID / (camera.width, camera.height)).astype(np.int16).T
         self.blocks = np.repeat(down * GRID[0] + across, 4)
         self.sums = np.empty((BLOCKS, 34))
@@ -104,7 +106,7 @@ class ReprojectionTerm:
 
 
 @njit(cache=True)
-def reprojections(T: np.ndarray, seen: MatchArrays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def reprojections(T: np.ndarray, seen: Seen) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(arms (4 n, 3), residuals (4 n,), Jacobian (4 n, 6) by a twist), per match: u and v in the
     reference's image, u and v in the current one.
 
@@ -153,7 +155,7 @@ def reprojections(T: np.ndarray, seen: MatchArrays) -> tuple[np.ndarray, np.ndar
 
 @njit(cache=True)
 def least_squares(
-    T: np.ndarray, seen: MatchArrays, loose: bool, student: tuple, further: tuple, stop: tuple
+    T: np.ndarray, seen: Seen, loose: bool, student: tuple, further: tuple, stop: tuple
 ) -> Any:
     """(T, the twist (6,) to it, scale of Student's t), by Gauss-Newton from T (4, 4).
 

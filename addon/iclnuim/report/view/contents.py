@@ -69,7 +69,7 @@ class ViewedSurface:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class ViewContents:
     """All that one page shows. notes: sentences below its title."""
 
     title: str

@@ -19,7 +19,7 @@ from ...sequences.layout import poses_at
 from ...sequences.rendered_frames import run_frames
 from ...sequences.rgbd_sequence import open_sequence
 from ...trajectory_files.trajectories import LoadedTrajectory
-from .contents import View, ViewedFrame, ViewedSequence, ViewedSurface, ViewedTrajectory
+from .contents import ViewContents, ViewedFrame, ViewedSequence, ViewedSurface, ViewedTrajectory
 
 #: Frames that a page shows unless others are asked for: it has room for the images of these.
 FRAMES = 60
@@ -116,7 +116,7 @@ def trajectories(
     return found
 
 
-def upright(view: View) -> View:
+def upright(view: ViewContents) -> ViewContents:
     """The view in a world whose z axis points up: of the world's axes, the one that the cameras'
     upper sides point to most. Without cameras it is z.
     """
@@ -135,7 +135,7 @@ def upright(view: View) -> View:
     z[axis] = np.sign(up[axis])
     x = np.roll(np.abs(z), 1)
     T = SE3(np.stack([x, np.cross(z, x), z]), np.zeros(3))
-    return View(
+    return ViewContents(
         view.title,
         [_turned_sequence(one, T) for one in view.sequences],
         [

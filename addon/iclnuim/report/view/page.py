@@ -1,4 +1,4 @@
-"""Writes a View as one HTML file with pictures, numbers and the script that draws them."""
+"""Writes a ViewContents as one HTML file with pictures, numbers and the script that draws them."""
 
 import base64
 import json
@@ -16,7 +16,7 @@ from ...formats.files import atomic_write_text
 from ...formats.libraries import first_library
 from ...shown import depth_range, ramp
 from ..charts import COLOURS
-from .contents import View, ViewedFrame, ViewedSequence, ViewedSurface, ViewedTrajectory
+from .contents import ViewContents, ViewedFrame, ViewedSequence, ViewedSurface, ViewedTrajectory
 from .packing import packed_bytes, packed_floats, packed_whole
 
 _HERE = Path(__file__).parent
@@ -30,7 +30,9 @@ _TRUTH_COLOUR = "#808890"
 _HOLE = re.compile(r"\{\{ (\w+) \}\}")
 
 
-def write_page(path: StrPath, view: View, exact: bool = False, progress: Meter = None) -> list[str]:
+def write_page(
+    path: StrPath, view: ViewContents, exact: bool = False, progress: Meter = None
+) -> list[str]:
     """Write the page. Returns notes about what it leaves out.
 
     Depth is stored in each pixel; where the page would be too large, unless `exact`, in every
@@ -129,7 +131,7 @@ class _Packer:
             return []
         return ["depth is shown in every second row and column, to keep the file small"]
 
-    def trajectories(self, view: View) -> list[dict[str, Any]]:
+    def trajectories(self, view: ViewContents) -> list[dict[str, Any]]:
         colours = iter(colour for colour in COLOURS * len(view.trajectories))
         return [
             self._trajectory(one, _TRUTH_COLOUR if one.is_truth else next(colours))

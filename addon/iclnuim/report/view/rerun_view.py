@@ -1,4 +1,4 @@
-"""The same View as a recording for the viewer Rerun."""
+"""The same ViewContents as a recording for the viewer Rerun."""
 
 import subprocess
 import sys
@@ -10,10 +10,10 @@ import numpy as np
 from ...console import Meter, advance_of
 from ...errors import StrPath
 from ..recording import TRUTH, Recorder, record
-from .contents import View, ViewedSequence, ViewedSurface
+from .contents import ViewContents, ViewedSequence, ViewedSurface
 
 
-def record_view(path: StrPath, view: View, progress: Meter = None) -> None:
+def record_view(path: StrPath, view: ViewContents, progress: Meter = None) -> None:
     """Write a recording (.rrd). Raises the errors of `record`."""
     advance = advance_of(progress, sum(len(one.frames) for one in view.sequences), "view")
 

@@ -34,12 +34,12 @@ RuleResult = tuple[bool | None, str]
 _ALL_BUT_KT0 = [False, True, True, True]
 
 
-class _Missing(Exception):
+class _MissingFigure(Exception):
     """A figure that a rule needs is missing."""
 
 
 @dataclass(frozen=True)
-class Rule:
+class FindingRule:
     """holds: over figures. why: its condition in words."""
 
     holds: Callable[[PaperFigures], RuleResult]
@@ -100,7 +100,7 @@ def apply_rule(rule: Callable[[PaperFigures], RuleResult], of: PaperFigures) -> 
     """Result of the rule; (None, "") if a figure is missing."""
     try:
         return rule(of)
-    except _Missing:
+    except _MissingFigure:
         return None, ""
 
 
@@ -117,7 +117,7 @@ def verdict(holds: Iterable[bool]) -> str:
 
 def _there(value: float | None) -> float:
     if value is None:
-        raise _Missing
+        raise _MissingFigure
     return value
 
 
@@ -264,7 +264,7 @@ def _assumptions(of: PaperFigures) -> RuleResult:
     fact, text = _photometric_poor(of, OFFICE)
     try:
         without = _mean(_ates_of(of, OFFICE, LAMBERTIAN, family("photometric")))
-    except _Missing:
+    except _MissingFigure:
         return (None if fact else False), text
     if not fact:
         return False, text
@@ -350,60 +350,64 @@ def _photometric_robust(of: PaperFigures) -> RuleResult:
 #: The main finding: our verdict uses all cells that have a surface, not figures of named cells.
 _MAIN = 4
 RULES = {
-    1: Rule(_kt2_best_kt0_worst, "the mean surface error is least on kt2 and greatest on kt0"),
-    2: Rule(_nearer_but_rougher, "DVO's ATE is below ICP's, its mean surface error above"),
-    3: Rule(
+    1: FindingRule(
+        _kt2_best_kt0_worst, "the mean surface error is least on kt2 and greatest on kt0"
+    ),
+    2: FindingRule(_nearer_but_rougher, "DVO's ATE is below ICP's, its mean surface error above"),
+    3: FindingRule(
         _the_model_is_the_reason,
         "for ICP and for DVO, the surface of kt0 is better with the model than without",
     ),
-    _MAIN: Rule(
+    _MAIN: FindingRule(
         _nearer_but_rougher,
         "it does so in at least one pair whose ATE and surface error differ by over 10 %",
     ),
-    5: Rule(
+    5: FindingRule(
         _the_model_helps_dvo,
         "DVO's mean surface error is smaller with the model on all four trajectories",
     ),
-    6: Rule(_dvo_on_kt0_icp_elsewhere, "least ATE of the five: DVO on kt0, ICP on kt1 to kt3"),
-    7: Rule(_fovis_worst, "FOVIS has the greatest ATE of the five on all four trajectories"),
-    8: Rule(
+    6: FindingRule(
+        _dvo_on_kt0_icp_elsewhere, "least ATE of the five: DVO on kt0, ICP on kt1 to kt3"
+    ),
+    7: FindingRule(_fovis_worst, "FOVIS has the greatest ATE of the five on all four trajectories"),
+    8: FindingRule(
         _photometric_poor,
         "geometric mean of the ATE over both odometers and all four trajectories",
     ),
-    9: Rule(
+    9: FindingRule(
         _icp_slides_on_kt0,
         "ICP's ATE is greatest on kt0, and so is its share of under-constrained frames",
     ),
-    10: Rule(
+    10: FindingRule(
         _icp_best_in_the_office,
         "ICP has the least ATE of the five on all four trajectories, its greatest on kt1",
     ),
-    11: Rule(
+    11: FindingRule(
         _assumptions,
         "they are worse by the geometric mean, and without reflections (--lambertian) their error "
         "is at most half as large",
     ),
-    12: Rule(
+    12: FindingRule(
         _noise_costs_surface,
         "ICP's mean surface error over the four trajectories grows with noise",
     ),
-    13: Rule(
+    13: FindingRule(
         _icp_best_surfaces,
         "ICP's noisy surface is the best of the five on all four; its error grows on all but kt0",
     ),
-    14: Rule(_noise_costs_icp_but_on_kt0, "ICP's ATE grows on kt1 to kt3 and falls on kt0"),
-    15: Rule(
+    14: FindingRule(_noise_costs_icp_but_on_kt0, "ICP's ATE grows on kt1 to kt3 and falls on kt0"),
+    15: FindingRule(
         _icp_suffers_on_kt3,
         f"ICP's ATE grows most on kt3, by a factor of at least {_STRONGLY:g}",
     ),
-    16: Rule(
+    16: FindingRule(
         _noise_may_help,
         "the ATE of two or more of DVO, RGB-D and FOVIS, FOVIS among them, falls on some "
         "trajectory",
     ),
-    17: Rule(
+    17: FindingRule(
         _office_noisy,
         "ICP's ATE grows on all four; DVO's is below ICP's on kt1; ICP+RGB-D's is least on kt3",
     ),
-    18: Rule(_photometric_robust, "growth of the geometric mean of the ATE over both rooms"),
+    18: FindingRule(_photometric_robust, "growth of the geometric mean of the ATE over both rooms"),
 }
