@@ -16,20 +16,20 @@ FUSE_CORE_S = 0.07
 
 @dataclass(frozen=True)
 class PlannedWork:
-    """what: a phrase. seconds: an estimate of the wall time on this machine. gigabytes: of what is
+    """work: a phrase. seconds: an estimate of the wall time on this machine. gigabytes: of what is
     written.
     """
 
-    what: str
+    work: str
     seconds: float
     gigabytes: float = 0.0
 
     def sentence(self) -> str:
         """`882 frames of living_room/kt2: about 3 minutes, 1.1 GB`."""
         if not self.seconds:
-            return f"{self.what}: nothing to do"
+            return f"{self.work}: nothing to do"
         disk = f", {self.gigabytes:.1f} GB" if self.gigabytes >= 0.05 else ""
-        return f"{self.what}: about {_duration(self.seconds)}{disk}"
+        return f"{self.work}: about {_duration(self.seconds)}{disk}"
 
 
 def _duration(seconds: float) -> str:

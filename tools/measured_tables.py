@@ -164,7 +164,9 @@ def _surface(titles: Iterable[str]) -> FromOutput:
             distance_m = error["distance_m"]
             statistics = [distance_m[key] for key in ("mean", "median", "std", "min", "max")]
             distances = [f"{1e3 * value:.3g}" for value in statistics]
-            rows.append((title, *distances, f"{made['memory_mb']:.0f} MB", made["parts_that_left"]))
+            rows.append(
+                (title, *distances, f"{made['memory_mb']:.0f} MB", made["parts_out_of_window"])
+            )
         header = "kt2, ours | mean | median | std | min | max | memory | parts that left the window"
         return words(header, rows)
 

@@ -137,15 +137,15 @@ class _Fusion:
         return Mesh.joined([part for part in self.parts if len(part.triangles)])
 
     def figures(self) -> dict:
-        """Counts and times so far; parts_that_left: without what remained in the volume."""
+        """Counts and times so far; parts_out_of_window: without what remained in the volume."""
         return {
             "frames": self.volume.frames,
             "left_out": len(self.left_out),
             "seconds": self.clock() - self.started_s,
-            "fusing_ms_a_frame": 1e3 * self.fusing_s / max(self.volume.frames, 1),
-            "blocks_at_most": self.volume.max_used,
+            "fusing_ms_per_frame": 1e3 * self.fusing_s / max(self.volume.frames, 1),
+            "max_blocks_used": self.volume.max_used,
             "memory_mb": self.volume.bytes_used / 1e6,
-            "parts_that_left": len(self.parts) - 1,
+            "parts_out_of_window": len(self.parts) - 1,
         }
 
     def no_surface(self, folder: Path | str) -> InputError:

@@ -35,7 +35,7 @@ def run(args: Namespace, console: Console) -> None:
         if (cache / name).is_dir():
             done = _cleared(cache / name) if args.clear else ""
             lines.append(f"{done}{name:<12}{_megabytes(size):>10}  {KINDS[name]}")
-    values = {"folder": str(cache), "bytes": total, "kinds": kinds, "cleared": args.clear}
+    values = {"folder": str(cache), "bytes": total, "bytes_by_folder": kinds, "cleared": args.clear}
     console.result(values, "\n".join(lines))
 
 

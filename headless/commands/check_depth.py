@@ -153,7 +153,7 @@ def _text(frames: int, e: RayDepthErrors, truth: TruthErrors | None) -> str:
         ("frames", f"{frames}"),
         ("pixels", f"{e.pixels}"),
         ("on an edge (left out)", f"{e.edge_share:.3%}"),
-        ("hit by one of the two only", f"{e.lost_share:.4%}"),
+        ("hit by one of the two only", f"{e.one_sided_share:.4%}"),
         ("|Z error| median", f"{e.median_m * 1e3:.6f} mm"),
         ("|Z error| 99.9 %", f"{e.p999_m * 1e3:.6f} mm"),
         ("|Z error| largest", f"{e.max_m * 1e3:.6f} mm"),

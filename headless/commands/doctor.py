@@ -23,15 +23,15 @@ from ..options import common
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one check. found: what was found. good: whether it is sufficient. fix: how to
-    install it. needed: whether the main commands need it.
+    """Result of one check. found: what was found. ok: whether it is sufficient. fix: how to
+    install it. required: whether the main commands need it.
     """
 
     name: str
     found: str
-    good: bool
+    ok: bool
     fix: str = ""
-    needed: bool = False
+    required: bool = False
 
 
 #: distribution, module, needed, what for, how to install
@@ -65,18 +65,18 @@ def configure(parser: ArgumentParser) -> None:
 
 def run(args: Namespace, console: Console) -> int:
     findings = examine()
-    broken = [f for f in findings if f.needed and not f.good]
+    broken = [f for f in findings if f.required and not f.ok]
     lines = []
     for f in findings:
-        mark = "MISSING " if f.needed else "optional"
+        mark = "MISSING " if f.required else "optional"
         line = f"{f.name:<32}{f.found}"
-        if f.good:
+        if f.ok:
             mark = "ok      "
         elif f.fix:
             line += f"   -> {f.fix}"
         lines.append(f"{mark}  {line}")
-    lines += ["", _conclusion({f.name: f.good for f in findings}, broken)]
-    values = {"findings": [asdict(f) for f in findings], "works": not broken}
+    lines += ["", _conclusion({f.name: f.ok for f in findings}, broken)]
+    values = {"checks": [asdict(f) for f in findings], "ok": not broken}
     console.result(values, "\n".join(lines))
     return 3 if broken else 0
 
@@ -85,13 +85,13 @@ def examine() -> list[Finding]:
     """Check this machine; nothing is changed."""
     bpy = _bpy()
     binary = _blender_binary()
-    neither = not bpy.good and not binary.good
+    neither = not bpy.ok and not binary.ok
     return [
-        Finding("iclnuim", __version__, True, needed=True),
+        Finding("iclnuim", __version__, True, required=True),
         _python(),
-        replace(bpy, needed=neither),
-        replace(binary, needed=neither),
-        _denoiser(bpy.good),
+        replace(bpy, required=neither),
+        replace(binary, required=neither),
+        _denoiser(bpy.ok),
         *(_package(*package) for package in PACKAGES),
         _opencv_odometers(),
         _sequences(),
@@ -205,7 +205,7 @@ def _package(name: str, module: str, needed: bool, what: str, install: str) -> F
         found = importlib.metadata.version(name)
     else:
         found = f"{importlib.metadata.version(names[0])} of {names[0]}"
-    return Finding(name, found, True, needed=needed)
+    return Finding(name, found, True, required=needed)
 
 
 def _output_of(*command: str) -> subprocess.CompletedProcess:

@@ -90,13 +90,13 @@ def label_notes(values: dict[str, Any]) -> list[str]:
             f"{len(values['missing'])} of {total} frames have no label image and are left out: "
             f"{_listed(values['missing'])}"
         )
-    if unknown := values["unknown"]:
+    if unknown := values["unknown_labels"]:
         some = [f"{name} ({count})" for name, count in unknown.items()]
         found.append(
             f"{len(unknown)} labels are not in {values['classes']} and count as no label, by "
             f"their pixels: {_listed(some)}"
         )
-    if without := values["without"]:
+    if without := values["unmapped_classes"]:
         some = [f"{name} ({count})" for name, count in without.items()]
         found.append(
             f"true classes that {values['classes']} does not have do not count, by their pixels: "

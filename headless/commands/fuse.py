@@ -113,8 +113,8 @@ def _text(f: dict) -> str:
         f"{f['mesh']}: {f['vertices']} vertices, {f['triangles']} triangles\n"
         f"{f['frames']} frames fused, {f['left_out']} left out, {f['seconds']:.1f} s "
         f"({f['frames'] / f['seconds']:.1f} frames per second with reading; fusing alone "
-        f"{f['fusing_ms_a_frame']:.1f} ms per frame, meshing {f['meshing_s']:.1f} s)\n"
-        f"at most {f['blocks_at_most']} blocks, {f['memory_mb']:.0f} MB; {f['parts_that_left']} "
+        f"{f['fusing_ms_per_frame']:.1f} ms per frame, meshing {f['meshing_s']:.1f} s)\n"
+        f"at most {f['max_blocks_used']} blocks, {f['memory_mb']:.0f} MB; {f['parts_out_of_window']} "
         "parts left the window"
     )
 

@@ -120,8 +120,8 @@ def write_reported(
     folders = [str(path) for path in paths]
     values = {
         "folders": folders,
-        "made": written.made,
-        "found": written.found,
+        "frames_written": written.made,
+        "frames_already_written": written.found,
         "invalid_depth": written.invalid_depth,
     }
     text = f"{', '.join(folders)}: {written.made} frames written, {written.found} already finished"

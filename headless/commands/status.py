@@ -24,7 +24,7 @@ def run(args: Namespace, console: Console) -> None:
         f"{state['folder']}: {state['sequence']}, "
         f"{state['finished']} of {state['frames']} frames rendered, "
         f"{state['in_sequences']} of them in the sequences, {missing}",
-        f"working on it: {state['holder'] or 'no local command'}",
+        f"working on it: {state['locked_by'] or 'no local command'}",
     ]
     if state["queue"] is not None:
         lines.append(f"in Slurm's queue: {state['queue']}; logs: {state['folder']}/.farm/slurm")

@@ -81,7 +81,7 @@ def keep(job: RenderJob, figures: FrameCost) -> None:
     if figures.frames >= MIN_FRAMES and figures.frame_core_s > 0:
         with suppress(OSError, IclnuimError):
             _file(job).parent.mkdir(parents=True, exist_ok=True)
-            write_json(_file(job), {"of": _key(job), "figures": asdict(figures)})
+            write_json(_file(job), {"settings": _key(job), "figures": asdict(figures)})
 
 
 def _file(job: RenderJob) -> Path:
@@ -114,7 +114,7 @@ class CostEstimate:
 
     frames: int
     tasks: int
-    frames_a_task: int
+    frames_per_task: int
     core_hours: float
     bake_core_hours: float
     gigabytes: float
@@ -123,10 +123,10 @@ class CostEstimate:
     simulations_minutes: float
     light_minutes: float
     dataset_minutes: float
-    figures: str
+    basis: str
 
     def text(self) -> str:
-        tasks = f"{self.tasks} task{'s' * (self.tasks != 1)} of up to {self.frames_a_task}"
+        tasks = f"{self.tasks} task{'s' * (self.tasks != 1)} of up to {self.frames_per_task}"
         bake = ""
         if self.bake_core_hours:
             bake = f", {self.bake_core_hours:.2f} of them to bake the light, unless it is cached"
@@ -140,7 +140,7 @@ class CostEstimate:
             f"core-hours   {self.core_hours:.2f}{bake}\n"
             f"gigabytes    {self.gigabytes:.2f}\n"
             f"wall time    {self.wall_minutes:.0f} min, without waiting in the queue{before}\n"
-            f"figures      {self.figures}"
+            f"figures      {self.basis}"
         )
 
 
@@ -169,7 +169,7 @@ def estimate(plan: RunPlan, chunks: list[int], known: FrameCost) -> CostEstimate
     return CostEstimate(
         frames=frames,
         tasks=len(chunks),
-        frames_a_task=largest,
+        frames_per_task=largest,
         core_hours=(frames * known.frame_core_s + bake_s + pairs_s + start_s) / 3600,
         bake_core_hours=bake_s / 3600,
         gigabytes=_gigabytes(plan, frames),
@@ -178,7 +178,7 @@ def estimate(plan: RunPlan, chunks: list[int], known: FrameCost) -> CostEstimate
         simulations_minutes=_simulated_s(plan, known) / 60 if chunks else 0.0,
         light_minutes=light_s / 60,
         dataset_minutes=dataset_s / 60,
-        figures=f"{known.frame_core_s:.2f} core-seconds per frame, {known.start_s:.0f} s to start: "
+        basis=f"{known.frame_core_s:.2f} core-seconds per frame, {known.start_s:.0f} s to start: "
         + source,
     )
 

@@ -52,7 +52,7 @@ def run_state(folder: Path, frames: str | None = None) -> dict[str, Any]:
         "in_sequences": len(made),
         "missing": len(missing),
         "missing_frames": missing,
-        "holder": _holder(raw),
+        "locked_by": _holder(raw),
         "queue": queue,
         "held_out": _held_out(plan),
         "failed": slurm_queue.last_error(raw) if missing and queue == "nothing" else None,

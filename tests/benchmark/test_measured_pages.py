@@ -242,7 +242,7 @@ PRINTED = {
         "model_ms": {"depth": {"paper": 12.9}},
         "overlap_with_official": None,
     },
-    "fuse out": {"memory_mb": 280.0, "parts_that_left": 0},
+    "fuse out": {"memory_mb": 280.0, "parts_out_of_window": 0},
     "evaluate surface": {
         "distance_m": dict.fromkeys(("mean", "median", "std", "min", "max"), 0.0005)
     },

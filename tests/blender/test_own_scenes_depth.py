@@ -125,7 +125,7 @@ def test_depth_of_an_imported_scene_is_that_of_rays_cast_by_embree(
     assert figures["pixels"] == 5 * 160 * 120
     assert figures["edge_share"] < 0.05
     assert figures["max_m"] < 1e-4
-    assert figures["lost_share"] == 0
+    assert figures["one_sided_share"] == 0
 
 
 @pytest.mark.parametrize(

@@ -121,7 +121,9 @@ def test_depth_and_ground_truth_are_those_of_rays(name, rendered, command_here):
     assert code == 0, printed + said
     figures = json.loads(printed)
     assert (
-        figures["failed"] == [] and figures["lost_share"] == 0 and figures["outline_share"] < 0.001
+        figures["failed"] == []
+        and figures["one_sided_share"] == 0
+        and figures["outline_share"] < 0.001
     )
     assert (frame["Z"] == 0).mean() < 0.001 or name in {
         "all_glass", "open_window", "view_layers",  # the sky, and what is held out

@@ -85,9 +85,9 @@ def test_a_killed_command_does_not_count_as_working(run, capsys):
     subprocess.run(
         [sys.executable, "-c", program, run.path / ".farm"], env=environment(), check=False
     )
-    assert (run.path / ".farm/lock").is_file() and told(capsys, run.path)["holder"] is None
+    assert (run.path / ".farm/lock").is_file() and told(capsys, run.path)["locked_by"] is None
     with OutputLock(run.path / ".farm"):
-        assert told(capsys, run.path)["holder"].startswith(f"process {os.getpid()} on ")
+        assert told(capsys, run.path)["locked_by"].startswith(f"process {os.getpid()} on ")
 
 
 def environment() -> dict[str, str]:

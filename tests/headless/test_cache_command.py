@@ -28,7 +28,7 @@ def test_where_it_is_and_how_large(cache, capsys):
 def test_clearing_says_what_it_removed_and_leaves_what_is_not_its_own(cache, capsys):
     assert main(["cache", "--clear", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["kinds"]["light"] == 3_000_000 and found["cleared"]
+    assert found["bytes_by_folder"]["light"] == 3_000_000 and found["cleared"]
     assert [path.name for path in cache.iterdir()] == ["mine.txt"]
     assert main(["cache", "--clear"]) == 0
     assert capsys.readouterr().out == f"{cache}: 0.0 MB\n"

@@ -51,9 +51,9 @@ def test_dataset_reports_as_json_goes_on_and_refuses_in_one_line(raw, tmp_path, 
         "--json",
     ]
     assert main([*command, "--quiet"]) == 0
-    assert json.loads(capsys.readouterr().out)["made"] == 3
+    assert json.loads(capsys.readouterr().out)["frames_written"] == 3
     assert main([*command, "--quiet"]) == 0
-    assert json.loads(capsys.readouterr().out)["found"] == 3
+    assert json.loads(capsys.readouterr().out)["frames_already_written"] == 3
     assert main([*command, "--seed", "5"]) == 2
     error = capsys.readouterr().err.strip()
     assert "seed 0 there, 5 requested" in error and "\n" not in error
@@ -111,7 +111,7 @@ def test_a_frame_that_is_named_by_no_decimal_number_is_left_out(raw, tmp_path, c
     for name in ("\u00b2\u00b3", "0\u00b2"):
         (raw / f"exr/{name}.exr").write_bytes(b"")
     assert main(["dataset", str(raw), str(tmp_path / "out"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["made"] == 3
+    assert json.loads(capsys.readouterr().out)["frames_written"] == 3
     assert read_run(raw).frame_numbers() == [0, 1, 2]
 
 

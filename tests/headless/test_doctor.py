@@ -14,7 +14,7 @@ from iclnuim.headless.commands import doctor
 def test_what_is_found_is_listed_with_its_version(capsys):
     code = cli.main(["doctor", "--json"])
     told = json.loads(capsys.readouterr().out)
-    found = {f["name"]: f for f in told["findings"]}
+    found = {f["name"]: f for f in told["checks"]}
     assert {
         "Python",
         "bpy",
@@ -25,8 +25,8 @@ def test_what_is_found_is_listed_with_its_version(capsys):
         "rosbags",
         "OpenCV's odometers",
     } <= set(found)
-    assert found["numpy"]["good"] and found["numpy"]["found"].startswith(("1.", "2."))
-    assert (code == 0) == told["works"]
+    assert found["numpy"]["ok"] and found["numpy"]["found"].startswith(("1.", "2."))
+    assert (code == 0) == told["ok"]
 
 
 def test_without_blender_it_says_what_works_and_ends_with_3(capsys, monkeypatch):

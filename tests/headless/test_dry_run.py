@@ -47,7 +47,7 @@ def test_more_frames_and_pixels_take_longer_and_more_room(capfd):
     few = planned(capfd, "make", "kt2", "--frames", ":100")
     many = planned(capfd, "make", "kt2", "--frames", ":800")
     small = planned(capfd, "make", "kt2", "--frames", ":800", "--camera", "160x120")
-    assert few["what"].startswith("100 of 100 frames to render")
+    assert few["work"].startswith("100 of 100 frames to render")
     assert 2 < many["seconds"] / few["seconds"] < 8
     assert many["gigabytes"] == pytest.approx(8 * few["gigabytes"])
     assert small["gigabytes"] == pytest.approx(many["gigabytes"] / 16)
@@ -109,5 +109,5 @@ def test_more_odometers_and_steps_take_longer(capfd, few_frames):
     curve = ("bench", "curve", "iterations", few_frames, "--method", "icp", "--frames", ":3")
     two = planned(capfd, *curve, "--values", "1,2")
     four = planned(capfd, *curve, "--values", "1,2,3,4")
-    assert two["what"].startswith("2 steps of iterations, 3 frames")
+    assert two["work"].startswith("2 steps of iterations, 3 frames")
     assert four["seconds"] == pytest.approx(2 * two["seconds"])

@@ -235,7 +235,7 @@ def test_the_command_prints_writes_and_draws(truth, tmp_path, command_here):
     rows = (tmp_path / "c.csv").read_text().splitlines()
     assert rows[0].startswith("truth,wall,floor")
     counts = np.array([row.split(",")[1:] for row in rows[1:]], int)
-    assert counts.sum() == values["labelled"]
+    assert counts.sum() == values["compared"]
     assert values["mean_iou"] < 1 and "panoptic_quality" not in values
     code, _, error = command_here("evaluate", "labels", out, "--truth", truth, "--classes", "x")
     assert code == 2 and len(error.splitlines()) == 1

@@ -69,11 +69,11 @@ class LabelErrors:
             found |= self.panoptic.to_dict()
         rows = self._rows()
         found |= {
-            "labelled": int(self.figures.truth.sum()),
+            "compared": int(self.figures.truth.sum()),
             "per_class": [row for row, is_rare in rows if not is_rare],
             "rare": [row for row, is_rare in rows if is_rare],
-            "unknown": dict(self.unknown),
-            "without": dict(self.without),
+            "unknown_labels": dict(self.unknown),
+            "unmapped_classes": dict(self.without),
             "missing": list(self.missing),
         }
         return found

@@ -30,9 +30,9 @@ PROMISED_DEG = 0.1
 @dataclass(frozen=True)
 class RayDepthErrors:
     """|Z - Z of the rays| in metres over the pixels that are not on an edge; `edge_share` and
-    `lost_share` are shares of all pixels.
+    `one_sided_share` are shares of all pixels.
 
-    A pixel is `lost` if only one of the two has a surface there.
+    A pixel is one-sided if only one of the two has a surface there.
     """
 
     pixels: int
@@ -41,7 +41,7 @@ class RayDepthErrors:
     max_m: float
     within_01mm_share: float
     edge_share: float
-    lost_share: float
+    one_sided_share: float
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def depth_summary(errors: list[np.ndarray]) -> RayDepthErrors:
         max_m=float(finite.max(initial=0.0)),
         within_01mm_share=float((inner <= 1e-4).mean()) if len(inner) else float("nan"),
         edge_share=float(np.isnan(every).mean()),
-        lost_share=float(np.isinf(every).mean()),
+        one_sided_share=float(np.isinf(every).mean()),
     )
 
 

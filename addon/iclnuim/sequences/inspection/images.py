@@ -39,7 +39,7 @@ def inspect_images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader
     for kind, expected in _EXPECTED.items():
         of_kind = [header for k, header in headers if k == kind]
         found = Counter(map(str, of_kind))
-        result.figures[f"{kind}_form"] = ", ".join(found)
+        result.figures[f"{kind}_format"] = ", ".join(found)
         if len(found) > 1:
             counts = ", ".join(f"{count} of {each}" for each, count in found.items())
             result.errors.append(f"{kind} images differ: {counts}")
