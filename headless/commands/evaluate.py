@@ -2,7 +2,8 @@
 absolute (ate) and relative (rpe), of a reconstructed surface (surface: evaluate_surface.py), of
 rendered views (views), of predicted depth (depth: evaluate_depth.py), and of label images
 (labels: evaluate_labels.py).
-iclnuim.report.trajectory_report documents what --json prints and --csv writes.
+docs/reference/json.md documents what --json prints, iclnuim.report.trajectory_report what --csv
+writes.
 """
 
 import os

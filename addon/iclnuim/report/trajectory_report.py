@@ -1,31 +1,6 @@
 """Trajectory errors of two files as a report: a dictionary for JSON, a table for the terminal, rows
 for CSV.
 
-JSON of `iclnuim evaluate ate --json` (lengths in metres, angles in degrees, shares 0..1):
-
-    metric                "ate"
-    reference, estimate   {path, poses, read_as}: read_as describes how the file was read
-    settings              {association {method, max_difference_s, offset_s}, alignment {method,
-                          first, up}}
-    pairs                 number of compared poses; largest_difference_s: largest difference of
-                          their stamps
-    translation_error_m   {rmse, mean, median, std, min, max}
-    rotation_error_deg    the same six; null if one of the files has positions alone
-    coverage, recall {1cm, 5cm, 10cm}, area_under_curve     over all ground-truth frames
-    alignment             {scale, translation_m [3], quat_xyzw [4], poses_used, extents_m [3],
-                          residual_rms_m}
-    mirror                {mirrored, rotation_rms_m, reflection_rms_m}
-    explanations          what explains a bad estimate, [] if nothing is doubted: {kind, file,
-                          parameters}; kind as in doubt/explanation.py, file estimate or reference
-    explained_error       the error of the compared poses with all explanations applied, and as
-                          read: {rmse_m, rotation_rmse_deg, as_read_rmse_m,
-                          as_read_rotation_rmse_deg}; null without explanations
-    warnings              list of sentences, empty without warnings
-
-JSON of `iclnuim evaluate rpe --json`: metric "rpe", the same without recall, area_under_curve and
-alignment; settings contain {rpe_pairs {delta, unit, all_pairs, tolerance, measured_on},
-association, correct_scale}; rpe_pairs is the number of RPE pairs, scale the factor applied.
-
 CSV of ate, one row per pair: reference_index, estimate_index, reference_stamp_s, time_difference_s,
 translation_error_m, rotation_error_deg, x_m, y_m, z_m (the aligned estimate). CSV of rpe, one row
 per RPE pair: start_index, end_index (in the ground truth), start_stamp_s, end_stamp_s,
