@@ -11,10 +11,8 @@ import numpy as np
 from iclnuim.errors import InputError
 from iclnuim.formats.meshes import read_mesh_or_cloud
 from iclnuim.geometry.trajectory import frame_rate_hz
-from iclnuim.sequences.image_pairs import find_pairs
-from iclnuim.sequences.layout import poses_at
-from iclnuim.sequences.sequence_poses import read_truth
-from iclnuim.sequences.stored_images import read_camera, read_depth_m
+from iclnuim.sequences.frames import poses_at
+from iclnuim.sequences.stored_sequence import StoredSequence, read_depth_m
 
 _FOLDER = Path(__file__).parent / "settings"
 #: Added to the bounds of the room on each side, as a share of their size.
@@ -64,47 +62,48 @@ def filled(system: SystemFiles, folder: Path, model: Path | None = None) -> dict
         expected = f"a sequence in the format {system.format} for {system.name}"
         hint = f"iclnuim convert {folder} OUT --format {system.format}"
         raise InputError(expected, path=folder, found=f"no {system.shown_by}", hint=hint)
-    pairs = find_pairs(folder)
-    camera = read_camera(folder, pairs[0].rgb)
+    sequence = StoredSequence(folder)
+    camera = sequence.camera
     c = camera.pinhole
     values: dict[str, object] = {
         "width": c.width,
         "height": c.height,
         "units": camera.depth_units_per_metre,
         "metres": 1 / camera.depth_units_per_metre,
-        "rate": frame_rate_hz(np.array([pair.stamp_s for pair in pairs])),
+        "rate": frame_rate_hz(sequence.stamps_s),
         "name": folder.resolve().name,
         "parent": folder.resolve().parent,
         "folder": folder.resolve(),
     }
     values |= {name: repr(float(getattr(c, name))) for name in ("fx", "fy", "cx", "cy")}
     if system.needs_bounds:
-        values["bound"] = bounds_m(folder, model).round(3).tolist()
+        values["bound"] = bounds_m(sequence, model).round(3).tolist()
     return {name: Template(text).substitute(values) for name, text in system.files.items()}
 
 
-def bounds_m(folder: Path, model: Path | None = None) -> np.ndarray:
+def bounds_m(sequence: StoredSequence, model: Path | None = None) -> np.ndarray:
     """(3, 2) smallest and largest x, y, z in metres of the room in the world of the sequence, 5 %
     of their size wider on each side.
     """
-    points = _seen(folder) if model is None else read_mesh_or_cloud(model)[0]
+    points = _seen(sequence) if model is None else read_mesh_or_cloud(model)[0]
     if not len(points):
-        raise InputError("depth or a model, for the bounds of the room", path=folder, found="none")
+        expected = "depth or a model, for the bounds of the room"
+        raise InputError(expected, path=sequence.folder, found="none")
     low = points.min(0)
     high = points.max(0)
     margin = _MARGIN * (high - low)
     return np.stack([low - margin, high + margin], 1)
 
 
-def _seen(folder: Path) -> np.ndarray:
+def _seen(sequence: StoredSequence) -> np.ndarray:
     """(n, 3) points in the world that depth images, spread over the sequence, show."""
-    pairs = find_pairs(folder)
-    camera = read_camera(folder, pairs[0].rgb)
-    poses = poses_at(np.array([pair.stamp_s for pair in pairs]), read_truth(folder))
+    pairs = sequence.pairs
+    camera = sequence.camera
+    poses = poses_at(sequence.stamps_s, sequence.truth)
     kept = np.flatnonzero([pose is not None for pose in poses])
     if not len(kept):
         hint = "--model with a mesh of the room"
-        raise InputError("poses, for the bounds", path=folder, found="none", hint=hint)
+        raise InputError("poses, for the bounds", path=sequence.folder, found="none", hint=hint)
     points = []
     for at in np.linspace(0, len(kept) - 1, min(_VIEWS, len(kept))).round().astype(int):
         pose = poses[kept[at]]

@@ -10,9 +10,8 @@ from iclnuim.benchmark.odometry.registry import PACKAGES, odometer
 from iclnuim.benchmark.odometry.run import Sequence
 from iclnuim.console import Console
 from iclnuim.errors import IclnuimError, WorkError
-from iclnuim.geometry.trajectory import Trajectory
 
-from .sequence_input import camera_from, note_sequence
+from .sequence_input import note_sequence, opened_with_camera
 
 #: For an odometer about 10 s on two free cores, a minute where they are shared.
 COMPILING = "compiling, once: 10 s to a minute"
@@ -28,16 +27,14 @@ def open_sequence(
     console: Console,
     folder: Path,
     depth_offset: float = 0.0,
-    poses: Trajectory | None = None,
     frames: str = "::",
 ) -> Sequence:
     """Open the sequence with the camera given by the options, or with that of the folder.
 
-    frames: a Python slice of its pairs. poses: by default the ground truth. Notes report what is
-    assumed, left out and in doubt.
+    frames: a Python slice of its pairs. Notes report what is assumed, left out and in doubt.
     """
-    sequence = Sequence(folder, depth_offset, camera_from(args, folder), frames)
-    note_sequence(folder, sequence.camera, console, poses)
+    sequence = Sequence(opened_with_camera(args, folder), depth_offset, frames)
+    note_sequence(sequence.stored, console)
     return sequence
 
 

@@ -104,16 +104,16 @@ def _has(folder: Path, path: Path) -> bool:
     """Whether a file is an image, the ground truth, a list or the camera of a sequence in any
     format.
     """
-    from iclnuim.sequences.image_pairs import find_pairs
-    from iclnuim.sequences.sequence_poses import find_truth
+    from iclnuim.sequences.stored_sequence import StoredSequence
 
+    sequence = StoredSequence(folder)
     files = set()
     places = {folder / name for name in _FOLDERS if (folder / name).is_dir()}
     with suppress(InputError):
-        for pair in find_pairs(folder):
+        for pair in sequence.pairs:
             files |= {real_path(pair.rgb), real_path(pair.depth)}
         places |= {image.parent for image in files}
-        if truth := find_truth(folder):
+        if truth := sequence.truth_path:
             files.add(real_path(truth))
     if not places:
         return False

@@ -13,15 +13,14 @@ from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.formats.bags import is_bag
 from iclnuim.formats.depth_units import UNITS_PER_METRE, check_units
-from iclnuim.formats.files import is_file
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.sequences.layout import SequenceCamera
+from iclnuim.sequences.camera_files import SequenceCamera
 
 from .options import option_name
 
 if TYPE_CHECKING:
     from iclnuim.geometry.trajectory import Trajectory
-    from iclnuim.sequences.image_pairs import ImagePair
+    from iclnuim.sequences.stored_sequence import StoredSequence
 
 
 def read_bags(args: Namespace, console: Console) -> None:
@@ -49,31 +48,27 @@ def add_camera_options(parser: ArgumentParser) -> None:
     parser.add_argument("--units", type=float, metavar="N", help=help)
 
 
-def camera_from(args: Namespace, folder: Path) -> SequenceCamera | None:
-    """The camera given by the options; with --units alone, that of `folder` with these units.
-
-    None where none is given: the folder then decides.
+def opened_with_camera(args: Namespace, folder: Path) -> "StoredSequence":
+    """The sequence, with the camera given by the options; with --units alone, its own camera with
+    these units.
     """
+    from iclnuim.sequences.stored_sequence import StoredSequence
+
+    sequence = StoredSequence(folder)
     if args.camera:
-        return SequenceCamera(PinholeCamera.parse(args.camera), units_from(args))
+        camera = SequenceCamera(PinholeCamera.parse(args.camera), units_from(args))
+        return sequence.with_camera(camera)
     if args.units is None:
-        return None
-    return replace(_camera_of(folder), depth_units_per_metre=units_from(args))
+        return sequence
+    units = units_from(args)
+    return sequence.with_camera(replace(sequence.camera, depth_units_per_metre=units))
 
 
-def given_or_noted_camera(args: Namespace, console: Console, folder: Path) -> SequenceCamera:
-    """The camera given by the options, else that of `folder`; see note_sequence."""
-    camera = camera_from(args, folder) or _camera_of(folder)
-    note_sequence(folder, camera, console)
-    return camera
-
-
-def _camera_of(folder: Path) -> SequenceCamera:
-    from iclnuim.sequences.image_pairs import find_pairs
-    from iclnuim.sequences.stored_images import read_camera
-
-    images = [pair.rgb for pair in find_pairs(folder)]
-    return read_camera(folder, next(filter(is_file, images), images[0]))
+def opened_with_notes(args: Namespace, folder: Path, console: Console) -> "StoredSequence":
+    """The sequence with the camera given by the options; see note_sequence."""
+    sequence = opened_with_camera(args, folder)
+    note_sequence(sequence, console)
+    return sequence
 
 
 def units_from(args: Namespace) -> float:
@@ -82,26 +77,22 @@ def units_from(args: Namespace) -> float:
 
 
 def note_sequence(
-    folder: Path,
-    camera: SequenceCamera | None,
-    console: Console,
-    poses: "Trajectory | None" = None,
+    sequence: "StoredSequence", console: Console, poses: "Trajectory | None" = None
 ) -> None:
     """Print what a command that reads a sequence assumes and leaves out, one note each: a camera
     that no file gives, lens distortion, images in no pair; and a warning if depth does not agree
-    with the poses. By default the camera and the ground truth of the folder.
+    with the poses. By default the ground truth of the sequence.
     """
-    from iclnuim.sequences.image_pairs import find_pairs
     from iclnuim.sequences.inspection.pose_check import doubt, pose_agreement
-    from iclnuim.sequences.sequence_poses import load_truth
 
-    pairs = find_pairs(folder)
-    camera = camera or _camera_of(folder)
+    folder = sequence.folder
+    pairs = sequence.pairs
+    camera = sequence.camera
     _note_camera(folder, camera, console)
-    _note_unused_images(folder, pairs, console)
+    _note_unused_images(sequence, console)
     with suppress(InputError):  # what reads the ground truth raises it
         if poses is None:
-            truth = load_truth(folder)
+            truth = sequence.loaded_truth
             if truth is None:
                 return
             if truth.by_depth or truth.read_as.lost:
@@ -112,17 +103,16 @@ def note_sequence(
             console.note(f"warning: {folder}: {doubt(found, camera, option_name)}")
 
 
-def _note_unused_images(folder: Path, pairs: "list[ImagePair]", console: Console) -> None:
+def _note_unused_images(sequence: "StoredSequence", console: Console) -> None:
     """Print a note if images of the sequence are in no pair."""
-    from iclnuim.sequences.image_pairs import find_rows, missing_images, unused_images
-
-    if missing := missing_images(folder):
+    folder = sequence.folder
+    if missing := sequence.missing_images():
         first = os.path.relpath(missing[0], folder)
-        there = f"{len(pairs)} of {len(find_rows(folder))} frames are there"
+        there = f"{len(sequence.pairs)} of {len(sequence.rows)} frames are there"
         lost = f"{len(missing)} images are missing, the first {first}"
         console.note(f"{folder}: {there}, and only these are used; {lost}")
     counts = []
-    for kind, paths in unused_images(pairs).items():
+    for kind, paths in sequence.unused_images().items():
         if paths:
             counts.append(f"{len(paths)} in {kind}/ (first: {paths[0].name})")
     if counts:

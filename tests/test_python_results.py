@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from iclnuim import SE3, InputError, Trajectory, console
 from iclnuim.headless import cli
-from iclnuim.sequences.stored_images import read_images
 
 sys.modules.setdefault("matplotlib", __import__("matplotlib")).use("Agg")
 
@@ -362,7 +361,7 @@ def test_a_sequence_and_its_parts_are_tracked_and_fused(sequence):
     assert len(run.frames) == 3 and len(run.truth) == 8
     with pytest.raises(InputError, match="as many poses as stamps"):
         iclnuim.fuse_sequence(sequence, POSES.matrix[:3])
-    assert read_images(sequence.pairs[0], sequence.images)[1].shape == (12, 16)
+    assert sequence.stored.images(sequence.pairs[0])[1].shape == (12, 16)
 
 
 def test_a_pose_is_an_array_of_its_matrix():

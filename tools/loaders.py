@@ -25,11 +25,11 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.loader_settings import filled, system_files
 from iclnuim.postprocess import frames_from
-from iclnuim.sequences.image_frames import original_frames
-from iclnuim.sequences.image_pairs import find_pairs
-from iclnuim.sequences.name_forms import PUBLISHED
-from iclnuim.sequences.sequence import SequenceSettings, write_sequence
-from iclnuim.sequences.stored_images import read_camera
+from iclnuim.sequences.format import PUBLISHED
+from iclnuim.sequences.frame_source import original_frames
+from iclnuim.sequences.sequence_options import SequenceSettings
+from iclnuim.sequences.stored_sequence import StoredSequence
+from iclnuim.sequences.writer import write_sequence
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
 _READERS = Path(__file__).with_name("loader_readers.py")
@@ -166,8 +166,8 @@ def tried(name: str, loader: Loader, sequence: Path, code: Path) -> Tried:
 
 
 def judged(loader: Loader, sequence: Path, read: dict[str, np.ndarray]) -> Tried:
-    pairs = find_pairs(sequence)
-    camera = read_camera(sequence, pairs[0].rgb)
+    pairs = StoredSequence(sequence).pairs
+    camera = StoredSequence(sequence).camera
     written = [pair.rgb.name for pair in pairs]
     images = [Path(str(image)).name for image in read["images"]]
     poses = None

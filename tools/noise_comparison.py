@@ -25,12 +25,11 @@ from iclnuim.report.charts import COLOURS
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
 from iclnuim.sensor.noise_model import DEPTH, RGB, frame_generator
 from iclnuim.sensor.transfer import srgb8
+from iclnuim.sequences.frame_images import noisy_images
 from iclnuim.sequences.frame_pool import keep_freed_memory
-from iclnuim.sequences.frame_source import FrameSource
-from iclnuim.sequences.image_frames import image_frames
-from iclnuim.sequences.rendered_frames import run_frames
-from iclnuim.sequences.sequence import SequenceWriter
-from iclnuim.sequences.sequence_options import SequenceSettings, noisy_images
+from iclnuim.sequences.frame_source import FrameSource, image_frames, run_frames
+from iclnuim.sequences.sequence_options import SequenceSettings
+from iclnuim.sequences.writer import SequenceWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 

@@ -21,7 +21,7 @@ from iclnuim.job import RenderJob
 from iclnuim.native_output import native_output_in
 from iclnuim.render import render_frames
 from iclnuim.sensor.transfer import srgb8
-from iclnuim.sequences.rendered_frames import read_frame
+from iclnuim.sequences.frame_source import read_frame
 from iclnuim.shipped import SCENES
 from iclnuim.trajectory_files.trajectories import write_trajectory
 from iclnuim.worker_events import Event, Note

@@ -116,7 +116,7 @@ if TYPE_CHECKING:
     from .sequences.inspection.inspect import inspect_sequence
     from .sequences.rendered_views import ViewError, ViewErrors, view_errors
     from .sequences.rgbd_sequence import PosedFrame, RgbdSequence, open_sequence
-    from .sequences.sequence import WrittenSequence
+    from .sequences.writer import WrittenSequence
     from .shipped import SCENES, sequence_names
     from .trajectory_files.trajectories import (
         LoadedTrajectory,
@@ -155,10 +155,13 @@ else:
 _OLD = {
     "absolute_error": ("evaluation.absolute_error", "absolute_trajectory_error"),
     "relative_error": ("evaluation.relative_error", "relative_pose_error"),
-    "image_frames": ("sequences.image_frames", "make_sequence with the folder, or open_sequence"),
-    "run_frames": ("sequences.rendered_frames", "make_sequence with the folder"),
-    "write_sequence": ("sequences.sequence", "make_sequence"),
-    "SequenceSettings": ("sequences.sequence", "make_sequence, which takes them as arguments"),
+    "image_frames": ("sequences.frame_source", "make_sequence with the folder, or open_sequence"),
+    "run_frames": ("sequences.frame_source", "make_sequence with the folder"),
+    "write_sequence": ("sequences.writer", "make_sequence"),
+    "SequenceSettings": (
+        "sequences.sequence_options",
+        "make_sequence, which takes them as arguments",
+    ),
 }
 #: public name -> (module, its name there), read from the imports above
 _PLACES: dict[str, tuple[str, str]] = {}

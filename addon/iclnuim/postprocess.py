@@ -30,13 +30,12 @@ from .geometry.trajectory import Trajectory
 from .report.trajectory_report import ComparedFile, Report
 from .sensor.models import NamedNoise, depth_model, rgb_model
 from .sensor.noise_model import DEPTH, RGB, frame_generator
-from .sequences.frame_source import FrameSource
-from .sequences.image_frames import image_frames
+from .sequences.frame_source import FrameSource, image_frames, run_frames
 from .sequences.pose_lines import tied_to_poses
-from .sequences.rendered_frames import run_frames
 from .sequences.rgbd_sequence import RgbdSequence
-from .sequences.sequence import SequenceSettings, WrittenSequence, write_sequence
-from .sequences.sequence_poses import load_truth
+from .sequences.sequence_options import SequenceSettings
+from .sequences.stored_sequence import StoredSequence
+from .sequences.writer import WrittenSequence, write_sequence
 from .trajectory_files.source import OWN_WORLD
 from .trajectory_files.trajectories import (
     LoadedTrajectory,
@@ -159,7 +158,7 @@ def _source(frames: RgbdSequence | FrameSource | StrPath) -> FrameSource:
     if isinstance(frames, FrameSource):
         return frames
     if isinstance(frames, RgbdSequence):
-        whole = image_frames(frames.folder, camera=frames.images)
+        whole = image_frames(frames.stored)
         return replace(whole, numbers=tuple(sorted(pair.number for pair in frames.pairs)))
     folder = Path(frames)
     return run_frames(folder) if (folder / "exr").is_dir() else image_frames(folder)
@@ -272,7 +271,7 @@ def _name(given: TrajectoryOrFile) -> str:
 def _read(given: TrajectoryOrFile) -> LoadedTrajectory:
     """The poses; those without stamps are counted rows."""
     if isinstance(given, str | os.PathLike):
-        of_sequence = load_truth(Path(given)) if os.path.isdir(given) else None
+        of_sequence = StoredSequence(given).loaded_truth if os.path.isdir(given) else None
         return of_sequence or read_trajectory(given, positions_suffice=True)
     if isinstance(given, Trajectory):
         return LoadedTrajectory(given, _AS_GIVEN, np.arange(len(given)), len(given))

@@ -20,7 +20,7 @@ from .geometry.camera import CameraOrText
 from .geometry.se3 import SE3, Poses
 from .geometry.trajectory import Trajectory, frame_slice
 from .job import RenderJob
-from .sequences.rendered_frames import read_frame
+from .sequences.frame_source import read_frame
 from .sequences.rgbd_sequence import pictures
 from .sequences.run_folder import RunFolder, load_trajectory, read_run
 from .trajectory_files.trajectories import write_trajectory

@@ -9,9 +9,8 @@ from iclnuim.benchmark.odometry.run import Sequence
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_bytes, sha256
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.sequences.image_pairs import missing_images
-from iclnuim.sequences.sequence_origin import rendered_job
-from iclnuim.sequences.sequence_poses import find_truth, read_truth
+from iclnuim.sequences.recipe import rendered_job
+from iclnuim.sequences.stored_sequence import StoredSequence
 
 from ..systems.staging import StagedSequence
 
@@ -32,7 +31,7 @@ class Input:
     def of(cls, sequence: Sequence, name: str) -> "Input":
         """Raises InputError without ground truth."""
         folder = sequence.folder
-        truth = read_truth(folder)
+        truth = sequence.stored.truth
         if truth is None:
             raise InputError("a ground truth in the folder", path=folder, found="none")
         return cls(name, sequence, truth, input_sha256(folder))
@@ -46,11 +45,12 @@ def rendered_name(folder: Path) -> str:
 def input_sha256(folder: Path) -> str:
     """The hash of a sequence: of ours by its journal, of others by the content of all images."""
     files = [folder / name for name in _JOURNAL]
+    sequence = StoredSequence(folder)
     if all(path.is_file() for path in files):
-        missing = "".join(path.name for path in missing_images(folder))  # not in the journal
+        missing = "".join(path.name for path in sequence.missing_images())  # not in the journal
         return sha256(("".join(sha256(path.read_bytes()) for path in files) + missing).encode())
-    staged = StagedSequence.of(folder)
-    truth = find_truth(folder)
+    staged = StagedSequence.of(sequence)
+    truth = sequence.truth_path
     parts = [
         staged.images_sha256,
         repr(staged.camera),

@@ -13,10 +13,10 @@ from iclnuim.errors import InputError
 from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.geometry.se3 import SE3, Poses
 from iclnuim.geometry.trajectory import Trajectory, frame_slice, sample
-from iclnuim.sequences.image_pairs import ImagePair
-from iclnuim.sequences.layout import SequenceCamera
+from iclnuim.sequences.camera_files import SequenceCamera
+from iclnuim.sequences.frames import ImagePair
 from iclnuim.sequences.rgbd_sequence import RgbdSequence
-from iclnuim.sequences.sequence_poses import read_truth
+from iclnuim.sequences.stored_sequence import StoredSequence
 from iclnuim.shown import Shown
 
 from ..odometry.compiling import WorkClock
@@ -47,31 +47,27 @@ class FusedSurface(Shown):
 
 
 def fuse_sequence(
-    folder: RgbdSequence | Path | str,
+    folder: RgbdSequence | StoredSequence | Path | str,
     trajectory: Trajectory | Poses | None = None,
     settings: FuseSettings | None = None,
     progress: Meter = None,
-    camera: SequenceCamera | None = None,
 ) -> FusedSurface:
     """Fuse all images of a sequence or of its folder that have a pose. The trajectory, by default
-    the ground truth of the folder, can be poses or matrices (n, 4, 4), one for each image. progress: as of render_frames(). camera: by
-    default the folder's.
+    the ground truth of the folder, can be poses or matrices (n, 4, 4), one for each image.
+    progress: as of render_frames().
 
     Raises InputError if there is nothing to fuse, BlockLimitError if one frame needs more than
     max_blocks.
     """
-    if trajectory is None:
-        if isinstance(folder, RgbdSequence):
-            trajectory = folder.whole_truth
-        else:
-            trajectory = read_truth(Path(folder))
-        if trajectory is None:
-            raise InputError("a sequence with ground truth, or a trajectory", found="neither")
     if isinstance(trajectory, str | os.PathLike):
         hint = "iclnuim.read_trajectory(file).trajectory"
         raise InputError("a Trajectory", found=type(trajectory).__name__, hint=hint)
     settings = settings or FuseSettings()
-    sequence = Sequence(folder, camera=camera)
+    sequence = Sequence(folder)
+    if trajectory is None:
+        trajectory = sequence.stored.truth
+    if trajectory is None:
+        raise InputError("a sequence with ground truth, or a trajectory", found="neither")
     if not isinstance(trajectory, Trajectory):
         stamps_s = np.array([pair.stamp_s for pair in sequence.pairs])
         trajectory = Trajectory(stamps_s, SE3.of(trajectory))

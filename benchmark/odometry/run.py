@@ -13,15 +13,13 @@ from iclnuim.console import Meter, advance_of
 from iclnuim.errors import InputError, WorkError
 from iclnuim.evaluation.absolute_error import absolute_error
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
-from iclnuim.formats.files import is_file
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, frame_slice
-from iclnuim.sequences.image_pairs import ImagePair, find_pairs
-from iclnuim.sequences.layout import SequenceCamera
+from iclnuim.sequences.camera_files import SequenceCamera
+from iclnuim.sequences.frames import ImagePair
 from iclnuim.sequences.rgbd_sequence import RgbdSequence
-from iclnuim.sequences.sequence_poses import read_truth
-from iclnuim.sequences.stored_images import read_camera, read_images
+from iclnuim.sequences.stored_sequence import StoredSequence, opened
 from iclnuim.shown import MM, Shown
 from iclnuim.trajectory_files.trajectories import write_trajectory
 
@@ -41,20 +39,18 @@ _SECOND = RelativeErrorSettings(1.0, "seconds")
 
 
 class Sequence:
-    """Image pairs of a folder in any TUM-like format, and their camera; frames are read one at a
-    time.
+    """Image pairs of a sequence, or of its folder, and their camera; frames are read one at a time.
 
     depth_offset (1/m) is subtracted from inverse depth. A structured-light camera measures
-    disparity, and a constant error of its disparity is such an offset. camera: by default the one
-    found in the folder. frames: a Python slice of the pairs, such as `:60`. Raises InputError if
-    there are no images, no camera is found, or no pair can be read with it.
+    disparity, and a constant error of its disparity is such an offset. frames: a Python slice of
+    the pairs, such as `:60`. Raises InputError if there are no images, no camera is found, or no
+    pair can be read with it.
     """
 
     def __init__(
         self,
-        folder: Path | str | RgbdSequence,
+        sequence: Path | str | RgbdSequence | StoredSequence,
         depth_offset: float = 0.0,
-        camera: SequenceCamera | None = None,
         frames: str = "::",
     ) -> None:
         if not abs(depth_offset) <= MAX_OFFSET:
@@ -62,19 +58,15 @@ class Sequence:
                 f"a depth offset from {-MAX_OFFSET} to {MAX_OFFSET} per metre", found=depth_offset
             )
         self.depth_offset = depth_offset
-        self.pairs: list[ImagePair]
-        if isinstance(folder, RgbdSequence):
-            self.pairs = list(folder.pairs)
-            camera = camera or folder.images
-            folder = folder.folder
+        if isinstance(sequence, RgbdSequence):
+            self.stored = sequence.stored
+            pairs = list(sequence.pairs)
         else:
-            self.pairs = find_pairs(Path(folder))
-        self.pairs = [self.pairs[k] for k in frame_slice(frames, len(self.pairs))]
-        self.folder = Path(folder)
-        present = next((p.rgb for p in self.pairs if is_file(p.rgb)), None)
-        if present is None:
-            raise InputError("colour images that exist", path=folder, found=self.pairs[0].rgb)
-        self.camera: SequenceCamera = camera or read_camera(self.folder, present)
+            self.stored = opened(sequence)
+            pairs = self.stored.pairs
+        self.pairs: list[ImagePair] = [pairs[k] for k in frame_slice(frames, len(pairs))]
+        self.folder = self.stored.folder
+        self.camera: SequenceCamera = self.stored.camera
         self._require_one()
 
     def _require_one(self) -> None:
@@ -113,7 +105,7 @@ class Sequence:
         """rgb (h, w, 3) uint8 and planar depth (h, w) float32 in metres, without the offset
         correction. Raises InputError.
         """
-        return read_images(pair, self.camera)
+        return self.stored.images(pair)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -227,9 +219,7 @@ def run_odometers(
     from .compiling import WorkClock
 
     sequence = sequence if isinstance(sequence, Sequence) else Sequence(sequence)
-    truth = read_truth(
-        sequence.folder
-    )  # before the work: an error in it must not discard a finished run
+    truth = sequence.stored.truth  # before the work: an error must not discard a finished run
     camera = sequence.camera.pinhole
     trackers = []
     for o in methods:

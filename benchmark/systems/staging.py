@@ -28,12 +28,11 @@ from iclnuim.sequences.associations import (
     write_associations,
     write_image_list,
 )
-from iclnuim.sequences.image_pairs import ImagePair, find_pairs
-from iclnuim.sequences.layout import SequenceCamera
-from iclnuim.sequences.sequence_origin import sequence_name
-from iclnuim.sequences.sequence_poses import read_truth
+from iclnuim.sequences.camera_files import SequenceCamera
+from iclnuim.sequences.frames import ImagePair
+from iclnuim.sequences.recipe import sequence_name
 from iclnuim.sequences.slam_settings import SLAM_SETTINGS
-from iclnuim.sequences.stored_images import read_camera, read_depth_m
+from iclnuim.sequences.stored_sequence import StoredSequence, opened, read_depth_m
 
 from .system import StageSettings
 
@@ -53,21 +52,15 @@ class StagedSequence:
     truth: Trajectory | None
 
     @classmethod
-    def of(
-        cls, folder: Path, camera: SequenceCamera | None = None, frames: str = "::"
-    ) -> "StagedSequence":
-        """The image pairs of a folder, or those of a Python slice.
+    def of(cls, sequence: StoredSequence | Path, frames: str = "::") -> "StagedSequence":
+        """The image pairs of a sequence or of its folder, or those of a Python slice.
 
         Raises InputError if there are none, or the camera is unknown.
         """
-        found = find_pairs(folder)
-        pairs = [found[k] for k in frame_slice(frames, len(found))]
-        return cls(
-            sequence_name(folder),
-            tuple(pairs),
-            camera or read_camera(folder, pairs[0].rgb),
-            read_truth(folder),
-        )
+        stored = opened(sequence)
+        pairs = [stored.pairs[k] for k in frame_slice(frames, len(stored.pairs))]
+        name = sequence_name(stored.folder)
+        return cls(name, tuple(pairs), stored.camera, stored.truth)
 
     @property
     def stamps_s(self) -> np.ndarray:

@@ -135,7 +135,7 @@ def _compare_odometers(
     Raises InputError without ground truth.
     """
     from iclnuim.benchmark.odometry.run import run_odometers
-    from iclnuim.sequences.sequence_origin import sequence_name
+    from iclnuim.sequences.recipe import sequence_name
 
     for frames, progress in ((_WARM_UP, None), (None, console.progress)):
         odometers = [odometer(name, args.preset) for name in which]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from iclnuim.benchmark.odometry.registry import names
 from iclnuim.console import Console
 from iclnuim.errors import InputError
-from iclnuim.sequences.sequence_origin import sequence_name
+from iclnuim.sequences.recipe import sequence_name
 
 from ..method_options import installed, open_sequence, require
 from ..options import Actions, action, add_span, count, numbers

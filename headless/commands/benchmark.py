@@ -20,6 +20,7 @@ from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import locked, make_folder
 from iclnuim.sequences.frame_pool import cores
+from iclnuim.sequences.stored_sequence import StoredSequence
 
 from ..method_options import require
 from ..options import add_frames, common, count
@@ -174,7 +175,7 @@ def _experiment(args: Namespace, console: Console) -> "Paper":
     keys += lambertian_keys(args.presets) if args.lambertian else []
     keys = _measurable(chosen(keys, args.only), sources, args, console)
     for folder in sorted({sources.folder(key) for key in keys if not key.seed}):
-        note_sequence(folder, None, console)
+        note_sequence(StoredSequence(folder), console)
     systems = {}
     if args.systems.is_dir():
         systems = external_keys(args.systems, keys, sources, args.first)

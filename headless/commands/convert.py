@@ -6,13 +6,12 @@ from pathlib import Path
 from iclnuim.channels import FURTHER
 from iclnuim.console import Console
 from iclnuim.formats.depth_units import UNITS_PER_METRE
-from iclnuim.sequences.frame_source import FrameSource, frames_with_poses
-from iclnuim.sequences.image_frames import original_frames
+from iclnuim.sequences.frame_source import FrameSource, frames_with_poses, original_frames
 from iclnuim.sequences.sequence_formats import sequence_format
 from iclnuim.sequences.sequence_options import SequenceOptions
 
 from ..options import add_out, add_settings, common
-from ..sequence_input import add_camera_options, given_or_noted_camera
+from ..sequence_input import add_camera_options, opened_with_notes
 from .sequence_output import SequenceOutput, add_file_options, write_reported
 
 
@@ -32,8 +31,7 @@ def configure(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace, console: Console) -> None:
-    camera = given_or_noted_camera(args, console, args.source)
-    source = original_frames(args.source, args.frames, camera)
+    source = original_frames(opened_with_notes(args, args.source, console), args.frames)
     own = SequenceOptions(depth_units=source.depth_units_per_metre)
     output = SequenceOutput.of(args, own)
     options = output.options
@@ -41,7 +39,7 @@ def run(args: Namespace, console: Console) -> None:
     if "tum" in options.formats and args.depth_units is None and kept != UNITS_PER_METRE:
         expected = f"most readers of TUM expect {UNITS_PER_METRE:g}: --depth-units"
         console.note(f"depth keeps its {kept:g} units a metre; {expected}")
-    needing = [name for name in options.formats if sequence_format(name).every_pose]
+    needing = [name for name in options.formats if sequence_format(name).limits.every_pose]
     if needing:
         source = _posed(source, needing[0], console)
     folders = [*FURTHER, *(f"semantic_{kind}" for kind in FURTHER)]

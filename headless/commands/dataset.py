@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from iclnuim.console import Console
-from iclnuim.sequences.rendered_frames import run_frames
+from iclnuim.sequences.frame_source import run_frames
 
 from ..options import add_out, common
 from .sequence_output import SequenceOutput, add_output_options, write_reported

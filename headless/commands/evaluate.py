@@ -123,10 +123,10 @@ def _ground_truth(text: str) -> str:
     text = trajectory_file(text)
     if not os.path.isdir(text) or is_bag(text):
         return text
-    from iclnuim.sequences.sequence_poses import find_truth
+    from iclnuim.sequences.stored_sequence import StoredSequence
 
     # a folder of POV-Ray camera files is itself a trajectory
-    if find_truth(Path(text)) is not None or files_in(Path(text), "*.txt"):
+    if StoredSequence(text).truth_path is not None or files_in(Path(text), "*.txt"):
         return text
     expected = "a ground truth (groundtruth.txt, *.gt.freiburg, *.gt.sim)"
     raise InputError(expected, path=text, found="none")
@@ -176,25 +176,21 @@ def _compared(
     is given.
     """
     from iclnuim.sequences.pose_lines import tied_to_poses
-    from iclnuim.sequences.sequence_poses import (
-        find_truth,
-        load_truth,
-        said_of_body,
-        tied_to_sequence,
-    )
+    from iclnuim.sequences.stored_sequence import StoredSequence, noted_mount
 
     options = {"rate_hz": args.file_rate, "positions_suffice": of_positions}
     estimate = read_trajectory(args.estimate, args.format, **options)
-    folder = Path(args.reference)
-    found = find_truth(folder) if folder.is_dir() and not is_bag(folder) else None
+    sequence = StoredSequence(args.reference)
+    folder = sequence.folder
+    found = sequence.truth_path if folder.is_dir() and not is_bag(folder) else None
     file = found or folder
-    truth = load_truth(folder, **options) if found and not args.reference_from else None
+    truth = sequence.load_truth(**options) if found and not args.reference_from else None
     if truth is None:
-        truth = said_of_body(file, read_trajectory(file, args.reference_from, **options))
+        truth = noted_mount(file, read_trajectory(file, args.reference_from, **options))
     if not offset_s:
         with within(args.estimate):
             if found:
-                truth, estimate = tied_to_sequence(folder, truth, estimate)
+                truth, estimate = sequence.tied(truth, estimate)
             else:
                 truth, estimate = tied_to_poses(truth, estimate)
     return ComparedFile(str(file), truth), ComparedFile(args.estimate, estimate)

@@ -216,7 +216,7 @@ def _note_truth_alone(
     args: Namespace, estimate: "Trajectory", truth: "Trajectory", console: Console
 ) -> None:
     """Print a note if the true camera saw more than that of the estimate."""
-    from iclnuim.sequences.layout import posed
+    from iclnuim.sequences.frames import posed
 
     alone = int((~posed(truth.stamps_s, estimate)).sum())
     if alone > _NOTED_SHARE * len(truth):

@@ -12,13 +12,14 @@ from iclnuim.formats.files import check_file, is_file, read_json, write_json
 from iclnuim.formats.ply import write_ply
 from iclnuim.trajectory_files.trajectories import ANCHORED_WORLD, LoadedTrajectory
 
-from ..method_options import open_sequence, require
+from ..method_options import require
 from ..options import add_settings, common, settings_from, trajectory_file
 from ..planned_work import FUSE_CORE_S, PlannedWork, announce
-from ..sequence_input import add_camera_options
+from ..sequence_input import add_camera_options, note_sequence, opened_with_camera
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.fusion.mesh import Mesh
+    from iclnuim.sequences.stored_sequence import StoredSequence
 
 #: Ending of the recipe, which is written next to the mesh.
 _RECIPE = ".json"
@@ -54,18 +55,17 @@ def run(args: Namespace, console: Console) -> None:
     if args.plot:
         require(console, "fuse --plot", "embreex")
     from iclnuim.benchmark.fusion.sequence import fuse_sequence
+    from iclnuim.benchmark.odometry.run import Sequence
 
     settings = _settings(args, console)
-    poses, loaded = _poses(args)
+    stored = opened_with_camera(args, args.folder)
+    poses, loaded = _poses(args, stored)
     console.note(f"{poses}: {loaded.read_as.sentence}")
-    sequence = open_sequence(
-        args, console, args.folder, poses=loaded.trajectory, frames=settings.frames
-    )
+    sequence = Sequence(stored, frames=settings.frames)
+    note_sequence(stored, console, loaded.trajectory)
     what = f"{len(sequence)} frames to fuse"
     announce(PlannedWork(what, len(sequence) * FUSE_CORE_S), args, console)
-    surface = fuse_sequence(
-        args.folder, loaded.trajectory, settings, console.progress, sequence.camera
-    )
+    surface = fuse_sequence(stored, loaded.trajectory, settings, console.progress)
     for line in surface.left_out[:5]:
         console.note(f"left out: {line}")
     mesh = surface.mesh
@@ -79,16 +79,13 @@ def run(args: Namespace, console: Console) -> None:
     console.result(figures, _text(figures))
 
 
-def _poses(args: Namespace) -> tuple[StrPath, LoadedTrajectory]:
+def _poses(args: Namespace, sequence: "StoredSequence") -> tuple[StrPath, LoadedTrajectory]:
     """The file of the poses, and the poses."""
-    from iclnuim.sequences.image_pairs import find_pairs
-    from iclnuim.sequences.sequence_poses import find_truth, load_poses, load_truth
-
-    find_pairs(args.folder)  # a folder without a sequence is reported as such
+    assert sequence.pairs  # a folder without a sequence is reported as such
     if args.poses:
-        return args.poses, load_poses(args.folder, args.poses)
-    poses = find_truth(args.folder)
-    loaded = load_truth(args.folder)
+        return args.poses, sequence.load_poses(args.poses)
+    poses = sequence.truth_path
+    loaded = sequence.loaded_truth
     if poses is None or loaded is None:
         raise InputError(
             "a ground truth in the folder", path=args.folder, found="none", hint="--poses FILE"

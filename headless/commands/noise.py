@@ -22,11 +22,11 @@ from iclnuim.sensor.calibration import (
     calibrate_depth,
     calibrate_rgb,
 )
-from iclnuim.sequences.image_frames import image_frames
-from iclnuim.sequences.layout import camera_file
+from iclnuim.sequences.camera_files import camera_file
+from iclnuim.sequences.frame_source import image_frames
 
 from ..options import add_out, common
-from ..sequence_input import add_camera_options, given_or_noted_camera, units_from
+from ..sequence_input import add_camera_options, opened_with_notes, units_from
 from .sequence_output import SequenceOutput, add_output_options, write_reported
 
 EXPOSURES = "exposures.txt"
@@ -58,8 +58,8 @@ def run(args: Namespace, console: Console) -> None:
         return
     if args.depth_noise == args.rgb_noise == "none" and args.rgb_settings in (None, "{}"):
         raise InputError("a noise model: --depth-noise or --rgb-noise", found="neither")
-    camera = given_or_noted_camera(args, console, Path(args.source))
-    source = image_frames(Path(args.source), args.frames, camera)
+    sequence = opened_with_notes(args, Path(args.source), console)
+    source = image_frames(sequence, args.frames)
     write_reported(source, SequenceOutput.of(args), args, console)
 
 

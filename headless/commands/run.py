@@ -25,7 +25,7 @@ from iclnuim.errors import InputError
 
 from ..options import FRAMES, add_frames, common, count
 from ..planned_work import PlannedWork, add_dry_run, announce
-from ..sequence_input import add_camera_options, camera_from, note_sequence
+from ..sequence_input import add_camera_options, note_sequence, opened_with_camera
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -113,8 +113,9 @@ def _experiments(args: Namespace, system: System, console: Console) -> list[Syst
     store = system_store(args.out)
     experiments = []
     for folder in args.folders:
-        sequence = StagedSequence.of(folder, camera_from(args, folder), args.frames)
-        note_sequence(folder, sequence.camera, console)
+        stored = opened_with_camera(args, folder)
+        sequence = StagedSequence.of(stored, args.frames)
+        note_sequence(stored, console)
         experiments.append(SystemRuns(system, sequence, store))
     if len({e.folder for e in experiments}) < len(experiments):
         raise InputError("sequences of different names", found=", ".join(map(str, args.folders)))

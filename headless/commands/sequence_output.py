@@ -12,9 +12,9 @@ from iclnuim.errors import InputError
 from iclnuim.formats.files import content_of_json
 from iclnuim.sequences.bags.recorded import LogSettings
 from iclnuim.sequences.frame_source import FrameSource
-from iclnuim.sequences.sequence import SequenceWriter
 from iclnuim.sequences.sequence_formats import sequence_format
 from iclnuim.sequences.sequence_options import SequenceOptions
+from iclnuim.sequences.writer import SequenceWriter
 
 from ..options import add_settings, count, given_of_groups
 
@@ -85,7 +85,7 @@ def _check_units(options: SequenceOptions, given: float | None) -> None:
     """Raises InputError if depth units are given, and every format has other units that are
     fixed.
     """
-    fixed = {name: sequence_format(name).fixed_units for name in options.formats}
+    fixed = {name: sequence_format(name).limits.fixed_units for name in options.formats}
     if given is None or None in fixed.values() or given in fixed.values():
         return
     expected = ", ".join(f"{units:g} for the format {name}" for name, units in fixed.items())

@@ -193,7 +193,7 @@ def _experiment(args: Namespace, console: Console, plan: "Plan", may_be_empty: b
         raise InputError("a sequence", found="none", hint=hint)
     inputs = [Input.of(Sequence(folder), rendered_name(folder)) for folder in folders]
     for one in inputs:
-        note_sequence(one.sequence.folder, one.sequence.camera, console, one.truth)
+        note_sequence(one.sequence.stored, console, one.truth)
     return Stress(
         plan=plan,
         inputs={one.name: one for one in inputs},

@@ -14,11 +14,11 @@ from iclnuim.errors import InputError
 from iclnuim.formats.files import read_json, write_json
 from iclnuim.job import RenderJob
 from iclnuim.sequences.bags.recorded import LogSettings
+from iclnuim.sequences.frame_source import frames_of_run
 from iclnuim.sequences.journal import read_entries
-from iclnuim.sequences.rendered_frames import frames_of_run
 from iclnuim.sequences.run_folder import read_run
-from iclnuim.sequences.sequence import complete_frames
 from iclnuim.sequences.sequence_options import SequenceOptions, SequenceSettings
+from iclnuim.sequences.writer import complete_frames
 from iclnuim.settings import refuse_unknown
 
 from .chunks import numbers_from, numbers_text

@@ -7,10 +7,10 @@ from typing import Any
 
 from iclnuim.errors import InputError, WorkError
 from iclnuim.geometry.trajectory import frame_slice
+from iclnuim.sequences.frame_source import frames_of_run
 from iclnuim.sequences.journal import read_entries
-from iclnuim.sequences.rendered_frames import frames_of_run
 from iclnuim.sequences.run_folder import RunFolder, load_trajectory, read_run
-from iclnuim.sequences.sequence import complete_frames
+from iclnuim.sequences.writer import complete_frames
 
 from . import held_out, slurm_queue
 from .lock import OutputLock

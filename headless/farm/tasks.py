@@ -18,11 +18,12 @@ from typing import Any
 from iclnuim.console import Console
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import locked
+from iclnuim.sequences.frame_images import FrameMaker
 from iclnuim.sequences.frame_pool import FramePool
+from iclnuim.sequences.frame_source import frames_of_run
 from iclnuim.sequences.journal import JournalEntry
-from iclnuim.sequences.rendered_frames import frames_of_run
 from iclnuim.sequences.run_folder import RunFolder, read_run
-from iclnuim.sequences.sequence import FrameMaker, SequenceWriter, images_of
+from iclnuim.sequences.writer import SequenceWriter, images_of
 from iclnuim.worker_events import Event, FrameDone, Ready
 
 from . import estimate

@@ -15,10 +15,10 @@ from iclnuim.channels import CHANNELS, FURTHER, normal16
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import read_depth16, read_rgb16
 from iclnuim.sensor.models import depth_model, rgb_model
-from iclnuim.sequences.rendered_frames import run_frames
+from iclnuim.sequences.frame_source import run_frames
 from iclnuim.sequences.run_folder import read_run
-from iclnuim.sequences.sequence import write_sequence
 from iclnuim.sequences.sequence_options import SequenceSettings
+from iclnuim.sequences.writer import write_sequence
 from iclnuim.trajectory_files.trajectories import read_trajectory
 from judges import judge_module
 from patience import patience

@@ -17,7 +17,7 @@ from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 from iclnuim.geometry.se3 import SE3  # noqa: E402
 from iclnuim.geometry.trajectory import Trajectory  # noqa: E402
 from iclnuim.job import RenderJob  # noqa: E402
-from iclnuim.sequences.ground_truth import FurtherImages  # noqa: E402
+from iclnuim.sequences.run_folder import FurtherImages  # noqa: E402
 from iclnuim.trajectory_files.trajectories import write_trajectory  # noqa: E402
 
 FRAMES = 5

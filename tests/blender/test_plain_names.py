@@ -10,7 +10,7 @@ from iclnuim.blender.light import scene_key  # noqa: E402
 from iclnuim.blender.open import motion, plain_names, scene  # noqa: E402
 from iclnuim.channels import CHANNELS  # noqa: E402
 from iclnuim.formats.files import write_json  # noqa: E402
-from iclnuim.sequences.ground_truth import FurtherImages  # noqa: E402
+from iclnuim.sequences.run_folder import FurtherImages  # noqa: E402
 
 
 def test_names_of_a_scene_are_one_line_each():

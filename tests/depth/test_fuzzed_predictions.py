@@ -7,7 +7,7 @@ from iclnuim.depth.predictions import Predictions
 from iclnuim.errors import IclnuimError
 from iclnuim.formats.exr import write_exr
 from iclnuim.formats.png import write_png
-from iclnuim.sequences.image_pairs import ImagePair
+from iclnuim.sequences.frames import ImagePair
 
 DEPTH = np.linspace(1, 5, 12 * 16).reshape(12, 16)
 

@@ -129,17 +129,15 @@ def test_make_renders_views_that_see_what_training_saw(tmp_path, command_here):
     """Judged by the images: nearly every pixel of a view is where some training frame has the same
     depth, in the same colour.
     """
-    from iclnuim.sequences.image_pairs import find_pairs
-    from iclnuim.sequences.sequence_poses import read_truth
-    from iclnuim.sequences.stored_images import read_camera, read_images
+    from iclnuim.sequences.stored_sequence import StoredSequence, read_images
 
     words = ["make", "kt2", "--quick", "--camera", "160x120", "-o", tmp_path, "--quiet"]
     assert command_here(*words, "--held-out", "kt2")[0] == 2 and not (tmp_path / "raw").exists()
     assert command_here(*words, "--held-out", "2")[0] == 0
     sequences = []
     for folder in (tmp_path / "clean", tmp_path / "held_out/clean"):
-        pairs, truth = find_pairs(folder), read_truth(folder)
-        camera = read_camera(folder, pairs[0].rgb)
+        pairs, truth = StoredSequence(folder).pairs, StoredSequence(folder).truth
+        camera = StoredSequence(folder).camera
         sequences.append(
             [(*read_images(p, camera), truth.T_world_camera[k]) for k, p in enumerate(pairs)]
         )

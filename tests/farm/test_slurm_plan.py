@@ -18,10 +18,10 @@ from iclnuim.headless.farm import estimate, run_plan, slurm, slurm_queue, tasks
 from iclnuim.headless.farm.farm_settings import SlurmSettings, minutes, read_settings
 from iclnuim.headless.farm.run_plan import RECORD, RunPlan, find_run, read_plan
 from iclnuim.job import shipped_job
-from iclnuim.sequences.rendered_frames import frames_of_run
+from iclnuim.sequences.frame_source import frames_of_run
 from iclnuim.sequences.run_folder import load_trajectory, open_run
-from iclnuim.sequences.sequence import SequenceWriter
 from iclnuim.sequences.sequence_options import SequenceOptions
+from iclnuim.sequences.writer import SequenceWriter
 
 TINY = ("--camera", "16x12", "--frames", "0:10")
 

@@ -30,12 +30,11 @@ from iclnuim.sequences.associations import (
     write_associations,
     write_image_list,
 )
-from iclnuim.sequences.image_pairs import ImagePair, find_pairs
+from iclnuim.sequences.frames import ImagePair
 from iclnuim.sequences.rendered_views import read_keyframes
-from iclnuim.sequences.sequence import write_sequence
 from iclnuim.sequences.sequence_formats import FORMATS as LAYOUTS
-from iclnuim.sequences.sequence_poses import read_truth
-from iclnuim.sequences.stored_images import read_camera, read_depth_m
+from iclnuim.sequences.stored_sequence import StoredSequence, read_depth_m
+from iclnuim.sequences.writer import write_sequence
 from iclnuim.trajectory_files.trajectories import FORMATS, read_trajectory, trajectory_text
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
@@ -389,12 +388,12 @@ def sequences(tmp_path_factory):
 
 def read_sequence(folder):
     """All that the commands read."""
-    pairs = find_pairs(folder)
-    camera = read_camera(folder, pairs[0].rgb)
+    pairs = StoredSequence(folder).pairs
+    camera = StoredSequence(folder).camera
     images = [
         (read_colour8(p.rgb), read_depth_m(p.depth, camera.depth_units_per_metre)) for p in pairs
     ]
-    return pairs, camera, images, read_truth(folder)
+    return pairs, camera, images, StoredSequence(folder).truth
 
 
 def check_sequence(found) -> None:

@@ -12,7 +12,7 @@ from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.cli import main
-from iclnuim.sequences.image_frames import image_frames
+from iclnuim.sequences.frame_source import image_frames
 from iclnuim.sequences.run_folder import open_run, read_run
 
 

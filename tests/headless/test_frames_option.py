@@ -9,7 +9,8 @@ from iclnuim.benchmark.systems.staging import StagedSequence
 from iclnuim.formats.png import write_png
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.headless import cli
-from iclnuim.sequences.layout import SequenceCamera
+from iclnuim.sequences.camera_files import SequenceCamera
+from iclnuim.sequences.stored_sequence import StoredSequence
 
 WITH_FRAMES = (
     "odometry icp seq",
@@ -68,8 +69,9 @@ def test_a_sequence_is_opened_with_the_frames_of_a_slice(tmp_path):
         for number in range(6):
             write_png(tmp_path / kind / f"{number}.png", np.full(shape, 9, dtype))
     camera = SequenceCamera(PinholeCamera.parse("8x8"), 1000)
-    assert names(Sequence(tmp_path, camera=camera, frames="1:6:2")) == ["1", "3", "5"]
-    assert names(StagedSequence.of(tmp_path, camera, "-2:")) == ["4", "5"]
+    stored = StoredSequence(tmp_path).with_camera(camera)
+    assert names(Sequence(stored, frames="1:6:2")) == ["1", "3", "5"]
+    assert names(StagedSequence.of(stored, "-2:")) == ["4", "5"]
 
 
 def names(sequence):

@@ -13,7 +13,9 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, stamps_of_frames
 from iclnuim.headless.loader_settings import bounds_m, filled, system_files, systems
 from iclnuim.postprocess import frames_from
-from iclnuim.sequences.sequence import SequenceSettings, write_sequence
+from iclnuim.sequences.sequence_options import SequenceSettings
+from iclnuim.sequences.stored_sequence import StoredSequence
+from iclnuim.sequences.writer import write_sequence
 
 CAMERA = PinholeCamera(64, 48, 48.5, 47.25, 31.5, 23.75)
 UNITS = {"replica": 6553.5, "eth3d": 5000.0, "euroc": 1000.0, "vslam-lab": 5000.0}
@@ -119,7 +121,7 @@ def test_bounds_are_those_of_what_is_seen_and_five_percent(written):
     high = np.array([1 + (56 - 31.5) / 48.5 * 2, (40 - 23.75) / 47.25 * 2, 2])
     margin = 0.05 * (high - low)
     expected = np.stack([low - margin, high + margin], 1)
-    assert np.abs(bounds_m(written / "replica") - expected).max() < 1e-3
+    assert np.abs(bounds_m(StoredSequence(written / "replica")) - expected).max() < 1e-3
     content = yaml.safe_load(
         filled(system_files("nice-slam"), written / "replica")["nice-slam.yaml"]
     )
@@ -129,7 +131,7 @@ def test_bounds_are_those_of_what_is_seen_and_five_percent(written):
 def test_bounds_of_a_model_are_its_own_and_five_percent(written, tmp_path):
     vertices = np.array([[0.0, 0, 0], [4, 0, 0], [0, 2, 1]])
     write_ply(tmp_path / "room.ply", vertices, np.array([[0, 1, 2]]))
-    bounds = bounds_m(written / "replica", tmp_path / "room.ply")
+    bounds = bounds_m(StoredSequence(written / "replica"), tmp_path / "room.ply")
     assert np.allclose(bounds, [[-0.2, 4.2], [-0.1, 2.1], [-0.05, 1.05]])
 
 

@@ -10,7 +10,8 @@ from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.cli import main
 from iclnuim.sensor.models import DEPTH_MODELS, depth_model, rgb_model
 from iclnuim.sequences.run_folder import open_run
-from iclnuim.sequences.sequence import SequenceSettings, write_sequence
+from iclnuim.sequences.sequence_options import SequenceSettings
+from iclnuim.sequences.writer import write_sequence
 from iclnuim.tools.noise_comparison import overlaps
 
 
@@ -40,7 +41,7 @@ def raw(tmp_path):
 
 
 def test_a_model_is_most_like_its_own_frames(raw, tmp_path):
-    from iclnuim.sequences.rendered_frames import run_frames
+    from iclnuim.sequences.frame_source import run_frames
 
     clean, noisy = tmp_path / "clean", tmp_path / "noisy"
     write_sequence(run_frames(raw), clean)

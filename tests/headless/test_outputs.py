@@ -21,7 +21,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.headless.cli import main
-from iclnuim.sequences.stored_images import read_depth_m
+from iclnuim.sequences.stored_sequence import read_depth_m
 from iclnuim.trajectory_files.trajectories import write_trajectory
 from patience import patience
 
@@ -318,7 +318,7 @@ def test_depth_units_alone_replace_those_of_the_folder_s_camera(sequence, words,
         used.append(units_per_metre)
         return read_depth_m(path, units_per_metre)
 
-    monkeypatch.setattr("iclnuim.sequences.stored_images.read_depth_m", remembered)
+    monkeypatch.setattr("iclnuim.sequences.stored_sequence.read_depth_m", remembered)
     assert main([*words, "--units", "2500"]) == 0
     if words[0] in ("noise", "convert"):
         made, recipe = (

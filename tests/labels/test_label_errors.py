@@ -16,9 +16,9 @@ from iclnuim.formats.png import chunk, read_depth16, write_png
 from iclnuim.labels.classes import BUILT_IN, class_map
 from iclnuim.labels.frames import label_frames, read_ids, true_classes
 from iclnuim.labels.images import read_label_image
-from iclnuim.sequences.rendered_frames import run_frames
-from iclnuim.sequences.sequence import write_sequence
+from iclnuim.sequences.frame_source import run_frames
 from iclnuim.sequences.sequence_formats import FORMATS
+from iclnuim.sequences.writer import write_sequence
 
 
 def png(path, pixels, bits, colour, palette=None, extra=()):

@@ -20,9 +20,8 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.postprocess import frames_from
 from iclnuim.report.recording import check_recording, record_sequence
-from iclnuim.sequences.image_pairs import find_pairs
-from iclnuim.sequences.sequence import write_sequence
-from iclnuim.sequences.sequence_poses import read_truth
+from iclnuim.sequences.stored_sequence import StoredSequence
+from iclnuim.sequences.writer import write_sequence
 from patience import patience
 
 TIMES = np.array([0.0, 0.0, 0.0, 0.4, 0.0, 0.1])
@@ -120,8 +119,11 @@ def verified(path):
 def test_a_sequence_is_read_back_to_the_byte(sequence, tmp_path):
     pytest.importorskip("rerun", reason="recordings: pip install rerun-sdk")
     record_sequence(tmp_path / "room.rrd", sequence)
-    found, pairs = verified(tmp_path / "room.rrd"), find_pairs(sequence)
-    images, truth = found["/world/camera/image/rgb"]["blob"], read_truth(sequence).T_world_camera
+    found, pairs = verified(tmp_path / "room.rrd"), StoredSequence(sequence).pairs
+    images, truth = (
+        found["/world/camera/image/rgb"]["blob"],
+        StoredSequence(sequence).truth.T_world_camera,
+    )
     assert [t for t, _ in images] == pytest.approx([pair.stamp_s for pair in pairs], abs=1e-9)
     assert [np.asarray(v[0], np.uint8).tobytes() for _, v in images] == [
         pair.rgb.read_bytes() for pair in pairs

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.sequences.rendered_frames import run_frames
+from iclnuim.sequences.frame_source import run_frames
 from iclnuim.sequences.run_folder import open_run
-from iclnuim.sequences.sequence import write_sequence
 from iclnuim.sequences.sequence_formats import FORMATS
+from iclnuim.sequences.writer import write_sequence
 
 #: class_id, class, nyu40_id, nyu40 of the objects 1, 2 ... of a run with ground truth
 LABELS = ((1, "wall", 1, "wall"), (2, "floor", 2, "floor"), (9, "sofa", 6, "sofa"))

@@ -15,12 +15,10 @@ from iclnuim.headless.cli import main
 from iclnuim.sequences.bags import sequence as bag_sequence
 from iclnuim.sequences.bags.recorded import LogSettings, write_rosbag
 from iclnuim.sequences.bags.sequence import unpacked
-from iclnuim.sequences.image_pairs import find_pairs
+from iclnuim.sequences.camera_files import DISTORTED
 from iclnuim.sequences.inspection.inspect import inspect_sequence
-from iclnuim.sequences.known_keys import DISTORTED
 from iclnuim.sequences.rgbd_sequence import open_sequence
-from iclnuim.sequences.sequence_poses import find_truth, read_truth
-from iclnuim.sequences.stored_images import read_camera, read_images
+from iclnuim.sequences.stored_sequence import StoredSequence, read_images
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
 from .bag_files import Recording, compressed_depth, png_of
@@ -60,9 +58,9 @@ def recorded(path, topics=TUM, rgb=(RGB, "rgb8"), depth=(MM, "16UC1"), **more):
 
 def read(path):
     """Images of the first pair, camera, and ground truth."""
-    pairs = find_pairs(path)
-    camera = read_camera(path, pairs[0].rgb)
-    return pairs, camera, read_images(pairs[0], camera), read_truth(path)
+    pairs = StoredSequence(path).pairs
+    camera = StoredSequence(path).camera
+    return pairs, camera, read_images(pairs[0], camera), StoredSequence(path).truth
 
 
 @pytest.mark.parametrize(
@@ -223,10 +221,10 @@ def test_what_is_compressed_otherwise_is_refused_by_name(tmp_path, colour, depth
         bag.compressed("/cam/color/image_raw/compressed", NS, png_of(RGB), colour)
         bag.compressed("/cam/depth/image_raw/compressedDepth", NS, compressed_depth(MM), depth)
     with pytest.raises(InputError, match=named):
-        find_pairs(tmp_path / "x.bag")
+        assert StoredSequence(tmp_path / "x.bag").pairs
     path = recorded(tmp_path / "bayer.bag", rgb=(RGB[..., 0], "bayer_rggb8"))
     with pytest.raises(InputError, match=r"topic of colour images .*\(bayer_rggb8\)"):
-        find_pairs(path)
+        assert StoredSequence(path).pairs
 
 
 def test_topics_that_do_not_decide_are_named_and_can_be_given(tmp_path):
@@ -235,12 +233,12 @@ def test_topics_that_do_not_decide_are_named_and_can_be_given(tmp_path):
 
     path = recorded(tmp_path / "x.bag", also=also)
     with pytest.raises(InputError, match=r"one topic of colour images, found .*/second/color"):
-        find_pairs(path)
+        assert StoredSequence(path).pairs
     chosen = f"{path}:/second/color"
-    assert is_bag(chosen) and len(find_pairs(chosen)) == 1
+    assert is_bag(chosen) and len(StoredSequence(chosen).pairs) == 1
     assert np.array_equal(read(chosen)[2][0], RGB[::-1])
     with pytest.raises(InputError, match="expected the topic /none, found /camera/rgb/image_color"):
-        find_pairs(f"{path}:/none")
+        assert StoredSequence(f"{path}:/none").pairs
 
 
 def test_a_bag_is_opened_as_a_sequence(tmp_path):
@@ -270,9 +268,9 @@ def test_infrared_images_are_no_depth(tmp_path):
             path = tmp_path / f"{number}{encoding}.bag"
             recorded(path, ("/k/rgb/image_raw", topic, "/k/rgb/camera_info"), depth=(MM, encoding))
             with pytest.raises(InputError, match="a topic of depth images"):
-                find_pairs(path)
+                assert StoredSequence(path).pairs
     topics = ("/air/rgb/image", "/iris/depth/image", "/iris/camera_info")
-    assert find_pairs(recorded(tmp_path / "x.bag", topics))
+    assert StoredSequence(recorded(tmp_path / "x.bag", topics)).pairs
 
 
 def test_depth_that_is_not_registered_is_read_with_its_own_camera_and_a_note(tmp_path):
@@ -320,7 +318,7 @@ def test_the_unit_of_depth_that_librealsense_writes_is_used(tmp_path, unit):
     path = recorded(tmp_path / "x.bag", topics, also=also, depth=(MM, "mono16"))
     if unit != "0.0001":
         with pytest.raises(InputError, match="metres per unit of depth in /device_0"):
-            find_pairs(path)
+            assert StoredSequence(path).pairs
         return
     assert np.allclose(read(path)[2][1], MM / 10000)
     assert "10000 units per metre" in unpacked(path)[1][0]
@@ -346,8 +344,8 @@ def test_a_bag_without_a_camera_is_read_with_a_given_one_in_its_own_unit(tmp_pat
         read(tmp_path / "none.bag")
     out, camera = tmp_path / "out", "8x6,8,8,3.5,2.5"
     assert main(["convert", str(tmp_path / "none.bag"), str(out), "--camera", camera]) == 0
-    pairs = find_pairs(out)
-    depth_z_m = read_images(pairs[0], read_camera(out, pairs[0].rgb))[1]
+    pairs = StoredSequence(out).pairs
+    depth_z_m = read_images(pairs[0], StoredSequence(out).camera)[1]
     assert np.abs(depth_z_m - MM / 1000).max() < 1e-3
 
 
@@ -379,7 +377,7 @@ def test_a_full_disk_is_noticed_before_it_is_full(tmp_path, monkeypatch):
     usage = bag_sequence.shutil.disk_usage(tmp_path)
     monkeypatch.setattr(bag_sequence.shutil, "disk_usage", lambda folder: usage._replace(free=500))
     with pytest.raises(WorkError, match=r"needs 0\.0 GB, and 0\.0 GB are free; try ICLNUIM_CACHE"):
-        find_pairs(path)
+        assert StoredSequence(path).pairs
     assert list((tmp_path / "cache/bags").iterdir()) == []
 
 
@@ -444,7 +442,7 @@ def test_tum_poses_come_from_the_tree_of_transforms(tmp_path, kind):
     expected = (POSES @ MOUNT @ TILT).matrix
     assert np.allclose(loaded.trajectory.T_world_camera.matrix, expected, atol=1e-12)
     assert "world > kinect > openni_camera > openni_rgb_optical_frame" in loaded.read_as.sentence
-    assert np.allclose(read_truth(path).T_world_camera.matrix, expected, atol=1e-8)
+    assert np.allclose(StoredSequence(path).truth.T_world_camera.matrix, expected, atol=1e-8)
     assert inspect_sequence(path).figures["poses"] == 4
 
 
@@ -485,11 +483,13 @@ def test_poses_that_do_not_decide_are_named_and_can_be_given(tmp_path, capsys):
 
     path = recorded(tmp_path / "x.bag", also=also)
     with pytest.raises(InputError, match=r"one topic of poses, found /a .*, /b .*; try .*bag:/a"):
-        read_truth(path)
+        assert StoredSequence(path).truth
     found = inspect_sequence(path)
     assert found.figures["pairs"] == 4 and "one topic of poses" in found.errors[0]
     for given, poses in ((f"{path}:/a", POSES), (f"{path}:/b", POSES[::-1])):
-        assert np.allclose(read_truth(given).T_world_camera.matrix, poses.matrix, atol=1e-8)
+        assert np.allclose(
+            StoredSequence(given).truth.T_world_camera.matrix, poses.matrix, atol=1e-8
+        )
     arguments = ["evaluate", "ate", f"{path}:/a", f"{path}:/a", "--json"]
     assert main(arguments) == 0
 
@@ -505,7 +505,7 @@ def test_a_lost_pose_is_left_out_and_a_bag_without_poses_has_none(tmp_path):
         bag.transforms("/tf_static", NS, [("camera_link", "optical", seven(MOUNT))])
 
     path = recorded(tmp_path / "x.bag", also=also)
-    assert find_truth(path) is None
+    assert StoredSequence(path).truth_path is None
     with pytest.raises(InputError, match=r"poses: .*, or /tf, found .*no transform that moves"):
         read_trajectory(path)
 
@@ -517,11 +517,11 @@ def test_a_bag_without_an_index_says_how_to_make_one(tmp_path):
     at = whole.index(b"index_pos=") + len(b"index_pos=")
     path.write_bytes(whole[:at] + bytes(8) + whole[at + 8 :])
     with pytest.raises(InputError, match=r"not indexed.*try `rosbag reindex`"):
-        find_pairs(path)
+        assert StoredSequence(path).pairs
     for cut in (0, 5, 500, len(whole) // 2, len(whole) - 10):
         path.write_bytes(whole[:cut])
         with pytest.raises(InputError, match="expected a whole ROS bag"):
-            find_pairs(path)
+            assert StoredSequence(path).pairs
     folder = recorded(tmp_path / "r_ros2")
     (folder / "metadata.yaml").unlink()
     with pytest.raises(InputError, match="metadata"):
@@ -531,12 +531,16 @@ def test_a_bag_without_an_index_says_how_to_make_one(tmp_path):
 def test_the_file_of_a_folder_is_read_alone(tmp_path):
     for storage, ending in (("sqlite3", "db3"), ("mcap", "mcap")):
         folder = recorded(tmp_path / storage, storage=storage)
-        assert len(find_pairs(folder / f"{storage}.{ending}")) == len(find_pairs(folder)) == 4
+        assert (
+            len(StoredSequence(folder / f"{storage}.{ending}").pairs)
+            == len(StoredSequence(folder).pairs)
+            == 4
+        )
 
 
 def test_bags_without_the_package_are_refused_with_its_name(tmp_path, monkeypatch):
     path = recorded(tmp_path / "x.bag")
     monkeypatch.setattr("iclnuim.formats.bags.find_spec", lambda name: None)
-    for work in (find_pairs, read_trajectory):
+    for work in (lambda path: StoredSequence(path).pairs, read_trajectory):
         with pytest.raises(WorkError, match="rosbags; try pip install rosbags"):
             work(path)

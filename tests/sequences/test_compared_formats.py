@@ -8,9 +8,8 @@ import pytest
 from iclnuim.formats.files import write_json
 from iclnuim.formats.images import ARRAY, write_array
 from iclnuim.formats.png import read_depth16, write_png
-from iclnuim.sequences.image_pairs import find_pairs
 from iclnuim.sequences.sequence_formats import FORMATS
-from iclnuim.sequences.stored_images import read_camera, read_depth_m
+from iclnuim.sequences.stored_sequence import StoredSequence, read_depth_m
 
 
 @pytest.mark.parametrize("options", [(), ("--tolerance",)])
@@ -24,8 +23,8 @@ def test_a_sequence_is_equal_to_itself_and_to_none_of_another_depth(
         write_json(folder / "recipe.json", {})
     assert command_here("compare", *options, two[0], two[0])[0] == 0
     assert command_here("compare", *options, *two)[0] == 0
-    pair = find_pairs(two[1])[0]
-    units = read_camera(two[1], pair.rgb).depth_units_per_metre
+    pair = StoredSequence(two[1]).pairs[0]
+    units = StoredSequence(two[1]).camera_of(pair.rgb).depth_units_per_metre
     if pair.depth.suffix == ARRAY:
         write_array(pair.depth, read_depth_m(pair.depth, units) + 0.004)
     else:
@@ -40,7 +39,7 @@ def test_the_depth_of_each_of_several_formats_has_its_own_units(
 ):
     """Two units: 2 mm in ScanNet's, 0.4 mm in TUM's."""
     other = shutil.copytree(all_formats, tmp_path / "b")
-    changed = [find_pairs(other / name)[0].depth for name in ("tum", "scannet")]
+    changed = [StoredSequence(other / name).pairs[0].depth for name in ("tum", "scannet")]
     for depth in changed:
         write_png(depth, read_depth16(depth) + np.uint16(2))
     code, out, _ = command_here("compare", "--tolerance", all_formats, other, "--json")

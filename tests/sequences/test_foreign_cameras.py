@@ -14,14 +14,12 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry.se3 import SE3
-from iclnuim.sequences.image_frames import image_frames
-from iclnuim.sequences.image_pairs import find_pairs
+from iclnuim.sequences.camera_files import DISTORTED
+from iclnuim.sequences.frame_source import image_frames
 from iclnuim.sequences.inspection.inspect import inspect_sequence
-from iclnuim.sequences.known_keys import DISTORTED
 from iclnuim.sequences.layouts import euroc, nerf, replica, vslam_lab
 from iclnuim.sequences.layouts.scannet import SCAN
-from iclnuim.sequences.sequence_poses import find_truth, load_truth, read_truth
-from iclnuim.sequences.stored_images import read_camera
+from iclnuim.sequences.stored_sequence import StoredSequence
 from iclnuim.trajectory_files.colmap import (
     MODELS,
 )
@@ -47,7 +45,7 @@ def copied(all_formats, tmp_path):
 
 
 def camera_of(folder):
-    return read_camera(folder, find_pairs(folder)[0].rgb)
+    return StoredSequence(folder).camera
 
 
 def matrix_text(T: SE3) -> str:
@@ -155,10 +153,10 @@ def test_transforms_of_other_programs_are_the_same_sequence(copied, all_formats,
     assert camera.pinhole.intrinsics == pytest.approx(expected.pinhole.intrinsics, rel=1e-9)
     assert camera.depth_units_per_metre == pytest.approx(expected.depth_units_per_metre)
     assert camera.notes == ()
-    truth = read_truth(all_formats / "nerf").T_world_camera.matrix
-    assert np.allclose(read_truth(folder).T_world_camera.matrix, truth, atol=1e-12)
-    assert [pair.depth.name for pair in find_pairs(folder)] == [
-        pair.depth.name for pair in find_pairs(all_formats / "nerf")
+    truth = StoredSequence(all_formats / "nerf").truth.T_world_camera.matrix
+    assert np.allclose(StoredSequence(folder).truth.T_world_camera.matrix, truth, atol=1e-12)
+    assert [pair.depth.name for pair in StoredSequence(folder).pairs] == [
+        pair.depth.name for pair in StoredSequence(all_formats / "nerf").pairs
     ]
     assert inspect_sequence(folder).warnings == inspect_sequence(all_formats / "nerf").warnings
 
@@ -237,7 +235,7 @@ def test_a_frame_without_its_depth_image_is_left_out_with_a_note(
 ):
     folder = copied(format)
     (folder / depth).unlink()
-    assert [pair.number for pair in find_pairs(folder)] == [0, 1, 3]
+    assert [pair.number for pair in StoredSequence(folder).pairs] == [0, 1, 3]
     found = inspect_sequence(folder)
     assert not any("000002.png" in error for error in found.errors)
     assert any("000002.png" in warning for warning in found.warnings)
@@ -245,12 +243,12 @@ def test_a_frame_without_its_depth_image_is_left_out_with_a_note(
     assert code == 0 and "000002.png" in noted
     shutil.rmtree(folder / "depth")
     with pytest.raises(InputError, match="has no depth/000000.png"):
-        find_pairs(folder)
+        assert StoredSequence(folder).pairs
 
 
 def test_a_frame_of_transforms_that_names_no_depth_is_left_out(copied):
     folder = changed_nerf(copied, lambda content: content["frames"].append({"file_path": "a.png"}))
-    assert len(find_pairs(folder)) == 4
+    assert len(StoredSequence(folder).pairs) == 4
 
 
 def with_body(folder, file: str, T: SE3):
@@ -270,26 +268,26 @@ def test_poses_of_a_body_become_those_of_its_camera(
     folder = copied(format)
     for file in files:
         with_body(folder, file, BODY)
-    truth = read_truth(all_formats / format)
-    moved = read_truth(folder)
+    truth = StoredSequence(all_formats / format).truth
+    moved = StoredSequence(folder).truth
     expected = (truth.T_world_camera @ BODY).matrix
     assert np.allclose(moved.T_world_camera.matrix, expected, atol=1e-9)
-    assert "T_BS" in load_truth(folder).read_as.sentence
+    assert "T_BS" in StoredSequence(folder).loaded_truth.read_as.sentence
     (note,) = camera_of(folder).notes
     assert note.startswith("T_BS is applied") and f"{_distance_mm():.3g} mm" in note
     # a copy in the same format has the poses of the camera, not the file of the body
     numbers = image_frames(folder).numbers
     assert image_frames(folder).truth_file(numbers) is None
     assert image_frames(all_formats / format).truth_file(numbers) is not None
-    truth_file = find_truth(folder)
+    truth_file = StoredSequence(folder).truth_path
     for reference, is_body in ((truth_file, True), (folder, False)):
         code, _, said = command_here("evaluate", reference, truth_file, "--align", "none")
         assert code == 0 and ("poses of the body, without T_BS" in said) == is_body
-    right = find_truth(all_formats / format)
+    right = StoredSequence(all_formats / format).truth_path
     code, _, said = command_here("evaluate", right, truth_file, "--align", "none")
     assert code == 0 and "of the body" not in said
     code, _, _ = command_here("convert", folder, folder.parent / "out")
-    written = read_truth(folder.parent / "out").T_world_camera.matrix
+    written = StoredSequence(folder.parent / "out").truth.T_world_camera.matrix
     assert code == 0 and np.allclose(written, expected, atol=1e-6)
 
 
@@ -299,26 +297,28 @@ def _distance_mm() -> float:
 
 def test_the_lists_of_euroc_may_have_names_of_columns_blanks_and_commas_at_the_end(copied):
     folder = copied("euroc")
-    names = [pair.rgb for pair in find_pairs(folder)]
+    names = [pair.rgb for pair in StoredSequence(folder).pairs]
     for sensor in ("cam0", "depth0"):
         file = folder / f"mav0/{sensor}/data.csv"
         lines = file.read_text().splitlines()[1:]
         text = "timestamp,filename\r\n" + "".join(f" {line} ,\r\n" for line in lines)
         file.write_text(text.replace(",1", ", 1"), newline="")
-    assert [pair.rgb for pair in find_pairs(folder)] == names
+    assert [pair.rgb for pair in StoredSequence(folder).pairs] == names
     file.write_text(text.replace("timestamp", "0"), newline="")
-    assert len(find_pairs(folder)) == len(names)
+    assert len(StoredSequence(folder).pairs) == len(names)
     file.write_text(text + "later,1.png\n", newline="")
     with pytest.raises(InputError, match="data.csv:6: expected lines `nanoseconds,image`"):
-        find_pairs(folder)
+        assert StoredSequence(folder).pairs
 
 
 def test_a_sensor_without_a_pose_has_that_of_the_other(copied, all_formats):
     folder = copied("euroc")
     with_body(folder, CAMERAS[0], BODY)
     replaced(folder / CAMERAS[1], r"T_BS:\n(.*\n){3}", "")
-    expected = read_truth(all_formats / "euroc").T_world_camera @ BODY
-    assert np.allclose(read_truth(folder).T_world_camera.matrix, expected.matrix, atol=1e-9)
+    expected = StoredSequence(all_formats / "euroc").truth.T_world_camera @ BODY
+    assert np.allclose(
+        StoredSequence(folder).truth.T_world_camera.matrix, expected.matrix, atol=1e-9
+    )
     (note,) = camera_of(folder).notes
     assert note.startswith("T_BS is applied")
 
@@ -331,8 +331,10 @@ def test_euroc_poses_of_another_body_than_the_cameras_are_converted(copied, all_
     rows = "\n    ".join(f"{value:.17g}," for value in tracked.matrix.ravel()).removesuffix(",")
     sensor = folder / "mav0/state_groundtruth_estimate0/sensor.yaml"
     sensor.write_text(f"%YAML:1.0\n# Vicon\nT_BS: !!opencv-matrix\n  rows: 4\n  data: [{rows}]\n")
-    expected = read_truth(all_formats / "euroc").T_world_camera @ tracked.inverse() @ BODY
-    assert np.allclose(read_truth(folder).T_world_camera.matrix, expected.matrix, atol=1e-9)
+    expected = StoredSequence(all_formats / "euroc").truth.T_world_camera @ tracked.inverse() @ BODY
+    assert np.allclose(
+        StoredSequence(folder).truth.T_world_camera.matrix, expected.matrix, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(
@@ -461,16 +463,16 @@ def test_a_binary_model_of_colmap_is_read(copied, all_formats):
     folder = copied("colmap")
     made_binary(folder / "sparse/0")
     assert camera_of(folder) == camera_of(all_formats / "colmap")
-    names = [pair.rgb.name for pair in find_pairs(folder)]
-    assert names == [pair.rgb.name for pair in find_pairs(all_formats / "colmap")]
-    expected = read_truth(all_formats / "colmap").T_world_camera.matrix
-    assert np.allclose(read_truth(folder).T_world_camera.matrix, expected, atol=1e-12)
+    names = [pair.rgb.name for pair in StoredSequence(folder).pairs]
+    assert names == [pair.rgb.name for pair in StoredSequence(all_formats / "colmap").pairs]
+    expected = StoredSequence(all_formats / "colmap").truth.T_world_camera.matrix
+    assert np.allclose(StoredSequence(folder).truth.T_world_camera.matrix, expected, atol=1e-12)
     assert read_trajectory(folder / "sparse/0/images.bin").read_as.format == "colmap"
     whole = (folder / "sparse/0/images.bin").read_bytes()
     for data in (whole[:-40], b"", whole[:90]):
         (folder / "sparse/0/images.bin").write_bytes(data)
         with pytest.raises(InputError, match=r"images.bin: expected a whole binary file"):
-            find_pairs(folder)
+            assert StoredSequence(folder).pairs
 
 
 def test_a_binary_camera_of_colmap_that_is_damaged_or_unknown_is_refused(copied):
@@ -598,7 +600,7 @@ def test_cameras_of_frames_are_the_same_to_a_millionth(copied, change, message):
 def test_an_applied_scale_beyond_all_reason_is_refused(copied, scale):
     folder = changed_nerf(copied, in_all(applied_scale=scale))
     with pytest.raises(InputError, match="transforms.json: expected applied_scale of"):
-        read_truth(folder)
+        assert StoredSequence(folder).truth
 
 
 @pytest.mark.parametrize("keys", [nerf.KEYS, euroc.KEYS, vslam_lab.KEYS, replica.KEYS, SCAN])

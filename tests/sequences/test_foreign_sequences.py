@@ -15,10 +15,9 @@ from iclnuim.formats.images import read_colour8
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.sequences.image_pairs import find_pairs
 from iclnuim.sequences.inspection.inspect import inspect_sequence
-from iclnuim.sequences.sequence import write_sequence
-from iclnuim.sequences.sequence_poses import load_poses, load_truth
+from iclnuim.sequences.stored_sequence import StoredSequence
+from iclnuim.sequences.writer import write_sequence
 
 FRAMES = 12
 CAMERA = PinholeCamera(80, 60, 60.0, 60.0, 39.5, 29.5)
@@ -73,9 +72,9 @@ def number_of(image: Path) -> int:
 
 def numbers_with_poses(folder: Path, loaded=None) -> list[int]:
     """The numbers of the frames that have a pair and a pose, each of which must be its own."""
-    loaded = loaded or load_truth(folder)
+    loaded = loaded or StoredSequence(folder).loaded_truth
     found = []
-    for pair in find_pairs(folder):
+    for pair in StoredSequence(folder).pairs:
         row, off_s = (
             part[0] for part in nearest(np.array([pair.stamp_s]), loaded.trajectory.stamps_s)
         )
@@ -154,7 +153,7 @@ def test_depth_decides_whether_the_first_or_the_last_image_is_lost(copied, forma
     rename(folder, format, lambda n: None if n == lost else f"{n + first:06}")
     assert numbers_with_poses(folder) == without(lost)
     figures = r"\d % with \d.*\d % with \d"
-    assert re.search(figures, load_truth(folder).read_as.sentence)
+    assert re.search(figures, StoredSequence(folder).loaded_truth.read_as.sentence)
     assert re.search(figures, "\n".join(inspect_sequence(folder).warnings))
 
 
@@ -175,7 +174,7 @@ def test_where_depth_cannot_decide_both_readings_are_refused(copied, format):
     rename(folder, format, lambda n: None if n == 0 else f"{n:06}")
     change_lines(folder, format, lambda lines: lines[:1] * len(lines))
     with pytest.raises(InputError, match=r"0 or 1.*12 lines for 11 images, 1 to 11"):
-        load_truth(folder)
+        assert StoredSequence(folder).loaded_truth
 
 
 @both
@@ -184,7 +183,7 @@ def test_more_images_than_lines_are_refused_with_both_counts(copied, format, kep
     folder = copied(format)
     change_lines(folder, format, lambda lines: lines[kept])
     with pytest.raises(InputError, match=rf"12 images, found {len(EVERY[kept])} lines"):
-        load_truth(folder)
+        assert StoredSequence(folder).loaded_truth
     assert any("12 images" in sentence for sentence in inspect_sequence(folder).errors)
 
 
@@ -202,7 +201,7 @@ def test_a_lost_line_leaves_its_image_without_a_pose(copied, format, row, lost):
     change_lines(folder, format, lose)
     if row == "" and lost in ((0,), (11,)):  # no row begins or ends a file with an empty line
         with pytest.raises(InputError, match="12 images, found 11 lines"):
-            load_truth(folder)
+            assert StoredSequence(folder).loaded_truth
         return
     assert numbers_with_poses(folder) == without(*lost)
     odd = "\n".join(inspect_sequence(folder).warnings)
@@ -245,9 +244,9 @@ def test_lines_in_a_folder_of_rgb_and_depth(copied, written, lists, first):
             names = (f"{1305031102.1 + n / 30:.6f} {kind}/{n + first}.png" for n in EVERY)
             (folder / f"{kind}.txt").write_text("\n".join(names) + "\n")
     poses = shutil.copy(written / "replica/traj.txt", folder / "pose.txt")
-    assert numbers_with_poses(folder, load_poses(folder, poses)) == EVERY
+    assert numbers_with_poses(folder, StoredSequence(folder).load_poses(poses)) == EVERY
     (folder / f"rgb/{3 + first}.png").unlink()
-    assert numbers_with_poses(folder, load_poses(folder, poses)) == without(3)
+    assert numbers_with_poses(folder, StoredSequence(folder).load_poses(poses)) == without(3)
 
 
 @pytest.mark.parametrize("form", ["redwood", "kitti with numbers", "matrices", "kitti"])
@@ -266,7 +265,9 @@ def test_numbers_that_count_the_lines_from_0(copied, written, form, first, lost)
             rows = [" ".join([str(number)] * (form != "kitti") + values[:12])]
         blocks += rows
     (folder / "poses.log").write_text("\n".join(blocks) + "\n")
-    assert numbers_with_poses(folder, load_poses(folder, folder / "poses.log")) == without(*lost)
+    assert numbers_with_poses(
+        folder, StoredSequence(folder).load_poses(folder / "poses.log")
+    ) == without(*lost)
 
 
 @pytest.mark.parametrize("ticks", [1e3, 1e6, 1e9])
@@ -279,7 +280,7 @@ def test_stamps_in_names_have_their_unit(copied, ticks, rate_hz):
         for number in EVERY:
             stamp = round(1403636579.763555 * ticks) + round(number / rate_hz * ticks)
             (folder / f"{kind}/{number:06}.png").rename(folder / f"{kind}/{stamp}.png")
-    pairs = find_pairs(folder)
+    pairs = StoredSequence(folder).pairs
     assert pairs[0].stamp_s == pytest.approx(1403636579.763555, abs=1e-3)
     steps = np.diff([pair.stamp_s for pair in pairs])
     np.testing.assert_allclose(steps, 1 / rate_hz, atol=1.1 / ticks + 1e-6)

@@ -6,18 +6,16 @@ import re
 
 import numpy as np
 import pytest
+from iclnuim.channels import DEPTH, RGB
 from iclnuim.evaluation.image_error import psnr_db
 from iclnuim.formats.images import read_colour8
-from iclnuim.sequences.frame_source import frames_with_poses
-from iclnuim.sequences.image_frames import original_frames
-from iclnuim.sequences.image_pairs import find_pairs
+from iclnuim.sequences.frame_source import frames_with_poses, original_frames, run_frames
+from iclnuim.sequences.frames import SequenceFrame
 from iclnuim.sequences.inspection.inspect import inspect_sequence
-from iclnuim.sequences.layout import DEPTH, RGB, SequenceFrame
-from iclnuim.sequences.rendered_frames import run_frames
-from iclnuim.sequences.sequence import SequenceSettings, write_sequence
 from iclnuim.sequences.sequence_formats import FORMATS, format_of
-from iclnuim.sequences.sequence_poses import find_truth, read_truth
-from iclnuim.sequences.stored_images import read_camera, read_depth_m
+from iclnuim.sequences.sequence_options import SequenceSettings
+from iclnuim.sequences.stored_sequence import StoredSequence, read_depth_m
+from iclnuim.sequences.writer import write_sequence
 
 #: How the table calls colour that is stored with loss, and how much.
 JPEG, JPEG_DB = "JPEG, 50 dB", 50.0
@@ -58,10 +56,10 @@ def test_the_table_says_what_the_formats_declare(table):
         colour, depth = (format.image(frame, kind).rpartition(".")[2] for kind in (RGB, DEPTH))
         assert row["colour"] == {"png": "PNG", "jpg": JPEG}[colour]
         assert ("NPY" in row["depth"]) == (depth == "npy")
-        assert row["stamps"] == words[format.stamps]
-        assert (row["poses"] == "one a frame") == format.every_pose
+        assert row["stamps"] == words[format.limits.stamps]
+        assert (row["poses"] == "one a frame") == format.limits.every_pose
         # the original's format refuses others instead of having a scale of its own
-        assert units_of(row) == (5000.0 if name == "icl-nuim" else format.fixed_units)
+        assert units_of(row) == (5000.0 if name == "icl-nuim" else format.limits.fixed_units)
 
 
 def check_held(table, source, target, there, name):
@@ -69,12 +67,12 @@ def check_held(table, source, target, there, name):
     its folder.
     """
     (row_a, a), row_b = source, target
-    before, after = find_pairs(a), find_pairs(there)
+    before, after = StoredSequence(a).pairs, StoredSequence(there).pairs
     if row_a["poses"].startswith("none for image 0") and row_b["poses"] == "one a frame":
         before = before[1:]  # that frame was left out
     assert len(before) == len(after), name
     units = [
-        read_camera(folder, pairs[0].rgb).depth_units_per_metre
+        StoredSequence(folder).camera.depth_units_per_metre
         for folder, pairs in ((a, before), (there, after))
     ]
     coarser = min(units if "NPY" not in row_a["depth"] + row_b["depth"] else [*units, 1e9])
@@ -89,7 +87,7 @@ def check_held(table, source, target, there, name):
             assert one.rgb.read_bytes() == other.rgb.read_bytes(), name
         depth = read_depth_m(one.depth, units[0]) - read_depth_m(other.depth, units[1])
         assert np.abs(depth).max() <= 0.5 / coarser + 1e-6, name
-    poses = [read_truth(folder) for folder in (a, there)]
+    poses = [StoredSequence(folder).truth for folder in (a, there)]
     count = min(map(len, poses))
     first, second = (t.T_world_camera[len(t) - count :] for t in poses)
     motions = [T[0].inverse() @ T for T in (first, second)]
@@ -127,8 +125,8 @@ def test_a_format_goes_into_every_other(form_and_folder, table, tmp_path, name):
     whole = original_frames(folder)
     units = units_of(table[name]) or 5000.0
     for others, frames in (
-        ([n for n in FORMATS if FORMATS[n].every_pose], source),
-        ([n for n in FORMATS if not FORMATS[n].every_pose and n != "icl-nuim"], whole),
+        ([n for n in FORMATS if FORMATS[n].limits.every_pose], source),
+        ([n for n in FORMATS if not FORMATS[n].limits.every_pose and n != "icl-nuim"], whole),
     ):
         out = tmp_path / f"{len(others)}"
         settings = SequenceSettings(depth_units_per_metre=units, names=form)
@@ -154,7 +152,7 @@ def test_a_folder_is_recognised_by_what_lies_in_it(all_formats, name):
         "tum" if name in ("icl-nuim", "eth3d", "rtabmap") else name
     )  # read by the lists that they share
     assert format_of(all_formats / name).name == listed
-    assert find_truth(all_formats / name) is not None
+    assert StoredSequence(all_formats / name).truth_path is not None
     found = inspect_sequence(all_formats / name)
     assert (
         found.figures["pairs"] == found.figures["rgb_images"] == found.figures["depth_images"] == 4

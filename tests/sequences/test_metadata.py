@@ -8,11 +8,9 @@ import shutil
 import numpy as np
 import pytest
 from iclnuim.formats.images import read_colour8
-from iclnuim.sequences.image_pairs import find_pairs
 from iclnuim.sequences.metadata import write_metadata
 from iclnuim.sequences.sequence_formats import FORMATS
-from iclnuim.sequences.sequence_poses import read_truth
-from iclnuim.sequences.stored_images import read_camera
+from iclnuim.sequences.stored_sequence import StoredSequence
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -20,12 +18,12 @@ def test_each_frame_has_its_images_camera_and_pose(all_formats, tmp_path, name, 
     folder = shutil.copytree(all_formats / name, tmp_path / name)
     command_here("inspect", folder, "--metadata")
     lines = [json.loads(line) for line in (folder / "metadata.jsonl").read_text().splitlines()]
-    pairs = find_pairs(folder)
-    truth = read_truth(folder)
+    pairs = StoredSequence(folder).pairs
+    truth = StoredSequence(folder).truth
     assert [(folder / line["file_name"], folder / line["depth_file_name"]) for line in lines] == [
         (pair.rgb, pair.depth) for pair in pairs
     ]
-    camera = read_camera(folder, pairs[0].rgb).to_dict()
+    camera = StoredSequence(folder).camera.to_dict()
     for pair, line in zip(pairs, lines, strict=True):
         assert line["stamp_s"] == pair.stamp_s and camera.items() <= line.items()
         at = np.flatnonzero(np.abs(truth.stamps_s - pair.stamp_s) < 1e-4)
@@ -55,9 +53,9 @@ def test_hugging_face_reads_it(all_formats, tmp_path):
     write_metadata(folder)
     given = {"data_dir": str(folder), "cache_dir": str(tmp_path / "cache"), "split": "train"}
     frames = datasets.load_dataset("imagefolder", **given)
-    pairs = find_pairs(folder)
+    pairs = StoredSequence(folder).pairs
     assert len(frames) == len(pairs)
-    camera = read_camera(folder, pairs[0].rgb)
+    camera = StoredSequence(folder).camera
     for frame, pair in zip(frames, pairs, strict=True):
         assert np.array_equal(np.asarray(frame["image"].convert("RGB")), read_colour8(pair.rgb))
         assert np.asarray(frame["depth"]).max() > camera.depth_units_per_metre

@@ -7,16 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from iclnuim.channels import DEPTH, RGB
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, stamps_of_frames
 from iclnuim.postprocess import frames_from
-from iclnuim.sequences.image_frames import image_frames, original_frames
-from iclnuim.sequences.image_pairs import find_pairs
-from iclnuim.sequences.layout import DEPTH, RGB, SequenceFrame
-from iclnuim.sequences.sequence import SequenceSettings, write_sequence
+from iclnuim.sequences.frame_source import image_frames, original_frames
+from iclnuim.sequences.frames import SequenceFrame
 from iclnuim.sequences.sequence_formats import FORMATS
+from iclnuim.sequences.sequence_options import SequenceSettings
+from iclnuim.sequences.stored_sequence import StoredSequence
+from iclnuim.sequences.writer import write_sequence
 
 #: Frames on both sides of 10 s, of image 10 and of image 100.
 FRAMES = (1, 9, 10, 11, 99, 100, 269, 270, 271)
@@ -52,7 +54,7 @@ def written(source, request, tmp_path_factory):
 def test_names_sort_as_time_as_text_and_as_numbers(written, name):
     form, out = written
     for kind in (RGB, DEPTH):
-        names = [getattr(pair, kind).name for pair in find_pairs(out / name)]
+        names = [getattr(pair, kind).name for pair in StoredSequence(out / name).pairs]
         assert len(names) == len(FRAMES)
         is_sorted = names == sorted(names)
         constant = form == "sorted" and name != PUBLISHED_ONLY
@@ -67,14 +69,14 @@ def test_names_sort_as_time_as_text_and_as_numbers(written, name):
 def test_both_forms_are_read_back(source, written, name, tmp_path):
     _, out = written
     again = image_frames(out / name)
-    units = FORMATS[name].fixed_units or 5000.0
+    units = FORMATS[name].limits.fixed_units or 5000.0
     assert [again.stamps_s[n] for n in again.numbers] == pytest.approx(
         [source.stamps_s[n] for n in FRAMES], abs=1e-6
     )
     for number, there in zip(FRAMES, again.numbers, strict=True):
         assert np.abs(load(number)[1] - again.load(there)[1]).max() <= 0.5 / units + 1e-6
     write_sequence(original_frames(out / name), tmp_path / "tum", workers=1)
-    pairs = find_pairs(tmp_path / "tum")
+    pairs = StoredSequence(tmp_path / "tum").pairs
     assert [pair.written[0] for pair in pairs][-2:] == ["10.000000", "10.033333"]
 
 
@@ -121,8 +123,8 @@ def test_a_folder_without_a_form_goes_on_with_its_own_names_and_units(source, tm
     ):
         assert (tmp_path / image).is_file()
     for name in formats:
-        assert [p.number for p in find_pairs(tmp_path / name)][:1] != []
-        assert len(find_pairs(tmp_path / name)) == len(FRAMES)
+        assert [p.number for p in StoredSequence(tmp_path / name).pairs][:1] != []
+        assert len(StoredSequence(tmp_path / name).pairs) == len(FRAMES)
     for name in ("euroc", "nerf"):
         assert image_frames(tmp_path / name).depth_units_per_metre == 5000
     assert not list(tmp_path.rglob("0000000*.png"))

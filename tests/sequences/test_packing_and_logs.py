@@ -12,9 +12,9 @@ from iclnuim.errors import InputError
 from iclnuim.formats.png import read_depth16, read_rgb8
 from iclnuim.sequences.bags import recorded as bags_and_logs
 from iclnuim.sequences.bags.recorded import LogSettings, write_klg, write_rosbag
+from iclnuim.sequences.frame_source import run_frames
 from iclnuim.sequences.packing import pack, packed_licence
-from iclnuim.sequences.rendered_frames import run_frames
-from iclnuim.sequences.sequence import write_sequence
+from iclnuim.sequences.writer import write_sequence
 
 
 @pytest.fixture

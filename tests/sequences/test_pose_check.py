@@ -13,17 +13,15 @@ from iclnuim.formats.files import read_json, write_json
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.sequences.image_pairs import find_pairs
+from iclnuim.sequences.camera_files import SequenceCamera
+from iclnuim.sequences.frame_source import run_frames
 from iclnuim.sequences.inspection import poses as inspected_poses
 from iclnuim.sequences.inspection.inspect import inspect_sequence
 from iclnuim.sequences.inspection.pose_check import TOO_LITTLE, doubt, pose_agreement
-from iclnuim.sequences.layout import SequenceCamera
-from iclnuim.sequences.rendered_frames import run_frames
 from iclnuim.sequences.run_folder import open_run
-from iclnuim.sequences.sequence import write_sequence
 from iclnuim.sequences.sequence_formats import FORMATS
-from iclnuim.sequences.sequence_poses import read_truth
-from iclnuim.sequences.stored_images import read_camera
+from iclnuim.sequences.stored_sequence import StoredSequence
+from iclnuim.sequences.writer import write_sequence
 from iclnuim.trajectory_files.trajectories import write_trajectory
 from moving_box import CAMERA, depth_z_m, hand_held
 
@@ -67,7 +65,7 @@ def test_a_small_residual_without_an_explanation_is_no_error(tum, monkeypatch, r
 
 
 def write_poses(folder, change):
-    truth = read_truth(folder)
+    truth = StoredSequence(folder).truth
     changed = Trajectory(truth.stamps_s, change(truth.T_world_camera))
     write_trajectory(folder / "groundtruth.txt", changed, "tum")
 
@@ -75,8 +73,8 @@ def write_poses(folder, change):
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_right_sequence_is_not_in_doubt_in_any_format(box, name):
     folder = box[name]
-    pairs = find_pairs(folder)
-    found = pose_agreement(pairs, read_camera(folder, pairs[0].rgb), read_truth(folder))
+    pairs = StoredSequence(folder).pairs
+    found = pose_agreement(pairs, StoredSequence(folder).camera, StoredSequence(folder).truth)
     assert found.told and not found.doubtful
     assert not any("not match" in sentence for sentence in inspect_sequence(folder).errors)
 
@@ -84,16 +82,16 @@ def test_a_right_sequence_is_not_in_doubt_in_any_format(box, name):
 @pytest.mark.parametrize("name", ["tum", "replica", "scannet", "tartanair"])
 def test_millimetres_read_as_another_unit_are_named_in_every_format(box, name):
     folder = box[name]
-    pairs = find_pairs(folder)
+    pairs = StoredSequence(folder).pairs
     camera = SequenceCamera(CAMERA, 1000)
     if name == "tartanair":  # arrays in metres have no unit
-        truth = read_truth(folder)
+        truth = StoredSequence(folder).truth
         small = SE3(truth.T_world_camera.rotation, 1000 * truth.positions_m)
         found = pose_agreement(pairs, camera, Trajectory(truth.stamps_s, small))
         assert "with positions in mm" in doubt(found, camera)
         return
-    right = read_camera(folder, pairs[0].rgb).depth_units_per_metre
-    found = pose_agreement(pairs, camera, read_truth(folder))
+    right = StoredSequence(folder).camera.depth_units_per_metre
+    found = pose_agreement(pairs, camera, StoredSequence(folder).truth)
     assert found.reading.kind == ("unit" if right != 1000 else "")
     if right != 1000:
         assert f"depth_units_per_metre {right:g}, or" in doubt(found, camera)

@@ -16,10 +16,10 @@ from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.sequences.image_pairs import find_pairs
 from iclnuim.sequences.rendered_views import read_keyframes
-from iclnuim.sequences.sequence import write_sequence
 from iclnuim.sequences.sequence_formats import FORMATS
+from iclnuim.sequences.stored_sequence import StoredSequence
+from iclnuim.sequences.writer import write_sequence
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def views(all_formats, tmp_path):
     in a quarter of the depth; in camera.json's units.
     """
     truth, out = all_formats / "tum", tmp_path / "views"
-    for pair in find_pairs(truth):
+    for pair in StoredSequence(truth).pairs:
         for kind in ("rgb", "depth"):
             (out / kind).mkdir(parents=True, exist_ok=True)
         write_png(out / "rgb" / pair.rgb.name, read_colour8(pair.rgb).clip(0, 254) + np.uint8(1))
@@ -77,7 +77,7 @@ def test_views_lie_flat_as_jpeg_or_in_metres_and_some_may_be_missing(views, tmp_
 
 def test_keyframes_are_reported_apart(views, tmp_path, command_here):
     truth, out = views
-    pairs = find_pairs(truth)
+    pairs = StoredSequence(truth).pairs
     listed = tmp_path / "keyframes.txt"
     for text in (
         "000000\n000003\n",

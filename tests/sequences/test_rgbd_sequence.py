@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 from iclnuim import InputError, PinholeCamera, PosedFrame, Trajectory, open_sequence
-from iclnuim.sequences.image_pairs import find_pairs
 from iclnuim.sequences.sequence_formats import FORMATS
-from iclnuim.sequences.sequence_poses import read_truth
-from iclnuim.sequences.stored_images import read_camera, read_images
+from iclnuim.sequences.stored_sequence import StoredSequence, read_images
 from iclnuim.trajectory_files.trajectories import write_trajectory
 
 
@@ -14,15 +12,15 @@ from iclnuim.trajectory_files.trajectories import write_trajectory
 def test_frames_are_those_of_every_format(all_formats, name):
     folder = all_formats / name
     sequence = open_sequence(folder)
-    pairs = find_pairs(folder)
-    camera = read_camera(folder, pairs[0].rgb)
+    pairs = StoredSequence(folder).pairs
+    camera = StoredSequence(folder).camera
     assert len(sequence) == len(pairs) == len(list(sequence)) and sequence.camera == camera.pinhole
     for pair, frame in zip(pairs, sequence, strict=True):
         stamp_s, rgb, depth_z_m, T_world_camera = frame
         expected_rgb, expected_m = read_images(pair, camera)
         assert stamp_s == pair.stamp_s and rgb.dtype == np.uint8 and depth_z_m.dtype == np.float32
         assert np.array_equal(rgb, expected_rgb) and np.array_equal(depth_z_m, expected_m)
-    truth = read_truth(folder)
+    truth = StoredSequence(folder).truth
     assert np.array_equal(sequence.truth.T_world_camera.matrix, truth.T_world_camera.matrix)
     T = T_world_camera.matrix
     np.testing.assert_allclose(T, truth.T_world_camera.matrix[-1], atol=1e-12)
@@ -59,7 +57,7 @@ def test_poses_between_those_of_the_ground_truth_are_on_the_way(own):
     """Ground truth half a step later: the first frame is half a step before it, the others
     between two poses; a gap of a whole step has no pose.
     """
-    truth = read_truth(own)
+    truth = StoredSequence(own).truth
     later = Trajectory(truth.stamps_s + 1 / 120, truth.T_world_camera)
     write_trajectory(own / "groundtruth.txt", later, "tum")
     sequence = open_sequence(own)

@@ -19,13 +19,12 @@ from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.postprocess import frames_from
 from iclnuim.sensor.models import depth_model, rgb_model
 from iclnuim.sequences.associations import read_associations
-from iclnuim.sequences.image_frames import image_frames
-from iclnuim.sequences.image_pairs import find_pairs
-from iclnuim.sequences.rendered_frames import run_frames
+from iclnuim.sequences.frame_source import image_frames, run_frames
 from iclnuim.sequences.run_folder import open_run
-from iclnuim.sequences.sequence import SequenceSettings, SequenceWriter, write_sequence
 from iclnuim.sequences.sequence_formats import FORMATS as SEQUENCE_FORMATS
-from iclnuim.sequences.sequence_poses import read_truth
+from iclnuim.sequences.sequence_options import SequenceSettings
+from iclnuim.sequences.stored_sequence import StoredSequence
+from iclnuim.sequences.writer import SequenceWriter, write_sequence
 from iclnuim.trajectory_files.trajectories import write_trajectory
 
 NOISY = SequenceSettings(depth_model("released"), rgb_model("released"), seed=7)
@@ -499,9 +498,9 @@ def test_the_finished_frames_of_an_interrupted_sequence_are_read_with_poses(run,
     writer = SequenceWriter(run_frames(run.path), {tmp_path / "a": NOISY}, (name,))
     for number in (0, 1):
         writer.note(writer.make(number))
-    pairs = find_pairs(tmp_path / "a")
+    pairs = StoredSequence(tmp_path / "a").pairs
     assert len(pairs) == 2
-    truth = read_truth(tmp_path / "a")
+    truth = StoredSequence(tmp_path / "a").truth
     stamps_s = [pair.stamp_s for pair in pairs]
     posed = associate(truth.stamps_s, stamps_s).second.tolist()
     # there image 0 has no pose, as in the original

@@ -19,15 +19,14 @@ from iclnuim.headless.farm.tasks import SequenceStage
 from iclnuim.headless.options import add_settings
 from iclnuim.job import RenderJob
 from iclnuim.sensor.models import depth_model
-from iclnuim.sequences.image_frames import image_frames, original_frames
-from iclnuim.sequences.image_pairs import find_pairs, unused_images
+from iclnuim.sequences.camera_files import SequenceCamera
+from iclnuim.sequences.frame_source import image_frames, original_frames, run_frames
+from iclnuim.sequences.frames import Row, posed
 from iclnuim.sequences.inspection.inspect import inspect_sequence
-from iclnuim.sequences.layout import Row, SequenceCamera, posed
-from iclnuim.sequences.rendered_frames import run_frames
-from iclnuim.sequences.sequence import SequenceSettings, SequenceWriter, write_sequence
 from iclnuim.sequences.sequence_formats import FORMATS
-from iclnuim.sequences.sequence_options import SequenceOptions
-from iclnuim.sequences.stored_images import read_camera, read_images
+from iclnuim.sequences.sequence_options import SequenceOptions, SequenceSettings
+from iclnuim.sequences.stored_sequence import StoredSequence, read_images
+from iclnuim.sequences.writer import SequenceWriter, write_sequence
 from iclnuim.trajectory_files import trajectories
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
@@ -206,8 +205,8 @@ def test_scannets_own_colour_of_twice_the_size_is_seen_by_the_depth_camera(all_f
         (top / f"color/{i:06}.jpg").unlink()
         write_png(top / f"color/{i:06}.png", np.stack([u, v, u * 0], -1).astype(np.uint8))
     pairs, camera = (
-        find_pairs(tmp_path / "s"),
-        read_camera(tmp_path / "s", top / "color/000000.png"),
+        StoredSequence(tmp_path / "s").pairs,
+        StoredSequence(tmp_path / "s").camera_of(top / "color/000000.png"),
     )
     colour, depth_z_m = read_images(pairs[2], camera)
     assert colour.shape == (48, 64, 3) and np.abs(depth_z_m - depth_of(2)).max() < 6e-4
@@ -336,7 +335,7 @@ def test_orb_slam3_settings_are_read_by_opencv(all_formats):
 @pytest.mark.parametrize("name", FORMATS)
 def test_our_own_reader_takes_back_what_was_written(all_formats, shared_run, truth, name):
     source, frames = image_frames(all_formats / name), run_frames(shared_run.path)
-    units, jpeg = FORMATS[name].fixed_units or 5000, name in ("replica", "scannet")
+    units, jpeg = FORMATS[name].limits.fixed_units or 5000, name in ("replica", "scannet")
     assert source.numbers == frames.numbers
     assert source.camera.to_dict() == pytest.approx(frames.camera.to_dict())
     assert [source.stamps_s[n] for n in source.numbers] == pytest.approx(
@@ -402,7 +401,7 @@ def test_a_new_format_is_one_entry_of_the_registry(run, tmp_path, monkeypatch):
     )
     monkeypatch.setitem(FORMATS, "own", own)
     write_sequence(run_frames(run.path), tmp_path / "out", formats=("own",), workers=1)
-    assert [pair.rgb.name for pair in find_pairs(tmp_path / "out")] == [
+    assert [pair.rgb.name for pair in StoredSequence(tmp_path / "out").pairs] == [
         f"rgb_{i}.png" for i in range(4)
     ]
     parser = argparse.ArgumentParser()
@@ -440,18 +439,18 @@ def test_what_a_format_cannot_say_is_refused_before_anything_is_written(run, tmp
 def test_pairs_are_found_by_lists_by_stamps_or_by_name(run, tmp_path):
     out = tmp_path / "out"
     write_sequence(run_frames(run.path), out)
-    by_association = find_pairs(out)
+    by_association = StoredSequence(out).pairs
     (out / "associations.txt").unlink()
-    by_lists = find_pairs(out)
+    by_lists = StoredSequence(out).pairs
     (out / "rgb.txt").unlink()
-    by_name = find_pairs(out)
+    by_name = StoredSequence(out).pairs
     for pairs in (by_lists, by_name):
         assert [(p.number, p.rgb, p.depth) for p in pairs] == [
             (p.number, p.rgb, p.depth) for p in by_association
         ]
         assert np.allclose([p.stamp_s for p in pairs], [p.stamp_s for p in by_association])
     with pytest.raises(InputError, match="pairs of colour and depth images.*found none"):
-        find_pairs(tmp_path)
+        assert StoredSequence(tmp_path).pairs
 
 
 @pytest.mark.parametrize("character", ["\x85", "\u2028", "\x0c"])
@@ -460,15 +459,15 @@ def test_only_line_feeds_end_the_lines_of_lists(all_formats, tmp_path, character
         shutil.copytree(all_formats / name, tmp_path / name)
     path = tmp_path / "tum/associations.txt"
     path.write_text(f"# recorded{character}in the lab\n{path.read_text()}")
-    assert [pair.written for pair in find_pairs(tmp_path / "tum")] == [
-        p.written for p in find_pairs(all_formats / "tum")
+    assert [pair.written for pair in StoredSequence(tmp_path / "tum").pairs] == [
+        p.written for p in StoredSequence(all_formats / "tum").pairs
     ]
-    path, pair = tmp_path / "vslam-lab/rgb.csv", find_pairs(tmp_path / "vslam-lab")[0]
+    path, pair = tmp_path / "vslam-lab/rgb.csv", StoredSequence(tmp_path / "vslam-lab").pairs[0]
     image = pair.rgb
     path.write_text(path.read_text().replace(image.name, f"a{character}b.png"))
     for each in (image, pair.depth):
         each.rename(each.with_name(f"a{character}b.png"))
-    assert find_pairs(tmp_path / "vslam-lab")[0].rgb.name == f"a{character}b.png"
+    assert StoredSequence(tmp_path / "vslam-lab").pairs[0].rgb.name == f"a{character}b.png"
 
 
 def test_lists_whose_stamps_do_not_meet_are_refused_and_not_replaced_by_names(run, tmp_path):
@@ -484,7 +483,7 @@ def test_lists_whose_stamps_do_not_meet_are_refused_and_not_replaced_by_names(ru
         InputError,
         match=r"near those in rgb.txt, found rgb 9\.\d+\.\.9\.\d+ s; depth 1\.\d+\.\.1\.\d+ s",
     ):
-        find_pairs(out)
+        assert StoredSequence(out).pairs
 
 
 @pytest.mark.parametrize("ending", [".jpg", ".jpeg"])
@@ -494,9 +493,14 @@ def test_colour_as_jpeg_is_paired_by_name_and_by_stamp_and_png_comes_first(tmp_p
         (tmp_path / kind).mkdir()
         for name in names:
             (tmp_path / kind / f"{name}{end}").touch()
-    assert [p.rgb.name for p in find_pairs(tmp_path)] == [f"{name}{ending}" for name in names]
+    assert [p.rgb.name for p in StoredSequence(tmp_path).pairs] == [
+        f"{name}{ending}" for name in names
+    ]
     (tmp_path / f"rgb/{names[0]}.png").touch()
-    assert [p.rgb.name for p in find_pairs(tmp_path)] == [f"{names[0]}.png", f"{names[1]}{ending}"]
+    assert [p.rgb.name for p in StoredSequence(tmp_path).pairs] == [
+        f"{names[0]}.png",
+        f"{names[1]}{ending}",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -522,7 +526,7 @@ def test_numbers_in_names_order_the_images_and_are_their_frames_or_nanoseconds(
         (tmp_path / kind).mkdir()
         for name in names:
             (tmp_path / kind / f"{name}.PNG").touch()
-    pairs = find_pairs(tmp_path)
+    pairs = StoredSequence(tmp_path).pairs
     assert [p.rgb.stem for p in pairs] == [p.depth.stem for p in pairs] == names
     assert [p.stamp_s for p in pairs] == pytest.approx(stamps_s, abs=1e-6)
     for pair, name in zip(pairs, names, strict=True):
@@ -539,7 +543,7 @@ def test_names_in_another_unit_of_time_are_refused(tmp_path, names):
         for name in names:
             (tmp_path / kind / f"{name}.png").touch()
     with pytest.raises(InputError, match=r"found another unit of time; try rgb.txt and depth.txt"):
-        find_pairs(tmp_path)
+        assert StoredSequence(tmp_path).pairs
 
 
 @pytest.mark.parametrize("first", [1, 2])
@@ -550,9 +554,11 @@ def test_colour_images_counted_from_another_number_than_depth_images_are_refused
             (tmp_path / kind / f"{number:04}.png").touch()
     counted = f"found rgb {first} to {first + 4}, depth 0 to 4; try equal names"
     with pytest.raises(InputError, match=counted):
-        find_pairs(tmp_path)
+        assert StoredSequence(tmp_path).pairs
     (tmp_path / "depth/0003.png").unlink()
-    assert [pair.number for pair in find_pairs(tmp_path)] == [n for n in (1, 2, 4) if n >= first]
+    assert [pair.number for pair in StoredSequence(tmp_path).pairs] == [
+        n for n in (1, 2, 4) if n >= first
+    ]
 
 
 def test_images_beside_the_target_of_a_link_are_none_of_the_sequence(all_formats, tmp_path):
@@ -561,7 +567,7 @@ def test_images_beside_the_target_of_a_link_are_none_of_the_sequence(all_formats
         for number in range(2):
             name = f"{kind}/{number:06}.png"
             (tmp_path / name).symlink_to(all_formats / "tum" / name)
-    assert unused_images(find_pairs(tmp_path)) == {"rgb": [], "depth": []}
+    assert StoredSequence(tmp_path).unused_images() == {"rgb": [], "depth": []}
 
 
 def test_a_missing_image_shifts_no_pair_of_images_named_by_stamps(all_formats, tmp_path):
@@ -569,7 +575,7 @@ def test_a_missing_image_shifts_no_pair_of_images_named_by_stamps(all_formats, t
     for name in ("rgb.txt", "depth.txt", "associations.txt"):
         (tmp_path / "s" / name).unlink()
     sorted((tmp_path / "s/depth_sync").iterdir())[1].unlink()
-    pairs = find_pairs(tmp_path / "s")
+    pairs = StoredSequence(tmp_path / "s").pairs
     assert len(pairs) == 3 and all(p.rgb.stem == p.depth.stem for p in pairs)
 
 
@@ -584,7 +590,7 @@ def test_images_of_transforms_json_that_are_named_by_nanoseconds_have_these_stam
         (tmp_path / "s" / frame["file_path"]).rename(tmp_path / "s" / name)
         frame["file_path"] = name
     file.write_text(json.dumps(content))
-    pairs = find_pairs(tmp_path / "s")
+    pairs = StoredSequence(tmp_path / "s").pairs
     assert [p.written[0] for p in pairs[:2]] == ["1403636579.763555584", "1403636579.796888917"]
     poses = read_trajectory(file)
     np.testing.assert_allclose(poses.trajectory.stamps_s, [p.stamp_s for p in pairs], atol=1e-6)
@@ -604,7 +610,7 @@ def test_pairs_are_in_the_order_of_time_whatever_their_names_and_the_order_in_a_
         frame["file_path"] = name
     (tmp_path / "nerf/transforms.json").write_text(json.dumps(content))
     pairs, again = (
-        find_pairs(tmp_path / "nerf"),
+        StoredSequence(tmp_path / "nerf").pairs,
         read_trajectory(tmp_path / "nerf/transforms.json").trajectory,
     )
     assert [(p.number, p.rgb.stem) for p in pairs] == [(n, f"frame_00000{n}") for n in range(4)]
@@ -615,7 +621,7 @@ def test_pairs_are_in_the_order_of_time_whatever_their_names_and_the_order_in_a_
         lines = [f"{1 + k / 30:.6f} {kind}/00000{n}.png" for k, n in enumerate((3, 1, 2, 0))]
         (tmp_path / f"tum/{kind}.txt").write_text("\n".join(lines) + "\n")
     (tmp_path / "tum/associations.txt").unlink()
-    pairs = find_pairs(tmp_path / "tum")
+    pairs = StoredSequence(tmp_path / "tum").pairs
     assert [p.number for p in pairs] == [0, 1, 2, 3] and [p.rgb.stem[-1] for p in pairs] == [
         "3",
         "1",
@@ -623,7 +629,12 @@ def test_pairs_are_in_the_order_of_time_whatever_their_names_and_the_order_in_a_
         "0",
     ]
     write_sequence(original_frames(tmp_path / "tum"), tmp_path / "again")
-    assert [p.rgb.stem[-1] for p in find_pairs(tmp_path / "again")] == ["3", "1", "2", "0"]
+    assert [p.rgb.stem[-1] for p in StoredSequence(tmp_path / "again").pairs] == [
+        "3",
+        "1",
+        "2",
+        "0",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -640,10 +651,7 @@ def test_depth_of_transforms_json_is_in_millimetres_unless_it_has_a_scale_as_ner
     shutil.copytree(all_formats / "nerf", tmp_path / "nerf")
     file = tmp_path / "nerf/transforms.json"
     file.write_text(file.read_text().replace('"integer_depth_scale": 0.001', key or '"other": 0'))
-    assert (
-        read_camera(tmp_path / "nerf", find_pairs(tmp_path / "nerf")[0].rgb).depth_units_per_metre
-        == units
-    )
+    assert StoredSequence(tmp_path / "nerf").camera.depth_units_per_metre == units
     writer = SequenceWriter(
         original_frames(all_formats / "tum"), {tmp_path / "o": SequenceSettings()}, ("nerf",)
     )
@@ -666,7 +674,7 @@ def test_a_lens_distortion_that_is_ignored_is_noted(
     all_formats, tmp_path, file, old, new, command_here
 ):
     name = file.split("/")[0]
-    assert read_camera(all_formats / name, find_pairs(all_formats / name)[0].rgb).notes == ()
+    assert StoredSequence(all_formats / name).camera.notes == ()
     shutil.copytree(all_formats / name, tmp_path / name)
     text = (tmp_path / file).read_text()
     (tmp_path / file).write_text(text.replace(old, new))
@@ -742,7 +750,7 @@ def test_images_that_are_named_by_stamps_have_these_stamps(tmp_path, shift_s):
         (tmp_path / kind).mkdir()
         for i in range(3):
             (tmp_path / kind / f"{1305031102.175304 + i / 30 + offset_s:.6f}.png").touch()
-    pairs = find_pairs(tmp_path)
+    pairs = StoredSequence(tmp_path).pairs
     np.testing.assert_allclose(
         [p.stamp_s for p in pairs], 1305031102.175304 + np.arange(3) / 30, atol=1e-6
     )
@@ -752,7 +760,7 @@ def test_images_that_are_named_by_stamps_have_these_stamps(tmp_path, shift_s):
     with pytest.raises(
         InputError, match=r"equal file names in rgb/ \(PNG or JPEG\) and depth/ \(PNG\), or rgb.txt"
     ):
-        find_pairs(tmp_path)
+        assert StoredSequence(tmp_path).pairs
 
 
 def test_stamps_of_depth_that_a_format_loses_are_noted(tmp_path):
@@ -760,7 +768,8 @@ def test_stamps_of_depth_that_a_format_loses_are_noted(tmp_path):
         (tmp_path / kind).mkdir()
         for i in range(3):
             (tmp_path / kind / f"{1 + i / 30 + offset_s:.6f}.png").touch()
-    source = image_frames(tmp_path, camera=SequenceCamera(PinholeCamera.parse("64x48")))
+    camera = SequenceCamera(PinholeCamera.parse("64x48"))
+    source = image_frames(StoredSequence(tmp_path).with_camera(camera))
     losses = SequenceWriter(
         source, {tmp_path / "out": SequenceSettings()}, ("rtabmap", "vslam-lab", "tum")
     ).losses()

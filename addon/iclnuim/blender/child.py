@@ -6,7 +6,7 @@ line, and builds its scene once.
 
 JOB.json is a job (job.py), alone or as {"job": {...}, "cores": [0, 1], "threads": 2, "nice": 10,
 "journal": FILE, "asked": [..], "last": 9}. Commands: {"frames": [..]}, optionally with "sequences":
-{..} to be made from them (sequences.sequence.writer_of), {"bake": true}, {"blend": FILE} for a copy
+{..} to be made from them (sequences.writer.writer_of), {"bake": true}, {"blend": FILE} for a copy
 of the prepared scene, {"stop": true}. At the end of input, or when the parent has ended, the
 current frame is finished and the process ends. Events are those of worker_events.py. Exit codes: 0
 done, 2 and 3 as on the command line, 130 stopped.
@@ -188,7 +188,7 @@ def _render(
 
     Errors in the settings of the sequences are raised before the first frame.
     """
-    from iclnuim.sequences.sequence import writer_of
+    from iclnuim.sequences.writer import writer_of
     from iclnuim.worker_events import Missing, Written
 
     wanted = command.get("sequences")

@@ -19,9 +19,9 @@ from ..evaluation.depth_error import (
 from ..evaluation.depth_resize import resized
 from ..formats.depth_units import check_units
 from ..formats.files import csv_text
-from ..sequences.image_pairs import ImagePair, find_pairs
-from ..sequences.layout import camera_file
-from ..sequences.stored_images import read_camera, read_depth_m
+from ..sequences.camera_files import camera_file
+from ..sequences.frames import ImagePair
+from ..sequences.stored_sequence import StoredSequence, read_depth_m
 from ..shown import Shown
 from .doubts import SampledFrame, doubts
 from .groups import Chosen, Groups
@@ -83,11 +83,12 @@ class TrueDepth:
         only: Sequence[str] = (),
         without: Sequence[str] = (),
     ) -> None:
-        self.folder = Path(folder)
-        self.pairs = find_pairs(self.folder)
-        self.camera = read_camera(self.folder, self.pairs[0].rgb)
-        self.groups = {kind: Groups(kind, self.folder, self.camera.pinhole) for kind in by}
-        self._chosen = Chosen(self.folder, only, without)
+        sequence = StoredSequence(folder)
+        self.folder = sequence.folder
+        self.pairs = sequence.pairs
+        self.camera = sequence.camera
+        self.groups = {kind: Groups(kind, sequence) for kind in by}
+        self._chosen = Chosen(sequence, only, without)
 
     def depth_m(self, row: int) -> np.ndarray:
         """(h, w) float32 metres of a frame, 0 = missing."""

@@ -11,10 +11,10 @@ from ..channels import CHANNELS, INSTANCE
 from ..errors import InputError
 from ..formats.files import is_file, read_json
 from ..formats.png import read_rgb16
-from ..geometry.camera import PinholeCamera
 from ..labels.frames import CLASS, CLASSES, image_of, read_ids, true_classes
-from ..sequences.ground_truth import OBJECTS
-from ..sequences.image_pairs import ImagePair
+from ..sequences.frames import ImagePair
+from ..sequences.run_folder import OBJECTS
+from ..sequences.stored_sequence import StoredSequence
 
 NORMAL = "normal"
 KINDS = {
@@ -37,7 +37,7 @@ class Groups:
     Raises InputError if the sequence has no such ground truth.
     """
 
-    def __init__(self, kind: str, truth: Path, camera: PinholeCamera) -> None:
+    def __init__(self, kind: str, truth: StoredSequence) -> None:
         self.kind = kind
         self.names: tuple[str, ...]
         self.numbers: Numbers
@@ -46,9 +46,10 @@ class Groups:
             self.numbers = lambda pair, true_m: _bins(true_m, DISTANCES_M)
         elif kind == "angle":
             self.names = _ranges(ANGLES_DEG, "deg")
-            self.numbers = _Angles(truth, camera)
+            self.numbers = _Angles(truth)
         elif kind == "class":
-            classes = [*true_classes(truth).classes, *true_classes(truth).void]
+            known = true_classes(truth.folder)
+            classes = [*known.classes, *known.void]
             self.names = tuple(one.name for one in classes)
             self.numbers = _Labels(truth, CLASS, [one.id for one in classes])
         else:
@@ -71,7 +72,7 @@ def _bins(values: np.ndarray, limits: Sequence[float]) -> np.ndarray:
 class _Labels:
     """Row of an id in a list of ids, by a kind of image of ids."""
 
-    def __init__(self, truth: Path, kind: str, ids: Sequence[int]) -> None:
+    def __init__(self, truth: StoredSequence, kind: str, ids: Sequence[int]) -> None:
         self._truth = truth
         self._kind = kind
         self._rows = np.full(1 << 16, -1, np.int32)
@@ -82,9 +83,9 @@ class _Labels:
 
 
 class _Angles:
-    def __init__(self, truth: Path, camera: PinholeCamera) -> None:
+    def __init__(self, truth: StoredSequence) -> None:
         self._truth = truth
-        rays = camera.rays().astype(np.float32)
+        rays = truth.camera.pinhole.rays().astype(np.float32)
         self._rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 
     def __call__(self, pair: ImagePair, true_m: np.ndarray) -> np.ndarray:
@@ -97,12 +98,12 @@ class _Angles:
         return np.where(pixels.any(axis=-1), found, -1)
 
 
-def _needed(truth: Path, pair: ImagePair, kind: str) -> Path:
+def _needed(truth: StoredSequence, pair: ImagePair, kind: str) -> Path:
     image = image_of(truth, pair, kind)
     if image is None:
         expected = f"{kind} images"
         found = f"none of {pair.rgb.name}"
-        raise InputError(expected, path=truth, found=found, hint=_HINT)
+        raise InputError(expected, path=truth.folder, found=found, hint=_HINT)
     return image
 
 
@@ -113,7 +114,7 @@ class Chosen:
     Raises InputError for a name that is neither a class (classes.csv) nor an object (objects.json).
     """
 
-    def __init__(self, truth: Path, only: Sequence[str], without: Sequence[str]) -> None:
+    def __init__(self, truth: StoredSequence, only: Sequence[str], without: Sequence[str]) -> None:
         self._only = [_test(truth, name) for name in only]
         self._without = [_test(truth, name) for name in without]
 
@@ -127,21 +128,22 @@ class Chosen:
         return found
 
 
-def _test(truth: Path, name: str) -> Callable[[ImagePair], np.ndarray]:
+def _test(truth: StoredSequence, name: str) -> Callable[[ImagePair], np.ndarray]:
     """A function that returns which pixels (h, w) of a frame show a class or an object."""
-    classes = true_classes(truth) if is_file(truth / CLASSES) else None
+    folder = truth.folder
+    classes = true_classes(folder) if is_file(folder / CLASSES) else None
     listed = [] if classes is None else [*classes.classes, *classes.void]
     ids = [one.id for one in listed if one.name == name]
     kind = CLASS
     objects = []
-    if not ids and is_file(truth / OBJECTS):
-        objects = read_json(truth / OBJECTS).get("objects", [])
+    if not ids and is_file(folder / OBJECTS):
+        objects = read_json(folder / OBJECTS).get("objects", [])
         ids = [int(one["id"]) for one in objects if one.get("name") == name]
         kind = INSTANCE
     if not ids:
         names = [one.name for one in listed]
         expected = "a class or an object of the sequence"
         hint = f"one of {', '.join(names)}" if names else _HINT
-        raise InputError(expected, path=truth, found=name, hint=hint)
+        raise InputError(expected, path=folder, found=name, hint=hint)
     rows = _Labels(truth, kind, ids)
     return lambda pair: rows(pair, np.zeros(0)) >= 0

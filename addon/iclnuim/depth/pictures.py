@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from ..evaluation.depth_error import DEPTH, DISPARITY
 from ..evaluation.depth_resize import resized
 from ..report.charts import COLOURS, save
-from ..sequences.layout import camera_file
+from ..sequences.camera_files import camera_file
 from ..shown import depth_colours, depth_range
 from .errors import MethodDepthErrors, TrueDepth, frame_row
 from .predictions import Predictions

@@ -21,7 +21,7 @@ from ..formats.files import is_file, read_bytes
 from ..formats.image_names import files_in, numbers_in_names
 from ..formats.libraries import first_library
 from ..formats.png import png_header, read_depth16
-from ..sequences.image_pairs import ImagePair
+from ..sequences.frames import ImagePair
 
 ENDINGS = (".png", ".npy", ".npz", ".exr", ".tif", ".tiff")
 _DEPTH = "depth"

@@ -197,9 +197,14 @@ def writer_has_ended(temporary: Path) -> bool:
         return False
 
 
+def atomic_write_bytes(path: StrPath, data: bytes) -> None:
+    """Write the content of a file."""
+    atomic_write(path, lambda temporary: temporary.write_bytes(data))
+
+
 def atomic_write_text(path: StrPath, text: str) -> None:
     """Write text in UTF-8, with its line ends unchanged."""
-    atomic_write(path, lambda temporary: temporary.write_bytes(text.encode()))
+    atomic_write_bytes(path, text.encode())
 
 
 def csv_text(rows: Iterable[Iterable[object]]) -> str:

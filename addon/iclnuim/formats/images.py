@@ -13,7 +13,7 @@ from ..errors import InputError, StrPath
 from . import png
 from .arrays import read_npy
 from .exif import refuse_turned
-from .files import atomic_write, read_bytes
+from .files import atomic_write, atomic_write_bytes, read_bytes
 from .libraries import first_library
 from .png import PngHeader
 
@@ -102,7 +102,7 @@ def write_jpeg(path: StrPath, image: np.ndarray) -> None:
         settings = [module.IMWRITE_JPEG_QUALITY, _QUALITY]
         settings += [module.IMWRITE_JPEG_SAMPLING_FACTOR, module.IMWRITE_JPEG_SAMPLING_FACTOR_444]
         data = module.imencode(JPEG, module.cvtColor(image, module.COLOR_RGB2BGR), settings)[1]
-        atomic_write(path, lambda temporary: temporary.write_bytes(data))
+        atomic_write_bytes(path, data)
         return
 
     def write(temporary: Path) -> None:
@@ -124,7 +124,7 @@ def write_array(path: StrPath, depth_z_m: np.ndarray) -> None:
     """Write (h, w) metres as float32 .npy, atomically. Raises WorkError if it cannot be written."""
     file = io.BytesIO()
     np.lib.format.write_array(file, np.ascontiguousarray(depth_z_m, "<f4"), (1, 0))
-    atomic_write(path, lambda temporary: temporary.write_bytes(file.getvalue()))
+    atomic_write_bytes(path, file.getvalue())
 
 
 def _jpeg_header(path: StrPath, data: bytes) -> PngHeader:

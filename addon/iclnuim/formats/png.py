@@ -19,7 +19,7 @@ import numpy as np
 
 from ..errors import InputError, StrPath, within
 from .exif import refuse_turned
-from .files import atomic_write, read_bytes
+from .files import atomic_write_bytes, read_bytes
 from .libraries import first_library
 
 BACKENDS = ("cv2", "OpenImageIO")
@@ -90,7 +90,7 @@ def write_png(path: StrPath, image: np.ndarray) -> None:
     """
     with within(path):
         data = png_bytes(image)
-    atomic_write(path, lambda temporary: temporary.write_bytes(data))
+    atomic_write_bytes(path, data)
 
 
 def png_bytes(image: np.ndarray) -> bytes:

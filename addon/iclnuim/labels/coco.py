@@ -11,7 +11,7 @@ import numpy as np
 from ..console import Meter, advance_of
 from ..errors import InputError, StrPath
 from ..formats.files import atomic_write_text
-from ..sequences.sequence_origin import sequence_name
+from ..sequences.recipe import sequence_name
 from .classes import ClassMap
 from .frames import LabelFrame, label_frames, read_ids, true_classes
 

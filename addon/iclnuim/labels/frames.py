@@ -10,9 +10,8 @@ from ..channels import DEPTH, INSTANCE, RGB
 from ..errors import InputError
 from ..formats.files import is_file
 from ..formats.image_names import files_in
-from ..sequences.image_pairs import ImagePair, find_pairs
-from ..sequences.layout import SequenceFrame
-from ..sequences.sequence_formats import format_of
+from ..sequences.frames import ImagePair, SequenceFrame
+from ..sequences.stored_sequence import StoredSequence
 from .classes import LARGEST_ID, ClassMap, read_true_classes
 from .images import read_label_image
 from .scores import VOID
@@ -44,16 +43,18 @@ def read_ids(path: Path) -> np.ndarray:
 
 def has_classes(folder: Path) -> bool:
     """Whether a sequence has a class image of its first frame, and the table of classes."""
-    return is_file(folder / CLASSES) and image_of(folder, find_pairs(folder)[0], CLASS) is not None
+    sequence = StoredSequence(folder)
+    return is_file(folder / CLASSES) and image_of(sequence, sequence.pairs[0], CLASS) is not None
 
 
 def label_frames(folder: Path) -> list[LabelFrame]:
     """The frames of a sequence that have a class image. Raises InputError if there are none."""
     found = []
-    for pair in find_pairs(folder):
-        classes = image_of(folder, pair, CLASS)
+    sequence = StoredSequence(folder)
+    for pair in sequence.pairs:
+        classes = image_of(sequence, pair, CLASS)
         if classes is not None:
-            found.append(LabelFrame(pair, classes, image_of(folder, pair, INSTANCE)))
+            found.append(LabelFrame(pair, classes, image_of(sequence, pair, INSTANCE)))
     if not found:
         raise InputError("class images", path=folder, found="none", hint=_HINT)
     return found
@@ -66,13 +67,14 @@ def true_classes(folder: Path) -> ClassMap:
     return read_true_classes(folder / CLASSES)
 
 
-def image_of(folder: Path, pair: ImagePair, kind: str) -> Path | None:
+def image_of(sequence: StoredSequence, pair: ImagePair, kind: str) -> Path | None:
     """The image of a kind of ground truth as the sequence's format names it, else named as the
     depth image; None if there is none.
     """
     texts = {RGB: pair.written[0], DEPTH: pair.written[1]}
     frame = SequenceFrame(pair.number, pair.stamp_s, {}, texts)
-    places = [folder / format_of(folder).image(frame, kind)]
+    folder = sequence.folder
+    places = [folder / sequence.format.image(frame, kind)]
     if pair.depth.is_relative_to(folder):
         places.append(folder / pair.depth.relative_to(folder).as_posix().replace(DEPTH, kind))
     return next((place for place in places if is_file(place)), None)

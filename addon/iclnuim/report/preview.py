@@ -17,10 +17,9 @@ from ..formats.files import atomic_write, make_folder
 from ..formats.libraries import first_library
 from ..formats.png import write_png
 from ..geometry.trajectory import Trajectory, sample
-from ..sequences.image_pairs import ImagePair, find_pairs
-from ..sequences.layout import SequenceCamera
-from ..sequences.sequence_poses import read_truth
-from ..sequences.stored_images import read_camera, read_depth_m, read_images
+from ..sequences.camera_files import SequenceCamera
+from ..sequences.frames import ImagePair
+from ..sequences.stored_sequence import StoredSequence, read_depth_m, read_images
 from ..shown import depth_colours, depth_range, ramp
 
 _ROWS = 6
@@ -38,13 +37,14 @@ def draw_preview(folder: Path, out: Path, progress: Meter = None) -> list[Path]:
     progress: as of render_frames().
     """
     first_library("the film of a preview", "cv2")  # before work that may take long
-    pairs = find_pairs(folder)
-    camera = read_camera(folder, pairs[0].rgb)
+    sequence = StoredSequence(folder)
+    pairs = sequence.pairs
+    camera = sequence.camera
     spread = sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _ROWS)})
     # the depth range of the colour map is the same for all frames
     range_m = depth_range(np.concatenate([_metres(pairs[i], camera).ravel() for i in spread]))
     rows = [_tiles(pairs[i], camera, range_m) for i in spread]
-    truth = read_truth(folder)
+    truth = sequence.truth
     if truth is not None:
         errors = _error_tiles(truth, pairs, spread, camera)
         rows = [np.hstack(tiles) for tiles in zip(rows, errors, strict=True)]
@@ -140,8 +140,9 @@ def write_web_film(folder: Path, path: Path, first: int | None = None) -> None:
     """Write a WebM film of colour and depth for web pages, at a quarter of the width and height,
     with at most 150 frames of a sequence or of its `first` ones.
     """
-    pairs = find_pairs(folder)[:first]
-    camera = read_camera(folder, pairs[0].rgb)
+    sequence = StoredSequence(folder)
+    camera = sequence.camera
+    pairs = sequence.pairs[:first]
     pairs = pairs[:: -(-len(pairs) // _WEB_FRAMES)]
     range_m = depth_range(_metres(pairs[len(pairs) // 2], camera))
     frames = [_halved(_tiles(pair, camera, range_m)) for pair in pairs]

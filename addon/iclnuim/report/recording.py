@@ -18,10 +18,8 @@ from ..formats.images import ARRAY, read_colour8
 from ..formats.png import read_depth16
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
-from ..sequences.image_pairs import find_pairs
-from ..sequences.layout import poses_at
-from ..sequences.sequence_poses import read_truth
-from ..sequences.stored_images import read_camera, read_depth_m
+from ..sequences.frames import poses_at
+from ..sequences.stored_sequence import StoredSequence, read_depth_m
 
 ENDING = ".rrd"
 #: The colour of ground truth.
@@ -152,11 +150,12 @@ def record_sequence(
     """
     path = Path(path)
     folder = Path(folder)
-    pairs = find_pairs(folder)
-    camera = read_camera(folder, pairs[0].rgb)
-    truth = read_truth(folder)
+    sequence = StoredSequence(folder)
+    pairs = sequence.pairs
+    camera = sequence.camera
+    truth = sequence.truth
     on_frame = advance_of(progress, len(pairs), "recording")
-    poses = poses_at(np.array([pair.stamp_s for pair in pairs]), truth)
+    poses = poses_at(sequence.stamps_s, truth)
 
     def fill(recorder: Recorder) -> None:
         recorder.camera(f"{_CAMERA}/image", camera.pinhole)

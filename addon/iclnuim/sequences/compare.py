@@ -21,7 +21,7 @@ from ..formats.png import png_header, read_png
 from ..shown import Shown
 from .journal import JOURNAL
 from .sequence_formats import FORMATS
-from .stored_images import read_camera
+from .stored_sequence import StoredSequence
 
 #: The largest share of pixels of a frame beyond a channel's tolerance: rounding moves edges.
 SHARE = 0.01
@@ -165,7 +165,8 @@ class _Files:
         top = name.partition("/")[0]
         folder = self.folder / top if top in FORMATS else self.folder
         if folder not in self.units:
-            self.units[folder] = read_camera(folder, self.paths[name]).depth_units_per_metre
+            camera = StoredSequence(folder).camera_of(self.paths[name])
+            self.units[folder] = camera.depth_units_per_metre
         return self.units[folder]
 
 

@@ -4,14 +4,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..errors import StrPath
 from ..formats.files import atomic_write_text
-from .image_pairs import find_pairs
-from .layout import poses_at
-from .sequence_poses import read_truth
-from .stored_images import read_camera
+from .frames import poses_at
+from .stored_sequence import StoredSequence
 
 FILE = "metadata.jsonl"
 
@@ -24,11 +20,11 @@ def write_metadata(folder: StrPath) -> Path:
     Raises InputError for a folder without a sequence, WorkError if the file cannot be written.
     """
     folder = Path(folder)
-    pairs = find_pairs(folder)
-    camera = read_camera(folder, pairs[0].rgb).to_dict()
-    poses = poses_at(np.array([pair.stamp_s for pair in pairs]), read_truth(folder))
+    sequence = StoredSequence(folder)
+    camera = sequence.camera.to_dict()
+    poses = poses_at(sequence.stamps_s, sequence.truth)
     lines = []
-    for pair, pose in zip(pairs, poses, strict=True):
+    for pair, pose in zip(sequence.pairs, poses, strict=True):
         line: dict[str, Any] = {
             "file_name": pair.rgb.relative_to(folder).as_posix(),
             "depth_file_name": pair.depth.relative_to(folder).as_posix(),

@@ -16,9 +16,8 @@ from ..formats.files import atomic_write, read_bytes, sha256
 from ..formats.image_names import is_visible
 from ..shipped import SCENE_NAMES
 from .journal import JOURNAL, read_entries
-from .recipe import read_recipe
-from .sequence_origin import rendered_job
-from .sequence_poses import read_truth
+from .recipe import read_recipe, rendered_job
+from .stored_sequence import StoredSequence
 
 CHECKSUMS = "SHA256SUMS"
 LICENCE = "LICENSE.txt"
@@ -95,7 +94,7 @@ def _terms(name: str, licence: str, author: str) -> bytes:
 
 
 def _about(folder: Path) -> bytes:
-    exact = rendered_job(folder) and read_truth(folder)
+    exact = rendered_job(folder) and StoredSequence(folder).truth
     what = "with exact ground truth, made with" if exact else "written by"
     return _ABOUT.format(what=what).encode()
 

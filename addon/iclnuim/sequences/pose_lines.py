@@ -21,7 +21,7 @@ from ..geometry.trajectory import (
 )
 from ..trajectory_files.source import LoadedTrajectory
 from ..trajectory_files.stamps import STAMP_SLACK
-from .layout import usual_step_s
+from .frames import usual_step_s
 
 #: residuals(frames (n,), readings of their poses (n,)): of each reading the relative difference
 #: between depth and poses; NaN if it cannot be told.

@@ -3,21 +3,25 @@ programs, and counts. The same recipe gives the same bytes.
 """
 
 import platform
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from ..formats.files import read_json
+from ..formats.files import is_file, read_json
 from ..formats.libraries import first_library
 from ..formats.png import COMPRESSORS
 from ..shipped import source_commit
 from ..version import __version__
+from .format import UNRECORDED, SequenceFormat
+from .frame_source import FrameSource
 from .record import Record
 from .run_folder import run_key
-from .sequence_images import SequenceImages
+from .sequence_options import SequenceSettings
 
+RECIPE = "recipe.json"
 _SCHEMA_VERSION = 1
 #: Keys that determine the files; the others may differ when a sequence is resumed.
 _IDENTITY = (
@@ -44,17 +48,19 @@ _OTHERS = (
 )
 
 
-def new_recipe(images: SequenceImages) -> dict[str, Any]:
+def new_recipe(
+    source: FrameSource, settings: SequenceSettings, formats: Sequence[SequenceFormat]
+) -> dict[str, Any]:
     """The recipe of a sequence that is not finished."""
     name, module = first_library("PNG", *COMPRESSORS)
     library = str(getattr(module, "ZLIB_RUNTIME_VERSION", None) or module.__version__)
     return {
         "schema_version": _SCHEMA_VERSION,
         "kind": "sequence",
-        "source": images.source.origin,
-        "camera": images.source.camera.to_dict(),
-        **images.settings.to_dict(),
-        "formats": [format.name for format in images.formats],
+        "source": source.origin,
+        "camera": source.camera.to_dict(),
+        **settings.to_dict(),
+        "formats": [format.name for format in formats],
         "versions": {
             "iclnuim": __version__,
             "python": platform.python_version(),
@@ -129,3 +135,37 @@ def _identity(recipe: dict) -> dict[str, Any]:
     if isinstance(run, dict) and isinstance(run.get("job"), dict):
         identity["source"] = run_key(run)
     return identity
+
+
+def form_of_folder(folder: Path, requested: str) -> str:
+    """The form of the sequence that was started in a folder, if its recipe has none, else the
+    requested one. Raises InputError for a recipe that is not JSON.
+    """
+    file = folder / RECIPE
+    if file.is_file() and "names" not in read_json(file):
+        return UNRECORDED
+    return requested
+
+
+def rendered_job(folder: Path) -> dict:
+    """The job of the run that a sequence was made from, according to its recipe.json; {} for images
+    of other origin.
+
+    Raises InputError if the recipe is not JSON."""
+    path = Path(folder) / RECIPE
+    found: object = read_json(path) if is_file(path) else {}
+    for key in ("source", "run", "job"):
+        found = found.get(key) if isinstance(found, dict) else None
+    return found if isinstance(found, dict) else {}
+
+
+def sequence_name(folder: Path) -> str:
+    """The name of a sequence in results: for example `living_room/kt2/clean` if its recipe contains
+    the sequence, else its last two folders.
+
+    Raises InputError if the recipe is not JSON."""
+    folder = Path(folder).resolve()
+    sequence = rendered_job(folder).get("sequence")
+    if isinstance(sequence, str) and sequence:
+        return f"{sequence}/{folder.name}"
+    return "/".join(folder.parts[-2:])

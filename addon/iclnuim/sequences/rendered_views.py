@@ -18,9 +18,9 @@ from ..evaluation.image_error import ViewSettings, psnr_db, ssim
 from ..formats.files import csv_text, data_lines, is_file, read_text
 from ..formats.images import ARRAY, JPEG, read_colour8
 from ..shown import Shown, axes_or_new
-from .image_pairs import ImagePair, find_pairs
-from .layout import SequenceCamera, camera_file, usual_step_s
-from .stored_images import read_camera, read_depth_m, read_images
+from .camera_files import SequenceCamera, camera_file
+from .frames import ImagePair, usual_step_s
+from .stored_sequence import StoredSequence, read_depth_m
 
 if TYPE_CHECKING:
     from ..shown import Axes
@@ -122,10 +122,11 @@ def view_errors(
     folder = Path(folder)
     truth = Path(truth)
     settings = settings or ViewSettings()
-    pairs = find_pairs(truth)
+    sequence = StoredSequence(truth)
+    pairs = sequence.pairs
     if not folder.is_dir():
         raise InputError("a folder of rendered views", path=folder, found="no such folder")
-    camera = read_camera(truth, pairs[0].rgb)
+    camera = sequence.camera
     own = camera_file(folder) or camera
     chosen = set() if keyframes is None else read_keyframes(Path(keyframes), pairs)
     perceptual = _lpips() if settings.lpips and has_lpips() else lambda image, colour: None
@@ -138,7 +139,7 @@ def view_errors(
         if rgb is None:
             missing.append(pair.rgb.stem)
             continue
-        colour, depth_z_m = read_images(pair, camera)
+        colour, depth_z_m = sequence.images(pair)
         image = read_colour8(rgb)
         _check_size(rgb, image, camera)
         depth = _find(folder, truth, pair.depth, DEPTH)

@@ -21,10 +21,9 @@ from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from ..sensor.transfer import srgb8
 from ..shown import depth_colours, depth_range
-from .image_pairs import ImagePair, find_pairs
-from .layout import SequenceCamera, poses_at, usual_step_s
-from .sequence_poses import read_truth
-from .stored_images import read_camera, read_images
+from .camera_files import SequenceCamera
+from .frames import ImagePair, poses_at, usual_step_s
+from .stored_sequence import StoredSequence
 
 
 class PosedFrame(NamedTuple):
@@ -54,11 +53,8 @@ class RgbdSequence:
     camera: the pinhole camera. Further: stamps_s (n,) in seconds, and the ground truth.
     """
 
-    folder: Path
+    stored: StoredSequence
     pairs: tuple[ImagePair, ...]
-    images: SequenceCamera
-    whole_truth: Trajectory | None
-    step_s: float
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -67,15 +63,29 @@ class RgbdSequence:
         """The folder, where one is taken. Raises InputError for a part of the sequence, as the
         folder has all of it.
         """
-        if len(self) != len(find_pairs(self.folder)):
+        if len(self) != len(self.stored.pairs):
             hint = "make_sequence, which writes the part into a folder"
             raise InputError("a folder", found="a part of a sequence", hint=hint)
         return str(self.folder)
 
     @property
+    def folder(self) -> Path:
+        """The folder of all frames, or the bag."""
+        return self.stored.folder
+
+    @property
     def camera(self) -> PinholeCamera:
         """The camera of depth and colour."""
-        return self.images.pinhole
+        return self.stored.camera.pinhole
+
+    @cached_property
+    def poses(self) -> list[SE3 | None]:
+        """The true pose of the cv camera of each frame, None for a frame without one."""
+        return poses_at(self.stamps_s, self.stored.truth, self._step_s)
+
+    @property
+    def _step_s(self) -> float:
+        return usual_step_s(self.stored.stamps_s)
 
     @cached_property
     def stamps_s(self) -> np.ndarray:
@@ -87,11 +97,11 @@ class RgbdSequence:
         """The ground truth of these frames at its own rate, right-handed, of the cv camera; None
         without one.
         """
-        whole = self.whole_truth
+        whole = self.stored.truth
         if whole is None or not len(self):
             return None
         off_s = nearest(whole.stamps_s, self.stamps_s)[1]
-        rows = np.flatnonzero(off_s <= 0.5 * self.step_s + 1e-6)
+        rows = np.flatnonzero(off_s <= 0.5 * self._step_s + 1e-6)
         return whole[rows] if len(rows) else None
 
     @overload
@@ -108,9 +118,8 @@ class RgbdSequence:
         if isinstance(index, slice):
             return replace(self, pairs=self.pairs[index])
         pair = self.pairs[index]
-        rgb, depth_z_m = read_images(pair, self.images)
-        pose = poses_at(np.array([pair.stamp_s]), self.whole_truth, self.step_s)[0]
-        return PosedFrame(pair.stamp_s, rgb, depth_z_m, pose)
+        rgb, depth_z_m = self.stored.images(pair)
+        return PosedFrame(pair.stamp_s, rgb, depth_z_m, self.poses[index])
 
     def __iter__(self) -> Iterator[PosedFrame]:
         return (self[i] for i in range(len(self)))
@@ -157,13 +166,13 @@ def open_sequence(
     depth_units_per_metre belongs to it. Raises InputError if there are no pairs of images, no
     camera, or a ground truth that cannot be read.
     """
-    folder = Path(folder)
-    pairs = tuple(find_pairs(folder))
+    sequence = StoredSequence(folder)
+    pairs = tuple(sequence.pairs)
     if camera is not None:
-        images = SequenceCamera(PinholeCamera.of(camera), check_units(depth_units_per_metre))
+        pinhole = PinholeCamera.of(camera)
+        given = SequenceCamera(pinhole, check_units(depth_units_per_metre))
+        sequence = sequence.with_camera(given)
     elif depth_units_per_metre != UNITS_PER_METRE:
         raise InputError("a camera with depth_units_per_metre", found="none")
-    else:
-        images = read_camera(folder, pairs[0].rgb)
-    step_s = usual_step_s(np.array([pair.stamp_s for pair in pairs]))
-    return RgbdSequence(folder, pairs, images, read_truth(folder), step_s)
+    sequence.check()
+    return RgbdSequence(sequence, pairs)

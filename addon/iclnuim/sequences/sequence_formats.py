@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from .bags import sequence as bag_sequence
-from .layout import SequenceFormat
+from .format import SequenceFormat
 from .layouts import (
     colmap,
     eth3d,

@@ -1,27 +1,20 @@
 """Settings that determine a sequence: SequenceOptions as plain values (for the command line, the
-panel, workers and recipes), and SequenceSettings as noise models, which convert a frame's RGB and
-depth to the pixels that are written.
+panel, workers and recipes), and SequenceSettings as noise models.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-import numpy as np
-
 from ..errors import InputError
 from ..formats.depth_units import (
     UNITS_PER_METRE,
     check_units,
-    count_invalid,
-    depth16_from_metres,
-    invalid_after_noise,
 )
-from ..geometry.camera import PinholeCamera
 from ..sensor.models import DEPTH_MODELS, RGB_MODELS, Noise, depth_model, rgb_model
-from ..sensor.noise_model import DEPTH, RGB, NoiseModel, frame_generator
+from ..sensor.noise_model import NoiseModel
 from ..settings import Choices, Settings, setting
-from .name_forms import NAME_FORMS, SORTED, UNRECORDED
+from .format import NAME_FORMS, SORTED, UNRECORDED
 from .sequence_formats import FORMATS
 
 
@@ -128,50 +121,3 @@ class SequenceOptions(Settings):
         return SequenceSettings(
             seed=self.seed, depth_units_per_metre=self.depth_units, names=self.names
         )
-
-
-def noisy_images(
-    rgb: np.ndarray,
-    depth_z_m: np.ndarray,
-    camera: PinholeCamera,
-    number: int,
-    settings: SequenceSettings,
-) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
-    """The images of one frame: (h, w, 3) uint8 colour, (h, w) uint16 depth, and the number of depth
-    pixels that became 0, by kind.
-
-    The result depends only on the arguments. Raises InputError if user-provided noise returns
-    another shape or type.
-    """
-    image, noisy_z_m, invalid = noisy_metres(rgb, depth_z_m, camera, number, settings)
-    return image, depth16_from_metres(noisy_z_m, settings.depth_units_per_metre), invalid
-
-
-def noisy_metres(
-    rgb: np.ndarray,
-    depth_z_m: np.ndarray,
-    camera: PinholeCamera,
-    number: int,
-    settings: SequenceSettings,
-) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
-    """Like noisy_images, with depth (h, w) in metres, float."""
-    invalid = count_invalid(depth_z_m, settings.depth_units_per_metre)
-    image = settings.rgb.apply(rgb, frame_generator(settings.seed, number, RGB))
-    noisy_z_m = settings.depth.apply(
-        depth_z_m, camera, frame_generator(settings.seed, number, DEPTH)
-    )
-    _check(settings.rgb.name, image, rgb.shape, np.dtype(np.uint8))
-    _check(settings.depth.name, noisy_z_m, depth_z_m.shape, np.floating)
-    invalid |= invalid_after_noise(depth_z_m, noisy_z_m, settings.depth_units_per_metre)
-    return image, noisy_z_m, invalid
-
-
-def _check(name: str, array: object, shape: tuple[int, ...], kind: type | np.dtype) -> None:
-    if isinstance(array, np.ndarray) and array.shape == shape:
-        right = np.issubdtype(array.dtype, kind)
-    else:
-        right = False
-    if not right:
-        numbers = "float" if kind is np.floating else kind
-        found = f"{getattr(array, 'shape', '')} {getattr(array, 'dtype', type(array))}"
-        raise InputError(f"an array {shape} of {numbers} from the noise {name}", found=found)

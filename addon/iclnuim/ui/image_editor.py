@@ -12,8 +12,9 @@ from bpy.types import Area, Context
 
 from ..errors import IclnuimError
 from ..geometry.camera import PinholeCamera
-from ..sequences.rendered_frames import read_frame
-from ..sequences.sequence_options import SequenceSettings, noisy_images
+from ..sequences.frame_images import noisy_images
+from ..sequences.frame_source import read_frame
+from ..sequences.sequence_options import SequenceSettings
 from . import state
 from .pictures import colour_and_depth
 from .work import Work

@@ -20,10 +20,11 @@ from ..evaluation.relative_error import RelativeErrorSettings, parse_delta, rela
 from ..geometry.trajectory import frame_rate_hz, frame_slice
 from ..job import RenderJob
 from ..report.trajectory_report import ComparedFile, Report
+from ..sequences.frame_images import noisy_images
+from ..sequences.frame_source import read_frame
 from ..sequences.pose_lines import tied_to_poses
-from ..sequences.rendered_frames import read_frame
 from ..sequences.run_folder import read_run
-from ..sequences.sequence_options import SequenceOptions, noisy_images
+from ..sequences.sequence_options import SequenceOptions
 from ..trajectory_files.trajectories import read_trajectory, write_trajectory
 from . import image_editor, inputs, pictures, state, trajectory_view
 from .state import operator

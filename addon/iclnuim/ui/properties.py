@@ -222,7 +222,7 @@ class ICLNUIM_PG_settings(PropertyGroup):
         return {s.name: _value(s, getattr(self, name)) for name, s in settings_of(group).items()}
 
     def sequences(self, out: Path) -> dict[str, Any] | None:
-        """The sequences that the worker process writes (see sequences.sequence.writer_of); None if
+        """The sequences that the worker process writes (see sequences.writer.writer_of); None if
         none are chosen. Raises InputError.
         """
         if not (self.write_clean or self.write_noisy):

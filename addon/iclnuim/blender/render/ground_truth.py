@@ -14,7 +14,7 @@ from ...errors import InputError
 from ...formats.files import atomic_write_text, write_json
 from ...geometry.points import upright_box
 from ...labels.classes import FIRST_OWN, read_class_map
-from ...sequences.ground_truth import OBJECT_POSES, OBJECTS
+from ...sequences.run_folder import OBJECT_POSES, OBJECTS
 from .. import surfaces
 from ..open import motion
 from ..surfaces import SURFACE_TYPES, Part

@@ -15,8 +15,7 @@ from ...formats.depth_units import UNITS_PER_METRE
 from ...geometry.se3 import SE3
 from ...geometry.trajectory import Trajectory
 from ...sensor.transfer import srgb8
-from ...sequences.layout import poses_at
-from ...sequences.rendered_frames import run_frames
+from ...sequences.frame_source import run_frames
 from ...sequences.rgbd_sequence import open_sequence
 from ...trajectory_files.trajectories import LoadedTrajectory
 from .contents import ViewContents, ViewedFrame, ViewedSequence, ViewedSurface, ViewedTrajectory
@@ -56,12 +55,11 @@ def _sequence(folder: Path, name: str) -> tuple[ViewedSequence, Trajectory | Non
         frame = sequence[row]
         return frame.rgb, frame.depth_z_m
 
-    poses = poses_at(sequence.stamps_s, sequence.whole_truth, sequence.step_s)
     frames = [
-        ViewedFrame(pair.number, pair.stamp_s, poses[row], partial(load, row))
+        ViewedFrame(pair.number, pair.stamp_s, sequence.poses[row], partial(load, row))
         for row, pair in enumerate(sequence.pairs)
     ]
-    units = sequence.images.depth_units_per_metre
+    units = sequence.stored.camera.depth_units_per_metre
     return ViewedSequence(name, sequence.camera, units, frames), sequence.truth
 
 

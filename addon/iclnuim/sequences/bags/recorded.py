@@ -23,10 +23,8 @@ from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import Trajectory
 from ...settings import Settings, setting
 from ...trajectory_files.stamps import nanoseconds_of
-from ..image_pairs import ImagePair, find_pairs
-from ..layout import SequenceCamera
-from ..sequence_poses import read_truth
-from ..stored_images import read_camera, read_images
+from ..frames import ImagePair
+from ..stored_sequence import StoredSequence
 
 _REALSENSE = "realsense"
 #: Names of topics -> those of colour and depth, and the coordinate frame of the camera.
@@ -99,7 +97,7 @@ class LogSettings(Settings):
                 write_klg(folder, klg)
             else:
                 write_rosbag(folder, path, 1 if path == ros1 else 2, self)
-                if path == ros1 and min(pair.stamp_s for pair in find_pairs(folder)) == 0:
+                if path == ros1 and StoredSequence(folder).stamps_s.min() == 0:
                     note("note: ROS 1 treats the first stamp, 0 s, as missing")
         return written
 
@@ -110,9 +108,9 @@ def write_rosbag(folder: Path, out: Path, ros: int, settings: LogSettings | None
 
     Raises InputError if `out` exists already, WorkError without the package rosbags.
     """
-    pairs = find_pairs(folder)
-    camera = read_camera(folder, pairs[0].rgb)
-    truth = read_truth(folder)
+    sequence = StoredSequence(folder)
+    pairs = sequence.pairs
+    truth = sequence.truth
     if out.exists():
         raise InputError("a path that does not exist yet", path=out, found="a file or folder")
     try:
@@ -122,7 +120,7 @@ def write_rosbag(folder: Path, out: Path, ros: int, settings: LogSettings | None
             bag = _Bag(Path(scratch) / out.name, ros, settings or LogSettings())
             with bag.writer:
                 for pair in pairs:
-                    bag.pair(pair, camera)
+                    bag.pair(pair, sequence)
                 if truth is not None:
                     bag.truth(truth)
             (Path(scratch) / out.name).rename(out)
@@ -163,9 +161,9 @@ class _Bag:
         *self.topics, self.frame = _TOPICS[settings.bag_names]
         self.millimetres = settings.bag_names == _REALSENSE
 
-    def pair(self, pair: ImagePair, camera: SequenceCamera) -> None:
+    def pair(self, pair: ImagePair, sequence: StoredSequence) -> None:
         """Write both images and their camera."""
-        rgb, depth = read_images(pair, camera)
+        rgb, depth = sequence.images(pair)
         stored = ("32FC1", np.where(depth > 0, depth, np.nan).astype("<f4"))
         if self.millimetres:
             stored = ("16UC1", depth16_from_metres(depth, 1000).astype("<u2"))
@@ -182,7 +180,7 @@ class _Bag:
                 data=data,
             )
             self._write(topic, image, stamp_ns)
-            info = self._camera_info(stamp_ns, camera.pinhole)
+            info = self._camera_info(stamp_ns, sequence.camera.pinhole)
             self._write(f"{topic.rpartition('/')[0]}/camera_info", info, stamp_ns)
 
     def _size(self, stamp_ns: int, shape: tuple[int, ...]) -> dict[str, Any]:
@@ -254,15 +252,15 @@ def write_klg(folder: Path, file: Path) -> int:
     compressed: the programs detect this by its size). The camera is in a separate file .cal with
     one line `fx fy cx cy`: ElasticFusion -l X.klg -cal X.cal.
     """
-    pairs = find_pairs(folder)
-    camera = read_camera(folder, pairs[0].rgb)
-    c = camera.pinhole
+    sequence = StoredSequence(folder)
+    pairs = sequence.pairs
+    c = sequence.camera.pinhole
 
     def write(temporary: Path) -> None:
         with open(temporary, "wb") as log:
             log.write(struct.pack("<i", len(pairs)))
             for pair in pairs:
-                rgb, depth_z_m = read_images(pair, camera)
+                rgb, depth_z_m = sequence.images(pair)
                 millimetres = np.rint(depth_z_m.astype(float) * 1000).clip(0, 65535).astype("<u2")
                 depth = zlib.compress(millimetres.tobytes(), 1)
                 stamp_us = round(pair.stamp_s * 1e6)

@@ -43,8 +43,9 @@ from ...trajectory_files.stamps import stamp_text_of_ns
 from ...trajectory_files.trajectories import read_trajectory, write_trajectory
 from ...version import __version__
 from ..associations import ImageList, write_image_list
-from ..known_keys import DISTORTED
-from ..layout import CAMERA, Reader, Row, SequenceCamera, camera_file
+from ..camera_files import CAMERA, DISTORTED, SequenceCamera, camera_file
+from ..format import Reader
+from ..frames import Row
 from ..layouts import listed, tum
 from .images import save_colour, save_depth
 

@@ -40,13 +40,10 @@ class Inspection(Shown):
             "explained_error": self.explained_error,
         }
 
-    def attempt(self, work: Callable[..., T], *arguments: object) -> T | None:
-        """The result of work(*arguments).
-
-        After an InputError None; the message is added to `errors`.
-        """
+    def attempt(self, work: Callable[[], T]) -> T | None:
+        """The result of work(); after an InputError None, and the message is added to `errors`."""
         try:
-            return work(*arguments)
+            return work()
         except InputError as error:
             self.errors.append(str(error).removeprefix(f"{self.folder}/"))
             return None

@@ -12,9 +12,9 @@ from ...formats.depth_units import LARGEST_UNIT
 from ...formats.files import is_file
 from ...formats.images import ARRAY, image_header, read_array, read_colour8
 from ...formats.png import PngHeader
-from ..image_pairs import ImagePair
-from ..layout import SequenceCamera
-from ..stored_images import read_depth_m
+from ..camera_files import SequenceCamera
+from ..frames import ImagePair
+from ..stored_sequence import read_depth_m
 from .findings import Inspection
 
 #: Number of colour and of depth images whose pixels are read.

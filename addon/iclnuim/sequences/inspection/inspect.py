@@ -1,14 +1,11 @@
 """Inspection of a user-provided sequence: errors and warnings as sentences."""
 
-from pathlib import Path
-
 import numpy as np
 
 from ...errors import StrPath
 from ...geometry.trajectory import frame_rate_hz
-from ..image_pairs import ImagePair, find_pairs, missing_images, unused_images
-from ..sequence_poses import find_truth, load_truth
-from ..stored_images import read_camera
+from ..frames import ImagePair
+from ..stored_sequence import StoredSequence
 from .findings import Inspection
 from .images import inspect_brightness, inspect_camera, inspect_depth, inspect_images
 from .poses import inspect_depth_against_poses, inspect_distances, inspect_poses
@@ -19,22 +16,22 @@ def inspect_sequence(folder: StrPath) -> Inspection:
 
     It never raises an error because of a file's content.
     """
-    folder = Path(folder)
-    result = Inspection(folder)
-    pairs = result.attempt(find_pairs, folder)
+    sequence = StoredSequence(folder)
+    result = Inspection(sequence.folder)
+    pairs = result.attempt(lambda: sequence.pairs)
     if pairs is None:
         return result
-    _count(result, pairs)
+    _count(result, sequence)
     _time(result, pairs)
     headers = inspect_images(result, pairs)
     inspect_brightness(result, pairs)
-    camera = result.attempt(read_camera, folder, pairs[0].rgb)
+    camera = result.attempt(lambda: sequence.camera)
     if camera is not None:
         inspect_camera(result, camera, headers)
         depths = inspect_depth(result, pairs, camera)
-    loaded = result.attempt(load_truth, folder)
+    loaded = result.attempt(lambda: sequence.loaded_truth)
     if loaded is None:
-        if find_truth(folder) is None:
+        if sequence.truth_path is None:
             result.warnings.append("no ground truth")
         return result
     truth = loaded.trajectory
@@ -45,11 +42,13 @@ def inspect_sequence(folder: StrPath) -> Inspection:
     return result
 
 
-def _count(result: Inspection, pairs: list[ImagePair]) -> None:
+def _count(result: Inspection, sequence: StoredSequence) -> None:
+    pairs = sequence.pairs
     result.figures["pairs"] = len(pairs)
-    unused = unused_images(pairs)
-    missing = missing_images(result.folder)
-    result.images(result.warnings, missing, "{} images in the lists do not exist: {}")
+    unused = sequence.unused_images()
+    result.images(
+        result.warnings, sequence.missing_images(), "{} images in the lists do not exist: {}"
+    )
     for kind, paths in (("rgb", {p.rgb for p in pairs}), ("depth", {p.depth for p in pairs})):
         result.figures[f"{kind}_images"] = len(paths) + len(unused[kind])
         alone = f"{{}} images in {kind}/ have no partner or are in no list: {{}}"

@@ -8,9 +8,9 @@ from ...doubt.depth_against_poses import Agreement, agreement
 from ...errors import InputError, named
 from ...geometry.scene_axes import UNITS_M
 from ...geometry.trajectory import Trajectory, sample
-from ..image_pairs import ImagePair
-from ..layout import SequenceCamera, posed
-from ..stored_images import read_depth_m
+from ..camera_files import SequenceCamera
+from ..frames import ImagePair, posed
+from ..stored_sequence import read_depth_m
 
 #: Depth units per metre of known data sets and sensors: metres, centimetres, Middlebury and
 #: Matterport, ICL-NUIM and TUM, ScanNet and Replica.

@@ -13,8 +13,8 @@ from ...geometry.camera import PinholeCamera
 from ...geometry.se3 import SE3
 from ...geometry.trajectory import Trajectory, sample, trajectory_statistics
 from ...trajectory_files.trajectories import LoadedTrajectory
-from ..image_pairs import ImagePair
-from ..layout import SequenceCamera, posed, usual_step_s
+from ..camera_files import SequenceCamera
+from ..frames import ImagePair, posed, usual_step_s
 from .findings import Inspection, first_names
 from .official_archives import archive_of, described
 from .pose_check import TOO_LITTLE, doubt, pose_agreement

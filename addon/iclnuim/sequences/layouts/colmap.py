@@ -19,8 +19,10 @@ from ...formats.files import atomic_write_text, is_file, make_folder
 from ...geometry.camera import PinholeCamera
 from ...trajectory_files import colmap
 from ...trajectory_files.colmap import MODELS, read_cameras
-from ..known_keys import DISTORTED
-from ..layout import Contents, Reader, Row, SequenceCamera, SequenceFormat, camera_file
+from ..camera_files import DISTORTED, SequenceCamera, camera_file
+from ..contents import Contents
+from ..format import Limits, Reader, SequenceFormat
+from ..frames import Row
 from . import listed
 
 _MODELS = ("sparse/0", "sparse")
@@ -177,7 +179,5 @@ FORMAT = SequenceFormat(
     lambda frame, kind: f"{_FOLDERS.get(kind, kind)}/{frame.number:06}.png",
     _write,
     Reader(lambda folder: _images(folder) is not None, _rows, _camera, _images),
-    stamps="numbers",
-    depth_stamps=False,
-    every_pose=True,
+    Limits("numbers", depth_stamps=False, every_pose=True),
 )

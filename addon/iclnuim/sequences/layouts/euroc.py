@@ -17,18 +17,21 @@ from ...geometry.camera import PinholeCamera
 from ...geometry.se3 import SE3
 from ...geometry.trajectory import Trajectory
 from ...trajectory_files.stamps import stamp_text_of_ns
-from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, as_list, names
-from ..layout import (
-    Contents,
-    Reader,
-    Row,
+from ..camera_files import (
+    WITHOUT_PROJECTION,
+    Keys,
     SequenceCamera,
-    SequenceFormat,
+    any_of,
+    as_list,
+    mount_notes,
+    mount_of,
+    names,
     numbers_in,
-    truth_at,
-    write_truth,
+    pose_of,
 )
-from ..mount import is_identity, mount_notes, pose_of
+from ..contents import Contents, write_truth
+from ..format import Limits, Reader, SequenceFormat, truth_at
+from ..frames import Row
 
 _ROOT = Path("mav0")
 _SENSORS = {RGB: "cam"}
@@ -181,13 +184,15 @@ def _T_body(folder: Path, *sensors: str) -> SE3:
 def _mount(folder: Path) -> SE3 | None:
     """The pose of the depth camera in the frame that the ground truth follows."""
     T_truth_camera = _T_body(folder, _TRUTH.parent.name).inverse() @ _T_body(folder, *_CAMERAS)
-    return None if is_identity(T_truth_camera) else T_truth_camera
+    return mount_of(T_truth_camera)
 
 
 def _apart(folder: Path) -> list[str]:
     """A sentence if the colour camera has another pose than the depth camera."""
-    T_depth_colour = _T_body(folder, *_CAMERAS).inverse() @ _T_body(folder, *_CAMERAS[::-1])
-    if is_identity(T_depth_colour):
+    T_depth_colour = mount_of(
+        _T_body(folder, *_CAMERAS).inverse() @ _T_body(folder, *_CAMERAS[::-1])
+    )
+    if T_depth_colour is None:
         return []
     distance_mm = 1000 * float(np.linalg.norm(T_depth_colour.translation))
     differ = f"T_BS of cam0 and depth0 differ (positions by {distance_mm:.3g} mm)"
@@ -200,8 +205,6 @@ FORMAT = SequenceFormat(
     lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds():019}.png",
     _write,
     Reader(lambda folder: (folder / _ROOT).is_dir(), _rows, _camera, truth_at(_TRUTH), _mount),
-    stamps="ns",
-    depth_stamps=False,
-    fixed_units=UNITS,
+    Limits("ns", depth_stamps=False, fixed_units=UNITS),
     published_image=lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds()}.png",
 )

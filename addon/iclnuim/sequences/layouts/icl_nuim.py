@@ -13,7 +13,8 @@ from ...formats.depth_units import UNITS_PER_METRE
 from ...formats.files import atomic_write_text
 from ...geometry.trajectory import FRAME_RATE_HZ, frames_of_stamps
 from ..associations import Associations, write_associations
-from ..layout import Contents, SequenceFormat, write_truth
+from ..contents import Contents, write_truth
+from ..format import Limits, SequenceFormat
 from . import listed
 
 
@@ -65,8 +66,7 @@ FORMAT = SequenceFormat(
     lambda f, kind: f"{kind}/{f.number:06}.png",
     _write,
     listed.READER,
-    _check,
-    stamps="ids",
+    Limits("ids", check=_check),
     keeps_names=True,
     published_image=lambda f, kind: f"{kind}/{f.number}.png",
 )

@@ -21,20 +21,17 @@ from ..associations import (
     write_associations,
     write_image_list,
 )
-from ..layout import (
+from ..camera_files import (
     CAMERA,
-    Contents,
-    Reader,
-    Row,
     SequenceCamera,
-    SequenceFormat,
     camera_file,
     numbers_in,
     pinhole_of,
     pinhole_of_matrix,
-    rows_by_name,
-    write_truth,
 )
+from ..contents import Contents, write_truth
+from ..format import Reader, SequenceFormat
+from ..frames import Row, rows_by_name
 
 _ASSOCIATIONS = ("associations.txt", "association.txt", "associated.txt", "associate.txt")
 _TRUTHS = ("groundtruth.txt", "*.gt.freiburg", "*.gt.sim")

@@ -21,8 +21,21 @@ from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import stamps_of_frames
 from ...trajectory_files.matrices import APPLIED_SCALE, numbers_of_names
 from ...trajectory_files.stamps import seconds_of_names
-from ..known_keys import COEFFICIENTS, Keys, absent, any_of, identity, names, one, zeros
-from ..layout import Contents, Reader, Row, SequenceCamera, SequenceFormat, numbers_in
+from ..camera_files import (
+    COEFFICIENTS,
+    Keys,
+    SequenceCamera,
+    absent,
+    any_of,
+    identity,
+    names,
+    numbers_in,
+    one,
+    zeros,
+)
+from ..contents import Contents
+from ..format import Limits, Reader, SequenceFormat
+from ..frames import Row
 from .colmap import HELD_OUT, surface_points
 
 FILE = Path("transforms.json")
@@ -279,9 +292,11 @@ FORMAT = SequenceFormat(
     lambda frame, kind: f"{_FOLDERS.get(kind, kind)}/{frame.number:06}.png",
     _write,
     Reader(lambda folder: (folder / FILE).is_file(), _rows, _camera, lambda folder: folder / FILE),
-    _check,
-    fixed_units=_NERFSTUDIO_UNITS,
-    stamps="numbers",
-    depth_stamps=False,
-    every_pose=True,
+    Limits(
+        "numbers",
+        depth_stamps=False,
+        fixed_units=_NERFSTUDIO_UNITS,
+        every_pose=True,
+        check=_check,
+    ),
 )

@@ -21,17 +21,10 @@ from ...formats.images import image_header
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import Trajectory
 from ...trajectory_files.trajectories import write_trajectory
-from ..known_keys import COEFFICIENTS, Keys, zeros
-from ..layout import (
-    Contents,
-    Reader,
-    Row,
-    SequenceCamera,
-    SequenceFormat,
-    SequenceFrame,
-    rows_by_name,
-    truth_at,
-)
+from ..camera_files import COEFFICIENTS, Keys, SequenceCamera, zeros
+from ..contents import Contents
+from ..format import Limits, Reader, SequenceFormat, truth_at
+from ..frames import Row, SequenceFrame, rows_by_name
 
 #: Depth units per metre in the systems' settings for Replica; the range ends at 10 m.
 UNITS = 6553.5
@@ -126,10 +119,7 @@ FORMAT = SequenceFormat(
         _camera,
         truth_at(_TRAJECTORY),
     ),
-    stamps="numbers",
-    depth_stamps=False,
-    fixed_units=UNITS,
-    every_pose=True,
+    Limits("numbers", depth_stamps=False, fixed_units=UNITS, every_pose=True),
 )
 V2 = replace(
     FORMAT,
@@ -143,6 +133,5 @@ V2 = replace(
         _camera,
         truth_at(_V2_TRAJECTORY),
     ),
-    fixed_units=1000.0,
-    remarks=_remarks_of_v2,
+    limits=replace(FORMAT.limits, fixed_units=1000.0, remarks=_remarks_of_v2),
 )

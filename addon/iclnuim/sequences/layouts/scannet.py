@@ -9,19 +9,18 @@ import numpy as np
 from ...channels import RGB
 from ...formats.files import atomic_write_text, data_lines, make_folder, read_text
 from ...formats.image_names import files_in
-from ..known_keys import Keys, identity, names
-from ..layout import (
-    Contents,
-    Reader,
-    Row,
+from ..camera_files import (
+    Keys,
     SequenceCamera,
-    SequenceFormat,
-    SequenceFrame,
     camera_file,
+    identity,
+    names,
     numbers_in,
     pinhole_of_matrix,
-    rows_by_name,
 )
+from ..contents import Contents
+from ..format import Limits, Reader, SequenceFormat
+from ..frames import Row, SequenceFrame, rows_by_name
 
 #: Keys of the files intrinsic/extrinsic_*.txt, which are their names,
 EXTRINSICS = Keys(names(""), noted={"extrinsic_color": identity, "extrinsic_depth": identity})
@@ -134,9 +133,6 @@ FORMAT = SequenceFormat(
         _camera,
         lambda folder: _top(folder) / "pose",
     ),
-    stamps="numbers",
-    depth_stamps=False,
-    fixed_units=UNITS,
-    every_pose=True,
+    Limits("numbers", depth_stamps=False, fixed_units=UNITS, every_pose=True),
     published_image=lambda frame, kind: _named(str(frame.number), kind),
 )

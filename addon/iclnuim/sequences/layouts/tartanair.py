@@ -14,16 +14,10 @@ from ...formats.images import image_header
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import Trajectory
 from ...trajectory_files.trajectories import write_trajectory
-from ..layout import (
-    Contents,
-    Reader,
-    Row,
-    SequenceCamera,
-    SequenceFormat,
-    SequenceFrame,
-    camera_file,
-    rows_by_name,
-)
+from ..camera_files import SequenceCamera, camera_file
+from ..contents import Contents
+from ..format import Limits, Reader, SequenceFormat
+from ..frames import Row, SequenceFrame, rows_by_name
 from . import listed
 
 #: A field of view of 90 degrees; printed with the principal point at (320, 240), counted from the
@@ -69,8 +63,5 @@ FORMAT = SequenceFormat(
         _camera,
         lambda folder: folder / _POSES,
     ),
-    stamps="numbers",
-    depth_stamps=False,
-    every_pose=True,
-    fixed_camera=PUBLISHED,
+    Limits("numbers", depth_stamps=False, fixed_camera=PUBLISHED, every_pose=True),
 )

@@ -10,7 +10,9 @@ from ...formats.depth_units import UNITS_PER_METRE
 from ...formats.files import atomic_write_text
 from ...formats.image_names import files_in
 from .. import slam_settings
-from ..layout import Contents, Reader, Row, SequenceFormat, SequenceFrame
+from ..contents import Contents
+from ..format import Limits, Reader, SequenceFormat
+from ..frames import Row, SequenceFrame
 from . import listed
 
 
@@ -49,9 +51,7 @@ RTABMAP = SequenceFormat(
     lambda f, kind: f"{kind}_sync/{f.stamp_name()}.png",
     _write,
     Reader(lambda folder: (folder / "rgb_sync").is_dir(), _by_stamp, listed.camera, listed.truth),
-    fixed_units=UNITS_PER_METRE,
-    zero_stamp=False,
-    depth_stamps=False,
+    Limits(depth_stamps=False, zero_stamp=False, fixed_units=UNITS_PER_METRE),
     list_stamp=SequenceFrame.stamp_name,
     published_image=lambda f, kind: f"{kind}_sync/{f.stamp_text()}.png",
 )

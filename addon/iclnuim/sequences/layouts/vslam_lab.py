@@ -16,19 +16,22 @@ from ...formats.files import atomic_write_text, is_file, read_text
 from ...formats.yaml_files import read_yaml
 from ...geometry.se3 import SE3
 from ...trajectory_files.stamps import stamp_text_of_ns
-from ..known_keys import WITHOUT_PROJECTION, Keys, any_of, as_list, names
-from ..layout import (
-    Contents,
-    Reader,
-    Row,
+from ..camera_files import (
+    WITHOUT_PROJECTION,
+    Keys,
     SequenceCamera,
-    SequenceFormat,
+    any_of,
+    as_list,
+    mount_notes,
+    mount_of,
+    names,
     numbers_in,
     pinhole_of,
-    truth_at,
-    write_truth,
+    pose_of,
 )
-from ..mount import is_identity, mount_notes, pose_of
+from ..contents import Contents, write_truth
+from ..format import Limits, Reader, SequenceFormat, truth_at
+from ..frames import Row
 
 _LIST = "rgb.csv"
 _CAMERA = "calibration.yaml"
@@ -132,8 +135,7 @@ def _camera(folder: Path, image: Path) -> SequenceCamera | None:
 
 def _mount(folder: Path) -> SE3 | None:
     """The pose of the camera in the body, which the ground truth follows."""
-    T_body_camera = pose_of(_said(folder).get("T_BS"), folder / _CAMERA)
-    return None if is_identity(T_body_camera) else T_body_camera
+    return mount_of(pose_of(_said(folder).get("T_BS"), folder / _CAMERA))
 
 
 FORMAT = SequenceFormat(
@@ -142,5 +144,5 @@ FORMAT = SequenceFormat(
     lambda f, kind: f"{kind}_0/{f.number:06}.png",
     _write,
     Reader(lambda folder: (folder / _LIST).is_file(), _rows, _camera, truth_at(_TRUTH), _mount),
-    stamps="ns",
+    Limits("ns"),
 )

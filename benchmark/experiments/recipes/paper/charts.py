@@ -13,8 +13,7 @@ from iclnuim.formats.images import read_colour8
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.report.charts import COLOURS, REFERENCE_COLOUR, widest_axes
-from iclnuim.sequences.image_pairs import find_pairs
-from iclnuim.sequences.stored_images import read_camera, read_images
+from iclnuim.sequences.stored_sequence import StoredSequence
 from iclnuim.trajectory_files.trajectories import read_trajectory
 from matplotlib import colormaps, colors
 from matplotlib.axes import Axes
@@ -83,7 +82,7 @@ def _frames(room: str, number: int) -> Callable[[Material], Figure]:
         title = f"Figure {number}. Frames of the {_room(room)} at different poses."
         figure, panels = _grid(len(there), len(_PLACES), title)
         for row, folder in zip(panels, there, strict=True):
-            pairs = find_pairs(folder)[: material.first]
+            pairs = StoredSequence(folder).pairs[: material.first]
             for axes, share in zip(row, _PLACES, strict=True):
                 pair = pairs[int(share * (len(pairs) - 1))]
                 axes.imshow(read_colour8(pair.rgb))
@@ -101,13 +100,13 @@ def _noise(material: Material) -> Figure:
     folder = material.sources.data / there[0]
     title = f"Figure 4. Depth of {there[0]} without and with the sensor's noise."
     figure, panels = _grid(len(_NOISY_PLACES), 3, title)
-    clean = find_pairs(folder / "clean")[: material.first]
-    noisy = find_pairs(folder / "noisy")[: material.first]
-    camera = read_camera(folder / "clean", clean[0].rgb)
+    sequence = StoredSequence(folder / "clean")
+    clean = sequence.pairs[: material.first]
+    noisy = StoredSequence(folder / "noisy").pairs[: material.first]
     for row, share in zip(panels, _NOISY_PLACES, strict=True):
         k = int(share * (min(len(clean), len(noisy)) - 1))
-        truth = read_images(clean[k], camera)[1]
-        measured = read_images(noisy[k], camera)[1]
+        truth = sequence.images(clean[k])[1]
+        measured = sequence.images(noisy[k])[1]
         low, high = np.percentile(truth[truth > 0], (1, 99))
         names = ("without noise", "with noise")
         for axes, depth, name in zip(row[:2], (truth, measured), names, strict=True):

@@ -11,7 +11,7 @@ from iclnuim.errors import InputError, WorkError
 from iclnuim.evaluation.absolute_error import AbsoluteError, absolute_error
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.sequences.sequence_poses import read_truth
+from iclnuim.sequences.stored_sequence import StoredSequence
 from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
 from .keys import Meter, PaperTask
@@ -30,11 +30,12 @@ def measure(task: PaperTask, folder: Path, advance: Callable[[int], object]) -> 
     started = time.process_time()
     times: dict[str, float] = {}
     figures: dict[str, Any] = {}
-    truth = read_truth(task.folder)
+    sequence = StoredSequence(task.folder)
+    truth = sequence.truth
     if truth is None:
         raise InputError("a ground truth in the folder", path=task.folder, found="none")
     try:
-        trajectory = _motion(task, Meter(advance), figures, times)
+        trajectory = _motion(task, sequence, Meter(advance), figures, times)
         write_trajectory(folder / "trajectory.txt", trajectory, "tum")
         error = absolute_error(truth, trajectory)
         figures |= _trajectory_figures(truth, trajectory, error)
@@ -50,7 +51,11 @@ def measure(task: PaperTask, folder: Path, advance: Callable[[int], object]) -> 
 
 
 def _motion(
-    task: PaperTask, meter: Meter, figures: dict[str, Any], times: dict[str, float]
+    task: PaperTask,
+    stored: StoredSequence,
+    meter: Meter,
+    figures: dict[str, Any],
+    times: dict[str, float],
 ) -> Trajectory:
     """The estimated trajectory.
 
@@ -59,7 +64,7 @@ def _motion(
     from iclnuim.benchmark.odometry.run import Sequence, run_odometers
 
     key = task.key
-    sequence = Sequence(task.folder)
+    sequence = Sequence(stored)
     if task.trajectory:
         frames = min(len(sequence), task.first or len(sequence))
         trajectory = read_trajectory(task.trajectory).trajectory

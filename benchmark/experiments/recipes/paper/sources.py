@@ -14,12 +14,11 @@ from iclnuim import shipped
 from iclnuim.errors import IclnuimError, InputError, WorkError
 from iclnuim.formats.files import make_folder, read_json, sha256
 from iclnuim.sensor.models import depth_model, rgb_model
-from iclnuim.sequences.image_frames import image_frames
-from iclnuim.sequences.image_pairs import find_pairs
-from iclnuim.sequences.sequence import write_sequence
+from iclnuim.sequences.frame_source import image_frames
+from iclnuim.sequences.recipe import rendered_job
 from iclnuim.sequences.sequence_options import SequenceSettings
-from iclnuim.sequences.sequence_origin import rendered_job
-from iclnuim.sequences.sequence_poses import read_truth
+from iclnuim.sequences.stored_sequence import StoredSequence
+from iclnuim.sequences.writer import write_sequence
 
 from ....systems.staging import StagedSequence
 from ...inputs import input_sha256
@@ -83,14 +82,15 @@ class Sources:
             more = f" --lambertian -o {folder.parent}" if lambertian else ", or iclnuim make all"
             command = f"iclnuim make {key.room}/{key.trajectory}{more}"
             return f"{folder} does not exist; try: {command}"
+        sequence = StoredSequence(folder)
         try:
-            count = len(find_pairs(folder))
+            count = len(sequence.pairs)
         except InputError as error:
             return error.worded()
         if lambertian and not rendered_job(folder).get("lambertian"):
             how = "try: iclnuim make --lambertian"
             return f"{folder} was not rendered without reflections; {how}"
-        if read_truth(folder) is None:
+        if sequence.truth is None:
             return f"{folder} has no ground truth"
         if first and count < first:
             return f"{folder} has {count} frames, expected at least {first}"
@@ -98,7 +98,7 @@ class Sources:
 
     def frames(self, key: PaperKey, first: int | None) -> int:
         """Number of frames on which the cell is measured."""
-        count = len(find_pairs(self._source(key)))
+        count = len(StoredSequence(self._source(key)).pairs)
         return min(count, first or count)
 
     def identity(self, key: PaperKey) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, sample
 from iclnuim.sensor.transfer import linear_from_srgb8
 from iclnuim.sequences.frame_source import FrameSource
-from iclnuim.sequences.sequence import write_sequence
+from iclnuim.sequences.writer import write_sequence
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
 from ....perturbations.plan import FUNCTIONS, Plan
