@@ -197,7 +197,7 @@ class SequenceImages:
             return digests
         units = self.source.depth_units_per_metre
         for kind, path in ((RGB, pair.rgb), (DEPTH, pair.depth)):
-            stored = ImageFile.of(kind, path, units, units).stored
+            stored = ImageFile.of(kind, path, units, self.units).stored
             if stored in by_content and can_be_copied(path, kind, self.source.camera):
                 data = read_bytes(path, "an image")
                 digests[stored] = _written(by_content[stored], ImageFile.copy, data)
