@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 from iclnuim.doubt.explained_error import ExplainedError
+from iclnuim.doubt.time_axis import best_offset
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
 from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
-from iclnuim.evaluation.time_axis import best_offset
 from iclnuim.formats.files import atomic_write_text, read_text
 from iclnuim.geometry.trajectory import FRAME_RATE_HZ, Trajectory, frames_of_stamps
 from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
@@ -166,8 +166,8 @@ def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> 
 
 
 def _explained(explained: ExplainedError) -> str:
-    time = explained.explanation.change.time
-    if explained.explanation.kind != "offset" or time is None:
+    time = explained.explanation.time
+    if explained.explanation.kinds != ["offset"] or time is None:
         return explained.sentence()
     corrected = f"{1e3 * explained.found.translation_m.rmse:.3f} mm with this offset corrected"
     return f"stamps are {-time.axis.offset_s:+.9g} s off: {corrected}"

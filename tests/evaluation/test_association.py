@@ -4,8 +4,10 @@ used once.
 
 import numpy as np
 import pytest
+from iclnuim.doubt.explained_error import measured
 from iclnuim.errors import InputError
 from iclnuim.evaluation import associate as module
+from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings
 from iclnuim.evaluation.associate import AssociationSettings, associate, pair_up
 from iclnuim.evaluation.time_axis import best_offset, rms_m
 from iclnuim.geometry.se3 import SE3
@@ -235,5 +237,6 @@ def test_an_offset_between_the_frames_is_moved_onto_the_stamps_that_pair():
         stamps_s + 3.037, SE3(walk.rotation, walk.translation + rng.normal(0, 0.05, (200, 3)))
     )
     truth = Trajectory(stamps_s, walk)
+    settings = AbsoluteErrorSettings(AssociationSettings(max_difference_s=0.001))
     with pytest.raises(InputError, match=r"a larger difference, or an offset of -3\.037 s"):
-        pair_up(truth, late, AssociationSettings(max_difference_s=0.001))
+        measured(truth, late, settings)

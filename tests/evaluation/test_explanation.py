@@ -9,12 +9,10 @@ import corrupted_estimates
 import numpy as np
 import pytest
 from corrupted_estimates import KINDS, OF_TIME, corrupted, estimate_of, truth_of
+from iclnuim.doubt.against_truth import explain
 from iclnuim.doubt.constant_transform import rotation_name
-from iclnuim.doubt.explanation import explain
-from iclnuim.doubt.fit import Fit
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
-from iclnuim.evaluation.compared_poses import Errors
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
@@ -97,7 +95,7 @@ def errors_m(truth, estimate):
 
 def named(case, settings):
     explained = Report.of(*case.files(case.given), settings).explained
-    return explained and explained.explanation.kind
+    return explained and frozenset(explained.explanation.kinds)
 
 
 def counted(kinds, seeds, folder):
@@ -115,14 +113,12 @@ def counted(kinds, seeds, folder):
             if not counts:
                 table[kind]["others"] += 1
                 # a mistake of a little less than twice the error may be named by its kind
-                table[kind]["others named"] += found is not None and found not in RIGHT.get(
-                    kind, ()
-                )
+                table[kind]["others named"] += not (found or set()) <= RIGHT.get(kind, set())
                 continue
             table[kind]["all"] += 1
             table[kind]["noticed"] += found is not None
-            table[kind]["right"] += found in RIGHT[kind]
-            table[kind]["wrong"] += found is not None and found not in RIGHT.get(kind, ())
+            table[kind]["right"] += bool((found or set()) & RIGHT[kind])
+            table[kind]["wrong"] += not (found or set()) <= RIGHT[kind]
     return table
 
 
@@ -172,18 +168,6 @@ def test_the_command_warns_of_each_kind(tmp_path, capsys, metric):
             total["all"] += 1
             total["noticed"] += bool(values["warnings"])
     assert total["all"] >= 40 and total["noticed"] >= 0.98 * total["all"]
-
-
-@pytest.mark.parametrize(("turn_rad", "explains"), [(0.4, True), (0.6, False)])
-def test_another_motion_is_no_other_reading(turn_rad, explains):
-    given, found = Errors(1.0, 1.0, 2.0), Errors(0.01, 0.01, turn_rad)
-    assert Fit(given, found, (given, given), (found, found), 1.0, 1.0).explains() == explains
-
-
-@pytest.mark.parametrize(("scale", "is_noise"), [(1.2, True), (1.35, False), (0.8, True)])
-def test_a_scale_of_the_size_of_the_error_may_be_noise(scale, is_noise):
-    given, found = Errors(0.5, 0.5, 0.1), Errors(0.1, 0.1, 0.1)
-    assert Fit(given, found, (given,) * 2, (found,) * 2, 1.0, 1.0).may_be_noise(scale) == is_noise
 
 
 def failed(truth, kind, rng):
@@ -265,7 +249,7 @@ def test_positions_without_rotations_are_given_scale_mirror_and_offset():
     ):
         still = SE3(np.broadcast_to(np.eye(3), (len(truth), 3, 3)), positions_m)
         found = explain(truth, Trajectory(truth.stamps_s + late_s, still))
-        assert (found and found.kind) == kind
+        assert (found.kinds if found else [None]) == [kind]
 
 
 def test_a_part_of_an_explanation_is_named_if_it_explains_nearly_as_much():
@@ -273,11 +257,12 @@ def test_a_part_of_an_explanation_is_named_if_it_explains_nearly_as_much():
     truth = corrupted_estimates.flight(rng)
     shake = SE3.exp(rng.normal(0, 1e-2, (len(truth), 6)))
     tilt = SE3.exp(np.r_[0, 0, 0, 0.02, 0, 0])
-    for turn, kind in (
-        (tilt, "scale"),
-        (SE3(corrupted_estimates.FLIPPED, np.zeros(3)), "rotation"),
+    for turn, kinds in (
+        (tilt, ["scale"]),
+        (SE3(corrupted_estimates.FLIPPED, np.zeros(3)), ["rotation", "scale"]),
     ):
         poses = truth.T_world_camera @ shake @ turn
         given = Trajectory(truth.stamps_s, SE3(poses.rotation, 3 * poses.translation))
         found = explain(truth, given)
-        assert found.kind == kind and found.change.scale == pytest.approx(1 / 3, rel=0.01)
+        assert found.kinds == kinds
+        assert found.changes[-1].parameters["scale"] == pytest.approx(1 / 3, rel=0.01)

@@ -1,20 +1,26 @@
-"""When an explanation of a bad estimate fits: every limit, from both sides."""
+"""When an explanation fits: every limit of the competition, from both sides."""
 
-from dataclasses import replace
-
+import numpy as np
 import pytest
-from iclnuim.doubt.fit import Fit
-from iclnuim.evaluation.compared_poses import Errors
+from iclnuim.doubt.change import Change
+from iclnuim.doubt.competition import Candidate, Fit, Limits, winner
 
-GIVEN = Errors(position_m=1.0, motion_m=0.2, turn_rad=0.1)
+#: Of positions, of motions, and of turns.
+GIVEN = np.array([1.0, 0.2, 0.1])
 
 
 def fit(found, extent_m=10.0, motion_m=10.0, given=GIVEN, halves=None):
-    return Fit(given, found, (given, given), halves or (found, found), extent_m, motion_m)
+    limits = Limits(
+        rounding=np.full(3, 1e-6),
+        worth=np.array([1e-4, 1e-4, np.inf]),
+        largest=np.array([0.35 * extent_m, 0.7 * motion_m, 0.0]),
+        bearable=np.array([np.inf, np.inf, 0.5]),
+    )
+    return Fit(np.array([given] * 3), np.array([found, *(halves or (found, found))]), limits)
 
 
 def found(position_m=1.0, motion_m=0.2, turn_rad=0.1):
-    return Errors(position_m, motion_m, turn_rad)
+    return np.array([position_m, motion_m, turn_rad])
 
 
 @pytest.mark.parametrize(
@@ -49,6 +55,11 @@ def test_what_is_left_is_small_against_the_motion(motion_m, explains):
     assert fit(found(motion_m=0.09), motion_m=motion_m).explains() == explains
 
 
+@pytest.mark.parametrize(("turn_rad", "explains"), [(0.4, True), (0.6, False)])
+def test_another_motion_is_no_other_reading(turn_rad, explains):
+    assert fit(found(0.01, 0.01, turn_rad), given=np.array([1.0, 1.0, 2.0])).explains() == explains
+
+
 @pytest.mark.parametrize(("position_m", "explains"), [(0.85, True), (0.95, False)])
 def test_it_holds_in_each_half(position_m, explains):
     halves = found(position_m=0.1), found(position_m)
@@ -57,7 +68,7 @@ def test_it_holds_in_each_half(position_m, explains):
 
 def test_errors_below_the_resolution_of_files_are_not_explained():
     for size, explains in ((1.5e-4, True), (0.7e-4, False)):
-        given = replace(GIVEN, position_m=size)
+        given = found(position_m=size)
         assert fit(found(position_m=size / 4), given=given).explains() == explains
 
 
@@ -65,3 +76,14 @@ def test_a_fitted_parameter_has_its_price():
     """Three more parameters have to reduce an error to 55 %: not to 70, and 40 are enough."""
     plain = fit(found()).cost(3)
     assert fit(found(position_m=0.70)).cost(6) > plain > fit(found(position_m=0.40)).cost(6)
+
+
+def candidate(kinds, *errors):
+    return Candidate(tuple(Change(kind) for kind in kinds), fit(found(*errors)))
+
+
+@pytest.mark.parametrize(("both_m", "kinds"), [(0.15, ["inverse", "scale"]), (0.25, ["inverse"])])
+def test_two_at_once_halve_what_each_of_them_leaves(both_m, kinds):
+    alone = candidate(["inverse"], 0.4, 0.1), candidate(["scale"], 0.8, 0.15)
+    both = candidate(["inverse", "scale"], both_m, 0.09)
+    assert winner([*alone, both]).kinds == kinds

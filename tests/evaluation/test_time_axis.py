@@ -6,9 +6,10 @@ import re
 
 import numpy as np
 import pytest
+from iclnuim.doubt.explained_error import measured
 from iclnuim.errors import InputError
-from iclnuim.evaluation.absolute_error import absolute_error
-from iclnuim.evaluation.time_axis import TimeAxis, best_offset, best_scales, rms_m
+from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
+from iclnuim.doubt.time_axis import TimeAxis, best_offset, best_scales, rms_m
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.trajectory_files.trajectories import read_trajectory
@@ -152,10 +153,10 @@ def test_stamps_that_do_not_overlap_are_refused_with_the_scale_that_fits(walk, s
     estimate = estimate_of(walk, 0.0, 0.001)
     given = Trajectory(start_s + np.arange(len(walk)) / 25, estimate.T_world_camera)
     with pytest.raises(InputError, match=r"\+ 0\.8333333 \(stamp - "):
-        absolute_error(walk, given)
+        measured(walk, given, AbsoluteErrorSettings())
     part = Trajectory(1000 * walk.stamps_s, estimate.T_world_camera)[100:200]
     with pytest.raises(InputError, match=r"\+ 0\.001 \(stamp - "):
-        absolute_error(walk, part)
+        measured(walk, part, AbsoluteErrorSettings())
 
 
 def swaying(stamps_s, at_s, period_s, seed=0):

@@ -10,9 +10,9 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from ..evaluation.compared_poses import ComparedPoses, rms
 from ..geometry import axes, so3
 from ..geometry.se3 import SE3
+from .compared_poses import ComparedPoses, rms
 
 #: Rounds of rotation and lever arm in turn.
 _ROUNDS = 4
@@ -41,13 +41,17 @@ def body_rotation(poses: ComparedPoses) -> np.ndarray:
 
 
 def lever_arm(poses: ComparedPoses, rotation: np.ndarray) -> np.ndarray:
-    """The arm (3,) in the estimate's body whose end moves as the ground truth does, if that body is
-    turned by `rotation`.
+    """The arm (3,) in the estimate's body and unit whose end moves as the ground truth does but for
+    a scale, if that body is turned by `rotation`.
     """
     true, estimated = poses.motions()
+    turned = true.translation @ rotation.T
+    size = rms(turned) / max(rms(estimated.translation), 1e-300)
     turns = (estimated.rotation - np.eye(3)).reshape(-1, 3)
-    missing = (true.translation @ rotation.T - estimated.translation).reshape(-1)
-    return np.linalg.lstsq(turns, missing, rcond=1e-3)[0]
+    columns = np.column_stack([turns, size * estimated.translation.reshape(-1)])
+    *arm_m, share = np.linalg.lstsq(columns, turned.reshape(-1), rcond=1e-3)[0]
+    scale = share * size
+    return np.array(arm_m) / (scale if scale > 0 else 1.0)
 
 
 def body_pose(poses: ComparedPoses) -> SE3:

@@ -1,5 +1,5 @@
-"""The explanation of a bad estimate (doubt/explanation.py) in the figures of the measure that
-was asked for, and as a warning that says what to try.
+"""The explanation of a bad estimate (against_truth.py) in the figures of the measure that was asked
+for, and as a warning that says what to try.
 """
 
 from collections.abc import Callable
@@ -10,24 +10,19 @@ import numpy as np
 
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, absolute_error
-from ..evaluation.associate import associate, pair_up
-from ..evaluation.compared_poses import Comparison
+from ..evaluation.associate import UnpairedError, associate, pair_up
 from ..evaluation.relative_error import RelativeError, RelativeErrorSettings, relative_error
 from ..geometry import axes
-from ..geometry.scene_axes import UNITS_M, unit_name
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from ..trajectory_files.trajectories import FORMATS, LoadedTrajectory
-from .constant_transform import rotation_name
-from .explanation import Explanation, explain, is_drift
-from .fit import WORTH_SHARE
-from .readings import Reorder
+from .against_truth import Explanation, explain
+from .compared_poses import Comparison
+from .competition import WORTH_SHARE
+from .hypotheses import WORDS
+from .hypothesis import Reorder
 
 Settings: TypeAlias = AbsoluteErrorSettings | RelativeErrorSettings
-#: Length in metres of the units that are named, and within which share of a scale.
-_NAMED_M = {unit_name(UNITS_M[unit]): UNITS_M[unit] for unit in ("mm", "cm", "in", "ft")}
-_NAMED_M["kilometres"] = 1e3
-_NAMED_WITHIN = 0.01
 _SUBJECTS = {"estimate": "the estimate", "reference": "the ground truth"}
 _UNDONE: dict[Callable[[SE3], SE3] | None, Callable[[SE3], SE3]] = {
     None: lambda poses: poses,
@@ -40,18 +35,28 @@ _UNDONE: dict[Callable[[SE3], SE3] | None, Callable[[SE3], SE3]] = {
 def measured(
     reference: Trajectory, estimate: Trajectory, settings: Settings
 ) -> AbsoluteError | RelativeError:
-    measure: Any = absolute_error if isinstance(settings, AbsoluteErrorSettings) else relative_error
-    return measure(reference, estimate, settings)
+    """The error that the settings ask for. Raises InputError if it cannot be computed, with the
+    stamps that fit as its advice if those do not pair.
+    """
+    try:
+        return _measure(reference, estimate, settings)
+    except UnpairedError as error:
+        explained = ExplainedError.of_trajectories(reference, estimate, settings)
+        advice = explained.advice_of_time() if explained else ""
+        if not advice:
+            raise
+        raise error.advised(advice) from None
 
 
 @dataclass(frozen=True, eq=False)
 class ExplainedError:
     """An explanation, and the errors as given and as explained, of the same poses: of the measure
-    that was asked for, and of the one that shows the difference (`shown`, with its name).
+    that was asked for, and of the one that shows the difference (`shown`, with its name). given is
+    None if the files as given have no pairs.
     """
 
     explanation: Explanation
-    given: AbsoluteError | RelativeError
+    given: AbsoluteError | RelativeError | None
     found: AbsoluteError | RelativeError
     shown: tuple[str, float, float]
 
@@ -105,36 +110,65 @@ class ExplainedError:
         if len(associate(reference.stamps_s, as_given[1].stamps_s, settings.association)) < 3:
             as_given = reference, estimate
         explained = explanation.reference, explanation.estimate[rows]
-        given = measured(*as_given, settings)
-        found = measured(*explained, settings)
+        found = _measure(*explained, settings)
+        try:
+            given = _measure(*as_given, settings)
+        except InputError:
+            return cls(
+                explanation, None, found, (_name(settings), np.inf, found.translation_m.rmse)
+            )
         shown = _name(settings), given.translation_m.rmse, found.translation_m.rmse
         if shown[2] > WORTH_SHARE * shown[1]:
             other = _other(settings, explanation.delta)
-            given_m = measured(*as_given, other).translation_m.rmse
-            found_m = measured(*explained, other).translation_m.rmse
+            given_m = _measure(*as_given, other).translation_m.rmse
+            found_m = _measure(*explained, other).translation_m.rmse
             shown = _name(other), given_m, found_m
         return cls(explanation, given, found, shown)
 
     def to_dict(self) -> dict[str, Any]:
         """The explanations, and the error of the compared poses with all of them and as read."""
+        given = self.given
         error = {
             "rmse_m": self.found.translation_m.rmse,
             "rotation_rmse_deg": self.found.rotation_deg.rmse,
-            "as_read_rmse_m": self.given.translation_m.rmse,
-            "as_read_rotation_rmse_deg": self.given.rotation_deg.rmse,
+            "as_read_rmse_m": given.translation_m.rmse if given else None,
+            "as_read_rotation_rmse_deg": given.rotation_deg.rmse if given else None,
         }
-        return {"explanations": [self.explanation.to_dict()], "explained_error": error}
+        changes = [change.to_dict() for change in self.explanation.changes]
+        return {"explanations": changes, "explained_error": error}
 
     def sentence(self, reference_format: str = "", estimate_format: str = "") -> str:
         """A warning with both figures and what to try."""
-        format = estimate_format if self.explanation.change.of == "estimate" else reference_format
-        what, why = _words(self.explanation, format)
+        formats = {"reference": reference_format, "estimate": estimate_format}
+        better: dict[str, list[str]] = {}
+        tries = []
+        for change in self.explanation.changes:
+            words = WORDS[change.kind](change, formats[change.of])
+            better.setdefault(change.of, []).append(words.better)
+            tries.append(f"{words.cause}; try {words.advice}")
+        fits = [
+            f"{_SUBJECTS[of]} fits much better {' and '.join(how)}" for of, how in better.items()
+        ]
         name, given_m, found_m = self.shown
         figures = f"{name} {_length(found_m)} instead of {_length(given_m)}"
-        scale = ""
-        if self.explanation.kind != "scale" and not is_drift(self.explanation.change.scale):
-            scale = f" and multiplied by {self.explanation.change.scale:.4g}"
-        return f"{what}{scale}: {figures}; {why}"
+        return f"{', and '.join(fits)}: {figures}; {'; '.join(tries)}"
+
+    def advice_of_time(self) -> str:
+        """The stamps to try, and how well they fit; "" for those as given."""
+        changes = self.explanation.changes
+        if self.explanation.time is None:
+            return ""
+        name, _, found_m = self.shown
+        rest = [WORDS[one.kind](one, "").better for one in changes if one.time is None]
+        fit = " and ".join([f"where they fit best ({name} {_length(found_m)})", *rest])
+        return f"{self.explanation.time.axis.advice} {fit}"
+
+
+def _measure(
+    reference: Trajectory, estimate: Trajectory, settings: Settings
+) -> AbsoluteError | RelativeError:
+    measure: Any = absolute_error if isinstance(settings, AbsoluteErrorSettings) else relative_error
+    return measure(reference, estimate, settings)
 
 
 def _comparison(settings: Settings, positions_only: bool) -> Comparison:
@@ -184,94 +218,3 @@ def _length(metres: float) -> str:
     if metres < 1.0:
         return f"{1000 * metres:.3g} mm"
     return f"{metres:.3g} m"
-
-
-def _words(explanation: Explanation, format: str) -> tuple[str, str]:
-    """What fits much better, and why it may be so, with what to try."""
-    subject = _SUBJECTS[explanation.change.of]
-    better = f"{subject} fits much better"
-    kind = explanation.kind
-    if explanation.change.time:
-        return _time(explanation)
-    if kind == "scale":
-        return _scale(explanation)
-    if kind == "mirror":
-        return "the estimate is mirrored", _mirror(format)
-    if kind in ("rotation", "arm", "body"):
-        return _body(explanation)
-    if kind == "axes":
-        return _axes(explanation)
-    if kind == "inverse":
-        why = f"its poses may be world to camera; try {_reading(format, 'tum-inverse')}"
-        return f"{better} inverted", why
-    if kind == "inverse rotations":
-        why = "its rotations may be world to camera, unlike its positions"
-        return f"{better} with inverse rotations", f"{why}; try inverting the rotations alone"
-    names = {"wxyz": ("qw qx qy qz", "first"), "xyzw": ("qx qy qz qw", "last")}
-    order, place = names[kind]
-    advice = _reading(format, f"tum-{kind}") if kind == "wxyz" else "reordering its columns"
-    why = f"they may have the scalar {place}; try {advice}"
-    return f"{better} with quaternions {order}", why
-
-
-def _reading(format: str, other: str) -> str:
-    return f"reading it as {other}" if format == "tum" else "converting it"
-
-
-def _time(explanation: Explanation) -> tuple[str, str]:
-    assert explanation.change.time is not None
-    axis = explanation.change.time.axis
-    if explanation.kind == "offset":
-        return "another time offset fits much better", f"on the same poses; try {axis.advice}"
-    if explanation.kind == "rows":
-        better = "the estimate fits much better with the stamps of the ground truth, row by row"
-        return better, "its stamps may be of another clock; try giving it those stamps"
-    step_s = float(np.median(np.diff(explanation.estimate.stamps_s)))
-    rates = f"{1 / step_s:.4g} poses a second instead of {axis.scale / step_s:.4g}"
-    better = f"the estimate fits much better with its stamps {axis.scale:.4g} times as far apart"
-    why = "they may be of another frame rate or unit, or count other frames"
-    return f"{better} ({rates})", f"{why}; try {axis.advice}"
-
-
-def _scale(explanation: Explanation) -> tuple[str, str]:
-    scale = explanation.change.scale
-    found = []
-    for subject, factor in (("it", scale), ("the ground truth", 1 / scale)):
-        for name, length_m in _NAMED_M.items():
-            if abs(factor / length_m - 1) < _NAMED_WITHIN:
-                found.append(f"{subject} may be in {name}")
-    advice = "try converting it to metres, or correcting its scale"
-    if not found:
-        found.append("it may have no unit of length")
-        advice = "try correcting its scale"
-    better = f"the estimate fits much better multiplied by {scale:.4g}"
-    return better, f"{' or '.join(found)}; {advice}"
-
-
-def _mirror(format: str) -> str:
-    advice = "gt.freiburg if its poses are left-handed with frame ids"
-    advice += ", else making it again with fy = +480"
-    if format.startswith(("gt.", "pov")):
-        advice = "tum or tum-ids, since it was read as left-handed"
-    return f"its poses may be left-handed; try reading it as {advice}"
-
-
-def _body(explanation: Explanation) -> tuple[str, str]:
-    parts = []
-    if explanation.change.rotation is not None:
-        parts.append(f"a constant rotation of {rotation_name(explanation.change.rotation)}")
-    if explanation.change.arm_m is not None:
-        arm = ", ".join(f"{value:.4g}" for value in explanation.change.arm_m)
-        parts.append(f"a constant lever arm of ({arm}) m")
-    why = "its poses may be of another body or other axes than the ground truth's"
-    advice = "try expressing both in the same camera frame"
-    better = f"the estimate fits much better with {' and '.join(parts)} on the right of its poses"
-    return better, f"{why}; {advice}"
-
-
-def _axes(explanation: Explanation) -> tuple[str, str]:
-    assert explanation.change.rotation is not None
-    turn = rotation_name(explanation.change.rotation)
-    why = "its positions and its rotations, or the ground truth's, may be in worlds of other axes"
-    better = f"the estimate fits much better with its positions alone turned by {turn}"
-    return better, f"{why}; try converting positions and rotations together"

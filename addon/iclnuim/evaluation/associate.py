@@ -6,7 +6,7 @@ Both take O(n log n) for any window. Stamps are in seconds and strictly increasi
 """
 
 import heapq
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from ..geometry.se3 import read_only
 from ..geometry.trajectory import Trajectory
 from ..settings import Settings, setting
 from ..shown import Brief
-from .time_axis import TimeAxis, best_axis, onto_stamps, rms_m
 
 #: If a round of mutual best matches pairs fewer than 1 in this number of stamps, the heap does the
 #: rest: a long chain would need one round per pair.
@@ -83,6 +82,21 @@ class Association(Brief):
         return order[np.flatnonzero(np.diff(self.first[order], prepend=-1))]
 
 
+class UnpairedError(InputError):
+    """Trajectories without a pair of stamps."""
+
+    def advised(self, advice: str) -> "UnpairedError":
+        """The same, with stamps that fit as its advice."""
+        hint = f"a larger difference, or {advice}"
+        if str(self.found).startswith("no overlap"):
+            hint = f"{advice}, {_NUMBERS}"
+        return UnpairedError(self.expected, found=self.found, hint=hint)
+
+
+#: What to try if stamps do not overlap.
+_NUMBERS = "or the format tum-ids if these are frame numbers"
+
+
 def associate(
     first_s: np.ndarray, second_s: np.ndarray, settings: AssociationSettings | None = None
 ) -> Association:
@@ -128,33 +142,14 @@ def pair_up(
         raise InputError("trajectories of at least one pose", found="an empty one")
     span = _span(reference_s)
     shifted_s = estimate_s + settings.offset_s
-    best = best_axis(reference, estimate)
-    advice = ""
-    if best:
-        best = moved_onto_stamps(reference_s, estimate_s, best, settings)
-        fit = f"where they fit best (to {1000 * rms_m(reference, estimate, best):.3g} mm)"
-        advice = f"{best.advice} {fit}"
     if shifted_s[0] > reference_s[-1] or shifted_s[-1] < reference_s[0]:
-        together = TimeAxis(reference_s[0] - estimate_s[0])
-        advice = advice or f"{together.advice} if both start together"
-        hint = f"{advice}, or the format tum-ids if these are frame numbers"
-        found = f"no overlap in time: {_span(shifted_s)}"
-        raise InputError(f"stamps that overlap the ground truth's {span}", found=found, hint=hint)
+        together_s = f"{reference_s[0] - estimate_s[0]:.6f}".rstrip("0").rstrip(".")
+        hint = f"an offset of {together_s} s if both start together, {_NUMBERS}"
+        expected = f"stamps that overlap the ground truth's {span}"
+        raise UnpairedError(expected, found=f"no overlap in time: {_span(shifted_s)}", hint=hint)
     expected = f"stamps within {settings.max_difference_s:g} s of the ground truth's {span}"
-    hint = f"a larger difference, or {advice or 'an offset'}"
-    raise InputError(expected, found=f"none in {_span(shifted_s)}", hint=hint)
-
-
-def moved_onto_stamps(
-    reference_s: np.ndarray, estimate_s: np.ndarray, axis: TimeAxis, settings: AssociationSettings
-) -> TimeAxis:
-    """The axis, moved by less than a frame to where most stamps of the estimate coincide with one
-    of the reference, if too few do; stamps (n,) and (m,), increasing.
-    """
-    settings = replace(settings, offset_s=0.0)
-    if 2 * len(associate(reference_s, axis.of(estimate_s), settings)) >= len(estimate_s):
-        return axis
-    return onto_stamps(reference_s, estimate_s, axis)
+    hint = "a larger difference, or an offset"
+    raise UnpairedError(expected, found=f"none in {_span(shifted_s)}", hint=hint)
 
 
 def _refuse_another_unit(reference_s: np.ndarray, estimate_s: np.ndarray) -> None:

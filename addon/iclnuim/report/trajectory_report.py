@@ -112,7 +112,7 @@ class Report:
         if self.explained:
             formats = self.reference.loaded.read_as.format, self.estimate.loaded.read_as.format
             sentence = self.explained.sentence(*formats)
-            if self.explained.explanation.kind == "rate":
+            if "rate" in self.explained.explanation.kinds:
                 sentence += _as_frame_numbers(self.estimate.loaded)
             found.append(sentence)
         elif unpaired := self._unpaired():

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from ..evaluation.align import principal_extents, umeyama
 from ..geometry import so3
 from ..geometry.se3 import SE3
-from .align import principal_extents, umeyama
 
 #: More pairs than these take longer and tell nothing new.
 _MAX_PAIRS = 2000
@@ -62,6 +62,10 @@ class ComparedPoses:
 
     def changed(self, reference: SE3, estimate: SE3) -> "ComparedPoses":
         return ComparedPoses(reference, estimate, self.how)
+
+    def thinned(self, pairs: int) -> "ComparedPoses":
+        """About so many of the pairs."""
+        return self._pairs(np.arange(0, len(self), -(-len(self) // pairs)))
 
     @cached_property
     def halves(self) -> tuple["ComparedPoses", "ComparedPoses"]:

@@ -1,0 +1,281 @@
+"""The explanation of a bad estimate: other readings of its poses or stamps with which it fits the
+ground truth much better, one or two at once.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..evaluation.align import umeyama
+from ..evaluation.associate import AssociationSettings, associate
+from ..geometry.trajectory import Trajectory
+from .change import Change, applied, changed
+from .compared_poses import ComparedPoses, Comparison
+from .competition import Candidate, Fit, Limits, winner
+from .hypotheses import hypotheses
+from .hypotheses.scale import is_drift, scaled
+from .hypothesis import Files, Hypothesis, Reorder
+from .time_axis import OtherTime
+from .time_views import Clock, Compared, View
+
+#: Errors below this, in metres and radians, are rounding; those of lengths above 0.1 mm, the
+#: resolution of files, are worth an explanation.
+_ROUNDING = 1e-6
+_WORTH_M = 1e-4
+#: What an explanation leaves is at most this share of the ground truth's extent, or of its
+#: motions: a failed estimate can always be shrunk to a point.
+_FITS_EXTENT = 0.35
+_FITS_MOTION = 0.7
+#: With a larger error of the turns (30 degrees) the estimate is another motion.
+_OTHER_TURN_RAD = 0.5
+#: A logarithm of a scale below this multiple of what is left, as a share of the extent, may be
+#: noise.
+_NOISE_OF_SCALE = 2.5
+#: Another scale of time makes an error above this share of the ground truth's extent: below it, the
+#: search would only take time.
+_WORTH_SEARCH = 0.02
+#: Where no mistake alone explains the error, two at once are only looked for if it is above these
+#: shares of extent and motions, or that of the turns above this.
+_BAD_EXTENT = 0.05
+_BAD_MOTION = 0.35
+_BAD_RAD = 0.05
+#: Two at once are first tried on so many pairs of poses; so many of them are then compared on all.
+_SCREENED_PAIRS = 80
+_KEPT = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What explains most of an estimate's error: the changes that make reference and estimate, as
+    read, those given here. delta: frames between the poses of the pairs whose errors were compared.
+    """
+
+    changes: tuple[Change, ...]
+    reference: Trajectory
+    estimate: Trajectory
+    delta: int
+
+    @property
+    def kinds(self) -> list[str]:
+        return [change.kind for change in self.changes]
+
+    @property
+    def time(self) -> OtherTime | None:
+        return next((change.time for change in self.changes if change.time), None)
+
+
+def explain(
+    reference: Trajectory,
+    estimate: Trajectory,
+    settings: AssociationSettings | None = None,
+    *,
+    how: Comparison | None = None,
+    reorders: dict[str, Reorder | None] | None = None,
+) -> Explanation | None:
+    """What explains most of the error of an estimate; None if nothing does, or if it fits as read.
+
+    reorders: of the quaternions of the "estimate" and the "reference"; None or nothing for a file
+    of matrices.
+    """
+    how = how or Comparison()
+    if not (turns(reference) and turns(estimate)):
+        how = replace(how, positions_only=True)
+    compared = Compared(reference, estimate, settings or AssociationSettings(), how)
+    files = Files(reorders or {}, not how.positions_only, how.with_scale)
+    best = _best(compared, hypotheses(files))
+    return _explanation(compared, best) if best else None
+
+
+def _best(compared: Compared, known: list[Hypothesis]) -> Candidate | None:
+    plain = compared.as_given()
+    candidates = []
+    offset_only = False
+    if plain is not None:
+        poses = plain.found[0]
+        candidates += _alone(plain, known)
+        offset_only = poses.errors.position_m < _WORTH_SEARCH * poses.sizes_m()[0]
+    timed = [(clock, compared.at(clock)) for clock in compared.clocks(offset_only)]
+    for _, view in timed:
+        candidates += filter(Candidate.explains, _alone(view, []) if view else [])
+    if winner(candidates) is None and plain is not None and not _is_bad(plain):
+        return None
+    timed += [(clock, compared.at(clock)) for clock in compared.other_clocks()]
+    candidates += _combined(plain, timed, compared, known)
+    return winner(candidates)
+
+
+def _is_bad(plain: View) -> bool:
+    """Whether the errors may be those of two mistakes."""
+    extent_m, motion_m = plain.found[0].sizes_m()
+    limits = np.array([_BAD_EXTENT * extent_m, _BAD_MOTION * motion_m, _BAD_RAD])
+    return bool((_errors(plain.found[:1])[0] > limits).any())
+
+
+def _alone(view: View, known: Sequence[Hypothesis]) -> list[Candidate]:
+    """The time of a view alone, or each hypothesis alone, and with a scale."""
+    if view.time is not None:
+        found = [_candidate(view, ())]
+    else:
+        scales = [one for one in known if one.group == "scale"]
+        chains = [(one,) for one in known]
+        chains += [(one, scale) for one in known for scale in scales if one is not scale]
+        found = [_candidate(view, chain) for chain in chains]
+    return [one for one in found if one is not None]
+
+
+def _combined(
+    plain: View | None,
+    timed: Iterable[tuple[Clock, View | None]],
+    compared: Compared,
+    known: Sequence[Hypothesis],
+) -> Iterable[Candidate]:
+    """The best of all pairs of hypotheses, one of which may be a time."""
+    screened = []
+    if plain is not None:
+        poses = plain.found[0].thinned(_SCREENED_PAIRS)
+        for first in known:
+            others = [other for other in known if _is_pair(first, other)]
+            for cost, chain in _screened(poses, (first,), others):
+                screened.append((cost, chain, plain, None))
+    for clock, view in timed:
+        if view is not None:
+            poses = view.found[0].thinned(_SCREENED_PAIRS)
+            for cost, chain in _screened(poses, (), known):
+                screened.append((cost, chain, view, clock))
+    screened.sort(key=lambda one: one[0])
+    for _, chain, view, clock in screened[:_KEPT]:
+        if clock is not None and chain:
+            yield from _at_refined_time(compared, clock, view, chain)
+        elif (found := _candidate(view, chain)) is not None:
+            yield found
+        for part in chain if len(chain) > 1 else ():
+            if (found := _candidate(view, (part,))) is not None:
+                yield found
+
+
+def _is_pair(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether both can be named, in this order: changes of different files, and a scale, can be
+    made in any order.
+    """
+    if one.kind == other.kind or (one.of, one.group) == (other.of, other.group):
+        return False
+    return one.group != "scale" and (one.of, other.of) != ("estimate", "reference")
+
+
+def _at_refined_time(
+    compared: Compared, clock: Clock, view: View, chain: Sequence[Hypothesis]
+) -> Iterable[Candidate]:
+    """The candidate with its time refined after its other changes."""
+    changes = _fitted(view.found[0], chain)
+    if changes is None:
+        return
+
+    def seen(estimate: Trajectory) -> Trajectory:
+        _, T = applied(changes, estimate.T_world_camera, estimate.T_world_camera)
+        return Trajectory(estimate.stamps_s, T)
+
+    again = compared.at(clock, seen)
+    for one in (view, again):
+        if one is not None and (found := _candidate(one, chain)) is not None:
+            yield found
+
+
+def _fitted(poses: ComparedPoses, chain: Sequence[Hypothesis]) -> tuple[Change, ...] | None:
+    """The changes of the hypotheses, each fitted after those before it; None if one has none."""
+    changes: list[Change] = []
+    for hypothesis in chain:
+        change = hypothesis.fit(poses)
+        if change is None:
+            return None
+        changes.append(change)
+        poses = changed([change], poses)
+    return tuple(changes)
+
+
+def _screened(
+    poses: ComparedPoses, chain: tuple[Hypothesis, ...], others: Sequence[Hypothesis]
+) -> Iterable[tuple[float, tuple[Hypothesis, ...]]]:
+    """The chain with each of the others after it, and the costs of the errors, fitted on the
+    whole.
+    """
+    before = _fitted(poses, chain)
+    if before is None:
+        return
+    poses = changed(before, poses)
+    limits = _limits(poses)
+    for other in others:
+        if (change := other.fit(poses)) is not None:
+            errors = np.repeat(_errors([changed([change], poses)]), 3, axis=0)
+            free = sum(one.free for one in (*before, change))
+            yield Fit(errors, errors, limits).cost(free), (*chain, other)
+
+
+def _candidate(view: View, chain: Sequence[Hypothesis]) -> Candidate | None:
+    changes = _fitted(view.found[0], chain)
+    crossed = _fitted(view.found[2], chain), _fitted(view.found[1], chain)
+    if changes is None or crossed[0] is None or crossed[1] is None:
+        return None
+    sets = changes, *crossed
+    found = _errors([changed(c, poses) for c, poses in zip(sets, view.found, strict=True)])
+    limits = _limits(changed(changes, view.found[0]))
+    given = np.array([_errors([poses])[0] if poses else _failed(limits) for poses in view.given])
+    times = (view.time,) if view.time else ()
+    return Candidate((*times, *changes), Fit(given, found, limits))
+
+
+def _errors(every: Sequence[ComparedPoses]) -> np.ndarray:
+    """(k, 3) RMS of positions, of motions, and of their turns."""
+    return np.array([(e.position_m, e.motion_m, e.turn_rad) for e in (p.errors for p in every)])
+
+
+def _limits(poses: ComparedPoses) -> Limits:
+    extent_m, motion_m = poses.sizes_m()
+    return Limits(
+        rounding=np.full(3, _ROUNDING),
+        worth=np.array([_WORTH_M, _WORTH_M, np.inf]),
+        largest=np.array([_FITS_EXTENT * extent_m, _FITS_MOTION * motion_m, 0.0]),
+        bearable=np.array([np.inf, np.inf, _OTHER_TURN_RAD]),
+    )
+
+
+def _failed(limits: Limits) -> np.ndarray:
+    """The errors of poses that cannot be compared: as those of an estimate that fails."""
+    return np.append(limits.largest[:2], 1e6)
+
+
+def turns(trajectory: Trajectory) -> bool:
+    """Whether the rotations are more than one that was written for lack of others."""
+    rotations = trajectory.T_world_camera.rotation
+    return bool((np.abs(rotations - rotations[:1]) > _ROUNDING).any())
+
+
+def _explanation(compared: Compared, best: Candidate) -> Explanation | None:
+    changes = best.changes
+    if best.kinds == ["scale"]:
+        scale = _scale_of_all(compared)
+        if is_drift(scale) or _may_be_noise(scale, best.fit, compared):
+            return None
+        changes = (scaled(scale),)
+    reference, estimate = compared.reference, compared.estimate
+    truth, T = applied(changes, reference.T_world_camera, estimate.T_world_camera)
+    stamps_s = estimate.stamps_s
+    for change in changes:
+        if change.time is not None:
+            stamps_s = change.time.stamps_s - compared.settings.offset_s
+    reference = Trajectory(reference.stamps_s, truth)
+    return Explanation(changes, reference, Trajectory(stamps_s, T), compared.how.delta)
+
+
+def _scale_of_all(compared: Compared) -> float:
+    """The scale that an alignment by Sim(3) finds."""
+    reference, estimate = compared.reference, compared.estimate
+    pairs = associate(reference.stamps_s, estimate.stamps_s, compared.settings)
+    x = estimate.positions_m[pairs.second]
+    return umeyama(x, reference.positions_m[pairs.first], with_scale=True)[1]
+
+
+def _may_be_noise(scale: float, fit: Fit, compared: Compared) -> bool:
+    """Whether errors as large as those that are left can have caused the scale."""
+    extent_m = fit.limits.largest[0] / _FITS_EXTENT
+    return bool(abs(np.log(scale)) < _NOISE_OF_SCALE * fit.found[0, 0] / extent_m)
