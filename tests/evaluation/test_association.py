@@ -5,11 +5,11 @@ used once.
 import numpy as np
 import pytest
 from iclnuim.doubt.explained_error import measured
+from iclnuim.doubt.time_axis import best_offset, rms_m
 from iclnuim.errors import InputError
 from iclnuim.evaluation import associate as module
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings
 from iclnuim.evaluation.associate import AssociationSettings, associate, pair_up
-from iclnuim.evaluation.time_axis import best_offset, rms_m
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 
@@ -216,7 +216,7 @@ def test_another_rate_is_advised_where_the_best_offset_leaves_twice_the_error(wa
     errors = np.random.default_rng(1).normal(0, left * error_m / np.sqrt(3), (len(walk), 3))
     poses = SE3(walk.T_world_camera.rotation, walk.positions_m + errors)
     with pytest.raises(InputError, match="no overlap in time") as refused:
-        pair_up(walk, Trajectory(late_s, poses))
+        measured(walk, Trajectory(late_s, poses), AbsoluteErrorSettings())
     scale = "+ 0.8333333 (stamp - " in str(refused.value)
     assert ("scale" if scale else "offset") == advised
     assert scale or "try an offset of -14999999" in str(refused.value)

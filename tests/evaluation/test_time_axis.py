@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 from iclnuim.doubt.explained_error import measured
+from iclnuim.doubt.time_axis import TimeAxis, best_offset, best_scales, rms_m
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
-from iclnuim.doubt.time_axis import TimeAxis, best_offset, best_scales, rms_m
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.trajectory_files.trajectories import read_trajectory

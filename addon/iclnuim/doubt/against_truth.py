@@ -95,14 +95,23 @@ def _best(compared: Compared, known: list[Hypothesis]) -> Candidate | None:
         poses = plain.found[0]
         candidates += _alone(plain, known)
         offset_only = poses.errors.position_m < _WORTH_SEARCH * poses.sizes_m()[0]
-    timed = [(clock, compared.at(clock)) for clock in compared.clocks(offset_only)]
+    timed = _timed(compared, compared.clocks(offset_only))
     for _, view in timed:
-        candidates += filter(Candidate.explains, _alone(view, []) if view else [])
+        candidates += filter(Candidate.explains, _alone(view, []))
     if winner(candidates) is None and plain is not None and not _is_bad(plain):
         return None
-    timed += [(clock, compared.at(clock)) for clock in compared.other_clocks()]
+    others = _timed(compared, compared.other_clocks())
+    for _, view in others:
+        candidates += filter(Candidate.explains, _alone(view, []))
+    timed += others
     candidates += _combined(plain, timed, compared, known)
     return winner(candidates)
+
+
+def _timed(compared: Compared, clocks: Iterable[Clock]) -> list[tuple[Clock, View]]:
+    """Clocks, and what they make of the poses, if they pair enough of them."""
+    views = [(clock, compared.at(clock)) for clock in clocks]
+    return [(clock, view) for clock, view in views if view is not None]
 
 
 def _is_bad(plain: View) -> bool:
@@ -118,7 +127,7 @@ def _alone(view: View, known: Sequence[Hypothesis]) -> list[Candidate]:
         found = [_candidate(view, ())]
     else:
         scales = [one for one in known if one.group == "scale"]
-        chains = [(one,) for one in known]
+        chains: list[tuple[Hypothesis, ...]] = [(one,) for one in known]
         chains += [(one, scale) for one in known for scale in scales if one is not scale]
         found = [_candidate(view, chain) for chain in chains]
     return [one for one in found if one is not None]
@@ -126,26 +135,25 @@ def _alone(view: View, known: Sequence[Hypothesis]) -> list[Candidate]:
 
 def _combined(
     plain: View | None,
-    timed: Iterable[tuple[Clock, View | None]],
+    timed: Iterable[tuple[Clock, View]],
     compared: Compared,
     known: Sequence[Hypothesis],
 ) -> Iterable[Candidate]:
     """The best of all pairs of hypotheses, one of which may be a time."""
-    screened = []
+    screened: list[tuple[float, tuple[Hypothesis, ...], View, Clock | None]] = []
     if plain is not None:
         poses = plain.found[0].thinned(_SCREENED_PAIRS)
         for first in known:
             others = [other for other in known if _is_pair(first, other)]
             for cost, chain in _screened(poses, (first,), others):
                 screened.append((cost, chain, plain, None))
-    for clock, view in timed:
-        if view is not None:
-            poses = view.found[0].thinned(_SCREENED_PAIRS)
-            for cost, chain in _screened(poses, (), known):
-                screened.append((cost, chain, view, clock))
+    for other, timed_view in timed:
+        poses = timed_view.found[0].thinned(_SCREENED_PAIRS)
+        for cost, chain in _screened(poses, (), known):
+            screened.append((cost, chain, timed_view, other))
     screened.sort(key=lambda one: one[0])
     for _, chain, view, clock in screened[:_KEPT]:
-        if clock is not None and chain:
+        if clock is not None:
             yield from _at_refined_time(compared, clock, view, chain)
         elif (found := _candidate(view, chain)) is not None:
             yield found
@@ -212,12 +220,12 @@ def _screened(
 
 
 def _candidate(view: View, chain: Sequence[Hypothesis]) -> Candidate | None:
-    changes = _fitted(view.found[0], chain)
-    crossed = _fitted(view.found[2], chain), _fitted(view.found[1], chain)
-    if changes is None or crossed[0] is None or crossed[1] is None:
+    whole, *halves = view.found
+    sets = [_fitted(poses, chain) for poses in (whole, *halves[::-1])]
+    changes = sets[0]
+    if changes is None:
         return None
-    sets = changes, *crossed
-    found = _errors([changed(c, poses) for c, poses in zip(sets, view.found, strict=True)])
+    found = _errors([changed(c or (), poses) for c, poses in zip(sets, view.found, strict=True)])
     limits = _limits(changed(changes, view.found[0]))
     given = np.array([_errors([poses])[0] if poses else _failed(limits) for poses in view.given])
     times = (view.time,) if view.time else ()

@@ -1,7 +1,5 @@
 """Left-handed poses, or mirrored positions."""
 
-import numpy as np
-
 from ...geometry import axes
 from ...geometry.se3 import SE3
 from ..change import Change
