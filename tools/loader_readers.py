@@ -157,8 +157,9 @@ def mast3r_slam(sequence: Path) -> Read:
     loader = importlib.import_module("mast3r_slam.dataloader")
     data = loader.load_dataset(str(sequence))
     settings = yaml.safe_load((sequence / "mast3r-slam.yaml").read_text())
-    size = (settings["width"], settings["height"])
-    given = loader.Intrinsics.from_calib(data.img_size, *size, settings["calibration"])
+    given = loader.Intrinsics.from_calib(
+        data.img_size, settings["width"], settings["height"], settings["calibration"]
+    )
     if np.abs(data.camera_intrinsics.K_orig - given.K_orig).max() > 1e-4:  # single precision
         raise ValueError("calibration.txt and mast3r-slam.yaml differ")
     K = given.K_orig
@@ -212,8 +213,7 @@ def nerfstudio(sequence: Path) -> Read:
     read = depth_of.get_depth_image_from_path
 
     def depth_z_m(at: int) -> np.ndarray:
-        size = (int(camera.height), int(camera.width))
-        return read(depths[order[at]], *size, scale).numpy()
+        return read(depths[order[at]], int(camera.height), int(camera.width), scale).numpy()
 
     return Read(
         [images[n] for n in order], (*k[:2], k[2] - 0.5, k[3] - 0.5), T @ _OPENGL, depth_z_m

@@ -71,8 +71,15 @@ def measure(
         difference = None
         if name != _REFERENCE:
             difference = float(np.abs(srgb_from_light(rgb) - reference).mean())
-        figures = (1e3 * times_s[name], float(np.median(change)), float(change.mean()))
-        results.append(TextureResult(job.sequence, name, *figures, difference))
+        one = TextureResult(
+            sequence=job.sequence,
+            textures=name,
+            ms=1e3 * times_s[name],
+            change_median=float(np.median(change)),
+            change_mean=float(change.mean()),
+            difference=difference,
+        )
+        results.append(one)
     return results, _most_different_part(light)
 
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from iclnuim.errors import IclnuimError
-from iclnuim.sequences.frame_pool import FramePool
+from iclnuim.sequences.frame_pool import FramePool, cores
 
 #: Advances a progress display by a number of steps.
 Advance = Callable[[int], object]
@@ -25,6 +25,14 @@ class Job:
     name: str
     measure: Callable[[Advance], object]
     steps: int
+
+
+def processes(bytes_each: int) -> int:
+    """The number of processes for which there are cores and memory."""
+    if "SC_PHYS_PAGES" not in getattr(os, "sysconf_names", {}):
+        return cores()
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return max(1, min(cores(), memory // bytes_each))
 
 
 def run_jobs(

@@ -2,24 +2,20 @@
 findings and a report.
 """
 
-import os
 from argparse import ArgumentParser, Namespace
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from iclnuim.benchmark.experiments.recipes.paper.keys import (
     PRESETS,
-    PaperKey,
     all_keys,
     chosen,
     lambertian_keys,
 )
-from iclnuim.benchmark.experiments.table import FORMATS, ResultTable, write_tables
+from iclnuim.benchmark.experiments.table import FORMATS, write_tables
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import locked, make_folder
-from iclnuim.sequences.frame_pool import cores
 from iclnuim.sequences.stored_sequence import StoredSequence
 
 from ..method_options import require
@@ -28,14 +24,10 @@ from ..planned_work import FUSE_CORE_S, TRACK_CORE_S, PlannedWork, add_dry_run, 
 from ..sequence_input import note_sequence
 
 if TYPE_CHECKING:
-    from iclnuim.benchmark.experiments.cell import Measured
     from iclnuim.benchmark.experiments.recipes.paper.recipe import Paper
-    from iclnuim.benchmark.experiments.recipes.paper.sources import Sources
     from iclnuim.benchmark.experiments.store import Store
 
 _BYTES_A_WORKER = 2 << 30
-#: So many cells fit a screen.
-_SCREEN = 40
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -123,43 +115,38 @@ def run(args: Namespace, console: Console) -> int:
     if args.report_only is None:
         surfaces = () if args.no_surfaces else ("embreex", "igl")
         require(console, "benchmark", "numba", "cv2", *surfaces)
+        from iclnuim.benchmark.experiments.pool import processes
         from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND
         from iclnuim.benchmark.experiments.store import Store
 
+        workers = args.workers or processes(_BYTES_A_WORKER)
         paper = _experiment(args, console)
         store = Store(args.out, KIND)
-        if announce(_work(paper, store, args.workers or _workers()), args, console):
+        if announce(_work(paper, store, workers), args, console):
             return 0
         make_folder(args.out, hint="another {out}")
         with locked(args.out):  # a lock without a thread, beside which no process can be forked
-            problems = paper.run(store, args.workers or _workers(), console)
-    from iclnuim.benchmark.experiments.recipes.paper.page import write_report
+            problems = paper.run(store, workers, console)
+    from iclnuim.benchmark.experiments.recipes.paper import page
+    from iclnuim.benchmark.experiments.recipes.paper.recipe import measured_cells
+    from iclnuim.benchmark.experiments.recipes.paper.sources import Sources
 
     results = measured_cells(args.out)
-    tables = tables_of(results)
+    tables = page.tables_of(results)
     write_tables(args.out / "tables", tables)
     console.note(f"{args.out / 'tables'} written, {len(tables)} tables in {', '.join(FORMATS)}")
-    films = _films(args, results, console) if args.videos else {}
-    console.note(f"{write_report(args.out, results, tables, films)} written")
-    console.result(_values(results, tables), _text(tables))
+    films = {}
+    if args.videos:
+        sources = Sources(args.data, args.out, args.lambertian)
+        films = page.films(sources, results, args.first, console)
+    console.note(f"{page.write_report(args.out, results, tables, films)} written")
+    console.result(page.values_of(results, tables), page.text_of(tables))
     if problems:
         raise WorkError(
             f"{len(problems)} cells could not be measured, for the reasons above",
             hint="running the same command again",
         )
     return 0
-
-
-def measured_cells(out: Path) -> "list[Measured]":
-    """All measured cells of a benchmark. Raises InputError if there are none."""
-    from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND
-    from iclnuim.benchmark.experiments.store import Store
-
-    results = Store(out, KIND).read_all(PaperKey)
-    if not results:
-        hint = "iclnuim benchmark, or another {out}"
-        raise InputError("a benchmark with measured cells", path=out, found="none", hint=hint)
-    return results
 
 
 def _experiment(args: Namespace, console: Console) -> "Paper":
@@ -173,7 +160,7 @@ def _experiment(args: Namespace, console: Console) -> "Paper":
     sources = Sources(args.data, args.out, args.lambertian)
     keys = all_keys(args.presets, range(args.seeds), args.references)
     keys += lambertian_keys(args.presets) if args.lambertian else []
-    keys = _measurable(chosen(keys, args.only), sources, args, console)
+    keys = sources.measurable(chosen(keys, args.only), args.first, console.note)
     for folder in sorted({sources.folder(key) for key in keys if not key.seed}):
         note_sequence(StoredSequence(folder), console)
     systems = {}
@@ -190,95 +177,3 @@ def _work(paper: "Paper", store: "Store", workers: int) -> PlannedWork:
     seconds = frames * (TRACK_CORE_S + paper.surfaces * FUSE_CORE_S) / workers
     what = f"{len(missing)} of {len(cells)} cells to measure, {frames} frames, {workers} processes"
     return PlannedWork(what, seconds)
-
-
-def _measurable(
-    keys: list[PaperKey], sources: "Sources", args: Namespace, console: Console
-) -> list[PaperKey]:
-    """Those whose sequences are there; a note names each other one.
-
-    Raises InputError if there are none.
-    """
-    faults = {}
-    for key in keys:
-        if key.sequence not in faults:
-            faults[key.sequence] = sources.fault(key, args.first)
-    for fault in sorted(set(filter(None, faults.values()))):
-        console.note(f"left out: {fault}")
-    found = [key for key in keys if not faults[key.sequence]]
-    if not found:
-        hint = "iclnuim make all, or another {data}"
-        raise InputError("sequences to measure on", path=args.data, found="none", hint=hint)
-    return found
-
-
-def _workers() -> int:
-    """The number of processes for which there are cores and memory."""
-    if "SC_PHYS_PAGES" not in getattr(os, "sysconf_names", {}):
-        return cores()
-    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    return max(1, min(cores(), memory // _BYTES_A_WORKER))
-
-
-def _films(args: Namespace, results: "list[Measured]", console: Console) -> dict[str, bytes]:
-    """The films OUT/films/SEQUENCE.webm of the measured sequences that exist, by sequence; missing
-    films are made.
-    """
-    from iclnuim.benchmark.experiments.recipes.paper.sources import Sources
-    from iclnuim.native_output import native_output_in
-    from iclnuim.report.preview import write_web_film
-
-    sources = Sources(args.data, args.out, args.lambertian)
-    keys = {r.key.sequence: r.key for r in results if not r.key.seed}
-    folders = {name: sources.folder(key) for name, key in keys.items()}
-    there = {name: folder for name, folder in folders.items() if folder.is_dir()}
-    progress = console.progress(len(there), "films", "films")
-    films = {}
-    for name, folder in there.items():
-        path = sources.out / "films" / f"{name}.webm"
-        if not path.is_file():
-            make_folder(path.parent)
-            with native_output_in(Path(os.devnull)):  # OpenCV's FFmpeg writes to standard error
-                write_web_film(folder, path, args.first)
-        films[name] = path.read_bytes()
-        progress.advance()
-    return films
-
-
-def tables_of(results: "list[Measured]") -> list[ResultTable]:
-    """All tables that are made from the measured cells."""
-    from iclnuim.benchmark.experiments.recipes.paper.best_methods import best_methods_table
-    from iclnuim.benchmark.experiments.recipes.paper.correlation import correlation_table
-    from iclnuim.benchmark.experiments.recipes.paper.figures import presets_of
-    from iclnuim.benchmark.experiments.recipes.paper.findings import findings_table
-    from iclnuim.benchmark.experiments.recipes.paper.tables import all_tables
-
-    findings = [findings_table(results, preset) for preset in presets_of(results)]
-    *tables, cells = all_tables(results)
-    best = best_methods_table(results)
-    return [best, *tables, *findings, correlation_table(results), cells]
-
-
-def _text(tables: list[ResultTable]) -> str:
-    """The tables with a figure of ours; of few cells, these instead of the paper's tables."""
-    from iclnuim.benchmark.experiments.recipes.paper.tables import BRIEF_COLUMNS, has_ours
-
-    *shown, cells = tables
-    if len(cells.rows) <= _SCREEN:
-        found = [table for table in shown if table.name.startswith("findings")]
-        shown = [cells.varying(BRIEF_COLUMNS), *found]
-    with_rows = [table.text() for table in shown if table.rows and has_ours(table)]
-    undecided = [table.notes[-1] for table in shown if table.notes and not table.rows]
-    return "\n\n".join([*with_rows, *undecided])
-
-
-def _values(results: "list[Measured]", tables: list[ResultTable]) -> dict:
-    """The result for --json."""
-    cells = []
-    for result in results:
-        figures = {name: v for name, v in result.figures.items() if name != "path"}
-        cells.append({"cell": asdict(result.key), "folder": str(result.folder), **figures})
-    rows = {}
-    for t in tables:
-        rows[t.name] = {"title": t.title, "columns": t.columns, "rows": t.rows, "notes": t.notes}
-    return {"cells": cells, "tables": rows}

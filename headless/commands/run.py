@@ -14,10 +14,10 @@ from typing import Any
 from iclnuim.benchmark.experiments.recipes.system.recipe import (
     SystemRuns,
     read_results,
+    runs_table,
     system_store,
     write_results,
 )
-from iclnuim.benchmark.experiments.table import ResultTable, mm
 from iclnuim.benchmark.systems.staging import StagedSequence
 from iclnuim.benchmark.systems.system import System, built_in, read_system
 from iclnuim.console import Console
@@ -103,7 +103,7 @@ def run(args: Namespace, console: Console) -> int:
         return 0
     results = _results(args, experiments, console)
     console.note(f"{file} written; `iclnuim bench odometry {file}` shows it next to other results")
-    console.result({"results": results}, "\n\n".join(table(one).text() for one in results))
+    console.result({"results": results}, "\n\n".join(runs_table(one).text() for one in results))
     found = [row for row in chain.from_iterable(one["runs"] for one in results) if row["coverage"]]
     return 0 if found else 3
 
@@ -149,37 +149,6 @@ def _work(experiments: list[SystemRuns], runs: int) -> PlannedWork:
     name = experiments[0].system.name
     what = f"{runs} runs of {name} on {len(experiments)} sequences, {frames} frames, in real time"
     return PlannedWork(what, runs * seconds)
-
-
-_COLUMNS = (
-    "", "runs", "covered", "ATE mm", "quartiles", "RPE mm/s", "wall s", "CPU s", "MB",
-)  # fmt: skip
-
-
-def table(result: dict[str, Any]) -> ResultTable:
-    """A row for each trajectory of a system, with medians over its runs, followed by the notes
-    about these runs.
-    """
-    rows = []
-    notes = []
-    for r in result["runs"]:
-        killed = any("killed at" in note for note in r["notes"])
-        quartiles_m = r["ate_quartiles_m"] or []
-        rows.append(
-            (
-                r["odometer"],
-                f"{r['good_runs']}/{r['runs']}{', some killed' * killed}",
-                f"{r['coverage']:.1%}",
-                mm(r["ate_rmse_m"], ".3f"),
-                " .. ".join(mm(value, ".3f") for value in quartiles_m) or "-",
-                mm(r["rpe_1s_rmse_m"], ".3f"),
-                f"{r['wall_s']:.1f}",
-                f"{r['cpu_s']:.1f}",
-                f"{r['peak_bytes'] / 1e6:.0f}",
-            )
-        )
-        notes += [f"{r['odometer']}: {note}" for note in r["notes"]]
-    return ResultTable("runs", result["sequence"], _COLUMNS, tuple(rows), notes=tuple(notes))
 
 
 def _options(args: Namespace) -> dict[str, str]:

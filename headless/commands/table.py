@@ -15,7 +15,6 @@ from iclnuim.benchmark.experiments.table import FORMATS
 from iclnuim.console import Console
 
 from ..options import common
-from .benchmark import measured_cells
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -35,6 +34,8 @@ def run(args: Namespace, console: Console) -> None:
         rows = {row["sequence"]: row for row in trajectory_rows()}
         console.result(rows, written(table_1()))
         return
+    from iclnuim.benchmark.experiments.recipes.paper.recipe import measured_cells
+
     results = measured_cells(args.out)
     suffix = "" if args.preset == "best" else f"_{args.preset}"
     tables = {table.name: table for table in preset_tables(results, args.preset)}

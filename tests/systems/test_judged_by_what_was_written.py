@@ -9,8 +9,8 @@ import time
 
 import numpy as np
 import pytest
+from iclnuim.benchmark.experiments.recipes.system.recipe import runs_table
 from iclnuim.formats.png import write_png
-from iclnuim.headless.commands.run import table
 from iclnuim.trajectory_files.trajectories import read_trajectory
 from judges import judge_module
 
@@ -103,7 +103,9 @@ def test_a_row_says_beside_the_number_of_runs_that_some_were_killed(note, shown)
     figures = dict.fromkeys(("ate_rmse_m", "rpe_1s_rmse_m", "ate_quartiles_m"))
     figures |= dict.fromkeys(("coverage", "wall_s", "cpu_s", "peak_bytes"), 1)
     row = {"odometer": "good", "runs": 2, "good_runs": 2, "notes": [f"run 2: {note}"], **figures}
-    assert table({"sequence": "s", "runs": [row]}).rows[0][1] == "2/2" + ", some killed" * shown
+    assert (
+        runs_table({"sequence": "s", "runs": [row]}).rows[0][1] == "2/2" + ", some killed" * shown
+    )
 
 
 def test_medians_and_quartiles_are_of_the_runs_that_have_a_figure(run, fake, tmp_path):

@@ -76,10 +76,16 @@ class Ours:
 
     def result(self, where: Where) -> Measured | None:
         """The result of a cell; None if it was not measured."""
-        seed = self.seed if where.noise == "noisy" else 0
-        words = (where.room, where.trajectory, where.noise, where.odometer, self.preset)
-        reference = where.reference or reference_of(where.odometer)
-        return self._by_key.get(PaperKey(*words, reference, seed))
+        key = PaperKey(
+            room=where.room,
+            trajectory=where.trajectory,
+            noise=where.noise,
+            odometer=where.odometer,
+            preset=self.preset,
+            reference=where.reference or reference_of(where.odometer),
+            seed=self.seed if where.noise == "noisy" else 0,
+        )
+        return self._by_key.get(key)
 
     def figures(self, where: Where) -> Mapping[str, Any]:
         """The figures of a cell; {} if it was not measured."""

@@ -81,8 +81,8 @@ def all_keys(
         for seed in seeds if noise == "noisy" else (0,):
             for (name, entry), preset in product(ODOMETERS.items(), presets):
                 for reference in references or entry.references:
-                    words = (room, trajectory, noise, name, preset, reference)
-                    keys.append(PaperKey(*words, seed))
+                    key = PaperKey(room, trajectory, noise, name, preset, reference, seed=seed)
+                    keys.append(key)
     return keys
 
 

@@ -1,30 +1,68 @@
-"""The page of `iclnuim benchmark`: summary, findings, tables, and every cell with its trajectory,
-error over time and heat map.
+"""What `iclnuim benchmark` shows of its cells: tables, text, JSON, and a page with summary, findings,
+tables, and every cell with its trajectory, error over time and heat map.
 """
 
 import base64
 import io
+import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from iclnuim.formats.files import read_json
+from iclnuim.console import Console
+from iclnuim.formats.files import make_folder, read_json
+from iclnuim.native_output import native_output_in
 
 from ...cell import Measured
 from ...page import Page, Section
 from ...table import ResultTable
-from .best_methods import accuracy_figure
-from .correlation import correlation
-from .figures import ate_of, surface_of
-from .findings import FAILS, HOLDS, MISSING, RULES, UNDECIDED
+from .best_methods import accuracy_figure, best_methods_table
+from .correlation import correlation, correlation_table
+from .figures import ate_of, presets_of, surface_of
+from .findings import FAILS, HOLDS, MISSING, RULES, UNDECIDED, findings_table
 from .keys import HEAT_MM, paper_titles
-from .tables import CELL_COLUMNS, cell_row, cells_table, has_ours
+from .sources import Sources
+from .tables import BRIEF_COLUMNS, CELL_COLUMNS, all_tables, cell_row, cells_table, has_ours
 
 #: Part of the page for pictures and films. Pictures beyond it are left out, those in colour first.
 _PICTURES = 52_000_000
 _DPI = 110
+#: So many cells fit a screen.
+_SCREEN = 40
 _HEAT_TEXT = f"logarithmic: {HEAT_MM[0]:g} mm or less (blue) to {HEAT_MM[1]:g} mm or more (red)"
+
+
+def tables_of(results: Sequence[Measured]) -> list[ResultTable]:
+    """All tables that are made from the measured cells."""
+    findings = [findings_table(results, preset) for preset in presets_of(results)]
+    *tables, cells = all_tables(results)
+    best = best_methods_table(results)
+    return [best, *tables, *findings, correlation_table(results), cells]
+
+
+def text_of(tables: Sequence[ResultTable]) -> str:
+    """The tables with a figure of ours; of few cells, these instead of the paper's tables."""
+    *shown, cells = tables
+    if len(cells.rows) <= _SCREEN:
+        found = [table for table in shown if table.name.startswith("findings")]
+        shown = [cells.varying(BRIEF_COLUMNS), *found]
+    with_rows = [table.text() for table in shown if table.rows and has_ours(table)]
+    undecided = [table.notes[-1] for table in shown if table.notes and not table.rows]
+    return "\n\n".join([*with_rows, *undecided])
+
+
+def values_of(results: Sequence[Measured], tables: Sequence[ResultTable]) -> dict[str, Any]:
+    """The result for --json."""
+    cells = []
+    for result in results:
+        figures = {name: v for name, v in result.figures.items() if name != "path"}
+        cells.append({"cell": asdict(result.key), "folder": str(result.folder), **figures})
+    rows = {}
+    for t in tables:
+        rows[t.name] = {"title": t.title, "columns": t.columns, "rows": t.rows, "notes": t.notes}
+    return {"cells": cells, "tables": rows}
 
 
 def write_report(
@@ -53,6 +91,30 @@ def write_report(
         heat=_heat_gradient(),
     )
     return page.write(out / "report.html")
+
+
+def films(
+    sources: Sources, results: Sequence[Measured], first: int | None, console: Console
+) -> dict[str, bytes]:
+    """The films OUT/films/SEQUENCE.webm of the measured sequences that exist, by sequence; missing
+    films are made.
+    """
+    from iclnuim.report.preview import write_web_film
+
+    keys = {r.key.sequence: r.key for r in results if not r.key.seed}
+    folders = {name: sources.folder(key) for name, key in keys.items()}
+    there = {name: folder for name, folder in folders.items() if folder.is_dir()}
+    progress = console.progress(len(there), "films", "films")
+    found = {}
+    for name, folder in there.items():
+        path = sources.out / "films" / f"{name}.webm"
+        if not path.is_file():
+            make_folder(path.parent)
+            with native_output_in(Path(os.devnull)):  # OpenCV's FFmpeg writes to standard error
+                write_web_film(folder, path, first)
+        found[name] = path.read_bytes()
+        progress.advance()
+    return found
 
 
 def _sections(

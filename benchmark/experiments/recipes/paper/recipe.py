@@ -15,10 +15,10 @@ from typing import Any
 
 from iclnuim.benchmark.fusion.settings import QualitySettings
 from iclnuim.console import Console
-from iclnuim.errors import WorkError
+from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import sha256
 
-from ...cell import Cell
+from ...cell import Cell, Measured
 from ...code_version import code_of, method_code
 from ...pool import Advance, Job, compile_first, run_jobs
 from ...store import Store
@@ -41,6 +41,15 @@ def code_of_trajectory(key: PaperKey) -> dict[str, str | None]:
     if key.reference == "model":
         found["reference_code"] = code_of(_REFERENCE)
     return found
+
+
+def measured_cells(out: Path) -> list[Measured]:
+    """All measured cells of a benchmark. Raises InputError if there are none."""
+    results = Store(out, KIND).read_all(PaperKey)
+    if not results:
+        hint = "iclnuim benchmark, or another {out}"
+        raise InputError("a benchmark with measured cells", path=out, found="none", hint=hint)
+    return results
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,6 +67,25 @@ class Sources:
         """Folder of data shared by cells while they are measured."""
         return self.out / "work"
 
+    def measurable(
+        self, keys: Sequence[PaperKey], first: int | None, note: Callable[[str], object]
+    ) -> list[PaperKey]:
+        """Those whose sequences are there; a note names each other one.
+
+        Raises InputError if there are none.
+        """
+        faults = {}
+        for key in keys:
+            if key.sequence not in faults:
+                faults[key.sequence] = self.fault(key, first)
+        for fault in sorted(set(filter(None, faults.values()))):
+            note(f"left out: {fault}")
+        found = [key for key in keys if not faults[key.sequence]]
+        if not found:
+            hint = "iclnuim make all, or another {data}"
+            raise InputError("sequences to measure on", path=self.data, found="none", hint=hint)
+        return found
+
     def fault(self, key: PaperKey, first: int | None) -> str:
         """Why the cell cannot be measured; empty if it can.
 

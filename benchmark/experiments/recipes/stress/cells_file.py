@@ -45,13 +45,17 @@ def read_cells(file: Path) -> dict[StressKey, dict[str, Any]]:
             raise InputError(f"{len(_COLUMNS)} values", path=file, line=line, found=len(row))
         words = dict(zip(_COLUMNS, row, strict=True))
         try:
-            start = int(words["start"])
-            severity = int(words["severity"])
-            segment = (words["sequence"], start, words["perturbation"], severity)
+            key = StressKey(
+                sequence=words["sequence"],
+                start=int(words["start"]),
+                perturbation=words["perturbation"],
+                severity=int(words["severity"]),
+                method=words["method"],
+            )
             figures = {name: _value(words[name], kind) for name, kind in _FIGURES.items()}
         except ValueError as error:
             raise InputError("figures of a cell", path=file, line=line, found=error) from None
-        found[StressKey(*segment, words["method"])] = figures
+        found[key] = figures
     return found
 
 

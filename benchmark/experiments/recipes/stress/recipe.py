@@ -145,7 +145,7 @@ class Stress:
         preset = ""
         if method in ODOMETERS and self.preset != "best":
             preset = self.preset
-        key = StressKey(*place, method, preset)
+        key = StressKey(*place, method=method, preset=preset)
         plan = self.plan
         identity = {
             "frames": plan.frames,

@@ -24,6 +24,7 @@ from ....systems.staging import StagedSequence, unpacked
 from ....systems.system import System
 from ...cell import Cell
 from ...store import Store
+from ...table import ResultTable, mm
 
 KIND = "systems"
 #: Keys of a system's file that do not decide the result.
@@ -68,8 +69,8 @@ class SystemRuns:
     def cells(self, runs: int) -> list[Cell]:
         """The cells of the first runs."""
         identity = self._identity()
-        names = (self.system.name, self.sequence.name)
-        return [Cell(RunKey(*names, number), identity) for number in range(1, runs + 1)]
+        keys = (RunKey(self.system.name, self.sequence.name, k) for k in range(1, runs + 1))
+        return [Cell(key, identity) for key in keys]
 
     def prepare(self) -> dict[str, object]:
         """Make the view, or open the existing one. Returns the values of the command's placeholders
@@ -201,3 +202,34 @@ def write_results(out: Path, comparisons: Sequence[dict[str, Any]]) -> None:
     path = out / "results.json"
     existing = read_results(path) if is_file(path) else []
     write_json(path, {"results": merged([*existing, *comparisons])})
+
+
+_COLUMNS = (
+    "", "runs", "covered", "ATE mm", "quartiles", "RPE mm/s", "wall s", "CPU s", "MB",
+)  # fmt: skip
+
+
+def runs_table(result: dict[str, Any]) -> ResultTable:
+    """A row for each trajectory of a system, with medians over its runs, followed by the notes
+    about these runs.
+    """
+    rows = []
+    notes = []
+    for r in result["runs"]:
+        killed = any("killed at" in note for note in r["notes"])
+        quartiles_m = r["ate_quartiles_m"] or []
+        rows.append(
+            (
+                r["odometer"],
+                f"{r['good_runs']}/{r['runs']}{', some killed' * killed}",
+                f"{r['coverage']:.1%}",
+                mm(r["ate_rmse_m"], ".3f"),
+                " .. ".join(mm(value, ".3f") for value in quartiles_m) or "-",
+                mm(r["rpe_1s_rmse_m"], ".3f"),
+                f"{r['wall_s']:.1f}",
+                f"{r['cpu_s']:.1f}",
+                f"{r['peak_bytes'] / 1e6:.0f}",
+            )
+        )
+        notes += [f"{r['odometer']}: {note}" for note in r["notes"]]
+    return ResultTable("runs", result["sequence"], _COLUMNS, tuple(rows), notes=tuple(notes))
