@@ -72,9 +72,10 @@ BENCHMARK = [
 ]
 MAY_IMPORT |= {
     "benchmark": "",
-    "benchmark.odometry": LIBRARY,
+    "benchmark.compiled": "",
+    "benchmark.odometry": f"{LIBRARY} benchmark.compiled",
     "benchmark.fusion": f"{CORE} console sensor evaluation trajectory_files sequences labels report raycast "
-    "benchmark.odometry",
+    "benchmark.compiled benchmark.odometry",
     "benchmark.perturbations": f"{LIBRARY} benchmark.odometry",
     "benchmark.systems": f"{LIBRARY} benchmark.odometry",
     "benchmark.experiments": f"{LIBRARY} benchmark " + " ".join(BENCHMARK),

@@ -12,8 +12,9 @@ import math
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..compiled import compiled
 from .grid import UNIT, CameraPose, Grid, Rule
 
 #: If the distance along the normal is more than this share of the distance along z, the nearest
@@ -38,7 +39,7 @@ class Pool(NamedTuple):
     state: np.ndarray
 
 
-@njit(cache=True)
+@compiled()
 def touch(grid: Grid, inverse: np.ndarray, camera: CameraPose, rule: Rule, pool: Pool) -> int:
     """List the blocks within the truncation distance of a measured depth, and allocate missing
     ones. Every second pixel of every second row is used. Returns the number of blocks that could
@@ -93,7 +94,7 @@ def touch(grid: Grid, inverse: np.ndarray, camera: CameraPose, rule: Rule, pool:
     return lost
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _direction(camera: CameraPose, u: int, v: int) -> tuple[float, float, float]:
     """The ray of a pixel in the world, with z = 1 in the camera's frame."""
     x = (u - camera.K[2]) / camera.K[0]
@@ -125,7 +126,7 @@ class Layer(NamedTuple):
     pixel: np.ndarray
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _continues(
     inverse: np.ndarray,
     K: Intrinsics,
@@ -153,7 +154,7 @@ def _continues(
     return abs(plane - seen) <= trunc * plane * seen
 
 
-@njit(cache=True)
+@compiled()
 def _colour(image: np.ndarray, trunc: float, layer: Layer, colour: np.ndarray) -> None:
     """Add a sample, bilinear, to the running mean of each observed voxel near the surface, colour
     (64, channels + 1), whose last channel is the count.
@@ -178,7 +179,7 @@ def _colour(image: np.ndarray, trunc: float, layer: Layer, colour: np.ndarray) -
         colour[m, last] = np.uint16(min(n + 1.0, 255.0))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(error_model="numpy", inline="always")
 def _project(
     corner: tuple[int, int, int],
     voxel: float,
@@ -214,7 +215,7 @@ def _project(
         layer.pixel[n] = np.int32(v) * shape[1] + np.int32(u)
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _gather(inverse: np.ndarray, width: int, layer: Layer) -> None:
     """The inverse depth of the four pixels around each voxel; inverse: the image in one row."""
     one = np.uint64(1)
@@ -227,7 +228,7 @@ def _gather(inverse: np.ndarray, width: int, layer: Layer) -> None:
         layer.corner[3, n] = inverse[below + one]
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _tangent(
     K: Intrinsics,
     u: float,
@@ -244,7 +245,7 @@ def _tangent(
     return K[0] * across, K[1] * down, found - (u - K[2]) * across - (v - K[3]) * down
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(error_model="numpy", inline="always")
 def _measure(K: Intrinsics, rule: Rule, layer: Layer) -> None:
     """The distance of each voxel to the surface, and the weight of this observation; 0 without one.
 
@@ -295,7 +296,7 @@ def _measure(K: Intrinsics, rule: Rule, layer: Layer) -> None:
         layer.value[MORE, n] = more if usable else 0.0
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(error_model="numpy", inline="always")
 def _average(tsdf: np.ndarray, weight: np.ndarray, rule: Rule, layer: Layer) -> None:
     """Update the running means of a layer, tsdf and weight (64,)."""
     trunc = rule.trunc
@@ -312,7 +313,7 @@ def _average(tsdf: np.ndarray, weight: np.ndarray, rule: Rule, layer: Layer) -> 
         weight[n] = np.uint16(total if total < rule.max_weight else rule.max_weight)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _drop_unseen(inverse: np.ndarray, K: Intrinsics, trunc: float, layer: Layer) -> None:
     """Set the weight of voxels behind a slanted surface to 0 unless the surface continues to the
     point nearest to the voxel.
@@ -335,7 +336,7 @@ def _drop_unseen(inverse: np.ndarray, K: Intrinsics, trunc: float, layer: Layer)
             layer.value[MORE, m] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _fuse_blocks(
     grid: Grid,
     rows: np.ndarray,
@@ -371,7 +372,7 @@ def _fuse_blocks(
         grid.inside[row] = found
 
 
-@njit(cache=True, parallel=True)
+@compiled(parallel=True)
 def fuse(
     grid: Grid,
     inverse: np.ndarray,

@@ -10,7 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from ..compiled import compiled
 
 #: The weight that a frame adds on its surface and in front of it. Slanted views and voxels behind a
 #: surface add less, in whole steps.
@@ -53,7 +54,7 @@ class Rule(NamedTuple):
     max_weight: float
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def row_of(grid: Grid, a: int, b: int, c: int) -> int:
     """Row of block (a, b, c); 0 if there is none."""
     n = grid.slots.shape[0]
@@ -65,7 +66,7 @@ def row_of(grid: Grid, a: int, b: int, c: int) -> int:
     return grid.slots[a & (n - 1), b & (n - 1), c & (n - 1)]
 
 
-@njit(cache=True)
+@compiled()
 def read(grid: Grid, x: float, y: float, z: float) -> float:
     """Trilinear distance at (x, y, z) in voxels; NaN if one of the eight voxels is unobserved."""
     i = int(math.floor(x))
@@ -86,7 +87,7 @@ def read(grid: Grid, x: float, y: float, z: float) -> float:
     return total
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _share(corner: int, p: float, q: float, s: float) -> float:
     """Trilinear weight of a corner of the cube at (p, q, s)."""
     along_x = p if corner >> 2 else 1 - p
@@ -95,7 +96,7 @@ def _share(corner: int, p: float, q: float, s: float) -> float:
     return along_x * along_y * along_z
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _within(grid: Grid, lowest: tuple[int, int, int], offset: tuple[float, float, float]) -> float:
     """read() if all eight voxels are in one block."""
     i, j, k = lowest
@@ -116,7 +117,7 @@ def _within(grid: Grid, lowest: tuple[int, int, int], offset: tuple[float, float
     return (1 - p) * low + p * high
 
 
-@njit(cache=True)
+@compiled()
 def read_colour(grid: Grid, x: float, y: float, z: float, out: np.ndarray) -> None:
     """Write to out (channels,) the trilinear colour of those of the eight voxels that have one;
     unchanged if none has.
@@ -142,7 +143,7 @@ def read_colour(grid: Grid, x: float, y: float, z: float, out: np.ndarray) -> No
             share += part
 
 
-@njit(cache=True)
+@compiled()
 def gradient(grid: Grid, x: float, y: float, z: float, out: np.ndarray) -> None:
     """Write to out (3,) the unit gradient by central differences over one voxel to each side; NaN
     at the border of the observed region.

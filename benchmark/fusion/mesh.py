@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 from iclnuim.shown import Brief
-from numba import njit, prange
+from numba import prange
 
+from ..compiled import compiled
 from .grid import UNIT, Grid, row_of
 from .volume import Volume
 
@@ -87,7 +88,7 @@ class Cubes(NamedTuple):
     low: np.ndarray
 
 
-@njit(cache=True)
+@compiled()
 def _triangles(grid: Grid, cubes: Cubes, row: int, keys: np.ndarray) -> int:
     """The triangles of a block's cubes, written to keys (n, 3) unless that is empty. Returns their
     number.
@@ -114,7 +115,7 @@ def _triangles(grid: Grid, cubes: Cubes, row: int, keys: np.ndarray) -> int:
     return found
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _case(grid: Grid, cubes: Cubes, near: np.ndarray, i: int, j: int, k: int) -> int:
     """The case of the cube at voxel (i, j, k) of a block; 0, which has no triangles, if it is not
     used. near (8,): rows of the block and of its neighbours above.
@@ -135,7 +136,7 @@ def _case(grid: Grid, cubes: Cubes, near: np.ndarray, i: int, j: int, k: int) ->
     return case if mine else 0
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _key(corner: tuple[int, int, int], edge: int) -> int:
     n = edge // 3
     x = corner[0] + (n >> 2)
@@ -144,7 +145,7 @@ def _key(corner: tuple[int, int, int], edge: int) -> int:
     return ((x * SIDE + y) * SIDE + z) * 3 + edge % 3
 
 
-@njit(cache=True, parallel=True)
+@compiled(parallel=True)
 def list_triangles(
     grid: Grid, cubes: Cubes, start: np.ndarray, keys: np.ndarray, totals: np.ndarray
 ) -> None:
@@ -156,7 +157,7 @@ def list_triangles(
         totals[r] = _triangles(grid, cubes, cubes.rows[r], part)
 
 
-@njit(cache=True, parallel=True)
+@compiled(parallel=True)
 def place_vertices(
     grid: Grid,
     keys: np.ndarray,

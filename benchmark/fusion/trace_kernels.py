@@ -8,8 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..compiled import compiled
 from .grid import CameraPose, Grid, Rule, gradient, read, read_colour, row_of
 
 #: Side in pixels of the tiles that share one depth range.
@@ -29,7 +30,7 @@ class View(NamedTuple):
     colour: np.ndarray
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _beside(x: float, z: float, f: float, c: float, size: float, radius: float) -> bool:
     """Whether a sphere at (x, z) is outside one of the two planes through opposite borders of the
     image.
@@ -39,7 +40,7 @@ def _beside(x: float, z: float, f: float, c: float, size: float, radius: float) 
     return below or high * z - f * x < -radius * math.hypot(f, high)
 
 
-@njit(cache=True)
+@compiled()
 def ranges(grid: Grid, highest: int, camera: CameraPose, voxel: float, reach: np.ndarray) -> None:
     """Range of planar depth of those blocks of rows 1..highest that are partly behind a surface,
     per tile of the image.
@@ -77,7 +78,7 @@ def ranges(grid: Grid, highest: int, camera: CameraPose, voxel: float, reach: np
             _widen(reach, columns, rows, (nearest, z + radius))
 
 
-@njit(cache=True)
+@compiled()
 def _tiles(u: float, du: float, c: float, z: float, nearest: float) -> tuple[int, int]:
     """First and last tile of a sphere of radius du at u, both at depth 1, that is at z to nearest;
     c: principal point.
@@ -87,7 +88,7 @@ def _tiles(u: float, du: float, c: float, z: float, nearest: float) -> tuple[int
     return int(max(0.0, low)), int(high)
 
 
-@njit(cache=True)
+@compiled()
 def _widen(
     reach: np.ndarray,
     columns: tuple[int, int],
@@ -101,7 +102,7 @@ def _widen(
             reach[1, i, j] = max(reach[1, i, j], depths[1])
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _leave(p: float, inverse: float) -> float:
     """Distance along a ray to the border of the block of a coordinate p (voxels, shifted by half);
     inverse: 1 / its direction.
@@ -112,18 +113,18 @@ def _leave(p: float, inverse: float) -> float:
     return (border - p) * inverse
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _inverse(d: float) -> float:
     """1 / d, but finite."""
     return 1.0 / (d if abs(d) > 1e-12 else 1e-12)
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def _read_along(grid: Grid, o: np.ndarray, d: np.ndarray, z: float) -> float:
     return read(grid, o[0] + d[0] * z, o[1] + d[1] * z, o[2] + d[2] * z)
 
 
-@njit(cache=True)
+@compiled()
 def _refined(
     grid: Grid, o: np.ndarray, d: np.ndarray, front: float, behind: float, step: float
 ) -> float:
@@ -161,7 +162,7 @@ def _refined(
     return front + (behind - front) * before / (before - after)
 
 
-@njit(cache=True)
+@compiled()
 def _first_crossing(
     grid: Grid, o: np.ndarray, d: np.ndarray, start: float, far: float, voxel: float
 ) -> float:
@@ -204,7 +205,7 @@ def _first_crossing(
     return np.nan
 
 
-@njit(cache=True)
+@compiled()
 def _trace_row(
     grid: Grid, camera: CameraPose, rule: Rule, reach: np.ndarray, view: View, v: int
 ) -> None:
@@ -241,7 +242,7 @@ def _trace_row(
             read_colour(grid, px, py, pz, view.colour[v, u])
 
 
-@njit(cache=True, parallel=True)
+@compiled(parallel=True)
 def trace(grid: Grid, camera: CameraPose, rule: Rule, reach: np.ndarray, view: View) -> None:
     """First crossing from front to back along each pixel's ray; without one the outputs are
     unchanged.

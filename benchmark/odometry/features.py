@@ -12,8 +12,8 @@ from functools import cached_property
 import cv2
 import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
-from numba import njit
 
+from ..compiled import compiled
 from .kernels import halve_depth
 from .levels import MIN_SIDE, Level
 from .protocol import Frame
@@ -105,7 +105,7 @@ def eigenvalue_corners(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([u, v], axis=1), scores[v, u]
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def smaller_eigenvalues(image: np.ndarray) -> np.ndarray:
     """(h, w) float32: smaller eigenvalue of the structure tensor, the 7x7 mean of products of Sobel
     gradients per pixel of an image in 0..1.
@@ -178,7 +178,7 @@ def strongest(uv: np.ndarray, scores: np.ndarray, width: int) -> np.ndarray:
     return uv[np.sort(order[np.arange(len(order)) - first < PER_BUCKET])]
 
 
-@njit(cache=True)
+@compiled()
 def describe(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """(n, 81) uint8: the patch around each of uv (n, 2), shifted to a mean of mid-grey."""
     side = 2 * REACH + 1
@@ -235,7 +235,7 @@ def match(
     return matches.chosen((z > 0) & ~lost)
 
 
-@njit(cache=True)
+@compiled()
 def mutual_best(one: tuple, other: tuple, search_px: float) -> np.ndarray:
     """(n0,): index of the match in image 1 of each corner of image 0, -1 without a match.
 
@@ -274,7 +274,7 @@ def mutual_best(one: tuple, other: tuple, search_px: float) -> np.ndarray:
     return of0
 
 
-@njit(cache=True)
+@compiled()
 def difference(one: np.ndarray, other: np.ndarray, limit: int) -> int:
     """The sum of absolute differences of two descriptions.
 
@@ -293,7 +293,7 @@ def difference(one: np.ndarray, other: np.ndarray, limit: int) -> int:
     return score
 
 
-@njit(cache=True)
+@compiled()
 def _window(image: np.ndarray, u: float, v: float, across: np.ndarray, out: np.ndarray) -> None:
     """out (n, n): the image around (u, v), bilinear, at steps of a pixel; across (n + 1, n) is a
     work array.
@@ -314,7 +314,7 @@ def _window(image: np.ndarray, u: float, v: float, across: np.ndarray, out: np.n
             out[y, x] = across[y, x] + t * (across[y + 1, x] - across[y, x])
 
 
-@njit(cache=True)
+@compiled()
 def refine(
     images: tuple,
     uv0: np.ndarray,
@@ -369,7 +369,7 @@ def refine(
             lost[at[n]] = True
 
 
-@njit(cache=True)
+@compiled()
 def _patch_step(seen0: np.ndarray, seen1: np.ndarray) -> tuple[float, float, float]:
     """The squared difference of two patches (within a border of a pixel) after subtracting its
     mean, and the shift of the second one that reduces it, NaN without contrast.
@@ -406,7 +406,7 @@ def _patch_step(seen0: np.ndarray, seen1: np.ndarray) -> tuple[float, float, flo
     return error, (c * p - b * q) / det, (a * q - b * p) / det
 
 
-@njit(cache=True)
+@compiled()
 def depth_at(depth_z_m: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """(n,) depth in metres, interpolated; 0 if one of the four pixels has none."""
     out = np.zeros(len(uv))
@@ -432,7 +432,7 @@ def consistent(points0_m: np.ndarray, points1_m: np.ndarray, max_m: float) -> np
     return clique(agree, np.argsort(-agree.sum(axis=1), kind="mergesort"))
 
 
-@njit(cache=True)
+@compiled()
 def agreement(points0_m: np.ndarray, points1_m: np.ndarray, max_m: float) -> np.ndarray:
     """(n, n) bool: whether the distance of two matches differs by less than max_m between the
     frames; False for a match with itself.
@@ -450,7 +450,7 @@ def agreement(points0_m: np.ndarray, points1_m: np.ndarray, max_m: float) -> np.
     return agree
 
 
-@njit(cache=True)
+@compiled()
 def clique(agree: np.ndarray, order: np.ndarray) -> np.ndarray:
     """(n,) bool: in this order, the matches that agree with all that were chosen before."""
     n = len(agree)

@@ -13,7 +13,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+
+from ..compiled import compiled
 
 #: A point nearer than this to the image plane is not projected (metres).
 NEAREST_M = 0.05
@@ -43,7 +44,7 @@ class SurfacePoints(NamedTuple):
     blocks: np.ndarray
 
 
-@njit(cache=True)
+@compiled()
 def _put_row(J: np.ndarray, p: tuple, n: tuple) -> None:
     """J (6,): derivative by a twist from the left of what changes by n with the point p."""
     x, y, z = p
@@ -56,7 +57,7 @@ def _put_row(J: np.ndarray, p: tuple, n: tuple) -> None:
     J[5] = x * ny - y * nx
 
 
-@njit(cache=True)
+@compiled()
 def halve_grey(grey: np.ndarray) -> np.ndarray:
     """2x2 mean."""
     out = np.empty((grey.shape[0] // 2, grey.shape[1] // 2), np.float32)
@@ -68,7 +69,7 @@ def halve_grey(grey: np.ndarray) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@compiled()
 def halve_depth(z: np.ndarray) -> np.ndarray:
     """2x2 mean of inverse depth (exact on planes) if the four are of one surface, else the nearest
     depth; 0 = missing.
@@ -97,7 +98,7 @@ def halve_depth(z: np.ndarray) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@compiled()
 def halve_depth_median(z: np.ndarray) -> np.ndarray:
     """Median of the 3x3 neighbourhood of every second pixel, of the pixels with depth; 0 if fewer
     than half have depth.
@@ -124,7 +125,7 @@ def halve_depth_median(z: np.ndarray) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@compiled()
 def _facing(k: tuple, pixel: Pair, left: Pair, right: Pair, above: Pair, below: Pair) -> tuple:
     """Unit normal at a pixel (v, u) of the surface through its neighbours, each a column or row and
     its depth; 0 if undefined.
@@ -150,13 +151,13 @@ def _facing(k: tuple, pixel: Pair, left: Pair, right: Pair, above: Pair, below: 
     return 0.0, 0.0, 0.0
 
 
-@njit(cache=True)
+@compiled()
 def _largest_step(d: float, left_z: float, right_z: float, above_z: float, below_z: float) -> float:
     """The largest step of depth from a pixel to its neighbours."""
     return max(abs(left_z - d), abs(right_z - d), abs(above_z - d), abs(below_z - d))
 
 
-@njit(cache=True)
+@compiled()
 def normals(z: np.ndarray, k: np.ndarray, s: int) -> np.ndarray:
     """Unit normals (h, w, 3) by differences over +-s pixels, one-sided where a neighbour is
     missing; 0 at depth edges.
@@ -193,7 +194,7 @@ def normals(z: np.ndarray, k: np.ndarray, s: int) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@compiled()
 def gradient_points(k: np.ndarray, image: Pair, rule: tuple) -> GradientPoints:
     """The pixels of an image (grey, depth) with a gradient (central differences) and depth.
 
@@ -233,7 +234,7 @@ def gradient_points(k: np.ndarray, image: Pair, rule: tuple) -> GradientPoints:
     return GradientPoints(points[:n], greys[:n], J[:n], tiles[:n])
 
 
-@njit(cache=True)
+@compiled()
 def _moved(T: np.ndarray, x: float, y: float, z: float) -> tuple:
     """T p for a point."""
     return (
@@ -243,7 +244,7 @@ def _moved(T: np.ndarray, x: float, y: float, z: float) -> tuple:
     )
 
 
-@njit(cache=True)
+@compiled()
 def _rotated(T: np.ndarray, x: float, y: float, z: float) -> tuple:
     """R n for a direction."""
     return (
@@ -253,7 +254,7 @@ def _rotated(T: np.ndarray, x: float, y: float, z: float) -> tuple:
     )
 
 
-@njit(cache=True)
+@compiled()
 def _rotated_back(T: np.ndarray, x: float, y: float, z: float) -> tuple:
     """R^T n for a direction."""
     return (
@@ -263,7 +264,7 @@ def _rotated_back(T: np.ndarray, x: float, y: float, z: float) -> tuple:
     )
 
 
-@njit(cache=True)
+@compiled()
 def _bilinear(grey: np.ndarray, u: float, v: float) -> float:
     j = int(u)
     i = int(v)
@@ -274,7 +275,7 @@ def _bilinear(grey: np.ndarray, u: float, v: float) -> float:
     return top + t * (bottom - top)
 
 
-@njit(cache=True)
+@compiled()
 def grey_residuals(
     T: np.ndarray, k: np.ndarray, seen: GradientPoints, image: tuple, factor: np.ndarray, out: tuple
 ) -> None:
@@ -328,7 +329,7 @@ def grey_residuals(
             parallax[n] = mx * gx + my * gy + mz * gz
 
 
-@njit(cache=True)
+@compiled()
 def surface_points(
     k: np.ndarray, z: np.ndarray, normals: np.ndarray, stride: int, grid: Pair
 ) -> tuple[int, SurfacePoints]:
@@ -357,7 +358,7 @@ def surface_points(
     return size, SurfacePoints(points[:n], directions[:n], blocks[:n])
 
 
-@njit(cache=True)
+@compiled()
 def _pixel(q: tuple, k: tuple, shape: tuple, border: int) -> Pair:
     """The row and column that a point is projected to; -1 outside the image or in its border."""
     fx, fy, cx, cy = k
@@ -371,7 +372,7 @@ def _pixel(q: tuple, k: tuple, shape: tuple, border: int) -> Pair:
     return -1, -1
 
 
-@njit(cache=True)
+@compiled()
 def _way(q: tuple, k: tuple, pixel: Pair, depth: Any) -> tuple:
     """From a point to that of a pixel with a depth."""
     fx, fy, cx, cy = k
@@ -379,12 +380,12 @@ def _way(q: tuple, k: tuple, pixel: Pair, depth: Any) -> tuple:
     return (j - cx) / fx * depth - q[0], (i - cy) / fy * depth - q[1], depth - q[2]
 
 
-@njit(cache=True)
+@compiled()
 def _dot(a: tuple, b: tuple) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True)
+@compiled()
 def plane_residuals(
     T: np.ndarray, k: np.ndarray, seen: SurfacePoints, surface: Pair, gate: Pair, out: tuple
 ) -> None:
@@ -419,7 +420,7 @@ def plane_residuals(
         _put_row(J1[n], q, other)
 
 
-@njit(cache=True)
+@compiled()
 def _add_point(o: np.ndarray, r: float, weight: float, p: tuple) -> None:
     """Add one pixel to elements 27 to 33 of the sums o (34,) that block_sums() describes."""
     x, y, z = p
@@ -432,7 +433,7 @@ def _add_point(o: np.ndarray, r: float, weight: float, p: tuple) -> None:
     o[33] += weight * (x * x + y * y + z * z)
 
 
-@njit(cache=True)
+@compiled()
 def _add_pair(
     o: np.ndarray, J: np.ndarray, J1: np.ndarray, residuals: Pair, weight: float, p: tuple
 ) -> None:
@@ -448,7 +449,7 @@ def _add_pair(
     _add_point(o, r, weight, p)
 
 
-@njit(cache=True)
+@compiled()
 def _weight(r: float, student: Pair) -> float:
     """Student-t weight (Kerl 2013, eq. 12) of a residual; student: scale, degrees of freedom nu;
     nu <= 0: plain least squares.
@@ -459,7 +460,7 @@ def _weight(r: float, student: Pair) -> float:
     return (nu + 1) / (nu + (r / sigma) ** 2)
 
 
-@njit(cache=True)
+@compiled()
 def block_sums(
     points: np.ndarray, rows: tuple, student: Pair, blocks: np.ndarray, out: np.ndarray
 ) -> None:
@@ -481,7 +482,7 @@ def block_sums(
         _add_pair(out[blocks[i]], J[i], J1[i], (r, residual1[i]), weight, p)
 
 
-@njit(cache=True)
+@compiled()
 def sums(points: np.ndarray, residual: np.ndarray, J: np.ndarray, student: Pair) -> np.ndarray:
     """(34,): block_sums() of the squares of all pixels as one block."""
     out = np.empty((1, 34))
@@ -490,7 +491,7 @@ def sums(points: np.ndarray, residual: np.ndarray, J: np.ndarray, student: Pair)
     return out[0]
 
 
-@njit(cache=True)
+@compiled()
 def tile_sums(seen: GradientPoints, rows: tuple, student: Pair, out: np.ndarray) -> None:
     """out (tiles, 42): sums() per tile, then J^T w g (6), g^T w g and g^T w r of its parallax g.
 
@@ -518,7 +519,7 @@ def tile_sums(seen: GradientPoints, rows: tuple, student: Pair, out: np.ndarray)
         o[41] += weight * g * r
 
 
-@njit(cache=True)
+@compiled()
 def _normal(z: np.ndarray, v: int, u: int, k: tuple) -> tuple:
     """Unit normal by differences over a pixel to each side; its z is 0 at depth edges and where
     depth is missing.
@@ -535,7 +536,7 @@ def _normal(z: np.ndarray, v: int, u: int, k: tuple) -> tuple:
     return _facing(k, (v, u), (u - 1, left), (u + 1, right), (v - 1, above), (v + 1, below))
 
 
-@njit(cache=True)
+@compiled()
 def depth_points(k: np.ndarray, z: np.ndarray, stride: int) -> SurfacePoints:
     """The pixels with a normal in every stride-th row and column, in one block."""
     fx, fy, cx, cy = k
@@ -560,7 +561,7 @@ def depth_points(k: np.ndarray, z: np.ndarray, stride: int) -> SurfacePoints:
     return SurfacePoints(points[:n], directions[:n], np.zeros(n, np.int16))
 
 
-@njit(cache=True)
+@compiled()
 def depth_sums(
     T: np.ndarray, k: np.ndarray, seen: SurfacePoints, z: np.ndarray, rule: tuple, out: Pair
 ) -> np.ndarray:
@@ -601,7 +602,7 @@ def depth_sums(
     return result
 
 
-@njit(cache=True)
+@compiled()
 def student_scale(residual: np.ndarray, nu: float, start: float, rounds: int) -> float:
     """Scale of Student's t by fixed-point iteration (Kerl 2013, eq. 13), on some 5000 of the
     residuals.
@@ -625,7 +626,7 @@ def student_scale(residual: np.ndarray, nu: float, start: float, rounds: int) ->
     return sigma
 
 
-@njit(cache=True)
+@compiled()
 def take_brightness(residual: np.ndarray, greys: np.ndarray, student: Pair) -> Pair:
     """(scale, gain): subtracts a gain (minus 1) and an offset of `greys` from the residual (n,).
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
-from numba import njit
 
+from ...compiled import compiled
 from .. import kernels
 from ..certainty import BLOCKS, GRID, jackknife_information
 from ..normal_equations import NormalEquations
@@ -105,7 +105,7 @@ class ReprojectionTerm:
         return np.sqrt(kept + (1.0 - kept) * ambiguity)
 
 
-@njit(cache=True)
+@compiled()
 def reprojections(T: np.ndarray, seen: Seen) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(arms (4 n, 3), residuals (4 n,), Jacobian (4 n, 6) by a twist), per match: u and v in the
     reference's image, u and v in the current one.
@@ -153,7 +153,7 @@ def reprojections(T: np.ndarray, seen: Seen) -> tuple[np.ndarray, np.ndarray, np
     return arms, residual, J
 
 
-@njit(cache=True)
+@compiled()
 def least_squares(
     T: np.ndarray, seen: Seen, loose: bool, student: tuple, further: tuple, stop: tuple
 ) -> Any:
@@ -191,7 +191,7 @@ def least_squares(
     return T, gone, sigma
 
 
-@njit(cache=True)
+@compiled()
 def moved(T: np.ndarray, twist: np.ndarray) -> np.ndarray:
     """(4, 4): exp(twist) T (as SE3.exp, for rotations of less than 180 degrees)."""
     x, y, z = twist[3:]
@@ -211,7 +211,7 @@ def moved(T: np.ndarray, twist: np.ndarray) -> np.ndarray:
     return out @ T
 
 
-@njit(cache=True)
+@compiled()
 def free_depth(
     t: np.ndarray, J: np.ndarray, residual: np.ndarray, prior: float
 ) -> tuple[np.ndarray, np.ndarray]:
