@@ -5,6 +5,7 @@ tools/json_keys.toml: `python tools/write_json_page.py`. With --check it only co
 import sys
 import tomllib
 from collections.abc import Iterator
+from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,15 +30,17 @@ class Key(NamedTuple):
     optional: bool = False
 
     def below(self, path: str) -> "Key":
-        return self._replace(path=f"{path}.{self.path}" if path else self.path)
+        return self._replace(path=".".join(filter(None, (path, self.path))))
 
     def fits(self, found: str) -> bool:
         """Whether this declares a key that was found; a name of any object may be `*` here."""
         own = self.path.split(".")
         parts = found.split("\0")
-        return len(own) == len(parts) and all(
-            a in ("*", b) for a, b in zip(own, parts, strict=True)
-        )
+        return len(own) == len(parts) and all(map(fnmatchcase, parts, map(_pattern, own)))
+
+
+def _pattern(name: str) -> str:
+    return name.replace("[]", "[[]]")
 
 
 class Section(NamedTuple):

@@ -121,7 +121,7 @@ def _csv(names: list[str], found: list[Any]) -> str:
 
 def depth_notes(values: dict[str, Any]) -> list[str]:
     """A sentence for everything that does not count as the reader may expect."""
-    found = list(values["doubts"])
+    found = list(values["warnings"])
     if missing := values["missing_frames"]:
         total = len(missing) + values["frames"] + len(values["empty"])
         names = _listed(missing)

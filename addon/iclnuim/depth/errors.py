@@ -57,7 +57,7 @@ class MethodDepthErrors(Shown):
             "method": self.method,
             **self.errors.to_dict(),
             "missing_frames": list(self.missing),
-            "doubts": list(self.doubts),
+            "warnings": list(self.doubts),
         }
 
     def csv(self) -> str:
