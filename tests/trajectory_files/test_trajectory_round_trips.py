@@ -8,7 +8,8 @@ from iclnuim.errors import InputError
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.trajectory_files.number_rows import NumberRows
-from iclnuim.trajectory_files.stamps import stamp_text
+from iclnuim.trajectory_files.number_table import PoseColumns
+from iclnuim.trajectory_files.stamps import Stamps, stamp_text
 from iclnuim.trajectory_files.trajectories import (
     FORMATS,
     FileOptions,
@@ -69,8 +70,14 @@ def wrong_entries():
             for by in (-1, 1):
                 columns = entry.reader.columns.shifted(by)
                 yield name, entry._replace(reader=replace(entry.reader, columns=columns))
-            narrow = replace(rows, counts=(min(rows.counts) - 1,))
-            yield name, entry._replace(reader=replace(entry.reader, rows=narrow))
+            twice = PoseColumns(entry.reader.columns.position, (1,) * 4)
+            yield name, entry._replace(reader=replace(entry.reader, columns=twice))
+            other = Stamps.SECONDS if rows.stamps is Stamps.NONE else Stamps.NONE
+            for wrong in (
+                replace(rows, counts=(min(rows.counts) - 1,)),
+                replace(rows, stamps=other),
+            ):
+                yield name, entry._replace(reader=replace(entry.reader, rows=wrong))
 
 
 def test_an_entry_whose_parts_do_not_fit_is_refused_in_one_line():
