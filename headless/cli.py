@@ -184,6 +184,8 @@ def command() -> NoReturn:
     sys.exit(code)
 
 
+#: Options that there are no more -> what does the same.
+_INSTEAD = {"--klg": "--rosbag, or png_to_klg, which makes a log of a tum sequence"}
 #: A value, not an option: a number or an axis with a minus.
 _NEGATIVE = re.compile(r"-([\d.]|[xyz]$)")
 #: Coordinates such as -1.4,0,1.5, of which argparse knows only that they begin with a minus.
@@ -231,9 +233,13 @@ def _used(parser: argparse.ArgumentParser, words: Sequence[str]) -> argparse.Arg
 
 
 def _misspelt(message: str, parser: argparse.ArgumentParser) -> str:
-    """The options of the parser that resemble the first one that is unknown."""
+    """The options of the parser that resemble the first one that is unknown, or what does the same
+    as one that there is no more.
+    """
     _, _, unknown = message.partition("unrecognized arguments: ")
     option = unknown.partition(" ")[0].partition("=")[0]
+    if option in _INSTEAD:
+        return _INSTEAD[option]
     known: list[str] = []
     for action in parser._actions:
         if action.help != argparse.SUPPRESS:

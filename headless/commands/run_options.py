@@ -13,7 +13,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob, read_recipe, shipped_job
-from iclnuim.sequences.bags.recorded import LogSettings
+from iclnuim.sequences.bags.recorded import BagSettings
 from iclnuim.sequences.run_folder import load_trajectory
 
 from .. import options
@@ -52,7 +52,7 @@ def add_run_options(parser: ArgumentParser, command: str, out: str) -> None:
     add("-o", "--out", type=Path, metavar="DIR", help=out)
     if command == "make":
         add_sensor_options(parser, "released", ("depth_units", "formats", "names"))
-        options.add_settings(parser, LogSettings)
+        options.add_settings(parser, BagSettings)
         help = "keep the EXR frames; default: remove them once both sequences are complete"
         add("--keep-raw", action="store_true", help=help)
 

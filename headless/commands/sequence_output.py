@@ -10,7 +10,7 @@ from typing import Any, Self
 from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.formats.files import content_of_json
-from iclnuim.sequences.bags.recorded import LogSettings
+from iclnuim.sequences.bags.recorded import BagSettings
 from iclnuim.sequences.frame_source import FrameSource
 from iclnuim.sequences.sequence_formats import sequence_format
 from iclnuim.sequences.sequence_options import SequenceOptions
@@ -43,7 +43,7 @@ def add_output_options(parser: ArgumentParser) -> None:
 
 
 def add_file_options(parser: ArgumentParser) -> None:
-    add_settings(parser, LogSettings)
+    add_settings(parser, BagSettings)
     help = "number of processes that write images; default: one per core"
     parser.add_argument("--workers", type=count, metavar="N", help=help)
 
@@ -53,7 +53,7 @@ class SequenceOutput:
     """What the options say about the sequences that are written: noise, formats and bags."""
 
     options: SequenceOptions
-    logs: LogSettings
+    logs: BagSettings
 
     @classmethod
     def of(cls, args: Namespace, base: SequenceOptions | None = None) -> Self:
@@ -62,14 +62,14 @@ class SequenceOutput:
         Raises InputError for invalid settings, depth units that no format has, and settings of
         bags that are not written.
         """
-        given, logs = given_of_groups(args, SequenceOptions, LogSettings)
+        given, logs = given_of_groups(args, SequenceOptions, BagSettings)
         given |= _model_settings(args)
         options = replace(base or SequenceOptions(), **given)
         _check_units(options, given.get("depth_units"))
         if ":" in options.depth_noise + options.rgb_noise and "" not in sys.path:
             # a user's module is in the working folder, which is not on the command's search path
             sys.path.insert(0, "")
-        return cls(options, _checked(LogSettings(**logs)))
+        return cls(options, _checked(BagSettings(**logs)))
 
 
 def _model_settings(args: Namespace) -> dict[str, Any]:
@@ -93,10 +93,10 @@ def _check_units(options: SequenceOptions, given: float | None) -> None:
     raise InputError(expected, setting="depth_units", found=f"{given:g}", hint=hint)
 
 
-def _checked(logs: LogSettings) -> LogSettings:
+def _checked(logs: BagSettings) -> BagSettings:
     """Raises InputError for settings of bags that are not written."""
     for name in ("bag_storage", "bag_names", "compress_bags"):
-        if not logs.rosbag and getattr(logs, name) != getattr(LogSettings(), name):
+        if not logs.rosbag and getattr(logs, name) != getattr(BagSettings(), name):
             raise InputError(f"{{rosbag}} with {{{name}}}", found="it alone")
     return logs
 

@@ -13,7 +13,7 @@ from iclnuim.blender.open.blend_file import may_simulate
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_json, write_json
 from iclnuim.job import RenderJob
-from iclnuim.sequences.bags.recorded import LogSettings
+from iclnuim.sequences.bags.recorded import BagSettings
 from iclnuim.sequences.frame_source import frames_of_run
 from iclnuim.sequences.journal import read_entries
 from iclnuim.sequences.run_folder import read_run
@@ -60,7 +60,7 @@ class RunPlan:
     keep_raw: bool = True
     farm: FarmSettings = field(default_factory=FarmSettings)
     slurm: SlurmSettings = field(default_factory=SlurmSettings)
-    logs: LogSettings = field(default_factory=LogSettings)
+    logs: BagSettings = field(default_factory=BagSettings)
     working_folder: str = field(default_factory=lambda: str(Path.cwd()))
     held_out: str = ""
     noisy: bool = True
@@ -171,7 +171,7 @@ class RunPlan:
             keep_raw=content["keep_raw"],
             farm=FarmSettings.from_dict(content["farm"]),
             slurm=SlurmSettings.from_dict(content["slurm"]),
-            logs=LogSettings.from_dict(content["logs"]),
+            logs=BagSettings.from_dict(content["logs"]),
             working_folder=content["working_folder"],
             held_out=content.get("held_out", ""),
             noisy=content.get("noisy", True),

@@ -107,7 +107,7 @@ class SequenceStage:
         self._pool.close()
 
     def complete(self, note: Callable[[str], object] = lambda text: None) -> None:
-        """After all frames: write lists and recipes, then bags and logs.
+        """After all frames: write lists and recipes, then bags.
 
         `note` receives what is lost in the formats. Raises InputError, WorkError.
         """

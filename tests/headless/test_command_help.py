@@ -45,6 +45,7 @@ def test_a_word_that_resembles_no_command_leads_to_the_help(capsys):
         ("make kt2 --depth-niose=paper", "--depth-noise"),
         ("evaluate rpe a b --dleta 1s", "--delta"),
         ("stress seq --severites 1", "--severities"),
+        ("dataset raw out --klg", "--rosbag, or png_to_klg, which makes a log of a tum sequence"),
     ],
 )
 def test_a_misspelt_option_is_told_what_was_meant(line, meant, capsys):

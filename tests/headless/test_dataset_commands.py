@@ -185,11 +185,11 @@ def test_depth_in_millimetres_is_said_beside_the_images_and_read_back_in_metres(
     assert main(["dataset", str(raw), str(tmp_path / "y"), "--depth-units", "nan"]) == 2
 
 
-def test_bags_and_logs_come_with_it(raw, tmp_path, capsys):
+def test_bags_come_with_it(raw, tmp_path, capsys):
     pytest.importorskip("rosbags")
     command = ["dataset", str(raw), str(tmp_path / "out"), "--rosbag", "--quiet", "--compress-bags"]
     assert main([*command, "--bag-storage", "mcap"]) == 0 and main(command) == 0
-    assert {"out.klg", "out.bag", "out_ros2"} <= {p.name for p in tmp_path.iterdir()}
+    assert {"out.bag", "out_ros2"} <= {p.name for p in tmp_path.iterdir()}
     assert (tmp_path / "out_ros2/out_ros2.mcap").is_file()
 
 

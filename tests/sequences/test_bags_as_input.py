@@ -13,7 +13,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.headless.cli import main
 from iclnuim.sequences.bags import sequence as bag_sequence
-from iclnuim.sequences.bags.recorded import LogSettings, write_rosbag
+from iclnuim.sequences.bags.recorded import BagSettings, write_rosbag
 from iclnuim.sequences.bags.sequence import unpacked
 from iclnuim.sequences.camera_files import DISTORTED
 from iclnuim.sequences.inspection.inspect import inspect_sequence
@@ -74,7 +74,7 @@ def read(path):
 )
 def test_our_bags_are_read_back_as_they_were_written(all_formats, tmp_path, name, settings):
     folder = all_formats / "tum"
-    write_rosbag(folder, tmp_path / name, 1 if name.endswith("bag") else 2, LogSettings(**settings))
+    write_rosbag(folder, tmp_path / name, 1 if name.endswith("bag") else 2, BagSettings(**settings))
     bag, own = read(tmp_path / name), read(folder)
     assert [p.written for p in bag[0]] == [p.written for p in own[0]]
     assert bag[1] == own[1] and not bag[1].assumed
@@ -91,7 +91,7 @@ def test_our_bags_are_read_back_as_they_were_written(all_formats, tmp_path, name
 def test_bags_named_as_of_a_realsense_have_its_topics_and_millimetres(all_formats, tmp_path, name):
     highlevel = pytest.importorskip("rosbags.highlevel")
     ros = 1 if name.endswith("bag") else 2
-    write_rosbag(all_formats / "tum", tmp_path / name, ros, LogSettings(bag_names="realsense"))
+    write_rosbag(all_formats / "tum", tmp_path / name, ros, BagSettings(bag_names="realsense"))
     depth = "/camera/aligned_depth_to_color/image_raw"
     with highlevel.AnyReader([tmp_path / name]) as reader:
         topics = {c.topic: c for c in reader.connections}

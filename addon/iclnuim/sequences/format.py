@@ -55,7 +55,7 @@ class Reader:
 
 
 @dataclass(frozen=True)
-class Limits:
+class FormatLimits:
     """What the files of a format, or the programs for it, cannot represent.
 
     stamps: how stamps are stored: "text" (exact text), "ns" (whole nanoseconds), "ids" (frame
@@ -130,7 +130,7 @@ class SequenceFormat:
     image: OfImage
     write_texts: "Callable[[Path, Contents, SequenceFormat], None]"
     reader: Reader
-    limits: Limits = Limits()
+    limits: FormatLimits = FormatLimits()
     keeps_names: bool = False
     list_stamp: OfImage | None = None
     published_image: OfImage | None = None

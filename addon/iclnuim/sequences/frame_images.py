@@ -73,7 +73,7 @@ class ImageFile:
         return data
 
 
-class Frame:
+class SourceFrame:
     """A frame of a source, read at first use."""
 
     def __init__(self, source: FrameSource, number: int) -> None:
@@ -161,7 +161,7 @@ class SequenceImages:
             return False
         return True
 
-    def make(self, frame: Frame) -> JournalEntry | None:
+    def make(self, frame: SourceFrame) -> JournalEntry | None:
         """Write the images of a frame. Returns its entry for the journal; None if they are
         complete.
         """
@@ -230,7 +230,7 @@ class FrameMaker:
         None if no image was missing; pass them to `SequenceWriter.note` on one thread. Raises
         InputError for a frame that cannot be read, WorkError if an image cannot be written.
         """
-        frame = Frame(self.source, number)
+        frame = SourceFrame(self.source, number)
         return [images.make(frame) for images in self._sequences]
 
 

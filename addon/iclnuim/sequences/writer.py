@@ -23,7 +23,7 @@ from ..sensor.transfer import srgb8
 from ..shown import Shown
 from .contents import Contents
 from .format import SequenceFormat
-from .frame_images import Frame, FrameMaker, SequenceImages
+from .frame_images import FrameMaker, SequenceImages, SourceFrame
 from .frame_pool import FramePool, cores
 from .frame_source import FrameSource, frames_of_run
 from .journal import JournalEntry
@@ -321,7 +321,7 @@ class SequenceFolder:
         paths = again.paths(number)
         for path in paths:
             make_folder(path.parent)
-        again.make(Frame(self.source, number))
+        again.make(SourceFrame(self.source, number))
         return paths
 
 

@@ -1,24 +1,21 @@
 """A sequence in one file: ROS 1 and ROS 2 bags, written by the optional package rosbags (no ROS
-needed), and .klg logs.
+needed).
 
 Topics of bags: colour (rgb8) and depth, a camera_info for each, and with ground truth
 /ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Stamps are those of each
 image of the sequence, to the nanosecond.
 """
 
-import struct
 import tempfile
-import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ...errors import InputError, WorkError
 from ...formats.depth_units import depth16_from_metres
-from ...formats.files import atomic_write, atomic_write_text, read_bytes
 from ...geometry.camera import PinholeCamera
 from ...geometry.trajectory import Trajectory
 from ...settings import Settings, setting
@@ -41,17 +38,12 @@ _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 
 @dataclass(frozen=True)
-class LogSettings(Settings):
-    """Bags and logs that are written in addition to a sequence OUT."""
+class BagSettings(Settings):
+    """Bags that are written in addition to a sequence OUT."""
 
-    group: ClassVar[str] = "bags and logs"
+    group: ClassVar[str] = "bags"
 
-    rosbag: bool = setting(
-        False, "also write OUT.bag (ROS 1) and OUT_ros2 (needs rosbags), and OUT.klg"
-    )
-    klg: bool = setting(
-        False, "also write OUT.klg, the log of ElasticFusion, and its camera OUT.cal"
-    )
+    rosbag: bool = setting(False, "also write OUT.bag (ROS 1) and OUT_ros2 (needs rosbags)")
     bag_storage: str = setting(
         "sqlite3",
         "storage format of the ROS 2 bag",
@@ -71,38 +63,44 @@ class LogSettings(Settings):
     )
     compress_bags: bool = setting(False, "compress the bags: ROS 1 by LZ4, ROS 2 by Zstandard")
 
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
+        """Also of a mapping with `klg`, a log for ElasticFusion. Raises InputError if it is wanted,
+        because such logs are not written.
+        """
+        if content.get("klg"):
+            raise InputError(
+                "bags alone", found="klg", hint="running its command again without this log"
+            )
+        return super().from_dict({name: content[name] for name in content if name != "klg"})
+
     def write(
         self, folder: Path, out: Path, note: Callable[[str], object] = lambda text: None
     ) -> list[Path]:
-        """Write bags and logs next to `out` from the sequence in `folder`.
+        """Write bags next to `out` from the sequence in `folder`.
 
         Returns their paths. Existing ones stay, which `note` says.
         """
+        if not self.rosbag:
+            return []
         beside = out.resolve()
-        klg, ros1, ros2 = (beside.with_name(beside.name + end) for end in (".klg", ".bag", "_ros2"))
-        wanted = []
-        if self.klg or self.rosbag:
-            wanted.append(klg)
-        if self.rosbag:
-            wanted += [ros1, ros2]
+        ros1 = beside.with_name(f"{beside.name}.bag")
+        ros2 = beside.with_name(f"{beside.name}_ros2")
         written = []
-        for path in wanted:
+        for path in (ros1, ros2):
             if path.exists():
                 again = "remove it to have it written from the present frames"
                 note(f"{path} exists already and is not changed; {again}")
                 continue
             written.append(path)
             note(f"{path} is written")
-            if path == klg:
-                write_klg(folder, klg)
-            else:
-                write_rosbag(folder, path, 1 if path == ros1 else 2, self)
-                if path == ros1 and StoredSequence(folder).stamps_s.min() == 0:
-                    note("note: ROS 1 treats the first stamp, 0 s, as missing")
+            write_rosbag(folder, path, 1 if path == ros1 else 2, self)
+            if path == ros1 and StoredSequence(folder).stamps_s.min() == 0:
+                note("note: ROS 1 treats the first stamp, 0 s, as missing")
         return written
 
 
-def write_rosbag(folder: Path, out: Path, ros: int, settings: LogSettings | None = None) -> int:
+def write_rosbag(folder: Path, out: Path, ros: int, settings: BagSettings | None = None) -> int:
     """Write the pairs of a sequence as a bag: a file for `ros` 1, a folder for `ros` 2. Returns the
     number of pairs.
 
@@ -117,7 +115,7 @@ def write_rosbag(folder: Path, out: Path, ros: int, settings: LogSettings | None
         with tempfile.TemporaryDirectory(
             prefix=".bag-", dir=out.parent
         ) as scratch:  # the bag is moved when it is complete
-            bag = _Bag(Path(scratch) / out.name, ros, settings or LogSettings())
+            bag = _BagWriter(Path(scratch) / out.name, ros, settings or BagSettings())
             with bag.writer:
                 for pair in pairs:
                     bag.pair(pair, sequence)
@@ -129,10 +127,10 @@ def write_rosbag(folder: Path, out: Path, ros: int, settings: LogSettings | None
     return len(pairs)
 
 
-class _Bag:
+class _BagWriter:
     """A bag being written: message types and connections of ROS 1 or 2."""
 
-    def __init__(self, path: Path, ros: int, settings: LogSettings) -> None:
+    def __init__(self, path: Path, ros: int, settings: BagSettings) -> None:
         try:
             from rosbags import rosbag1, rosbag2
             from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -240,40 +238,3 @@ class _Bag:
             self.connections[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
         serialize = self.store.serialize_ros1 if self.ros == 1 else self.store.serialize_cdr
         self.writer.write(self.connections[topic], stamp_ns, serialize(message, kind))
-
-
-def write_klg(folder: Path, file: Path) -> int:
-    """Write the pairs of a sequence as one log for ElasticFusion and Kintinuous, and its camera
-    next to it. Returns the number of pairs. Raises the errors of the readers, and InputError if the
-    camera's file exists with another content.
-
-    Little-endian: int32 frames; for each int64 stamp in microseconds, int32 bytes of depth, int32
-    bytes of colour, depth (16 bit, millimetres, zlib), colour (RGB, three bytes per pixel, not
-    compressed: the programs detect this by its size). The camera is in a separate file .cal with
-    one line `fx fy cx cy`: ElasticFusion -l X.klg -cal X.cal.
-    """
-    sequence = StoredSequence(folder)
-    pairs = sequence.pairs
-    c = sequence.camera.pinhole
-
-    def write(temporary: Path) -> None:
-        with open(temporary, "wb") as log:
-            log.write(struct.pack("<i", len(pairs)))
-            for pair in pairs:
-                rgb, depth_z_m = sequence.images(pair)
-                millimetres = np.rint(depth_z_m.astype(float) * 1000).clip(0, 65535).astype("<u2")
-                depth = zlib.compress(millimetres.tobytes(), 1)
-                stamp_us = round(pair.stamp_s * 1e6)
-                log.write(struct.pack("<qii", stamp_us, len(depth), rgb.nbytes))
-                log.write(depth)
-                log.write(rgb.tobytes())
-
-    calibration = file.with_suffix(".cal")
-    line = f"{c.fx:.9g} {c.fy:.9g} {c.cx:.9g} {c.cy:.9g}\n"
-    if calibration.exists() and read_bytes(calibration) != line.encode():
-        expected = "the camera of this log, or no file"
-        hint = "moving this file away, or another {out}"
-        raise InputError(expected, path=calibration, found="other text", hint=hint)
-    atomic_write_text(calibration, line)  # before the log, so that an interrupted log has none
-    atomic_write(file, write)
-    return len(pairs)

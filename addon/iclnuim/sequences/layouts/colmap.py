@@ -21,7 +21,7 @@ from ...trajectory_files import colmap
 from ...trajectory_files.colmap import MODELS, read_cameras
 from ..camera_files import DISTORTED, SequenceCamera, camera_file
 from ..contents import Contents
-from ..format import Limits, Reader, SequenceFormat
+from ..format import FormatLimits, Reader, SequenceFormat
 from ..frames import Row
 from . import listed
 
@@ -179,5 +179,5 @@ FORMAT = SequenceFormat(
     lambda frame, kind: f"{_FOLDERS.get(kind, kind)}/{frame.number:06}.png",
     _write,
     Reader(lambda folder: _images(folder) is not None, _rows, _camera, _images),
-    Limits("numbers", depth_stamps=False, every_pose=True),
+    FormatLimits("numbers", depth_stamps=False, every_pose=True),
 )

@@ -10,7 +10,7 @@ from pathlib import Path
 from ...formats.depth_units import UNITS_PER_METRE
 from ...formats.files import atomic_write_text
 from ..contents import Contents
-from ..format import Limits, SequenceFormat
+from ..format import FormatLimits, SequenceFormat
 from ..frames import SequenceFrame
 from . import listed
 
@@ -28,7 +28,7 @@ FORMAT = SequenceFormat(
     lambda f, kind: f"{kind}/{f.stamp_name()}.png",
     _write,
     listed.READER,
-    Limits(fixed_units=UNITS_PER_METRE),
+    FormatLimits(fixed_units=UNITS_PER_METRE),
     list_stamp=SequenceFrame.stamp_name,
     published_image=lambda f, kind: f"{kind}/{f.stamp_text()}.png",
 )

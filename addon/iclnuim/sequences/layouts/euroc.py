@@ -30,7 +30,7 @@ from ..camera_files import (
     pose_of,
 )
 from ..contents import Contents, write_truth
-from ..format import Limits, Reader, SequenceFormat, truth_at
+from ..format import FormatLimits, Reader, SequenceFormat, truth_at
 from ..frames import Row
 
 _ROOT = Path("mav0")
@@ -205,6 +205,6 @@ FORMAT = SequenceFormat(
     lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds():019}.png",
     _write,
     Reader(lambda folder: (folder / _ROOT).is_dir(), _rows, _camera, truth_at(_TRUTH), _mount),
-    Limits("ns", depth_stamps=False, fixed_units=UNITS),
+    FormatLimits("ns", depth_stamps=False, fixed_units=UNITS),
     published_image=lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds()}.png",
 )

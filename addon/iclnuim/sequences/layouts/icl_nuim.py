@@ -14,7 +14,7 @@ from ...formats.files import atomic_write_text
 from ...geometry.trajectory import FRAME_RATE_HZ, frames_of_stamps
 from ..associations import Associations, write_associations
 from ..contents import Contents, write_truth
-from ..format import Limits, SequenceFormat
+from ..format import FormatLimits, SequenceFormat
 from . import listed
 
 
@@ -66,7 +66,7 @@ FORMAT = SequenceFormat(
     lambda f, kind: f"{kind}/{f.number:06}.png",
     _write,
     listed.READER,
-    Limits("ids", check=_check),
+    FormatLimits("ids", check=_check),
     keeps_names=True,
     published_image=lambda f, kind: f"{kind}/{f.number}.png",
 )

@@ -34,7 +34,7 @@ from ..camera_files import (
     zeros,
 )
 from ..contents import Contents
-from ..format import Limits, Reader, SequenceFormat
+from ..format import FormatLimits, Reader, SequenceFormat
 from ..frames import Row
 from .colmap import HELD_OUT, surface_points
 
@@ -292,7 +292,7 @@ FORMAT = SequenceFormat(
     lambda frame, kind: f"{_FOLDERS.get(kind, kind)}/{frame.number:06}.png",
     _write,
     Reader(lambda folder: (folder / FILE).is_file(), _rows, _camera, lambda folder: folder / FILE),
-    Limits(
+    FormatLimits(
         "numbers",
         depth_stamps=False,
         fixed_units=_NERFSTUDIO_UNITS,

@@ -23,7 +23,7 @@ from ...geometry.trajectory import Trajectory
 from ...trajectory_files.trajectories import write_trajectory
 from ..camera_files import COEFFICIENTS, Keys, SequenceCamera, zeros
 from ..contents import Contents
-from ..format import Limits, Reader, SequenceFormat, truth_at
+from ..format import FormatLimits, Reader, SequenceFormat, truth_at
 from ..frames import Row, SequenceFrame, rows_by_name
 
 #: Depth units per metre in the systems' settings for Replica; the range ends at 10 m.
@@ -119,7 +119,7 @@ FORMAT = SequenceFormat(
         _camera,
         truth_at(_TRAJECTORY),
     ),
-    Limits("numbers", depth_stamps=False, fixed_units=UNITS, every_pose=True),
+    FormatLimits("numbers", depth_stamps=False, fixed_units=UNITS, every_pose=True),
 )
 V2 = replace(
     FORMAT,

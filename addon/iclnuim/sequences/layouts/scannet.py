@@ -19,7 +19,7 @@ from ..camera_files import (
     pinhole_of_matrix,
 )
 from ..contents import Contents
-from ..format import Limits, Reader, SequenceFormat
+from ..format import FormatLimits, Reader, SequenceFormat
 from ..frames import Row, SequenceFrame, rows_by_name
 
 #: Keys of the files intrinsic/extrinsic_*.txt, which are their names,
@@ -133,6 +133,6 @@ FORMAT = SequenceFormat(
         _camera,
         lambda folder: _top(folder) / "pose",
     ),
-    Limits("numbers", depth_stamps=False, fixed_units=UNITS, every_pose=True),
+    FormatLimits("numbers", depth_stamps=False, fixed_units=UNITS, every_pose=True),
     published_image=lambda frame, kind: _named(str(frame.number), kind),
 )

@@ -16,7 +16,7 @@ from ...geometry.trajectory import Trajectory
 from ...trajectory_files.trajectories import write_trajectory
 from ..camera_files import SequenceCamera, camera_file
 from ..contents import Contents
-from ..format import Limits, Reader, SequenceFormat
+from ..format import FormatLimits, Reader, SequenceFormat
 from ..frames import Row, SequenceFrame, rows_by_name
 from . import listed
 
@@ -63,5 +63,5 @@ FORMAT = SequenceFormat(
         _camera,
         lambda folder: folder / _POSES,
     ),
-    Limits("numbers", depth_stamps=False, fixed_camera=PUBLISHED, every_pose=True),
+    FormatLimits("numbers", depth_stamps=False, fixed_camera=PUBLISHED, every_pose=True),
 )

@@ -11,7 +11,7 @@ from ...formats.files import atomic_write_text
 from ...formats.image_names import files_in
 from .. import slam_settings
 from ..contents import Contents
-from ..format import Limits, Reader, SequenceFormat
+from ..format import FormatLimits, Reader, SequenceFormat
 from ..frames import Row, SequenceFrame
 from . import listed
 
@@ -51,7 +51,7 @@ RTABMAP = SequenceFormat(
     lambda f, kind: f"{kind}_sync/{f.stamp_name()}.png",
     _write,
     Reader(lambda folder: (folder / "rgb_sync").is_dir(), _by_stamp, listed.camera, listed.truth),
-    Limits(depth_stamps=False, zero_stamp=False, fixed_units=UNITS_PER_METRE),
+    FormatLimits(depth_stamps=False, zero_stamp=False, fixed_units=UNITS_PER_METRE),
     list_stamp=SequenceFrame.stamp_name,
     published_image=lambda f, kind: f"{kind}_sync/{f.stamp_text()}.png",
 )

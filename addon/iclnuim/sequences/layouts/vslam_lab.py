@@ -30,7 +30,7 @@ from ..camera_files import (
     pose_of,
 )
 from ..contents import Contents, write_truth
-from ..format import Limits, Reader, SequenceFormat, truth_at
+from ..format import FormatLimits, Reader, SequenceFormat, truth_at
 from ..frames import Row
 
 _LIST = "rgb.csv"
@@ -144,5 +144,5 @@ FORMAT = SequenceFormat(
     lambda f, kind: f"{kind}_0/{f.number:06}.png",
     _write,
     Reader(lambda folder: (folder / _LIST).is_file(), _rows, _camera, truth_at(_TRUTH), _mount),
-    Limits("ns"),
+    FormatLimits("ns"),
 )

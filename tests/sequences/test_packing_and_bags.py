@@ -1,17 +1,14 @@
-"""Archives, ElasticFusion logs and ROS bags: complete, checked by others, the same each time."""
+"""Archives and ROS bags: complete, checked by others, the same each time."""
 
 import hashlib
 import shutil
-import struct
 import tarfile
-import zlib
 
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.formats.png import read_depth16, read_rgb8
-from iclnuim.sequences.bags import recorded as bags_and_logs
-from iclnuim.sequences.bags.recorded import LogSettings, write_klg, write_rosbag
+from iclnuim.sequences.bags.recorded import BagSettings, write_rosbag
 from iclnuim.sequences.frame_source import run_frames
 from iclnuim.sequences.packing import pack, packed_licence
 from iclnuim.sequences.writer import write_sequence
@@ -153,26 +150,6 @@ def test_a_sequence_whose_images_are_not_those_that_were_made_is_not_packed(
     assert not list(tmp_path.glob("*a.tar*"))
 
 
-def test_the_log_is_read_back_as_elastic_fusion_reads_it(sequence, tmp_path):
-    assert write_klg(sequence, tmp_path / "s.klg") == 4
-    assert (tmp_path / "s.cal").read_text().split() == ["48", "48", "31.5", "23.5"]
-    data = (tmp_path / "s.klg").read_bytes()
-    (frames,) = struct.unpack_from("<i", data)
-    place = 4
-    for i in range(frames):
-        stamp, depth_size, image_size = struct.unpack_from("<qii", data, place)
-        place += 16
-        depth = np.frombuffer(zlib.decompress(data[place : place + depth_size]), "<u2").reshape(
-            48, 64
-        )
-        image = np.frombuffer(data[place + depth_size : place + depth_size + image_size], np.uint8)
-        place += depth_size + image_size
-        assert stamp == round((1 + i / 30) * 1e6) and image_size == 64 * 48 * 3
-        assert np.array_equal(image.reshape(48, 64, 3), read_rgb8(sequence / f"rgb/{i:06}.png"))
-        assert np.abs(depth - read_depth16(sequence / f"depth/{i:06}.png") / 5).max() <= 0.5
-    assert place == len(data)
-
-
 @pytest.mark.parametrize(
     ("ros", "settings"),
     [
@@ -185,7 +162,7 @@ def test_the_log_is_read_back_as_elastic_fusion_reads_it(sequence, tmp_path):
 def test_bags_are_read_back_by_rosbags(sequence, tmp_path, ros, settings):
     highlevel = pytest.importorskip("rosbags.highlevel")
     out = tmp_path / ("s.bag" if ros == 1 else "s_ros2")
-    assert write_rosbag(sequence, out, ros, LogSettings(**settings)) == 4
+    assert write_rosbag(sequence, out, ros, BagSettings(**settings)) == 4
     with highlevel.AnyReader([out]) as reader:
         assert {c.topic: c.msgcount for c in reader.connections} == dict.fromkeys(
             (
@@ -241,29 +218,22 @@ def test_each_image_keeps_its_own_stamp_to_the_nanosecond_in_a_bag(sequence, tmp
         assert found[f"/camera/{kind}"] == [ns + 10**8 * i + off for i in range(4)]
 
 
-def test_logs_that_exist_stay_and_are_said_and_only_new_ones_are_listed(run, tmp_path):
-    write_sequence(run_frames(run.path), tmp_path / "clean")
+def test_bags_that_exist_stay_and_are_said_and_only_new_ones_are_listed(sequence, tmp_path):
+    pytest.importorskip("rosbags")
     notes = []
-    first = LogSettings(klg=True).write(tmp_path / "clean", tmp_path / "clean", notes.append)
-    again = LogSettings(klg=True).write(tmp_path / "clean", tmp_path / "clean", notes.append)
-    assert ([p.name for p in first], again) == (["clean.klg"], [])
-    assert (
-        notes[0].endswith("is written")
-        and "exists already and is not changed; remove it" in notes[1]
-    )
+    settings = BagSettings(rosbag=True)
+    first = settings.write(sequence, tmp_path / "clean", notes.append)
+    again = settings.write(sequence, tmp_path / "clean", notes.append)
+    assert ([p.name for p in first], again) == (["clean.bag", "clean_ros2"], [])
+    assert [note.endswith("is written") for note in notes] == [True, True, False, False]
+    assert all("exists already and is not changed; remove it" in note for note in notes[2:])
+    assert BagSettings().write(sequence, tmp_path / "other") == []
 
 
-def test_a_camera_that_is_not_of_the_log_stays_and_no_log_is_written(sequence, tmp_path):
-    (tmp_path / "s.cal").write_text("mine\n")
-    with pytest.raises(InputError, match=r"s\.cal: expected the camera of this log, or no file"):
-        write_klg(sequence, tmp_path / "s.klg")
-    assert (tmp_path / "s.cal").read_text() == "mine\n" and not (tmp_path / "s.klg").exists()
-
-
-def test_a_log_has_its_camera_even_if_the_work_was_stopped_in_between(
-    sequence, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(bags_and_logs, "atomic_write", lambda file, write: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        write_klg(sequence, tmp_path / "s.klg")
-    assert not (tmp_path / "s.klg").exists() and (tmp_path / "s.cal").exists()
+def test_a_record_that_names_logs_of_elastic_fusion_is_read_unless_it_wants_them():
+    record = BagSettings(rosbag=True).to_dict()
+    assert BagSettings.from_dict({**record, "klg": False}) == BagSettings(rosbag=True)
+    with pytest.raises(
+        InputError, match="found klg; try running its command again without this log"
+    ):
+        BagSettings.from_dict({**record, "klg": True})
