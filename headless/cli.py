@@ -42,6 +42,7 @@ GROUPS = {
         "noise": "add sensor noise to a sequence; noise calibrate fits the noise model to a sensor",
         "inspect": "report problems of any RGB-D sequence; write preview images",
         "pack": "write the archive to publish: files, checksums, licence, preview, recipe",
+        "fetch": "fetch a packed sequence from a folder or a web server: verified, resumed",
         "compare": "compare the frames of two folders, byte for byte or within a tolerance",
         "view": "look at sequences, trajectories, surfaces and scenes in a browser",
     },

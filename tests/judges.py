@@ -14,6 +14,10 @@ ABSENT = "judge absent: "
 OF_LABELS = os.environ.get(
     "ICLNUIM_LABEL_JUDGE", str(Path(__file__).parents[1] / ".venv-judges/bin/python")
 )
+#: A Python with loaders of data sets, torch and the figures of depth: `.ci/judges data` makes it.
+OF_DATA = os.environ.get(
+    "ICLNUIM_DATA_JUDGE", str(Path(__file__).parents[1] / ".venv-judges-data/bin/python")
+)
 
 
 def judge_module(module: str, package: str):
@@ -21,11 +25,11 @@ def judge_module(module: str, package: str):
     return pytest.importorskip(module, reason=f"{ABSENT}{package}")
 
 
-def judged_by(package: str, module: str, *arguments) -> str:
+def judged_by(package: str, module: str, *arguments, python: str = OF_LABELS) -> str:
     """What `python ARGUMENTS` prints, by the Python that has the package."""
-    if not _has(module):
+    if not _has(python, module):
         pytest.skip(f"{ABSENT}{package}")
-    command = [OF_LABELS, *map(str, arguments)]
+    command = [python, *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
@@ -36,7 +40,7 @@ def absent(reports) -> list[str]:
 
 
 @functools.cache
-def _has(module: str) -> bool:
-    if not Path(OF_LABELS).exists():
+def _has(python: str, module: str) -> bool:
+    if not Path(python).exists():
         return False
-    return not subprocess.run([OF_LABELS, "-c", f"import {module}"], capture_output=True).returncode
+    return not subprocess.run([python, "-c", f"import {module}"], capture_output=True).returncode

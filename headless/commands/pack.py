@@ -27,6 +27,11 @@ def configure(parser: ArgumentParser) -> None:
     add("--licence", default="", metavar="NAME", help=help)
     add("--author", default="", help="name of the author in the archive")
     add("--no-preview", action="store_true", help="leave out preview.png and preview.mp4")
+    help = (
+        "write a folder with shards (tar files of at most 1 GB) that WebDataset and Hugging Face "
+        "datasets stream, and what belongs to them; default: DIR_shards"
+    )
+    add("--shards", action="store_true", help=help)
     example = "iclnuim pack out/living_room/kt2/noisy -o kt2_noisy.tar.gz"
     common(parser, example)
 
@@ -46,8 +51,37 @@ def _check_archive(args: Namespace, out: Path) -> None:
     check_file(out)
 
 
+def _pack_shards(args: Namespace, folder: Path, console: Console) -> None:
+    from iclnuim.sequences.shards import pack_shards
+    from iclnuim.sequences.stored_sequence import StoredSequence
+
+    out = args.out or folder.with_name(f"{real_path(folder).name}_shards")
+    if real_path(out).is_relative_to(real_path(args.folder)):
+        expected = "a folder outside the one that is packed"
+        raise InputError(expected, path=out, found="one in it", hint="another {out}")
+    licence = packed_licence(args.folder, args.licence)
+    progress = console.progress(len(StoredSequence(args.folder).pairs), "pack")
+    found = pack_shards(folder, out, licence, args.author, on_frame=progress.advance)
+    values = {
+        "folder": str(out),
+        "shards": list(found.shards),
+        "frames": found.frames,
+        "bytes": found.size,
+        "sha256": found.sha256,
+        "licence": licence,
+    }
+    text = (
+        f"{out}: {found.frames} frames in {len(found.shards)} shards, {found.size / 1e6:.1f} MB, "
+        f"under {licence}; SHA-256 of SHA256SUMS {found.sha256}"
+    )
+    console.result(values, text)
+
+
 def run(args: Namespace, console: Console) -> None:
     folder = args.folder if args.folder.name else real_path(args.folder)  # `.` has no name
+    if args.shards:
+        _pack_shards(args, folder, console)
+        return
     out = args.out or folder.with_name(f"{real_path(folder).name}.tar.gz")
     licence = packed_licence(args.folder, args.licence)
     _check_archive(args, out)

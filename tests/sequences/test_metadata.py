@@ -34,6 +34,17 @@ def test_each_frame_has_its_images_camera_and_pose(all_formats, tmp_path, name, 
         assert np.abs(difference).max() < 1e-9
 
 
+def test_a_tum_sequence_is_written_with_the_lines_that_inspect_writes(all_formats, tmp_path):
+    """Poses in groundtruth.txt are rounded."""
+    folder = shutil.copytree(all_formats / "tum", tmp_path / "s")
+    written = list(map(json.loads, (folder / "metadata.jsonl").read_text().splitlines()))
+    (folder / "metadata.jsonl").unlink()
+    for ours, other in zip(written, write_metadata(folder).read_text().splitlines(), strict=True):
+        other = json.loads(other)
+        difference = np.subtract(ours.pop("T_world_camera"), other.pop("T_world_camera"))
+        assert ours == other and np.abs(difference).max() < 1e-9
+
+
 @pytest.mark.parametrize("poses", [0, 1])
 def test_frames_without_a_pose_have_none(all_formats, tmp_path, poses):
     folder = shutil.copytree(all_formats / "tum", tmp_path / "s")

@@ -361,6 +361,15 @@ def sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
+def file_sha256(path: StrPath) -> str:
+    """The SHA-256 of a file of any size. Raises InputError if it cannot be read."""
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError("a file", path=path, found=error.strerror or error) from None
+
+
 #: Endings of pictures that can be drawn.
 PICTURES = (".png", ".pdf", ".svg", ".jpg")
 

@@ -1,15 +1,11 @@
 """The list of a sequence's images for the imagefolder of Hugging Face datasets."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 from ..errors import StrPath
-from ..formats.files import atomic_write_text
 from .frames import poses_at
+from .metadata_lines import metadata_of, write_lines
 from .stored_sequence import StoredSequence
-
-FILE = "metadata.jsonl"
 
 
 def write_metadata(folder: StrPath) -> Path:
@@ -21,17 +17,10 @@ def write_metadata(folder: StrPath) -> Path:
     """
     folder = Path(folder)
     sequence = StoredSequence(folder)
-    camera = sequence.camera.to_dict()
     poses = poses_at(sequence.stamps_s, sequence.truth)
-    lines = []
+    frames = []
     for pair, pose in zip(sequence.pairs, poses, strict=True):
-        line: dict[str, Any] = {
-            "file_name": pair.rgb.relative_to(folder).as_posix(),
-            "depth_file_name": pair.depth.relative_to(folder).as_posix(),
-            "stamp_s": pair.stamp_s,
-            **camera,
-            "T_world_camera": None if pose is None else pose.matrix.tolist(),
-        }
-        lines.append(json.dumps(line) + "\n")
-    atomic_write_text(folder / FILE, "".join(lines))
-    return folder / FILE
+        rgb = pair.rgb.relative_to(folder).as_posix()
+        depth = pair.depth.relative_to(folder).as_posix()
+        frames.append(metadata_of(rgb, depth, pair.stamp_s, sequence.camera, pose))
+    return write_lines(folder, frames)

@@ -58,12 +58,12 @@ def pack(
     folder = Path(folder)
     licence = packed_licence(folder, licence)
     top = folder.resolve().name
-    extra = {**(extra or {}), LICENCE: _terms(top, licence, author), ABOUT: _about(folder)}
+    extra = {**(extra or {}), LICENCE: licence_text(top, licence, author), ABOUT: _about(folder)}
     names = sorted({*packed_names(folder), *extra} - {CHECKSUMS})
 
     def write(temporary: Path) -> None:
         sums = []
-        images = _Images(folder)
+        images = MadeImages(folder)
         with (
             open(temporary, "wb") as raw,
             gzip.GzipFile("", "wb", compresslevel=1, fileobj=raw, mtime=0) as packed,
@@ -75,16 +75,17 @@ def pack(
                 sums.append(f"{digest}  {name}\n")
                 if name not in extra:
                     images.check(name, digest)
-                _add(tar, f"{top}/{name}", data)
+                add_file(tar, f"{top}/{name}", data)
                 on_file(name)
             images.check_all()
-            _add(tar, f"{top}/{CHECKSUMS}", "".join(sums).encode())
+            add_file(tar, f"{top}/{CHECKSUMS}", "".join(sums).encode())
 
     atomic_write(archive, write)
     return len(names) + 1
 
 
-def _terms(name: str, licence: str, author: str) -> bytes:
+def licence_text(name: str, licence: str, author: str) -> bytes:
+    """The content of the file LICENCE."""
     by = f" by {author}" if author else ""
     terms = f"{licence} (the licence as given)."
     if licence in LICENCES:
@@ -93,13 +94,17 @@ def _terms(name: str, licence: str, author: str) -> bytes:
     return f"The data set {name}{by} is under {terms}\n".encode()
 
 
+def is_exact(folder: Path) -> bool:
+    """Whether depth and poses are those of a render."""
+    return bool(rendered_job(folder) and StoredSequence(folder).truth)
+
+
 def _about(folder: Path) -> bytes:
-    exact = rendered_job(folder) and StoredSequence(folder).truth
-    what = "with exact ground truth, made with" if exact else "written by"
+    what = "with exact ground truth, made with" if is_exact(folder) else "written by"
     return _ABOUT.format(what=what).encode()
 
 
-class _Images:
+class MadeImages:
     """The images of a sequence by their hashes in its journal, and those found so far.
 
     Without a journal nothing is checked.
@@ -183,7 +188,7 @@ def is_archive(path: Path) -> bool:
         return False
 
 
-def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
+def add_file(tar: tarfile.TarFile, name: str, data: bytes) -> None:
     """Add a file without owner and date, so that the same files give the same archive."""
     info = tarfile.TarInfo(name)
     info.size = len(data)

@@ -13,13 +13,15 @@ from .. import slam_settings
 from ..contents import Contents
 from ..format import FormatLimits, Reader, SequenceFormat
 from ..frames import Row, SequenceFrame
+from ..metadata_lines import write_contents
 from . import listed
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
-    """Write lists, camera.json, groundtruth.txt, and settings for ORB-SLAM3."""
+    """Write lists, camera.json, groundtruth.txt, metadata.jsonl, and settings for ORB-SLAM3."""
     listed.write_lists(folder, contents, format)
     listed.write_camera(folder, contents)
+    write_contents(folder, contents, format)
     settings = slam_settings.orb_slam3(
         contents.camera, contents.rate_hz, contents.depth_units_per_metre
     )
@@ -28,7 +30,8 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 
 FORMAT = SequenceFormat(
     "tum",
-    "rgb/, depth/, their lists, associations.txt, groundtruth.txt, camera.json, orb_slam3.yaml",
+    "rgb/, depth/, their lists, associations.txt, groundtruth.txt, camera.json, metadata.jsonl, "
+    "orb_slam3.yaml",
     lambda f, kind: f.paths.get(kind) or f"{kind}/{f.number:06}.png",
     _write,
     listed.READER,
