@@ -5,6 +5,7 @@ tests/test_scene_wall.py.
 
 import re
 import shutil
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -59,6 +60,25 @@ def test_scene_names_finds_the_paths_of_all_datablocks_of_a_blend(tmp_path):
     found = {Path(named.name).name for named in scene_names.named_in(tmp_path / "scene.blend")}
     expected = {*adders, *(f"nodes.{kind}" for kind in nodes), "sound.wav", "clip.png"}
     assert expected <= found
+
+
+def test_a_blend_whose_paths_are_declared_as_numbers_is_refused(tmp_path):
+    """Blender would convert them: the type of one field in the file's description is changed."""
+    file = file_of(tmp_path, "blend_mesh_cache")
+    content = bytearray(file.read_bytes())
+    dna = content.rindex(b"SDNANAME")
+    types = content.index(b"TYPE", dna)
+    names = content[dna + 12 : types].split(b"\0")
+    kinds = content[types + 8 : content.index(b"TLEN", types)].split(b"\0")
+    base = struct.pack("<HH", kinds.index(b"ModifierData"), names.index(b"modifier"))
+    path = struct.pack("<HH", kinds.index(b"char"), names.index(b"filepath[1024]"))
+    struct_number = struct.pack("<H", kinds.index(b"MeshCacheModifierData"))
+    begin = re.search(re.escape(struct_number) + b".." + re.escape(base), content[dna:], re.DOTALL)
+    at = content.index(path, dna + begin.end())
+    content[at : at + 2] = struct.pack("<H", kinds.index(b"uchar"))
+    file.write_bytes(content)
+    with pytest.raises(InputError, match="damaged blocks: MeshCacheModifierData.filepath of uchar"):
+        scene_paths.check(file, SceneReading())
 
 
 def has_import(kind):

@@ -133,9 +133,10 @@ class _PathSearch:
             if name.startswith("*"):
                 if field.kind == "char" and _POINTED.search(label):
                     found.append(_PathField(label, field.offset, 0))
-            elif field.kind == "char":
-                if field.length > 1 and _PATH.search(label):
-                    found.append(_PathField(label, field.offset, field.length))
+            elif field.length > 1 and field.kind not in self.fields and _PATH.search(label):
+                if field.kind != "char":  # no Blender writes it, and all convert it to text
+                    raise ValueError(f"{label} of {field.kind}")
+                found.append(_PathField(label, field.offset, field.length))
             elif inner := self._paths(field.kind, (*within, kind)):
                 if len(found) + field.length * len(inner) > _MAX_PATHS:
                     raise ValueError("structs that contain too many paths")
