@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from ... import shipped
+from ...errors import InputError
 from ...formats import png
 from ...geometry.trajectory import Trajectory
 from ...job import RenderJob, bake_core_s
@@ -54,6 +55,23 @@ class Look:
         png.write_png(folder / PREVIEW, srgb8(self.rgb))
         what = f"preview of frame {self.number}, path traced with {self.samples} samples"
         return f"{what}: {folder / PREVIEW}"
+
+
+@dataclass(frozen=True)
+class FirstFrame:
+    """The number of the first frame of a new run of a scene; None for a run that was begun."""
+
+    scene: str
+    number: int | None
+
+    def refuse_black(self, number: int, black: str | None) -> None:
+        """Raises InputError if this first frame is black, for the likely cause `black`; a run that
+        was begun goes on, because depth may be all that is wanted.
+        """
+        if black and number == self.number:
+            expected = "a first frame that is not black"
+            again = "the same command again, which renders in the dark"
+            raise InputError(expected, path=self.scene, found=black, hint=again)
 
 
 def look(job: RenderJob, trajectory: Trajectory, number: int, threads: int | None) -> Look:

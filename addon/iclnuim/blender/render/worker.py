@@ -34,8 +34,8 @@ Emit = Callable[[Event], None]
 
 
 class Session:
-    """Opens a run in `out` and renders any of its frames. The scene is built at the first frame and
-    kept.
+    """Opens a run in `out` and renders any of its frames. It looks at a scene and chooses its light,
+    makes or resumes the run, builds the scene at the first frame, and renders.
 
     `threads` for Cycles; default: all cores of this process. `requested`: the requested frames: for
     a scene without a shipped light map, the first one is rendered as a preview, and light "auto" is
@@ -59,19 +59,14 @@ class Session:
         run_frames = RunFrames(len(self.trajectory), last, self._note, self._note_bake)
         self._scene = JobScene(job, emit, threads, run_frames)
         self._built: BuiltScene | None = None
-        is_new = bool(requested) and not (out / first_look.PREVIEW).exists()
-        look = self._look(requested[0] if is_new else None)
-        if self.job.light == "auto":
-            self._choose_light(out, look, len(requested))
+        was_seen = (out / first_look.PREVIEW).exists()
+        first = requested[0] if requested and not was_seen else None
+        look = self._look(first)
+        self._choose_light(out, look, len(requested))
         self.run = open_run(out, run_recipe.recipe(self.job), self.trajectory)
-        self._must_show: int | None = None  # a frame that may not be black
-        if is_new and not self.run.is_finished(requested[0]):
-            self._must_show = requested[0]
-        if look:
-            self._note(look.write(out))
-            self._refuse_black_start(look.number, look.black)
-        if note := run_recipe.processor_note(read_run(out)):
-            self._note(note)
+        is_new = first is not None and not self.run.is_finished(first)
+        self._first = first_look.FirstFrame(self.job.scene, first if is_new else None)
+        self._note_start(look)
         self.work = _work_folder(self.run)
         self._output = native_output_in(self.work / "blender.log", errors=False)
 
@@ -101,8 +96,19 @@ class Session:
         return self._scene.preview(self.trajectory, number)
 
     def _choose_light(self, out: Path, look: first_look.Look | None, frame_count: int) -> None:
+        """Replace light "auto" by the one that takes less time."""
+        if self.job.light != "auto":
+            return
         self._scene.job, sentence = first_look.choose(self.job, out, look, frame_count)
         self._note(sentence)
+
+    def _note_start(self, look: first_look.Look | None) -> None:
+        """Keep and judge the preview; say if frames may differ from those of an earlier start."""
+        if look:
+            self._note(look.write(self.run.path))
+            self._first.refuse_black(look.number, look.black)
+        if note := run_recipe.processor_note(read_run(self.run.path)):
+            self._note(note)
 
     def _note(self, text: str) -> None:
         self.emit(events.Note(text))
@@ -210,16 +216,7 @@ class Session:
         seconds = time.perf_counter() - begun
         black = frames.why_black(rgb, depth_z_m)
         self.emit(events.FrameDone(number, cycles_seconds, seconds, black=black))
-        self._refuse_black_start(number, black)
-
-    def _refuse_black_start(self, number: int, black: str | None) -> None:
-        """Raises InputError if the first frame of a new run is black; a run that was begun goes on,
-        because depth may be all that is wanted.
-        """
-        if black and number == self._must_show:
-            expected = "a first frame that is not black"
-            again = "the same command again, which renders in the dark"
-            raise InputError(expected, path=self.job.scene, found=black, hint=again)
+        self._first.refuse_black(number, black)
 
 
 def _work_folder(run: RunFolder) -> Path:
