@@ -2,10 +2,6 @@
 means in them.
 
 Each block is written by one thread only, so results do not depend on the number of threads.
-
-Compiled code is kept on disk with the names of the classes that it takes (Rule, CameraPose, Grid
-and so on). numba cannot read it if one of them has another name, and does not compile it again: a
-class that is renamed needs other lines for the functions that take it.
 """
 
 import math

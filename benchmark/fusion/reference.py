@@ -17,7 +17,7 @@ from ..odometry.references import View as ReferenceView
 from ..odometry.watch import rotated
 from .settings import PRESETS as VOLUMES
 from .settings import VolumeSettings
-from .volume import View, Volume
+from .volume import RaycastView, Volume
 
 #: Names that `make_reference` accepts.
 NAMES = ("default", *REFERENCES, "model")
@@ -133,7 +133,7 @@ class ModelReference(Reference):
         return [*prepared[:finest], *levels]
 
 
-def _as_frame(view: View, grey: np.ndarray, stamp_s: float) -> Frame:
+def _as_frame(view: RaycastView, grey: np.ndarray, stamp_s: float) -> Frame:
     """The view as a Frame.
 
     A hole in the model has no depth, and the grey values of the frame, so that it has no bright

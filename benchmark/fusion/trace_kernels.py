@@ -1,7 +1,6 @@
 """The compiled loops of a raycast: along each ray to the trilinear zero crossing.
 
 Each pixel is written by one thread only, so results do not depend on the number of threads.
-Classes that compiled code takes keep their names (fuse_kernels.py).
 """
 
 import math
@@ -17,7 +16,7 @@ from .grid import CameraPose, Grid, Rule, gradient, read, read_colour, row_of
 TILE = 8
 
 
-class View(NamedTuple):
+class RaycastView(NamedTuple):
     """Raycast of the volume: depth (h, w), normals_camera (h, w, 3) towards free space, colour (h,
     w, channels).
 
@@ -207,7 +206,7 @@ def _first_crossing(
 
 @compiled()
 def _trace_row(
-    grid: Grid, camera: CameraPose, rule: Rule, reach: np.ndarray, view: View, v: int
+    grid: Grid, camera: CameraPose, rule: Rule, reach: np.ndarray, view: RaycastView, v: int
 ) -> None:
     """`trace` of one row of pixels.
 
@@ -243,7 +242,7 @@ def _trace_row(
 
 
 @compiled(parallel=True)
-def trace(grid: Grid, camera: CameraPose, rule: Rule, reach: np.ndarray, view: View) -> None:
+def trace(grid: Grid, camera: CameraPose, rule: Rule, reach: np.ndarray, view: RaycastView) -> None:
     """First crossing from front to back along each pixel's ray; without one the outputs are
     unchanged.
 

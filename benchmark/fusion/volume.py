@@ -16,7 +16,7 @@ from iclnuim.geometry.se3 import SE3
 from .fuse_kernels import Pool, fuse, touch
 from .grid import UNIT, CameraPose, Grid, Rule
 from .settings import VolumeSettings
-from .trace_kernels import TILE, View, ranges, trace
+from .trace_kernels import TILE, RaycastView, ranges, trace
 
 
 class BlockLimitError(InputError):
@@ -130,12 +130,12 @@ class Volume:
 
     def raycast(
         self, camera: PinholeCamera, T_world_camera: SE3, normals: bool = True, colour: bool = True
-    ) -> View:
+    ) -> RaycastView:
         """Raycast of the surface: trilinear zero crossing, normals from the gradient."""
         T = _checked_pose(T_world_camera)
         shape = (camera.height, camera.width)
         channels = self.settings.channels
-        view = View(
+        view = RaycastView(
             np.full(shape, np.nan, np.float32),
             np.full((*shape, 3) if normals else (0, 0, 3), np.nan, np.float32),
             np.full((*shape, channels) if colour else (0, 0, 3), np.nan, np.float32),

@@ -6,7 +6,7 @@ from typing import NamedTuple, TypeVar
 from iclnuim.geometry.se3 import SE3
 
 from .protocol import OdometryResult, OdometryStatus
-from .solver import Limits, Pass, solve
+from .solver import Pass, SolverLimits, solve
 from .terms.depth import DepthTerm
 from .terms.photometric import PhotometricTerm
 from .terms.plane import PlaneTerm
@@ -46,14 +46,14 @@ class Estimate(NamedTuple):
         )
 
 
-class Candidate(NamedTuple):
+class AlignmentCandidate(NamedTuple):
     """Where an alignment starts, the terms of its passes, and its limits with the prior. depth: the
     term that checks the result.
     """
 
     start: SE3
     passes: list[Pass]
-    limits: Limits
+    limits: SolverLimits
     image: PhotometricTerm | None = None
     surface: PlaneTerm | None = None
     depth: DepthTerm | None = None

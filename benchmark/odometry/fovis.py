@@ -18,7 +18,7 @@ from iclnuim.geometry.se3 import SE3
 from .candidates import pick
 from .features import Features, consistent, features, match
 from .protocol import Frame, OdometryResult, OdometryStatus, failure
-from .solver import Limits, Pass, Stop, solve
+from .solver import Pass, SolverLimits, Stop, solve
 from .start import maximize_correlation
 from .terms.depth import DepthTerm
 from .terms.reprojection import Matches, ReprojectionTerm
@@ -58,7 +58,7 @@ class FovisSettings:
     # degrees of freedom of Student's t, whose equations are information; 0: least squares
     nu: float = 0.0
     iterations: int = 6  # of refineMotionEstimateBidirectional (section 3.5)
-    limits: Limits = Limits(min_inliers=0.0)
+    limits: SolverLimits = SolverLimits(min_inliers=0.0)
     stop: Stop = Stop(min_step=1e-4)
     depth: bool = False  # the geometric term selects the corners and checks the motion
     reference: str = "matches"
@@ -87,7 +87,7 @@ class Fovis:
             nu=5.0,  # Kerl 2013, section III-C
             stop=Stop(min_step=1e-5),
             depth=True,
-            limits=Limits(min_inliers=0.0, prior_m=0.03),
+            limits=SolverLimits(min_inliers=0.0, prior_m=0.03),
             reference="matched-keyframe",
         ),
     }

@@ -10,11 +10,11 @@ import numpy as np
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 
-from .candidates import Candidate, Estimate, pick
+from .candidates import AlignmentCandidate, Estimate, pick
 from .certainty import MAX_ROUGHNESS, with_bias
 from .levels import Level, Pair, PyramidOdometer, pyramid
 from .protocol import Frame, OdometryResult, OdometryStatus
-from .solver import Limits, Pass, Stop, solve
+from .solver import Pass, SolverLimits, Stop, solve
 from .terms.plane import IcpSettings, PlaneTerm, roughness
 
 #: A guess is poor if the RMS distance between the surfaces there is at least this (a prediction has
@@ -47,7 +47,7 @@ class Icp(PyramidOdometer):
             nu=10.0,
             rough_step=3,
             stop=Stop(min_step=5e-6),
-            limits=Limits(prior_m=0.003),
+            limits=SolverLimits(prior_m=0.003),
             reference="keyframe",
         ),
     }
@@ -80,7 +80,7 @@ class Icp(PyramidOdometer):
     def _align_from(self, pair: Pair, guess: SE3) -> Estimate:
         return self.planes(pair, guess).estimate()
 
-    def planes(self, pair: Pair, guess: SE3) -> Candidate:
+    def planes(self, pair: Pair, guess: SE3) -> AlignmentCandidate:
         """Planes alone."""
         s = self.plane_settings(pair)
         schedule = self.schedule(pair.reference)
@@ -89,7 +89,7 @@ class Icp(PyramidOdometer):
         limits = s.limits
         if pair.rough:
             limits = replace(limits, min_eigenvalue=ROUGH_EIGENVALUE)
-        return Candidate(guess, passes, limits, surface=terms[0])
+        return AlignmentCandidate(guess, passes, limits, surface=terms[0])
 
     def plane_settings(self, pair: Pair) -> IcpSettings:
         return replace(self.settings, **ROUGH) if pair.rough else self.settings
@@ -101,5 +101,5 @@ def estimate_rotation(pair: Pair, settings: IcpSettings, guess: SE3) -> SE3:
     strides = (2,) * len(pair.reference)
     wide = replace(settings, strides=strides, two_normals=False, **WIDE)
     search = Pass(PlaneTerm(pair, wide, n), 20, Stop(min_step=1e-3), rotation_only=True)
-    result = solve([search], guess, Limits(min_inliers=0.01))
+    result = solve([search], guess, SolverLimits(min_inliers=0.01))
     return guess if result.status is OdometryStatus.FAILED else result.T_reference_camera

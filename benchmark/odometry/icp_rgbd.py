@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from iclnuim.geometry.se3 import SE3
 
-from .candidates import Candidate, Estimate, pick
+from .candidates import AlignmentCandidate, Estimate, pick
 from .icp import Icp
 from .levels import Pair
 from .photometric import PhotometricSettings, Rgbd, image_passes
@@ -148,7 +148,7 @@ class IcpRgbd(Icp):
 
     def _jointly(
         self, pair: Pair, planes: PlaneTerms, schedule: list[tuple[int, int]], guess: SE3
-    ) -> Candidate:
+    ) -> AlignmentCandidate:
         """Both terms in all passes (Whelan 2013, section IV)."""
         settings = self.photometric
         if pair.rough and not pair.rendered:
@@ -161,7 +161,7 @@ class IcpRgbd(Icp):
             passes[k] = self._with_planes(passes[k], planes[n], error)
         prior_m = ROUGH_PRIOR_M if pair.rough else self.settings.limits.prior_m
         limits = replace(self.settings.limits, min_eigenvalue=0.0, prior_m=prior_m)
-        return Candidate(guess, passes, limits, image, planes[levels[0]])
+        return AlignmentCandidate(guess, passes, limits, image, planes[levels[0]])
 
     def _image_first_from_best(
         self, pair: Pair, planes: PlaneTerms, start: Start, guess: SE3
@@ -170,7 +170,9 @@ class IcpRgbd(Icp):
         planes[coarsest].linearise(guess, 0)  # the distance between the surfaces there
         return start.aligned(lambda one: self._image_first(pair, planes, start, one).estimate())
 
-    def _image_first(self, pair: Pair, planes: PlaneTerms, start: Start, guess: SE3) -> Candidate:
+    def _image_first(
+        self, pair: Pair, planes: PlaneTerms, start: Start, guess: SE3
+    ) -> AlignmentCandidate:
         """As `Rgbd`, with the planes in the last pass: for biased depth, and for a guess after a
         poor prediction.
         """
@@ -183,7 +185,7 @@ class IcpRgbd(Icp):
         passes[-1] = self._with_planes(passes[-1], planes[finest], error)
         prior_m = settings.limits.prior_m if start.poor else ROUGH_PRIOR_M
         limits = replace(settings.limits, prior_m=prior_m)
-        return Candidate(guess, passes, limits, image, planes[coarsest], depth)
+        return AlignmentCandidate(guess, passes, limits, image, planes[coarsest], depth)
 
     def _with_planes(
         self, one: Pass, planes: PlaneTerm, error: Callable[[SE3], np.ndarray] | None

@@ -13,7 +13,7 @@ from iclnuim.geometry.se3 import SE3
 from .candidates import Estimate
 from .levels import Level, Pair, PyramidOdometer, pyramid
 from .protocol import Frame, OdometryResult, OdometryStatus, failure
-from .solver import Limits, Pass, Stop, solve
+from .solver import Pass, SolverLimits, Stop, solve
 from .start import initialise
 from .terms.depth import DepthTerm
 from .terms.photometric import PhotometricSettings, PhotometricTerm, TiledTerm
@@ -35,7 +35,7 @@ class Rgbd(PyramidOdometer):
             spread=1.0,
             tiles=True,
             stop=Stop(min_step=2e-5),
-            limits=Limits(min_inliers=0.001, prior_m=0.03),
+            limits=SolverLimits(min_inliers=0.001, prior_m=0.03),
             reference="keyframe",
         ),
     }
@@ -83,7 +83,7 @@ class Dvo(Rgbd):
             scale_once=True,
             median_depth=True,
             stop=Stop(min_step=1e-7, min_decrease=5e-7, undo=True),
-            limits=Limits(min_inliers=0.3),  # failure test of dvo_slam
+            limits=SolverLimits(min_inliers=0.3),  # failure test of dvo_slam
         ),
         "best": replace(
             Rgbd.PRESETS["best"],
@@ -92,7 +92,7 @@ class Dvo(Rgbd):
             max_dz_m=0.05,
             scale_once=True,
             stop=Stop(min_step=2e-5, min_decrease=1e-3, undo=True),
-            limits=Limits(min_inliers=0.01, prior_m=0.03),
+            limits=SolverLimits(min_inliers=0.01, prior_m=0.03),
         ),
     }
 

@@ -43,7 +43,7 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class Limits:
+class SolverLimits:
     """A smaller share of inliers is a failure; a smaller eigenvalue (share, as smallest_eigenvalue)
     is degenerate.
 
@@ -79,7 +79,7 @@ class _SolverState:
     converged: bool = False
 
 
-def solve(passes: list[Pass], guess: SE3, limits: Limits) -> OdometryResult:
+def solve(passes: list[Pass], guess: SE3, limits: SolverLimits) -> OdometryResult:
     """Run all passes, coarse to fine, from `guess` (T_reference_current).
 
     Passes without overlap are skipped: holes can leave a coarse level empty. Without overlap in the
@@ -95,7 +95,7 @@ def solve(passes: list[Pass], guess: SE3, limits: Limits) -> OdometryResult:
     return _result(at, guess, limits, passes[-1].term.pixels)
 
 
-def _iterate(one: Pass, at: _SolverState, limits: Limits) -> NormalEquations | None:
+def _iterate(one: Pass, at: _SolverState, limits: SolverLimits) -> NormalEquations | None:
     """Gauss-Newton iterations of one pass; the equations if too few residuals are left."""
     if one.centre:
         at.total_twist = np.zeros(6)
@@ -124,14 +124,16 @@ def _iterate(one: Pass, at: _SolverState, limits: Limits) -> NormalEquations | N
     return None
 
 
-def _step(one: Pass, at: _SolverState, equations: NormalEquations, limits: Limits) -> np.ndarray:
+def _step(
+    one: Pass, at: _SolverState, equations: NormalEquations, limits: SolverLimits
+) -> np.ndarray:
     if one.rotation_only:
         return equations.rotation_step()
     twist, at.under_constrained = equations.step(at.total_twist, limits.prior_m, at.T.translation)
     return twist
 
 
-def _result(at: _SolverState, guess: SE3, limits: Limits, pixels: int) -> OdometryResult:
+def _result(at: _SolverState, guess: SE3, limits: SolverLimits, pixels: int) -> OdometryResult:
     equations = at.equations
     finite = np.isfinite(at.T.translation).all() and np.isfinite(at.T.rotation).all()
     if equations is None or not finite:

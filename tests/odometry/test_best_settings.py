@@ -16,7 +16,7 @@ from iclnuim.benchmark.odometry.normal_equations import NormalEquations  # noqa:
 from iclnuim.benchmark.odometry.photometric import image_passes  # noqa: E402
 from iclnuim.benchmark.odometry.protocol import OdometryStatus  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
-from iclnuim.benchmark.odometry.solver import Limits, Pass, Stop, solve  # noqa: E402
+from iclnuim.benchmark.odometry.solver import Pass, SolverLimits, Stop, solve  # noqa: E402
 from iclnuim.benchmark.odometry.terms.depth import DepthTerm, _depth_only_twist  # noqa: E402
 from iclnuim.benchmark.odometry.terms.photometric import PhotometricTerm  # noqa: E402
 from iclnuim.benchmark.odometry.terms.plane import PlaneTerm  # noqa: E402
@@ -52,7 +52,7 @@ def left_px(name, pair, truth, k, off):
     them: the distance from where it converges, in pixels of the whole image at 2 m.
     """
     guess = truth @ SE3.exp(off)
-    limits = Limits(min_inliers=0.0, prior_m=0.003)
+    limits = SolverLimits(min_inliers=0.0, prior_m=0.003)
 
     def found(iterations):
         one = passes_of(name, pair, guess)[k]
@@ -153,7 +153,9 @@ def test_steps_end_at_some_micrometres(name, least_m):
     """
     settings = odometer(name).settings
     term = Halving()
-    found = solve([Pass(term, 500, replace(settings.stop, undo=False))], SE3.identity(), Limits())
+    found = solve(
+        [Pass(term, 500, replace(settings.stop, undo=False))], SE3.identity(), SolverLimits()
+    )
     assert found.converged and 0.7 * least_m < term.step_m < 1.4 * least_m
 
 
@@ -161,7 +163,7 @@ def test_steps_end_at_some_micrometres(name, least_m):
 def test_dvo_ends_a_level_where_the_error_hardly_decreases(decrease, goes_on):
     """A thousandth of a squared grey level: a renderer rounds to a twelfth."""
     term = Halving(decrease)
-    solve([Pass(term, 9, odometer("dvo").settings.stop)], SE3.identity(), Limits())
+    solve([Pass(term, 9, odometer("dvo").settings.stop)], SE3.identity(), SolverLimits())
     assert (term.step_m < 0.5e-3) is goes_on
 
 

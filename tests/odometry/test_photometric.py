@@ -12,7 +12,7 @@ from iclnuim.benchmark.odometry.normal_equations import NormalEquations  # noqa:
 from iclnuim.benchmark.odometry.photometric import Dvo, Rgbd  # noqa: E402
 from iclnuim.benchmark.odometry.protocol import Frame, OdometryResult, OdometryStatus  # noqa: E402
 from iclnuim.benchmark.odometry.registry import odometer  # noqa: E402
-from iclnuim.benchmark.odometry.solver import Limits  # noqa: E402
+from iclnuim.benchmark.odometry.solver import SolverLimits  # noqa: E402
 from iclnuim.benchmark.odometry.terms.photometric import (  # noqa: E402
     PhotometricSettings,
     PhotometricTerm,
@@ -65,7 +65,9 @@ def test_student_weights_withstand_something_that_moves_through_the_picture():
     frames = [view(i, ROOM) for i in range(6)]
     for i, frame in enumerate(frames):
         frame.grey[40:80, 20 + 8 * i : 60 + 8 * i] = 250.0
-    settings = replace(Dvo.PRESETS["paper"], median_depth=False, limits=Limits(min_inliers=0.01))
+    settings = replace(
+        Dvo.PRESETS["paper"], median_depth=False, limits=SolverLimits(min_inliers=0.01)
+    )
     plain, robust = Dvo(replace(settings, nu=0.0)), Dvo(settings)
     assert error_m(run(robust, frames)) < 0.5 * error_m(run(plain, frames))
 

@@ -9,7 +9,7 @@ from iclnuim.geometry.se3 import SE3
 pytest.importorskip("numba", reason="the extra `odometry` is not installed")
 from iclnuim.benchmark.odometry.normal_equations import NormalEquations  # noqa: E402
 from iclnuim.benchmark.odometry.protocol import OdometryStatus  # noqa: E402
-from iclnuim.benchmark.odometry.solver import Limits, Pass, Stop, solve  # noqa: E402
+from iclnuim.benchmark.odometry.solver import Pass, SolverLimits, Stop, solve  # noqa: E402
 
 
 class Once:
@@ -31,7 +31,7 @@ def test_a_coarse_level_without_overlap_is_left_out_and_the_finest_is_not():
 
     def result(*systems):
         passes = [Pass(Once(s), 3, Stop()) for s in systems]
-        return solve(passes, SE3.identity(), Limits())
+        return solve(passes, SE3.identity(), SolverLimits())
 
     assert result(empty, term).T_reference_camera.translation == pytest.approx([1e-3, 0, 0])
     assert result(term, empty).status is OdometryStatus.FAILED
@@ -43,7 +43,7 @@ def aligned(step_m=1e-3, sigma_m=1e-3):
     term = NormalEquations(
         A, A[0] * step_m, 1.0, 500, np.zeros(3), length_m=1.0, is_information=True
     )
-    return solve([Pass(Once(term), 3, Stop())], SE3.identity(), Limits())
+    return solve([Pass(Once(term), 3, Stop())], SE3.identity(), SolverLimits())
 
 
 def test_a_motion_that_no_hand_makes_in_a_frame_is_a_failure():
@@ -63,4 +63,4 @@ def test_a_motion_that_is_uncertain_by_millimetres_is_degenerate():
 )
 def test_a_fiftieth_of_the_pixels_has_to_match(count, status):
     term = NormalEquations(np.eye(6), np.zeros(6), 1.0, count, np.zeros(3), 1.0)
-    assert solve([Pass(Once(term), 3, Stop())], SE3.identity(), Limits()).status is status
+    assert solve([Pass(Once(term), 3, Stop())], SE3.identity(), SolverLimits()).status is status

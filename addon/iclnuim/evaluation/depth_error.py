@@ -402,7 +402,7 @@ class _Pixels:
     def y(self) -> np.ndarray:
         return self.true_m if self.settings.quantity == DEPTH else 1 / self.true_m
 
-    def compared(self, alignment: DepthAlignment | None) -> "_Compared":
+    def compared(self, alignment: DepthAlignment | None) -> "_AlignedPixels":
         if alignment is None:
             alignment = fit(self.settings.align, self.settings.robust, self.x, self.y)
         aligned = alignment.apply(self.x)
@@ -417,10 +417,10 @@ class _Pixels:
             if clamped:
                 aligned[outside] = limit
         depth_m = aligned if self.settings.quantity == DEPTH else 1 / aligned
-        return _Compared(self, alignment, depth_m, clamped)
+        return _AlignedPixels(self, alignment, depth_m, clamped)
 
 
-class _Compared:
+class _AlignedPixels:
     """An image after its alignment: depth_m (n,) of its pixels, sums, and counts of boundaries."""
 
     def __init__(

@@ -100,14 +100,14 @@ def compare_sequences(a: StrPath, b: StrPath, by_tolerance: bool = False) -> Seq
     origins = zip(("Blender", "processor features"), _origin(a), _origin(b), strict=True)
     differences = [f"{name}: {x} and {y}" for name, x, y in origins if x != y]
     reason = "requested" if by_tolerance else "; ".join(differences)
-    one = _Files.of(a)
-    other = _Files.of(b)
+    one = _ComparedFiles.of(a)
+    other = _ComparedFiles.of(b)
     both = sorted(one.paths.keys() & other.paths.keys())
     images = sum(map(_is_image, both))
     if not images:
         expected = "frames with the same numbers in both folders"
         raise InputError(expected, path=b, found=f"none that {a} has too")
-    compared: Callable[[_Files, _Files, str], _Result] = _other_bytes
+    compared: Callable[[_ComparedFiles, _ComparedFiles, str], _Result] = _other_bytes
     if reason:
         compared = _beyond_tolerance
     with ThreadPoolExecutor() as pool:
@@ -127,7 +127,7 @@ def compare_sequences(a: StrPath, b: StrPath, by_tolerance: bool = False) -> Seq
 
 
 @dataclass(frozen=True)
-class _Files:
+class _ComparedFiles:
     """The compared files of a folder by their path in it."""
 
     folder: Path
@@ -136,7 +136,7 @@ class _Files:
     units: dict[Path, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, folder: Path) -> "_Files":
+    def of(cls, folder: Path) -> "_ComparedFiles":
         paths = {}
         for path in folder.rglob("*"):
             inside = path.relative_to(folder)
@@ -198,7 +198,7 @@ class _Result(NamedTuple):
     share: float = 0.0
 
 
-def _other_bytes(a: _Files, b: _Files, name: str) -> _Result:
+def _other_bytes(a: _ComparedFiles, b: _ComparedFiles, name: str) -> _Result:
     """The comparison of a file byte for byte. PNGs of the same pixels are equal: another library
     may have compressed them.
     """
@@ -209,11 +209,11 @@ def _other_bytes(a: _Files, b: _Files, name: str) -> _Result:
     return _Result(not same_pixels, different or [])
 
 
-def _same_bytes(a: _Files, b: _Files, name: str) -> bool:
+def _same_bytes(a: _ComparedFiles, b: _ComparedFiles, name: str) -> bool:
     return read_bytes(a.paths[name]) == read_bytes(b.paths[name])
 
 
-def _beyond_tolerance(a: _Files, b: _Files, name: str) -> _Result:
+def _beyond_tolerance(a: _ComparedFiles, b: _ComparedFiles, name: str) -> _Result:
     """The comparison of an image within the tolerances of its channels, of another file, or one
     that cannot be decoded, byte for byte.
     """

@@ -26,7 +26,7 @@ from .. import certainty, kernels
 from ..levels import Pair
 from ..normal_equations import SYMMETRIC, NormalEquations, small_twist
 from ..protocol import OdometryResult, OdometryStatus
-from ..solver import Limits, Stop
+from ..solver import SolverLimits, Stop
 from .depth import DepthTerm
 from .free_depth import FIRM, LOOSE, inlier_weights, scale_ambiguity
 
@@ -81,7 +81,7 @@ class PhotometricSettings:
     tiles: bool = False
     median_depth: bool = False  # depth pyramid by 3x3 median (Kerl 2013) instead of means
     stop: Stop = Stop()
-    limits: Limits = Limits(min_inliers=0.001)
+    limits: SolverLimits = SolverLimits(min_inliers=0.001)
     reference: str = "frame"
 
 

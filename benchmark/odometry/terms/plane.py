@@ -12,7 +12,7 @@ from .. import kernels
 from ..certainty import GRID, disagreement, jackknife_information
 from ..levels import Level, Pair
 from ..normal_equations import NormalEquations
-from ..solver import MIN_EIGENVALUE, Limits, Stop
+from ..solver import MIN_EIGENVALUE, SolverLimits, Stop
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class IcpSettings:
     noise_share: float = 1.0  # share of the disagreement of two normals that counts as noise
     rough_step: int = 0  # pixels; 0: no frame counts as noisy
     stop: Stop = Stop()
-    limits: Limits = Limits(min_eigenvalue=MIN_EIGENVALUE)
+    limits: SolverLimits = SolverLimits(min_eigenvalue=MIN_EIGENVALUE)
     reference: str = "frame"
 
 

@@ -38,9 +38,7 @@ class Matches:
 
 
 class Seen(NamedTuple):
-    """What the compiled loops read: the intrinsics, pixels and points in both frames, weights. Its
-    name stays, because numba keeps compiled code on disk under it.
-    """
+    """What the compiled loops read: the intrinsics, pixels and points in both frames, weights."""
 
     k: np.ndarray
     points0: np.ndarray
