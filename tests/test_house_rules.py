@@ -249,6 +249,17 @@ def test_imports_are_found_however_they_are_written(monkeypatch, tmp_path):
     assert expected <= set(map(short, found))
 
 
+def test_a_class_has_a_name_of_its_own():
+    """With or without an underscore, over all of the product: a search finds one meaning."""
+    found: dict[str, list[str]] = {}
+    for name, path in modules().items():
+        if room_of(name) not in ("tools", "builder"):
+            for node in nodes(path):
+                if isinstance(node, ast.ClassDef):
+                    found.setdefault(node.name.lstrip("_"), []).append(f"{short(name)}.{node.name}")
+    assert {name: places for name, places in found.items() if len(places) > 1} == {}
+
+
 def test_imports_point_one_way():
     wrong = []
     for name in modules():

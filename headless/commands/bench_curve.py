@@ -18,7 +18,7 @@ from ..sequence_input import add_camera_options
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.inputs import Input
-    from iclnuim.benchmark.experiments.recipes.curve.recipe import Curve
+    from iclnuim.benchmark.experiments.recipes.curve.recipe import CurveRecipe
     from iclnuim.benchmark.perturbations.segment import Segment
 
 _OUT = "folder of the measured steps, by which the command resumes; default: out/curves"
@@ -107,7 +107,7 @@ def _curve(args: Namespace, console: Console) -> None:
     console.result({"recipe": recipe, "points": rows}, text)
 
 
-def _experiment(args: Namespace, console: Console) -> "Curve":
+def _experiment(args: Namespace, console: Console) -> "CurveRecipe":
     """The curve that the options describe."""
     from iclnuim.benchmark.experiments.recipes.curve import curves
     from iclnuim.benchmark.experiments.recipes.curve import recipe as curve
@@ -134,7 +134,7 @@ def _experiment(args: Namespace, console: Console) -> "Curve":
         methods = installed(names(), "best", console)
     values = args.values or curves.CURVES[args.curve].values
     steps = curves.steps_of(args.curve, methods, values)
-    return curve.Curve(args.curve, inputs, segments, steps, settings)
+    return curve.CurveRecipe(args.curve, inputs, segments, steps, settings)
 
 
 def _inputs(args: Namespace, console: Console) -> "dict[str, Input]":

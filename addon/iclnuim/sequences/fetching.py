@@ -36,7 +36,7 @@ _CHUNK = 1 << 16
 _AGAIN = "the same command again, which continues"
 
 
-class Source(Protocol):
+class FetchSource(Protocol):
     """Where files are fetched from."""
 
     def open(self, name: str, start: int) -> AbstractContextManager["Opened"]:
@@ -125,7 +125,7 @@ class Fetched:
     found: tuple[str, ...]
 
 
-def source_of(text: str) -> Source:
+def source_of(text: str) -> FetchSource:
     """The folder or the web server of this name. Raises InputError."""
     scheme = urllib.parse.urlsplit(text).scheme
     if scheme in ("http", "https"):
@@ -138,7 +138,7 @@ def source_of(text: str) -> Source:
 
 
 def fetch(
-    source: Source,
+    source: FetchSource,
     out: Path,
     digest: str = "",
     on_file: Callable[[str, int, int], object] = lambda name, done, total: None,
@@ -218,7 +218,7 @@ def _check(path: Path, wanted: str) -> None:
         raise InputError(expected, path=path, found=f"{digest[:12]}...", hint=hint)
 
 
-def _sums(source: Source, out: Path, digest: str) -> dict[str, str]:
+def _sums(source: FetchSource, out: Path, digest: str) -> dict[str, str]:
     """The SHA-256 of every file by its name; the list is kept in `out`."""
     path = out / CHECKSUMS
     part = path.with_name(CHECKSUMS + _PART)
@@ -250,7 +250,7 @@ def _parsed(path: Path) -> dict[str, str]:
     return sums
 
 
-def _fetch_file(source: Source, path: Path, name: str, wanted: str) -> None:
+def _fetch_file(source: FetchSource, path: Path, name: str, wanted: str) -> None:
     """Fetch one file; if what an earlier attempt left belongs to another version, from its start."""
     part = path.with_name(name + _PART)
     resumed = part.is_file() and part.stat().st_size > 0
@@ -270,7 +270,7 @@ def _fetch_file(source: Source, path: Path, name: str, wanted: str) -> None:
     raise InputError(expected, path=name, found=f"{digest[:12]}...: its bytes are others")
 
 
-def _receive(source: Source, part: Path, name: str, most: int) -> None:
+def _receive(source: FetchSource, part: Path, name: str, most: int) -> None:
     """Write the whole file to `part`, continuing where it ends."""
     without_bytes = 0
     last = "no bytes"

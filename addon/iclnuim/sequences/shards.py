@@ -67,7 +67,7 @@ class PackedShards:
 
 
 @dataclass(frozen=True)
-class _Frame:
+class _ShardFrame:
     """A frame's key in the shards, and the content of its JSON."""
 
     key: str
@@ -123,7 +123,7 @@ def pack_shards(
     return PackedShards(shards, len(frames), size, digest)
 
 
-def _frames(sequence: StoredSequence) -> list[_Frame]:
+def _frames(sequence: StoredSequence) -> list[_ShardFrame]:
     camera = sequence.camera
     poses = poses_at(sequence.stamps_s, sequence.truth)
     found = []
@@ -136,7 +136,7 @@ def _frames(sequence: StoredSequence) -> list[_Frame]:
         rgb = f"{key}.{RGB}.png"
         about = metadata_of(rgb, f"{key}.{DEPTH}.png", pair.stamp_s, camera, pose)
         about = {"number": pair.number, **about, "K": camera.pinhole.K.tolist()}
-        found.append(_Frame(key, pair, about))
+        found.append(_ShardFrame(key, pair, about))
     return found
 
 
@@ -144,7 +144,7 @@ def _write_shards(
     part: Path,
     folder: Path,
     name: str,
-    frames: list[_Frame],
+    frames: list[_ShardFrame],
     max_bytes: int,
     on_frame: Callable[[], object],
 ) -> tuple[str, ...]:
@@ -165,9 +165,9 @@ def _write_shards(
     return tuple(shards)
 
 
-def _split(frames: list[_Frame], max_bytes: int) -> Iterator[list[_Frame]]:
+def _split(frames: list[_ShardFrame], max_bytes: int) -> Iterator[list[_ShardFrame]]:
     """The frames of each shard: as many as fit, at least one."""
-    shard: list[_Frame] = []
+    shard: list[_ShardFrame] = []
     used = 2 * _BLOCK  # the end of a tar file
     for frame in frames:
         sizes = [p.stat().st_size for p in (frame.pair.rgb, frame.pair.depth)]
@@ -186,7 +186,7 @@ def _padded(size: int, unit: int) -> int:
     return -(-size // unit) * unit
 
 
-def _write_texts(part: Path, sequence: StoredSequence, frames: list[_Frame]) -> None:
+def _write_texts(part: Path, sequence: StoredSequence, frames: list[_ShardFrame]) -> None:
     """Lists, ground truth, camera and metadata.jsonl of the frames."""
     stamps_s = tuple(frame.pair.stamp_s for frame in frames)
     lists = {}

@@ -49,7 +49,7 @@ class CurveKey:
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class CurveRecipe:
     """The experiment with odometers. segments: which frames of each input. settings: further
     settings that decide the figures. measurement: the function that measures. point: its figures.
     """
@@ -143,7 +143,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class FusionCurve(Curve):
+class FusionCurve(CurveRecipe):
     """The experiment with voxels, whose surfaces are compared with the true surface."""
 
     surface: TrueSurface
