@@ -70,6 +70,17 @@ BENCHMARK = [
     f"benchmark.{room}"
     for room in ("odometry", "fusion", "perturbations", "systems", "experiments")
 ]
+ENGINE = f"{LIBRARY} benchmark " + " ".join(BENCHMARK)
+#: The folders of experiments: none imports another but those that show the runs of systems.
+RECIPES = {
+    "benchmark.experiments.recipes": ENGINE,
+    "benchmark.experiments.recipes.system": ENGINE,
+    "benchmark.experiments.recipes.curve": ENGINE,
+    "benchmark.experiments.recipes.stress": f"{ENGINE} benchmark.experiments.recipes.system",
+    "benchmark.experiments.recipes.paper": f"{ENGINE} benchmark.experiments.recipes.system",
+}
+BENCHMARK += RECIPES
+MAY_IMPORT |= RECIPES
 MAY_IMPORT |= {
     "benchmark": "",
     "benchmark.compiled": "",
@@ -78,7 +89,7 @@ MAY_IMPORT |= {
     "benchmark.compiled benchmark.odometry",
     "benchmark.perturbations": f"{LIBRARY} benchmark.odometry",
     "benchmark.systems": f"{LIBRARY} benchmark.odometry",
-    "benchmark.experiments": f"{LIBRARY} benchmark " + " ".join(BENCHMARK),
+    "benchmark.experiments": ENGINE,
     "api": " ".join([LIBRARY, "ui", *BENCHMARK]),
     "headless": f"{LIBRARY} __main__",
     "headless.completion": "shipped benchmark.odometry",
@@ -150,9 +161,8 @@ def room_of(name: str) -> str:
     parts = name.split(".")[1:]
     if parts[0] == "blend":
         return "builder"
-    if ".".join(parts[:2]) in MAY_IMPORT:
-        return ".".join(parts[:2])
-    return parts[0]
+    inside = [".".join(parts[:count]) for count in range(len(parts), 0, -1)]
+    return next((room for room in inside if room in MAY_IMPORT), parts[0])
 
 
 def resolved(name: str, package: str, level: int) -> str:
