@@ -42,7 +42,7 @@ def run(args: Namespace, console: Console) -> None:
     values = {
         "folder": str(out),
         "fetched": len(found.fetched),
-        "found": len(found.found),
+        "already_there": len(found.found),
         "unpacked": unpack(out) if args.unpack else 0,
     }
     text = f"{out}: {len(found.fetched)} files fetched, {len(found.found)} found, all verified"

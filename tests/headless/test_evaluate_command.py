@@ -2,10 +2,8 @@
 
 import csv
 import json
-import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -158,7 +156,8 @@ def test_a_mirrored_estimate_is_named_with_what_to_do_and_that_helps(files, caps
     code, out, _ = call(capsys, "ate", files / "truth.txt", files / "mirrored.txt")
     assert (
         code == 0
-        and "warning: the estimate is mirrored" in out
+        and "warning: " in out
+        and "the estimate is mirrored" in out
         and "reading it as gt.freiburg" in out
     )
     _, out, _ = call(capsys, "ate", files / "truth.txt", files / "mirrored.txt", "--json")
@@ -268,20 +267,6 @@ def test_in_a_process_of_its_own_an_error_is_one_line_too(files):
     done = run("ate", files / "truth.txt", files / "later.txt", "--quiet")
     assert done.returncode == 2 and done.stdout == ""
     assert done.stderr.startswith("iclnuim evaluate: ") and len(done.stderr.splitlines()) == 1
-
-
-def test_the_benchmark_beside_evo_leaves_evo_out_where_it_is_missing(files, capsys, monkeypatch):
-    which = shutil.which
-    monkeypatch.setattr(shutil, "which", lambda name, **rest: None)
-    names = ("evaluate", files / "truth.txt", files / "estimate.txt", "--rounds", "1", "--json")
-    assert cli.main(["bench", *map(str, names)]) == 0
-    out, err = capsys.readouterr()
-    assert list(json.loads(out)["times"]) == ["iclnuim evaluate ate"] and "pip install evo" in err
-    monkeypatch.setattr(shutil, "which", which)
-    if not which("evo_ape", path=str(Path(sys.executable).parent)):
-        pytest.skip("judge absent: evo")
-    assert cli.main(["bench", *map(str, names)]) == 0
-    assert json.loads(capsys.readouterr().out)["times"]["evo_ape"]["median_s"] > 0
 
 
 def test_two_files_without_an_action_are_ate(files, capsys):
