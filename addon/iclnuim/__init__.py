@@ -31,7 +31,8 @@ __all__ = [
     "HeldOutView", "check_held_out", "choose_held_out",
     # predicted depth
     "depth_error", "depth_errors", "DepthErrors", "DepthError", "DepthErrorSettings", "DepthFigures",
-    "MethodDepthErrors",
+    "MethodDepthErrors", "point_error", "point_errors", "PointErrors", "PointError", "PointFigures",
+    "MethodPointErrors",
     # labels
     "label_errors", "LabelErrors", "label_confusion", "label_figures", "LabelFigures",
     "panoptic_quality", "PanopticQuality", "Segmentation", "read_class_map", "ClassMap",
@@ -70,6 +71,7 @@ if TYPE_CHECKING:
     from .benchmark.odometry.track import Tracked, Tracker, track
     from .blender.open.model_file import read_model
     from .depth.errors import MethodDepthErrors, depth_errors
+    from .depth.points import MethodPointErrors, point_errors
     from .errors import IclnuimError, InputError, WorkError
     from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
     from .evaluation.align import AlignmentSettings
@@ -77,6 +79,7 @@ if TYPE_CHECKING:
     from .evaluation.depth_error import DepthError, DepthErrors, DepthErrorSettings, depth_error
     from .evaluation.depth_figures import DepthFigures
     from .evaluation.image_error import ViewSettings, psnr_db, ssim
+    from .evaluation.point_error import PointError, PointErrors, PointFigures, point_error
     from .evaluation.relative_error import RelativeError, RelativeErrorSettings
     from .formats.meshes import read_mesh
     from .formats.ply import write_ply

@@ -1,13 +1,18 @@
-"""`iclnuim evaluate depth`: predicted depth against the depth of a sequence."""
+"""`iclnuim evaluate depth` and `points`: predicted depth, and predicted point maps, against the depth
+of a sequence.
+"""
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from iclnuim.console import Console, Progress
 from iclnuim.depth.groups import KINDS
+from iclnuim.depth.points import FRAMES
 from iclnuim.errors import named
 from iclnuim.evaluation.depth_error import DepthErrorSettings
+from iclnuim.evaluation.point_error import POINT_ALIGNMENTS
 from iclnuim.formats.files import atomic_write_text, csv_text
 
 from ..options import Actions, action, add_settings, option_name, settings_from
@@ -27,6 +32,14 @@ _COLUMNS = {
     "boundary_f1": ("bound. F1", 1.0, 4),
 }
 _WIDTH = 11
+#: Title and factor of the figures of points.
+_OF_POINTS = {
+    "mean_m": ("mean [mm]", 1e3),
+    "median_m": ("median [mm]", 1e3),
+    "rmse_m": ("RMSE [mm]", 1e3),
+    "abs_rel": ("AbsRel", 1.0),
+    "delta1": ("delta1", 1.0),
+}
 #: Number of names in a note.
 _NAMED = 3
 
@@ -57,11 +70,38 @@ def configure(actions: Actions) -> None:
     help = "name or number of a frame in the picture (may be given several times)"
     add("--frame", action="append", default=[], metavar="NAME", help=help)
 
+    _configure_points(actions)
+
+
+def _configure_points(actions: Actions) -> None:
+    text = "predicted point maps against true points, after one similarity a sequence"
+    example = "iclnuim evaluate points predicted --truth out/living_room/kt2/clean --frame world"
+    points = action(actions, "points", text, example, run_points)
+    add = points.add_argument
+    help = "point maps of a method (.npy, .npz, .exr), a file for each frame, or one for all"
+    add("folder", type=Path, metavar="DIR", help=help)
+    add("--truth", type=Path, required=True, metavar="SEQUENCE", help="the true frames, with poses")
+    help = "alignment: " + _listed_choices(POINT_ALIGNMENTS) + "; default: similarity"
+    add("--align", choices=list(POINT_ALIGNMENTS), default="similarity", help=help)
+    help = "frame of the points: " + _listed_choices(FRAMES) + "; default: world"
+    add("--frame", choices=list(FRAMES), default="world", help=help)
+    _add_chosen(points)
+    add("--csv", metavar="FILE", help="write the figures of every frame as a CSV table")
+
+
+def _listed_choices(choices: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} ({text})" for name, text in choices.items())
+
 
 def _add_pixels(parser: ArgumentParser) -> None:
     add = parser.add_argument
     help = "also figures by " + "; ".join(f"{kind}: {text}" for kind, text in KINDS.items())
     add("--by", action="append", choices=list(KINDS), default=[], help=help)
+    _add_chosen(parser)
+
+
+def _add_chosen(parser: ArgumentParser) -> None:
+    add = parser.add_argument
     help = "count only pixels of this class or object of the sequence (may be given several times)"
     add("--only", action="append", default=[], metavar="NAME", help=help)
     help = "do not count pixels of this class or object, such as window_pane"
@@ -109,6 +149,26 @@ def run(args: Namespace, console: Console) -> None:
     console.result(values, depth_text(methods))
 
 
+def run_points(args: Namespace, console: Console) -> None:
+    from iclnuim.depth.points import point_errors
+
+    chosen = (args.only, args.without)
+    align = args.align
+    found = point_errors(args.folder, args.truth, align, args.frame, *chosen, console.progress)
+    if args.csv:
+        atomic_write_text(args.csv, found.csv())
+    values = {"truth": str(args.truth), **found.to_dict()}
+    if found.missing:
+        console.note(f"{len(found.missing)} frames have no prediction: {_listed(found.missing)}")
+    if values["missing"] > 0:
+        console.note(f"{values['missing']:.2%} of the true points have no predicted one")
+    lines = [f"{found.method}, points in the frame {found.frame}, aligned by {align}"]
+    for name, (title, factor) in _OF_POINTS.items():
+        lines.append(f"  {title:<14}{factor * values[name]:>12.4f}")
+    lines.append(f"  {'scale':<14}{values['scale']:>12.6g}")
+    console.result(values, "\n".join(lines))
+
+
 def _csv(names: list[str], found: list[Any]) -> str:
     rows: list[list[object]] = []
     for name, one in zip(names, found, strict=True):
@@ -140,7 +200,7 @@ def depth_notes(values: dict[str, Any]) -> list[str]:
     return found
 
 
-def _listed(names: list[str]) -> str:
+def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_NAMED]) + (" ..." if len(names) > _NAMED else "")
 
 

@@ -56,6 +56,8 @@ def folder(tmp_path_factory, labelled_formats, shared_run):  # noqa: F811
     scaled = iclnuim.SE3(poses.rotation, 100 * poses.translation)
     iclnuim.write_trajectory(made / "scaled.txt", iclnuim.Trajectory(truth.stamps_s, scaled), "tum")
     (made / "keyframes.txt").write_text("0\n")
+    world = [T.apply(CAMERA.unproject(look(T)[1]).reshape(-1, 3)) for T in truth.T_world_camera]
+    np.savez(made / "points.npz", world_points=np.reshape(world, (16, 60, 80, 3)))
     shutil.copy(checkout.ROOT / "tests/room.obj", made)
     shutil.copytree(labelled_formats / "tum", made / "labelled")
     shutil.copytree(shared_run.path, made / "run")

@@ -84,6 +84,7 @@ class TrueDepth:
         without: Sequence[str] = (),
     ) -> None:
         sequence = StoredSequence(folder)
+        self.sequence = sequence
         self.folder = sequence.folder
         self.pairs = sequence.pairs
         self.camera = sequence.camera

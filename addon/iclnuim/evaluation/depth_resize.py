@@ -21,26 +21,38 @@ def resized(values: np.ndarray, shape: tuple[int, ...], how: str) -> np.ndarray:
     Raises InputError for `how` = none, and for another aspect ratio: an image with a border or a
     crop shows something else.
     """
-    height, width = values.shape
-    found = f"{width} x {height}"
     if how == "none":
         expected = f"a prediction of {shape[1]} x {shape[0]}, as the true image"
+        found = f"{values.shape[1]} x {values.shape[0]}"
         raise InputError(expected, found=found, hint="{resize} nearest or bilinear")
-    if abs(height - width * shape[0] / shape[1]) > _MAX_ROUNDING_PX:
-        expected = f"a prediction with the aspect ratio of the true image, {shape[1]} x {shape[0]}"
-        raise InputError(expected, found=found, hint="removing its border")
-    rows = (np.arange(shape[0]) + 0.5) * height / shape[0] - 0.5
-    columns = (np.arange(shape[1]) + 0.5) * width / shape[1] - 0.5
-    nearest = values[np.ix_(_nearest(rows, height), _nearest(columns, width))]
+    nearest = values[nearest_pixels(values.shape, shape)]
     if how == "nearest":
         return nearest
+    rows, columns = (_places(a, b) for a, b in zip(values.shape, shape, strict=True))
     values = np.where(np.isfinite(values) & (values != 0), values, np.nan)
     between = _between(_between(values, rows, 0), columns, 1)
     return np.where(np.isnan(between), nearest, between)
 
 
-def _nearest(places: np.ndarray, count: int) -> np.ndarray:
-    return np.floor(places + 0.5).astype(int).clip(0, count - 1)
+def nearest_pixels(size: tuple[int, ...], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (h, 1) and columns (1, w) of the pixels of an image of `size` that are nearest to those of
+    one of `shape` (h, w), which shows the same.
+
+    Raises InputError for another aspect ratio.
+    """
+    height, width = size
+    if abs(height - width * shape[0] / shape[1]) > _MAX_ROUNDING_PX:
+        expected = f"a prediction with the aspect ratio of the true image, {shape[1]} x {shape[0]}"
+        raise InputError(expected, found=f"{width} x {height}", hint="removing its border")
+    rows, columns = (_places(a, b) for a, b in zip(size, shape, strict=True))
+    rows = np.floor(rows + 0.5).astype(int).clip(0, height - 1)
+    columns = np.floor(columns + 0.5).astype(int).clip(0, width - 1)
+    return rows[:, None], columns[None]
+
+
+def _places(count: int, wanted: int) -> np.ndarray:
+    """The pixel centres of a side of `wanted` pixels, in those of one of `count` pixels."""
+    return (np.arange(wanted) + 0.5) * count / wanted - 0.5
 
 
 def _between(values: np.ndarray, places: np.ndarray, axis: int) -> np.ndarray:
