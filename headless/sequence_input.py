@@ -31,7 +31,7 @@ def read_bags(args: Namespace, console: Console) -> None:
     sequences = [given.get("folder"), given.get("source"), *(given.get("folders") or [])]
     for path in sequences:
         if path and is_bag(path):
-            from iclnuim.sequences.bags.sequence import unpacked
+            from iclnuim.sequences.bag_reader import unpacked
 
             with suppress(InputError):
                 folder, notes = unpacked(path, console.progress)
@@ -83,7 +83,7 @@ def note_sequence(
     that no file gives, lens distortion, images in no pair; and a warning if depth does not agree
     with the poses. By default the ground truth of the sequence.
     """
-    from iclnuim.sequences.inspection.pose_check import doubt, pose_agreement
+    from iclnuim.sequences.pose_check import doubt, pose_agreement
 
     folder = sequence.folder
     pairs = sequence.pairs

@@ -20,7 +20,7 @@ MODULES = (
     "iclnuim.geometry.camera",
     "iclnuim.geometry.scene_axes",
     "iclnuim.sequences.sequence_options",
-    "iclnuim.sequences.bags.recorded",
+    "iclnuim.sequences.bag_writer",
     "iclnuim.sensor.depth",
     "iclnuim.sensor.rgb",
     "iclnuim.evaluation.associate",

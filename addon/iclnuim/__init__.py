@@ -115,8 +115,7 @@ if TYPE_CHECKING:
     from .sensor.transfer import linear_from_srgb8
     from .sequences.compare import SequenceComparison, compare_sequences
     from .sequences.frame_source import FrameSource
-    from .sequences.inspection.findings import Inspection
-    from .sequences.inspection.inspect import inspect_sequence
+    from .sequences.inspection import Inspection, inspect_sequence
     from .sequences.rendered_views import ViewError, ViewErrors, view_errors
     from .sequences.rgbd_sequence import PosedFrame, RgbdSequence, open_sequence
     from .sequences.writer import WrittenSequence

@@ -7,7 +7,7 @@ from typing import Any
 from iclnuim.console import Console
 from iclnuim.labels.coco import write_coco
 from iclnuim.labels.frames import has_classes
-from iclnuim.sequences.inspection.inspect import inspect_sequence
+from iclnuim.sequences.inspection import inspect_sequence
 from iclnuim.sequences.metadata import write_metadata
 
 from ..options import add_rerun, checked_rerun, common

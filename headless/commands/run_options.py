@@ -13,7 +13,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob, read_recipe, shipped_job
-from iclnuim.sequences.bags.recorded import BagSettings
+from iclnuim.sequences.bag_writer import BagSettings
 from iclnuim.sequences.run_folder import load_trajectory
 
 from .. import options

@@ -10,7 +10,7 @@ from typing import Any, Self
 from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.formats.files import content_of_json
-from iclnuim.sequences.bags.recorded import BagSettings
+from iclnuim.sequences.bag_writer import BagSettings
 from iclnuim.sequences.frame_source import FrameSource
 from iclnuim.sequences.sequence_formats import sequence_format
 from iclnuim.sequences.sequence_options import SequenceOptions

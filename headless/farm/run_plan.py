@@ -13,7 +13,7 @@ from iclnuim.blender.open.blend_file import may_simulate
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_json, write_json
 from iclnuim.job import RenderJob
-from iclnuim.sequences.bags.recorded import BagSettings
+from iclnuim.sequences.bag_writer import BagSettings
 from iclnuim.sequences.frame_source import frames_of_run
 from iclnuim.sequences.journal import read_entries
 from iclnuim.sequences.run_folder import read_run

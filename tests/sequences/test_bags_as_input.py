@@ -12,11 +12,11 @@ from iclnuim.formats.bags import is_bag
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.headless.cli import main
-from iclnuim.sequences.bags import sequence as bag_sequence
-from iclnuim.sequences.bags.recorded import BagSettings, write_rosbag
-from iclnuim.sequences.bags.sequence import unpacked
+from iclnuim.sequences import bag_reader
+from iclnuim.sequences.bag_reader import unpacked
+from iclnuim.sequences.bag_writer import BagSettings, write_rosbag
 from iclnuim.sequences.camera_files import DISTORTED
-from iclnuim.sequences.inspection.inspect import inspect_sequence
+from iclnuim.sequences.inspection import inspect_sequence
 from iclnuim.sequences.rgbd_sequence import open_sequence
 from iclnuim.sequences.stored_sequence import StoredSequence, read_images
 from iclnuim.trajectory_files.trajectories import read_trajectory
@@ -374,8 +374,8 @@ def test_damaged_images_and_those_of_another_size_are_left_out_and_counted(tmp_p
 
 def test_a_full_disk_is_noticed_before_it_is_full(tmp_path, monkeypatch):
     path = recorded(tmp_path / "x.bag")
-    usage = bag_sequence.shutil.disk_usage(tmp_path)
-    monkeypatch.setattr(bag_sequence.shutil, "disk_usage", lambda folder: usage._replace(free=500))
+    usage = bag_reader.shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(bag_reader.shutil, "disk_usage", lambda folder: usage._replace(free=500))
     with pytest.raises(WorkError, match=r"needs 0\.0 GB, and 0\.0 GB are free; try ICLNUIM_CACHE"):
         assert StoredSequence(path).pairs
     assert list((tmp_path / "cache/bags").iterdir()) == []
@@ -384,7 +384,7 @@ def test_a_full_disk_is_noticed_before_it_is_full(tmp_path, monkeypatch):
 def test_a_bag_is_unpacked_once_until_it_changes(tmp_path, monkeypatch):
     path = recorded(tmp_path / "x.bag")
     folder, notes = unpacked(path)
-    monkeypatch.setattr(bag_sequence, "_unpack", lambda *arguments: 1 / 0)
+    monkeypatch.setattr(bag_reader, "_unpack", lambda *arguments: 1 / 0)
     assert unpacked(path) == (folder, notes)
     path.write_bytes(path.read_bytes() + b"1")
     with pytest.raises(ZeroDivisionError):

@@ -16,7 +16,7 @@ from iclnuim.errors import InputError
 from iclnuim.geometry.se3 import SE3
 from iclnuim.sequences.camera_files import DISTORTED
 from iclnuim.sequences.frame_source import image_frames
-from iclnuim.sequences.inspection.inspect import inspect_sequence
+from iclnuim.sequences.inspection import inspect_sequence
 from iclnuim.sequences.layouts import euroc, nerf, replica, vslam_lab
 from iclnuim.sequences.layouts.scannet import SCAN
 from iclnuim.sequences.stored_sequence import StoredSequence

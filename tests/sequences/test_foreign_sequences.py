@@ -15,7 +15,7 @@ from iclnuim.formats.images import read_colour8
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.sequences.inspection.inspect import inspect_sequence
+from iclnuim.sequences.inspection import inspect_sequence
 from iclnuim.sequences.stored_sequence import StoredSequence
 from iclnuim.sequences.writer import write_sequence
 

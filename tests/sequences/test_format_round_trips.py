@@ -11,7 +11,7 @@ from iclnuim.evaluation.image_error import psnr_db
 from iclnuim.formats.images import read_colour8
 from iclnuim.sequences.frame_source import frames_with_poses, original_frames, run_frames
 from iclnuim.sequences.frames import SequenceFrame
-from iclnuim.sequences.inspection.inspect import inspect_sequence
+from iclnuim.sequences.inspection import inspect_sequence
 from iclnuim.sequences.sequence_formats import FORMATS, format_of
 from iclnuim.sequences.sequence_options import SequenceSettings
 from iclnuim.sequences.stored_sequence import StoredSequence, read_depth_m

@@ -13,8 +13,8 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.sequences.frame_source import run_frames
-from iclnuim.sequences.inspection.inspect import inspect_sequence
-from iclnuim.sequences.inspection.official_archives import ARCHIVES, archive_of, described
+from iclnuim.sequences.inspection import inspect_sequence
+from iclnuim.sequences.official_archives import ARCHIVES, archive_of, described
 from iclnuim.sequences.run_folder import open_run
 from iclnuim.sequences.writer import write_sequence
 from iclnuim.trajectory_files.source import LoadedTrajectory, ReadAs

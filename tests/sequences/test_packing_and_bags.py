@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.formats.png import read_depth16, read_rgb8
-from iclnuim.sequences.bags.recorded import BagSettings, write_rosbag
+from iclnuim.sequences.bag_writer import BagSettings, write_rosbag
 from iclnuim.sequences.frame_source import run_frames
 from iclnuim.sequences.packing import pack, packed_licence
 from iclnuim.sequences.writer import write_sequence

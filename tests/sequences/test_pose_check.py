@@ -13,11 +13,11 @@ from iclnuim.formats.files import read_json, write_json
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.sequences import inspection
 from iclnuim.sequences.camera_files import SequenceCamera
 from iclnuim.sequences.frame_source import run_frames
-from iclnuim.sequences.inspection import poses as inspected_poses
-from iclnuim.sequences.inspection.inspect import inspect_sequence
-from iclnuim.sequences.inspection.pose_check import TOO_LITTLE, doubt, pose_agreement
+from iclnuim.sequences.inspection import inspect_sequence
+from iclnuim.sequences.pose_check import TOO_LITTLE, doubt, pose_agreement
 from iclnuim.sequences.run_folder import open_run
 from iclnuim.sequences.sequence_formats import FORMATS
 from iclnuim.sequences.stored_sequence import StoredSequence
@@ -58,7 +58,7 @@ def test_a_small_residual_without_an_explanation_is_no_error(tum, monkeypatch, r
     def unexplained(*_):
         return Agreement(residual, told=True, matches=False)
 
-    monkeypatch.setattr(inspected_poses, "pose_agreement", unexplained)
+    monkeypatch.setattr(inspection, "pose_agreement", unexplained)
     found = inspect_sequence(tum)
     (said,) = [text for text in found.errors + found.warnings if "do not match" in text]
     assert (said in found.errors) == is_wrong

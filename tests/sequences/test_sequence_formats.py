@@ -22,7 +22,7 @@ from iclnuim.sensor.models import depth_model
 from iclnuim.sequences.camera_files import SequenceCamera
 from iclnuim.sequences.frame_source import image_frames, original_frames, run_frames
 from iclnuim.sequences.frames import Row, posed
-from iclnuim.sequences.inspection.inspect import inspect_sequence
+from iclnuim.sequences.inspection import inspect_sequence
 from iclnuim.sequences.sequence_formats import FORMATS
 from iclnuim.sequences.sequence_options import SequenceOptions, SequenceSettings
 from iclnuim.sequences.stored_sequence import StoredSequence, read_images

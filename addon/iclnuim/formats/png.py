@@ -11,8 +11,9 @@ same bytes on every processor. Layout: W3C, Portable Network Graphics, sections 
 import os
 import struct
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
+from functools import cache
 from types import ModuleType
 
 import numpy as np
@@ -102,11 +103,16 @@ def png_bytes(image: np.ndarray) -> bytes:
     height, width = image.shape[:2]
     size = struct.pack(">II", width, height)
     kind = bytes((8 * image.itemsize, 2 if image.ndim == 3 else 0, 0, 0, 0))
-    name, module = first_library("PNG", *COMPRESSORS)
-    compress = module.zlib_compress if name == "deflate" else module.compress
-    pixels = compress(_filtered(image).tobytes(), 1)
+    pixels = _compressor(COMPRESSORS)(_filtered(image).tobytes(), 1)
     chunks = (*chunk(b"IHDR", size + kind), *chunk(b"IDAT", pixels), *chunk(b"IEND", b""))
     return b"".join((_SIGNATURE, *chunks))
+
+
+@cache
+def _compressor(libraries: tuple[str, ...]) -> Callable[[bytes, int], bytes]:
+    """Compresses bytes at a level, by the first of the libraries. Raises WorkError without one."""
+    name, module = first_library("PNG", *libraries)
+    return module.zlib_compress if name == "deflate" else module.compress
 
 
 def same_pixels(a: StrPath, b: StrPath) -> bool:
@@ -198,7 +204,7 @@ def _read(
     data, header = checked_png(path)
     if header.bits != bits or header.colour not in colours:
         raise InputError(expected, path=path, found=str(header))
-    name, module = first_library("PNG", *BACKENDS)
+    name, module = _decoder(BACKENDS)
     if name == "cv2":
         mode = module.IMREAD_COLOR if channels == 3 and bits == 8 else module.IMREAD_UNCHANGED
         image = module.imdecode(np.frombuffer(data, np.uint8), mode)
@@ -212,6 +218,12 @@ def _read(
         found = "pixels that cannot be decoded"
         raise InputError("a whole PNG image", path=path, found=found, hint=_AGAIN)
     return image
+
+
+@cache
+def _decoder(libraries: tuple[str, ...]) -> tuple[str, ModuleType]:
+    """Name and module of the first of the libraries that read. Raises WorkError without one."""
+    return first_library("PNG", *libraries)
 
 
 def read_oiio(module: ModuleType, path: str, header: PngHeader, channels: int) -> np.ndarray | None:

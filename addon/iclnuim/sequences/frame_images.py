@@ -64,7 +64,8 @@ class ImageFile:
             write_array(self.path, np.where(np.isfinite(image) & (image > 0), image, 0))
         else:
             data = png_bytes(CHANNELS[self.kind].encode(image, self.units))
-            return self.copy(data)
+            atomic_write_bytes(self.path, data)
+            return data
         return read_bytes(self.path)
 
     def copy(self, data: bytes) -> bytes:
@@ -96,7 +97,7 @@ class SequenceImages:
     which are finished, and how a frame's are made. A single format is in the folder itself, several
     formats are in a subfolder each.
 
-    files: those of each frame of the source by its number.
+    kinds: the channels of a frame; files: those of each frame of the source by its number.
     """
 
     def __init__(
@@ -108,6 +109,7 @@ class SequenceImages:
     ) -> None:
         self.source = source
         self.out = out
+        self.kinds = tuple(channel.name for channel in source.channels)
         form = form_of_folder(out, settings.names)
         self.formats = [format.named(form) for format in formats]
         self.units = common_units(self.formats, settings.depth_units_per_metre)
@@ -131,8 +133,7 @@ class SequenceImages:
     def _files_of(self, number: int) -> tuple[ImageFile, ...]:
         frame = self.frame(number)
         found = []
-        for channel in self.source.channels:
-            kind = channel.name
+        for kind in self.kinds:
             for format in self.formats:
                 path = self.folder_of(format) / format.image(frame, kind)
                 units = format.limits.fixed_units or self.units
@@ -207,8 +208,7 @@ class SequenceImages:
         """`digests`: SHA-256 by ImageFile.stored."""
         rgb = digests.pop(RGB, "")
         depth = digests.pop(DEPTH, "")
-        kinds = [channel.name for channel in self.source.channels]
-        further = {kind: digests.pop(kind) for kind in kinds if kind in digests}
+        further = {kind: digests.pop(kind) for kind in self.kinds if kind in digests}
         source = self.source.digest(number)
         return JournalEntry(
             number, rgb, depth, invalid, further, other_sha256=digests, source_sha256=source
@@ -291,14 +291,15 @@ def noisy_metres(
     settings: SequenceSettings,
 ) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
     """Like noisy_images, with depth (h, w) in metres, float."""
-    invalid = count_invalid(depth_z_m, settings.depth_units_per_metre)
+    units = settings.depth_units_per_metre
+    invalid = count_invalid(depth_z_m, units)
     image = settings.rgb.apply(rgb, frame_generator(settings.seed, number, noise_model.RGB))
     noisy_z_m = settings.depth.apply(
         depth_z_m, camera, frame_generator(settings.seed, number, noise_model.DEPTH)
     )
     _check(settings.rgb.name, image, rgb.shape, np.dtype(np.uint8))
     _check(settings.depth.name, noisy_z_m, depth_z_m.shape, np.floating)
-    invalid |= invalid_after_noise(depth_z_m, noisy_z_m, settings.depth_units_per_metre)
+    invalid |= invalid_after_noise(depth_z_m, noisy_z_m, units)
     return image, noisy_z_m, invalid
 
 

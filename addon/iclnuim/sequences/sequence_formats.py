@@ -5,7 +5,7 @@ command line, the panel and the documentation list these entries.
 from pathlib import Path
 
 from ..errors import InputError
-from .bags import sequence as bag_sequence
+from . import bag_reader
 from .format import SequenceFormat
 from .layouts import (
     colmap,
@@ -49,6 +49,6 @@ def format_of(folder: Path) -> SequenceFormat:
     """The format of a folder, or of a bag, which is only read. If none is detected, tum, whose
     reader reports what is missing.
     """
-    if bag_sequence.FORMAT.reader.found(folder):
-        return bag_sequence.FORMAT
+    if bag_reader.FORMAT.reader.found(folder):
+        return bag_reader.FORMAT
     return next((format for format in FORMATS.values() if format.reader.found(folder)), tum.FORMAT)

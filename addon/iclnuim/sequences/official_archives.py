@@ -4,8 +4,8 @@ what is known of it (docs/guide/original_data.md).
 
 from dataclasses import dataclass
 
-from ...geometry.trajectory import trajectory_statistics
-from ...trajectory_files.trajectories import LoadedTrajectory
+from ..geometry.trajectory import trajectory_statistics
+from ..trajectory_files.trajectories import LoadedTrajectory
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from ...errors import InputError, WorkError
-from ...formats.depth_units import depth16_from_metres
-from ...geometry.camera import PinholeCamera
-from ...geometry.trajectory import Trajectory
-from ...settings import Settings, setting
-from ...trajectory_files.stamps import nanoseconds_of
-from ..frames import ImagePair
-from ..stored_sequence import StoredSequence
+from ..errors import InputError, WorkError
+from ..formats.depth_units import depth16_from_metres
+from ..geometry.camera import PinholeCamera
+from ..geometry.trajectory import Trajectory
+from ..settings import Settings, setting
+from ..trajectory_files.stamps import nanoseconds_of
+from .frames import ImagePair
+from .stored_sequence import StoredSequence
 
 _REALSENSE = "realsense"
 #: Names of topics -> those of colour and depth, and the coordinate frame of the camera.

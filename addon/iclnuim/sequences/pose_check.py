@@ -4,13 +4,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ...doubt.depth_against_poses import Agreement, agreement
-from ...errors import InputError, named
-from ...geometry.scene_axes import UNITS_M
-from ...geometry.trajectory import Trajectory, sample
-from ..camera_files import SequenceCamera
-from ..frames import ImagePair, posed
-from ..stored_sequence import read_depth_m
+from ..doubt.depth_against_poses import Agreement, agreement
+from ..errors import InputError, named
+from ..geometry.scene_axes import UNITS_M
+from ..geometry.trajectory import Trajectory, sample
+from .camera_files import SequenceCamera
+from .frames import ImagePair, posed
+from .stored_sequence import read_depth_m
 
 #: Depth units per metre of known data sets and sensors: metres, centimetres, Middlebury and
 #: Matterport, ICL-NUIM and TUM, ScanNet and Replica.

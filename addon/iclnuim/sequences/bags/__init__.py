@@ -1,1 +1,0 @@
-"""Sequences in ROS bags, and folders that recordings and logs left."""

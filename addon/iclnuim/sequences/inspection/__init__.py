@@ -1,1 +1,0 @@
-"""What is wrong with a sequence: its images, its camera, its poses."""
