@@ -78,7 +78,8 @@ def noisy_depth(
         expected = f"depth of the camera's size {camera.width}x{camera.height}"
         raise InputError(expected, found=depth_z_m.shape[::-1])
     rng = frame_generator(seed, frame, DEPTH)
-    return depth_model(model, settings).apply(depth_z_m, camera, rng)
+    noisy_z_m = np.asarray(depth_model(model, settings).apply(depth_z_m, camera, rng))
+    return np.where(np.isfinite(noisy_z_m), noisy_z_m, noisy_z_m.dtype.type(0))
 
 
 def noisy_rgb(
