@@ -60,7 +60,8 @@ def files(tmp_path_factory):
     return folder
 
 
-def test_a_damaged_file_is_evaluated_or_refused_in_one_line(files, tmp_path, capsys):
+@pytest.mark.parametrize("count", [50, pytest.param(1000, marks=pytest.mark.slow)])
+def test_a_damaged_file_is_evaluated_or_refused_in_one_line(files, tmp_path, capsys, count):
     rng, answered = np.random.default_rng(0), 0
     whole = (files / "estimate.txt").read_text().splitlines()[:80]
     pieces = [
@@ -82,7 +83,7 @@ def test_a_damaged_file_is_evaluated_or_refused_in_one_line(files, tmp_path, cap
         "0",
         "1e12",
     ]
-    for _ in range(300):
+    for _ in range(count):
         lines, row = list(whole), int(rng.integers(len(whole)))
         cut = int(rng.integers(len(lines[row]) + 1))
         lines[row] = lines[row][:cut] + pieces[rng.integers(len(pieces))] + lines[row][cut:]
@@ -93,7 +94,7 @@ def test_a_damaged_file_is_evaluated_or_refused_in_one_line(files, tmp_path, cap
         code, out, err = call(capsys, "ate", *names, "--json", "--quiet")
         assert code in (0, 2) and len(err.splitlines()) == (code == 2)
         answered += code == 0
-    assert 30 < answered < 270
+    assert 0.1 * count < answered < 0.9 * count
 
 
 @pytest.mark.parametrize("what", ["ate", "rpe"])
