@@ -16,8 +16,10 @@ from iclnuim.doubt.explained_error import ExplainedError
 from iclnuim.doubt.time_axis import best_offset
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
+from iclnuim.evaluation.align import AlignmentSettings
 from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
+from iclnuim.evaluation.scale_drift import scale_drift
 from iclnuim.formats.files import atomic_write_text, read_text
 from iclnuim.geometry.trajectory import FRAME_RATE_HZ, Trajectory, frames_of_stamps
 from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
@@ -38,13 +40,16 @@ _SECOND = RelativeErrorSettings(1.0, "seconds")
 @dataclass(frozen=True)
 class Evaluation:
     """Result of one trajectory of one run: number of frames with a pose, RMSE in metres (None if it
-    cannot be computed), and notes.
+    cannot be computed), and notes. Of a system without scale: its scale by Sim(3), and the change
+    of the scale along the path, as a share.
     """
 
     matched: int
     ate_rmse_m: float | None
     rpe_1s_rmse_m: float | None
     notes: tuple[str, ...]
+    scale: float | None = None
+    scale_change: float | None = None
 
 
 def evaluate_run(
@@ -66,7 +71,10 @@ def evaluate_run(
         return Evaluation(0, None, None, (what, *notes))
     target = run / "matched" / f"{name}.txt"
     write_trajectory(target, found, "tum")
-    return _measured(sequence, read_trajectory(target, "tum").trajectory, notes)
+    trajectory = read_trajectory(target, "tum").trajectory
+    if system.settings.has_scale:
+        return _measured(sequence, trajectory, notes)
+    return _measured_without_scale(sequence, trajectory, notes)
 
 
 def _how(ended: Ended) -> list[str]:
@@ -165,6 +173,39 @@ def _measured(sequence: StagedSequence, found: Trajectory, notes: list[str]) -> 
     return Evaluation(len(found), ate_m, rpe_m, tuple(notes))
 
 
+def _measured_without_scale(
+    sequence: StagedSequence, found: Trajectory, notes: list[str]
+) -> Evaluation:
+    """As _measured(), after an alignment by Sim(3), with a note on the scale."""
+    coverage = len(found) / len(sequence.pairs)
+    if coverage < _WHOLE:
+        notes.insert(0, f"covers {coverage:.0%} of the frames")
+    truth = sequence.truth
+    if truth is None:
+        return Evaluation(len(found), None, None, tuple(notes))
+    try:
+        settings = AbsoluteErrorSettings(alignment=AlignmentSettings("sim3"))
+        error = absolute_error(truth, found, settings)
+    except InputError as reason:
+        return Evaluation(len(found), None, None, (*notes, reason.worded()))
+    rpe_m = None
+    with suppress(InputError):  # a trajectory may be too short for pairs one second apart
+        second = _SECOND.changed(correct_scale=True)
+        rpe_m = relative_error(truth, found, second).translation_m.rmse
+    scale = error.alignment.scale
+    drift = scale_drift(error.reference.translation, error.aligned.translation / scale)
+    text = f"no scale of its own: errors after Sim(3), whose scale is {scale:.6g}"
+    notes.insert(0, text if drift is None else f"{text}; it changes by {drift}")
+    return Evaluation(
+        len(found),
+        error.translation_m.rmse,
+        rpe_m,
+        tuple(notes),
+        scale=scale,
+        scale_change=None if drift is None else drift.change,
+    )
+
+
 def _explained(explained: ExplainedError) -> str:
     time = explained.explanation.time
     if explained.explanation.kinds != ["offset"] or time is None:
@@ -200,6 +241,8 @@ def row(name: str, frames: int, runs: Sequence[tuple[Ended, Evaluation]]) -> dic
         "wall_s": _middle([ended.wall_s for ended, _ in runs]),
         "cpu_s": _middle([ended.cpu_s for ended, _ in runs]),
         "peak_bytes": _middle([ended.peak_bytes for ended, _ in runs]),
+        "scale": _middle([v.scale for _, v in runs]),
+        "scale_change": _middle([v.scale_change for _, v in runs]),
         "notes": _joined(runs),
     }
 

@@ -99,6 +99,11 @@ class SystemSettings(Settings):
     deterministic: bool = parameter(
         False, "whether every run writes the same trajectory; `iclnuim stress` then runs it once"
     )
+    has_scale: bool = parameter(
+        True,
+        "whether its trajectories are in metres; those of a monocular system are not, and are "
+        "aligned by Sim(3), which their rows say",
+    )
     stage: StageSettings = StageSettings()
 
 
@@ -194,10 +199,7 @@ def read_system(name: str, given: Mapping[str, str]) -> System:
     """
     file = _file_of(name)
     short = name if file == _ODOMETRY_FILE else file.stem
-    try:
-        content = tomllib.loads(read_text(file, "a system's file (TOML)"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError("TOML", path=file, found=error) from None
+    content = _content(file)
     rest = dict(content)
     tables = {key: rest.pop(key, {}) for key in ("trajectories", "options", "environment")}
     try:
@@ -223,6 +225,18 @@ def read_system(name: str, given: Mapping[str, str]) -> System:
         content=content,
         here=file.parent.resolve(),
     )
+
+
+def has_scale(name: str) -> bool:
+    """Whether the trajectories of a system, given as to read_system(), are in metres."""
+    return _content(_file_of(name)).get("has_scale", True) is not False
+
+
+def _content(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(read_text(file, "a system's file (TOML)"))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError("TOML", path=file, found=error) from None
 
 
 def _file_of(name: str) -> Path:

@@ -106,6 +106,10 @@ def _files_and_times(parser: ArgumentParser) -> None:
     )
     add("reference", type=_ground_truth, metavar="GT", help=help)
     add("estimate", type=trajectory_file, metavar="EST", help="estimated trajectory")
+    help = (
+        "system that wrote EST (`iclnuim run`): the scale of one that has none is fitted, by sim3"
+    )
+    add("--system", metavar="NAME|FILE.toml", help=help)
     help = "format of EST: tum, tum-ids, tum-inverse, kitti ..."
     add("--from", dest="format", metavar="FORMAT", help=help)
     help = "format of GT; default: by name and content, as for EST"
@@ -134,16 +138,39 @@ def _ground_truth(text: str) -> str:
 
 def run_ate(args: Namespace, console: Console) -> None:
     association = settings_from(args, AssociationSettings())
-    alignment = settings_from(args, AlignmentSettings())
+    without_scale = _is_without_scale(args, console)
+    method = "sim3" if without_scale else AlignmentSettings().method
+    alignment = settings_from(args, AlignmentSettings(method))
+    if without_scale and alignment.method != "sim3":
+        text = f"{args.system} has no scale, which an alignment by {alignment.method} needs"
+        console.note(f"warning: {text}")
     _report(AbsoluteErrorSettings(association, alignment), args, console)
 
 
 def run_rpe(args: Namespace, console: Console) -> None:
     delta, unit = parse_delta(args.delta)
     association = settings_from(args, AssociationSettings())
-    base = RelativeErrorSettings(delta, unit, args.pairs == "all", association=association)
+    base = RelativeErrorSettings(
+        delta,
+        unit,
+        args.pairs == "all",
+        correct_scale=_is_without_scale(args, console),
+        association=association,
+    )
     settings = settings_from(args, base, ("tolerance", "measured_on", "correct_scale"))
     _report(settings, args, console)
+
+
+def _is_without_scale(args: Namespace, console: Console) -> bool:
+    """Whether EST is of a system that has no scale."""
+    if not args.system:
+        return False
+    from iclnuim.benchmark.systems.system import has_scale
+
+    if has_scale(args.system):
+        return False
+    console.note(f"{args.system} has no scale: not comparable with errors of metric trajectories")
+    return True
 
 
 def _report(

@@ -240,4 +240,9 @@ def _systems(args: Namespace) -> tuple[System, ...]:
             expected = f"SYSTEM.NAME=VALUE with SYSTEM of {', '.join(options) or '--system'}"
             raise InputError(expected, setting="--set", found=text)
         options[system][name] = value
-    return tuple(read_system(name, given) for name, given in options.items())
+    systems = tuple(read_system(name, given) for name, given in options.items())
+    for system in systems:
+        if not system.settings.has_scale:  # an error after Sim(3) is not comparable with the others
+            found = f"{system.name}, which has none"
+            raise InputError("systems with a scale", setting="--system", found=found)
+    return systems

@@ -17,6 +17,7 @@ from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteError
 from ..evaluation.align import Alignment
 from ..evaluation.relative_error import RelativeError
+from ..evaluation.scale_drift import ScaleDrift, scale_drift
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from ..shown import MM
@@ -145,7 +146,7 @@ class Report:
         if isinstance(result, AbsoluteError):
             after = {
                 **result.completeness.to_dict(),
-                "alignment": _alignment_figures(result.alignment),
+                "alignment": _alignment_figures(result.alignment) | _drift_figures(result),
             }
         else:
             rest = {key: settings.pop(key) for key in ("association", "correct_scale")}
@@ -211,6 +212,15 @@ def _alignment_figures(alignment: Alignment) -> dict:
     }
 
 
+def _drift_figures(result: AbsoluteError) -> dict:
+    """The scales along the path, where the alignment has one."""
+    scale = result.alignment.scale
+    if result.alignment.method != "sim3" or not scale:
+        return {}
+    drift = scale_drift(result.reference.translation, result.aligned.translation / scale)
+    return {} if drift is None else {"scales": list(drift.scales), "scale_change": drift.change}
+
+
 def error_text(values: dict) -> str:
     """The text for the terminal, from an `ate` or `rpe` dictionary of to_dict()."""
     lines = [title(values), f"{'':16}" + "".join(f"{name:>11}" for name in STATISTICS)]
@@ -236,6 +246,8 @@ def error_text(values: dict) -> str:
             shares.append(f"{100 * share:.1f} % within {bound.replace('cm', ' cm')}")
         lines += [pairs, f"of all ground-truth frames: {', '.join(shares)}"]
         lines.append(f"area under the error curve to 10 cm: {values['area_under_curve']:.4f}")
+    if scales := values.get("alignment", {}).get("scales"):
+        lines.append(f"scale: changes by {ScaleDrift(tuple(scales))}")
     lines += [f"warning: {text}" for text in values["warnings"]]
     return "\n".join(lines)
 

@@ -28,7 +28,9 @@ from ...table import ResultTable, mm
 
 KIND = "systems"
 #: Keys of a system's file that do not decide the result.
-_DESCRIPTIONS = ("about", "title", "install", "deterministic")
+_DESCRIPTIONS = ("about", "title", "install", "deterministic", "has_scale")
+#: What follows the name of a system without scale wherever its errors stand beside others.
+_ALIGNED = " (Sim(3))"
 
 
 @dataclass(frozen=True)
@@ -147,6 +149,7 @@ class SystemRuns:
             runs.append((one, evaluate_run(self.sequence, self.system, name, place, one)))
         alone = name == "final" or len(self.system.trajectories) == 1
         title = self.system.title if alone else f"{self.system.title} {name}"
+        title += _ALIGNED * (not self.system.settings.has_scale)
         values = row(title, len(self.sequence.pairs), runs)
         return {**values, "each": [_both(*run) for run in runs]}
 
