@@ -27,7 +27,7 @@ def judge_module(module: str, package: str):
 
 def judged_by(package: str, module: str, *arguments, python: str = OF_LABELS) -> str:
     """What `python ARGUMENTS` prints, by the Python that has the package."""
-    if not _has(python, module):
+    if not has(python, module):
         pytest.skip(f"{ABSENT}{package}")
     command = [python, *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
@@ -40,7 +40,8 @@ def absent(reports) -> list[str]:
 
 
 @functools.cache
-def _has(python: str, module: str) -> bool:
+def has(python: str, module: str) -> bool:
+    """Whether this Python exists and has the modules."""
     if not Path(python).exists():
         return False
     return not subprocess.run([python, "-c", f"import {module}"], capture_output=True).returncode
