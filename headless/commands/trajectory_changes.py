@@ -6,6 +6,7 @@ import os
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from iclnuim.console import Console
@@ -19,7 +20,7 @@ from iclnuim.trajectory_files import trajectories as files
 from ..options import Actions, action, trajectory_file
 from .trajectory_options import FILE, add_reading, check_out, loaded
 
-Change = Callable[[Namespace, Trajectory, Console], Trajectory]
+Change = Callable[[Namespace, files.LoadedTrajectory, Console], Trajectory]
 
 
 def configure(actions: Actions) -> None:
@@ -31,7 +32,7 @@ def configure(actions: Actions) -> None:
 def _configure_convert(actions: Actions) -> None:
     help = "convert a trajectory file to another format"
     example = "iclnuim trajectory convert traj0.gt.freiburg kt0.txt"
-    convert = action(actions, "convert", help, example, partial(_run, _restamped), json=False)
+    convert = action(actions, "convert", help, example, partial(_run, _converted), json=False)
     add = convert.add_argument
     add("source", type=trajectory_file, metavar="IN", help=FILE)
     words = ", ".join(writer.word for _, writer in files.FORMATS.values() if writer and writer.word)
@@ -42,6 +43,11 @@ def _configure_convert(actions: Actions) -> None:
     add("out", metavar="OUT", help=help)
     help = "use the stamps 1 + i / FILE_RATE instead of those of the file"
     add("--restamp", action="store_true", help=help)
+    help = (
+        "change what `iclnuim evaluate GT IN` finds that explains the error of IN: axes, offset, "
+        "scale ..."
+    )
+    add("--explained", metavar="GT", type=trajectory_file, help=help)
     _add_writing(convert)
 
 
@@ -100,7 +106,7 @@ def _run(change: Change, args: Namespace, console: Console) -> None:
         check_out(args.out, args.force)
     source = loaded(args, args.source)
     console.note(f"{args.source}: {source.read_as.sentence}")
-    changed = change(args, source.trajectory, console)
+    changed = change(args, source, console)
     options = files.FileOptions(args.file_rate, args.out_unit, args.start_z)
     if args.out is None:
         console.result({}, files.trajectory_text(changed, to, options).rstrip("\n"))
@@ -122,21 +128,45 @@ def _run(change: Change, args: Namespace, console: Console) -> None:
         _note_gaps(changed, consequence, console)
 
 
-def _restamped(args: Namespace, source: Trajectory, console: Console) -> Trajectory:
+def _converted(args: Namespace, source: files.LoadedTrajectory, console: Console) -> Trajectory:
+    trajectory = _explained(args, source, console) if args.explained else source.trajectory
     if not args.restamp:
-        return source
-    return Trajectory.at_rate(source.T_world_camera, args.file_rate)
+        return trajectory
+    return Trajectory.at_rate(trajectory.T_world_camera, args.file_rate)
 
 
-def _adopted(args: Namespace, source: Trajectory, console: Console) -> Trajectory:
+def _explained(args: Namespace, source: files.LoadedTrajectory, console: Console) -> Trajectory:
+    """The trajectory with all changes with which it fits the ground truth of --explained."""
+    from iclnuim.doubt.explained_error import ExplainedError
+    from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings
+    from iclnuim.sequences.stored_sequence import StoredSequence
+
+    folder = Path(args.explained)
+    truth = StoredSequence(folder).load_truth() if folder.is_dir() else None
+    truth = truth or files.read_trajectory(args.explained, positions_suffice=True)
+    explained = ExplainedError.of(truth, source, AbsoluteErrorSettings())
+    if explained is None:
+        expected = f"a trajectory whose error against {args.explained} has an explanation"
+        raise InputError(expected, path=args.source, found="none")
+    explanation = explained.explanation
+    if any(change.of == "reference" for change in explanation.changes):
+        hint = f"iclnuim trajectory convert {args.explained} OUT --explained {args.source}"
+        found = f"one of {args.explained}: {explained.sentence()}"
+        raise InputError("an explanation of its own", path=args.source, found=found, hint=hint)
+    console.note(explained.sentence(truth.read_as.format, source.read_as.format))
+    return explanation.estimate
+
+
+def _adopted(args: Namespace, source: files.LoadedTrajectory, console: Console) -> Trajectory:
     T_world_start, frame = _start_pose(args.start.strip())
-    adopted = trajectories.adopt(source, T_world_start, args.scale)
+    adopted = trajectories.adopt(source.trajectory, T_world_start, args.scale)
     scaled = f"translations scaled by {args.scale:g}"
     console.note(f"adopted: the first pose is the start pose in {frame}, {scaled}")
     return adopted
 
 
-def _resampled(args: Namespace, source: Trajectory, console: Console) -> Trajectory:
+def _resampled(args: Namespace, read: files.LoadedTrajectory, console: Console) -> Trajectory:
+    source = read.trajectory
     resampled = trajectories.resample(source, args.rate)
     console.note(f"resampled: {len(source)} poses to {len(resampled)} at {args.rate:g} Hz")
     _note_gaps(source, "poses in it are interpolated as if the motion were uniform", console)

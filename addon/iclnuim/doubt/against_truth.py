@@ -16,6 +16,7 @@ from .competition import Candidate, Fit, Limits, winner
 from .hypotheses import hypotheses
 from .hypotheses.scale import is_drift, scaled
 from .hypothesis import Files, Hypothesis, Reorder
+from .no_rotations import turns
 from .time_axis import OtherTime
 from .time_views import Clock, Compared, View
 
@@ -250,12 +251,6 @@ def _limits(poses: ComparedPoses) -> Limits:
 def _failed(limits: Limits) -> np.ndarray:
     """The errors of poses that cannot be compared: as those of an estimate that fails."""
     return np.append(limits.largest[:2], 1e6)
-
-
-def turns(trajectory: Trajectory) -> bool:
-    """Whether the rotations are more than one that was written for lack of others."""
-    rotations = trajectory.T_world_camera.rotation
-    return bool((np.abs(rotations - rotations[:1]) > _ROUNDING).any())
 
 
 def _explanation(compared: Compared, best: Candidate) -> Explanation | None:

@@ -13,10 +13,12 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from ..doubt.explained_error import ExplainedError, Settings, measured
+from ..doubt.lost_track import signs_of_lost_track
+from ..doubt.no_rotations import lacks_rotations, positions_alone
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteError
 from ..evaluation.align import Alignment
-from ..evaluation.relative_error import RelativeError
+from ..evaluation.relative_error import RelativeError, RelativeErrorSettings
 from ..evaluation.scale_drift import ScaleDrift, scale_drift
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
@@ -29,10 +31,13 @@ ERRORS = "translation_error_m,rotation_error_deg"
 
 @dataclass(frozen=True, eq=False)
 class ComparedFile:
-    """A trajectory and the name of its file."""
+    """A trajectory and the name of its file; whether it is compared without its rotations, since
+    all of them are the same.
+    """
 
     path: str
     loaded: LoadedTrajectory
+    same_rotations: bool = False
 
     def to_dict(self) -> dict:
         return {
@@ -52,6 +57,13 @@ class ComparedFile:
         T = trajectory.T_world_camera
         moved = Trajectory(trajectory.stamps_s, SE3(T.rotation, T.translation + shift_m))
         return replace(self, loaded=replace(self.loaded, trajectory=moved))
+
+    def without_rotations_beside(self, other: Trajectory) -> "ComparedFile":
+        """The same as a file of positions if all its rotations are the same and the other's not."""
+        if not lacks_rotations(self.loaded.trajectory, other):
+            return self
+        alone = replace(self.loaded.read_as, has_rotations=False)
+        return replace(self, loaded=replace(self.loaded, read_as=alone), same_rotations=True)
 
 
 def _uncertain(alignment: Alignment) -> str:
@@ -91,9 +103,18 @@ class Report:
         Raises InputError, with the estimate's path, if the two cannot be compared.
         """
         estimate = estimate.from_origin_of(reference)
+        both = reference.loaded.trajectory, estimate.loaded.trajectory
+        reference, estimate = (
+            reference.without_rotations_beside(both[1]),
+            estimate.without_rotations_beside(both[0]),
+        )
         files = reference.loaded, estimate.loaded
+        if isinstance(settings, RelativeErrorSettings) and not all(
+            file.read_as.has_rotations for file in files
+        ):
+            both = positions_alone(*both, settings.association)
         try:
-            result = measured(files[0].trajectory, files[1].trajectory, settings)
+            result = measured(*both, settings)
             if not all(file.read_as.has_rotations for file in files):
                 unknown = np.full_like(result.rotation_error_rad, np.nan)
                 result = replace(result, rotation_error_rad=unknown)
@@ -109,7 +130,11 @@ class Report:
 
     @property
     def warnings(self) -> list[str]:
-        found = []
+        found = [
+            f"{file.path or name}: all rotations are the same, so positions alone are compared"
+            for file, name in ((self.reference, "ground truth"), (self.estimate, "estimate"))
+            if file.same_rotations
+        ]
         if self.explained:
             formats = self.reference.loaded.read_as.format, self.estimate.loaded.read_as.format
             sentence = self.explained.sentence(*formats)
@@ -119,7 +144,11 @@ class Report:
         elif unpaired := self._unpaired():
             found.append(unpaired)
         elif isinstance(self.result, AbsoluteError) and self.result.alignment.rotation_is_noise:
-            found.append(_uncertain(self.result.alignment))
+            pairs = self.result.association
+            poses = self.estimate.loaded.trajectory.T_world_camera[pairs.second]
+            found += signs_of_lost_track(self.result.reference, poses) or [
+                _uncertain(self.result.alignment)
+            ]
         return found
 
     def _unpaired(self) -> str:

@@ -17,7 +17,7 @@ _TICKS = (
 )
 _METRES = {"m": 1.0, "metres": 1.0, "meters": 1.0, "cm": 0.01, "mm": 0.001}
 
-_BEFORE = "(?:(?:field|msg|data|header|pose|transform|camera|cam|gt|est)_)*"
+_BEFORE = "(?:(?:field|msg|data|header|pose|point|transform|camera|cam|gt|est)_)*"
 _FRAME = "(?:[a-z]{1,2}|world|map|odom|camera|cam|body|imu|device|odometry)"
 _POSITION = "(?:position|pos|translation|trans|location|loc|p|t)"
 _QUATERNION = "(?:quaternion|quat|orientation|rotation|rot|q|r)"
@@ -43,7 +43,10 @@ _SYNONYMS = {
     "z": f"{_along(_POSITION, 'z')}|{_BEFORE}z|\\w+_position_z|altitude|height|elevation|[mrt]23",
     **{q: f"{_along(_QUATERNION, q[1])}|\\w+_orientation_{q[1]}" for q in _QUATERNIONS},
     **{entry: f"[mrt]{entry[1:]}" for entry in _ENTRIES},
+    "angle": rf"{_BEFORE}(?:theta|yaw|heading|psi|phi)",
 }
+#: What a header names: positions, or a position and a direction in the plane.
+_IN_THE_PLANE = {"x", "y", "angle"}
 
 
 @dataclass(frozen=True)
@@ -72,14 +75,15 @@ class NamedColumns:
 
 
 def names_in(line: str) -> list[str]:
-    """The names of columns in a line that names x, y and z, else []; words before the first colon
-    are none.
+    """The names of columns in a line that names x, y and z, or x, y and an angle, else []; words
+    before the first colon are none.
     """
     text = line.strip().lstrip("#% ").rstrip(",;")
     for part in (text.partition(":")[2], text):
         for delimiter in (",", ";", "\t", None):
             names = part.split(delimiter) if delimiter else _parted_by_blanks(part)
-            if set(_POSITIONS) <= set(map(_quantity, names)):
+            found = set(map(_quantity, names))
+            if set(_POSITIONS) <= found or found >= _IN_THE_PLANE:
                 return [name.strip(" \"'") for name in names]
     return []
 
@@ -107,6 +111,12 @@ def columns_of(names: Sequence[str]) -> NamedColumns | None:
         metres=_unit(names[position[0]], _METRES),
         others=tuple(name for column, name in enumerate(names) if column not in used),
     )
+
+
+def in_the_plane(names: Sequence[str]) -> bool:
+    """Whether the names are those of positions and angles in the plane, without a height."""
+    found = set(map(_quantity, names))
+    return found >= _IN_THE_PLANE and "z" not in found
 
 
 def is_known(name: str) -> bool:

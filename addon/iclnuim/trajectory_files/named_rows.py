@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ..formats.files import is_number
 from ..geometry.so3 import QUAT_NORM_TOLERANCE
-from .column_names import NamedColumns, columns_of, is_known
+from .column_names import NamedColumns, columns_of, in_the_plane, is_known
 from .number_table import MATRIX, SCALAR_FIRST, SCALAR_LAST, NumberTable, PoseColumns, read_table
 from .source import Source
 from .stamps import plausible, stamp_ticks
@@ -47,6 +47,8 @@ def _is_no_prose(source: Source, named: NamedColumns | None) -> bool:
 
 def is_named(source: Source) -> bool:
     """Whether a header names columns in another layout than those that their number means."""
+    if in_the_plane(source.names):
+        return True
     named = named_columns(source)
     contradicts = source.has_title and len(source.names) > source.columns
     if named is None or contradicts:
@@ -78,6 +80,10 @@ def named_rows(source: Source) -> NumberTable:
 
     Raises InputError if the header does not name the columns.
     """
+    if in_the_plane(source.names):
+        found = "poses in the plane: " + " ".join(source.names)
+        hint = "positions x y z with z = 0, without the angle"
+        raise InputError(_EXPECTED, path=source.path, found=found, hint=hint)
     named = named_columns(source)
     names = len(source.names)
     if named is None or source.has_title and names > source.columns:
