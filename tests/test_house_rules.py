@@ -49,9 +49,9 @@ MAY_IMPORT = {
     "channels": "formats",
     "job": f"{CORE} channels shipped sensor",
     "sequences": f"{CORE} version console channels job shipped sensor evaluation trajectory_files doubt",
-    "labels": f"{CORE} console channels sequences report",
+    "labels": f"{CORE} console channels doubt sequences report",
     "depth": f"{CORE} console channels sequences labels evaluation report",
-    "postprocess": f"{CORE} console sensor evaluation trajectory_files sequences report",
+    "postprocess": f"{CORE} console sensor evaluation doubt trajectory_files sequences report",
     "render": f"{CORE} console job trajectory_files sequences worker_client worker_events",
     "lightmap": "errors geometry",
     "blender": f"{CORE} lightmap",
@@ -85,7 +85,7 @@ MAY_IMPORT |= {
     "benchmark": "",
     "benchmark.compiled": "",
     "benchmark.odometry": f"{LIBRARY} benchmark.compiled",
-    "benchmark.fusion": f"{CORE} console sensor evaluation trajectory_files sequences labels report raycast "
+    "benchmark.fusion": f"{CORE} console sensor evaluation doubt trajectory_files sequences labels report raycast "
     "benchmark.compiled benchmark.odometry",
     "benchmark.perturbations": f"{LIBRARY} benchmark.odometry",
     "benchmark.systems": f"{LIBRARY} benchmark.odometry",

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from .console import Meter, advance_of
+from .doubt.given_arrays import doubt_of_depth, doubt_of_rgb, warn
 from .errors import InputError, StrPath
 from .evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
 from .evaluation.align import AlignmentSettings
@@ -77,6 +78,7 @@ def noisy_depth(
     if depth_z_m.shape != (camera.height, camera.width):
         expected = f"depth of the camera's size {camera.width}x{camera.height}"
         raise InputError(expected, found=depth_z_m.shape[::-1])
+    warn(doubt_of_depth(depth_z_m))
     rng = frame_generator(seed, frame, DEPTH)
     noisy_z_m = np.asarray(depth_model(model, settings).apply(depth_z_m, camera, rng))
     return np.where(np.isfinite(noisy_z_m), noisy_z_m, noisy_z_m.dtype.type(0))
@@ -97,6 +99,7 @@ def noisy_rgb(
     Raises InputError for an unknown model or setting, and for whole numbers.
     """
     rgb = _floating(rgb, *_LINEAR_RGB)
+    warn(doubt_of_rgb(rgb))
     return rgb_model(model, settings).apply(rgb, frame_generator(seed, frame, RGB))
 
 
@@ -143,7 +146,13 @@ def make_sequence(
     )
     advance = advance_of(progress, len(source.numbers), "sequence")
     names = (formats,) if isinstance(formats, str) else formats
-    return write_sequence(source, Path(out), settings, names, workers, lambda number: advance())
+    written = write_sequence(source, Path(out), settings, names, workers, lambda number: advance())
+    lost = [f"{pixels} {kind}" for kind, pixels in written.lost_depth.items()]
+    if lost:
+        first = source.load(source.numbers[0])[1] if source.volatile else np.zeros(0)
+        of_first = doubt_of_depth(first)
+        warn("; ".join(filter(None, [f"depth values set to 0: {', '.join(lost)}", of_first])))
+    return written
 
 
 def convert_sequence(

@@ -3,9 +3,11 @@ points.
 """
 
 from dataclasses import dataclass
+from itertools import permutations
 from typing import Any
 
 import numpy as np
+from iclnuim.doubt.competition import WORTH_SHARE
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import ErrorStatistics
 from iclnuim.evaluation.align import (
@@ -20,6 +22,10 @@ from iclnuim.geometry import so3
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.raycast.distance import TriangleDistance
+
+#: Picked points are within this share of their extent; of up to so many pairs all orders are tried.
+_PAIRS_SHARE = 0.05
+_MOST_ORDERED = 6
 
 
 def icp(model: TriangleDistance, points: np.ndarray, T_model_mesh: SE3, rounds: int = 30) -> SE3:
@@ -90,6 +96,31 @@ def pairs_transform(mesh_points: np.ndarray, model_points: np.ndarray) -> tuple[
     T, _ = umeyama(mesh_points, model_points)
     residual_m = np.linalg.norm(T.apply(mesh_points) - model_points, axis=1)
     return T, float(np.sqrt((residual_m**2).mean()))
+
+
+def doubtful_pairs(mesh_points: np.ndarray, model_points: np.ndarray) -> str:
+    """A sentence if picked pairs (n, 3) do not belong together: with their residual, and that with
+    the lines in another order, or with another scale, if it explains them; "" if they do.
+    """
+    _, rms_m = pairs_transform(mesh_points, model_points)
+    extent_m = float(np.linalg.norm(principal_extents(model_points)))
+    if rms_m <= _PAIRS_SHARE * extent_m:
+        return ""
+    text = f"the pairs do not belong together: their residual is {1e3 * rms_m:.4g} mm"
+    best_m, order = rms_m, None
+    for other in permutations(range(len(mesh_points))) if len(mesh_points) <= _MOST_ORDERED else ():
+        found_m = pairs_transform(mesh_points, model_points[list(other)])[1]
+        if found_m < best_m:
+            best_m, order = found_m, other
+    if order and best_m <= min(_PAIRS_SHARE * extent_m, WORTH_SHARE * rms_m):
+        lines = ", ".join(str(line + 1) for line in order)
+        return f"{text}, {1e3 * best_m:.4g} mm with the model's points of the lines {lines}"
+    T, scale = umeyama(mesh_points, model_points, with_scale=True)
+    left_m = np.linalg.norm(T.apply(scale * mesh_points) - model_points, axis=1)
+    scaled_m = float(np.sqrt((left_m**2).mean()))
+    if scaled_m <= min(_PAIRS_SHARE * extent_m, WORTH_SHARE * rms_m):
+        return f"{text}, {1e3 * scaled_m:.4g} mm if the mesh is multiplied by {scale:.4g}"
+    return f"{text}; check their order, and {{unit}}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,16 +4,18 @@ A reconstruction that is near its model has none. Each check takes a sample of t
 says in a sentence what is wrong and what to set; settings stand in it as `{name}`.
 """
 
-from itertools import permutations, product
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from iclnuim.doubt.axis_changes import changes_of_axes
 from iclnuim.errors import InputError
 from iclnuim.geometry.scene_axes import UNITS_M, unit_name
 from iclnuim.geometry.se3 import SE3
 from iclnuim.raycast.distance import TriangleDistance
 
 from .alignment import icp
+from .placements import best_placement
 
 
 class _OtherUnit(NamedTuple):
@@ -90,6 +92,10 @@ _MIRROR_FIT = 0.01
 #: A mean distance above this share of the model's size, that ICP from the given pose does not bring
 #: near, is that of another world frame.
 _OTHER_WORLD = 0.03
+#: Another placement explains that if it leaves at most this share of the distance, and of the
+#: model's size.
+_WORLD_RATIO = 0.25
+_WORLD_FIT = 0.01
 
 
 def warnings(
@@ -108,14 +114,27 @@ def warnings(
         return ()
     some = points[:: max(1, len(points) // 5000)]
     is_near = mean_m <= _NEAR * size_m
-    if found := checks.unit(some, T, units_m, is_near):
-        return (found,)
-    if is_near:
-        return _both_units(size_m, units_m)
     moved = T.apply(some)
+    given_m = checks.mean_m(moved)
+    unit, unit_m = checks.unit(some, T, units_m, is_near)
+    if unit and unit_m <= _WORLD_FIT * size_m:
+        return (unit,)
+    if is_near and not unit:
+        return _both_units(size_m, units_m)
     fitted_m = checks.fitted_mean_m(moved)
-    if found := checks.mirrored(moved, fitted_m):
+    if not unit and (found := checks.mirrored(moved, fitted_m)):
         return (found,)
+    if min(mean_m, given_m) > _WORLD_FIT * size_m:
+        fits = np.isfinite(unit_m)
+        most_m = min(_WORLD_RATIO * (unit_m if fits else given_m), _WORLD_FIT * size_m)
+        if other := best_placement(model, some, T, most_m, scales=bool(fits)):
+            return (
+                f"the reconstruction seems to be in another world frame: {other.words} its mean "
+                f"distance is {1e3 * other.mean_m:.3g} mm instead of {1e3 * given_m:.3g} mm; "
+                f"{other.advice}",
+            )
+    if unit:
+        return (unit,)
     if mean_m > _OTHER_WORLD * size_m and fitted_m > _NEAR * size_m:
         return (
             f"the mean distance is {mean_m / size_m:.1%} of the model's size: the reconstruction "
@@ -154,15 +173,18 @@ class _Checks:
         except InputError:
             return given_m
 
-    def unit(self, points: np.ndarray, T: SE3, units_m: tuple[float, float], is_near: bool) -> str:
+    def unit(
+        self, points: np.ndarray, T: SE3, units_m: tuple[float, float], is_near: bool
+    ) -> tuple[str, float]:
         """Warning if the size is not valid for the model or a part of it, or if another unit of one
-        of them fits much better, with the unit that fits or gives a similar size. units_m: of the
+        of them fits much better, with the unit that fits or gives a similar size; and the mean distance
+        with that unit, infinite if none fits. units_m: of the
         reconstruction and of the model, as read. Of what is near the model no size is invalid: a
         small part of it, or one in metres near a wall of a model in millimetres.
         """
         ratio = _diagonal(points) / self.size_m
         if not ratio or (is_near and ratio > _MIN_RATIO):
-            return ""
+            return "", np.inf
         is_valid = is_near or _is_valid(ratio)
         scales = [scale for scale in _SCALES if _is_valid(ratio * scale)]
         possible = [_other_unit(scale, units_m) for scale in scales]
@@ -176,16 +198,17 @@ class _Checks:
                 fits.append((mean, one))
         if fits:
             mean, best = min(fits, key=lambda fit: fit[0])
-            return f"{best.words(ratio, self.size_m)}: {best.means(mean, given_m)}"
+            return f"{best.words(ratio, self.size_m)}: {best.means(mean, given_m)}", mean
         if is_valid:
-            return ""
+            return "", np.inf
         advice = "check {unit} and {model_unit}"
         similar = [one for one in possible if ratio * one.scale > 0.5]
         if similar:
             advice = f"set {similar[0].setting} to {_unit(similar[0].unit_m)[1]}"
         return (
             f"the reconstruction is {ratio:.3g} times as large as the model, which is "
-            f"{self.size_m:.4g} m large; {advice}"
+            f"{self.size_m:.4g} m large; {advice}",
+            np.inf,
         )
 
     def mirrored(self, moved: np.ndarray, fitted_m: float) -> str:
@@ -217,7 +240,7 @@ class _Checks:
         """
         some = moved[::10]
         starts = []
-        for R in _axis_rotations():
+        for R in changes_of_axes(1):
             low, high = self.box_m - _box(some @ R.T)
             for shares in product((0.0, 0.5, 1.0), repeat=3):
                 t = (1 - np.array(shares)) * low + shares * high
@@ -234,15 +257,6 @@ def _diagonal(points: np.ndarray) -> float:
 def _is_valid(ratio: float) -> bool:
     """Whether a reconstruction may be so many times as large as its model."""
     return _MIN_RATIO < ratio < _MAX_RATIO
-
-
-def _axis_rotations() -> list[np.ndarray]:
-    """The 24 rotations that map axes to axes."""
-    signed: list[np.ndarray] = []
-    for rows in permutations(np.eye(3)):
-        for signs in product((1, -1), repeat=3):
-            signed.append(np.array(signs) * np.array(rows))
-    return [R for R in signed if np.linalg.det(R) > 0]
 
 
 def _box(points: np.ndarray) -> np.ndarray:

@@ -47,6 +47,9 @@ def read_reconstruction(
             labels = replace(labels, values=labels.values[rows])
         points, triangles, note = _finite_part(path, points, triangles, finite)
         notes.append(note)
+    points, triangles, labels, unused = _used_part(points, triangles, labels)
+    if unused:
+        notes.append(f"{unused} vertices that no face uses are left out")
     if unit_m != 1:
         points = points * unit_m
     with within(path):
@@ -67,6 +70,20 @@ def _labels(path: Path) -> MeshLabels:
         expected = "labels as a property of the faces or vertices of a .ply"
         raise InputError(expected, path=path, found=path.suffix)
     return read_ply_labels(path)
+
+
+def _used_part(
+    points: np.ndarray, triangles: np.ndarray, labels: MeshLabels | None
+) -> tuple[np.ndarray, np.ndarray, MeshLabels | None, int]:
+    """The points that triangles use, all of a cloud, and the number of the others."""
+    used = np.zeros(len(points), bool)
+    used[triangles] = True
+    if used.all() or not used.any():
+        return points, triangles, labels, 0
+    if labels is not None and not labels.of_triangles:
+        labels = replace(labels, values=labels.values[used])
+    number = np.cumsum(used) - 1
+    return points[used], number[triangles], labels, int((~used).sum())
 
 
 def _finite_part(

@@ -25,17 +25,21 @@ from .mesh import Mesh, extract
 from .settings import FuseSettings
 from .volume import BlockLimitError, Volume
 
+#: A share of the depth beyond the limit that is more than some of a room.
+_NOTED_BEYOND = 0.5
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FusedSurface(Shown):
     """The mesh, in the trajectory's world; the camera that was used; the frames left out, with
-    reasons; counts and times.
+    reasons; counts and times; notes on depth that was not used, settings as `{name}`.
     """
 
     mesh: Mesh
     camera: SequenceCamera
     left_out: list[str]
     figures: dict
+    notes: list[str] = field(default_factory=list)
 
     def summary(self) -> str:
         counts = f"{len(self.mesh.points)} vertices, {len(self.mesh.triangles)} triangles"
@@ -90,7 +94,7 @@ def fuse_sequence(
         figures = {**fusion.figures(), "meshing_s": clock() - started_s}
     figures |= {"vertices": len(mesh.points), "triangles": len(mesh.triangles)}
     figures |= {"camera": asdict(sequence.camera), "settings": asdict(settings)}
-    return FusedSurface(mesh, sequence.camera, fusion.left_out, figures)
+    return FusedSurface(mesh, sequence.camera, fusion.left_out, figures, fusion.notes())
 
 
 @dataclass(eq=False)
@@ -104,6 +108,7 @@ class _Fusion:
     parts: list[Mesh] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     refused: list[InputError] = field(default_factory=list)
+    beyond_far: list[float] = field(default_factory=list)
     fusing_s: float = 0.0
     clock: WorkClock = field(default_factory=WorkClock)
 
@@ -119,6 +124,7 @@ class _Fusion:
         try:
             rgb, depth_z_m = self.sequence.images(pair)
             started_s = self.clock()
+            self.beyond_far.append(self._beyond_far(depth_z_m))
             self.volume.integrate(depth_z_m, self.sequence.camera.pinhole, T_world_camera, rgb)
             self.fusing_s += self.clock() - started_s
         except BlockLimitError:
@@ -144,12 +150,30 @@ class _Fusion:
             "parts_out_of_window": len(self.parts) - 1,
         }
 
+    def _beyond_far(self, depth_z_m: np.ndarray) -> float:
+        """The share of the measured depth that is too far away to be used."""
+        measured = depth_z_m[depth_z_m > 0]
+        return float((measured >= self.settings.volume.far_m).mean()) if measured.size else 0.0
+
+    def notes(self) -> list[str]:
+        """A sentence if most depth is too far away to be used."""
+        beyond = float(np.mean(self.beyond_far)) if self.beyond_far else 0.0
+        if beyond <= _NOTED_BEYOND:
+            return []
+        far = f"{self.settings.volume.far_m:g} m"
+        return [
+            f"{beyond:.0%} of the depth is {far} or more away and is not fused: beyond the limit"
+        ]
+
     def no_surface(self, folder: Path | str) -> InputError:
         """The error for no surface, with the number of frames left out, and the reason of the first
         whose images were refused, if any was.
         """
         found = f"no triangle in {self.volume.frames} fused frames"
         hint = None
+        for note in self.notes():
+            found += f"; {note}"
+            hint = "a larger {far_m}"
         if self.left_out:
             first = self.left_out[0]
             if self.refused:
@@ -163,10 +187,10 @@ class _Fusion:
 def _posed(
     pairs: list[ImagePair], trajectory: Trajectory, max_difference_s: float
 ) -> tuple[list[ImagePair], SE3]:
-    """The pairs with a pose near their stamp, and the poses (n,) at their stamps, interpolated
-    between neighbouring poses.
+    """The pairs with a pose near the stamp of their depth image, and the poses (n,) at these
+    stamps, interpolated between neighbouring poses.
     """
-    stamps_s = np.array([pair.stamp_s for pair in pairs])
+    stamps_s = np.array([pair.depth_stamp_s for pair in pairs])
     found = np.zeros(0, int)
     if len(pairs):
         rule = AssociationSettings("nearest", max_difference_s)

@@ -261,6 +261,7 @@ def _views_text(values: dict) -> str:
         for name, (_, factor) in shown.items():
             line += f"{_view_figure(values[group], name, factor):>15}"
         lines.append(line)
+    lines += [f"warning: {text}" for text in values["warnings"]]
     return "\n".join(lines)
 
 

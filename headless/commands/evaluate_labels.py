@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from iclnuim.console import Console
+from iclnuim.errors import named
 from iclnuim.formats.files import atomic_write_text
 
-from ..options import Actions, action
+from ..options import Actions, action, option_name
 
 _TITLES = {
     "mean_iou": "mean IoU",
@@ -78,6 +79,7 @@ def run(args: Namespace, console: Console) -> None:
     values = {"folder": str(args.folder), "truth": str(args.truth), **found.to_dict()}
     for sentence in label_notes(values):
         console.note(f"note: {sentence}")
+    values["warnings"] = [named(text, option_name) for text in found.warnings]
     console.result(values, labels_text(values))
 
 
@@ -124,6 +126,7 @@ def labels_text(values: dict[str, Any]) -> str:
     if values["rare"]:
         lines.append("classes with less than 0.1 % of the true pixels:")
         lines += [_row(row, columns) for row in values["rare"]]
+    lines += [f"warning: {text}" for text in values["warnings"]]
     return "\n".join(lines)
 
 

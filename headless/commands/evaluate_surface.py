@@ -255,7 +255,11 @@ def _fitted_transform(args: Namespace, unit_m: float, console: Console) -> "SE3 
     """T_model_mesh fitted to picked pairs or to the whole trajectory; None if the options request
     neither.
     """
-    from iclnuim.benchmark.fusion.alignment import pairs_transform, trajectories_transform
+    from iclnuim.benchmark.fusion.alignment import (
+        doubtful_pairs,
+        pairs_transform,
+        trajectories_transform,
+    )
     from iclnuim.benchmark.fusion.reconstruction import read_pairs
 
     if args.fit_poses != "origin" and (args.pairs or not args.poses):
@@ -266,6 +270,8 @@ def _fitted_transform(args: Namespace, unit_m: float, console: Console) -> "SE3 
         with within(args.pairs):
             T, rms_m = pairs_transform(on_mesh * unit_m, on_model)
         console.note(f"{len(on_mesh)} pairs, residual {1e3 * rms_m:.3f} mm RMS")
+        if sentence := doubtful_pairs(on_mesh * unit_m, on_model):
+            console.note(f"warning: {args.pairs}: {named(sentence, option_name)}")
         return T
     if args.fit_poses == "origin":
         return None

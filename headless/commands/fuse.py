@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from iclnuim.benchmark.fusion.settings import PRESETS, FuseSettings, VolumeSettings
 from iclnuim.console import Console
-from iclnuim.errors import InputError, StrPath
+from iclnuim.errors import InputError, StrPath, named
 from iclnuim.formats.files import check_file, is_file, read_json, write_json
 from iclnuim.formats.ply import write_ply
 from iclnuim.trajectory_files.trajectories import ANCHORED_WORLD, LoadedTrajectory
 
 from ..method_options import require
-from ..options import add_settings, common, settings_from, trajectory_file
+from ..options import add_settings, common, option_name, settings_from, trajectory_file
 from ..planned_work import FUSE_CORE_S, PlannedWork, announce
 from ..sequence_input import add_camera_options, note_sequence, opened_with_camera
 
@@ -68,6 +68,8 @@ def run(args: Namespace, console: Console) -> None:
     surface = fuse_sequence(stored, loaded.trajectory, settings, console.progress)
     for line in surface.left_out[:5]:
         console.note(f"left out: {line}")
+    for sentence in surface.notes:
+        console.note(f"warning: {args.folder}: {named(sentence, option_name)}")
     mesh = surface.mesh
     write_ply(args.out, mesh.points, mesh.triangles, colours=mesh.colours)
     figures = {"mesh": str(args.out), "sequence": str(args.folder), "poses": str(poses)}

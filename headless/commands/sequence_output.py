@@ -125,10 +125,7 @@ def write_reported(
         "invalid_depth": written.invalid_depth,
     }
     text = f"{', '.join(folders)}: {written.made} frames written, {written.found} already finished"
-    lost = []
-    for kind, pixels in written.invalid_depth.items():
-        if pixels and kind != "background":
-            lost.append(f"{pixels} {kind.replace('_', ' ')}")
+    lost = [f"{pixels} {kind}" for kind, pixels in written.lost_depth.items()]
     if lost:
         text += f"\ndepth values set to 0 (no measurement): {', '.join(lost)}"
     console.result(values, text)

@@ -3,6 +3,7 @@ where the images cannot tell.
 """
 
 import collections
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -139,11 +140,35 @@ def test_what_nothing_explains_is_a_mismatch_above_two_percent_of_depth(millimet
     assert found.residual == pytest.approx(0.02, rel=0.6)
 
 
-def test_an_error_of_the_camera_is_not_explained_by_a_reading_that_leaves_half_of_it():
+def test_an_error_of_the_camera_is_the_cameras():
     """Depth that is eight pixels beside where the camera says, without noise."""
     T = hand_held(40, seed=6)
     found = agreement(lambda i: np.roll(depth_z_m(T[i]), 8, axis=1), T, CAMERA)
-    assert not found.reading.kind
+    fx, fy, cx, cy = (float(value) for value in found.reading.detail.split(","))
+    assert found.reading.kind == "camera" and (fx, fy) == pytest.approx(
+        (CAMERA.fx, CAMERA.fy), 1e-3
+    )
+    assert (cx, cy) == pytest.approx((CAMERA.cx + 8, CAMERA.cy), abs=0.5)
+
+
+@pytest.mark.parametrize("factor", [0.8, 0.95, 1.1, 1.25])
+def test_another_focal_length_is_measured_to_a_percent(factor):
+    T = hand_held(40, seed=6)
+    other = replace(CAMERA, fx=factor * CAMERA.fx, fy=factor * CAMERA.fy)
+    found = agreement(lambda i: kinect(depth_z_m(T[i]), i), T, other)
+    fx, fy, _, _ = (float(value) for value in found.reading.detail.split(","))
+    assert found.reading.kind == "camera"
+    assert (fx, fy) == pytest.approx((CAMERA.fx, CAMERA.fy), rel=0.01)
+
+
+def test_a_lever_arm_is_measured_and_called_no_unit():
+    T = hand_held(40, seed=6)
+    arm = SE3(np.eye(3), np.array([0.0, -0.1, 0.02]))
+    found = agreement(lambda i: depth_z_m(T[i]), T @ arm.inverse(), CAMERA)
+    assert found.reading.kind == "arm"
+    assert [float(v) for v in found.reading.detail.split(",")] == pytest.approx(
+        arm.translation, abs=5e-3
+    )
 
 
 @pytest.mark.parametrize(("factor", "kind"), [(2.0, ""), (3.0, "unit")])

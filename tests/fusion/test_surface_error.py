@@ -14,6 +14,7 @@ from judges import judge_module
 
 pytest.importorskip("numba")
 pytest.importorskip("embreex")
+from iclnuim.benchmark.fusion.alignment import doubtful_pairs  # noqa: E402
 from iclnuim.benchmark.fusion.pictures import picture  # noqa: E402
 from iclnuim.benchmark.fusion.reconstruction import read_pairs, read_reconstruction  # noqa: E402
 from iclnuim.benchmark.fusion.surface_error import SurfaceError, TrueSurface  # noqa: E402
@@ -135,7 +136,9 @@ def test_a_model_whose_vertices_are_nearly_all_in_one_place_gives_distances_and_
 @pytest.mark.parametrize("far_m", [2e6, 1e11])
 @pytest.mark.filterwarnings("error")
 def test_a_reconstruction_far_away_is_refused_with_the_file(tmp_path, far_m):
-    write_ply(tmp_path / "far.ply", np.vstack([BOX, [[far_m, 0, 0]]]), SIDES)
+    write_ply(
+        tmp_path / "far.ply", np.vstack([BOX, [[far_m, 0, 0]]]), np.vstack([SIDES, [0, 1, 8]])
+    )
     with pytest.raises(
         InputError,
         match=r"far\.ply: expected coordinates of at most 1e\+06 m, found .*; try another unit",
@@ -269,7 +272,8 @@ def test_a_bad_but_honest_reconstruction_is_given_no_other_unit_and_no_reflectio
     rng = np.random.default_rng(3)
     surface, points = TrueSurface(ROOM, ROOM_SIDES), in_the_room(rng) - (5, 2, 0)
     assert surface.error(points + rng.normal(0, 0.1, points.shape)).warnings == ()
-    assert surface.error(points + (0.3, 0.2, 0.1)).warnings == ()
+    (moved,) = surface.error(points + (0.3, 0.2, 0.1)).warnings
+    assert "another world frame" in moved and "its centre moved by 0.374 m" in moved
     assert surface.error(points[points[:, 0] < -0.5] + (0.05, 0, 0)).warnings == ()
 
 
@@ -535,3 +539,51 @@ def test_an_assumed_camera_is_named_before_the_work(sequence, icl):
     fused = icl("fuse", sequence, "-o", "box.ply", "--frames", ":2")
     assert fused.returncode == 0, fused.stderr
     assert fused.stderr.index("the benchmark's camera is assumed") < fused.stderr.index("fuse:")
+
+
+def test_vertices_that_no_face_uses_do_not_count(tmp_path):
+    write_ply(tmp_path / "crop.ply", np.vstack([BOX, [[1e9, 0, 0]]]), SIDES)
+    found = read_reconstruction(tmp_path / "crop.ply")
+    assert len(found.points) == len(BOX) and "1 vertices that no face uses" in found.notes[0]
+    assert np.array_equal(found.triangles, SIDES)
+
+
+Z_UP_FROM_Y_UP = SE3.exp(np.array([0, 0, 0, np.pi / 2, 0, 0]))
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        (lambda points: Z_UP_FROM_Y_UP.inverse().apply(points), "turned by 90 degrees"),
+        (lambda points: 1.5 * points, "multiplied by 0.66"),
+        (lambda points: points / 3 + (1, 2, 0), "multiplied by "),
+        (lambda points: SE3.exp(np.array([3, 0.2, 1, 0.3, 0.5, 2.1])).apply(points), "turned by"),
+    ],
+)
+def test_another_world_is_named_with_the_distance_that_fits(changed, words):
+    surface, points = (
+        TrueSurface(ROOM, ROOM_SIDES),
+        in_the_room(np.random.default_rng(3)) - (5, 2, 0),
+    )
+    (warning,) = surface.error(changed(points)).warnings
+    assert words in warning and re.search(r"distance is (0\.\d+|[1-4]\.\d+) mm instead", warning)
+
+
+def test_an_inverted_motion_is_named():
+    surface, points = (
+        TrueSurface(ROOM, ROOM_SIDES),
+        in_the_room(np.random.default_rng(3)) - (5, 2, 0),
+    )
+    T = SE3.exp(np.array([1, -0.5, 0.3, 0.2, 0.3, 1.2]))
+    (warning,) = surface.error(T.inverse().apply(points), T.inverse()).warnings
+    assert "with the inverse of the given motion" in warning
+
+
+def test_picked_pairs_that_do_not_belong_together_are_named():
+    model = np.random.default_rng(1).uniform(-2, 2, (5, 3))
+    mesh = SE3.exp(np.array([1, 0, 2, 0.1, 0.4, 0])).apply(model)
+    assert doubtful_pairs(mesh, model) == ""
+    assert "lines 2, 1, 3, 4, 5" in doubtful_pairs(mesh, model[[1, 0, 2, 3, 4]])
+    assert "multiplied by 0.5" in doubtful_pairs(2 * mesh, model)
+    other = np.random.default_rng(2).uniform(-2, 2, (5, 3))
+    assert "check their order" in doubtful_pairs(other, model)

@@ -61,7 +61,7 @@ def test_blender_keeps_its_pixel_aspects_at_one_or_above():
 
 
 def test_a_short_lens_gets_a_wider_sensor_and_what_blender_cannot_render_is_refused():
-    wide = PinholeCamera(32, 24, 0.8, 0.8, 15.5, 11.5)
+    wide = PinholeCamera(32, 24, 1.0, 1.0, 15.5, 11.5)
     assert blender_from_pinhole(wide).lens >= 1 - 1e-12
     np.testing.assert_allclose(pinhole_of(blender_from_pinhole(wide)).K, wide.K, rtol=1e-12)
     for size, focal in (
@@ -176,3 +176,8 @@ def test_the_minus_sign_of_the_paper_is_explained():
 def test_depth_of_another_size_is_refused():
     with pytest.raises(InputError, match=r"\(480, 640\)"):
         PinholeCamera().unproject(np.zeros((640, 480)))
+
+
+def test_focal_lengths_below_a_pixel_are_shares_of_the_image():
+    with pytest.raises(InputError, match="at least a pixel, found fx 0.86 and fy 1.15; try pixels"):
+        PinholeCamera(640, 480, 0.86, 1.15, 0.5, 0.5)

@@ -6,12 +6,13 @@ the motions M between two poses fulfil M_true = X^-1 M_estimate X: the rotation 
 rotation and translations alike.
 """
 
-from itertools import combinations, permutations, product
+from itertools import combinations
 
 import numpy as np
 
 from ..geometry import axes, so3
 from ..geometry.se3 import SE3
+from .axis_changes import changes_of_axes
 from .compared_poses import ComparedPoses, rms
 
 #: Rounds of rotation and lever arm in turn.
@@ -77,19 +78,7 @@ def world_of_positions(poses: ComparedPoses, mirrored: bool = False) -> np.ndarr
     return _AXES[mirrored][int(np.argmax(agreement))]
 
 
-def _changes_of_axes(determinant: int) -> list[np.ndarray]:
-    """The 24 matrices of this determinant that swap and reverse axes."""
-    found = []
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            B = np.zeros((3, 3))
-            B[range(3), order] = signs
-            if np.linalg.det(B) * determinant > 0:
-                found.append(B)
-    return found
-
-
-_AXES = {False: _changes_of_axes(1), True: _changes_of_axes(-1)}
+_AXES = {False: changes_of_axes(1), True: changes_of_axes(-1)}
 
 
 def _rotation(covariance: np.ndarray) -> np.ndarray:

@@ -5,14 +5,25 @@ The explanations compete. Residuals are relative to depth and lengths are compar
 poses to depth, so that a smaller unit is no better by itself.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from .depth_pairs import DepthPairs, LoadDepth
-from .pose_readings import AS_READ, STILL, Reading, discrete, scaled
+from .pose_readings import (
+    AS_READ,
+    STILL,
+    Reading,
+    discrete,
+    of_camera,
+    other_cameras,
+    scaled,
+    with_arm,
+)
 
 #: Relative residual that right poses may have: a constant, and a share of the noise of a pixel.
 _EXACT = 1e-4
@@ -31,11 +42,17 @@ _MIN_PAIRS = 4
 #: Pairs and share of the points that choose the candidates, and number of candidates.
 _SCREENED_PAIRS = 8
 _SCREENED_STEP = 3
-_CANDIDATES = 6
+_CANDIDATES = 8
 #: Ratios of poses to depth that are tried: logarithms to the base 10, and the last step of the
 #: search.
 _DECADES = np.linspace(-4, 4, 81)
 _LAST_STEP = 2e-4
+#: First steps of the search for an arm, as a share of the depth, and for a principal point, as a
+#: share of the image; how often steps are halved; focal lengths that are tried, as logarithms.
+_FIRST_ARM = 0.05
+_FIRST_CENTRE = 0.04
+_HALVINGS = 6
+_FOCAL_DECADES = np.linspace(-0.4, 0.4, 17)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +93,15 @@ def agreement(load: LoadDepth, T_world_camera: SE3, camera: PinholeCamera) -> Ag
     if residual <= _EXACT + _NOISE_SHARE * pairs.noise:
         return found
     explanations = _explanations(pairs, T_world_camera)
-    if len({each.kind for each in explanations}) == 1 and STILL not in explanations:
+    kinds = {each.kind for each in explanations}
+    if kinds == {"unit", "arm"}:
+        both = {each.kind: each for each in explanations[::-1]}
+        best = Reading(
+            "either", f"{both['unit'].detail};{both['arm'].detail}", both["unit"].motions
+        )
+        explained = both["unit"].residual(pairs, T_world_camera)
+        return replace(found, told=True, reading=best, explained=explained)
+    if len(kinds) == 1 and STILL not in explanations:
         best = explanations[0]
         explained = best.residual(pairs, T_world_camera)
         if best.kind == "unit":
@@ -119,8 +144,57 @@ def _candidates(pairs: DepthPairs, T: SE3) -> list[Reading]:
     readings = [STILL, *discrete()]
     if (factor := _best_factor(few, T)) is not None:
         readings.append(scaled(factor))
+    camera = next(iter(pairs.blocks.values())).camera
+    readings += other_cameras(camera)
+    readings += _of_other_cameras(few, T, camera)
+    readings.append(_best_arm(few, T))
     totals = [reading.residual(few, T) for reading in readings]
     return [readings[i] for i in np.argsort(totals)[:_CANDIDATES]]
+
+
+def _best_arm(pairs: DepthPairs, T: SE3) -> Reading:
+    """Where the camera is on the body whose poses these are."""
+
+    def left(arm_m: np.ndarray) -> float:
+        return with_arm(arm_m).residual(pairs, T)
+
+    return with_arm(_lowest(left, np.zeros(3), _FIRST_ARM * pairs.depth_m))
+
+
+def _of_other_cameras(pairs: DepthPairs, T: SE3, camera: PinholeCamera) -> list[Reading]:
+    """The best focal length, and the best principal point."""
+    size = np.array([camera.width, camera.height])
+
+    def focal(decade: np.ndarray) -> Reading:
+        factor = float(10 ** decade[0])
+        return of_camera(replace(camera, fx=factor * camera.fx, fy=factor * camera.fy))
+
+    def centre(moved: np.ndarray) -> Reading:
+        cx, cy = (camera.cx, camera.cy) + size * moved
+        return of_camera(replace(camera, cx=float(cx), cy=float(cy)))
+
+    tried = [np.array([decade]) for decade in _FOCAL_DECADES]
+    start = min(tried, key=lambda one: focal(one).residual(pairs, T))
+    step = float(_FOCAL_DECADES[1] - _FOCAL_DECADES[0])
+    best = _lowest(lambda one: focal(one).residual(pairs, T), start, step)
+    moved = _lowest(lambda one: centre(one).residual(pairs, T), np.zeros(2), _FIRST_CENTRE)
+    return [focal(best), centre(moved)]
+
+
+def _lowest(cost: Callable[[np.ndarray], float], start: np.ndarray, step: float) -> np.ndarray:
+    """The place (d,) near the start with the lowest cost, by steps to all sides that halve."""
+    last = step / 2**_HALVINGS
+    best = cost(start)
+    while step > last:
+        around = [start + step * np.array(one) for one in product((-1, 0, 1), repeat=len(start))]
+        costs = [cost(place) for place in around]
+        lowest = int(np.argmin(costs))
+        if costs[lowest] < best:
+            best = costs[lowest]
+            start = around[lowest]
+        else:
+            step /= 2
+    return start
 
 
 def _best_factor(pairs: DepthPairs, T: SE3) -> float | None:

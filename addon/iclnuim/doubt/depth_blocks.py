@@ -63,6 +63,15 @@ class DepthBlocks:
         """The same with every `step`-th point."""
         return replace(self, points_m=self.points_m[::step])
 
+    def seen_by(self, camera: PinholeCamera) -> "DepthBlocks":
+        """The same if another camera, of the same size, took the image."""
+        own = self.camera
+        x, y, z = self.points_m.T
+        u = own.fx * x / z + own.cx
+        v = own.fy * y / z + own.cy
+        moved = np.stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z], -1)
+        return replace(self, camera=camera, points_m=moved)
+
     def along_rays(self) -> "DepthBlocks":
         """The same if the depth was the distance along the ray of a pixel."""
         rows, columns = self.inverse_per_m.shape

@@ -83,6 +83,10 @@ class DepthPairs:
         """The same pairs if their depth is the distance along the ray."""
         return replace(self, blocks={i: one.along_rays() for i, one in self.blocks.items()})
 
+    def seen_by(self, camera: PinholeCamera) -> "DepthPairs":
+        """The same pairs if their images are of another camera."""
+        return replace(self, blocks={i: one.seen_by(camera) for i, one in self.blocks.items()})
+
     def relative(self, T_world_camera: SE3) -> SE3:
         """(p,) T_second_first of the pairs by the poses (n,)."""
         return T_world_camera[self.second].inverse() @ T_world_camera[self.first]

@@ -1,17 +1,22 @@
 """Other readings of a sequence's poses and depth: what a file's conventions may be instead."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from .depth_pairs import DepthPairs
 
 #: Motions (p,) T_second_first of the pairs by the poses (n,).
 Motions = Callable[[DepthPairs, SE3], SE3]
+#: The images of the pairs in another reading.
+Images = Callable[[DepthPairs], DepthPairs]
 #: Number of frames by which poses may be shifted.
 _SHIFTS = (-2, -1, 1, 2)
+#: Ratios of the resolution of images to that of their camera's file.
+_RESOLUTIONS = (0.25, 0.5, 2 / 3, 1.5, 2.0, 4.0)
 #: Axes x, y, z of the body whose poses a file may have, and the name of the convention.
 _BODIES = (
     ("right", "up", "backward", "OpenGL, Blender"),
@@ -39,24 +44,27 @@ _DIRECTIONS = {
 }
 
 
+def unchanged(pairs: DepthPairs) -> DepthPairs:
+    return pairs
+
+
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """kind: one of `unit`, `ray`, `mirrored`, `inverse`, `shifted`, `axes`, `quaternion`, or ""
-    for the poses as read. detail: which one of its kind. along_ray: depth is the distance along
-    the ray.
+    """kind: one of `unit`, `ray`, `mirrored`, `inverse`, `shifted`, `axes`, `quaternion`, `arm`,
+    `camera`, or "" for the poses as read. detail: which one of its kind. images: of the pairs, as
+    they are then.
     """
 
     kind: str
     detail: str
     motions: Motions
-    along_ray: bool = False
+    images: Images = unchanged
 
     def residuals(self, pairs: DepthPairs, T_world_camera: SE3) -> np.ndarray:
         """(p,) relative residuals of the pairs with the poses (n,) in this reading; NaN where it
         has no pose.
         """
-        if self.along_ray:
-            pairs = pairs.along_rays
+        pairs = self.images(pairs)
         return pairs.residuals(self.motions(pairs, T_world_camera))
 
     def residual(self, pairs: DepthPairs, T_world_camera: SE3) -> float:
@@ -80,10 +88,37 @@ def scaled(factor: float) -> Reading:
     return Reading("unit", f"{factor:.5g}", motions)
 
 
+def with_arm(arm_m: np.ndarray) -> Reading:
+    """Poses of a body, in whose frame the camera is at (3,)."""
+    arm = SE3(np.eye(3), arm_m)
+    text = ", ".join(f"{value:.3g}" for value in arm_m)
+    return Reading("arm", text, lambda pairs, T: pairs.relative(T @ arm))
+
+
+def of_camera(camera: PinholeCamera) -> Reading:
+    """Images of another camera of the same size."""
+    values = (camera.fx, camera.fy, camera.cx, camera.cy)
+    text = ",".join(f"{value:.5g}" for value in values)
+    return Reading("camera", text, DepthPairs.relative, lambda pairs: pairs.seen_by(camera))
+
+
+def other_cameras(camera: PinholeCamera) -> list[Reading]:
+    """Usual mistakes of a camera's file: that of another resolution, of the turned image, and the
+    centre of the image in place of the principal point.
+    """
+    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
+    centre = (camera.width - 1) / 2, (camera.height - 1) / 2
+    found = [(fy, fx, cy, cx), (fx, fy, cy, cx), (fx, fy, *centre)]
+    for scale in _RESOLUTIONS:
+        found.append((scale * fx, scale * fy, scale * (cx + 0.5) - 0.5, scale * (cy + 0.5) - 0.5))
+    changed = [replace(camera, fx=a, fy=b, cx=c, cy=d) for a, b, c, d in found]
+    return [of_camera(other) for other in changed if other != camera]
+
+
 def discrete() -> list[Reading]:
     """All readings without a free parameter, except that of the poses as read."""
     found = [
-        Reading("ray", "", DepthPairs.relative, along_ray=True),
+        Reading("ray", "", DepthPairs.relative, lambda pairs: pairs.along_rays),
         Reading("inverse", "", lambda pairs, T: pairs.relative(T.inverse())),
         Reading("quaternion", "", lambda pairs, T: pairs.relative(_scalar_first(T))),
     ]

@@ -71,6 +71,10 @@ class PinholeCamera(Settings):
             hint = "the positive value: fy = -480 only means that y points up"
             raise InputError("a camera's fy > 0", found=self.fy, hint=hint)
         super().__post_init__()
+        if min(self.fx, self.fy) < 1:
+            found = f"fx {self.fx:g} and fy {self.fy:g}"
+            hint = "pixels in place of shares of the image: fx times the width, fy times the height"
+            raise InputError("focal lengths of at least a pixel", found=found, hint=hint)
 
     @classmethod
     def parse(cls, text: str) -> "PinholeCamera":

@@ -3,7 +3,7 @@ matrix over all frames, and panoptic quality.
 """
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,10 @@ import numpy as np
 
 from ..channels import INSTANCE
 from ..console import Meter, advance_of
-from ..errors import InputError, StrPath
+from ..errors import InputError, StrPath, named
 from ..formats.files import csv_text
 from .classes import OURS, ClassMap, class_map
+from .doubt import label_doubts
 from .frames import (
     CLASS,
     CLASSES,
@@ -38,7 +39,7 @@ class LabelErrors:
     of each image alone by its name (None for an image without a true class). panoptic: None
     without instances. unknown: pixels by id or colour that the table does not have. without: true
     classes that the table does not have, which do not count, and their pixels. missing: names of
-    frames without an image.
+    frames without an image. warnings: what makes the labels fit far better, settings as `{name}`.
     """
 
     classes: ClassMap
@@ -48,6 +49,7 @@ class LabelErrors:
     unknown: tuple[tuple[str, int], ...] = ()
     without: tuple[tuple[str, int], ...] = ()
     missing: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def mean_iou_per_frame(self) -> float | None:
@@ -75,6 +77,7 @@ class LabelErrors:
             "unknown_labels": dict(self.unknown),
             "unmapped_classes": dict(self.without),
             "missing": list(self.missing),
+            "warnings": [named(text) for text in self.warnings],
         }
         return found
 
@@ -133,7 +136,8 @@ def label_errors(
     truth = Path(truth)
     frames = label_frames(truth)
     comparison = _LabelSums(truth, classes)
-    images = _predictions(folder, truth, CLASS, frames[0].classes).of_frames(frames)
+    predictions = _predictions(folder, truth, CLASS, frames[0].classes)
+    images = predictions.of_frames(frames)
     instances = _instances(folder, truth, frames)
     on_frame = advance_of(progress, len(frames), "evaluate")
     for frame, image, instance in zip(frames, images, instances, strict=True):
@@ -144,7 +148,16 @@ def label_errors(
             comparison.add(frame, image, instance)
         on_frame()
     names = [f.pair.rgb.stem for f, image in zip(frames, images, strict=True) if image is None]
-    return comparison.result(tuple(names))
+    found = comparison.result(tuple(names))
+    doubts = label_doubts(
+        frames,
+        images,
+        predictions.images,
+        comparison.listed,
+        comparison.classes,
+        found.mean_iou_per_frame,
+    )
+    return replace(found, warnings=doubts)
 
 
 class _LabelSums:

@@ -9,7 +9,7 @@ import numpy as np
 from ..channels import DEPTH, INSTANCE, RGB
 from ..errors import InputError
 from ..formats.files import is_file
-from ..formats.image_names import files_in
+from ..formats.image_names import by_numbers, files_in
 from ..sequences.frames import ImagePair, SequenceFrame
 from ..sequences.stored_sequence import StoredSequence
 from .classes import LARGEST_ID, ClassMap, read_true_classes
@@ -97,6 +97,7 @@ class LabelPredictions:
         if kind == CLASS:
             places.append(folder)
         images: list[Path] = next(filter(None, (files_in(p, _PNG) for p in places)), [])
+        self.images = sorted(images, key=lambda path: by_numbers(path.stem))
         self._by_name = {path.stem: path for path in images}
         self._by_number: dict[int, list[Path]] = {}
         for path in images:

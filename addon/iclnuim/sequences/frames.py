@@ -21,6 +21,8 @@ from .associations import LARGEST_NUMBER
 #: Maximum distance in time between a pose and its frame, as a share of the usual step between
 #: frames.
 _SLACK = 0.5
+#: A stamp in seconds and its text are equal to this.
+_SAME_S = 1e-3
 _DECIMAL = re.compile(r"[0-9]+(\.[0-9]+)?")
 
 
@@ -83,6 +85,17 @@ class ImagePair:
     depth: Path
     #: The texts of both images' stamps in the lists; "" if no list has seconds.
     written: tuple[str, str] = ("", "")
+
+    @property
+    def depth_stamp_s(self) -> float:
+        """The stamp of the depth image in seconds, which sensors may take beside the colour
+        image's: that of its list, if there is one.
+        """
+        colour, depth = self.written
+        if colour == depth or not (_DECIMAL.fullmatch(colour) and _DECIMAL.fullmatch(depth)):
+            return self.stamp_s
+        is_seconds = abs(float(colour) - self.stamp_s) < _SAME_S
+        return float(depth) if is_seconds else self.stamp_s
 
 
 def rows_by_name(colours: Mapping[str, Path], depths: Mapping[str, Path]) -> list[Row]:

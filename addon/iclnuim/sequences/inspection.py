@@ -242,7 +242,7 @@ def inspect_depth(
             depth = read_depth_m(pair.depth, camera.depth_units_per_metre)
             not_finite += _not_finite(pair.depth)
             if depth.shape == (c.height, c.width):
-                depths.append((pair.stamp_s, depth))
+                depths.append((pair.depth_stamp_s, depth))
             else:
                 others.append(f"{pair.depth.name} is {depth.shape[1]} x {depth.shape[0]}")
     if others:
@@ -374,6 +374,17 @@ def _parameters(reading: Reading) -> dict[str, Any]:
             return {"factor": float(reading.detail)}
         case "shifted":
             return {"frames": int(reading.detail)}
+        case "arm":
+            return {"arm_m": [float(value) for value in reading.detail.split(",")]}
+        case "camera":
+            values = [float(value) for value in reading.detail.split(",")]
+            return dict(zip(("fx", "fy", "cx", "cy"), values, strict=True))
+        case "either":
+            factor, arm = reading.detail.split(";")
+            return {
+                "factor": float(factor),
+                "arm_m": [float(value) for value in arm.split(",")],
+            }
     return {"axes": reading.detail} if reading.detail else {}
 
 

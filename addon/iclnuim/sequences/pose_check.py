@@ -33,8 +33,8 @@ def pose_agreement(
     """Compare the depth of the pairs that have a pose with these poses. Images that cannot be read
     are left out.
     """
-    within = [p for p in pairs if poses.stamps_s[0] <= p.stamp_s <= poses.stamps_s[-1]]
-    stamps_s = np.array([pair.stamp_s for pair in within])
+    within = [p for p in pairs if poses.stamps_s[0] <= p.depth_stamp_s <= poses.stamps_s[-1]]
+    stamps_s = np.array([pair.depth_stamp_s for pair in within])
     if len(within) < 2 or len(poses) < 2:
         return Agreement()
     chosen = np.flatnonzero(posed(stamps_s, poses)).tolist()
@@ -88,6 +88,15 @@ def _meaning(found: Agreement, camera: SequenceCamera) -> tuple[str, str]:
             return "with quaternions qw qx qy qz, the scalar first", "the format tum-wxyz"
         case "shifted":
             return _shift(int(detail))
+        case "arm":
+            return _arm(detail)
+        case "camera":
+            means = f"with the camera fx,fy,cx,cy {detail}"
+            return means, "the camera of these images: its focal lengths and principal point"
+        case "either":
+            factor, arm = detail.split(";")
+            of_unit, hint = _unit(float(factor), found.depth_m, camera.depth_units_per_metre)
+            return f"{of_unit}, or {_arm(arm)[0]}", f"{hint}, or {_arm(arm)[1]}"
     handedness = "left-handed " * (found.reading.kind == "mirrored")
     means = f"with the poses of a {handedness}camera with axes {detail}"
     for convention, format in _FORMATS.items():
@@ -111,6 +120,11 @@ def _unit(factor: float, depth_m: float, units_per_metre: float) -> tuple[str, s
         return f"with positions in {name}", f"positions times {unit_m:g}"
     means = f"with positions times {factor:.4g}, or depth divided by it"
     return means, f"the right scale of the poses, or {{units}} {units_per_metre * factor:.5g}"
+
+
+def _arm(arm: str) -> tuple[str, str]:
+    means = f"with a lever arm, the camera at ({arm}) m on the body whose poses these are"
+    return means, "poses of the camera itself"
 
 
 def _nearest(known: Sequence[float], value: float) -> float:

@@ -4,7 +4,7 @@ SSIM, LPIPS, Depth L1, separately for keyframes and other frames.
 
 import importlib.util
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,11 +16,13 @@ from ..console import Meter, advance_of
 from ..errors import InputError, StrPath, WorkError
 from ..evaluation.image_error import ViewSettings, psnr_db, ssim
 from ..formats.files import csv_text, data_lines, is_file, read_text
+from ..formats.image_names import by_numbers
 from ..formats.images import ARRAY, JPEG, read_colour8
 from ..shown import Shown, axes_or_new
 from .camera_files import SequenceCamera, camera_file
 from .frames import ImagePair, usual_step_s
 from .stored_sequence import StoredSequence, read_depth_m
+from .view_doubts import view_doubts
 
 if TYPE_CHECKING:
     from ..shown import Axes
@@ -49,10 +51,13 @@ class ViewError:
 
 @dataclass(frozen=True, repr=False)
 class ViewErrors(Shown):
-    """The figures of all existing views; `missing`: names of frames without a view."""
+    """The figures of all existing views; `missing`: names of frames without a view; warnings: what
+    makes the views fit far better.
+    """
 
     views: tuple[ViewError, ...]
     missing: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def mean(self, keyframe: bool | None = None) -> dict[str, float]:
         """Means over all views, over keyframes (True), or over the others (False).
@@ -85,6 +90,7 @@ class ViewErrors(Shown):
         if any(view.keyframe for view in self.views):
             groups |= {"keyframes": True, "others": False}
         found: dict = {"views": len(self.views), "missing": list(self.missing)}
+        found["warnings"] = list(self.warnings)
         for group, keyframe in groups.items():
             count = sum(keyframe is None or view.keyframe == keyframe for view in self.views)
             found[group] = {"views": count}
@@ -157,7 +163,8 @@ def view_errors(
     if not views:
         expected = f"views named as the images of {truth}, such as {pairs[0].rgb.name}"
         raise InputError(expected, path=folder, found="none of them")
-    return ViewErrors(tuple(views), tuple(missing))
+    found = ViewErrors(tuple(views), tuple(missing))
+    return replace(found, warnings=view_doubts(found, _Compared(folder, sequence, own)))
 
 
 def read_keyframes(path: Path, pairs: Sequence[ImagePair]) -> set[int]:
@@ -225,6 +232,36 @@ def _depth_error(
     _check_size(path, depth_z_m, camera)
     depth = np.where(np.isfinite(depth_z_m) & (depth_z_m > 0), depth_z_m, 0)[valid].astype(float)
     return float(np.abs(depth - truth_m[valid]).mean()), float((depth == 0).mean())
+
+
+class _Compared:
+    """Views and true frames, read again where the views are in doubt."""
+
+    def __init__(self, folder: Path, sequence: StoredSequence, camera: SequenceCamera) -> None:
+        self.sequence = sequence
+        self.camera = camera
+        self.paths = {
+            kind: [
+                _find(folder, sequence.folder, pair.rgb if kind == RGB else pair.depth, kind)
+                for pair in sequence.pairs
+            ]
+            for kind in (RGB, DEPTH)
+        }
+        parents = {path.parent for path in self.paths[RGB] if path is not None}
+        there = {path for parent in parents for path in parent.iterdir() if path.is_file()}
+        images = [path for path in there if path.suffix.lower() in _ENDINGS[RGB]]
+        self.every_image = sorted(images, key=lambda path: by_numbers(path.stem))
+
+    def depth(self, row: int) -> tuple[np.ndarray, np.ndarray] | None:
+        """Rendered and true depth (h, w) in metres of a frame; None without a rendered one."""
+        path = self.paths[DEPTH][row]
+        if path is None:
+            return None
+        rendered = read_depth_m(path, self.camera.depth_units_per_metre)
+        true = read_depth_m(
+            self.sequence.pairs[row].depth, self.sequence.camera.depth_units_per_metre
+        )
+        return rendered, true
 
 
 def has_lpips() -> bool:

@@ -45,6 +45,13 @@ class WrittenSequence(Shown):
     found: int
     invalid_depth: dict[str, int]
 
+    @property
+    def lost_depth(self) -> dict[str, int]:
+        """The pixels by kind whose depth was set to 0, in words; a background has none."""
+        kinds = self.invalid_depth.items()
+        lost = {kind: pixels for kind, pixels in kinds if pixels and kind != "background"}
+        return {kind.replace("_", " "): pixels for kind, pixels in lost.items()}
+
     def summary(self) -> str:
         folders = ", ".join(map(str, self.folders))
         return f"{folders}, {self.made} frames made, {self.found} found"

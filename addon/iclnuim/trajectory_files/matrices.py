@@ -111,9 +111,12 @@ def nerf_rows(source: Source) -> NumberTable:
     frames = content.get("frames")
     valid = isinstance(frames, list) and all(isinstance(frame, dict) for frame in frames)
     if isinstance(content.get("poses"), list) and not frames:
-        found = "the key poses, as in Record3D's metadata.json"
-        hint = "a row qx qy qz qw x y z of it a line, with stamps, as OpenGL camera poses"
-        raise InputError("the key frames", path=source.path, found=found, hint=hint)
+        raise InputError(
+            "the key frames",
+            path=source.path,
+            found="the key poses, as in Record3D's metadata.json",
+            hint="a row qx qy qz qw x y z of it a line, with stamps, as OpenGL camera poses",
+        )
     if not frames or not valid:
         raise InputError("a list of frames", path=source.path)
     scale = _applied_scale(source.path, content)
