@@ -193,7 +193,18 @@ def _report(
 
         save(error_figure(report), args.plot)
     values = report.to_dict()
+    if len(values["explanations"]) > 1:
+        console.note(_how_to_apply(values))
     console.result(values, error_text(values))
+
+
+def _how_to_apply(values: dict) -> str:
+    """The command that applies several explanations at once."""
+    files = [values["estimate"]["path"], values["reference"]["path"]]
+    if all(one["file"] == "reference" for one in values["explanations"]):
+        files.reverse()
+    command = f"iclnuim trajectory convert {files[0]} OUT.txt --explained {files[1]}"
+    return f"note: {command} applies all that is explained"
 
 
 def _compared(

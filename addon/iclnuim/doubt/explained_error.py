@@ -151,8 +151,6 @@ class ExplainedError:
         ]
         name, given_m, found_m = self.shown
         figures = f"{name} {_length(found_m)} instead of {_length(given_m)}"
-        if len(tries) > 1:
-            tries.append("`iclnuim trajectory convert IN OUT --explained GT` applies all of it")
         return f"{', and '.join(fits)}: {figures}; {'; '.join(tries)}"
 
     def advice_of_time(self) -> str:

@@ -164,7 +164,7 @@ def view_errors(
         expected = f"views named as the images of {truth}, such as {pairs[0].rgb.name}"
         raise InputError(expected, path=folder, found="none of them")
     found = ViewErrors(tuple(views), tuple(missing))
-    return replace(found, warnings=view_doubts(found, _Compared(folder, sequence, own)))
+    return replace(found, warnings=view_doubts(found, _ViewFiles(folder, sequence, own)))
 
 
 def read_keyframes(path: Path, pairs: Sequence[ImagePair]) -> set[int]:
@@ -234,7 +234,7 @@ def _depth_error(
     return float(np.abs(depth - truth_m[valid]).mean()), float((depth == 0).mean())
 
 
-class _Compared:
+class _ViewFiles:
     """Views and true frames, read again where the views are in doubt."""
 
     def __init__(self, folder: Path, sequence: StoredSequence, camera: SequenceCamera) -> None:

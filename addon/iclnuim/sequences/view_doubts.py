@@ -25,7 +25,7 @@ _ACROSS = 80
 _VIEWS = 8
 
 
-class Compared(Protocol):
+class Viewed(Protocol):
     """What the doubts read again."""
 
     sequence: Any
@@ -35,34 +35,34 @@ class Compared(Protocol):
     def depth(self, row: int) -> tuple[np.ndarray, np.ndarray] | None: ...
 
 
-def view_doubts(found: Any, compared: Compared) -> tuple[str, ...]:
+def view_doubts(found: Any, viewed: Viewed) -> tuple[str, ...]:
     """Sentences on the colour and on the depth of the views, at most one each."""
-    return (*_colour(found, compared), *_depth(compared))
+    return (*_colour(found, viewed), *_depth(viewed))
 
 
-def _colour(found: Any, compared: Compared) -> tuple[str, ...]:
-    left_over = found.missing or len(compared.every_image) != len(compared.sequence.pairs)
+def _colour(found: Any, viewed: Viewed) -> tuple[str, ...]:
+    left_over = found.missing or len(viewed.every_image) != len(viewed.sequence.pairs)
     if not left_over and found.mean()["psnr_db"] >= _DOUBTFUL_DB:
         return ()
 
     @cache
     def true(row: int) -> np.ndarray:
-        return _thin(read_colour8(compared.sequence.pairs[row].rgb))
+        return _thin(read_colour8(viewed.sequence.pairs[row].rgb))
 
     @cache
     def view(place: int) -> np.ndarray:
-        return _thin(read_colour8(compared.every_image[place]))
+        return _thin(read_colour8(viewed.every_image[place]))
 
     def error(place: int, row: int) -> float:
         if view(place).shape != true(row).shape:
             return 255.0**2
         return float(np.square(view(place) - true(row)).mean())
 
-    rows = {path: row for row, path in enumerate(compared.paths[RGB]) if path is not None}
-    named = [rows.get(path) for path in compared.every_image]
+    rows = {path: row for row, path in enumerate(viewed.paths[RGB]) if path is not None}
+    named = [rows.get(path) for path in viewed.every_image]
     if _are_swapped(view, true, named):
         return ("views seem to have red and blue swapped, as OpenCV writes them",)
-    order = other_order(error, named, len(compared.sequence.pairs))
+    order = other_order(error, named, len(viewed.sequence.pairs))
     if order is None:
         return ()
     decibels = [10 * np.log10(255.0**2 / max(one, 1e-9)) for one in (order.found, order.given)]
@@ -91,15 +91,15 @@ def _are_swapped(
     return bool(pairs)
 
 
-def _depth(compared: Compared) -> tuple[str, ...]:
-    rows = [row for row, path in enumerate(compared.paths[DEPTH]) if path is not None]
+def _depth(viewed: Viewed) -> tuple[str, ...]:
+    rows = [row for row, path in enumerate(viewed.paths[DEPTH]) if path is not None]
     rows = rows[:: max(1, len(rows) // _VIEWS)]
-    camera = compared.sequence.camera.pinhole
+    camera = viewed.sequence.camera.pinhole
     changes = _depth_changes(camera)
     errors: dict[str, list[float]] = {words: [] for words in changes}
     shares = []
     for row in rows:
-        both = compared.depth(row)
+        both = viewed.depth(row)
         if both is None or both[0].shape != both[1].shape:
             return ()
         rendered, true = both
