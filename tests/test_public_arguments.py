@@ -78,7 +78,7 @@ def test_a_mesh_has_a_normal_for_each_vertex(tmp_path):
 
 def test_depth_has_rows_and_columns():
     for shape in ((3,), ()):
-        with pytest.raises(InputError, match=r"depth \(h, w\) in metres, found \("):
+        with pytest.raises(InputError, match=r"depth \(h, w\), or a batch .*, in metres, found \("):
             noisy_depth(np.ones(shape))
 
 

@@ -22,7 +22,7 @@ from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import write_png
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.report.charts import COLOURS
-from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
+from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model, with_depth_noise
 from iclnuim.sensor.noise_model import DEPTH, RGB, frame_generator
 from iclnuim.sensor.transfer import srgb8
 from iclnuim.sequences.frame_images import noisy_images
@@ -164,7 +164,8 @@ class FrameImages:
         """The image with the noise of a model."""
         if kind == "depth":
             rng = frame_generator(seed, self.number, DEPTH)
-            return depth_model(name).apply(self.depth_z_m, self.camera, rng)
+            model = depth_model(name)
+            return with_depth_noise(model, self.depth_z_m, self.camera, rng, self.light)
         return rgb_model(name).apply(self.light, frame_generator(seed, self.number, RGB))
 
 

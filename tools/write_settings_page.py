@@ -22,6 +22,7 @@ MODULES = (
     "iclnuim.sequences.sequence_options",
     "iclnuim.sequences.bag_writer",
     "iclnuim.sensor.depth",
+    "iclnuim.sensor.active_stereo",
     "iclnuim.sensor.rgb",
     "iclnuim.evaluation.associate",
     "iclnuim.evaluation.align",

@@ -29,7 +29,8 @@ from .geometry.camera import CameraOrText, PinholeCamera
 from .geometry.se3 import SE3, Poses
 from .geometry.trajectory import Trajectory
 from .report.trajectory_report import ComparedFile, Report
-from .sensor.models import NamedNoise, depth_model, rgb_model
+from .sensor.appearance import SurfaceAppearance
+from .sensor.models import NamedNoise, depth_model, rgb_model, with_depth_noise
 from .sensor.noise_model import DEPTH, RGB, frame_generator
 from .sequences.frame_source import FrameSource, image_frames, run_frames
 from .sequences.pose_lines import tied_to_poses
@@ -61,27 +62,56 @@ def noisy_depth(
     seed: int = 0,
     frame: int = 0,
     settings: Settings | None = None,
+    rgb: np.ndarray | None = None,
+    albedo: np.ndarray | float | None = None,
+    normals: np.ndarray | None = None,
 ) -> np.ndarray:
     """Add the noise of a sensor model to planar depth (h, w) in metres, 0 = missing. Returns
-    float32 of the same shape.
+    float32 of the same shape. Of a batch (n, h, w), image k gets the noise of frame number
+    `frame` + k.
 
     model: a key of DEPTH_MODELS, a function(depth_z_m, camera, rng) or its `module:function`;
     settings: settings of the model, by name (docs/guide/sensor.md). camera: or its text; default is
     the benchmark's camera, scaled to the image's width. The noise depends only on seed and frame
-    number. Raises InputError for an unknown model or setting, for whole numbers, and for another
-    shape or size than the camera's.
+    number. rgb, albedo, normals: for models of sensors that see more than distance
+    (docs/guide/sensors.md), one image for each depth image. rgb: scene-linear (..., h, w, 3), 1 =
+    white, or sRGB uint8; its luminance stands for the reflectance unless albedo (..., h, w), 0..1,
+    or one number is given. normals: (..., h, w, 3) unit vectors in the camera's frame (x right, y
+    down, z forward); default: those of the depth image. Raises InputError for an unknown model or
+    setting, for whole numbers, for another shape or size than the camera's, and for a model that
+    asks for colour or albedo if there is neither.
     """
     depth_z_m = _floating(depth_z_m, *_METRES)
-    if depth_z_m.ndim != 2:
-        raise InputError("depth (h, w) in metres", found=depth_z_m.shape)
-    camera = PinholeCamera.of(camera or f"{depth_z_m.shape[1]}x{depth_z_m.shape[0]}")
-    if depth_z_m.shape != (camera.height, camera.width):
+    if depth_z_m.ndim not in (2, 3):
+        raise InputError("depth (h, w), or a batch (n, h, w), in metres", found=depth_z_m.shape)
+    height, width = depth_z_m.shape[-2:]
+    camera = PinholeCamera.of(camera or f"{width}x{height}")
+    if (height, width) != (camera.height, camera.width):
         expected = f"depth of the camera's size {camera.width}x{camera.height}"
-        raise InputError(expected, found=depth_z_m.shape[::-1])
-    warn(doubt_of_depth(depth_z_m))
-    rng = frame_generator(seed, frame, DEPTH)
-    noisy_z_m = np.asarray(depth_model(model, settings).apply(depth_z_m, camera, rng))
-    return np.where(np.isfinite(noisy_z_m), noisy_z_m, noisy_z_m.dtype.type(0))
+        raise InputError(expected, found=(width, height))
+    noise = depth_model(model, settings)
+    if depth_z_m.ndim == 2:
+        seen = SurfaceAppearance.given(depth_z_m.shape, rgb, albedo, normals)
+        warn(doubt_of_depth(depth_z_m))
+        rng = frame_generator(seed, frame, DEPTH)
+        noisy_z_m = np.asarray(with_depth_noise(noise, depth_z_m, camera, rng, seen))
+        return np.where(np.isfinite(noisy_z_m), noisy_z_m, noisy_z_m.dtype.type(0))
+    seen_of = _image_by_image(len(depth_z_m), rgb=rgb, albedo=albedo, normals=normals)
+    noisy = [
+        noisy_depth(image, noise, camera, seed, frame + k, **seen_of(k))
+        for k, image in enumerate(depth_z_m)
+    ]
+    return np.stack(noisy)
+
+
+def _image_by_image(count: int, **arrays: Any) -> Callable[[int], dict[str, Any]]:
+    """k -> the k-th image of each array. Numbers and None are the same for all. Raises InputError
+    for an array of another number of images.
+    """
+    for name, array in arrays.items():
+        if np.ndim(array) and len(np.asarray(array)) != count:
+            raise InputError(f"{name} for each of {count} images", found=np.shape(array))
+    return lambda k: {name: a[k] if np.ndim(a) else a for name, a in arrays.items()}
 
 
 def noisy_rgb(

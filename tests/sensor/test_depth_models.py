@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.sensor.appearance import SurfaceAppearance
 from iclnuim.sensor.depth import (
     Kinect2012DepthNoise,
     PaperDepthNoise,
@@ -14,9 +15,22 @@ from iclnuim.sensor.depth import (
     ReleasedDepthNoise,
 )
 from iclnuim.sensor.depth_image import surface_normals
-from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
+from iclnuim.sensor.models import (
+    DEPTH_MODELS,
+    RGB_MODELS,
+    depth_model,
+    rgb_model,
+    with_depth_noise,
+)
 from iclnuim.sensor.noise_model import frame_generator
 from iclnuim.settings import declared
+
+
+def noisy(name, depth_z_m, camera, seed, frame):
+    """With the noise of a model, on surfaces that are all alike."""
+    rng = frame_generator(seed, frame, 0)
+    seen = SurfaceAppearance.given(depth_z_m.shape, albedo=0.8)
+    return with_depth_noise(depth_model(name), depth_z_m, camera, rng, seen)
 
 
 @pytest.mark.parametrize("name", DEPTH_MODELS)
@@ -24,13 +38,12 @@ def test_every_model_gives_the_same_bytes_for_the_same_frame_and_others_for_othe
     camera, plane, name
 ):
     depth = plane(camera, 30, 2.0)
-    model = depth_model(name)
-    one, again = (model.apply(depth, camera, frame_generator(7, 3, 0)) for _ in range(2))
+    one, again = (noisy(name, depth, camera, 7, 3) for _ in range(2))
     assert one.dtype == np.float32 and one.shape == depth.shape
     assert one.tobytes() == again.tobytes()
     if name != "none":
-        assert one.tobytes() != model.apply(depth, camera, frame_generator(7, 4, 0)).tobytes()
-        assert one.tobytes() != model.apply(depth, camera, frame_generator(8, 3, 0)).tobytes()
+        assert one.tobytes() != noisy(name, depth, camera, 7, 4).tobytes()
+        assert one.tobytes() != noisy(name, depth, camera, 8, 3).tobytes()
 
 
 @pytest.mark.parametrize("name", DEPTH_MODELS)
@@ -38,13 +51,13 @@ def test_no_model_invents_depth_or_changes_its_input(camera, plane, name):
     depth = plane(camera, 30, 2.0)
     depth[:60], depth[60, :9] = 0, [np.nan, np.inf, -np.inf, -1, 1e10, 0, np.nan, -0.0, np.inf]
     before = depth.tobytes()
-    noisy = depth_model(name).apply(depth, camera, frame_generator(1, 1, 0))
+    measured = noisy(name, depth, camera, 1, 1)
     assert depth.tobytes() == before
-    assert np.isfinite(noisy).all() and (noisy >= 0).all()
-    assert (noisy[:52] == 0).all()
-    assert (noisy[80:-8, 8:-8] > 0).mean() > 0.98
+    assert np.isfinite(measured).all() and (measured >= 0).all()
+    assert (measured[:52] == 0).all()
+    assert (measured[80:-8, 8:-8] > 0).mean() > 0.98
     nothing = np.zeros((240, 320), np.float32)
-    assert (depth_model(name).apply(nothing, camera, frame_generator(1, 1, 0)) == 0).all()
+    assert (noisy(name, nothing, camera, 1, 1) == 0).all()
 
 
 def test_released_leaves_whole_millimetres_and_a_border_without_normals(camera, plane):
@@ -191,7 +204,7 @@ def test_an_unknown_setting_model_or_value_is_one_line():
     ):
         depth_model("paper", {"sigma_q": 1})
     with pytest.raises(
-        InputError, match="a depth noise model .none, released, paper, kinect2012, redwood."
+        InputError, match="a depth noise model .none, released, paper, kinect2012, redwood, d435."
     ):
         depth_model("gauss")
     with pytest.raises(InputError, match="an RGB noise model|a RGB noise model"):

@@ -10,6 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import InputError
+from ..geometry.camera import PinholeCamera
+from .active_stereo import D435DepthNoise
+from .appearance import SurfaceAppearance
 from .depth import (
     Kinect2012DepthNoise,
     NoDepthNoise,
@@ -27,6 +30,7 @@ _DEPTH: tuple[type[NoiseModel], ...] = (
     PaperDepthNoise,
     Kinect2012DepthNoise,
     RedwoodDepthNoise,
+    D435DepthNoise,
 )
 _RGB: tuple[type[NoiseModel], ...] = (NoRgbNoise, ReleasedRgbNoise, PaperRgbNoise)
 DEPTH_MODELS = {model.name: model for model in _DEPTH}
@@ -65,6 +69,23 @@ def rgb_model(model: NamedNoise, settings: Mapping[str, Any] | None = None) -> N
     stays as it is. Raises InputError.
     """
     return _model("RGB", model, settings or {}, RGB_MODELS)
+
+
+def with_depth_noise(
+    model: Noise,
+    depth_z_m: np.ndarray,
+    camera: PinholeCamera,
+    rng: np.random.Generator,
+    seen: np.ndarray | SurfaceAppearance | None,
+) -> np.ndarray:
+    """Planar depth (h, w) in metres with the noise of a model. `seen`: the frame's scene-linear
+    light (h, w, 3) or its appearance, for a model that asks for it. Raises InputError if it is
+    missing.
+    """
+    if not getattr(model, "asks_appearance", False):
+        return model.apply(depth_z_m, camera, rng)
+    appearance = SurfaceAppearance.of_light(seen) if isinstance(seen, np.ndarray) else seen
+    return model.apply(depth_z_m, camera, rng, appearance)
 
 
 def _model(

@@ -24,11 +24,13 @@ _LEVELS = 1 << 16
 class NoiseModel(Settings):
     """`name` is the model's name in settings, `summary` one line for lists.
 
-    A subclass has a method `apply` and is listed in models.py.
+    A subclass has a method `apply` and is listed in models.py. asks_appearance: `apply` of a depth
+    noise model takes an SurfaceAppearance besides, and cannot do without.
     """
 
     name: ClassVar[str] = ""
     summary: ClassVar[str] = ""
+    asks_appearance: ClassVar[bool] = False
 
     def __init_subclass__(cls, **rest: Any) -> None:
         super().__init_subclass__(**rest)

@@ -21,6 +21,7 @@ from ..formats.images import ARRAY, JPEG, image_header, write_array, write_jpeg
 from ..formats.png import png_bytes
 from ..geometry.camera import PinholeCamera
 from ..sensor import noise_model
+from ..sensor.models import with_depth_noise
 from ..sensor.noise_model import frame_generator
 from .format import SequenceFormat, common_units
 from .frame_pool import keep_freed_memory
@@ -294,9 +295,8 @@ def noisy_metres(
     units = settings.depth_units_per_metre
     invalid = count_invalid(depth_z_m, units)
     image = settings.rgb.apply(rgb, frame_generator(settings.seed, number, noise_model.RGB))
-    noisy_z_m = settings.depth.apply(
-        depth_z_m, camera, frame_generator(settings.seed, number, noise_model.DEPTH)
-    )
+    rng = frame_generator(settings.seed, number, noise_model.DEPTH)
+    noisy_z_m = with_depth_noise(settings.depth, depth_z_m, camera, rng, rgb)
     _check(settings.rgb.name, image, rgb.shape, np.dtype(np.uint8))
     _check(settings.depth.name, noisy_z_m, depth_z_m.shape, np.floating)
     invalid |= invalid_after_noise(depth_z_m, noisy_z_m, units)

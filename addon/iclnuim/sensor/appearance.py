@@ -1,0 +1,92 @@
+"""What a depth sensor sees besides the distance: how bright surfaces are and how they are turned.
+
+A rendered frame has no infrared image. The luminance of its scene-linear light stands for the
+reflectance, so a shadow counts as a darker surface. Give `albedo` where it is known.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry.camera import PinholeCamera
+from . import depth_image as images
+from .transfer import linear_from_srgb8
+
+#: Luminance of scene-linear RGB (ITU-R BT.709-6, item 3.2).
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+#: Light at and above this is saturated: 1 is white, the largest value of an 8-bit image.
+_WHITE = 1.0
+
+
+@dataclass(frozen=True)
+class SurfaceAppearance:
+    """`brightness`: luminance (h, w), 1 = white. `saturated`: whether it is white or brighter (h,
+    w). `albedo`: diffuse reflectance (h, w), 0..1. `normals`: (h, w, 3) unit vectors in the
+    camera's frame (x right, y down, z forward), or None: normals of the depth image.
+    """
+
+    brightness: np.ndarray
+    saturated: np.ndarray
+    albedo: np.ndarray
+    normals: np.ndarray | None = None
+
+    @classmethod
+    def of_light(cls, light: np.ndarray) -> "SurfaceAppearance":
+        """Of scene-linear RGB (h, w, 3), or sRGB (h, w, 3) uint8. NaN is black."""
+        if light.ndim != 3 or light.shape[2] != 3:
+            raise InputError("colour (h, w, 3)", found=light.shape)
+        light = linear_from_srgb8(light) if light.dtype == np.uint8 else light
+        brightness = np.fmax(np.asarray(light, np.float32) @ _LUMINANCE, np.float32(0))
+        albedo = np.minimum(brightness, np.float32(_WHITE))
+        return cls(brightness, brightness >= _WHITE, albedo)
+
+    @classmethod
+    def given(
+        cls,
+        shape: tuple[int, ...],
+        rgb: np.ndarray | None = None,
+        albedo: np.ndarray | float | None = None,
+        normals: np.ndarray | None = None,
+    ) -> "SurfaceAppearance | None":
+        """Of arrays of an image of `shape` (h, w); a number as `albedo` is that of all surfaces.
+        None if there is neither colour nor albedo. Raises InputError for another shape.
+        """
+        if rgb is None and albedo is None:
+            return None
+        of_rgb = None if rgb is None else cls.of_light(np.asarray(rgb))
+        if albedo is None:
+            known = of_rgb.albedo if of_rgb else np.zeros(shape, np.float32)
+        else:
+            known = np.asarray(albedo, np.float32)
+            known = np.full(shape, known, np.float32) if known.ndim == 0 else known
+            if not ((known >= 0) & (known <= 1)).all():
+                raise InputError("albedo in 0..1", found=f"{known.min():g} to {known.max():g}")
+        brightness = of_rgb.brightness if of_rgb else known
+        for name, image, expected in (
+            ("colour", brightness, shape),
+            ("albedo", known, shape),
+            ("normals", normals, (*shape, 3)),
+        ):
+            if image is not None and image.shape != expected:
+                raise InputError(f"{name} of the depth's size {expected}", found=image.shape)
+        saturated = of_rgb.saturated if of_rgb else np.zeros(shape, bool)
+        if normals is not None:
+            normals = np.asarray(normals, np.float32)
+        return cls(brightness, saturated, known, normals)
+
+    def cosine(self, depth_z_m: np.ndarray, camera: PinholeCamera) -> np.ndarray:
+        """Cosine of the angle between normal and camera ray (h, w); 0 where there is no normal."""
+        if self.normals is None:
+            return 1 / images.surface_normals(depth_z_m, camera).secant
+        x, y = images.ray_slopes(camera)
+        along = self.normals[..., 0] * x + self.normals[..., 1] * y + self.normals[..., 2]
+        return np.abs(along) / np.sqrt(1 + x * x + y * y)
+
+
+def required(appearance: SurfaceAppearance | None, model: str) -> SurfaceAppearance:
+    """The appearance. Raises InputError for a model that cannot do without."""
+    if appearance is None:
+        hint = "rgb=..., or albedo=0.5 for surfaces that are all alike"
+        raise InputError(f"colour or albedo for the depth noise {model}", found="none", hint=hint)
+    return appearance

@@ -1,0 +1,32 @@
+"""A model that sees colour gets the frame's light, the same in folders as in Python."""
+
+import iclnuim
+import numpy as np
+import pytest
+from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.sensor.models import DEPTH_MODELS, depth_model, rgb_model
+from iclnuim.sequences.frame_images import noisy_metres
+from iclnuim.sequences.sequence_options import SequenceSettings
+
+CAMERA = PinholeCamera.parse("160x120")
+ASKING = [name for name, model in DEPTH_MODELS.items() if model.asks_appearance]
+
+
+def frame():
+    """Depth of a near square before a wall, and colour with a black half."""
+    depth = np.full((120, 160), 2.5, np.float32)
+    depth[40:80, 60:90] = 1.0
+    light = np.full((120, 160, 3), 0.4, np.float32)
+    light[:, 100:] = 0.002
+    return depth, light
+
+
+@pytest.mark.parametrize("name", ASKING)
+def test_sequences_and_arrays_have_the_same_depth_whatever_the_exposure(name):
+    depth, light = frame()
+    settings = SequenceSettings(depth_model(name), rgb_model("paper", {"exposure": 3.0}), seed=5)
+    _, in_sequence, _ = noisy_metres(light, depth, CAMERA, 8, settings)
+    alone = iclnuim.noisy_depth(depth, name, CAMERA, seed=5, frame=8, rgb=light)
+    assert in_sequence.tobytes() == alone.tobytes()
+    dark, bright = in_sequence[:, 110:150], in_sequence[:, 20:50]
+    assert (dark > 0).mean() < (bright > 0).mean()
