@@ -2,6 +2,7 @@
 error, and without Blender's own output.
 """
 
+import dataclasses
 import os
 import pickle
 import signal
@@ -12,9 +13,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import numpy as np
 from iclnuim import scene_wall
+from iclnuim.blender.open.model_file import ClassedModel, read_classed_model
 from iclnuim.blender.open.run_frames import RunFrames
 from iclnuim.errors import IclnuimError, WorkError, blender_missing
+from iclnuim.formats.meshes import MESH_ENDINGS
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.native_output import native_output_in
 
@@ -31,11 +35,10 @@ def opened_scene(
     """Open the scene `file` in Blender, for the frames of a run, with Blender's output suppressed;
     yields the notes about the import. Raises WorkError, which names `what`, without bpy.
 
-    From here on this process, unless Blender is already loaded in it, reads and writes only what
-    the scene may read, the temporary folder, and what the command reads and writes besides.
+    From here on this process reads and writes only what the scene may read, the temporary folder,
+    and what the command reads and writes besides (put_up_wall).
     """
-    if "bpy" not in sys.modules:
-        _put_up_wall(file, reading, reads, writes)
+    put_up_wall(file, reading, reads, writes)
     with native_output_in(Path(os.devnull)):  # even the import of bpy may print
         try:
             from iclnuim.blender.open import scene
@@ -44,9 +47,12 @@ def opened_scene(
         yield scene.open_scene(file, reading, frames)
 
 
-def _put_up_wall(
+def put_up_wall(
     file: str, reading: SceneReading, reads: Iterable[Path], writes: Iterable[Path | None]
 ) -> None:
+    """Put the wall of a scene around this process, unless Blender is already loaded in it."""
+    if "bpy" in sys.modules:
+        return
     scratch = tempfile.gettempdir()
     os.environ["BLENDER_USER_RESOURCES"] = scratch  # Blender prints if it cannot use the user's
     places = [Path(scratch)]
@@ -98,6 +104,24 @@ def _forked(work: Callable[[], int | None], scratch: str) -> tuple[int, bytes]:
     while True:  # Ctrl-C reaches both processes; still wait for the child
         with suppress(KeyboardInterrupt):
             return os.waitpid(child, 0)[1], pickled_error
+
+
+def isolated_model(name: str, unit_m: float = 1.0) -> ClassedModel:
+    """model_file.read_classed_model; a scene is opened in a forked process behind its wall."""
+    if Path(name).suffix.lower() in MESH_ENDINGS:
+        return read_classed_model(name, unit_m)
+    with tempfile.TemporaryDirectory(prefix="iclnuim-") as folder:
+        arrays = Path(folder) / "model.npz"
+
+        def read() -> None:
+            put_up_wall(name, SceneReading(), (), [arrays.parent])
+            model = read_classed_model(name, unit_m)
+            fields = {one.name: getattr(model, one.name) for one in dataclasses.fields(model)}
+            np.savez(arrays, **fields)
+
+        run_isolated(read, name)
+        with np.load(arrays) as stored:
+            return ClassedModel(**{**stored, "names": tuple(stored["names"].tolist())})
 
 
 def crash_words(file: str, number: int) -> str:

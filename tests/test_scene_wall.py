@@ -2,6 +2,8 @@
 
 import ctypes
 import json
+import os
+import socket
 import struct
 import subprocess
 import sys
@@ -90,6 +92,44 @@ def test_what_the_wall_surrounds_cannot_take_it_down(folder):
     secret = str(folder / "secret/key")
     assert tried([*launcher(folder, around(folder)), *inner], [secret]) == {secret: False}
     assert tried(inner, [secret]) == {secret: True}
+
+
+#: Connects to a TCP port, to an abstract socket, and signals a process; prints what it may.
+REACHES = """
+import os, socket, sys
+def tcp():
+    socket.create_connection(("127.0.0.1", int(sys.argv[1])))
+def bind():
+    socket.create_server(("127.0.0.1", 0))
+def abstract():
+    socket.socket(socket.AF_UNIX).connect("\\0" + sys.argv[2])
+def signal():
+    os.kill(int(sys.argv[3]), 0)
+for one in (tcp, bind, abstract, signal):
+    try:
+        one()
+        print(one.__name__)
+    except PermissionError:
+        pass
+"""
+
+
+@needs_landlock
+def test_nothing_outside_is_connected_to_or_signalled_where_the_kernel_can_refuse_it(folder):
+    name = f"iclnuim-test-{os.getpid()}"
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.socket(socket.AF_UNIX) as unix:
+        unix.bind("\0" + name)
+        unix.listen()
+        words = [str(server.getsockname()[1]), name, str(os.getpid())]
+        command = [*PYTHON, REACHES, *words]
+        free = subprocess.run(command, capture_output=True, check=True, text=True)
+        assert free.stdout.split() == ["tcp", "bind", "abstract", "signal"]
+        walled = [*launcher(folder, around(folder)), *command]
+        done = subprocess.run(walled, capture_output=True, check=True, text=True)
+    refused = wall.refused(wall.version())
+    may = [] if "TCP" in refused else ["tcp", "bind"]
+    may += [] if "abstract sockets, signals" in refused else ["abstract", "signal"]
+    assert done.stdout.split() == may
 
 
 def without_landlock():

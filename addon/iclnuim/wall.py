@@ -1,6 +1,7 @@
 """A wall of the kernel around a process that opens a scene: whatever the scene says, the process
 opens and writes nothing outside the listed files and folders (Landlock, Linux 5.13 and later; no
-privilege is needed).
+privilege is needed). Later kernels also refuse it TCP, and sockets without a file and signals to
+processes outside.
 
     python -I -S wall.py OPTIONS.json COMMAND ...
 
@@ -27,6 +28,10 @@ _READ = 1 << 0 | 1 << 2 | 1 << 3
 _WRITE = 1 << 1 | sum(1 << bit for bit in range(4, 13))
 #: Rights that later kernels know: move between folders (version 2), truncate (version 3).
 _LATER = {2: 1 << 13, 3: 1 << 14}
+#: Version 4, Linux 6.7: bind a TCP socket, connect one.
+_TCP_SINCE, _TCP = 4, 1 << 0 | 1 << 1
+#: Version 6, Linux 6.12: connect to an abstract socket outside the wall, signal a process outside.
+_SCOPES_SINCE, _SCOPES = 6, 1 << 0 | 1 << 1
 #: Those of all that a file, which is no folder, can have: execute, write, read, truncate.
 _OF_A_FILE = 1 << 0 | 1 << 1 | 1 << 2 | 1 << 14
 
@@ -38,10 +43,16 @@ def version() -> int:
     return max(0, _kernel()(_CREATE_RULESET, None, 0, 1))
 
 
+def refused(known: int) -> list[str]:
+    """What the wall of a kernel with Landlock of version `known` refuses outside."""
+    kinds = ((1, "files"), (_TCP_SINCE, "TCP"), (_SCOPES_SINCE, "abstract sockets, signals"))
+    return [what for since, what in kinds if since <= known]
+
+
 def put_up(readable: Iterable[str], writable: Iterable[str]) -> bool:
     """Let this thread, and all that it starts from now on, only read `readable` and only read and
     write `writable`: files, and folders with all that they contain. Paths that do not exist are
-    left out.
+    left out. Where the kernel can, nothing is connected or signalled outside.
 
     Returns False, without effect, where the kernel has no Landlock. Raises OSError if it refuses.
     """
@@ -50,7 +61,11 @@ def put_up(readable: Iterable[str], writable: Iterable[str]) -> bool:
         return False
     call = _kernel()
     both = _READ | _WRITE | sum(right for since, right in _LATER.items() if since <= known)
-    ruleset = _checked(call(_CREATE_RULESET, struct.pack("Q", both), 8, 0))
+    network = _TCP if known >= _TCP_SINCE else 0
+    scopes = _SCOPES if known >= _SCOPES_SINCE else 0
+    # kernels take a longer struct than they know where the rest is zero
+    handled = struct.pack("QQQ", both, network, scopes)
+    ruleset = _checked(call(_CREATE_RULESET, handled, len(handled), 0))
     for path in writable:
         _allow(ruleset, path, both)
     for path in readable:

@@ -9,11 +9,13 @@ from pathlib import Path
 from iclnuim import shipped
 from iclnuim.console import Console
 from iclnuim.errors import InputError, blender_missing
+from iclnuim.formats.files import make_folder
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.job import RenderJob, bake_core_s, shipped_job, shipped_light
 from iclnuim.worker_events import Event, Note
 
 from ..farm.chunks import own_cores
+from ..isolation import put_up_wall
 from ..options import add_scene_options, add_settings, common, settings_from
 from ..planned_work import PlannedWork, add_dry_run, announce
 
@@ -37,6 +39,9 @@ def run(args: Namespace, console: Console) -> None:
     if args.dry_run:
         announce(_work(job), args, console)
         return
+    cache = shipped.cache_folder()
+    make_folder(cache)
+    put_up_wall(job.scene, job.reading, (), [cache])
     try:
         from iclnuim.blender.light import light_files
         from iclnuim.blender.render.job_scene import JobScene

@@ -11,6 +11,7 @@ from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.sequences.recipe import sequence_name
 
+from ..isolation import isolated_model
 from ..method_options import installed, open_sequence, require
 from ..options import Actions, action, add_span, count, numbers
 from ..planned_work import TRACK_CORE_S, PlannedWork, add_dry_run, announce
@@ -123,9 +124,9 @@ def _experiment(args: Namespace, console: Console) -> "CurveRecipe":
     if args.curve == curve.FUSION:
         require(console, "bench curve voxel", "igl")
         from iclnuim.benchmark.fusion.surface_error import TrueSurface
-        from iclnuim.blender.open.model_file import read_model
 
-        surface = TrueSurface(*read_model(args.model))
+        model = isolated_model(args.model)
+        surface = TrueSurface(model.points, model.triangles)
         steps: list[curves.Step] = [("fusion", value) for value in args.values or curves.VOXELS_M]
         settings["model"] = curve.surface_sha256(surface)
         return curve.FusionCurve(args.curve, inputs, segments, steps, settings, surface)

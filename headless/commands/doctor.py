@@ -149,7 +149,8 @@ def _wall() -> Finding:
     """What keeps a user's scene from reading files outside its folder."""
     name = "wall around scenes"
     if version := wall.version():
-        return Finding(name, f"Landlock {version}", True)
+        outside = ", ".join(wall.refused(version))
+        return Finding(name, f"Landlock {version}: refuses {outside} outside", True)
     found = "names in the scene's files are checked, without a wall of the kernel"
     return Finding(name, found, False, "Linux 5.13 or later with Landlock")
 

@@ -12,6 +12,7 @@ from iclnuim.errors import InputError, named, within
 from iclnuim.geometry.scene_axes import parse_unit
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
+from ..isolation import isolated_model
 from ..options import (
     Actions,
     action,
@@ -110,7 +111,6 @@ def run(args: Namespace, console: Console) -> None:
     from iclnuim.benchmark.fusion.reconstruction import read_reconstruction
     from iclnuim.benchmark.fusion.settings import QualitySettings
     from iclnuim.benchmark.fusion.surface_error import TrueSurface
-    from iclnuim.blender.open.model_file import read_classed_model
 
     settings = settings_from(args, QualitySettings())
     unit_m, model_unit_m = map(parse_unit, (args.unit, args.model_unit))
@@ -121,7 +121,7 @@ def run(args: Namespace, console: Console) -> None:
         console.note(f"note: {args.mesh}: {note}")
     placement = _placement(args, unit_m, model_unit_m, console)
     with within(args.model):
-        model = read_classed_model(args.model, model_unit_m)
+        model = isolated_model(args.model, model_unit_m)
         surface = TrueSurface(model.points, model.triangles)
     found = evaluate_surface(
         mesh,

@@ -18,6 +18,7 @@ from iclnuim.report.view import gather
 from iclnuim.report.view.contents import ViewContents, ViewedSurface
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
+from ..isolation import isolated_model
 from ..options import FRAMES, SCENE_KINDS, add_frames, add_settings, common, settings_from
 
 _SCENES = tuple(SCENE_KINDS.split())
@@ -150,9 +151,8 @@ def _surface(args: Namespace, text: str, name: str) -> ViewedSurface:
 
 
 def _scene(name: str) -> tuple[np.ndarray, np.ndarray]:
-    from iclnuim.blender.open.model_file import read_model
-
-    return read_model(name)
+    model = isolated_model(name)
+    return model.points, model.triangles
 
 
 def _bytes(colours: Any) -> np.ndarray | None:
