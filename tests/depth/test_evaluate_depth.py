@@ -85,10 +85,12 @@ def test_the_depth_of_a_sequence_in_every_format_is_its_own_best_prediction(
     assert depth_errors(tmp_path, labelled_formats / format).errors.abs_rel < 2e-4
 
 
-@pytest.mark.parametrize("name", ["results.npz", "predictions.npz", "all.npy"])
+@pytest.mark.parametrize("name", ["results.npz", "predictions.npz", "all.npy", "channels.npy"])
 def test_one_array_for_all_frames_is_read(truth, tmp_path, name):
     stack = np.stack(depths_m(truth)) / 3
-    if name.endswith(".npy"):
+    if name == "all.npy":
+        np.save(tmp_path / name, stack)
+    elif name.endswith(".npy"):
         np.save(tmp_path / name, stack[..., None])
     else:
         np.savez(tmp_path / name, depth=stack[..., None], extrinsics=np.zeros((4, 3, 4)))

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..evaluation.predicted_arrays import DEPTHS, POINTS, predicted_depth, predicted_points
-from ..formats.arrays import read_npy, read_npz
+from ..formats.arrays import map_npy, read_npy, read_npz
 from ..formats.exr import read_exr
 from ..formats.files import is_file, read_bytes
 from ..formats.image_names import files_in, numbers_in_names
@@ -83,7 +83,11 @@ class Predictions:
         Raises InputError for a file that cannot be read.
         """
         file = self._files[row]
-        return self._of_all[row] if file is None else self._read(file)[0]
+        if file is not None:
+            return self._read(file)[0]
+        if self._stack is not None and self._stack.suffix == ".npy":
+            return np.array(self._read(self._stack, whole=True)[row])  # and the map is closed
+        return self._of_all[row]
 
     @cached_property
     def _of_all(self) -> np.ndarray:
@@ -92,7 +96,7 @@ class Predictions:
 
     def _read(self, path: Path, whole: bool = False) -> np.ndarray:
         """(n, h, w) or (n, h, w, 3), n = 1 but for the file of all frames."""
-        values, mask = self._parts(path)
+        values, mask = self._parts(path, whole)
         if values.size > _MAX_PIXELS and not whole:
             raise InputError(self._expected, path=path, found=values.shape)
         if values.ndim == (2 if self._kind == _DEPTH else 3):
@@ -105,7 +109,7 @@ class Predictions:
             values[~mask] = np.nan
         return values
 
-    def _parts(self, path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    def _parts(self, path: Path, whole: bool) -> tuple[np.ndarray, np.ndarray | None]:
         ending = path.suffix.lower()
         arrays = predicted_depth if self._kind == _DEPTH else predicted_points
         names = DEPTHS if self._kind == _DEPTH else POINTS
@@ -116,7 +120,8 @@ class Predictions:
                     found = dict.fromkeys(names[-1:], next(iter(found.values())))
                 return arrays(found)
             if ending == ".npy":
-                return arrays(read_npy(path, self._expected))
+                read = map_npy if whole else read_npy
+                return arrays(read(path, self._expected))
             if self._kind == _POINTS:
                 return arrays(_exr_points(path, self._expected))
             return arrays(_image(path, self.units_per_metre))
@@ -186,11 +191,17 @@ def _stack(folder: Path, kind: str) -> Path | None:
     files = [path for path in files_in(folder) if path.suffix.lower() in ENDINGS]
     if len(files) == 1 and not any((folder / name).is_dir() for name in (_DEPTH, _POINTS)):
         path = files[0]
-        if path.suffix == ".npy" and read_npy(path, _EXPECTED[kind]).ndim > 3:
+        if path.suffix == ".npy" and _is_stack(map_npy(path, _EXPECTED[kind]), kind):
             return path
-        if path.suffix == ".npz" and path.stem in ("results", "predictions"):
+        if path.suffix == ".npz" and numbers_in_names([path]) is None:  # of no frame
             return path
     return None
+
+
+def _is_stack(values: np.ndarray, kind: str) -> bool:
+    """Whether an array has more than one image or point map."""
+    shape = [side for side in values.shape if side != 1]
+    return len(shape) > (2 if kind == _DEPTH else 3)
 
 
 def _files_of(folder: Path, pairs: Sequence[ImagePair], kind: str) -> list[Path | None]:

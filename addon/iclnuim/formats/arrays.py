@@ -3,8 +3,10 @@ loaded, and a header is believed only if the bytes behind it are as many as it s
 """
 
 import io
+import os
 import zipfile
 import zlib
+from typing import BinaryIO, Literal
 
 import numpy as np
 
@@ -52,6 +54,28 @@ def read_npz(path: StrPath, names: tuple[str, ...], expected: str) -> dict[str, 
 def array_in(data: bytes, path: StrPath, expected: str) -> np.ndarray:
     """The array of the bytes of a .npy file; `path` and `expected` are for errors (InputError)."""
     file = io.BytesIO(data)
+    shape, order, kind = _header(file, len(data), path, expected)
+    return np.frombuffer(data, kind, offset=file.tell()).reshape(shape, order=order)
+
+
+def map_npy(path: StrPath, expected: str) -> np.ndarray:
+    """The array of a .npy file of any size, of which only what is used is read.
+
+    Raises InputError as of read_npy().
+    """
+    try:
+        with open(path, "rb") as file:
+            size = os.stat(path).st_size
+            shape, order, kind = _header(file, size, path, expected)
+            return np.memmap(file, kind, "r", file.tell(), shape, order)
+    except OSError as error:
+        raise InputError(expected, path=path, found=error.strerror or error) from None
+
+
+def _header(
+    file: BinaryIO, size: int, path: StrPath, expected: str
+) -> tuple[tuple[int, ...], Literal["C", "F"], np.dtype]:
+    """Shape, order and type of the array of a file of `size` bytes, which is read up to its data."""
     try:
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_2_0
@@ -65,9 +89,8 @@ def array_in(data: bytes, path: StrPath, expected: str) -> np.ndarray:
         count *= side
     if kind.hasobject or kind.kind not in "fbiu" or count < 1 or min(shape, default=1) < 1:
         raise InputError(expected, path=path, found=f"{kind} {shape}")
-    body = data[file.tell() :]
-    if len(body) != count * kind.itemsize:
+    body = size - file.tell()
+    if body != count * kind.itemsize:
         sides = " x ".join(map(str, shape))
-        found = f"{len(body)} bytes for {sides} {kind}"
-        raise InputError(expected, path=path, found=found)
-    return np.frombuffer(body, kind).reshape(shape, order="F" if by_columns else "C")
+        raise InputError(expected, path=path, found=f"{body} bytes for {sides} {kind}")
+    return shape, "F" if by_columns else "C", kind
