@@ -55,7 +55,7 @@ GROUPS = {
         "run": "run any SLAM or odometry system on sequences, and evaluate its trajectories",
         "settings": "write the settings file that a SLAM system needs to read a sequence",
         "fuse": "fuse depth images along a trajectory into a coloured mesh",
-        "evaluate": "compute errors against ground truth: trajectory (ate, rpe), surface, views",
+        "evaluate": "compute errors against ground truth: trajectory (ate, rpe), surface, views, depth, labels",
     },
     "experiments": {
         "benchmark": "run the paper's experiments on all sequences: tables, findings, one report",

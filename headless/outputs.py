@@ -11,7 +11,7 @@ from iclnuim.errors import InputError, StrPath
 from iclnuim.formats.files import is_stream, real_path
 
 #: Options whose value is written.
-_OUTPUTS = ("out", "csv", "plot", "rerun", "blend")
+_OUTPUTS = ("out", "csv", "plot", "picture", "rerun", "blend")
 #: Files of a sequence in its own folder, apart from its images: ground truth, lists, camera,
 #: recipe, journal, calibration.
 _SEQUENCE = re.compile(

@@ -290,3 +290,11 @@ def test_the_command_names_options_and_doubts(command_here, truth, predicted):
     words = ["evaluate", "depth", folder, "--truth", truth, "--quantity", "disparity"]
     code, _, notes = command_here(*words)
     assert code == 2 and "--disparity-factor" in notes and notes.count("\n") == 1
+
+
+def test_a_picture_does_not_replace_an_image_of_the_sequence(command_here, truth, predicted):
+    image = truth / "rgb/000000.png"
+    before = image.read_bytes()
+    words = ["evaluate", "depth", predicted(), "--truth", truth, "--picture", image]
+    code, _, said = command_here(*words)
+    assert code == 2 and "--picture" in said and image.read_bytes() == before
