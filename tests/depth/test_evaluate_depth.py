@@ -182,11 +182,24 @@ NOISE = np.exp(np.random.default_rng(0).normal(0, 0.02, (48, 64)))
         (lambda d, row: d * NOISE, ""),
         (lambda d, row: 1.02 * d * NOISE, ""),
         (lambda d, row: d * NOISE**5, ""),
+        (lambda d, row: 1.15 * d * NOISE, ""),
+        (lambda d, row: 3 * NOISE, "unknown"),
     ],
 )
 def test_what_a_prediction_seems_to_be_is_named(truth, predicted, change, words):
     found = depth_errors(predicted(change), truth).doubts
     assert len(found) == bool(words) and (not words or words in found[0])
+
+
+def test_an_alignment_leaves_nothing_to_name_but_what_it_cannot_align(truth, predicted):
+    settings = DepthErrorSettings(align="affine")
+    for name, change, words in (
+        ("shifted", lambda d, row: 2 * d * NOISE + 5, ""),
+        ("ray", lambda d, row: 2 * d * NOISE * np.hypot(1, RAYS), "the distance along the ray"),
+        ("inverse", lambda d, row: NOISE / d, "it seems to be an inverse depth"),
+    ):
+        found = depth_errors(predicted(change, name), truth, settings).doubts
+        assert len(found) == bool(words) and (not words or words in found[0]), name
 
 
 def test_depth_given_as_its_inverse_is_named(truth, predicted):

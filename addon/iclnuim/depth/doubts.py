@@ -1,7 +1,8 @@
 """Reasons why predicted depth does not fit the truth, from a few frames: another unit, a scale, the
 inverse, the distance along the ray, other frames. Each function returns a sentence, "" for none.
 
-x are predicted and y true values in metres of the same pixels, (n,) > 0, of one frame.
+x are predicted values, as they are and after the alignment, and y true values in metres of the same
+pixels, (n,) > 0, of one frame.
 """
 
 from collections.abc import Sequence
@@ -19,8 +20,12 @@ _UNITS_M = {
     "units of 1/256 m (KITTI)": 1 / 256,
     "units of 1/6553.5 m (Replica)": 1 / 6553.5,
 }
-#: A factor is that of a unit if it is this close to it, and 1 if it is closer than the least.
+#: A factor is that of a unit if it is this close to it.
 _SAME_UNIT = 0.03
+#: A scale of less is the error of a method that predicts metres: delta1 counts such depth as right.
+_SMALLEST_SCALE = 1.25
+#: A prediction that is the inverse has a correlation of logarithms of -1; noise alone has 0.
+_INVERSE = -0.5
 #: A cause is named if it reduces the spread to this share, so that what is left of the error is the
 #: smaller part of it.
 _CLEARLY = 0.7
@@ -30,11 +35,12 @@ _RAY_SLOPES = (0.7, 1.3)
 
 @dataclass(frozen=True, eq=False)
 class SampledFrame:
-    """Pixels of a frame: x, y, the length of their rays per depth (n,), and the true values of the
-    same pixels in frames before and after it, NaN where they have none.
+    """Pixels of a frame: x as predicted, aligned, y, the length of their rays per depth (n,), and the
+    true values of the same pixels in frames before and after it, NaN where they have none.
     """
 
     x: np.ndarray
+    aligned: np.ndarray
     y: np.ndarray
     rays: np.ndarray
     others: dict[int, np.ndarray]
@@ -60,7 +66,7 @@ def inverse_doubt(frames: Sequence[SampledFrame], quantity_is_depth: bool) -> st
     """
     correlations = [_correlation(np.log(frame.x), np.log(frame.y)) for frame in frames]
     sign = 1.0 if quantity_is_depth else -1.0
-    if sign * float(np.median(correlations)) >= 0:
+    if sign * float(np.median(correlations)) > _INVERSE:
         return ""
     if quantity_is_depth:
         return (
@@ -79,13 +85,15 @@ def unit_doubt(frames: Sequence[SampledFrame]) -> str:
     factor = float(np.median(ratio))
     before = float(np.median(np.abs(np.log(ratio))))
     after = float(np.median(np.abs(np.log(ratio / factor))))
-    if after > _CLEARLY * before or abs(np.log(factor)) < _SAME_UNIT:
+    if after > _CLEARLY * before:
         return ""
     for name, metres in _UNITS_M.items():
         if abs(np.log(factor / metres)) < _SAME_UNIT:
             return (
                 f"the prediction fits if it is multiplied by {factor:.4g}: it seems to be in {name}"
             )
+    if abs(np.log(factor)) < np.log(_SMALLEST_SCALE):
+        return ""
     return (
         f"the prediction fits if it is multiplied by {factor:.4g}: its scale seems to be unknown; "
         "try {align} scale"
@@ -98,7 +106,7 @@ def ray_doubt(frames: Sequence[SampledFrame]) -> str:
     for frame in frames:
         rays = np.log(frame.rays)
         if np.ptp(rays) > 0:
-            slopes.append(_slope(rays, np.log(frame.x / frame.y)))
+            slopes.append(_slope(rays, np.log(frame.aligned / frame.y)))
     low, high = _RAY_SLOPES
     within = [low < slope < high for slope in slopes]
     if not slopes or not low < float(np.median(slopes)) < high or np.mean(within) < 0.75:
@@ -117,7 +125,7 @@ def renumbered_doubt(frames: Sequence[SampledFrame], quantity_is_depth: bool) ->
     own = []
     other: dict[int, list[float]] = {step: [] for step in steps}
     for frame in frames:
-        x = frame.x if quantity_is_depth else 1 / frame.x
+        x = frame.aligned if quantity_is_depth else 1 / frame.aligned
         own.append(_spread(x, frame.y))
         for step in steps:
             y = frame.others.get(step)

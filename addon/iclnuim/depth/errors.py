@@ -9,6 +9,7 @@ import numpy as np
 
 from ..console import Meter, advance_of
 from ..errors import InputError, StrPath
+from ..evaluation.depth_alignment import DepthAlignment
 from ..evaluation.depth_error import (
     DEPTH,
     DepthErrors,
@@ -150,7 +151,7 @@ def method_errors(
     names = {kind: one.names for kind, one in truth.groups.items()}
     found = score(images, len(rows), settings, names)
     sentences = doubts(
-        list(_sampled(truth, predictions, rows, settings)),
+        list(_sampled(truth, predictions, rows, found)),
         settings.quantity == DEPTH,
         settings.align != "none",
     )
@@ -161,17 +162,24 @@ def _sampled(
     truth: TrueDepth,
     predictions: Predictions,
     rows: Sequence[int],
-    settings: DepthErrorSettings,
+    errors: DepthErrors,
 ) -> Iterator[SampledFrame]:
     """Some pixels of some frames."""
+    alignments = {frame.name: frame.alignment for frame in errors.frames}
     rays = np.linalg.norm(truth.camera.pinhole.rays(), axis=-1)
     for at in sorted({int(i) for i in np.linspace(0, len(rows) - 1, _DOUBTED_FRAMES)}):
         row = rows[at]
         true_m = truth.depth_m(row)
         predicted = predictions[row]
         if predicted.shape != true_m.shape:
-            predicted = resized(predicted, true_m.shape, settings.resize)
-        used = np.flatnonzero((true_m > 0) & np.isfinite(true_m) & _possible(predicted))
+            predicted = resized(predicted, true_m.shape, errors.settings.resize)
+        predicted = predicted.astype(float)
+        alignment = alignments.get(truth.pairs[row].rgb.stem, DepthAlignment())
+        aligned = alignment.apply(predicted)
+        if alignment.scale < 0:  # upside down: only whether it is the inverse can be told
+            aligned = predicted
+        possible = _possible(predicted) & _possible(aligned)
+        used = np.flatnonzero((true_m > 0) & np.isfinite(true_m) & possible)
         used = used[:: max(1, len(used) // _DOUBTED_PIXELS)]
         if not len(used) or rays.shape != true_m.shape:
             continue
@@ -181,7 +189,8 @@ def _sampled(
                 other_m = truth.depth_m(row + step)
                 others[step] = other_m.ravel()[used].astype(float)
         yield SampledFrame(
-            predicted.ravel()[used].astype(float),
+            predicted.ravel()[used],
+            aligned.ravel()[used],
             true_m.ravel()[used].astype(float),
             rays.ravel()[used],
             others,
