@@ -23,6 +23,7 @@ MODULES = (
     "iclnuim.sequences.bag_writer",
     "iclnuim.sensor.depth",
     "iclnuim.sensor.active_stereo",
+    "iclnuim.sensor.time_of_flight",
     "iclnuim.sensor.rgb",
     "iclnuim.evaluation.associate",
     "iclnuim.evaluation.align",

@@ -204,7 +204,8 @@ def test_an_unknown_setting_model_or_value_is_one_line():
     ):
         depth_model("paper", {"sigma_q": 1})
     with pytest.raises(
-        InputError, match="a depth noise model .none, released, paper, kinect2012, redwood, d435."
+        InputError,
+        match="a depth noise model .none, released, paper, kinect2012, redwood, d435, azure_kinect.",
     ):
         depth_model("gauss")
     with pytest.raises(InputError, match="an RGB noise model|a RGB noise model"):

@@ -14,7 +14,7 @@ from . import depth_image as images
 from .transfer import linear_from_srgb8
 
 #: Luminance of scene-linear RGB (ITU-R BT.709-6, item 3.2).
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
 #: Light at and above this is saturated: 1 is white, the largest value of an 8-bit image.
 _WHITE = 1.0
 
@@ -37,7 +37,10 @@ class SurfaceAppearance:
         if light.ndim != 3 or light.shape[2] != 3:
             raise InputError("colour (h, w, 3)", found=light.shape)
         light = linear_from_srgb8(light) if light.dtype == np.uint8 else light
-        brightness = np.fmax(np.asarray(light, np.float32) @ _LUMINANCE, np.float32(0))
+        red, green, blue = (
+            light[..., k].astype(np.float32) * np.float32(_LUMINANCE[k]) for k in range(3)
+        )
+        brightness = np.fmax(red + green + blue, np.float32(0))
         albedo = np.minimum(brightness, np.float32(_WHITE))
         return cls(brightness, brightness >= _WHITE, albedo)
 

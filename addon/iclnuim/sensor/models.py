@@ -22,6 +22,7 @@ from .depth import (
 )
 from .noise_model import NoiseModel
 from .rgb import NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise
+from .time_of_flight import AzureKinectDepthNoise
 
 #: A saved .blend stores the number of a model in this order: append new models at the end.
 _DEPTH: tuple[type[NoiseModel], ...] = (
@@ -31,6 +32,7 @@ _DEPTH: tuple[type[NoiseModel], ...] = (
     Kinect2012DepthNoise,
     RedwoodDepthNoise,
     D435DepthNoise,
+    AzureKinectDepthNoise,
 )
 _RGB: tuple[type[NoiseModel], ...] = (NoRgbNoise, ReleasedRgbNoise, PaperRgbNoise)
 DEPTH_MODELS = {model.name: model for model in _DEPTH}
