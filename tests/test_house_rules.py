@@ -121,6 +121,8 @@ OUTSIDE = {
     "ui": ("numpy bpy mathutils", "gpu gpu_extras"),
     "report": ("numpy matplotlib", "rerun"),
     "shown": ("numpy", "matplotlib"),
+    "geometry": ("numpy", "pandas"),
+    "console": ("", "IPython"),
     "sequences": ("numpy", "rosbags torch lpips"),
     "raycast": ("numpy", "embreex igl scipy"),
     "headless.completion": ("", "argcomplete"),

@@ -271,13 +271,36 @@ def test_progress_is_shown_on_request_and_in_a_notebook(sequence, tmp_path, caps
     assert capsys.readouterr().err == ""
     iclnuim.make_sequence(sequence, tmp_path / "c", progress=True, workers=1)
     assert "sequence: 8/8 frames" in capsys.readouterr().err
-    shell = types.SimpleNamespace(kernel=1)
-    monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell))
+    bars = notebook(monkeypatch)
     assert console.in_notebook()
     iclnuim.make_sequence(sequence, tmp_path / "d", workers=1)
-    assert "sequence: 8/8 frames" in capsys.readouterr().err
+    assert len(bars) == 1 and "sequence: 8/8 frames" in bars[0]["text/plain"]
+    assert '<progress value="8" max="8">' in bars[0]["text/html"]
     iclnuim.make_sequence(sequence, tmp_path / "e", progress=False, workers=1)
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == "" and len(bars) == 1
+
+
+def notebook(monkeypatch):
+    """Take this process for a notebook's kernel, and return what is shown in its cell."""
+    shown = []
+
+    def display(content, raw, display_id):
+        place = len(shown)
+        shown.append(content)
+        return types.SimpleNamespace(update=lambda content, raw: shown.__setitem__(place, content))
+
+    shell = types.SimpleNamespace(kernel=1)
+    python = types.SimpleNamespace(get_ipython=lambda: shell)
+    monkeypatch.setitem(sys.modules, "IPython", python)
+    monkeypatch.setitem(sys.modules, "IPython.display", types.SimpleNamespace(display=display))
+    return shown
+
+
+def test_a_table_is_in_millimetres_and_degrees():
+    error = iclnuim.relative_pose_error(POSES, MOVED)
+    shown = error._repr_html_()
+    rmse_mm = f"{1e3 * error.translation_m.rmse:.6g} mm"
+    assert f"<td>{rmse_mm}</td>" in shown and "_m." not in shown and "_rad" not in shown
 
 
 LONG = ("make_sequence", "render_frames", "run_odometers", "fuse_sequence", "view_errors")

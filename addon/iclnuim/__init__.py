@@ -140,7 +140,9 @@ else:
             globals()[name] = getattr(import_module(f".{module}", __name__), name)
             return globals()[name]
         if name not in _PLACES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            near = [one for one in __all__ if len(name) > 3 and name.lower() in one.lower()]
+            hint = f"; try {', '.join(near)}" if near else ""
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
         module, attribute = _PLACES[name]
         try:
             value = getattr(import_module(f".{module}", __name__), attribute)

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import timedelta
+from html import escape
 from typing import Any
 
 from .formats.files import json_text
@@ -43,7 +44,8 @@ class Console:
 class Progress:
     """Progress display: count done, rate and time left.
 
-    On a terminal one line is redrawn; in a log a line is printed every ten seconds.
+    On a terminal one line is redrawn, in a notebook one bar; in a log a line is printed every ten
+    seconds.
     """
 
     def __init__(
@@ -64,8 +66,9 @@ class Progress:
         self.clock = clock
         self.started = clock()
         self.last = 0.0
-        self.terminal = sys.stderr.isatty() or in_notebook()
-        self._pause_s = 0.1 if self.terminal else 10.0
+        self.terminal = sys.stderr.isatty()
+        self._bar = _Bar() if enabled and in_notebook() else None
+        self._pause_s = 0.1 if self.terminal or self._bar else 10.0
 
     def begin(self) -> None:
         """Start the clock.
@@ -83,6 +86,9 @@ class Progress:
             return
         self.last = now
         text = f"{self.label}: {self.done}/{self.total} {self.unit}, {self._speed()}"
+        if self._bar:
+            self._bar.show(self.done, self.total, text)
+            return
         if self.terminal:
             text = f"\r\x1b[K{text}"
         if ended or not self.terminal:
@@ -94,6 +100,23 @@ class Progress:
         left_s = max(0, round((self.total - self.done) / rate))
         left = str(timedelta(seconds=left_s)).removeprefix("0:")
         return f"{rate:.3g}/s, {left} left"
+
+
+class _Bar:
+    """A bar in the output of a notebook's cell, redrawn in its place."""
+
+    def __init__(self) -> None:
+        self._shown: Any = None
+
+    def show(self, done: int, total: int, text: str) -> None:
+        bar = f'<progress value="{done}" max="{total}"></progress> {escape(text)}'
+        content = {"text/html": bar, "text/plain": text}
+        if self._shown is None:
+            from IPython.display import display
+
+            self._shown = display(content, raw=True, display_id=True)
+        else:
+            self._shown.update(content, raw=True)
 
 
 #: Whether progress is shown (None: in a notebook), or progress(total, label), which returns an

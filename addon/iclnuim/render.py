@@ -10,13 +10,13 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from .console import Meter, advance_of
 from .errors import InputError, StrPath, WorkError
 from .geometry.camera import CameraOrText
+from .geometry.scene_axes import SceneReading
 from .geometry.se3 import SE3, Poses
 from .geometry.trajectory import Trajectory, frame_slice
 from .job import RenderJob
@@ -95,16 +95,29 @@ def render_pose(
     camera: CameraOrText | None = None,
     light: str | None = None,
     samples: int | None = None,
-    **settings: Any,
+    *,
+    denoise: bool | None = None,
+    antialias: bool | None = None,
+    mipmaps: bool | None = None,
+    lambertian: bool | None = None,
+    map_size: int | None = None,
+    map_samples: int | None = None,
+    seed: int | None = None,
+    exposure_s: float | None = None,
+    readout_s: float | None = None,
+    reading: SceneReading | None = None,
+    glass: str | None = None,
 ) -> RenderedFrame:
     """Render one frame of a scene (a built-in name or a file) from a pose of the cv camera (x
     right, y down, z forward; metres, z up), or from its matrix (4, 4).
 
-    camera: by default the benchmark's. light: baked, path or auto, samples: of a pixel, by default
-    those of the scene; settings: further fields of RenderJob. Starting Blender and opening
-    the scene takes seconds: for many poses, write a trajectory file and call render_frames. Raises
+    camera: by default the benchmark's. light: baked, path or auto, samples: of a pixel, and all
+    others: the fields of RenderJob, by default its values. Starting Blender and opening the scene
+    takes seconds: for many poses, write a trajectory file and call render_frames. Raises
     InputError and WorkError like render_frames.
     """
+    settings = {name: value for name, value in locals().items() if value is not None}
+    del settings["scene"], settings["T_world_camera"]
     T_world_camera = SE3.of(T_world_camera)
     if T_world_camera.shape:
         found = f"poses of shape {T_world_camera.shape}"
@@ -113,8 +126,6 @@ def render_pose(
         file = Path(folder) / "pose.txt"
         pose = SE3(T_world_camera.rotation[None], T_world_camera.translation[None])
         write_trajectory(file, Trajectory(np.zeros(1), pose), "tum")
-        given = {"camera": camera, "light": light, "samples": samples}
-        settings |= {name: value for name, value in given.items() if value is not None}
         job = RenderJob(sequence="pose", scene=scene, trajectory=str(file), **settings)
         run = render_frames(job, Path(folder) / "run", progress=False)
         rgb, depth_z_m = read_frame(run.frame_file(0), run.camera)

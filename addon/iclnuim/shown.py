@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MM = 1e3
+#: Ending of a name -> the factor to the unit of tables, and that unit.
+_UNITS = (("_m", MM, "mm"), ("_rad", float(np.degrees(1)), "°"))
 #: Blue, cyan, green, yellow, red: near to far, small to large.
 _STOPS = np.array(
     [[0.15, 0.2, 0.75], [0.1, 0.7, 0.9], [0.25, 0.8, 0.3], [1.0, 0.85, 0.15], [0.9, 0.15, 0.1]]
@@ -51,7 +53,7 @@ class Shown:
     def _repr_html_(self) -> str:
         cells = []
         for name, value in _leaves("", self.to_dict()):
-            text = f"{value:.6g}" if isinstance(value, float) else str(value)
+            name, text = _cell(name, value)
             cells.append(f"<tr><td>{escape(name)}</td><td>{escape(text)}</td></tr>")
         return f"<b>{escape(repr(self))}</b><table>{''.join(cells)}</table>"
 
@@ -62,6 +64,18 @@ def _leaves(prefix: str, content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
             yield from _leaves(f"{prefix}{name}.", value)
         elif not isinstance(value, list):
             yield f"{prefix}{name}", value
+
+
+def _cell(name: str, value: Any) -> tuple[str, str]:
+    """A row of a table: its name without the unit, its value in millimetres or degrees."""
+    if not isinstance(value, float):
+        return name, str(value)
+    for ending, factor, unit in _UNITS:
+        parts = name.split(".")
+        if any(part.endswith(ending) for part in parts):
+            named = ".".join(part.removesuffix(ending) for part in parts)
+            return named, f"{value * factor:.6g} {unit}"
+    return name, f"{value:.6g}"
 
 
 def axes_or_new(axes: "Axes | None") -> "Axes":
@@ -133,3 +147,28 @@ def depth_range(depth_z_m: np.ndarray) -> tuple[float, float]:
         return 0.0, 1.0
     near_m, far_m = np.quantile(seen, (0.01, 0.95)).tolist()
     return near_m, far_m
+
+
+def plot_images(images: list[tuple[str, np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Axes (2, n) of a new figure: colour (h, w, 3) uint8 below its title, and depth (h, w) in
+    metres, all in one scale; white is missing.
+    """
+    from matplotlib import pyplot
+    from matplotlib.colors import ListedColormap
+
+    near_m, far_m = depth_range(np.concatenate([depth_z_m.ravel() for _, _, depth_z_m in images]))
+    grid, size = (2, len(images)), (3.2 * len(images), 5.0)
+    if len(images) == 1:  # side by side
+        grid, size = (1, 2), (9.0, 3.4)
+    figure, axes = pyplot.subplots(*grid, figsize=size, layout="constrained")
+    axes = axes.reshape(2, -1)
+    colours = ListedColormap(ramp(np.linspace(0, 1, 256)))
+    for (above, below), (title, rgb, depth_z_m) in zip(axes.T, images, strict=True):
+        above.imshow(rgb)
+        above.set_title(title, fontsize="medium")
+        seen_m = np.where(depth_z_m > 0, depth_z_m, np.nan)
+        shown = below.imshow(seen_m, cmap=colours, vmin=near_m, vmax=far_m)
+    for one in axes.flat:
+        one.set(xticks=(), yticks=())
+    figure.colorbar(shown, ax=axes, label="depth (m)", shrink=0.8)
+    return axes

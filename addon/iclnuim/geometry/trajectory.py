@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, NamedTuple, overload
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import InputError
+from ..errors import InputError, package_missing
 from ..shown import Brief, plot_from_above
 from . import so3
 from .se3 import SE3, Poses
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from ..shown import Axes
 
 FRAME_RATE_HZ = 30.0
@@ -105,6 +107,13 @@ class Trajectory:
         return cls(stamps_of_frames(np.arange(len(T_world_camera)), rate_hz), T_world_camera)
 
     @classmethod
+    def from_matrices(cls, matrices: Poses, stamps_s: np.ndarray | None = None) -> "Trajectory":
+        """Camera-to-world matrices (n, 4, 4) at stamps (n,) in seconds, by default at 30 Hz. Raises
+        InputError for other shapes, and for stamps that do not increase.
+        """
+        return cls.at_rate(matrices) if stamps_s is None else cls(stamps_s, SE3.of(matrices))
+
+    @classmethod
     def of(cls, given: "Trajectory | Poses") -> "Trajectory":
         """A trajectory as it is, poses (n,) or matrices (n, 4, 4) at 30 Hz. Raises InputError for
         anything else.
@@ -161,6 +170,19 @@ class Trajectory:
     def length_m(self) -> float:
         """The length of the path in metres."""
         return float(self.step_lengths_m().sum())
+
+    def to_pandas(self) -> "DataFrame":
+        """A table indexed by stamp_s in seconds: x, y, z in metres, qx, qy, qz, qw. Raises
+        ImportError without the package pandas.
+        """
+        try:
+            from pandas import DataFrame, Index
+        except ModuleNotFoundError as error:
+            raise ImportError(package_missing("to_pandas()", error).worded()) from None
+
+        rows = np.hstack([self.positions_m, self.T_world_camera.quat_xyzw])
+        columns = ["x", "y", "z", "qx", "qy", "qz", "qw"]
+        return DataFrame(rows, Index(self.stamps_s, name="stamp_s"), columns)
 
     def plot(self, axes: "Axes | None" = None, label: str = "camera") -> "Axes":
         """Draw the positions along the two axes of their largest extents; returns the Matplotlib

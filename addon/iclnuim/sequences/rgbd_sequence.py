@@ -3,7 +3,7 @@ its ground truth.
 """
 
 import base64
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
@@ -20,21 +20,57 @@ from ..geometry.camera import CameraOrText, PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from ..sensor.transfer import srgb8
-from ..shown import depth_colours, depth_range
+from ..shown import depth_colours, depth_range, plot_images
 from .camera_files import SequenceCamera
 from .frames import ImagePair, poses_at, usual_step_s
 from .stored_sequence import StoredSequence
 
+#: In place of the matrix of a pose, where arrays must have one shape.
+_NO_POSE = np.full((4, 4), np.nan)
 
-class PosedFrame(NamedTuple):
-    """One frame: its stamp in seconds, rgb (h, w, 3) uint8 sRGB, depth_z_m (h, w) float32 planar
-    depth in metres with 0 = missing, and the true pose of the cv camera, None without one.
-    """
 
+class _Images(NamedTuple):
     stamp_s: float
     rgb: np.ndarray
     depth_z_m: np.ndarray
     T_world_camera: SE3 | None
+
+
+class PosedFrame(_Images):
+    """One frame, unpacked as its stamp_s in seconds, rgb (h, w, 3) uint8 sRGB, depth_z_m (h, w)
+    float32 planar depth in metres with 0 = missing, and T_world_camera, the true pose of the cv
+    camera, None without one. Beside them: its camera.
+    """
+
+    camera: PinholeCamera
+
+    @classmethod
+    def of(cls, images: _Images, camera: PinholeCamera) -> "PosedFrame":
+        """The frame of a camera."""
+        frame = cls(*images)
+        frame.camera = camera
+        return frame
+
+    def points(self, coordinates: str = "world", step: int = 1) -> np.ndarray:
+        """(n, 3) metres: the surface points of the pixels with depth, row by row, of every step-th
+        row and column. coordinates: world, or camera (x right, y down, z forward).
+
+        Raises InputError for other coordinates, and in the world for a frame without a pose.
+        """
+        if coordinates not in ("world", "camera"):
+            raise InputError("coordinates world or camera", found=coordinates)
+        points = self.camera.unproject(self.depth_z_m)[::step, ::step]
+        points = points[self.depth_z_m[::step, ::step] > 0]
+        if coordinates == "camera":
+            return points
+        if self.T_world_camera is None:
+            hint = 'points("camera")'
+            raise InputError("a frame with a true pose", found="none", hint=hint)
+        return self.T_world_camera.apply(points)
+
+    def plot(self) -> np.ndarray:
+        """Matplotlib axes (2,) of a new figure: colour, and depth with its scale."""
+        return plot_images([(f"{self.stamp_s:.3f} s", self.rgb, self.depth_z_m)])[:, 0]
 
     def __repr__(self) -> str:
         size = "x".join(map(str, self.depth_z_m.shape[::-1]))
@@ -47,8 +83,8 @@ class PosedFrame(NamedTuple):
 @dataclass(frozen=True, eq=False, repr=False)
 class RgbdSequence:
     """A sequence on disk. `sequence[i]` and iteration read the images of one frame and give it as
-    (stamp_s, rgb, depth_z_m, T_world_camera); `sequence[10:20]` is a part, of which nothing is
-    read yet.
+    (stamp_s, rgb, depth_z_m, T_world_camera); `sequence[10:20]` and `sequence[[0, 5]]` are parts,
+    of which nothing is read yet. A DataLoader of PyTorch takes it as a data set.
 
     camera: the pinhole camera. Further: stamps_s (n,) in seconds, and the ground truth.
     """
@@ -108,18 +144,56 @@ class RgbdSequence:
     def __getitem__(self, index: int | np.integer) -> PosedFrame: ...
 
     @overload
-    def __getitem__(self, index: slice) -> "RgbdSequence": ...
+    def __getitem__(self, index: slice | Sequence[int] | np.ndarray) -> "RgbdSequence": ...
 
-    def __getitem__(self, index: int | np.integer | slice) -> "PosedFrame | RgbdSequence":
-        """A frame, or a part of the sequence.
+    def __getitem__(
+        self, index: int | np.integer | slice | Sequence[int] | np.ndarray
+    ) -> "PosedFrame | RgbdSequence":
+        """A frame, or a part of the sequence: a slice, numbers of frames, or a mask (n,).
 
         Raises InputError for images that cannot be read, IndexError beyond the last frame.
         """
         if isinstance(index, slice):
             return replace(self, pairs=self.pairs[index])
-        pair = self.pairs[index]
+        try:
+            chosen = np.arange(len(self))[index if np.ndim(index) else int(index)]  # type: ignore[arg-type]
+        except IndexError:
+            raise IndexError(f"no frame {index}: the sequence has {len(self)} frames") from None
+        if np.ndim(chosen):
+            return replace(self, pairs=tuple(self.pairs[i] for i in chosen))
+        pair = self.pairs[chosen]
         rgb, depth_z_m = self.stored.images(pair)
-        return PosedFrame(pair.stamp_s, rgb, depth_z_m, self.poses[index])
+        images = _Images(pair.stamp_s, rgb, depth_z_m, self.poses[chosen])
+        return PosedFrame.of(images, self.camera)
+
+    def __getitems__(self, indices: Sequence[int]) -> list[tuple]:
+        """What a DataLoader of PyTorch asks for, which joins arrays: (stamp_s, rgb, depth_z_m,
+        matrix of the pose (4, 4)) of each frame, NaN where there is no pose.
+        """
+        frames = (self[i] for i in indices)
+        return [(*one[:3], _NO_POSE if one[3] is None else one[3].matrix) for one in frames]
+
+    def points(self, coordinates: str = "world", step: int = 8) -> np.ndarray:
+        """(n, 3) metres: PosedFrame.points() of all frames, one after the other; in the world, of
+        those with a pose. Raises InputError if there is none.
+        """
+        rows = list(range(len(self)))
+        if coordinates == "world":
+            rows = [i for i in rows if self.poses[i] is not None]
+        if not rows:
+            expected, hint = "frames with true poses", 'points("camera")'
+            raise InputError(expected, path=self.folder, found="none", hint=hint)
+        return np.concatenate([self[i].points(coordinates, step) for i in rows])
+
+    def plot(self, count: int = 4) -> np.ndarray:
+        """Matplotlib axes (2, count) of a new figure: colour above depth of frames that are evenly
+        chosen. Raises InputError for a sequence without frames.
+        """
+        if not len(self):
+            raise InputError("a sequence with frames", path=self.folder, found="none")
+        rows = np.unique(np.linspace(0, len(self) - 1, count).round().astype(int))
+        frames = [(i, self[i]) for i in rows]
+        return plot_images([(f"{i}: {f.stamp_s:.3f} s", f.rgb, f.depth_z_m) for i, f in frames])
 
     def __iter__(self) -> Iterator[PosedFrame]:
         return (self[i] for i in range(len(self)))

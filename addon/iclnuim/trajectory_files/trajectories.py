@@ -87,7 +87,8 @@ def writer_of(format: str) -> TrajectoryWriter:
     writer = _known(format).writer
     if writer is None:
         writable = ", ".join(name for name, known in FORMATS.items() if known.writer)
-        raise InputError(f"a format that can be written ({writable})", found=format)
+        hint = {"nerf": "convert_sequence", "colmap": "convert_sequence"}.get(format, "")
+        raise InputError(f"a format that can be written ({writable})", found=format, hint=hint)
     return writer
 
 
