@@ -12,7 +12,7 @@ from iclnuim.geometry.se3 import SE3
 
 from ..odometry.levels import PyramidOdometer, pyramid
 from ..odometry.protocol import Frame, Odometer, OdometryResult
-from ..odometry.references import REFERENCES, Reference, reference
+from ..odometry.references import REFERENCES, KeyframeReference, Reference, reference
 from ..odometry.references import View as ReferenceView
 from ..odometry.watch import rotated
 from .settings import PRESETS as VOLUMES
@@ -61,7 +61,14 @@ def make_reference(
 
 
 class ModelReference(Reference):
-    """A Reference whose view is a raycast of the fused model.
+    """A Reference whose view is a raycast of the fused model, or a keyframe where the raycast does
+    not determine the motion to max_sigma_m.
+
+    A raycast has fewer pixels than a frame, and no sharp edges. So it can leave a motion open that
+    the frames themselves determine, along a bare wall with a narrow frame or leaf, and frames fused
+    meanwhile would move the model along. After a motion that is less certain, the view is a
+    keyframe until the next keyframe is chosen, at another place. An odometer without a noise model
+    does not know it, and keeps the model.
 
     An odometer gets a Frame of the whole image; a PyramidOdometer only the levels that it reads,
     with the normals of the model. Raises InputError for an unknown preset.
@@ -75,6 +82,8 @@ class ModelReference(Reference):
         self.camera = camera
         geometry_alone = isinstance(odometer, PyramidOdometer) and not odometer.reads_grey
         self.volume = Volume(replace(self.settings.volume, channels=0 if geometry_alone else 1))
+        self._keyframes = KeyframeReference()
+        self._instead: ReferenceView | None = None  # the keyframe that is the view for now
         self._view: Any = None
         self._T_world_view = SE3.identity()
         self._age = 0
@@ -83,6 +92,13 @@ class ModelReference(Reference):
         self, frame: Frame, prepared: Any, T_world_camera: SE3, result: OdometryResult | None = None
     ) -> ReferenceView:
         """Fuse the frame and raycast from its pose, or keep the view."""
+        keyframe = self._keyframes.renew(frame, prepared, T_world_camera, result)
+        if result is not None and result.largest_sigma_m > self.settings.max_sigma_m:
+            self._instead = keyframe
+        if self._instead is keyframe:
+            self._view = None
+            return keyframe
+        self._instead = None
         self._age += 1
         if self._view is None or self._outdated(T_world_camera, result):
             self.volume.integrate(frame.depth_z_m, self.camera, T_world_camera, frame.grey)
@@ -98,7 +114,8 @@ class ModelReference(Reference):
         """
         self._view = None
         self._age = 0
-        return prepared, T_world_camera
+        self._instead = None
+        return self._keyframes.restart(frame, prepared, T_world_camera)
 
     def _outdated(self, T_world_camera: SE3, result: OdometryResult | None) -> bool:
         s = self.settings
