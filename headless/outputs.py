@@ -15,7 +15,7 @@ _OUTPUTS = ("out", "csv", "plot", "picture", "rerun", "blend")
 #: Files of a sequence in its own folder, apart from its images: ground truth, lists, camera,
 #: recipe, journal, calibration.
 _SEQUENCE = re.compile(
-    r"(groundtruth.*|rgb|depth|associat.*|camera|recipe|sequence|frames|calibration|orb_slam.*)"
+    r"(groundtruth.*|rgb|depth|associat.*|camera|recipe|sequence|frames|metadata|calibration|orb_slam.*)"
     r"\.(txt|json|jsonl|csv|yaml)|.*\.gt\.\w+"
 )
 _IMAGES = (".png", ".jpg", ".exr", ".npy")

@@ -122,9 +122,11 @@ def run(args: Namespace, console: Console) -> None:
     def progress(total: int, label: str) -> Progress:
         return console.progress(total, label)
 
+    # all folders are opened before the first is compared
+    predictions = [truth.predictions(folder, args.units) for folder in args.folders]
     found = []
-    for folder in args.folders:
-        found.append(method_errors(folder, truth, settings, args.units, progress))
+    for given in predictions:
+        found.append(method_errors(given, truth, settings, progress))
     names = [one.method for one in found]
     if len(set(names)) < len(names):  # folders of one name in different places
         names = [str(folder) for folder in args.folders]
@@ -141,7 +143,7 @@ def run(args: Namespace, console: Console) -> None:
     if args.picture:
         from iclnuim.depth.pictures import draw_errors
 
-        draw_errors(args.picture, args.folders, truth, found, args.units, args.frame)
+        draw_errors(args.picture, predictions, truth, found, args.frame)
     for values in methods:
         for sentence in depth_notes(values):
             console.note(f"{values['method']}: {named(sentence, option_name)}")

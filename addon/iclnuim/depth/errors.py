@@ -92,6 +92,16 @@ class TrueDepth:
         self.groups = {kind: Groups(kind, sequence) for kind in by}
         self._chosen = Chosen(sequence, only, without)
 
+    def predictions(self, folder: StrPath, units_per_metre: float | None = None) -> Predictions:
+        """The depth that a method predicted. units_per_metre: of 16-bit images, by default those in
+        camera.json of the folder, else of the sequence. Raises InputError.
+        """
+        folder = Path(folder)
+        if units_per_metre is None:
+            own = camera_file(folder) if folder.is_dir() else None
+            units_per_metre = (own or self.camera).depth_units_per_metre
+        return Predictions(folder, self.pairs, check_units(units_per_metre))
+
     def depth_m(self, row: int) -> np.ndarray:
         """(h, w) float32 metres of a frame, 0 = missing."""
         return read_depth_m(self.pairs[row].depth, self.camera.depth_units_per_metre)
@@ -123,22 +133,17 @@ def depth_errors(
     files that cannot be read.
     """
     there = TrueDepth(truth, by, only, without)
-    return method_errors(Path(folder), there, settings, units_per_metre, progress)
+    return method_errors(there.predictions(folder, units_per_metre), there, settings, progress)
 
 
 def method_errors(
-    folder: Path,
+    predictions: Predictions,
     truth: TrueDepth,
     settings: DepthErrorSettings | None = None,
-    units_per_metre: float | None = None,
     progress: Meter = None,
 ) -> MethodDepthErrors:
-    """As depth_errors(), of a sequence that is open."""
+    """As depth_errors(), of predictions and a sequence that are open."""
     settings = settings or DepthErrorSettings()
-    if units_per_metre is None:
-        own = camera_file(folder) if folder.is_dir() else None
-        units_per_metre = (own or truth.camera).depth_units_per_metre
-    predictions = Predictions(folder, truth.pairs, check_units(units_per_metre))
     rows = [row for row, _ in enumerate(truth.pairs) if predictions.has(row)]
     twice = settings.per == "sequence" and settings.align != "none"
     advance = advance_of(progress, len(rows) * (2 if twice else 1), predictions.name)

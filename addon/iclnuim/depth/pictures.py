@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from ..evaluation.depth_error import DEPTH, DISPARITY
 from ..evaluation.depth_resize import resized
 from ..report.charts import COLOURS, save
-from ..sequences.camera_files import camera_file
 from ..shown import depth_colours, depth_range
 from .errors import MethodDepthErrors, TrueDepth, frame_row
 from .predictions import Predictions
@@ -37,10 +36,9 @@ def curves_figure(methods: Mapping[str, MethodDepthErrors]) -> Figure:
 
 def draw_errors(
     path: Path,
-    folders: Sequence[Path],
+    predictions: Sequence[Predictions],
     truth: TrueDepth,
     found: Sequence[MethodDepthErrors],
-    units_per_metre: float | None = None,
     names: Sequence[str] = (),
 ) -> None:
     """Write a picture: true depth, and of each method its aligned depth and relative error, of the
@@ -58,8 +56,8 @@ def draw_errors(
         line[0].imshow(depth_colours(true_m, near_m, far_m))
         line[0].set_ylabel(truth.pairs[row].rgb.stem)
         line[0].set_title(f"true depth, {near_m:.2f} to {far_m:.2f} m", size=8)
-        for k, (folder, one) in enumerate(zip(folders, found, strict=True)):
-            depth_m = _aligned(folder, truth, one, row, units_per_metre)
+        for k, (given, one) in enumerate(zip(predictions, found, strict=True)):
+            depth_m = _aligned(given, truth, one, row)
             with np.errstate(divide="ignore", invalid="ignore"):
                 error = np.where(true_m > 0, (depth_m - true_m) / true_m, np.nan)
             line[1 + 2 * k].imshow(depth_colours(np.nan_to_num(depth_m), near_m, far_m))
@@ -83,18 +81,10 @@ def _telling(truth: TrueDepth, found: MethodDepthErrors) -> list[int]:
 
 
 def _aligned(
-    folder: Path,
-    truth: TrueDepth,
-    found: MethodDepthErrors,
-    row: int,
-    units_per_metre: float | None,
+    predictions: Predictions, truth: TrueDepth, found: MethodDepthErrors, row: int
 ) -> np.ndarray:
     """The prediction (h, w) of a frame in metres after its alignment; NaN where there is none."""
     settings = found.errors.settings
-    if units_per_metre is None:
-        own = camera_file(folder) if folder.is_dir() else None
-        units_per_metre = (own or truth.camera).depth_units_per_metre
-    predictions = Predictions(folder, truth.pairs, units_per_metre)
     shape = truth.depth_m(row).shape
     name = truth.pairs[row].rgb.stem
     of_frame = next((frame for frame in found.errors.frames if frame.name == name), None)
