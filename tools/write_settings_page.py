@@ -24,6 +24,7 @@ MODULES = (
     "iclnuim.sensor.depth",
     "iclnuim.sensor.active_stereo",
     "iclnuim.sensor.time_of_flight",
+    "iclnuim.sensor.phone",
     "iclnuim.sensor.rgb",
     "iclnuim.evaluation.associate",
     "iclnuim.evaluation.align",

@@ -38,8 +38,8 @@ __all__ = [
     "panoptic_quality", "PanopticQuality", "Segmentation", "read_class_map", "ClassMap",
     "write_coco",
     # sensor noise
-    "noisy_depth", "noisy_rgb", "linear_from_srgb8", "depth_model", "rgb_model", "DEPTH_MODELS",
-    "RGB_MODELS",
+    "noisy_depth", "phone_depth", "noisy_rgb", "linear_from_srgb8", "depth_model", "rgb_model",
+    "DEPTH_MODELS", "RGB_MODELS",
     # RGB-D sequences
     "make_sequence", "convert_sequence", "WrittenSequence", "FrameSource",
     "frames_from", "inspect_sequence", "Inspection", "compare_sequences", "SequenceComparison",
@@ -105,6 +105,7 @@ if TYPE_CHECKING:
         make_sequence,
         noisy_depth,
         noisy_rgb,
+        phone_depth,
         relative_pose_error,
     )
     from .raycast.caster import RayCaster

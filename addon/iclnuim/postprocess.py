@@ -32,6 +32,7 @@ from .report.trajectory_report import ComparedFile, Report
 from .sensor.appearance import SurfaceAppearance
 from .sensor.models import NamedNoise, depth_model, rgb_model, with_depth_noise
 from .sensor.noise_model import DEPTH, RGB, frame_generator
+from .sensor.phone import PhoneDepthNoise
 from .sequences.frame_source import FrameSource, image_frames, run_frames
 from .sequences.pose_lines import tied_to_poses
 from .sequences.rgbd_sequence import RgbdSequence
@@ -84,11 +85,7 @@ def noisy_depth(
     depth_z_m = _floating(depth_z_m, *_METRES)
     if depth_z_m.ndim not in (2, 3):
         raise InputError("depth (h, w), or a batch (n, h, w), in metres", found=depth_z_m.shape)
-    height, width = depth_z_m.shape[-2:]
-    camera = PinholeCamera.of(camera or f"{width}x{height}")
-    if (height, width) != (camera.height, camera.width):
-        expected = f"depth of the camera's size {camera.width}x{camera.height}"
-        raise InputError(expected, found=(width, height))
+    camera = _camera_of(depth_z_m, camera)
     noise = depth_model(model, settings)
     if depth_z_m.ndim == 2:
         seen = SurfaceAppearance.given(depth_z_m.shape, rgb, albedo, normals)
@@ -102,6 +99,40 @@ def noisy_depth(
         for k, image in enumerate(depth_z_m)
     ]
     return np.stack(noisy)
+
+
+def phone_depth(
+    depth_z_m: np.ndarray,
+    camera: CameraOrText | None = None,
+    seed: int = 0,
+    frame: int = 0,
+    settings: Settings | None = None,
+    rgb: np.ndarray | None = None,
+    albedo: np.ndarray | float | None = None,
+) -> tuple[np.ndarray, np.ndarray, PinholeCamera]:
+    """What a phone with LiDAR gives of planar depth (h, w) in metres, 0 = missing: its depth (192,
+    256) in metres, float32; its confidence (0 low, 1 medium, 2 high), uint8; and its camera.
+
+    The arguments and errors are those of noisy_depth with the model `phone`.
+    """
+    depth_z_m = _floating(depth_z_m, *_METRES)
+    if depth_z_m.ndim != 2:
+        raise InputError("depth (h, w) in metres", found=depth_z_m.shape)
+    camera = _camera_of(depth_z_m, camera)
+    model = PhoneDepthNoise.from_dict(settings or {})
+    seen = SurfaceAppearance.given(depth_z_m.shape, rgb, albedo)
+    rng = frame_generator(seed, frame, DEPTH)
+    return *model.with_confidence(depth_z_m, camera, rng, seen), model.native_camera(camera)
+
+
+def _camera_of(depth_z_m: np.ndarray, camera: CameraOrText | None) -> PinholeCamera:
+    """The camera of depth (..., h, w). Raises InputError for one of another size."""
+    height, width = depth_z_m.shape[-2:]
+    camera = PinholeCamera.of(camera or f"{width}x{height}")
+    if (height, width) != (camera.height, camera.width):
+        expected = f"depth of the camera's size {camera.width}x{camera.height}"
+        raise InputError(expected, found=(width, height))
+    return camera
 
 
 def _image_by_image(count: int, **arrays: Any) -> Callable[[int], dict[str, Any]]:

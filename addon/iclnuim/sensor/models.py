@@ -21,6 +21,7 @@ from .depth import (
     ReleasedDepthNoise,
 )
 from .noise_model import NoiseModel
+from .phone import PhoneDepthNoise
 from .rgb import NoRgbNoise, PaperRgbNoise, ReleasedRgbNoise
 from .time_of_flight import AzureKinectDepthNoise
 
@@ -33,6 +34,7 @@ _DEPTH: tuple[type[NoiseModel], ...] = (
     RedwoodDepthNoise,
     D435DepthNoise,
     AzureKinectDepthNoise,
+    PhoneDepthNoise,
 )
 _RGB: tuple[type[NoiseModel], ...] = (NoRgbNoise, ReleasedRgbNoise, PaperRgbNoise)
 DEPTH_MODELS = {model.name: model for model in _DEPTH}
