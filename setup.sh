@@ -1,6 +1,6 @@
 #!/bin/sh
 # Installs the system libraries that Blender's Python package bpy needs, then iclnuim into .venv next to this script.
-# usage: ./setup.sh [EXTRA ...]    extras: test, dev, docs, ros, rerun, slurm, open3d, completion
+# usage: ./setup.sh [EXTRA ...]    extras: notebook, test, dev, docs, ros, rerun, slurm, open3d, completion
 #
 # Python 3.11 gets bpy 4.5 LTS, Python 3.13 gets bpy 5.2 LTS. If neither is installed, uv (from PyPI) fetches 3.11, or the Python of an
 # installed Blender is used. PYTHON=python3.12 ./setup.sh installs without bpy. VENV=FOLDER installs into another folder than .venv.
@@ -104,5 +104,6 @@ fi
 note "done. Next:"
 echo "  . $venv/bin/activate"
 if has_bpy "$venv/bin/python"; then echo "  iclnuim make kt2 --quick    # 60 frames, clean and noisy, in out/: half a minute"; fi
+case " $* " in *" notebook "*) echo "  jupyter lab examples         # the notebooks" ;; esac
 case " $* " in *" test "*) echo "  python -m pytest            # the tests" ;; esac
 echo "  iclnuim --help              # all commands; README.md has the common tasks"

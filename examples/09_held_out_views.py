@@ -14,7 +14,7 @@ folder, model, picture = sys.argv[1:]  # the model is a room's name or a mesh
 sequence = iclnuim.open_sequence(folder)
 training = sequence.truth.T_world_camera[::10]
 caster = iclnuim.RayCaster(*iclnuim.read_model(model))
-views = iclnuim.choose_held_out(caster, sequence.camera, training, 4, seed=1)
+views = iclnuim.choose_held_out(caster, sequence.camera, training, 3, seed=1)
 for view in iclnuim.check_held_out(caster, sequence.camera, views, training):
     print(view)
 iclnuim.write_trajectory("views.txt", iclnuim.Trajectory.at_rate(views), "tum")
