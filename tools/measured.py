@@ -25,7 +25,7 @@ from typing import Any
 
 from iclnuim import checkout
 from iclnuim.benchmark.experiments.recipes.paper.best_methods import accuracy_figure
-from iclnuim.benchmark.experiments.recipes.paper.figures import reference_of
+from iclnuim.benchmark.experiments.recipes.paper.figures import reference_of, system_key
 from iclnuim.benchmark.experiments.recipes.paper.keys import PaperKey, all_keys
 from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND as BENCHMARK
 from iclnuim.benchmark.experiments.recipes.paper.recipe import code_of_trajectory
@@ -52,7 +52,6 @@ from iclnuim.tools.measured_drawn import (  # noqa: E402
     NOT_MEASURED,
     sequences,
     stress_summary,
-    system_key,
 )
 from iclnuim.tools.measured_tables import COMMAND_TABLES, CommandTable, markdown  # noqa: E402
 

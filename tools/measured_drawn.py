@@ -10,14 +10,19 @@ from statistics import geometric_mean, mean, median
 from iclnuim.benchmark.experiments.recipes.paper.best_methods import best_methods_table
 from iclnuim.benchmark.experiments.recipes.paper.correlation import correlation_table
 from iclnuim.benchmark.experiments.recipes.paper.figures import (
+    AUTHORS,
     Ours,
     Printed,
     Where,
     ate_of,
-    paper,
     reference_of,
+    system_key,
 )
-from iclnuim.benchmark.experiments.recipes.paper.findings import findings_table
+from iclnuim.benchmark.experiments.recipes.paper.findings import (
+    findings_table,
+    headline,
+    verdicts_table,
+)
 from iclnuim.benchmark.experiments.recipes.paper.keys import NOISES, PaperKey, paper_titles
 from iclnuim.benchmark.experiments.recipes.stress.tables import Summary
 from iclnuim.benchmark.experiments.table import ResultTable, mm
@@ -29,8 +34,8 @@ from iclnuim.tools.measured_tables import Rows, words
 #: What stands where no cell has the figure.
 NOT_MEASURED = "not measured"
 #: The titles of programs by the authors of a method, and our odometer.
-_AUTHORS = (("FOVIS (libfovis)", "fovis"), ("DVO (dvo_core)", "dvo"))
-_SYSTEMS = ("ORB-SLAM3", "RTAB-Map", *(title for title, _ in _AUTHORS))
+_AUTHORS = tuple((title, name) for name, title in AUTHORS.items())
+_SYSTEMS = ("ORB-SLAM3", "RTAB-Map", *AUTHORS.values())
 #: Titles of the systems among the methods of `iclnuim stress`.
 _STRESS_TITLES = {"run:fovis": "FOVIS", "run:dvo": "DVO", "run:orbslam3": "ORB-SLAM3"}
 _OURS = ("fovis", "rgbd", "dvo", "icp", "icp_rgbd")
@@ -69,11 +74,6 @@ def _errors_m(cells: PublishedCells) -> dict[PaperKey, list[float]]:
 
 def _ours(sequence: tuple[str, str, str], odometer: str, preset: str = "best") -> PaperKey:
     return PaperKey(*sequence, odometer, preset, "default")
-
-
-def system_key(sequence: tuple[str, str, str], title: str, run: int = 0) -> PaperKey:
-    """The key of a run of a system; run 0 stands for all."""
-    return PaperKey(*sequence, title, "final", "run", run=run)
 
 
 def _mm(error_m: float) -> str:
@@ -156,13 +156,23 @@ def _rows(table: ResultTable) -> Rows:
 
 
 def verdicts(cells: PublishedCells) -> Rows:
-    """The findings with their verdicts, and with how many noise seeds each holds."""
-    decided = {row[0]: row[5:7] for row in findings_table(cells.benchmark()).rows}
+    """The findings with the verdict of each method."""
+    return _rows(verdicts_table(cells.benchmark()))
+
+
+def verdicts_in_short(cells: PublishedCells) -> Rows:
+    """How many findings hold with each method."""
+    return words("findings of section VI", [[line] for line in headline(cells.benchmark())])
+
+
+def causes(cells: PublishedCells) -> Rows:
+    """The findings that the cells of `best` decide: figures, verdict, seeds, and cause."""
     rows = []
-    for finding in paper()["findings"]:
-        verdict = decided.get(str(finding["number"]), (NOT_MEASURED, "-"))
-        rows.append((finding["number"], finding["finding"], *verdict))
-    return words("no. | finding | verdict | holds with seeds", rows)
+    table = findings_table(cells.benchmark())
+    for number, _, _, printed, ours, verdict, seeds, cause, _ in table.rows:
+        of_seeds = "" if seeds == "-" else f" ({seeds})"
+        rows.append((number, printed, ours, f"{verdict}{of_seeds}", cause))
+    return words("no. | printed | `best` | verdict, seeds | cause", rows)
 
 
 def noise_seeds(cells: PublishedCells) -> Rows:
@@ -377,6 +387,8 @@ DRAWN: dict[str, Drawn] = {
     "systems-ate": systems,
     "benchmark-best": best_methods,
     "benchmark-verdicts": verdicts,
+    "benchmark-headline": verdicts_in_short,
+    "benchmark-causes": causes,
     "benchmark-model": against_model,
     "benchmark-seeds": noise_seeds,
     "benchmark-surfaces": surfaces,

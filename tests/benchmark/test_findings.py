@@ -14,32 +14,41 @@ from iclnuim.benchmark.experiments.recipes.paper.correlation import (
 )
 from iclnuim.benchmark.experiments.recipes.paper.figures import Ours, Printed
 from iclnuim.benchmark.experiments.recipes.paper.findings import (
+    CLOSE,
     FAILS,
     HOLDS,
-    RULES,
+    MISSING,
     UNDECIDED,
-    apply_rule,
+    VOID,
     findings_table,
+    headline,
     verdict,
+    verdict_of,
+    verdicts_by_method,
 )
 from iclnuim.benchmark.experiments.recipes.paper.keys import (
     all_keys,
     family,
     lambertian_keys,
 )
+from iclnuim.benchmark.experiments.recipes.paper.rules import RULES
 from made_up import only, result, results, with_errors
 from scipy import stats
 
-#: What the paper's own text says of its tables, by finding; None: its tables have no figures for
-#: it. The sentence of 1 is not borne out by Table II (kt1's mean is less than kt2's).
-IN_THE_PAPER = {1: False, 3: None, 5: None, 11: None} | dict.fromkeys(
-    (2, 4, 6, 7, 8, 9, 10, 12, 13, 14, 15, 16, 17), True
+#: What the rules say of the printed figures: all that the paper's own text says of its tables, but
+#: where differences decide that are printed as 4 % and 8 %. Findings 3, 5 and 11 have no figures.
+ON_THE_PRINTED = (
+    dict.fromkeys(RULES, HOLDS) | {2: CLOSE, 4: CLOSE} | dict.fromkeys((3, 5, 11), MISSING)
 )
 
 
-@pytest.mark.parametrize("number", sorted(IN_THE_PAPER))
+@pytest.mark.parametrize("number", sorted(RULES))
 def test_a_rule_says_of_the_printed_figures_what_the_paper_says(number):
-    assert apply_rule(RULES[number].holds, Printed())[0] is IN_THE_PAPER[number]
+    assert verdict_of([Printed()], number).word == ON_THE_PRINTED[number]
+
+
+def word(number, cells, **words):
+    return verdict_of([Ours(cells, **words)], number).word
 
 
 #: Finding -> cells whose errors are made a thousand times larger, so that it holds or cannot hold
@@ -49,7 +58,6 @@ FLIPPED = {
     8: ({"odometer": "dvo"}, {"odometer": "icp", "reference": "model"}),
     12: ({"noise": "noisy"}, {"noise": "clean"}),
     18: ({"odometer": "icp", "noise": "noisy"}, {"odometer": "icp", "noise": "clean"}),
-    3: ({"reference": "default"}, {"reference": "model"}),
     5: ({"odometer": "dvo", "reference": "default"}, {"odometer": "dvo", "reference": "model"}),
 }
 
@@ -58,17 +66,16 @@ FLIPPED = {
 def test_a_verdict_follows_the_figures(number):
     makes, breaks = FLIPPED[number]
     for words, holds in ((makes, True), (breaks, False)):
-        ours = Ours(with_errors(results(3), 1e6, **words))
-        assert apply_rule(RULES[number].holds, ours)[0] is holds
+        cells = with_errors(results(3), 1e6, **words)
+        assert word(number, cells) == (HOLDS if holds else FAILS)
 
 
 @pytest.mark.parametrize(("growth", "holds"), [(2.5, True), (1.5, False)])
-def test_noise_increases_an_error_strongly_from_twice_on(growth, holds):
+def test_noise_increases_an_error_significantly_from_twice_on(growth, holds):
     clean = [result(key, 0.01, 0.01) for key in all_keys() if key.noise == "clean"]
     noisy = [replace(r.key, noise="noisy") for r in clean]
     errors = [0.01 * (growth if key.trajectory == "kt3" else 1.1) for key in noisy]
-    ours = Ours([*clean, *map(result, noisy, errors)])
-    assert apply_rule(RULES[15].holds, ours)[0] is holds
+    assert word(15, [*clean, *map(result, noisy, errors)]) == (HOLDS if holds else FAILS)
 
 
 @pytest.mark.parametrize(("share", "found"), [(0.4, HOLDS), (0.6, FAILS), (None, None)])
@@ -103,6 +110,111 @@ def test_one_missing_cell_leaves_open_what_needs_it():
     lacking = [r for r in whole if not (r.key.odometer == "fovis" and r.key.trajectory == "kt2")]
     table = findings_table(lacking)
     assert "7" not in [row[0] for row in table.rows] and " 7," in table.notes[-1]
+
+
+def level(errors):
+    """Of all cells: an ATE of 10 mm and a surface of 10 mm, times what `errors` has by odometer."""
+    found = []
+    for key in all_keys():
+        ate, surface = errors.get((key.odometer, key.reference), errors.get(key.odometer, (1, 1)))
+        found.append(result(key, 0.01 * ate, 0.01 * surface))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("times", "found"), [(0.8, HOLDS), (0.95, CLOSE), (1.05, CLOSE), (1.25, FAILS)]
+)
+def test_the_model_helps_or_harms_by_more_than_a_tenth_or_decides_nothing(times, found):
+    assert word(5, level({("dvo", "model"): (1, times)})) == found
+
+
+@pytest.mark.parametrize(
+    ("kt", "found"), [("kt0", HOLDS), ("kt0,kt1", CLOSE), ("kt0,kt1,kt2", CLOSE)]
+)
+def test_sequences_that_are_near_do_not_count_and_one_of_the_other_kind_leaves_it_open(kt, found):
+    """The model helps on all but these, on which it changes 3 %; then on one more it harms."""
+    near = kt.split(",")
+    cells = []
+    for r in level({("dvo", "model"): (1, 0.5)}):
+        model = (r.key.odometer, r.key.reference) == ("dvo", "model")
+        changed = model and r.key.trajectory in near
+        cells.append(result(r.key, 0.01, 0.0103) if changed else r)
+    assert word(5, cells) == found
+    harmed = only(cells, odometer="dvo", reference="model", trajectory="kt3")
+    others = [r for r in cells if r not in harmed]
+    assert word(5, [*others, *(result(r.key, 0.01, 0.02) for r in harmed)]) != HOLDS
+
+
+def test_one_pair_of_odometers_that_is_turned_does_not_decide_the_main_finding():
+    """On over half of the sequences a better trajectory has to have the clearly worse surface."""
+    assert word(4, level({"icp": (0.5, 0.5)})) == FAILS
+    assert word(4, level({"icp": (0.5, 2.0)})) == HOLDS
+    one = level({"icp": (0.5, 0.5)})
+    one = [
+        result(r.key, 0.005, 0.02) if r.key.odometer == "icp" and r.key.trajectory == "kt0" else r
+        for r in one
+    ]
+    assert word(4, one) == CLOSE
+    assert word(4, level({"icp": (0.95, 2.0)})) == CLOSE
+
+
+def test_a_reason_for_what_is_not_so_is_void():
+    assert word(3, level({"icp": (0.5, 0.5)})) == VOID
+    rougher = {"dvo": (0.5, 2.0), ("dvo", "model"): (0.5, 1.0), ("icp", "default"): (1, 1.5)}
+    found = level(rougher)
+    assert word(2, found) == HOLDS
+    assert word(3, found) == HOLDS
+
+
+def test_dvo_is_narrowly_better_within_the_tolerance_and_not_beyond():
+    best = {name: (4, 1) for name in ("fovis", "rgbd", "icp_rgbd", "dvo")}
+    for times, found in ((1.04, HOLDS), (0.96, HOLDS), (1.3, FAILS)):
+        cells = []
+        for r in level(best):
+            on_kt0 = r.key.odometer == "dvo" and r.key.trajectory == "kt0"
+            cells.append(result(r.key, 0.01 * times, 0.01) if on_kt0 else r)
+        assert word(6, cells) == found
+
+
+def test_fovis_that_falls_in_the_office_alone_is_seen():
+    grown = [replace(r.key, noise="noisy") for r in only(results(), noise="clean")]
+    clean = [result(key, 0.01, 0.01) for key in all_keys() if key.noise == "clean"]
+    noisy = []
+    for key in grown:
+        falls = key.room == "office" and key.odometer in ("fovis", "rgbd")
+        noisy.append(result(key, 0.005 if falls else 0.02, 0.01))
+    assert word(16, [*clean, *noisy]) == HOLDS
+    without = [result(r.key, 0.02, 0.01) if r.key.odometer == "rgbd" else r for r in noisy]
+    assert word(16, [*clean, *without]) == FAILS
+
+
+def test_the_authors_programs_stand_in_the_place_of_our_odometers():
+    paper = [replace(key, preset="paper") for key in all_keys()]
+    ours = [result(key, 0.01, 0.01) for key in paper]
+    theirs = []
+    for key in paper:
+        if key.odometer == "fovis" and not key.seed:
+            system = replace(
+                key, odometer="FOVIS (libfovis)", preset="final", reference="run", run=1
+            )
+            theirs.append(result(system, 5.0))
+        if (key.odometer, key.reference) == ("dvo", "default"):
+            system = replace(key, odometer="DVO (dvo_core)", preset="final", reference="run", run=1)
+            theirs.append(result(system, 0.1))
+    found = verdicts_by_method([*ours, *theirs])
+    words = {name: verdicts[7 - 1].word for name, verdicts in found.items()}
+    assert words == {
+        "printed": HOLDS,
+        "paper": CLOSE,
+        "paper, authors' programs": HOLDS,
+        "best": MISSING,
+    }
+    assert any(line == "With best, of 18 findings 18 not measured." for line in headline(ours))
+
+
+def test_every_verdict_names_what_it_compared():
+    for row in findings_table(results(4)).rows:
+        assert row[7].split(":")[0] in ("method", "room", "noise") or row[5] == VOID
 
 
 def test_seeds_that_disagree_decide_nothing():

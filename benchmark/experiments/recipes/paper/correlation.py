@@ -11,12 +11,11 @@ from scipy import stats
 
 from ...cell import Measured
 from ...table import ResultTable
+from .claims import TOLERANCE
 from .figures import ate_of, surface_of
 
 #: The ends of the interval move by less than 0.02 from one seed to another.
 _RESAMPLES = 4999
-#: Two errors differ clearly if one is smaller than the other by more than this share.
-_CLEARLY = 0.1
 #: The interval of unrelated errors is 1.2 wide with so many cells; with half as many 1.9, and all
 #: that is possible is 2.
 MIN_CELLS = 12
@@ -90,7 +89,7 @@ def _spearman(x: np.ndarray, y: np.ndarray, axis: int = -1) -> np.ndarray:
 
 
 def _differ(a: float, b: float) -> bool:
-    return min(a, b) < (1 - _CLEARLY) * max(a, b)
+    return min(a, b) < (1 - TOLERANCE) * max(a, b)
 
 
 def correlation_table(results: Sequence[Measured]) -> ResultTable:

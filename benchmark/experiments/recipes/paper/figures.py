@@ -3,7 +3,7 @@ cells, and those printed in the paper.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -12,7 +12,7 @@ from iclnuim.benchmark.odometry.registry import ODOMETERS
 from iclnuim.formats.files import read_json
 
 from ...cell import Measured
-from .keys import PaperKey
+from .keys import EXTERNAL, PaperKey
 
 #: (room, noise) -> number of the paper's table.
 ATE_TABLES = {
@@ -21,6 +21,8 @@ ATE_TABLES = {
     ("living_room", "noisy"): "5",
     ("office", "noisy"): "6",
 }
+#: Odometer of the paper -> the title of its authors' own program, which `iclnuim run` calls.
+AUTHORS = {"fovis": "FOVIS (libfovis)", "dvo": "DVO (dvo_core)"}
 SURFACE_TABLES = {("living_room", "clean"): "2", ("living_room", "noisy"): "7"}
 
 
@@ -64,11 +66,14 @@ class Printed:
 
 @dataclass(eq=False)
 class Ours:
-    """The same figures of the measured cells of one preset and one noise seed."""
+    """The same figures of the measured cells of one preset and one noise seed. programs: odometers
+    -> titles of systems that stand in their place.
+    """
 
     results: Sequence[Measured]
     preset: str = "best"
     seed: int = 0
+    programs: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def _by_key(self) -> dict[PaperKey, Measured]:
@@ -76,15 +81,13 @@ class Ours:
 
     def result(self, where: Where) -> Measured | None:
         """The result of a cell; None if it was not measured."""
-        key = PaperKey(
-            room=where.room,
-            trajectory=where.trajectory,
-            noise=where.noise,
-            odometer=where.odometer,
-            preset=self.preset,
-            reference=where.reference or reference_of(where.odometer),
-            seed=self.seed if where.noise == "noisy" else 0,
-        )
+        sequence = (where.room, where.trajectory, where.noise)
+        seed = self.seed if where.noise == "noisy" else 0
+        if where.odometer in self.programs:
+            system = system_key(sequence, self.programs[where.odometer], run=1)
+            return None if where.reference or seed else self._by_key.get(system)
+        reference = where.reference or reference_of(where.odometer)
+        key = PaperKey(*sequence, where.odometer, self.preset, reference, seed)
         return self._by_key.get(key)
 
     def figures(self, where: Where) -> Mapping[str, Any]:
@@ -110,6 +113,11 @@ PaperFigures: TypeAlias = Printed | Ours
 def reference_of(odometer: str) -> str:
     """The reference that the paper used for an odometer."""
     return ODOMETERS[odometer].references[0]
+
+
+def system_key(sequence: tuple[str, str, str], title: str, run: int = 0) -> PaperKey:
+    """The key of a run of a system on a room, trajectory and noise; run 0 stands for all."""
+    return PaperKey(*sequence, title, "final", EXTERNAL, run=run)
 
 
 def ate_of(figures: Mapping[str, Any], statistic: str = "rmse") -> float | None:

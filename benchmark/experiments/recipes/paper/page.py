@@ -21,8 +21,18 @@ from ...table import ResultTable
 from .best_methods import accuracy_figure, best_methods_table
 from .correlation import correlation, correlation_table
 from .figures import ate_of, presets_of, surface_of
-from .findings import FAILS, HOLDS, MISSING, RULES, UNDECIDED, findings_table
+from .findings import (
+    CLOSE,
+    FAILS,
+    HOLDS,
+    MISSING,
+    UNDECIDED,
+    VOID,
+    findings_table,
+    verdicts_table,
+)
 from .keys import HEAT_MM, paper_titles
+from .rules import RULES
 from .sources import Sources
 from .tables import BRIEF_COLUMNS, CELL_COLUMNS, all_tables, cell_row, cells_table, has_ours
 
@@ -39,7 +49,8 @@ def tables_of(results: Sequence[Measured]) -> list[ResultTable]:
     findings = [findings_table(results, preset) for preset in presets_of(results)]
     *tables, cells = all_tables(results)
     best = best_methods_table(results)
-    return [best, *tables, *findings, correlation_table(results), cells]
+    verdicts = verdicts_table(results)
+    return [best, *tables, verdicts, *findings, correlation_table(results), cells]
 
 
 def text_of(tables: Sequence[ResultTable]) -> str:
@@ -76,16 +87,17 @@ def write_report(
     Raises WorkError if it cannot be written or is too large.
     """
     findings = [table for table in tables if table.name.startswith("findings")]
+    verdicts = [table for table in tables if table.name == "verdicts"]
     correlations = [table for table in tables if table.name == "correlation"]
     best = [table for table in tables if table.name == "best_methods" and table.rows]
-    apart = {"cells", *(table.name for table in (*best, *findings, *correlations))}
+    apart = {"cells", *(table.name for table in (*best, *verdicts, *findings, *correlations))}
     others = [table for table in tables if table.name not in apart and has_ours(table)]
     conditions = "Which method for which condition"
     first = [Section("best", conditions, tables=best, picture=_accuracy(results))] if best else []
     page = Page(
         title="The ICL-NUIM benchmark, reproduced",
         lead=_about(out),
-        sections=[*first, *_sections(findings, correlations, others)],
+        sections=[*first, *_sections(findings, verdicts, correlations, others)],
         tiles=_tiles(results, findings[0]),
         data=_data(results, films or {}),
         heat=_heat_gradient(),
@@ -119,6 +131,7 @@ def films(
 
 def _sections(
     findings: Sequence[ResultTable],
+    verdicts: Sequence[ResultTable],
     correlations: Sequence[ResultTable],
     others: Sequence[ResultTable],
 ) -> list[Section]:
@@ -132,9 +145,10 @@ def _sections(
     decided = [table for table in findings if table.rows]
     missing = " ".join(dict.fromkeys(table.notes[-1] for table in findings if not table.rows))
     of_paper = "The findings of section VI"
+    by_method = verdicts if decided else []
     cells = Section("cells", "All cells", how, part="cells")
     sections = [
-        Section("findings", of_paper, missing, decided, folded=True),
+        Section("findings", of_paper, missing, [*by_method, *decided], folded=True),
         Section("main", question, dots, [t for t in correlations if t.rows], part="chart"),
         Section("tables", beside, tables=others, folded=True),
     ]
@@ -166,7 +180,7 @@ def _tiles(results: Sequence[Measured], findings: ResultTable) -> list[tuple[str
     tiles = [(len(results), "cells measured"), (failed, "cells failed")]
     tiles.append((len({r.key.sequence for r in results}), "sequences"))
     verdicts[MISSING] = len(RULES) - len(findings.rows)
-    for name in (HOLDS, FAILS, UNDECIDED, MISSING):
+    for name in (HOLDS, FAILS, CLOSE, UNDECIDED, VOID, MISSING):
         tiles.append((verdicts[name], f"of {len(RULES)} findings: {name}"))
     texts = [(str(number), text) for number, text in tiles if number]
     if found := correlation(results):

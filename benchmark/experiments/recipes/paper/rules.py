@@ -1,0 +1,488 @@
+"""The rules of the 18 findings of the paper's section VI, over printed figures and over ours.
+
+A rule returns whether the finding holds, the figures that decide it in mm (four figures are those
+of kt0 to kt3), and the comparison on which it turned. No result is coded here.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+from .claims import (
+    METHOD,
+    NOISE,
+    ROOM,
+    TOLERANCE,
+    Answer,
+    Claim,
+    all_hold,
+    any_of,
+    every,
+    figures_mm,
+    majority,
+    most,
+)
+from .figures import PaperFigures, Printed, Where
+from .keys import LAMBERTIAN, NOISES, family, paper_titles
+from .tables import LIVING, TRAJECTORIES
+
+OFFICE = "office"
+#: Finding 15: noise increases an error significantly if it multiplies the error by this factor.
+_SIGNIFICANTLY = 2.0
+#: Finding 11: reflections are the reason for an error if it is this many times that without them.
+_EXPLAINED = 2.0
+
+
+class MissingFigure(Exception):
+    """A figure that a rule needs is missing. figures: those that there are, as text."""
+
+    def __init__(self, figures: str = "") -> None:
+        super().__init__()
+        self.figures = figures
+
+
+class Void(Exception):
+    """The finding explains another one, which does not hold."""
+
+
+@dataclass(frozen=True)
+class FindingRule:
+    """answer: over figures. why: its condition in words."""
+
+    answer: Callable[[PaperFigures], Answer]
+    why: str
+
+
+# -- figures for rules
+
+
+def _there(value: float | None) -> float:
+    if value is None:
+        raise MissingFigure
+    return value
+
+
+def _ate(of: PaperFigures, room: str, kt: str, noise: str, odometer: str) -> float:
+    return _there(of.ate(Where(room, kt, noise, odometer)))
+
+
+def _ates(
+    of: PaperFigures, room: str, noise: str, odometer: str, statistic: str = "rmse"
+) -> list[float]:
+    """ATE of kt0 to kt3 in metres."""
+    wheres = [Where(room, kt, noise, odometer) for kt in TRAJECTORIES]
+    return [_there(of.ate(where, statistic)) for where in wheres]
+
+
+def _ates_of(of: PaperFigures, room: str, noise: str, odometers: Iterable[str]) -> list[float]:
+    """ATE of several odometers on kt0 to kt3."""
+    return sum((_ates(of, room, noise, name) for name in odometers), [])
+
+
+def _surfaces(of: PaperFigures, noise: str, odometer: str, reference: str = "") -> list[float]:
+    """Mean surface errors of kt0 to kt3 in the living room, in metres."""
+    wheres = [Where(LIVING, kt, noise, odometer, reference) for kt in TRAJECTORIES]
+    return [_there(of.surface(where)) for where in wheres]
+
+
+def _five(of: PaperFigures, room: str, noise: str, kt: str) -> dict[str, float]:
+    """ATE of the five odometers."""
+    return {name: _ate(of, room, kt, noise, name) for name in paper_titles()}
+
+
+def _first(of: PaperFigures, room: str, noise: str, pick: Callable) -> str:
+    """The odometers with the least (min) or greatest (max) ATE on kt0 to kt3, as text."""
+    found = [_five(of, room, noise, kt) for kt in TRAJECTORIES]
+    return ", ".join(_name(pick(errors, key=errors.__getitem__)) for errors in found)
+
+
+def _mean(values: Sequence[float]) -> float:
+    """Geometric mean, as errors span orders of magnitude."""
+    return math.exp(sum(map(math.log, values)) / len(values))
+
+
+def _name(odometer: str) -> str:
+    return paper_titles()[odometer]
+
+
+# -- claims of rules
+
+
+def _best_of_five(of: PaperFigures, room: str, noise: str, kt: str, name: str) -> list[Claim]:
+    """Its ATE is less than those of the other four."""
+    errors = _five(of, room, noise, kt)
+    return [_below(kt, errors, name, other) for other in errors if other != name]
+
+
+def _below(kt: str, errors: dict[str, float], one: str, other: str, close: bool = False) -> Claim:
+    words = (f"{_name(one)} on {kt}", f"{_name(other)} on {kt}")
+    return Claim(METHOD, errors[one], errors[other], *words, close=close)
+
+
+def _greatest(values: Sequence[float], k: int, what: str) -> list[Claim]:
+    """The figure of sequence k is greater than those of the other three."""
+    others = [j for j in range(len(values)) if j != k]
+    return [_less_on(values, j, k, what) for j in others]
+
+
+def _least(values: Sequence[float], k: int, what: str) -> list[Claim]:
+    others = [j for j in range(len(values)) if j != k]
+    return [_less_on(values, k, j, what) for j in others]
+
+
+def _less_on(values: Sequence[float], j: int, k: int, what: str) -> Claim:
+    words = (f"{what} on {TRAJECTORIES[j]}", f"on {TRAJECTORIES[k]}")
+    return Claim(ROOM, values[j], values[k], *words)
+
+
+def _grows(clean: float, noisy: float, what: str, times: float = 1.0) -> Claim:
+    return Claim(NOISE, clean, noisy, f"{what} clean", "noisy", times=times)
+
+
+def _falls(clean: float, noisy: float, what: str) -> Claim:
+    return Claim(NOISE, noisy, clean, f"{what} noisy", "clean")
+
+
+def _all_but_kt0(clean: Sequence[float], noisy: Sequence[float], what: str) -> list[Claim]:
+    """Noise increases the error on all sequences but the first, where it falls."""
+    claims = [_falls(clean[0], noisy[0], f"{what} on {TRAJECTORIES[0]}")]
+    for kt, without, with_noise in list(zip(TRAJECTORIES, clean, noisy, strict=True))[1:]:
+        claims.append(_grows(without, with_noise, f"{what} on {kt}"))
+    return claims
+
+
+# -- the rules, in the order of the findings
+
+
+def _kt2_best_kt0_worst(of: PaperFigures) -> Answer:
+    means = _ates(of, LIVING, "clean", "icp", "mean")
+    claims = [*_least(means, 2, "ICP's mean"), *_greatest(means, 0, "ICP's mean")]
+    return every(claims, f"ICP's mean ATE {figures_mm(*means)}")
+
+
+def _nearer_but_rougher(of: PaperFigures) -> Answer:
+    ate = {name: _ate(of, LIVING, "kt0", "clean", name) for name in ("dvo", "icp")}
+    wheres = {name: Where(LIVING, "kt0", "clean", name) for name in ("dvo", "icp")}
+    surface = {name: _there(of.surface(where)) for name, where in wheres.items()}
+    text = (
+        f"kt0, DVO and ICP: ATE {figures_mm(*ate.values())}, "
+        f"surface {figures_mm(*surface.values())}"
+    )
+    nearer = _below("kt0", ate, "dvo", "icp")
+    words = ("the surface of ICP on kt0", "of DVO")
+    rougher = Claim(METHOD, surface["icp"], surface["dvo"], *words)
+    return every([nearer, rougher], text)
+
+
+def _the_model_is_the_reason(of: PaperFigures) -> Answer:
+    explained = _nearer_but_rougher(of)
+    if not explained.holds and not isinstance(of, Printed):
+        raise Void(f"finding 2, which it explains, is not the case ({explained.cause})")
+    claims = []
+    texts = []
+    for name in ("icp", "dvo"):
+        without = _there(of.surface(Where(LIVING, "kt0", "clean", name, "default")))
+        against = _there(of.surface(Where(LIVING, "kt0", "clean", name, "model")))
+        words = (f"the surface of {_name(name)} with the model", "without")
+        claims.append(Claim(METHOD, against, without, *words))
+        both = f"{figures_mm(without)} without the model, {figures_mm(against)} with it"
+        texts.append(f"{_name(name)} {both}")
+    return every(claims, f"kt0's surface: {'; '.join(texts)}")
+
+
+def _better_but_rougher(of: PaperFigures) -> Answer:
+    """On a sequence, it does if of one of its pairs of odometers the better trajectory has the
+    clearly worse surface; a sequence without a clear pair decides nothing.
+    """
+    answers: list[bool | None] = []
+    texts = []
+    for noise in NOISES:
+        pairs = [pair for kt in TRAJECTORIES for pair in [_clear_pairs(of, kt, noise)]]
+        found = [any(pair) if pair else None for pair in pairs if pair is not None]
+        if found:
+            turned = sum(map(sum, filter(None, pairs)))
+            count = sum(map(len, filter(None, pairs)))
+            texts.append(
+                f"{noise} on {found.count(True)} of {len(found)} sequences, "
+                f"in {turned} of {count} clear pairs"
+            )
+        answers += found
+    if not answers:
+        raise MissingFigure
+    counts = Counter(answers)
+    decides = f"{counts[True]} sequences with such a pair, {counts[False]} without, "
+    cause = f"{METHOD}: {decides}{counts[None]} without a clear pair"
+    text = f"the better trajectory has the worse surface: {'; '.join(texts)}"
+    return Answer(majority(answers), text, cause)
+
+
+def _clear_pairs(of: PaperFigures, kt: str, noise: str) -> list[bool] | None:
+    """Of each pair of odometers on a sequence of the living room that differs clearly in ATE and in
+    surface error: whether the better trajectory has the worse surface. None without a pair.
+    """
+    errors = []
+    for name in paper_titles():
+        where = Where(LIVING, kt, noise, name)
+        ate, surface = of.ate(where), of.surface(where)
+        if ate is not None and surface is not None:
+            errors.append((ate, surface))
+    if len(errors) < 2:
+        return None
+    found = []
+    for one, other in combinations(errors, 2):
+        better = [Claim(METHOD, a, b, "", "").holds for a, b in zip(one, other, strict=True)]
+        if None not in better:
+            found.append(better[0] != better[1])
+    return found
+
+
+def _the_model_helps_dvo(of: PaperFigures) -> Answer:
+    without = _surfaces(of, "clean", "dvo", "default")
+    against = _surfaces(of, "clean", "dvo", "model")
+    claims = []
+    for kt, better, worse in zip(TRAJECTORIES, against, without, strict=True):
+        words = (f"DVO's surface on {kt} with the model", "without")
+        claims.append(Claim(METHOD, better, worse, *words))
+    text = (
+        f"DVO's surfaces {figures_mm(*without)} without the model, {figures_mm(*against)} with it"
+    )
+    return most(claims, text)
+
+
+def _dvo_on_kt0_icp_elsewhere(of: PaperFigures) -> Answer:
+    kt0 = _five(of, LIVING, "clean", "kt0")
+    claims = [_below("kt0", kt0, "dvo", "icp", close=True)]
+    for kt in TRAJECTORIES[1:]:
+        claims += _best_of_five(of, LIVING, "clean", kt, "icp")
+    text = (
+        f"least ATE: {_first(of, LIVING, 'clean', min)}; "
+        f"kt0: DVO {figures_mm(kt0['dvo'])}, ICP {figures_mm(kt0['icp'])}"
+    )
+    return every(claims, text)
+
+
+def _fovis_worst(of: PaperFigures) -> Answer:
+    claims = []
+    for kt in TRAJECTORIES:
+        errors = _five(of, LIVING, "clean", kt)
+        others = [name for name in errors if name != "fovis"]
+        claims += [_below(kt, errors, name, "fovis") for name in others]
+    fovis = figures_mm(*_ates(of, LIVING, "clean", "fovis"))
+    return every(claims, f"greatest ATE: {_first(of, LIVING, 'clean', max)}; FOVIS {fovis}")
+
+
+def _photometric_poor(of: PaperFigures, room: str = LIVING) -> Answer:
+    photometric = _mean(_ates_of(of, room, "clean", family("photometric")))
+    geometric = _mean(_ates_of(of, room, "clean", family("geometric")))
+    words = ("ICP and ICP+RGB-D", "DVO and RGB-D")
+    text = f"{words[1]} {figures_mm(photometric)}, {words[0]} {figures_mm(geometric)}"
+    return every([Claim(METHOD, geometric, photometric, *words)], text)
+
+
+def _icp_slides_on_kt0(of: PaperFigures) -> Answer:
+    ate = _ates(of, LIVING, "clean", "icp")
+    answer = every(_greatest(ate, 0, "ICP"), f"ICP's ATE {figures_mm(*ate)}")
+    if isinstance(of, Printed):
+        return answer
+    wheres = [Where(LIVING, kt, "clean", "icp") for kt in TRAJECTORIES]
+    shares = [_there(of.degenerate(where)) for where in wheres]
+    slides = shares[0] == max(shares) > 0
+    texts = ", ".join(f"{share:.1%}" for share in shares)
+    text = f"{answer.figures}; under-constrained frames {texts}"
+    cause = answer.cause if slides else f"{ROOM}: under-constrained frames {texts}"
+    return Answer(all_hold([answer.holds, slides]), text, cause)
+
+
+def _icp_best_in_the_office(of: PaperFigures) -> Answer:
+    ate = _ates(of, OFFICE, "clean", "icp")
+    claims = _greatest(ate, 1, "ICP")
+    for kt in TRAJECTORIES:
+        claims += _best_of_five(of, OFFICE, "clean", kt, "icp")
+    text = f"least ATE: {_first(of, OFFICE, 'clean', min)}; ICP {figures_mm(*ate)}"
+    return every(claims, text)
+
+
+def _assumptions(of: PaperFigures) -> Answer:
+    """Why photometric methods do worse is decided by frames without reflections, where they should
+    do better.
+    """
+    worse = _photometric_poor(of, OFFICE)
+    if worse.holds is False:
+        return worse
+    try:
+        without = _mean(_ates_of(of, OFFICE, LAMBERTIAN, family("photometric")))
+    except MissingFigure:
+        raise MissingFigure(worse.figures) from None
+    with_them = _mean(_ates_of(of, OFFICE, "clean", family("photometric")))
+    words = ("DVO and RGB-D without reflections", "with")
+    claim = Claim(ROOM, without, with_them, *words, times=_EXPLAINED)
+    answer = every([claim], f"{worse.figures}; {words[0]} {figures_mm(without)}")
+    return Answer(all_hold([worse.holds, answer.holds]), answer.figures, answer.cause)
+
+
+def _noise_costs_surface(of: PaperFigures) -> Answer:
+    clean = _surfaces(of, "clean", "icp")
+    noisy = _surfaces(of, "noisy", "icp")
+    text = f"ICP's surfaces {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy"
+    return every([_grows(sum(clean), sum(noisy), "sum of ICP's surfaces")], text)
+
+
+def _icp_best_surfaces(of: PaperFigures) -> Answer:
+    clean = _surfaces(of, "clean", "icp")
+    noisy = _surfaces(of, "noisy", "icp")
+    text = f"ICP's surfaces {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy"
+    claims = _all_but_kt0(clean, noisy, "ICP's surface")
+    grown = every(claims, text)
+    if isinstance(of, Printed) or grown.holds is False:
+        return grown  # the paper prints no noisy surfaces of the other odometers
+    for name in paper_titles():
+        if name != "icp":
+            theirs = _surfaces(of, "noisy", name)
+            for kt, mine, other in zip(TRAJECTORIES, noisy, theirs, strict=True):
+                words = (f"ICP's surface on {kt}", f"{_name(name)}'s")
+                claims.append(Claim(METHOD, mine, other, *words))
+    return every(claims, text)
+
+
+def _noise_costs_icp_but_on_kt0(of: PaperFigures) -> Answer:
+    clean = _ates(of, LIVING, "clean", "icp")
+    noisy = _ates(of, LIVING, "noisy", "icp")
+    text = f"ICP's ATE {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy"
+    return every(_all_but_kt0(clean, noisy, "ICP"), text)
+
+
+def _icp_suffers_on_kt3(of: PaperFigures) -> Answer:
+    clean = _ate(of, LIVING, "kt3", "clean", "icp")
+    noisy = _ate(of, LIVING, "kt3", "noisy", "icp")
+    text = f"ICP's ATE on kt3 {figures_mm(clean)} clean, {figures_mm(noisy)} noisy"
+    return every([_grows(clean, noisy, "ICP on kt3", _SIGNIFICANTLY)], text)
+
+
+def _noise_may_help(of: PaperFigures) -> Answer:
+    falls = {}
+    texts = []
+    for name in (*family("photometric"), "fovis"):
+        claims = []
+        for room in (LIVING, OFFICE):
+            both = [_ates(of, room, noise, name) for noise in NOISES]
+            for kt, clean, noisy in zip(TRAJECTORIES, *both, strict=True):
+                words = f"{_name(name)} on {room.replace('_', ' ')} {kt}"
+                claims.append(_falls(clean, noisy, words))
+        count = sum(claim.holds is True for claim in claims)
+        texts.append(f"{_name(name)} falls on {count} of {len(claims)} sequences")
+        falls[name] = any_of(claims, "")
+    fovis = falls.pop("fovis")
+    others = sorted(falls.values(), key=lambda answer: [False, None, True].index(answer.holds))
+    holds = all_hold([fovis.holds, others[-1].holds])
+    cause = fovis.cause if fovis.holds is holds else others[-1].cause
+    return Answer(holds, "; ".join(texts), cause)
+
+
+def _office_noisy(of: PaperFigures) -> Answer:
+    clean = _ates(of, OFFICE, "clean", "icp")
+    noisy = _ates(of, OFFICE, "noisy", "icp")
+    kt1 = _five(of, OFFICE, "noisy", "kt1")
+    claims = []
+    for kt, without, with_noise in zip(TRAJECTORIES, clean, noisy, strict=True):
+        claims.append(_grows(without, with_noise, f"ICP on {kt}"))
+    claims.append(_below("kt1", kt1, "dvo", "icp"))
+    claims += _best_of_five(of, OFFICE, "noisy", "kt3", "icp_rgbd")
+    text = (
+        f"ICP {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy; "
+        f"kt1: DVO {figures_mm(kt1['dvo'])}; least ATE: {_first(of, OFFICE, 'noisy', min)}"
+    )
+    return every(claims, text)
+
+
+def _photometric_robust(of: PaperFigures) -> Answer:
+    growth = []
+    texts = []
+    image = [*family("photometric"), "fovis"]
+    for names, words in ((image, "DVO, RGB-D and FOVIS"), (["icp"], "ICP")):
+        both = []
+        for noise in NOISES:
+            rooms = [_ates_of(of, room, noise, names) for room in (LIVING, OFFICE)]
+            both.append(_mean(sum(rooms, [])))
+        growth.append(both[1] / both[0])
+        clean, noisy = map(figures_mm, both)
+        texts.append(f"{words} {clean} clean, {noisy} noisy, {growth[-1]:.3g} times")
+    text = f"mean ATE of {'; of '.join(texts)}"
+    claim = Claim(NOISE, *growth, "", "")
+    return Answer(claim.holds, text, f"{NOISE}: {growth[0]:.3g} times, ICP {growth[1]:.3g} times")
+
+
+_DECIDES = "on over half of the sequences, and the opposite on none"
+RULES = {
+    1: FindingRule(
+        _kt2_best_kt0_worst, "the mean of ICP's ATE is least on kt2 and greatest on kt0"
+    ),
+    2: FindingRule(_nearer_but_rougher, "DVO's ATE is below ICP's, its mean surface error above"),
+    3: FindingRule(
+        _the_model_is_the_reason,
+        "for ICP and for DVO, the surface of kt0 is better with the model than without; void "
+        "unless finding 2 is the case",
+    ),
+    4: FindingRule(
+        _better_but_rougher,
+        f"of a pair of odometers on one sequence, the better trajectory has the worse surface: "
+        f"{_DECIDES}",
+    ),
+    5: FindingRule(
+        _the_model_helps_dvo,
+        f"DVO's mean surface error is smaller with the model than without: {_DECIDES}",
+    ),
+    6: FindingRule(
+        _dvo_on_kt0_icp_elsewhere,
+        f"DVO's ATE on kt0 is below ICP's, or within {TOLERANCE:.0%} of it; ICP has the least of "
+        "the five on kt1 to kt3",
+    ),
+    7: FindingRule(_fovis_worst, "FOVIS has the greatest ATE of the five on all four trajectories"),
+    8: FindingRule(
+        _photometric_poor,
+        "geometric mean of the ATE over both odometers and all four trajectories",
+    ),
+    9: FindingRule(
+        _icp_slides_on_kt0,
+        "ICP's ATE is greatest on kt0, and so is its share of under-constrained frames",
+    ),
+    10: FindingRule(
+        _icp_best_in_the_office,
+        "ICP has the least ATE of the five on all four trajectories, its greatest on kt1",
+    ),
+    11: FindingRule(
+        _assumptions,
+        "they are worse by the geometric mean, and without reflections (--lambertian) their error "
+        "is at most half as large",
+    ),
+    12: FindingRule(
+        _noise_costs_surface,
+        "ICP's mean surface error over the four trajectories grows with noise",
+    ),
+    13: FindingRule(
+        _icp_best_surfaces,
+        "ICP's noisy surface is the best of the five on all four; its error grows on all but kt0, "
+        "where it falls",
+    ),
+    14: FindingRule(_noise_costs_icp_but_on_kt0, "ICP's ATE grows on kt1 to kt3 and falls on kt0"),
+    15: FindingRule(
+        _icp_suffers_on_kt3,
+        f"ICP's ATE on kt3 grows by a factor of at least {_SIGNIFICANTLY:g}",
+    ),
+    16: FindingRule(
+        _noise_may_help,
+        "the ATE of FOVIS falls on some trajectory of the two rooms, and so does that of DVO or of "
+        "RGB-D",
+    ),
+    17: FindingRule(
+        _office_noisy,
+        "ICP's ATE grows on all four; DVO's is below ICP's on kt1; ICP+RGB-D's is least of the five "
+        "on kt3",
+    ),
+    18: FindingRule(
+        _photometric_robust,
+        "growth of the geometric mean of the ATE over both rooms: a factor, which is large for any "
+        "method that is accurate on clean frames",
+    ),
+}
