@@ -106,6 +106,7 @@ MAY_IMPORT |= {
 #: What only a checkout has: loaded by name where it is there.
 FROM_A_CHECKOUT = {"tools", "builder"}
 MAY_LOAD_A_CHECKOUT = {
+    "headless.commands.benchmark_cells",
     "headless.commands.bench",
     "headless.commands.scene",
 }

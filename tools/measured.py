@@ -25,15 +25,24 @@ from typing import Any
 
 from iclnuim import checkout
 from iclnuim.benchmark.experiments.recipes.paper.best_methods import accuracy_figure
+from iclnuim.benchmark.experiments.recipes.paper.charts import Material, draw
 from iclnuim.benchmark.experiments.recipes.paper.figures import reference_of, system_key
-from iclnuim.benchmark.experiments.recipes.paper.keys import PaperKey, all_keys
+from iclnuim.benchmark.experiments.recipes.paper.keys import (
+    PAPER_REFERENCES,
+    PaperKey,
+    all_keys,
+    core_seconds,
+)
 from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND as BENCHMARK
 from iclnuim.benchmark.experiments.recipes.paper.recipe import code_of_trajectory
+from iclnuim.benchmark.experiments.recipes.paper.sources import Sources
+from iclnuim.benchmark.experiments.recipes.paper.tables import LIVING
 from iclnuim.benchmark.experiments.recipes.stress import chart as stress_chart
 from iclnuim.benchmark.experiments.recipes.stress.recipe import KIND as STRESS
 from iclnuim.benchmark.experiments.recipes.stress.recipe import StressKey
 from iclnuim.benchmark.experiments.store import Store, made_by
 from iclnuim.benchmark.perturbations.plan import SEVERITIES
+from iclnuim.errors import InputError
 from iclnuim.report.charts import save
 from iclnuim.shipped import trajectory_file
 from iclnuim.trajectory_files.trajectories import read_trajectory
@@ -63,13 +72,11 @@ _FACTS = "-facts"
 _RUNS = "-cells"
 #: Of the largest chart, so that its file stays small; its numbers can still be read.
 _STRESS_DPI = 70
+#: The paper's figures of measured cells.
+_PAPER_FIGURES = range(5, 10)
 _MARKED = re.compile(r"<!-- measured: (.*) -->\n(.*?)<!-- end of \1 -->\n", re.S)
 #: Noise seeds of the preset `best`, each odometer with the paper's reference.
 _SEEDS = 5
-#: Core-seconds of a frame that is tracked, and of one that is fused and compared: 80 cells took 3.6
-#: core-hours.
-_TRACK_CORE_S = 0.07
-_FUSE_CORE_S = 0.07
 #: Core-seconds of a frame with ORB-SLAM3, and of a segment of `iclnuim stress` with one method: 30
 #: cells took 70 s with compilation.
 _ORB_CORE_S = 0.07
@@ -179,6 +186,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     for folder in args.take:
         print(f"{folder}: {take(cells, folder)} cells", file=sys.stderr)
+        draw_paper_figures(folder)
     if args.measure is not None:
         chosen = [one for mark, one in COMMAND_TABLES.items() if mark.startswith(args.measure)]
         if not chosen:
@@ -198,6 +206,21 @@ def draw_charts(cells: PublishedCells) -> None:
     pictures = TOP / PAGES / "pictures"
     save(accuracy_figure(cells.benchmark()), pictures / "accuracy.png")
     save(stress_chart.figure(stress_summary(cells)), pictures / "stress.png", _STRESS_DPI)
+
+
+def draw_paper_figures(folder: Path) -> None:
+    """The paper's figures 5 to 9 that the pictures in a benchmark's folder allow, of the preset
+    `paper` if it has their cells.
+    """
+    results = [r for r in Store(folder, BENCHMARK).read_all(PaperKey) if r.folder.is_dir()]
+    for number in _PAPER_FIGURES:
+        for preset in ("paper", "best"):
+            try:
+                figure = draw(number, Material(Sources(TOP / "out", folder), results, preset))
+            except InputError:  # no cell of it
+                continue
+            save(figure, TOP / PAGES / f"pictures/figure_{number}.jpg", _STRESS_DPI)
+            break
 
 
 def listed() -> str:
@@ -228,9 +251,13 @@ def missing_cells(cells: PublishedCells) -> Iterator[MissingCells]:
     of other rooms.
     """
     best = all_keys(["best"], range(_SEEDS))
-    paper = all_keys(["paper"], references=["default"])
+    paper = all_keys(["paper"], references=[PAPER_REFERENCES])
+    of_paper = f"--presets paper --references {PAPER_REFERENCES}"
+    for surface in (True, False):  # the paper has surfaces of the living room
+        some = [key for key in paper if (key.room == LIVING) == surface]
+        options = of_paper if surface else f"--no-surfaces {of_paper}"
+        yield from _missing(cells, some, options, surface)
     yield from _missing(cells, [key for key in best if not key.seed], "--no-surfaces")
-    yield from _missing(cells, paper, "--no-surfaces --presets paper --references default")
     seeds = [key for key in best if key.seed and key.reference == reference_of(key.odometer)]
     for reference in ("default", "model"):
         others = [key for key in seeds if key.reference == reference and key.odometer != "icp"]
@@ -257,17 +284,18 @@ def _missing(
     words: str = "",
 ) -> Iterator[MissingCells]:
     """A line for each sequence with missing cells. words: of the filter, after the sequence."""
-    by_sequence: dict[str, int] = {}
+    by_sequence: dict[str, tuple[int, float]] = {}
     for key in keys:
         cell = cells.cells.get((BENCHMARK, *astuple(key)))
         valid = cell is not None and cell.code in ("", code_hash(code_of_trajectory(key)))
         if cell is None or not valid or (surface and "surface" not in cell.figures):
             only = f"{key.room}/{key.trajectory}{words}"
-            by_sequence[only] = by_sequence.get(only, 0) + 1
-    for only, count in by_sequence.items():
-        each_s = _frames(only.removesuffix(words)) * (_TRACK_CORE_S + surface * _FUSE_CORE_S)
+            core_s = _frames(f"{key.room}/{key.trajectory}") * core_seconds(key, surface)
+            count, total_s = by_sequence.get(only, (0, 0.0))
+            by_sequence[only] = (count + 1, total_s + core_s)
+    for only, (count, total_s) in by_sequence.items():
         command = f"iclnuim benchmark --only {only} {options}".rstrip()
-        yield MissingCells(command, count, count * each_s / _PER_HOUR)
+        yield MissingCells(command, count, total_s / _PER_HOUR)
 
 
 def _missing_runs(cells: PublishedCells) -> Iterator[MissingCells]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from statistics import geometric_mean, mean, median
 
 from iclnuim.benchmark.experiments.recipes.paper.best_methods import best_methods_table
+from iclnuim.benchmark.experiments.recipes.paper.charts import FIGURES
 from iclnuim.benchmark.experiments.recipes.paper.correlation import correlation_table
 from iclnuim.benchmark.experiments.recipes.paper.figures import (
     AUTHORS,
@@ -24,15 +25,15 @@ from iclnuim.benchmark.experiments.recipes.paper.findings import (
     verdicts_table,
 )
 from iclnuim.benchmark.experiments.recipes.paper.keys import NOISES, PaperKey, paper_titles
+from iclnuim.benchmark.experiments.recipes.paper.speed import speed_table
+from iclnuim.benchmark.experiments.recipes.paper.tables import preset_tables
 from iclnuim.benchmark.experiments.recipes.stress.tables import Summary
-from iclnuim.benchmark.experiments.table import ResultTable, mm
+from iclnuim.benchmark.experiments.table import NOT_MEASURED, ResultTable, mm
 from iclnuim.benchmark.perturbations.plan import read_plan
 from iclnuim.shipped import TRAJECTORY_NAMES, further_sequences, paper_sequences
 from iclnuim.tools.measured_cells import PublishedCells
 from iclnuim.tools.measured_tables import Rows, words
 
-#: What stands where no cell has the figure.
-NOT_MEASURED = "not measured"
 #: The titles of programs by the authors of a method, and our odometer.
 _AUTHORS = tuple((title, name) for name, title in AUTHORS.items())
 _SYSTEMS = ("ORB-SLAM3", "RTAB-Map", *AUTHORS.values())
@@ -146,6 +147,11 @@ def cost(cells: PublishedCells) -> Rows:
     return [["processor time, ms a frame", "clean", "noisy"], *rows]
 
 
+def speed(cells: PublishedCells) -> Rows:
+    """Accuracy, surface and cost of every method under every condition."""
+    return _rows(speed_table(cells.benchmark()))
+
+
 def best_methods(cells: PublishedCells) -> Rows:
     """Which method for which condition."""
     return _rows(best_methods_table(cells.benchmark()))
@@ -173,6 +179,34 @@ def causes(cells: PublishedCells) -> Rows:
         of_seeds = "" if seeds == "-" else f" ({seeds})"
         rows.append((number, printed, ours, f"{verdict}{of_seeds}", cause))
     return words("no. | printed | `best` | verdict, seeds | cause", rows)
+
+
+def as_printed(number: int, preset: str) -> Drawn:
+    """A table of the paper whole: every statistic of a preset beside the printed one."""
+    suffix = "" if preset == "best" else f"_{preset}"
+
+    def drawn(cells: PublishedCells) -> Rows:
+        tables = {table.name: table for table in preset_tables(cells.benchmark(), preset)}
+        table = tables[f"table_{number}{suffix}"]
+        rows = []
+        for row in table.rows:
+            printed = dict(zip(table.columns, row, strict=True)).get("printed", "")
+            shown = [text or (NOT_MEASURED if printed else "-") for text in row[2:]]
+            rows.append([*row[:2], *shown])
+        return [list(table.columns), *rows]
+
+    return drawn
+
+
+def paper_figures(cells: PublishedCells) -> Rows:
+    """The pictures of Figures 5 to 9, drawn from a folder with the pictures of its cells."""
+    rows = []
+    for number in range(5, 10):
+        name = f"pictures/figure_{number}.jpg"
+        there = (_MEASURED / name).is_file()
+        picture = f"![Figure {number}]({name})" if there else NOT_MEASURED
+        rows.append((number, FIGURES[number][1], picture))
+    return words("figure | content | ours", rows)
 
 
 def noise_seeds(cells: PublishedCells) -> Rows:
@@ -386,9 +420,15 @@ DRAWN: dict[str, Drawn] = {
     "odometry-cost": cost,
     "systems-ate": systems,
     "benchmark-best": best_methods,
+    "benchmark-speed": speed,
     "benchmark-verdicts": verdicts,
     "benchmark-headline": verdicts_in_short,
     "benchmark-causes": causes,
+    **{
+        f"tables-{number}-{preset}": as_printed(number, preset)
+        for number, preset in product(range(2, 8), ("paper", "best"))
+    },
+    "tables-figures": paper_figures,
     "benchmark-model": against_model,
     "benchmark-seeds": noise_seeds,
     "benchmark-surfaces": surfaces,

@@ -9,6 +9,8 @@ from textwrap import wrap
 
 from iclnuim.formats.files import atomic_write_text, csv_text, make_folder
 
+#: What stands in the place of a figure that no cell has.
+NOT_MEASURED = "not measured"
 #: Maximum width of a column in a terminal, in characters.
 _WIDEST = 34
 #: A column with a longer text, in characters, is set as paragraphs in a page and in LaTeX.

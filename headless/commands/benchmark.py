@@ -10,6 +10,7 @@ from iclnuim.benchmark.experiments.recipes.paper.keys import (
     PRESETS,
     all_keys,
     chosen,
+    core_seconds,
     lambertian_keys,
 )
 from iclnuim.benchmark.experiments.table import FORMATS, write_tables
@@ -20,7 +21,7 @@ from iclnuim.sequences.stored_sequence import StoredSequence
 
 from ..method_options import require
 from ..options import add_frames, common, count
-from ..planned_work import FUSE_CORE_S, TRACK_CORE_S, PlannedWork, add_dry_run, announce
+from ..planned_work import PlannedWork, add_dry_run, announce
 from ..sequence_input import note_sequence
 
 if TYPE_CHECKING:
@@ -94,8 +95,8 @@ def _add_cells(parser: ArgumentParser) -> None:
         help="number of noise seeds of the noisy sequences; default: 1, the existing sequences",
     )
     help = (
-        "what frames are aligned against: default, frame, keyframe, entropy, model; default: see "
-        "docs/guide/benchmark.md"
+        "what frames are aligned against: default, frame, keyframe, entropy, model, or paper for "
+        "each odometer's own in the paper; default: see docs/guide/benchmark.md"
     )
     add("--references", type=_words, default=[], metavar="R,R", help=help)
     help = (
@@ -170,10 +171,16 @@ def _experiment(args: Namespace, console: Console) -> "Paper":
 
 
 def _work(paper: "Paper", store: "Store", workers: int) -> PlannedWork:
-    """The cells that are not measured."""
+    """The cells that are not measured, with the core-hours of each preset and reference."""
     cells = paper.cells()
     missing = store.missing(cells)
-    frames = sum(paper.sources.frames(cell.key, paper.first) for cell in missing)
-    seconds = frames * (TRACK_CORE_S + paper.surfaces * FUSE_CORE_S) / workers
-    what = f"{len(missing)} of {len(cells)} cells to measure, {frames} frames, {workers} processes"
-    return PlannedWork(what, seconds)
+    counts: dict[str, tuple[int, float]] = {}
+    for cell in missing:
+        kind = f"{cell.key.preset}, {cell.key.reference}"
+        frames = paper.sources.frames(cell.key, paper.first)
+        count, core_s = counts.get(kind, (0, 0.0))
+        counts[kind] = (count + 1, core_s + frames * core_seconds(cell.key, paper.surfaces))
+    what = f"{len(missing)} of {len(cells)} cells to measure, {workers} processes"
+    for kind, (count, core_s) in counts.items():
+        what += f"; {kind}: {count} cells, {core_s / 3600:.1f} core-hours"
+    return PlannedWork(what, sum(core_s for _, core_s in counts.values()) / workers)

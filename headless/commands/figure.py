@@ -5,13 +5,17 @@ benchmark.
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from iclnuim.benchmark.experiments.recipes.paper.keys import PRESETS, PaperKey
+from iclnuim.benchmark.experiments.recipes.paper.keys import PRESETS
 from iclnuim.console import Console
 from iclnuim.formats.files import check_picture
 
 from ..method_options import require
 from ..options import common
 from ..outputs import refuse_existing
+from .benchmark_cells import DEFAULT, cells_or_shipped
+
+#: The first figure that is drawn from cells.
+_OF_CELLS = 5
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -35,8 +39,11 @@ def configure(parser: ArgumentParser) -> None:
         metavar="DIR",
         help="sequences, for 2 to 4; default: out",
     )
-    help = "folder of `iclnuim benchmark`, for 5 to 9; default: out/benchmark"
-    add("--benchmark", type=Path, default=Path("out/benchmark"), metavar="DIR", help=help)
+    help = (
+        "folder of `iclnuim benchmark`, for 5 to 9; default: out/benchmark, and the shipped cells "
+        "of a checkout, which have no pictures, if it has none"
+    )
+    add("--benchmark", type=Path, metavar="DIR", help=help)
     add("--preset", choices=PRESETS, default="best", help="preset of the cells; default: best")
     common(parser, "iclnuim figure 6 -o figure_6.png", json=False)
 
@@ -48,12 +55,11 @@ def run(args: Namespace, console: Console) -> None:
     check_picture(target)
     require(console, "figure", "numba", "cv2", "embreex")
     from iclnuim.benchmark.experiments.recipes.paper.charts import Material, draw
-    from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND
     from iclnuim.benchmark.experiments.recipes.paper.sources import Sources
-    from iclnuim.benchmark.experiments.store import Store
     from iclnuim.report.charts import save
 
-    results = Store(args.benchmark, KIND).read_all(PaperKey)
-    material = Material(Sources(args.data, args.benchmark), results, args.preset)
+    results = cells_or_shipped(args.benchmark, console) if args.number >= _OF_CELLS else []
+    sources = Sources(args.data, args.benchmark or DEFAULT)
+    material = Material(sources, results, args.preset)
     save(draw(args.number, material), target)
     console.result({}, f"{target} written")

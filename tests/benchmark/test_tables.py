@@ -133,7 +133,7 @@ def test_the_command_makes_its_tables_again_to_the_byte(tmp_path, capsys):
         files.append({p.name: p.read_bytes() for p in (out / "tables").iterdir()})
         shown = json.loads(capsys.readouterr().out)
         assert len(shown["cells"]) == 16 and len(shown["tables"]["table_3"]["rows"]) == 30
-    assert files[0] == files[1] and len(files[0]) == 4 * 13
+    assert files[0] == files[1] and len(files[0]) == 4 * 14
 
 
 def test_what_is_missing_is_one_line(tmp_path, capsys):
@@ -212,3 +212,21 @@ def test_few_cells_fit_a_screen_and_what_was_not_measured_is_one_line(tmp_path, 
     many = report_of(results(3)[:50], tmp_path / "many", capsys)
     assert many.startswith("The method with the least") and "All cells" not in many
     assert "Table II:" in many and "Table VI:" not in many
+
+
+def test_without_cells_of_its_own_a_checkout_shows_the_shipped_ones(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["table", "3"]) == 0
+    shown = capsys.readouterr()
+    assert "shipped" in shown.err and "DVO (dvo_core)" in shown.out
+    assert cli.main(["table", "3", "--preset", "paper"]) == 0
+    assert "DVO (dvo_core)" in capsys.readouterr().out
+    for number in (5, 8):
+        picture = tmp_path / f"figure_{number}.png"
+        assert cli.main(["figure", str(number)]) == 0 and picture.stat().st_size > 10_000
+    capsys.readouterr()
+    assert cli.main(["table", "3", "--out", str(tmp_path)]) == 2
+    assert "expected a benchmark with measured cells" in capsys.readouterr().err
+    monkeypatch.setattr("iclnuim.checkout.ROOT", tmp_path)  # as an installation
+    assert cli.main(["table", "3"]) == 2
+    assert "out/benchmark: expected a benchmark with measured" in capsys.readouterr().err

@@ -5,6 +5,7 @@ They use Matplotlib without pyplot: no window, no global settings. Import this m
 needed; that takes half a second.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -76,6 +77,33 @@ def save(figure: Figure, path: StrPath, dpi: int = 110) -> None:
     """Write a figure atomically; the extension of the name is its format."""
     check_picture(path)
     atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=dpi))
+
+
+def pareto_panel(
+    axes: Axes,
+    points: Sequence[tuple[str, float, float, float, float]],
+    lower_is_better: bool,
+) -> None:
+    """Draw (name, cost, value, low, high) as dots with intervals over a logarithmic cost, and a
+    line through those that none beats in both.
+    """
+    best = -math.inf
+    front = []
+    for k, (name, cost, value, low, high) in enumerate(sorted(points, key=lambda p: p[1])):
+        colour = COLOURS[k % len(COLOURS)]
+        ends = [[value - low], [high - value]]
+        if not (math.isfinite(high) and low > 0):
+            ends = [[0.0], [0.0]]
+        axes.errorbar([cost], [value], yerr=ends, fmt="o", color=colour, markersize=5, capsize=3)
+        axes.annotate(name, (cost, value), (5, 4), textcoords="offset points", fontsize=7)
+        gain = -value if lower_is_better else value
+        if gain > best:
+            best = gain
+            front.append((cost, value))
+    axes.plot(*zip(*front, strict=True), drawstyle="steps-post", color="0.6", linewidth=1)
+    axes.set_xscale("log")
+    axes.margins(x=0.2)
+    axes.grid(alpha=0.3)
 
 
 def _draw_over_time(axes: list[Axes], loaded: LoadedTrajectory, colour: str, single: bool) -> None:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 from iclnuim import shipped
@@ -21,6 +20,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 from ...cell import Measured
+from ...table import NOT_MEASURED
 from .figures import Ours, Where, ate_of, surface_of
 from .keys import HEAT_MM, NOISES, paper_titles
 from .sources import Sources
@@ -164,12 +164,15 @@ def _pictures(
         if cell.odometer != "icp":
             name += f" ({paper_titles()[cell.odometer]})"
         result = ours.result(cell)
-        path = result.folder / f"{kind}.jpg" if result else Path()
-        if result is None or not path.is_file():
-            _not_measured(axes)
+        if result is None or surface_of(result.figures) is None:
+            _write_in(axes, NOT_MEASURED)
             axes.set_title(name, fontsize=10)
             continue
-        axes.imshow(read_colour8(path))
+        path = result.folder / f"{kind}.jpg"
+        if result.folder.name and path.is_file():
+            axes.imshow(read_colour8(path))
+        else:
+            _write_in(axes, "picture not kept")
         mean_mm = 1e3 * (surface_of(result.figures) or 0)
         ate_mm = 1e3 * (ate_of(result.figures) or 0)
         axes.set_title(f"{name}: mean {mean_mm:.2f} mm, ATE {ate_mm:.2f} mm", fontsize=10)
@@ -180,8 +183,9 @@ def _pictures(
     return figure
 
 
-def _not_measured(axes: Axes) -> None:
-    text = axes.text(0.5, 0.5, "not measured", ha="center", va="center", color="grey")
+def _write_in(axes: Axes, words: str) -> None:
+    """Write words in the middle of a panel without a picture."""
+    text = axes.text(0.5, 0.5, words, ha="center", va="center", color="grey")
     text.set_transform(axes.transAxes)
 
 
@@ -220,25 +224,36 @@ def _of_the_five(material: Material, place: tuple[str, str, str]) -> list[Measur
 def _draw_best(axes: Axes, results: Sequence[Measured]) -> bool:
     """Draw the best result; False if there is none."""
     if not results:
-        _not_measured(axes)
+        _write_in(axes, NOT_MEASURED)
         axes.set_axis_off()
         return False
     best = min(results, key=lambda r: ate_of(r.figures) or 0.0)
-    path = best.figures["path"]
-    truth_m = np.array(path["truth_m"])
-    estimate_m = np.array(path["estimate_m"])
+    truth_m, estimate_m = _paths(best)
     a, b = widest_axes(truth_m)
     key = best.key
     colour = COLOURS[list(paper_titles()).index(key.odometer) % len(COLOURS)]
     name = f"{key.title} with a model" if key.reference == "model" else key.title
     name += f", {1e3 * (ate_of(best.figures) or 0):.2f} mm"
     axes.plot(truth_m[:, a], truth_m[:, b], color=REFERENCE_COLOUR, linewidth=4)
+    if not len(estimate_m):
+        name += " (path not kept)"
     axes.plot(estimate_m[:, a], estimate_m[:, b], color=colour, linewidth=1, label=name)
     axes.set(xlabel=f"{'xyz'[a]} [m]", ylabel=f"{'xyz'[b]} [m]")
     axes.set_aspect("equal", adjustable="datalim")
     axes.tick_params(labelsize=7)
     axes.legend(fontsize=7, loc="best")
     return True
+
+
+def _paths(result: Measured) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n, 3) in metres of the true and of the estimated trajectory; the estimate of a
+    shipped cell is empty.
+    """
+    if path := result.figures.get("path"):
+        return np.array(path["truth_m"]), np.array(path["estimate_m"])
+    file = shipped.trajectory_file(f"{result.key.room}/{result.key.trajectory}")
+    truth = read_trajectory(file).trajectory.T_world_camera
+    return truth.translation, np.empty((0, 3))
 
 
 def _grid(rows: int, columns: int, title: str) -> tuple[Figure, np.ndarray]:

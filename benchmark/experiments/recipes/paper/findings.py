@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ...cell import Measured
-from ...table import ResultTable
+from ...table import NOT_MEASURED, ResultTable
 from .claims import TOLERANCE
 from .figures import AUTHORS, Ours, PaperFigures, Printed, paper, seeds_of
 from .rules import RULES, MissingFigure, Void
@@ -18,7 +18,7 @@ FAILS = "does not hold"
 CLOSE = "undecided"
 UNDECIDED = "undecided by the seeds"
 VOID = "void"
-MISSING = "not measured"
+MISSING = NOT_MEASURED
 #: Those about noisy frames: each noise seed decides them.
 NOISY = range(12, 19)
 

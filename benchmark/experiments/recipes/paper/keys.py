@@ -17,6 +17,8 @@ PRESETS = ("best", "paper")
 NOISES = ("clean", "noisy")
 #: In place of a noise: clean frames of the same room rendered without reflections, for finding 11.
 LAMBERTIAN = "lambertian"
+#: In place of references: for each odometer the one that the paper used.
+PAPER_REFERENCES = "paper"
 #: The reference of a trajectory that an external system wrote.
 EXTERNAL = "run"
 
@@ -72,7 +74,7 @@ def all_keys(
     presets: Sequence[str] = ("best",), seeds: Sequence[int] = (0,), references: Sequence[str] = ()
 ) -> list[PaperKey]:
     """Keys of all rooms, sequence by sequence, so that the images stay in the file cache.
-    references: used for all odometers; default: those of the registry.
+    references: used for all odometers, or PAPER_REFERENCES; default: those of the registry.
     """
     keys = []
     sequences = [*shipped.paper_sequences(), *shipped.further_sequences()]
@@ -80,7 +82,9 @@ def all_keys(
         room, _, trajectory = sequence.partition("/")
         for seed in seeds if noise == "noisy" else (0,):
             for (name, entry), preset in product(ODOMETERS.items(), presets):
-                for reference in references or entry.references:
+                of_paper = entry.references[:1] if PAPER_REFERENCES in references else ()
+                others = [name for name in references if name != PAPER_REFERENCES]
+                for reference in dict.fromkeys([*of_paper, *others]) or entry.references:
                     key = PaperKey(room, trajectory, noise, name, preset, reference, seed=seed)
                     keys.append(key)
     return keys
@@ -128,6 +132,16 @@ def chosen(keys: Iterable[PaperKey], only: str | None) -> list[PaperKey]:
 
 # -- what measuring a cell needs
 
+#: Core-seconds of a frame that is tracked, by preset and whether it is aligned with a model, and of
+#: one that is fused and compared: the largest mean of an odometer over the shipped cells
+#: (tests/benchmark/test_plan.py); of `paper` with a model, one sequence.
+_TRACK_CORE_S = {
+    ("best", False): 0.04,
+    ("best", True): 0.14,
+    ("paper", False): 0.14,
+    ("paper", True): 1.05,
+}
+_FUSE_CORE_S = 0.19
 #: Minimum weight of a voxel for the mesh of a noisy sequence: its surface must be seen by this many
 #: frames.
 _MIN_NOISY_WEIGHT = 3.0
@@ -169,3 +183,9 @@ def fuse_settings(key: PaperKey, first: int | None) -> fusion.FuseSettings:
     volume = fusion.PRESETS.get(key.preset, fusion.PRESETS["best"])
     min_weight = _MIN_NOISY_WEIGHT if key.noise == "noisy" else fusion.FuseSettings().min_weight
     return fusion.FuseSettings(volume, min_weight, f":{first or ''}")
+
+
+def core_seconds(key: PaperKey, surface: bool) -> float:
+    """Expected core-seconds of a frame of a cell. surface: it is also fused and compared."""
+    track_s = 0.0 if key.external else _TRACK_CORE_S[key.preset, key.reference == "model"]
+    return track_s + surface * _FUSE_CORE_S

@@ -14,6 +14,7 @@ from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.sequences.stored_sequence import StoredSequence
 from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
+from ...memory import peak_mb, reset_peak
 from .keys import Meter, PaperTask
 
 #: Number of trajectory points stored for charts.
@@ -22,12 +23,13 @@ _SECOND = RelativeErrorSettings(1.0, "seconds")
 
 
 def measure(task: PaperTask, folder: Path, advance: Callable[[int], object]) -> dict[str, Any]:
-    """The figures of a cell, with `times` (core-seconds, and ms per frame) and `path`, data for
+    """The figures of a cell, with `times` (core-seconds, ms per frame, largest memory in MB) and `path`, data for
     charts; if the odometer failed, with the reason as `failed`.
 
     Writes trajectory.txt and, with a surface, surface.jpg and heat.jpg into the folder.
     """
     started = time.process_time()
+    reset_peak()
     times: dict[str, float] = {}
     figures: dict[str, Any] = {}
     sequence = StoredSequence(task.folder)
@@ -47,7 +49,10 @@ def measure(task: PaperTask, folder: Path, advance: Callable[[int], object]) -> 
             times |= figures["surface"].pop("times")
     except (InputError, WorkError) as problem:
         figures["failed"] = problem.worded()
-    return {**figures, "times": times | {"cpu_s": time.process_time() - started}}
+    times["cpu_s"] = time.process_time() - started
+    if (memory_mb := peak_mb()) is not None:
+        times["peak_mb"] = memory_mb
+    return {**figures, "times": times}
 
 
 def _motion(

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from iclnuim.console import Console
 from iclnuim.formats.files import make_folder, read_json
@@ -34,7 +34,11 @@ from .findings import (
 from .keys import HEAT_MM, paper_titles
 from .rules import RULES
 from .sources import Sources
+from .speed import speed_figure, speed_table
 from .tables import BRIEF_COLUMNS, CELL_COLUMNS, all_tables, cell_row, cells_table, has_ours
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Part of the page for pictures and films. Pictures beyond it are left out, those in colour first.
 _PICTURES = 52_000_000
@@ -94,6 +98,13 @@ def write_report(
     others = [table for table in tables if table.name not in apart and has_ours(table)]
     conditions = "Which method for which condition"
     first = [Section("best", conditions, tables=best, picture=_accuracy(results))] if best else []
+    if (chart := speed_figure(results)) is not None:
+        speed = "Accuracy and surfaces beside speed and memory"
+        how = (
+            "Dots are means over the sequences with 95 % intervals; no method beats those on the "
+            "line in both."
+        )
+        first.append(Section("speed", speed, how, [speed_table(results)], picture=_png(chart)))
     page = Page(
         title="The ICL-NUIM benchmark, reproduced",
         lead=_about(out),
@@ -158,8 +169,12 @@ def _sections(
 
 def _accuracy(results: Sequence[Measured]) -> str:
     """The chart of the ATE of every method."""
+    return _png(accuracy_figure(results))
+
+
+def _png(figure: "Figure") -> str:
     chart = io.BytesIO()
-    accuracy_figure(results).savefig(chart, format="png", dpi=_DPI)
+    figure.savefig(chart, format="png", dpi=_DPI)
     return _inline("image/png", chart.getvalue())
 
 

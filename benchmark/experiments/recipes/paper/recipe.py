@@ -47,9 +47,14 @@ def measured_cells(out: Path) -> list[Measured]:
     """All measured cells of a benchmark. Raises InputError if there are none."""
     results = Store(out, KIND).read_all(PaperKey)
     if not results:
-        hint = "iclnuim benchmark, or another {out}"
-        raise InputError("a benchmark with measured cells", path=out, found="none", hint=hint)
+        raise no_cells(out)
     return results
+
+
+def no_cells(out: Path) -> InputError:
+    """The error of a folder without measured cells."""
+    hint = "iclnuim benchmark, or another {out}"
+    return InputError("a benchmark with measured cells", path=out, found="none", hint=hint)
 
 
 @dataclass(frozen=True, eq=False)

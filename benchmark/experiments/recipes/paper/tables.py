@@ -17,6 +17,7 @@ from ...cell import Measured
 from ...table import ResultTable
 from .figures import (
     ATE_TABLES,
+    AUTHORS,
     SURFACE_TABLES,
     Ours,
     PaperFigures,
@@ -74,13 +75,20 @@ def preset_tables(results: Sequence[Measured], preset: str) -> list[ResultTable]
     """
     seeds = seeds_of(results, preset)
     views = [Ours(results, preset, seed) for seed in seeds]
-    others = [r.key for r in results if r.key.external] if preset == "best" else []
+    others = [r.key for r in results if r.key.external and _beside(r.key, preset)]
     others += [r.key for r in results if r.key.preset == preset and _is_further(r.key)]
     ate = [_ate_table(views, others, *where) for where in ATE_TABLES]
     surfaces = product([views], shipped.paper_scenes(), NOISES)
     living_clean, living_noisy, *office = (_surface_table(*one) for one in surfaces)
     tables = [living_clean, *ate, living_noisy, *office]
     return [table.of_preset(preset) for table in tables]
+
+
+def _beside(system: PaperKey, preset: str) -> bool:
+    """Whether a system's rows stand in the tables of a preset: the authors' programs beside the
+    paper's methods, all beside `best`.
+    """
+    return preset == "best" or system.odometer in AUTHORS.values()
 
 
 def _is_further(key: PaperKey) -> bool:

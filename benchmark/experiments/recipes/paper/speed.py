@@ -1,0 +1,97 @@
+"""Accuracy beside speed: what each method costs under each condition, as a table and as a chart."""
+
+from collections.abc import Sequence
+from statistics import geometric_mean, median
+from typing import TYPE_CHECKING
+
+from ...cell import Measured
+from ...intervals import log_interval
+from ...table import ResultTable, shown
+from .best_methods import Condition, errors_by_condition, method_name
+from .figures import surface_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Columns of panels of the chart.
+_COLUMNS = 2
+
+
+def _costs(results: Sequence[Measured]) -> dict[tuple[Condition, str], dict[str, list[float]]]:
+    """Condition and method -> the figures of its cells: ms a frame, core-seconds, MB, surface in
+    metres.
+    """
+    found: dict[tuple[Condition, str], dict[str, list[float]]] = {}
+    for result in results:
+        key = result.key
+        of = found.setdefault(((key.room, key.noise), method_name(key)), {})
+        times = result.figures.get("times", {})
+        cell = {name: times.get(name) for name in ("cpu_s", "peak_mb")}
+        if "track_s" in times:
+            cell["track_ms"] = 1e3 * times["track_s"] / result.figures["frames"]
+        cell["surface_m"] = surface_of(result.figures)
+        for name, value in cell.items():
+            if value is not None:
+                of.setdefault(name, []).append(value)
+    return found
+
+
+def speed_table(results: Sequence[Measured]) -> ResultTable:
+    """One row per condition and method, the most accurate first; medians over sequences and
+    seeds.
+    """
+    costs = _costs(results)
+    rows = []
+    for condition, errors in errors_by_condition(results).items():
+        ranked = sorted((geometric_mean(of.values()), name) for name, of in errors.items())
+        for ate_m, name in ranked:
+            own = costs[condition, name]
+            mid = {figure: median(values) for figure, values in own.items()}
+            texts = (
+                shown(ate_m, ".3g", 1e3),
+                shown(mid.get("surface_m"), ".3g", 1e3),
+                shown(mid.get("track_ms"), ".1f"),
+                shown(mid.get("cpu_s"), ".0f"),
+                shown(mid.get("peak_mb"), ".0f"),
+            )
+            rows.append((" ".join(condition).replace("_", " "), name, *texts))
+    columns = ("condition", "method", "ATE mm", "surface mm", "ms a frame", "core-s", "MB")
+    notes = (
+        "ATE: geometric mean over the sequences. Medians: surface, processor time of a tracked "
+        "frame on one core, core-seconds and largest memory of a cell. A dash: not measured.",
+    )
+    return ResultTable("speed", "Accuracy beside speed.", columns, tuple(rows), notes=notes)
+
+
+def speed_figure(results: Sequence[Measured]) -> "Figure | None":
+    """A panel for each condition: ATE with its 95 % interval over the sequences against ms a frame,
+    and a line through the methods that none beats in both. None without times.
+    """
+    from iclnuim.report.charts import pareto_panel
+    from matplotlib.figure import Figure
+
+    costs = _costs(results)
+    panels = {}
+    for condition, errors in errors_by_condition(results).items():
+        points = []
+        for name, of in errors.items():
+            times = costs[condition, name].get("track_ms")
+            if times:
+                points.append((name, median(times), *log_interval(list(of.values()))))
+        if points:
+            panels[condition] = points
+    if not panels:
+        return None
+    columns = min(_COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    drawing = Figure(figsize=(5.4 * columns, 3.6 * rows), layout="constrained")
+    grid = drawing.subplots(rows, columns, squeeze=False).flat
+    for axes, (condition, points) in zip(grid, panels.items(), strict=False):
+        in_mm = [(p[0], p[1], 1e3 * p[2], 1e3 * p[3], 1e3 * p[4]) for p in points]
+        pareto_panel(axes, in_mm, lower_is_better=True)
+        axes.set(title=", ".join(condition).replace("_", " "), yscale="log")
+        axes.set_ylabel("ATE RMSE [mm]", fontsize=8)
+    for axes in list(drawing.axes)[len(panels) :]:
+        axes.set_visible(False)
+    drawing.supxlabel("processor time of a frame on one core [ms]", fontsize=9)
+    return drawing

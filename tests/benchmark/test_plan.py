@@ -1,0 +1,51 @@
+"""How long cells are expected to take, beside what the shipped ones took."""
+
+from collections import defaultdict
+from statistics import mean
+
+import pytest
+from iclnuim.benchmark.experiments.recipes.paper.keys import (
+    PAPER_REFERENCES,
+    all_keys,
+    core_seconds,
+)
+from iclnuim.benchmark.odometry.registry import ODOMETERS
+from iclnuim.tools import measured
+from iclnuim.tools.measured_cells import PublishedCells
+
+
+@pytest.fixture(scope="module")
+def cells():
+    return PublishedCells.read(measured.TOP / measured.CELLS).benchmark()
+
+
+def test_no_odometer_takes_twice_as_long_as_expected_or_the_slowest_half(cells):
+    took = defaultdict(lambda: defaultdict(list))
+    for found in cells:
+        times = found.figures.get("times", {})
+        if "track_s" in times:
+            expected_s = found.figures["frames"] * core_seconds(found.key, surface=False)
+            kind = (found.key.preset, found.key.reference == "model")
+            took[kind][found.key.odometer].append(times["track_s"] / expected_s)
+    for of_odometers in took.values():
+        slowest = max(map(mean, of_odometers.values()))
+        assert 0.5 < slowest < 1.5
+
+
+def test_a_cell_with_its_surface_takes_as_long_as_expected(cells):
+    took = []
+    for found in cells:
+        times = found.figures.get("times", {})
+        if "surface" in found.figures and "cpu_s" in times:
+            each_s = times["cpu_s"] / found.figures["frames"]
+            took.append(each_s / core_seconds(found.key, surface=True))
+    assert 0.67 < mean(took) < 1.5
+
+
+def test_the_papers_references_are_one_for_each_odometer():
+    keys = all_keys(["paper"], references=[PAPER_REFERENCES])
+    assert {(key.odometer, key.reference) for key in keys} == {
+        (name, entry.references[0]) for name, entry in ODOMETERS.items()
+    }
+    both = all_keys(["paper"], references=[PAPER_REFERENCES, "frame"])
+    assert len(both) == 2 * len(keys) and len(set(both)) == len(both)
