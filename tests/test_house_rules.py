@@ -36,7 +36,8 @@ MAY_IMPORT = {
     "worker_events": "errors",
     "worker_client": "errors geometry formats shipped wall scene_wall worker_events",
     "wall": "",
-    "scene_wall": "geometry shipped wall",
+    "scene_files": "errors geometry",
+    "scene_wall": "geometry shipped wall scene_files",
     "__main__": "errors checkout headless headless.cli benchmark",
     "shipped": "errors",
     "geometry": "errors settings shown",
@@ -55,7 +56,7 @@ MAY_IMPORT = {
     "render": f"{CORE} console job trajectory_files sequences worker_client worker_events",
     "lightmap": "errors geometry",
     "blender": f"{CORE} lightmap",
-    "blender.open": f"{CORE} shipped job blender",
+    "blender.open": f"{CORE} shipped job scene_files blender",
     "blender.light": f"{CORE} version shipped job sensor lightmap blender",
     "blender.render": f"{CORE} version channels job worker_events shipped sensor sequences labels "
     "trajectory_files blender blender.open blender.light",
@@ -63,7 +64,7 @@ MAY_IMPORT = {
     "report": f"{CORE} console sensor evaluation doubt trajectory_files sequences",
     "raycast": f"{CORE} console channels sequences",
     "ui": f"{CORE} job worker_client worker_events shipped sensor evaluation trajectory_files sequences report "
-    "blender blender.open blender.light blender.render",
+    "scene_files blender blender.open blender.light blender.render",
 }
 LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"})
 BENCHMARK = [
@@ -118,7 +119,8 @@ OUTSIDE = {
     "trajectory_files": ("numpy", "rosbags"),
     "labels": ("numpy matplotlib", ""),
     "depth": ("numpy matplotlib", ""),
-    "blender": ("numpy bpy bmesh mathutils", "pxr _cycles zstandard io_scene_gltf2"),
+    "blender": ("numpy bpy bmesh mathutils", "_cycles io_scene_gltf2"),
+    "scene_files": ("numpy", "pxr zstandard"),
     "ui": ("numpy bpy mathutils", "gpu gpu_extras"),
     "report": ("numpy matplotlib", "rerun"),
     "shown": ("numpy", "matplotlib"),

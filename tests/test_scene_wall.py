@@ -13,6 +13,7 @@ import pytest
 from iclnuim import scene_wall, wall
 from iclnuim.errors import InputError
 from iclnuim.geometry.scene_axes import SceneReading
+from iclnuim.scene_files import search
 
 WALL = Path(wall.__file__)
 #: Opens the files of its arguments, to read or (`+`) to write, and prints which it could open.
@@ -47,9 +48,16 @@ def tried(command, names, **how):
 
 @pytest.fixture
 def folder(tmp_path):
-    for name in ("scene/room.obj", "scene/sub/wall.png", "textures/wood.png", "secret/key"):
+    contents = {
+        "scene/room.obj": "mtllib sub/room.mtl\n",
+        "scene/sub/room.mtl": "map_Kd wall.png\nmap_Ks shiny/Gloss.PNG\n",
+        "scene/.config/key": "key",
+    }
+    names = ("scene/sub/wall.png", "scene/sub/shiny/gloss.png", "scene/diary.txt")
+    contents |= dict.fromkeys((*names, "textures/wood.png", "secret/key"), "x")
+    for name, content in contents.items():
         (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
-        (tmp_path / name).write_text(name)
+        (tmp_path / name).write_text(content)
     (tmp_path / "out").mkdir()
     (tmp_path / "scene/link.png").symlink_to(tmp_path / "secret/key")
     return tmp_path
@@ -62,10 +70,14 @@ def around(folder, **reading):
 
 
 @needs_landlock
-def test_the_scenes_folder_is_read_the_runs_is_written_and_nothing_else(folder):
+def test_the_scene_and_what_it_names_are_read_the_runs_is_written_and_nothing_else(folder):
     may = {
         "scene/room.obj": True,
+        "scene/sub/room.mtl": True,
         "scene/sub/wall.png": True,
+        "scene/sub/shiny/gloss.png": True,
+        "scene/diary.txt": False,
+        "scene/.config/key": False,
         "scene/link.png": False,
         "scene/../secret/key": False,
         "textures/wood.png": False,
@@ -74,6 +86,47 @@ def test_the_scenes_folder_is_read_the_runs_is_written_and_nothing_else(folder):
     expected |= {f"+{folder}/{name}": False for name in ("scene/room.obj", "scene/new", "new")}
     expected |= {f"+{folder}/out/frame": True, "/etc/hostname": False, "/etc/passwd": True}
     assert tried(launcher(folder, around(folder)), expected) == expected
+
+
+def readable(folder, name, content=None, **reading):
+    """Names below the folder that a process may read which opens the scene `name`."""
+    if content is not None:
+        (folder / name).write_text(content)
+    found = search.readable(folder / name, SceneReading(**reading))
+    return sorted(str(path.relative_to(folder)) for path in found)
+
+
+def test_frames_of_a_sequence_are_read_of_which_the_scene_names_one(folder):
+    for number in (7, 8, 12):
+        (folder / f"scene/fire{number}.png").write_text("x")
+    (folder / "scene/room.mtl").write_text("map_Kd fire7.png\n")
+    found = readable(folder, "scene/room.obj", "mtllib room.mtl\n")
+    assert found == [
+        f"scene/{n}" for n in ("fire12.png", "fire7.png", "fire8.png", "room.mtl", "room.obj")
+    ]
+
+
+@pytest.mark.parametrize("name", [".config/key", "link.png", "../secret/key"])
+def test_a_name_through_a_hidden_folder_counts_as_one_outside(folder, name):
+    scene = folder / "scene/room.obj"
+    assert not search.allowed(scene, scene.parent / name, SceneReading())
+    assert readable(folder, "scene/room.obj", f"mtllib {name}\n") == ["scene/room.obj"]
+
+
+def test_a_scene_in_a_hidden_folder_reads_what_lies_beside_it(folder):
+    (folder / "scene/.config/own.mtl").write_text("map_Kd key\n")
+    found = readable(folder, "scene/.config/room.obj", "mtllib own.mtl\n")
+    assert found == [f"scene/.config/{name}" for name in ("key", "own.mtl", "room.obj")]
+
+
+@pytest.mark.skipif("bpy" in sys.modules, reason="Blender lists the layers")
+def test_layers_that_cannot_be_listed_keep_the_folder_but_not_what_is_hidden(folder, monkeypatch):
+    layer = "#usda 1.0\n"
+    assert readable(folder, "scene/sub/room.usda", layer) == ["scene/sub", "scene/sub/room.usda"]
+    names = ("diary.txt", "room.obj", "room.usda", "sub")
+    assert readable(folder, "scene/room.usda", layer) == [f"scene/{name}" for name in names]
+    monkeypatch.setenv("HOME", str(folder / "scene"))
+    assert readable(folder, "scene/room.usda") == ["scene/room.usda"]
 
 
 @needs_landlock

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from . import shipped, wall
 from .geometry.scene_axes import SceneReading
+from .scene_files import search
 
 #: Libraries, programs and fonts of the system, in all usual distributions.
 _SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/nix/store", "/gnu/store", "/snap")
@@ -35,18 +36,21 @@ _DEVICE = "/dev/null"
 
 @dataclass(frozen=True)
 class SceneWall:
-    """Files and folders that the process may read, and those that it may also write."""
+    """Files and folders that the process may read, those that it may also write, and folders of
+    which it may only see the names.
+    """
 
     readable: tuple[str, ...]
     writable: tuple[str, ...]
+    listable: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, list[str]]:
         """What wall.py reads as {"wall": ..}."""
-        return {"readable": list(self.readable), "writable": list(self.writable)}
+        return {name: list(paths) for name, paths in vars(self).items()}
 
     def put_up(self) -> bool:
         """Bind this thread. False where the kernel has no Landlock."""
-        return wall.put_up(self.readable, self.writable)
+        return wall.put_up(self.readable, self.writable, self.listable)
 
 
 def around(
@@ -57,17 +61,21 @@ def around(
     writable: Iterable[Path] = (),
 ) -> SceneWall:
     """The wall of a process of `program` (Python or Blender) that opens `scene`, a built-in name or
-    a file: beside the scene's folder and the folders that the user allows, it reads what Blender
-    and Python consist of and `readable`, and it writes only `writable`.
+    a file: beside the scene's file, what it names in its own folder, and the folders that the user
+    allows, it reads what Blender and Python consist of and `readable`, and it writes only
+    `writable`.
     """
     allowed = [*_SYSTEM, *_SYSTEM_FILES, *_installation(program), *map(str, readable)]
+    listable = []
     if not shipped.is_scene(scene):
-        allowed.append(str(Path(scene).resolve().parent))
+        file = Path(scene).expanduser().resolve()
+        allowed += map(str, search.readable(file, reading))
+        listable.append(str(file.parent))
     if reading.textures:
-        allowed.append(reading.textures)
+        allowed.append(str(Path(reading.textures).expanduser()))
     if reading.allow_outside:
         allowed = ["/"]
-    return SceneWall(tuple(allowed), (_DEVICE, *map(str, writable)))
+    return SceneWall(tuple(allowed), (_DEVICE, *map(str, writable)), tuple(listable))
 
 
 def _installation(program: str) -> set[str]:

@@ -5,8 +5,8 @@ processes outside.
 
     python -I -S wall.py OPTIONS.json COMMAND ...
 
-puts up the wall of OPTIONS.json, {"wall": {"readable": [PATH ..], "writable": [PATH ..]}}, and
-becomes COMMAND. It imports nothing of this package, because it runs before everything else: the
+puts up the wall of OPTIONS.json, {"wall": {"readable": [PATH ..], "writable": [PATH ..],
+"listable": [PATH ..]}}, and becomes COMMAND. It imports nothing of this package, because it runs before everything else: the
 wall binds the calling thread and what it starts.
 """
 
@@ -23,7 +23,8 @@ _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
 _PR_SET_NO_NEW_PRIVS = 38
 _RULE_PATH_BENEATH = 1
 #: Rights (include/uapi/linux/landlock.h): execute a file, read a file, list a folder.
-_READ = 1 << 0 | 1 << 2 | 1 << 3
+_LIST = 1 << 3
+_READ = 1 << 0 | 1 << 2 | _LIST
 #: Write a file, remove and make what a folder contains.
 _WRITE = 1 << 1 | sum(1 << bit for bit in range(4, 13))
 #: Rights that later kernels know: move between folders (version 2), truncate (version 3).
@@ -49,10 +50,10 @@ def refused(known: int) -> list[str]:
     return [what for since, what in kinds if since <= known]
 
 
-def put_up(readable: Iterable[str], writable: Iterable[str]) -> bool:
-    """Let this thread, and all that it starts from now on, only read `readable` and only read and
-    write `writable`: files, and folders with all that they contain. Paths that do not exist are
-    left out. Where the kernel can, nothing is connected or signalled outside.
+def put_up(readable: Iterable[str], writable: Iterable[str], listable: Iterable[str] = ()) -> bool:
+    """Let this thread, and all that it starts from now on, only read `readable`, only read and
+    write `writable`, and only see the names in `listable`: files, and folders with all that they
+    contain. Paths that do not exist are left out. Where the kernel can, nothing is connected or signalled outside.
 
     Returns False, without effect, where the kernel has no Landlock. Raises OSError if it refuses.
     """
@@ -70,6 +71,8 @@ def put_up(readable: Iterable[str], writable: Iterable[str]) -> bool:
         _allow(ruleset, path, both)
     for path in readable:
         _allow(ruleset, path, _READ)
+    for path in filter(os.path.isdir, listable):
+        _allow(ruleset, path, _LIST)
     _checked(ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0))
     _checked(call(_RESTRICT_SELF, ruleset, 0))
     os.close(ruleset)
@@ -104,7 +107,7 @@ def _checked(result: int) -> int:
 def _become(arguments: list[str]) -> None:
     with open(arguments[0], encoding="utf-8") as options:
         paths = json.load(options)["wall"]
-    put_up(paths["readable"], paths["writable"])
+    put_up(paths["readable"], paths["writable"], paths["listable"])
     os.execvp(arguments[1], arguments[1:])
 
 

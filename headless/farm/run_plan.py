@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from iclnuim.blender.open.blend_file import may_simulate
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_json, write_json
 from iclnuim.job import RenderJob
+from iclnuim.scene_files.blend_file import may_simulate
 from iclnuim.sequences.bag_writer import BagSettings
 from iclnuim.sequences.frame_source import frames_of_run
 from iclnuim.sequences.journal import read_entries

@@ -17,9 +17,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 import hostile_scenes as hostile  # noqa: E402
 import own_scene_files as made  # noqa: E402
 from iclnuim import wall  # noqa: E402
-from iclnuim.blender.open import scene, scene_names, scene_paths  # noqa: E402
+from iclnuim.blender.open import scene, scene_paths  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry.scene_axes import SceneReading  # noqa: E402
+from iclnuim.scene_files import scene_names  # noqa: E402
 
 ONE_LINE = r"[^\n]+/scenes/\w+/[\w.]+: [^:].*own folder, found .+; try .+"
 
@@ -95,7 +96,7 @@ from iclnuim.geometry.scene_axes import SceneReading
 file, scratch = map(Path, sys.argv[1:])
 os.environ["TMPDIR"] = str(scratch)
 assert scene_wall.around(str(file), SceneReading(), sys.executable, [], [scratch]).put_up()
-from iclnuim.blender.open import scene, scene_paths
+from iclnuim.blender.open import scene, scene_paths  # noqa: E402
 scene_paths.check = lambda path, reading: []
 try:
     scene.open_scene(str(file))
@@ -201,3 +202,75 @@ def test_a_file_of_the_working_folder_is_outside(tmp_path, monkeypatch):
         scene.open_scene(str(file))
     shutil.copy(tmp_path / "outside/obj_map.png", file.parent)
     scene.open_scene(str(file))
+
+
+#: Opens a scene behind its wall, and every picture below its folder.
+READ_BEHIND_THE_WALL = """
+import os, sys
+from pathlib import Path
+from iclnuim import scene_wall
+from iclnuim.geometry.scene_axes import SceneReading
+file, scratch = map(Path, sys.argv[1:])
+os.environ["TMPDIR"] = str(scratch)
+assert scene_wall.around(str(file), SceneReading(), sys.executable, [], [scratch]).put_up()
+from iclnuim.blender.open import scene
+notes = scene.open_scene(str(file))
+pictures = [path for path in file.parent.rglob("*") if path.suffix.lower() == ".png"]
+assert all(path.read_bytes() for path in pictures)
+import bpy
+print(len(pictures), len(bpy.data.images), len(bpy.data.meshes), [n for n in notes if "missing" in n])
+sys.stdout.flush()
+os._exit(0)
+"""
+
+
+def tiles(tmp_path):
+    for number in (1001, 1002):
+        made.picture(bpy, tmp_path / f"scene/tile.{number}.png")
+    image = bpy.data.images.load(str(tmp_path / "scene/tile.1001.png"))
+    image.source = "TILED"
+    image.filepath = "//tile.<UDIM>.png"
+    return image
+
+
+def frames(tmp_path):
+    for number in (0, 1, 2, 10):
+        made.picture(bpy, tmp_path / f"scene/deep/fire{number}.png")
+    image = bpy.data.images.load(str(tmp_path / "scene/deep/fire2.png"))
+    image.source = "SEQUENCE"
+    return image
+
+
+def one(tmp_path):
+    made.picture(bpy, tmp_path / "scene/deep/Wood.PNG")
+    return bpy.data.images.load(str(tmp_path / "scene/deep/Wood.PNG"))
+
+
+@pytest.mark.skipif(not wall.version(), reason="this kernel has no Landlock")
+@pytest.mark.parametrize("image_of", [tiles, frames, one])
+@pytest.mark.parametrize("linked", [False, True])
+def test_what_an_honest_scene_names_is_read_behind_the_wall(tmp_path, image_of, linked):
+    made.fresh(bpy)
+    for folder in ("scene/deep", "scratch"):
+        (tmp_path / folder).mkdir(parents=True)
+    image = image_of(tmp_path)
+    material = made.material(bpy, "m", image=image)
+    for node in material.node_tree.nodes:
+        if node.type == "TEX_IMAGE":
+            node.image_user.frame_duration = 2
+    made.box(bpy, "box", (0, 0, 0), (1, 1, 1), material)
+    file = tmp_path / "scene/room.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    bpy.ops.file.make_paths_relative()
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    if linked:
+        made.fresh(bpy)
+        with bpy.data.libraries.load(str(file), link=True, relative=False) as (_, here):
+            here.objects = ["box"]
+        bpy.context.scene.collection.objects.link(bpy.data.objects["box"])
+        file = tmp_path / "scene/main.blend"
+        bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    command = [sys.executable, "-c", READ_BEHIND_THE_WALL, str(file), str(tmp_path / "scratch")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    count = len([path for path in file.parent.rglob("*") if path.suffix.lower() == ".png"])
+    assert done.stdout.splitlines()[-1:] == [f"{count} 1 1 []"], done

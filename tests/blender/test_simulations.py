@@ -15,7 +15,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
 import simulated_scenes  # noqa: E402
 from iclnuim.blender.open import motion, scene, simulations  # noqa: E402
-from iclnuim.blender.open.blend_file import may_simulate  # noqa: E402
 from iclnuim.blender.open.run_frames import RunFrames  # noqa: E402
 from iclnuim.blender.render import run_recipe, worker  # noqa: E402
 from iclnuim.console import Console  # noqa: E402
@@ -26,6 +25,7 @@ from iclnuim.geometry.trajectory import Trajectory  # noqa: E402
 from iclnuim.headless.farm import tasks  # noqa: E402
 from iclnuim.headless.farm.run_plan import RunPlan  # noqa: E402
 from iclnuim.job import RenderJob  # noqa: E402
+from iclnuim.scene_files.blend_file import may_simulate  # noqa: E402
 from iclnuim.trajectory_files.trajectories import write_trajectory  # noqa: E402
 
 FRAMES = 11

@@ -280,21 +280,6 @@ def gltf_extensions() -> set[str]:
     return set(glTFImporter("", {"import_user_extensions": []}).extensions_managed)
 
 
-def usd_library() -> Any:
-    """Blender's USD library for Python, or None.
-
-    In the package bpy it must first be added to the import path.
-    """
-    getattr(bpy.utils, "expose_bundled_modules", list)()
-    try:
-        import pxr.Ar
-        import pxr.Sdf
-        import pxr.UsdUtils
-    except ImportError:
-        return None
-    return pxr
-
-
 def _is_there(operator: Any) -> bool:
     try:
         operator.get_rna_type()

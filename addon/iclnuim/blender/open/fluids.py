@@ -5,9 +5,9 @@ the process, when it is evaluated.
 from pathlib import Path
 
 from ...errors import InputError
+from ...scene_files.blend_file import BlendFile, text
 from .. import compat
 from . import scene_paths
-from .blend_file import BlendFile, text
 
 #: Type of a fluid modifier, and the flag of a domain whose data are baked.
 _DOMAIN = 1

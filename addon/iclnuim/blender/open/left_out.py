@@ -11,10 +11,11 @@ import bpy
 import numpy as np
 
 from ...formats.ply import face_colours, read_header
+from ...scene_files import scene_names
 from .. import compat
 from ..notes import names_of
 from ..surfaces import array_of
-from . import glass, plain_names, scene_names
+from . import glass, plain_names
 
 
 def completed(path: Path) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 from bpy.types import Object, ParticleSystem, Scene
 
-from .blend_file import BlendFile
+from ...scene_files.blend_file import BlendFile
 
 _ZONE = "GeometryNodeSimulationOutput"
 

@@ -13,7 +13,7 @@ from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...errors import InputError
+from ..errors import InputError
 
 
 class Block(NamedTuple):

@@ -7,7 +7,7 @@ from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from ...errors import InputError
+from ..errors import InputError
 from .blend_file import BlendFile, text
 
 #: Structs and fields with paths that Blender does not read: former locations of the file, output

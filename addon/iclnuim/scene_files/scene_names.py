@@ -9,14 +9,14 @@ import mmap
 import os
 import re
 import struct
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...errors import InputError
-from .. import compat
+from ..errors import InputError
 from . import blend_names
 
 #: Blender takes every byte up to the space for white space. A backslash at the end of a line
@@ -54,7 +54,8 @@ class FileReference:
 def named_in(file: Path, kind: str = "") -> Iterator[FileReference]:
     """The references in a file, read as a file of that kind (`.mtl`), or else by its ending and its
     first bytes. If the file cannot be read, there are none, because Blender's importer will report
-    the error; for a .blend, raises InputError.
+    the error; for a .blend, raises InputError. Layers of USD are listed once Blender is loaded;
+    before, they may be anywhere in the folder.
 
     The result is cached until the file changes: scenes are checked before they are opened, and
     hashed afterwards.
@@ -63,13 +64,15 @@ def named_in(file: Path, kind: str = "") -> Iterator[FileReference]:
     with suppress(OSError):
         state = file.stat()
         changes = (state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
-        yield from _kept(file, kind, changes)
+        yield from _kept(file, kind, changes, "bpy" in sys.modules)
         if ending == ".obj" and file.with_suffix(".mtl").exists():
             yield FileReference("its materials", f"{file.stem}.mtl")
 
 
 @functools.lru_cache(maxsize=1024)
-def _kept(file: Path, kind: str, changes: tuple[int, ...]) -> tuple[FileReference, ...]:
+def _kept(
+    file: Path, kind: str, changes: tuple[int, ...], has_blender: bool
+) -> tuple[FileReference, ...]:
     return tuple(_looked_through(file, kind))
 
 
@@ -186,10 +189,12 @@ def _fbx_string(content: mmap.mmap, at: int) -> bytes:
 
 def _in_usd(file: Path) -> Iterator[FileReference]:
     """References of the layer, and of the layers that are packed into it."""
-    pxr = compat.usd_library()
+    if "bpy" not in sys.modules:  # its library of USD is that of Blender
+        yield FileReference("its layers", ".", folder=True)
+        return
+    pxr = _usd_library()
     if pxr is None:
-        without = f"{compat.version_line()} without its library"
-        raise InputError("a Blender that reads USD", path=file, found=without)
+        raise InputError("a Blender that reads USD", path=file, found="one without its library")
     own = os.path.realpath(file)
     todo = [own]
     seen = set()
@@ -210,6 +215,21 @@ def _in_usd(file: Path) -> Iterator[FileReference]:
                     yield _usd_reference(place, name)
                 elif Path(whole.rstrip("]")).suffix in _LAYERS:
                     todo.append(whole)
+
+
+def _usd_library() -> Any:
+    """Blender's USD library for Python, or None.
+
+    In the package bpy it must first be added to the import path.
+    """
+    getattr(sys.modules["bpy"].utils, "expose_bundled_modules", list)()
+    try:
+        import pxr.Ar
+        import pxr.Sdf
+        import pxr.UsdUtils
+    except ImportError:
+        return None
+    return pxr
 
 
 def _in_materialx(file: Path) -> Iterator[FileReference]:
