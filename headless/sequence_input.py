@@ -46,6 +46,8 @@ def add_camera_options(parser: ArgumentParser) -> None:
     parser.add_argument("--camera", metavar="WxH,FX,FY,CX,CY", help=help)
     help = "depth units per metre; default: those of camera.json, or 5000"
     parser.add_argument("--units", type=float, metavar="N", help=help)
+    help = "read images outside the sequence's folder that its lists name"
+    parser.add_argument("--allow-outside", action="store_true", help=help)
 
 
 def opened_with_camera(args: Namespace, folder: Path) -> "StoredSequence":
@@ -54,7 +56,7 @@ def opened_with_camera(args: Namespace, folder: Path) -> "StoredSequence":
     """
     from iclnuim.sequences.stored_sequence import StoredSequence
 
-    sequence = StoredSequence(folder)
+    sequence = StoredSequence(folder, args.allow_outside)
     if args.camera:
         camera = SequenceCamera(PinholeCamera.parse(args.camera), units_from(args))
         return sequence.with_camera(camera)

@@ -55,8 +55,12 @@ class StoredSequence:
     Its properties raise InputError for files that cannot be read.
     """
 
-    def __init__(self, folder: StrPath) -> None:
+    def __init__(self, folder: StrPath, allow_outside: bool = False) -> None:
+        """allow_outside: read images outside the folder that its lists name; without it, links
+        that lie in the folder are the only way out of it.
+        """
         self.folder = Path(folder)
+        self._allow_outside = allow_outside
 
     def __repr__(self) -> str:
         return f"StoredSequence({self.folder})"
@@ -82,13 +86,24 @@ class StoredSequence:
     def rows(self) -> list[Row]:
         """The frames in the order of time, also those without one of the images.
 
-        Raises InputError if there is no such folder or bag.
+        Raises InputError if there is no such folder or bag, and for an image outside the folder.
         """
         if not self.folder.is_dir() and not is_bag(self.folder):
             found = "a file" if self.folder.exists() else "nothing"
             expected = "a folder with a sequence, or a ROS bag"
             raise InputError(expected, path=self.folder, found=found)
-        return self.format.reader.rows(self.folder)
+        rows = self.format.reader.rows(self.folder)
+        if not self._allow_outside:
+            self._refuse_outside(rows)
+        return rows
+
+    def _refuse_outside(self, rows: list[Row]) -> None:
+        for path in chain.from_iterable((row.rgb, row.depth) for row in rows):
+            if path is not None and leads_outside(path, self.folder):
+                expected = "lists that name images in the sequence's folder"
+                hint = "{allow_outside} if you trust them, or a link in the folder"
+                found = os.path.relpath(path, self.folder)
+                raise InputError(expected, path=self.folder, found=found, hint=hint)
 
     @cached_property
     def pairs(self) -> list[ImagePair]:
@@ -263,6 +278,22 @@ class StoredSequence:
             return None
 
         return depth_residuals(load, readings, camera.pinhole)
+
+
+def leads_outside(path: Path, folder: Path) -> bool:
+    """Whether the name of a path leads out of a folder. Links that lie in the folder are followed,
+    but not `..` behind one of them.
+    """
+    own = Path(os.path.normpath(folder))
+    if not Path(os.path.normpath(path)).is_relative_to(own):
+        return True
+    for k, part in enumerate(path.parts):
+        before = Path(*path.parts[:k])
+        if part == ".." and before.is_relative_to(folder):
+            by_name = os.path.relpath(os.path.normpath(before), own)
+            if real_path(before) != real_path(own) / by_name:
+                return True
+    return False
 
 
 def opened(sequence: StoredSequence | StrPath) -> StoredSequence:
