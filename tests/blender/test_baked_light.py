@@ -103,6 +103,47 @@ def test_the_map_is_baked_once_and_found_again(
     assert not any("light map:" in text for text in said)
 
 
+def moved_uv(by):
+    for number, loop in enumerate(bpy.data.meshes["floor"].uv_layers["own"].data):
+        loop.uv[0] += by * (-1) ** number
+
+
+EDITS = {
+    "a texture coordinate by a texel of a picture 4k wide": lambda: moved_uv(1 / 4096),
+    "a vertex by 1 mm": lambda: setattr(bpy.data.meshes["wall"].vertices[0], "co", (-3, 2, 0.001)),
+    "a colour": lambda: setattr(
+        bpy.data.materials["wall"].node_tree.nodes["Diffuse BSDF"].inputs["Color"],
+        "default_value",
+        (0.5, 0.5, 0.51, 1),
+    ),
+    "a lamp": lambda: setattr(bpy.data.lights["sun"], "energy", 2.01),
+}
+
+
+def test_a_map_is_found_again_though_computed_uv_differ_in_the_last_bits_and_not_after_an_edit(
+    room, tmp_path, monkeypatch
+):
+    from iclnuim.blender.render.job_scene import JobScene
+    from iclnuim.job import shipped_job
+
+    monkeypatch.setenv("ICLNUIM_CACHE", str(tmp_path))
+
+    def baked(edit):
+        bpy.ops.wm.open_mainfile(filepath=str(room))
+        edit()
+        file = tmp_path / "edited.blend"
+        bpy.ops.wm.save_as_mainfile(filepath=str(file))
+        job = shipped_job("living_room/kt0").changed(scene=str(file), map_size=32, map_samples=2)
+        return JobScene(job, lambda event: None).bake()
+
+    folder, made = baked(lambda: None)
+    assert made
+    assert baked(lambda: moved_uv(4e-7)) == (folder, False)
+    found = {baked(edit) for edit in EDITS.values()}
+    assert len(found) == len(EDITS) and all(new and place != folder for place, new in found)
+    assert baked(lambda: None) == (folder, False)
+
+
 def test_another_lamp_is_another_map(render_here, tmp_path, monkeypatch):
     cache = tmp_path / "cache"
     monkeypatch.setenv("ICLNUIM_CACHE", str(cache))
@@ -217,16 +258,17 @@ def test_a_bake_says_beforehand_how_long_it_takes_and_one_without_reflections_wh
     """The time is that of the cached map with reflections; without one it is estimated from the
     texels.
     """
-    from iclnuim.blender.light import light_files, light_map
+    from iclnuim.blender.light import light_files, light_map, scene_key
     from iclnuim.blender.open import scene
     from iclnuim.blender.render import settings
     from iclnuim.formats.files import write_json
     from iclnuim.job import RenderJob
 
-    def made(folder, *rest):
+    def made(folder, found, *rest):
         folder.mkdir(parents=True)
         for name in (light_files.MAP, light_files.LAYOUT):
             (folder / name).touch()
+        np.savez(folder / light_files.UV, uv=scene_key.uv_of(found))
         write_json(folder / light_files.RECIPE, {"seconds": 386.0})
 
     scene.open_scene(str(room))

@@ -14,6 +14,8 @@ from ...job import LIGHT_FILES
 from .lit_scene import MapLayout
 
 MAP, LAYOUT, RECIPE = LIGHT_FILES
+#: The texture coordinates of the scene whose light it is.
+UV = "uv.npz"
 
 
 def is_whole(folder: Path) -> bool:
@@ -21,9 +23,9 @@ def is_whole(folder: Path) -> bool:
     return all((folder / name).is_file() for name in LIGHT_FILES)
 
 
-def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> None:
-    """Write a map (rows, columns, 3), row 0 at the bottom, to a temporary folder and rename it, so
-    that two processes cannot interfere.
+def store(folder: Path, light: np.ndarray, layout: MapLayout, uv: np.ndarray, recipe: dict) -> None:
+    """Write a map (rows, columns, 3), row 0 at the bottom, and the texture coordinates (n, 2) of the
+    scene to a temporary folder and rename it, so that two processes cannot interfere.
 
     Light above the range of half floats, as close to a lamp of radius 0, is clipped. Raises
     WorkError for NaN.
@@ -42,12 +44,13 @@ def store(folder: Path, light: np.ndarray, layout: MapLayout, recipe: dict) -> N
             has=layout.has,
             part_corners=np.array(layout.part_corners),
         )
+        np.savez_compressed(temporary / UV, uv=uv)
         write_json(temporary / RECIPE, recipe)
         temporary.chmod(0o755)
         try:
             temporary.rename(folder)
         except OSError:
-            # another process may have been first; equal keys give equal maps
+            # another process may have been first
             if not is_whole(folder):
                 shutil.rmtree(folder, ignore_errors=True)
                 temporary.rename(folder)
@@ -64,6 +67,17 @@ def load_layout(folder: Path) -> MapLayout:
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         problem = f"the light map cannot be read ({error}); delete this folder and bake again"
         raise WorkError(f"{folder}: {problem}") from None
+
+
+def load_uv(folder: Path) -> np.ndarray:
+    """(n, 2) float32: the texture coordinates of the scene whose light it is; of a file that is
+    damaged or not there, none.
+    """
+    try:
+        with np.load(folder / UV) as stored:
+            return stored["uv"]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return np.zeros((0, 2), np.float32)
 
 
 def read_recipe(folder: Path) -> dict:

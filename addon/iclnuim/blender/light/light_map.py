@@ -13,6 +13,7 @@ rooms at the default size are shipped in blend/light.
 
 import functools
 import hashlib
+import itertools
 import json
 import time
 from collections.abc import Callable, Iterator
@@ -34,7 +35,7 @@ from ...version import __version__
 from .. import compat, materials, surfaces
 from ..surfaces import Part
 from . import lit_scene, scene_key
-from .light_files import MAP, is_whole, load_layout, read_recipe, store
+from .light_files import MAP, is_whole, load_layout, load_uv, read_recipe, store
 from .lit_scene import LitScene, MapLayout
 from .map_points import MapPoints, seen_texels
 from .viewpoints import viewpoints
@@ -84,10 +85,12 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
         if not shipped.is_scene(job.scene) and any(map(_glows, found)):
             chosen["glow"] = 1
         versions = {"blender": compat.version_line(), "iclnuim": __version__, "extra": {}}
-        key = {**scene_key.key_parts(found, bpy.context.scene), "settings": chosen, **versions}
+        parts = scene_key.key_parts(found, bpy.context.scene, shipped.is_scene(job.scene))
+        key = {**parts, "settings": chosen, **versions}
         name = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:20]
         cache = shipped.cache_folder()
-        folder = cache / "light" / name
+        uv = scene_key.uv_of(found)
+        folder = _free_or_fitting(cache / "light" / name, uv)
         if lacking := not is_whole(folder):
             report(_beforehand(job))
             _make(folder, found, depsgraph, chosen, key, report)
@@ -96,6 +99,14 @@ def prepare(job: RenderJob, report: Callable[[str], None]) -> tuple[Path, bool]:
         (cache / "light/known").mkdir(parents=True, exist_ok=True)
         write_json(_note_file(cache, job), {"map": folder.name})
     return folder, lacking
+
+
+def _free_or_fitting(folder: Path, uv: np.ndarray) -> Path:
+    """The folder, or the first of FOLDER-2, FOLDER-3 ..., that is free or has the map of a scene
+    with these texture coordinates.
+    """
+    places = itertools.chain([folder], (Path(f"{folder}-{k}") for k in itertools.count(2)))
+    return next(p for p in places if not is_whole(p) or scene_key.same_uv(load_uv(p), uv))
 
 
 def _beforehand(job: RenderJob) -> str:
@@ -177,7 +188,7 @@ def _make(
         "coverage": round(len(fine.points_m) / chosen["size"] ** 2, 4),
         "texels_per_metre": round(fine.layout.density, 2),
     }
-    store(folder, light, _map_layout(found, fine.layout), recipe)
+    store(folder, light, _map_layout(found, fine.layout), scene_key.uv_of(found), recipe)
     report(f"light map: {seconds:.0f} s, {folder}")
 
 

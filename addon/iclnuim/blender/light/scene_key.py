@@ -1,5 +1,8 @@
 """A key of everything that determines a scene's light: surfaces, materials, images, lamps, world,
 bounces. Equal scenes have equal keys.
+
+Texture coordinates that Blender's modifiers compute differ by some 1e-7 from process to process, and
+no rounding makes them equal: they are compared within a tolerance instead.
 """
 
 import hashlib
@@ -42,12 +45,19 @@ _NOT_LIGHT = {
     "is_missing", "preview", "asset_data",
     "library", "image_user", "show_texture",
 }  # fmt: skip
+#: Texture coordinates that differ by less are equal: a sixth of a pixel of a picture 16k wide, and
+#: 25 times what two processes differ by. Far from 0, float32 is coarser.
+_UV = 1e-5
+_UV_SHARE = 1e-6
 #: Types of a struct's pointers that are included.
 _POINTED = (ColorRamp, CurveMapping, Image)
 
 
-def key_parts(found: list[Part], scene: Scene) -> dict[str, str]:
-    """A hash (hexadecimal) for each of: surfaces, materials, images, lamps, world, bounces."""
+def key_parts(found: list[Part], scene: Scene, with_uv: bool = False) -> dict[str, str]:
+    """A hash (hexadecimal) for each of: surfaces, materials, images, lamps, world, bounces.
+
+    with_uv: surfaces with their texture coordinates, whose last bits depend on the process.
+    """
     materials: set[Material] = set()
     for part in found:
         materials.update(material for material in part.mesh.materials if material is not None)
@@ -61,7 +71,7 @@ def key_parts(found: list[Part], scene: Scene) -> dict[str, str]:
     if scene.world is not None:
         world = {"colour": tuple(scene.world.color), "nodes": _tree(scene.world.node_tree)}
     return {
-        "surfaces": _hash(*map(_part, found)),
+        "surfaces": _hash(*(_part(part, with_uv) for part in found)),
         "materials": _hash(*sorted(_text(_material(m)) for m in materials)),
         "images": _hash(*sorted(images)),
         "lamps": _hash(*sorted(_text(_lamp(lamp)) for lamp in lamps)),
@@ -93,7 +103,21 @@ def _text(value: object) -> str:
     return f"{value:.7g}" if isinstance(value, float) else str(value)
 
 
-def _part(part: Part) -> bytes:
+def uv_of(found: list[Part]) -> np.ndarray:
+    """(n, 2) float32: the texture coordinates of all parts, layer by layer."""
+    layers = [layer for part in found for layer in part.mesh.uv_layers]
+    whole = [array_of(layer.data, "uv", 2, np.float32) for layer in layers]
+    return np.concatenate([np.zeros((0, 2), np.float32), *whole])
+
+
+def same_uv(uv: np.ndarray, other: np.ndarray) -> bool:
+    """Whether texture coordinates are equal but for rounding."""
+    return uv.shape == other.shape and np.allclose(
+        uv, other, rtol=_UV_SHARE, atol=_UV, equal_nan=True
+    )
+
+
+def _part(part: Part, with_uv: bool) -> bytes:
     mesh = part.mesh
     arrays = [
         np.array(part.matrix, np.float32),
@@ -102,11 +126,15 @@ def _part(part: Part) -> bytes:
         array_of(mesh.polygons, "loop_start", 1, np.int32),
         array_of(mesh.polygons, "material_index", 1, np.int32),
         np.round(array_of(mesh.corner_normals, "vector", 3, np.float32) * 1e4).astype(np.int32),
-        *[array_of(layer.data, "uv", 2, np.float32) for layer in mesh.uv_layers],
     ]
+    if with_uv:
+        arrays += [array_of(layer.data, "uv", 2, np.float32) for layer in mesh.uv_layers]
     names = [getattr(material, "name", "") for material in mesh.materials]
     rays = _visible(part.source, "diffuse", "glossy", "transmission", "shadow")
-    return _hash(*[a.tobytes() for a in arrays], _text([part.name, names, rays])).encode()
+    named = [part.name, names, rays]
+    if not with_uv:
+        named.append([layer.name for layer in mesh.uv_layers])
+    return _hash(*[a.tobytes() for a in arrays], _text(named)).encode()
 
 
 def _visible(thing: Object, *rays: str) -> list[bool]:
