@@ -30,6 +30,7 @@ RUNS = {
     "13_depth_score.py": (["clean", "depth.png"], "affine DepthErrors(AbsRel", "depth.png"),
     "14_point_maps.py": (["clean", "points.png"], "planted 0.4", "points.png"),
     "15_training_loader.py": (["clean", "loss.png"], "16 frames, loss", "loss.png"),
+    "19_simulator_depth.py": (["sensors.png"], "azure_kinect 87% measured", "sensors.png"),
 }
 NOTEBOOKS = (
     "11_first_look.ipynb", "12_sensor_models.ipynb", "16_depth_score.ipynb", "17_point_maps.ipynb", "18_training_loader.ipynb",

@@ -219,3 +219,15 @@ def test_correlated_noise_has_variance_1(side):
     windows = field.size / round(side) ** 2
     assert field.shape == (600, 700) and field.dtype == np.float32
     assert field.var() == pytest.approx(1, abs=8 / np.sqrt(windows))
+
+
+def test_brightness_stands_for_the_reflectance_unless_albedo_is_given():
+    dark = np.full((240, 424, 3), 0.4 * 0.1, np.float32)
+    reach_m = 10 * np.sqrt(0.1 / 0.95)
+    for rgb, albedo, share, is_measured in (
+        (dark, None, 0.97, True),
+        (dark, None, 1.06, False),
+        (dark, 0.2, 1.06, True),
+    ):
+        noisy = seen(wall(share * reach_m), albedo, rgb=rgb, **QUIET)
+        assert (noisy[:, 200:220] > 0).all() == is_measured

@@ -95,6 +95,13 @@ class D435DepthNoise(NoiseModel):
         low=1e-3,
         source="a guess: the data sheet's range; its law: " + _RANGE,
     )
+    illumination: float = parameter(
+        0.4,
+        "brightness of a white surface, where no albedo is given",
+        unit="share of white",
+        low=1e-3,
+        source="a guess: rooms reflect about 0.45, and frames of the office are 0.17 bright",
+    )
     texture: float = parameter(
         0.1,
         "change of brightness within the window that is matched without a pattern",
@@ -167,7 +174,8 @@ class D435DepthNoise(NoiseModel):
         """
         cosine = appearance.cosine(depth_z_m, camera)
         pattern_m2 = np.float32(self.pattern_range_m**2 / _WHITE_ALBEDO)
-        matched = depth_z_m * depth_z_m <= pattern_m2 * appearance.albedo * cosine
+        reflected = appearance.reflectance(self.illumination) * cosine
+        matched = depth_z_m * depth_z_m <= pattern_m2 * reflected
         if not matched[depth_z_m > 0].all():
             reach = max(1, round(self.window_px * camera.fx / self.focal_px / 2))
             matched |= self.has_texture(appearance.brightness, reach)

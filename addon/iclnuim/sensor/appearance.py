@@ -1,7 +1,8 @@
 """What a depth sensor sees besides the distance: how bright surfaces are and how they are turned.
 
-A rendered frame has no infrared image. The luminance of its scene-linear light stands for the
-reflectance, so a shadow counts as a darker surface. Give `albedo` where it is known.
+A rendered frame has no infrared image. The luminance of its scene-linear light, by that of a white
+surface, stands for the reflectance, so a shadow counts as a darker surface. Give `albedo` where it
+is known.
 """
 
 from dataclasses import dataclass
@@ -22,13 +23,14 @@ _WHITE = 1.0
 @dataclass(frozen=True)
 class SurfaceAppearance:
     """`brightness`: luminance (h, w), 1 = white. `saturated`: whether it is white or brighter (h,
-    w). `albedo`: diffuse reflectance (h, w), 0..1. `normals`: (h, w, 3) unit vectors in the
-    camera's frame (x right, y down, z forward), or None: normals of the depth image.
+    w). `albedo`: diffuse reflectance (h, w), 0..1, or None: of the brightness. `normals`: (h, w, 3)
+    unit vectors in the camera's frame (x right, y down, z forward), or None: normals of the depth
+    image.
     """
 
     brightness: np.ndarray
     saturated: np.ndarray
-    albedo: np.ndarray
+    albedo: np.ndarray | None = None
     normals: np.ndarray | None = None
 
     @classmethod
@@ -41,8 +43,7 @@ class SurfaceAppearance:
             light[..., k].astype(np.float32) * np.float32(_LUMINANCE[k]) for k in range(3)
         )
         brightness = np.fmax(red + green + blue, np.float32(0))
-        albedo = np.minimum(brightness, np.float32(_WHITE))
-        return cls(brightness, brightness >= _WHITE, albedo)
+        return cls(brightness, brightness >= _WHITE)
 
     @classmethod
     def given(
@@ -57,15 +58,15 @@ class SurfaceAppearance:
         """
         if rgb is None and albedo is None:
             return None
-        of_rgb = None if rgb is None else cls.of_light(np.asarray(rgb))
-        if albedo is None:
-            known = of_rgb.albedo if of_rgb else np.zeros(shape, np.float32)
+        known = None if albedo is None else _checked(albedo, shape)
+        if rgb is not None:
+            of_rgb = cls.of_light(np.asarray(rgb))
+            brightness, saturated = of_rgb.brightness, of_rgb.saturated
         else:
-            known = np.asarray(albedo, np.float32)
-            known = np.full(shape, known, np.float32) if known.ndim == 0 else known
-            if not ((known >= 0) & (known <= 1)).all():
-                raise InputError("albedo in 0..1", found=f"{known.min():g} to {known.max():g}")
-        brightness = of_rgb.brightness if of_rgb else known
+            brightness = np.zeros(shape, np.float32) if known is None else known
+            saturated = np.zeros(shape, bool)
+        if normals is not None:
+            normals = np.asarray(normals, np.float32)
         for name, image, expected in (
             ("colour", brightness, shape),
             ("albedo", known, shape),
@@ -73,10 +74,15 @@ class SurfaceAppearance:
         ):
             if image is not None and image.shape != expected:
                 raise InputError(f"{name} of the depth's size {expected}", found=image.shape)
-        saturated = of_rgb.saturated if of_rgb else np.zeros(shape, bool)
-        if normals is not None:
-            normals = np.asarray(normals, np.float32)
         return cls(brightness, saturated, known, normals)
+
+    def reflectance(self, illumination: float) -> np.ndarray:
+        """The albedo (h, w); if it is not given, the brightness by that of a white surface, at most
+        1.
+        """
+        if self.albedo is not None:
+            return self.albedo
+        return np.minimum(self.brightness / np.float32(illumination), np.float32(1))
 
     def cosine(self, depth_z_m: np.ndarray, camera: PinholeCamera) -> np.ndarray:
         """Cosine of the angle between normal and camera ray (h, w); 0 where there is no normal."""
@@ -85,6 +91,14 @@ class SurfaceAppearance:
         x, y = images.ray_slopes(camera)
         along = self.normals[..., 0] * x + self.normals[..., 1] * y + self.normals[..., 2]
         return np.abs(along) / np.sqrt(1 + x * x + y * y)
+
+
+def _checked(albedo: np.ndarray | float, shape: tuple[int, ...]) -> np.ndarray:
+    """As an image. Raises InputError for values outside 0..1."""
+    known = np.asarray(albedo, np.float32)
+    if not ((known >= 0) & (known <= 1)).all():
+        raise InputError("albedo in 0..1", found=f"{known.min():g} to {known.max():g}")
+    return np.full(shape, known, np.float32) if known.ndim == 0 else known
 
 
 def required(appearance: SurfaceAppearance | None, model: str) -> SurfaceAppearance:

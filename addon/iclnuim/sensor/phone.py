@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.camera import PinholeCamera
-from ..settings import parameter
+from ..settings import parameter, same_as
 from . import depth_image as images
+from .active_stereo import D435DepthNoise
 from .appearance import SurfaceAppearance, required
 from .noise_model import NoiseModel, gaussian
 
@@ -76,6 +77,7 @@ class PhoneDepthNoise(NoiseModel):
         low=1e-3,
         source=_LUETZENBURG + ": 5 m; its albedo and law: a guess",
     )
+    illumination: float = same_as(D435DepthNoise, "illumination")
     likeness: float = parameter(
         0.08,
         "difference of brightness at which a dot counts e^-1/2",
@@ -165,7 +167,8 @@ class PhoneDepthNoise(NoiseModel):
         ray_length = np.sqrt(1 + x * x + y * y)[grid]
         z = depth_z_m[grid]
         range_m = z * ray_length
-        reflected = appearance.albedo[grid] * appearance.cosine(depth_z_m, camera)[grid]
+        reflected = appearance.reflectance(self.illumination)[grid]
+        reflected = reflected * appearance.cosine(depth_z_m, camera)[grid]
         returns = (z > 0) & (reflected * self.range_m**2 >= 0.2 * range_m**2)
         sigma_m = self.sigma_m + self.sigma_per_m * range_m
         noisy_m = (range_m + sigma_m * gaussian(rng, z.shape)) / ray_length

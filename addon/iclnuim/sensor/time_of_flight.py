@@ -12,6 +12,7 @@ import numpy as np
 from ..geometry.camera import PinholeCamera
 from ..settings import parameter, same_as
 from . import depth_image as images
+from .active_stereo import D435DepthNoise
 from .appearance import SurfaceAppearance, required
 from .depth import PaperDepthNoise
 from .multipath import longer_way_m
@@ -68,6 +69,7 @@ class AzureKinectDepthNoise(NoiseModel):
         low=1e-3,
         source=_HARDWARE + ": 0.5 to 3.86 m for 15 to 95 % reflectivity",
     )
+    illumination: float = same_as(D435DepthNoise, "illumination")
     amplitude_noise: float = parameter(
         0.1, "relative noise of the amplitude", low=0.0, high=1.0, source="a guess"
     )
@@ -119,15 +121,16 @@ class AzureKinectDepthNoise(NoiseModel):
         x, y = images.ray_slopes(camera)
         ray_length = np.sqrt(1 + x * x + y * y)
         range_m = depth_z_m * ray_length
-        reflected = appearance.albedo * appearance.cosine(depth_z_m, camera)
+        albedo = appearance.reflectance(self.illumination)
+        reflected = albedo * appearance.cosine(depth_z_m, camera)
         known = range_m > 0
         amplitude = np.divide(reflected, range_m * range_m, out=np.zeros_like(range_m), where=known)
         measured_m, mixed = self.mixed_at_edges(range_m, amplitude)
         if self.multipath:
             measured_m += longer_way_m(
-                depth_z_m, camera, appearance.albedo, self.radians_per_m, self.multipath
+                depth_z_m, camera, albedo, self.radians_per_m, self.multipath
             )
-        measured_m += self.bias_m(range_m, appearance.albedo)
+        measured_m += self.bias_m(range_m, albedo)
         measured_m += self.sigma_m(range_m, reflected) * gaussian(rng, range_m.shape)
         seen = known & mixed & self.is_bright_enough(amplitude, rng) & ~appearance.saturated
         seen &= (range_m >= self.near_m) & (measured_m > 0)
