@@ -360,6 +360,8 @@ def _read(given: TrajectoryOrFile) -> LoadedTrajectory:
         try:
             poses = SE3.of(given)
         except InputError:
+            if shape[-2:] in ((3, 4), (4, 4)):
+                raise  # the numbers are wrong, not the shape
             poses = SE3.identity()
     if len(poses.shape) != 1:
         expected = (

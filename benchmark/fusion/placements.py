@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from iclnuim.doubt.axis_changes import changes_of_axes
 from iclnuim.doubt.competition import WORTH_SHARE
+from iclnuim.doubt.hypotheses.scale import is_drift
 from iclnuim.errors import InputError
 from iclnuim.evaluation.align import umeyama
 from iclnuim.geometry import so3
@@ -25,6 +26,8 @@ _SCALES = np.geomspace(0.1, 10.0, 41)
 _ROUNDS = 40
 _LEAST_SIZE = 0.3
 _FITS = 0.02
+#: Fewer points can fit by chance.
+_LEAST_POINTS = 100
 #: A scale within this share of a unit is that unit.
 _KNOWN = 0.01
 #: A placement has at most this share of the distance of simpler ones, or those are named.
@@ -56,6 +59,8 @@ def best_placement(
     half of it; None if there is none. scales: only those with another scale.
     """
     best = None
+    if len(points) < _LEAST_POINTS:
+        return None
     for other in _placements(model, points, T_model_mesh, scales):
         near = other.mean_m <= largest_m
         if near and (best is None or other.mean_m < _MUCH_BETTER * best.mean_m):
@@ -149,7 +154,8 @@ def _scaled(model: TriangleDistance, moved: np.ndarray) -> Other | None:
         scale *= factor
     mean_m = _mean_m(model, points)
     size = _extent(points) / _extent(corners)
-    if abs(np.log(scale)) < np.log(1.02) or size < _LEAST_SIZE or mean_m > _FITS * _extent(points):
+    fits = size >= _LEAST_SIZE and mean_m <= _FITS * _extent(points)
+    if is_drift(scale) or not fits:
         return None
     advice = f"try giving it the scale of the model, times {scale:.4g}"
     for setting, unit_m in UNITS_M.items():

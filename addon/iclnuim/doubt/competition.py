@@ -19,6 +19,10 @@ WORTH_SHARE = 0.5
 HALF_SHARE = 0.9
 #: Each fitted parameter has to reduce the product of the errors by this share.
 PRICE = 0.2
+#: Costs that differ by less may differ by noise.
+_NEARLY = 1.0
+#: Two mistakes at once leave at most this share of an error with which nothing is explained.
+_LITTLE = 0.2
 #: Kinds that are parts of others.
 _PARTS = {"body": {"rotation", "arm"}, "rate": {"offset"}}
 #: Kinds that concern all errors of lengths.
@@ -69,9 +73,14 @@ class Fit:
         return bool((fits & holds & (self.given[0] > self.limits.worth)).any())
 
     def halves_errors_of(self, other: "Fit") -> bool:
-        """Whether it leaves at most half of an error of lengths that another explanation leaves."""
-        left = self.found[0] <= WORTH_SHARE * other.found[0]
-        return bool((left & np.isfinite(self.limits.worth)).any())
+        """Whether it leaves at most half of an error that another explanation leaves."""
+        least = np.maximum(other.found[0], self.limits.rounding)
+        return bool((self.found[0] <= WORTH_SHARE * least).any())
+
+    @property
+    def is_close(self) -> bool:
+        """Whether it leaves little of what would bar any explanation."""
+        return bool((self.found[0] <= _LITTLE * self.limits.bearable).all())
 
     def _left(self, of: np.ndarray) -> np.ndarray:
         """The share of errors that is left."""
@@ -125,15 +134,27 @@ def winner(candidates: Sequence[Candidate]) -> Candidate | None:
     if not eligible:
         return None
     best = min(eligible, key=lambda candidate: candidate.cost)
+    for rival in eligible:
+        if _is_better(rival, best):
+            best = rival
     for part in sorted(candidates, key=lambda candidate: candidate.cost):
         if part.is_part_of(best) and part.explains() and not best.fit.halves_errors_of(part.fit):
             best = part
     return best if best.explains() else None
 
 
+def _is_better(rival: Candidate, best: Candidate) -> bool:
+    """Whether it explains as simply, and leaves half of an error of which half the best one does
+    not leave: noise of a fitted parameter costs it more in the halves than in all.
+    """
+    is_simple = len(rival.changes) <= len(best.changes) and rival.explains()
+    better = rival.fit.halves_errors_of(best.fit) and not best.fit.halves_errors_of(rival.fit)
+    return is_simple and better and rival.cost < best.cost + _NEARLY
+
+
 def _is_needed(combined: Candidate, candidates: Sequence[Candidate]) -> bool:
     """Whether it explains, and clearly better than with one of its changes left out."""
-    if not combined.explains():
+    if not (combined.fit.is_close and combined.explains()):
         return False
     parts = [one for one in candidates if one.is_part_of(combined)]
     return all(

@@ -17,6 +17,8 @@ from .compared_poses import ComparedPoses, rms
 
 #: Rounds of rotation and lever arm in turn.
 _ROUNDS = 4
+#: A scale nearer to 1 may be due to noise of the motions, which makes it smaller.
+_CLEAR_SCALE = 1.3
 #: Columns of a camera's axes (x right, y down, z forward) in those of another body.
 _CV_FROM_FLU = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 _CV_FROM = {
@@ -42,17 +44,19 @@ def body_rotation(poses: ComparedPoses) -> np.ndarray:
 
 
 def lever_arm(poses: ComparedPoses, rotation: np.ndarray) -> np.ndarray:
-    """The arm (3,) in the estimate's body and unit whose end moves as the ground truth does but for
-    a scale, if that body is turned by `rotation`.
+    """The arm (3,) in the estimate's body and unit whose end moves as the ground truth does, if
+    that body is turned by `rotation`; but for a scale, if one is clearly there.
     """
     true, estimated = poses.motions()
-    turned = true.translation @ rotation.T
-    size = rms(turned) / max(rms(estimated.translation), 1e-300)
+    turned = (true.translation @ rotation.T).reshape(-1)
+    moved = estimated.translation.reshape(-1)
     turns = (estimated.rotation - np.eye(3)).reshape(-1, 3)
-    columns = np.column_stack([turns, size * estimated.translation.reshape(-1)])
-    *arm_m, share = np.linalg.lstsq(columns, turned.reshape(-1), rcond=1e-3)[0]
-    scale = share * size
-    return np.array(arm_m) / (scale if scale > 0 else 1.0)
+    size = np.linalg.norm(turned) / max(float(np.linalg.norm(moved)), 1e-300)
+    *arm_m, share = np.linalg.lstsq(np.column_stack([turns, size * moved]), turned, rcond=1e-3)[0]
+    scale = float(share * size)
+    if 1 / _CLEAR_SCALE < scale < _CLEAR_SCALE or scale <= 0:
+        return np.linalg.lstsq(turns, turned - moved, rcond=1e-3)[0]
+    return np.array(arm_m) / scale
 
 
 def body_pose(poses: ComparedPoses) -> SE3:

@@ -134,6 +134,16 @@ def exp_coefficients(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
     return a, b, c
 
 
+def _no_rotations(m: np.ndarray, off: float) -> str:
+    """What matrices (..., 3, 3) are that are no rotations."""
+    first = m.reshape(-1, 3, 3)[0]
+    with np.errstate(over="ignore", invalid="ignore"):
+        scale = float(np.cbrt(abs(np.linalg.det(first))))
+    if np.allclose(first.T @ first, scale**2 * np.eye(3), atol=1e-3 * scale**2) and scale > 0:
+        return f"rotations multiplied by {scale:.4g}"
+    return f"R^T R that differs from the identity by {off:.3g}"
+
+
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     """(..., 3, 3) approximate rotation (such as from few printed digits or float32) -> the nearest
     rotation.
@@ -147,9 +157,7 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     ):  # numbers as large as that are refused just below
         off = np.abs(np.swapaxes(m, -1, -2) @ m - np.eye(3)).max(initial=0.0) if m.size else 0.0
     if not off <= MATRIX_TOLERANCE:
-        raise InputError(
-            "rotation matrices", found=f"R^T R that differs from the identity by {off:.3g}"
-        )
+        raise InputError("rotation matrices", found=_no_rotations(m, off))
     if m.size and np.linalg.det(m).min() < 0:
         hint = "converting its axes first"
         raise InputError("rotation matrices with determinant +1", found="a reflection", hint=hint)
