@@ -287,3 +287,12 @@ def test_labels_are_in_the_archive_of_every_format(labelled_formats, tmp_path, c
         with tarfile.open(out) as archive:
             listed = archive.getnames()
         assert sum("class" in path and path.endswith(".png") for path in listed) == 4
+
+
+def test_labels_that_are_moved_by_one_are_named(truth, tmp_path):
+    right = label_errors(predicted(truth, tmp_path / "right"), truth)
+    assert right.warnings == ()
+    (warning,) = label_errors(
+        predicted(truth, tmp_path / "zero", lambda ids: ids - 1), truth
+    ).warnings
+    assert "numbered from 0: moved by +1" in warning and "100.0% of the labels" in warning

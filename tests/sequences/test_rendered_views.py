@@ -195,3 +195,33 @@ def test_training_and_judging_need_the_files_alone(tmp_path, command_here):
     assert found["views"] == len(content["test_filenames"]) == 3
     assert len(found["missing"]) == len(content["train_filenames"]) == 14
     assert 20 < found["all"]["psnr_db"] < 40
+
+
+PLAIN = ViewSettings(lpips=False)
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(1e3, "in millimetres (mm)"), (0.2, "five times the depth units"), (1, "")],
+)
+def test_depth_in_another_unit_is_named(views, factor, words):
+    truth, out = views
+    shutil.rmtree(out / "depth")
+    (out / "depth").mkdir()
+    for path in sorted((truth / "depth").glob("*.png")):
+        write_array(out / "depth" / f"{path.stem}.npy", factor * read_depth16(path) / 5000)
+    found = view_errors(out, truth, settings=PLAIN).warnings
+    assert words in found[0] if words else found == ()
+
+
+def test_depth_along_the_ray_and_swapped_channels_are_named(views):
+    truth, out = views
+    rays = np.linalg.norm(StoredSequence(truth).camera.pinhole.rays(), axis=-1)
+    shutil.rmtree(out / "depth")
+    (out / "depth").mkdir()
+    for path in sorted((truth / "depth").glob("*.png")):
+        write_array(out / "depth" / f"{path.stem}.npy", rays * read_depth16(path) / 5000)
+    for path in (out / "rgb").iterdir():
+        write_png(path, np.ascontiguousarray(read_colour8(path)[..., ::-1]))
+    colour, depth = view_errors(out, truth, settings=PLAIN).warnings
+    assert "red and blue swapped" in colour and "along the ray" in depth

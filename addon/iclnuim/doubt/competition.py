@@ -21,7 +21,9 @@ HALF_SHARE = 0.9
 PRICE = 0.2
 #: Costs that differ by less may differ by noise.
 _NEARLY = 1.0
-#: Two mistakes at once leave at most this share of an error with which nothing is explained.
+#: Two mistakes at once leave at most these shares of what one may leave of lengths, and of an
+#: error of turns with which nothing is explained.
+_HALF = 0.5
 _LITTLE = 0.2
 #: Kinds that are parts of others.
 _PARTS = {"body": {"rotation", "arm"}, "rate": {"offset"}}
@@ -79,8 +81,10 @@ class Fit:
 
     @property
     def is_close(self) -> bool:
-        """Whether it leaves little of what would bar any explanation."""
-        return bool((self.found[0] <= _LITTLE * self.limits.bearable).all())
+        """Whether it leaves clearly less than an explanation may."""
+        is_length = np.isfinite(self.limits.worth)
+        most = np.where(is_length, _HALF * self.limits.largest, _LITTLE * self.limits.bearable)
+        return bool((self.found[0] <= most).all())
 
     def _left(self, of: np.ndarray) -> np.ndarray:
         """The share of errors that is left."""
@@ -134,7 +138,7 @@ def winner(candidates: Sequence[Candidate]) -> Candidate | None:
     if not eligible:
         return None
     best = min(eligible, key=lambda candidate: candidate.cost)
-    for rival in eligible:
+    for rival in eligible if best.explains() else ():
         if _is_better(rival, best):
             best = rival
     for part in sorted(candidates, key=lambda candidate: candidate.cost):

@@ -7,6 +7,7 @@ from ..change import Change
 from ..compared_poses import ComparedPoses
 from ..constant_transform import rotation_name, world_of_positions
 from ..hypothesis import Files, Hypothesis, Words
+from . import body
 
 KIND = "axes"
 
@@ -19,7 +20,8 @@ def _positions_turned(poses: ComparedPoses) -> Change | None:
     return Change(KIND, lambda T: SE3(T.rotation, T.translation @ B.T), parameters=parameters)
 
 
-_OF_POSES = [Hypothesis(KIND, _positions_turned, group=KIND)]
+#: Other axes of a body would be others of the same.
+_OF_POSES = [Hypothesis(KIND, _positions_turned, group=body.GROUP)]
 
 
 def _words(change: Change, format: str) -> Words:
