@@ -4,6 +4,7 @@ ground truth much better, one or two at once.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -44,6 +45,8 @@ _BAD_RAD = 0.05
 #: Two at once are first tried on so many pairs of poses; so many of them are then compared on all.
 _SCREENED_PAIRS = 80
 _KEPT = 8
+#: The change of a hypothesis that is fitted to compared poses, by both.
+_Fitted: TypeAlias = dict[tuple[int, Hypothesis], Change | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +133,8 @@ def _alone(view: View, known: Sequence[Hypothesis]) -> list[Candidate]:
         scales = [one for one in known if one.group == "scale"]
         chains: list[tuple[Hypothesis, ...]] = [(one,) for one in known]
         chains += [(one, scale) for one in known for scale in scales if one is not scale]
-        found = [_candidate(view, chain) for chain in chains]
+        fitted: _Fitted = {}
+        found = [_candidate(view, chain, fitted) for chain in chains]
     return [one for one in found if one is not None]
 
 
@@ -190,11 +194,21 @@ def _at_refined_time(
             yield found
 
 
-def _fitted(poses: ComparedPoses, chain: Sequence[Hypothesis]) -> tuple[Change, ...] | None:
-    """The changes of the hypotheses, each fitted after those before it; None if one has none."""
+def _fitted(
+    poses: ComparedPoses, chain: Sequence[Hypothesis], fitted: _Fitted | None = None
+) -> tuple[Change, ...] | None:
+    """The changes of the hypotheses, each fitted after those before it; None if one has none.
+    fitted: what the first ones are already, which is added to.
+    """
     changes: list[Change] = []
-    for hypothesis in chain:
-        change = hypothesis.fit(poses)
+    for place, hypothesis in enumerate(chain):
+        key = id(poses), hypothesis
+        if place == 0 and fitted is not None:
+            if key not in fitted:
+                fitted[key] = hypothesis.fit(poses)
+            change = fitted[key]
+        else:
+            change = hypothesis.fit(poses)
         if change is None:
             return None
         changes.append(change)
@@ -220,9 +234,11 @@ def _screened(
             yield Fit(errors, errors, limits).cost(free), (*chain, other)
 
 
-def _candidate(view: View, chain: Sequence[Hypothesis]) -> Candidate | None:
+def _candidate(
+    view: View, chain: Sequence[Hypothesis], fitted: _Fitted | None = None
+) -> Candidate | None:
     whole, *halves = view.found
-    sets = [_fitted(poses, chain) for poses in (whole, *halves[::-1])]
+    sets = [_fitted(poses, chain, fitted) for poses in (whole, *halves[::-1])]
     changes = sets[0]
     if changes is None:
         return None
