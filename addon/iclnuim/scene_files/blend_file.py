@@ -17,14 +17,15 @@ from ..errors import InputError
 
 
 class Block(NamedTuple):
-    """The number of its struct, its address in the memory of the writer, and its content's place in
-    the file.
+    """The number of its struct, its address in the memory of the writer, its content's place in
+    the file, and its code: of a datablock its type, `LI` of a library, `ID` of what is linked.
     """
 
     struct: int
     address: int
     offset: int
     length: int
+    code: bytes
 
 
 class Field(NamedTuple):
@@ -67,7 +68,8 @@ class BlendFile:
                     raise ValueError("a block of negative length")
                 if code == b"DNA1":
                     dna = dna or content.read(length)
-                self.blocks.append(Block(number, address, at + layout.size, length))
+                code = data[:4].rstrip(b"\0")
+                self.blocks.append(Block(number, address, at + layout.size, length, code))
                 at += layout.size + length
         self.structs: list[tuple[str, int]] = []
         self.fields: dict[str, dict[str, Field]] = {}

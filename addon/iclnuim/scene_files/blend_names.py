@@ -38,6 +38,8 @@ _PACKED = {
     "packedfiles"),
     **dict.fromkeys(("Library", "VFont", "bSound", "Volume"), ("*packedfile",)),
 }  # fmt: skip
+#: Pointer from a library of packed datablocks to the library that they were linked from.
+_ARCHIVE = "*archive_parent_library"
 #: Prefix of the nodes that read files.
 _IMPORT = b"GeometryNodeImport"
 #: No struct of Blender contains as many paths; a damaged file may nest arrays of arrays.
@@ -83,7 +85,10 @@ class _PathSearch:
         with_paths = {kind for kind in kinds if self._paths(kind)}
         packed = self._packed_addresses()
         pointed: dict[int, str] = {}
-        for _, kind, data in self.blend.each(with_paths):
+        archived = self._archived_libraries()
+        for block, kind, data in self.blend.each(with_paths):
+            if block.address in archived:
+                continue
             if self._points(kind, data, packed):
                 if kind == "Library":
                     yield self._place(kind, data), "computed", "a library that is packed"
@@ -107,6 +112,25 @@ class _PathSearch:
             if self._points(kind, data, self.at_address):
                 packed.add(block.address)
         return packed
+
+    def _archived_libraries(self) -> set[int]:
+        """The addresses of libraries of which all that is used is packed into the file, as Blender 5
+        does with the assets of its own library: they are not read. What is linked from a library
+        follows it as blocks `ID`.
+        """
+        if _ARCHIVE not in self.fields.get("Library", {}):
+            return set()
+        archived = set()
+        for block, kind, data in self.blend.each({"Library"}):
+            if parent := self.blend.pointer(data, self.fields[kind][_ARCHIVE].offset):
+                archived |= {block.address, parent}
+        library = 0
+        for block in self.blend.blocks:
+            if block.code == b"LI":
+                library = block.address
+            elif block.code == b"ID":
+                archived.discard(library)
+        return archived
 
     def _computes_an_import(self) -> bool:
         """Whether an Import node has an input that is linked to another node."""

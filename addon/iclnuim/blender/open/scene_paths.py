@@ -116,9 +116,11 @@ def _is_denied(name: str) -> bool:
 
 
 def _open_files() -> Iterator[Path]:
-    """Every existing external file of the open session, except scripts, which are never read."""
+    """Every existing external file of the open session, except scripts, which are never read, and
+    libraries, which the search finds.
+    """
     data = bpy.data
-    kinds = (data.images, data.libraries, data.cache_files, data.volumes, data.fonts)
+    kinds = (data.images, data.cache_files, data.volumes, data.fonts)
     for block in itertools.chain(*kinds, data.movieclips, data.sounds):
         is_named = block.filepath and block.filepath != "<builtin>"
         if is_named and getattr(block, "packed_file", None) is None:
