@@ -92,6 +92,7 @@ def examine() -> list[Finding]:
         replace(bpy, required=neither),
         replace(binary, required=neither),
         _denoiser(bpy.ok),
+        _compressed_files(),
         *(_package(*package) for package in PACKAGES),
         _opencv_odometers(),
         _sequences(),
@@ -117,6 +118,13 @@ def _denoiser(has_bpy: bool) -> Finding:
         return Finding("denoiser", "OpenImageDenoise", True)
     fix = "install the bpy package or a Blender from blender.org"
     return Finding("denoiser", "none", False, fix)
+
+
+def _compressed_files() -> Finding:
+    """What this Python needs to look into a compressed .blend; in Blender it is there."""
+    good = importlib.util.find_spec("zstandard") is not None
+    found = "zstandard" if good else "no zstandard: only Blender itself reads them"
+    return Finding("compressed .blend files", found, good, "pip install zstandard")
 
 
 def _opencv_odometers() -> Finding:

@@ -29,6 +29,7 @@ from . import (
     orient,
     plain_names,
     sanitize,
+    saved_by,
     scene_paths,
     simulations,
 )
@@ -79,6 +80,7 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
     """
     notes = scene_paths.check(path, reading)
     if path.suffix.lower() == ".blend":
+        notes += saved_by.check(path)
         fluids.refuse_fluids(path)
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "blender.log"
