@@ -12,12 +12,24 @@ from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from PIL import Image
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 #: Where mkdocstrings finds the package: its folders as they lie when it is installed.
 PACKAGE = REPOSITORY / "out/site_package/iclnuim"
 #: Files of examples/ that become pages.
 EXAMPLES = (".py", ".ipynb")
+#: Pages that a search lists below those of users.
+OF_DEVELOPERS = ("measured/", "architecture", "CONTRIBUTING", "CHANGELOG", "tests/", "benchmark/")
+#: Share of white pixels above which a picture is a chart.
+CHART_WHITE = 0.35
+#: The front page's pictures of clean and noisy depth, one above the other.
+SLIDER = """<div class="slider" style="--at: 50%">
+<div class="clean" role="img" aria-label="Exact depth of the living room"></div>
+<div class="noisy" role="img" aria-label="The same with the noise of a sensor"></div>
+<span class="named">exact depth</span><span class="named right">with a sensor's noise</span>
+<input type="range" min="0" max="100" value="50" aria-label="How much of the picture is exact">
+</div>"""
 #: What the site has besides docs/.
 BESIDE = (
     "*.md",
@@ -52,7 +64,8 @@ def on_config(config: MkDocsConfig) -> None:
         sections |= section
     sections["Reference"].append({"Python": [python_page(title) for title in public_names()]})
     measured = {f"measured/{page.name}" for page in REPOSITORY.glob("docs/measured/*.md")}
-    sections["Measured"] += sorted(measured - set(sections["Measured"]))
+    of_developers = next(one for one in sections["Developers"] if "Measured" in one)["Measured"]
+    of_developers += sorted(measured - {*of_developers, *sections["Results"]})
     for path in sorted(REPOSITORY.glob("examples/*")):
         if path.suffix in EXAMPLES:
             sections["Examples"].append(site_place(f"examples/{path.name}"))
@@ -94,9 +107,23 @@ def example_parts(source: Path) -> Iterator[str]:
 
 
 def on_page_markdown(markdown: str, page: Any, config: MkDocsConfig, files: Files) -> str:
-    """Turn links within the checkout into links within the site."""
+    """Turn links within the checkout into links within the site, comments behind commands into
+    lines above them, and mark what is drawn on white.
+    """
     here = page.file.src_uri
     origin = checkout_place(here)
+    if here.startswith(OF_DEVELOPERS):
+        page.meta["search"] = {"boost": 0.3}
+    if here == "guide/view.md":
+        page.meta["search"] = {"boost": 2}
+    if here == "README.md":
+        markdown = re.sub(r"!\[[^\]]*\]\(docs/pictures/living_room.jpg\)", SLIDER, markdown)
+    markdown = re.sub(r"(?ms)^```sh\n.*?^```$", comments_above, markdown)
+    markdown = re.sub(
+        r"!\[[^\[\]]*\]\(([^)#\s]+)\)",
+        lambda image: image[0] + marked(REPOSITORY / Path(origin).parent / image[1]),
+        markdown,
+    )
 
     def turned(link: re.Match[str]) -> str:
         text, target = link.groups()
@@ -107,6 +134,21 @@ def on_page_markdown(markdown: str, page: Any, config: MkDocsConfig, files: File
         return f"[{link_text(text, path)}]({place}"
 
     return re.sub(r"\[([^\[\]]*)\]\(([^)#\s]+)", turned, markdown)
+
+
+def comments_above(block: re.Match[str]) -> str:
+    """A block of commands whose comments stand on lines of their own, so that none is cut."""
+    return re.sub(r"(?m)^(\S.*?) +# (.*)$", r"# \2\n\1", block[0])
+
+
+def marked(picture: Path) -> str:
+    """The class of a chart, which pages of dark colours invert; none for photographs."""
+    if picture.suffix == ".svg":
+        return "{ .chart }"
+    if not any(folder in picture.parts for folder in ("measured", "examples")):
+        return ""
+    histogram = Image.open(picture).convert("L").histogram()
+    return "{ .chart }" if sum(histogram[245:]) > CHART_WHITE * sum(histogram) else ""
 
 
 def link_text(text: str, path: str) -> str:
