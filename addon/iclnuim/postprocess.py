@@ -88,7 +88,7 @@ def noisy_depth(
     camera = _camera_of(depth_z_m, camera)
     noise = depth_model(model, settings)
     if depth_z_m.ndim == 2:
-        seen = SurfaceAppearance.given(depth_z_m.shape, rgb, albedo, normals)
+        seen = _appearance(depth_z_m, rgb, albedo, normals)
         warn(doubt_of_depth(depth_z_m))
         rng = frame_generator(seed, frame, DEPTH)
         noisy_z_m = np.asarray(with_depth_noise(noise, depth_z_m, camera, rng, seen))
@@ -120,9 +120,21 @@ def phone_depth(
         raise InputError("depth (h, w) in metres", found=depth_z_m.shape)
     camera = _camera_of(depth_z_m, camera)
     model = PhoneDepthNoise.from_dict(settings or {})
-    seen = SurfaceAppearance.given(depth_z_m.shape, rgb, albedo)
+    warn(doubt_of_depth(depth_z_m))
+    seen = _appearance(depth_z_m, rgb, albedo)
     rng = frame_generator(seed, frame, DEPTH)
     return *model.with_confidence(depth_z_m, camera, rng, seen), model.native_camera(camera)
+
+
+def _appearance(
+    depth_z_m: np.ndarray,
+    rgb: np.ndarray | None,
+    albedo: np.ndarray | float | None,
+    normals: np.ndarray | None = None,
+) -> SurfaceAppearance | None:
+    if rgb is not None and np.asarray(rgb).dtype.kind == "f":
+        warn(doubt_of_rgb(np.asarray(rgb)), depth=3)
+    return SurfaceAppearance.given(depth_z_m.shape, rgb, albedo, normals)
 
 
 def _camera_of(depth_z_m: np.ndarray, camera: CameraOrText | None) -> PinholeCamera:

@@ -3,6 +3,7 @@
 import iclnuim
 import numpy as np
 import pytest
+from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.sensor.models import DEPTH_MODELS, depth_model, rgb_model
 from iclnuim.sequences.frame_images import noisy_metres
@@ -30,3 +31,21 @@ def test_sequences_and_arrays_have_the_same_depth_whatever_the_exposure(name):
     assert in_sequence.tobytes() == alone.tobytes()
     dark, bright = in_sequence[:, 110:150], in_sequence[:, 20:50]
     assert (dark > 0).mean() < (bright > 0).mean()
+
+
+@pytest.mark.parametrize("name", ASKING)
+def test_light_that_is_no_number_or_infinite_spoils_nothing_else(name):
+    depth, light = frame()
+    alone = iclnuim.noisy_depth(depth, name, CAMERA, seed=5, rgb=light)
+    light[5, 5] = np.nan
+    light[5, 9] = np.inf
+    odd = iclnuim.noisy_depth(depth, name, CAMERA, seed=5, rgb=light)
+    assert np.isfinite(odd).all() and (odd[40:] == alone[40:]).all()
+
+
+def test_colour_in_another_unit_is_refused_or_doubted():
+    depth, light = frame()
+    with pytest.raises(InputError, match="colour as floating-point numbers or uint8, found int64"):
+        iclnuim.noisy_depth(depth, "d435", CAMERA, rgb=(255 * light).astype(int))
+    with pytest.warns(UserWarning, match="scene-linear RGB has 1 = white"):
+        iclnuim.noisy_depth(depth, "d435", CAMERA, rgb=255 * np.maximum(light, 0.4))

@@ -18,6 +18,8 @@ from .transfer import linear_from_srgb8
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 #: Light at and above this is saturated: 1 is white, the largest value of an 8-bit image.
 _WHITE = 1.0
+#: Differences of infinite light would be no numbers.
+_BRIGHTEST = np.float32(np.finfo(np.float16).max)
 
 
 @dataclass(frozen=True)
@@ -35,14 +37,18 @@ class SurfaceAppearance:
 
     @classmethod
     def of_light(cls, light: np.ndarray) -> "SurfaceAppearance":
-        """Of scene-linear RGB (h, w, 3), or sRGB (h, w, 3) uint8. NaN is black."""
+        """Of scene-linear RGB (h, w, 3), or sRGB (h, w, 3) uint8. NaN is black. Raises InputError
+        for other shapes and whole numbers.
+        """
         if light.ndim != 3 or light.shape[2] != 3:
             raise InputError("colour (h, w, 3)", found=light.shape)
+        if light.dtype.kind != "f" and light.dtype != np.uint8:
+            raise InputError("colour as floating-point numbers or uint8", found=light.dtype)
         light = linear_from_srgb8(light) if light.dtype == np.uint8 else light
         red, green, blue = (
             light[..., k].astype(np.float32) * np.float32(_LUMINANCE[k]) for k in range(3)
         )
-        brightness = np.fmax(red + green + blue, np.float32(0))
+        brightness = np.clip(np.nan_to_num(red + green + blue), 0, _BRIGHTEST)
         return cls(brightness, brightness >= _WHITE)
 
     @classmethod
