@@ -81,6 +81,10 @@ def _is_glass(nodes: list[Node]) -> bool:
     return any(map(materials.is_glass, nodes))
 
 
+def _is_portal(nodes: list[Node]) -> bool:
+    return any(node.type == "BSDF_RAY_PORTAL" for node in nodes)
+
+
 def _is_mixed(nodes: list[Node]) -> bool:
     return any(map(_lets_through, nodes)) and not _is_glass(nodes)
 
@@ -114,6 +118,7 @@ def _lets_through(node: Node) -> bool:
 #: What a note is about, whether the nodes of a material show it, and what it does.
 _EFFECTS = (
     ("glass", _is_glass, "Z is the depth of the pane"),
+    ("ray portals", _is_portal, "Z is the depth of the portal, not of what is seen through it"),
     ("partly transparent surfaces", _is_mixed, "Z is that of the nearest surface, visible or not"),
     ("colours above 1", _is_bright, "they reflect more light than they get"),
 )

@@ -132,6 +132,8 @@ class JobScene:
         if not shipped.is_scene(job.scene):
             noisy = baked and job.samples == 1 and not job.denoise
             self._note_all(preflight.findings(baked, noisy))
+            if baked:
+                self._note_all(settings.not_in_a_map())
         if baked:
             surfaces.make_lamps_real()
         settings.apply(job, self._threads)

@@ -1,15 +1,18 @@
 """Render settings: everything that determines a pixel is set here, so that the opened file's own
-settings have no effect.
+settings have no effect; but for those of the light of a user's .blend, if it is path traced.
 """
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import bpy
 
+from ... import shipped
 from ...errors import WorkError
 from ...job import RenderJob
 from .. import compat
+from ..notes import names_of
 from ..shader_nodes import add_node, set_constant
 
 #: Inputs of a Principled surface that are 0 without gloss.
@@ -40,6 +43,11 @@ _CYCLES = {
     "use_auto_tile": False, "tile_size": compat.LARGEST_TILE_PX, "sampling_pattern": "AUTOMATIC",
     "scrambling_distance": 1.0, "auto_scrambling_distance": False,
 }  # fmt: skip
+#: How far light goes, which a user's .blend decides for its own path tracing.
+LIGHT_OF_A_FILE = (
+    "max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces",
+    "transparent_max_bounces", "sample_clamp_direct", "sample_clamp_indirect", "use_fast_gi",
+)  # fmt: skip
 #: Settings of the view layer: files hide surfaces or the sky with these, or set another number of
 #: samples.
 _LAYER = {
@@ -79,7 +87,8 @@ def apply(job: RenderJob, threads: int | None = None) -> None:
     if job.lambertian:
         remove_gloss()
     assign(scene.render, _RENDER)
-    assign(scene.cycles, _CYCLES)
+    kept = LIGHT_OF_A_FILE if _keeps_its_light(job) else ()
+    assign(scene.cycles, {name: value for name, value in _CYCLES.items() if name not in kept})
     scene.cycles.samples = job.samples
     scene.cycles.seed = job.seed
     scene.cycles.filter_width = WIDE_FILTER_PX if job.antialias else CENTRE_FILTER_PX
@@ -99,6 +108,24 @@ def apply(job: RenderJob, threads: int | None = None) -> None:
     if threads:
         scene.render.threads_mode = "FIXED"
         scene.render.threads = threads
+
+
+def not_in_a_map() -> list[str]:
+    """A note on what the open file says of its light and a light map does not follow: what is not
+    Blender's default.
+    """
+    cycles = bpy.context.scene.cycles
+    defaults = cycles.bl_rna.properties
+    own = [n for n in LIGHT_OF_A_FILE if getattr(cycles, n) != defaults[n].default]
+    if not own:
+        return []
+    return [f"light settings of the file ({names_of(own)}): not applied to baked light"]
+
+
+def _keeps_its_light(job: RenderJob) -> bool:
+    """Whether the scene has settings of its own, and is rendered in a way that can keep them."""
+    is_blend = Path(job.scene).suffix.lower() == ".blend"
+    return is_blend and not shipped.is_scene(job.scene) and job.light == "path"
 
 
 def assign(thing: object, values: Mapping[str, object]) -> None:
