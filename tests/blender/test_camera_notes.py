@@ -119,3 +119,16 @@ def test_the_command_names_them(scene, tmp_path, command_here):
     )
     assert code == 0
     assert "switch between cameras" in noted and "depth of field" in noted
+
+
+@pytest.mark.parametrize(
+    ("scale", "is_sheared"), [((1, 1, 1), False), ((2, 2, 2), False), ((1, 2, 1), True)]
+)
+def test_a_camera_that_its_parent_shears_is_named(scene, scale, is_sheared):
+    parent = bpy.data.objects.new("parent", None)
+    scene.collection.objects.link(parent)
+    parent.scale = scale
+    scene.camera.parent = parent
+    scene.camera.rotation_euler = (0.6, 0.3, 0.4)
+    bpy.context.view_layer.update()
+    assert any("sheared" in note for note in camera_notes(scene)) == is_sheared
