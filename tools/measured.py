@@ -32,6 +32,7 @@ from iclnuim.benchmark.experiments.recipes.paper.keys import (
     PaperKey,
     all_keys,
     core_seconds,
+    paper_titles,
 )
 from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND as BENCHMARK
 from iclnuim.benchmark.experiments.recipes.paper.recipe import code_of_trajectory
@@ -41,7 +42,7 @@ from iclnuim.benchmark.experiments.recipes.stress import chart as stress_chart
 from iclnuim.benchmark.experiments.recipes.stress.recipe import KIND as STRESS
 from iclnuim.benchmark.experiments.recipes.stress.recipe import StressKey
 from iclnuim.benchmark.experiments.store import Store, made_by
-from iclnuim.benchmark.perturbations.plan import SEVERITIES
+from iclnuim.benchmark.perturbations.plan import BASES, CLEAN, SEVERITIES, read_plan
 from iclnuim.errors import InputError
 from iclnuim.report.charts import save
 from iclnuim.shipped import trajectory_file
@@ -313,14 +314,20 @@ def _missing_runs(cells: PublishedCells) -> Iterator[MissingCells]:
 
 
 def _missing_stress(cells: PublishedCells) -> Iterator[MissingCells]:
-    """The cells of all perturbations and severities on one segment of each room, by method."""
-    summary = stress_summary(cells)
-    expected = len(_SEGMENTS) * (1 + SEVERITIES * len(summary.perturbations))
-    for method in summary.methods:
-        count = expected - sum(key[5] == method for key in cells.cells if key[0] == STRESS)
-        if count:
-            command = f"iclnuim stress {' '.join(_SEGMENTS)} --starts 1 --methods {method}"
-            yield MissingCells(command, count, count * _STRESS_CORE_S / _PER_HOUR)
+    """The cells of all perturbations and severities on one segment of each room, by base and
+    method: of our odometers on both bases, of the others on clean frames.
+    """
+    found = list(cells.stress())
+    for base in BASES:
+        summary = stress_summary(cells, base)
+        names = summary.perturbations if base == CLEAN else tuple(read_plan().perturbations)
+        expected = len(_SEGMENTS) * (1 + SEVERITIES * len(names))
+        for method in summary.methods if base == CLEAN else paper_titles():
+            count = expected - sum((key.method, key.base) == (method, base) for key in found)
+            if count:
+                what = f"--starts 1 --base {base} --methods {method}"
+                command = f"iclnuim stress {' '.join(_SEGMENTS)} {what}"
+                yield MissingCells(command, count, count * _STRESS_CORE_S / _PER_HOUR)
 
 
 def _frames(sequence: str) -> int:

@@ -141,7 +141,9 @@ class PublishedCells:
         """Put in measured cells of a store, in place of those that have their keys."""
         for result in results:
             code = {name: result.identity.get(name) for name in _CODE}
-            self.cells[kind, *astuple(result.key)] = PublishedCell(
+            key = result.key
+            words = key.words if isinstance(key, StressKey) else astuple(key)
+            self.cells[kind, *words] = PublishedCell(
                 run,
                 short(result.figures),
                 code=code_hash(code),

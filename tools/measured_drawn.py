@@ -3,10 +3,11 @@
 import csv
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 from statistics import geometric_mean, mean, median
 
+from iclnuim.benchmark.experiments.intervals import log_interval
 from iclnuim.benchmark.experiments.recipes.paper.best_methods import best_methods_table
 from iclnuim.benchmark.experiments.recipes.paper.charts import FIGURES
 from iclnuim.benchmark.experiments.recipes.paper.correlation import correlation_table
@@ -17,6 +18,7 @@ from iclnuim.benchmark.experiments.recipes.paper.figures import (
     Where,
     ate_of,
     reference_of,
+    surface_of,
     system_key,
 )
 from iclnuim.benchmark.experiments.recipes.paper.findings import (
@@ -26,10 +28,10 @@ from iclnuim.benchmark.experiments.recipes.paper.findings import (
 )
 from iclnuim.benchmark.experiments.recipes.paper.keys import NOISES, PaperKey, paper_titles
 from iclnuim.benchmark.experiments.recipes.paper.speed import speed_table
-from iclnuim.benchmark.experiments.recipes.paper.tables import preset_tables
+from iclnuim.benchmark.experiments.recipes.paper.tables import preset_tables, quality_of
 from iclnuim.benchmark.experiments.recipes.stress.tables import Summary
-from iclnuim.benchmark.experiments.table import NOT_MEASURED, ResultTable, mm
-from iclnuim.benchmark.perturbations.plan import read_plan
+from iclnuim.benchmark.experiments.table import NOT_MEASURED, ResultTable, mm, shown
+from iclnuim.benchmark.perturbations.plan import CLEAN, NOISY, read_plan
 from iclnuim.shipped import TRAJECTORY_NAMES, further_sequences, paper_sequences
 from iclnuim.tools.measured_cells import PublishedCells
 from iclnuim.tools.measured_tables import Rows, words
@@ -38,7 +40,11 @@ from iclnuim.tools.measured_tables import Rows, words
 _AUTHORS = tuple((title, name) for name, title in AUTHORS.items())
 _SYSTEMS = ("ORB-SLAM3", "RTAB-Map", *AUTHORS.values())
 #: Titles of the systems among the methods of `iclnuim stress`.
-_STRESS_TITLES = {"run:fovis": "FOVIS", "run:dvo": "DVO", "run:orbslam3": "ORB-SLAM3"}
+_STRESS_TITLES = {
+    "run:fovis": AUTHORS["fovis"],
+    "run:dvo": AUTHORS["dvo"],
+    "run:orbslam3": "ORB-SLAM3",
+}
 _OURS = ("fovis", "rgbd", "dvo", "icp", "icp_rgbd")
 #: The columns of our figures next to the printed ones.
 _PRINTED = " | ".join(f"{kt} | printed" for kt in TRAJECTORY_NAMES)
@@ -268,14 +274,15 @@ def _or_not(length_m: float | None) -> str:
 # -- stress
 
 
-def stress_summary(cells: PublishedCells) -> Summary:
-    """All cells of `iclnuim stress`; ours first, then the systems."""
-    found = {key: outcome.to_dict() for key, outcome in cells.stress().items()}
+def stress_summary(cells: PublishedCells, base: str = CLEAN) -> Summary:
+    """The cells of `iclnuim stress` of a base; ours first, then the systems."""
+    every = cells.stress().items()
+    found = {key: outcome.to_dict() for key, outcome in every if key.base == base}
     further = sorted({key.method for key in found} - {*_OURS, *_STRESS_TITLES})
     plan = read_plan()
     measured = {key.perturbation for key in found}
     names = tuple(name for name in plan.perturbations if name in measured)
-    return Summary.of(plan, [*_OURS, *_STRESS_TITLES, *further], names, found)
+    return Summary.of(plan, [*_OURS, *_STRESS_TITLES, *further], names, found, base)
 
 
 def _stress_title(method: str) -> str:
@@ -283,10 +290,18 @@ def _stress_title(method: str) -> str:
 
 
 def stress_fails(cells: PublishedCells) -> Rows:
-    """The lowest severity at which at least half of the segments fail; of our odometers and of the
-    systems.
+    """The lowest severity of a perturbation of clean frames at which at least half of the segments
+    fail; of our odometers and of the systems.
     """
-    summary = stress_summary(cells)
+    return _fails(stress_summary(cells))
+
+
+def stress_noisy(cells: PublishedCells) -> Rows:
+    """The same of noisy frames."""
+    return _fails(stress_summary(cells, NOISY))
+
+
+def _fails(summary: Summary) -> Rows:
     shown = [name for name in summary.methods if name in (*_OURS, *_STRESS_TITLES)]
     rows = []
     for name in summary.perturbations:
@@ -354,6 +369,55 @@ def learned_noise(cells: PublishedCells) -> Rows:
     return words("odometer | mean ATE, mm | over the best | worst sequence, mm | seeds", rows)
 
 
+def learned_pairs(cells: PublishedCells) -> Rows:
+    """The ratio of the ATE of each pair of the odometers that use the image, on the noisy
+    sequences, with its 95 % interval; of noise seeds the median.
+    """
+    over_seeds: dict[PaperKey, list[float]] = {}
+    for key, errors_m in _errors_m(cells).items():
+        over_seeds.setdefault(replace(key, seed=0), []).extend(errors_m)
+    rows = []
+    for one, other in combinations([name for name in _OURS if name != "icp"], 2):
+        ratios = []
+        for sequence in _noisy_sequences():
+            both = [over_seeds.get(_ours(sequence, name)) for name in (one, other)]
+            if both[0] and both[1]:
+                ratios.append(median(both[0]) / median(both[1]))
+        if len(ratios) > 1:
+            texts = [f"{value:.2f}" for value in log_interval(ratios)]
+            rows.append((f"`{one}` / `{other}`", *texts, len(ratios)))
+    return words("ratio of the ATE | mean | 95 % from | to | sequences", rows)
+
+
+def repeats(cells: PublishedCells) -> Rows:
+    """The authors' DVO on our clean living room, next to the row of Table III."""
+    errors_m = _errors_m(cells)
+    title = AUTHORS["dvo"]
+    rows = []
+    for kt in TRAJECTORY_NAMES:
+        place = ("living_room", kt, "clean")
+        printed_m = Printed().ate(Where(*place, "dvo"))
+        rows.append((kt, _shown(errors_m.get(system_key(place, title))), mm(printed_m, ".0f")))
+    columns = f"living room, clean, ATE mm | {title} on our frames | Table III"
+    return words(columns, [row for row in rows if row[1] != NOT_MEASURED])
+
+
+def surface_quality(cells: PublishedCells) -> Rows:
+    """The surfaces of the living room along the trajectories of our odometers, against the model."""
+    ours = Ours(cells.benchmark())
+    rows = []
+    for noise, name, kt in product(NOISES, paper_titles(), TRAJECTORY_NAMES):
+        figures = ours.figures(Where("living_room", kt, noise, name))
+        if "surface" in figures:
+            lengths = ("accuracy_m", "completion_m", "depth_l1_m")
+            texts = [mm(quality_of(length)(figures)) for length in lengths]
+            share = shown(quality_of("f_score", "1cm")(figures), ".1f", 100)
+            mean_mm = mm(surface_of(figures))
+            rows.append((f"{kt} {noise}", f"`{name}`", mean_mm, *texts, share))
+    header = "living room | odometer | mean mm | accuracy mm | completion mm | Depth L1 mm"
+    return words(f"{header} | F 1 cm, %", rows)
+
+
 def learned_orbslam3(cells: PublishedCells) -> Rows:
     """The perturbations at whose mildest severity ORB-SLAM3 fails, and those at which it never
     does.
@@ -368,13 +432,15 @@ def learned_orbslam3(cells: PublishedCells) -> Rows:
     for severity in sorted(by_severity, key=lambda word: (word == "-", word)):
         what = f"from severity {severity}" if severity != "-" else "at none"
         rows.append([what, ", ".join(by_severity[severity])])
-    return words("ORB-SLAM3 fails | with", rows)
+    sizes = {group.segments for key, group in summary.groups.items() if key[0] == "run:orbslam3"}
+    n = " to ".join(map(str, sorted(sizes)))
+    return words(f"ORB-SLAM3 fails, of n = {n} segments | with", rows)
 
 
 def learned_light(cells: PublishedCells) -> Rows:
-    """The rows of baked light: samples, seconds a frame, PSNR of mean and worst view."""
-    rows = cells.table("light") or [["light"]]
-    return [row[:5] for row in rows if row[0].startswith(("light", "baked"))]
+    """The error of baked light in the rooms as they are shipped."""
+    rows = [row for row in cells.facts("light") if row[0].startswith("PSNR of baked light")]
+    return [["what", "measured", "command", "commit"], *rows]
 
 
 def loaders(cells: PublishedCells) -> Rows:
@@ -434,11 +500,15 @@ DRAWN: dict[str, Drawn] = {
     "benchmark-surfaces": surfaces,
     "benchmark-correlation": correlations,
     "stress-fails": stress_fails,
+    "stress-noisy": stress_noisy,
     "stress-totals": stress_totals,
     "own_scenes-rooms": rooms,
     "own_scenes-refused": refused_rooms,
     "own_scenes-checks": scene_checks,
     "learned-noise": learned_noise,
+    "learned-pairs": learned_pairs,
+    "benchmark-repeats": repeats,
+    "surface-quality": surface_quality,
     "learned-orbslam3": learned_orbslam3,
     "learned-light": learned_light,
     "formats-loaders": loaders,

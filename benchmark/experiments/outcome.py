@@ -33,6 +33,8 @@ _FIRST_POSE = AbsoluteErrorSettings(alignment=AlignmentSettings(method="origin")
 #: Drift is over pairs of poses that are a second apart, to within the slack.
 _SECOND_S = 1.0
 _SLACK_S = 0.1
+#: A number in a reason, which differs from frame to frame.
+_NUMBER = re.compile(r"[-+]?\d[\d.,]*%?")
 #: A share of under-constrained frames above this is named as the cause.
 _UNDER_CONSTRAINED = 0.1
 #: A diagnostic whose ratio to the unperturbed run is beyond these limits is named as the cause.
@@ -327,10 +329,11 @@ def _cause(
     """
     total = max(1, len(results))
     reasons = [r.reason for r in results if r.status is OdometryStatus.FAILED]
-    lost = Counter(re.sub(r"[-+]?\d[\d.,]*%?", "N", reason) for reason in reasons)
-    if lost:
-        reason, count = lost.most_common(1)[0]
-        return f"{count / total:.0%} lost: {reason}"
+    if reasons:
+        alike = Counter(_NUMBER.sub("N", reason) for reason in reasons)
+        pattern, count = alike.most_common(1)[0]
+        same = [reason for reason in reasons if _NUMBER.sub("N", reason) == pattern]
+        return f"{count / total:.0%} lost: {_middle(same)}"
     degenerate = sum(r.status is OdometryStatus.DEGENERATE for r in results)
     if degenerate > _UNDER_CONSTRAINED * total:
         return f"{degenerate / total:.0%} under-constrained"
@@ -339,3 +342,13 @@ def _cause(
     if clean and residual and clean.residual and residual > _LARGER_RESIDUAL * clean.residual:
         return f"residual {residual / clean.residual:.1f} times as large"
     return ""
+
+
+def _middle(reasons: list[str]) -> str:
+    """Of reasons that differ in their numbers alone: the one whose first number is the median."""
+
+    def first_number(reason: str) -> float:
+        found = _NUMBER.search(reason)
+        return float(found[0].rstrip("%.,").replace(",", "")) if found else 0.0
+
+    return sorted(reasons, key=first_number)[len(reasons) // 2]

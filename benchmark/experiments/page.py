@@ -1,11 +1,13 @@
 """One self-contained HTML page for every experiment, from the template page.html."""
 
+import base64
+import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from iclnuim.errors import WorkError
 from iclnuim.formats.files import atomic_write_text
@@ -13,6 +15,9 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from .table import ResultTable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Largest size of a page, so that a browser opens it.
 MAX_BYTES = 60_000_000
@@ -62,6 +67,13 @@ class Page:
             raise WorkError(f"{file}: the page would have {size / 1e6:.0f} MB, but {limit}")
         atomic_write_text(file, page)
         return file
+
+
+def png_uri(figure: "Figure", dpi: int = 110) -> str:
+    """A chart as the data URI of a PNG."""
+    chart = io.BytesIO()
+    figure.savefig(chart, format="png", dpi=dpi)
+    return f"data:image/png;base64,{base64.b64encode(chart.getvalue()).decode()}"
 
 
 @cache

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from iclnuim.errors import InputError
 from iclnuim.formats.files import read_text
 from iclnuim.settings import MISSING, Settings, parameter, plain, refuse_unknown
@@ -16,6 +17,19 @@ from .segment import Segment
 FILE = Path(__file__).with_name("perturbations.toml")
 SEVERITIES = 5
 FUNCTIONS = functions()
+#: The frames that are perturbed: as rendered, or with the sensor's noise.
+CLEAN, NOISY = "clean", "noisy"
+BASES = (NOISY, CLEAN)
+#: Where a perturbation acts: on the room and its light, before the sensor's noise; on what the
+#: sensor gives, after it; or it is the noise itself, in the place of the base's.
+SCENE, SENSOR, NOISE = "scene", "sensor", "noise"
+_ACTS_ON = {
+    SCENE: "the room and its light",
+    SENSOR: "what the sensor gives",
+    NOISE: "the sensor's noise",
+}
+#: The perturbation that is the noise of the base NOISY at this level.
+_BASE_NOISE = ("noise", 1.0)
 
 
 @dataclass(frozen=True)
@@ -50,6 +64,8 @@ class Perturbation(Settings):
     about: str = parameter(MISSING, "short description")
     unit: str = parameter(MISSING, "unit of its levels")
     levels: tuple[float, ...] = parameter(MISSING, "a level for each severity")
+    acts_on: str = parameter(SCENE, "where it acts", choices=_ACTS_ON)
+    puts_in: bool = parameter(False, "it puts an object into the scene, which a mask shows")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -75,12 +91,36 @@ class Plan:
     fixed: Mapping[str, Mapping[str, float]]
     bounds: Bounds = Bounds()
 
-    def apply(self, name: str, severity: int, segment: Segment) -> Segment:
-        """The perturbed segment; unchanged for severity 0."""
+    def apply(self, name: str, severity: int, segment: Segment, base: str = CLEAN) -> Segment:
+        """The perturbed segment; only the base's noise, if it has one, for severity 0. segment: as
+        rendered.
+        """
+        if base == CLEAN:
+            return self._perturbed(name, severity, segment)
+        acts_on = self.perturbations[name].acts_on if severity else SCENE
+        if acts_on == SCENE:
+            return with_base_noise(self._perturbed(name, severity, segment))
+        if acts_on == SENSOR:
+            segment = with_base_noise(segment)
+        return self._perturbed(name, severity, segment)
+
+    def _perturbed(self, name: str, severity: int, segment: Segment) -> Segment:
         if severity == 0:
             return segment
         level = self.perturbations[name].levels[severity - 1]
         return FUNCTIONS[name](segment, level, **self.fixed[name])
+
+    def put_in(self, name: str, severity: int, segment: Segment, number: int) -> np.ndarray:
+        """(h, w) whether a pixel shows what the perturbation puts into the scene: its depth is not
+        that of the room, or its colour does not depend on that of the room. segment: as rendered.
+        """
+        colours = []
+        for value in (0, 255):
+            plain = _painted(segment, value)
+            colour, depth_z_m = self._perturbed(name, severity, plain).load(number)
+            colours.append(colour)
+        same = (colours[0] == colours[1]).all(-1)
+        return np.asarray(same | (depth_z_m != segment.load(number)[1]))
 
     def starts_of(self, sequence: str, length: int) -> list[int]:
         """First frames of the segments of a sequence with `length` frames: those in the file, or
@@ -100,6 +140,17 @@ class Plan:
             levels = "  ".join(f"{plain(level):>5}" for level in p.levels)
             rows.append(f"{name:<{width}}  {p.about:<{about}}  {levels}  {p.unit}")
         return "\n".join(rows)
+
+
+def _painted(segment: Segment, value: int) -> Segment:
+    """The segment with every value of its colour the same."""
+    return segment.with_colour(lambda number, colour: np.full_like(colour, value))
+
+
+def with_base_noise(segment: Segment) -> Segment:
+    """The segment with the noise of the base NOISY."""
+    name, level = _BASE_NOISE
+    return FUNCTIONS[name](segment, level)
 
 
 def read_plan(path: Path = FILE) -> Plan:

@@ -4,6 +4,7 @@ increasing severity, and writes figures and heat maps.
 
 import os
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,12 +22,15 @@ from ..planned_work import PlannedWork, add_dry_run, announce
 from ..sequence_input import note_sequence
 
 if TYPE_CHECKING:
+    from iclnuim.benchmark.experiments.cell import Cell
     from iclnuim.benchmark.experiments.recipes.stress.recipe import Stress
     from iclnuim.benchmark.experiments.recipes.stress.tables import Summary
     from iclnuim.benchmark.perturbations.plan import Plan
 
-#: Core-seconds to perturb and track a frame, in the mean of the odometers.
-_FRAME_CORE_S = 0.3
+#: Core-seconds to perturb a frame, and to track it with one method, in the mean of the odometers:
+#: five odometers on a segment of 120 frames take 24 core-seconds.
+_PERTURB_CORE_S = 0.03
+_TRACK_CORE_S = 0.034
 _SEVERITIES = (1, 2, 3, 4, 5)
 _DEFAULT = (Path("out/living_room/kt2/clean"), Path("out/office/kt1/clean"))
 
@@ -44,6 +48,11 @@ def configure(parser: ArgumentParser) -> None:
     )
     out = Path("out/stress")
     add("-o", "--out", type=Path, default=out, metavar="OUT", help=f"default: {out}")
+    help = (
+        "the frames that are perturbed: noisy, with perturbations of the scene before the sensor's "
+        "noise and those of the sensor after it; or clean. Default: noisy; with --system clean"
+    )
+    add("--base", choices=("noisy", "clean"), help=help)
     help = (
         "only perturbations whose name contains TEXT, such as `holes`; may be given several times;"
         " default: all"
@@ -100,6 +109,16 @@ def _add_report(parser: ArgumentParser) -> None:
     )
     help = "also report the cells of FILE, a stress.csv that was measured elsewhere"
     add("--cells", type=Path, metavar="FILE", help=help)
+    help = (
+        "measure nothing: write the perturbed frames as sequences in DIR, with masks of what is "
+        "put in, for systems that run elsewhere"
+    )
+    add("--write", type=Path, metavar="DIR", help=help)
+    help = (
+        "also report the trajectories that systems made elsewhere of the sequences of --write: "
+        "DIR/trajectories/.../NAME.txt (TUM)"
+    )
+    add("--returned", type=Path, metavar="DIR", help=help)
     add(
         "--plot", type=Path, metavar="FILE", help="draw heat maps of all methods (.png, .pdf, .svg)"
     )
@@ -131,29 +150,42 @@ def run(args: Namespace, console: Console) -> None:
         read_cells,
         write_cells,
     )
+    from iclnuim.benchmark.experiments.recipes.stress.elsewhere import (
+        returned_cells,
+        write_perturbed,
+    )
     from iclnuim.benchmark.experiments.recipes.stress.recipe import KIND
     from iclnuim.benchmark.experiments.recipes.stress.tables import Summary
     from iclnuim.benchmark.experiments.store import Store
 
     given = read_cells(args.cells) if args.cells else {}
     plan = replace(plan, frames=_segment(args.first) or plan.frames)
+    args.base = args.base or ("clean" if args.system else "noisy")
     stress = _experiment(args, console, plan, may_be_empty=bool(given) and args.report_only)
+    if args.write:
+        count = write_perturbed(stress, args.write, console)
+        console.result({"sequences": count}, f"{count} sequences in {args.write / 'sequences'}")
+        return
     store = Store(args.out, KIND)
-    if not args.report_only:
+    if not (args.report_only or args.returned):
         workers = args.workers or cores()
-        if announce(_work(stress, len(store.missing(stress.cells())), workers), args, console):
+        if announce(_work(stress, store.missing(stress.cells()), workers), args, console):
             return
         stress.run(store, workers, console)
     others = () if args.methods or args.system else sorted({key.method for key in given})
     names = tuple(dict.fromkeys([*stress.names, *others]))
-    cells = chosen(given, names, stress.perturbations, args.severities, args.starts)
+    cells = chosen(given, names, stress.perturbations, args.severities, args.starts, args.base)
     cells |= {one.key: one.figures for one in store.read(stress.cells())}
+    if args.returned:
+        returned = returned_cells(stress, args.returned)
+        names = tuple(dict.fromkeys([*names, *(key.method for key in sorted(returned))]))
+        cells |= returned
     if not cells:
         hint = "the same command without --report-only"
         raise WorkError(f"{args.out}: no measured cells", hint=hint)
     make_folder(args.out, hint="another {out}")
     write_cells(cells, args.out / "stress.csv")
-    _report(args, console, Summary.of(plan, names, stress.perturbations, cells))
+    _report(args, console, Summary.of(plan, names, stress.perturbations, cells, args.base))
 
 
 def _report(args: Namespace, console: Console, summary: "Summary") -> None:
@@ -169,11 +201,16 @@ def _report(args: Namespace, console: Console, summary: "Summary") -> None:
     console.result(summary.to_dict(), "\n\n".join(table.text() for table in tables))
 
 
-def _work(stress: "Stress", cells: int, workers: int) -> PlannedWork:
-    """The cells that are not measured."""
-    frames = cells * stress.plan.frames
-    what = f"{cells} of {len(stress.cells())} cells to measure, {frames} frames"
-    return PlannedWork(f"{what}, {workers} processes", frames * _FRAME_CORE_S / workers)
+def _work(stress: "Stress", missing: Sequence["Cell"], workers: int) -> PlannedWork:
+    """The cells that are not measured; the methods of a segment share its perturbed frames."""
+    frames = stress.plan.frames
+    segments = len({cell.key.segment for cell in missing})
+    core_s = frames * (segments * _PERTURB_CORE_S + len(missing) * _TRACK_CORE_S)
+    what = (
+        f"{len(missing)} of {len(stress.cells())} cells to measure, {stress.base} frames perturbed, "
+        f"{segments * frames} of them, {core_s / 3600:.2g} core-hours, {workers} processes"
+    )
+    return PlannedWork(what, core_s / min(workers, max(1, segments)))
 
 
 def _experiment(args: Namespace, console: Console, plan: "Plan", may_be_empty: bool) -> "Stress":
@@ -204,6 +241,7 @@ def _experiment(args: Namespace, console: Console, plan: "Plan", may_be_empty: b
         starts=args.starts,
         preset=args.preset,
         runs=args.runs,
+        base=args.base,
     )
 
 

@@ -317,3 +317,27 @@ def test_a_command_that_fails_ends_the_measurement_in_a_line(capfd):
     with pytest.raises(SystemExit, match="measured: iclnuim evaluate ended with exit code 2"):
         measured.output_of("evaluate no/such/file no/such/other")
     assert "Traceback" not in capfd.readouterr().err
+
+
+def test_the_odometers_that_are_said_not_to_differ_have_intervals_that_hold_1(cells):
+    _, *rows = DRAWN["learned-pairs"](cells)
+    assert len(rows) == 6 and all(float(low) < 1 < float(high) for _, _, low, high, _ in rows)
+
+
+def test_a_page_has_no_name_for_two_odometers(cells):
+    """In the tables of stress, our odometers and the programs of authors are told apart."""
+    header = [name.lower() for name in DRAWN["stress-fails"](cells)[0]]
+    assert len(set(header)) == len(header)
+
+
+def test_cells_of_one_base_stand_in_a_table(cells):
+    """A shipped cell without a base is of clean frames."""
+    assert {key.base for key in cells.stress()} == {"clean"}
+    assert measured.stress_summary(cells, "noisy").methods == []
+    assert len(DRAWN["stress-noisy"](cells)) == 1
+    commands = [one.command for one in measured.missing_cells(cells)]
+    noisy = [command for command in commands if "--base noisy" in command]
+    assert len(noisy) == 5
+    for command in noisy:
+        words = command.removeprefix("iclnuim ").split()
+        assert cli.parsed(words[0], words[1:]).base == "noisy"

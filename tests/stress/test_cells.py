@@ -213,3 +213,14 @@ def test_a_method_that_crashes_loses_its_frames_and_the_others_go_on(segment):
     assert all(f.lost and f.result.reason == "crashed: LinAlgError" for f in crashed[1:])
     assert not any(f.lost for f in tracked)
     assert "crashed: LinAlgError" in diagnostics(crashed, pairs, segment.truth, None)["cause"]
+
+
+def test_the_cause_of_lost_frames_has_the_number_of_the_median_one(truth):
+    made = []
+    for k, stamp_s in enumerate(truth.stamps_s):
+        reason = f"depth: only {0.1 * k:.1f}% of the pixels have depth"
+        failed = OdometryResult(SE3.identity(), status=OdometryStatus.FAILED, reason=reason)
+        made.append(Tracked(stamp_s, SE3.identity(), failed))
+    middle = 0.1 * (1 + (len(made) - 1) // 2)
+    cause = diagnostics(made, {}, truth, None)["cause"]
+    assert cause == f"100% lost: depth: only {middle:.1f}% of the pixels have depth"

@@ -101,7 +101,16 @@ def test_an_odometer_without_iterations_works_in_every_command(
     assert [one["odometer"] for one in compared["runs"]] == ["still"]
     words = ("--frames", ":6", "--starts", "1", "--only", "holes", "--severities", "5")
     groups = result(
-        command_here, "stress", folder, "-o", "stress", *words, "--methods", "still", "--workers", 1
+        command_here,
+        "stress",
+        folder,
+        "-o",
+        "stress",
+        *words,
+        "--methods",
+        "still",
+        "--base",
+        "clean",
     )
     assert {cell["method"] for cell in groups["cells"]} == {"still"}
     published = PublishedCells()

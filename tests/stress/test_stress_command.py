@@ -294,5 +294,7 @@ def test_a_dry_run_counts_the_cells_that_are_missing_and_measures_none(
     words = ("stress", folder, "--only", "holes", "--methods", "icp", "--starts", "1")
     out = tmp_path / "out"
     code, said, _ = command_here(*words, "--frames", ":6", "--dry-run", "--workers", 1, "-o", out)
-    assert code == 0 and said.startswith("6 of 6 cells to measure, 36 frames, 1 processes: about")
+    assert code == 0 and said.startswith(
+        "6 of 6 cells to measure, noisy frames perturbed, 36 of them, "
+    )
     assert not list(tmp_path.rglob("*.json"))

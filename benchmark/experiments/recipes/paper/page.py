@@ -3,20 +3,19 @@ tables, and every cell with its trajectory, error over time and heat map.
 """
 
 import base64
-import io
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from iclnuim.console import Console
 from iclnuim.formats.files import make_folder, read_json
 from iclnuim.native_output import native_output_in
 
 from ...cell import Measured
-from ...page import Page, Section
+from ...page import Page, Section, png_uri
 from ...table import ResultTable
 from .best_methods import accuracy_figure, best_methods_table
 from .correlation import correlation, correlation_table
@@ -37,12 +36,8 @@ from .sources import Sources
 from .speed import speed_figure, speed_table
 from .tables import BRIEF_COLUMNS, CELL_COLUMNS, all_tables, cell_row, cells_table, has_ours
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 #: Part of the page for pictures and films. Pictures beyond it are left out, those in colour first.
 _PICTURES = 52_000_000
-_DPI = 110
 #: So many cells fit a screen.
 _SCREEN = 40
 _HEAT_TEXT = f"logarithmic: {HEAT_MM[0]:g} mm or less (blue) to {HEAT_MM[1]:g} mm or more (red)"
@@ -104,7 +99,7 @@ def write_report(
             "Dots are means over the sequences with 95 % intervals; no method beats those on the "
             "line in both."
         )
-        first.append(Section("speed", speed, how, [speed_table(results)], picture=_png(chart)))
+        first.append(Section("speed", speed, how, [speed_table(results)], picture=png_uri(chart)))
     page = Page(
         title="The ICL-NUIM benchmark, reproduced",
         lead=_about(out),
@@ -169,13 +164,7 @@ def _sections(
 
 def _accuracy(results: Sequence[Measured]) -> str:
     """The chart of the ATE of every method."""
-    return _png(accuracy_figure(results))
-
-
-def _png(figure: "Figure") -> str:
-    chart = io.BytesIO()
-    figure.savefig(chart, format="png", dpi=_DPI)
-    return _inline("image/png", chart.getvalue())
+    return png_uri(accuracy_figure(results))
 
 
 def _about(out: Path) -> str:

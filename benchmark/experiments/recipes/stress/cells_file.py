@@ -13,15 +13,17 @@ from typing import Any, get_args
 from iclnuim.errors import InputError
 from iclnuim.formats.files import atomic_write_text, csv_text, read_text
 
+from ....perturbations.plan import CLEAN
 from ...outcome import Outcome
 from .recipe import StressKey
 
 #: The figures of cells by key.
 Cells = Mapping[StressKey, Mapping[str, Any]]
-_KEY = tuple(field.name for field in fields(StressKey) if field.name != "preset")
+_BASE = "base"
+_KEY = tuple(field.name for field in fields(StressKey) if field.name not in ("preset", _BASE))
 #: Without the time, which differs in every run: the same cells give the same file.
 _FIGURES = {field.name: field.type for field in fields(Outcome) if field.name != "seconds"}
-_COLUMNS = [*_KEY, *_FIGURES]
+_COLUMNS = [*_KEY, *_FIGURES, _BASE]
 
 
 def write_cells(cells: Cells, file: Path) -> None:
@@ -29,13 +31,17 @@ def write_cells(cells: Cells, file: Path) -> None:
     rows = [_COLUMNS]
     for key in sorted(cells):
         figures = [_word(cells[key][name]) for name in _FIGURES]
-        rows.append([*astuple(key)[: len(_KEY)], *figures])
+        rows.append([*astuple(key)[: len(_KEY)], *figures, key.base])
     atomic_write_text(file, csv_text(rows))
 
 
 def read_cells(file: Path) -> dict[StressKey, dict[str, Any]]:
-    """Read the cells of a file by write_cells(). Raises InputError with the line of a bad row."""
+    """Read the cells of a file by write_cells(); those of a file without the column of the base
+    have clean frames. Raises InputError with the line of a bad row.
+    """
     rows = list(csv.reader(io.StringIO(read_text(file), newline="")))
+    if rows[0] == _COLUMNS[:-1]:
+        rows = [_COLUMNS, *([*row, CLEAN] for row in rows[1:])]
     if rows[0] != _COLUMNS:
         expected = f"the columns {','.join(_COLUMNS)}"
         raise InputError(expected, path=file, line=1, found=",".join(rows[0]))
@@ -51,6 +57,7 @@ def read_cells(file: Path) -> dict[StressKey, dict[str, Any]]:
                 perturbation=words["perturbation"],
                 severity=int(words["severity"]),
                 method=words["method"],
+                base=words[_BASE],
             )
             figures = {name: _value(words[name], kind) for name, kind in _FIGURES.items()}
         except ValueError as error:
@@ -65,9 +72,10 @@ def chosen(
     perturbations: tuple[str, ...],
     severities: tuple[int, ...],
     starts: int | None,
+    base: str,
 ) -> dict[StressKey, Mapping[str, Any]]:
-    """The cells of some methods, perturbations and severities, with the unperturbed ones; on the
-    first `starts` segments of each sequence (None: all).
+    """The cells of some methods, perturbations and severities of a base, with the unperturbed ones;
+    on the first `starts` segments of each sequence (None: all).
     """
     places: dict[str, set[int]] = {}
     for key in cells:
@@ -76,7 +84,7 @@ def chosen(
 
     def wanted(key: StressKey) -> bool:
         perturbed = key.perturbation in perturbations and key.severity in severities
-        there = key.method in methods and key.start in first[key.sequence]
+        there = key.method in methods and key.start in first[key.sequence] and key.base == base
         return there and (perturbed or not key.severity)
 
     return {key: figures for key, figures in cells.items() if wanted(key)}

@@ -1,12 +1,13 @@
 """The recipe of `iclnuim stress`: every method on segments of sequences whose frames are perturbed
 with increasing severity.
 
-OUT/cells/SEQUENCE/START/PERTURBATION_SEVERITY/METHOD   a cell; severity 0 is `clean`
+OUT/cells/SEQUENCE/START/PERTURBATION_SEVERITY/METHOD   a cell; severity 0 is `clean`; with the
+                                                        base noisy below SEQUENCE/START/noisy
 """
 
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from iclnuim.sequences.frame_source import FrameSource
 from iclnuim.sequences.writer import write_sequence
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
-from ....perturbations.plan import FUNCTIONS, Plan
+from ....perturbations.plan import CLEAN, FUNCTIONS, Plan, with_base_noise
 from ....perturbations.segment import Segment
 from ....systems.staging import StagedSequence
 from ....systems.system import System
@@ -35,7 +36,6 @@ from ...store import Store
 from ..system.recipe import SystemRuns, system_store
 
 KIND = "stress"
-CLEAN = "clean"
 #: What selects frames, and computes the figures of a cell.
 _FRAMES_CODE: tuple[Entry, ...] = (Plan, Poses, track_all, diagnostics, outcome)
 
@@ -43,7 +43,7 @@ _FRAMES_CODE: tuple[Entry, ...] = (Plan, Poses, track_all, diagnostics, outcome)
 @dataclass(frozen=True, order=True)
 class StressKey:
     """A method on a perturbed segment; severity 0 is unperturbed. preset: of our odometers, empty
-    for `best` and for other methods.
+    for `best` and for other methods. base: the frames that are perturbed, one of BASES.
     """
 
     sequence: str
@@ -52,6 +52,13 @@ class StressKey:
     severity: int
     method: str
     preset: str = ""
+    base: str = CLEAN
+
+    @property
+    def words(self) -> tuple[str | int, ...]:
+        """Its fields, without the base CLEAN."""
+        found = (self.sequence, self.start, self.perturbation, self.severity, self.method)
+        return (*found, self.preset, *([] if self.base == CLEAN else [self.base]))
 
     @property
     def segment(self) -> tuple[str, int, str, int]:
@@ -60,7 +67,8 @@ class StressKey:
     @property
     def segment_place(self) -> str:
         name = f"{self.perturbation}_{self.severity}" if self.severity else CLEAN
-        return f"{self.sequence.replace('/', '_')}/{self.start}/{name}"
+        base = "" if self.base == CLEAN else f"/{self.base}"
+        return f"{self.sequence.replace('/', '_')}/{self.start}{base}/{name}"
 
     @property
     def place(self) -> str:
@@ -70,7 +78,7 @@ class StressKey:
     @property
     def unperturbed(self) -> "StressKey":
         """The same method on the same segment without perturbation."""
-        return StressKey(self.sequence, self.start, CLEAN, 0, self.method, self.preset)
+        return replace(self, perturbation=CLEAN, severity=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +86,8 @@ class Stress:
     """The experiment: every method on segments of the inputs, each perturbed as in the plan.
 
     methods: names in the registry; preset applies to our odometers. systems: systems of `iclnuim
-    run`, `runs` times each. starts: use only this number of the plan's segments per sequence.
+    run`, `runs` times each. starts: use only this number of the plan's segments per sequence. base:
+    the frames that are perturbed, one of BASES.
     """
 
     plan: Plan
@@ -90,6 +99,7 @@ class Stress:
     starts: int | None
     preset: str
     runs: int
+    base: str = CLEAN
 
     @property
     def names(self) -> list[str]:
@@ -100,10 +110,7 @@ class Stress:
         """All cells, segment by segment. Unperturbed segments come first, as the others are
         compared with them.
         """
-        perturbed = [(CLEAN, 0), *product(self.perturbations, self.severities)]
-        segments = product(perturbed, self._segments())
-        places = [(*segment, *perturbation) for perturbation, segment in segments]
-        return [self._cell(place, name) for place, name in product(places, self.names)]
+        return [self._cell(place, name) for place, name in product(self._places(), self.names)]
 
     def run(self, store: Store, workers: int, console: Console) -> None:
         """Measure the missing cells."""
@@ -131,10 +138,23 @@ class Stress:
 
     def segment(self, key: StressKey) -> Segment:
         """The perturbed frames of a cell. Raises InputError if the sequence is too short."""
+        clean = self.clean_segment(key)
+        return self.plan.apply(key.perturbation, key.severity, clean, key.base)
+
+    def clean_segment(self, key: StressKey) -> Segment:
+        """The frames of a cell as rendered."""
         one = self.inputs[key.sequence]
-        plan = self.plan
-        segment = Segment.of(one.sequence, one.truth, key.start, plan.frames, plan.seed)
-        return plan.apply(key.perturbation, key.severity, segment)
+        return Segment.of(one.sequence, one.truth, key.start, self.plan.frames, self.plan.seed)
+
+    def segment_keys(self) -> Iterator[StressKey]:
+        """A key without a method of each segment, the unperturbed ones first."""
+        for place in self._places():
+            yield StressKey(*place, method="", base=self.base)
+
+    def _places(self) -> Iterator[tuple[str, int, str, int]]:
+        perturbed = [(CLEAN, 0), *product(self.perturbations, self.severities)]
+        for perturbation, segment in product(perturbed, self._segments()):
+            yield (*segment, *perturbation)
 
     def _segments(self) -> Iterator[tuple[str, int]]:
         for name, one in self.inputs.items():
@@ -145,14 +165,14 @@ class Stress:
         preset = ""
         if method in ODOMETERS and self.preset != "best":
             preset = self.preset
-        key = StressKey(*place, method=method, preset=preset)
+        key = StressKey(*place, method=method, preset=preset, base=self.base)
         plan = self.plan
         identity = {
             "frames": plan.frames,
             "seed": plan.seed,
             "bounds": plan.bounds.to_dict(),
             "input": self.inputs[key.sequence].sha256,
-            "frames_code": code_of(*_frames_code(key.perturbation)),
+            "frames_code": code_of(*_frames_code(key)),
             "method_code": method_code(method),
         }
         if key.severity:
@@ -206,10 +226,9 @@ class Stress:
         names = "+".join(systems[cell.key.method].name for cell in cells)
         work = store.out / "work" / names / cells[0].key.segment_place
         segment = self.segment(cells[0].key)
-        write_sequence(_source(segment), work / "frames")
+        write_segment(segment, work / "frames")
         staged = StagedSequence.of(work / "frames")
-        stamps_s = np.array([segment.stamps_s[number] for number in segment.numbers])
-        truth = Trajectory(staged.stamps_s, sample(segment.truth, stamps_s))
+        truth = staged_truth(staged, segment)
         for cell in cells:
             experiment = SystemRuns(systems[cell.key.method], staged, system_store(work))
             found = self._system_outcome(experiment, truth, not cell.key.severity)
@@ -236,18 +255,36 @@ class Stress:
         return 1 if system.settings.deterministic else self.runs
 
 
-def _frames_code(perturbation: str) -> list[Entry]:
-    """What decides the frames and figures of a perturbation's cells."""
-    if perturbation in FUNCTIONS:
-        return [*_FRAMES_CODE, FUNCTIONS[perturbation].function]
-    return [*_FRAMES_CODE]
+def _frames_code(key: StressKey) -> list[Entry]:
+    """What decides the frames and figures of a cell."""
+    code = [*_FRAMES_CODE]
+    if key.base != CLEAN:
+        code += [with_base_noise, FUNCTIONS["noise"].function]
+    if key.perturbation in FUNCTIONS:
+        code.append(FUNCTIONS[key.perturbation].function)
+    return code
 
 
 def label(system: System) -> str:
     """Name in cells of a system of `iclnuim run`; the prefix separates it from an odometer of ours,
     such as dvo.
     """
-    return f"run:{system.name}"
+    return system_name(system.name)
+
+
+def system_name(name: str) -> str:
+    return f"run:{name}"
+
+
+def write_segment(segment: Segment, folder: Path) -> None:
+    """Write the frames of a segment as the sequence that a system reads, or resume it."""
+    write_sequence(_source(segment), folder)
+
+
+def staged_truth(staged: StagedSequence, segment: Segment) -> Trajectory:
+    """The true poses of a segment's frames, with the stamps of its sequence."""
+    stamps_s = np.array([segment.stamps_s[number] for number in segment.numbers])
+    return Trajectory(staged.stamps_s, sample(segment.truth, stamps_s))
 
 
 def by_segment(cells: Sequence[Cell]) -> list[list[Cell]]:

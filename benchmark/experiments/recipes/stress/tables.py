@@ -10,13 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from iclnuim.report.charts import pareto_panel
 from matplotlib.colors import LinearSegmentedColormap, to_hex
+from matplotlib.figure import Figure
 
-from ....perturbations.plan import SEVERITIES, Plan
+from ....perturbations.plan import CLEAN, SEVERITIES, Plan
+from ...intervals import share_interval
 from ...outcome import mean, median
-from ...page import Page, Section
+from ...page import Page, Section, png_uri
 from ...table import Mark, ResultTable, mm, shown
-from .recipe import CLEAN, StressKey
+from .recipe import StressKey
 
 #: Figures of a cell by its key.
 Figures = Mapping[StressKey, Mapping[str, Any]]
@@ -29,7 +32,7 @@ class Group:
 
     succeeded: share of segments. false_successes, false_alarms, alarms: shares of frames. noticed:
     share of the segments with a wrong pose; None if there is none. noticed_after: median number of
-    frames. nees: mean. cause: the most frequent one.
+    frames. nees: mean. cause: the most frequent one. ms: of a frame, in the mean.
     """
 
     segments: int
@@ -44,6 +47,7 @@ class Group:
     noticed_after: float | None
     nees: float | None
     cause: str
+    ms: float | None = None
 
     @classmethod
     def of(cls, cells: Sequence[Mapping[str, Any]]) -> "Group":
@@ -64,6 +68,7 @@ class Group:
             noticed_after=median(noticed),
             nees=mean(c["nees"] for c in cells),
             cause=max(causes, key=causes.__getitem__, default=""),
+            ms=1e3 * sum(c.get("seconds") or 0.0 for c in cells) / after_first or None,
         )
 
     @property
@@ -127,26 +132,36 @@ _PERTURBED_TOTALS = (
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """Groups by method, perturbation and severity; the unperturbed group has perturbation CLEAN and
-    severity 0.
+    """Groups by method, perturbation and severity, all of one base; the unperturbed group has
+    perturbation CLEAN and severity 0.
     """
 
     plan: Plan
     methods: list[str]
     perturbations: tuple[str, ...]
     groups: Mapping[tuple[str, str, int], Group]
+    base: str = CLEAN
 
     @classmethod
     def of(
-        cls, plan: Plan, names: Iterable[str], perturbations: tuple[str, ...], cells: Figures
+        cls,
+        plan: Plan,
+        names: Iterable[str],
+        perturbations: tuple[str, ...],
+        cells: Figures,
+        base: str = CLEAN,
     ) -> "Summary":
-        """Summary of the cells of the methods `names` that were measured, in this order."""
+        """Summary of the cells of a base, of the methods `names` that were measured, in this
+        order.
+        """
         found = defaultdict(list)
         for key, figures in cells.items():
+            if key.base != base:
+                continue
             found[key.method, key.perturbation, key.severity].append(figures)
         methods = [name for name in names if any(key[0] == name for key in found)]
         groups = {key: Group.of(some) for key, some in found.items()}
-        return cls(plan, methods, perturbations, groups)
+        return cls(plan, methods, perturbations, groups, base)
 
     def row(self, method: str, perturbation: str) -> list[Group | None]:
         """The groups of severities 0 to 5."""
@@ -160,7 +175,7 @@ class Summary:
         for (method, perturbation, severity), group in self.groups.items():
             key = {"method": method, "perturbation": perturbation, "severity": severity}
             cells.append({**key, **asdict(group)})
-        return {"cells": cells}
+        return {"base": self.base, "cells": cells}
 
     def overview(self) -> ResultTable:
         """The lowest severity at which each method fails, one row per perturbation, and totals."""
@@ -184,7 +199,7 @@ class Summary:
             "fails from severity",
             *(method.removeprefix("baseline:") for method in self.methods),
         )
-        title = "The lowest severity at which methods fail."
+        title = f"The lowest severity at which methods fail, {self.base} frames perturbed."
         return ResultTable("stress", title, columns, tuple(rows), notes=(note,), marks=marks)
 
     def _first_failure(self, method: str, perturbation: str) -> str:
@@ -219,7 +234,7 @@ class Summary:
                 groups = self.row(method, name)
                 rows.append((name, method, *(getattr(group, "mark", "") for group in groups)))
         columns = ("", "severity", *map(str, range(SEVERITIES + 1)))
-        title = "ATE in mm; 0: unperturbed; \u00d7: failed; !: reports wrong poses as good."
+        title = f"ATE in mm, {self.base} frames perturbed; 0: unperturbed; \u00d7: failed; !: reports wrong poses as good."
         return ResultTable("severities", title, columns, tuple(rows))
 
     def of_method(self, method: str) -> ResultTable:
@@ -249,13 +264,43 @@ class Summary:
                 return self._level(name, severity), group.notice(), group.cause
         return "-", "", ""
 
+    def speed(self) -> ResultTable:
+        """What each method costs beside how often it succeeds, the most often first; with the 95 %
+        interval of the share.
+        """
+        rows = []
+        for name, ms, share, low, high in sorted(self.speeds(), key=lambda of: -of[2]):
+            clean = self.groups.get((name, CLEAN, 0))
+            ate_mm = mm(clean.ate_m if clean else None)
+            texts = (f"{share:.1%}", f"{low:.1%}", f"{high:.1%}", ate_mm)
+            rows.append((name, shown(ms, ".1f"), *texts))
+        columns = ("method", "ms a frame", "succeed", "95 % from", "to", "unperturbed ATE mm")
+        return ResultTable("speed", "Success beside speed.", columns, tuple(rows))
+
+    def speeds(self) -> list[tuple[str, float | None, float, float, float]]:
+        """Of each method: ms a frame, the share of perturbed segments that succeed, and the ends of
+        its interval.
+        """
+        found = []
+        for method in self.methods:
+            groups = [g for key, g in self.groups.items() if key[0] == method and key[1] != CLEAN]
+            if groups:
+                segments = sum(group.segments for group in groups)
+                succeeded = sum(round(group.succeeded * group.segments) for group in groups)
+                ms = mean(group.ms for group in groups)
+                found.append((method, ms, *share_interval(succeeded, segments)))
+        return found
+
     def page(self) -> Page:
         """An overview, then a section for each method."""
         lead = (
-            "Numbers are the median ATE in mm; \u00d7 is a failure; ! means that the method also "
+            f"Perturbed are the {self.base} frames. Numbers are the median ATE in mm; \u00d7 is a failure; ! means that the method also "
             "reports wrong poses as good. Point at a number for all figures."
         )
         sections = [Section("overview", "Overview", tables=[self.overview()])]
+        if speeds := self.speeds():
+            chart = _speed_picture([s for s in speeds if s[1]])
+            sections.append(Section("speed", "Speed", tables=[self.speed()], picture=chart))
         for method in self.methods:
             name = method.replace(":", "-")
             sections.append(Section(name, method, tables=[self.of_method(method)]))
@@ -264,6 +309,18 @@ class Summary:
     def write(self, out: Path) -> Path:
         """Write OUT/stress.html and return its path."""
         return self.page().write(out / "stress.html")
+
+
+def _speed_picture(speeds: Sequence[tuple[str, float | None, float, float, float]]) -> str:
+    """The shares of success against ms a frame, as a data URI; empty without times."""
+    if not speeds:
+        return ""
+    drawing = Figure(figsize=(6.0, 3.6), layout="constrained")
+    axes = drawing.subplots()
+    points = [(name, ms or 0.0, share, low, high) for name, ms, share, low, high in speeds]
+    pareto_panel(axes, points, lower_is_better=False)
+    axes.set(xlabel="time of a frame on one core [ms]", ylabel="segments that succeed")
+    return png_uri(drawing)
 
 
 # -- the colour scale of errors: logarithmic, distinguishable without colour vision and in grey
