@@ -78,10 +78,9 @@ _PAPER_FIGURES = range(5, 10)
 _MARKED = re.compile(r"<!-- measured: (.*) -->\n(.*?)<!-- end of \1 -->\n", re.S)
 #: Noise seeds of the preset `best`, each odometer with the paper's reference.
 _SEEDS = 5
-#: Core-seconds of a frame with ORB-SLAM3, and of a segment of `iclnuim stress` with one method: 30
-#: cells took 70 s with compilation.
+#: Core-seconds of a frame with ORB-SLAM3, and of a segment of `iclnuim stress` with one method.
 _ORB_CORE_S = 0.07
-_STRESS_CORE_S = 5.0
+_STRESS_CORE_S = 4.0
 _PER_HOUR = 3600
 #: Runs of a system that is not deterministic.
 _RUNS_EACH = 5

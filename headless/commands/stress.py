@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.recipes.stress.tables import Summary
     from iclnuim.benchmark.perturbations.plan import Plan
 
-#: Core-seconds to perturb a frame, and to track it with one method, in the mean of the odometers:
-#: five odometers on a segment of 120 frames take 24 core-seconds.
-_PERTURB_CORE_S = 0.03
-_TRACK_CORE_S = 0.034
+#: Core-seconds to perturb a frame, and to track it with one method, in the mean of our odometers.
+#: Five of them on a segment of 120 frames took 15 (office) to 24 core-seconds (both rooms).
+_PERTURB_CORE_S = 0.02
+_TRACK_CORE_S = 0.025
 _SEVERITIES = (1, 2, 3, 4, 5)
 _DEFAULT = (Path("out/living_room/kt2/clean"), Path("out/office/kt1/clean"))
 
