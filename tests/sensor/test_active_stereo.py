@@ -45,7 +45,7 @@ def test_sigma_stays_below_what_others_print_as_the_worst():
     assert sigma(2.0) < 0.04
     # data sheet: RMS error of at most 2 % of the distance up to 2 m
     assert all(sigma(depth_m) < 0.02 * depth_m for depth_m in (0.5, 1.0, 2.0))
-    # Rustler and others 2025: below 1 cm up to 1 m
+    # arXiv 2501.07421, abstract: below 1 cm up to 1 m
     assert sigma(1.0) < 0.01
 
 
