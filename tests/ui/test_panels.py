@@ -55,7 +55,9 @@ def test_every_panel_is_drawn_with_every_source(draw, scene: str, light: str, tr
     settings.light = light
     settings.trajectory_source = trajectory
     drawn = draw()
-    assert {"scene_source", "fx", "denoise", "depth_noise", "out", "formats"} <= set(drawn)
+    assert {"scene_source", "denoise", "depth_noise", "out", "formats"} <= set(drawn)
+    of_the_panel = trajectory != "CAMERA" or bpy.context.scene.camera is None
+    assert ("fx" in drawn) == of_the_panel
     assert ("map_size" in drawn) == (light != "path")
     assert ("scene_file" in drawn) == (scene == "FILE")
 

@@ -260,3 +260,49 @@ def test_files_of_the_user_in_the_output_folder_are_left_alone(register, tmp_pat
     (tmp_path / "raw/exr/000000.exr").touch()
     with pytest.raises(InputError, match="without frames of an earlier state of the open scene"):
         inputs.job(bpy.context, tmp_path)
+
+
+@pytest.fixture
+def own_camera(register):
+    """The settings, and an active camera of 50 mm in a render of 800 x 600 at half size."""
+    settings = register()
+    scene = bpy.context.scene
+    before = scene.camera
+    thing = bpy.data.objects.new("own", bpy.data.cameras.new("own"))
+    scene.collection.objects.link(thing)
+    scene.camera = thing
+    render = scene.render
+    size = render.resolution_x, render.resolution_y, render.resolution_percentage
+    render.resolution_x, render.resolution_y, render.resolution_percentage = 800, 600, 50
+    thing.data.lens, thing.data.sensor_width = 50, 36
+    settings.trajectory_source = "CAMERA"
+    yield settings, thing
+    render.resolution_x, render.resolution_y, render.resolution_percentage = size
+    scene.camera = before
+    bpy.data.objects.remove(thing)
+
+
+def test_the_active_cameras_lens_and_the_renders_size_are_used(own_camera):
+    settings, thing = own_camera
+    lens = settings.camera()
+    assert (lens.width, lens.height) == (400, 300)
+    assert (lens.fx, abs(lens.fy)) == pytest.approx((400 * 50 / 36,) * 2, abs=1e-3)
+    settings.trajectory_source = "kt2"
+    assert settings.camera() == PinholeCamera()
+    settings.trajectory_source = "CAMERA"
+    thing.data.type = "ORTHO"
+    with pytest.raises(InputError, match="a perspective camera, found ORTHO"):
+        settings.camera()
+
+
+def test_a_camera_that_stands_still_and_a_path_of_another_room_are_said(own_camera):
+    settings, thing = own_camera
+    assert "stands still" in inputs.trajectory(bpy.context).read_as.sentence
+    thing.keyframe_insert("location", frame=1)
+    thing.location.x += 1
+    thing.keyframe_insert("location", frame=20)
+    assert "stands still" not in inputs.trajectory(bpy.context).read_as.sentence
+    settings.trajectory_source, settings.scene_source = "kt2", "OPEN"
+    assert "another room" in inputs.trajectory(bpy.context).read_as.sentence
+    settings.scene_source = "office"
+    assert inputs.trajectory(bpy.context).read_as.sentence == "office/kt2"

@@ -17,6 +17,7 @@ from ..evaluation.absolute_error import AbsoluteError
 from ..formats.files import atomic_write, check_picture
 from ..geometry.axes import Z_UP_FROM_Y_DOWN
 from ..geometry.se3 import SE3
+from ..shown import MM
 from ..trajectory_files.trajectories import ANCHORED_WORLD, LoadedTrajectory
 from .trajectory_report import Report, title
 
@@ -131,7 +132,7 @@ def error_figure(report: Report) -> Figure:
     (first, along), (over_time, rotation) = figure.subplots(2, 2)
     result = report.result
     stamps_s = report.result.stamps_s
-    errors_m = report.result.translation_error_m
+    errors_mm = MM * report.result.translation_error_m
     if isinstance(result, AbsoluteError):
         truth = report.reference.loaded.trajectory  # complete: gaps of the estimate are visible
         plane = widest_axes(truth.positions_m)
@@ -143,9 +144,9 @@ def error_figure(report: Report) -> Figure:
         first.set_title("trajectories")
         first.legend()
     else:
-        shares = 100 * np.arange(1, len(errors_m) + 1) / len(errors_m)
-        first.plot(np.sort(errors_m), shares, color=ESTIMATE_COLOUR)
-        first.set(title="RPE pairs within an error", xlabel="translation error (m)")
+        shares = 100 * np.arange(1, len(errors_mm) + 1) / len(errors_mm)
+        first.plot(np.sort(errors_mm), shares, color=ESTIMATE_COLOUR)
+        first.set(title="RPE pairs within an error", xlabel="translation error (mm)")
         first.set(ylabel="share of RPE pairs (%)", xlim=(0, None), ylim=(0, 102))
         plane = widest_axes(result.reference.translation)
         coloured = result.reference[result.start]
@@ -153,10 +154,10 @@ def error_figure(report: Report) -> Figure:
         _draw_truth(along, stamps_s, result.reference, plane, 1.2)
         stamps_s = stamps_s[result.start]
     x, y = coloured.translation[:, plane].T
-    dots = along.scatter(x, y, c=errors_m, s=7, cmap="viridis", zorder=3)
-    figure.colorbar(dots, ax=along, label="translation error (m)")
+    dots = along.scatter(x, y, c=errors_mm, s=7, cmap="viridis", zorder=3)
+    figure.colorbar(dots, ax=along, label="translation error (mm)")
     _label_plane(along, plane)
-    _series(over_time, stamps_s, errors_m, "translation error (m)", ESTIMATE_COLOUR)
+    _series(over_time, stamps_s, errors_mm, "translation error (mm)", ESTIMATE_COLOUR)
     errors_deg = np.degrees(result.rotation_error_rad)
     if np.isfinite(errors_deg).all():
         _series(rotation, stamps_s, errors_deg, "rotation error (deg)", ROTATION_COLOUR)

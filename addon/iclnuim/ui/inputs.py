@@ -36,6 +36,8 @@ from ..trajectory_files.trajectories import (
 from . import state
 
 DEFAULT_OUT = "//iclnuim"
+#: Metres and radians between the poses of a camera that stands still.
+_STILL = 1e-6
 #: The panel needs the state of the light map at every redraw. Files are checked again after this
 #: many seconds.
 _FRESH_S = 1.0
@@ -52,7 +54,12 @@ def trajectory(context: Context) -> LoadedTrajectory:
     else:
         name = _shipped_name(settings)
         loaded = read_trajectory(shipped.trajectory_file(name))
-        loaded = replace(loaded, read_as=replace(loaded.read_as, sentence=name))
+        sentence = name
+        if settings.scene_source not in SCENES:
+            sentence += (
+                "; it was made for another room, and may pass through surfaces of this scene"
+            )
+        loaded = replace(loaded, read_as=replace(loaded.read_as, sentence=sentence))
     if settings.scale == 1.0 and not settings.use_start:
         return loaded
     start = loaded.trajectory.T_world_camera[0]
@@ -66,7 +73,11 @@ def trajectory(context: Context) -> LoadedTrajectory:
 
 def _animation(scene: Scene) -> LoadedTrajectory:
     poses = camera.trajectory(scene)
-    sentence = "; ".join(["the active camera's animation", *camera_notes(scene)])
+    notes = camera_notes(scene)
+    moved = np.r_[poses.step_lengths_m(), poses.step_angles_rad()]
+    if not (moved > _STILL).any():
+        notes.append(f"it stands still: its {len(poses)} poses are the same")
+    sentence = "; ".join(["the active camera's animation", *notes])
     read_as = ReadAs("tum", "right-handed", "world", sentence)
     return LoadedTrajectory(poses, read_as, np.arange(len(poses)), len(poses))
 

@@ -125,7 +125,7 @@ def render(self: Operator, context: Context) -> None:
     """
     settings = context.scene.iclnuim
     if self.directory:
-        settings.out = self.directory
+        settings.out = str(Path(self.directory) / "iclnuim")
     out = inputs.output_folder(settings)
     numbers = list(frame_slice(settings.frames, len(inputs.trajectory(context).trajectory)))
     _render(inputs.job(context, out), out, numbers, settings.sequences(out))

@@ -121,6 +121,8 @@ def _progress(layout: UILayout, work: Work) -> None:
     text = state.sentence(work.phase)
     if work.total > 1:
         text += f": {work.done} of {work.total} frames"
+    if work.phase in ("starting", "preparing"):
+        text += f" ({work.seconds_here():.0f} s)"
     layout.progress(factor=share, text=text)
     left_s = work.seconds_left()
     if left_s is not None:
@@ -162,12 +164,18 @@ def trajectory(layout: UILayout, settings: PropertyGroup, context: Context) -> N
 
 @_panel("Camera", closed=True)
 def camera(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
-    _props(layout.column(align=True), settings, settings_of(PinholeCamera))
     try:
-        made = blender_from_pinhole(settings.camera())
+        used = settings.camera()
+        made = blender_from_pinhole(used)
     except InputError as error:
+        _props(layout.column(align=True), settings, settings_of(PinholeCamera))
         _text(layout, context, error.worded(), "ERROR")
         return
+    if settings.has_own_lens():
+        size = f"{used.width} x {used.height}, fx {used.fx:.2f}, fy {used.fy:.2f} pixels"
+        _text(layout, context, f"The active camera's lens, the render's size: {size}")
+    else:
+        _props(layout.column(align=True), settings, settings_of(PinholeCamera))
     lens = f"lens {made.lens:.3f} mm on {made.sensor_width:g} mm"
     shift = f"shift {made.shift_x:z.4f}, {made.shift_y:z.4f}"
     aspect = f"pixel aspect {made.pixel_aspect_x:.4f} : {made.pixel_aspect_y:.4f}"

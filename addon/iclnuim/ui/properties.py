@@ -5,7 +5,7 @@ from the declared settings and registries, and converted to a render job.
 import itertools
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from bpy.props import (
 )
 from bpy.types import Context, PropertyGroup
 
+from ..blender.render import camera as keyed_camera
 from ..errors import InputError
 from ..evaluation.align import AlignmentSettings
 from ..geometry.camera import PinholeCamera
@@ -37,12 +38,12 @@ Entry = tuple[str, str, str]
 _OTHER_SCENES = {
     2: (
         "OPEN",
-        "Open File",
+        "This File",
         "The scene in this window; a copy of it is saved in the output folder and rendered",
     ),
     3: (
         "FILE",
-        "Scene File",
+        "Another File",
         "A .blend, .glb, .gltf, .obj, .ply, .usd or .fbx; converted to z up and metres",
     ),
 }
@@ -65,7 +66,7 @@ _FILE_OF_POSES = (
 )
 _OUT = (
     "raw/, clean/ and noisy/ are created in it. If empty: iclnuim next to the saved .blend; "
-    "Render asks for a folder if it is not saved"
+    "Render asks for a folder if it is not saved, and makes iclnuim in it"
 )
 _AUTO = {0: ("AUTO", "Auto", "The default")}
 _EQUATION_2 = "paper, equation 2"
@@ -189,10 +190,23 @@ def label_of(setting: str) -> str:
 class ICLNUIM_PG_settings(PropertyGroup):
     """The settings of one scene. The properties are created when the class is registered."""
 
+    def has_own_lens(self) -> bool:
+        """Whether the lens and the size are those of the active camera, and not of the panel."""
+        return self.trajectory_source == "CAMERA" and self.id_data.camera is not None
+
     def camera(self) -> PinholeCamera:
         """K and image size, without the rounding of Blender's single-precision floats: the
-        benchmark's fx is exact, other values have four decimals.
+        benchmark's fx is exact, other values have four decimals. With the active camera's animation
+        they are those of its lens and of the render's size. Raises InputError if it is not a
+        perspective camera.
         """
+        if self.has_own_lens():
+            own = keyed_camera.pinhole(self.id_data, self.id_data.camera)
+            if own is None:
+                kind = self.id_data.camera.data.type
+                raise InputError("a perspective camera", found=kind, hint="another trajectory")
+            numbers = {name: round(getattr(own, name), 4) for name in ("fx", "fy", "cx", "cy")}
+            return replace(own, **numbers)
         exact = (self.width / 1.33, PinholeCamera().fx)
         fx = next((f for f in exact if abs(self.fx - f) < 5e-4), round(self.fx, 4))
         return PinholeCamera(**{**self.values_of(PinholeCamera), "fx": fx})

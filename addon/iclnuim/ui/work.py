@@ -43,6 +43,7 @@ class Work:
     _when_done: str = ""
     _found: int = 0
     _stage_begun_s: float = 0.0
+    _started_s: float = field(default_factory=time.monotonic, compare=False)
     _stopping_since_s: float | None = None
 
     @property
@@ -105,6 +106,10 @@ class Work:
         """Frames per second of the current stage; 0 before its first frame."""
         elapsed = _now(now_s) - self._stage_begun_s
         return (self.done - self._found) / elapsed if elapsed > 0 else 0.0
+
+    def seconds_here(self, now_s: float | None = None) -> float:
+        """Seconds since the work was started."""
+        return _now(now_s) - self._started_s
 
     def seconds_left(self, now_s: float | None = None) -> float | None:
         rate = self.frames_per_second(now_s)
