@@ -34,7 +34,7 @@ def run_state(folder: Path, frames: str | None = None) -> dict[str, Any]:
         job = run.job
         numbers = tuple(_requested(run, plan, frames))
         made = _in_sequences(run, plan, numbers)
-        missing = run.missing([n for n in numbers if n not in made])
+        missing = run.missing([n for n in numbers if n not in made], read_pixels=False)
     elif plan is not None and frames is None:  # it waits in a queue and has no recipe yet
         raw = plan.raw
         job = plan.job

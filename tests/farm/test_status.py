@@ -45,6 +45,28 @@ def test_a_broken_frame_counts_as_missing(run, capsys):
     assert told(capsys, run.path, "--frames", ":4")["missing_frames"] == [1, 2]
 
 
+@pytest.mark.skipif(not os.path.exists("/proc/self/io"), reason="Linux counts what is read")
+def test_of_a_frame_its_header_is_read_and_no_pixel(tmp_path):
+    job = shipped_job("kt2").changed(camera=PinholeCamera.parse("640x480"))
+    run = open_run(tmp_path, {"job": job.to_dict()}, load_trajectory(job))
+    run.write_frame(0, np.zeros((480, 640, 3)), np.ones((480, 640)))
+    assert run.key and run.camera.width == 640 and run.missing([0]) == []  # all else is read now
+
+    def read_bytes(read_pixels):
+        before = _bytes_read()
+        assert run.missing([0], read_pixels=read_pixels) == []
+        return _bytes_read() - before
+
+    size = run.frame_file(0).stat().st_size
+    assert read_bytes(read_pixels=True) > size
+    assert read_bytes(read_pixels=False) < size / 10
+
+
+def _bytes_read():
+    with open("/proc/self/io") as counters:
+        return int(dict(line.split(": ") for line in counters)["rchar"])
+
+
 def test_frames_that_became_pairs_are_not_missed(run, capsys):
     for name in ("clean", "noisy"):
         (run.path.parent / name).mkdir()

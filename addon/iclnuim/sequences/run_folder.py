@@ -11,6 +11,7 @@ OUT/sequence.json        the recipe: effective settings, seed, versions, source 
 OUT/preview.png          user-provided scenes: a small path-traced image of the first frame
 """
 
+import functools
 import json
 import shutil
 from collections.abc import Iterable, Mapping
@@ -92,28 +93,29 @@ class RunFolder:
         names = (file.stem for file in (self.path / "exr").glob("[0-9]*.exr"))
         return sorted(int(name) for name in names if name.isdecimal())
 
-    def is_finished(self, number: int) -> bool:
+    def is_finished(self, number: int, read_pixels: bool = True) -> bool:
         """Whether a frame's file can be read to the end, has the right size and channels, and was
-        made by this recipe.
+        made by this recipe. Without read_pixels, only its header and its length are read.
         """
         file = self.frame_file(number)
         if not file.is_file():
             return False
         try:
-            if exr.exr_header(file).parts[0].attributes.get("recipe") != self.key:
+            header = exr.exr_header(file, whole=True)
+            if header.parts[0].attributes.get("recipe") != self.key:
                 return False
-            channels = exr.read_exr(file)
+            there = exr.read_exr(file).keys() if read_pixels else header.channels.keys()
         except InputError:
             return False
-        size = (self.camera.height, self.camera.width)
-        wanted = exr_types(self.channels)
-        return all(name in channels and channels[name].shape == size for name in wanted)
+        has_size = (header.width, header.height) == (self.camera.width, self.camera.height)
+        return has_size and there >= exr_types(self.channels).keys()
 
-    def missing(self, numbers: Iterable[int]) -> list[int]:
-        """The frames of `numbers` that are not finished, in order."""
+    def missing(self, numbers: Iterable[int], read_pixels: bool = True) -> list[int]:
+        """The frames of `numbers` that are not finished, in order; see is_finished."""
         numbers = list(numbers)
+        is_finished = functools.partial(self.is_finished, read_pixels=read_pixels)
         with ThreadPoolExecutor(4) as pool:
-            finished = list(pool.map(self.is_finished, numbers))
+            finished = list(pool.map(is_finished, numbers))
         return [number for number, done in zip(numbers, finished, strict=True) if not done]
 
     def check_space(self, frames: int) -> None:
