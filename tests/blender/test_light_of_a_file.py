@@ -52,3 +52,15 @@ def test_ray_portals_are_named():
     assert not any("ray portals" in note for note in preflight.findings(False))
     tree.nodes.new("ShaderNodeBsdfRayPortal")
     assert any("ray portals" in note for note in preflight.findings(False))
+
+
+def view_notes(**view):
+    file_with({})
+    settings.assign(bpy.context.scene.view_settings, view)
+    return [note for note in preflight.findings(False) if "scene-linear RGB" in note]
+
+
+def test_a_view_that_the_user_chose_is_named_and_blenders_default_is_not():
+    assert view_notes() == []
+    assert view_notes(exposure=1.0) and view_notes(gamma=1.2)
+    assert view_notes(look="AgX - Punchy") and view_notes(view_transform="False Color")

@@ -12,6 +12,8 @@ from ..shader_nodes import constant
 
 #: Depth is float32: at this distance from the origin its resolution is about 0.1 mm.
 FAR_M = 1000.0
+#: View transforms without a choice in them: none, and the defaults of Blender 2.8 and 4.0.
+_USUAL = ("Standard", "Raw", "Filmic", "AgX")
 #: Settings of a view layer that are off in files where it hides something.
 _SHOWN = ("use_solid", "use_sky", "use_strand", "use_volumes")
 
@@ -42,8 +44,8 @@ def _settings_notes(scene: Scene) -> list[str]:
         notes.append(f"depth of field is on in the scene's camera: {disabled}")
     view = scene.view_settings
     transform = f"view transform {view.view_transform}"
-    is_linear = view.view_transform in ("Standard", "Raw") and view.look in ("None", "")
-    if not is_linear or view.exposure != 0 or view.gamma != 1:
+    is_usual = view.view_transform in _USUAL and view.look in ("None", "")
+    if not is_usual or view.exposure != 0 or view.gamma != 1:
         settings = f"{transform}, exposure {view.exposure:g}, gamma {view.gamma:g}"
         notes.append(f"{settings}: not applied, frames contain scene-linear RGB")
     if drawn := [name for name, is_on in _drawn_over(scene) if is_on]:
