@@ -42,6 +42,8 @@ _WORTH_SEARCH = 0.02
 _BAD_EXTENT = 0.05
 _BAD_MOTION = 0.35
 _BAD_RAD = 0.05
+#: Of longer estimates so many poses are compared.
+_MOST_POSES = 100_000
 #: Two at once are first tried on so many pairs of poses; so many of them are then compared on all.
 _SCREENED_PAIRS = 80
 _KEPT = 8
@@ -85,10 +87,11 @@ def explain(
     how = how or Comparison()
     if not (turns(reference) and turns(estimate)):
         how = replace(how, positions_only=True)
-    compared = Compared(reference, estimate, settings or AssociationSettings(), how)
+    some = estimate[:: -(-len(estimate) // _MOST_POSES)]
+    compared = Compared(reference, some, settings or AssociationSettings(), how)
     files = Files(reorders or {}, not how.positions_only, how.with_scale)
     best = _best(compared, hypotheses(files))
-    return _explanation(compared, best) if best else None
+    return _explanation(compared, best, estimate) if best else None
 
 
 def _best(compared: Compared, known: list[Hypothesis]) -> Candidate | None:
@@ -269,14 +272,15 @@ def _failed(limits: Limits) -> np.ndarray:
     return np.append(limits.largest[:2], 1e6)
 
 
-def _explanation(compared: Compared, best: Candidate) -> Explanation | None:
-    changes = best.changes
+def _explanation(compared: Compared, best: Candidate, estimate: Trajectory) -> Explanation | None:
+    """The explanation of the whole estimate, of which some poses were compared."""
+    changes = tuple(_of_all_poses(change, compared, estimate) for change in best.changes)
     if best.kinds == ["scale"]:
         scale = _scale_of_all(compared)
         if is_drift(scale) or _may_be_noise(scale, best.fit, compared):
             return None
         changes = (scaled(scale),)
-    reference, estimate = compared.reference, compared.estimate
+    reference = compared.reference
     truth, T = applied(changes, reference.T_world_camera, estimate.T_world_camera)
     stamps_s = estimate.stamps_s
     for change in changes:
@@ -284,6 +288,14 @@ def _explanation(compared: Compared, best: Candidate) -> Explanation | None:
             stamps_s = change.time.stamps_s - compared.settings.offset_s
     reference = Trajectory(reference.stamps_s, truth)
     return Explanation(changes, reference, Trajectory(stamps_s, T), compared.how.delta)
+
+
+def _of_all_poses(change: Change, compared: Compared, estimate: Trajectory) -> Change:
+    """The change with the stamps of the whole estimate."""
+    if change.time is None or len(estimate) == len(compared.estimate):
+        return change
+    axis = change.time.axis
+    return replace(change, time=OtherTime(axis, axis.of(estimate.stamps_s)))
 
 
 def _scale_of_all(compared: Compared) -> float:

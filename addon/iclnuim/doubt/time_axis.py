@@ -9,6 +9,7 @@ of the two trajectories, and FFTs compute them for all offsets.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -133,6 +134,7 @@ def _positions(trajectory: Trajectory) -> np.ndarray:
     return trajectory.positions_m
 
 
+@lru_cache(maxsize=2)  # a search asks for those of the same two again and again
 def _quaternions(trajectory: Trajectory) -> np.ndarray:
     """(n, 4) unit quaternions that do not jump to their opposite."""
     quat_xyzw = trajectory.T_world_camera.quat_xyzw
