@@ -5,14 +5,18 @@ Each action reports the coordinate frames of its input and output.
 
 import os
 from argparse import ArgumentParser, Namespace
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from iclnuim.console import Console
+from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
+from iclnuim.evaluation.align import METHODS, AlignmentSettings
 from iclnuim.geometry import trajectory as trajectories
 from iclnuim.geometry.scene_axes import SceneReading
-from iclnuim.trajectory_files.trajectories import write_trajectory
+from iclnuim.geometry.trajectory import Trajectory
+from iclnuim.sequences.pose_lines import tied_to_poses
+from iclnuim.trajectory_files.trajectories import LoadedTrajectory, write_trajectory
 
 from ..isolation import opened_scene
 from ..options import (
@@ -52,6 +56,8 @@ def _configure_plot(actions: Actions) -> None:
     plot.add_argument("files", nargs="+", type=trajectory_file, metavar="FILE", help=FILE)
     help = "the picture (.png, .pdf or .svg); an existing file is overwritten"
     plot.add_argument("-o", "--out", required=True, metavar="PNG", help=help)
+    help = "align the others with the first, as evaluate ate does; default: each in its own world"
+    plot.add_argument("--align", choices=METHODS, help=help)
     add_reading(plot)
 
 
@@ -102,10 +108,22 @@ def _plot(args: Namespace, console: Console) -> None:
         console.note(f"{file}: {one.read_as.sentence}")
     from iclnuim.report import charts  # Matplotlib takes half a second to import
 
+    if args.align:
+        read = [read[0], *((file, _aligned(read[0][1], one, args.align)) for file, one in read[1:])]
     named = [(os.path.basename(file), one) for file, one in read]
     charts.save(charts.trajectories_figure(named), args.out)
     count = "1 trajectory" if len(read) == 1 else f"{len(read)} trajectories"
     console.note(f"{args.out}: {count} drawn; gt.freiburg and gt.sim are rotated z up")
+
+
+def _aligned(reference: LoadedTrajectory, one: LoadedTrajectory, method: str) -> LoadedTrajectory:
+    """The trajectory in the world of the reference, by the alignment of its ATE."""
+    settings = AbsoluteErrorSettings(alignment=AlignmentSettings(method))
+    tied, estimate = tied_to_poses(reference, one)
+    found = absolute_error(tied.trajectory, estimate.trajectory, settings).alignment
+    poses = found.apply(estimate.trajectory.T_world_camera)
+    moved = Trajectory(estimate.trajectory.stamps_s, poses)
+    return replace(estimate, trajectory=moved, read_as=reference.read_as)
 
 
 def _camera(args: Namespace, console: Console) -> None:
