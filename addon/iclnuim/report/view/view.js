@@ -211,7 +211,7 @@ function camera() {
     const half = Math.max(s.height / 2 / s.fy, s.width / 2 / s.fx / aspect);
     return { view: lookAt(pose, along(pose, 1, axes[2]), axes[1].map((v) => -v)), projection: perspective(half, aspect, 0.02, 500) };
   }
-  return { view: lookAt(eyePlace(), eye.target, [0, 0, 1]), projection: perspective(0.41, aspect, eye.distance / 500, eye.distance * 50) };
+  return { view: lookAt(eyePlace(), eye.target, [0, 0, 1]), projection: perspective(0.41 / Math.min(aspect, 1), aspect, eye.distance / 500, eye.distance * 50) };
 }
 
 const inScope = regl({ context: { projection: (c, p) => p.projection, view: (c, p) => p.view } });
