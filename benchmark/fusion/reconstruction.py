@@ -75,10 +75,12 @@ def _labels(path: Path) -> MeshLabels:
 def _used_part(
     points: np.ndarray, triangles: np.ndarray, labels: MeshLabels | None
 ) -> tuple[np.ndarray, np.ndarray, MeshLabels | None, int]:
-    """The points that triangles use, all of a cloud, and the number of the others."""
+    """The points that triangles use, all of a cloud or where no triangle has an area, and the number
+    of the others.
+    """
     used = np.zeros(len(points), bool)
     used[triangles] = True
-    if used.all() or not used.any():
+    if used.all() or not (areas_m2(points, triangles) > 0).any():
         return points, triangles, labels, 0
     if labels is not None and not labels.of_triangles:
         labels = replace(labels, values=labels.values[used])

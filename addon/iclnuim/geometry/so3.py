@@ -139,7 +139,9 @@ def _no_rotations(m: np.ndarray, off: float) -> str:
     first = m.reshape(-1, 3, 3)[0]
     with np.errstate(over="ignore", invalid="ignore"):
         scale = float(np.cbrt(abs(np.linalg.det(first))))
-    if np.allclose(first.T @ first, scale**2 * np.eye(3), atol=1e-3 * scale**2) and scale > 0:
+        gram = first.T @ first
+        is_scaled = np.allclose(gram, scale**2 * np.eye(3), atol=1e-3 * scale**2)
+    if is_scaled and scale > 0 and abs(scale - 1) > 1e-3:
         return f"rotations multiplied by {scale:.4g}"
     return f"R^T R that differs from the identity by {off:.3g}"
 

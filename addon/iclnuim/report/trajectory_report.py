@@ -60,7 +60,8 @@ class ComparedFile:
 
     def without_rotations_beside(self, other: Trajectory) -> "ComparedFile":
         """The same as a file of positions if all its rotations are the same and the other's not."""
-        if not lacks_rotations(self.loaded.trajectory, other):
+        has_rotations = self.loaded.read_as.has_rotations
+        if not (has_rotations and lacks_rotations(self.loaded.trajectory, other)):
             return self
         alone = replace(self.loaded.read_as, has_rotations=False)
         return replace(self, loaded=replace(self.loaded, read_as=alone), same_rotations=True)

@@ -40,7 +40,8 @@ class Field(NamedTuple):
 class BlendFile:
     """The blocks and structs of a file. The blocks' contents are read when they are needed.
 
-    version: of the Blender that wrote it, (4, 5). structs: (type, size) by number; fields: type -> name (with its stars) -> field. Raises an error
+    version: of the Blender that wrote it, (4, 5). structs: (type, size) by number; fields: type ->
+    name (with its stars) -> field. Raises an error
     of any type for a damaged file.
     """
 
@@ -49,11 +50,14 @@ class BlendFile:
         self.blocks: list[Block] = []
         dna = b""
         with _opened(file) as content:
-            head = content.read(17)
+            head = content.read(12)
             if head[:7] != b"BLENDER":
                 raise ValueError("no header")
             large = head[7:8].isdigit()  # from Blender 5.0 on
-            number = int(head[13:17] if large else head[9:12])
+            number = int(head[9:12])
+            if large:
+                head += content.read(5)
+                number = int(head[13:17])
             self.version = (number // 100, number % 100)
             self.order = ">" if head[8:9] == b"V" and not large else "<"
             self.address = "I" if head[7:8] == b"_" else "Q"

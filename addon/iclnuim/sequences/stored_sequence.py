@@ -93,7 +93,7 @@ class StoredSequence:
             expected = "a folder with a sequence, or a ROS bag"
             raise InputError(expected, path=self.folder, found=found)
         rows = self.format.reader.rows(self.folder)
-        if not self._allow_outside:
+        if not (self._allow_outside or is_bag(self.folder)):
             self._refuse_outside(rows)
         return rows
 
