@@ -2,6 +2,7 @@
 light finds it.
 """
 
+import os
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from iclnuim.errors import InputError, blender_missing
 from iclnuim.formats.files import make_folder
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.job import RenderJob, bake_core_s, shipped_job, shipped_light
+from iclnuim.native_output import native_output_in
 from iclnuim.worker_events import Event, Note
 
 from ..farm.chunks import own_cores
@@ -43,8 +45,9 @@ def run(args: Namespace, console: Console) -> None:
     make_folder(cache)
     put_up_wall(job.scene, job.reading, (), [cache])
     try:
-        from iclnuim.blender.light import light_files
-        from iclnuim.blender.render.job_scene import JobScene
+        with native_output_in(Path(os.devnull)):  # importing bpy may print
+            from iclnuim.blender.light import light_files
+            from iclnuim.blender.render.job_scene import JobScene
     except ImportError as error:
         raise blender_missing("bake", error) from None
 
