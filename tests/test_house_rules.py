@@ -4,6 +4,7 @@ late, no global state, nothing is left out of the wheel.
 
 import ast
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -467,6 +468,15 @@ def test_every_package_folder_is_in_the_wheel():
     assert "*/*.py" in settings["package-data"]["iclnuim.benchmark.experiments.recipes"]
     others = {folder for folder in folders - listed if Path(folder).parent != Path(recipes)}
     assert others == {"tools", "blend/builder"}
+
+
+def test_nothing_else_lies_at_the_top_level():
+    if not (REPOSITORY / ".git").exists() or not shutil.which("git"):
+        pytest.skip("no git checkout")
+    listed = subprocess.run(["git", "ls-files"], cwd=REPOSITORY, capture_output=True, text=True)
+    folders = {line.partition("/")[0] for line in listed.stdout.splitlines() if "/" in line}
+    code = {"addon", "headless", "benchmark", "blend", "trajectories", "tests", "tools"}
+    assert folders == code | {"docs", "examples", ".ci", ".github"}
 
 
 def python_files() -> Iterator[Path]:

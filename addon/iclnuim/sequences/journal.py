@@ -20,7 +20,7 @@ _OPTIONAL = ("truth_sha256", "other_sha256", "source_sha256")
 class JournalEntry:
     """Frame number, SHA-256 of both images as PNG, number of depth pixels that became 0 by kind,
     SHA-256 of further images by name, and of images that are stored in another way, by the key of
-    `image_files.stored_as`. source_sha256: FrameSource.digest() of the frame.
+    `ImageFile.stored`. source_sha256: FrameSource.digest() of the frame.
     """
 
     frame: int
@@ -38,7 +38,7 @@ class JournalEntry:
 
     @property
     def digests(self) -> dict[str, str]:
-        """SHA-256 of all images by the key of `image_files.stored_as`."""
+        """SHA-256 of all images by the key of `ImageFile.stored`."""
         main = {RGB: self.rgb_sha256, DEPTH: self.depth_sha256}
         return main | self.truth_sha256 | self.other_sha256
 
