@@ -11,7 +11,7 @@ import numpy as np
 from iclnuim.errors import InputError
 from iclnuim.formats.meshes import read_mesh_or_cloud
 from iclnuim.geometry.trajectory import frame_rate_hz
-from iclnuim.sequences.frames import poses_at
+from iclnuim.sequences.frames import depth_stamps_s, poses_at
 from iclnuim.sequences.stored_sequence import StoredSequence, read_depth_m
 
 _FOLDER = Path(__file__).parent / "settings"
@@ -99,7 +99,7 @@ def _seen(sequence: StoredSequence) -> np.ndarray:
     """(n, 3) points in the world that depth images, spread over the sequence, show."""
     pairs = sequence.pairs
     camera = sequence.camera
-    poses = poses_at(sequence.stamps_s, sequence.truth)
+    poses = poses_at(depth_stamps_s(pairs), sequence.truth)
     kept = np.flatnonzero([pose is not None for pose in poses])
     if not len(kept):
         hint = "--model with a mesh of the room"

@@ -4,6 +4,7 @@ assumed and left out.
 
 import os
 from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -15,12 +16,17 @@ from iclnuim.formats.bags import is_bag
 from iclnuim.formats.depth_units import UNITS_PER_METRE, check_units
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.sequences.camera_files import SequenceCamera
+from iclnuim.sequences.frames import ImagePair, depth_lag_s
 
 from .options import option_name
 
 if TYPE_CHECKING:
     from iclnuim.geometry.trajectory import Trajectory
     from iclnuim.sequences.stored_sequence import StoredSequence
+
+
+#: In less time a hand moves a camera by less than a millimetre.
+_NOTED_LAG_S = 0.001
 
 
 def read_bags(args: Namespace, console: Console) -> None:
@@ -103,6 +109,19 @@ def note_sequence(
         found = pose_agreement(pairs, camera, poses)
         if found.doubtful:
             console.note(f"warning: {folder}: {doubt(found, camera, option_name)}")
+
+
+def note_depth_lag(pairs: Sequence[ImagePair], names: Iterable[str], console: Console) -> None:
+    """Print a note if the images of pairs were not taken at the same time, for methods of these
+    names that read both.
+    """
+    lag_s = depth_lag_s(pairs)
+    methods = ", ".join(names)
+    if lag_s > _NOTED_LAG_S and methods:
+        console.note(
+            f"depth images were taken {1000 * lag_s:.3g} ms beside their colour images (median): "
+            f"{methods} use both as of the colour image's stamp"
+        )
 
 
 def _note_unused_images(sequence: "StoredSequence", console: Console) -> None:

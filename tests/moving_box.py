@@ -11,11 +11,14 @@ BLOCK = np.array([[0.4, 0.2, 1.2], [1.3, 1.2, 2.1]])
 
 
 def hand_held(frames: int, seed: int, extent: float = 1.0) -> SE3:
-    """(frames,) smooth camera-to-world poses at 30 Hz near the middle of the room: three harmonics
-    in each direction.
-    """
+    """(frames,) smooth camera-to-world poses at 30 Hz near the middle of the room."""
+    return hand_held_at(np.arange(frames) / 30, seed, extent)
+
+
+def hand_held_at(times_s: np.ndarray, seed: int, extent: float = 1.0) -> SE3:
+    """(n,) poses of the same motion at other times (n,): three harmonics in each direction."""
     rng = np.random.default_rng(seed)
-    t = np.arange(frames)[:, None, None] / 30
+    t = times_s[:, None, None]
     rates = rng.uniform(0.5, 3, (3, 6))
     phases = rng.uniform(0, 2 * np.pi, (3, 6))
     sizes = rng.uniform(0.3, 1, (3, 6)) * [0.25, 0.15, 0.25, 0.2, 0.25, 0.1] / rates
@@ -41,3 +44,13 @@ def kinect(depth_m: np.ndarray, seed: int) -> np.ndarray:
     """
     disparity = 351.3 / depth_m + np.random.default_rng(seed).normal(0, 1 / 6, depth_m.shape)
     return 351.3 / np.rint(disparity)
+
+
+def distance_m(points: np.ndarray) -> np.ndarray:
+    """(n,) distance of points (n, 3) to the surfaces of the room."""
+    found = []
+    for low, high in (ROOM, BLOCK):
+        outside = np.maximum(low - points, points - high)
+        beside = np.linalg.norm(np.maximum(outside, 0), axis=-1)
+        found.append(np.abs(beside + np.minimum(outside.max(-1), 0)))
+    return np.minimum(*found)

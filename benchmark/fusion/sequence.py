@@ -14,7 +14,7 @@ from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.geometry.se3 import SE3, Poses
 from iclnuim.geometry.trajectory import Trajectory, frame_slice, sample
 from iclnuim.sequences.camera_files import SequenceCamera
-from iclnuim.sequences.frames import ImagePair
+from iclnuim.sequences.frames import ImagePair, depth_stamps_s
 from iclnuim.sequences.rgbd_sequence import RgbdSequence
 from iclnuim.sequences.stored_sequence import StoredSequence
 from iclnuim.shown import Shown
@@ -190,7 +190,7 @@ def _posed(
     """The pairs with a pose near the stamp of their depth image, and the poses (n,) at these
     stamps, interpolated between neighbouring poses.
     """
-    stamps_s = np.array([pair.depth_stamp_s for pair in pairs])
+    stamps_s = depth_stamps_s(pairs)
     found = np.zeros(0, int)
     if len(pairs):
         rule = AssociationSettings("nearest", max_difference_s)

@@ -29,6 +29,7 @@ class OpencvOdometer(Baseline):
         import cv2
 
         self.name, self._rgbd = name, cv2.rgbd  # only opencv-contrib has this module
+        self.reads_depth_alone = method == "ICPOdometry"
         self._create: Any = getattr(self._rgbd, method).create
         self._odometry: Any = None
         self._camera: PinholeCamera | None = None
@@ -54,6 +55,7 @@ class Open3dOdometer(Baseline):
         import open3d
 
         self.name = name
+        self.reads_depth_alone = method == "PointToPlane"
         self._o3d: Any = open3d
         self._method = getattr(open3d.t.pipelines.odometry.Method, method)
 

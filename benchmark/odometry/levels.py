@@ -113,6 +113,10 @@ class PyramidOdometer:
 
     reads_normals = reads_grey = False
 
+    @property
+    def reads_depth_alone(self) -> bool:
+        return not self.reads_grey
+
     def __init__(self, settings: Any) -> None:
         self.settings = settings
         self.iterations: tuple[int, ...] = settings.iterations

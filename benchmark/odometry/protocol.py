@@ -136,13 +136,19 @@ def failure(reason: str) -> OdometryResult:
     return OdometryResult(SE3.identity(), OdometryStatus.FAILED, False, reason=reason)
 
 
+def reads_depth_alone(odometer: "Odometer") -> bool:
+    """Whether an odometer declares that it reads no grey values."""
+    return bool(getattr(odometer, "reads_depth_alone", False))
+
+
 class Odometer(Protocol):
     """prepare() is called once per frame, align() once per pair; both depend only on their
     arguments.
 
     `reference` is what a frame is aligned against by default: a name in track.REFERENCES, such as
     "frame" (the one before). Code that renders a model for an odometer passes a complete Frame to
-    prepare(), unless the odometer is a `PyramidOdometer`, which declares what it reads.
+    prepare(), unless the odometer is a `PyramidOdometer`, which declares what it reads. An odometer
+    with `reads_depth_alone` gets the stamps of depth images, others those of colour images.
     """
 
     name: str

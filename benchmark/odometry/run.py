@@ -23,7 +23,7 @@ from iclnuim.sequences.stored_sequence import StoredSequence, opened
 from iclnuim.shown import MM, Shown
 from iclnuim.trajectory_files.trajectories import write_trajectory
 
-from .protocol import Frame, Odometer, OdometryStatus
+from .protocol import Frame, Odometer, OdometryStatus, reads_depth_alone
 from .registry import odometer
 from .track import Reference, Tracked, Tracker
 
@@ -229,8 +229,10 @@ def run_odometers(
     total = min(len(sequence), frames or len(sequence))
     advance = advance_of(progress, total, ", ".join(o.name for o in methods))
     with WorkClock() as clock:
-        for stamp_s, frame in sequence.frames(frames):
+        for pair, (_, frame) in zip(sequence.pairs, sequence.frames(frames), strict=False):
             for tracker, results in zip(trackers, tracked, strict=True):
+                of_depth = reads_depth_alone(tracker.odometer)
+                stamp_s = pair.depth_stamp_s if of_depth else pair.stamp_s
                 results.append(timed(tracker, stamp_s, frame, clock))
             advance()
     named = zip(methods, tracked, strict=True)

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from iclnuim.benchmark.odometry.protocol import reads_depth_alone
 from iclnuim.benchmark.odometry.references import REFERENCES
 from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer
 from iclnuim.console import Console
@@ -16,7 +17,7 @@ from iclnuim.formats.files import check_file
 from ..method_options import COLUMNS, installed, open_sequence, require
 from ..options import FRAMES, add_frames, add_plot, add_rerun, checked_rerun, common
 from ..planned_work import TRACK_CORE_S, PlannedWork, announce
-from ..sequence_input import add_camera_options
+from ..sequence_input import add_camera_options, note_depth_lag
 
 if TYPE_CHECKING:
     from iclnuim.benchmark.odometry.run import OdometryRun
@@ -69,6 +70,8 @@ def run(args: Namespace, console: Console) -> None:
         names = installed(list(ODOMETERS), args.preset, console)
     odometers = [odometer(name, args.preset) for name in names]
     sequence = open_sequence(args, console, args.folder, args.depth_offset, frames=args.frames)
+    of_both = [one.name for one in odometers if not reads_depth_alone(one)]
+    note_depth_lag(sequence.pairs, of_both, console)
     seconds = len(sequence) * len(odometers) * TRACK_CORE_S
     work = PlannedWork(f"{len(sequence)} frames, {len(odometers)} odometers", seconds)
     announce(work, args, console)

@@ -25,7 +25,12 @@ from iclnuim.errors import InputError
 
 from ..options import FRAMES, add_frames, common, count
 from ..planned_work import PlannedWork, add_dry_run, announce
-from ..sequence_input import add_camera_options, note_sequence, opened_with_camera
+from ..sequence_input import (
+    add_camera_options,
+    note_depth_lag,
+    note_sequence,
+    opened_with_camera,
+)
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -116,6 +121,7 @@ def _experiments(args: Namespace, system: System, console: Console) -> list[Syst
         stored = opened_with_camera(args, folder)
         sequence = StagedSequence.of(stored, args.frames)
         note_sequence(stored, console)
+        note_depth_lag(sequence.pairs, [system.name], console)
         experiments.append(SystemRuns(system, sequence, store))
     if len({e.folder for e in experiments}) < len(experiments):
         raise InputError("sequences of different names", found=", ".join(map(str, args.folders)))

@@ -12,7 +12,7 @@ from ..errors import InputError, StrPath
 from ..evaluation.depth_resize import nearest_pixels
 from ..evaluation.point_error import PointErrors, PointImage, score_points
 from ..formats.files import csv_text
-from ..sequences.frames import poses_at
+from ..sequences.frames import depth_stamps_s, poses_at
 from ..shown import Shown
 from .errors import TrueDepth
 from .predictions import Predictions
@@ -72,7 +72,7 @@ def point_errors(
         raise InputError(f"one of {', '.join(FRAMES)}", setting="frame", found=frame)
     there = TrueDepth(truth, (), only, without)
     predictions = Predictions(Path(folder), there.pairs, 1.0, "points")
-    poses = poses_at(np.array([pair.stamp_s for pair in there.pairs]), there.sequence.truth)
+    poses = poses_at(depth_stamps_s(there.pairs), there.sequence.truth)
     rows = [row for row, _ in enumerate(there.pairs) if predictions.has(row)]
     if frame == "world":
         rows = [row for row in rows if poses[row] is not None]

@@ -1,7 +1,7 @@
 """The frames of a sequence: numbers, stamps, images, and which of them have a pose."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -96,6 +96,17 @@ class ImagePair:
             return self.stamp_s
         is_seconds = abs(float(colour) - self.stamp_s) < _SAME_S
         return float(depth) if is_seconds else self.stamp_s
+
+
+def depth_stamps_s(pairs: Sequence[ImagePair]) -> np.ndarray:
+    """(n,) seconds of the depth images of pairs."""
+    return np.array([pair.depth_stamp_s for pair in pairs])
+
+
+def depth_lag_s(pairs: Sequence[ImagePair]) -> float:
+    """The median time between the images of a pair, without its sign; 0 for no pairs."""
+    lags_s = [abs(pair.depth_stamp_s - pair.stamp_s) for pair in pairs]
+    return float(np.median(lags_s)) if lags_s else 0.0
 
 
 def rows_by_name(colours: Mapping[str, Path], depths: Mapping[str, Path]) -> list[Row]:

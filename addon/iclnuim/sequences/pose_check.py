@@ -9,7 +9,7 @@ from ..errors import InputError, named
 from ..geometry.scene_axes import UNITS_M
 from ..geometry.trajectory import Trajectory, sample
 from .camera_files import SequenceCamera
-from .frames import ImagePair, posed
+from .frames import ImagePair, depth_stamps_s, posed
 from .stored_sequence import read_depth_m
 
 #: Depth units per metre of known data sets and sensors: metres, centimetres, Middlebury and
@@ -34,7 +34,7 @@ def pose_agreement(
     are left out.
     """
     within = [p for p in pairs if poses.stamps_s[0] <= p.depth_stamp_s <= poses.stamps_s[-1]]
-    stamps_s = np.array([pair.depth_stamp_s for pair in within])
+    stamps_s = depth_stamps_s(within)
     if len(within) < 2 or len(poses) < 2:
         return Agreement()
     chosen = np.flatnonzero(posed(stamps_s, poses)).tolist()

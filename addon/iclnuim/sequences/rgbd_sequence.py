@@ -22,7 +22,7 @@ from ..geometry.trajectory import Trajectory
 from ..sensor.transfer import srgb8
 from ..shown import depth_colours, depth_range, plot_images
 from .camera_files import SequenceCamera
-from .frames import ImagePair, poses_at, usual_step_s
+from .frames import ImagePair, depth_stamps_s, poses_at, usual_step_s
 from .stored_sequence import StoredSequence
 
 #: In place of the matrix of a pose, where arrays must have one shape.
@@ -39,16 +39,19 @@ class _Images(NamedTuple):
 class PosedFrame(_Images):
     """One frame, unpacked as its stamp_s in seconds, rgb (h, w, 3) uint8 sRGB, depth_z_m (h, w)
     float32 planar depth in metres with 0 = missing, and T_world_camera, the true pose of the cv
-    camera, None without one. Beside them: its camera.
+    camera at the stamp, None without one. Beside them: its camera, and T_world_depth, the same pose
+    at the depth image's own stamp, which sensors may take some milliseconds beside colour.
     """
 
     camera: PinholeCamera
+    T_world_depth: SE3 | None
 
     @classmethod
-    def of(cls, images: _Images, camera: PinholeCamera) -> "PosedFrame":
+    def of(cls, images: _Images, camera: PinholeCamera, T_world_depth: SE3 | None) -> "PosedFrame":
         """The frame of a camera."""
         frame = cls(*images)
         frame.camera = camera
+        frame.T_world_depth = T_world_depth
         return frame
 
     def points(self, coordinates: str = "world", step: int = 1) -> np.ndarray:
@@ -63,10 +66,10 @@ class PosedFrame(_Images):
         points = points[self.depth_z_m[::step, ::step] > 0]
         if coordinates == "camera":
             return points
-        if self.T_world_camera is None:
+        if self.T_world_depth is None:
             hint = 'points("camera")'
             raise InputError("a frame with a true pose", found="none", hint=hint)
-        return self.T_world_camera.apply(points)
+        return self.T_world_depth.apply(points)
 
     def plot(self) -> np.ndarray:
         """Matplotlib axes (2,) of a new figure: colour, and depth with its scale."""
@@ -119,6 +122,11 @@ class RgbdSequence:
         """The true pose of the cv camera of each frame, None for a frame without one."""
         return poses_at(self.stamps_s, self.stored.truth, self._step_s)
 
+    @cached_property
+    def depth_poses(self) -> list[SE3 | None]:
+        """The same at the stamp of each frame's depth image."""
+        return poses_at(depth_stamps_s(self.pairs), self.stored.truth, self._step_s)
+
     @property
     def _step_s(self) -> float:
         return usual_step_s(self.stored.stamps_s)
@@ -164,7 +172,7 @@ class RgbdSequence:
         pair = self.pairs[chosen]
         rgb, depth_z_m = self.stored.images(pair)
         images = _Images(pair.stamp_s, rgb, depth_z_m, self.poses[chosen])
-        return PosedFrame.of(images, self.camera)
+        return PosedFrame.of(images, self.camera, self.depth_poses[chosen])
 
     def __getitems__(self, indices: Sequence[int]) -> list[tuple]:
         """What a DataLoader of PyTorch asks for, which joins arrays: (stamp_s, rgb, depth_z_m,
@@ -179,7 +187,7 @@ class RgbdSequence:
         """
         rows = list(range(len(self)))
         if coordinates == "world":
-            rows = [i for i in rows if self.poses[i] is not None]
+            rows = [i for i in rows if self.depth_poses[i] is not None]
         if not rows:
             expected, hint = "frames with true poses", 'points("camera")'
             raise InputError(expected, path=self.folder, found="none", hint=hint)
