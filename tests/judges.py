@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ABSENT = "judge absent: "
-#: A Python with the judges of labels, which need another numpy than Blender: `.ci/judges` makes it.
+#: A Python with the judges of labels and of IMUs, which need another numpy than Blender: `.ci/judges` makes it.
 OF_LABELS = os.environ.get(
     "ICLNUIM_LABEL_JUDGE", str(Path(__file__).parents[1] / ".venv-judges/bin/python")
 )

@@ -26,6 +26,7 @@ MODULES = (
     "iclnuim.sensor.time_of_flight",
     "iclnuim.sensor.phone",
     "iclnuim.sensor.rgb",
+    "iclnuim.sensor.imu_noise",
     "iclnuim.evaluation.associate",
     "iclnuim.evaluation.align",
     "iclnuim.evaluation.relative_error",
@@ -91,7 +92,11 @@ def _below(group: type[Settings]) -> Iterator[type[Settings]]:
 
 def _title(group: type[Settings]) -> str:
     title = re.sub(r"^settings of (the )?", "", group.group)
-    kind = {"iclnuim.sensor.depth": " of depth", "iclnuim.sensor.rgb": " of colour"}
+    kind = {
+        "iclnuim.sensor.depth": " of depth",
+        "iclnuim.sensor.rgb": " of colour",
+        "iclnuim.sensor.imu_noise": " of an IMU",
+    }
     return f"{title[0].upper()}{title[1:]}{kind.get(group.__module__, '')}"
 
 

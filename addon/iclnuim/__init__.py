@@ -40,6 +40,8 @@ __all__ = [
     # sensor noise
     "noisy_depth", "phone_depth", "noisy_rgb", "linear_from_srgb8", "depth_model", "rgb_model",
     "DEPTH_MODELS", "RGB_MODELS",
+    # an IMU on the camera
+    "imu_of", "ImuStream", "ImuNoise", "IMU_MODELS",
     # RGB-D sequences
     "make_sequence", "convert_sequence", "WrittenSequence", "FrameSource",
     "frames_from", "inspect_sequence", "Inspection", "compare_sequences", "SequenceComparison",
@@ -112,10 +114,13 @@ if TYPE_CHECKING:
     from .raycast.held_out import HeldOutView, check_held_out, choose_held_out
     from .render import RenderedFrame, render_frames, render_pose
     from .report.recording import record_sequence
+    from .sensor.imu import ImuStream
+    from .sensor.imu_noise import IMU_MODELS, ImuNoise
     from .sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model
     from .sensor.transfer import linear_from_srgb8
     from .sequences.compare import SequenceComparison, compare_sequences
     from .sequences.frame_source import FrameSource
+    from .sequences.imu import imu_of
     from .sequences.inspection import Inspection, inspect_sequence
     from .sequences.rendered_views import ViewError, ViewErrors, view_errors
     from .sequences.rgbd_sequence import PosedFrame, RgbdSequence, open_sequence

@@ -1,4 +1,4 @@
-"""`iclnuim trajectory`: info, convert, plot, make, camera, adopt, resample.
+"""`iclnuim trajectory`: info, convert, plot, make, imu, camera, adopt, resample.
 
 Each action reports the coordinate frames of its input and output.
 """
@@ -28,7 +28,7 @@ from ..options import (
     subcommands,
     trajectory_file,
 )
-from . import trajectory_changes, trajectory_make
+from . import trajectory_changes, trajectory_imu, trajectory_make
 from .trajectory_options import FILE, add_reading, check_out, loaded
 
 
@@ -38,6 +38,7 @@ def configure(parser: ArgumentParser) -> None:
     trajectory_changes.configure(actions)
     _configure_plot(actions)
     trajectory_make.configure(actions)
+    trajectory_imu.configure(actions)
     _configure_camera(actions)
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.geometry import handheld
-from iclnuim.geometry.handheld import Recipe, band_noise, eased_progress, natural_spline
+from iclnuim.geometry.handheld import Recipe
+from iclnuim.geometry.handheld_parts import BandNoise, EasedProgress, NaturalSpline
 from iclnuim.headless import cli
 from scipy.interpolate import CubicSpline
 
@@ -20,7 +21,7 @@ def test_the_spline_is_the_natural_one_of_scipy(count):
     values = rng.normal(size=(count, 6))
     at = np.linspace(knots[0], knots[-1], 301)
     expected = CubicSpline(knots, values, bc_type="natural")(at)
-    assert natural_spline(knots, values, at) == pytest.approx(expected, abs=1e-12)
+    assert NaturalSpline(knots, values).at(at) == pytest.approx(expected, abs=1e-12)
 
 
 def test_the_pace_never_goes_back_reaches_every_stop_and_rests_there():
@@ -29,7 +30,7 @@ def test_the_pace_never_goes_back_reaches_every_stop_and_rests_there():
         np.array([1.0, 2.0, 0.0, 3.0]),
         np.arange(0, 20, 0.01),
     )
-    progress = eased_progress(legs, dwells_s, 0.8, times_s)
+    progress = EasedProgress(legs, dwells_s, 0.8, times_s[-1]).at(times_s)
     assert (np.diff(progress) > -1e-12).all()
     assert progress[[0, -1]] == pytest.approx([0, legs.sum()], abs=1e-9)
     # a start and a stop take their time from the rest between them
@@ -41,12 +42,12 @@ def test_the_pace_never_goes_back_reaches_every_stop_and_rests_there():
 
 def test_a_pace_without_time_to_move_is_refused():
     with pytest.raises(InputError, match=r"dwells shorter than the whole, found 9.0 of 9.9 s"):
-        eased_progress(np.array([1.0]), np.array([4.0, 5.0]), 1.0, np.arange(100) / 10.0)
+        EasedProgress(np.array([1.0]), np.array([4.0, 5.0]), 1.0, 9.9)
 
 
 @pytest.mark.parametrize("slope", [0.0, 1.0, 2.5])
 def test_noise_has_rms_1_stays_in_its_band_and_falls_with_frequency(slope):
-    noise = band_noise(3000, 30.0, 1.0, 12.0, slope, 2, np.random.default_rng(3))
+    noise = BandNoise.drawn(3000, 30.0, (1.0, 12.0), slope, 2, np.random.default_rng(3)).of_frames()
     assert np.sqrt((noise**2).mean(axis=0)) == pytest.approx([1, 1], abs=1e-12)
     frequency, power = np.fft.rfftfreq(3000, 1 / 30), np.abs(np.fft.rfft(noise, axis=0)) ** 2
     inside = (frequency >= 1.0) & (frequency <= 12.0)
@@ -60,7 +61,7 @@ def test_a_band_that_the_series_cannot_hold_is_refused():
     with pytest.raises(
         InputError, match="a band that contains a frequency of 20 frames, found 0.1..0.5 Hz"
     ):
-        band_noise(20, 30.0, 0.1, 0.5, 1.0, 3, np.random.default_rng(0))
+        BandNoise.drawn(20, 30.0, (0.1, 0.5), 1.0, 3, np.random.default_rng(0))
 
 
 def still(recipe):

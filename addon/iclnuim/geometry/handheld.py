@@ -19,6 +19,7 @@ import numpy as np
 from ..errors import InputError
 from ..settings import MISSING, Settings, parameter
 from . import so3
+from .handheld_parts import BandNoise, EasedProgress, NaturalSpline
 from .se3 import SE3
 from .trajectory import FRAME_RATE_HZ, Trajectory
 
@@ -139,10 +140,10 @@ def make(recipe: Recipe) -> Motion:
     The length, including shake, equals the recipe's to 0.1 mm. Raises InputError if no scale within
     SCALE_LIMITS gives it.
     """
-    smooth, shake_m, shake_rad = _parts(recipe)
-    centre = np.array([v.position_m for v in recipe.viewpoints]).mean(axis=0)
-    scale = _scale_for_length(smooth[:, :3] - centre, shake_m, recipe.length_m)
-    positions = centre + scale * (smooth[:, :3] - centre) + shake_m
+    parts = Parts.of(recipe)
+    smooth, shake_m, shake_rad = parts.of_frames()
+    scale = _scale_for_length(smooth[:, :3] - parts.centre_m, shake_m, recipe.length_m)
+    positions = parts.centre_m + scale * (smooth[:, :3] - parts.centre_m) + shake_m
     rotations = rotation_world_camera(*smooth[:, 3:].T) @ so3.exp(shake_rad)
     return Motion(Trajectory.at_rate(SE3(rotations, positions)), scale)
 
@@ -151,7 +152,7 @@ def natural_length_m(recipe: Recipe) -> float:
     """The length including shake if the viewpoints are not scaled; the length in the recipe is not
     used.
     """
-    smooth, shake_m, _ = _parts(recipe)
+    smooth, shake_m, _ = Parts.of(recipe).of_frames()
     return float(np.linalg.norm(np.diff(smooth[:, :3] + shake_m, axis=0), axis=1).sum())
 
 
@@ -164,26 +165,63 @@ def unhurried_s(recipe: Recipe) -> float:
     )
 
 
-def _parts(recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The smooth motion (n, 6) as in `_knots`, and the shake: (n, 3) metres in the world, (n, 3)
-    radians about the camera's axes.
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What a recipe's motion is made of. `smooth`: position in metres, yaw (unwrapped), pitch,
+    roll, along `progress`; `shakes`: bands of position and rotation with their RMS per axis in
+    metres and radians; `centre_m` (3,): the mean of the viewpoints, about which they are scaled.
     """
-    rng = np.random.default_rng(recipe.seed)
-    times_s = np.arange(recipe.frames) / FRAME_RATE_HZ
-    knots, values = _knots(recipe)
-    dwells_s = np.array([v.dwell_s for v in recipe.viewpoints])
-    progress = eased_progress(np.diff(knots), dwells_s, recipe.pace.ease_s, times_s)
-    shake_m = np.zeros((recipe.frames, 3))
-    shake_rad = np.zeros((recipe.frames, 3))
-    for s in recipe.shakes:  # amplitudes are RMS over the three axes together
-        band = recipe.frames, FRAME_RATE_HZ, s.low_hz, s.high_hz
-        shake_m += band_noise(*band, s.position_slope, 3, rng) * (
-            s.position_mm / 1000.0 / np.sqrt(3.0)
-        )
-        shake_rad += band_noise(*band, s.rotation_slope, 3, rng) * (
-            np.radians(s.rotation_deg) / np.sqrt(3.0)
-        )
-    return natural_spline(knots, values, progress), shake_m, shake_rad
+
+    frames: int
+    centre_m: np.ndarray
+    smooth: NaturalSpline
+    progress: EasedProgress
+    shakes: tuple[tuple[BandNoise, float, BandNoise, float], ...]
+
+    @classmethod
+    def of(cls, recipe: Recipe) -> "Parts":
+        rng = np.random.default_rng(recipe.seed)
+        knots, values = _knots(recipe)
+        dwells_s = np.array([v.dwell_s for v in recipe.viewpoints])
+        times_s = np.arange(recipe.frames) / FRAME_RATE_HZ
+        progress = EasedProgress(np.diff(knots), dwells_s, recipe.pace.ease_s, times_s[-1])
+        shakes = []
+        for s in recipe.shakes:  # amplitudes are RMS over the three axes together
+            of = recipe.frames, FRAME_RATE_HZ, (s.low_hz, s.high_hz)
+            position = BandNoise.drawn(*of, s.position_slope, 3, rng)
+            rotation = BandNoise.drawn(*of, s.rotation_slope, 3, rng)
+            rms_m = s.position_mm / 1000.0 / np.sqrt(3.0)
+            rms_rad = np.radians(s.rotation_deg) / np.sqrt(3.0)
+            shakes.append((position, rms_m, rotation, rms_rad))
+        centre_m = np.array([v.position_m for v in recipe.viewpoints]).mean(axis=0)
+        smooth = NaturalSpline(knots, values)
+        return cls(recipe.frames, centre_m, smooth, progress, tuple(shakes))
+
+    def of_frames(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The smooth motion (n, 6) at the frames, and the shake: (n, 3) metres in the world, (n, 3)
+        radians about the camera's axes.
+        """
+        shake_m = np.zeros((self.frames, 3))
+        shake_rad = np.zeros((self.frames, 3))
+        for position, rms_m, rotation, rms_rad in self.shakes:
+            shake_m += position.of_frames() * rms_m
+            shake_rad += rotation.of_frames() * rms_rad
+        times_s = np.arange(self.frames) / FRAME_RATE_HZ
+        return self.smooth.at(self.progress.at(times_s)), shake_m, shake_rad
+
+    def jets(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As `of_frames`, at any times (m,) after frame 0, with first and second derivatives by
+        time: (3, m, 6), (3, m, 3) and (3, m, 3).
+        """
+        shake_m = np.zeros((3, len(times_s), 3))
+        shake_rad = np.zeros((3, len(times_s), 3))
+        for position, rms_m, rotation, rms_rad in self.shakes:
+            shake_m += position.jet(times_s) * rms_m
+            shake_rad += rotation.jet(times_s) * rms_rad
+        along, rate, change = self.progress.jet(times_s)[..., None]
+        value, slope, curvature = self.smooth.jet(along[:, 0])
+        smooth = np.stack([value, slope * rate, curvature * rate * rate + slope * change])
+        return smooth, shake_m, shake_rad
 
 
 def _knots(recipe: Recipe) -> tuple[np.ndarray, np.ndarray]:
@@ -251,110 +289,3 @@ def rotation_world_camera(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) 
     sr = np.sin(roll)[:, None]
     cr = np.cos(roll)[:, None]
     return np.stack([cr * right + sr * down, cr * down - sr * right, forward], -1)
-
-
-# -- parts: a C2 spline, progress along it with smooth starts and stops, and band-limited shake
-
-
-def natural_spline(knots: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """The natural cubic spline through `values` (n, d) at increasing `knots` (n,), n >= 2,
-    evaluated `at` (m,): (m, d).
-
-    It is C2, with zero curvature at its ends; outside them the first and last pieces are
-    extrapolated.
-    """
-    h = np.diff(knots)
-    slopes = np.diff(values, axis=0) / h[:, None]
-    curvatures = _spline_curvatures(h, slopes)
-    piece = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(h) - 1)
-    b = ((at - knots[piece]) / h[piece])[:, None]
-    a = 1.0 - b
-    curve = (a * a * a - a) * curvatures[piece] + (b * b * b - b) * curvatures[piece + 1]
-    return a * values[piece] + b * values[piece + 1] + curve * (h[piece] * h[piece])[:, None] / 6.0
-
-
-def _spline_curvatures(h: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """Second derivatives (n, d) at the knots, by plain elimination, which does the same operations
-    on every machine.
-    """
-    n = len(h) + 1
-    curvatures = np.zeros((n, slopes.shape[1]))
-    diagonal = np.zeros(n)
-    for k in range(1, n - 1):
-        diagonal[k] = 2.0 * (h[k - 1] + h[k])
-        curvatures[k] = 6.0 * (slopes[k] - slopes[k - 1])
-        if k > 1:
-            factor = h[k - 1] / diagonal[k - 1]
-            diagonal[k] -= factor * h[k - 1]
-            curvatures[k] -= factor * curvatures[k - 1]
-    for k in range(n - 2, 0, -1):
-        following = h[k] * curvatures[k + 1] if k < n - 2 else 0.0
-        curvatures[k] = (curvatures[k] - following) / diagonal[k]
-    return curvatures
-
-
-def eased_progress(
-    legs: np.ndarray, dwells_s: np.ndarray, ease_s: float, times_s: np.ndarray
-) -> np.ndarray:
-    """Progress along the trajectory at `times_s` (m,): from 0 to sum(legs), at a constant rate, and
-    at rest during each dwell.
-
-    `legs` (n-1,) are the lengths between n stops in any unit, `dwells_s` (n,) the rests at the
-    stops. Starts and stops take `ease_s` and follow a quintic step, so that the progress is C3 in
-    time. Raises InputError if the rests leave no time for motion.
-    """
-    duration_s = times_s[-1] - times_s[0]
-    moving_s = duration_s - ease_s - dwells_s.sum()
-    if moving_s <= 0:
-        found = f"{dwells_s.sum():.1f} of {duration_s:.1f} s"
-        raise InputError("dwells shorter than the whole", found=found)
-    rate = legs.sum() / moving_s
-    progress = np.zeros(len(times_s))
-    clock_s = times_s[0] + ease_s / 2
-    for leg, dwell_s in zip([0.0, *legs], dwells_s, strict=True):
-        clock_s += leg / rate
-        if leg:
-            progress -= rate * _eased_ramp(times_s - clock_s, ease_s)
-        clock_s += dwell_s
-        progress += rate * _eased_ramp(times_s - clock_s, ease_s)
-    # no start after the last stop
-    return progress - rate * _eased_ramp(times_s - clock_s, ease_s)
-
-
-def _eased_ramp(t: np.ndarray, ease_s: float) -> np.ndarray:
-    """max(t, 0), smoothed over |t| < ease/2: the integral of the step 6x^5 - 15x^4 + 10x^3."""
-    x = np.clip(t / ease_s + 0.5, 0.0, 1.0)
-    rounded = ease_s * x * x * x * x * ((x - 3.0) * x + 2.5)
-    return np.where(t > ease_s / 2, t, rounded)
-
-
-def band_noise(
-    count: int,
-    rate_hz: float,
-    low_hz: float,
-    high_hz: float,
-    slope: float,
-    channels: int,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    """(count, channels) periodic random motion, with power proportional to f^-slope in low..high
-    Hz, and RMS 1 in each channel.
-
-    It is a sum of cosines with random phases at the frequencies k / duration, so that the RMS is
-    exact. Raises InputError if the band contains no such frequency.
-    """
-    frequencies_hz = np.arange(count // 2 + 1) * rate_hz / count
-    inside = (
-        (frequencies_hz >= low_hz) & (frequencies_hz <= high_hz) & (frequencies_hz < rate_hz / 2)
-    )
-    if not inside.any():
-        raise InputError(
-            f"a band that contains a frequency of {count} frames",
-            found=f"{low_hz:g}..{high_hz:g} Hz",
-        )
-    amplitudes = (frequencies_hz[inside] / low_hz) ** (-slope / 2)
-    amplitudes *= np.sqrt(2.0 / (amplitudes * amplitudes).sum())
-    spectrum = np.zeros((channels, len(inside)), complex)
-    phases = 2.0 * np.pi * rng.random((channels, len(amplitudes)))
-    spectrum[:, inside] = amplitudes * (np.cos(phases) + 1j * np.sin(phases)) * (count / 2)
-    return np.fft.irfft(spectrum, count).T

@@ -17,6 +17,7 @@ from ..settings import Settings
 #: does not change.
 DEPTH = 0
 RGB = 1
+IMU = 2
 _LEVELS = 1 << 16
 
 
