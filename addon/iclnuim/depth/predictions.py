@@ -4,7 +4,7 @@ frame, or one file with an array for all.
 A frame's file is DIR/depth/NAME or DIR/NAME, or DIR/NAME/depth, where NAME is the name of its colour
 or depth image; where no name fits, files belong to frames by the number in their names. Endings and
 contents: .png (16-bit grey, in units), .npy, .npz (the array `depth`, or the only one), .exr (the
-only channel, or Z, depth or Y), .tif and .tiff (grey).
+channel of `exr_depth`), .tif and .tiff (grey).
 """
 
 from collections.abc import Sequence
@@ -19,6 +19,7 @@ from ..formats.arrays import map_npy, read_npy, read_npz
 from ..formats.exr import read_exr
 from ..formats.files import is_file, read_bytes
 from ..formats.image_names import files_in, numbers_in_names
+from ..formats.images import exr_depth
 from ..formats.libraries import first_library
 from ..formats.png import png_header, read_depth16
 from ..sequences.frames import ImagePair
@@ -26,8 +27,6 @@ from ..sequences.frames import ImagePair
 ENDINGS = (".png", ".npy", ".npz", ".exr", ".tif", ".tiff")
 _DEPTH = "depth"
 _POINTS = "points"
-#: Channels of an EXR that hold depth.
-_EXR_DEPTH = ("Z", "depth", "Depth", "Y", "V")
 _EXPECTED = {
     _DEPTH: "predicted depth (h, w)",
     _POINTS: "a point map (h, w, 3)",
@@ -133,7 +132,7 @@ def _image(path: Path, units_per_metre: float) -> np.ndarray:
     """Depth (h, w) of an image file: float in its unit, whole numbers by units per metre."""
     ending = path.suffix.lower()
     if ending == ".exr":
-        return _exr_depth(path)
+        return exr_depth(path)
     if ending == ".png":
         if png_header(path).bits == 8:
             found = "8 bits, a picture to look at"
@@ -141,18 +140,6 @@ def _image(path: Path, units_per_metre: float) -> np.ndarray:
             raise InputError("depth with 16 bits or more", path=path, found=found, hint=hint)
         return read_depth16(path) / units_per_metre
     return _tiff(path, units_per_metre)
-
-
-def _exr_depth(path: Path) -> np.ndarray:
-    channels = read_exr(path)
-    if len(channels) == 1:
-        return next(iter(channels.values()))
-    for name in _EXR_DEPTH:
-        for channel, values in channels.items():
-            if channel.rpartition(".")[2] == name:
-                return values
-    expected = f"one channel, or one of {', '.join(_EXR_DEPTH)}"
-    raise InputError(expected, path=path, found=", ".join(channels))
 
 
 def _exr_points(path: Path, expected: str) -> np.ndarray:

@@ -23,7 +23,7 @@ from .files import atomic_write, read_bytes
 from .libraries import first_library
 
 BACKENDS = ("OpenEXR", "OpenImageIO")
-_MAGIC = b"\x76\x2f\x31\x01"
+MAGIC = b"\x76\x2f\x31\x01"
 _TILED = 0x200
 _DEEP = 0x800
 _MULTIPART = 0x1000
@@ -247,7 +247,7 @@ class _Cursor:
 def _parse(data: bytes) -> tuple[ExrHeader, int, bool]:
     if not data:
         raise InputError("an EXR image", found="an empty file", hint=_AGAIN)
-    if data[:4] != _MAGIC:
+    if data[:4] != MAGIC:
         found = "PNG" if data[1:4] == b"PNG" else f"a file that starts with {data[:4]!r}"
         raise InputError("an EXR image", found=found)
     cursor = _Cursor(data, 4)

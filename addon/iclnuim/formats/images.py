@@ -1,9 +1,10 @@
 """Images of user-provided sequences: colour as PNG or JPEG, depth as 16-bit PNG or as an array of
-metres (.npy). The format is detected by content.
+metres (.npy, EXR). The format is detected by content.
 """
 
 import io
 import os
+import re
 import struct
 from pathlib import Path
 
@@ -13,12 +14,16 @@ from ..errors import InputError, StrPath
 from . import png
 from .arrays import read_npy
 from .exif import refuse_turned
+from .exr import MAGIC, exr_header, read_exr
 from .files import atomic_write, atomic_write_bytes, read_bytes
 from .libraries import first_library
 from .png import PngHeader
 
 JPEG = ".jpg"
 ARRAY = ".npy"
+EXR = ".exr"
+#: Endings of depth in metres.
+METRES = (ARRAY, EXR)
 #: JPEG quality. 100, without chroma subsampling, is nearly lossless.
 _QUALITY = 100
 _NUMPY = b"\x93NUMPY"
@@ -27,10 +32,14 @@ _JPEG = b"\xff\xd8\xff"
 _APP1 = 0xE1
 _EXIF = b"Exif\0\0"
 _MAX_PIXELS = 1 << 28
+#: Where no surface is, Blender writes 1e10 m, which as half is this or infinite.
+_BACKGROUND_M = 65504.0
+#: Channels of depth in a layer, unlike those of its vectors.
+_DEPTH_CHANNEL = re.compile(r"(?i)(?!.*(?:normal|position|vector)).*\.[zvy]")
 
 
 def image_header(path: StrPath, whole: bool = False) -> PngHeader:
-    """Size and kind of a PNG, JPEG or .npy image. `whole`: read the file to its end and verify its
+    """Size and kind of a PNG, JPEG, .npy or EXR image. `whole`: read the file to its end and verify its
     checksums, if it has any.
 
     Raises InputError if `path` is none of these, or damaged.
@@ -41,6 +50,10 @@ def image_header(path: StrPath, whole: bool = False) -> PngHeader:
     if start.startswith(_NUMPY):
         height, width = read_array(path).shape
         return PngHeader(width, height, 32, "grey, metres")
+    if start.startswith(MAGIC):
+        header = exr_header(path, whole)
+        bits = 16 if set(header.channels.values()) == {"half"} else 32
+        return PngHeader(header.width, header.height, bits, "EXR, metres")
     return png.checked_png(path)[1] if whole else png.png_header(path)
 
 
@@ -93,6 +106,34 @@ def read_array(path: StrPath) -> np.ndarray:
         raise InputError(expected, path=path, found=f"{depth_m.dtype} {depth_m.shape}")
     with np.errstate(over="ignore", invalid="ignore"):
         return depth_m.astype(np.float32)
+
+
+def read_metres(path: StrPath) -> np.ndarray:
+    """Read (height, width) float32 from a NumPy or EXR file of depth; NaN or infinity: no depth.
+
+    Raises InputError.
+    """
+    if not read_bytes(path, "depth in metres", 8).startswith(MAGIC):
+        return read_array(path)
+    depth_m = exr_depth(path).astype(np.float32)
+    return np.where(depth_m < _BACKGROUND_M, depth_m, np.float32(np.inf))
+
+
+def exr_depth(path: StrPath) -> np.ndarray:
+    """Read (height, width) half or float depth of an EXR file: its channel Z, V, Y or depth, or that
+    of a pass, or the only one, or R if R, G and B are equal. Raises InputError for other channels.
+    """
+    channels = read_exr(path)
+    of_passes = [n for n in channels if "depth" in n.lower().split(".")]
+    of_layers = [n for n in channels if _DEPTH_CHANNEL.fullmatch(n)]
+    for names in ([n for n in channels if n in ("Z", "V", "Y")], of_passes, of_layers, [*channels]):
+        if len(names) == 1:
+            return channels[names[0]]
+    grey = [channels[name] for name in "RGB" if name in channels]
+    if len(grey) == 3 and all(np.array_equal(grey[0], other) for other in grey):
+        return grey[0]
+    expected = "an EXR image with one channel of depth (Z, V, Y, Depth.Z)"
+    raise InputError(expected, path=path, found=f"channels {', '.join(channels)}"[:200])
 
 
 def write_jpeg(path: StrPath, image: np.ndarray) -> None:

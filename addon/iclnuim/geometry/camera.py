@@ -187,6 +187,13 @@ class PinholeCamera(Settings):
         z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
         return np.stack([self.fx * p[..., 0] / z + self.cx, self.fy * p[..., 1] / z + self.cy], -1)
 
+    def resized(self, width: int, height: int) -> "PinholeCamera":
+        """The camera of the same view with another number of pixels: cx' = (cx + 0.5) s - 0.5."""
+        across, down = width / self.width, height / self.height
+        cx = (self.cx + 0.5) * across - 0.5
+        cy = (self.cy + 0.5) * down - 0.5
+        return PinholeCamera(width, height, self.fx * across, self.fy * down, cx, cy)
+
     def halved(self) -> "PinholeCamera":
         """The camera of the next level of a 2x2-mean pyramid, defined at its pixel centres: cx' =
         (cx + 0.5)/2 - 0.5.

@@ -14,7 +14,7 @@ import numpy as np
 from ..console import Meter, advance_of
 from ..errors import InputError, StrPath, WorkError
 from ..formats.files import atomic_write, check_file, read_bytes, sha256
-from ..formats.images import ARRAY, read_colour8
+from ..formats.images import METRES, read_colour8
 from ..formats.png import read_depth16
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -177,7 +177,7 @@ def _images(recorder: Recorder, rgb: Path, depth: Path, units: float) -> None:
     kind = "image/png" if content.startswith(b"\x89PNG") else "image/jpeg"
     image = recorder.rerun.EncodedImage(contents=content, media_type=kind)
     recorder.log(f"{_CAMERA}/image/rgb", image)
-    if depth.suffix == ARRAY:
+    if depth.suffix.lower() in METRES:
         image = recorder.rerun.DepthImage(read_depth_m(depth, units), meter=1.0)
     else:
         image = recorder.rerun.DepthImage(read_depth16(depth), meter=units)

@@ -372,9 +372,6 @@ def _decompressed(message: Any, scratch: Path, units_per_metre: float) -> np.nda
 
 
 #: Read only; images of a bag have no names to keep.
-FORMAT = replace(
-    tum.FORMAT,
-    name="rosbag",
-    reader=Reader(is_bag, _rows, _camera, _truth),
-    keeps_names=False,
+FORMAT = tum.read_only(
+    "rosbag", "ROS bags, which are unpacked", Reader(is_bag, _rows, _camera, _truth)
 )

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError, within
 from ..formats.depth_units import UNITS_PER_METRE, check_units
-from ..formats.files import read_json
+from ..formats.files import data_lines, read_json, read_text
 from ..formats.images import image_header
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -215,6 +215,15 @@ def pinhole_of_matrix(image: Path, path: Path, matrix: np.ndarray) -> PinholeCam
         raise InputError(expected, path=path, found=" ".join(f"{v:g}" for v in matrix.ravel()))
     (fx, _, cx), (_, fy, cy) = matrix[:2, :3].tolist()
     return pinhole_of(image, fx, fy, cx, cy)
+
+
+def settings_in(path: Path) -> dict[str, list[str]]:
+    """The words of lines `key = words`, as in ScanNet's and BundleFusion's files."""
+    said = {}
+    for _, line in data_lines(read_text(path)):
+        key, _, value = line.partition("=")
+        said[key.strip()] = value.split()
+    return said
 
 
 def numbers_in(path: Path, values: list[str], count: int, what: str) -> list[float]:

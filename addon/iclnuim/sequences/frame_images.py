@@ -26,7 +26,7 @@ from ..sensor.noise_model import frame_generator
 from .format import SequenceFormat, common_units
 from .frame_pool import keep_freed_memory
 from .frame_source import FrameSource
-from .frames import SequenceFrame
+from .frames import SequenceFrame, missing_is_largest
 from .journal import Journal, JournalEntry
 from .recipe import form_of_folder
 from .sequence_options import SequenceSettings
@@ -263,7 +263,7 @@ def can_be_copied(path: Path, kind: str, camera: PinholeCamera) -> bool:
     stored = (header.bits, header.colour)
     right = stored == (8, "RGB")
     if kind == DEPTH:
-        right = stored in ((16, "grey"), (32, "grey, metres"))
+        right = stored in ((16, "grey"), (32, "grey, metres")) and not missing_is_largest(path)
     return right and (header.width, header.height) == (camera.width, camera.height)
 
 

@@ -72,6 +72,13 @@ class Row(NamedTuple):
         return all(path is not None and is_file(path) for path in (self.rgb, self.depth))
 
 
+def missing_is_largest(depth: Path) -> bool:
+    """Whether a depth image marks missing depth by 65535, too, as those of 7-Scenes do, whose names
+    are frame-000000.depth.png.
+    """
+    return depth.name.endswith(".depth.png")
+
+
 @dataclass(frozen=True)
 class ImagePair:
     """A colour and a depth image of the same time.

@@ -20,7 +20,7 @@ from ..errors import InputError, StrPath, WorkError
 from ..evaluation.associate import nearest
 from ..formats.depth_units import LARGEST_UNIT
 from ..formats.files import is_file
-from ..formats.images import ARRAY, image_header, read_array, read_colour8
+from ..formats.images import METRES, image_header, read_colour8, read_metres
 from ..formats.png import PngHeader
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -38,7 +38,7 @@ T = TypeVar("T")
 #: Number of colour and of depth images whose pixels are read.
 _SAMPLES = 24
 #: How the images of a kind may be stored.
-_EXPECTED = {"rgb": ("8-bit RGB",), "depth": ("16-bit grey", "32-bit grey, metres")}
+_EXPECTED = {"rgb": ("8-bit RGB",), "depth": ("16-bit grey", "32-bit grey, metres", "EXR, metres")}
 #: Maximum distance of a frame from its pose, as a share of the time between frames.
 _SLACK = 0.5
 #: Poses belong to a sequence if not more than this share of its frames has none.
@@ -255,7 +255,7 @@ def inspect_depth(
         count = f"{not_finite} depths of {len(depths)} inspected images"
         result.warnings.append(f"{count} are NaN or infinite: they are read as missing")
     largest_m = np.float32(LARGEST_UNIT) / np.float32(camera.depth_units_per_metre)
-    if pairs[0].depth.suffix == ARRAY:
+    if pairs[0].depth.suffix.lower() in METRES:
         largest_m = np.float32(np.inf)
     seen = [depth[depth > 0] for _, depth in depths]
     if not any(len(one) for one in seen):
@@ -267,10 +267,10 @@ def inspect_depth(
 
 
 def _not_finite(path: Path) -> int:
-    """The number of depths of an array of metres that are NaN or infinite."""
-    if path.suffix != ARRAY:
+    """The number of depths of an image of metres that are NaN or infinite."""
+    if path.suffix.lower() not in METRES:
         return 0
-    return int(np.count_nonzero(~np.isfinite(read_array(path))))
+    return int(np.count_nonzero(~np.isfinite(read_metres(path))))
 
 
 def _range(

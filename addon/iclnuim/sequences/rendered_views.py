@@ -17,7 +17,7 @@ from ..errors import InputError, StrPath, WorkError
 from ..evaluation.image_error import ViewSettings, psnr_db, ssim
 from ..formats.files import csv_text, data_lines, is_file, read_text
 from ..formats.image_names import by_numbers
-from ..formats.images import ARRAY, JPEG, read_colour8
+from ..formats.images import JPEG, METRES, read_colour8
 from ..shown import Shown, axes_or_new
 from .camera_files import SequenceCamera, camera_file
 from .frames import ImagePair, usual_step_s
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 #: Figures of a view -> unit.
 FIGURES = {"psnr_db": "dB", "ssim": "", "lpips": "", "depth_l1_m": "m", "depth_missing": ""}
-_ENDINGS = {RGB: (".png", JPEG, ".jpeg"), DEPTH: (".png", ARRAY)}
+_ENDINGS = {RGB: (".png", JPEG, ".jpeg"), DEPTH: (".png", *METRES)}
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def read_keyframes(path: Path, pairs: Sequence[ImagePair]) -> set[int]:
     found = set()
     for line, text in data_lines(read_text(path)):
         word = text.replace(",", " ").split()[0]
-        is_file_name = word.endswith((*_ENDINGS[RGB], ARRAY))
+        is_file_name = word.endswith((*_ENDINGS[RGB], *METRES))
         row = names.get(Path(word).stem if is_file_name else word)
         if row is None and word.isdecimal():
             row = numbers.get(int(word))

@@ -13,6 +13,8 @@ from .layouts import (
     euroc,
     icl_nuim,
     nerf,
+    numbered,
+    phones,
     replica,
     scannet,
     tartanair,
@@ -34,6 +36,15 @@ _ALL = (
     tartanair.FORMAT,
     tum.RTABMAP,
 )
+#: Formats that are only read. A folder of one of these may also have what another format has, so
+#: they are tried after the others.
+READ_ONLY = (
+    phones.STRAY_SCANNER,
+    phones.RECORD3D,
+    phones.POLYCAM,
+    numbered.TRIPLES,
+    numbered.OPEN3D,
+)
 #: name -> format, in the order in which they are tried when a folder's format is detected
 FORMATS = {format.name: format for format in _ALL}
 
@@ -51,4 +62,5 @@ def format_of(folder: Path) -> SequenceFormat:
     """
     if bag_reader.FORMAT.reader.found(folder):
         return bag_reader.FORMAT
-    return next((format for format in FORMATS.values() if format.reader.found(folder)), tum.FORMAT)
+    formats = (*FORMATS.values(), *READ_ONLY)
+    return next((format for format in formats if format.reader.found(folder)), tum.FORMAT)

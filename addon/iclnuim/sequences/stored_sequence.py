@@ -17,10 +17,10 @@ from ..channels import DEPTH, FURTHER, RGB
 from ..doubt.depth_pairs import depth_residuals
 from ..errors import InputError, StrPath, within
 from ..formats.bags import is_bag
-from ..formats.depth_units import metres_from_depth16
+from ..formats.depth_units import LARGEST_UNIT, metres_from_depth16
 from ..formats.files import is_file, real_path
 from ..formats.image_names import files_in, numbers_in_names
-from ..formats.images import ARRAY, image_header, read_array, read_colour8, seen_by
+from ..formats.images import METRES, image_header, read_colour8, read_metres, seen_by
 from ..formats.png import read_depth16
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
@@ -28,7 +28,7 @@ from ..geometry.trajectory import Trajectory
 from ..trajectory_files.trajectories import LoadedTrajectory, read_trajectory
 from .camera_files import SequenceCamera
 from .format import SequenceFormat
-from .frames import ImagePair, Row, frame_numbers
+from .frames import ImagePair, Row, frame_numbers, missing_is_largest
 from .pose_lines import (
     ImagesOfLines,
     numbers_only_count,
@@ -326,15 +326,18 @@ def noted_mount(file: Path, loaded: LoadedTrajectory) -> LoadedTrajectory:
 
 
 def read_depth_m(path: Path, units_per_metre: float) -> np.ndarray:
-    """Read (h, w) float32 planar metres, 0 = missing, from a 16-bit PNG or an array of metres,
+    """Read (h, w) float32 planar metres, 0 = missing, from a 16-bit PNG or an image of metres,
     whose NaN and infinity are missing depth.
 
     Raises InputError.
     """
-    if path.suffix == ARRAY:
-        depth_z_m = read_array(path)
+    if path.suffix.lower() in METRES:
+        depth_z_m = read_metres(path)
         return np.where(np.isfinite(depth_z_m), depth_z_m, np.float32(0))
-    return metres_from_depth16(read_depth16(path), units_per_metre)
+    units = read_depth16(path)
+    if missing_is_largest(path):
+        units[units == LARGEST_UNIT] = 0
+    return metres_from_depth16(units, units_per_metre)
 
 
 def read_images(pair: ImagePair, camera: SequenceCamera) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from ..errors import within
 from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
-from . import bag_poses, colmap, icl_nuim, matrices, named_rows, number_rows
+from . import bag_poses, colmap, icl_nuim, matrices, named_rows, number_rows, phones
 from .icl_nuim import ANCHORED_WORLD
 from .number_rows import NumberRows
 from .number_table import MATRIX, SCALAR_FIRST, SCALAR_LAST, NumberTable, PoseColumns
@@ -127,6 +127,7 @@ _MIRRORED = "LEFT-handed y-up poses made right-handed by mirroring y"
 _FROM_POV = f"(y up), converted to {OUR_WORLD}, stamps 1 + frame/{{rate}} s"
 _RIGHT_IN_OWN = f"right-handed camera-to-world poses in {OWN_WORLD}"
 _UNCHANGED = "right-handed camera-to-world poses, world unchanged"
+_FROM_OPENGL = f"OpenGL camera poses converted to right-handed cv camera poses in {OWN_WORLD}"
 _NO_STAMPS = "; stamps are not written"
 
 #: name -> format
@@ -135,12 +136,12 @@ FORMATS = {
     "rosbag": TrajectoryFormat(
         TrajectoryReader(bag_poses.rows, SCALAR_LAST, f"ROS bag: {_RIGHT_IN_OWN}")
     ),
-    # one 4x4 matrix per file
+    # one 4x4 matrix per file, also of 7-Scenes and BundleFusion
     "scannet": TrajectoryFormat(
         TrajectoryReader(
             matrices.scannet_rows,
             MATRIX,
-            f"ScanNet's pose files: {_RIGHT_IN_OWN}, "
+            f"a pose file for each frame: {_RIGHT_IN_OWN}, "
             "stamps 1 + number/{rate} s by the files' names",
         )
     ),
@@ -149,8 +150,26 @@ FORMATS = {
         TrajectoryReader(
             matrices.nerf_rows,
             MATRIX,
-            "transforms.json: OpenGL camera poses converted to right-handed cv camera poses in "
-            f"{OWN_WORLD}, {{how}} by the images' names",
+            f"transforms.json: {_FROM_OPENGL}, {{how}} by the images' names",
+            convert=axes.world_cv_from_world_blender,
+            how=_stamps,
+        )
+    ),
+    # of apps on phones: OpenGL cameras in JSON, of all frames or of one
+    "record3d": TrajectoryFormat(
+        TrajectoryReader(
+            phones.record3d_rows,
+            phones.QUATERNION_FIRST,
+            f"Record3D's metadata.json: {_FROM_OPENGL}, {{how}}",
+            convert=axes.world_cv_from_world_blender,
+            how=_stamps,
+        )
+    ),
+    "polycam": TrajectoryFormat(
+        TrajectoryReader(
+            phones.polycam_rows,
+            MATRIX,
+            f"Polycam's cameras: {_FROM_OPENGL}, {{how}} by the files' names",
             convert=axes.world_cv_from_world_blender,
             how=_stamps,
         )

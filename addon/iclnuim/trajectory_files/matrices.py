@@ -1,6 +1,7 @@
 """Poses as matrices: blocks of text, alone or each after a line with its frame number, as in the
-.log files of Redwood's data sets, of the augmented ICL-NUIM data set and of Open3D; ScanNet's
-folder with one file per frame; transforms.json of NeRF programs; Open3D's camera trajectories.
+.log files of Redwood's data sets, of the augmented ICL-NUIM data set and of Open3D; the folders of
+ScanNet, 7-Scenes and BundleFusion with one file per frame; transforms.json of NeRF programs; Open3D's
+camera trajectories.
 """
 
 import itertools
@@ -24,6 +25,8 @@ _BLOCKS = "blocks of a 4x4 matrix that ends in 0 0 0 1"
 _NUMBERED = (
     f"{_BLOCKS}, each after a line with its frame number (once, or twice and a third number)"
 )
+#: Names of files with one pose, without their ending: 12 (ScanNet), frame-000012.pose (7-Scenes).
+_POSE_NAME = re.compile(r"(?:frame-)?([0-9]{1,19})(?:\.pose)?")
 #: Numbers on the first line of a block, without and with a line of frame numbers.
 _LENGTHS_BY_HEAD = ((4,), (1, 3))
 
@@ -73,8 +76,8 @@ def _block_values(source: Source, block: list[tuple[int, str]], head: int) -> li
 
 
 def is_scannet(source: Source) -> bool:
-    """Whether a folder has files 0.txt, 1.txt and so on."""
-    return source.path.is_dir() and any(path.stem.isdecimal() for path in source.path.glob("*.txt"))
+    """Whether a folder has files 0.txt, 1.txt and so on, or frame-000000.pose.txt."""
+    return source.path.is_dir() and bool(_pose_files(source.path))
 
 
 def scannet_rows(source: Source) -> NumberTable:
@@ -82,7 +85,7 @@ def scannet_rows(source: Source) -> NumberTable:
 
     Files of lost frames (-inf) are left out.
     """
-    paths = {int(path.stem): path for path in source.path.glob("*.txt") if path.stem.isdecimal()}
+    paths = _pose_files(source.path)
     found = []
     for number in sorted(paths):
         values = _numbers(paths[number], read_text(paths[number], _MATRIX).split())
@@ -91,6 +94,12 @@ def scannet_rows(source: Source) -> NumberTable:
     if not found:
         raise InputError("pose files with finite numbers", path=source.path, found="none")
     return NumberTable(np.array(found), lambda row: (paths[int(found[row][0])], None))
+
+
+def _pose_files(folder: Path) -> dict[int, Path]:
+    """The files of a folder with one pose by their numbers."""
+    named = ((_POSE_NAME.fullmatch(path.stem), path) for path in folder.glob("*.txt"))
+    return {int(name[1]): path for name, path in named if name}
 
 
 def numbers_of_names(names: Sequence[str]) -> list[int]:
@@ -110,13 +119,6 @@ def nerf_rows(source: Source) -> NumberTable:
     content = read_json(source.path)
     frames = content.get("frames")
     valid = isinstance(frames, list) and all(isinstance(frame, dict) for frame in frames)
-    if isinstance(content.get("poses"), list) and not frames:
-        raise InputError(
-            "the key frames",
-            path=source.path,
-            found="the key poses, as in Record3D's metadata.json",
-            hint="a row qx qy qz qw x y z of it a line, with stamps, as OpenGL camera poses",
-        )
     if not frames or not valid:
         raise InputError("a list of frames", path=source.path)
     scale = _applied_scale(source.path, content)

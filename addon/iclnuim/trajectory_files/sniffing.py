@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ..formats.bags import is_bag
 from ..formats.files import data_lines, is_number
-from . import colmap, matrices, named_rows
+from . import colmap, matrices, named_rows, phones
 from .icl_nuim import starts_as_official
 from .number_rows import VSLAM_LAB_STAMP
 from .source import Source
@@ -138,7 +138,9 @@ _TARTANAIR_FOLDERS = ("image_left", "depth_left", "image_lcam_*", "depth_lcam_*"
 SNIFFED = {
     "rosbag": is_rosbag,
     "scannet": matrices.is_scannet,
+    "polycam": phones.is_polycam,
     "open3d": matrices.is_open3d,
+    "record3d": phones.is_record3d,
     "nerf": is_nerf,
     "pov-cameras": is_pov_camera,
     "pov-commands": is_pov_command,

@@ -131,7 +131,9 @@ def _rows_in_order(table: NumberTable, values: np.ndarray, what: str) -> np.ndar
     late = np.flatnonzero((steps <= 0) & ~repeated)
     if late.size:
         row = int(late[0])
-        previous = f"the {values[row - 1]:.15g} of line {table.place(row - 1)[1]}"
+        line = table.place(row - 1)[1]
+        place = f"row {row - 1}" if line is None else f"line {line}"
+        previous = f"the {values[row - 1]:.15g} of {place}"
         found = f"{values[row]:.15g}"
         hint = "a file of a single run, in the order of time"
         if values[row] == values[row - 1]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...channels import RGB
-from ...formats.files import atomic_write_text, data_lines, make_folder, read_text
+from ...formats.files import atomic_write_text, make_folder, read_text
 from ...formats.image_names import files_in
 from ..camera_files import (
     Keys,
@@ -17,6 +17,7 @@ from ..camera_files import (
     names,
     numbers_in,
     pinhole_of_matrix,
+    settings_in,
 )
 from ..contents import Contents
 from ..format import FormatLimits, Reader, SequenceFormat
@@ -105,11 +106,7 @@ def _notes(folder: Path) -> tuple[str, ...]:
     for file in sorted(top.glob("intrinsic/extrinsic_*.txt")):
         found += EXTRINSICS.notes([{file.stem: _matrix_of(file).ravel().tolist()}], file)
     for file in sorted({*folder.glob("scene*_*.txt"), *top.glob("scene*_*.txt")}):
-        said = {}
-        for _, line in data_lines(read_text(file)):
-            key, _, value = line.partition("=")
-            said[key.strip()] = value.split()
-        found += SCAN.notes([said], file)
+        found += SCAN.notes([settings_in(file)], file)
     return tuple(found)
 
 

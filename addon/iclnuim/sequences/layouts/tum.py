@@ -3,6 +3,7 @@
 And the same with images named by their stamps, for RTAB-Map.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 from ...channels import DEPTH, RGB
@@ -37,6 +38,11 @@ FORMAT = SequenceFormat(
     listed.READER,
     keeps_names=True,
 )
+
+
+def read_only(name: str, description: str, reader: Reader) -> SequenceFormat:
+    """A format that is only read; what is made of it without a format is TUM's."""
+    return replace(FORMAT, name=name, description=description, reader=reader, keeps_names=False)
 
 
 def _by_stamp(folder: Path) -> list[Row]:
