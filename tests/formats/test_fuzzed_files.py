@@ -79,10 +79,20 @@ NAMES = {
 NAMES |= {"nerf": "transforms.json", "tum-inverse": "inverse.txt", "tum-wxyz": "wxyz.txt"}
 NAMES |= {"open3d": "trajectory.json", "named-columns": "named.csv", "matrix-blocks": "a.log"}
 NAMES |= {"tum-unstamped": "poses.txt", "positions": "positions.txt"}
+NAMES |= {"record3d": "metadata.json", "polycam": "cameras/1.json"}
 #: Read beside whole files of the same folder.
-FOLDERS = {"pov-cameras": "scene_0000.txt", "scannet": "0.txt"}
+FOLDERS = {"pov-cameras": "scene_0000.txt", "scannet": "0.txt", "polycam": "0.json"}
 #: By default a fifth of the damaged files.
-FEWER = ("scannet", "nerf", "open3d", "vslam-lab", "tartanair", "tum-unstamped")
+FEWER = (
+    "scannet",
+    "nerf",
+    "open3d",
+    "record3d",
+    "polycam",
+    "vslam-lab",
+    "tartanair",
+    "tum-unstamped",
+)
 
 
 def flip_bytes(rng, data: bytes) -> bytes:
@@ -213,6 +223,13 @@ def content_of(format: str) -> bytes:
             {"file_path": f"images/{i}.png", "transform_matrix": m} for i, m in enumerate(matrices)
         ]
         return json.dumps({"frames": frames}, indent=1).encode()
+    if format == "record3d":
+        poses = np.hstack([WALK.T_world_camera.quat_xyzw, WALK.positions_m]).tolist()
+        return json.dumps({"w": 8, "h": 6, "fps": 30, "poses": poses}, indent=1).encode()
+    if format == "polycam":
+        rows = enumerate(WALK.T_world_camera[1].matrix[:3].tolist())
+        named = {f"t_{i}{k}": value for i, row in rows for k, value in enumerate(row)}
+        return json.dumps(named, indent=1).encode()
     if format == "tum-ids":
         return trajectory_text(WALK, "gt.freiburg").encode()
     if format == "tum-inverse":

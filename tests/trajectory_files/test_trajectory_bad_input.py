@@ -286,7 +286,8 @@ def test_a_frame_twice_in_a_folder_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "format", [name for name in FORMATS if name not in ("pov-cameras", "scannet", "rosbag")]
+    "format",
+    [name for name in FORMATS if name not in ("pov-cameras", "scannet", "rosbag", "polycam")],
 )
 def test_a_folder_is_no_file(tmp_path, format):
     with pytest.raises(InputError, match="found a folder"):

@@ -29,6 +29,7 @@ from ..trajectory_files.trajectories import LoadedTrajectory, read_trajectory
 from .camera_files import SequenceCamera
 from .format import SequenceFormat
 from .frames import ImagePair, Row, frame_numbers, missing_is_largest
+from .other_folders import known_folder
 from .pose_lines import (
     ImagesOfLines,
     numbers_only_count,
@@ -91,7 +92,9 @@ class StoredSequence:
         if not self.folder.is_dir() and not is_bag(self.folder):
             found = "a file" if self.folder.exists() else "nothing"
             expected = "a folder with a sequence, or a ROS bag"
-            raise InputError(expected, path=self.folder, found=found)
+            is_record3d = self.folder.suffix.lower() == ".r3d"
+            hint = "Record3D's export as EXR and JPG" if is_record3d else None
+            raise InputError(expected, path=self.folder, found=found, hint=hint)
         rows = self.format.reader.rows(self.folder)
         if not (self._allow_outside or is_bag(self.folder)):
             self._refuse_outside(rows)
@@ -247,8 +250,10 @@ class StoredSequence:
             hint = "the folder that the lists are relative to"
         elif inside:
             hint = f"a folder inside: {', '.join(inside)}"
+        elif known := known_folder(folder):
+            found, hint = known
         elif all(files_in(folder / kind) for kind in (RGB, DEPTH)):
-            hint = "equal file names in rgb/ (PNG or JPEG) and depth/ (PNG), "
+            hint = "equal file names in rgb/ (PNG or JPEG) and depth/ (PNG, EXR or NumPy), "
             hint += "or rgb.txt and depth.txt with their stamps"
         else:
             hint = "a folder with rgb/*.png and depth/*.png"

@@ -75,8 +75,8 @@ def polycam_rows(source: Source) -> NumberTable:
     """
     paths = {int(p.stem): p for p in source.path.glob("*.json") if p.stem.isdecimal()}
     if not paths:
-        found_ = "a folder without them" if source.path.is_dir() else "no folder"
-        raise InputError("a folder with files NUMBER.json", path=source.path, found=found_)
+        there = "none" if source.path.is_dir() else "no folder"
+        raise InputError("a folder with files NUMBER.json", path=source.path, found=there)
     numbers = sorted(paths)
     found = []
     for number in numbers:

@@ -12,6 +12,7 @@ from ...errors import InputError, within
 from ...evaluation.associate import associate
 from ...formats.files import data_lines, is_file, read_text, write_json
 from ...formats.image_names import files_in, numbers_in_names
+from ...formats.images import METRES
 from ...trajectory_files.stamps import seconds_of_names, stamp_of_name
 from ..associations import (
     Associations,
@@ -136,11 +137,11 @@ def _span(kind: str, images: ImageList) -> str:
 def _images(folder: Path, kind: str) -> dict[str, Path]:
     """The images in rgb/ or depth/ by their names without ending.
 
-    Colour may be JPEG; if an image is there in both formats, the PNG is used.
+    Colour may be JPEG, depth EXR or NumPy; if an image is there in several formats, the PNG is used.
     """
     found: dict[str, Path] = {}
     there = files_in(folder / kind)
-    for ending in (".jpeg", ".jpg", ".png") if kind == RGB else (".png",):
+    for ending in (".jpeg", ".jpg", ".png") if kind == RGB else (*METRES, ".png"):
         found |= {path.stem: path for path in there if path.suffix.lower() == ending}
     return found
 

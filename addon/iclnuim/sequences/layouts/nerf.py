@@ -177,7 +177,8 @@ def _rows(folder: Path) -> list[Row]:
             rows.append(timed._replace(rgb=_image(folder, str(name)), depth=_image(folder, depth)))
     if frames and not rows:
         expected = "frames with file_path, and depth_file_path or depth_path"
-        raise InputError(expected, path=folder / FILE, found="none")
+        hint = "`iclnuim trajectory` for the poses: without depth this is no RGB-D sequence"
+        raise InputError(expected, path=folder / FILE, found="none", hint=hint)
     return sorted(rows)
 
 
