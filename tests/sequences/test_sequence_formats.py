@@ -758,7 +758,8 @@ def test_images_that_are_named_by_stamps_have_these_stamps(tmp_path, shift_s):
     for depth in (tmp_path / "depth").iterdir():
         depth.rename(depth.with_name(f"x{depth.name}"))
     with pytest.raises(
-        InputError, match=r"equal file names in rgb/ \(PNG or JPEG\) and depth/ \(PNG, EXR or NumPy\), or rgb.txt"
+        InputError,
+        match=r"equal file names in rgb/ \(PNG or JPEG\) and depth/ \(PNG, EXR or NumPy\), or rgb.txt",
     ):
         assert StoredSequence(tmp_path).pairs
 
