@@ -65,7 +65,7 @@ MAY_IMPORT = {
     "report": f"{CORE} console sensor evaluation doubt trajectory_files sequences",
     "raycast": f"{CORE} console channels sequences",
     "ui": f"{CORE} job worker_client worker_events shipped sensor evaluation trajectory_files sequences report "
-    "scene_files blender blender.open blender.light blender.render",
+    "raycast scene_files blender blender.open blender.light blender.render",
 }
 LIBRARY = " ".join(set(MAY_IMPORT) - {"ui", "__main__"})
 BENCHMARK = [
@@ -128,7 +128,7 @@ OUTSIDE = {
     "geometry": ("numpy", "pandas"),
     "console": ("", "IPython"),
     "sequences": ("numpy", "rosbags torch lpips"),
-    "raycast": ("numpy", "embreex igl scipy"),
+    "raycast": ("numpy", "embreex igl"),
     "headless.completion": ("", "argcomplete"),
     "headless.farm": ("numpy", "submitit"),
     "headless.commands": ("numpy", "bpy matplotlib cv2"),

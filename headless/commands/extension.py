@@ -17,8 +17,8 @@ from iclnuim.formats.files import atomic_write
 from ..options import action, subcommands
 
 _DATE = (2020, 1, 1, 0, 0, 0)
-#: Parts that the panel does not use: they need packages that Blender does not have.
-_LEFT_OUT = {"raycast", "checkout.py", "__main__.py"}
+#: Parts that an extension has no use for.
+_LEFT_OUT = {"checkout.py", "__main__.py"}
 
 
 def configure(parser: ArgumentParser) -> None:

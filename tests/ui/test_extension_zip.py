@@ -77,7 +77,6 @@ def test_scenes_trajectories_and_code_are_in_the_zip(archive, repository):
         "__pycache__",
         "odometry",
         "fusion",
-        "raycast",
         "checkout.py",
         "__main__.py",
     }

@@ -5,7 +5,7 @@ This is the only module that uses Embree (embreex).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -29,6 +29,13 @@ class Hits:
     triangle: np.ndarray
     uv: np.ndarray
     normal: np.ndarray
+
+
+class Caster(Protocol):
+    """What casts rays: Embree here, Blender's tree in its window (ui/surface_tree.py)."""
+
+    def cast(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
+        """Cast rays with directions (..., 3) from origins (..., 3) or one origin (3,)."""
 
 
 class RayCaster:

@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..geometry.handheld import rotation_world_camera
 from ..geometry.handheld_plan import (
     SPACINGS_M,
+    Clearance,
     FreeSpace,
     HandheldPlan,
     PlanSettings,
@@ -22,7 +23,7 @@ from ..geometry.handheld_plan import (
 )
 from ..geometry.scene_axes import is_plausible, shape_of
 from ..geometry.se3 import SE3
-from .caster import RayCaster
+from .caster import Caster, RayCaster
 from .distance import TriangleDistance
 from .viewpoints import HIGH_EYES_M, STEP_M, viewpoints
 
@@ -50,15 +51,22 @@ _MAX_TURN_RAD = np.radians(45.0)
 
 
 def planned_in_rooms(
-    vertices: np.ndarray, triangles: np.ndarray, count: int, scene: str, settings: PlanSettings
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    count: int,
+    scene: str,
+    settings: PlanSettings,
+    caster: Caster | None = None,
+    measure: Clearance | None = None,
 ) -> tuple[HandheldPlan, list[str]]:
     """Hand-held motion through `count` viewpoints in the rooms of a scene (vertices (n, 3) in
     metres, triangles (m, 3)), and notes: the viewpoints, and that there is little to see.
 
-    Raises InputError if the scene is not of the size of a building, or too full.
+    caster, measure: rays and distances of the scene; those of Embree and libigl by default. Raises
+    InputError if the scene is not of the size of a building, or too full.
     """
-    space = _space_of_building(vertices, triangles)
-    caster = RayCaster(vertices, triangles)
+    space = _space_of_building(vertices, triangles, measure)
+    caster = caster or RayCaster(vertices, triangles)
     places, held = viewpoints(space, caster, count, settings.clearance_m, settings.seed)
     routes = next(routes_between(list(places), held, settings.clearance_m))
     points, stops = _points_on(routes)
@@ -72,7 +80,9 @@ def planned_in_rooms(
     return replace(made, clearance_m=clearance_m), notes
 
 
-def _space_of_building(vertices: np.ndarray, triangles: np.ndarray) -> FreeSpace:
+def _space_of_building(
+    vertices: np.ndarray, triangles: np.ndarray, measure: Clearance | None = None
+) -> FreeSpace:
     """The free space of the box that holds most of the scene, and of a person on its floor."""
     shape = shape_of(vertices, triangles)
     if not is_plausible(shape.extent, "z"):
@@ -83,7 +93,8 @@ def _space_of_building(vertices: np.ndarray, triangles: np.ndarray) -> FreeSpace
     low = np.maximum(shape.low - _BEYOND_M, vertices.min(0))
     high = np.minimum(shape.low + shape.extent + _BEYOND_M, vertices.max(0))
     high[2] = max(high[2], low[2] + HIGH_EYES_M + STEP_M)
-    return FreeSpace.between(low, high, TriangleDistance(vertices, triangles).distance)
+    measure = measure or TriangleDistance(vertices, triangles).distance
+    return FreeSpace.between(low, high, measure)
 
 
 def _points_on(routes: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +113,7 @@ def _named(waypoint: Waypoint) -> str:
     return f"viewpoint {':'.join(texts)}"
 
 
-def _little_seen(T_world_camera: SE3, caster: RayCaster) -> list[str]:
+def _little_seen(T_world_camera: SE3, caster: Caster) -> list[str]:
     """A note if frames see less than a fifth, or all of them less than half on average."""
     shares = shares_seen(T_world_camera[::_CHECKED_EACH], caster)
     if shares.min() >= LEAST_SEEN and shares.mean() >= MEAN_SEEN:
@@ -115,7 +126,10 @@ def _little_seen(T_world_camera: SE3, caster: RayCaster) -> list[str]:
 
 
 def space_around(
-    waypoints: Sequence[Waypoint], vertices: np.ndarray, triangles: np.ndarray
+    waypoints: Sequence[Waypoint],
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    measure: Clearance | None = None,
 ) -> FreeSpace:
     """The free space of a scene around given waypoints.
 
@@ -131,11 +145,11 @@ def space_around(
             found = f"{','.join(f'{x:g}' for x in place)}, {beyond_m:.3g} m outside it"
             expected = f"viewpoints in the scene or at most {limit_m:.3g} m outside it"
             raise InputError(expected, found=found)
-    measure = TriangleDistance(vertices, triangles).distance
+    measure = measure or TriangleDistance(vertices, triangles).distance
     return FreeSpace.between(places.min(0) - DETOUR_M, places.max(0) + DETOUR_M, measure)
 
 
-def directions(points: np.ndarray, stops: np.ndarray, caster: RayCaster, seed: int) -> np.ndarray:
+def directions(points: np.ndarray, stops: np.ndarray, caster: Caster, seed: int) -> np.ndarray:
     """Unit viewing directions (n, 3) at points (n, 3) of a route, of which those with the indices
     `stops` are viewpoints.
 
@@ -160,14 +174,14 @@ def directions(points: np.ndarray, stops: np.ndarray, caster: RayCaster, seed: i
     return views[_cheapest(costs, steps), :, 2]
 
 
-def shares_seen(T_world_camera: SE3, caster: RayCaster) -> np.ndarray:
+def shares_seen(T_world_camera: SE3, caster: Caster) -> np.ndarray:
     """The share of the view that surfaces within FAR_M fill, for each of n poses."""
     poses = zip(T_world_camera.rotation, T_world_camera.translation, strict=True)
     distance_m = np.array([_distances(rotation, place, caster) for rotation, place in poses])
     return (distance_m <= FAR_M).mean(1)
 
 
-def _distances(rotations: np.ndarray, place: np.ndarray, caster: RayCaster) -> np.ndarray:
+def _distances(rotations: np.ndarray, place: np.ndarray, caster: Caster) -> np.ndarray:
     """Distances (..., 140) of the surfaces that the default camera sees from a place with rotations
     (..., 3, 3), inf where it sees none.
     """

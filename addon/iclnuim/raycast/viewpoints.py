@@ -3,9 +3,10 @@
 import numpy as np
 
 from ..errors import InputError
+from ..geometry.grids import cells_to_the_edge, connected_parts, with_neighbours
 from ..geometry.handheld_plan import MARGINS_M, FreeSpace
 from ..geometry.points import farthest_points
-from .caster import RayCaster
+from .caster import Caster
 
 #: Heights of eyes and cameras above the floor.
 _LOW_EYES_M = 1.2
@@ -23,7 +24,7 @@ _FEW = 0.2
 
 
 def viewpoints(
-    space: FreeSpace, caster: RayCaster, count: int, clear_m: float, seed: int
+    space: FreeSpace, caster: Caster, count: int, clear_m: float, seed: int
 ) -> tuple[np.ndarray, FreeSpace]:
     """`count` places (count, 3) in rooms above one connected floor, ordered for short routes, and
     the part of the space where a person on this floor holds a camera.
@@ -75,14 +76,12 @@ def _in_short_order(places: np.ndarray) -> np.ndarray:
 
 
 def _cells_above_floors(
-    space: FreeSpace, caster: RayCaster, clear_m: float
+    space: FreeSpace, caster: Caster, clear_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Free cells (n, 3) where a person can hold a camera, and the number of the floor below (n,).
 
     Table tops are separate floors, because the step to them is too high.
     """
-    from scipy import ndimage
-
     cells = np.argwhere(space.clearance_m >= clear_m)
     places = space.low_m + space.cell_m * cells
     below = _cast_from(caster, places, np.array([[0.0, 0.0, -1.0]]))[0][:, 0]
@@ -94,21 +93,18 @@ def _cells_above_floors(
     walked = np.zeros((*space.clearance_m.shape[:2], steps.max(initial=0) + 1), bool)
     place = (cells[:, 0], cells[:, 1], steps)
     walked[place] = True
-    return cells, ndimage.label(walked, np.ones((3, 3, 3)))[0][place]
+    return cells, connected_parts(walked)[place]
 
 
 def _held_above(space: FreeSpace, cells: np.ndarray, clear_m: float) -> FreeSpace:
     """The space of these cells (n, 3), for cameras `clear_m` from every surface: the margin beyond
     this distance is kept from the edge of the space too, and none is more than a cell beyond it.
     """
-    from scipy import ndimage
-
     above = np.zeros(space.clearance_m.shape, bool)
     above[tuple(cells.T)] = True
-    level = (space.cell_m, space.cell_m, 1e3)  # there is no margin above or below
-    inward_m = ndimage.distance_transform_edt(np.pad(above, 1), level)[1:-1, 1:-1, 1:-1]
-    around = ndimage.binary_dilation(above, np.ones((3, 3, 3)))
-    allowed_m = np.where(around, clear_m + inward_m, 0.0)
+    # there is no margin above or below
+    inward_m = space.cell_m * cells_to_the_edge(above)
+    allowed_m = np.where(with_neighbours(above), clear_m + inward_m, 0.0)
 
     def measure(points: np.ndarray) -> np.ndarray:
         index = np.rint((points - space.low_m) / space.cell_m).astype(int)
@@ -124,15 +120,13 @@ def _in_largest_part(free: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Those of the cells (n, 3) that are in the connected part of free (i, j, k) with most of
     them.
     """
-    from scipy import ndimage
-
-    part = ndimage.label(free, np.ones((3, 3, 3)))[0][tuple(cells.T)]
+    part = connected_parts(free)[tuple(cells.T)]
     counts = np.bincount(part)
     counts[0] = 0
     return cells[(part == counts.argmax()) & (part > 0)]
 
 
-def _in_rooms(places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.ndarray:
+def _in_rooms(places: np.ndarray, caster: Caster, rays: np.ndarray) -> np.ndarray:
     """(n,) whether a place is surrounded by walls.
 
     Back faces mean that it is inside an object, unless all walls show their back faces.
@@ -146,7 +140,7 @@ def _in_rooms(places: np.ndarray, caster: RayCaster, rays: np.ndarray) -> np.nda
 
 
 def _cast_from(
-    caster: RayCaster, places: np.ndarray, directions: np.ndarray
+    caster: Caster, places: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """From places (n, 3) along unit directions (d, 3): distance (n, d), inf without a hit, and
     whether a back face was hit (n, d).

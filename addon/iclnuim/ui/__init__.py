@@ -35,6 +35,15 @@ def unregister() -> None:
 
 
 def _modules() -> tuple[ModuleType, ...]:
-    from . import image_editor, operators, panels, presets, properties, shown_scene, trajectory_view
+    from . import (
+        image_editor,
+        operators,
+        panels,
+        paths,
+        presets,
+        properties,
+        shown_scene,
+        trajectory_view,
+    )
 
-    return properties, presets, shown_scene, operators, image_editor, trajectory_view, panels
+    return properties, presets, shown_scene, paths, operators, image_editor, trajectory_view, panels

@@ -1,4 +1,4 @@
-"""The panel's operators: trajectory; bake, preview, render, cancel, resume; evaluation.
+"""The panel's operators that render and evaluate: bake, preview, render, cancel, resume.
 
 A worker process renders.
 """
@@ -9,15 +9,14 @@ import tempfile
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty, StringProperty
+from bpy.props import StringProperty
 from bpy.types import Context, Event, Operator
 
-from ..blender.render import camera as keyed_camera
 from ..errors import InputError, WorkError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
 from ..evaluation.align import AlignmentSettings
 from ..evaluation.relative_error import RelativeErrorSettings, parse_delta, relative_error
-from ..geometry.trajectory import frame_rate_hz, frame_slice
+from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 from ..report.trajectory_report import ComparedFile, Report
 from ..sequences.frame_images import noisy_images
@@ -25,69 +24,13 @@ from ..sequences.frame_source import read_frame
 from ..sequences.pose_lines import tied_to_poses
 from ..sequences.run_folder import read_run
 from ..sequences.sequence_options import SequenceOptions
-from ..trajectory_files.trajectories import read_trajectory, write_trajectory
+from ..trajectory_files.trajectories import read_trajectory
 from . import image_editor, inputs, pictures, state, trajectory_view
 from .state import operator
 
 _CAN_RENDER = state.idle, inputs.check_scene, inputs.check_trajectory
 PREVIEW = "ICL-NUIM preview"
 PLOT = "ICL-NUIM error"
-
-
-@operator("Keyframe", inputs.check_trajectory, undo=True)
-def keyframe(self: Operator, context: Context) -> None:
-    """Keyframe a camera along the trajectory. Frame i of the timeline has exactly pose i"""
-    scene = context.scene
-    chosen = inputs.trajectory(context).trajectory
-    lens = scene.iclnuim.camera()
-    old = bpy.data.objects.get(keyed_camera.NAME)
-    if scene.iclnuim.trajectory_source != "CAMERA" and old is not None:
-        parts = old.data, old.animation_data and old.animation_data.action
-        bpy.data.objects.remove(old)
-        bpy.data.batch_remove([part for part in parts if part is not None and not part.users])
-    keyed_camera.keyframe(chosen.T_world_camera, lens)
-    rate_hz = frame_rate_hz(chosen.stamps_s)
-    scene.render.fps = max(round(rate_hz), 1)
-    scene.render.fps_base = max(round(rate_hz), 1) / rate_hz
-    scene.frame_set(0)
-    for area in state.areas("VIEW_3D"):
-        area.spaces.active.region_3d.view_perspective = "CAMERA"
-    trajectory_view.refresh(context)
-    changed = "the active camera, timeline, frame rate and image size are now the trajectory's"
-    state.current().work.message = f"{len(chosen)} poses are keyframed; {changed}"
-
-
-@operator("Read Again")
-def refresh(self: Operator, context: Context) -> None:
-    """Read the trajectory again and check whether it passes through a surface of the open scene"""
-    trajectory_view.refresh(context)
-
-
-def _ask_for_a_file(self: Operator, context: Context, event: Event) -> set[str]:
-    source = context.scene.iclnuim.trajectory_source
-    name = {"CAMERA": "camera", "FILE": "trajectory"}.get(source, source)
-    self.filepath = str(Path(bpy.data.filepath).parent / f"{name}.txt")
-    context.window_manager.fileselect_add(self)
-    return {"RUNNING_MODAL"}
-
-
-@operator(
-    "Save as TUM",
-    inputs.check_trajectory,
-    invoke=_ask_for_a_file,
-    filepath=StringProperty(subtype="FILE_PATH", description="File to write, ending in .txt"),
-    check_existing=BoolProperty(default=True, options={"HIDDEN"}),
-    filter_glob=StringProperty(default="*.txt", options={"HIDDEN"}),
-)
-def save_path(self: Operator, context: Context) -> None:
-    """Save the trajectory chosen above as a TUM file: seconds, metres, camera to world, x right, y
-    down, z forward
-    """
-    file = Path(bpy.path.abspath(self.filepath)).expanduser().resolve()
-    file = file.with_suffix(file.suffix or ".txt")
-    poses = inputs.trajectory(context).trajectory
-    write_trajectory(file, poses, "tum")
-    state.current().work.message = f"{len(poses)} poses were written to {file.name}"
 
 
 @operator("Bake Light", state.idle, inputs.check_scene)
@@ -264,9 +207,6 @@ def _render(job: RenderJob, out: Path, numbers: list[int], sequences: dict | Non
 
 
 _OPERATORS = (
-    keyframe,
-    refresh,
-    save_path,
     bake,
     render,
     resume,

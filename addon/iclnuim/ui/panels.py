@@ -13,6 +13,7 @@ from ..geometry.camera import PinholeCamera, blender_from_pinhole
 from ..geometry.scene_axes import SceneReading
 from ..job import RenderJob
 from ..settings import Setting
+from ..shipped import SCENES
 from . import inputs, state, trajectory_view
 from .properties import settings_of
 from .work import Work
@@ -147,6 +148,8 @@ def trajectory(layout: UILayout, settings: PropertyGroup, context: Context) -> N
     layout.prop(settings, "trajectory_source", text="")
     if settings.trajectory_source == "FILE":
         layout.prop(settings, "trajectory_file", text="")
+    if settings.scene_source not in SCENES:
+        layout.operator("iclnuim.make_path", icon="CON_FOLLOWPATH")
     _props(layout, settings, ("scale", "use_start"))
     if settings.use_start:
         _props(layout, settings, ("start_location", "start_rotation"))

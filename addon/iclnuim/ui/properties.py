@@ -24,6 +24,7 @@ from ..blender.render import camera as keyed_camera
 from ..errors import InputError
 from ..evaluation.align import AlignmentSettings
 from ..geometry.camera import PinholeCamera
+from ..geometry.handheld_plan import PlanSettings
 from ..geometry.scene_axes import UNITS_M, SceneReading
 from ..job import RenderJob
 from ..sequences.sequence_options import SequenceOptions
@@ -68,6 +69,8 @@ _OUT = (
     "raw/, clean/ and noisy/ are created in it. If empty: iclnuim next to the saved .blend; "
     "Render asks for a folder if it is not saved, and makes iclnuim in it"
 )
+#: Blender's integers have 32 bits.
+_MAX_INT = 2**31 - 1
 _AUTO = {0: ("AUTO", "Auto", "The default")}
 _EQUATION_2 = "paper, equation 2"
 
@@ -118,8 +121,9 @@ class PanelSettings(Settings):
 
 
 #: Groups of declared settings in the panel -> prefix of their properties' names. If two groups have
-#: the same setting, the later group's is used.
+#: the same setting, the later group's is used. Those of a plan are in the dialog of Make a Path.
 _GROUPS: dict[type, str] = {
+    PlanSettings: "",
     PanelSettings: "",
     AlignmentSettings: "align_",
     SequenceOptions: "",
@@ -157,7 +161,7 @@ def properties_of_this_file() -> dict[str, Any]:
     return {
         "scene_source": EnumProperty(name="Scene", items=scenes),
         "scene_file": _file("File", kinds),
-        **_properties(SceneReading),
+        **properties_of(SceneReading),
         "scene_unit": _choice(declared(SceneReading)["unit_m"], units),
         "trajectory_source": EnumProperty(name="Trajectory", items=paths, default="kt2"),
         "trajectory_file": _file("File", _FILE_OF_POSES),
@@ -173,7 +177,7 @@ def properties_of_a_preset() -> dict[str, Any]:
     groups = (PanelSettings, PinholeCamera, SequenceOptions, RenderJob, AlignmentSettings)
     found: dict[str, Any] = {}
     for group in groups:
-        found |= _properties(group, **noise)
+        found |= properties_of(group, **noise)
     return found
 
 
@@ -233,7 +237,7 @@ class ICLNUIM_PG_settings(PropertyGroup):
 
     def values_of(self, group: type) -> dict[str, Any]:
         """The values of a group of settings, by name."""
-        return {s.name: _value(s, getattr(self, name)) for name, s in settings_of(group).items()}
+        return values_in(self, group)
 
     def sequences(self, out: Path) -> dict[str, Any] | None:
         """The sequences that the worker process writes (see sequences.writer.writer_of); None if
@@ -254,6 +258,11 @@ class ICLNUIM_PG_settings(PropertyGroup):
         return {"formats": list(options.formats), "variants": variants}
 
 
+def values_in(holder: Any, group: type) -> dict[str, Any]:
+    """The values of a group of settings, by name, in the properties of a group or an operator."""
+    return {s.name: _value(s, getattr(holder, name)) for name, s in settings_of(group).items()}
+
+
 def settings_of(group: type) -> dict[str, Setting]:
     """Name of the property -> setting, of a group of declared settings.
 
@@ -268,7 +277,7 @@ def settings_of(group: type) -> dict[str, Setting]:
     return names
 
 
-def _properties(group: type, **defaults: Any) -> dict[str, Any]:
+def properties_of(group: type, **defaults: Any) -> dict[str, Any]:
     """Name -> property, of a group.
 
     `defaults`: the panel's defaults where they differ from the declaration.
@@ -299,7 +308,8 @@ def _property(s: Setting, default: Any) -> Any:
     if math.isfinite(s.low):
         more["min"] = s.kind(s.low * factor)
     if math.isfinite(s.high):
-        more["max"] = s.kind(s.high * factor)
+        high = s.high * factor
+        more["max"] = min(int(high), _MAX_INT) if s.kind is int else high
     if s.optional:
         more["min"] = 0  # 0 means the default
     default = s.kind((default or 0) * factor)

@@ -87,13 +87,19 @@ def _key(scene: Scene) -> tuple:
     return scene.name, bpy.data.collections.get(COLLECTION, {}).get(SHOWN), *values
 
 
+def is_chosen_scene_open(context: Context) -> bool:
+    """Whether the chosen scene is the one in this window."""
+    shown = bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
+    return inputs.scene_name(context.scene.iclnuim) in ("OPEN", shown)
+
+
 def _collisions(context: Context, trajectory: Trajectory) -> str:
     """A warning if the line between two successive poses hits a surface of the open scene; only if
     that is the chosen scene.
     """
-    shown = bpy.data.collections.get(COLLECTION, {}).get(SHOWN)
-    if inputs.scene_name(context.scene.iclnuim) not in ("OPEN", shown):
-        return "another scene is shown: press Show the Scene" if shown else ""
+    if not is_chosen_scene_open(context):
+        is_shown = COLLECTION in bpy.data.collections
+        return "another scene is shown: press Show the Scene" if is_shown else ""
     depsgraph = context.evaluated_depsgraph_get()
     points = trajectory.positions_m
     steps = np.diff(points, axis=0)
