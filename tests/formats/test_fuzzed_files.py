@@ -386,6 +386,7 @@ SEQUENCES = {
     "rtabmap": ("associations.txt", "camera.json"),
     "euroc": ("mav0/cam0/data.csv", "mav0/cam0/sensor.yaml", "mav0/depth0/sensor.yaml"),
     "nerf": ("transforms.json",),
+    "edex": ("stereo.edex", "frame_metadata.jsonl", "gt.txt"),
 }
 
 

@@ -262,10 +262,12 @@ def mount_of(T_truth_camera: SE3) -> SE3 | None:
     return None if same else T_truth_camera
 
 
-def mount_notes(T_truth_camera: SE3 | None) -> tuple[str, ...]:
-    """A sentence if the ground truth follows another frame than the camera's."""
+def mount_notes(T_truth_camera: SE3 | None, key: str = "T_BS") -> tuple[str, ...]:
+    """A sentence if the ground truth follows another frame than the camera's; key: where the file
+    says so.
+    """
     if T_truth_camera is None:
         return ()
     distance_mm = 1000 * float(np.linalg.norm(T_truth_camera.translation))
-    applied = "T_BS is applied: the ground truth follows a body"
+    applied = f"{key} is applied: the ground truth follows a body"
     return (f"{applied}, and the camera is {distance_mm:.3g} mm from its origin",)

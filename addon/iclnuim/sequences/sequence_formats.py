@@ -9,6 +9,7 @@ from . import bag_reader
 from .format import SequenceFormat
 from .layouts import (
     colmap,
+    edex,
     eth3d,
     euroc,
     icl_nuim,
@@ -35,6 +36,7 @@ _ALL = (
     vslam_lab.FORMAT,
     tartanair.FORMAT,
     tum.RTABMAP,
+    edex.FORMAT,
 )
 #: Formats that are only read. A folder of one of these may also have what another format has, so
 #: they are tried after the others.
