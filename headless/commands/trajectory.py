@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from iclnuim.console import Console
+from iclnuim.doubt.no_rotations import turns
 from iclnuim.evaluation.absolute_error import AbsoluteErrorSettings, absolute_error
 from iclnuim.evaluation.align import METHODS, AlignmentSettings
 from iclnuim.geometry import trajectory as trajectories
@@ -82,6 +83,9 @@ def _info(args: Namespace, console: Console) -> None:
         one = loaded(args, file, positions_suffice=True)
         figures = asdict(trajectories.trajectory_statistics(one.trajectory))
         found.append({"file": os.fspath(file), "read_as": asdict(one.read_as), **figures})
+        if one.read_as.has_rotations and len(one.trajectory) > 1 and not turns(one.trajectory):
+            same = "all rotations are the same, as in files of positions alone"
+            console.note(f"warning: {file}: {same}")
     console.result({"trajectories": found}, "\n\n".join(map(_info_text, found)))
 
 

@@ -169,7 +169,7 @@ def test_unknown_settings_are_refused():
 
 
 def test_the_minus_sign_of_the_paper_is_explained():
-    with pytest.raises(InputError, match="fy = -480 only means that y points up"):
+    with pytest.raises(InputError, match="its absolute value: a negative fy means"):
         PinholeCamera(fy=-480)
 
 

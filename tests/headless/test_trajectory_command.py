@@ -64,6 +64,15 @@ def test_info_prints_the_figures_and_how_the_file_was_taken(run, walk):
         assert piece in out
 
 
+def test_info_warns_of_rotations_that_are_none(run, tmp_path, walk):
+    rows = np.loadtxt(walk)
+    rows[:, 4:] = 0, 0, 0, 1
+    np.savetxt(tmp_path / "tracker.txt", rows)
+    code, _, err = run("info", tmp_path / "tracker.txt")
+    assert code == 0 and "warning" in err and "all rotations are the same" in err
+    assert "warning" not in run("info", walk)[2]
+
+
 def test_info_gives_json_of_all_files(run, walk):
     code, out, _ = run("info", walk, walk, "--json")
     first, second = json.loads(out)["trajectories"]

@@ -462,6 +462,21 @@ def test_odometry_of_the_body_is_moved_to_the_camera(tmp_path, static):
     assert np.allclose(loaded.trajectory.T_world_camera.matrix, moved.matrix, atol=1e-12)
     expected = "moved to optical by /tf" if static else "of base_link in odom, taken as the camera"
     assert expected in sentence
+    if not static:
+        assert "/tf has no transforms from base_link to optical" in sentence
+
+
+def test_a_frame_that_tf_does_not_have_is_named_where_it_moves_others(tmp_path):
+    def also(bag):
+        for i in range(4):
+            bag.transforms("/tf", NS + STEP * i, [("odom", "base_link", SEVEN[i])])
+
+    path = recorded(tmp_path / "x.bag", also=also)
+    words = "/tf moves base_link, and has no transforms from there to optical"
+    with pytest.raises(InputError, match=words):
+        read_trajectory(path)
+    assert StoredSequence(path).truth is None
+    assert words in str(unpacked(path)[1])
 
 
 def test_transforms_of_two_rates_are_interpolated(tmp_path):

@@ -3,6 +3,7 @@ units, matrices in blocks, positions alone. Each is one trajectory in another fo
 """
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from iclnuim.errors import InputError
 from iclnuim.geometry import axes
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.trajectory_files.trajectories import read_trajectory
+from iclnuim.trajectory_files.trajectories import read_trajectory, trajectory_text
 
 COUNT = 12
 WALK = Trajectory.at_rate(
@@ -411,3 +412,39 @@ def test_a_long_comment_takes_no_time_and_no_stack(tmp_path):
     for comment in (":" * 20_000, "x y " * 5_000, "p_a" * 7_000, "[" * 20_000, "t_" * 10_000):
         (tmp_path / "a.txt").write_text(table(f"# {comment}", S, *AT, *LAST))
         as_walk(read_trajectory(tmp_path / "a.txt"))
+
+
+KITTI = trajectory_text(Trajectory.at_rate(SE3.exp(np.linspace(0, 0.3, 24).reshape(4, 6))), "kitti")
+
+
+@pytest.mark.parametrize(
+    ("rows", "times"),
+    [("00/poses.txt", "00/times.txt"), ("poses/07.txt", "sequences/07/times.txt")],
+)
+def test_stamps_beside_the_rows_of_kitti_are_those_of_its_poses(tmp_path, rows, times):
+    for name in (rows, times):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / rows).write_text(KITTI)
+    counted = read_trajectory(tmp_path / rows)
+    (tmp_path / times).write_text("0.000000e+00\n1.036224e-01\n2.072000e-01\n3.2e-01\n")
+    loaded = read_trajectory(tmp_path / rows)
+    assert loaded.trajectory.stamps_s.tolist() == [0, 0.1036224, 0.2072, 0.32]
+    assert not loaded.is_counted and counted.is_counted
+    assert "stamps of times.txt" in loaded.read_as.sentence
+    matrices = [one.trajectory.T_world_camera.matrix for one in (counted, loaded)]
+    assert np.array_equal(*matrices)
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        ("0\n0.1\n0.2\n", "times.txt has 3 stamps for 4 poses and is not used"),
+        ("0\n0.2\n0.1\n0.3\n", "times.txt has stamps that do not increase and is not used"),
+        ("0 a\n0.1 b\n0.2 c\n0.3 d\n", "not used: .*times.txt:1: expected a stamp in seconds"),
+    ],
+)
+def test_other_files_of_times_are_left_with_a_note(tmp_path, times, words):
+    (tmp_path / "poses.txt").write_text(KITTI)
+    (tmp_path / "times.txt").write_text(times)
+    loaded = read_trajectory(tmp_path / "poses.txt")
+    assert loaded.is_counted and re.search(words, loaded.read_as.sentence)

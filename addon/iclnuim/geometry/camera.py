@@ -68,7 +68,7 @@ class PinholeCamera(Settings):
             if isinstance(value := getattr(self, name), float) and value.is_integer():
                 object.__setattr__(self, name, int(value))
         if isinstance(self.fy, float | int) and self.fy < 0:
-            hint = "the positive value: fy = -480 only means that y points up"
+            hint = "its absolute value: a negative fy means that the y axis points up"
             raise InputError("a camera's fy > 0", found=self.fy, hint=hint)
         super().__post_init__()
         if min(self.fx, self.fy) < 1:

@@ -275,8 +275,8 @@ def _write_truth(path: Path, folder: Path) -> None:
         loaded = read_trajectory(path, "rosbag")
         write_trajectory(folder / _TRUTH, loaded.trajectory, "tum")
         notes["notes"].append(loaded.read_as.sentence)
-    except NoPosesError:
-        pass
+    except NoPosesError as error:
+        notes["notes"] += [str(error)] if error.moves_others else []
     except InputError as error:
         notes["refused"] = True
         notes["notes"].append(str(error))

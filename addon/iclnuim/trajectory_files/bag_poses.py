@@ -31,7 +31,11 @@ _AS_CAMERA = "taken as the camera (x right, y down, z forward)"
 
 
 class NoPosesError(InputError):
-    """The error for a bag without poses."""
+    """The error for a bag without poses of the camera. moves_others: whether /tf moves frames that
+    no transforms lead from to the camera's.
+    """
+
+    moves_others = False
 
 
 @dataclass(eq=False)
@@ -93,6 +97,8 @@ def _of_topic(bag: Bag, topic: str) -> NumberTable:
     body = f"of {edge.child or 'a frame that is not named'} in {edge.parent}"
     if not edge.child or edge.child != camera:
         body += f", {_AS_CAMERA}"
+    if edge.child and camera and edge.child != camera:
+        body += f": /tf has no transforms from {edge.child} to {camera}, the frame of the images"
     return _table(bag, [edge], f"{name} {body}")
 
 
@@ -161,8 +167,13 @@ def _of_tree(bag: Bag) -> NumberTable:
     chain = _chain(bag, edges, camera or next(iter(leaves), ""))
     if not any(edge.moves for edge in chain):
         found = f"{bag.described(bag.types)}, and no transform that moves the camera {camera}"
+        moved = ", ".join(edge.child for edge in edges if edge.moves)
+        if moved:
+            found = f"/tf moves {moved}, and has no transforms from there to {camera}"
         expected = f"poses: a topic of {', '.join(one.split('/')[-1] for one in _POSES)}, or /tf"
-        raise NoPosesError(expected, path=bag.path, found=found)
+        error = NoPosesError(expected, path=bag.path, found=found)
+        error.moves_others = bool(moved)
+        raise error
     frames = " > ".join([chain[0].parent, *(edge.child for edge in chain)])
     return _table(bag, chain, f"/tf: {frames}" + ("" if camera else f", {_AS_CAMERA}"))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
-from ..formats.files import data_lines
+from ..formats.files import data_lines, is_file
 from .number_table import NumberTable, PoseColumns, read_table
 from .source import Source
 from .stamps import Stamps, stamp_ticks, ticks_unless_frames
@@ -23,6 +23,8 @@ _NO_COMMAS = "a header that names the columns, or {from} tum, or tum-wxyz if qw 
 #: A row of TUM's files.
 TUM = "8 columns: timestamp tx ty tz qx qy qz qw"
 _MATRIX = "12 columns of a 3x4 matrix, or 13 with the frame number or stamp first"
+#: KITTI's stamps of the images, in seconds.
+_TIMES = "times.txt"
 _SQUARE = "16 columns of a 4x4 matrix, row by row, or 17 with the frame number or stamp first"
 _POSITIONS = "4 columns: timestamp x y z, or 3: x y z"
 
@@ -65,9 +67,35 @@ def position_rows(source: Source) -> NumberTable:
 
 
 def matrix_rows(source: Source) -> NumberTable:
-    """(n, 12), or (n, 13) with a frame number or a stamp first."""
+    """(n, 12), or (n, 13) with a frame number or a stamp first: that of times.txt, if KITTI's file
+    of stamps is beside the rows.
+    """
     table = read_table(source, (12, 13), _MATRIX)
-    return replace(table, ticks=_ticks_if_numbered(table))
+    if table.is_numbered:
+        return replace(table, ticks=_ticks_if_numbered(table))
+    return _with_times(source, table)
+
+
+def _with_times(source: Source, table: NumberTable) -> NumberTable:
+    """The table with the stamps of KITTI's file of times, if there is one with as many: times.txt in
+    the folder of the rows, or sequences/00/times.txt for poses/00.txt.
+    """
+    folder = source.path.parent
+    places = (folder / _TIMES, folder.parent / "sequences" / source.path.stem / _TIMES)
+    file = next((place for place in places if is_file(place) and place != source.path), None)
+    if file is None:
+        return table
+    try:
+        times = read_table(Source(file), (1,), "a stamp in seconds").values[:, 0]
+    except InputError as error:
+        return replace(table, note=f"; not used: {error}")
+    if len(times) != len(table.values) or not (np.diff(times) > 0).all():
+        counts = f"{len(times)} stamps for {len(table.values)} poses"
+        if len(times) == len(table.values):
+            counts = "stamps that do not increase"
+        return replace(table, note=f"; {file.name} has {counts} and is not used")
+    values = np.column_stack([times, table.values])
+    return replace(table, values=values, ticks=stamp_ticks(times), note=f"; stamps of {file.name}")
 
 
 def square_rows(source: Source) -> NumberTable:
