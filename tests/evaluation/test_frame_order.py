@@ -36,6 +36,14 @@ def test_every_kth_renumbered_is_found(step):
     assert (found.first, found.step) == (0, step)
 
 
+@pytest.mark.parametrize("count", [FRAMES, 30])
+def test_the_reversed_order_is_found(count):
+    """Of all frames, or of the first ones alone."""
+    true = np.arange(count)[::-1]
+    found = order(true, list(range(count)), noise=0.05)
+    assert [found.frame(k) for k in range(count)] == true.tolist()
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_right_images_and_those_of_no_frame_have_no_other_order(seed):
     true = np.arange(FRAMES)

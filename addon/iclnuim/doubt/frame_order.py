@@ -1,4 +1,4 @@
-"""Images of other frames than those that their names say: renumbered, shifted, every k-th."""
+"""Images of other frames than those that their names say: renumbered, shifted, every k-th, reversed."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
@@ -41,6 +41,10 @@ class FrameOrder(NamedTuple):
         if self.shift is not None:
             count = f"{abs(self.shift)} frame{'s' * (abs(self.shift) > 1)}"
             return f"images of {count} {'after' if self.shift > 0 else 'before'} their numbers"
+        if self.step == -1:
+            return (
+                f"images in the reversed order, the first of frame number {self.first + 1} of all"
+            )
         if self.step == 1:
             return f"images of all frames from number {self.first + 1} on"
         return f"an image for every {self.step} frames, from frame number {self.first + 1} of all"
@@ -62,7 +66,7 @@ def other_order(
     samples = [list(known)[i] for i in picked.tolist()]
     chooses, tests = samples[::2], samples[1::2]
     tried = []
-    for order in _orders(known):
+    for order in _orders(known, frames):
         errors = [error(k, order.frame(k)) for k in chooses if 0 <= order.frame(k) < frames]
         if len(errors) >= _MIN_SHARE * len(chooses):
             tried.append((float(np.mean(errors)), order))
@@ -72,15 +76,20 @@ def other_order(
     inside = [k for k in tests if 0 <= order.frame(k) < frames]
     found = np.array([error(k, order.frame(k)) for k in inside])
     given = np.array([error(k, known[k]) for k in inside])
-    if len(inside) < max(2, _MIN_SHARE * len(tests)) or found.mean() > WORTH_SHARE * given.mean():
+    worth = WORTH_SHARE**2 if order.step < 0 else WORTH_SHARE  # frames in disorder also fit some
+    if len(inside) < max(2, _MIN_SHARE * len(tests)) or found.mean() > worth * given.mean():
         return None
     if np.mean(found < given) < _MOST:
         return None
     return order._replace(given=float(given.mean()), found=float(found.mean()))
 
 
-def _orders(known: dict[int, int]) -> Iterator[FrameOrder]:
-    """Other orders than that of the names: shifts from them, and every k-th frame from one on."""
+def _orders(known: dict[int, int], frames: int) -> Iterator[FrameOrder]:
+    """Other orders than that of the names: shifts from them, every k-th frame from one on, and all
+    frames from the last one, or from that of the last image, back.
+    """
+    for first in sorted({frames - 1, max(known.values())}):
+        yield FrameOrder(first, -1, None)
     places = {frame - k for k, frame in known.items()}
     if len(places) == 1:
         place = next(iter(places))
