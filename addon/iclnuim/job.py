@@ -16,6 +16,7 @@ from .formats.files import read_bytes, read_json, sha256
 from .geometry.camera import PinholeCamera, blender_from_pinhole
 from .geometry.scene_axes import SceneReading
 from .sensor.exposure import Exposure
+from .sensor.imu import ImuOnCamera
 from .settings import Settings, declared, same_as, setting
 
 SCHEMA_VERSION = 1
@@ -39,9 +40,9 @@ class RenderJob(Settings):
     the folder or the threads.
 
     `scene` is a shipped scene's name or a file; `trajectory` is a shipped name such as
-    `living_room/kt2` or a file. `reading`: axes and units of a scene file. `reading`,
-    `ground_truth`, `channels` and `glass` are left out of the recipe if they have their default
-    values, so that the recipes of older runs stay the same.
+    `living_room/kt2` or a file. `reading`: axes and units of a scene file. `imu`: with one, the
+    shutter follows its path. `reading`, `ground_truth`, `channels`, `glass` and `imu` are left out
+    of the recipe if they have their default values, so that the recipes of older runs stay the same.
     """
 
     group: ClassVar[str] = "a render job"
@@ -109,6 +110,8 @@ class RenderJob(Settings):
         },
     )
 
+    imu: ImuOnCamera = field(default_factory=ImuOnCamera)
+
     def __post_init__(self) -> None:
         known = declared(RenderJob)
         object.__setattr__(self, "camera", PinholeCamera.of(self.camera))
@@ -147,6 +150,8 @@ class RenderJob(Settings):
             "ground_truth": values.pop("ground_truth"),
             "channels": list(values.pop("channels")),
         }
+        if imu := values.pop("imu"):
+            late["imu"] = imu.to_dict()
         glass = values.pop("glass")
         if glass != "surface":
             late["glass"] = glass

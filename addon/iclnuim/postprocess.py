@@ -30,6 +30,7 @@ from .geometry.se3 import SE3, Poses
 from .geometry.trajectory import Trajectory
 from .report.trajectory_report import ComparedFile, Report
 from .sensor.appearance import SurfaceAppearance
+from .sensor.imu_noise import ImuNoise, imu_noise
 from .sensor.models import NamedNoise, depth_model, rgb_model, with_depth_noise
 from .sensor.noise_model import DEPTH, RGB, frame_generator
 from .sensor.phone import PhoneDepthNoise
@@ -199,6 +200,7 @@ def make_sequence(
     rgb_settings: Settings | None = None,
     workers: int | None = None,
     progress: Meter = None,
+    imu: ImuNoise | str = "none",
 ) -> WrittenSequence:
     """Write a sequence, with noise if it is asked for. An interrupted sequence is resumed.
 
@@ -206,7 +208,8 @@ def make_sequence(
     frames of your own (frames_from). depth_noise, rgb_noise: names, `module:function` or functions
     of images (h, w) and (h, w, 3), as for noisy_depth and noisy_rgb. formats: names in
     sequences/sequence_formats.py. Several formats are written into a folder each. workers: processes,
-    by default as many as cores. progress: as of render_frames().
+    by default as many as cores. progress: as of render_frames(). imu: the noise of the readings, if
+    `frames` has an IMU: `bmi055`, `adis16448` or an ImuNoise.
 
     Raises InputError if `frames` contains no frames or `out` contains another sequence, and
     WorkError if a file cannot be written.
@@ -215,7 +218,10 @@ def make_sequence(
     if callable(depth_noise) or callable(rgb_noise):
         source = replace(source, volatile=True)
     settings = SequenceSettings(
-        depth_model(depth_noise, depth_settings), rgb_model(rgb_noise, rgb_settings), seed
+        depth_model(depth_noise, depth_settings),
+        rgb_model(rgb_noise, rgb_settings),
+        seed,
+        imu=imu_noise(imu),
     )
     advance = advance_of(progress, len(source.numbers), "sequence")
     names = (formats,) if isinstance(formats, str) else formats

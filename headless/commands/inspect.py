@@ -16,6 +16,7 @@ from ..options import add_rerun, checked_rerun, common
 _LABELS = {
     "rate_hz": ("frames per second", ""),
     "duration_s": ("duration", " s"),
+    "imu": ("IMU", ""),
     "depth_m": ("depth in metres", ""),
     "depth_missing_share": ("share of pixels without depth", ""),
     "length_m": ("length of the trajectory", " m"),

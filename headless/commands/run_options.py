@@ -13,8 +13,11 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.scene_axes import SceneReading
 from iclnuim.geometry.trajectory import frame_slice
 from iclnuim.job import RenderJob, read_recipe, shipped_job
+from iclnuim.sensor.imu import ImuOnCamera, check_rate
 from iclnuim.sequences.bag_writer import BagSettings
-from iclnuim.sequences.run_folder import load_trajectory
+from iclnuim.sequences.imu import read_rig
+from iclnuim.sequences.run_folder import load_trajectory, trajectory_file
+from iclnuim.trajectory_files.paths import path_of
 
 from .. import options
 from ..farm.farm_settings import FarmSettings, SlurmSettings, read_settings
@@ -24,6 +27,8 @@ from .sequence_output import SequenceOutput, add_sensor_options
 #: Two seconds of consecutive frames: enough for odometers, fusion and errors over one second. They
 #: are the first frames, so that stamps begin at 1 s.
 QUICK_FRAMES = ":60"
+#: Readings of an IMU per second if only its noise is asked for.
+_IMU_RATE_HZ = 200.0
 
 
 def add_run_options(parser: ArgumentParser, command: str, out: str) -> None:
@@ -50,6 +55,12 @@ def add_run_options(parser: ArgumentParser, command: str, out: str) -> None:
     add("--camera", metavar="WxH[,FX,FY,CX,CY]", help=help)
     options.add_settings(parser, RenderJob, light="baked, or auto for a file")
     add("-o", "--out", type=Path, metavar="DIR", help=out)
+    help = "an IMU on the camera, of 100 to 1000 readings per second; default: none"
+    add(
+        "--imu-rate", type=float, metavar="HZ", help=help + ", with --imu 200" * (command == "make")
+    )
+    help = "pose of the camera in the IMU, from a rig file; default: the axes of the camera"
+    add("--rig", type=Path, metavar="JSON", help=help)
     if command == "make":
         add_sensor_options(parser, "released", ("depth_units", "formats", "names"))
         options.add_settings(parser, BagSettings)
@@ -75,6 +86,7 @@ class RunOptions:
 
     files: the scene and the trajectory, as given. frames: a Python slice. out: the output folder.
     slurm_file: settings for Slurm. output: the sequences that are written; None of `render`.
+    imu_rate_hz: of an IMU on the camera, 0 for none; rig: the file with its mounting.
     """
 
     job: dict[str, Any]
@@ -88,6 +100,8 @@ class RunOptions:
     output: SequenceOutput | None
     keep_raw: bool
     held_out: str
+    imu_rate_hz: float = 0.0
+    rig: Path | None = None
 
     @classmethod
     def of(cls, args: Namespace) -> Self:
@@ -111,6 +125,8 @@ class RunOptions:
             output=SequenceOutput.of(args) if given.get("command") == "make" else None,
             keep_raw=given.get("keep_raw", True),
             held_out=given.get("held_out") or "",
+            imu_rate_hz=given.get("imu_rate") or (_IMU_RATE_HZ if given.get("imu") else 0.0),
+            rig=given.get("rig"),
         )
 
     def plan(self, sequence: str | None) -> RunPlan:
@@ -165,7 +181,19 @@ class RunOptions:
             given.setdefault("light", "auto")
         job = self._sequence_job(sequence)
         self._check_allowed(job, sequence or "")
-        return job.changed(reading=job.reading.changed(**self.reading), **given)
+        job = job.changed(reading=job.reading.changed(**self.reading), **given)
+        return replace(job, imu=self._imu(job))
+
+    def _imu(self, job: RenderJob) -> ImuOnCamera:
+        """The IMU on the camera of a job. Raises InputError for a path that it cannot follow."""
+        if self.rig is not None and not self.imu_rate_hz:
+            raise InputError("{imu} or {imu_rate} with {rig}", found="it alone")
+        if not self.imu_rate_hz:
+            return job.imu
+        check_rate(self.imu_rate_hz)
+        mount = () if self.rig is None else tuple(read_rig(self.rig).matrix.ravel().tolist())
+        path = path_of(trajectory_file(job))
+        return ImuOnCamera(self.imu_rate_hz, mount, path.recipe)
 
     def _sequence_job(self, sequence: str | None) -> RenderJob:
         """The job of a recipe, of a shipped sequence, or of a scene and a trajectory."""

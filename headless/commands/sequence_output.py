@@ -10,6 +10,7 @@ from typing import Any, Self
 from iclnuim.console import Console
 from iclnuim.errors import InputError
 from iclnuim.formats.files import content_of_json
+from iclnuim.sensor.imu_noise import IMU_MODELS, imu_noise
 from iclnuim.sequences.bag_writer import BagSettings
 from iclnuim.sequences.frame_source import FrameSource
 from iclnuim.sequences.sequence_formats import sequence_format
@@ -30,6 +31,9 @@ def add_sensor_options(
     noise = ("depth_noise", "rgb_noise")
     add_settings(parser, SequenceOptions, (*noise, *names), **dict.fromkeys(noise, default))
     parser.set_defaults(**dict.fromkeys(noise, default))
+    models = "; ".join(f"{name}: {model.summary}" for name, model in IMU_MODELS.items())
+    help = f"noise of the IMU, of which clean readings are none; {models}"
+    parser.add_argument("--imu", metavar="{" + ",".join(IMU_MODELS) + "}", help=help)
     for kind, example in _EXAMPLES.items():
         parser.add_argument(
             f"--{kind}-settings", metavar="JSON", help=f"settings of the model, such as {example}"
@@ -64,6 +68,8 @@ class SequenceOutput:
         """
         given, logs = given_of_groups(args, SequenceOptions, BagSettings)
         given |= _model_settings(args)
+        if imu := getattr(args, "imu", None):
+            given["imu_noise"] = imu_noise(imu).name
         options = replace(base or SequenceOptions(), **given)
         _check_units(options, given.get("depth_units"))
         if ":" in options.depth_noise + options.rgb_noise and "" not in sys.path:

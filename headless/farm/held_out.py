@@ -16,6 +16,7 @@ from iclnuim.formats.files import make_folder, read_bytes, sha256, write_json
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.raycast.caster import RayCaster
 from iclnuim.raycast.held_out import check_held_out, choose_held_out
+from iclnuim.sensor.imu import ImuOnCamera
 from iclnuim.sequences.record import Record
 from iclnuim.sequences.run_folder import load_trajectory, read_run
 from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
@@ -61,6 +62,7 @@ def views_plan(plan: RunPlan) -> RunPlan:
         trajectory=str((folder / POSES).resolve()),
         exposure_s=0.0,
         readout_s=0.0,
+        imu=ImuOnCamera(),
         **light,
     )
     numbers = tuple(range(len(load_trajectory(job))))

@@ -8,12 +8,16 @@ whole nanoseconds. These are the signs, units and columns of EuRoC and Kalibr.
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..errors import InputError
-from ..geometry.continuous import ContinuousMotion, MotionStates
+from ..geometry.continuous import ContinuousMotion, MotionStates, RecipeMotion, SplineMotion
+from ..geometry.handheld import Recipe
 from ..geometry.se3 import SE3
+from ..geometry.trajectory import Trajectory
+from ..settings import Settings, parameter
 
 #: The world is z up.
 GRAVITY_M_S2 = (0.0, 0.0, -9.81)
@@ -22,6 +26,37 @@ RATES_HZ = (100.0, 1000.0)
 #: What readings cover before the first and after the last pose: three frames of 30 Hz, so that
 #: there are readings on both sides of each exposure, and of stamps that are off by a frame.
 MARGIN_S = 0.1
+
+
+@dataclass(frozen=True)
+class ImuOnCamera(Settings):
+    """An IMU that moves with the camera of a job. recipe: that of the path from which the poses were
+    taken; {}: a spline through the poses.
+    """
+
+    group: ClassVar[str] = "an IMU"
+
+    rate_hz: float = parameter(0.0, "readings per second; 0: no IMU", low=0.0, high=RATES_HZ[1])
+    T_imu_camera: tuple[float, ...] = parameter((), "pose of the camera in the IMU, row by row")
+    recipe: dict[str, Any] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return self.rate_hz > 0
+
+    @property
+    def mount(self) -> SE3:
+        """T_imu_camera; by default the axes of the camera. Raises InputError for another number of
+        values than 16.
+        """
+        if not self.T_imu_camera:
+            return SE3.identity()
+        if len(self.T_imu_camera) != 16:
+            raise InputError("T_imu_camera of 16 numbers", found=len(self.T_imu_camera))
+        return SE3.from_matrix(np.reshape(self.T_imu_camera, (4, 4)))
+
+    def motion(self, poses: Trajectory) -> ContinuousMotion:
+        """The motion through the poses of the job. Raises InputError for an invalid recipe."""
+        return RecipeMotion(Recipe.from_dict(self.recipe)) if self.recipe else SplineMotion(poses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +103,13 @@ class ImuStream:
         return replace(self, stamps_ns=self.stamps_ns[kept], readings=readings, biases=biases)
 
 
+def check_rate(rate_hz: float) -> None:
+    """Raises InputError for a rate outside 100 to 1000 Hz."""
+    low, high = RATES_HZ
+    if not low <= rate_hz <= high:
+        raise InputError(f"an IMU at {low:g} to {high:g} Hz", found=rate_hz)
+
+
 def true_readings(states: MotionStates) -> np.ndarray:
     """The readings (n, 6) without noise of an IMU with these states: rotation rate, and the
     acceleration minus gravity along the axes of the IMU.
@@ -84,9 +126,7 @@ def imu_on(motion: ContinuousMotion, rate_hz: float, T_imu_camera: SE3 | None = 
 
     Raises InputError for a rate outside 100 to 1000 Hz.
     """
-    low, high = RATES_HZ
-    if not low <= rate_hz <= high:
-        raise InputError(f"an IMU at {low:g} to {high:g} Hz", found=rate_hz)
+    check_rate(rate_hz)
     T_imu_camera = T_imu_camera or SE3.identity()
     first_s, last_s = motion.stamps_s[[0, -1]]
     before = math.floor(min(MARGIN_S, max(first_s, 0.0)) * rate_hz + 1e-6)

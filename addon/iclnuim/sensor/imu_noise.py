@@ -28,7 +28,7 @@ _WHITE, _WALK, _SCALE, _FLICKER = range(4)
 _STREAMS = _FLICKER + len(_TIME_CONSTANTS_S)
 _OF_SENSOR = {"gyro": 0, "accel": 1}
 #: As in Kalibr's imu.yaml.
-_FIGURES = {
+FIGURES = {
     "gyroscope_noise_density": "gyro_noise_density",
     "gyroscope_random_walk": "gyro_random_walk",
     "accelerometer_noise_density": "accel_noise_density",
@@ -78,7 +78,7 @@ class ImuNoise(NoiseModel):
 
     def figures(self) -> dict[str, float]:
         """Densities and walks by their names in Kalibr's imu.yaml; {} without noise."""
-        found = {name: float(getattr(self, own)) for name, own in _FIGURES.items()}
+        found = {name: float(getattr(self, own)) for name, own in FIGURES.items()}
         return found if any(found.values()) else {}
 
     def _sensor(

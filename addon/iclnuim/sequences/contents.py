@@ -17,6 +17,7 @@ from ..geometry.trajectory import Trajectory, frame_rate_hz, sample
 from ..trajectory_files.trajectories import write_trajectory
 from .camera_files import SequenceCamera
 from .frames import SequenceFrame, posed
+from .imu import SequenceImu
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +26,7 @@ class Contents:
     format and bytes of a ground-truth file, which is copied unchanged to a sequence in that format.
 
     surface(number): colour (h, w, 3) uint8 and depth (h, w) in metres of a frame, as close to the
-    true surface as possible.
+    true surface as possible. imu: the readings around the frames, None without any.
     """
 
     camera: PinholeCamera
@@ -35,6 +36,7 @@ class Contents:
     truth_file: tuple[str, bytes] | None = None
     surface: Callable[[int], tuple[np.ndarray, np.ndarray]] | None = None
     channels: tuple[Channel, ...] = BASE
+    imu: SequenceImu | None = None
 
     @cached_property
     def stamps_s(self) -> np.ndarray:

@@ -20,6 +20,7 @@ from .associations import ImageList
 from .camera_files import CAMERA, SequenceCamera
 from .contents import Contents, check_poses
 from .frames import Row, SequenceFrame
+from .imu import SequenceImu
 
 SORTED = "sorted"
 PUBLISHED = "published"
@@ -44,7 +45,8 @@ class Reader:
     found: whether a folder has the format; rows: its pairs in the order of time; camera(folder,
     colour image): None if no file contains it; truth: the file or folder with its poses, None if
     there is none; mount: the pose of the camera in the frame that the ground truth follows, None
-    if that is the camera's. All raise InputError for files that cannot be read.
+    if that is the camera's; imu: the readings of an IMU, None without any. All raise InputError for
+    files that cannot be read.
     """
 
     found: Callable[[Path], bool]
@@ -52,6 +54,7 @@ class Reader:
     camera: Callable[[Path, Path], SequenceCamera | None]
     truth: Callable[[Path], Path | None]
     mount: Callable[[Path], SE3 | None] = lambda folder: None
+    imu: Callable[[Path], SequenceImu | None] = lambda folder: None
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,8 @@ class FormatLimits:
     numbers), or not at all: only frame "numbers" in names. depth_stamps: whether a depth image can
     have another stamp than its colour image. zero_stamp: whether the programs accept a stamp of 0.
     fixed_units: the depth units per metre that they assume; None: the requested units.
-    fixed_camera: the only camera that they support. every_pose: each frame must have a pose.
+    fixed_camera: the only camera that they support. every_pose: each frame must have a pose. imu:
+    whether the readings of an IMU are stored.
     check(contents): raises InputError for other contents that cannot be represented.
     remarks(contents): further sentences for `losses`.
     """
@@ -73,6 +77,7 @@ class FormatLimits:
     fixed_units: float | None = None
     fixed_camera: PinholeCamera | None = None
     every_pose: bool = False
+    imu: bool = False
     check: Callable[[Contents], object] = lambda contents: None
     remarks: Callable[[Contents], list[str]] = lambda contents: []
 
@@ -169,6 +174,8 @@ class SequenceFormat:
             ending = Path(self.image(contents.frames[0], channel.name)).suffix
             found.append(channel.loss(ending, contents.depth_units_per_metre, source_units))
         found += self.limits.camera_losses(contents) + self.limits.remarks(contents)
+        if contents.imu is not None and not self.limits.imu:
+            found.append("the readings of the IMU are not stored")
         return [f"{self.name}: {sentence}" for sentence in found if sentence]
 
 

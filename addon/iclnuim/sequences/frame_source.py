@@ -13,9 +13,11 @@ from ..formats.exr import read_exr
 from ..formats.files import data_lines, read_bytes, read_json, read_text, sha256
 from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory, frame_slice
+from ..sensor.imu import ImuOnCamera
 from ..sensor.transfer import linear_from_srgb8
 from ..trajectory_files.trajectories import FORMATS, read_trajectory
 from .frames import ImagePair, SequenceFrame, posed, usual_step_s
+from .imu import SequenceImu
 from .run_folder import FurtherImages, RunFolder, read_run
 from .stored_sequence import StoredSequence, opened
 
@@ -36,7 +38,8 @@ class FrameSource:
     sequence in the same format keeps. `originals`: files that a sequence without noise copies byte
     for byte, if it stores images in the same way. `digest(number)`: SHA-256 of a frame's files,
     whose images are made again if it changes; "" if `origin` tells. `volatile`: `load` is a
-    function of the user, which may have changed since a sequence was started.
+    function of the user, which may have changed since a sequence was started. `imu()`: all readings
+    of an IMU, None without any.
     """
 
     camera: PinholeCamera
@@ -52,6 +55,7 @@ class FrameSource:
     depth_units_per_metre: float = 0.0
     digest: Callable[[int], str] = lambda number: ""
     volatile: bool = False
+    imu: Callable[[], SequenceImu | None] = lambda: None
 
     def __repr__(self) -> str:
         size = f"{self.camera.width}x{self.camera.height}"
@@ -116,7 +120,13 @@ def _run_source(
         return read_frame(folder / "exr" / f"{number:06}.exr", camera)
 
     stamps_s = dict(enumerate(truth.stamps_s.tolist()))
-    channels = further_of(origin.get("run", {}).get("job", {}))
+    job = origin.get("run", {}).get("job", {})
+    channels = further_of(job)
+
+    def imu() -> SequenceImu | None:
+        with within(folder / "sequence.json"):
+            return SequenceImu.of_job(ImuOnCamera.from_dict(job.get("imu", {})), truth)
+
     return FrameSource(
         camera,
         tuple(sorted(numbers)),
@@ -125,6 +135,7 @@ def _run_source(
         lambda some: truth[np.array(some)],
         origin,
         further=FurtherImages(folder, channels) if channels else None,
+        imu=imu,
     )
 
 
@@ -183,6 +194,7 @@ def image_frames(sequence: StoredSequence | StrPath, frames: str = "::") -> Fram
         truth_file=truth.file,
         depth_units_per_metre=camera.depth_units_per_metre,
         digest=digest,
+        imu=lambda: sequence.imu,
     )
 
 

@@ -112,6 +112,7 @@ def inspect_sequence(folder: StrPath) -> Inspection:
         return result
     _count(result, sequence)
     _time(result, pairs)
+    _imu(result, sequence)
     headers = inspect_images(result, pairs)
     inspect_brightness(result, pairs)
     camera = result.attempt(lambda: sequence.camera)
@@ -160,6 +161,27 @@ def _time(result: Inspection, pairs: list[ImagePair]) -> None:
         result.warnings.append(
             f"{gaps.size} gaps in time, the longest {steps.max():.3f} s, the first after {where}"
         )
+
+
+def _imu(result: Inspection, sequence: StoredSequence) -> None:
+    """Figures of an IMU, if there is one; gaps, and frames without readings on both sides."""
+    imu = result.attempt(lambda: sequence.imu)
+    if imu is None:
+        return
+    stamps_s = imu.stream.stamps_s
+    first_s, last_s = stamps_s[[0, -1]].tolist()
+    figures = {"readings": len(stamps_s), "rate_hz": imu.stream.rate_hz}
+    result.figures["imu"] = {**figures, "first_s": first_s, "last_s": last_s}
+    outside = (sequence.stamps_s < first_s) | (sequence.stamps_s > last_s)
+    if outside.any():
+        result.warnings.append(
+            f"{outside.sum()} frames are not between the first and the last reading of the IMU"
+        )
+    steps_s = np.diff(stamps_s)
+    gaps = np.flatnonzero(steps_s > 1.5 * np.median(steps_s)) if len(steps_s) else steps_s
+    if gaps.size:
+        longest = f"the longest {steps_s.max():.3f} s, the first after {stamps_s[gaps[0]]:.3f} s"
+        result.warnings.append(f"{gaps.size} gaps in the readings of the IMU, {longest}")
 
 
 def inspect_images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:

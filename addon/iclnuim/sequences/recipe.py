@@ -30,10 +30,13 @@ _IDENTITY = (
     "camera",
     "depth_noise",
     "rgb_noise",
+    "imu_noise",
     "seed",
     "depth_units_per_metre",
     "names",
 )
+#: What a recipe without noise of an IMU means.
+_NO_IMU_NOISE = {"model": "none"}
 #: format_in_folder: the format in the folder itself, to which formats in subfolders were added
 #: later.
 _OTHERS = (
@@ -101,7 +104,7 @@ def refuse_other_sequence(file: Path, begun: dict, requested: dict) -> None:
         # their files may have the same names
         there["format"] = format_in_folder(begun)
         wanted["format"] = format_in_folder(requested)
-    for noise in ("depth_noise", "rgb_noise"):
+    for noise in ("depth_noise", "rgb_noise", "imu_noise"):
         model = f"{noise} model"
         if there.get(model) != wanted[model]:
             for key in [key for key in wanted if key.startswith(f"{noise} ") and key != model]:
@@ -126,7 +129,7 @@ def _identity(recipe: dict) -> dict[str, Any]:
     """
     identity = {"iclnuim": recipe.get("versions", {}).get("iclnuim")}
     for key in _IDENTITY:
-        value = recipe.get(key)
+        value = recipe.get(key, _NO_IMU_NOISE if key == "imu_noise" else None)
         if key.endswith("_noise") and isinstance(value, dict):
             identity |= {f"{key} {name}": each for name, each in value.items()}
         else:

@@ -19,6 +19,7 @@ from ..formats.png import png_bytes
 from ..geometry.camera import CameraOrText, PinholeCamera
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
+from ..sensor.imu import ImuStream
 from ..sensor.transfer import srgb8
 from ..shown import depth_colours, depth_range, plot_images
 from .camera_files import SequenceCamera
@@ -116,6 +117,24 @@ class RgbdSequence:
     def camera(self) -> PinholeCamera:
         """The camera of depth and colour."""
         return self.stored.camera.pinhole
+
+    @cached_property
+    def imu_stream(self) -> ImuStream | None:
+        """The IMU around the frames: its readings, stamps and mounting; None without any."""
+        imu = self.stored.imu
+        return None if imu is None else imu.around(self.stamps_s).stream
+
+    @property
+    def imu(self) -> np.ndarray | None:
+        """(n, 6) readings of the IMU from before the first to after the last frame: rotation rate in
+        rad/s, specific force in m/s^2; None without any.
+        """
+        return None if self.imu_stream is None else self.imu_stream.readings
+
+    @property
+    def imu_stamps_s(self) -> np.ndarray | None:
+        """(n,) seconds of the readings; None without any."""
+        return None if self.imu_stream is None else self.imu_stream.stamps_s
 
     @cached_property
     def poses(self) -> list[SE3 | None]:

@@ -11,6 +11,7 @@ from ..formats.depth_units import (
     UNITS_PER_METRE,
     check_units,
 )
+from ..sensor.imu_noise import ImuNoise, imu_noise
 from ..sensor.models import DEPTH_MODELS, RGB_MODELS, Noise, depth_model, rgb_model
 from ..sensor.noise_model import NoiseModel
 from ..settings import Choices, Settings, setting
@@ -26,7 +27,8 @@ def _summaries(models: Mapping[str, type[NoiseModel]]) -> Choices:
 class SequenceSettings:
     """The settings that determine the pixels of a sequence, given its frames.
 
-    `seed` also applies to user-provided noise. names: the form of the images' names.
+    `seed` also applies to user-provided noise. names: the form of the images' names. imu: the noise
+    of the readings, if the source has an IMU.
     """
 
     depth: Noise = field(default_factory=lambda: depth_model("none"))
@@ -34,6 +36,7 @@ class SequenceSettings:
     seed: int = 0
     depth_units_per_metre: float = UNITS_PER_METRE
     names: str = SORTED
+    imu: ImuNoise = field(default_factory=ImuNoise)
 
     def __post_init__(self) -> None:
         if (
@@ -55,12 +58,16 @@ class SequenceSettings:
 
     def to_dict(self) -> dict:
         names = {"names": self.names} if self.names else {}
+        imu = {}
+        if self.imu != ImuNoise():
+            imu["imu_noise"] = {"model": self.imu.name, **self.imu.to_dict()}
         return {
             "depth_noise": {"model": self.depth.name, **self.depth.to_dict()},
             "rgb_noise": {"model": self.rgb.name, **self.rgb.to_dict()},
             "seed": self.seed,
             "depth_units_per_metre": self.depth_units_per_metre,
             **names,
+            **imu,
         }
 
 
@@ -87,6 +94,7 @@ class SequenceOptions(Settings):
     )
     depth_settings: dict[str, Any] = field(default_factory=dict)
     rgb_settings: dict[str, Any] = field(default_factory=dict)
+    imu_noise: str = "none"
     seed: int = setting(0, "seed of the noise", low=0, high=2**63 - 1)
     depth_units: float = setting(
         UNITS_PER_METRE,
@@ -114,7 +122,15 @@ class SequenceOptions(Settings):
         """The settings with noise. Raises InputError for an unknown model or parameter."""
         depth = depth_model(self.depth_noise, self.depth_settings)
         rgb = rgb_model(self.rgb_noise, self.rgb_settings)
-        return SequenceSettings(depth, rgb, self.seed, self.depth_units, self.names)
+        imu = imu_noise(self.imu_noise)
+        return SequenceSettings(depth, rgb, self.seed, self.depth_units, self.names, imu)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The inverse of from_dict; without the noise of an IMU if there is none."""
+        values = super().to_dict()
+        if self.imu_noise == "none":
+            del values["imu_noise"]
+        return values
 
     def without_noise(self) -> SequenceSettings:
         """The settings of the corresponding clean sequence."""

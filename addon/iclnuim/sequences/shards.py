@@ -30,6 +30,7 @@ from .camera_files import CAMERA
 from .croissant import croissant
 from .dataset_card import CITATION, dataset_card
 from .frames import ImagePair, poses_at
+from .imu import write_imu
 from .metadata_lines import FILE as METADATA
 from .metadata_lines import metadata_of, write_lines
 from .packing import (
@@ -187,7 +188,7 @@ def _padded(size: int, unit: int) -> int:
 
 
 def _write_texts(part: Path, sequence: StoredSequence, frames: list[_ShardFrame]) -> None:
-    """Lists, ground truth, camera and metadata.jsonl of the frames."""
+    """Lists, ground truth, camera, readings of an IMU, and metadata.jsonl of the frames."""
     stamps_s = tuple(frame.pair.stamp_s for frame in frames)
     lists = {}
     for place, kind in enumerate((RGB, DEPTH)):
@@ -204,4 +205,6 @@ def _write_texts(part: Path, sequence: StoredSequence, frames: list[_ShardFrame]
             atomic_write_text(part / TRUTH, read_bytes(own).decode())
         else:
             write_trajectory(part / TRUTH, truth, "tum")
+    if sequence.imu is not None:
+        write_imu(part, sequence.imu)
     write_lines(part, [frame.about for frame in frames])

@@ -29,6 +29,7 @@ from ..trajectory_files.trajectories import LoadedTrajectory, read_trajectory
 from .camera_files import SequenceCamera
 from .format import SequenceFormat
 from .frames import ImagePair, Row, frame_numbers, missing_is_largest
+from .imu import SequenceImu
 from .other_folders import known_folder
 from .pose_lines import (
     ImagesOfLines,
@@ -163,6 +164,11 @@ class StoredSequence:
         camera's.
         """
         return self.format.reader.mount(self.folder)
+
+    @cached_property
+    def imu(self) -> SequenceImu | None:
+        """The readings of the IMU, None without any."""
+        return self.format.reader.imu(self.folder)
 
     @cached_property
     def loaded_truth(self) -> LoadedTrajectory | None:

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from .format import SequenceFormat
 from .frame_images import FrameMaker, SequenceImages, SourceFrame
 from .frame_pool import FramePool, cores
 from .frame_source import FrameSource, frames_of_run
+from .imu import SequenceImu
 from .journal import JournalEntry
 from .recipe import RECIPE, format_in_folder, new_recipe, read_recipe, refuse_other_sequence
 from .run_folder import RunFolder
@@ -201,16 +203,26 @@ class SequenceFolder:
         with locked(out):
             self._begin()
 
+    @cached_property
+    def imu(self) -> SequenceImu | None:
+        """All readings of the source's IMU, with noise."""
+        settings = self.images.settings
+        imu = self.source.imu()
+        return None if imu is None else imu.noisy(settings.imu, settings.seed)
+
     def contents(self, numbers: tuple[int, ...], format: SequenceFormat) -> Contents:
         """The content of a format's text files for these frames."""
         source = self.source
+        frames = tuple(self.images.frame(number) for number in numbers)
+        stamps_s = np.array([frame.stamp_s for frame in frames])
         return Contents(
             source.camera,
-            tuple(self.images.frame(number) for number in numbers),
+            frames,
             source.truth_of(numbers),
             depth_units_per_metre=format.limits.fixed_units or self.images.units,
             truth_file=source.truth_file(numbers),
             channels=source.channels,
+            imu=None if self.imu is None else self.imu.around(stamps_s),
         )
 
     def losses(self) -> list[str]:

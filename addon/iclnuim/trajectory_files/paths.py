@@ -5,6 +5,7 @@ this makes the file's poses, else a spline through the poses.
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,9 @@ _ROUNDED_S = 0.5e-6
 #: this share of what the others do, in runs of this many: at 240 Hz, seven between two at 30 Hz.
 _BETWEEN = 0.1
 _LONGEST_RUN = 7
-_SPLINE = (
+#: Where a motion is from.
+EXACT = "the path of the recipe that made the poses"
+SPLINE = (
     "no recipe beside it makes these poses: a C2 spline through them, which has no motion above half "
     "their rate (of poses at 30 Hz that tremble at up to 12 Hz it lacks 0.4 m/s^2 RMS)"
 )
@@ -35,13 +38,13 @@ _SPLINE = (
 
 @dataclass(frozen=True, eq=False)
 class CameraPath:
-    """The motion of a camera at any time, and where it is from, in a sentence. recipe: its content,
-    {} of a spline.
+    """The motion of a camera at any time, and where it is from: EXACT or SPLINE. recipe: its
+    content, {} of a spline.
     """
 
     motion: ContinuousMotion
     sentence: str
-    recipe: dict
+    recipe: dict[str, Any]
 
     @property
     def is_exact(self) -> bool:
@@ -63,9 +66,7 @@ def path_of(trajectory: Trajectory | Poses | StrPath) -> CameraPath:
     content = read_json(recipe) if recipe != file and is_file(recipe) else {}
     found = _of_recipe(content, poses) if "viewpoints" in content else None
     if found is not None:
-        return CameraPath(
-            found, f"the path of the recipe {recipe.name}, on which all poses lie", content
-        )
+        return CameraPath(found, EXACT, content)
     try:
         return _spline(poses)
     except InputError as error:
@@ -91,7 +92,7 @@ def _of_recipe(content: dict, poses: Trajectory) -> RecipeMotion | None:
 def _spline(poses: Trajectory) -> CameraPath:
     motion = SplineMotion(poses)
     _refuse_interpolated(poses)
-    return CameraPath(motion, _SPLINE, {})
+    return CameraPath(motion, SPLINE, {})
 
 
 def _refuse_interpolated(poses: Trajectory) -> None:

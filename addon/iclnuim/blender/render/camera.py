@@ -21,9 +21,10 @@ NAME = "ICL-NUIM camera"
 _LINEAR = 1
 
 
-def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> Object:
-    """Add an active camera that follows the poses (n,), pose i at frame i, with the intrinsics of
-    `camera`: exactly its K, without depth of field, with clipping at 1 mm and 10 km.
+def keyframe(T_world_cv: SE3, camera: PinholeCamera, frames: np.ndarray | None = None) -> Object:
+    """Add an active camera that follows the poses (n,), pose i at frame i or at that of `frames`
+    (n,), with the intrinsics of `camera`: exactly its K, without depth of field, with clipping at
+    1 mm and 10 km.
 
     Interpolation is linear and the signs of the quaternions are continuous, so that the timeline
     plays the motion correctly.
@@ -38,19 +39,21 @@ def keyframe(T_world_cv: SE3, camera: PinholeCamera) -> Object:
     thing.rotation_mode = "QUATERNION"
     # Time Stretching: frame n shows the keys at n times this factor
     pace = scene.render.frame_map_old / scene.render.frame_map_new
-    frames = np.arange(len(T_world_cv)) * pace
+    places = np.arange(len(T_world_cv)) if frames is None else frames
     curves = compat.fcurves(thing, bpy.data.actions.new(NAME))
     locations, quaternions = _locations_and_quaternions(T_world_cv)
     for path, values in (("location", locations), ("rotation_quaternion", quaternions)):
         for index, column in enumerate(values.T):
             points = curves.new(data_path=path, index=index).keyframe_points
             points.add(len(column))
-            points.foreach_set("co", np.stack([frames, column], -1).astype(np.float32).ravel())
+            points.foreach_set(
+                "co", np.stack([places * pace, column], -1).astype(np.float32).ravel()
+            )
             points.foreach_set("interpolation", np.full(len(column), _LINEAR, np.int32))
     for curve in curves:
         curve.update()
     scene.frame_start = 0
-    scene.frame_end = len(T_world_cv) - 1
+    scene.frame_end = int(places[-1])
     return thing
 
 

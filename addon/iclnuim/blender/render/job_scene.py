@@ -15,6 +15,8 @@ from ... import shipped
 from ... import worker_events as events
 from ...channels import INSTANCE, exr_types
 from ...errors import InputError
+from ...geometry.continuous import keys_between
+from ...geometry.se3 import SE3
 from ...geometry.trajectory import Trajectory
 from ...job import RenderJob
 from ...native_output import native_output_in
@@ -112,7 +114,8 @@ class JobScene:
         if map_folder is not None:
             self._light_up(map_folder)
         passes.add(job.further)
-        camera.keyframe(trajectory.T_world_camera, job.camera)
+        frames, poses = _camera_keys(job, trajectory)
+        camera.keyframe(poses, job.camera, frames)
         # including volumes made by Geometry Nodes
         volumes = light_choice.volume_names(bpy.context.scene) or compat.volume_outputs()
         return BuiltScene(bool(volumes), filtered)
@@ -162,6 +165,15 @@ class JobScene:
     def _note_all(self, texts: Iterable[str]) -> None:
         for text in texts:
             self._note(text)
+
+
+def _camera_keys(job: RenderJob, trajectory: Trajectory) -> tuple[np.ndarray, SE3]:
+    """Frames (n,) and poses (n,) of the camera's keys: those of the trajectory, and for a shutter on
+    the path of an IMU, further ones between.
+    """
+    if not job.imu or job.exposure.instant:
+        return np.arange(len(trajectory)), trajectory.T_world_camera
+    return keys_between(job.imu.motion(trajectory), trajectory)
 
 
 def _silence(errors: bool = False) -> AbstractContextManager[None]:

@@ -1,5 +1,5 @@
-"""EuRoC's layout with a depth camera: mav0/cam0 (colour), mav0/depth0 (16 bit), their sensor.yaml,
-state_groundtruth_estimate0; stamps in ns.
+"""EuRoC's layout with a depth camera: mav0/cam0 (colour), mav0/depth0 (16 bit), mav0/imu0, their
+sensor.yaml, state_groundtruth_estimate0; stamps in ns.
 """
 
 import re
@@ -11,11 +11,11 @@ import numpy as np
 from ...channels import RGB
 from ...errors import InputError, within
 from ...formats.depth_units import UNITS_PER_METRE, check_units
-from ...formats.files import atomic_write_text, data_lines, is_file, read_text
+from ...formats.files import atomic_write_text, data_lines, is_file, make_folder, read_text
+from ...formats.imu_files import imu_text
 from ...formats.yaml_files import read_yaml
 from ...geometry.camera import PinholeCamera
 from ...geometry.se3 import SE3
-from ...geometry.trajectory import Trajectory
 from ...trajectory_files.stamps import stamp_text_of_ns
 from ..camera_files import (
     WITHOUT_PROJECTION,
@@ -32,10 +32,12 @@ from ..camera_files import (
 from ..contents import Contents, write_truth
 from ..format import FormatLimits, Reader, SequenceFormat, truth_at
 from ..frames import Row
+from ..imu import SequenceImu, sequence_imu, velocities_of
 
 _ROOT = Path("mav0")
 _SENSORS = {RGB: "cam"}
 _TRUTH = Path("mav0/state_groundtruth_estimate0/data.csv")
+_IMU = Path("mav0/imu0")
 #: Stamps of the images, from which ORB-SLAM3 makes their names.
 _TIMES = Path("times.txt")
 #: Columns of the ground truth after the poses.
@@ -69,23 +71,60 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
         atomic_write_text(folder / _ROOT / sensor / "data.csv", "".join(rows))
         atomic_write_text(folder / _ROOT / sensor / "sensor.yaml", _sensor(contents, what))
     atomic_write_text(folder / _TIMES, "".join(f"{stem}\n" for stem in stems))
-    write_truth(folder / _TRUTH, contents, "euroc")
+    if contents.imu is not None:
+        _write_imu(folder / _IMU, contents.imu)
+    _write_truth(folder / _TRUTH, contents)
+
+
+def _write_truth(path: Path, contents: Contents) -> None:
+    """Write the poses of the body, its velocity, and the biases of the IMU, 0 without one. The body
+    is the IMU, or without one the camera.
+    """
     kept = contents.truth_file is not None and contents.truth_file[0] == "euroc"
-    if contents.truth is not None and not kept:
-        _add_states(folder / _TRUTH, contents.truth)
+    truth = contents.truth
+    if kept or truth is None:
+        write_truth(path, contents, "euroc")
+    elif contents.imu is None:
+        write_truth(path, contents, "euroc")
+        _add_states(path, velocities_of(truth), [",0" * 6] * len(truth))
+    else:
+        of_imu, velocities, biases = contents.imu.states_of(truth)
+        write_truth(path, replace(contents, truth=of_imu), "euroc")
+        columns = ["," + _numbers(bias) for bias in biases.round(9).tolist()]
+        _add_states(path, velocities.round(9), columns)
 
 
-def _add_states(path: Path, truth: Trajectory) -> None:
-    """Add the velocity, by differences of the positions, and biases of 0 to the poses of a file."""
+def _add_states(path: Path, velocities: np.ndarray, biases: list[str]) -> None:
+    """Add velocities (n, 3) in m/s and the columns of the biases to the poses of a file."""
     head, *rows = read_text(path).splitlines()
-    velocities = np.zeros_like(truth.positions_m)
-    if len(truth) > 1:
-        velocities = np.gradient(truth.positions_m, truth.stamps_s, axis=0)
     lines = [head + _STATES]
-    for row, velocity in zip(rows, velocities.tolist(), strict=True):
-        numbers = ",".join(f"{value + 0.0:.9f}" for value in velocity)
-        lines.append(f"{row},{numbers}{',0' * 6}")
+    for row, velocity, bias in zip(rows, velocities.tolist(), biases, strict=True):
+        lines.append(f"{row},{_numbers(velocity)}{bias}")
     atomic_write_text(path, "\n".join(lines) + "\n")
+
+
+def _numbers(values: list[float]) -> str:
+    return ",".join(f"{value + 0.0:.9f}" for value in values)
+
+
+def _write_imu(folder: Path, imu: SequenceImu) -> None:
+    """Write mav0/imu0: the readings, and the sensor.yaml of EuRoC with the noise."""
+    stream = imu.stream
+    make_folder(folder)
+    atomic_write_text(folder / "data.csv", imu_text(stream.stamps_ns, stream.readings))
+    noise = "".join(f"{name}: {value:.9g}\n" for name, value in stream.noise.items())
+    about = f"IMU, {imu.about}" if imu.about else "IMU"
+    text = f"""sensor_type: imu
+comment: "{about}"
+{_pose_yaml(SE3.identity())}rate_hz: {stream.rate_hz:g}
+{noise}"""
+    atomic_write_text(folder / "sensor.yaml", text)
+
+
+def _pose_yaml(T_body_sensor: SE3) -> str:
+    """T_BS, the pose of a sensor in the body."""
+    data = ", ".join(str(round(value, 9) + 0.0) for value in T_body_sensor.matrix.ravel().tolist())
+    return f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{data}]\n"
 
 
 def _folder(kind: str) -> str:
@@ -93,15 +132,12 @@ def _folder(kind: str) -> str:
 
 
 def _sensor(contents: Contents, what: str) -> str:
-    """The body frame is the camera's: T_BS is the identity."""
+    """The body frame is that of the IMU; without one, and by default, the camera's."""
     c = contents.camera
+    mount = SE3.identity() if contents.imu is None else contents.imu.stream.T_imu_camera
     return f"""sensor_type: {what.split()[0]}
 comment: {what}
-T_BS:
-  cols: 4
-  rows: 4
-  data: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-rate_hz: {contents.rate_hz:g}
+{_pose_yaml(mount)}rate_hz: {contents.rate_hz:g}
 resolution: [{c.width}, {c.height}]
 camera_model: pinhole
 intrinsics: [{c.fx:.9g}, {c.fy:.9g}, {c.cx:.9g}, {c.cy:.9g}]
@@ -199,12 +235,32 @@ def _apart(folder: Path) -> list[str]:
     return [f"{differ}: colour is read as if it had the pose of the depth camera"]
 
 
+def _remarks(contents: Contents) -> list[str]:
+    """A sentence if an IMU has no true velocities and biases."""
+    kept = contents.truth_file is not None and contents.truth_file[0] == "euroc"
+    if kept or contents.imu is None or contents.imu.motion is not None:
+        return []
+    return ["the source has no velocities and biases: they are differences of positions, and 0"]
+
+
+def _imu(folder: Path) -> SequenceImu | None:
+    """The readings in mav0/imu0, and what its sensor.yaml says of the noise; T_BS of both sensors."""
+    file = folder / _IMU / "data.csv"
+    if not is_file(file):
+        return None
+    said = read_yaml(about) if is_file(about := _sensor_file(folder, _IMU.name)) else {}
+    T_imu_camera = _T_body(folder, _IMU.name).inverse() @ _T_body(folder, *_CAMERAS)
+    return sequence_imu(file, said, T_imu_camera)
+
+
 FORMAT = SequenceFormat(
     "euroc",
     "mav0/cam0, mav0/depth0 and state_groundtruth_estimate0; stamps in nanoseconds",
     lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds():019}.png",
     _write,
-    Reader(lambda folder: (folder / _ROOT).is_dir(), _rows, _camera, truth_at(_TRUTH), _mount),
-    FormatLimits("ns", depth_stamps=False, fixed_units=UNITS),
+    Reader(
+        lambda folder: (folder / _ROOT).is_dir(), _rows, _camera, truth_at(_TRUTH), _mount, _imu
+    ),
+    FormatLimits("ns", depth_stamps=False, fixed_units=UNITS, imu=True, remarks=_remarks),
     published_image=lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds()}.png",
 )

@@ -33,6 +33,7 @@ from ..camera_files import (
 from ..contents import Contents, write_truth
 from ..format import Reader, SequenceFormat
 from ..frames import Row, rows_by_name
+from ..imu import read_imu_files
 
 _ASSOCIATIONS = ("associations.txt", "association.txt", "associated.txt", "associate.txt")
 _TRUTHS = ("groundtruth.txt", "*.gt.freiburg", "*.gt.sim")
@@ -224,4 +225,4 @@ def truth(folder: Path) -> Path | None:
     return None
 
 
-READER = Reader(found, rows, camera, truth)
+READER = Reader(found, rows, camera, truth, imu=read_imu_files)

@@ -14,12 +14,15 @@ from .. import slam_settings
 from ..contents import Contents
 from ..format import FormatLimits, Reader, SequenceFormat
 from ..frames import Row, SequenceFrame
+from ..imu import write_imu
 from ..metadata_lines import write_contents
 from . import listed
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
-    """Write lists, camera.json, groundtruth.txt, metadata.jsonl, and settings for ORB-SLAM3."""
+    """Write lists, camera.json, groundtruth.txt, metadata.jsonl, settings for ORB-SLAM3, and the
+    readings of an IMU.
+    """
     listed.write_lists(folder, contents, format)
     listed.write_camera(folder, contents)
     write_contents(folder, contents, format)
@@ -27,6 +30,8 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
         contents.camera, contents.rate_hz, contents.depth_units_per_metre
     )
     atomic_write_text(folder / "orb_slam3.yaml", settings)
+    if contents.imu is not None:
+        write_imu(folder, contents.imu)
 
 
 FORMAT = SequenceFormat(
@@ -36,6 +41,7 @@ FORMAT = SequenceFormat(
     lambda f, kind: f.paths.get(kind) or f"{kind}/{f.number:06}.png",
     _write,
     listed.READER,
+    FormatLimits(imu=True),
     keeps_names=True,
 )
 

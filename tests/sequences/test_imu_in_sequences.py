@@ -1,0 +1,255 @@
+"""The readings of an IMU beside the frames of a sequence: written, stored, read, resumed, converted and
+packed; their truth; files that are broken.
+"""
+
+import json
+import shutil
+from pathlib import Path
+
+import iclnuim
+import numpy as np
+import pytest
+from iclnuim.errors import InputError
+from iclnuim.geometry.continuous import RecipeMotion
+from iclnuim.geometry.handheld import Recipe
+from iclnuim.geometry.se3 import SE3
+from iclnuim.sensor.imu import ImuOnCamera, imu_on
+from iclnuim.sensor.imu_noise import imu_noise
+from iclnuim.sequences.frame_source import image_frames, original_frames, run_frames
+from iclnuim.sequences.imu import read_imu_files
+from iclnuim.sequences.inspection import inspect_sequence
+from iclnuim.sequences.packing import packed_names
+from iclnuim.sequences.run_folder import open_run
+from iclnuim.sequences.sequence_formats import FORMATS
+from iclnuim.sequences.sequence_options import SequenceOptions, SequenceSettings
+from iclnuim.sequences.shards import pack_shards
+from iclnuim.sequences.stored_sequence import StoredSequence
+from iclnuim.sequences.writer import SequenceWriter, write_sequence
+
+RATE_HZ = 200.0
+COUNT = 6
+T_IMU_CAMERA = SE3.exp(np.array([0.03, -0.01, 0.02, 0.2, -0.1, 1.5]))
+NOISY = SequenceSettings(imu=imu_noise("adis16448"), seed=3)
+WITH_IMU = [name for name, format in FORMATS.items() if format.limits.imu]
+
+
+@pytest.fixture(scope="session")
+def motion(repository):
+    content = json.loads((repository / "trajectories/living_room/kt2.json").read_text())
+    return RecipeMotion(Recipe.from_dict(content)), content
+
+
+@pytest.fixture(scope="session")
+def imu_run(motion, tmp_path_factory) -> Path:
+    """A run of six frames on the path of kt2, with an IMU beside the camera."""
+    path, content = motion
+    camera = {"width": 32, "height": 24, "fx": 24.0, "fy": 24.0, "cx": 15.5, "cy": 11.5}
+    mount = tuple(T_IMU_CAMERA.matrix.ravel().tolist())
+    imu = ImuOnCamera(RATE_HZ, mount, content).to_dict()
+    recipe = {"job": {"camera": camera, "samples": 1, "imu": imu}}
+    folder = tmp_path_factory.mktemp("imu") / "raw"
+    run = open_run(folder, recipe, path.trajectory[:COUNT])
+    v, u = np.mgrid[0:24, 0:32]
+    for number in range(COUNT):
+        colour = np.stack([u / 32, v / 24, (u + v) / 56], -1)
+        run.write_frame(number, colour, 1.0 + number / 10 + v / 30)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def written(imu_run, tmp_path_factory) -> Path:
+    """That run with noise, in every format, a folder each, to be read only."""
+    out = tmp_path_factory.mktemp("imu") / "out"
+    write_sequence(run_frames(imu_run), out, NOISY, tuple(FORMATS), workers=1)
+    return out
+
+
+def expected(motion, first=0, last=COUNT - 1):
+    """The readings around frames."""
+    stream = imu_on(motion[0], RATE_HZ, T_IMU_CAMERA)
+    stamps_s = motion[0].trajectory.stamps_s
+    return NOISY.imu.apply(stream, 3).around(stamps_s[first], stamps_s[last])
+
+
+@pytest.mark.parametrize("format", WITH_IMU)
+def test_a_format_gives_back_readings_stamps_and_mounting(written, motion, format):
+    found = StoredSequence(written / format).imu.stream
+    wanted = expected(motion)
+    assert (found.stamps_ns == wanted.stamps_ns).all()
+    assert found.readings == pytest.approx(wanted.readings, abs=5.1e-10)
+    assert np.abs(found.T_imu_camera.matrix - T_IMU_CAMERA.matrix).max() < 1e-8
+    assert found.noise == pytest.approx(NOISY.imu.figures(), rel=1e-8)
+    assert found.rate_hz == RATE_HZ
+
+
+def test_a_format_that_cannot_store_them_says_so(imu_run, tmp_path):
+    writer = SequenceWriter(run_frames(imu_run), {tmp_path / "out": NOISY}, tuple(FORMATS))
+    said = {text.partition(":")[0] for text in writer.losses() if "readings of the IMU" in text}
+    assert said == set(FORMATS) - set(WITH_IMU)
+    assert set(WITH_IMU) >= {"tum", "euroc"}
+
+
+def test_the_readings_begin_before_the_first_frame_and_end_after_the_last(written):
+    sequence = iclnuim.open_sequence(written / "tum")
+    assert sequence.imu.shape == (len(sequence.imu_stamps_s), 6)
+    assert sequence.imu_stamps_s[0] < sequence.stamps_s[0] - 0.05
+    assert sequence.imu_stamps_s[-1] > sequence.stamps_s[-1] + 0.05
+    part = sequence[2:4]
+    assert part.imu_stamps_s[0] == pytest.approx(part.stamps_s[0] - 0.1, abs=0.005)
+    assert part.imu_stamps_s[-1] == pytest.approx(part.stamps_s[-1] + 0.1, abs=0.005)
+
+
+def test_euroc_has_the_true_states_of_the_imu(written, motion):
+    rows = np.loadtxt(
+        written / "euroc/mav0/state_groundtruth_estimate0/data.csv", delimiter=",", comments="#"
+    )
+    assert rows.shape == (COUNT, 17)
+    stamps_s = rows[:, 0] / 1e9
+    states = motion[0].states(stamps_s).of_mounted(T_IMU_CAMERA.inverse())
+    assert rows[:, 1:4] == pytest.approx(states.T_world_body.translation, abs=1e-6)
+    assert rows[:, 8:11] == pytest.approx(states.velocity_m_s, abs=1e-8)
+    stream = expected(motion)
+    biases = [np.interp(stamps_s, stream.stamps_s, column) for column in stream.biases.T]
+    assert rows[:, 11:] == pytest.approx(np.stack(biases, -1), abs=1e-8)
+    assert np.abs(rows[:, 11:]).min() > 0
+
+
+@pytest.mark.parametrize("format", WITH_IMU)
+def test_the_ground_truth_that_is_read_is_the_camera_s(written, motion, format):
+    truth = StoredSequence(written / format).truth
+    own = motion[0].trajectory[:COUNT]
+    assert np.abs(truth.T_world_camera.matrix - own.T_world_camera.matrix).max() < 2e-6
+
+
+def test_a_sequence_without_noise_has_readings_without(imu_run, motion, tmp_path):
+    write_sequence(run_frames(imu_run), tmp_path / "clean", workers=1)
+    exact = imu_on(motion[0], RATE_HZ, T_IMU_CAMERA)
+    found = read_imu_files(tmp_path / "clean").stream
+    kept = np.isin(exact.stamps_ns, found.stamps_ns)
+    assert found.readings == pytest.approx(exact.readings[kept], abs=5.1e-10)
+    assert found.noise == {} and "imu_noise" not in (tmp_path / "clean/recipe.json").read_text()
+
+
+def test_a_stopped_sequence_is_finished_with_the_same_bytes(imu_run, written, tmp_path):
+    formats = ("tum", "euroc")
+    first = run_frames(imu_run, ":2")
+    write_sequence(first, tmp_path / "out", NOISY, formats, workers=1)
+    part = StoredSequence(tmp_path / "out/tum").imu.stream
+    write_sequence(run_frames(imu_run), tmp_path / "out", NOISY, formats, workers=1)
+    for file in ("tum/imu.csv", "tum/imu.json", "euroc/mav0/imu0/data.csv"):
+        assert (tmp_path / "out" / file).read_bytes() == (written / file).read_bytes()
+    whole = StoredSequence(written / "tum").imu.stream
+    same = np.isin(whole.stamps_ns, part.stamps_ns)
+    assert (whole.readings[same] == part.readings).all()
+
+
+def test_a_sequence_with_other_noise_is_not_resumed(imu_run, tmp_path):
+    write_sequence(run_frames(imu_run, ":1"), tmp_path / "out", NOISY, workers=1)
+    other = SequenceSettings(imu=imu_noise("bmi055"), seed=3)
+    with pytest.raises(InputError, match="imu_noise model adis16448 there, bmi055 requested"):
+        write_sequence(run_frames(imu_run), tmp_path / "out", other, workers=1)
+    with pytest.raises(InputError, match="the sequence that was started there"):
+        write_sequence(run_frames(imu_run), tmp_path / "out", SequenceSettings(seed=3), workers=1)
+
+
+def test_conversion_keeps_every_digit(written, tmp_path):
+    source = original_frames(written / "tum")
+    write_sequence(source, tmp_path / "out", formats=("euroc", "tum"), workers=1)
+    text = (written / "tum/imu.csv").read_text()
+    assert (tmp_path / "out/tum/imu.csv").read_text() == text
+    assert (tmp_path / "out/euroc/mav0/imu0/data.csv").read_text() == text
+    back = original_frames(written / "euroc")
+    write_sequence(back, tmp_path / "back", formats=("euroc",), workers=1)
+    states = "mav0/state_groundtruth_estimate0/data.csv"
+    # body and camera are one there: the poses of the camera are written anew
+    assert np.loadtxt(tmp_path / "back" / states, delimiter=",").shape == (COUNT, 17)
+    assert (tmp_path / "back/mav0/imu0/data.csv").read_text() == text
+
+
+def test_what_a_source_does_not_know_is_said(written, tmp_path):
+    writer = SequenceWriter(
+        original_frames(written / "tum"), {tmp_path / "out": SequenceSettings()}, ("euroc",)
+    )
+    assert any("no velocities and biases" in sentence for sentence in writer.losses())
+
+
+def test_noise_is_added_to_readings_that_are_stored(imu_run, tmp_path):
+    write_sequence(run_frames(imu_run), tmp_path / "clean", workers=1)
+    iclnuim.make_sequence(tmp_path / "clean", tmp_path / "noisy", imu="bmi055", seed=1, workers=1)
+    clean, noisy = (read_imu_files(tmp_path / name).stream for name in ("clean", "noisy"))
+    wanted = imu_noise("bmi055").apply(clean, 1)
+    assert noisy.readings == pytest.approx(wanted.readings, abs=5.1e-10)
+
+
+def test_shards_and_archive_have_the_readings(written, tmp_path):
+    sequence = tmp_path / "sequence"
+    shutil.copytree(written / "tum", sequence)
+    assert {"imu.csv", "imu.json"} <= set(packed_names(sequence))
+    pack_shards(sequence, tmp_path / "shards", "CC-BY-4.0")
+    shards = read_imu_files(tmp_path / "shards").stream
+    assert (shards.readings == read_imu_files(sequence).stream.readings).all()
+    assert np.abs(shards.T_imu_camera.matrix - T_IMU_CAMERA.matrix).max() < 1e-12
+
+
+def test_inspection_tells_the_rate_gaps_and_frames_without_readings(written, tmp_path):
+    folder = tmp_path / "sequence"
+    shutil.copytree(written / "tum", folder)
+    (folder / "groundtruth.txt").unlink()
+    found = inspect_sequence(folder)
+    assert found.figures["imu"]["rate_hz"] == RATE_HZ
+    assert not [text for text in found.warnings if "IMU" in text]
+    lines = (folder / "imu.csv").read_text().splitlines(keepends=True)
+    (folder / "imu.csv").write_text("".join(lines[:30] + lines[40:50]))
+    said = " ".join(inspect_sequence(folder).warnings)
+    assert "frames are not between the first and the last reading of the IMU" in said
+    assert "1 gaps in the readings of the IMU, the longest 0.055 s" in said
+
+
+def test_sequences_without_an_imu_have_no_trace_of_one(all_formats):
+    for name in FORMATS:
+        folder = all_formats / name
+        assert not [path for path in folder.rglob("*") if "imu" in path.name]
+        assert StoredSequence(folder).imu is None
+    assert "imu" not in SequenceOptions().to_dict().keys() | SequenceSettings().to_dict().keys()
+
+
+def mutated(data: bytes, rng) -> bytes:
+    data = bytearray(data)
+    for _ in range(rng.integers(1, 4)):
+        place = int(rng.integers(0, len(data)))
+        kind = rng.integers(0, 4)
+        if kind == 0:
+            data[place] = int(rng.integers(0, 256))
+        elif kind == 1:
+            del data[place : place + int(rng.integers(1, 60))]
+        elif kind == 2:
+            data[place:place] = bytes(
+                rng.choice(list(b"0123456789eE+-.,\n #naif[]{}:"), 3).tolist()
+            )
+        else:
+            data = data[: place + 1]
+    return bytes(data)
+
+
+@pytest.mark.parametrize(
+    "file",
+    ["tum/imu.csv", "tum/imu.json", "euroc/mav0/imu0/data.csv", "euroc/mav0/imu0/sensor.yaml"],
+)
+def test_a_broken_file_gives_a_line_or_valid_readings(written, tmp_path, file):
+    format = file.partition("/")[0]
+    shutil.copytree(written / format, tmp_path / format)
+    rng = np.random.default_rng(0)
+    original = (written / file).read_bytes()
+    for _ in range(500):
+        (tmp_path / file).write_bytes(mutated(original, rng))
+        try:
+            imu = StoredSequence(tmp_path / format).imu
+        except InputError as error:
+            assert "\n" not in str(error)
+        else:
+            assert imu is None or np.isfinite(imu.stream.readings).all()
+
+
+def test_images_of_a_sequence_carry_its_imu(written):
+    imu = image_frames(written / "tum", "1:3").imu()
+    assert len(imu.stream) == len(StoredSequence(written / "tum").imu.stream)
