@@ -71,7 +71,8 @@ class RenderJob(Settings):
     )
     antialias: bool = setting(
         False,
-        "filter RGB over 1.5 pixels; Z is still that of the pixel centre",
+        "filter RGB over 1.5 pixels; Z is still that of the pixel centre; several samples filter "
+        "textures, too, which then have no mipmaps",
         source="off in the paper, section II",
     )
     mipmaps: bool = setting(
@@ -124,6 +125,8 @@ class RenderJob(Settings):
         for name, declaration in known.items():
             # the value keeps the type it has in the recipe: 0 does not become 0.0
             declaration.checked(getattr(self, name))
+        if self.antialias and (self.samples or 1) > 1:  # these filter textures, too
+            object.__setattr__(self, "mipmaps", False)
         for name in ("sequence", "scene", "trajectory"):
             if not isinstance(getattr(self, name), str) or not getattr(self, name):
                 raise InputError("text", setting=name, found=getattr(self, name))

@@ -14,6 +14,7 @@ from ..options import common
 KINDS = {
     "light": "baked light maps",
     "bags": "unpacked ROS bags",
+    "mipmaps": "textures with their mipmaps, at most 2 GB",
     "simulations": "baked simulations",
     "references": "path-traced views of `bench render`",
     "figures": "measured times of frames",

@@ -143,6 +143,7 @@ def test_the_run_folder_tells_camera_poses_and_recipe(whole_run, forward_path):
         ".farm",
         "camera.json",
         "exr",
+        "frames.jsonl",
         "groundtruth.txt",
         "sequence.json",
     ]

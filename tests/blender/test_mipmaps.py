@@ -77,6 +77,10 @@ def pixels_of(image):
     return np.array(image.pixels[:], np.float32).reshape(image.size[1], image.size[0], 4)
 
 
+def levels_in_memory(image, extension):
+    return mipmap_images.in_memory(image, mipmap_images.levels_of(image, extension))
+
+
 def levels_of(image, size):
     """The levels of a texture of size x size texels, without their margins."""
     pixels = pixels_of(image)
@@ -92,7 +96,7 @@ def levels_of(image, size):
 
 def test_levels_are_means_of_light_and_the_first_is_the_texture(empty):
     image = new_image(checks())
-    levels = levels_of(mipmap_images.with_mipmaps(image, "REPEAT"), TEXELS)
+    levels = levels_of(levels_in_memory(image, "REPEAT"), TEXELS)
     assert [v.shape[0] for v in levels] == [64, 32, 16, 8, 4, 2]
     assert np.array_equal(levels[0], checks())
     half = 1.055 * 0.5 ** (1 / 2.4) - 0.055  # the sRGB value of half of white's light
@@ -104,7 +108,7 @@ def test_a_repeated_texture_continues_in_its_margins_and_a_single_one_ends_there
     ramp = np.broadcast_to(np.linspace(0, 1, TEXELS)[None, :, None], (TEXELS, TEXELS, 3))
     before, after = mipmap_images.margins(TEXELS)
     for extension, outside in (("REPEAT", (ramp[0, -1, 0], ramp[0, 0, 0])), ("EXTEND", (0.0, 1.0))):
-        pixels = pixels_of(mipmap_images.with_mipmaps(new_image(ramp), extension))
+        pixels = pixels_of(levels_in_memory(new_image(ramp), extension))
         row = pixels[before, pixels.shape[1] // 2 :, 0]
         left = row[before - 1]
         right = row[before + TEXELS]
@@ -114,7 +118,7 @@ def test_a_repeated_texture_continues_in_its_margins_and_a_single_one_ends_there
 
 def test_linear_images_are_averaged_as_they_are(empty):
     image = new_image(checks() * 6.0, "Linear Rec.709", float_buffer=True)
-    made = mipmap_images.with_mipmaps(image, "REPEAT")
+    made = levels_in_memory(image, "REPEAT")
     assert made.is_float and made.colorspace_settings.name == "Linear Rec.709"
     for level in levels_of(made, TEXELS)[1:]:
         assert level == pytest.approx(3.0, rel=1e-5)
@@ -197,7 +201,7 @@ def test_textures_that_are_filtered(empty, change, scale):
     assert [t.scale for t in mipmaps.textures_of(material)] == ([] if scale is None else [scale])
 
 
-def test_a_texture_in_a_group_of_two_materials_is_filtered_once(empty):
+def test_a_texture_in_a_group_of_two_materials_is_filtered_once(empty, tmp_path):
     group = bpy.data.node_groups.new("shared", "ShaderNodeTree")
     texture = group.nodes.new("ShaderNodeTexImage")
     output = group.nodes.new("NodeGroupOutput")
@@ -212,7 +216,8 @@ def test_a_texture_in_a_group_of_two_materials_is_filtered_once(empty):
         instance.node_tree = group
         tree.links.new(instance.outputs[0], nodes["EMISSION"].inputs["Color"])
         plane(material, repeats=3.0)
-    names = [made.name for made in mipmaps.filter_textures(PinholeCamera())]
+    filtered = mipmaps.filter_textures(PinholeCamera(), tmp_path)
+    names = [made.name for made in filtered.images]
     assert names == [f"{image.name} mipmaps", "footprint noise"]
     assert texture.image.name == f"{image.name} mipmaps"
     assert all("mipmap footprint 64 x 64 REPEAT " in mesh.attributes for mesh in bpy.data.meshes)

@@ -37,6 +37,27 @@ def test_a_local_run_goes_on_with_its_own_options_wherever_it_was_moved(
     assert "1 of 3 frames to render, 2 are there" in capsys.readouterr().err
 
 
+def test_a_frame_that_was_changed_is_noticed_and_rendered_again(repository, tmp_path, capsys):
+    run, out = str(tmp_path / "run"), str(tmp_path / "o")
+    words = ["--scene", str(repository / "tests/room.obj"), "--light", "path", "--samples", "1"]
+    words += ["--no-denoise", "--camera", "32x24", "--frames", ":3", "--out", run]
+    assert main(["render", "kt2", *words]) == 0
+    frame = tmp_path / "run/exr/000001.exr"
+    before = frame.read_bytes()
+    # a pixel, as valid as before
+    frame.write_bytes(before[:-1] + bytes([before[-1] ^ 1]))
+    assert main(["status", run, "--json"]) == 0
+    capsys.readouterr()
+    assert main(["dataset", run, out]) == 2
+    sentence = "000001.exr: expected the frame that was rendered, found a file that was changed"
+    assert sentence in capsys.readouterr().err
+    assert main(["resume", run]) == 0
+    assert frame.read_bytes() == before
+    assert main(["dataset", run, out]) == 0
+    (tmp_path / "run/frames.jsonl").unlink()  # as of an earlier release: frames are as they are
+    assert main(["resume", run]) == 0
+
+
 def test_an_extended_sequence_says_how_many_frames_are_there(repository, tmp_path, capsys):
     room = str(repository / "tests/room.obj")
     words = ["make", "kt2", "--scene", room, "--light", "path", "--samples", "1", "--no-denoise"]

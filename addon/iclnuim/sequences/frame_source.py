@@ -16,6 +16,7 @@ from ..geometry.trajectory import Trajectory, frame_slice
 from ..sensor.imu import ImuOnCamera
 from ..sensor.transfer import linear_from_srgb8
 from ..trajectory_files.trajectories import FORMATS, read_trajectory
+from .frame_hashes import read_hashes, refuse_changed
 from .frames import ImagePair, SequenceFrame, posed, usual_step_s
 from .imu import SequenceImu
 from .run_folder import FurtherImages, RunFolder, read_run
@@ -79,7 +80,8 @@ def run_frames(folder: StrPath, frames: str = "::") -> FrameSource:
     """The EXR frames of a run folder (exr/000000.exr, groundtruth.txt, camera.json, sequence.json).
 
     `frames` is a slice of the poses of the trajectory; of these, the existing frames are used.
-    Raises InputError if the folder is not a run folder or has no such frames.
+    Raises InputError if the folder is not a run folder or has no such frames, and when a frame is
+    loaded that was changed since it was rendered.
     """
     folder = Path(folder)
     there = {int(p.stem) for p in (folder / "exr").glob("*.exr") if p.stem.isdecimal()}
@@ -103,7 +105,14 @@ def run_frames(folder: StrPath, frames: str = "::") -> FrameSource:
         files = ("groundtruth.txt", "camera.json")
         hashes = {name: sha256(read_bytes(folder / name)) for name in files}
         origin = {"frames": folder.resolve().name, "sha256": hashes}
-    return _run_source(folder, camera, truth, numbers, origin)
+    source = _run_source(folder, camera, truth, numbers, origin)
+    journal = read_hashes(folder)
+
+    def load(number: int) -> tuple[np.ndarray, np.ndarray]:
+        refuse_changed(folder / "exr" / f"{number:06}.exr", journal.get(number))
+        return source.load(number)
+
+    return replace(source, load=load)
 
 
 def frames_of_run(run: RunFolder, numbers: Iterable[int]) -> FrameSource:

@@ -8,6 +8,7 @@ OUT/exr/000000.exr ...   R, G, B (scene-linear, half) and Z (float, planar metre
 OUT/groundtruth.txt      TUM poses of every frame of the trajectory, our world
 OUT/camera.json          the pinhole camera
 OUT/sequence.json        the recipe: effective settings, seed, versions, source commit
+OUT/frames.jsonl         the hash of each frame's file
 OUT/preview.png          user-provided scenes: a small path-traced image of the first frame
 """
 
@@ -40,6 +41,7 @@ from ..geometry.camera import PinholeCamera
 from ..geometry.trajectory import Trajectory
 from ..job import RenderJob
 from ..trajectory_files.trajectories import read_trajectory, write_trajectory
+from . import frame_hashes
 from .record import Record
 
 OBJECTS = "objects.json"
@@ -94,9 +96,15 @@ class RunFolder:
         return sorted(int(name) for name in names if name.isdecimal())
 
     def is_finished(self, number: int, read_pixels: bool = True) -> bool:
-        """Whether a frame's file can be read to the end, has the right size and channels, and was
-        made by this recipe. Without read_pixels, only its header and its length are read.
+        """Whether a frame's file can be read to the end, has the right size and channels, was made
+        by this recipe, and is as it was written. Without read_pixels, only its header and its length
+        are read.
         """
+        return self._is_finished(number, frame_hashes.read_hashes(self.path), read_pixels)
+
+    def _is_finished(
+        self, number: int, hashes: Mapping[int, set[str]], read_pixels: bool = True
+    ) -> bool:
         file = self.frame_file(number)
         if not file.is_file():
             return False
@@ -104,7 +112,10 @@ class RunFolder:
             header = exr.exr_header(file, whole=True)
             if header.parts[0].attributes.get("recipe") != self.key:
                 return False
-            there = exr.read_exr(file).keys() if read_pixels else header.channels.keys()
+            if read_pixels and frame_hashes.is_changed(file, hashes.get(number)):
+                return False
+            is_known = number in hashes or not read_pixels
+            there = header.channels.keys() if is_known else exr.read_exr(file).keys()
         except InputError:
             return False
         has_size = (header.width, header.height) == (self.camera.width, self.camera.height)
@@ -113,7 +124,8 @@ class RunFolder:
     def missing(self, numbers: Iterable[int], read_pixels: bool = True) -> list[int]:
         """The frames of `numbers` that are not finished, in order; see is_finished."""
         numbers = list(numbers)
-        is_finished = functools.partial(self.is_finished, read_pixels=read_pixels)
+        hashes = frame_hashes.read_hashes(self.path) if read_pixels else {}
+        is_finished = functools.partial(self._is_finished, hashes=hashes, read_pixels=read_pixels)
         with ThreadPoolExecutor(4) as pool:
             finished = list(pool.map(is_finished, numbers))
         return [number for number, done in zip(numbers, finished, strict=True) if not done]
@@ -142,7 +154,9 @@ class RunFolder:
         channels["Z"] = np.asarray(depth_z_m, np.float32)
         channels |= further or {}
         attributes = {"recipe": self.key}
-        exr.write_exr(self.frame_file(number), channels, attributes=attributes, compressed=False)
+        file = self.frame_file(number)
+        exr.write_exr(file, channels, attributes=attributes, compressed=False)
+        frame_hashes.note_frame(self.path, number, file)
 
 
 class FurtherImages:

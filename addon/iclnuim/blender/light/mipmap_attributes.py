@@ -5,7 +5,7 @@ each face, positions in the image with levels, and the width of a pixel at a dis
 import itertools
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from bpy.types import Material, Mesh, MeshUVLoopLayer, Node, Object
@@ -27,24 +27,30 @@ _OVER = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """An Image Texture node, its material, the UV map that it reads (empty: the active one), and
-    the scale of the mapping between them.
+    """An Image Texture node, its material, width and height of the finest level, the UV map that it
+    reads (empty: the active one), and the scale of the mapping between them.
 
     mapped: whether there is a mapping.
     """
 
     node: Node
     material: Material
+    size: tuple[int, int]
     uv_map: str
     scale: float
     mapped: bool = False
+
+    def halved(self, times: int) -> "Texture":
+        """The texture whose picture is halved this often."""
+        width, height = self.size
+        return replace(self, size=(width >> times, height >> times))
 
     @property
     def name(self) -> str:
         """A name of its UV map and size, on which the attributes with positions and footprints
         depend.
         """
-        width, height = self.node.image.size
+        width, height = self.size
         return f"{width} x {height} {self.node.extension} {self.uv_map}"
 
 
@@ -75,7 +81,7 @@ def place(objects: Iterable[Object], found: list[Texture], pixel: float) -> dict
             if texture.node in left:
                 break
             layer = _layer(thing.data, texture.uv_map)
-            texels = math.sqrt(math.prod(texture.node.image.size)) * pixel
+            texels = math.sqrt(math.prod(texture.size)) * pixel
             footprints = density(largest[thing.data], layer) * (texels / 2**LEVELS)
             fits = _add_positions(thing, layer, texture)  # from here on the layer has moved
             if texture.node.extension != "REPEAT" and not fits:
@@ -151,7 +157,7 @@ def _add_positions(thing: Object, layer: MeshUVLoopLayer, texture: Texture) -> b
     if texture.node.extension == "REPEAT":
         shift = np.floor(low + _OVER)
     uv -= shift.repeat(array_of(mesh.polygons, "loop_total", 1, np.int32), axis=0)
-    width, height = texture.node.image.size
+    width, height = texture.size
     left, right = margins(width)
     top, bottom = margins(height)
     total = (2 * (left + width + right), top + height + bottom)

@@ -37,42 +37,56 @@ def margins(size: int) -> tuple[int, int]:
     return unit, unit + -size % unit
 
 
-def with_mipmaps(image: Image, extension: str) -> Image:
-    """An image with all levels of `image` side by side. Levels are averages of light, not of
-    encoded values.
+def levels_shape(width: int, height: int) -> tuple[int, int]:
+    """Rows and columns of the image with all levels of a picture."""
+    return height + sum(margins(height)), 2 * (width + sum(margins(width)))
 
-    extension: REPEAT or EXTEND, which determines the margins.
+
+def levels_of(image: Image, extension: str, halvings: int = 0) -> np.ndarray:
+    """(rows, columns, 4) float32, row 0 at the bottom: all levels of `image` side by side. Levels
+    are averages of light, not of encoded values.
+
+    extension: REPEAT or EXTEND, which determines the margins. halvings: how often the picture is
+    halved before, whose sides are multiples of 2^halvings.
     """
     width, height = image.size
     pixels = np.empty(width * height * 4, np.float32)
     image.pixels.foreach_get(pixels)
+    picture = pixels.reshape(height, width, 4)
     is_encoded = not image.is_float and image.colorspace_settings.name == "sRGB"
-    columns = width + sum(margins(width))
-    rows = height + sum(margins(height))
-    atlas = np.zeros((rows, 2 * columns, 4), np.float32)
-    level = atlas[:, columns:]
-    _fill(level, pixels.reshape(height, width, 4), extension)
+    if halvings:
+        picture = _smaller(picture, halvings, is_encoded)
+    height, width = picture.shape[:2]
+    rows, columns = levels_shape(width, height)
+    atlas = np.zeros((rows, columns, 4), np.float32)
+    level = atlas[:, columns // 2 :]
+    _fill(level, picture, extension)
     level[..., 3] = 1.0
     light = level[..., :3]
     for k in range(1, LEVELS):
         light = halved(light, _light if is_encoded and k == 1 else np.asarray)
         rows, columns = light.shape[:2]
         part = atlas[:rows, columns : 2 * columns]
-        part[..., :3] = _SRGB[(light * 65535 + 0.5).astype(np.uint16)] if is_encoded else light
+        part[..., :3] = _encoded(light) if is_encoded else light
         part[..., 3] = 1.0
+    return atlas
+
+
+def in_memory(image: Image, levels: np.ndarray) -> Image:
+    """An image in memory that holds the levels of `image`."""
     name = f"{image.name} mipmaps"
-    made = bpy.data.images.new(name, *atlas.shape[1::-1], float_buffer=image.is_float)
+    made = bpy.data.images.new(name, *levels.shape[1::-1], float_buffer=image.is_float)
     made.colorspace_settings.name = image.colorspace_settings.name
-    made.pixels.foreach_set(atlas.ravel())
+    made.pixels.foreach_set(levels.ravel())
     made.update()
     return made
 
 
-def noise_cells(width: int, height: int) -> Image:
+def noise_cells(rows: int, columns: int) -> Image:
     """An image whose alpha is noise between 0 and 1 in cells, for an image with levels of this
     size.
     """
-    made = bpy.data.images.new("footprint noise", width // _CELL, height // _CELL, alpha=True)
+    made = bpy.data.images.new("footprint noise", columns // _CELL, rows // _CELL, alpha=True)
     made.colorspace_settings.name = "Non-Color"
     made.alpha_mode = "CHANNEL_PACKED"
     pixels = np.ones((math.prod(made.size), 4), np.float32)
@@ -95,6 +109,20 @@ def _fill(target: np.ndarray, texture: np.ndarray, extension: str) -> None:
         outside = np.r_[-before:0, size : size + after]
         inside = outside % size if extension == "REPEAT" else outside.clip(0, size - 1)
         rows[outside + before] = rows[inside + before]
+
+
+def _smaller(picture: np.ndarray, halvings: int, is_encoded: bool) -> np.ndarray:
+    """(h, w, 4) -> (h / 2^halvings, w / 2^halvings, 4), whose alpha is 1."""
+    light = _light(picture[..., :3]) if is_encoded else picture[..., :3]
+    for _ in range(halvings):
+        light = halved(light)
+    found = np.ones((*light.shape[:2], 4), np.float32)
+    found[..., :3] = _encoded(light) if is_encoded else light
+    return found
+
+
+def _encoded(light: np.ndarray) -> np.ndarray:
+    return _SRGB[(light * 65535 + 0.5).astype(np.uint16)]
 
 
 def _light(encoded: np.ndarray) -> np.ndarray:

@@ -17,15 +17,22 @@ is left out if each face lies within one repeat.
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
 import bpy
 from bpy.types import Image, Material, Node, NodeSocket, NodeTree, TexMapping
 
 from ...geometry.camera import PinholeCamera
 from ..compat import nodes_of
+from ..notes import names_of
 from ..shader_nodes import add_node, calculate, vectors
 from .mipmap_attributes import DENSITY, FOOTPRINT, POSITION, Texture, measure_density, place
-from .mipmap_images import LEVELS, margins, noise_cells, with_mipmaps
+from .mipmap_files import MipmapFiles
+from .mipmap_images import LEVELS, levels_shape, margins, noise_cells
+from .mipmap_memory import MAX_BYTES, halvings
+from .mipmap_pictures import Pictures, decoded_size
 
 #: Version in recipes: higher if the same texture is filtered to other pixels. From 2 on, levels are
 #: mixed by noise; 3 has larger cells of it.
@@ -37,39 +44,77 @@ MAX_TEXELS = 4096 * 4096
 _LEAST_FOOTPRINT = math.sqrt(0.5)
 
 
-def filter_textures(camera: PinholeCamera) -> list[Image]:
-    """Filter the textures of the open scene for a camera. Returns the images made, which are in
-    memory only.
+@dataclass(frozen=True, eq=False)
+class FilteredTextures:
+    """The images made for the open scene. files: those that Cycles reads when the first frame is
+    rendered. notes: sentences about pictures whose levels are smaller, or that have none.
+    """
+
+    images: list[Image]
+    files: list[Path]
+    notes: list[str]
+
+    @property
+    def removed(self) -> Path | None:
+        """A file that does not exist any more: Cycles shows pink in its place."""
+        return next((file for file in self.files if not file.is_file()), None)
+
+
+def filter_textures(camera: PinholeCamera, cache: Path) -> FilteredTextures:
+    """Filter the textures of the open scene for a camera. Levels that were made before are read
+    from the folder `cache`.
 
     Left unfiltered: textures that are not read through a UV map, whose alpha or raw data is used,
     that end at their borders, that displace surfaces, or that have more than MAX_TEXELS; textures
     of libraries; and faces made by Geometry Nodes without the UV map.
     """
+    pictures = Pictures(MipmapFiles(cache, VERSION))
     found = []
     for material in bpy.data.materials:
         if material.library is None:
-            found += textures_of(material)
+            found += textures_of(material, pictures.size)
+    halved = halvings({key: pictures.of(*key) for key in dict.fromkeys(map(_key, found))})
+    notes = _notes_on(halved, found)
+    found = [texture.halved(halved[_key(texture)]) for texture in found if _key(texture) in halved]
     pixel = _LEAST_FOOTPRINT / math.sqrt(camera.fx * camera.fy)
     whole = place(bpy.data.objects, found, pixel)
     measure_density(bpy.data.objects, [texture for texture in found if texture.node not in whole])
     made: dict[tuple[Image, str], Image] = {}
-    noise: dict[tuple[int, ...], Image] = {}
+    noise: dict[tuple[int, int], Image] = {}
     # a node of a group is found in several materials
     for texture in {texture.node: texture for texture in found}.values():
-        key = (texture.node.image, texture.node.extension)
+        key = _key(texture)
         if key not in made:
-            made[key] = with_mipmaps(*key)
-        size = tuple(made[key].size)
+            made[key] = pictures.with_levels(*key, halved[key])
+        size = levels_shape(*texture.size)
         if size not in noise:
             noise[size] = noise_cells(*size)
         _read_levels(texture, made[key], noise[size], pixel, whole.get(texture.node))
-    for image, _ in made:
-        if not image.is_dirty:  # it can be read from its file again
-            image.buffers_free()
-    return [*made.values(), *noise.values()]
+    images = [*made.values(), *noise.values()]
+    return FilteredTextures(images, pictures.files, notes)
 
 
-def textures_of(material: Material) -> list[Texture]:
+def _notes_on(halved: dict[tuple[Image, str], int], found: list[Texture]) -> list[str]:
+    """A sentence about pictures whose levels are smaller, and one about those that have none."""
+    smaller = {image for (image, _), times in halved.items() if times}
+    left = {texture.node.image for texture in found if _key(texture) not in halved}
+    all_levels = f"all mipmaps together have {MAX_BYTES / 1e9:g} GB of memory"
+    notes = []
+    if smaller:
+        notes.append(f"pictures ({names_of(smaller)}) are halved for mipmaps: {all_levels}")
+    if left:
+        notes.append(f"pictures ({names_of(left)}) have no mipmaps: {all_levels}")
+    return notes
+
+
+def _key(texture: Texture) -> tuple[Image, str]:
+    return texture.node.image, texture.node.extension
+
+
+def textures_of(
+    material: Material,
+    size_of: Callable[[Image, str], tuple[int, int]] = lambda image, _: decoded_size(image),
+) -> list[Texture]:
     """The textures of a material that can be filtered."""
     tree = material.node_tree if material.use_nodes else None
     if tree is None:
@@ -81,18 +126,20 @@ def textures_of(material: Material) -> list[Texture]:
     for node in dict.fromkeys(nodes_of(tree)):
         if node.type == "TEX_IMAGE" and _can_be_filtered(node):
             source = _uv_map(node.inputs["Vector"])
-            if source is not None:
-                found.append(Texture(node, material, *source))
+            if source is None:
+                continue
+            size = size_of(node.image, node.extension)
+            if 0 < math.prod(size) <= MAX_TEXELS:
+                found.append(Texture(node, material, size, *source))
     return found
 
 
 def _can_be_filtered(node: Node) -> bool:
+    """Whether a picture may be filtered where this node reads it."""
     image = node.image
     if image is None or image.source not in ("FILE", "GENERATED"):
         return False
-    if image.colorspace_settings.is_data or image.channels != 4:
-        return False
-    if not 0 < image.size[0] * image.size[1] <= MAX_TEXELS or node.id_data.library is not None:
+    if image.colorspace_settings.is_data or node.id_data.library is not None:
         return False
     if node.projection != "FLAT" or node.extension not in ("REPEAT", "EXTEND"):
         return False
@@ -145,8 +192,8 @@ def _read_levels(
     """
     node = texture.node
     tree: NodeTree = node.id_data
-    width, height = node.image.size
-    columns, rows = levels.size
+    width, height = texture.size
+    rows, columns = levels_shape(width, height)
     left, _ = margins(width)
     top, _ = margins(height)
     size = (width / columns, height / rows, 0.0)

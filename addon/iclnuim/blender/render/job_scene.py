@@ -9,7 +9,6 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.types import Image
 
 from ... import shipped
 from ... import worker_events as events
@@ -22,6 +21,7 @@ from ...job import RenderJob
 from ...native_output import native_output_in
 from .. import compat, surfaces
 from ..light import light_map, mipmaps
+from ..light.mipmaps import FilteredTextures
 from ..open import light_choice, preflight, scene
 from ..open.run_frames import RunFrames
 from ..open.simulated import is_simulated
@@ -30,12 +30,10 @@ from . import camera, first_look, ground_truth, passes, settings
 
 @dataclass(frozen=True, eq=False)
 class BuiltScene:
-    """A scene that is built for frames. has_volumes: also volumes that Geometry Nodes make.
-    mipmaps: its filtered textures, which have no files.
-    """
+    """A scene that is built for frames. has_volumes: also volumes that Geometry Nodes make."""
 
     has_volumes: bool
-    mipmaps: list[Image]
+    textures: FilteredTextures
 
 
 class JobScene:
@@ -110,7 +108,11 @@ class JobScene:
             ground_truth.write_objects(run, self._stamps_of_objects_s(trajectory))
         map_folder = light_map.prepare(job, self._note)[0] if job.light == "baked" else None
         # after the light map is found: it is that of the original textures
-        filtered = mipmaps.filter_textures(job.camera) if job.mipmaps else []
+        filtered = FilteredTextures([], [], [])
+        if job.mipmaps:
+            cache = shipped.cache_folder()
+            filtered = mipmaps.filter_textures(job.camera, cache / "mipmaps")
+            self._note_all(filtered.notes)
         if map_folder is not None:
             self._light_up(map_folder)
         passes.add(job.further)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ... import shipped
 from ... import worker_events as events
-from ...errors import InputError
+from ...errors import InputError, WorkError
 from ...formats.files import make_folder, process_is_running, writer_has_ended
 from ...geometry.trajectory import frame_slice
 from ...job import RenderJob
@@ -59,6 +59,7 @@ class Session:
         run_frames = RunFrames(len(self.trajectory), last, self._note, self._note_bake)
         self._scene = JobScene(job, emit, threads, run_frames)
         self._built: BuiltScene | None = None
+        self._checked: BuiltScene | None = None
         was_seen = (out / first_look.PREVIEW).exists()
         first = requested[0] if requested and not was_seen else None
         look = self._look(first)
@@ -130,7 +131,7 @@ class Session:
 
     def save_blend(self, file: Path) -> None:
         """Save a copy of the prepared scene with the keyframed camera, to be played in Blender."""
-        for image in self.prepare().mipmaps:  # they have no files
+        for image in self.prepare().textures.images:  # in memory, or in the cache
             image.pack()
         bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True, compress=True)
 
@@ -165,6 +166,7 @@ class Session:
                 begun = time.perf_counter()
                 name = self.work / str(rendered % 2)
                 raw = frames.render_parts(self.job, number, name, built.has_volumes)
+                self._check_textures(built)
                 blurred = self._blurred(number, raw)
                 seconds = time.perf_counter() - begun
                 if closing is not None:
@@ -174,6 +176,15 @@ class Session:
             if closing is not None:
                 closing.result()
         return rendered, rendered == len(missing)
+
+    def _check_textures(self, built: BuiltScene) -> None:
+        """Raises WorkError if Cycles may have missed a picture in the first frame; later ones have
+        what it has read for that.
+        """
+        if self._checked is not built and (removed := built.textures.removed):
+            hint = "the same command again"
+            raise WorkError(f"{removed}: removed while the scene was prepared", hint=hint)
+        self._checked = built
 
     def _blurred(self, number: int, raw: frames.RawFrame) -> np.ndarray | None:
         """RGB with motion blur or rolling shutter, if the job has any; Z is still that of the
