@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -50,13 +51,21 @@ class RayRoom:
 
 @pytest.fixture(scope="session")
 def living_room(repository) -> RayRoom:
-    """All meshes of blend/living_room.blend as Blender evaluates them."""
+    return _ray_room(repository / "blend/living_room.blend")
+
+
+@pytest.fixture(scope="session")
+def office_room(repository) -> RayRoom:
+    return _ray_room(repository / "blend/office.blend")
+
+
+def _ray_room(file: Path) -> RayRoom:
+    """All meshes of a scene as Blender evaluates them."""
     bpy = pytest.importorskip("bpy", reason="needs the bpy package")
     from mathutils.bvhtree import BVHTree
 
-    file = repository / "blend/living_room.blend"
     if not file.is_file():
-        pytest.skip(f"{file} is not there; make it with: iclnuim scene build living_room")
+        pytest.skip(f"{file} is not there; make it with: iclnuim scene build {file.stem}")
     bpy.ops.wm.open_mainfile(filepath=str(file))
     vertices, triangles, owners, names = [], [], [], []
     graph, count = bpy.context.evaluated_depsgraph_get(), 0
