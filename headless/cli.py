@@ -39,7 +39,7 @@ GROUPS = {
     },
     "sequences": {
         "convert": "convert a sequence to another format: Replica, ScanNet, COLMAP, ROS bags",
-        "noise": "add sensor noise to a sequence; noise calibrate fits the noise model to a sensor",
+        "noise": "add sensor noise to a sequence; noise calibrate fits noise models to a sensor",
         "inspect": "report problems of any RGB-D sequence; write preview images",
         "pack": "write the archive to publish: files, checksums, licence, preview, recipe",
         "fetch": "fetch a packed sequence from a folder or a web server: verified, resumed",

@@ -501,6 +501,38 @@ def test_calibrate_prints_settings_that_the_other_commands_take(tmp_path, capsys
     assert main(["noise", "calibrate", str(tmp_path)]) == 2
 
 
+def test_calibrate_says_which_camera_a_recording_resembles(tmp_path, capsys):
+    camera = "160x120,131,131,79.5,59.5"
+    u = np.arange(160) / 160
+    for name, near, far in (("wall1", 1 / 0.9, 1 / 1.2), ("wall2", 1 / 2, 1 / 3)):
+        depth_z_m = np.tile(1 / (near + (far - near) * u), (120, 1)).astype(np.float32)
+        (tmp_path / name).mkdir()
+        for frame in range(8):
+            noisy = postprocess.noisy_depth(
+                depth_z_m, "d435", frame=frame, camera=camera, albedo=0.5
+            )
+            millimetres = np.rint(noisy * 1000).astype(np.uint16)
+            write_png(tmp_path / name / f"{frame}.png", millimetres)
+    (tmp_path / "walls.txt").write_text("wall1 0.5\nwall2 0.5\n")
+    words = ["noise", "calibrate", str(tmp_path), "--units", "1000"]
+    assert main([*words, "--camera", camera, "--json"]) == 0
+    best, *others = json.loads(capsys.readouterr().out)["cameras"]
+    assert best["model"] == "d435" and best["misfit"] < min(fit["misfit"] for fit in others)
+    assert best["settings"]["subpixel_px"] == pytest.approx(0.08, rel=0.1)
+    assert main([*words, "--camera", camera]) == 0
+    settings = capsys.readouterr().out.split("--depth-noise d435 --depth-settings '")[1]
+    postprocess.noisy_depth(
+        depth_z_m, "d435", settings=json.loads(settings.split("'")[0]), camera=camera, albedo=0.5
+    )
+    assert main(words) == 0
+    assert "are not fitted without the camera" in capsys.readouterr().err
+    assert main([*words, "--camera", "80x60"]) == 2
+    assert "expected images of the camera's size 80x60, found (160, 120)" in capsys.readouterr().err
+    (tmp_path / "walls.txt").write_text("wall3 0.5\n")
+    assert main([*words, "--camera", camera]) == 2
+    assert "walls.txt:1: expected lines `wall1 0.95`" in capsys.readouterr().err
+
+
 def test_calibrate_reads_an_exposure_series_and_gives_back_its_noise(tmp_path, capsys):
     scene = np.geomspace(0.004, 1.0, 160 * 120).reshape(120, 160, 1) * np.array([1.0, 0.8, 0.6])
     lines = ["# exposure image"]

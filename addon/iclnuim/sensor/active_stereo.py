@@ -14,7 +14,7 @@ import numpy as np
 from ..geometry.camera import PinholeCamera
 from ..settings import parameter, same_as
 from . import depth_image as images
-from .appearance import SurfaceAppearance, required
+from .appearance import WHITE_ALBEDO, SurfaceAppearance, required
 from .depth import PaperDepthNoise
 from .noise_model import NoiseModel, gaussian
 from .windows import correlated, largest
@@ -33,8 +33,6 @@ _HALMETSCHLAGER = (
     "Halmetschlager-Funek, Suchi, Kampel, Vincze, IEEE Robotics and Automation Magazine 2019, "
     "table 2"
 )
-#: A white wall, the target of the data sheet's range.
-_WHITE_ALBEDO = 0.95
 
 
 @dataclass(frozen=True)
@@ -173,7 +171,7 @@ class D435DepthNoise(NoiseModel):
         oblique.
         """
         cosine = appearance.cosine(depth_z_m, camera)
-        pattern_m2 = np.float32(self.pattern_range_m**2 / _WHITE_ALBEDO)
+        pattern_m2 = np.float32(self.pattern_range_m**2 / WHITE_ALBEDO)
         reflected = appearance.reflectance(self.illumination) * cosine
         matched = depth_z_m * depth_z_m <= pattern_m2 * reflected
         if not matched[depth_z_m > 0].all():

@@ -18,6 +18,8 @@ from .transfer import linear_from_srgb8
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 #: Light at and above this is saturated: 1 is white, the largest value of an 8-bit image.
 _WHITE = 1.0
+#: Diffuse reflectance of a white wall, the target of data sheets.
+WHITE_ALBEDO = 0.95
 #: Differences of infinite light would be no numbers.
 _BRIGHTEST = np.float32(np.finfo(np.float16).max)
 

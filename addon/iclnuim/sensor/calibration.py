@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import InputError
 from .depth import KINECT_CM_PX
 from .transfer import light_from_srgb
+from .walls import fitted_plane, inverse_depth, mean_of_seen
 
 #: Values closer than this to black or white may be clipped and are not used for response or noise.
 _DARKEST = 6.0
@@ -188,29 +189,13 @@ def _line(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 def _wall(depth_z_m: np.ndarray, disparity_m: float) -> tuple[float, float]:
     """(squared slope in (steps per pixel)^2, variance around the plane in steps^2) of one wall."""
-    frames, height, width = depth_z_m.shape
-    seen = depth_z_m > 0
-    if seen.mean() < 0.1:
-        raise InputError(
-            "a wall that fills the depth images", found=f"{100 * seen.mean():.0f} % measured"
-        )
-    v, u = np.mgrid[0:height, 0:width]
-    design = np.column_stack([np.ones(u.size), (u / width).ravel(), (v / height).ravel()])
-    disparity = np.divide(disparity_m, depth_z_m, out=np.zeros_like(depth_z_m), where=seen)
-    count = seen.sum(0).ravel()
-    mean = np.divide(disparity.sum(0).ravel(), count, out=np.zeros(count.size), where=count > 0)
-    keep = count > 0
-    for _ in range(4):  # pixels in front of the wall or behind it are outliers and are left out
-        plane = np.linalg.lstsq(design[keep], mean[keep], rcond=None)[0]
-        off = mean - design @ plane
-        limit = 4 * 1.4826 * np.median(np.abs(off[keep])) + 0.5
-        keep = (count > 0) & (np.abs(off) < limit)
-    fitted = (design @ plane).reshape(height, width)
-    used = seen & keep.reshape(height, width)
+    disparity = disparity_m * inverse_depth(depth_z_m)
+    fitted, flat = fitted_plane(*mean_of_seen(disparity), rounding=0.5)
+    used = (depth_z_m > 0) & flat
     error = (disparity - fitted)[used]
     _refuse_relief(np.where(used, disparity - fitted, np.nan), float(np.var(error)))
-    squared_slope = float((plane[1] / width) ** 2 + (plane[2] / height) ** 2)
-    return squared_slope, float(np.mean(error**2) - np.mean(error) ** 2)
+    right, down = fitted[0, 1] - fitted[0, 0], fitted[1, 0] - fitted[0, 0]
+    return float(right**2 + down**2), float(np.mean(error**2) - np.mean(error) ** 2)
 
 
 def _refuse_relief(error: np.ndarray, variance: float) -> None:

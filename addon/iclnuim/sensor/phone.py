@@ -152,6 +152,19 @@ class PhoneDepthNoise(NoiseModel):
             cy=(camera.cy + 0.5) * down - 0.5,
         )
 
+    def share_of_variance(self, camera: PinholeCamera) -> np.ndarray:
+        """(h, w) of the image's size: the variance of a pixel's inverse depth by that of a dot, on
+        a wall of one brightness; NaN at the border, where the grid is extended.
+        """
+        native = self.native_camera(camera)
+        shares = []
+        for length, small in ((camera.height, native.height), (camera.width, native.width)):
+            nearest, weights = _spline(small, self.dots)
+            share = np.square(weights).sum(0)
+            share[(nearest == 0) | (nearest == self.dots - 1)] = np.nan
+            shares.append(share[_centres(small, length)])
+        return shares[0][:, None] * shares[1]
+
     def dots_of(
         self,
         depth_z_m: np.ndarray,

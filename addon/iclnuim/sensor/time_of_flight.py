@@ -13,7 +13,7 @@ from ..geometry.camera import PinholeCamera
 from ..settings import parameter, same_as
 from . import depth_image as images
 from .active_stereo import D435DepthNoise
-from .appearance import SurfaceAppearance, required
+from .appearance import WHITE_ALBEDO, SurfaceAppearance, required
 from .depth import PaperDepthNoise
 from .multipath import longer_way_m
 from .noise_model import NoiseModel, gaussian
@@ -24,9 +24,8 @@ _TOLGYESSY = (
     "add_kinect_azure_noise quotes it: 0.5 mm at least, 1 mm at 1 m, 3.6 mm at 3 m"
 )
 _BOUND = "a guess, below the printed 11 mm + 0.1 % of the distance (" + _HARDWARE + ")"
-#: The reflectivity of a white target, and of the darkest one of the operating range.
-_WHITE_ALBEDO = 0.95
-_DARK_ALBEDO = 0.15
+#: The reflectivity of the darkest target of the operating range.
+DARK_ALBEDO = 0.15
 _LIGHT_M_PER_S = 299792458.0
 #: Samples of a period, whose count makes the error of the phase: Lindner and Kolb 2006.
 _SAMPLES = 4
@@ -144,25 +143,29 @@ class AzureKinectDepthNoise(NoiseModel):
         """Phase per metre of distance, there and back."""
         return 4 * np.pi * self.modulation_hz / _LIGHT_M_PER_S
 
+    @property
+    def wiggles_per_m(self) -> float:
+        """Phase per metre of the periodic bias."""
+        return _SAMPLES * self.radians_per_m
+
     def sigma_m(self, range_m: np.ndarray, reflected: np.ndarray) -> np.ndarray:
         """The standard deviation (h, w) at these distances, for albedo times cosine."""
         of_light = self.noise_m * range_m ** np.float32(self.power)
-        share = np.maximum(reflected, np.float32(1e-4)) / np.float32(_WHITE_ALBEDO)
+        share = np.maximum(reflected, np.float32(1e-4)) / np.float32(WHITE_ALBEDO)
         return np.sqrt(np.float32(self.base_m**2) + of_light * of_light / share)
 
     def bias_m(self, range_m: np.ndarray, albedo: np.ndarray) -> np.ndarray:
         """The systematic error (h, w): of the phase, `_SAMPLES` periods in one of the modulation,
         and of dark surfaces.
         """
-        periods = np.float32(_SAMPLES * self.radians_per_m)
         dark = np.float32(self.dark_bias_m) * (1 - albedo)
-        return np.float32(self.wiggle_m) * np.sin(periods * range_m) + dark
+        return np.float32(self.wiggle_m) * np.sin(np.float32(self.wiggles_per_m) * range_m) + dark
 
     def is_bright_enough(self, amplitude: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Whether the amplitude (h, w) with noise reaches that of the darkest target at the end of
         its range.
         """
-        darkest = np.float32(_DARK_ALBEDO / self.dark_range_m**2)
+        darkest = np.float32(DARK_ALBEDO / self.dark_range_m**2)
         noise = np.float32(self.amplitude_noise) * gaussian(rng, amplitude.shape)
         return amplitude * (1 + noise) >= darkest
 
