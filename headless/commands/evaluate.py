@@ -20,7 +20,7 @@ from iclnuim.evaluation.relative_error import RelativeErrorSettings, parse_delta
 from iclnuim.formats.bags import is_bag
 from iclnuim.formats.files import atomic_write_text
 from iclnuim.formats.image_names import files_in
-from iclnuim.report.trajectory_report import ComparedFile, Report, error_text
+from iclnuim.report.trajectory_report import ComparedFile, Report, error_text, skipped
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
 from ..options import Actions, action, add_settings, settings_from, subcommands, trajectory_file
@@ -114,6 +114,10 @@ def _files_and_times(parser: ArgumentParser) -> None:
     add("--from", dest="format", metavar="FORMAT", help=help)
     help = "format of GT; default: by name and content, as for EST"
     add("--reference-from", metavar="FORMAT", help=help)
+    help = (
+        "leave out the first SECONDS of GT, in which a system with an IMU finds gravity and scale"
+    )
+    add("--skip", type=float, default=0.0, metavar="SECONDS", help=help)
     help = "frame rate of files that number their frames instead of giving stamps; default: 30"
     add("--file-rate", type=float, default=30.0, metavar="HZ", help=help)
     add_settings(parser, AssociationSettings)
@@ -183,6 +187,9 @@ def _report(
     if isinstance(settings, AbsoluteErrorSettings):
         of_positions = settings.alignment.method != "origin"
     sources = _compared(args, settings.association.offset_s, of_positions)
+    if args.skip:
+        sources = skipped(*sources, args.skip, settings.association.offset_s)
+        console.note(f"the first {args.skip:g} s of the ground truth are left out")
     for source in sources:
         console.note(f"{source.path}: {source.loaded.read_as.sentence}")
     report = Report.of(sources[0], sources[1], settings)

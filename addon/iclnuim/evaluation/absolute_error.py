@@ -181,6 +181,15 @@ class AbsoluteError(PoseErrors):
             self.translation_error_m[pairs.closest_per_first()], pairs.first_count
         )
 
+    def tilt_error_rad(self, up: str = "z") -> np.ndarray:
+        """(n,) angles between the upward direction, an axis of the world, as the camera has it in
+        the reference and in the estimate: what is left of a rotation once yaw is aligned.
+        """
+        row = "xyz".index(up)
+        true, found = (poses.rotation[:, row] for poses in (self.reference, self.aligned))
+        across = np.linalg.norm(np.cross(true, found), axis=1)
+        return np.arctan2(across, (true * found).sum(axis=1))
+
     def to_dict(self) -> dict[str, Any]:
         """As of PoseErrors, with coverage, recall and the scale of the alignment."""
         more = {"scale": self.alignment.scale}

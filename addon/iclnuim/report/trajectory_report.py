@@ -9,6 +9,7 @@ translation_error_m, rotation_error_deg.
 
 import os
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ..doubt.explained_error import ExplainedError, Settings, measured
 from ..doubt.lost_track import signs_of_lost_track
 from ..doubt.no_rotations import lacks_rotations, positions_alone
 from ..errors import InputError
-from ..evaluation.absolute_error import AbsoluteError
+from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, ErrorStatistics
 from ..evaluation.align import Alignment
 from ..evaluation.relative_error import RelativeError, RelativeErrorSettings
 from ..evaluation.scale_drift import ScaleDrift, scale_drift
@@ -65,6 +66,29 @@ class ComparedFile:
             return self
         alone = replace(self.loaded.read_as, has_rotations=False)
         return replace(self, loaded=replace(self.loaded, read_as=alone), same_rotations=True)
+
+
+def skipped(
+    reference: ComparedFile, estimate: ComparedFile, seconds: float, offset_s: float = 0.0
+) -> tuple[ComparedFile, ComparedFile]:
+    """Both files from so many seconds after the first pose of the reference on; offset_s is added to
+    the stamps of the estimate. Raises InputError if either has no poses left.
+    """
+    start_s = reference.loaded.trajectory.stamps_s[0] + seconds
+    if not 0 <= seconds < np.inf:
+        raise InputError("a time of 0 s or more", setting="skip", found=seconds)
+    return _from(reference, start_s), _from(estimate, start_s - offset_s)
+
+
+def _from(file: ComparedFile, start_s: float) -> ComparedFile:
+    """The poses of a file from a stamp on."""
+    loaded = file.loaded
+    kept = np.flatnonzero(loaded.trajectory.stamps_s >= start_s - 1e-9)
+    if not len(kept):
+        found = f"the last at {loaded.trajectory.stamps_s[-1]:.6g} s"
+        raise InputError(f"poses from {start_s:.6g} s on", path=file.path, found=found)
+    rows = loaded.rows[kept] if len(loaded.rows) == len(loaded.trajectory) else loaded.rows
+    return replace(file, loaded=replace(loaded, trajectory=loaded.trajectory[kept], rows=rows))
 
 
 def _uncertain(alignment: Alignment) -> str:
@@ -197,6 +221,7 @@ class Report:
             **before,
             "translation_error_m": result.translation_m.to_dict(),
             "rotation_error_deg": self._rotation_deg(),
+            **self._tilt_deg(),
             **after,
             "mirror": {
                 "mirrored": mirror.mirrored,
@@ -212,6 +237,22 @@ class Report:
         if np.isnan(self.result.rotation_error_rad).any():
             return None
         return self.result.rotation_deg.to_dict()
+
+    def _tilt_deg(self) -> dict[str, Any]:
+        """The statistics of the angles between the upward directions, of an alignment by yaw that
+        leaves them; {} without rotations.
+        """
+        result = self.result
+        is_yaw = isinstance(self.settings, AbsoluteErrorSettings) and (
+            self.settings.alignment.method == "yaw"
+        )
+        if not is_yaw or self._rotation_deg() is None:
+            return {}
+        assert isinstance(result, AbsoluteError) and isinstance(
+            self.settings, AbsoluteErrorSettings
+        )
+        angles = result.tilt_error_rad(self.settings.alignment.up)
+        return {"tilt_error_deg": ErrorStatistics.of(angles, 180 / np.pi).to_dict()}
 
     def csv(self) -> str:
         result = self.result
@@ -257,8 +298,11 @@ def error_text(values: dict) -> str:
     rows = (
         ("translation (mm)", "translation_error_m", MM),
         ("rotation (deg)", "rotation_error_deg", 1.0),
+        ("tilt (deg)", "tilt_error_deg", 1.0),
     )
     for label, key, factor in rows:
+        if key not in values:
+            continue
         if values[key] is None:
             lines.append(f"{label:16} none: positions alone")
             continue
