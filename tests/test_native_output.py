@@ -28,3 +28,4 @@ def test_lines_of_blender_and_usd_go_to_the_log_and_ours_to_the_terminal(tmp_pat
         "Fra:1 Mem:8M",
         "Warning: in _ReportErrors at line 3258 of stage.cpp",
     ]
+    assert (tmp_path / "log").stat().st_mode & 0o111 == 0  # text, and no program

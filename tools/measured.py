@@ -20,6 +20,7 @@ import sys
 from argparse import ArgumentParser
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -329,6 +330,7 @@ def _missing_stress(cells: PublishedCells) -> Iterator[MissingCells]:
                 yield MissingCells(command, count, count * _STRESS_CORE_S / _PER_HOUR)
 
 
+@cache
 def _frames(sequence: str) -> int:
     return len(read_trajectory(trajectory_file(sequence)).trajectory)
 

@@ -9,6 +9,7 @@ pytest.importorskip("cv2")
 from iclnuim import shipped  # noqa: E402
 from iclnuim.benchmark.experiments.recipes.paper.measure import _drawn  # noqa: E402
 from iclnuim.benchmark.experiments.recipes.paper.surface import _draw  # noqa: E402
+from iclnuim.benchmark.fusion import pictures  # noqa: E402
 from iclnuim.benchmark.fusion.mesh import Mesh  # noqa: E402
 from iclnuim.evaluation.absolute_error import absolute_error  # noqa: E402
 from iclnuim.formats.images import read_colour8  # noqa: E402
@@ -44,3 +45,12 @@ def test_pictures_of_a_surface_have_the_shape_of_the_images(tmp_path):
     for name in ("surface", "heat"):
         height, width = read_colour8(tmp_path / f"{name}.jpg").shape[:2]
         assert width / height == pytest.approx(4 / 3, rel=0.01)
+
+
+@pytest.mark.parametrize(("width", "height"), [(64, 64), (96, 64), (40, 80)])
+def test_pixels_of_a_picture_of_a_surface_are_square(width, height):
+    directions = pictures._rays(np.zeros(3), 1.0, width, height)[1].reshape(height, width, 3)
+    middle = directions[height // 2, width // 2]
+    right = np.linalg.norm(directions[height // 2, width // 2 + 1] - middle)
+    down = np.linalg.norm(directions[height // 2 + 1, width // 2] - middle)
+    assert right == pytest.approx(down, rel=0.05)

@@ -8,6 +8,8 @@ from html.parser import HTMLParser
 
 import pytest
 from browser import Browser, program
+from iclnuim.benchmark.experiments.page import MAX_BYTES, Page
+from iclnuim.errors import WorkError
 from iclnuim.headless import cli
 from made_up import only, result, results, written
 
@@ -159,3 +161,13 @@ def test_on_a_phone_and_on_paper_nothing_is_cut_off(report, tmp_path):
         page.value("dispatchEvent(new Event('beforeprint'))")
         assert page.value("[...document.querySelectorAll('details')].every(one => one.open)")
         assert len(page.call("Page.printToPDF")["data"]) > 20_000
+
+
+def test_a_page_that_no_browser_opens_is_not_written(tmp_path):
+    whole = Page("all", "", [], data={"a": "x" * (MAX_BYTES - 1_000_000)}).write(
+        tmp_path / "a.html"
+    )
+    assert whole.stat().st_size < MAX_BYTES
+    with pytest.raises(WorkError, match="would have 61 MB, but the limit is 60 MB"):
+        Page("all", "", [], data={"a": "x" * (MAX_BYTES + 1_000_000)}).write(tmp_path / "b.html")
+    assert not (tmp_path / "b.html").exists()

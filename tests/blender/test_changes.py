@@ -50,6 +50,19 @@ def test_a_still_scene_does_not_move_and_its_frame_stays(box):
     assert bpy.context.scene.frame_current_final == 3.25
 
 
+def test_the_last_digits_of_a_place_are_no_motion(box):
+    """A hundredth of a millimetre and more is."""
+
+    def state(z_m):
+        box.location.z = z_m
+        bpy.context.view_layer.update()
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        return motion._State(bpy.context.scene, depsgraph, {})
+
+    still = state(0.0)
+    assert [still.differences(state(z_m)) for z_m in (0.8e-5, 1.5e-5)] == [set(), {"box"}]
+
+
 def test_a_mesh_that_follows_a_hidden_helper(box, mover):
     box.modifiers.new("mirror", "MIRROR").mirror_object = mover
     animate(mover, "location", (0, 0, 0), (-1, 0, 0))

@@ -64,3 +64,10 @@ def test_a_view_that_the_user_chose_is_named_and_blenders_default_is_not():
     assert view_notes() == []
     assert view_notes(exposure=1.0) and view_notes(gamma=1.2)
     assert view_notes(look="AgX - Punchy") and view_notes(view_transform="False Color")
+
+
+def test_frames_are_denoised_on_the_processor_whatever_a_file_says():
+    """The images of two machines are the same."""
+    file_with({"denoising_use_gpu": True})
+    settings.apply(RenderJob("a", "/tmp/room.blend", "kt0", light="path", denoise=True))
+    assert not bpy.context.scene.cycles.denoising_use_gpu

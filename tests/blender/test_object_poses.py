@@ -12,7 +12,7 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
-from iclnuim.blender.render import worker  # noqa: E402
+from iclnuim.blender.render import ground_truth, worker  # noqa: E402
 from iclnuim.geometry.camera import PinholeCamera  # noqa: E402
 from iclnuim.geometry.se3 import SE3  # noqa: E402
 from iclnuim.geometry.trajectory import Trajectory  # noqa: E402
@@ -120,3 +120,14 @@ def test_without_motion_or_ground_truth_there_is_none(crate, tmp_path, moves, tr
         crate.keyframe_insert("location", frame=frame)
     run, _, _ = run_of(tmp_path, ground_truth=truth)
     assert not (run / "object_poses.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("stamp_s", "covered"), [(2.0, True), (2.0000009, True), (2.0000015, False)]
+)
+def test_a_table_reaches_the_stamp_that_was_rounded_to_its_last(tmp_path, stamp_s, covered):
+    file = tmp_path / "poses.csv"
+    file.write_text(
+        "stamp,id,tx,ty,tz,qx,qy,qz,qw\n1.000000,1,0,0,0,0,0,0,1\n2.000000,1,0,0,0,0,0,0,1\n"
+    )
+    assert ground_truth._covers(file, stamp_s) is covered

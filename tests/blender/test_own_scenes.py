@@ -15,7 +15,14 @@ bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
 from iclnuim.blender import compat, surfaces  # noqa: E402
-from iclnuim.blender.open import displacement, light_choice, motion, preflight, scene  # noqa: E402
+from iclnuim.blender.open import (  # noqa: E402
+    displacement,
+    faces,
+    light_choice,
+    motion,
+    preflight,
+    scene,
+)
 from iclnuim.blender.render import camera  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry import scene_axes  # noqa: E402
@@ -58,6 +65,18 @@ def test_every_format_gives_the_surface_that_was_exported(exported, points, kind
 def test_a_format_that_says_nothing_has_its_guess_told(exported):
     assert any("y up, metres; a guess" in note for note in opened(exported["obj"]))
     assert not any("guess" in note for note in opened(exported["glb"]))
+
+
+@pytest.mark.parametrize(
+    ("known", "words"),
+    [
+        ({}, "its up axis and unit (options: up and scene unit)"),
+        ({"up": "y"}, "its unit (options: scene unit)"),
+        ({"unit_m": 1.0}, "its up axis (options: up)"),
+    ],
+)
+def test_what_is_guessed_is_what_the_format_does_not_contain(exported, known, words):
+    assert f"does not contain {words}" in "".join(opened(exported["obj"], **known))
 
 
 @pytest.mark.parametrize(
@@ -397,6 +416,29 @@ def test_what_moves_leads_to_path_tracing_with_a_word(room):
     changed, words = light_choice.with_possible_light(job)
     assert changed.light == "path"
     assert "move (crate): path traced" in words[0]
+
+
+def test_smoke_in_a_thing_is_named_as_what_keeps_a_map_from_being_baked(room):
+    opened(room)
+    tree = bpy.data.objects["crate"].active_material.node_tree
+    smoke = tree.nodes.new("ShaderNodeVolumePrincipled")
+    tree.links.new(smoke.outputs[0], tree.nodes["Material Output"].inputs["Volume"])
+    here = bpy.context.scene
+    smoky = [
+        o.name for o in here.objects if o.active_material and o.active_material.node_tree == tree
+    ]
+    assert "crate" in smoky and light_choice.volume_names(here) == sorted(smoky)
+    assert light_choice.reason_against_baking(here).startswith("volumes (")
+
+
+def test_a_face_with_nothing_behind_it_is_of_a_sheet():
+    made.fresh(bpy)
+    grey = made.material(bpy, "grey")
+    box = made.box(bpy, "box", (0, 0, 0), (1, 1, 1), grey)
+    sheet = made.add(bpy, "sheet", [(0, 0, 3), (1, 0, 3), (1, 1, 3.5)], [(0, 1, 2)], grey)
+    bpy.context.view_layer.update()
+    found = faces.Faces(bpy.context.evaluated_depsgraph_get(), [box, sheet])
+    assert [found.is_sheet(row) for row in range(7)] == 6 * [False] + [True]
 
 
 def test_a_timeline_that_does_not_start_at_0_is_named_where_things_move(room):

@@ -178,6 +178,7 @@ def test_a_white_principled_ball_cannot_be_told_from_a_white_furnace(tmp_path, s
     assert np.abs(seen - 1).max() < 0.06
 
 
+@pytest.mark.slow
 def test_light_baked_on_an_own_scene_is_near_path_tracing(
     rich, camera_path, tmp_path, render_here, monkeypatch
 ):

@@ -115,9 +115,9 @@ def check(originals, folder, count, kinds=KINDS):
 
 
 def test_damaged_files_are_opened_or_refused_in_words(originals, tmp_path):
-    rows, crashed = check(originals, tmp_path, 12)
-    assert sum("triangles" in r for r in rows) > 10
-    assert sum("refused" in r for r in rows) > 10
+    rows, crashed = check(originals, tmp_path, 6)
+    assert sum("triangles" in r for r in rows) > 5
+    assert sum("refused" in r for r in rows) > 5
     assert [c for c in crashed if not c.endswith((".blend", ".usdc"))] == []
 
 

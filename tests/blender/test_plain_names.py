@@ -5,7 +5,7 @@ import csv
 import pytest
 
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
-from iclnuim.blender import surfaces  # noqa: E402
+from iclnuim.blender import notes, surfaces  # noqa: E402
 from iclnuim.blender.light import scene_key  # noqa: E402
 from iclnuim.blender.open import motion, plain_names, scene  # noqa: E402
 from iclnuim.channels import CHANNELS  # noqa: E402
@@ -20,6 +20,11 @@ def test_names_of_a_scene_are_one_line_each():
     assert plain_names.rename() == ["2 names with unusual characters: changed"]
     assert {o.name for o in bpy.data.objects} == {"lamp_v 1 2 3", "_HYPERLINK()", "Stuhl, groß"}
     assert plain_names.rename() == []
+
+
+def test_of_more_than_five_names_the_first_five_are_listed():
+    assert notes.names_of("cabed") == "a, b, c, d, e"
+    assert notes.names_of("gcfabed") == "a, b, c, d, e and 2 more"
 
 
 def named_in_bytes(folder, word):

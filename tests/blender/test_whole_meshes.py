@@ -15,7 +15,8 @@ from iclnuim.native_output import native_output_in  # noqa: E402
 
 
 def area_as_imported(path):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    for mesh in list(bpy.data.meshes):
+        bpy.data.meshes.remove(mesh)
     with native_output_in(path.with_suffix(".log")):
         importers.load(path)
     return sum(face.area for mesh in bpy.data.meshes for face in mesh.polygons)

@@ -36,14 +36,14 @@ def outcome(seed, kind=None):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_what_is_read_wrongly_is_named(kind, seed):
     _, named, noticed, multiple = outcome(seed, kind)
     assert noticed or multiple < COUNTED
     assert named == kind or multiple < COUNTED
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_named_in_right_sequences(seed):
     _, named, noticed, _ = outcome(seed, "")
     assert not named and not noticed
@@ -151,7 +151,7 @@ def test_an_error_of_the_camera_is_the_cameras():
     assert (cx, cy) == pytest.approx((CAMERA.cx + 8, CAMERA.cy), abs=0.5)
 
 
-@pytest.mark.parametrize("factor", [0.8, 0.95, 1.1, 1.25])
+@pytest.mark.parametrize("factor", [0.95, 1.25])
 def test_another_focal_length_is_measured_to_a_percent(factor):
     T = hand_held(40, seed=6)
     other = replace(CAMERA, fx=factor * CAMERA.fx, fy=factor * CAMERA.fy)

@@ -334,3 +334,11 @@ def test_a_result_shows_itself(scene):
     assert found.plot().get_ylabel() == "AbsRel"
     with pytest.raises(AttributeError):
         found.nothing  # noqa: B018
+
+
+def test_scale_and_shift_of_images_are_their_medians(scene):
+    true_m, _ = scene
+    planted = [(2.0, 0.1), (3.0, 0.2), (9.0, 4.0)]
+    predictions = [(true_m - shift) / scale for scale, shift in planted]
+    error = depth_error(np.stack([true_m] * 3), np.stack(predictions), align="affine")
+    assert (error.scale, error.shift) == (pytest.approx(3.0), pytest.approx(0.2))

@@ -119,3 +119,13 @@ def test_the_camera_turns_the_short_way_from_one_gaze_to_the_next(first_deg, las
     half_way = np.degrees(np.arccos(beside.clip(-1, 1)))
     assert half_way.max() < abs(last_deg - first_deg) / 2 + 5
     assert half_way[len(half_way) // 2] < 5
+
+
+def test_a_route_of_which_no_part_can_be_left_out_has_all_its_cells():
+    class Winding(FreeSpace):
+        def _is_clear(self, *_):
+            return False
+
+    space = Winding(np.zeros(3), 1.0, np.ones((6, 1, 1)), clearance)
+    corners = space.route(np.array([0.1, 0, 0]), np.array([4.9, 0, 0]), 0.5)
+    assert corners[:, 0].tolist() == [0.1, 0, 1, 2, 3, 4, 5, 4.9]

@@ -71,3 +71,9 @@ def test_in_a_worker(sabotaged, repository, tmp_path):
     done = sabotaged("iclnuim.sequences.run_folder", "RunFolder.write_frame", *words)
     assert done.returncode == 3, done.stderr
     assert "sabotaged" in done.stderr + "".join(p.read_text() for p in tmp_path.rglob("*.log"))
+
+
+def test_the_render_script_loses_no_line_that_it_prints(repository):
+    words = [sys.executable, repository / "headless/render.py", "--help"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=patience(200))
+    assert done.returncode == 0 and done.stdout.startswith("usage:")

@@ -224,7 +224,8 @@ def test_adopting_applies_equation_two(run, walk, tmp_path):
 def test_adopting_takes_the_first_pose_of_a_file_as_start(run, walk, tmp_path):
     moved = adopt(WALK, SE3.exp(np.array([1.0, 2, 3, 0.1, 0.2, 0.3])))
     write_trajectory(tmp_path / "start.txt", moved, "tum")
-    assert run("adopt", walk, "--start", tmp_path / "start.txt", "-o", tmp_path / "a.txt")[0] == 0
+    code, _, said = run("adopt", walk, "--start", tmp_path / "start.txt", "-o", tmp_path / "a.txt")
+    assert code == 0 and "adopted: the first pose is the start pose" in said
     adopted = read_trajectory(tmp_path / "a.txt").trajectory
     np.testing.assert_allclose(
         adopted.T_world_camera.matrix, moved.T_world_camera.matrix, atol=5e-9
@@ -232,9 +233,9 @@ def test_adopting_takes_the_first_pose_of_a_file_as_start(run, walk, tmp_path):
 
 
 def test_without_an_output_tum_comes_out_on_standard_output(run, walk, tmp_path):
-    code, out, _ = run("resample", walk, "--rate", 60)
+    code, out, said = run("resample", walk, "--rate", 60)
     (tmp_path / "a.txt").write_text(out)
-    assert code == 0
+    assert code == 0 and "resampled: 61 poses to 121 at 60 Hz" in said
     resampled, expected = read_trajectory(tmp_path / "a.txt").trajectory, resample(WALK, 60)
     np.testing.assert_allclose(
         resampled.T_world_camera.matrix, expected.T_world_camera.matrix, atol=1e-8

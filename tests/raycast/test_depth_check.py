@@ -11,7 +11,12 @@ from iclnuim.geometry.se3 import SE3
 
 pytest.importorskip("embreex", reason="casts rays")
 from iclnuim.raycast.caster import RayCaster  # noqa: E402
-from iclnuim.raycast.depth_check import TruthCaster, compare_depth, truth_summary  # noqa: E402
+from iclnuim.raycast.depth_check import (  # noqa: E402
+    GlassCaster,
+    TruthCaster,
+    compare_depth,
+    truth_summary,
+)
 
 CAMERA = PinholeCamera(9, 9, 9.0, 9.0, 4.0, 4.0)
 IDENTITY = SE3.identity()
@@ -81,3 +86,18 @@ def test_normals_are_promised_to_a_tenth_of_a_degree():
     degrees = np.array([0.07, 0.15, 0.04, 0.3])
     found = truth_summary([(np.ones(4, bool), degrees, np.array([4, 0, 0]))])
     assert found.normal_within_share == 0.5
+
+
+@pytest.mark.parametrize("holes", [False, True])
+def test_a_pane_is_looked_through_or_is_a_hole(holes):
+    """In the left half of the image, before a wall that is farther away to the right."""
+    wall = plane(FAR_M)
+    wall[..., 2] += 0.1 * wall[..., 0]
+    pane = np.concatenate([wall, plane(1.0, right_m=0.0)])
+    surface, behind = (
+        RayCaster(p.reshape(-1, 3), np.arange(3 * len(p)).reshape(-1, 3)) for p in (pane, wall)
+    )
+    expected = behind.depth(CAMERA, IDENTITY)
+    assert (np.diff(expected) > 0).all()
+    expected[:, :5] *= not holes
+    assert (GlassCaster(surface, behind, holes).depth(CAMERA, IDENTITY) == expected).all()

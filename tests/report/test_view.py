@@ -200,3 +200,15 @@ def test_a_browser_shows_frames_depth_and_keys(sequence, tmp_path, command_here,
             "performance.getEntriesByType('resource').every(r => r.name.startsWith('data:'))"
         )
         assert float(browser.value("document.body.dataset.first")) > 0
+
+
+def test_a_surface_with_opacity_is_packed_in_the_colours_of_one_without(tmp_path):
+    rng = np.random.default_rng(3)
+    points, colours = rng.normal(size=(20, 3)), rng.integers(0, 256, (20, 4)).astype(np.uint8)
+    packed = []
+    for channels in (3, 4):
+        one = ViewedSurface("a", points, np.zeros((0, 3), int), colours[:, :channels])
+        page.write_page(tmp_path / "page.html", ViewContents("t", surfaces=[one]))
+        data, texts = parts_of(tmp_path / "page.html")
+        packed.append(unpacked_bytes(texts[data["surfaces"][0]["colours"]]))
+    assert packed[0] == packed[1] == colours[:, :3].tobytes()

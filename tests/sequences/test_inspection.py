@@ -3,6 +3,7 @@
 import re
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.sequences.frame_source import run_frames
-from iclnuim.sequences.inspection import inspect_sequence
+from iclnuim.sequences.inspection import Inspection, inspect_distances, inspect_sequence
 from iclnuim.sequences.official_archives import ARCHIVES, archive_of, described
 from iclnuim.sequences.run_folder import open_run
 from iclnuim.sequences.writer import write_sequence
@@ -237,3 +238,13 @@ def test_images_in_the_lists_are_found_whatever_their_names(sound, tmp_path, pre
     ):
         lists.write_text(re.sub("(rgb|depth)/", rf"\1/{prefix}", lists.read_text()))
     assert inspect_sequence(tmp_path / "s").errors == inspect_sequence(sound).errors == []
+
+
+def test_depth_at_the_first_and_the_last_pose_is_compared():
+    """Before a wall that is 2 m away at first, and half a centimetre nearer at the end."""
+    camera = PinholeCamera.parse("96x72")
+    truth = Trajectory.at_rate(SE3.exp(np.linspace(0, 1, 5)[:, None] * [0, 0, 0.02, 0, 0, 0]))
+    depths = [(truth.stamps_s[i], np.full((72, 96), z_m)) for i, z_m in ((0, 2.0), (-1, 1.985))]
+    result = Inspection(Path("a"))
+    inspect_distances(result, depths, truth, camera)
+    assert result.figures["depth_fits_poses_mm"] == pytest.approx(5, abs=0.1)

@@ -20,6 +20,7 @@ from iclnuim.postprocess import frames_from
 from iclnuim.sensor.models import depth_model, rgb_model
 from iclnuim.sequences.associations import read_associations
 from iclnuim.sequences.frame_source import image_frames, run_frames
+from iclnuim.sequences.recipe import read_recipe
 from iclnuim.sequences.run_folder import open_run
 from iclnuim.sequences.sequence_formats import FORMATS as SEQUENCE_FORMATS
 from iclnuim.sequences.sequence_options import SequenceSettings
@@ -37,12 +38,10 @@ def fill(run, out, settings=NOISY, frames="::", **options):
 
 
 def contents(path):
-    """All files; of the journal, whose lines stand in the order of work, the lines in order."""
-    files = {
+    """All files of a finished sequence."""
+    return {
         str(p.relative_to(path)): p.read_bytes() for p in sorted(path.rglob("*")) if p.is_file()
     }
-    files["frames.jsonl"] = sorted(set(files["frames.jsonl"].splitlines()))
-    return files
 
 
 def test_the_same_bytes_alone_in_parts_backwards_or_at_once(run, tmp_path):
@@ -517,3 +516,19 @@ def test_a_sequence_begins_before_the_objects_of_its_scene_are_listed(labelled_r
     shutil.copy(labelled_run / "objects.json", raw)
     writer.write()
     assert (tmp_path / "a/classes.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        ({"kind": "run"}, "the recipe of a sequence, found run"),
+        ({"schema_version": "1"}, "the recipe of a sequence, found sequence"),
+        ({"schema_version": 2}, "a recipe of schema 1 or older, found 2"),
+        ({"lens": 1}, "the keys of a sequence's recipe, found lens"),
+    ],
+)
+def test_what_is_no_recipe_of_ours_is_refused(run, tmp_path, changed, expected):
+    file = fill(run, tmp_path / "out", SequenceSettings(), frames="0") / "recipe.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | changed))
+    with pytest.raises(InputError, match=expected):
+        read_recipe(file)

@@ -91,6 +91,14 @@ def in_an_older_blender(package) -> str:
         compat.bpy = bpy
 
 
+def written_room(out: str) -> str:
+    """A room as .obj: five faces, opened in no time."""
+    room = Path(out + "_file", "room.obj")
+    room.parent.mkdir(parents=True, exist_ok=True)
+    room.write_text(ROOM)
+    return str(room)
+
+
 def own_file(found: dict, button, out: str) -> None:
     """A user-provided room as .obj: shown, lit, baked, rendered; what the panel reports of its
     light map before and after.
@@ -98,10 +106,7 @@ def own_file(found: dict, button, out: str) -> None:
     settings = bpy.context.scene.iclnuim
     inputs, state = (importlib.import_module(f"{MODULE}.ui.{name}") for name in ("inputs", "state"))
     before = {name: getattr(settings, name) for name in ("scene_source", "light", "out", "frames")}
-    room = Path(out + "_file", "room.obj")
-    room.parent.mkdir(parents=True, exist_ok=True)
-    room.write_text(ROOM)
-    settings.scene_source, settings.scene_file, settings.light = "FILE", str(room), "baked"
+    settings.scene_source, settings.scene_file, settings.light = "FILE", written_room(out), "baked"
     settings.map_size, settings.map_samples, settings.frames = 64, 2, "100"
     settings.out = out + "_file/run"
     found["light_before"] = inputs.light_map_line(settings)
@@ -175,17 +180,20 @@ def main(archive: str, out: str, estimate: str) -> dict:
     for name in ("load_scene", "remove_scene", "load_scene", "refresh", "keyframe", "preview"):
         button(name)
         found.setdefault("hidden", []).append(hidden_things())
+    found["no_wall"] = state.current().trajectory_warning
+    shown = settings.scene_source
+    settings.scene_source, settings.scene_file = "FILE", written_room(out)
     button("render")
     kept = Path(out, "path.txt")
     found["pressed"]["save path"] = next(iter(bpy.ops.iclnuim.save_path(filepath=str(kept))))
     found["saved_path"] = kept.read_text()
     found["path"] = state.current().trajectory_lines
-    found["no_wall"] = state.current().trajectory_warning
     camera = bpy.context.scene.camera
     bpy.context.scene.frame_set(100)
     found["camera_at_100"] = [*camera.matrix_world.translation]
     settings.frames = "0:6:2"
     button("resume")
+    settings.scene_source = shown
     settings.estimate = estimate
     for name in ("evaluate", "plot"):
         button(name)

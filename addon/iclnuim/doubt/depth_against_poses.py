@@ -7,6 +7,7 @@ poses to depth, so that a smaller unit is no better by itself.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -183,14 +184,13 @@ def _of_other_cameras(pairs: DepthPairs, T: SE3, camera: PinholeCamera) -> list[
 
 def _lowest(cost: Callable[[np.ndarray], float], start: np.ndarray, step: float) -> np.ndarray:
     """The place (d,) near the start with the lowest cost, by steps to all sides that halve."""
+    cost_at = cache(lambda *place: cost(np.array(place)))  # most places are tried again
     last = step / 2**_HALVINGS
-    best = cost(start)
     while step > last:
         around = [start + step * np.array(one) for one in product((-1, 0, 1), repeat=len(start))]
-        costs = [cost(place) for place in around]
+        costs = [cost_at(*place) for place in around]
         lowest = int(np.argmin(costs))
-        if costs[lowest] < best:
-            best = costs[lowest]
+        if costs[lowest] < cost_at(*start):
             start = around[lowest]
         else:
             step /= 2

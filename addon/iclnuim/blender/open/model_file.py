@@ -34,7 +34,7 @@ def read_model(name: str, unit_m: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     return model.points, model.triangles
 
 
-def read_classed_model(name: str, unit_m: float = 1.0) -> ClassedModel:
+def read_classed_model(name: str, unit_m: float) -> ClassedModel:
     """The same with the class of each triangle of a scene."""
     if not 1e-6 <= unit_m <= 1e6:
         raise InputError("1e-06 to 1e+06 m", setting="model_unit", found=unit_m)
