@@ -27,7 +27,7 @@ MAX_BYTES = 60_000_000
 class Section:
     """A heading with a text and tables. part: "chart" or "cells", what the page's script draws
     there. folded: each table opens with a click; open_first: the first one is open. picture: a
-    chart before the tables, as a data URI.
+    chart before the tables, as a data URI. drawn: the same as HTML.
     """
 
     id: str
@@ -38,6 +38,7 @@ class Section:
     folded: bool = False
     open_first: bool = False
     picture: str = ""
+    drawn: Markup | str = ""
 
 
 @dataclass(frozen=True)

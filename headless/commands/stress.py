@@ -185,13 +185,18 @@ def run(args: Namespace, console: Console) -> None:
         raise WorkError(f"{args.out}: no measured cells", hint=hint)
     make_folder(args.out, hint="another {out}")
     write_cells(cells, args.out / "stress.csv")
-    _report(args, console, Summary.of(plan, names, stress.perturbations, cells, args.base))
+    summary = Summary.of(plan, names, stress.perturbations, cells, args.base)
+    _report(args, console, summary, stress)
 
 
-def _report(args: Namespace, console: Console, summary: "Summary") -> None:
-    """Write the results as JSON, as pages and as a figure, and print the table."""
+def _report(args: Namespace, console: Console, summary: "Summary", stress: "Stress") -> None:
+    """Write the results as JSON, as a page and as a figure, and print the table."""
+    from iclnuim.benchmark.experiments.recipes.stress.page import write_page
+    from iclnuim.benchmark.experiments.recipes.stress.thumbnails import thumbnails
+
     write_json(args.out / "stress.json", summary.to_dict())
-    console.note(f"{summary.write(args.out)} written")
+    page = write_page(summary, thumbnails(stress, args.out, console), args.out)
+    console.note(f"{page} written")
     if args.plot:
         from iclnuim.benchmark.experiments.recipes.stress.chart import figure
         from iclnuim.report import charts

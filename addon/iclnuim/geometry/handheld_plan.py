@@ -164,9 +164,10 @@ class PlanSettings(Settings):
         low=0.01,
         high=10.0,
         option="--clearance",
+        label="Clearance",
     )
     speed_m_s: float = setting(
-        0.3, "speed of motion", unit="m/s", low=0.01, high=10.0, option="--speed"
+        0.3, "speed of motion", unit="m/s", low=0.01, high=10.0, option="--speed", label="Speed"
     )
     shake: float = setting(1.0, "factor on the shake of the hands", low=0.0, high=10.0)
     seed: int = setting(0, "seed of the shake", low=0, high=2**63 - 1)

@@ -12,7 +12,7 @@ import bpy
 from bpy.props import StringProperty
 from bpy.types import Context, Event, Operator
 
-from ..errors import InputError, WorkError
+from ..errors import IclnuimError, InputError, WorkError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
 from ..evaluation.align import AlignmentSettings
 from ..evaluation.relative_error import RelativeErrorSettings, parse_delta, relative_error
@@ -24,7 +24,7 @@ from ..sequences.frame_source import read_frame
 from ..sequences.pose_lines import tied_to_poses
 from ..sequences.run_folder import read_run
 from ..sequences.sequence_options import SequenceOptions
-from ..trajectory_files.trajectories import read_trajectory
+from ..trajectory_files.trajectories import LoadedTrajectory, read_trajectory
 from . import image_editor, inputs, pictures, state, trajectory_view
 from .state import operator
 
@@ -152,6 +152,16 @@ def evaluate(self: Operator, context: Context) -> None:
     """Compute ATE and RPE of the estimate, and draw it: blue for no error, red for the largest
     error
     """
+    panel = state.current()
+    panel.evaluation, panel.evaluation_lines = None, []
+    try:
+        _evaluate(context)
+    except IclnuimError as error:  # also below the button, from where the top is out of sight
+        panel.evaluation_warnings = [error.worded(panel.work.name_of)]
+        raise
+
+
+def _evaluate(context: Context) -> None:
     settings = context.scene.iclnuim
     panel = state.current()
     if settings.truth:
@@ -160,24 +170,31 @@ def evaluate(self: Operator, context: Context) -> None:
         reference = inputs.trajectory(context)
     reference, estimate = tied_to_poses(reference, read_trajectory(_estimate(context)))
     alignment = AlignmentSettings(**settings.values_of(AlignmentSettings))
-    over = RelativeErrorSettings(*parse_delta(settings.delta))
-    rpe = relative_error(reference.trajectory, estimate.trajectory, over)
     files = ComparedFile("ground truth", reference), ComparedFile(settings.estimate, estimate)
     report = Report.of(*files, AbsoluteErrorSettings(alignment=alignment))
     assert isinstance(report.result, AbsoluteError)
     ate = panel.evaluation = report.result
     panel.evaluation_warnings = report.warnings
     position = ate.translation_m
-    drift = f"{_mm(rpe.translation_m.rmse)}, {rpe.rotation_deg.rmse:.3f} deg"
     panel.evaluation_lines = [
         f"ATE rmse {_mm(position.rmse)}",
         f"median {_mm(position.median)}, max {_mm(position.max)}",
         f"rotation rmse {ate.rotation_deg.rmse:.3f} deg",
-        f"RPE over {settings.delta}: {drift}",
+        f"RPE over {settings.delta}: {_drift(reference, estimate, settings.delta)}",
         f"{len(ate.stamps_s)} pairs, {100 * ate.completeness.coverage:.0f} % of the ground truth",
     ]
     trajectory_view.show_estimate(ate.aligned.translation, ate.translation_error_m)
     state.redraw()
+
+
+def _drift(reference: LoadedTrajectory, estimate: LoadedTrajectory, delta: str) -> str:
+    """The RPE, or that no poses are so far apart: single frames of a trajectory have an ATE."""
+    over = RelativeErrorSettings(*parse_delta(delta))
+    try:
+        rpe = relative_error(reference.trajectory, estimate.trajectory, over)
+    except InputError as error:
+        return f"none, {error.worded(state.current().work.name_of)}"
+    return f"{_mm(rpe.translation_m.rmse)}, {rpe.rotation_deg.rmse:.3f} deg"
 
 
 def _evaluation(context: Context) -> AbsoluteError:

@@ -36,7 +36,7 @@ class ViewedSequence:
 @dataclass(frozen=True, eq=False)
 class ViewedTrajectory:
     """A trajectory in the world of the page. errors_m (n,): distance of each position to the true
-    one, NaN for a pose that has none.
+    one, NaN for a pose that has none; rmse_mm: their ATE.
     """
 
     name: str
@@ -44,14 +44,12 @@ class ViewedTrajectory:
     is_truth: bool = False
     has_rotations: bool = True
     errors_m: np.ndarray | None = None
+    rmse_mm: float | None = None
 
     @property
     def label(self) -> str:
-        """The name, with the RMSE of the errors."""
-        if self.errors_m is None:
-            return self.name
-        rmse_mm = 1e3 * float(np.sqrt(np.nanmean(self.errors_m**2)))
-        return f"{self.name}, ATE {rmse_mm:.3g} mm"
+        """The name, with the ATE."""
+        return self.name if self.rmse_mm is None else f"{self.name}, ATE {self.rmse_mm:.3g} mm"
 
 
 @dataclass(frozen=True, eq=False)

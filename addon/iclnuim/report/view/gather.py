@@ -110,7 +110,8 @@ def trajectories(
         )
         errors_m = np.full(len(aligned), np.nan)
         errors_m[error.association.second] = error.translation_error_m
-        found.append(ViewedTrajectory(name, aligned, False, loaded.read_as.has_rotations, errors_m))
+        rotations = loaded.read_as.has_rotations
+        found.append(ViewedTrajectory(name, aligned, False, rotations, errors_m, error.rmse_mm))
     return found
 
 

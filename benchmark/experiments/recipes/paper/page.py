@@ -255,8 +255,8 @@ def _more(result: Measured) -> dict[str, str]:
         moved_mm = 1e3 * surface["fit_moved_m"]
         more["ICP alignment"] = f"{moved_mm:.2f} mm, {surface['fit_turned_deg']:.3f} degrees"
     if "track_s" in times:
-        each = f"{times['ms_median']:.1f} ms per frame"
-        more["tracking"] = f"{times['track_s']:.1f} s on one core, {each}"
+        each = f"{1e3 * times['track_s'] / result.figures['frames']:.1f} ms a frame"
+        more["tracking"] = f"{each} on one core, {times['track_s']:.1f} s in all"
     return {**more, "cell": f"{times['cpu_s']:.0f} s on one core"}
 
 

@@ -11,7 +11,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from ....perturbations.plan import SEVERITIES
-from .tables import HIGH_MM, LOW_MM, Summary, colour_map, ink, shown_mm
+from .tables import HIGH_MM, LOW_MM, Summary, colour_map, ink, method_name, shown_mm
 
 _COLUMNS = 5
 
@@ -48,7 +48,7 @@ def _panel(axes: Axes, summary: Summary, method: str) -> None:
             values[y, x] = shown_mm(group.ate_m, group.failed)
             text = axes.text(x, y, group.mark, ha="center", va="center", fontsize=6.5)
             text.set_color(ink(values[y, x]))
-    axes.set_title(method.removeprefix("baseline:"), fontsize=9)
+    axes.set_title(method_name(method), fontsize=9)
     axes.set_xticks(range(SEVERITIES + 1))
     axes.tick_params(labelbottom=True)
     norm = LogNorm(LOW_MM, HIGH_MM)

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS, odometer
@@ -166,23 +167,28 @@ class Stress:
         if method in ODOMETERS and self.preset != "best":
             preset = self.preset
         key = StressKey(*place, method=method, preset=preset, base=self.base)
-        plan = self.plan
-        identity = {
-            "frames": plan.frames,
-            "seed": plan.seed,
-            "bounds": plan.bounds.to_dict(),
-            "input": self.inputs[key.sequence].sha256,
-            "frames_code": code_of(*_frames_code(key)),
-            "method_code": method_code(method),
-        }
-        if key.severity:
-            identity["level"] = plan.perturbations[key.perturbation].levels[key.severity - 1]
-            identity["fixed"] = dict(plan.fixed.get(key.perturbation, {}))
+        identity = self.frames_identity(key)
+        identity["bounds"] = self.plan.bounds.to_dict()
+        identity["method_code"] = method_code(method)
         for system in self.systems:
             if label(system) == method:
                 identity["options"] = system.chosen_options
                 identity["runs"] = self._runs(system)
         return Cell(key, identity)
+
+    def frames_identity(self, key: StressKey) -> dict[str, Any]:
+        """What decides the frames of a cell."""
+        plan = self.plan
+        identity = {
+            "frames": plan.frames,
+            "seed": plan.seed,
+            "input": self.inputs[key.sequence].sha256,
+            "frames_code": code_of(*_frames_code(key)),
+        }
+        if key.severity:
+            identity["level"] = plan.perturbations[key.perturbation].levels[key.severity - 1]
+            identity["fixed"] = dict(plan.fixed.get(key.perturbation, {}))
+        return identity
 
     def _clean_outcomes(self, store: Store) -> dict[StressKey, Outcome]:
         cells = [cell for cell in self.cells() if not cell.key.severity]

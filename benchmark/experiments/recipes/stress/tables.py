@@ -1,23 +1,19 @@
 """Results of `iclnuim stress` over all segments: when each method fails, and whether it notices; as
-tables and as a page.
+tables.
 """
 
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from iclnuim.report.charts import pareto_panel
 from matplotlib.colors import LinearSegmentedColormap, to_hex
-from matplotlib.figure import Figure
 
 from ....perturbations.plan import CLEAN, SEVERITIES, Plan
 from ...intervals import share_interval
 from ...outcome import mean, median
-from ...page import Page, Section, png_uri
 from ...table import Mark, ResultTable, mm, shown
 from .recipe import StressKey
 
@@ -28,7 +24,8 @@ Figures = Mapping[StressKey, Mapping[str, Any]]
 @dataclass(frozen=True)
 class Group:
     """The cells of a method, a perturbation and a severity, over all segments. segments: their
-    number. ate_m: median, None if half or more have none.
+    number. ate_m: median, None if half or more have none. ate_low_m, ate_high_m: the smallest and
+    the largest, None if a segment has none.
 
     succeeded: share of segments. false_successes, false_alarms, alarms: shares of frames. noticed:
     share of the segments with a wrong pose; None if there is none. noticed_after: median number of
@@ -37,6 +34,8 @@ class Group:
 
     segments: int
     ate_m: float | None
+    ate_low_m: float | None
+    ate_high_m: float | None
     succeeded: float
     coverage: float
     worst_step_m: float | None
@@ -55,9 +54,13 @@ class Group:
         wrong = [c for c in cells if c["wrong"]]
         noticed = [c["noticed_after"] for c in wrong if c["noticed_after"] is not None]
         causes = Counter(c["cause"] for c in cells if c["cause"])
+        errors_m = [c["ate_m"] for c in cells]
+        ends = (None, None) if None in errors_m else (min(errors_m), max(errors_m))
         return cls(
             segments=len(cells),
-            ate_m=_median_with_failures(c["ate_m"] for c in cells),
+            ate_m=_median_with_failures(errors_m),
+            ate_low_m=ends[0],
+            ate_high_m=ends[1],
             succeeded=float(np.mean([c["success"] for c in cells])),
             coverage=float(np.mean([c["coverage"] for c in cells])),
             worst_step_m=_median_with_failures(c["worst_step_m"] for c in cells),
@@ -116,17 +119,22 @@ def _median_with_failures(values: Iterable[float | None]) -> float | None:
     return None if high[0] else (low[1] + high[1]) / 2
 
 
+def method_name(method: str) -> str:
+    """The name of a method in tables and charts."""
+    return method.removeprefix("baseline:")
+
+
 #: Rows of the unperturbed frames: title, figure, format, factor.
 _CLEAN_TOTALS = (
-    ("ATE mm", "ate_m", ".3g", 1e3),
-    ("right, called bad", "false_alarms", ".1%", 1),
-    ("NEES", "nees", ".2g", 1),
+    ("unperturbed: ATE in mm", "ate_m", ".3g", 1e3),
+    ("unperturbed: right poses reported as bad", "false_alarms", ".1%", 1),
+    ("unperturbed: squared error / stated one", "nees", ".2g", 1),
 )
 #: Rows of all perturbed frames: title, share.
 _PERTURBED_TOTALS = (
-    ("segments that succeed", "succeeded"),
-    ("frames: wrong, reported as good", "false_successes"),
-    ("frames: right, reported as bad", "false_alarms"),
+    ("perturbed: segments that succeed", "succeeded"),
+    ("perturbed: wrong poses reported as good", "false_successes"),
+    ("perturbed: right poses reported as bad", "false_alarms"),
 )
 
 
@@ -192,12 +200,12 @@ class Summary:
         note = (
             "A severity fails if at least half of its segments do: their ATE is above "
             f"{mm(bounds.success_m, 'g')} mm, or less than {bounds.min_coverage:.0%} of their "
-            "frames have a pose. A dash: no severity fails. NEES of 1: errors are as large as "
-            "stated."
+            "frames have a pose. A dash: no severity fails. Squared error / stated one (NEES): 1 if "
+            "errors are as large as the method states."
         )
         columns = (
             "fails from severity",
-            *(method.removeprefix("baseline:") for method in self.methods),
+            *map(method_name, self.methods),
         )
         title = f"The lowest severity at which methods fail, {self.base} frames perturbed."
         return ResultTable("stress", title, columns, tuple(rows), notes=(note,), marks=marks)
@@ -216,7 +224,7 @@ class Summary:
         cleans = [self.groups.get((m, CLEAN, 0)) for m in self.methods]
         for title, name, spec, factor in _CLEAN_TOTALS:
             values = [getattr(clean, name, None) for clean in cleans]
-            rows.append((f"unperturbed: {title}", *(shown(v, spec, factor) for v in values)))
+            rows.append((title, *(shown(v, spec, factor) for v in values)))
         for title, name in _PERTURBED_TOTALS:
             values = [self._mean(method, name) for method in self.methods]
             rows.append((title, *(shown(v, ".1%") for v in values)))
@@ -232,7 +240,9 @@ class Summary:
         for name in self.perturbations:
             for method in self.methods:
                 groups = self.row(method, name)
-                rows.append((name, method, *(getattr(group, "mark", "") for group in groups)))
+                rows.append(
+                    (name, method_name(method), *(getattr(group, "mark", "") for group in groups))
+                )
         columns = ("", "severity", *map(str, range(SEVERITIES + 1)))
         title = f"ATE in mm, {self.base} frames perturbed; 0: unperturbed; \u00d7: failed; !: reports wrong poses as good."
         return ResultTable("severities", title, columns, tuple(rows))
@@ -252,7 +262,9 @@ class Summary:
                     marks[i, 1 + severity] = Mark(style, about)
         severities = map(str, range(SEVERITIES + 1))
         columns = ("", *severities, "fails at", "failure noticed", "diagnosed cause")
-        return ResultTable(method, f"ATE of {method} in mm.", columns, tuple(rows), marks=marks)
+        return ResultTable(
+            method, f"ATE of {method_name(method)} in mm.", columns, tuple(rows), marks=marks
+        )
 
     def _level(self, name: str, severity: int) -> str:
         return self.plan.perturbations[name].level(severity) if severity else "unperturbed"
@@ -273,7 +285,7 @@ class Summary:
             clean = self.groups.get((name, CLEAN, 0))
             ate_mm = mm(clean.ate_m if clean else None)
             texts = (f"{share:.1%}", f"{low:.1%}", f"{high:.1%}", ate_mm)
-            rows.append((name, shown(ms, ".1f"), *texts))
+            rows.append((method_name(name), shown(ms, ".1f"), *texts))
         columns = ("method", "ms a frame", "succeed", "95 % from", "to", "unperturbed ATE mm")
         return ResultTable("speed", "Success beside speed.", columns, tuple(rows))
 
@@ -290,37 +302,6 @@ class Summary:
                 ms = mean(group.ms for group in groups)
                 found.append((method, ms, *share_interval(succeeded, segments)))
         return found
-
-    def page(self) -> Page:
-        """An overview, then a section for each method."""
-        lead = (
-            f"Perturbed are the {self.base} frames. Numbers are the median ATE in mm; \u00d7 is a failure; ! means that the method also "
-            "reports wrong poses as good. Point at a number for all figures."
-        )
-        sections = [Section("overview", "Overview", tables=[self.overview()])]
-        if speeds := self.speeds():
-            chart = _speed_picture([s for s in speeds if s[1]])
-            sections.append(Section("speed", "Speed", tables=[self.speed()], picture=chart))
-        for method in self.methods:
-            name = method.replace(":", "-")
-            sections.append(Section(name, method, tables=[self.of_method(method)]))
-        return Page("ICL-NUIM: where methods fail", lead, sections)
-
-    def write(self, out: Path) -> Path:
-        """Write OUT/stress.html and return its path."""
-        return self.page().write(out / "stress.html")
-
-
-def _speed_picture(speeds: Sequence[tuple[str, float | None, float, float, float]]) -> str:
-    """The shares of success against ms a frame, as a data URI; empty without times."""
-    if not speeds:
-        return ""
-    drawing = Figure(figsize=(6.0, 3.6), layout="constrained")
-    axes = drawing.subplots()
-    points = [(name, ms or 0.0, share, low, high) for name, ms, share, low, high in speeds]
-    pareto_panel(axes, points, lower_is_better=False)
-    axes.set(xlabel="time of a frame on one core [ms]", ylabel="segments that succeed")
-    return png_uri(drawing)
 
 
 # -- the colour scale of errors: logarithmic, distinguishable without colour vision and in grey
