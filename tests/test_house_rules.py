@@ -49,7 +49,8 @@ MAY_IMPORT = {
     "trajectory_files": f"{CORE} shipped evaluation",
     "doubt": f"{CORE} trajectory_files evaluation",
     "channels": "formats",
-    "job": f"{CORE} channels shipped sensor",
+    "render_ways": "errors",
+    "job": f"{CORE} channels shipped sensor render_ways",
     "sequences": f"{CORE} version console channels job shipped sensor evaluation trajectory_files doubt",
     "labels": f"{CORE} console channels doubt sequences report",
     "depth": f"{CORE} console channels sequences labels evaluation report",
@@ -59,7 +60,7 @@ MAY_IMPORT = {
     "blender": f"{CORE} lightmap",
     "blender.open": f"{CORE} shipped job scene_files blender",
     "blender.light": f"{CORE} version shipped job sensor lightmap blender",
-    "blender.render": f"{CORE} version channels job worker_events shipped sensor sequences labels "
+    "blender.render": f"{CORE} version channels job render_ways worker_events shipped sensor sequences labels "
     "trajectory_files blender blender.open blender.light",
     "blender.child": f"{CORE} job worker_events sequences blender blender.render",
     "report": f"{CORE} console sensor evaluation doubt trajectory_files sequences",

@@ -182,6 +182,11 @@ class RunOptions:
         job = self._sequence_job(sequence)
         self._check_allowed(job, sequence or "")
         job = job.changed(reading=job.reading.changed(**self.reading), **given)
+        if "quality" in given and (job.light != "auto" or job.samples is not None):
+            expected = (
+                "{quality} with {light} auto, without {samples}, of a scene without a light map"
+            )
+            raise InputError(expected, found=f"light {job.light}, samples {job.samples}")
         return replace(job, imu=self._imu(job))
 
     def _imu(self, job: RenderJob) -> ImuOnCamera:

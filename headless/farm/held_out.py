@@ -55,7 +55,7 @@ def views_plan(plan: RunPlan) -> RunPlan:
     """
     folder = plan.out / FOLDER
     settled = read_run(plan.raw).job
-    light = {name: getattr(settled, name) for name in ("light", "samples", "denoise")}
+    light = {name: getattr(settled, name) for name in ("light", "samples", "denoise", "map_size")}
     job = replace(
         plan.job,
         sequence=f"{plan.job.sequence}/{FOLDER}",

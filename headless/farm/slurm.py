@@ -272,7 +272,7 @@ def _refuse_other_job(plan: RunPlan) -> None:
     ignored = {"sequence", "scene", "trajectory", "denoise", "schema_version"}
     lights = begun.get("light"), requested["light"]
     if requested["light"] == "auto" or lights == ("path", "baked"):
-        ignored |= {"light", "samples"}
+        ignored |= {"light", "samples", "map_size"}
     names = set(requested) - ignored
     record = Record("run", plan.raw, {name: requested[name] for name in names})
     record.refuse_other({name: begun.get(name) for name in names})

@@ -10,6 +10,7 @@ OUT/camera.json          the pinhole camera
 OUT/sequence.json        the recipe: effective settings, seed, versions, source commit
 OUT/frames.jsonl         the hash of each frame's file
 OUT/preview.png          user-provided scenes: a small path-traced image of the first frame
+OUT/first_look.json      the ways to light the run that were compared for the setting quality
 """
 
 import functools

@@ -193,6 +193,8 @@ def light(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
         shown.pop(name, None)
     if settings.light == "path":
         del shown["map_size"], shown["map_samples"]
+    if settings.light != "auto":
+        del shown["quality"]
     _numbers_or_auto(layout, settings, shown)
     if settings.light != "path":
         layout.operator("iclnuim.bake", icon="LIGHT_SUN")

@@ -2,7 +2,8 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,8 +41,8 @@ class JobScene:
     """The scene of a job, for the frames of a run. A step that changes what is open in Blender
     says so, and the next one opens the scene again.
 
-    job: with light "auto" until it is chosen. threads: of Cycles; default: all cores of this
-    process.
+    job: with light "auto" until it is chosen. can_bake: whether a chosen light may be baked.
+    threads: of Cycles; default: all cores of this process.
     """
 
     def __init__(
@@ -52,26 +53,46 @@ class JobScene:
         frames: RunFrames | None = None,
     ) -> None:
         self.job = job
+        self.can_bake = True
         self.frames = frames
         self._emit = emit
         self._threads = threads
         self._is_open = False
+        self._opening_core_s = 0.0
 
     def open_early(self) -> None:
         """Open the scene before its run, with path tracing if it cannot have baked light: its
         textures are part of the recipe, and moving objects affect the choice of light.
         """
+        begun = time.process_time()
         with _silence():
             notes = scene.open_scene(self.job.scene, self.job.reading, self.frames)
-            self.job, more = light_choice.with_possible_light(self.job)
+            possible, more = light_choice.with_possible_light(self.job)
+        self.can_bake = not more
+        if self.job.light != "auto":
+            self.job = possible
+        self._opening_core_s = time.process_time() - begun
         self._is_open = True
         self._note_all([*notes, *more])
 
-    def preview(self, trajectory: Trajectory, number: int) -> first_look.Look:
-        """A preview of frame `number`. The scene is changed."""
+    def look(self, trajectory: Trajectory, requested: Sequence[int]) -> first_look.Look:
+        """The ways to light the requested frames if the light is not chosen, else only a preview of
+        the first one. The scene is changed.
+        """
         self._is_open = False
         with _silence(errors=True):
-            return first_look.look(self.job, trajectory, number, self._threads)
+            if self.job.light != "auto":
+                return first_look.preview(self.job, trajectory, requested[0], self._threads)
+            opened = self.can_bake, self._opening_core_s
+            return first_look.look(self.job, trajectory, requested, self._threads, *opened)
+
+    def measured_db(self, look: first_look.Look, trajectory: Trajectory) -> float:
+        """The PSNR of the scene lit by its map against the views of a look. The scene is changed."""
+        with _silence(errors=True):
+            self._set_up()
+            self._light_up(light_map.prepare(self.job, self._note)[0])
+            camera.keyframe(trajectory.T_world_camera, self.job.camera)
+            return first_look.measured_db(look)
 
     def bake(self) -> tuple[Path, bool]:
         """Find or bake the light map. Returns its folder and whether it was baked: then the scene

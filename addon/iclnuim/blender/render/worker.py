@@ -37,9 +37,8 @@ class Session:
     """Opens a run in `out` and renders any of its frames. It looks at a scene and chooses its light,
     makes or resumes the run, builds the scene at the first frame, and renders.
 
-    `threads` for Cycles; default: all cores of this process. `requested`: the requested frames: for
-    a scene without a shipped light map, the first one is rendered as a preview, and light "auto" is
-    chosen for their number. `last`: the last frame, up to which simulations are baked; default:
+    `threads` for Cycles; default: all cores of this process. `requested`: the requested frames, for
+    which light "auto" of a scene without a shipped light map is chosen, with a preview. `last`: the last frame, up to which simulations are baked; default:
     that of the trajectory. Use it as a context manager: Blender's output goes to a log meanwhile.
     """
 
@@ -62,8 +61,9 @@ class Session:
         self._checked: BuiltScene | None = None
         was_seen = (out / first_look.PREVIEW).exists()
         first = requested[0] if requested and not was_seen else None
-        look = self._look(first)
-        self._choose_light(out, look, len(requested))
+        look = self._look(requested if first is not None else ())
+        self._choose_light(out, look)
+        self._chosen_by = look if look and look.ways else None
         self.run = open_run(out, run_recipe.recipe(self.job), self.trajectory)
         is_new = first is not None and not self.run.is_finished(first)
         self._first = first_look.FirstFrame(self.job.scene, first if is_new else None)
@@ -84,23 +84,24 @@ class Session:
         """The job, with the light that was chosen."""
         return self._scene.job
 
-    def _look(self, number: int | None) -> first_look.Look | None:
-        """Open a scene whose light may have to be chosen. Returns a preview of frame `number`,
-        unless there is no number, or nothing to choose.
+    def _look(self, requested: Sequence[int]) -> first_look.Look | None:
+        """Open a scene whose light may have to be chosen. Returns a look at the requested frames,
+        unless there are none, or nothing to choose.
         """
-        wanted = self.job.light
-        if shipped.is_scene(self.job.scene) and wanted != "auto":
+        if shipped.is_scene(self.job.scene) and self.job.light != "auto":
             return None
         self._scene.open_early()
-        if number is None or wanted == "path":
+        is_given = self.job.light == "auto" and self.job.samples is not None
+        if not requested or self.job.light == "path" or is_given:
             return None
-        return self._scene.preview(self.trajectory, number)
+        return self._scene.look(self.trajectory, requested)
 
-    def _choose_light(self, out: Path, look: first_look.Look | None, frame_count: int) -> None:
-        """Replace light "auto" by the one that takes less time."""
+    def _choose_light(self, out: Path, look: first_look.Look | None) -> None:
+        """Replace light "auto" by the way that was chosen."""
         if self.job.light != "auto":
             return
-        self._scene.job, sentence = first_look.choose(self.job, out, look, frame_count)
+        can_bake = self._scene.can_bake
+        self._scene.job, sentence = first_look.choose(self.job, out, look, can_bake)
         self._note(sentence)
 
     def _note_start(self, look: first_look.Look | None) -> None:
@@ -127,7 +128,12 @@ class Session:
     def bake(self) -> tuple[Path, bool]:
         """Find or bake the light map; see JobScene.bake."""
         self._built = None
-        return self._scene.bake()
+        baked = self._scene.bake()
+        if (look := self._chosen_by) is not None and self.job.light == "baked":
+            measured_db = self._scene.measured_db(look, self.trajectory)
+            look.write(self.run.path, measured_db)
+            self._note(look.corrected(measured_db))
+        return baked
 
     def save_blend(self, file: Path) -> None:
         """Save a copy of the prepared scene with the keyframed camera, to be played in Blender."""
