@@ -398,6 +398,16 @@ def test_light_is_chosen_for_a_scene_without_a_map_unless_options_name_it_or_its
     assert (auto.samples, replace(auto, light="path").denoise) == (7, True)
 
 
+def test_a_quality_that_would_not_be_used_is_refused(tmp_path):
+    own = ("--scene", str(tmp_path / "own.blend"), "--quality", "30dB")
+    assert asked_for(tmp_path, "kt2", *own).job.quality == "30dB"
+    for words in (("--light", "path"), ("--light", "baked"), ("--samples", "4")):
+        with pytest.raises(InputError, match="quality.* with .*light.* auto, without"):
+            asked_for(tmp_path, "kt2", *own, *words)
+    with pytest.raises(InputError, match="found light baked"):
+        asked_for(tmp_path, "kt2", "--quality", "30dB")
+
+
 def test_a_record_with_unknown_keys_or_values_that_do_not_fit_is_refused_by_name(
     tmp_path, job, capsys
 ):

@@ -63,7 +63,7 @@ _PREVIEW_SAMPLES = 16
 
 
 @dataclass(frozen=True)
-class FrameCost:
+class TracingCost:
     """Core-seconds of a path-traced frame: whatever its size, of each pixel (denoising), and of
     each sample of a pixel. cores: the cores that rendering keeps busy.
     """
@@ -170,7 +170,7 @@ class FirstFrame:
             raise InputError(expected, path=self.scene, found=black, hint=again)
 
 
-class _View(NamedTuple):
+class _Picture(NamedTuple):
     """rgb (h, w, 3) scene-linear, depth_z_m (h, w), times: (2,) seconds and core-seconds."""
 
     rgb: np.ndarray
@@ -188,7 +188,7 @@ class _Views:
         self._raw_file = raw_file
         self.spent = np.zeros(2)
 
-    def preview(self, number: int) -> _View:
+    def preview(self, number: int) -> _Picture:
         """The whole frame, smaller."""
         render = bpy.context.scene.render
         longer_px = max(render.resolution_x, render.resolution_y)
@@ -197,18 +197,18 @@ class _Views:
         with compat.temporarily(render, resolution_percentage=percentage):
             return self._render(number, _PREVIEW_SAMPLES)
 
-    def window(self, number: int, samples: int, side_px: int, place: int) -> _View:
+    def window(self, number: int, samples: int, side_px: int, place: int) -> _Picture:
         """A window of a frame, at one of the places."""
         with compat.temporarily(bpy.context.scene.render, **_border(side_px, _PLACES[place])):
             return self._render(number, samples)
 
-    def _render(self, number: int, samples: int) -> _View:
+    def _render(self, number: int, samples: int) -> _Picture:
         bpy.context.scene.cycles.samples = samples
         begun = np.array([time.perf_counter(), time.process_time()])
         raw = frames.render(number, self._raw_file, in_memory=True)
         took = np.array([time.perf_counter(), time.process_time()]) - begun
         self.spent += took
-        return _View(*frames.read(raw, raw), took)
+        return _Picture(*frames.read(raw, raw), took)
 
     def series(self, numbers: Sequence[int], side_px: int) -> "_Series":
         """Render a window of each frame with each number of samples that is compared."""
@@ -266,7 +266,7 @@ class _Series:
         few, some, many = (srgb8(self.rgb[:, k]) for k in range(len(COMPARED)))
         return Convergence.of(square(few, some), square(some, many), square(few, many))
 
-    def cost(self, frame_core_s: float) -> FrameCost:
+    def cost(self, frame_core_s: float) -> TracingCost:
         """The cost of frames, of which an image of a few pixels takes frame_core_s."""
         pixels = self.rgb.shape[2] * self.rgb.shape[3]
         seconds, core_s = np.moveaxis(self.times.mean(0), -1, 0)
@@ -274,7 +274,7 @@ class _Series:
         sample_core_s = max(sample_core_s, 1e-9 * pixels)
         fixed = max(core_s[0] - COMPARED[0] * sample_core_s - frame_core_s, 0.0)
         cores = max(core_s[-1] / seconds[-1], 1e-3)
-        return FrameCost(frame_core_s, fixed / pixels, sample_core_s / pixels, cores)
+        return TracingCost(frame_core_s, fixed / pixels, sample_core_s / pixels, cores)
 
 
 def preview(job: RenderJob, trajectory: Trajectory, number: int, threads: int | None) -> Look:
@@ -310,7 +310,7 @@ def look(
         )
         shot = views.preview(numbers[0])
         start_core_s = opening_core_s + max(first - frame_core_s, 0.0)
-        plan = _Plan(job, count, start_core_s, frame_core_s, maps)
+        plan = _RunWays(job, count, start_core_s, frame_core_s, maps)
         series = _compared(views, numbers, plan)
     return Look(
         numbers[0],
@@ -325,7 +325,7 @@ def look(
     )
 
 
-def _compared(views: _Views, numbers: tuple[int, ...], plan: "_Plan") -> _Series:
+def _compared(views: _Views, numbers: tuple[int, ...], plan: "_RunWays") -> _Series:
     """The largest series of windows that takes its share of the time that is then announced."""
     (_, first_px), *larger = _STEPS
     series = views.series(numbers[:1], first_px)
@@ -375,7 +375,7 @@ def _maps(job: RenderJob) -> tuple[_Map, ...]:
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _RunWays:
     """What a run of `count` frames of a job takes, by any way. start_core_s: until its first frame
     begins. frame_core_s: of a frame of few pixels.
     """
@@ -393,11 +393,11 @@ class _Plan:
         ways = [self._path(samples, cost, converges) for samples in PATH_SAMPLES]
         return ways + [self._baked(one, cost) for one in self.maps]
 
-    def _path(self, samples: int, cost: FrameCost, converges: Convergence) -> Way:
+    def _path(self, samples: int, cost: TracingCost, converges: Convergence) -> Way:
         core_s = self.start_core_s + self.count * cost.of(self._pixels, samples)
         return Way("path", samples, None, core_s, core_s / cost.cores, converges.psnr_db(samples))
 
-    def _baked(self, one: _Map, cost: FrameCost) -> Way:
+    def _baked(self, one: _Map, cost: TracingCost) -> Way:
         slowness = max(1.0, cost.sample_core_s / _SAMPLE_CORE_S)
         bake_core_s = one.bake_core_s * slowness
         frame_core_s = cost.of(self._pixels, 1) - self._pixels * cost.pixel_core_s  # not denoised
