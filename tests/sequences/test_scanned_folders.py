@@ -139,6 +139,18 @@ def test_what_is_no_sequence_is_told_with_what_works(tmp_path, names, words):
         assert StoredSequence(tmp_path).pairs
 
 
+def test_redwoods_folders_as_they_are_downloaded(scanned):
+    folder, _ = scanned("redwood")
+    before = [pair.depth.read_bytes() for pair in StoredSequence(folder).pairs]
+    (folder / "colors").rename(folder / "office1-color")
+    (folder / "depth").rename(folder / "office1-depth-clean")
+    shutil.copytree(folder / "office1-depth-clean", folder / "office1-depth-simulated")
+    (folder / "office1-depth-simulated/00001.png").write_bytes(before[0])
+    sequence = StoredSequence(folder)
+    assert [pair.depth.read_bytes() for pair in sequence.pairs] == before
+    assert "office1-depth-simulated/ is not read" in sequence.camera.notes
+
+
 def test_a_video_alone_is_told_how_to_become_images(scanned):
     folder, _ = scanned("stray-scanner")
     shutil.rmtree(folder / "rgb")

@@ -3,6 +3,7 @@ and BundleFusion (frame-000000.color.png, .depth.png, .pose.txt, info.txt), and 
 the augmented ICL-NUIM (color/, depth/, camera_intrinsic.json, trajectory.log).
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,9 @@ _SEVEN_SCENES = PinholeCamera(640, 480, 585.0, 585.0, 320.0, 240.0)
 _SEVEN_SCENES_NOTE = (
     "no info.txt: the camera of 7-Scenes is used, 585 pixels; its colour is not registered to depth"
 )
-_COLOUR_FOLDERS = ("color", "colors", "image", "rgb")
+#: Folders of the recorder and of Redwood's data, whose depth without noise is read if it is there.
+_COLOURS = ("color", "colors", "image", "rgb", "*-color")
+_DEPTHS = ("depth", "*-depth-clean", "depth_noisy", "*-depth-simulated")
 #: Keys of Open3D's camera_intrinsic.json.
 INTRINSIC = Keys(
     used=names("width height intrinsic_matrix depth_scale"),
@@ -91,30 +94,31 @@ def _triples_camera(folder: Path, image: Path) -> SequenceCamera | None:
         )
 
 
-def _published(image: Path, camera: PinholeCamera, note: str) -> SequenceCamera | None:
+def _published(image: Path, camera: PinholeCamera, *notes: str) -> SequenceCamera | None:
     """The published camera, if an image has its size."""
     header = image_header(image)
     if (header.width, header.height) != (camera.width, camera.height):
         return None
-    return SequenceCamera(camera, _UNITS, notes=(note,))
+    return SequenceCamera(camera, _UNITS, notes=notes)
 
 
-def _recorded_images(folder: Path) -> dict[str, Path]:
-    """The colour images of Open3D's recorder or of a Redwood data set by their names."""
-    for name in _COLOUR_FOLDERS:
-        if found := files_in(folder / name, "*.jpg", "*.png"):
-            return {path.stem: path for path in found}
-    return {}
+def _places(folder: Path, patterns: Sequence[str]) -> list[Path]:
+    """The folders with images that have one of these names, in this order."""
+    named = [place for pattern in patterns for place in sorted(folder.glob(pattern))]
+    return [place for place in named if files_in(place, "*.jpg", "*.png")]
 
 
 def _recorded(folder: Path) -> list[Row]:
-    depths = {path.stem: path for path in files_in(folder / "depth", "*.png")}
-    return rows_by_name(_recorded_images(folder), depths)
+    images = []
+    for patterns in (_COLOURS, _DEPTHS):
+        place = _places(folder, patterns)[0]
+        images.append({path.stem: path for path in files_in(place, "*.jpg", "*.png")})
+    return rows_by_name(*images)
 
 
 def _is_recorded(folder: Path) -> bool:
     """Whether a folder has images, and Open3D's file of the camera or a trajectory as Redwood's."""
-    if not (folder / "depth").is_dir() or not _recorded_images(folder):
+    if not _places(folder, _COLOURS) or not _places(folder, _DEPTHS):
         return False
     return _intrinsic_file(folder) is not None or _log(folder) is not None
 
@@ -140,8 +144,9 @@ def _recorded_camera(folder: Path, image: Path) -> SequenceCamera | None:
     if there := camera_file(folder):
         return there
     file = _intrinsic_file(folder)
+    others = [f"{place.name}/ is not read" for place in _places(folder, _DEPTHS)[1:]]
     if file is None:
-        return _published(image, _PRIMESENSE, _PRIMESENSE_NOTE)
+        return _published(image, _PRIMESENSE, _PRIMESENSE_NOTE, *others)
     content: Any = read_json(file)
     matrix = content.get("intrinsic_matrix")
     values = matrix if isinstance(matrix, list) else []
@@ -156,7 +161,8 @@ def _recorded_camera(folder: Path, image: Path) -> SequenceCamera | None:
         expected = f"the size of the images, {camera.width} x {camera.height}"
         raise InputError(expected, path=file, found=found)
     with within(file):
-        return SequenceCamera(camera, check_units(units), notes=INTRINSIC.notes([content], file))
+        notes = (*INTRINSIC.notes([content], file), *others)
+        return SequenceCamera(camera, check_units(units), notes=notes)
 
 
 TRIPLES = tum.read_only(
