@@ -386,6 +386,8 @@ SEQUENCES = {
     "rtabmap": ("associations.txt", "camera.json"),
     "euroc": ("mav0/cam0/data.csv", "mav0/cam0/sensor.yaml", "mav0/depth0/sensor.yaml"),
     "nerf": ("transforms.json",),
+    "stray-scanner": ("odometry.csv", "camera_matrix.csv"),
+    "record3d": ("metadata.json", "depth/000001.exr"),
     "edex": ("stereo.edex", "frame_metadata.jsonl", "gt.txt"),
 }
 

@@ -2,19 +2,26 @@
 pose, stamp and camera; what is no RGB-D sequence is told so in a line with what works.
 """
 
+import json
 import shutil
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from iclnuim import frames_from
 from iclnuim.errors import InputError
 from iclnuim.formats.exr import write_exr
 from iclnuim.formats.images import read_colour8, read_metres
-from iclnuim.geometry.trajectory import sample
+from iclnuim.geometry.se3 import SE3
+from iclnuim.geometry.trajectory import Trajectory, sample
+from iclnuim.sensor import noise_model
+from iclnuim.sensor.models import depth_model, with_depth_noise
+from iclnuim.sensor.noise_model import frame_generator
 from iclnuim.sequences.frame_source import frames_with_poses, original_frames
 from iclnuim.sequences.inspection import inspect_sequence
 from iclnuim.sequences.sequence_formats import READ_ONLY, format_of
+from iclnuim.sequences.sequence_options import SequenceSettings
 from iclnuim.sequences.stored_sequence import StoredSequence, read_depth_m
 from iclnuim.sequences.writer import write_sequence
 from iclnuim.trajectory_files.trajectories import read_trajectory
@@ -216,8 +223,6 @@ DAMAGED = {
     "7-scenes": ("frame-000001.pose.txt", "frame-000002.depth.png"),
     "bundle-fusion": ("info.txt", "frame-000001.pose.txt"),
     "open3d": ("camera_intrinsic.json", "scene/trajectory.log"),
-    "stray-scanner": ("odometry.csv", "camera_matrix.csv"),
-    "record3d": ("metadata.json", "depth/1.exr"),
     "polycam": ("keyframes/corrected_cameras/52000066000.json",),
     "tum with exr": ("depth/0001.exr", "camera.json"),
 }
@@ -249,3 +254,76 @@ def test_trajectories_of_phones_are_read_alone(scanned):
     check_trajectory(loaded)
     assert loaded.read_as.format == "record3d" and not loaded.is_counted
     assert np.abs(loaded.trajectory.T_world_camera.matrix - scans.POSES.matrix).max() < 1e-7
+
+
+PHONES = {"stray-scanner": ".png", "record3d": ".exr"}
+
+
+def depths_of(folder):
+    sequence = StoredSequence(folder)
+    return [sequence.images(pair)[1] for pair in sequence.pairs]
+
+
+@pytest.mark.parametrize("name", PHONES)
+def test_a_phones_folder_holds_the_depth_that_the_sensor_gives(tmp_path, name):
+    """The phone's model has one value for each pixel of its image, which is all that is stored."""
+    camera = scans.CAMERA.resized(640, 480)
+    poses = scans.POSES[:2]
+
+    def load(number):
+        light = np.random.default_rng(number).uniform(0.2, 0.8, (480, 640, 3)).astype(np.float32)
+        return light, depth_z_m(poses[number], camera).astype(np.float32)
+
+    source = frames_from(camera, Trajectory.at_rate(poses), load)
+    settings = SequenceSettings(depth=depth_model("phone"), seed=3)
+    write_sequence(source, tmp_path / "out", settings, formats=[name], workers=1)
+    sequence = StoredSequence(tmp_path / "out")
+    small = camera.narrowed(256)
+    assert (small.width, small.height) == (256, 192)
+    assert np.abs(sequence.camera.pinhole.intrinsics - small.intrinsics).max() < 1e-6
+    for number, depth_m in enumerate(depths_of(tmp_path / "out")):
+        light, true_m = load(number)
+        model = depth_model("phone", {"size": "native"})
+        rng = frame_generator(3, number, noise_model.DEPTH)
+        native_m = with_depth_noise(model, true_m, camera, rng, light)
+        step = 5.1e-4 if name == "stray-scanner" else 0.0
+        assert depth_m.shape == (192, 256) and np.abs(depth_m - native_m).max() <= step
+
+
+@pytest.mark.parametrize("name", PHONES)
+def test_a_phones_folder_goes_into_itself_byte_for_byte(scanned, tmp_path, name):
+    folder, _ = scanned("open3d")
+    for out, source in (("a", folder), ("b", tmp_path / "a"), ("c", tmp_path / "b")):
+        write_sequence(original_frames(source), tmp_path / out, formats=[name], workers=1)
+    for path in (tmp_path / "b/depth").iterdir():
+        assert path.read_bytes() == (tmp_path / "c/depth" / path.name).read_bytes()
+    texts = {"odometry.csv", "camera_matrix.csv", "metadata.json"}
+    for text in texts & {path.name for path in (tmp_path / "b").iterdir()}:
+        assert (tmp_path / "b" / text).read_bytes() == (tmp_path / "c" / text).read_bytes()
+
+
+def test_the_video_of_stray_scanner_has_every_frame(scanned, tmp_path):
+    import cv2
+
+    folder, _ = scanned("open3d")
+    write_sequence(original_frames(folder), tmp_path / "out", formats=["stray-scanner"], workers=1)
+    video = cv2.VideoCapture(str(tmp_path / "out/rgb.mp4"))
+    found = [round((video.read()[1][-9, -9, 0] - 10) / 20) for _ in range(scans.FRAMES)]
+    assert found == list(range(scans.FRAMES)) and not video.read()[0]
+    odometry = np.loadtxt(tmp_path / "out/odometry.csv", delimiter=",", skiprows=1)
+    T = SE3.from_quat_xyzw(odometry[:, 5:9], odometry[:, 2:5])  # as StrayVisualizer reads them
+    assert np.abs(T.matrix - scans.POSES.matrix).max() < 1e-7
+
+
+def test_metadata_of_record3d_is_as_nerfstudio_reads_it(scanned, tmp_path):
+    from scipy.spatial.transform import Rotation
+
+    folder, camera = scanned("open3d")
+    write_sequence(original_frames(folder), tmp_path / "out", formats=["record3d"], workers=1)
+    content = json.loads((tmp_path / "out/metadata.json").read_text())
+    K = np.array(content["K"]).reshape(3, 3).T
+    assert np.abs(K - camera.K).max() < 1e-9 and (content["w"], content["h"]) == (160, 120)
+    poses = np.array(content["poses"])
+    rotations = Rotation.from_quat(poses[:, :4]).as_matrix()
+    assert np.abs(rotations - scans.OPENGL[:, :3, :3]).max() < 1e-7
+    assert np.abs(poses[:, 4:] - scans.OPENGL[:, :3, 3]).max() < 1e-7

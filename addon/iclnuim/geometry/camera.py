@@ -194,12 +194,22 @@ class PinholeCamera(Settings):
         cy = (self.cy + 0.5) * down - 0.5
         return PinholeCamera(width, height, self.fx * across, self.fy * down, cx, cy)
 
+    def narrowed(self, width: int) -> "PinholeCamera":
+        """The camera of the same view with at most this number of columns, and rows in proportion."""
+        width = min(width, self.width)
+        return self.resized(width, max(2, round(self.height * width / self.width)))
+
     def halved(self) -> "PinholeCamera":
         """The camera of the next level of a 2x2-mean pyramid, defined at its pixel centres: cx' =
         (cx + 0.5)/2 - 0.5.
         """
         cx, cy = ((c + 0.5) / 2 - 0.5 for c in (self.cx, self.cy))
         return PinholeCamera(self.width // 2, self.height // 2, self.fx / 2, self.fy / 2, cx, cy)
+
+
+def nearest_pixels(length: int, count: int) -> np.ndarray:
+    """(count,) the nearest of `length` pixels to the centres of `count` equal parts of a row."""
+    return ((np.arange(count) + 0.5) * length / count).astype(np.intp)
 
 
 #: A camera, or its text `WIDTHxHEIGHT,FX,FY,CX,CY`.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry.camera import PinholeCamera
+from ..geometry.camera import PinholeCamera, nearest_pixels
 from ..settings import parameter, same_as
 from . import depth_image as images
 from .active_stereo import D435DepthNoise
@@ -114,7 +114,7 @@ class PhoneDepthNoise(NoiseModel):
         if self.size == "native":
             return small_m
         rows, columns = (
-            _centres(here, there)
+            nearest_pixels(here, there)
             for here, there in zip(small_m.shape, depth_z_m.shape, strict=True)
         )
         return small_m[np.ix_(rows, columns)]
@@ -133,24 +133,14 @@ class PhoneDepthNoise(NoiseModel):
         depth_z_m = images.as_depth(depth_z_m)
         inverse, light = self.dots_of(depth_z_m, camera, rng, appearance)
         native = self.native_camera(camera)
-        rows = _centres(camera.height, native.height)
-        columns = _centres(camera.width, native.width)
+        rows = nearest_pixels(camera.height, native.height)
+        columns = nearest_pixels(camera.width, native.width)
         guide = np.sqrt(appearance.brightness[np.ix_(rows, columns)])
         return self.filled(inverse, light, guide)
 
     def native_camera(self, camera: PinholeCamera) -> PinholeCamera:
         """The camera of the phone's image, which is not larger than the given one."""
-        width = min(self.width, camera.width)
-        height = max(2, round(camera.height * width / camera.width))
-        right, down = width / camera.width, height / camera.height
-        return PinholeCamera(
-            width=width,
-            height=height,
-            fx=camera.fx * right,
-            fy=camera.fy * down,
-            cx=(camera.cx + 0.5) * right - 0.5,
-            cy=(camera.cy + 0.5) * down - 0.5,
-        )
+        return camera.narrowed(self.width)
 
     def share_of_variance(self, camera: PinholeCamera) -> np.ndarray:
         """(h, w) of the image's size: the variance of a pixel's inverse depth by that of a dot, on
@@ -175,7 +165,9 @@ class PhoneDepthNoise(NoiseModel):
         """Inverse depth in 1/m (dots, dots), 0 where none returns, and the root of the brightness
         there.
         """
-        grid = np.ix_(_centres(camera.height, self.dots), _centres(camera.width, self.dots))
+        grid = np.ix_(
+            nearest_pixels(camera.height, self.dots), nearest_pixels(camera.width, self.dots)
+        )
         x, y = images.ray_slopes(camera)
         ray_length = np.sqrt(1 + x * x + y * y)[grid]
         z = depth_z_m[grid]
@@ -225,11 +217,6 @@ class PhoneDepthNoise(NoiseModel):
         level[(spread < self.high_spread) & (support > 0.75)] = HIGH
         level[(spread > self.low_spread) | (support < 0.25)] = LOW
         return level
-
-
-def _centres(length: int, count: int) -> np.ndarray:
-    """The nearest of `length` pixels to the centres of `count` equal parts of a row."""
-    return ((np.arange(count) + 0.5) * length / count).astype(np.intp)
 
 
 def _spline(length: int, count: int) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -65,8 +65,9 @@ class FormatLimits:
     numbers), or not at all: only frame "numbers" in names. depth_stamps: whether a depth image can
     have another stamp than its colour image. zero_stamp: whether the programs accept a stamp of 0.
     fixed_units: the depth units per metre that they assume; None: the requested units.
-    fixed_camera: the only camera that they support. every_pose: each frame must have a pose. imu:
-    whether the readings of an IMU are stored.
+    fixed_camera: the only camera that they support. depth_width: the most columns that depth images
+    have, if less than colour. every_pose: each frame must have a pose. imu: whether the readings of
+    an IMU are stored.
     check(contents): raises InputError for other contents that cannot be represented.
     remarks(contents): further sentences for `losses`.
     """
@@ -76,6 +77,7 @@ class FormatLimits:
     zero_stamp: bool = True
     fixed_units: float | None = None
     fixed_camera: PinholeCamera | None = None
+    depth_width: int | None = None
     every_pose: bool = False
     imu: bool = False
     check: Callable[[Contents], object] = lambda contents: None
@@ -110,8 +112,12 @@ class FormatLimits:
         return found
 
     def camera_losses(self, contents: Contents) -> list[str]:
-        """A sentence if the programs do not support the camera."""
+        """A sentence if the programs do not support the camera, or store less of its depth."""
         camera = self.fixed_camera
+        whole = contents.camera
+        if self.depth_width and whole.width > self.depth_width:
+            small = whole.narrowed(self.depth_width)
+            return [f"depth has {small.width} x {small.height} pixels, as that of a phone"]
         if not camera or np.abs(camera.intrinsics - contents.camera.intrinsics).max() <= 1e-3:
             return []
         size = f"{camera.width}x{camera.height}"

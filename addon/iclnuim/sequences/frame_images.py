@@ -16,10 +16,11 @@ import numpy as np
 from ..channels import CHANNELS, DEPTH, RGB
 from ..errors import InputError
 from ..formats.depth_units import count_invalid, depth16_from_metres, invalid_after_noise
+from ..formats.exr import write_exr
 from ..formats.files import atomic_write_bytes, read_bytes, sha256
-from ..formats.images import ARRAY, JPEG, image_header, write_array, write_jpeg
+from ..formats.images import ARRAY, EXR, JPEG, image_header, write_array, write_jpeg
 from ..formats.png import png_bytes
-from ..geometry.camera import PinholeCamera
+from ..geometry.camera import PinholeCamera, nearest_pixels
 from ..sensor import noise_model
 from ..sensor.models import with_depth_noise
 from ..sensor.noise_model import frame_generator
@@ -34,35 +35,47 @@ from .sequence_options import SequenceSettings
 
 @dataclass(frozen=True)
 class ImageFile:
-    """An image to write: its channel, its path, and the depth units per metre of its file.
+    """An image to write: its channel, its path, the depth units per metre of its file, and its
+    columns if the file has fewer than the image.
 
-    stored: how the image is stored: its channel, with the ending of the path if it is not PNG, and
-    the units if they are not those of the sequence. Files with the same key have the same content.
+    stored: how the image is stored: its channel, with the ending of the path if it is not PNG, the
+    units if they are not those of the sequence, and the columns. Files with the same key have the
+    same content.
     """
 
     kind: str
     path: Path
     units: float
     stored: str
+    width: int | None = None
 
     @classmethod
-    def of(cls, kind: str, path: Path, units: float, usual: float) -> "ImageFile":
+    def of(
+        cls, kind: str, path: Path, units: float, usual: float, width: int | None = None
+    ) -> "ImageFile":
         """`usual`: the depth units per metre of the sequence."""
         stored = kind
         if path.suffix != ".png":
             stored += path.suffix
         elif kind == DEPTH and units != usual:
             stored += f" {units:g} a metre"
-        return cls(kind, path, units, stored)
+        if width:
+            stored += f" {width} wide"
+        return cls(kind, path, units, stored, width)
 
     def write(self, image: np.ndarray) -> bytes:
         """Write the image, depth in metres, in the format of the path's ending; returns the
         content.
         """
+        if self.width:
+            image = _narrowed(image, self.width)
         if self.path.suffix == JPEG:
             write_jpeg(self.path, image)
         elif self.path.suffix == ARRAY:
             write_array(self.path, np.where(np.isfinite(image) & (image > 0), image, 0))
+        elif self.path.suffix == EXR:
+            depth_m = np.where(np.isfinite(image) & (image > 0), image, 0)
+            write_exr(self.path, {"R": depth_m.astype(np.float32)})
         else:
             data = png_bytes(CHANNELS[self.kind].encode(image, self.units))
             atomic_write_bytes(self.path, data)
@@ -138,7 +151,10 @@ class SequenceImages:
             for format in self.formats:
                 path = self.folder_of(format) / format.image(frame, kind)
                 units = format.limits.fixed_units or self.units
-                found.append(ImageFile.of(kind, path, units, self.units))
+                width = format.limits.depth_width if kind == DEPTH else None
+                if width and width >= self.source.camera.width:
+                    width = None
+                found.append(ImageFile.of(kind, path, units, self.units, width))
         return tuple(found)
 
     def exist(self, number: int) -> bool:
@@ -233,6 +249,13 @@ class FrameMaker:
         """
         frame = SourceFrame(self.source, number)
         return [images.make(frame) for images in self._sequences]
+
+
+def _narrowed(image: np.ndarray, width: int) -> np.ndarray:
+    """The image with so many columns and rows in proportion, each pixel that at its centre."""
+    height = max(2, round(image.shape[0] * width / image.shape[1]))
+    rows = nearest_pixels(image.shape[0], height)
+    return image[np.ix_(rows, nearest_pixels(image.shape[1], width))]
 
 
 def _written(

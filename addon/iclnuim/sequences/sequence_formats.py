@@ -37,12 +37,12 @@ _ALL = (
     tartanair.FORMAT,
     tum.RTABMAP,
     edex.FORMAT,
+    phones.STRAY_SCANNER,
+    phones.RECORD3D,
 )
 #: Formats that are only read. A folder of one of these may also have what another format has, so
 #: they are tried after the others.
 READ_ONLY = (
-    phones.STRAY_SCANNER,
-    phones.RECORD3D,
     phones.POLYCAM,
     numbered.TRIPLES,
     numbered.OPEN3D,

@@ -1,23 +1,38 @@
-"""Folders that apps on phones export, which are only read: Stray Scanner, Record3D, Polycam.
+"""Folders that apps on phones export: Stray Scanner and Record3D, and Polycam's, which is only read.
 
 Depth has fewer pixels than colour, whose camera the files give; that of depth sees the same.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...errors import InputError, within
+from ...channels import DEPTH, RGB
+from ...errors import InputError, WorkError, within
 from ...formats.depth_units import UNITS_PER_METRE
-from ...formats.files import data_lines, is_file, is_number, read_json, read_text
+from ...formats.files import (
+    atomic_write,
+    atomic_write_text,
+    data_lines,
+    is_file,
+    is_number,
+    read_json,
+    read_text,
+    write_json,
+)
 from ...formats.image_names import files_in
-from ...formats.images import image_header
+from ...formats.images import image_header, read_colour8
+from ...formats.libraries import first_library
+from ...geometry import axes
 from ...geometry.camera import PinholeCamera
 from ...trajectory_files.phones import record3d_stamps
+from ...trajectory_files.stamps import stamp_text
 from ..camera_files import SequenceCamera, camera_file, numbers_in, pinhole_of_matrix
-from ..format import Reader, truth_at
+from ..contents import Contents
+from ..format import FormatLimits, Reader, SequenceFormat, truth_at
 from ..frames import Row, rows_by_name
 from . import tum
 
@@ -25,6 +40,9 @@ _UNITS = 1000.0
 _METADATA = "metadata.json"
 _ODOMETRY = "odometry.csv"
 _MATRIX = "camera_matrix.csv"
+_VIDEO = "rgb.mp4"
+#: Columns of the depth that these phones give.
+DEPTH_WIDTH = 256
 #: Focal lengths of a phone that focuses differ from frame to frame: by more than this share of them
 #: one camera does not fit.
 _MAX_FOCUS = 0.02
@@ -46,15 +64,79 @@ def _seen_by_depth(
     return SequenceCamera(pinhole, units, colour=None if same else colour, notes=tuple(notes))
 
 
+def _write_stray(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    lines = ["timestamp, frame, x, y, z, qx, qy, qz, qw"]
+    poses = contents.poses
+    rows = zip(contents.frames, poses.translation.tolist(), poses.quat_xyzw.tolist(), strict=True)
+    for frame, position, quaternion in rows:
+        values = [f"{value + 0.0:.9f}" for value in position]
+        values += [f"{value + 0.0:.12f}" for value in quaternion]
+        lines.append(", ".join([frame.stamp_text(), f"{frame.number:06}", *values]))
+    atomic_write_text(folder / _ODOMETRY, "\n".join(lines) + "\n")
+    K = [", ".join(f"{value:.12g}" for value in row) for row in contents.camera.K.tolist()]
+    atomic_write_text(folder / _MATRIX, "\n".join(K) + "\n")
+    images = [folder / path for path in format.images(contents, RGB).paths]
+    if all(map(is_file, images)):  # the texts are written before the images, too
+        _write_video(folder / _VIDEO, images, contents)
+
+
+def _write_video(path: Path, images: Sequence[Path], contents: Contents) -> None:
+    """Write the colour images as a video, which is all that the app's tools read, if OpenCV is
+    there.
+    """
+    try:
+        _, cv2 = first_library("a video", "cv2")
+    except WorkError:
+        return
+    size = (contents.camera.width, contents.camera.height)
+
+    def write(temporary: Path) -> None:
+        code = cv2.VideoWriter_fourcc(*"mp4v")
+        video = cv2.VideoWriter(str(temporary), code, max(1.0, contents.rate_hz), size)
+        for image in images:
+            video.write(read_colour8(image)[..., ::-1].copy())
+        video.release()
+
+    atomic_write(path, write)
+
+
+def _write_record3d(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    c = contents.camera
+    small = c.narrowed(DEPTH_WIDTH)
+    poses = axes.world_blender_from_world_cv(contents.poses)
+    content = {
+        "w": c.width,
+        "h": c.height,
+        "dw": small.width,
+        "dh": small.height,
+        "K": c.K.T.ravel().tolist(),
+        "fps": contents.rate_hz,
+        "frameTimestamps": [float(frame.stamp_text()) for frame in contents.frames],
+        "poses": (np.hstack([poses.quat_xyzw, poses.translation]).round(12) + 0.0).tolist(),
+    }
+    write_json(folder / _METADATA, content)
+
+
+def _remarks(contents: Contents) -> list[str]:
+    numbers = [frame.number for frame in contents.frames]
+    if numbers == list(range(len(numbers))):
+        return []
+    return ["its tools expect frames from 0 on without gaps"]
+
+
+def _named(stem: str, kind: str, ending: str) -> str:
+    return f"{kind}/{stem}" + {RGB: ".jpg", DEPTH: ending}.get(kind, ".png")
+
+
 def _notes(folder: Path) -> list[str]:
     return [_CONFIDENCE] if (folder / "confidence").is_dir() else []
 
 
 def _stray_rows(folder: Path) -> list[Row]:
     colours = _by_stem(folder / "rgb", "*.jpg", "*.png")
-    if not colours and is_file(folder / "rgb.mp4"):
+    if not colours and is_file(folder / _VIDEO):
         raise InputError(
-            "the frames of rgb.mp4 as images rgb/000000.jpg, rgb/000001.jpg ...",
+            f"the frames of {_VIDEO} as images rgb/000000.jpg, rgb/000001.jpg ...",
             path=folder,
             found="the video alone",
             hint="in this folder: mkdir rgb; ffmpeg -i rgb.mp4 -start_number 0 -q:v 1 rgb/%06d.jpg",
@@ -110,8 +192,15 @@ def _record3d_rows(folder: Path) -> list[Row]:
     stamps_s = record3d_stamps(file, read_json(file))
     if stamps_s is None:
         return rows
-    there = [row for row in rows if row.number is not None and row.number < len(stamps_s)]
-    return [row._replace(stamp_s=float(stamps_s[row.number or 0])) for row in there]
+    places = [row.number or 0 for row in rows]
+    if len(rows) == len(stamps_s):  # whatever the first number is
+        places = list(range(len(rows)))
+    found = []
+    for row, place in zip(rows, places, strict=True):
+        if place < len(stamps_s):
+            text = stamp_text(float(stamps_s[place]))
+            found.append(row._replace(stamp_s=float(stamps_s[place]), written=(text, text)))
+    return found
 
 
 def _record3d_camera(folder: Path, image: Path) -> SequenceCamera | None:
@@ -192,25 +281,36 @@ def _polycam_camera(folder: Path, image: Path) -> SequenceCamera | None:
     return _seen_by_depth(colour, _first(_keyframes(folder) / "depth", "*.png"), _UNITS, notes)
 
 
-STRAY_SCANNER = tum.read_only(
+_LIMITS = FormatLimits(
+    depth_stamps=False, depth_width=DEPTH_WIDTH, every_pose=True, remarks=_remarks
+)
+STRAY_SCANNER = SequenceFormat(
     "stray-scanner",
-    "Stray Scanner: rgb/ (the frames of rgb.mp4), depth/, odometry.csv, camera_matrix.csv",
+    "Stray Scanner, a phone's depth: rgb/ (the frames of rgb.mp4), depth/, odometry.csv, "
+    "camera_matrix.csv",
+    lambda frame, kind: _named(f"{frame.number:06}", kind, ".png"),
+    _write_stray,
     Reader(
         lambda folder: is_file(folder / _ODOMETRY) and is_file(folder / _MATRIX),
         _stray_rows,
         _stray_camera,
         truth_at(_ODOMETRY),
     ),
+    replace(_LIMITS, fixed_units=_UNITS),
 )
-RECORD3D = tum.read_only(
+RECORD3D = SequenceFormat(
     "record3d",
-    "Record3D's export as EXR and JPG: rgb/, depth/*.exr, metadata.json",
+    "Record3D's export as EXR and JPG, a phone's depth: rgb/, depth/*.exr, metadata.json",
+    lambda frame, kind: _named(f"{frame.number:06}", kind, ".exr"),
+    _write_record3d,
     Reader(
         lambda folder: is_file(folder / _METADATA) and (folder / "rgb").is_dir(),
         _record3d_rows,
         _record3d_camera,
         truth_at(_METADATA),
     ),
+    _LIMITS,
+    published_image=lambda frame, kind: _named(str(frame.number), kind, ".exr"),
 )
 POLYCAM = tum.read_only(
     "polycam",
