@@ -23,7 +23,7 @@ from iclnuim.sequences.writer import write_sequence
 #: Frames on both sides of 10 s, of image 10 and of image 100.
 FRAMES = (1, 9, 10, 11, 99, 100, 269, 270, 271)
 #: Formats whose published names do not sort as time.
-UNSORTED = ("icl-nuim", "scannet", "eth3d", "euroc", "rtabmap", "replica-v2")
+UNSORTED = ("icl-nuim", "scannet", "eth3d", "euroc", "rtabmap", "replica-v2", "record3d")
 #: The only format whose names always are as published, with rgb_0.png in the code of its readers.
 PUBLISHED_ONLY = "replica-v2"
 
