@@ -5,8 +5,9 @@ import shutil
 
 import numpy as np
 import pytest
+from iclnuim.formats.exr import write_exr
 from iclnuim.formats.files import write_json
-from iclnuim.formats.images import ARRAY, write_array
+from iclnuim.formats.images import ARRAY, EXR, write_array
 from iclnuim.formats.png import read_depth16, write_png
 from iclnuim.sequences.sequence_formats import FORMATS
 from iclnuim.sequences.stored_sequence import StoredSequence, read_depth_m
@@ -27,6 +28,8 @@ def test_a_sequence_is_equal_to_itself_and_to_none_of_another_depth(
     units = StoredSequence(two[1]).camera_of(pair.rgb).depth_units_per_metre
     if pair.depth.suffix == ARRAY:
         write_array(pair.depth, read_depth_m(pair.depth, units) + 0.004)
+    elif pair.depth.suffix == EXR:
+        write_exr(pair.depth, {"R": read_depth_m(pair.depth, units) + np.float32(0.004)})
     else:
         write_png(pair.depth, read_depth16(pair.depth) + np.uint16(0.004 * units))
     code, out, _ = command_here("compare", *options, *two, "--json")

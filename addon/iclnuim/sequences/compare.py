@@ -279,7 +279,8 @@ def _stored(name: str, path: Path) -> dict[str, np.ndarray] | None:
         return None
     try:
         if name.endswith(_EXR):
-            return read_exr(path)
+            channels = read_exr(path)
+            return channels if len(channels) > 1 else {DEPTH: next(iter(channels.values()))}
         if name.endswith(ARRAY):
             return {DEPTH: read_array(path)}
         if name.endswith(_PNG):
