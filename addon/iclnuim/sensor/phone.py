@@ -152,7 +152,7 @@ class PhoneDepthNoise(NoiseModel):
             nearest, weights = _spline(small, self.dots)
             share = np.square(weights).sum(0)
             share[(nearest == 0) | (nearest == self.dots - 1)] = np.nan
-            shares.append(share[_centres(small, length)])
+            shares.append(share[nearest_pixels(small, length)])
         return shares[0][:, None] * shares[1]
 
     def dots_of(
