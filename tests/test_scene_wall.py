@@ -147,18 +147,20 @@ def test_what_the_wall_surrounds_cannot_take_it_down(folder):
     assert tried(inner, [secret]) == {secret: True}
 
 
-#: Connects to a TCP port, to an abstract socket, and signals a process; prints what it may.
+#: Connects to a TCP and a UDP port, to an abstract socket, and signals a process; prints what it may.
 REACHES = """
 import os, socket, sys
 def tcp():
     socket.create_connection(("127.0.0.1", int(sys.argv[1])))
 def bind():
     socket.create_server(("127.0.0.1", 0))
+def udp():
+    socket.socket(socket.AF_INET, socket.SOCK_DGRAM).sendto(b"x", ("127.0.0.1", int(sys.argv[1])))
 def abstract():
     socket.socket(socket.AF_UNIX).connect("\\0" + sys.argv[2])
 def signal():
     os.kill(int(sys.argv[3]), 0)
-for one in (tcp, bind, abstract, signal):
+for one in (tcp, bind, udp, abstract, signal):
     try:
         one()
         print(one.__name__)
@@ -176,13 +178,27 @@ def test_nothing_outside_is_connected_to_or_signalled_where_the_kernel_can_refus
         words = [str(server.getsockname()[1]), name, str(os.getpid())]
         command = [*PYTHON, REACHES, *words]
         free = subprocess.run(command, capture_output=True, check=True, text=True)
-        assert free.stdout.split() == ["tcp", "bind", "abstract", "signal"]
+        assert free.stdout.split() == ["tcp", "bind", "udp", "abstract", "signal"]
         walled = [*launcher(folder, around(folder)), *command]
         done = subprocess.run(walled, capture_output=True, check=True, text=True)
     refused = wall.refused(wall.version())
     may = [] if "TCP" in refused else ["tcp", "bind"]
+    may += [] if "UDP" in refused else ["udp"]
     may += [] if "abstract sockets, signals" in refused else ["abstract", "signal"]
     assert done.stdout.split() == may
+
+
+def test_a_kernel_is_asked_for_no_right_that_it_does_not_know():
+    """Bits of include/uapi/linux/landlock.h: 0 and 1 TCP, 2 and 3 UDP."""
+    assert [wall.handled(known)[1] for known in (3, 4, 9, 10, 99)] == [
+        0,
+        0b11,
+        0b11,
+        0b1111,
+        0b1111,
+    ]
+    assert [wall.handled(known)[2] for known in (5, 6)] == [0, 0b11]
+    assert wall.refused(10) == ["files", "TCP", "UDP", "abstract sockets, signals"]
 
 
 def without_landlock():

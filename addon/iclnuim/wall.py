@@ -1,7 +1,7 @@
 """A wall of the kernel around a process that opens a scene: whatever the scene says, the process
 opens and writes nothing outside the listed files and folders (Landlock, Linux 5.13 and later; no
-privilege is needed). Later kernels also refuse it TCP, and sockets without a file and signals to
-processes outside.
+privilege is needed). Later kernels also refuse it TCP, UDP, and sockets without a file and signals
+to processes outside.
 
     python -I -S wall.py OPTIONS.json COMMAND ...
 
@@ -31,6 +31,8 @@ _WRITE = 1 << 1 | sum(1 << bit for bit in range(4, 13))
 _LATER = {2: 1 << 13, 3: 1 << 14}
 #: Version 4, Linux 6.7: bind a TCP socket, connect one.
 _TCP_SINCE, _TCP = 4, 1 << 0 | 1 << 1
+#: Version 10, Linux 7.2: bind a UDP socket, connect or send from one.
+_UDP_SINCE, _UDP = 10, 1 << 2 | 1 << 3
 #: Version 6, Linux 6.12: connect to an abstract socket outside the wall, signal a process outside.
 _SCOPES_SINCE, _SCOPES = 6, 1 << 0 | 1 << 1
 #: Those of all that a file, which is no folder, can have: execute, write, read, truncate.
@@ -46,8 +48,22 @@ def version() -> int:
 
 def refused(known: int) -> list[str]:
     """What the wall of a kernel with Landlock of version `known` refuses outside."""
-    kinds = ((1, "files"), (_TCP_SINCE, "TCP"), (_SCOPES_SINCE, "abstract sockets, signals"))
+    kinds = (
+        (1, "files"),
+        (_TCP_SINCE, "TCP"),
+        (_UDP_SINCE, "UDP"),
+        (_SCOPES_SINCE, "abstract sockets, signals"),
+    )
     return [what for since, what in kinds if since <= known]
+
+
+def handled(known: int) -> tuple[int, int, int]:
+    """The rights to files, ports and processes outside that a kernel with Landlock of version
+    `known` refuses.
+    """
+    files = _READ | _WRITE | sum(right for since, right in _LATER.items() if since <= known)
+    network = _TCP * (known >= _TCP_SINCE) | _UDP * (known >= _UDP_SINCE)
+    return files, network, _SCOPES * (known >= _SCOPES_SINCE)
 
 
 def put_up(readable: Iterable[str], writable: Iterable[str], listable: Iterable[str] = ()) -> bool:
@@ -61,12 +77,10 @@ def put_up(readable: Iterable[str], writable: Iterable[str], listable: Iterable[
     if not known:
         return False
     call = _kernel()
-    both = _READ | _WRITE | sum(right for since, right in _LATER.items() if since <= known)
-    network = _TCP if known >= _TCP_SINCE else 0
-    scopes = _SCOPES if known >= _SCOPES_SINCE else 0
+    both, network, scopes = handled(known)
     # kernels take a longer struct than they know where the rest is zero
-    handled = struct.pack("QQQ", both, network, scopes)
-    ruleset = _checked(call(_CREATE_RULESET, handled, len(handled), 0))
+    rules = struct.pack("QQQ", both, network, scopes)
+    ruleset = _checked(call(_CREATE_RULESET, rules, len(rules), 0))
     for path in writable:
         _allow(ruleset, path, both)
     for path in readable:
