@@ -9,7 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
-from iclnuim.blender.open import scene  # noqa: E402
+from iclnuim.blender.open import missing_images, scene  # noqa: E402
 
 GREY = (0.5, 0.5, 0.5)
 
@@ -153,3 +153,31 @@ def test_a_missing_image_of_the_sky_leaves_its_colour_and_counts_as_no_light(tmp
     assert any("sky is missing" in note and "lamps" in note for note in notes), notes
     assert not bpy.context.scene.world.node_tree.nodes["Background"].inputs["Color"].is_linked
     assert colour.min() > 0.05 and colour.max() < 1.2 * colour.min()
+
+
+def test_a_group_of_two_materials_has_the_plain_colour_of_each(tmp_path):
+    made.fresh(bpy)
+    colours = {"red": (0.8, 0.1, 0.1, 1.0), "blue": (0.1, 0.1, 0.8, 1.0)}
+    for name, colour in colours.items():
+        material = made.material(bpy, name)
+        material.diffuse_color = colour
+        made.box(bpy, name, (-1, -1, -1), (1, 1, 1), material)
+        if name == "red":
+            in_a_group(tmp_path, material.node_tree, None)
+        else:  # the same group, within another one
+            outer = bpy.data.node_groups.new("outer", "ShaderNodeTree")
+            inner = outer.nodes.new("ShaderNodeGroup")
+            inner.node_tree = bpy.data.node_groups["group"]
+            outer.interface.new_socket("Colour", in_out="OUTPUT", socket_type="NodeSocketColor")
+            outer.links.new(inner.outputs[0], outer.nodes.new("NodeGroupOutput").inputs[0])
+            material.node_tree.nodes.new("ShaderNodeGroup").node_tree = outer
+    missing_images.replace_missing(bpy.context.scene)
+
+    def group_of(tree):
+        return next(node.node_tree for node in tree.nodes if node.type == "GROUP")
+
+    groups = {name: group_of(bpy.data.materials[name].node_tree) for name in colours}
+    groups["blue"] = group_of(groups["blue"])
+    for name, group in groups.items():
+        output = next(node for node in group.nodes if node.type == "GROUP_OUTPUT")
+        assert tuple(output.inputs[0].default_value) == pytest.approx(colours[name])

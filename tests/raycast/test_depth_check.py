@@ -15,6 +15,8 @@ from iclnuim.raycast.depth_check import (  # noqa: E402
     GlassCaster,
     TruthCaster,
     compare_depth,
+    depth_summary,
+    rounding_m,
     truth_summary,
 )
 
@@ -101,3 +103,19 @@ def test_a_pane_is_looked_through_or_is_a_hole(holes):
     assert (np.diff(expected) > 0).all()
     expected[:, :5] *= not holes
     assert (GlassCaster(surface, behind, holes).depth(CAMERA, IDENTITY) == expected).all()
+
+
+@pytest.mark.parametrize("distance_m", [0.5, 27.0, 3000.0])
+def test_depth_that_float32_rounds_is_right_and_other_depth_is_not(distance_m):
+    """Depth as a chain of five operations in float32 gives it, each of which rounds by half a step;
+    beyond 2 km the steps are larger than 0.1 mm.
+    """
+    rng = np.random.default_rng(0)
+    exact = distance_m * (1 + 0.2 * rng.random((50, 60)))
+    shift = distance_m * rng.random((50, 60))
+    rounded = ((exact - shift).astype(np.float32) + shift.astype(np.float32)) * np.float32(1 / 3)
+    error_m = (rounded * np.float32(3)).astype(float) - exact
+    assert depth_summary([error_m], [exact]).within_01mm_share == 1.0
+    assert np.median(np.abs(error_m)) < rounding_m(np.median(exact))
+    off = depth_summary([error_m + 1.5e-4 + 2 * rounding_m(exact)], [exact])
+    assert off.within_01mm_share == 0.0

@@ -3,7 +3,7 @@ of the sky, replaces them.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -30,16 +30,17 @@ def replace_missing(scene: Scene) -> tuple[list[str], bool]:
     shown = []
     lost_sky = False
     sky = scene.world.node_tree if scene.world and scene.world.use_nodes else None
-    for tree, plain in _trees():
-        for node in tree.nodes:
-            if node.type not in ("TEX_IMAGE", "TEX_ENVIRONMENT") or not _is_linked(node):
-                continue
-            if node.image in missing or node.image is None or _lacks_a_frame(node, scene):
-                shown.append(
-                    Path(node.image.filepath).name if node.image else node.label or tree.name
-                )
-                lost_sky |= tree == sky and node.type == "TEX_ENVIRONMENT"
-                _replace(node, plain)
+
+    def lacks(node: Node) -> bool:
+        if node.type not in ("TEX_IMAGE", "TEX_ENVIRONMENT") or not _is_linked(node):
+            return False
+        return node.image in missing or node.image is None or _lacks_a_frame(node, scene)
+
+    for tree, plain in _trees(lacks):
+        for node in filter(lacks, tree.nodes):
+            shown.append(Path(node.image.filepath).name if node.image else node.label or tree.name)
+            lost_sky |= tree == sky and node.type == "TEX_ENVIRONMENT"
+            _replace(node, plain)
     for image in missing:
         bpy.data.images.remove(image)
     if not shown:
@@ -48,16 +49,35 @@ def replace_missing(scene: Scene) -> tuple[list[str], bool]:
     return [f"{what}: replaced by plain colour"], lost_sky
 
 
-def _trees() -> Iterator[tuple[NodeTree, tuple[float, ...]]]:
-    """The trees of nodes that may show images, with the plain colour of each."""
-    for group in bpy.data.node_groups:
-        yield group, _PLAIN
+def _trees(lacks: Callable[[Node], bool]) -> Iterator[tuple[NodeTree, tuple[float, ...]]]:
+    """The trees of nodes that may show images, with the plain colour of each: a group that lacks one
+    has that of the material that it is in.
+    """
     for material in bpy.data.materials:
         if material.node_tree is not None:
-            yield material.node_tree, tuple(material.diffuse_color)
+            plain = tuple(material.diffuse_color)
+            yield material.node_tree, plain
+            for group in _own_groups(material.node_tree, lacks):
+                yield group, plain
+    for group in bpy.data.node_groups:
+        yield group, _PLAIN
     for block in (*bpy.data.worlds, *bpy.data.lights):
         if block.node_tree is not None:
             yield block.node_tree, _PLAIN
+
+
+def _own_groups(tree: NodeTree, lacks: Callable[[Node], bool]) -> Iterator[NodeTree]:
+    """The groups in a tree that lack an image, inner ones too. Where others use one, the tree gets
+    a copy of it.
+    """
+    for node in tree.nodes:
+        if node.type != "GROUP" or node.node_tree is None:
+            continue
+        if any(map(lacks, compat.nodes_of(node.node_tree))):
+            if node.node_tree.users > 1:
+                node.node_tree = node.node_tree.copy()
+            yield node.node_tree
+            yield from _own_groups(node.node_tree, lacks)
 
 
 def _is_linked(node: Node) -> bool:
