@@ -54,6 +54,19 @@ def test_ray_portals_are_named():
     assert any("ray portals" in note for note in preflight.findings(False))
 
 
+def test_mirrors_whose_caustics_the_file_asks_for_are_named():
+    def mirrors():
+        return [note for note in preflight.findings(False) if note.startswith("mirrors (Material)")]
+
+    file_with({"caustics_reflective": True})
+    inputs = bpy.data.objects["Cube"].active_material.node_tree.nodes["Principled BSDF"].inputs
+    assert not mirrors()
+    inputs["Metallic"].default_value, inputs["Roughness"].default_value = 1.0, 0.02
+    assert mirrors()
+    bpy.context.scene.cycles.caustics_reflective = False
+    assert not mirrors()
+
+
 def view_notes(**view):
     file_with({})
     settings.assign(bpy.context.scene.view_settings, view)

@@ -48,6 +48,13 @@ def is_package() -> bool:
     return getattr(bpy.app, "module", not bpy.app.binary_path)
 
 
+def converts_libraries() -> bool:
+    """Whether colours of a library with another working colour space are converted when it is
+    linked: Blender 5.0.
+    """
+    return hasattr(bpy.types, "BlendFileColorspace")
+
+
 def version_line() -> str:
     """Version and build hash, such as `4.5.3 LTS (hash)`, which identify the build."""
     return f"{bpy.app.version_string} ({bpy.app.build_hash.decode(errors='replace')})"

@@ -94,14 +94,22 @@ def is_rough_metal(node: Node) -> bool:
     """Whether the node mirrors, at least in part, in so many directions that one sample of them is
     not enough.
     """
-    if node.type == "BSDF_PRINCIPLED":
-        is_metal = constant(node.inputs["Metallic"]) != 0.0
-    else:
-        is_metal = node.type in {"BSDF_GLOSSY", "BSDF_METALLIC"}
-    if not is_metal:
+    if not _is_metal(node):
         return False
     value = constant(node.inputs["Roughness"])
     return value is None or value > _BLURRED
+
+
+def is_mirror(node: Node) -> bool:
+    """Whether the node mirrors light so sharply that it throws bright spots (caustics)."""
+    value = constant(node.inputs["Roughness"]) if _is_metal(node) else None
+    return value is not None and value <= _BLURRED
+
+
+def _is_metal(node: Node) -> bool:
+    if node.type == "BSDF_PRINCIPLED":
+        return constant(node.inputs["Metallic"]) != 0.0
+    return node.type in {"BSDF_GLOSSY", "BSDF_METALLIC"}
 
 
 def reflects(principled: Node) -> bool:

@@ -79,7 +79,22 @@ def load(path: Path, log: Path = Path(os.devnull)) -> None:
     if result != {"FINISHED"}:
         rejected = "a file that its importer rejects"
         raise InputError("a scene that Blender can read", path=path, found=rejected)
+    if kind == ".fbx":
+        _order_by_name()
     _check_whole(path, triangles, _triangle_count() - before)
+
+
+def _order_by_name() -> None:
+    """Link the objects of the scene anew in the order of their names: Blender's importer of
+    FBX links them in another one in every process, and light maps and frames depend on it.
+    """
+    collection = bpy.context.scene.collection
+    for place in (collection, *collection.children_recursive):
+        things = sorted(place.objects, key=lambda thing: thing.name)
+        for thing in things:
+            place.objects.unlink(thing)
+        for thing in things:
+            place.objects.link(thing)
 
 
 def _triangle_count() -> int:

@@ -25,7 +25,8 @@ def findings(baked: bool, noisy: bool = False) -> list[str]:
     denoised. Nothing is changed.
     """
     scene = bpy.context.scene
-    notes = [*_settings_notes(scene), *_material_notes(baked, noisy)]
+    mirrored = scene.cycles.caustics_reflective  # as the file says: Blender's default
+    notes = [*_settings_notes(scene), *_material_notes(baked, noisy, mirrored)]
     meshes = [o for o in scene.objects if o.type == "MESH"]
     far_m = float(np.abs(surfaces.box_corners_m(meshes)).max())
     if far_m > FAR_M:
@@ -70,10 +71,12 @@ def _drawn_over(scene: Scene) -> Iterator[tuple[str, bool]]:
     yield "effects of the compositor", scene.render.use_compositing and bool(effects)
 
 
-def _material_notes(baked: bool, noisy: bool) -> list[str]:
+def _material_notes(baked: bool, noisy: bool, mirrored: bool) -> list[str]:
+    effects = [*_EFFECTS, *_MIRRORED_EFFECTS * mirrored]
+    effects += [*_BAKED_EFFECTS * baked, *_NOISY_EFFECTS * noisy]
     used = [m for m in bpy.data.materials if m.users and m.use_nodes and m.node_tree]
     notes = []
-    for what, is_so, effect in (*_EFFECTS, *_BAKED_EFFECTS * baked, *_NOISY_EFFECTS * noisy):
+    for what, is_so, effect in effects:
         if shown := [m for m in used if is_so(compat.nodes_of(m.node_tree))]:
             notes.append(f"{what} ({names_of(shown)}): {effect}")
     return notes
@@ -103,6 +106,10 @@ def _is_rough_metal(nodes: list[Node]) -> bool:
     return any(map(materials.is_rough_metal, nodes))
 
 
+def _is_mirror(nodes: list[Node]) -> bool:
+    return any(map(materials.is_mirror, nodes))
+
+
 def _reflects_more_than_it_gets(node: Node) -> bool:
     name = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}.get(node.type)
     if name is None:
@@ -124,6 +131,7 @@ _EFFECTS = (
     ("partly transparent surfaces", _is_mixed, "Z is that of the nearest surface, visible or not"),
     ("colours above 1", _is_bright, "they reflect more light than they get"),
 )
+_MIRRORED_EFFECTS = (("mirrors", _is_mirror, "light that they throw (caustics) is not sampled"),)
 _BAKED_EFFECTS = (("normal maps or bumps", _has_bumps, "with baked light visible only in gloss"),)
 _NOISY_EFFECTS = (
     ("rough metal", _is_rough_metal, "noisy at 1 sample per pixel, which 16 samples mend"),

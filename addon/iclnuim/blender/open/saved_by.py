@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...scene_files.blend_file import BlendFile, text
+from .. import compat
 
 #: Linear Rec.709 to XYZ, one colour a row, as Blender stores it (IEC 61966-2-1, white D65).
 _REC709 = ((0.4124, 0.2126, 0.0193), (0.3576, 0.7152, 0.1192), (0.1805, 0.0722, 0.9505))
@@ -41,6 +42,20 @@ def check(path: Path) -> list[str]:
     newer, this = (f"{major}.{minor}" for major, minor in (blend.version, own))
     lost = f"Blender {this} may lose data of it, as Blender warns"
     return [f"the file was saved by the newer Blender {newer}: {lost}"]
+
+
+def check_libraries(path: Path) -> None:
+    """Raises InputError if the open file `path` links datablocks of a library with another working
+    colour space, and this Blender does not convert them.
+    """
+    if compat.converts_libraries():
+        return
+    for library in bpy.data.libraries:
+        file = Path(bpy.path.abspath(library.filepath))
+        if file.is_file() and (space := _other_space(BlendFile(file))) is not None:
+            hint = "Blender 5, which converts it, or saving the library with that working space"
+            expected = f"libraries with the working colour space Linear Rec.709 ({file.name})"
+            raise InputError(expected, path=path, found=space, hint=hint)
 
 
 def _other_space(blend: BlendFile) -> str | None:

@@ -87,6 +87,7 @@ def open_file(path: Path, reading: SceneReading, run: RunFrames | None = None) -
         with native_output_in(log):
             load(path, log)
         scene_paths.check_open(path, reading, log.read_text("utf-8", "replace"))
+    saved_by.check_libraries(path)
     if bpy.data.libraries:  # local copies of linked datablocks can be changed in memory
         bpy.ops.object.make_local(type="ALL")
     notes += plain_names.rename()
