@@ -124,3 +124,24 @@ def test_a_file_of_a_newer_blender_has_a_note(tmp_path):
     assert saved_by.check(saved(tmp_path, REC709, version=own)) == []
     (note,) = saved_by.check(saved(tmp_path, REC709, version=own + 1))
     assert f"newer Blender {major}.{minor + 1}" in note
+
+
+def test_a_library_in_another_working_colour_space_is_refused_where_it_is_not_converted(tmp_path):
+    bpy = pytest.importorskip("bpy", reason="needs the bpy package")
+    from iclnuim.blender import compat
+    from iclnuim.blender.open import saved_by
+    from iclnuim.errors import InputError
+
+    library = tmp_path / "library.blend"
+    bpy.ops.wm.read_factory_settings()
+    bpy.ops.wm.save_as_mainfile(filepath=str(library))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(library), link=True) as (there, linked):
+        linked.objects = there.objects[:1]
+    saved_by.check_libraries(tmp_path / "own.blend")
+    saved(tmp_path, ACESCG).rename(library)
+    if compat.converts_libraries():
+        saved_by.check_libraries(tmp_path / "own.blend")
+        return
+    with pytest.raises(InputError, match=r"own.blend: .* \(library.blend\), found ACEScg; try"):
+        saved_by.check_libraries(tmp_path / "own.blend")
