@@ -22,11 +22,15 @@ _QUALITY = re.compile(r"(\d+(?:\.\d+)?) ?(dB|s|min|h)")
 PATH_SAMPLES = tuple(2**k for k in range(11))
 #: Sides of light maps in texels.
 MAP_SIZES = (256, 512, 1024, 2048)
-#: The numbers of samples that are compared, each four times the one before.
+#: The numbers of samples that are compared, each four times the one before: few where the look may
+#: take little time.
+FEW_COMPARED = (1, 4, 16)
 COMPARED = (4, 16, 64)
-#: Factors on the squared error for four times the samples that are believed: that of independent
-#: samples, and one with which more samples are still better.
-_FASTEST = 1 / 4
+#: Factors on the squared error for four times the samples that are believed. The fastest decrease is
+#: that of independent samples; that of denoised images was never faster than a half from 4 samples
+#: on (docs/measured/own_scenes.md). With the slowest, more samples are still better.
+_INDEPENDENT = 1 / 4
+_DENOISED = 1 / 2
 _SLOWEST = 0.8
 #: The largest correlation of two successive differences that is believed, for the same reason.
 _CORRELATED = 0.8
@@ -114,31 +118,34 @@ def _gain(way: Way) -> tuple[float, float]:
 @dataclass(frozen=True)
 class Convergence:
     """How the error of path tracing decreases: `square` is its mean squared error in 8-bit steps
-    with 16 samples, `ratio` the factor on it for four times the samples.
+    with `samples`, `ratio` the factor on it for four times the samples.
     """
 
     square: float
     ratio: float
+    samples: int
 
     @classmethod
-    def of(cls, first: float, second: float, both: float) -> Self:
-        """From the mean squared differences of images with 4 and 16, with 16 and 64, and with 4 and
-        64 samples.
+    def of(cls, images: Sequence[np.ndarray], samples: Sequence[int], denoised: bool) -> Self:
+        """From 8-bit images with three numbers of samples, each four times the one before.
 
         The differences of later pairs are taken to continue as a geometric series, each correlated
-        with the next as these two are. The error with 16 samples is their sum. So it is exact for
+        with the next as these two are. The error of the second image is their sum. So it is exact for
         independent samples (ratio 1/4, correlation 0), and for an error that decreases everywhere
         by the same factor (correlation 1).
         """
-        first, second = max(first, _ROUNDING), max(second, _ROUNDING)
-        ratio = min(max(second / first, _FASTEST), _SLOWEST)
+        few, some, many = images
+        first, second = (max(square(*pair), _ROUNDING) for pair in ((few, some), (some, many)))
+        both = square(few, many)
+        ratio = min(max(second / first, _DENOISED if denoised else _INDEPENDENT), _SLOWEST)
         correlation = (both - first - second) / (2 * math.sqrt(first * second))
         shared = min(max(correlation, -_CORRELATED), _CORRELATED) * math.sqrt(ratio)
-        return cls(second / (1 - ratio) * (1 + shared) / (1 - shared), ratio)
+        sum_of_series = second / (1 - ratio) * (1 + shared) / (1 - shared)
+        return cls(sum_of_series, ratio, samples[1])
 
     def psnr_db(self, samples: float) -> float:
         """The PSNR with this number of samples."""
-        return psnr_db(self.square * self.ratio ** math.log(samples / 16, 4))
+        return psnr_db(self.square * self.ratio ** math.log(samples / self.samples, 4))
 
 
 def psnr_db(square: float) -> float:

@@ -22,6 +22,7 @@ from ...geometry.trajectory import Trajectory
 from ...job import RenderJob, bake_core_s
 from ...render_ways import (
     COMPARED,
+    FEW_COMPARED,
     MAP_SIZES,
     PATH_SAMPLES,
     Convergence,
@@ -45,10 +46,17 @@ _SAMPLE_CORE_S = 3.0 / (640 * 480)
 #: Files of the look in the run folder: its first view, and the ways that were compared.
 PREVIEW = "preview.png"
 RECORD = "first_look.json"
-#: Numbers of views, and longer sides of the windows of them that are compared: more are rendered
-#: until they take their share. A window has the frame's own pixels, because a smaller image of it is
-#: harder to denoise.
-_STEPS = ((1, 40), (3, 56), (3, 112), (3, 226), (3, 320))
+#: Numbers of views, longer sides of the windows of them, and the samples that are compared: more is
+#: rendered until it takes its share. A window has the frame's own pixels, because a smaller image is
+#: harder to denoise; at the sides of a window noise remains, so that a small one seems worse.
+_STEPS = (
+    (1, 40, FEW_COMPARED),
+    (1, 80, FEW_COMPARED),
+    (1, 160, FEW_COMPARED),
+    (1, 320, FEW_COMPARED),
+    (3, 320, FEW_COMPARED),
+    (3, 320, COMPARED),
+)
 #: Where the windows of three views are, as shares of the free columns and rows.
 _PLACES = ((0.5, 0.5), (0.0, 1.0), (1.0, 0.0))
 #: Longer side of a window with so few pixels that they take no time.
@@ -210,15 +218,15 @@ class _Views:
         self.spent += took
         return _Picture(*frames.read(raw, raw), took)
 
-    def series(self, numbers: Sequence[int], side_px: int) -> "_Series":
+    def series(self, numbers: Sequence[int], side_px: int, compared: tuple[int, ...]) -> "_Series":
         """Render a window of each frame with each number of samples that is compared."""
         shots = [
-            [self.window(number, samples, side_px, place) for samples in COMPARED]
+            [self.window(number, samples, side_px, place) for samples in compared]
             for place, number in enumerate(numbers)
         ]
         rgb = np.array([[shot.rgb for shot in of_number] for of_number in shots])
         times = np.array([[shot.times for shot in of_number] for of_number in shots])
-        return _Series(tuple(numbers), rgb, times)
+        return _Series(tuple(numbers), compared, rgb, times)
 
 
 def _border(side_px: int, place: tuple[float, float]) -> dict[str, object]:
@@ -253,6 +261,7 @@ class _Series:
     """
 
     numbers: tuple[int, ...]
+    samples: tuple[int, ...]
     rgb: np.ndarray
     times: np.ndarray
 
@@ -263,16 +272,16 @@ class _Series:
         return self.rgb.shape[2:4] == (render.resolution_y, render.resolution_x)
 
     def convergence(self) -> Convergence:
-        few, some, many = (srgb8(self.rgb[:, k]) for k in range(len(COMPARED)))
-        return Convergence.of(square(few, some), square(some, many), square(few, many))
+        images = [srgb8(one) for one in np.moveaxis(self.rgb, 1, 0)]
+        return Convergence.of(images, self.samples, bpy.context.scene.cycles.use_denoising)
 
     def cost(self, frame_core_s: float) -> TracingCost:
         """The cost of frames, of which an image of a few pixels takes frame_core_s."""
         pixels = self.rgb.shape[2] * self.rgb.shape[3]
         seconds, core_s = np.moveaxis(self.times.mean(0), -1, 0)
-        sample_core_s = (core_s[-1] - core_s[0]) / (COMPARED[-1] - COMPARED[0])
+        sample_core_s = (core_s[-1] - core_s[0]) / (self.samples[-1] - self.samples[0])
         sample_core_s = max(sample_core_s, 1e-9 * pixels)
-        fixed = max(core_s[0] - COMPARED[0] * sample_core_s - frame_core_s, 0.0)
+        fixed = max(core_s[0] - self.samples[0] * sample_core_s - frame_core_s, 0.0)
         cores = max(core_s[-1] / seconds[-1], 1e-3)
         return TracingCost(frame_core_s, fixed / pixels, sample_core_s / pixels, cores)
 
@@ -327,18 +336,18 @@ def look(
 
 def _compared(views: _Views, numbers: tuple[int, ...], plan: "_RunWays") -> _Series:
     """The largest series of windows that takes its share of the time that is then announced."""
-    (_, first_px), *larger = _STEPS
-    series = views.series(numbers[:1], first_px)
-    for count, side_px in larger:
-        if series.is_whole and series.numbers == numbers[:count]:
-            break
+    (count, side_px, compared), *larger = _STEPS
+    series = views.series(numbers[:count], side_px, compared)
+    for count, side_px, compared in larger:
+        if series.is_whole and (series.numbers, series.samples) == (numbers[:count], compared):
+            continue
         announced_core_s = chosen(plan.ways(series), Quality.of(plan.job.quality)).core_s
         cost = series.cost(plan.frame_core_s)
         pixels = float(np.prod(_size(side_px)))
-        more_core_s = len(numbers[:count]) * sum(cost.of(pixels, n) for n in COMPARED)
+        more_core_s = len(numbers[:count]) * sum(cost.of(pixels, n) for n in compared)
         if views.spent[1] + more_core_s > _SHARE * announced_core_s:
             break
-        series = views.series(numbers[:count], side_px)
+        series = views.series(numbers[:count], side_px, compared)
     return series
 
 
