@@ -3,11 +3,13 @@ shared without rest; the record of a run.
 """
 
 import shutil
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from iclnuim.errors import InputError
+from iclnuim.geometry.se3 import SE3
 from iclnuim.headless.farm.chunks import (
     chunks_of,
     local_size,
@@ -16,7 +18,11 @@ from iclnuim.headless.farm.chunks import (
     size_for_seconds,
     split,
 )
-from iclnuim.headless.farm.run_plan import RECORD, read_plan
+from iclnuim.headless.farm.run_plan import RECORD, RunPlan, read_plan
+from iclnuim.job import shipped_job
+from iclnuim.sensor.imu import ImuOnCamera
+from iclnuim.sequences.sequence_options import SequenceOptions
+from iclnuim.trajectory_files.paths import path_of
 
 
 @given(st.lists(st.integers(0, 10**6), unique=True, max_size=300), st.integers(1, 400))
@@ -76,3 +82,17 @@ def test_a_record_is_read_and_written_with_the_same_bytes(repository, tmp_path):
     record.unlink()
     plan.write_record()
     assert record.read_bytes() == written
+
+
+def test_the_record_of_a_run_keeps_its_imu(tmp_path):
+    imu = ImuOnCamera(200.0, tuple(SE3.identity().matrix.ravel().tolist()), path_of("kt2").recipe)
+    plan = RunPlan(
+        replace(shipped_job("kt2"), imu=imu), tmp_path, (0, 1), SequenceOptions(imu_noise="bmi055")
+    )
+    plan.write_record()
+    again = read_plan(tmp_path)
+    assert again.job == plan.job and again.sequences == plan.sequences
+    clean, noisy = again.variants().values()
+    assert (clean.imu.name, noisy.imu.name) == ("none", "bmi055")
+    without = replace(plan, job=shipped_job("kt2"), sequences=SequenceOptions()).to_dict()
+    assert "imu" not in without["job"] and "imu_noise" not in without["sequences"]
