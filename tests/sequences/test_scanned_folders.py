@@ -158,6 +158,15 @@ def test_redwoods_folders_as_they_are_downloaded(scanned):
     assert "office1-depth-simulated/ is not read" in sequence.camera.notes
 
 
+@pytest.mark.parametrize("lost", ["-inf", "-INF", "-1.#INF", "nan"])
+def test_a_lost_frame_has_no_pose(scanned, lost):
+    folder, _ = scanned("bundle-fusion")
+    (folder / "frame-000003.pose.txt").write_text(f"{' '.join([lost] * 4)}\n" * 4)
+    found = inspect_sequence(folder)
+    assert found.figures["poses"] == scans.FRAMES - 1 and found.errors == []
+    assert "1 frames without a pose: frame-000003.color.jpg" in found.warnings
+
+
 def test_a_video_alone_is_told_how_to_become_images(scanned):
     folder, _ = scanned("stray-scanner")
     shutil.rmtree(folder / "rgb")

@@ -13,7 +13,7 @@ from pathlib import Path, PurePath
 import numpy as np
 
 from ..errors import InputError
-from ..formats.files import data_lines, is_number, read_json, read_text
+from ..formats.files import data_lines, is_number, read_json
 from .number_table import NumberTable
 from .source import Source
 from .stamps import ticks_unless_frames
@@ -88,7 +88,7 @@ def scannet_rows(source: Source) -> NumberTable:
     paths = _pose_files(source.path)
     found = []
     for number in sorted(paths):
-        values = _numbers(paths[number], read_text(paths[number], _MATRIX).split())
+        values = _numbers(paths[number], Source(paths[number]).text.split())
         if np.isfinite(values).all():
             found.append((float(number), *_rows_of(paths[number], values)))
     if not found:
