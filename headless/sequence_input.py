@@ -52,6 +52,10 @@ def add_camera_options(parser: ArgumentParser) -> None:
     parser.add_argument("--camera", metavar="WxH,FX,FY,CX,CY", help=help)
     help = "depth units per metre; default: those of camera.json, or 5000"
     parser.add_argument("--units", type=float, metavar="N", help=help)
+    add_allow_outside(parser)
+
+
+def add_allow_outside(parser: ArgumentParser) -> None:
     help = "read images outside the sequence's folder that its lists name"
     parser.add_argument("--allow-outside", action="store_true", help=help)
 

@@ -9,8 +9,10 @@ from iclnuim.labels.coco import write_coco
 from iclnuim.labels.frames import has_classes
 from iclnuim.sequences.inspection import inspect_sequence
 from iclnuim.sequences.metadata import write_metadata
+from iclnuim.sequences.stored_sequence import StoredSequence
 
 from ..options import add_rerun, checked_rerun, common
+from ..sequence_input import add_allow_outside
 
 #: Figure -> its label and unit.
 _LABELS = {
@@ -38,6 +40,7 @@ def configure(parser: ArgumentParser) -> None:
     parser.add_argument("--coco", type=Path, metavar="FILE", help=help)
     help = "write metadata.jsonl into DIR, for the imagefolder of Hugging Face datasets"
     parser.add_argument("--metadata", action="store_true", help=help)
+    add_allow_outside(parser)
     add_rerun(parser, "its images, camera and poses")
     example = "iclnuim inspect out/living_room/kt2/noisy --preview pictures"
     common(parser, example).set_defaults(reads_sequences=True)
@@ -46,7 +49,8 @@ def configure(parser: ArgumentParser) -> None:
 def run(args: Namespace, console: Console) -> int:
     """Exit code 2 if errors were found, 0 if there are at most warnings."""
     recording = checked_rerun(args)
-    found = inspect_sequence(args.folder)
+    sequence = StoredSequence(args.folder, args.allow_outside)
+    found = inspect_sequence(sequence)
     lines = [_figure_line(name, value) for name, value in found.figures.items()]
     lines += [f"ERROR: {sentence}" for sentence in found.errors]
     lines += [f"warning: {sentence}" for sentence in found.warnings]
@@ -56,9 +60,9 @@ def run(args: Namespace, console: Console) -> int:
     if args.preview is not None:
         from iclnuim.report.preview import draw_preview
 
-        for path in draw_preview(args.folder, args.preview, console.progress):
+        for path in draw_preview(sequence, args.preview, console.progress):
             console.note(f"{path} written")
-        if has_classes(args.folder):
+        if has_classes(sequence):
             from iclnuim.labels.pictures import draw_classes
 
             console.note(f"{draw_classes(args.folder, args.preview)} written")
@@ -70,7 +74,7 @@ def run(args: Namespace, console: Console) -> int:
     if recording:
         from iclnuim.report.recording import record_sequence
 
-        record_sequence(recording, args.folder, console.progress)
+        record_sequence(recording, sequence, console.progress)
         console.note(f"{recording} written")
     return 2 if found.errors else 0
 

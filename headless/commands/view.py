@@ -20,6 +20,7 @@ from iclnuim.trajectory_files.trajectories import read_trajectory
 
 from ..isolation import isolated_model
 from ..options import FRAMES, SCENE_KINDS, add_frames, add_settings, common, settings_from
+from ..sequence_input import add_allow_outside
 
 _SCENES = tuple(SCENE_KINDS.split())
 
@@ -40,6 +41,7 @@ def configure(parser: ArgumentParser) -> None:
     add("--max-error", type=float, default=10.0, metavar="MM", help="red; default: 10")
     add("--exact", action="store_true", help="depth in all pixels, however large the file")
     add("--rerun", action="store_true", help="write view.rrd for the viewer Rerun, and start it")
+    add_allow_outside(parser)
     add("--no-open", action="store_true", help="do not open the page")
     common(parser, "iclnuim view out/living_room/kt2/noisy out/estimate.txt")
 
@@ -85,7 +87,9 @@ def _gathered(args: Namespace) -> ViewContents:
     truth = None
     for text in (text for text, kind in kinds.items() if kind == "sequence"):
         frames = None if args.frames == "::" else args.frames
-        sequence, own_truth, note = gather.read_sequence(text, names[text], frames)
+        sequence, own_truth, note = gather.read_sequence(
+            text, names[text], frames, args.allow_outside
+        )
         truth = own_truth if truth is None else truth
         sequences.append(sequence)
         notes += [note] if note else []

@@ -10,6 +10,7 @@ bpy = pytest.importorskip("bpy", reason="needs the bpy package")
 sys.path.insert(0, str(Path(__file__).parent))
 import own_scene_files as made  # noqa: E402
 from iclnuim.blender.open import missing_images, scene  # noqa: E402
+from iclnuim.blender.open.picture_memory import DecodedPictures  # noqa: E402
 
 GREY = (0.5, 0.5, 0.5)
 
@@ -153,6 +154,23 @@ def test_a_missing_image_of_the_sky_leaves_its_colour_and_counts_as_no_light(tmp
     assert any("sky is missing" in note and "lamps" in note for note in notes), notes
     assert not bpy.context.scene.world.node_tree.nodes["Background"].inputs["Color"].is_linked
     assert colour.min() > 0.05 and colour.max() < 1.2 * colour.min()
+
+
+def test_pictures_that_take_much_memory_are_counted_and_freed(tmp_path):
+    made.fresh(bpy)
+    images = []
+    for number in range(4):
+        written = made.picture(bpy, tmp_path / f"{number}.png", size=16)
+        images.append(bpy.data.images.load(written.filepath))
+    decoded = DecodedPictures(much=2 * 16 * 16 * 4)
+    for image in images:
+        assert image.size[0] == 16
+        decoded.add(image)
+    assert decoded.notes() == ["4 pictures take 0.0 GB of memory in each process that renders"]
+    assert [image.has_data for image in images] == [True, True, False, False]
+    few = DecodedPictures()
+    few.add(images[0])
+    assert few.notes() == [] and images[0].has_data
 
 
 def test_a_group_of_two_materials_has_the_plain_colour_of_each(tmp_path):

@@ -81,3 +81,15 @@ def test_convert_has_the_option(folder, monkeypatch, capsys):
     assert cli.main(words) == 2
     assert "try --allow-outside" in capsys.readouterr().err
     assert cli.main([*words, "--allow-outside"]) == 0
+
+
+def test_inspect_and_view_have_the_option(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder.parent)
+    lens = {"width": 64, "height": 48, "fx": 60, "fy": 60, "cx": 31.5, "cy": 23.5}
+    (folder / "camera.json").write_text(json.dumps(lens))
+    tum(folder, "../outside/rgb.png", "../outside/depth.png")
+    for words in (["inspect", "sequence"], ["view", "sequence", "--no-open", "-o", "a.html"]):
+        assert cli.main(words) == 2
+        shown = capsys.readouterr()
+        assert "--allow-outside" in shown.out + shown.err or "allow_outside" in shown.out
+        assert cli.main([*words, "--allow-outside"]) == 0

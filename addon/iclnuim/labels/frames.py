@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..formats.files import is_file
 from ..formats.image_names import by_numbers, files_in
 from ..sequences.frames import ImagePair, SequenceFrame
-from ..sequences.stored_sequence import StoredSequence
+from ..sequences.stored_sequence import StoredSequence, opened
 from .classes import LARGEST_ID, ClassMap, read_true_classes
 from .images import read_label_image
 from .scores import VOID
@@ -41,10 +41,13 @@ def read_ids(path: Path) -> np.ndarray:
     return ids
 
 
-def has_classes(folder: Path) -> bool:
+def has_classes(folder: StoredSequence | Path) -> bool:
     """Whether a sequence has a class image of its first frame, and the table of classes."""
-    sequence = StoredSequence(folder)
-    return is_file(folder / CLASSES) and image_of(sequence, sequence.pairs[0], CLASS) is not None
+    sequence = opened(folder)
+    return (
+        is_file(sequence.folder / CLASSES)
+        and image_of(sequence, sequence.pairs[0], CLASS) is not None
+    )
 
 
 def label_frames(folder: Path) -> list[LabelFrame]:

@@ -19,7 +19,7 @@ from ..formats.png import write_png
 from ..geometry.trajectory import Trajectory, sample
 from ..sequences.camera_files import SequenceCamera
 from ..sequences.frames import ImagePair
-from ..sequences.stored_sequence import StoredSequence, read_depth_m, read_images
+from ..sequences.stored_sequence import StoredSequence, opened, read_depth_m, read_images
 from ..shown import depth_colours, depth_range, ramp
 
 _ROWS = 6
@@ -31,13 +31,13 @@ _ERROR_FULL_M = 0.05
 _APART = 15
 
 
-def draw_preview(folder: Path, out: Path, progress: Meter = None) -> list[Path]:
+def draw_preview(folder: StoredSequence | Path, out: Path, progress: Meter = None) -> list[Path]:
     """Write preview.png and preview.mp4 to `out`; returns their paths.
 
     progress: as of render_frames().
     """
     first_library("the film of a preview", "cv2")  # before work that may take long
-    sequence = StoredSequence(folder)
+    sequence = opened(folder)
     pairs = sequence.pairs
     camera = sequence.camera
     spread = sorted({int(i) for i in np.linspace(0, len(pairs) - 1, _ROWS)})

@@ -19,7 +19,7 @@ from ..formats.png import read_depth16
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from ..sequences.frames import poses_at
-from ..sequences.stored_sequence import StoredSequence, read_depth_m
+from ..sequences.stored_sequence import StoredSequence, opened, read_depth_m
 
 ENDING = ".rrd"
 #: The colour of ground truth.
@@ -140,7 +140,7 @@ def record(path: StrPath, of: StrPath, fill: Callable[[Recorder], None]) -> None
 
 def record_sequence(
     path: StrPath,
-    folder: StrPath,
+    folder: StoredSequence | StrPath,
     progress: Meter = None,
 ) -> None:
     """Record colour and depth of a sequence in any format, its camera, and the ground-truth poses,
@@ -149,8 +149,7 @@ def record_sequence(
     rerun-sdk.
     """
     path = Path(path)
-    folder = Path(folder)
-    sequence = StoredSequence(folder)
+    sequence = opened(folder)
     pairs = sequence.pairs
     camera = sequence.camera
     truth = sequence.truth
@@ -168,7 +167,7 @@ def record_sequence(
             _images(recorder, pair.rgb, pair.depth, camera.depth_units_per_metre)
             on_frame()
 
-    record(path, folder, fill)
+    record(path, sequence.folder, fill)
 
 
 def _images(recorder: Recorder, rgb: Path, depth: Path, units: float) -> None:

@@ -31,7 +31,7 @@ from .camera_files import SequenceCamera
 from .frames import ImagePair, posed, usual_step_s
 from .official_archives import archive_of, described
 from .pose_check import TOO_LITTLE, doubt, pose_agreement
-from .stored_sequence import StoredSequence, read_depth_m
+from .stored_sequence import StoredSequence, opened, read_depth_m
 
 T = TypeVar("T")
 
@@ -100,12 +100,12 @@ def first_names(names: list[str]) -> str:
     return ", ".join(names[:3]) + " ..." * (len(names) > 3)
 
 
-def inspect_sequence(folder: StrPath) -> Inspection:
-    """Inspect a sequence in any known format.
+def inspect_sequence(folder: StoredSequence | StrPath) -> Inspection:
+    """Inspect the sequence in a folder, or one that was opened, in any known format.
 
     It never raises an error because of a file's content.
     """
-    sequence = StoredSequence(folder)
+    sequence = opened(folder)
     result = Inspection(sequence.folder)
     pairs = result.attempt(lambda: sequence.pairs)
     if pairs is None:

@@ -24,7 +24,7 @@ from ..sensor.transfer import srgb8
 from ..shown import depth_colours, depth_range, plot_images
 from .camera_files import SequenceCamera
 from .frames import ImagePair, depth_stamps_s, poses_at, usual_step_s
-from .stored_sequence import StoredSequence
+from .stored_sequence import StoredSequence, opened
 
 #: In place of the matrix of a pose, where arrays must have one shape.
 _NO_POSE = np.full((4, 4), np.nan)
@@ -256,18 +256,18 @@ def _img(image: np.ndarray) -> str:
 
 
 def open_sequence(
-    folder: StrPath,
+    folder: StoredSequence | StrPath,
     camera: CameraOrText | None = None,
     depth_units_per_metre: float = UNITS_PER_METRE,
 ) -> RgbdSequence:
-    """Open a sequence in any known format, also a ROS bag: its frames are read when they are asked
-    for.
+    """Open a sequence in any known format, also a ROS bag, or one that is stored: its frames are
+    read when they are asked for.
 
     camera: where no file contains it, a PinholeCamera or its text `WIDTHxHEIGHT,FX,FY,CX,CY`;
     depth_units_per_metre belongs to it. Raises InputError if there are no pairs of images, no
     camera, or a ground truth that cannot be read.
     """
-    sequence = StoredSequence(folder)
+    sequence = opened(folder)
     pairs = tuple(sequence.pairs)
     if camera is not None:
         pinhole = PinholeCamera.of(camera)

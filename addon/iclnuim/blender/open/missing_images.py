@@ -12,6 +12,7 @@ from bpy.types import Image, Node, NodeTree, Scene
 
 from .. import compat
 from ..notes import names_of
+from .picture_memory import DecodedPictures
 
 #: Colour of a surface without its image, where nothing states one: Blender's own default.
 _PLAIN = (0.8, 0.8, 0.8, 1.0)
@@ -20,13 +21,19 @@ _TILE = re.compile("<UDIM>|<UVTILE>")
 
 def replace_missing(scene: Scene) -> tuple[list[str], bool]:
     """Unlink missing images and image nodes without an image, and give what they were linked to a
-    plain colour. Returns a note if a node showed one, and whether one was that of the sky, and with
-    it its light.
+    plain colour. Returns a note if a node showed one, and one if the others take much memory, and
+    whether one was that of the sky, and with it its light.
 
     A sequence or a set of tiles is missing if an image that may be shown is: Blender shows magenta
     or black there.
     """
-    missing = {image for image in bpy.data.images if _is_missing(image)}
+    missing = set()
+    decoded = DecodedPictures()
+    for image in bpy.data.images:
+        if _is_missing(image):
+            missing.add(image)
+        else:
+            decoded.add(image)
     shown = []
     lost_sky = False
     sky = scene.world.node_tree if scene.world and scene.world.use_nodes else None
@@ -44,9 +51,9 @@ def replace_missing(scene: Scene) -> tuple[list[str], bool]:
     for image in missing:
         bpy.data.images.remove(image)
     if not shown:
-        return [], False
+        return decoded.notes(), False
     what = f"textures that are missing or broken ({names_of(set(shown))})"
-    return [f"{what}: replaced by plain colour"], lost_sky
+    return [f"{what}: replaced by plain colour", *decoded.notes()], lost_sky
 
 
 def _trees(lacks: Callable[[Node], bool]) -> Iterator[tuple[NodeTree, tuple[float, ...]]]:

@@ -17,6 +17,7 @@ from ...geometry.trajectory import Trajectory
 from ...sensor.transfer import srgb8
 from ...sequences.frame_source import run_frames
 from ...sequences.rgbd_sequence import open_sequence
+from ...sequences.stored_sequence import StoredSequence
 from ...trajectory_files.trajectories import LoadedTrajectory
 from .contents import ViewContents, ViewedFrame, ViewedSequence, ViewedSurface, ViewedTrajectory
 
@@ -25,15 +26,19 @@ FRAMES = 60
 
 
 def read_sequence(
-    folder: StrPath, name: str, frames: str | None = None
+    folder: StrPath, name: str, frames: str | None = None, allow_outside: bool = False
 ) -> tuple[ViewedSequence, Trajectory | None, str]:
     """A sequence in any format, or the frames of a run; its true poses; a note about frames that
     are left out, or "". frames: A:B:S as a Python slice; without it FRAMES of them, evenly chosen.
+    allow_outside: as of StoredSequence.
 
     Raises InputError if there are no frames.
     """
     folder = Path(folder)
-    found, truth = _run(folder, name) if (folder / "exr").is_dir() else _sequence(folder, name)
+    if (folder / "exr").is_dir():
+        found, truth = _run(folder, name)
+    else:
+        found, truth = _sequence(StoredSequence(folder, allow_outside), name)
     count = len(found.frames)
     if frames is None:
         rows = np.unique(np.linspace(0, count - 1, min(count, FRAMES)).round().astype(int)).tolist()
@@ -48,8 +53,8 @@ def read_sequence(
     return replace(found, frames=[found.frames[row] for row in rows]), truth, note
 
 
-def _sequence(folder: Path, name: str) -> tuple[ViewedSequence, Trajectory | None]:
-    sequence = open_sequence(folder)
+def _sequence(stored: StoredSequence, name: str) -> tuple[ViewedSequence, Trajectory | None]:
+    sequence = open_sequence(stored)
 
     def load(row: int) -> tuple[np.ndarray, np.ndarray]:
         frame = sequence[row]
