@@ -19,6 +19,7 @@ from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.postprocess import frames_from
 from iclnuim.sensor.models import depth_model, rgb_model
 from iclnuim.sequences.associations import read_associations
+from iclnuim.sequences.frame_hashes import JOURNAL
 from iclnuim.sequences.frame_source import image_frames, run_frames
 from iclnuim.sequences.recipe import read_recipe
 from iclnuim.sequences.run_folder import open_run
@@ -197,6 +198,7 @@ def test_the_recipe_holds_every_parameter_and_what_became_of_depth(run, tmp_path
     channels = read_exr(run.frame_file(2))
     channels["Z"][0, :6] = [np.nan, np.inf, -np.inf, -1, 14, 0]
     write_exr(run.frame_file(2), channels)
+    (run.path / JOURNAL).unlink()  # as of a run without hashes
     recipe = json.loads(
         (fill(run, tmp_path / "out", SequenceSettings()) / "recipe.json").read_text()
     )
@@ -217,6 +219,7 @@ def test_counts_survive_a_stop_and_a_resume(run, tmp_path):
     channels = read_exr(run.frame_file(1))
     channels["Z"][:2] = np.inf
     write_exr(run.frame_file(1), channels)
+    (run.path / JOURNAL).unlink()
     fill(run, tmp_path / "out", frames=":2")
     fill(run, tmp_path / "out")
     recipe = json.loads((tmp_path / "out/recipe.json").read_text())
@@ -238,7 +241,8 @@ def test_depth_that_does_not_fit_becomes_no_measurement_and_never_wraps():
 
 
 def _spoil(run, what):
-    """Make frame 2 unusable."""
+    """Make frame 2 unusable, in a run without hashes."""
+    (run.path / JOURNAL).unlink()
     file = run.frame_file(2)
     data, channels = bytearray(file.read_bytes()), read_exr(file)
     if what == "truncated":
