@@ -179,6 +179,10 @@ def test_what_is_not_there_is_refused_in_one_line(tmp_path, command_here):
     assert code == 2 and noted.count("\n") == 1 and "found nothing" in noted
 
 
+#: Of a box in a page: its corner and its size.
+SIDES = (("x", "width"), ("y", "height"))
+
+
 @pytest.mark.skipif(program() is None, reason="no Chromium")
 @pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 800)])
 def test_a_browser_shows_frames_depth_and_keys(sequence, tmp_path, command_here, width, height):
@@ -200,6 +204,25 @@ def test_a_browser_shows_frames_depth_and_keys(sequence, tmp_path, command_here,
             "performance.getEntriesByType('resource').every(r => r.name.startsWith('data:'))"
         )
         assert float(browser.value("document.body.dataset.first")) > 0
+
+
+@pytest.mark.skipif(program() is None, reason="no Chromium")
+def test_two_fingers_zoom_by_the_ratio_of_their_distances(sequence, tmp_path, command_here):
+    out = tmp_path / "v.html"
+    assert not command_here("view", sequence, "-o", out, "--no-open")[0]
+    with Browser(tmp_path / "profile", 390, 800, webgl=True) as browser:
+        browser.open(out)
+        browser.until("document.body.dataset.ready === 'true'")
+        box = "document.getElementById('world').getBoundingClientRect()"
+        x, y = (browser.value(f"{box}.{side} + {box}.{size} / 2") for side, size in SIDES)
+        before = browser.value("eye.distance")
+        for kind, gaps in (("touchStart", [40]), ("touchMove", [50, 60, 80]), ("touchEnd", [])):
+            for gap in gaps or [None]:
+                ends = [] if gap is None else [x - gap / 2, x + gap / 2]
+                points = [{"x": end, "y": y, "id": k} for k, end in enumerate(ends)]
+                browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+        assert browser.value("eye.distance") == pytest.approx(before / 2, rel=0.02)
+        assert browser.value("fingers.size") == 0
 
 
 def test_a_surface_with_opacity_is_packed_in_the_colours_of_one_without(tmp_path):
