@@ -94,7 +94,7 @@ def add(files: Files, config: MkDocsConfig, path: str) -> None:
 
 
 def example_parts(source: Path) -> Iterator[str]:
-    """The code of a script, or the cells of a notebook without what they print, as Markdown."""
+    """The code of a script, or the cells of a notebook and what they give, as Markdown."""
     text = source.read_text("utf-8")
     cells = [{"cell_type": "code", "source": [text]}]
     if source.suffix == ".ipynb":
@@ -104,6 +104,18 @@ def example_parts(source: Path) -> Iterator[str]:
         if cell["cell_type"] == "code":
             content = f"```python\n{content}\n```"
         yield content
+        for output in cell.get("outputs", ()):
+            yield output_part(output)
+
+
+def output_part(output: dict[str, Any]) -> str:
+    """What a cell of a notebook gave: a picture, a table or a text."""
+    data = output.get("data", {"text/plain": output.get("text", "")})
+    if "image/png" in data:
+        return f'<img class="chart" alt="output" src="data:image/png;base64,{data["image/png"].strip()}">'
+    if "text/html" in data:
+        return f"<div>{''.join(data['text/html']).strip()}</div>"
+    return f"```text\n{''.join(data['text/plain']).strip()}\n```"
 
 
 def on_page_markdown(markdown: str, page: Any, config: MkDocsConfig, files: Files) -> str:
