@@ -96,7 +96,7 @@ def add(files: Files, config: MkDocsConfig, path: str) -> None:
 def example_parts(source: Path) -> Iterator[str]:
     """The code of a script, or the cells of a notebook and what they give, as Markdown."""
     text = source.read_text("utf-8")
-    cells = [{"cell_type": "code", "source": [text]}]
+    cells: list[dict[str, Any]] = [{"cell_type": "code", "source": [text]}]
     if source.suffix == ".ipynb":
         cells = json.loads(text)["cells"]
     for cell in cells:
