@@ -63,6 +63,7 @@ from iclnuim.tools.measured_drawn import (  # noqa: E402
     NOT_MEASURED,
     sequences,
     stress_summary,
+    ways_figure,
 )
 from iclnuim.tools.measured_tables import COMMAND_TABLES, CommandTable, markdown  # noqa: E402
 
@@ -207,6 +208,7 @@ def draw_charts(cells: PublishedCells) -> None:
     pictures = TOP / PAGES / "pictures"
     save(accuracy_figure(cells.benchmark()), pictures / "accuracy.png")
     save(stress_chart.figure(stress_summary(cells)), pictures / "stress.png", _STRESS_DPI)
+    save(ways_figure(), pictures / "own_scenes_ways.png")
 
 
 def draw_paper_figures(folder: Path) -> None:

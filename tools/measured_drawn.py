@@ -35,6 +35,8 @@ from iclnuim.benchmark.perturbations.plan import CLEAN, NOISY, read_plan
 from iclnuim.shipped import TRAJECTORY_NAMES, further_sequences, paper_sequences
 from iclnuim.tools.measured_cells import PublishedCells
 from iclnuim.tools.measured_tables import Rows, words
+from iclnuim.tools.scene_ways_drawn import scene_ways_figure, scene_ways_table
+from matplotlib.figure import Figure
 
 #: The titles of programs by the authors of a method, and our odometer.
 _AUTHORS = tuple((title, name) for name, title in AUTHORS.items())
@@ -466,6 +468,16 @@ def refused_rooms(cells: PublishedCells) -> Rows:
     return [["room", "refused"], *([row["room"], row["refused"]] for row in rows)]
 
 
+def scene_ways(cells: PublishedCells) -> Rows:
+    """The way that was chosen for each scene, beside the fastest that holds 40 dB."""
+    return scene_ways_table(_stored("own_scenes_ways.csv"))
+
+
+def ways_figure() -> Figure:
+    """Time and error of every way to light each scene."""
+    return scene_ways_figure(_stored("own_scenes_ways.csv"))
+
+
 def scene_checks(cells: PublishedCells) -> Rows:
     rows = [list(row.values()) for row in _stored("own_scenes_checks.csv")]
     return [["what", "measured", "command", "commit"], *rows]
@@ -504,6 +516,7 @@ DRAWN: dict[str, Drawn] = {
     "stress-totals": stress_totals,
     "own_scenes-rooms": rooms,
     "own_scenes-refused": refused_rooms,
+    "own_scenes-ways": scene_ways,
     "own_scenes-checks": scene_checks,
     "learned-noise": learned_noise,
     "learned-pairs": learned_pairs,

@@ -20,7 +20,7 @@ from iclnuim import wall  # noqa: E402
 from iclnuim.blender.open import scene, scene_paths  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.geometry.scene_axes import SceneReading  # noqa: E402
-from iclnuim.scene_files import blend_file, scene_names  # noqa: E402
+from iclnuim.scene_files import blend_file, scene_names, search  # noqa: E402
 
 ONE_LINE = r"[^\n]+/scenes/\w+/[\w.]+: [^:].*own folder, found .+; try .+"
 
@@ -36,6 +36,13 @@ def test_scene_paths_check_refuses_a_file_outside_however_it_is_named(tmp_path, 
         scene_paths.check(file, SceneReading())
     assert re.fullmatch(ONE_LINE, str(refused.value))
     scene_paths.check(file, SceneReading(allow_outside=True))
+
+
+def test_a_name_with_a_nul_has_no_file(tmp_path):
+    """A damaged name, as in some .fbx of the web: the scene itself is read."""
+    file = tmp_path / "room.obj"
+    file.write_bytes(b"mtllib a\0b/c.mtl\nv 0 0 0\n")
+    assert search.readable(file, SceneReading()) == [file]
 
 
 def test_scene_names_finds_the_paths_of_all_datablocks_of_a_blend(tmp_path):

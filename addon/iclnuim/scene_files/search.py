@@ -104,7 +104,7 @@ def visible(folder: Path) -> list[Path]:
 
 
 def _names_in(folder: Path) -> list[str]:
-    with suppress(OSError):
+    with suppress(OSError, ValueError):  # also of a NUL in a damaged name
         return os.listdir(folder)
     return []
 
