@@ -7,7 +7,7 @@ from itertools import permutations
 from typing import Any
 
 import numpy as np
-from iclnuim.doubt.competition import WORTH_SHARE
+from iclnuim.doubt.fit import WORTH_SHARE
 from iclnuim.errors import InputError
 from iclnuim.evaluation.absolute_error import ErrorStatistics
 from iclnuim.evaluation.align import (

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from iclnuim.doubt.axis_changes import changes_of_axes
-from iclnuim.doubt.competition import WORTH_SHARE
+from iclnuim.doubt.fit import WORTH_SHARE
 from iclnuim.doubt.hypotheses.scale import is_drift
 from iclnuim.errors import InputError
 from iclnuim.evaluation.align import umeyama

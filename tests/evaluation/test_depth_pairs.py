@@ -34,7 +34,7 @@ def test_images_that_cannot_be_read_are_left_out():
     depth[3] = depth[3][:60]
     depth[5] = np.zeros_like(depth[5])
     pairs = DepthPairs.of(depth.__getitem__, T, CAMERA)
-    assert set(pairs.blocks) == set(range(12)) - {0, 3, 5}
+    assert {*pairs.first, *pairs.second} == set(range(12)) - {0, 3, 5}
     assert pairs.residuals(pairs.relative(T)).max() < 2e-3
     assert np.isnan(depth_residuals(lambda i: None, [T, T], CAMERA)).all()
 
@@ -48,13 +48,21 @@ def test_the_block_of_a_plane_has_the_inverse_depth_of_its_middle():
     assert blocks.noise < 1e-6
 
 
+def of_a_wall():
+    """A pair of images of a wall 2 m away."""
+    wall = DepthBlocks.of(np.full((120, 160), 2.0), CAMERA)
+    return DepthPairs.between(np.array([0]), np.array([1]), {0: wall, 1: wall})
+
+
+def moved(translation_m):
+    return SE3(np.eye(3)[None], np.array([translation_m], float))
+
+
 def test_the_residual_is_the_difference_relative_to_depth():
-    blocks = DepthBlocks.of(np.full((120, 160), 2.0), CAMERA)
-    forward = SE3(np.eye(3), np.array([0, 0, 0.1]))
-    found = blocks.residuals(forward, blocks.points_m)
+    pairs = of_a_wall()
+    found = pairs.differences(moved([0, 0, 0.1]))
     assert np.allclose(found[np.isfinite(found)], 0.1 / 2.05, rtol=1e-3)
-    behind = SE3(np.eye(3), np.array([0, 0, -3.0]))
-    assert np.isinf(blocks.residuals(behind, blocks.points_m)).all()
+    assert np.isinf(pairs.differences(moved([0, 0, -3.0]))).all()
 
 
 @pytest.mark.parametrize(("share", "counts"), [(0.5, False), (0.75, True)])
@@ -62,11 +70,8 @@ def test_points_that_leave_the_image_do_not_agree_if_they_are_most(share, counts
     """A wall that the camera slides along: what is still seen agrees exactly. Of points that leave,
     those beyond 40 % count: a tenth against a half is not the median, a third against a quarter is.
     """
-    wall = DepthBlocks.of(np.full((120, 160), 2.0), CAMERA)
     aside_m = share * 2.0 * CAMERA.width / CAMERA.fx
-    pairs = DepthPairs(np.array([0]), np.array([1]), {0: wall, 1: wall})
-    moved = SE3(np.eye(3)[None], np.array([[aside_m, 0.0, 0.0]]))
-    assert (pairs.residuals(moved)[0] > 0.1) == counts
+    assert (of_a_wall().residuals(moved([aside_m, 0.0, 0.0]))[0] > 0.1) == counts
 
 
 def test_pairs_are_chosen_where_the_motion_varies():

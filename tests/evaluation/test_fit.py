@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from iclnuim.doubt.change import Change
-from iclnuim.doubt.competition import Candidate, Fit, Limits, winner
+from iclnuim.doubt.competition import Candidate, winner
+from iclnuim.doubt.fit import Fit, Limits
 
 #: Of positions, of motions, and of turns.
 GIVEN = np.array([1.0, 0.2, 0.1])

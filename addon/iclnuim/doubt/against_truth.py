@@ -4,16 +4,16 @@ ground truth much better, one or two at once.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
 from ..evaluation.align import umeyama
 from ..evaluation.associate import AssociationSettings, associate
 from ..geometry.trajectory import Trajectory
-from .change import Change, applied, changed
-from .compared_poses import ComparedPoses, Comparison
-from .competition import Candidate, Fit, Limits, winner
+from .change import Change, applied
+from .compared_poses import FITS_EXTENT, Comparison
+from .competition import Candidate, candidate, screened, winner
+from .fit import Fit
 from .hypotheses import hypotheses
 from .hypotheses.scale import is_drift, scaled
 from .hypothesis import Files, Hypothesis, Reorder
@@ -21,16 +21,6 @@ from .no_rotations import turns
 from .time_axis import OtherTime
 from .time_views import Clock, Compared, View
 
-#: Errors below this, in metres and radians, are rounding; those of lengths above 0.1 mm, the
-#: resolution of files, are worth an explanation.
-_ROUNDING = 1e-6
-_WORTH_M = 1e-4
-#: What an explanation leaves is at most this share of the ground truth's extent, or of its
-#: motions: a failed estimate can always be shrunk to a point.
-_FITS_EXTENT = 0.35
-_FITS_MOTION = 0.7
-#: With a larger error of the turns (30 degrees) the estimate is another motion.
-_OTHER_TURN_RAD = 0.5
 #: A logarithm of a scale below this multiple of what is left, as a share of the extent, may be
 #: noise.
 _NOISE_OF_SCALE = 2.5
@@ -47,8 +37,6 @@ _MOST_POSES = 100_000
 #: Two at once are first tried on so many pairs of poses; so many of them are then compared on all.
 _SCREENED_PAIRS = 80
 _KEPT = 8
-#: The change of a hypothesis that is fitted to compared poses, by both.
-_Fitted: TypeAlias = dict[tuple[int, Hypothesis], Change | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +113,7 @@ def _is_bad(plain: View) -> bool:
     """Whether the errors may be those of two mistakes."""
     extent_m, motion_m = plain.found[0].sizes_m()
     limits = np.array([_BAD_EXTENT * extent_m, _BAD_MOTION * motion_m, _BAD_RAD])
-    return bool((_errors(plain.found[:1])[0] > limits).any())
+    return bool((plain.found[0].errors > limits).any())
 
 
 def _alone(view: View, known: Sequence[Hypothesis]) -> list[Candidate]:
@@ -136,8 +124,7 @@ def _alone(view: View, known: Sequence[Hypothesis]) -> list[Candidate]:
         scales = [one for one in known if one.group == "scale"]
         chains: list[tuple[Hypothesis, ...]] = [(one,) for one in known]
         chains += [(one, scale) for one in known for scale in scales if one is not scale]
-        fitted: _Fitted = {}
-        found = [_candidate(view, chain, fitted) for chain in chains]
+        found = [_candidate(view, chain) for chain in chains]
     return [one for one in found if one is not None]
 
 
@@ -148,26 +135,24 @@ def _combined(
     known: Sequence[Hypothesis],
 ) -> Iterable[Candidate]:
     """The best of all pairs of hypotheses, one of which may be a time."""
-    screened: list[tuple[float, tuple[Hypothesis, ...], View, Clock | None]] = []
+    found: list[tuple[float, Sequence[Hypothesis], View, Clock | None]] = []
     if plain is not None:
         poses = plain.found[0].thinned(_SCREENED_PAIRS)
         for first in known:
-            others = [other for other in known if _is_pair(first, other)]
-            for cost, chain in _screened(poses, (first,), others):
-                screened.append((cost, chain, plain, None))
+            pairs = [(first, other) for other in known if _is_pair(first, other)]
+            found += [(*one, plain, None) for one in screened(poses, pairs)]
     for other, timed_view in timed:
         poses = timed_view.found[0].thinned(_SCREENED_PAIRS)
-        for cost, chain in _screened(poses, (), known):
-            screened.append((cost, chain, timed_view, other))
-    screened.sort(key=lambda one: one[0])
-    for _, chain, view, clock in screened[:_KEPT]:
+        found += [(*one, timed_view, other) for one in screened(poses, [(one,) for one in known])]
+    found.sort(key=lambda one: one[0])
+    for _, chain, view, clock in found[:_KEPT]:
         if clock is not None:
             yield from _at_refined_time(compared, clock, view, chain)
-        elif (found := _candidate(view, chain)) is not None:
-            yield found
+        elif (both := _candidate(view, chain)) is not None:
+            yield both
         for part in chain if len(chain) > 1 else ():
-            if (found := _candidate(view, (part,))) is not None:
-                yield found
+            if (one := _candidate(view, (part,))) is not None:
+                yield one
 
 
 def _is_pair(one: Hypothesis, other: Hypothesis) -> bool:
@@ -183,7 +168,7 @@ def _at_refined_time(
     compared: Compared, clock: Clock, view: View, chain: Sequence[Hypothesis]
 ) -> Iterable[Candidate]:
     """The candidate with its time refined after its other changes."""
-    changes = _fitted(view.found[0], chain)
+    changes = view.found[0].fitted(chain)
     if changes is None:
         return
 
@@ -197,79 +182,9 @@ def _at_refined_time(
             yield found
 
 
-def _fitted(
-    poses: ComparedPoses, chain: Sequence[Hypothesis], fitted: _Fitted | None = None
-) -> tuple[Change, ...] | None:
-    """The changes of the hypotheses, each fitted after those before it; None if one has none.
-    fitted: what the first ones are already, which is added to.
-    """
-    changes: list[Change] = []
-    for place, hypothesis in enumerate(chain):
-        key = id(poses), hypothesis
-        if place == 0 and fitted is not None:
-            if key not in fitted:
-                fitted[key] = hypothesis.fit(poses)
-            change = fitted[key]
-        else:
-            change = hypothesis.fit(poses)
-        if change is None:
-            return None
-        changes.append(change)
-        poses = changed([change], poses)
-    return tuple(changes)
-
-
-def _screened(
-    poses: ComparedPoses, chain: tuple[Hypothesis, ...], others: Sequence[Hypothesis]
-) -> Iterable[tuple[float, tuple[Hypothesis, ...]]]:
-    """The chain with each of the others after it, and the costs of the errors, fitted on the
-    whole.
-    """
-    before = _fitted(poses, chain)
-    if before is None:
-        return
-    poses = changed(before, poses)
-    limits = _limits(poses)
-    for other in others:
-        if (change := other.fit(poses)) is not None:
-            errors = np.repeat(_errors([changed([change], poses)]), 3, axis=0)
-            free = sum(one.free for one in (*before, change))
-            yield Fit(errors, errors, limits).cost(free), (*chain, other)
-
-
-def _candidate(
-    view: View, chain: Sequence[Hypothesis], fitted: _Fitted | None = None
-) -> Candidate | None:
-    whole, *halves = view.found
-    sets = [_fitted(poses, chain, fitted) for poses in (whole, *halves[::-1])]
-    changes = sets[0]
-    if changes is None:
-        return None
-    found = _errors([changed(c or (), poses) for c, poses in zip(sets, view.found, strict=True)])
-    limits = _limits(changed(changes, view.found[0]))
-    given = np.array([_errors([poses])[0] if poses else _failed(limits) for poses in view.given])
-    times = (view.time,) if view.time else ()
-    return Candidate((*times, *changes), Fit(given, found, limits))
-
-
-def _errors(every: Sequence[ComparedPoses]) -> np.ndarray:
-    """(k, 3) RMS of positions, of motions, and of their turns."""
-    return np.array([(e.position_m, e.motion_m, e.turn_rad) for e in (p.errors for p in every)])
-
-
-def _limits(poses: ComparedPoses) -> Limits:
-    extent_m, motion_m = poses.sizes_m()
-    return Limits(
-        rounding=np.full(3, _ROUNDING),
-        worth=np.array([_WORTH_M, _WORTH_M, np.inf]),
-        largest=np.array([_FITS_EXTENT * extent_m, _FITS_MOTION * motion_m, 0.0]),
-        bearable=np.array([np.inf, np.inf, _OTHER_TURN_RAD]),
-    )
-
-
-def _failed(limits: Limits) -> np.ndarray:
-    """The errors of poses that cannot be compared: as those of an estimate that fails."""
-    return np.append(limits.largest[:2], 1e6)
+def _candidate(view: View, chain: Sequence[Hypothesis]) -> Candidate | None:
+    before = (view.time,) if view.time else ()
+    return candidate(view.found, chain, view.given, before)
 
 
 def _explanation(compared: Compared, best: Candidate, estimate: Trajectory) -> Explanation | None:
@@ -308,5 +223,5 @@ def _scale_of_all(compared: Compared) -> float:
 
 def _may_be_noise(scale: float, fit: Fit, compared: Compared) -> bool:
     """Whether errors as large as those that are left can have caused the scale."""
-    extent_m = fit.limits.largest[0] / _FITS_EXTENT
+    extent_m = fit.limits.largest[0] / FITS_EXTENT
     return bool(abs(np.log(scale)) < _NOISE_OF_SCALE * fit.found[0, 0] / extent_m)

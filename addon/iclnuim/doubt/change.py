@@ -5,23 +5,22 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..geometry.se3 import SE3
-from .compared_poses import ComparedPoses
 from .time_axis import OtherTime
 
 
-def unchanged(poses: SE3) -> SE3:
-    return poses
+def unchanged(given: Any) -> Any:
+    return given
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """kind: of the hypothesis that it is of. poses: applied to the poses of the estimate or of the
-    reference (`of`). parameters: what was fitted, by names with units; free: how many numbers that
+    """kind: of the hypothesis that it is of. apply: to what is changed (`of`), such as the poses of
+    the estimate or of the reference. parameters: what was fitted, by names with units; free: how many numbers that
     are. time: other stamps of the estimate.
     """
 
     kind: str
-    poses: Callable[[SE3], SE3] = unchanged
+    apply: Callable[[Any], Any] = unchanged
     of: str = "estimate"
     parameters: dict[str, Any] = field(default_factory=dict)
     free: int = 0
@@ -35,11 +34,7 @@ def applied(changes: Sequence[Change], reference: SE3, estimate: SE3) -> tuple[S
     """The poses of both after the changes, one after the other."""
     for change in changes:
         if change.of == "reference":
-            reference = change.poses(reference)
+            reference = change.apply(reference)
         else:
-            estimate = change.poses(estimate)
+            estimate = change.apply(estimate)
     return reference, estimate
-
-
-def changed(changes: Sequence[Change], poses: ComparedPoses) -> ComparedPoses:
-    return poses.changed(*applied(changes, poses.reference, poses.estimate))

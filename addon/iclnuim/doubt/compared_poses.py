@@ -3,15 +3,32 @@ them: the error of all positions after an alignment, and the error of the motion
 of each pair.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..evaluation.align import principal_extents, umeyama
 from ..geometry import so3
 from ..geometry.se3 import SE3
+from .change import Change, applied
+from .fit import Limits
 
+if TYPE_CHECKING:
+    from .hypothesis import Hypothesis
+
+#: Errors below this, in metres and radians, are rounding; those of lengths above 0.1 mm, the
+#: resolution of files, are worth an explanation.
+_ROUNDING = 1e-6
+_WORTH_M = 1e-4
+#: What an explanation leaves is at most this share of the ground truth's extent, or of its
+#: motions: a failed estimate can always be shrunk to a point.
+FITS_EXTENT = 0.35
+_FITS_MOTION = 0.7
+#: With a larger error of the turns (30 degrees) the estimate is another motion.
+_OTHER_TURN_RAD = 0.5
 #: More pairs than these take longer and tell nothing new.
 _MAX_PAIRS = 2000
 
@@ -27,8 +44,7 @@ class Comparison:
     positions_only: bool = False
 
 
-@dataclass(frozen=True)
-class Errors:
+class Errors(NamedTuple):
     """RMS of position errors after the best alignment, of translations and of rotation angles of
     the motions between the poses of each pair.
     """
@@ -48,6 +64,7 @@ class ComparedPoses:
     reference: SE3
     estimate: SE3
     how: "Comparison"
+    _first: dict["Hypothesis", Change | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, reference: SE3, estimate: SE3, how: "Comparison", delta: int) -> "ComparedPoses":
@@ -62,6 +79,26 @@ class ComparedPoses:
 
     def changed(self, reference: SE3, estimate: SE3) -> "ComparedPoses":
         return ComparedPoses(reference, estimate, self.how)
+
+    def after(self, changes: Sequence[Change]) -> "ComparedPoses":
+        return self.changed(*applied(changes, self.reference, self.estimate))
+
+    def fitted(self, chain: "Sequence[Hypothesis]") -> tuple[Change, ...] | None:
+        """The changes of hypotheses, each fitted after those before it; None if one has none."""
+        changes: list[Change] = []
+        poses = self
+        for hypothesis in chain:
+            if poses is not self:
+                change = hypothesis.fit(poses)
+            elif hypothesis in self._first:
+                change = self._first[hypothesis]
+            else:
+                change = self._first[hypothesis] = hypothesis.fit(self)
+            if change is None:
+                return None
+            changes.append(change)
+            poses = poses.after([change])
+        return tuple(changes)
 
     def thinned(self, pairs: int) -> "ComparedPoses":
         """About so many of the pairs."""
@@ -89,6 +126,16 @@ class ComparedPoses:
     def motions(self) -> tuple[SE3, SE3]:
         """Motions (m,) of the ground truth and of the estimate between the poses of each pair."""
         return _motions(self.reference), _motions(self.estimate)
+
+    @property
+    def limits(self) -> Limits:
+        extent_m, motion_m = self.sizes_m()
+        return Limits(
+            rounding=np.full(3, _ROUNDING),
+            worth=np.array([_WORTH_M, _WORTH_M, np.inf]),
+            largest=np.array([FITS_EXTENT * extent_m, _FITS_MOTION * motion_m, 0.0]),
+            bearable=np.array([np.inf, np.inf, _OTHER_TURN_RAD]),
+        )
 
     def sizes_m(self) -> tuple[float, float]:
         """Extent of the ground truth, and RMS of its motions."""

@@ -6,89 +6,40 @@ evidence and judged on the other. The best one is named if it halves an error an
 worse, in both halves, and if no part of it does nearly as well.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from .change import Change
+from .fit import Fit, Limits
 
-#: An explanation leaves at most this share of an error ...
-WORTH_SHARE = 0.5
-#: ... and at most this share in each half.
-HALF_SHARE = 0.9
-#: Each fitted parameter has to reduce the product of the errors by this share.
-PRICE = 0.2
 #: Costs that differ by less may differ by noise.
 _NEARLY = 1.0
-#: Two mistakes at once leave at most these shares of what one may leave of lengths, and of an
-#: error of turns with which nothing is explained.
-_HALF = 0.5
-_LITTLE = 0.2
+#: Explanations that leave less than this multiple of what the best one leaves are nearly as good.
+_RIVALS = 1.25
 #: Kinds that are parts of others.
 _PARTS = {"body": {"rotation", "arm"}, "rate": {"offset"}}
 #: Kinds that concern all errors of lengths.
 _OF_ALL = {"scale", "offset", "rate", "rows"}
 
 
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """(k,) each, of k kinds of errors. rounding: smaller errors are none. worth: a larger error is
-    worth an explanation; largest: what an explanation may leave of it. bearable: with a larger
-    error nothing is explained.
+class Evidence(Protocol):
+    """What explanations are held against: poses, depth images, a surface. errors (k,): as it is;
+    after: as it is after changes; fitted: the changes of hypotheses that fit it best one after the
+    other, None if one has none.
     """
-
-    rounding: np.ndarray
-    worth: np.ndarray
-    largest: np.ndarray
-    bearable: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """Errors as given and as explained (3, k): in all, and in each half, where the explanation has
-    the parameters that fit the other half.
-    """
-
-    given: np.ndarray
-    found: np.ndarray
-    limits: Limits
-
-    def cost(self, parameters: int) -> float:
-        """Mean logarithm of the product of the errors of each half, and the price of the fitted
-        parameters.
-        """
-        product = np.log(np.maximum(self.found[1:], self.limits.rounding)).sum() / 2
-        return float(product) + PRICE * parameters
-
-    def explains(self, concerns_all: bool = False) -> bool:
-        """Whether it halves an error and makes none of the others clearly worse; or makes all
-        others of lengths clearly smaller, if it concerns them all.
-        """
-        left = self._left(self.given)[0]
-        is_length = np.isfinite(self.limits.worth)
-        most = np.where(is_length & concerns_all, HALF_SHARE, 1 / HALF_SHARE)
-        if (self.found[0] > self.limits.bearable).any() or (left > most).any():
-            return False
-        fits = self.found[0] <= np.minimum(WORTH_SHARE * self.given[0], self.limits.largest)
-        holds = (self.found[1:] <= HALF_SHARE * self.given[1:]).all(0)
-        return bool((fits & holds & (self.given[0] > self.limits.worth)).any())
-
-    def halves_errors_of(self, other: "Fit") -> bool:
-        """Whether it leaves at most half of an error that another explanation leaves."""
-        least = np.maximum(other.found[0], self.limits.rounding)
-        return bool((self.found[0] <= WORTH_SHARE * least).any())
 
     @property
-    def is_close(self) -> bool:
-        """Whether it leaves clearly less than an explanation may."""
-        is_length = np.isfinite(self.limits.worth)
-        most = np.where(is_length, _HALF * self.limits.largest, _LITTLE * self.limits.bearable)
-        return bool((self.found[0] <= most).all())
+    def errors(self) -> Sequence[float]: ...
 
-    def _left(self, of: np.ndarray) -> np.ndarray:
-        """The share of errors that is left."""
-        return (self.found + self.limits.rounding) / (of + self.limits.rounding)
+    @property
+    def limits(self) -> Limits: ...
+
+    def after(self, changes: Sequence[Change]) -> "Evidence": ...
+
+    def fitted(self, chain: Sequence[Any]) -> tuple[Change, ...] | None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +83,41 @@ class Candidate:
         return self is not whole
 
 
+def candidate(
+    parts: Sequence[Evidence],
+    chain: Sequence[Any],
+    given: Sequence[Evidence | None] | None = None,
+    before: tuple[Change, ...] = (),
+) -> Candidate | None:
+    """Hypotheses one after the other; None if one of them has no change.
+
+    parts: the evidence, and its halves. given: those as given, None where they cannot be compared,
+    if the parts are what changes `before` made of them.
+    """
+    whole, *halves = parts
+    sets = [part.fitted(chain) for part in (whole, *halves[::-1])]
+    changes = sets[0]
+    if changes is None:
+        return None
+    found = [part.after(one or ()).errors for one, part in zip(sets, parts, strict=True)]
+    limits = whole.after(changes).limits
+    errors = [part.errors if part else limits.failed for part in given or parts]
+    return Candidate((*before, *changes), Fit(np.array(errors), np.array(found), limits))
+
+
+def screened(few: Evidence, chains: Iterable[Sequence[Any]]) -> list[tuple[float, Sequence[Any]]]:
+    """Chains of hypotheses with the costs of the errors that they leave of little evidence, on
+    which they are fitted.
+    """
+    found = []
+    for chain in chains:
+        if (changes := few.fitted(chain)) is not None:
+            errors = np.array([few.after(changes).errors] * 3)
+            free = sum(one.free for one in changes)
+            found.append((Fit(errors, errors, few.limits).cost(free), chain))
+    return found
+
+
 def winner(candidates: Sequence[Candidate]) -> Candidate | None:
     """The best explanation, or a part of it that explains nearly as much; None if there is none."""
     eligible = [one for one in candidates if len(one.changes) < 2 or _is_needed(one, candidates)]
@@ -145,6 +131,21 @@ def winner(candidates: Sequence[Candidate]) -> Candidate | None:
         if part.is_part_of(best) and part.explains() and not best.fit.halves_errors_of(part.fit):
             best = part
     return best if best.explains() else None
+
+
+def rivals(best: Candidate, candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Explanations by other kinds, as many, that leave nearly as little as the best one, whatever
+    the price of their parameters.
+    """
+    most = _RIVALS * best.fit.found[0]
+    return [
+        one
+        for one in candidates
+        if len(one.kinds) == len(best.kinds)
+        and set(one.kinds) != set(best.kinds)
+        and (one.fit.found[0] < most).all()
+        and one.explains()
+    ]
 
 
 def _is_better(rival: Candidate, best: Candidate) -> bool:

@@ -1,16 +1,15 @@
-"""Depth images reduced to blocks of pixels, to measure how well two of them agree after a motion.
+"""A depth image reduced to blocks of pixels, to measure how well it agrees with others.
 
 In the image of a plane the inverse depth is linear in the pixel coordinates, so the mean of a block
 and bilinear interpolation between blocks are exact there, and the noise of single pixels averages
 out.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..geometry.camera import PinholeCamera
-from ..geometry.se3 import SE3
 
 #: Number of blocks along a row.
 _COLUMNS = 80
@@ -18,10 +17,8 @@ _MIN_PX = 1
 _MAX_PX = 8
 #: A block with fewer pixels that have depth is left out.
 _MIN_SHARE = 0.6
-#: Blocks with a larger relative spread contain several surfaces, and so do four neighbours of this
-#: relative range.
+#: Blocks with a larger relative spread contain several surfaces.
 _ONE_SURFACE = 0.03
-_ONE_NEIGHBOURHOOD = 0.1
 #: Approximate number of points along a row.
 _POINTS_IN_ROW = 40
 #: Number of blocks of `_MAX_PX` pixels a side in which noise is measured.
@@ -58,47 +55,6 @@ class DepthBlocks:
         points_m = _points_m(mean, valid, one_surface, camera)
         inverse_per_m = np.where(one_surface, mean, np.nan)
         return cls(camera, size_px, inverse_per_m, points_m, _noise(_in_blocks(inverse, _MAX_PX)))
-
-    def thinned(self, step: int) -> "DepthBlocks":
-        """The same with every `step`-th point."""
-        return replace(self, points_m=self.points_m[::step])
-
-    def seen_by(self, camera: PinholeCamera) -> "DepthBlocks":
-        """The same if another camera, of the same size, took the image."""
-        own = self.camera
-        x, y, z = self.points_m.T
-        u = own.fx * x / z + own.cx
-        v = own.fy * y / z + own.cy
-        moved = np.stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z], -1)
-        return replace(self, camera=camera, points_m=moved)
-
-    def along_rays(self) -> "DepthBlocks":
-        """The same if the depth was the distance along the ray of a pixel."""
-        rows, columns = self.inverse_per_m.shape
-        x = ((np.arange(columns) + 0.5) * self.size_px - 0.5 - self.camera.cx) / self.camera.fx
-        y = ((np.arange(rows) + 0.5) * self.size_px - 0.5 - self.camera.cy) / self.camera.fy
-        lengths = np.sqrt(1 + x**2 + y[:, None] ** 2)
-        of_points = np.linalg.norm(self.points_m, axis=-1, keepdims=True) / self.points_m[:, 2:]
-        inverse_per_m = self.inverse_per_m * lengths
-        return replace(self, inverse_per_m=inverse_per_m, points_m=self.points_m / of_points)
-
-    def residuals(self, T_here_there: SE3, points_there_m: np.ndarray) -> np.ndarray:
-        """(n,) relative differences in depth between points (n, 3), which another camera measured,
-        and this image: |z - z'| divided by their mean, at most 2.
-
-        NaN where this image has no single surface, infinite for points outside of the image.
-        """
-        points = T_here_there.apply(points_there_m)
-        size = self.size_px
-        with np.errstate(over="ignore"):
-            blocks = (self.camera.project(points) - (size - 1) / 2) / size
-        rows, columns = self.inverse_per_m.shape
-        inside = ((blocks >= 0) & (blocks < [columns - 1, rows - 1])).all(-1)  # NaN is not
-        measured = _interpolated(self.inverse_per_m, blocks[inside])
-        expected = 1 / points[inside, 2]
-        found = np.full(len(points), np.inf)
-        found[inside] = 2 * np.abs(measured - expected) / (measured + expected)
-        return found
 
 
 def _in_blocks(image: np.ndarray, size: int) -> np.ndarray:
@@ -145,21 +101,3 @@ def _noise(blocks: np.ndarray) -> float:
     terms = np.stack([np.ones_like(u), u, v])
     plane = (np.linalg.pinv(terms) @ terms).astype(np.float32)
     return float(np.median(np.abs(pixels - pixels @ plane) / pixels))
-
-
-def _interpolated(image: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """(n,) bilinear interpolation at columns and rows (n, 2); NaN between different surfaces."""
-    column, row = at.astype(int).T
-    share_x, share_y = (at % 1).T
-    corners = np.stack(
-        [
-            image[row, column],
-            image[row, column + 1],
-            image[row + 1, column],
-            image[row + 1, column + 1],
-        ]
-    )
-    upper = corners[0] + share_x * (corners[1] - corners[0])
-    lower = corners[2] + share_x * (corners[3] - corners[2])
-    middle = upper + share_y * (lower - upper)
-    return np.where(np.ptp(corners, axis=0) <= _ONE_NEIGHBOURHOOD * middle, middle, np.nan)

@@ -1,8 +1,7 @@
-"""Pairs of depth images, chosen by the motion between them, and how well they agree with poses."""
+"""Pairs of depth images in blocks, chosen by the motion between them, and how well they agree with poses."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -29,20 +28,105 @@ _MAY_LEAVE = 0.4
 #: Largest residual of a pair, also of images that do not overlap.
 LARGEST = 0.2
 _MIN_POINTS = 60
+#: Four neighbouring blocks of a larger relative range are of several surfaces.
+_ONE_NEIGHBOURHOOD = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class DepthStack:
+    """Depth images in blocks (see DepthBlocks) of one size: inverse_per_m (f, rows, columns), and
+    points_m (f, n, 3), NaN behind those of an image with fewer than others.
+    """
+
+    camera: PinholeCamera
+    size_px: int
+    inverse_per_m: np.ndarray
+    points_m: np.ndarray
+
+    @classmethod
+    def of(cls, images: Sequence[DepthBlocks]) -> "DepthStack":
+        points_m = np.full((len(images), max(len(one.points_m) for one in images), 3), np.nan)
+        for row, one in zip(points_m, images, strict=True):
+            row[: len(one.points_m)] = one.points_m
+        inverse = np.stack([one.inverse_per_m for one in images])
+        return cls(images[0].camera, images[0].size_px, inverse, points_m)
+
+    def thinned(self, step: int) -> "DepthStack":
+        """The same with every `step`-th point."""
+        return replace(self, points_m=self.points_m[:, ::step])
+
+    def seen_by(self, camera: PinholeCamera) -> "DepthStack":
+        """The same if another camera, of the same size, took the images."""
+        own = self.camera
+        x, y, z = np.moveaxis(self.points_m, -1, 0)
+        u = own.fx * x / z + own.cx
+        v = own.fy * y / z + own.cy
+        moved = np.stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z], -1)
+        return replace(self, camera=camera, points_m=moved)
+
+    def along_rays(self) -> "DepthStack":
+        """The same if the depth was the distance along the ray of a pixel."""
+        rows, columns = self.inverse_per_m.shape[1:]
+        x = ((np.arange(columns) + 0.5) * self.size_px - 0.5 - self.camera.cx) / self.camera.fx
+        y = ((np.arange(rows) + 0.5) * self.size_px - 0.5 - self.camera.cy) / self.camera.fy
+        lengths = np.sqrt(1 + x**2 + y[:, None] ** 2)
+        of_points = np.linalg.norm(self.points_m, axis=-1, keepdims=True) / self.points_m[..., 2:]
+        inverse_per_m = self.inverse_per_m * lengths
+        return replace(self, inverse_per_m=inverse_per_m, points_m=self.points_m / of_points)
+
+    def differences(self, first: np.ndarray, second: np.ndarray, T: SE3) -> np.ndarray:
+        """(p, n) relative differences in depth between the points of the first images (p,), moved
+        by T_second_first (p,), and the second images (p,): z - z' divided by their mean, from -2 to
+        2. NaN where an image has no single surface, infinite for points outside of it.
+        """
+        points = self.points_m[first] @ np.swapaxes(T.rotation, -1, -2) + T.translation[:, None]
+        size = self.size_px
+        c = self.camera
+        z = points[..., 2]
+        with np.errstate(all="ignore"):
+            u = (c.fx * points[..., 0] / z + c.cx - (size - 1) / 2) / size
+            v = (c.fy * points[..., 1] / z + c.cy - (size - 1) / 2) / size
+        rows, columns = self.inverse_per_m.shape[1:]
+        inside = (z > 0) & (u >= 0) & (v >= 0) & (u < columns - 1) & (v < rows - 1)
+        found = np.where(np.isnan(z), np.nan, np.inf)
+        images = np.broadcast_to(second[:, None], z.shape)[inside]
+        measured = self._interpolated(images, u[inside], v[inside])
+        expected = 1 / z[inside]
+        found[inside] = 2 * (measured - expected) / (measured + expected)
+        return found
+
+    def _interpolated(self, images: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """(m,) bilinear interpolation at columns u and rows v of images; NaN between different
+        surfaces.
+        """
+        column, row = u.astype(int), v.astype(int)
+        share_x, share_y = u - column, v - row
+        rows, columns = self.inverse_per_m.shape[1:]
+        at = (images * rows + row) * columns + column
+        corners = self.inverse_per_m.reshape(-1)[at + [[0], [1], [columns], [columns + 1]]]
+        upper = corners[0] + share_x * (corners[1] - corners[0])
+        lower = corners[2] + share_x * (corners[3] - corners[2])
+        middle = upper + share_y * (lower - upper)
+        spread = corners.max(axis=0) - corners.min(axis=0)
+        return np.where(spread <= _ONE_NEIGHBOURHOOD * middle, middle, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
 class DepthPairs:
-    """first, second (p,): numbers of the frames of the pairs, whose depth is in `blocks`."""
+    """first, second (p,): the frames of the pairs; images (p, 2): where theirs are in the stack.
+    noise: median relative noise of a pixel, 0 if unknown.
+    """
 
     first: np.ndarray
     second: np.ndarray
-    blocks: dict[int, DepthBlocks]
+    images: np.ndarray
+    stack: DepthStack
+    noise: float
 
     @classmethod
-    def of(cls, load: LoadDepth, T_world_camera: SE3, camera: PinholeCamera) -> "DepthPairs":
+    def of(cls, load: LoadDepth, T_world_camera: SE3, camera: PinholeCamera) -> "DepthPairs | None":
         """Pairs with much motion, and with motion that varies, according to the poses (n,); at
-        most 36 of 24 frames.
+        most 36 of 24 frames. None if there are none.
         """
         depth_m = _usual_depth_m(load, len(T_world_camera), camera)
         first, second = _chosen(T_world_camera, depth_m)
@@ -53,55 +137,67 @@ class DepthPairs:
                 found = DepthBlocks.of(depth_z_m, camera)
                 if len(found.points_m) >= _MIN_POINTS:
                     blocks[frame] = found
-        there = np.isin(first, list(blocks)) & np.isin(second, list(blocks))
-        return cls(first[there], second[there], blocks)
+        return cls.between(first, second, blocks)
+
+    @classmethod
+    def between(
+        cls, first: np.ndarray, second: np.ndarray, blocks: dict[int, DepthBlocks]
+    ) -> "DepthPairs | None":
+        """The pairs of frames (p,) whose depth is there."""
+        frames = list(blocks)
+        there = np.isin(first, frames) & np.isin(second, frames)
+        if not there.any():
+            return None
+        first, second = first[there], second[there]
+        images = np.searchsorted(frames, np.stack([first, second], -1))
+        known = [one.noise for one in blocks.values() if np.isfinite(one.noise)]
+        noise = float(np.median(known)) if known else 0.0
+        return cls(first, second, images, DepthStack.of(list(blocks.values())), noise)
 
     def __len__(self) -> int:
         return len(self.first)
 
     def __getitem__(self, chosen: np.ndarray | slice) -> "DepthPairs":
         """Some of the pairs."""
-        return replace(self, first=self.first[chosen], second=self.second[chosen])
+        first, second, images = self.first[chosen], self.second[chosen], self.images[chosen]
+        return replace(self, first=first, second=second, images=images)
 
-    def thinned(self, step: int) -> "DepthPairs":
-        """The same pairs, with every `step`-th of their points."""
-        return replace(self, blocks={i: one.thinned(step) for i, one in self.blocks.items()})
-
-    @property
-    def noise(self) -> float:
-        """Median relative noise of a pixel; 0 if unknown."""
-        known = [one.noise for one in self.blocks.values() if np.isfinite(one.noise)]
-        return float(np.median(known)) if known else 0.0
+    def seen(self, change: Callable[[DepthStack], DepthStack]) -> "DepthPairs":
+        """The same pairs of changed images."""
+        return replace(self, stack=change(self.stack))
 
     @property
     def depth_m(self) -> float:
         """Median depth of the images in metres."""
-        return float(np.median([np.median(one.points_m[:, 2]) for one in self.blocks.values()]))
-
-    @cached_property
-    def along_rays(self) -> "DepthPairs":
-        """The same pairs if their depth is the distance along the ray."""
-        return replace(self, blocks={i: one.along_rays() for i, one in self.blocks.items()})
-
-    def seen_by(self, camera: PinholeCamera) -> "DepthPairs":
-        """The same pairs if their images are of another camera."""
-        return replace(self, blocks={i: one.seen_by(camera) for i, one in self.blocks.items()})
+        return float(np.median(np.nanmedian(self.stack.points_m[..., 2], axis=1)))
 
     def relative(self, T_world_camera: SE3) -> SE3:
         """(p,) T_second_first of the pairs by the poses (n,)."""
         return T_world_camera[self.second].inverse() @ T_world_camera[self.first]
 
+    def differences(self, T_second_first: SE3) -> np.ndarray:
+        """(p, n) relative differences in depth of the points of the pairs; see DepthStack."""
+        return self.stack.differences(self.images[:, 0], self.images[:, 1], T_second_first)
+
     def residuals(self, T_second_first: SE3) -> np.ndarray:
         """(p,) median relative difference in depth of each pair, moved by (p,) motions; NaN for
         motions that are.
         """
-        found = np.full(len(self), np.nan)
-        for pair in np.flatnonzero(np.isfinite(T_second_first.translation).all(-1)):
-            a = int(self.first[pair])
-            b = int(self.second[pair])
-            every = self.blocks[b].residuals(T_second_first[pair], self.blocks[a].points_m)
-            found[pair] = _median(every)
-        return found
+        return self.medians(self.differences(T_second_first))
+
+    def medians(self, differences: np.ndarray) -> np.ndarray:
+        """(p,) median sizes of differences (p, n), at most `LARGEST`; of infinite ones, those beyond
+        `_MAY_LEAVE` of the points count. NaN if too little was measured.
+        """
+        points = np.isfinite(self.stack.points_m[..., 2]).sum(axis=1)[self.images[:, 0]]
+        sizes = np.sort(np.abs(differences), axis=1)
+        finite = np.isfinite(sizes).sum(axis=1)
+        counted = np.isinf(sizes).sum(axis=1) - (_MAY_LEAVE * points).astype(int)
+        total = finite + np.maximum(counted, 0)
+        places = np.stack([(total - 1) // 2, total // 2]).clip(0, sizes.shape[1] - 1)
+        middle = np.take_along_axis(sizes, places.T, axis=1).clip(max=LARGEST).mean(axis=1)
+        few = finite < _MIN_POINTS / 2
+        return np.where(few, np.where(counted > 0, LARGEST, np.nan), middle)
 
 
 def depth_residuals(load: LoadDepth, readings: Sequence[SE3], camera: PinholeCamera) -> list[float]:
@@ -109,25 +205,13 @@ def depth_residuals(load: LoadDepth, readings: Sequence[SE3], camera: PinholeCam
     the mean over pairs of the medians. NaN if no pair can be read.
     """
     pairs = DepthPairs.of(load, readings[0], camera)
-    if not len(pairs):
+    if pairs is None:
         return [float("nan")] * len(readings)
     every = np.array([pairs.residuals(pairs.relative(T)) for T in readings])
     measured = every[:, np.isfinite(every).all(0)]
     if not measured.size:
         return [float("nan")] * len(readings)
     return measured.mean(1).tolist()
-
-
-def _median(residuals: np.ndarray) -> float:
-    """The median of residuals; of infinite ones, those beyond `_MAY_LEAVE` count. NaN if too little
-    was measured.
-    """
-    finite = residuals[np.isfinite(residuals)]
-    left = int(np.isinf(residuals).sum())
-    counted = max(0, left - int(_MAY_LEAVE * len(residuals)))
-    if len(finite) < _MIN_POINTS / 2:
-        return LARGEST if counted else float("nan")
-    return float(np.median(np.append(finite.clip(max=LARGEST), np.full(counted, LARGEST))))
 
 
 def _usual_depth_m(load: LoadDepth, frames: int, camera: PinholeCamera) -> float:

@@ -18,7 +18,7 @@ from ..geometry.trajectory import Trajectory
 from ..trajectory_files.trajectories import FORMATS, LoadedTrajectory
 from .against_truth import Explanation, explain
 from .compared_poses import Comparison
-from .competition import WORTH_SHARE
+from .fit import WORTH_SHARE
 from .hypotheses import WORDS
 from .hypothesis import Reorder
 

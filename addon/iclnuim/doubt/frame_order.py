@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .competition import WORTH_SHARE
+from .fit import WORTH_SHARE
 
 #: Frames by which images may be shifted, and steps between frames.
 _SHIFTS = range(-10, 11)

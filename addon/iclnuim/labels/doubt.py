@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..doubt.competition import WORTH_SHARE
+from ..doubt.fit import WORTH_SHARE
 from ..doubt.frame_order import other_order
 from ..errors import InputError
 from .classes import BUILT_IN, ClassMap, class_map

@@ -15,7 +15,6 @@ import numpy as np
 
 from ..doubt.carried_depth import carried_residual
 from ..doubt.depth_against_poses import MISMATCH
-from ..doubt.pose_readings import Reading
 from ..errors import InputError, StrPath, WorkError
 from ..evaluation.associate import nearest
 from ..formats.depth_units import LARGEST_UNIT
@@ -376,38 +375,15 @@ def inspect_depth_against_poses(
         return
     result.figures["depth_fits_poses_percent"] = round(100 * found.residual, 3)
     if sentence := doubt(found, camera):
-        is_wrong = found.reading.kind or found.residual > MISMATCH
+        is_wrong = found.changes or found.residual > MISMATCH
         (result.errors if is_wrong else result.warnings).append(sentence)
     elif not found.told:
         result.figures["depth_against_poses"] = TOO_LITTLE
-    if found.reading.kind:
-        explanation = {"kind": found.reading.kind, "parameters": _parameters(found.reading)}
-        result.explanations.append(explanation)
+    for change in found.changes:
+        result.explanations.append({"kind": change.kind, "parameters": change.parameters})
+    if found.changes:
         percent = round(100 * found.explained, 3)
         result.explained_error = {"depth_fits_poses_percent": percent}
-
-
-def _parameters(reading: Reading) -> dict[str, Any]:
-    """The parameters of a reading by name: the factor of the positions, the frames by which they
-    are late, or the axes of the camera.
-    """
-    match reading.kind:
-        case "unit":
-            return {"factor": float(reading.detail)}
-        case "shifted":
-            return {"frames": int(reading.detail)}
-        case "arm":
-            return {"arm_m": [float(value) for value in reading.detail.split(",")]}
-        case "camera":
-            values = [float(value) for value in reading.detail.split(",")]
-            return dict(zip(("fx", "fy", "cx", "cy"), values, strict=True))
-        case "either":
-            factor, arm = reading.detail.split(";")
-            return {
-                "factor": float(factor),
-                "arm_m": [float(value) for value in arm.split(",")],
-            }
-    return {"axes": reading.detail} if reading.detail else {}
 
 
 def _report_unrelated(result: Inspection) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..channels import DEPTH, RGB
-from ..doubt.competition import WORTH_SHARE
+from ..doubt.fit import WORTH_SHARE
 from ..doubt.frame_order import other_order
 from ..formats.images import read_colour8
 from ..geometry.camera import PinholeCamera
