@@ -129,7 +129,7 @@ def warnings(
         most_m = min(_WORLD_RATIO * (unit_m if fits else given_m), _WORLD_FIT * size_m)
         if other := best_placement(model, some, T, most_m, scales=bool(fits)):
             return (
-                f"the reconstruction seems to be in another world frame: {other.words} its mean "
+                f"the reconstruction seems to be in another world frame: {other.words}, its mean "
                 f"distance is {1e3 * other.mean_m:.3g} mm instead of {1e3 * given_m:.3g} mm; "
                 f"{other.advice}",
             )

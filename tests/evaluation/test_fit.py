@@ -79,6 +79,14 @@ def test_a_fitted_parameter_has_its_price():
     assert fit(found(position_m=0.70)).cost(6) > plain > fit(found(position_m=0.40)).cost(6)
 
 
+@pytest.mark.parametrize(("motion_m", "explains"), [(0.1, True), (0.19, False)])
+def test_what_is_explained_is_worth_the_price_of_its_parameters(motion_m, explains):
+    """An arm that halves one error by drift, and hardly changes the other: its price is 0.55."""
+    half = found(0.65, motion_m)
+    arm = fit(found(0.49, motion_m), halves=(half, half))
+    assert Candidate((Change("arm", free=3),), arm).explains() == explains
+
+
 def candidate(kinds, *errors):
     return Candidate(tuple(Change(kind) for kind in kinds), fit(found(*errors)))
 

@@ -63,7 +63,8 @@ class Candidate:
         return self.fit.cost(self.free)
 
     def explains(self) -> bool:
-        return self.fit.explains(concerns_all=set(self.kinds) <= _OF_ALL)
+        concerns_all = set(self.kinds) <= _OF_ALL
+        return self.fit.explains(concerns_all) and self.fit.pays(self.free)
 
     def is_part_of(self, whole: "Candidate") -> bool:
         """Whether it is a simpler explanation of the same kinds."""

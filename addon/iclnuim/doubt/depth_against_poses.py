@@ -97,12 +97,17 @@ def _candidates(
     """
     few = given.thinned(_SCREENED_PAIRS, _SCREENED_STEP)
     found = _judged(given, few, [(one,) for one in known])
-    if not any(given.after(one.changes).may_be_noise for one in found):
-        pairs = [(a, b) for a, b in combinations(known, 2) if a.group != b.group]
-        both = _judged(given, few, pairs)
-        parts = {(one,) for chain in both.values() for one in chain} - set(found.values())
-        found |= _judged(given, few, sorted(parts, key=lambda one: known.index(one[0]))) | both
-    return found
+    best = winner(list(found))
+    if best is None and given.residual <= MISMATCH:
+        return found
+    if best is not None and best.fit.found[0, 0] <= given.limits.worth[0]:
+        return found
+    pairs = [(a, b) for a, b in combinations(known, 2) if a.group != b.group]
+    if best is not None:  # only what may be wrong besides
+        pairs = [pair for pair in pairs if found[best][0] in pair]
+    both = _judged(given, few, pairs)
+    parts = {one: None for chain in both.values() for one in chain}
+    return found | _judged(given, few, [(one,) for one in parts]) | both
 
 
 def _judged(

@@ -17,6 +17,8 @@ PRICE = 0.2
 _HALF = 0.5
 _LITTLE = 0.2
 _NEVER = 1e6
+#: Of samples with an error each, at least this share has a smaller one.
+_MOST = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +53,14 @@ class Fit:
         """Mean logarithm of the product of the errors of each half, and the price of the fitted
         parameters.
         """
-        product = np.log(np.maximum(self.found[1:], self.limits.rounding)).sum() / 2
-        return float(product) + PRICE * parameters
+        return self._product(self.found) + PRICE * parameters
+
+    def pays(self, parameters: int) -> bool:
+        """Whether the cost is less than with nothing explained."""
+        return self.cost(parameters) < self._product(self.given)
+
+    def _product(self, errors: np.ndarray) -> float:
+        return float(np.log(np.maximum(errors[1:], self.limits.rounding)).sum() / 2)
 
     def explains(self, concerns_all: bool = False) -> bool:
         """Whether it halves an error and makes none of the others clearly worse; or makes all
@@ -82,3 +90,15 @@ class Fit:
     def _left(self, of: np.ndarray) -> np.ndarray:
         """The share of errors that is left."""
         return (self.found + self.limits.rounding) / (of + self.limits.rounding)
+
+
+def is_explained(given: np.ndarray, found: np.ndarray) -> bool:
+    """Whether the errors (n,) of samples as given are explained by what leaves the errors `found`
+    (n,) of the same samples: in all of them, in each half, and of most.
+    """
+    if len(given) < 2 or np.mean(found < given) < _MOST:
+        return False
+    parts = slice(None), slice(None, None, 2), slice(1, None, 2)
+    means = [np.array([[errors[part].mean()] for part in parts]) for errors in (given, found)]
+    none, any_size = np.zeros(1), np.full(1, np.inf)
+    return Fit(means[0], means[1], Limits(none, none, any_size, any_size)).explains()

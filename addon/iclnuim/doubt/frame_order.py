@@ -5,16 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .fit import WORTH_SHARE
+from .fit import is_explained
 
 #: Frames by which images may be shifted, and steps between frames.
 _SHIFTS = range(-10, 11)
 _STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30)
 #: Images that choose the order, and others that test it; at least this share of them has a frame.
-_SAMPLES = 6
+_SAMPLES = 8
 _MIN_SHARE = 0.5
-#: Of the images that test an order, at least this share fits better.
-_MOST = 0.8
 #: Fewer images can fit by chance.
 _MIN_IMAGES = 4
 
@@ -76,10 +74,7 @@ def other_order(
     inside = [k for k in tests if 0 <= order.frame(k) < frames]
     found = np.array([error(k, order.frame(k)) for k in inside])
     given = np.array([error(k, known[k]) for k in inside])
-    worth = WORTH_SHARE**2 if order.step < 0 else WORTH_SHARE  # frames in disorder also fit some
-    if len(inside) < max(2, _MIN_SHARE * len(tests)) or found.mean() > worth * given.mean():
-        return None
-    if np.mean(found < given) < _MOST:
+    if len(inside) < max(2, _MIN_SHARE * len(tests)) or not is_explained(given, found):
         return None
     return order._replace(given=float(given.mean()), found=float(found.mean()))
 

@@ -91,11 +91,6 @@ class PosedDepth:
         return (self.residual,)
 
     @property
-    def may_be_noise(self) -> bool:
-        """Whether noise of single pixels may have caused the residual."""
-        return bool(self.residual <= _EXACT + _NOISE_LEFT * self.pairs.noise)
-
-    @property
     def is_right(self) -> bool:
         """Whether right poses may have this residual."""
         return bool(self.residual <= self.limits.worth[0])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..doubt.fit import WORTH_SHARE
+from ..doubt.fit import is_explained
 from ..doubt.frame_order import other_order
 from ..errors import InputError
 from .classes import BUILT_IN, ClassMap, class_map
@@ -38,13 +38,14 @@ def label_doubts(
         return ()
     used = [k for k, image in enumerate(images) if image is not None]
     used = used[:: max(1, len(used) // _IMAGES)]
-    as_read = _difference([(frames[k], images[k]) for k in used], listed, classes)
+    some = [(frames[k], images[k]) for k in used]
+    as_read = _differences(some, listed, classes)
     for words, table, step in _numberings(listed, classes):
-        found = _difference([(frames[k], images[k]) for k in used], listed, table, step)
-        if found <= WORTH_SHARE * as_read:
+        found = _differences(some, listed, table, step)
+        if is_explained(as_read, found):
             return (
-                f"{words} {1 - found:.1%} of the labels of some images are right instead of "
-                f"{1 - as_read:.1%}",
+                f"{words} {1 - found.mean():.1%} of the labels of some images are right instead of "
+                f"{1 - as_read.mean():.1%}",
             )
     return _of_other_frames(frames, images, every_image, listed, classes)
 
@@ -68,26 +69,30 @@ def _moved(ids: np.ndarray, step: int) -> np.ndarray:
     return np.clip(ids.astype(np.int64) + step, 0, np.iinfo(np.uint16).max).astype(np.uint16)
 
 
-def _difference(
+def _differences(
     pairs: Sequence[tuple[LabelFrame, Path | None]],
     listed: ClassMap,
     table: ClassMap,
     step: int = 0,
-) -> float:
-    """The share of true labels of this table that is another one in the images; 1 without any."""
+) -> np.ndarray:
+    """(n,) the share of the true labels of this table that is another one in each image; 1 where
+    nothing can be compared.
+    """
     of_truth = indices_of_truth(listed, table)
-    wrong = total = 0
+    shares = []
     for frame, image in pairs:
-        if image is None:
-            continue
         true = of_truth[_thin(read_ids(frame.classes))]
-        found = _labels(image, table, step)
-        if found is None or found.shape != true.shape:
-            continue
-        known = true > VOID
-        wrong += int((found[known] != true[known]).sum())
-        total += int(known.sum())
-    return wrong / total if total else 1.0
+        found = None if image is None else _labels(image, table, step)
+        shares.append(_wrong(found, true))
+    return np.array(shares)
+
+
+def _wrong(found: np.ndarray | None, true: np.ndarray) -> float:
+    """The share of known true labels (h, w) that is another one; 1 where none can be compared."""
+    known = true > VOID
+    if found is None or found.shape != true.shape or not known.any():
+        return 1.0
+    return float((found[known] != true[known]).mean())
 
 
 def _labels(image: Path, table: ClassMap, step: int = 0) -> np.ndarray | None:
@@ -128,11 +133,7 @@ def _of_other_frames(
         return _labels(every_image[place], classes)
 
     def error(place: int, row: int) -> float:
-        found = labels(place)
-        known = true(row) > VOID
-        if found is None or found.shape != known.shape or not known.any():
-            return 1.0
-        return float((found[known] != true(row)[known]).mean())
+        return _wrong(labels(place), true(row))
 
     rows = {image: row for row, image in enumerate(images) if image is not None}
     order = other_order(error, [rows.get(image) for image in every_image], len(frames))

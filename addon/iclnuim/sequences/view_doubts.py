@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..channels import DEPTH, RGB
-from ..doubt.fit import WORTH_SHARE
+from ..doubt.fit import is_explained
 from ..doubt.frame_order import other_order
 from ..formats.images import read_colour8
 from ..geometry.camera import PinholeCamera
@@ -77,18 +77,14 @@ def _are_swapped(
     true: Callable[[int], np.ndarray],
     named: Sequence[int | None],
 ) -> bool:
-    """Whether red and blue fit far better in each other's place, in each half of some views."""
+    """Whether red and blue of some views fit far better in each other's place."""
     pairs = [(place, row) for place, row in enumerate(named) if row is not None]
-    pairs = pairs[:: max(1, len(pairs) // _VIEWS)]
-    for half in (pairs[::2], pairs[1::2]):
-        as_read = swapped = 0.0
-        for place, row in half:
-            if view(place).shape == true(row).shape:
-                as_read += np.square(view(place) - true(row)).mean()
-                swapped += np.square(view(place)[..., ::-1] - true(row)).mean()
-        if swapped > WORTH_SHARE**2 * as_read or not as_read:
-            return False
-    return bool(pairs)
+    errors = [
+        [np.sqrt(np.square(colour - true(row)).mean()) for colour in (seen, seen[..., ::-1])]
+        for place, row in pairs[:: max(1, len(pairs) // _VIEWS)]
+        if (seen := view(place)).shape == true(row).shape
+    ]
+    return bool(errors) and is_explained(*np.array(errors).T)
 
 
 def _depth(viewed: Viewed) -> tuple[str, ...]:
@@ -114,9 +110,8 @@ def _depth(viewed: Viewed) -> tuple[str, ...]:
     as_read_m = np.array(errors.pop(""))
     best = min(errors, key=lambda words: np.mean(errors[words]))
     found_m = np.array(errors[best])
-    for part in (slice(None, None, 2), slice(1, None, 2)):
-        if found_m[part].size and found_m[part].mean() > WORTH_SHARE * as_read_m[part].mean():
-            return ()
+    if not is_explained(as_read_m, found_m):
+        return ()
     return (
         f"rendered depth seems to be {best}: its median error is then "
         f"{1e3 * found_m.mean():.3g} mm instead of {1e3 * as_read_m.mean():.3g} mm",
