@@ -1,14 +1,17 @@
-"""Other placements of a reconstruction that is far from its model: the inverse transform, other
-axes, another scale, or any rigid motion.
+"""Other placements of a reconstruction that is far from its model: of another unit, mirrored, with
+the inverse transform, turned, moved or scaled. What each of them leaves, and what it says.
 """
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from iclnuim.doubt.axis_changes import changes_of_axes
-from iclnuim.doubt.fit import WORTH_SHARE
+from iclnuim.doubt.change import Change
+from iclnuim.doubt.competition import Candidate
+from iclnuim.doubt.fit import Fit, Limits
 from iclnuim.doubt.hypotheses.scale import is_drift
 from iclnuim.errors import InputError
 from iclnuim.evaluation.align import umeyama
@@ -19,110 +22,148 @@ from iclnuim.raycast.distance import TriangleDistance
 
 from .alignment import icp
 
-#: Scales that are tried, in these steps; between them ICP finds the right one.
+#: Distances are shares of the size of what is placed: below the first one nothing is to be
+#: explained, below the second one no motion is; explanations leave at most the third, units the
+#: fourth, as something else may be wrong besides.
+NEAR = 0.002
+_FAR = 0.01
+_LEFT = 0.01
+_LEFT_OF_UNIT = 0.05
+#: Scales that are tried, in these steps; between them ICP finds the right one, in so many rounds.
 _SCALES = np.geomspace(0.1, 10.0, 41)
-#: Rounds of ICP with a scale. What it leaves has at least this share of the model's extent, and a
-#: distance of at most this share of its own: anything can be shrunk to a point on the model.
 _ROUNDS = 40
+#: What is turned or scaled has at least this share of the model's extent: anything can be shrunk to
+#: a point on the model, and a small part fits in many places.
 _LEAST_SIZE = 0.3
-_FITS = 0.02
 #: Fewer points can fit by chance.
 _LEAST_POINTS = 100
 #: A scale within this share of a unit is that unit.
 _KNOWN = 0.01
-#: A placement has at most this share of the distance of simpler ones, or those are named.
-_MUCH_BETTER = WORTH_SHARE
 #: Rotations about the third axis between those that swap axes; starts of ICP that are kept.
 _BETWEEN_DEG = (0.0, 30.0, 60.0)
 _KEPT = 6
+_OF_POSES = (
+    "set {poses} to the trajectory that was used for fusion, and {truth} to its ground truth, or "
+    "{transform} to this motion"
+)
 
 
 @dataclass(frozen=True, eq=False)
-class Other:
-    """Another placement of the points (n, 3) as they are in the model's world: how it is reached,
-    in words, what to try, and the mean distance in metres.
+class Placement:
+    """Points (n, 3) in the model's world, how they got there in words, and what to try. free: the
+    number of fitted parameters.
     """
 
-    words: str
-    advice: str
-    mean_m: float
+    model: TriangleDistance
+    kind: str
+    points: np.ndarray
+    words: str = ""
+    advice: str = ""
+    free: int = 0
+
+    @cached_property
+    def mean_m(self) -> float:
+        return float(self._distances_m.mean())
+
+    @cached_property
+    def _distances_m(self) -> np.ndarray:
+        return self.model.distance(self.points)
+
+    def candidate(self, given: "Placement") -> Candidate:
+        """It in the competition; the halves of thousands of points share its parameters."""
+        worth = NEAR if self.kind in ("unit", "mirror") else _FAR
+        largest = _LEFT_OF_UNIT if self.kind == "unit" else _LEFT
+        limits = Limits(*np.array([[1e-9], [worth], [largest], [np.inf]]))
+        return Candidate(
+            (Change(self.kind, free=self.free),), Fit(given._errors, self._errors, limits)
+        )
+
+    @property
+    def _errors(self) -> np.ndarray:
+        """(3, 1) mean distances as shares of the size, of all points and of each half."""
+        parts = self._distances_m, self._distances_m[::2], self._distances_m[1::2]
+        return np.array([[part.mean()] for part in parts]) / diagonal(self.points)
 
 
-def best_placement(
-    model: TriangleDistance,
-    points: np.ndarray,
-    T_model_mesh: SE3,
-    largest_m: float,
-    scales: bool = False,
-) -> Other | None:
-    """The simplest placement whose mean distance is at most `largest_m`, unless another one has
-    half of it; None if there is none. scales: only those with another scale.
-    """
-    best = None
+def box(points: np.ndarray) -> np.ndarray:
+    """(2, 3): corners of the box of nearly all points (1st to 99th percentile)."""
+    return np.percentile(points, (1, 99), axis=0)
+
+
+def diagonal(points: np.ndarray) -> float:
+    """The length of the box's diagonal."""
+    low, high = box(points)
+    return float(np.linalg.norm(high - low))
+
+
+def moved_placements(
+    model: TriangleDistance, points: np.ndarray, T_model_mesh: SE3
+) -> Iterator[Placement]:
+    """Points (n, 3) mirrored, moved and scaled in other ways than by T_model_mesh."""
+    moved = T_model_mesh.apply(points)
+    corners = model.vertices[np.unique(model.triangles)]
+    yield _mirrored(model, moved, box(corners))
     if len(points) < _LEAST_POINTS:
-        return None
-    for other in _placements(model, points, T_model_mesh, scales):
-        near = other.mean_m <= largest_m
-        if near and (best is None or other.mean_m < _MUCH_BETTER * best.mean_m):
-            best = other
-    return best
-
-
-def _placements(
-    model: TriangleDistance, points: np.ndarray, T: SE3, scales: bool
-) -> Iterator[Other]:
-    """All placements, the simplest first."""
-    moved = T.apply(points)
-    if not scales:
-        yield from _rigid(model, points, T)
-    if (scaled := _scaled(model, moved)) is not None:
+        return
+    if np.abs(T_model_mesh.matrix - np.eye(4)).max() > 1e-9:
+        inverse = T_model_mesh.inverse().apply(points)
+        words = "with the inverse of the given motion"
+        yield Placement(model, "inverse", inverse, words, "try inverting it (T_model_mesh)")
+    if _extent(points) >= _LEAST_SIZE * _extent(corners):
+        plain = _fitted(model, moved, SE3.identity())
+        yield replace(plain, advice="try {align} icp", free=6)
+        for start in _starts(model, moved, corners.mean(0)):
+            yield _fitted(model, moved, start)
+    if (scaled := _scaled(model, moved, corners)) is not None:
         yield scaled
 
 
-def _rigid(model: TriangleDistance, points: np.ndarray, T: SE3) -> Iterator[Other]:
-    """The inverse motion, and others if the points are not a small part of the model."""
-    moved = T.apply(points)
-    if np.abs(T.matrix - np.eye(4)).max() > 1e-9:
-        inverse = T.inverse().apply(points)
-        words = "with the inverse of the given motion"
-        yield Other(words, "try inverting it (T_model_mesh)", _mean_m(model, inverse))
-    if _extent(points) < _LEAST_SIZE * _extent(model.vertices[np.unique(model.triangles)]):
-        return
-    yield _fitted(model, moved, SE3.identity(), "try {align} icp")
-    advice = (
-        "set {poses} to the trajectory that was used for fusion, and {truth} to its ground truth, "
-        "or {transform} to this motion"
+def _mirrored(model: TriangleDistance, moved: np.ndarray, box_m: np.ndarray) -> Placement:
+    """The best of the reflections about the model's centre or origin, followed by ICP."""
+    flipped = []
+    for axis, middle_m in enumerate(box_m.mean(0)):
+        for about_m in (0.0, middle_m):
+            points = moved.copy()
+            points[:, axis] = 2 * about_m - points[:, axis]
+            flipped.append((_mean_m(model, points), "xyz"[axis], points))
+    flipped.sort(key=lambda one: one[0])
+    found = [(_best_motion(model, points, SE3.identity()), name) for _, name, points in flipped[:2]]
+    points, name = min(
+        ((T.apply(one[2]), name) for (T, name), one in zip(found, flipped, strict=False)),
+        key=lambda one: _mean_m(model, one[0]),
     )
-    for R in changes_of_axes(1)[1:]:
-        if _mean_m(model, moved[::10] @ R.T) < _MUCH_BETTER * _mean_m(model, moved[::10]):
-            yield _fitted(model, moved, SE3(R, np.zeros(3)), advice)
-    for start in _starts(model, moved):
-        yield _fitted(model, moved, start, advice)
+    advice = f"flip {name} of its vertices, or check the handedness of the poses it was made with"
+    return Placement(model, "mirror", points, f"with {name} flipped", advice, 6)
 
 
-def _starts(model: TriangleDistance, moved: np.ndarray) -> list[SE3]:
-    """Motions that turn the points about their centre, which they move to the model's: the best of
-    rotations that swap axes, and of those between them.
+def _starts(model: TriangleDistance, moved: np.ndarray, middle_m: np.ndarray) -> list[SE3]:
+    """Motions that turn the points about the origin or about their centre, which they move to the
+    model's (3,): the best of rotations that swap axes, and of those between them.
     """
     some = moved[:: max(1, len(moved) // 300)]
-    corners = model.vertices[np.unique(model.triangles)]
     between = SE3.exp(np.multiply.outer(np.radians(_BETWEEN_DEG), [0, 0, 0, 0, 0, 1.0])).rotation
     tried = []
     for R in changes_of_axes(1):
-        for turn in between:
-            start = SE3(turn @ R, corners.mean(0) - turn @ R @ moved.mean(0))
+        starts = [SE3(turn @ R, middle_m - turn @ R @ moved.mean(0)) for turn in between]
+        for start in (SE3(R, np.zeros(3)), *starts):
             tried.append((_mean_m(model, start.apply(some)), start))
     tried.sort(key=lambda one: one[0])
     return [start for _, start in tried[:_KEPT]]
 
 
-def _fitted(model: TriangleDistance, moved: np.ndarray, start: SE3, advice: str) -> Other:
-    """The placement of moved points (n, 3) after ICP from a start."""
+def _best_motion(model: TriangleDistance, points: np.ndarray, start: SE3) -> SE3:
+    """The start, or what ICP makes of it, if that is nearer."""
     found = start
     with suppress(InputError):
-        found = icp(model, moved, start)
-    means_m = [_mean_m(model, T.apply(moved)) for T in (start, found)]
-    T = (start, found)[int(np.argmin(means_m))]
+        found = icp(model, points, start)
+    return min((start, found), key=lambda T: _mean_m(model, T.apply(points)))
+
+
+def _fitted(model: TriangleDistance, moved: np.ndarray, start: SE3) -> Placement:
+    """The placement of moved points (n, 3) after ICP from a start, whose choice is a parameter,
+    too.
+    """
+    T = _best_motion(model, moved, start)
     vector = so3.log(T.rotation)
     angle = np.linalg.norm(vector)
     axis = np.round(vector / max(angle, 1e-12), 2) + 0.0
@@ -130,13 +171,13 @@ def _fitted(model: TriangleDistance, moved: np.ndarray, start: SE3, advice: str)
     middle = moved.mean(0)
     distance_m = np.linalg.norm(T.apply(middle) - middle)
     words = f"turned by {np.degrees(angle):.3g} degrees about ({about})"
-    return Other(f"{words} and its centre moved by {distance_m:.3g} m", advice, min(means_m))
+    words += f" and its centre moved by {distance_m:.3g} m"
+    return Placement(model, "motion", T.apply(moved), words, _OF_POSES, 7)
 
 
-def _scaled(model: TriangleDistance, moved: np.ndarray) -> Other | None:
+def _scaled(model: TriangleDistance, moved: np.ndarray, corners: np.ndarray) -> Placement | None:
     """The best similarity, from scales about the origin and about the centres of both."""
     some = moved[:: max(1, len(moved) // 1000)]
-    corners = model.vertices[np.unique(model.triangles)]
     about = ((np.zeros(3), np.zeros(3)), (some.mean(0), corners.mean(0)))
     tried = []
     for mesh_m, model_m in about:
@@ -152,16 +193,13 @@ def _scaled(model: TriangleDistance, moved: np.ndarray) -> Other | None:
             return None
         points = T.apply(factor * points)
         scale *= factor
-    mean_m = _mean_m(model, points)
-    size = _extent(points) / _extent(corners)
-    fits = size >= _LEAST_SIZE and mean_m <= _FITS * _extent(points)
-    if is_drift(scale) or not fits:
+    if is_drift(scale) or _extent(points) < _LEAST_SIZE * _extent(corners):
         return None
     advice = f"try giving it the scale of the model, times {scale:.4g}"
     for setting, unit_m in UNITS_M.items():
         if unit_m != 1 and abs(scale / unit_m - 1) < _KNOWN:
             advice = f"set {{unit}} to {setting}, and check its world frame"
-    return Other(f"multiplied by {scale:.4g} and moved", advice, mean_m)
+    return Placement(model, "scale", points, f"multiplied by {scale:.4g} and moved", advice, 8)
 
 
 def _extent(points: np.ndarray) -> float:

@@ -34,6 +34,11 @@ def advice(points, model=MODEL, mean_m=None):
     return " ".join(warnings(model, points, SE3.identity(), mean_m))
 
 
+def anywhere():
+    """Points in the box, which no motion brings near its sides."""
+    return np.random.default_rng(0).uniform((-1, -1, 0), (1, 1, 1), (5000, 3))
+
+
 def noisy(points, sigma_m):
     return points + np.random.default_rng(5).normal(0, sigma_m, points.shape)
 
@@ -57,7 +62,7 @@ def test_a_part_of_a_scene_has_at_least_4_percent_of_its_size(scale, is_valid):
 
 @pytest.mark.parametrize(("scale", "is_valid"), [(1.4, True), (1.9, False)])
 def test_with_outliers_a_reconstruction_is_up_to_1_6_times_as_large(scale, is_valid):
-    found = advice(on(BOX, SIDES) * scale)
+    found = advice(anywhere() * scale)
     assert ("unit} " in found) != is_valid
 
 
@@ -68,8 +73,7 @@ def test_within_2_parts_in_1000_of_the_size_nothing_is_checked(mean_m, is_near):
 
 @pytest.mark.parametrize(("mean_m", "is_other"), [(0.075, False), (0.12, True)])
 def test_another_world_frame_is_farther_than_3_percent_of_the_size(mean_m, is_other):
-    anywhere = np.random.default_rng(0).uniform((-1, -1, 0), (1, 1, 1), (5000, 3))
-    assert ("another world frame" in advice(anywhere, mean_m=mean_m)) == is_other
+    assert ("another world frame" in advice(anywhere(), mean_m=mean_m)) == is_other
 
 
 @pytest.mark.parametrize(("sigma_m", "is_other"), [(0.0055, False), (0.0095, True)])
@@ -95,22 +99,23 @@ def test_a_mirrored_reconstruction_fits_within_1_percent_of_the_size(sigma_m, is
     assert ("is mirrored" in advice(noisy(points * (-1, 1, 1), sigma_m), model)) == is_named
 
 
-@pytest.mark.parametrize(("sigma_m", "is_named"), [(0.018, True), (0.031, False)])
-def test_a_mirrored_reconstruction_fits_four_times_as_well_as_any_rigid_motion(sigma_m, is_named):
-    """16 and 28 mm. Many triangles are near any point: rigid fits are 82 mm away."""
+@pytest.mark.parametrize("sigma_m", [0.012, 0.018])
+@pytest.mark.parametrize(("axes", "is_named"), [((-1, 1, 1), True), ((-1, -1, 1), False)])
+def test_a_mirrored_reconstruction_fits_twice_as_well_as_any_rigid_motion(sigma_m, axes, is_named):
+    """11 and 16 mm. Many triangles are near any point: rigid fits are 82 mm away."""
     model, points = without_symmetry(300)
-    assert ("is mirrored" in advice(noisy(points * (-1, 1, 1), sigma_m), model)) == is_named
+    assert ("is mirrored" in advice(noisy(points * axes, sigma_m), model)) == is_named
 
 
-@pytest.mark.parametrize(("sigma_m", "is_named"), [(0.15, True), (0.3, False)])
+@pytest.mark.parametrize(("sigma_m", "is_named"), [(0.15, True), (0.45, False)])
 def test_another_unit_fits_within_5_percent_of_the_size(sigma_m, is_named):
-    """4 and 7 percent."""
+    """4 and 6 percent of the size of the reconstruction, which noise makes larger."""
     points = noisy(on(BOX, SIDES), sigma_m)
     assert ("millimetres" in advice(1000 * points)) == is_named
 
 
-@pytest.mark.parametrize(("share", "is_named"), [(0.02, True), (0.04, False)])
-def test_where_the_sizes_are_valid_another_unit_fits_four_times_as_well(share, is_named):
+@pytest.mark.parametrize(("share", "is_named"), [(0.02, True), (0.09, False)])
+def test_where_the_sizes_are_valid_another_unit_fits_twice_as_well(share, is_named):
     """A plate of 2 x 2 and 0.15 high in feet, as a model that is read in metres: as read, the mean
     distance is 12 percent of the reconstruction's size, in feet it is `share`.
     """

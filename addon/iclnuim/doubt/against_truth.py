@@ -33,7 +33,7 @@ _BAD_EXTENT = 0.05
 _BAD_MOTION = 0.35
 _BAD_RAD = 0.05
 #: Of longer estimates so many poses are compared.
-_MOST_POSES = 100_000
+_MOST_POSES = 20_000
 #: Two at once are first tried on so many pairs of poses; so many of them are then compared on all.
 _SCREENED_PAIRS = 80
 _KEPT = 8
@@ -75,11 +75,15 @@ def explain(
     how = how or Comparison()
     if not (turns(reference) and turns(estimate)):
         how = replace(how, positions_only=True)
-    some = estimate[:: -(-len(estimate) // _MOST_POSES)]
-    compared = Compared(reference, some, settings or AssociationSettings(), how)
+    compared = Compared(reference, thinned(estimate), settings or AssociationSettings(), how)
     files = Files(reorders or {}, not how.positions_only, how.with_scale)
     best = _best(compared, hypotheses(files))
     return _explanation(compared, best, estimate) if best else None
+
+
+def thinned(trajectory: Trajectory) -> Trajectory:
+    """The poses that are compared."""
+    return trajectory[:: -(-len(trajectory) // _MOST_POSES) or 1]
 
 
 def _best(compared: Compared, known: list[Hypothesis]) -> Candidate | None:

@@ -16,7 +16,7 @@ from ..geometry import axes
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
 from ..trajectory_files.trajectories import FORMATS, LoadedTrajectory
-from .against_truth import Explanation, explain
+from .against_truth import Explanation, explain, thinned
 from .compared_poses import Comparison
 from .fit import WORTH_SHARE
 from .hypotheses import WORDS
@@ -104,12 +104,13 @@ class ExplainedError:
         explanation: Explanation,
         settings: Settings,
     ) -> "ExplainedError":
-        paired = pair_up(explanation.reference, explanation.estimate, settings.association)
+        estimate, mended = thinned(estimate), thinned(explanation.estimate)
+        paired = pair_up(explanation.reference, mended, settings.association)
         rows = np.unique(paired.second)
         as_given = reference, estimate[rows]
         if len(associate(reference.stamps_s, as_given[1].stamps_s, settings.association)) < 3:
             as_given = reference, estimate
-        explained = explanation.reference, explanation.estimate[rows]
+        explained = explanation.reference, mended[rows]
         found = _measure(*explained, settings)
         try:
             given = _measure(*as_given, settings)

@@ -24,7 +24,7 @@ from ..geometry.trajectory import Trajectory, frame_rate_hz
 _MIN_POSES = 10
 _MIN_SHARE = 0.5
 #: Maximum number of frames of a search.
-_MAX_FRAMES = 1 << 18
+_MAX_FRAMES = 1 << 16
 #: Scales are searched from one pose of the estimate per frame of the ground truth to this many
 #: times slower and faster, in these steps, on at most this many frames.
 _MAX_RATIO = 12.0
@@ -249,8 +249,8 @@ def refined(
 def _narrowed(
     reference: Trajectory, estimate: Trajectory, axis: TimeAxis, curve: Curve
 ) -> TimeAxis:
-    """The offset within a frame with the smallest RMS, by interval halving."""
-    step_s = float(np.median(np.diff(reference.stamps_s)))
+    """The offset within a step of the search with the smallest RMS, by interval halving."""
+    step_s = _search_step_s(reference, estimate)
     while step_s > _LAST_STEP_S:
         step_s /= 2
         around = [axis._replace(offset_s=axis.offset_s + k * step_s) for k in (-1, 0, 1)]
@@ -308,8 +308,7 @@ def _nearly_best(
     there are too many.
     """
     first_s = reference.stamps_s[0], estimate.stamps_s[0]
-    longest_s = max(np.ptp(reference.stamps_s), scale * np.ptp(estimate.stamps_s))
-    step_s = max(step_s, float(longest_s) / _MAX_FRAMES)
+    step_s = max(step_s, _search_step_s(reference, estimate, scale))
     count = int(np.rint((reference.stamps_s[-1] - first_s[0]) / step_s)) + 1
     places = np.rint(scale * (estimate.stamps_s - first_s[1]) / step_s)
     rows, first = np.unique(places.astype(int), return_index=True)
@@ -327,6 +326,13 @@ def _nearly_best(
     best = int(judged.argmin())
     offset_s = float(first_s[0] + lags[best] * step_s - first_s[1])
     return float(judged[best]), TimeAxis(offset_s, scale, float(first_s[1]))
+
+
+def _search_step_s(reference: Trajectory, estimate: Trajectory, scale: float = 1.0) -> float:
+    """A frame of the reference, or longer if there are too many."""
+    longest_s = max(np.ptp(reference.stamps_s), scale * np.ptp(estimate.stamps_s))
+    frame_s = float(np.median(np.diff(reference.stamps_s)))
+    return max(frame_s, float(longest_s) / _MAX_FRAMES)
 
 
 def _spread(rows: np.ndarray, y: np.ndarray, lags: np.ndarray) -> np.ndarray:
