@@ -21,8 +21,10 @@ _NOISE_SHARE = 0.2
 #: of that as read, or something else is wrong, too.
 _NOISE_LEFT = 4
 _LEFT_SHARE = 0.25
-#: Rounds of least squares, and the share of a step below which nothing changes.
+#: Rounds of least squares, how many steps each of them makes at most, and the share of a step below
+#: which nothing changes.
 _ROUNDS = 8
+_FARTHEST = 10.0
 _LAST_STEP = 0.01
 
 
@@ -153,10 +155,6 @@ class PosedDepth:
             if (np.abs(move) < _LAST_STEP * steps).all():
                 break
         return x
-
-
-#: Steps that a round of least squares makes at most.
-_FARTHEST = 10.0
 
 
 def _changes(chain: Sequence[DepthHypothesis], x: np.ndarray) -> tuple[Change, ...]:
