@@ -14,7 +14,7 @@ from iclnuim.geometry.scene_axes import UNITS_M, unit_name
 from iclnuim.geometry.se3 import SE3
 from iclnuim.raycast.distance import TriangleDistance
 
-from .placements import NEAR, Placement, diagonal, moved_placements
+from .placements import NEAR, PlacedPoints, diagonal, moved_placements
 
 
 class _OtherUnit(NamedTuple):
@@ -96,10 +96,10 @@ def warnings(
     some = points[:: max(1, len(points) // 5000)]
     if not size_m or not diagonal(some):  # nearly all vertices are in one place
         return ()
-    given = Placement(model, "", T.apply(some))
+    given = PlacedPoints(model, "", T.apply(some))
     ratio = diagonal(some) / size_m
     is_near = mean_m <= NEAR * size_m
-    every: list[Placement] = []
+    every: list[PlacedPoints] = []
     if not is_near or ratio <= _MIN_RATIO:
         every = _other_units(given, some, T, units_m, ratio)
     of_units = _best(every, given)
@@ -119,7 +119,7 @@ def warnings(
     return _both_units(size_m, units_m)
 
 
-def _best(every: list[Placement], given: Placement) -> Placement | None:
+def _best(every: list[PlacedPoints], given: PlacedPoints) -> PlacedPoints | None:
     """The placement that explains the distance; no reflection that hardly fits better than a
     motion.
     """
@@ -134,7 +134,7 @@ def _best(every: list[Placement], given: Placement) -> Placement | None:
     return candidates[best]
 
 
-def _sentence(best: Placement, given: Placement, every: list[Placement]) -> str:
+def _sentence(best: PlacedPoints, given: PlacedPoints, every: list[PlacedPoints]) -> str:
     if best.kind == "unit":
         return f"{best.words}; {best.advice}"
     what = "the reconstruction seems to be in another world frame"
@@ -149,15 +149,15 @@ def _sentence(best: Placement, given: Placement, every: list[Placement]) -> str:
 
 
 def _other_units(
-    given: Placement, points: np.ndarray, T: SE3, units_m: tuple[float, float], ratio: float
-) -> list[Placement]:
+    given: PlacedPoints, points: np.ndarray, T: SE3, units_m: tuple[float, float], ratio: float
+) -> list[PlacedPoints]:
     """The reconstruction in other units of it or of the model with which the sizes are valid."""
     size_m = diagonal(points) / ratio
     found = []
     for scale in _SCALES:
         if _is_valid(ratio * scale):
             unit = _other_unit(scale, units_m)
-            placed = Placement(given.model, "unit", unit.moved(points, T))
+            placed = PlacedPoints(given.model, "unit", unit.moved(points, T))
             words = f"{unit.words(ratio, size_m)}: {unit.means(placed.mean_m, given.mean_m)}"
             found.append(replace(placed, words=words, advice=unit.advice))
     return found

@@ -49,7 +49,7 @@ _OF_POSES = (
 
 
 @dataclass(frozen=True, eq=False)
-class Placement:
+class PlacedPoints:
     """Points (n, 3) in the model's world, how they got there in words, and what to try. free: the
     number of fitted parameters.
     """
@@ -69,7 +69,7 @@ class Placement:
     def _distances_m(self) -> np.ndarray:
         return self.model.distance(self.points)
 
-    def candidate(self, given: "Placement") -> Candidate:
+    def candidate(self, given: "PlacedPoints") -> Candidate:
         """It in the competition; the halves of thousands of points share its parameters."""
         worth = NEAR if self.kind in ("unit", "mirror") else _FAR
         largest = _LEFT_OF_UNIT if self.kind == "unit" else _LEFT
@@ -98,7 +98,7 @@ def diagonal(points: np.ndarray) -> float:
 
 def moved_placements(
     model: TriangleDistance, points: np.ndarray, T_model_mesh: SE3
-) -> Iterator[Placement]:
+) -> Iterator[PlacedPoints]:
     """Points (n, 3) mirrored, moved and scaled in other ways than by T_model_mesh."""
     moved = T_model_mesh.apply(points)
     corners = model.vertices[np.unique(model.triangles)]
@@ -108,7 +108,7 @@ def moved_placements(
     if np.abs(T_model_mesh.matrix - np.eye(4)).max() > 1e-9:
         inverse = T_model_mesh.inverse().apply(points)
         words = "with the inverse of the given motion"
-        yield Placement(model, "inverse", inverse, words, "try inverting it (T_model_mesh)")
+        yield PlacedPoints(model, "inverse", inverse, words, "try inverting it (T_model_mesh)")
     if _extent(points) >= _LEAST_SIZE * _extent(corners):
         plain = _fitted(model, moved, SE3.identity())
         yield replace(plain, advice="try {align} icp", free=6)
@@ -118,7 +118,7 @@ def moved_placements(
         yield scaled
 
 
-def _mirrored(model: TriangleDistance, moved: np.ndarray, box_m: np.ndarray) -> Placement:
+def _mirrored(model: TriangleDistance, moved: np.ndarray, box_m: np.ndarray) -> PlacedPoints:
     """The best of the reflections about the model's centre or origin, followed by ICP."""
     flipped = []
     for axis, middle_m in enumerate(box_m.mean(0)):
@@ -133,7 +133,7 @@ def _mirrored(model: TriangleDistance, moved: np.ndarray, box_m: np.ndarray) -> 
         key=lambda one: _mean_m(model, one[0]),
     )
     advice = f"flip {name} of its vertices, or check the handedness of the poses it was made with"
-    return Placement(model, "mirror", points, f"with {name} flipped", advice, 6)
+    return PlacedPoints(model, "mirror", points, f"with {name} flipped", advice, 6)
 
 
 def _starts(model: TriangleDistance, moved: np.ndarray, middle_m: np.ndarray) -> list[SE3]:
@@ -159,7 +159,7 @@ def _best_motion(model: TriangleDistance, points: np.ndarray, start: SE3) -> SE3
     return min((start, found), key=lambda T: _mean_m(model, T.apply(points)))
 
 
-def _fitted(model: TriangleDistance, moved: np.ndarray, start: SE3) -> Placement:
+def _fitted(model: TriangleDistance, moved: np.ndarray, start: SE3) -> PlacedPoints:
     """The placement of moved points (n, 3) after ICP from a start, whose choice is a parameter,
     too.
     """
@@ -172,10 +172,10 @@ def _fitted(model: TriangleDistance, moved: np.ndarray, start: SE3) -> Placement
     distance_m = np.linalg.norm(T.apply(middle) - middle)
     words = f"turned by {np.degrees(angle):.3g} degrees about ({about})"
     words += f" and its centre moved by {distance_m:.3g} m"
-    return Placement(model, "motion", T.apply(moved), words, _OF_POSES, 7)
+    return PlacedPoints(model, "motion", T.apply(moved), words, _OF_POSES, 7)
 
 
-def _scaled(model: TriangleDistance, moved: np.ndarray, corners: np.ndarray) -> Placement | None:
+def _scaled(model: TriangleDistance, moved: np.ndarray, corners: np.ndarray) -> PlacedPoints | None:
     """The best similarity, from scales about the origin and about the centres of both."""
     some = moved[:: max(1, len(moved) // 1000)]
     about = ((np.zeros(3), np.zeros(3)), (some.mean(0), corners.mean(0)))
@@ -199,7 +199,7 @@ def _scaled(model: TriangleDistance, moved: np.ndarray, corners: np.ndarray) -> 
     for setting, unit_m in UNITS_M.items():
         if unit_m != 1 and abs(scale / unit_m - 1) < _KNOWN:
             advice = f"set {{unit}} to {setting}, and check its world frame"
-    return Placement(model, "scale", points, f"multiplied by {scale:.4g} and moved", advice, 8)
+    return PlacedPoints(model, "scale", points, f"multiplied by {scale:.4g} and moved", advice, 8)
 
 
 def _extent(points: np.ndarray) -> float:

@@ -6,7 +6,7 @@ of each pair.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from ..geometry import so3
 from ..geometry.se3 import SE3
 from .change import Change, applied
 from .fit import Limits
-
-if TYPE_CHECKING:
-    from .hypothesis import Hypothesis
 
 #: Errors below this, in metres and radians, are rounding; those of lengths above 0.1 mm, the
 #: resolution of files, are worth an explanation.
@@ -64,7 +61,7 @@ class ComparedPoses:
     reference: SE3
     estimate: SE3
     how: "Comparison"
-    _first: dict["Hypothesis", Change | None] = field(default_factory=dict)
+    _first: dict[Any, Change | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, reference: SE3, estimate: SE3, how: "Comparison", delta: int) -> "ComparedPoses":
@@ -83,7 +80,7 @@ class ComparedPoses:
     def after(self, changes: Sequence[Change]) -> "ComparedPoses":
         return self.changed(*applied(changes, self.reference, self.estimate))
 
-    def fitted(self, chain: "Sequence[Hypothesis]") -> tuple[Change, ...] | None:
+    def fitted(self, chain: Sequence[Any]) -> tuple[Change, ...] | None:
         """The changes of hypotheses, each fitted after those before it; None if one has none."""
         changes: list[Change] = []
         poses = self
