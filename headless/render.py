@@ -31,6 +31,5 @@ if __name__ == "__main__":
     except BaseException:
         traceback.print_exc()
         code = 3
-    sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)

@@ -92,15 +92,15 @@ def test_normals_are_promised_to_a_tenth_of_a_degree():
 
 @pytest.mark.parametrize("holes", [False, True])
 def test_a_pane_is_looked_through_or_is_a_hole(holes):
-    """In the left half of the image, before a wall that is farther away to the right."""
+    """In the left half of the image, before a wall that is farther away to the right and below."""
     wall = plane(FAR_M)
-    wall[..., 2] += 0.1 * wall[..., 0]
+    wall[..., 2] += 0.1 * wall[..., 0] + 0.05 * wall[..., 1]
     pane = np.concatenate([wall, plane(1.0, right_m=0.0)])
     surface, behind = (
         RayCaster(p.reshape(-1, 3), np.arange(3 * len(p)).reshape(-1, 3)) for p in (pane, wall)
     )
     expected = behind.depth(CAMERA, IDENTITY)
-    assert (np.diff(expected) > 0).all()
+    assert (np.diff(expected) > 0).all() and (np.diff(expected, axis=0) > 0).all()
     expected[:, :5] *= not holes
     assert (GlassCaster(surface, behind, holes).depth(CAMERA, IDENTITY) == expected).all()
 

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.sequences.frame_source import run_frames
@@ -16,26 +17,35 @@ LABELS = ((1, "wall", 1, "wall"), (2, "floor", 2, "floor"), (9, "sofa", 6, "sofa
 LABELS += ((9, "sofa", 6, "sofa"), (8, "backdrop", 0, "unlabelled"))
 
 
+CAMERA = PinholeCamera(64, 48, 48.0, 48.0, 31.5, 23.5)
+POSES = SE3.exp(np.linspace(0, 0.1, 24).reshape(4, 6))
+
+
+def sloping_m(number):
+    """(48, 64) depth of a plane, 1 to 3 m away: it fits the poses, and is not doubted."""
+    inverse = np.array([-0.2, -0.4, 0.67])  # 1 / depth of a ray from where the path begins
+    T = POSES[number]
+    return (1 - inverse @ T.translation) / (CAMERA.rays() @ T.rotation.T @ inverse)
+
+
 def make_run(folder, ground_truth=False):
     """Four frames of a sloping floor and a colour ramp, 64 x 48; with ground truth: a wall, a
     floor, two sofas, a backdrop and pixels without a surface.
     """
-    camera = {"width": 64, "height": 48, "fx": 48.0, "fy": 48.0, "cx": 31.5, "cy": 23.5}
     truth = {"ground_truth": True} if ground_truth else {}
     recipe = {
-        "job": {"camera": camera, "samples": 1} | truth,
+        "job": {"camera": CAMERA.to_dict(), "samples": 1} | truth,
         "trajectory_sha256": "a",
         "scene_sha256": "b",
         "blender": "none",
     }
-    poses = SE3.exp(np.linspace(0, 0.1, 24).reshape(4, 6))
-    run = open_run(folder, recipe, Trajectory.at_rate(poses))
+    run = open_run(folder, recipe, Trajectory.at_rate(POSES))
     v, u = np.mgrid[0:48, 0:64]
     for number in range(4):
         run.write_frame(
             number,
             np.stack([u / 64, v / 48, (u + v) / 112], -1),
-            1.0 + number / 10 + v / 30 + u / 100,
+            sloping_m(number),
             *([_further(number)] if ground_truth else []),
         )
     if ground_truth:

@@ -28,6 +28,7 @@ from iclnuim.sequences.sequence_options import SequenceSettings
 from iclnuim.sequences.stored_sequence import StoredSequence
 from iclnuim.sequences.writer import SequenceWriter, write_sequence
 from iclnuim.trajectory_files.trajectories import write_trajectory
+from sequences.conftest import sloping_m
 
 NOISY = SequenceSettings(depth_model("released"), rgb_model("released"), seed=7)
 SIZE = (48, 64)
@@ -72,10 +73,9 @@ def test_another_seed_gives_other_noise_and_clean_depth_is_exact(run, tmp_path):
     for image in ("depth/000002.png", "rgb/000002.png"):
         assert (noisy / image).read_bytes() != (other / image).read_bytes()
     clean = fill(run, tmp_path / "clean", SequenceSettings())
-    v, u = np.mgrid[0:48, 0:64]
     depth = cv2.imread(str(clean / "depth/000002.png"), cv2.IMREAD_UNCHANGED)
     assert depth.dtype == np.uint16
-    assert np.abs(depth / 5000 - (1.2 + v / 30 + u / 100)).max() <= 0.5 / 5000 + 1e-6
+    assert np.abs(depth / 5000 - sloping_m(2)).max() <= 0.5 / 5000 + 1e-6
 
 
 def test_a_run_of_0_1_0_goes_on_with_its_own_stamps(run, tmp_path):

@@ -32,7 +32,9 @@ def test_steps_change_the_settings_that_they_name():
         icp, 0.1
     ).iterations == (0, 1, 1)
     assert curves.levels(rgbd, 1).iterations == (0, 0, 2, 2)
-    assert curves.pixels(icp, 2).strides == (2, 4, 2) and curves.pixels(rgbd, 2).min_gradients == (
+    assert curves.strides(icp, 2).strides == (2, 4, 2) and curves.min_gradients(
+        rgbd, 2
+    ).min_gradients == (
         24,
         4,
         6,

@@ -5,6 +5,7 @@ without a line in the panel.
 import dataclasses
 from pathlib import Path
 
+import numpy as np
 import pytest
 from iclnuim.errors import InputError
 from iclnuim.evaluation.align import METHODS
@@ -306,3 +307,11 @@ def test_a_camera_that_stands_still_and_a_path_of_another_room_are_said(own_came
     assert "another room" in inputs.trajectory(bpy.context).read_as.sentence
     settings.scene_source = "office"
     assert inputs.trajectory(bpy.context).read_as.sentence == "office/kt2"
+
+
+def test_a_path_is_scaled_about_its_start_also_where_it_is_not_moved(register):
+    settings = register()
+    settings.trajectory_source = "kt2"
+    as_it_is, settings.scale = inputs.trajectory(bpy.context).trajectory.positions_m, 0.5
+    scaled = inputs.trajectory(bpy.context).trajectory.positions_m
+    np.testing.assert_allclose(scaled - as_it_is[0], (as_it_is - as_it_is[0]) / 2, atol=1e-9)

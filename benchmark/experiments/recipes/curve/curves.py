@@ -6,7 +6,7 @@ loaded.
 """
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
@@ -18,6 +18,8 @@ from iclnuim.benchmark.fusion.surface_error import TrueSurface
 from iclnuim.benchmark.fusion.volume import Volume
 from iclnuim.benchmark.odometry.protocol import Frame, Odometer
 from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer
+from iclnuim.benchmark.odometry.terms.photometric import PhotometricSettings
+from iclnuim.benchmark.odometry.terms.plane import IcpSettings
 from iclnuim.benchmark.odometry.track import Tracker
 from iclnuim.errors import InputError
 from iclnuim.geometry.camera import PinholeCamera
@@ -111,40 +113,38 @@ def iterations(settings: Any, value: float) -> Any:
     return replace(settings, iterations=counts)
 
 
-def pixels(settings: Any, value: float) -> Any:
-    """Use fewer pixels: multiply the minimum gradients by the value, or the strides in rows and
-    columns.
-    """
-    if hasattr(settings, "strides"):
-        strides = tuple(max(1, round(value * stride)) for stride in settings.strides)
-        return replace(settings, strides=strides)
+def strides(settings: IcpSettings, value: float) -> IcpSettings:
+    """Use fewer pixels: multiply the strides in rows and columns by the value."""
+    return replace(settings, strides=tuple(max(1, round(value * n)) for n in settings.strides))
+
+
+def min_gradients(settings: PhotometricSettings, value: float) -> PhotometricSettings:
+    """Use fewer pixels: multiply the minimum gradients by the value."""
     return replace(settings, min_gradients=tuple(value * g for g in settings.min_gradients))
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """What a curve changes. change: function of a group of settings and a value, for odometers that
-    have one of the fields, level by level; other methods have one step.
+    """What a curve changes. changes: by the class of settings, of a preset or of one of its parts;
+    methods without such settings have one step.
     """
 
     values: tuple[float, ...]
     unit: str
-    change: Callable[[Any, float], Any] | None = None
-    fields: tuple[str, ...] = ()
-
-    def changes(self, group: Any) -> bool:
-        """Whether a group of settings has it."""
-        return any(isinstance(getattr(group, name, None), tuple) for name in self.fields)
+    changes: Mapping[type, Callable[[Any, float], Any]] = field(default_factory=dict)
 
 
+#: Settings of each level of a pyramid.
+_BY_LEVEL = (IcpSettings, PhotometricSettings)
 CURVES = {
-    "levels": Scaling((0, 1, 2), "finest levels left out", levels, ("iterations",)),
-    "iterations": Scaling((0.25, 0.5, 1, 2, 4), "times the default", iterations, ("iterations",)),
+    "levels": Scaling((0, 1, 2), "finest levels left out", dict.fromkeys(_BY_LEVEL, levels)),
+    "iterations": Scaling(
+        (0.25, 0.5, 1, 2, 4), "times the default", dict.fromkeys(_BY_LEVEL, iterations)
+    ),
     "pixels": Scaling(
         (1, 2, 4, 8),
         "times the minimum gradient or the stride",
-        pixels,
-        ("strides", "min_gradients"),
+        {IcpSettings: strides, PhotometricSettings: min_gradients},
     ),
     "resolution": Scaling((640, 320, 160), "width of the images in pixels"),
 }
@@ -158,14 +158,14 @@ def steps_of(curve: str, methods: Sequence[str], values: Sequence[float]) -> lis
     Raises InputError if no method has it.
     """
     scaling = CURVES[curve]
-    if scaling.change and not any(_groups(method, scaling) for method in methods):
+    if scaling.changes and not any(_groups(method, scaling) for method in methods):
         known = [name for name in ODOMETERS if _groups(name, scaling)]
         expected = f"an odometer with such settings ({', '.join(known)})"
         raise InputError(expected, found=", ".join(methods))
     found: list[Step] = []
     for method in methods:
         own = _groups(method, scaling)
-        if scaling.change and not own:
+        if scaling.changes and not own:
             found.append((method, None))
             continue
         fewest = min((sum(map(bool, g.iterations)) for g in own), default=0)
@@ -212,7 +212,7 @@ def interleaved(
 def _variant(curve: str, method: str, value: float | None, camera: PinholeCamera) -> Variant:
     if value is None:
         return Variant(method, None, Tracker(odometer(method), camera))
-    if CURVES[curve].change:
+    if CURVES[curve].changes:
         return Variant(method, value, Tracker(changed(method, CURVES[curve], value), camera))
     halvings = round(float(np.log2(camera.width / value)))
     if halvings < 0 or camera.width != value * 2**halvings:
@@ -230,27 +230,24 @@ def _preset(method: str) -> tuple[Any, Any]:
     return kind, kind.PRESETS["best"]
 
 
+def _parts(preset: Any) -> tuple[Any, ...]:
+    return preset if isinstance(preset, tuple) else (preset,)
+
+
 def _groups(method: str, scaling: Scaling) -> list[Any]:
     """The groups of settings of a method that a curve changes."""
-    if scaling.change is None or method not in ODOMETERS:
-        return []
-    _, preset = _preset(method)
-    groups = preset if isinstance(preset, tuple) else (preset,)
-    return [group for group in groups if scaling.changes(group)]
+    parts = _parts(_preset(method)[1]) if method in ODOMETERS else ()
+    return [part for part in parts if type(part) in scaling.changes]
 
 
 def changed(method: str, scaling: Scaling, value: float) -> Odometer:
     """One of our odometers with changed settings, in all groups that have the setting."""
     kind, preset = _preset(method)
-    change = scaling.change
-    assert change is not None
-    if not isinstance(preset, tuple):
-        return kind(change(preset, value))
-    groups = list(preset)
-    for k, group in enumerate(groups):
-        if scaling.changes(group):
-            groups[k] = change(group, value)
-    return kind(tuple(groups))
+    parts = [
+        scaling.changes[type(part)](part, value) if type(part) in scaling.changes else part
+        for part in _parts(preset)
+    ]
+    return kind(tuple(parts) if isinstance(preset, tuple) else parts[0])
 
 
 def halved(frame: Frame, times: int) -> Frame:
