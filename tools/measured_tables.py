@@ -17,6 +17,10 @@ _FOUR = f"{_KT2}/clean {_KT2}/noisy out/office/kt1/clean out/office/kt1/noisy"
 #: Curve -> the step to which the table refers: the default, or one at which all methods work.
 _CURVES = {"iterations": 1.0, "levels": 0.0, "pixels": 1.0, "resolution": 640.0}
 _NOISE = f"bench noise {_KT2}/raw --frames :120 --official ../shared/data/iclnuim/or_kt3"
+_SENSORS = (
+    "experiment sensors out/office/kt0/clean --frames :150 --workers 1 --set "
+    "methods=icp,rgbd,icp_rgbd,dvo,fovis,baseline:opencv-rgbd,baseline:opencv-rgbd-icp"
+)
 #: Title of the row, kind of sequence, options of `fuse`.
 _SURFACES = (
     ("clean, `best`", "clean", ""),
@@ -239,6 +243,18 @@ def _voxels(found: Sequence[Any]) -> Rows:
     return _each(header, row, found[0]["points"])
 
 
+def _sensors(found: Sequence[Any]) -> Rows:
+    """A row a sensor: pixels without depth, and the ATE of each method."""
+    cells = found[0]["cells"]
+    methods = list(cells[0]["ate_m"])
+    rows = []
+    for one in cells:
+        runs = ({"ate_rmse_m": one["ate_m"][name]} for name in methods)
+        rows.append([one["variant"], f"{one['missing_share']:.1%}", *map(_mm, runs)])
+    titles = (name.removeprefix("baseline:") for name in methods)
+    return words(" | ".join(["sensor", "missing", *titles]), rows)
+
+
 def _plotted(command: str, picture: str) -> str:
     return f"{command} --plot {_PICTURES}/{picture}"
 
@@ -271,6 +287,7 @@ def _command_tables() -> Iterator[CommandTable]:
     noise = (_plotted(_NOISE, "noise.png"),)
     yield CommandTable("noise-pairs", noise, _pairs)
     yield CommandTable("noise-models", noise, _models)
+    yield CommandTable("sensor-odometry", (_SENSORS,), _sensors)
     titles = [title for title, _, _ in _SURFACES]
     yield CommandTable("surface-error", tuple(_surface_commands()), _surface(titles))
     for curve, default in _CURVES.items():

@@ -2,7 +2,7 @@
 figures. The engine makes cells of it, measures those that are missing, and writes tables and page.
 
 OUT/cells/SEQUENCE/VARIANT.cell.json   a cell
-OUT/tables/, OUT/NAME.html             made from the cells alone
+OUT/tables/, OUT/NAME.html, NAME.png   made from the cells alone
 """
 
 import sys
@@ -13,7 +13,7 @@ from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from iclnuim.console import Console
 from iclnuim.errors import InputError
@@ -22,10 +22,13 @@ from iclnuim.settings import Settings, plain
 from .cell import Cell, Measured
 from .code_version import code_of
 from .inputs import Input
-from .page import Page, Section
+from .page import Page, Section, png_uri
 from .pool import Advance, Job, run_jobs
 from .store import Store
 from .table import ResultTable, write_tables
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,10 @@ class Experiment(Settings):
             rows.append((one.key.sequence, one.key.variant, *map(plain, figures)))
         columns = ("sequence", "variant", *names)
         return [ResultTable("cells", self.about(), columns, tuple(rows))]
+
+    def chart(self, results: Sequence[Measured]) -> "Figure | None":
+        """A chart of what is measured, before the tables of the page; by default none."""
+        return None
 
     @classmethod
     def about(cls) -> str:
@@ -111,10 +118,14 @@ class Experiment(Settings):
         store.write(cell, self.measure(cell.key.variant, one))
         advance(1)
 
-    def write(self, store: Store, tables: Sequence[ResultTable]) -> Path:
+    def write(self, store: Store, results: Sequence[Measured]) -> Path:
         """Write the tables in every format, and the page; returns its path."""
+        tables = self.tables(results)
         write_tables(store.out / "tables", tables)
         sections = [Section(table.name, table.title, tables=[table]) for table in tables]
+        if (chart := self.chart(results)) is not None:
+            chart.savefig(store.out / f"{store.kind}.png", dpi=110)
+            sections.insert(0, Section("chart", "At a glance", picture=png_uri(chart)))
         page = Page(f"ICL-NUIM: {store.kind}", self.about(), sections)
         return page.write(store.out / f"{store.kind}.html")
 

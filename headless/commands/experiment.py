@@ -67,10 +67,11 @@ def run(args: Namespace, console: Console) -> int:
     results = store.read(experiment.cells(inputs))
     if not results:
         raise WorkError(f"{store.out}: no measured cells")
-    tables = experiment.tables(results)
-    console.note(f"{experiment.write(store, tables)} written")
+    console.note(f"{experiment.write(store, results)} written")
     cells = [{**vars(one.key), **one.figures} for one in results]
-    console.result({"cells": cells}, "\n\n".join(table.text() for table in tables))
+    console.result(
+        {"cells": cells}, "\n\n".join(table.text() for table in experiment.tables(results))
+    )
     return 3 if problems else 0
 
 
