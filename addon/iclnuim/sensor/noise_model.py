@@ -17,7 +17,8 @@ from ..settings import Settings
 #: does not change.
 DEPTH = 0
 RGB = 1
-IMU = 2
+#: 2 is that of perturbations (benchmark/perturbations/segment.py).
+IMU = 3
 _LEVELS = 1 << 16
 
 
