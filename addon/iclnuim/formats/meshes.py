@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError, StrPath, WorkError
+from ..errors import InputError, StrPath
+from .gltf import read_gltf
 from .obj import read_obj
 from .off import read_off
 from .ply import read_ply
@@ -46,24 +47,8 @@ def read_mesh_or_cloud(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         model = read_ply(path)
         points, triangles, colours = model.points, model.triangles, model.colours
     else:
-        points, triangles = _READERS.get(ending, _read_gltf)(path)
+        points, triangles = _READERS.get(ending, read_gltf)(path)
         colours = np.zeros((len(points), 0), np.uint8)
     if not len(points):
         raise InputError("a mesh or a point cloud with points", path=path, found="none")
     return points, triangles, colours
-
-
-def _read_gltf(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    try:
-        import open3d
-    except ImportError:
-        raise WorkError(
-            f"{path}: {path.suffix} is read by open3d; try: pip install open3d-cpu, or a .ply"
-        ) from None
-    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
-        mesh = open3d.io.read_triangle_mesh(path)
-    if not len(mesh.vertices):
-        raise InputError(
-            "a glTF file from which Open3D reads a mesh", path=path, found="none", hint="a .ply"
-        )
-    return np.asarray(mesh.vertices), np.asarray(mesh.triangles).reshape(-1, 3).astype(np.int64)
