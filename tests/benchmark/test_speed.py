@@ -46,7 +46,7 @@ def test_a_table_shows_what_a_method_costs_and_a_dash_where_nothing_was_measured
 def test_the_line_goes_through_what_nothing_beats_in_both():
     axes = Figure().subplots()
     points = [("a", 1, 5, 4, 6), ("b", 2, 3, 2, 4), ("c", 3, 4, 3, 5), ("d", 4, 1, 0.5, 2)]
-    pareto_panel(axes, points, lower_is_better=True)
+    pareto_panel(axes, points)
     line = axes.lines[-1]
     assert list(zip(*line.get_data(), strict=True)) == [(1, 5), (2, 3), (4, 1)]
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from ..errors import StrPath
 from ..evaluation.absolute_error import AbsoluteError
@@ -80,15 +81,11 @@ def save(figure: Figure, path: StrPath, dpi: int = 110) -> None:
     atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=dpi))
 
 
-def pareto_panel(
-    axes: Axes,
-    points: Sequence[tuple[str, float, float, float, float]],
-    lower_is_better: bool,
-) -> None:
-    """Draw (name, cost, value, low, high) as dots with intervals over a logarithmic cost, and a
-    line through those that none beats in both.
+def pareto_panel(axes: Axes, points: Sequence[tuple[str, float, float, float, float]]) -> None:
+    """Draw (name, cost, error, low, high) as dots with intervals on logarithmic scales, and a line
+    through those that none beats in both.
     """
-    best = -math.inf
+    best = math.inf
     front = []
     for k, (name, cost, value, low, high) in enumerate(sorted(points, key=lambda p: p[1])):
         colour = COLOURS[k % len(COLOURS)]
@@ -97,14 +94,18 @@ def pareto_panel(
             ends = [[0.0], [0.0]]
         axes.errorbar([cost], [value], yerr=ends, fmt="o", color=colour, markersize=5, capsize=3)
         axes.annotate(name, (cost, value), (5, 4), textcoords="offset points", fontsize=7)
-        gain = -value if lower_is_better else value
-        if gain > best:
-            best = gain
+        if value < best:
+            best = value
             front.append((cost, value))
     axes.plot(*zip(*front, strict=True), drawstyle="steps-post", color="0.6", linewidth=1)
-    axes.set_xscale("log")
-    axes.margins(x=0.2)
+    axes.set(xscale="log", yscale="log")
+    axes.margins(x=0.3, y=0.15)
     axes.grid(alpha=0.3)
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        if high < 10 * low:  # few powers of ten, or none
+            axis.set_major_locator(MaxNLocator(4))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
 
 
 def _draw_over_time(axes: list[Axes], loaded: LoadedTrajectory, colour: str, single: bool) -> None:

@@ -88,10 +88,10 @@ def speed_figure(results: Sequence[Measured]) -> "Figure | None":
     grid = drawing.subplots(rows, columns, squeeze=False).flat
     for axes, (condition, points) in zip(grid, panels.items(), strict=False):
         in_mm = [(p[0], p[1], 1e3 * p[2], 1e3 * p[3], 1e3 * p[4]) for p in points]
-        pareto_panel(axes, in_mm, lower_is_better=True)
-        axes.set(title=", ".join(condition).replace("_", " "), yscale="log")
-        axes.set_ylabel("ATE RMSE [mm]", fontsize=8)
+        pareto_panel(axes, in_mm)
+        axes.set(title=", ".join(condition).replace("_", " "))
+        axes.set_ylabel("ATE RMSE [mm], \u2193 is better", fontsize=8)
     for axes in list(drawing.axes)[len(panels) :]:
         axes.set_visible(False)
-    drawing.supxlabel("processor time of a frame on one core [ms]", fontsize=9)
+    drawing.supxlabel("processor time of a frame on one core [ms], \u2190 is better", fontsize=9)
     return drawing
