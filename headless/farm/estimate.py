@@ -231,6 +231,8 @@ def local_work(plans: Sequence[RunPlan]) -> PlannedWork:
     where = f"{len(plans)} sequences"
     if len(plans) == 1:
         where = f"{plans[0].job.sequence}, in {plans[0].out}"
+    if any(plan.job.light == "auto" for plan in plans):
+        where += ", if its light is baked (a first look chooses the light)"
     total = sum(len(plan.numbers) for plan in plans)
     what = f"{missing} of {total} frames to render on {cores} cores, {where}"
     return PlannedWork(what, 60 * minutes, gigabytes)

@@ -394,6 +394,9 @@ def test_light_is_chosen_for_a_scene_without_a_map_unless_options_name_it_or_its
     monkeypatch.setattr(shipped, "has_light", lambda scene: False)
     assert asked_for(tmp_path, "kt2").job.light == "auto"
     assert asked_for(tmp_path, "kt2", "--light", "baked").job.light == "baked"
+    baked = "if its light is baked (a first look chooses the light)"
+    assert baked in estimate.local_work([asked_for(tmp_path, "kt2")]).work
+    assert baked not in estimate.local_work([asked_for(tmp_path, "kt2", "--light", "path")]).work
     auto = asked_for(tmp_path, "kt2", *own, "--samples", "7").job
     assert (auto.samples, replace(auto, light="path").denoise) == (7, True)
 
