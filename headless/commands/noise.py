@@ -34,8 +34,9 @@ def run(args: Namespace, console: Console) -> None:
     if args.source == "calibrate":
         calibrate(args, console)
         return
-    if args.depth_noise == args.rgb_noise == "none" and args.rgb_settings in (None, "{}"):
-        raise InputError("a noise model: --depth-noise or --rgb-noise", found="neither")
+    no_images = args.depth_noise == args.rgb_noise == "none" and args.rgb_settings in (None, "{}")
+    if no_images and args.imu in (None, "none"):
+        raise InputError("a noise model: --depth-noise, --rgb-noise or --imu", found="none of them")
     sequence = opened_with_notes(args, Path(args.source), console)
     source = image_frames(sequence, args.frames)
     write_reported(source, SequenceOutput.of(args), args, console)

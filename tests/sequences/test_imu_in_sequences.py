@@ -181,6 +181,12 @@ def test_noise_is_added_to_readings_that_are_stored(imu_run, tmp_path):
     assert noisy.readings == pytest.approx(wanted.readings, abs=5.1e-10)
 
 
+def test_noise_without_an_imu_is_refused(run, tmp_path):
+    with pytest.raises(InputError, match="frames with an IMU for its noise, found none"):
+        write_sequence(run_frames(run.path), tmp_path / "out", NOISY, workers=1)
+    assert not (tmp_path / "out").exists()
+
+
 def test_shards_and_archive_have_the_readings(written, tmp_path):
     sequence = tmp_path / "sequence"
     shutil.copytree(written / "tum", sequence)

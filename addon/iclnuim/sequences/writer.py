@@ -20,6 +20,7 @@ from ..formats.files import locked, make_folder, write_json, writer_has_ended
 from ..formats.image_names import files_in
 from ..formats.images import read_colour8
 from ..formats.png import same_pixels
+from ..sensor.imu_noise import ImuNoise
 from ..sensor.transfer import srgb8
 from ..shown import Shown
 from .contents import Contents
@@ -205,10 +206,15 @@ class SequenceFolder:
 
     @cached_property
     def imu(self) -> SequenceImu | None:
-        """All readings of the source's IMU, with noise."""
+        """All readings of the source's IMU, with noise. Raises InputError for noise without any."""
         settings = self.images.settings
         imu = self.source.imu()
-        return None if imu is None else imu.noisy(settings.imu, settings.seed)
+        if imu is None:
+            if settings.imu != ImuNoise():
+                hint = "a run or a sequence that was made with {imu}"
+                raise InputError("frames with an IMU for its noise", found="none", hint=hint)
+            return None
+        return imu.noisy(settings.imu, settings.seed)
 
     def contents(self, numbers: tuple[int, ...], format: SequenceFormat) -> Contents:
         """The content of a format's text files for these frames."""
