@@ -239,6 +239,7 @@ def check_kills(render, render_here, tmp_path, kills, *options, **paths):
         ".farm",
         "camera.json",
         "exr",
+        "frames.jsonl",
         "groundtruth.txt",
         "sequence.json",
     ]
