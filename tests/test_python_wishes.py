@@ -122,5 +122,5 @@ def test_a_pose_is_rendered_with_the_settings_of_a_job():
     """The keywords are the settings that change colour or depth of one frame."""
     given = set(inspect.signature(iclnuim.render_pose).parameters) - {"T_world_camera"}
     assert given == set(inspect.signature(RenderJob).parameters) - {
-        "sequence", "trajectory", "ground_truth", "channels"
+        "sequence", "trajectory", "ground_truth", "channels", "imu"
     }  # fmt: skip

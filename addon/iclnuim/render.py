@@ -96,6 +96,7 @@ def render_pose(
     light: str | None = None,
     samples: int | None = None,
     *,
+    quality: str | None = None,
     denoise: bool | None = None,
     antialias: bool | None = None,
     mipmaps: bool | None = None,

@@ -31,7 +31,7 @@ def completed(line, folder):
     [
         ("iclnuim ma", ["make"]),
         ("iclnuim make k", ["kt0", "kt1", "kt2", "kt3"]),
-        ("iclnuim make office/kt1 --qu", ["--quick", "--quiet"]),
+        ("iclnuim make office/kt1 --qui", ["--quick", "--quiet"]),
         ("iclnuim trajectory info office/kt3", ["office/kt3"]),
         ("iclnuim odometry icp_", ["icp_rgbd"]),
         ("iclnuim odometry icp 'my fo", ["my folder/"]),
