@@ -245,9 +245,7 @@ PRINTED = {
         "overlap_with_official": None,
     },
     "experiment sensors": {
-        "cells": [
-            {"variant": "d435", "missing_share": 0.05, "ate_m": {"icp": 0.002, "dvo": None}}
-        ]
+        "cells": [{"variant": "d435", "missing_share": 0.05, "ate_m": {"icp": 0.002, "dvo": None}}]
     },
     "fuse out": {"memory_mb": 280.0, "parts_out_of_window": 0},
     "evaluate surface": {
