@@ -317,7 +317,7 @@ def test_the_video_of_stray_scanner_has_every_frame(scanned, tmp_path):
     folder, _ = scanned("open3d")
     write_sequence(original_frames(folder), tmp_path / "out", formats=["stray-scanner"], workers=1)
     video = cv2.VideoCapture(str(tmp_path / "out/rgb.mp4"))
-    found = [round((video.read()[1][-9, -9, 0] - 10) / 20) for _ in range(scans.FRAMES)]
+    found = [round((int(video.read()[1][-9, -9, 0]) - 10) / 20) for _ in range(scans.FRAMES)]
     assert found == list(range(scans.FRAMES)) and not video.read()[0]
     odometry = np.loadtxt(tmp_path / "out/odometry.csv", delimiter=",", skiprows=1)
     T = SE3.from_quat_xyzw(odometry[:, 5:9], odometry[:, 2:5])  # as StrayVisualizer reads them
