@@ -15,7 +15,8 @@ def test_a_change_in_another_file_is_compiled_again(tmp_path):
 
     def run(factor):
         (tmp_path / "inner.py").write_text(INNER.format(factor))
-        command = [sys.executable, "-c", RUN]
+        # -B: bytecode of a file of the same size is not made again within a second
+        command = [sys.executable, "-B", "-c", RUN]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
         return done.stdout.split()
 
