@@ -145,15 +145,16 @@ def _figure(name: str, value: float, source: str) -> Any:
     return field(default=value, metadata={"setting": {**declaration, "source": source}})
 
 
-_BMI055 = "BMI055 data sheet (Bosch, BST-BMI055-DS000)"
-_IN_D435I = "a range that the RealSense D435i uses"
-_WALKS = "the data sheet prints none: ORB-SLAM3's settings for the D435i"
-_TOLERANCE = "tolerance of 1 %, taken as three standard deviations"
+_UNREAD = "from memory of the data sheet, not read again"
+_TOLERANCE = f"tolerance of 1 %, taken as three standard deviations: {_UNREAD}"
+_BMI055 = "Bosch's data sheet as quoted in CSDN 103731233; ORB-SLAM3 notes the same for the D435i"
+_D435I = "the RealSense D435i's, librealsense pull request 2777"
+_WALKS = "ORB-SLAM3's settings for the D435i, which name VINS-Mono as their source"
 
 
 @dataclass(frozen=True)
 class Bmi055ImuNoise(ImuNoise):
-    """The IMU of a consumer depth camera. Its data sheet prints no bias instability."""
+    """The IMU of a consumer depth camera, without bias instability: the figures quoted for it differ."""
 
     name = "bmi055"
     summary = "Bosch BMI055, as in the RealSense D435i"
@@ -162,29 +163,32 @@ class Bmi055ImuNoise(ImuNoise):
         "gyro_noise_density", math.radians(0.014), f"0.014 degrees/s/sqrt(Hz): {_BMI055}"
     )
     gyro_random_walk: float = _figure("gyro_random_walk", 1e-6, _WALKS)
-    gyro_scale_error: float = _figure("gyro_scale_error", 0.01 / 3, f"{_TOLERANCE}: {_BMI055}")
-    gyro_range: float = _figure(
-        "gyro_range", math.radians(1000.0), f"1000 degrees/s, {_IN_D435I}: {_BMI055}"
-    )
+    gyro_scale_error: float = _figure("gyro_scale_error", 0.01 / 3, _TOLERANCE)
+    gyro_range: float = _figure("gyro_range", math.radians(1000.0), f"1000 degrees/s: {_D435I}")
     gyro_step: float = _figure(
-        "gyro_step", math.radians(1.0) / 32.8, f"32.8 steps per degree/s at this range: {_BMI055}"
+        "gyro_step",
+        math.radians(1.0) / 32.8,
+        "32.8 steps per degree/s, twice the data sheet's 16.4 at 2000 degrees/s as quoted in"
+        " Bosch's forum, topic 10266",
     )
     accel_noise_density: float = _figure(
         "accel_noise_density", 150e-6 * _G_M_S2, f"150 ug/sqrt(Hz): {_BMI055}"
     )
     accel_random_walk: float = _figure("accel_random_walk", 1e-4, _WALKS)
-    accel_range: float = _figure("accel_range", 4 * _G_M_S2, f"4 g, {_IN_D435I}: {_BMI055}")
+    accel_range: float = _figure("accel_range", 4 * _G_M_S2, f"4 g: {_D435I}")
     accel_step: float = _figure(
-        "accel_step", _G_M_S2 / 512, f"512 steps per g at this range: {_BMI055}"
+        "accel_step", _G_M_S2 / 512, "512 steps per g at this range: as the distributor ICGOO lists"
     )
 
 
-_ADIS16448 = "ADIS16448 data sheet (Analog Devices), table 1"
+_ADIS16448 = "Analog Devices' data sheet as quoted in Kalibr's issue 63"
+_FIRST_PAGE = "the data sheet's first page"
+_DRIVER = "Linux's driver adis16400.c"
 
 
 @dataclass(frozen=True)
 class Adis16448ImuNoise(ImuNoise):
-    """The IMU with which EuRoC was recorded. Its data sheet prints no random walk of the bias."""
+    """The IMU with which EuRoC was recorded, with bias instability in place of random walk."""
 
     name = "adis16448"
     summary = "Analog Devices ADIS16448, as in EuRoC"
@@ -195,12 +199,14 @@ class Adis16448ImuNoise(ImuNoise):
     gyro_bias_instability: float = _figure(
         "gyro_bias_instability",
         math.radians(14.5) / 3600 / _FLOOR,
-        f"in-run stability of 14.5 degrees/h, the lowest Allan deviation: {_ADIS16448}",
+        f"in-run stability of 14.5 degrees/h, the lowest Allan deviation: {_UNREAD}",
     )
-    gyro_scale_error: float = _figure("gyro_scale_error", 0.01 / 3, f"{_TOLERANCE}: {_ADIS16448}")
-    gyro_range: float = _figure("gyro_range", math.radians(1000.0), f"1000 degrees/s: {_ADIS16448}")
+    gyro_scale_error: float = _figure("gyro_scale_error", 0.01 / 3, _TOLERANCE)
+    gyro_range: float = _figure(
+        "gyro_range", math.radians(1000.0), f"1000 degrees/s, the widest of three: {_FIRST_PAGE}"
+    )
     gyro_step: float = _figure(
-        "gyro_step", math.radians(0.04), f"0.04 degrees/s per step: {_ADIS16448}"
+        "gyro_step", math.radians(0.04), f"0.04 degrees/s per step: {_DRIVER}"
     )
     accel_noise_density: float = _figure(
         "accel_noise_density", 0.23e-3 * _G_M_S2, f"0.23 mg/sqrt(Hz): {_ADIS16448}"
@@ -208,13 +214,11 @@ class Adis16448ImuNoise(ImuNoise):
     accel_bias_instability: float = _figure(
         "accel_bias_instability",
         0.25e-3 * _G_M_S2 / _FLOOR,
-        f"in-run stability of 0.25 mg, the lowest Allan deviation: {_ADIS16448}",
+        f"in-run stability of 0.25 mg, the lowest Allan deviation: {_UNREAD}",
     )
-    accel_scale_error: float = _figure("accel_scale_error", 0.01 / 3, f"{_TOLERANCE}: {_ADIS16448}")
-    accel_range: float = _figure("accel_range", 18 * _G_M_S2, f"18 g: {_ADIS16448}")
-    accel_step: float = _figure(
-        "accel_step", 0.833e-3 * _G_M_S2, f"0.833 mg per step: {_ADIS16448}"
-    )
+    accel_scale_error: float = _figure("accel_scale_error", 0.01 / 3, _TOLERANCE)
+    accel_range: float = _figure("accel_range", 18 * _G_M_S2, f"18 g at least: {_FIRST_PAGE}")
+    accel_step: float = _figure("accel_step", 0.833e-3 * _G_M_S2, f"0.833 mg per step: {_DRIVER}")
 
 
 IMU_MODELS: dict[str, type[ImuNoise]] = {
