@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from iclnuim.console import Console
 from iclnuim.errors import InputError, within
-from iclnuim.formats.depth_units import UNITS_PER_METRE, check_units, metres_from_depth16
+from iclnuim.formats.depth_units import metres_from_depth16
 from iclnuim.formats.files import data_lines, read_text
 from iclnuim.formats.image_names import files_in
 from iclnuim.formats.png import read_depth16, read_rgb8
@@ -24,6 +24,8 @@ from iclnuim.sensor.calibration import (
 from iclnuim.sensor.camera_fits import LIKE, CameraFit, fit_cameras
 from iclnuim.sensor.walls import WHITE_ALBEDO, WallRecording
 from iclnuim.sequences.camera_files import camera_file
+
+from ..sequence_input import units_from
 
 EXPOSURES = "exposures.txt"
 ALBEDOS = "walls.txt"
@@ -109,14 +111,14 @@ def _rgb(file: Path) -> RgbCalibration:
 def _walls(folder: Path, args: Namespace) -> dict[str, np.ndarray]:
     """Name of a wall -> frames (n, h, w) in metres."""
     own = camera_file(folder)
-    units = args.units or (own.depth_units_per_metre if own else UNITS_PER_METRE)
+    units = own.depth_units_per_metre if own and args.units is None else units_from(args)
     walls = {}
     for wall in (folder / "depth", *files_in(folder, "wall*")):
         frames = [read_depth16(path) for path in files_in(wall, "*.png")]
         if len({frame.shape for frame in frames}) > 1:
             raise InputError("depth images of one size", path=wall, found="several")
         if frames:
-            walls[wall.name] = metres_from_depth16(np.stack(frames), check_units(units))
+            walls[wall.name] = metres_from_depth16(np.stack(frames), units)
     return walls
 
 

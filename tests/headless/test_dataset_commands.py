@@ -526,6 +526,8 @@ def test_calibrate_says_which_camera_a_recording_resembles(tmp_path, capsys):
     )
     assert main(words) == 0
     assert "are not fitted without the camera" in capsys.readouterr().err
+    assert main([*words[:-1], "0"]) == 2
+    assert "depth units per metre, found 0" in capsys.readouterr().err
     assert main([*words, "--camera", "80x60"]) == 2
     assert "expected images of the camera's size 80x60, found (160, 120)" in capsys.readouterr().err
     (tmp_path / "walls.txt").write_text("wall3 0.5\n")

@@ -17,7 +17,7 @@ from .active_stereo import D435DepthNoise
 from .appearance import WHITE_ALBEDO, SurfaceAppearance
 from .calibration import calibrate_depth
 from .depth import PaperDepthNoise
-from .models import depth_model, with_depth_noise
+from .models import Noise, depth_model, with_depth_noise
 from .noise_model import DEPTH, NoiseModel, frame_generator
 from .phone import PhoneDepthNoise
 from .time_of_flight import DARK_ALBEDO, AzureKinectDepthNoise
@@ -67,6 +67,7 @@ def fit_cameras(walls: Sequence[WallRecording]) -> list[CameraFit]:
         if len(wall.frames) < 2 or (wall.frames == wall.frames[0]).all():
             expected = "two or more depth images of each wall that differ by their noise"
             raise InputError(expected, found=f"{len(wall.frames)}, equal")
+    recorded = [_signs(wall) for wall in walls]
     fits = []
     for model, fitted in _FITTED.items():
         settings = fitted(walls)
@@ -75,7 +76,7 @@ def fit_cameras(walls: Sequence[WallRecording]) -> list[CameraFit]:
         known = declared(model)
         settings = {k: v for k, v in settings.items() if known[k].low <= v <= known[k].high}
         others = tuple(name for name in known if name not in settings)
-        misfit = _misfit(model(**settings), walls)
+        misfit = _misfit(depth_model(model.name, settings), walls, recorded)
         fits.append(CameraFit(model.name, settings, others, misfit))
     return sorted(fits, key=lambda fit: fit.misfit)
 
@@ -86,8 +87,8 @@ def _fit_paper(walls: Sequence[WallRecording]) -> dict[str, float] | None:
         found = calibrate_depth([wall.frames for wall in walls])
     except InputError:
         return None
-    told = {"sigma_d": found.sigma_d, "sigma_s_px": found.sigma_s_px}
-    return {"sigma_d": told["sigma_d"]} if found.fixed_sigma_s else told
+    of_slopes = {} if found.fixed_sigma_s else {"sigma_s_px": found.sigma_s_px}
+    return {"sigma_d": found.sigma_d} | of_slopes
 
 
 def _fit_d435(walls: Sequence[WallRecording]) -> dict[str, float]:
@@ -156,7 +157,8 @@ def _fit_phone(walls: Sequence[WallRecording]) -> dict[str, float]:
     """The number of dots by the pattern of the variance, which is least between dots; sigma of a
     dot from the variance of the means of dots.
     """
-    model = min(map(_with_dots, _DOTS), key=lambda model: _unevenness(model, walls))
+    models = [PhoneDepthNoise(dots=dots) for dots in _DOTS]
+    model = min(models, key=lambda model: _unevenness(model, walls))
     range_m, sigma_m = _of_dots(model, walls)
     settings: dict[str, float] = {"dots": model.dots}
     if range_m.max() > _SPAN * range_m.min():
@@ -316,10 +318,6 @@ def _amplitude_limit(walls: Sequence[WallRecording]) -> dict[str, float]:
     }
 
 
-def _with_dots(dots: int) -> PhoneDepthNoise:
-    return PhoneDepthNoise(dots=dots)
-
-
 def _unevenness(model: PhoneDepthNoise, walls: Sequence[WallRecording]) -> float:
     """How much the sigma of dots, as the variance of their means says it, differs between pixels
     at the same distance.
@@ -379,19 +377,18 @@ def _line(x: np.ndarray, y: np.ndarray, relative: bool = True) -> tuple[float, f
     return float(constant), float(slope)
 
 
-def _misfit(model: NoiseModel, walls: Sequence[WallRecording]) -> float:
-    """RMS difference of the signs of a recording and of the same walls made by the model."""
+def _misfit(noise: Noise, walls: Sequence[WallRecording], recorded: Sequence[np.ndarray]) -> float:
+    """RMS difference of the signs `recorded` of walls and those of the same walls made by a model."""
     differences = []
-    for number, wall in enumerate(walls):
-        made = WallRecording(_made(model, wall, number), wall.camera, wall.albedo)
-        differences.append(_signs(made) - _signs(wall))
+    for number, (wall, signs) in enumerate(zip(walls, recorded, strict=True)):
+        made = WallRecording(_made(noise, wall, number), wall.camera, wall.albedo)
+        differences.append(_signs(made) - signs)
     return float(np.sqrt(np.mean(np.square(differences))))
 
 
-def _made(model: NoiseModel, wall: WallRecording, number: int) -> np.ndarray:
+def _made(noise: Noise, wall: WallRecording, number: int) -> np.ndarray:
     """Frames of the wall's plane by the model."""
     appearance = SurfaceAppearance.given(wall.depth_z_m.shape, albedo=wall.albedo)
-    noise = depth_model(model.name, model.to_dict())
     generators = (frame_generator(number, k, DEPTH) for k in range(_COMPARED))
     return np.stack(
         [with_depth_noise(noise, wall.depth_z_m, wall.camera, g, appearance) for g in generators]

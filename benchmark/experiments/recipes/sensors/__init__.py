@@ -18,7 +18,7 @@ from iclnuim.settings import parameter
 from ...cell import Measured
 from ...experiment import Experiment
 from ...inputs import Input
-from ...table import ResultTable
+from ...table import ResultTable, mm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,7 +95,7 @@ class Sensors(Experiment):
             if known:
                 best.add((i, 2 + ate_m.index(min(known))))
             missing = f"{100 * one.figures['missing_share']:.1f}"
-            texts.append((one.key.variant, missing, *map(_mm, ate_m)))
+            texts.append((one.key.variant, missing, *map(mm, ate_m)))
         title = f"ATE in mm on {sequence}, by sensor."
         columns = ("sensor", "missing pixels [%]", *self.methods)
         name = f"sensors_{sequence.replace('/', '_')}"
@@ -129,7 +129,3 @@ def _by_sequence(results: Sequence[Measured]) -> dict[str, list[Measured]]:
     for one in results:
         found.setdefault(one.key.sequence, []).append(one)
     return found
-
-
-def _mm(ate_m: float | None) -> str:
-    return "-" if ate_m is None else f"{1e3 * ate_m:.3g}"
