@@ -114,6 +114,32 @@ def test_euroc_has_the_true_states_of_the_imu(written, motion):
     assert np.abs(rows[:, 11:]).min() > 0
 
 
+ORB_SLAM3 = {
+    "IMU.NoiseGyro": "gyroscope_noise_density",
+    "IMU.NoiseAcc": "accelerometer_noise_density",
+    "IMU.GyroWalk": "gyroscope_random_walk",
+    "IMU.AccWalk": "accelerometer_random_walk",
+}
+
+
+@pytest.mark.parametrize("noise", ["none", "bmi055", "adis16448"])
+def test_orb_slam3_finds_the_imu_in_its_settings_and_no_noise_of_0(imu_run, tmp_path, noise):
+    """Settings.cc: a float is refused that is not a real number in OpenCV's reader."""
+    cv2 = pytest.importorskip("cv2")
+    settings = SequenceSettings(imu=imu_noise(noise), seed=3)
+    write_sequence(run_frames(imu_run), tmp_path / "out", settings, workers=1)
+    file = str(tmp_path / "out/orb_slam3.yaml")
+    storage = cv2.FileStorage(file, cv2.FILE_STORAGE_READ)
+    assert np.abs(storage.getNode("IMU.T_b_c1").mat() - T_IMU_CAMERA.matrix).max() < 1e-6
+    assert storage.getNode("IMU.Frequency").isReal()
+    assert storage.getNode("IMU.Frequency").real() == RATE_HZ
+    figures, filled = imu_noise(noise).figures(), imu_noise("bmi055").figures()
+    for key, name in ORB_SLAM3.items():
+        assert storage.getNode(key).isReal()
+        wanted = figures.get(name) or filled[name]
+        assert storage.getNode(key).real() == pytest.approx(wanted, rel=1e-9)
+
+
 @pytest.mark.parametrize("format", WITH_IMU)
 def test_the_ground_truth_that_is_read_is_the_camera_s(written, motion, format):
     truth = StoredSequence(written / format).truth

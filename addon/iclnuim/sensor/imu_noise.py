@@ -233,3 +233,11 @@ def imu_noise(model: ImuNoise | str, settings: Mapping[str, Any] | None = None) 
     if model not in IMU_MODELS:
         raise InputError(f"the noise of an IMU ({', '.join(IMU_MODELS)})", found=model)
     return IMU_MODELS[model].from_dict(settings or {})
+
+
+def estimator_figures(stream: ImuStream) -> dict[str, float]:
+    """The densities and walks of a stream for an estimator, by their names in Kalibr's imu.yaml.
+    Those that are 0 or unknown, whose inverses an estimator weights readings by, are those of `bmi055`.
+    """
+    found = Bmi055ImuNoise().figures()
+    return found | {name: value for name, value in stream.noise.items() if value > 0}

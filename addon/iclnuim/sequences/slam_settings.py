@@ -7,6 +7,8 @@ A new settings file is a function and a line in SLAM_SETTINGS.
 from collections.abc import Callable
 
 from ..geometry.camera import PinholeCamera
+from ..sensor.imu import ImuStream
+from ..sensor.imu_noise import estimator_figures
 
 #: As in ORB-SLAM's files for TUM sequences: focal length times baseline (px m) in images of 640
 #: columns, and the baselines up to which points are near. The baseline of a depth camera is
@@ -61,6 +63,26 @@ Stereo.b: {_focal_baseline(c) / c.fx:.6f}
 RGBD.DepthMapFactor: {float(units)!r}
 
 {_ORB}"""
+
+
+def orb_slam3_imu(imu: ImuStream) -> str:
+    """The lines of the IMU for the end of ORB-SLAM3's YAML. Its noise is never 0 there."""
+    figures = estimator_figures(imu)
+    numbers = [repr(round(value, 9) + 0.0) for value in imu.T_imu_camera.matrix.ravel().tolist()]
+    rows = ",\n          ".join(", ".join(numbers[k : k + 4]) for k in range(0, 16, 4))
+    return f"""
+# modes with an IMU; the readings are in imu.csv: nanoseconds, rotation rate, specific force
+IMU.T_b_c1: !!opencv-matrix
+   rows: 4
+   cols: 4
+   dt: f
+   data: [{rows}]
+IMU.NoiseGyro: {figures["gyroscope_noise_density"]:.9e}
+IMU.NoiseAcc: {figures["accelerometer_noise_density"]:.9e}
+IMU.GyroWalk: {figures["gyroscope_random_walk"]:.9e}
+IMU.AccWalk: {figures["accelerometer_random_walk"]:.9e}
+IMU.Frequency: {float(imu.rate_hz)!r}
+"""
 
 
 def orb_slam2(c: PinholeCamera, rate_hz: float, units: float) -> str:

@@ -29,9 +29,10 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     settings = slam_settings.orb_slam3(
         contents.camera, contents.rate_hz, contents.depth_units_per_metre
     )
-    atomic_write_text(folder / "orb_slam3.yaml", settings)
     if contents.imu is not None:
         write_imu(folder, contents.imu)
+        settings += slam_settings.orb_slam3_imu(contents.imu.stream)
+    atomic_write_text(folder / "orb_slam3.yaml", settings)
 
 
 FORMAT = SequenceFormat(
@@ -65,8 +66,8 @@ RTABMAP = SequenceFormat(
     "tool reads them",
     lambda f, kind: f"{kind}_sync/{f.stamp_name()}.png",
     _write,
-    Reader(lambda folder: (folder / "rgb_sync").is_dir(), _by_stamp, listed.camera, listed.truth),
-    FormatLimits(depth_stamps=False, zero_stamp=False, fixed_units=UNITS_PER_METRE),
+    replace(listed.READER, found=lambda folder: (folder / "rgb_sync").is_dir(), rows=_by_stamp),
+    FormatLimits(depth_stamps=False, zero_stamp=False, fixed_units=UNITS_PER_METRE, imu=True),
     list_stamp=SequenceFrame.stamp_name,
     published_image=lambda f, kind: f"{kind}_sync/{f.stamp_text()}.png",
 )
