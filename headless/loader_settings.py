@@ -3,7 +3,7 @@ settings/: the files of a sequence that it reads, and its own files as templates
 """
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from string import Template
 
@@ -11,6 +11,8 @@ import numpy as np
 from iclnuim.errors import InputError
 from iclnuim.formats.meshes import read_mesh_or_cloud
 from iclnuim.geometry.trajectory import frame_rate_hz
+from iclnuim.sensor.imu import ImuStream
+from iclnuim.sensor.imu_noise import estimator_figures
 from iclnuim.sequences.frames import depth_stamps_s, poses_at
 from iclnuim.sequences.stored_sequence import StoredSequence, read_depth_m
 
@@ -20,18 +22,20 @@ _MARGIN = 0.05
 #: Maximum number of images from which bounds are taken, and step between their pixels.
 _VIEWS = 60
 _STEP = 8
+_NO_IMU = ImuStream(np.zeros(0, int), np.zeros((0, 6)), 200.0)
 
 
 @dataclass(frozen=True)
 class SystemFiles:
     """What one system needs: `format` of the sequence and a file or folder that shows it, and the
-    templates of the system's files by name.
+    templates of the system's files by name. imu_files: those of sequences with an IMU.
     """
 
     name: str
     format: str
     shown_by: str
     files: dict[str, str]
+    imu_files: dict[str, str] = field(default_factory=dict)
 
     @property
     def needs_bounds(self) -> bool:
@@ -76,9 +80,36 @@ def filled(system: SystemFiles, folder: Path, model: Path | None = None) -> dict
         "folder": folder.resolve(),
     }
     values |= {name: repr(float(getattr(c, name))) for name in ("fx", "fy", "cx", "cy")}
+    values |= _of_imu(sequence)
+    files = system.files if sequence.imu is None else system.files | system.imu_files
     if system.needs_bounds:
         values["bound"] = bounds_m(sequence, model).round(3).tolist()
-    return {name: Template(text).substitute(values) for name, text in system.files.items()}
+    return {name: Template(text).substitute(values) for name, text in files.items()}
+
+
+def _of_imu(sequence: StoredSequence) -> dict[str, object]:
+    """Values of the IMU: where the camera is in it, its rate, its noise per square root of hertz,
+    and per reading. Without an IMU, those of one in the camera's place.
+    """
+    stream = sequence.imu.stream if sequence.imu else _NO_IMU
+    T = stream.T_imu_camera
+    rows = [[round(value, 9) + 0.0 for value in row] for row in T.matrix.tolist()]
+    found: dict[str, object] = {
+        "has_imu": "true" if sequence.imu else "false",
+        "imu_rate": repr(float(stream.rate_hz)),
+        "T_imu_camera": ", ".join(repr(value) for row in rows for value in row),
+        "T_imu_camera_rows": "".join(f"\n    - {row}" for row in rows),
+        "imu_note": "its IMU" if sequence.imu else "it needs an IMU, which this sequence lacks",
+    }
+    pose = [*T.translation.tolist(), *T.quat_xyzw.tolist()]
+    names = ("px", "py", "pz", "qx", "qy", "qz", "qw")
+    found["T_imu_camera_named"] = ", ".join(
+        f'"{name}": {round(value, 9) + 0.0!r}' for name, value in zip(names, pose, strict=True)
+    )
+    for name, value in estimator_figures(stream).items():
+        found[name] = f"{value:.9e}"
+        found[f"{name}_per_reading"] = f"{value * stream.rate_hz**0.5:.9e}"
+    return found
 
 
 def bounds_m(sequence: StoredSequence, model: Path | None = None) -> np.ndarray:

@@ -3,6 +3,7 @@ of the sequence.
 """
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,11 +14,15 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, stamps_of_frames
 from iclnuim.headless.loader_settings import bounds_m, filled, system_files, systems
 from iclnuim.postprocess import frames_from
+from iclnuim.sensor.imu import ImuOnCamera
+from iclnuim.sensor.imu_noise import imu_noise
+from iclnuim.sequences.imu import SequenceImu
 from iclnuim.sequences.sequence_options import SequenceSettings
 from iclnuim.sequences.stored_sequence import StoredSequence
 from iclnuim.sequences.writer import write_sequence
 
 CAMERA = PinholeCamera(64, 48, 48.5, 47.25, 31.5, 23.75)
+T_IMU_CAMERA = SE3.exp(np.array([0.03, -0.04, 0.0, 0.2, -0.1, 1.5]))
 UNITS = {"replica": 6553.5, "eth3d": 5000.0, "euroc": 1000.0, "vslam-lab": 5000.0}
 
 
@@ -42,7 +47,7 @@ def parsed(name, text):
         return json.loads(text)
     if name.endswith((".py", ".txt")):
         return text
-    return yaml.safe_load(text.replace("%YAML:1.0", ""))
+    return yaml.safe_load(text.replace("%YAML:1.0", "").replace("!!opencv-matrix", ""))
 
 
 def numbers_of(content):
@@ -111,9 +116,54 @@ def test_files_have_what_the_systems_require_and_inherit_from_nowhere(written):
 def test_there_is_a_file_for_each_system():
     wanted = (
         "nice-slam co-slam eslam point-slam splatam monogs mast3r-slam droid-slam okvis2 "
-        "open_vins basalt kalibr vslam-lab"
+        "open_vins basalt kalibr vslam-lab vins-fusion"
     )
     assert systems() == tuple(sorted(wanted.split()))
+
+
+@pytest.fixture(scope="module")
+def with_imu(tmp_path_factory):
+    """That camera with an IMU, which is turned and 5 cm away, and the noise of a sensor."""
+    out = tmp_path_factory.mktemp("imu") / "out"
+    positions = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.03, 0, 0]])
+    poses = SE3(np.tile(np.eye(3), (3, 1, 1)), positions)
+    trajectory = Trajectory(stamps_of_frames(np.arange(3)), poses)
+
+    def load(number):
+        return np.full((48, 64, 3), 0.5, np.float32), np.full((48, 64), 2, np.float32)
+
+    frames = frames_from(CAMERA, trajectory, load)
+    job = ImuOnCamera(400.0, tuple(T_IMU_CAMERA.matrix.ravel().tolist()))
+    frames = replace(frames, imu=lambda: SequenceImu.of_job(job, trajectory))
+    write_sequence(frames, out, SequenceSettings(imu=imu_noise("bmi055")), ("euroc",), workers=1)
+    return out
+
+
+def test_systems_with_an_imu_get_its_place_rate_and_noise(with_imu):
+    cv2 = pytest.importorskip("cv2")
+    noise = imu_noise("bmi055").figures()
+
+    def yaml_of(system, file):
+        return parsed(file, filled(system_files(system), with_imu)[file])
+
+    kalibr = yaml_of("kalibr", "imu.yaml")
+    assert {name: float(kalibr[name]) for name in noise} == pytest.approx(noise, rel=1e-9)
+    assert kalibr["update_rate"] == 400 and kalibr["rostopic"] == "/camera/imu"
+    chain = yaml_of("open_vins", "kalibr_imu_chain.yaml")["imu0"]
+    assert {name: float(chain[name]) for name in noise} == pytest.approx(noise, rel=1e-9)
+    camera = yaml_of("open_vins", "kalibr_imucam_chain.yaml")["cam0"]
+    assert np.abs(np.array(camera["T_imu_cam"]) - T_IMU_CAMERA.matrix).max() < 1e-8
+    basalt = yaml_of("basalt", "basalt.json")["value0"]
+    pose = basalt["T_imu_cam"][0]
+    found = SE3.from_quat_xyzw([pose[f"q{a}"] for a in "xyzw"], [pose[f"p{a}"] for a in "xyz"])
+    assert np.abs(found.matrix - T_IMU_CAMERA.matrix).max() < 1e-8
+    assert basalt["imu_update_rate"] == 400
+    assert basalt["gyro_noise_std"] == pytest.approx([noise["gyroscope_noise_density"]] * 3)
+    text = filled(system_files("vins-fusion"), with_imu)["vins_fusion.yaml"]
+    storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+    assert np.abs(storage.getNode("body_T_cam0").mat() - T_IMU_CAMERA.matrix).max() < 1e-8
+    per_reading = 20 * noise["accelerometer_noise_density"]  # integration_base.h weights each one
+    assert storage.getNode("acc_n").real() == pytest.approx(per_reading)
 
 
 def test_bounds_are_those_of_what_is_seen_and_five_percent(written):
