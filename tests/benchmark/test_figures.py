@@ -14,6 +14,8 @@ from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.headless import cli
 from iclnuim.raycast.caster import RayCaster
+from iclnuim.tools import measured
+from iclnuim.tools.measured_cells import PublishedCells
 from made_up import only, results, written
 
 
@@ -41,8 +43,18 @@ def test_a_figure_of_surfaces_shows_what_is_measured_and_names_what_is_not(
     figure = draw(number, material)
     axes = [a for a in figure.axes if a.get_visible() and a.get_title()]
     assert len(axes) == panels and sum(bool(a.images) for a in axes) == drawn
-    missing = [a.get_title() for a in axes if any(t.get_text() == "not measured" for t in a.texts)]
+    missing = [a.get_title() for a in axes if any("not measured" in t.get_text() for t in a.texts)]
     assert len(missing) == panels - drawn and all("mean" not in title for title in missing)
+
+
+@pytest.mark.parametrize("number", range(5, 10))
+def test_every_figure_of_cells_shows_the_errors_of_those_that_the_checkout_has(tmp_path, number):
+    cells = PublishedCells.read(measured.TOP / measured.CELLS).benchmark()
+    figure = draw(number, Material(Sources(tmp_path, tmp_path), cells))
+    shown = [a for a in figure.axes if a.get_title()]
+    labels = [label.get_text() for a in shown if (box := a.get_legend()) for label in box.texts]
+    words = labels if number == 8 else [a.get_title() for a in shown]
+    assert words and all(" mm" in text for text in words)
 
 
 def test_the_best_of_the_five_is_drawn_in_each_of_sixteen_panels(material):

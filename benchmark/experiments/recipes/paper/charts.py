@@ -1,8 +1,9 @@
 """The paper's figures 1 to 9, drawn from our rooms, frames and cells."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from iclnuim import shipped
@@ -149,9 +150,9 @@ def _heat_maps(number: int, noise: str) -> Callable[[Material], Figure]:
 def _pictures(
     material: Material, number: int, cells: Sequence[Where], kind: str, title: str
 ) -> Figure:
-    """A grid of the cells' surface.jpg or heat.jpg."""
+    """A grid of the cells' surface.jpg or heat.jpg, with their errors."""
     ours = Ours(material.results, material.preset)
-    if not any("surface" in ours.figures(cell) for cell in cells):
+    if not any(ours.figures(cell) for cell in cells):
         odometers = ",".join(sorted({cell.odometer for cell in cells}))
         only = f"{cells[0].room}/{cells[0].noise}/{odometers}"
         raise _lacking(number, "measured cells", f"iclnuim benchmark --only {only}")
@@ -163,24 +164,28 @@ def _pictures(
         name = cell.trajectory
         if cell.odometer != "icp":
             name += f" ({paper_titles()[cell.odometer]})"
+        axes.set_title(name + _errors(ours.figures(cell)), fontsize=10)
         result = ours.result(cell)
         if result is None or surface_of(result.figures) is None:
-            _write_in(axes, NOT_MEASURED)
-            axes.set_title(name, fontsize=10)
+            _write_in(axes, f"surface {NOT_MEASURED}")
             continue
         path = result.folder / f"{kind}.jpg"
         if result.folder.name and path.is_file():
             axes.imshow(read_colour8(path))
         else:
             _write_in(axes, "picture not kept")
-        mean_mm = 1e3 * (surface_of(result.figures) or 0)
-        ate_mm = 1e3 * (ate_of(result.figures) or 0)
-        axes.set_title(f"{name}: mean {mean_mm:.2f} mm, ATE {ate_mm:.2f} mm", fontsize=10)
     if kind == "heat":
         scale = ScalarMappable(colors.LogNorm(*HEAT_MM), colormaps["turbo"])
         label = "distance to the model [mm]"
         figure.colorbar(scale, ax=panels, label=label, extend="both", shrink=0.7)
     return figure
+
+
+def _errors(figures: Mapping[str, Any]) -> str:
+    """`: mean 0.28 mm, ATE 0.04 mm`: those that are measured."""
+    named = {"mean": surface_of(figures), "ATE": ate_of(figures)}
+    words = [f"{name} {1e3 * value:.2f} mm" for name, value in named.items() if value is not None]
+    return f": {', '.join(words)}" if words else ""
 
 
 def _write_in(axes: Axes, words: str) -> None:

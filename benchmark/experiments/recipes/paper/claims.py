@@ -16,8 +16,8 @@ METHOD, ROOM, NOISE = "method", "room", "noise"
 @dataclass(frozen=True)
 class Claim:
     """`smaller` is less than `greater`, in metres. kind: what it compares. smaller_is, greater_is:
-    the figures in words. times: `greater` has to be so many times as large. close: figures within
-    the tolerance fulfil it, too (`narrowly`).
+    the figures in words. times: `greater` has to be so many times as large. narrow: the sentence
+    says `narrowly`, so any difference in its direction fulfils it.
     """
 
     kind: str
@@ -26,7 +26,7 @@ class Claim:
     smaller_is: str
     greater_is: str
     times: float = 1.0
-    close: bool = False
+    narrow: bool = False
 
     @property
     def margin(self) -> float:
@@ -40,7 +40,7 @@ class Claim:
             return True
         if self.margin < 1 - TOLERANCE:
             return False
-        return True if self.close else None
+        return True if self.narrow and self.margin > 1 else None
 
     @property
     def words(self) -> str:
