@@ -33,7 +33,7 @@ from iclnuim.benchmark.experiments.recipes.paper.keys import (
     PaperKey,
     all_keys,
     core_seconds,
-    paper_titles,
+    paper_odometers,
 )
 from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND as BENCHMARK
 from iclnuim.benchmark.experiments.recipes.paper.recipe import code_of_trajectory
@@ -324,7 +324,7 @@ def _missing_stress(cells: PublishedCells) -> Iterator[MissingCells]:
         summary = stress_summary(cells, base)
         names = summary.perturbations if base == CLEAN else tuple(read_plan().perturbations)
         expected = len(_SEGMENTS) * (1 + SEVERITIES * len(names))
-        for method in summary.methods if base == CLEAN else paper_titles():
+        for method in summary.methods if base == CLEAN else paper_odometers():
             count = expected - sum((key.method, key.base) == (method, base) for key in found)
             if count:
                 what = f"--starts 1 --base {base} --methods {method}"

@@ -19,7 +19,8 @@ from iclnuim.benchmark.experiments.outcome import Outcome
 from iclnuim.benchmark.experiments.recipes.paper.keys import PaperKey
 from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND as BENCHMARK
 from iclnuim.benchmark.experiments.recipes.stress.recipe import KIND as STRESS
-from iclnuim.benchmark.experiments.recipes.stress.recipe import StressKey
+from iclnuim.benchmark.experiments.recipes.stress.recipe import StressKey, system_name
+from iclnuim.benchmark.odometry.registry import BASELINES
 from iclnuim.errors import InputError
 from iclnuim.formats.files import atomic_write_text, read_text, sha256
 from iclnuim.shipped import folder, paper_scenes
@@ -33,6 +34,17 @@ _LEFT_OUT = ("path", "not_fitted")
 _DIGITS = 6
 #: Words of an identity that are of the method's own code; that of the evaluation does not count.
 _CODE = ("method_code", "reference_code")
+#: Methods -> their words in keys, where these differ: a key stays when a method is renamed.
+_KEY_WORDS = {
+    **{name: f"baseline:{name}" for name in BASELINES},
+    **{
+        system_name(name): system_name(word)
+        for name, word in (("libfovis", "fovis"), ("dvo_core", "dvo"))
+    },
+    "libfovis": "FOVIS (libfovis)",
+    "dvo_core": "DVO (dvo_core)",
+}
+_METHODS = {word: name for name, word in _KEY_WORDS.items()}
 
 
 @dataclass(frozen=True)
@@ -103,7 +115,7 @@ class PublishedCells:
         for key, cell in self.cells.items():
             if key[0] == kind:
                 self.used[cell.run] = None
-                yield key[1:], cell
+                yield tuple(_METHODS.get(word, word) for word in key[1:]), cell
 
     def benchmark(self) -> list[Measured]:
         """The cells of `iclnuim benchmark`."""
@@ -143,6 +155,7 @@ class PublishedCells:
             code = {name: result.identity.get(name) for name in _CODE}
             key = result.key
             words = key.words if isinstance(key, StressKey) else astuple(key)
+            words = tuple(_KEY_WORDS.get(word, word) for word in words)
             self.cells[kind, *words] = PublishedCell(
                 run,
                 short(result.figures),

@@ -26,10 +26,11 @@ from iclnuim.benchmark.experiments.recipes.paper.findings import (
     headline,
     verdicts_table,
 )
-from iclnuim.benchmark.experiments.recipes.paper.keys import NOISES, PaperKey, paper_titles
+from iclnuim.benchmark.experiments.recipes.paper.keys import NOISES, PaperKey, paper_odometers
 from iclnuim.benchmark.experiments.recipes.paper.speed import speed_table
 from iclnuim.benchmark.experiments.recipes.paper.tables import preset_tables, quality_of
-from iclnuim.benchmark.experiments.recipes.stress.tables import Summary
+from iclnuim.benchmark.experiments.recipes.stress.recipe import system_name
+from iclnuim.benchmark.experiments.recipes.stress.tables import Summary, method_name
 from iclnuim.benchmark.experiments.table import NOT_MEASURED, ResultTable, mm, shown
 from iclnuim.benchmark.perturbations.plan import CLEAN, NOISY, read_plan
 from iclnuim.shipped import TRAJECTORY_NAMES, further_sequences, paper_sequences
@@ -38,15 +39,11 @@ from iclnuim.tools.measured_tables import Rows, words
 from iclnuim.tools.scene_ways_drawn import scene_ways_figure, scene_ways_table
 from matplotlib.figure import Figure
 
-#: The titles of programs by the authors of a method, and our odometer.
-_AUTHORS = tuple((title, name) for name, title in AUTHORS.items())
+#: The programs by the authors of a method, and our odometer.
+_AUTHORS = tuple((program, name) for name, program in AUTHORS.items())
 _SYSTEMS = ("ORB-SLAM3", "RTAB-Map", *AUTHORS.values())
-#: Titles of the systems among the methods of `iclnuim stress`.
-_STRESS_TITLES = {
-    "run:fovis": AUTHORS["fovis"],
-    "run:dvo": AUTHORS["dvo"],
-    "run:orbslam3": "ORB-SLAM3",
-}
+#: The systems among the methods of `iclnuim stress`.
+_STRESS_SYSTEMS = tuple(map(system_name, ("libfovis", "dvo_core", "orbslam3")))
 _OURS = ("fovis", "rgbd", "dvo", "icp", "icp_rgbd")
 #: The columns of our figures next to the printed ones.
 _PRINTED = " | ".join(f"{kt} | printed" for kt in TRAJECTORY_NAMES)
@@ -224,10 +221,10 @@ def noise_seeds(cells: PublishedCells) -> Rows:
         over_seeds.setdefault(replace(key, seed=0), []).extend(errors_m)
     rows = []
     for sequence in _noisy_sequences():
-        keys = [PaperKey(*sequence, name, "best", reference_of(name)) for name in paper_titles()]
+        keys = [PaperKey(*sequence, name, "best", reference_of(name)) for name in paper_odometers()]
         found = [over_seeds.get(key, []) for key in keys]
         rows.append([_title(sequence), *map(_shown, found), str(min(map(len, found)))])
-    return [["ATE, mm", *paper_titles().values(), "seeds, at least"], *rows]
+    return [["ATE, mm", *paper_odometers(), "seeds, at least"], *rows]
 
 
 def correlations(cells: PublishedCells) -> Rows:
@@ -236,13 +233,13 @@ def correlations(cells: PublishedCells) -> Rows:
 
 
 def against_model(cells: PublishedCells) -> Rows:
-    """ATE in mm of ICP and ICP+RGB-D against a model, next to the printed ones."""
+    """ATE in mm of icp and icp_rgbd against a model, next to the printed ones."""
     ours = Ours(cells.benchmark())
     rows = []
     for room, noise, name in product(("living_room", "office"), NOISES, ("icp", "icp_rgbd")):
         wheres = [Where(room, kt, noise, name) for kt in TRAJECTORY_NAMES]
         beside = _beside(map(ours.ate, wheres), map(Printed().ate, wheres))
-        rows.append([f"{room.replace('_', ' ')} {noise}", paper_titles()[name], *beside])
+        rows.append([f"{room.replace('_', ' ')} {noise}", name, *beside])
     return words(f"ATE, mm | | {_PRINTED}", filter(_has_ours, rows))
 
 
@@ -250,10 +247,10 @@ def surfaces(cells: PublishedCells) -> Rows:
     """Mean distance in mm of the surfaces of the living room to the model."""
     ours = Ours(cells.benchmark())
     rows = []
-    for noise, (name, title) in product(NOISES, paper_titles().items()):
+    for noise, name in product(NOISES, paper_odometers()):
         wheres = [Where("living_room", kt, noise, name) for kt in TRAJECTORY_NAMES]
         beside = _beside(map(ours.surface, wheres), map(Printed().surface, wheres))
-        rows.append([noise, title, *beside])
+        rows.append([noise, name, *beside])
     return words(f"mean distance, mm | | {_PRINTED}", filter(_has_ours, rows))
 
 
@@ -280,15 +277,11 @@ def stress_summary(cells: PublishedCells, base: str = CLEAN) -> Summary:
     """The cells of `iclnuim stress` of a base; ours first, then the systems."""
     every = cells.stress().items()
     found = {key: outcome.to_dict() for key, outcome in every if key.base == base}
-    further = sorted({key.method for key in found} - {*_OURS, *_STRESS_TITLES})
+    further = sorted({key.method for key in found} - {*_OURS, *_STRESS_SYSTEMS})
     plan = read_plan()
     measured = {key.perturbation for key in found}
     names = tuple(name for name in plan.perturbations if name in measured)
-    return Summary.of(plan, [*_OURS, *_STRESS_TITLES, *further], names, found, base)
-
-
-def _stress_title(method: str) -> str:
-    return _STRESS_TITLES.get(method, method.removeprefix("baseline:"))
+    return Summary.of(plan, [*_OURS, *_STRESS_SYSTEMS, *further], names, found, base)
 
 
 def stress_fails(cells: PublishedCells) -> Rows:
@@ -304,13 +297,13 @@ def stress_noisy(cells: PublishedCells) -> Rows:
 
 
 def _fails(summary: Summary) -> Rows:
-    shown = [name for name in summary.methods if name in (*_OURS, *_STRESS_TITLES)]
+    shown = [name for name in summary.methods if name in (*_OURS, *_STRESS_SYSTEMS)]
     rows = []
     for name in summary.perturbations:
         failing = [_fails_from(summary, method, name) for method in shown]
         if any(failing):
             rows.append([f"`{name}`", *(word or NOT_MEASURED for word in failing)])
-    return [["fails from severity", *map(_stress_title, shown)], *rows]
+    return [["fails from severity", *map(method_name, shown)], *rows]
 
 
 def _fails_from(summary: Summary, method: str, perturbation: str) -> str:
@@ -337,7 +330,7 @@ def stress_totals(cells: PublishedCells) -> Rows:
         )
         segments = sum(group.segments for group in perturbed)
         texts = [str(segments), *(f"{share:.1%}" for share in shares)]
-        rows.append([_stress_title(method), *texts, _or_not(clean.ate_m if clean else None)])
+        rows.append([method_name(method), *texts, _or_not(clean.ate_m if clean else None)])
     header = (
         "method | segments | succeed | frames: wrong, reported as good"
         " | frames: right, reported as bad | unperturbed ATE, mm"
@@ -408,7 +401,7 @@ def surface_quality(cells: PublishedCells) -> Rows:
     """The surfaces of the living room along the trajectories of our odometers, against the model."""
     ours = Ours(cells.benchmark())
     rows = []
-    for noise, name, kt in product(NOISES, paper_titles(), TRAJECTORY_NAMES):
+    for noise, name, kt in product(NOISES, paper_odometers(), TRAJECTORY_NAMES):
         figures = ours.figures(Where("living_room", kt, noise, name))
         if "surface" in figures:
             lengths = ("accuracy_m", "completion_m", "depth_l1_m")

@@ -19,7 +19,7 @@ _CURVES = {"iterations": 1.0, "levels": 0.0, "pixels": 1.0, "resolution": 640.0}
 _NOISE = f"bench noise {_KT2}/raw --frames :120 --official ../shared/data/iclnuim/or_kt3"
 _SENSORS = (
     "experiment sensors out/office/kt0/clean --frames :150 --workers 1 --set "
-    "methods=icp,rgbd,icp_rgbd,dvo,fovis,baseline:opencv-rgbd,baseline:opencv-rgbd-icp"
+    "methods=icp,rgbd,icp_rgbd,dvo,fovis,opencv-rgbd,opencv-rgbd-icp"
 )
 #: Title of the row, kind of sequence, options of `fuse`.
 _SURFACES = (
@@ -251,8 +251,7 @@ def _sensors(found: Sequence[Any]) -> Rows:
     for one in cells:
         runs = ({"ate_rmse_m": one["ate_m"][name]} for name in methods)
         rows.append([one["variant"], f"{one['missing_share']:.1%}", *map(_mm, runs)])
-    titles = (name.removeprefix("baseline:") for name in methods)
-    return words(" | ".join(["sensor", "missing", *titles]), rows)
+    return words(" | ".join(["sensor", "missing", *methods]), rows)
 
 
 def _plotted(command: str, picture: str) -> str:

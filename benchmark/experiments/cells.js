@@ -52,11 +52,11 @@ function scatter() {
   const svg = make("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "ATE against mean surface error of all cells" });
   for (let p = x0; p <= x1; p++) svg.append(draw("path", { d: `M${x(10 ** p)} 15V${height - 45}`, class: "axis" }), draw("text", { x: x(10 ** p), y: height - 29, "text-anchor": "middle" }, `${+(10 ** p).toPrecision(2)}`));
   for (let p = y0; p <= y1; p++) svg.append(draw("path", { d: `M60 ${y(10 ** p)}H${width - 20}`, class: "axis" }), draw("text", { x: 53, y: y(10 ** p) + 4, "text-anchor": "end" }, `${+(10 ** p).toPrecision(2)}`));
-  for (const c of cells) svg.append(draw(c.room === "office" ? "rect" : "circle", { ...(c.room === "office" ? { x: x(c.ate) - 4, y: y(c.surface) - 4, width: 8, height: 8 } : { cx: x(c.ate), cy: y(c.surface), r: 4.5 }), fill: c.noise === "noisy" ? colourOf(c.title) : "none", stroke: colourOf(c.title), "stroke-width": 1.6 }, draw("title", {}, `${c.name}: ATE ${c.ate.toFixed(2)} mm, surface ${c.surface.toFixed(2)} mm`)));
+  for (const c of cells) svg.append(draw(c.room === "office" ? "rect" : "circle", { ...(c.room === "office" ? { x: x(c.ate) - 4, y: y(c.surface) - 4, width: 8, height: 8 } : { cx: x(c.ate), cy: y(c.surface), r: 4.5 }), fill: c.noise === "noisy" ? colourOf(c.odometer) : "none", stroke: colourOf(c.odometer), "stroke-width": 1.6 }, draw("title", {}, `${c.name}: ATE ${c.ate.toFixed(2)} mm, surface ${c.surface.toFixed(2)} mm`)));
   svg.append(draw("text", { x: width / 2, y: height - 8, "text-anchor": "middle" }, "ATE in mm"), draw("text", { x: 14, y: height / 2 - 20, transform: `rotate(-90 14 ${height / 2 - 20})`, "text-anchor": "middle" }, "mean surface error in mm"));
   chart.append(svg);
   const keys = document.getElementById("keys");
-  for (const title of [...new Set(cells.map(c => c.title))]) keys.append(make("span", { class: "key", style: `background:${colourOf(title)}` }), `${title} \u2003`);
+  for (const title of [...new Set(cells.map(c => c.odometer))]) keys.append(make("span", { class: "key", style: `background:${colourOf(title)}` }), `${title} \u2003`);
   keys.append("round: living room, square: office; hollow: clean, filled: noisy");
 }
 
@@ -103,7 +103,7 @@ function rowOf(cell) {
 function opened(cell) {
   const box = make("div", { class: "cell" }), figure = (content, text) => box.append(make("figure", {}, content, make("figcaption", {}, text)));
   if (cell.failed) box.append(make("p", {}, `Failed: ${cell.failed}`));
-  if (cell.path) { figure(pathChart(cell.path, cell.title), "Trajectory: estimate in colour, ground truth in grey"); figure(errorChart(cell.path, cell.title), "Error over time"); }
+  if (cell.path) { figure(pathChart(cell.path, cell.odometer), "Trajectory: estimate in colour, ground truth in grey"); figure(errorChart(cell.path, cell.odometer), "Error over time"); }
   const picture = (name, text) => { if (cell[name]) figure(make("img", { src: cell[name], alt: `${text} of ${cell.name}`, width: 720, height: 540 }), text); };
   picture("heat_jpg", "Surface coloured by its distance to the model");
   if (cell.heat_jpg) box.lastChild.append(make("div", { class: "heat" }), make("span", { class: "soft" }, data.heat_text));

@@ -11,16 +11,15 @@ from .protocol import Odometer
 
 @dataclass(frozen=True)
 class OdometerEntry:
-    """An odometer of ours: its class by module and name, and what tables say of it.
+    """An odometer of ours: its class by module and name, and what the benchmark needs of it.
 
-    title: its name in tables. family: what it aligns. references: what the benchmark aligns its
+    family: what it aligns. references: what the benchmark aligns its
     frames against; the first is the paper's. in_paper: whether it is one of the five odometers of
     the paper.
     """
 
     module: str
     class_name: str
-    title: str
     family: Literal["photometric", "geometric", "features"]
     references: tuple[str, ...] = ("default",)
     in_paper: bool = False
@@ -29,21 +28,21 @@ class OdometerEntry:
 _MODEL_FIRST = ("model", "default")
 #: In the order of the paper's tables; this module imports neither numba nor OpenCV.
 ODOMETERS = {
-    "dvo": OdometerEntry(".photometric", "Dvo", "DVO", "photometric", ("default", "model"), True),
-    "fovis": OdometerEntry(".fovis", "Fovis", "FOVIS", "features", in_paper=True),
-    "rgbd": OdometerEntry(".photometric", "Rgbd", "RGB-D", "photometric", in_paper=True),
-    "icp": OdometerEntry(".icp", "Icp", "ICP", "geometric", _MODEL_FIRST, True),
-    "icp_rgbd": OdometerEntry(".icp_rgbd", "IcpRgbd", "ICP+RGB-D", "geometric", _MODEL_FIRST, True),
+    "dvo": OdometerEntry(".photometric", "Dvo", "photometric", ("default", "model"), True),
+    "fovis": OdometerEntry(".fovis", "Fovis", "features", in_paper=True),
+    "rgbd": OdometerEntry(".photometric", "Rgbd", "photometric", in_paper=True),
+    "icp": OdometerEntry(".icp", "Icp", "geometric", _MODEL_FIRST, True),
+    "icp_rgbd": OdometerEntry(".icp_rgbd", "IcpRgbd", "geometric", _MODEL_FIRST, True),
 }
 #: third-party odometers: name -> (class in baselines.py, name of the method in the package, import
 #: name of the package)
 BASELINES = {
-    "baseline:opencv-rgbd": ("OpencvOdometer", "RgbdOdometry", "cv2.rgbd"),
-    "baseline:opencv-icp": ("OpencvOdometer", "ICPOdometry", "cv2.rgbd"),
-    "baseline:opencv-rgbd-icp": ("OpencvOdometer", "RgbdICPOdometry", "cv2.rgbd"),
-    "baseline:open3d-plane": ("Open3dOdometer", "PointToPlane", "open3d"),
-    "baseline:open3d-intensity": ("Open3dOdometer", "Intensity", "open3d"),
-    "baseline:open3d-hybrid": ("Open3dOdometer", "Hybrid", "open3d"),
+    "opencv-rgbd": ("OpencvOdometer", "RgbdOdometry", "cv2.rgbd"),
+    "opencv-icp": ("OpencvOdometer", "ICPOdometry", "cv2.rgbd"),
+    "opencv-rgbd-icp": ("OpencvOdometer", "RgbdICPOdometry", "cv2.rgbd"),
+    "open3d-plane": ("Open3dOdometer", "PointToPlane", "open3d"),
+    "open3d-intensity": ("Open3dOdometer", "Intensity", "open3d"),
+    "open3d-hybrid": ("Open3dOdometer", "Hybrid", "open3d"),
 }
 #: import name -> package for pip
 PACKAGES = DISTRIBUTIONS | {

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS
+from iclnuim.benchmark.odometry.registry import names
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import read_text
 from iclnuim.sequences.slam_settings import SLAM_SETTINGS
@@ -129,7 +129,7 @@ class System:
         known = {
             **self.options,
             "here": str(self.here),
-            "odometer": _odometers().get(self.name, ""),
+            "odometer": self.name,
             **values,
         }
 
@@ -169,14 +169,8 @@ def built_in() -> list[str]:
     """Names of the built-in systems."""
     return [
         *sorted(file.stem for file in _HERE.glob("*.toml") if file != _ODOMETRY_FILE),
-        *_odometers(),
+        *names(),
     ]
-
-
-def _odometers() -> dict[str, str]:
-    """Name of a system -> odometer of `iclnuim odometry`."""
-    ours = {f"ours:{name}": name for name in ODOMETERS}
-    return ours | {name: name for name in BASELINES}
 
 
 def user_folder() -> Path:
@@ -232,6 +226,16 @@ def has_scale(name: str) -> bool:
     return _content(_file_of(name)).get("has_scale", True) is not False
 
 
+def title_of(name: str) -> str:
+    """The name in tables of a system of the user's folder or of the built-in ones; of another one,
+    which ran elsewhere, the name itself.
+    """
+    try:
+        return _content(_file_of(name)).get("title", name)
+    except InputError:
+        return name
+
+
 def _content(file: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(read_text(file, "a system's file (TOML)"))
@@ -245,7 +249,7 @@ def _file_of(name: str) -> Path:
     for folder in (user_folder(), _HERE):
         if (folder / f"{name}.toml").is_file():
             return folder / f"{name}.toml"
-    if name in _odometers():
+    if name in names():
         return _ODOMETRY_FILE
     raise InputError(
         f"a system ({', '.join(built_in())}), or the path of its .toml file", found=name

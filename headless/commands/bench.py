@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from iclnuim import checkout
 from iclnuim.benchmark.experiments.recipes.system.recipe import merged, read_results
-from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS, names, odometer
+from iclnuim.benchmark.odometry.registry import ODOMETERS, names, odometer
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 
@@ -87,9 +87,7 @@ def _odometry(args: Namespace, console: Console) -> None:
     from iclnuim.benchmark.odometry.run import odometry_table
 
     only = args.only or ""
-    # named as in `iclnuim run`
-    which = [name for name in ODOMETERS if only in f"ours:{name}"]
-    which += [name for name in BASELINES if only in name]
+    which = list(ODOMETERS) if only == "ours" else [name for name in names() if only in name]
     if not which:
         raise InputError(f"part of a name of {', '.join(names())}", found=args.only)
     results = []

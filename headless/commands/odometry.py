@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from iclnuim.benchmark.odometry.protocol import reads_depth_alone
 from iclnuim.benchmark.odometry.references import REFERENCES
-from iclnuim.benchmark.odometry.registry import ODOMETERS, odometer
+from iclnuim.benchmark.odometry.registry import ODOMETERS, names, odometer
 from iclnuim.console import Console
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.files import check_file
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 def configure(parser: ArgumentParser) -> None:
     add = parser.add_argument
-    methods = f"{', '.join(ODOMETERS)} or baseline:NAME (see docs/guide/odometry.md)"
+    methods = f"one of {', '.join(names())} (docs/guide/odometry.md)"
     add("method", nargs="?", metavar="METHOD", help=methods)
     add("folder", type=Path, metavar="DIR", help="a sequence in any supported format")
     help = "write a TUM trajectory; with --all a folder, METHOD.txt for each"

@@ -83,7 +83,7 @@ def _add_methods(parser: ArgumentParser) -> None:
     """Add what chooses odometers and systems."""
     add = parser.add_argument
     help = (
-        "an odometer, or all whose name contains TEXT, such as `baseline`; may be given several "
+        "an odometer, or all whose name contains TEXT, such as `opencv`; may be given several "
         "times; default: all that are installed, with --system none"
     )
     add("--methods", action="append", default=[], metavar="TEXT", help=help)

@@ -63,7 +63,7 @@ def test_the_best_of_the_five_is_drawn_in_each_of_sixteen_panels(material):
     panel = next(a for a in figure.axes if a.get_title() == "office kt1, noisy")
     mine = only(list(material.results), room="office", trajectory="kt1", noise="noisy")
     best = min(mine, key=lambda r: r.figures["ate_m"]["rmse"])
-    assert best.key.title in panel.lines[1].get_label()
+    assert best.key.odometer in panel.lines[1].get_label()
     assert f"{1e3 * best.figures['ate_m']['rmse']:.2f} mm" in panel.lines[1].get_label()
 
 

@@ -214,12 +214,10 @@ def test_the_authors_programs_stand_in_the_place_of_our_odometers():
     theirs = []
     for key in paper:
         if key.odometer == "fovis" and not key.seed:
-            system = replace(
-                key, odometer="FOVIS (libfovis)", preset="final", reference="run", run=1
-            )
+            system = replace(key, odometer="libfovis", preset="final", reference="run", run=1)
             theirs.append(result(system, 5.0))
         if (key.odometer, key.reference) == ("dvo", "default"):
-            system = replace(key, odometer="DVO (dvo_core)", preset="final", reference="run", run=1)
+            system = replace(key, odometer="dvo_core", preset="final", reference="run", run=1)
             theirs.append(result(system, 0.1))
     found = verdicts_by_method([*ours, *theirs])
     words = {name: verdicts[7 - 1].word for name, verdicts in found.items()}

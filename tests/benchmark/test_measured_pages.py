@@ -10,8 +10,12 @@ from dataclasses import replace
 import pytest
 
 pytest.importorskip("numba")
-from iclnuim.benchmark.experiments.recipes.paper.keys import all_keys  # noqa: E402
+from iclnuim.benchmark.experiments.recipes.paper.keys import PaperKey, all_keys  # noqa: E402
 from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND, code_of_trajectory  # noqa: E402
+from iclnuim.benchmark.experiments.recipes.stress.recipe import KIND as STRESS  # noqa: E402
+from iclnuim.benchmark.experiments.recipes.stress.recipe import system_name  # noqa: E402
+from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS  # noqa: E402
+from iclnuim.benchmark.systems.system import built_in  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.headless import cli  # noqa: E402
 from iclnuim.tools import measured, measured_tables  # noqa: E402
@@ -82,8 +86,21 @@ def test_errors_over_the_noise_seeds_are_of_all_that_are_measured():
         by_sequence = {of[0]: dict(zip(header, of, strict=True)) for of in rows}
         return by_sequence["office kt1 noisy"]
 
-    assert row([0.003, 0.001, 0.002])["DVO"] == "2 (1 to 3)"
+    assert row([0.003, 0.001, 0.002])["dvo"] == "2 (1 to 3)"
     assert row([0.003, 0.001, 0.002])["seeds, at least"] == "0"  # the others have none
+
+
+def test_a_key_stays_when_a_method_is_renamed(cells):
+    of_others = {key.method for key in cells.stress()} - {*ODOMETERS}
+    assert of_others < {*BASELINES, *map(system_name, built_in())}
+    words = [key for key in cells.cells if key[0] == STRESS and key[5] == "baseline:opencv-icp"]
+    (one,) = [key for key in cells.stress() if key.words == (*words[0][1:5], "opencv-icp", "")]
+    again = PublishedCells()
+    measured_again = result(PaperKey("office", "kt0", "clean", "dvo_core", "final", "run"), 0.01)
+    for some, kind in ((replace(measured_again, key=one), STRESS), (measured_again, KIND)):
+        again.add([replace(some, identity={"input": "a"})], kind, MEASURED_RUN)
+    assert words[0] in again.cells and one not in again.cells
+    assert (KIND, "office", "kt0", "clean", "DVO (dvo_core)", "final", "run", 0, 0) in again.cells
 
 
 def test_every_table_stands_on_one_page():

@@ -68,7 +68,7 @@ def test_it_is_one_well_formed_file_that_loads_nothing(report):
         re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)[1]
     )
     assert len(data["cells"]) == 18 and data["cells"][0]["heat_jpg"].startswith("data:image/jpeg")
-    assert {"DVO", "FOVIS", "RGB-D", "ICP", "ICP+RGB-D"} == set(data["colours"])
+    assert {"dvo", "fovis", "rgbd", "icp", "icp_rgbd"} == set(data["colours"])
 
 
 def test_it_begins_with_the_best_method_of_each_condition_and_a_chart(report):

@@ -140,9 +140,9 @@ def test_icp_drifts_less_against_the_model(small, camera, room):
     assert errors["model"] < 0.5 * errors["frame"]
 
 
-@pytest.mark.parametrize("name", ["dvo", "rgbd", "icp_rgbd", "baseline:opencv-icp"])
+@pytest.mark.parametrize("name", ["dvo", "rgbd", "icp_rgbd", "opencv-icp"])
 def test_every_odometer_can_be_shown_the_model(small, name, camera, room):
-    if name.startswith("baseline:") and not hasattr(pytest.importorskip("cv2"), "rgbd"):
+    if name.startswith("opencv") and not hasattr(pytest.importorskip("cv2"), "rgbd"):
         pytest.skip("this OpenCV has no rgbd module (opencv-contrib-python-headless)")
     poses, frames = room
     assert error_m(tracked(name, "model", camera, frames[:13]), poses[:13]) < 0.01

@@ -106,7 +106,7 @@ def test_a_curve_is_one_command(command_here, folder):
         "--values",
         "160,80",
         "--method",
-        "baseline:opencv-icp",
+        "opencv-icp",
     )
     code, out, err = command_here(*words, "--json")
     assert code == 0, err
@@ -122,7 +122,7 @@ def test_what_cannot_be_varied_is_said_in_one_line(command_here, folder):
             "expected a curve (levels, iterations, pixels, resolution, voxel)",
         ),
         (
-            ("levels", folder, "--method", "baseline:opencv-icp"),
+            ("levels", folder, "--method", "opencv-icp"),
             "expected an odometer with such settings (dvo, rgbd, icp, icp_rgbd)",
         ),
         (
@@ -149,7 +149,7 @@ def test_what_cannot_be_varied_is_said_in_one_line(command_here, folder):
 
 
 def test_methods_without_the_setting_have_one_step(command_here, folder, tmp_path):
-    methods = ("--method", "icp", "--method", "baseline:opencv-icp")
+    methods = ("--method", "icp", "--method", "opencv-icp")
     words = ("bench", "curve", "iterations", folder, "--first", "6", "--values", "0.5,1", *methods)
     code, out, err = command_here(*words, "--json", "--plot", tmp_path / "curve.svg")
     assert code == 0, err
@@ -157,7 +157,7 @@ def test_methods_without_the_setting_have_one_step(command_here, folder, tmp_pat
     assert [(p["method"], p["value"]) for p in points] == [
         ("icp", 0.5),
         ("icp", 1.0),
-        ("baseline:opencv-icp", None),
+        ("opencv-icp", None),
     ]
     assert {p["processed"] for p in points} == {6} and len({p["sequence"] for p in points}) == 1
     drawn = (tmp_path / "curve.svg").read_text()
@@ -175,7 +175,7 @@ def test_a_sequence_whose_steps_are_measured_is_not_measured_again(command_here,
     copy = shutil.copytree(folder, tmp_path / "again/clean")
     (copy / "recipe.json").unlink()
     words = ("bench", "curve", "resolution", folder, copy, "--first", "6", "--values", "160,80")
-    words = (*words, "--method", "baseline:opencv-icp", "-o", tmp_path / "out", "--json")
+    words = (*words, "--method", "opencv-icp", "-o", tmp_path / "out", "--json")
     code, first, err = command_here(*words)
     assert code == 0, err
     assert "curve.html written" in err
@@ -194,7 +194,7 @@ def test_a_killed_curve_ends_in_the_same_table_but_for_times(folder, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "again/clean")
     (copy / "recipe.json").unlink()
     words = [sys.executable, "-m", "iclnuim", "bench", "curve", "iterations", folder, copy]
-    words += ["--method", "icp", "--method", "baseline:opencv-icp", "--json", "--quiet", "-o"]
+    words += ["--method", "icp", "--method", "opencv-icp", "--json", "--quiet", "-o"]
     begun = time.monotonic()
     whole = subprocess.run([*words, tmp_path / "whole"], capture_output=True, check=True)
     took_s = time.monotonic() - begun
@@ -218,7 +218,7 @@ def test_a_short_sequence_is_used_whole_and_too_many_frames_are_refused(command_
         "--values",
         "160",
         "--method",
-        "baseline:opencv-icp",
+        "opencv-icp",
     )
     code, out, err = command_here(*words, "--start", "2", "--json")
     assert code == 0, err

@@ -69,7 +69,7 @@ def test_cells_of_another_version_of_a_package_are_made_again(
     monkeypatch.setattr(code_version, "package_version", lambda package: "0.0.1")
     assert command_here(*words, "--methods", "icp")[0] == 0
     again = {file for file in stamps if os.stat(out / file).st_mtime_ns != stamps[file]}
-    assert again and again == {file for file in stamps if "/baseline" in file}
+    assert again and again == {file for file in stamps if "/open" in file}
 
 
 def test_cells_of_other_code_are_made_again(command_here, folder, tmp_path, monkeypatch):
@@ -114,8 +114,8 @@ def test_cells_of_a_file_are_reported_without_being_measured(
     some = ("--only", "holes", "--severities", "5", "--methods", "opencv-icp", "--quiet")
     _, json_text, _ = command_here(*copied, "-o", tmp_path / "third", *some, "--json")
     assert {(c["method"], c["severity"]) for c in json.loads(json_text)["cells"]} == {
-        ("baseline:opencv-icp", 0),
-        ("baseline:opencv-icp", 5),
+        ("opencv-icp", 0),
+        ("opencv-icp", 5),
     }
 
 
@@ -271,12 +271,12 @@ def test_a_system_is_judged_by_what_it_writes_of_the_perturbed_frames(
         "--frames",
         ":8",
     )
-    words = (*words, "--starts", "1", "--methods", "baseline:opencv-icp", "--workers", "1")
-    code, _, err = command_here(*words, "--system", "baseline:opencv-rgbd-icp", "--runs", "2")
+    words = (*words, "--starts", "1", "--methods", "opencv-icp", "--workers", "1")
+    code, _, err = command_here(*words, "--system", "opencv-rgbd-icp", "--runs", "2")
     assert code == 0, err
-    both = ("--methods", "baseline:opencv-rgbd-icp")
+    both = ("--methods", "opencv-rgbd-icp")
     assert command_here(*words[:-4], *both, "-o", tmp_path / "again", "--workers", "1")[0] == 0
-    place, name = "cells/box_clean/4/holes_5", "baseline_opencv-rgbd-icp.cell.json"
+    place, name = "cells/box_clean/4/holes_5", "opencv-rgbd-icp.cell.json"
     files = tmp_path / "out" / place / f"run_{name}", tmp_path / "again" / place / name
     system, own = (json.loads(file.read_text()) for file in files)
     assert system["identity"]["runs"] == 1  # it is deterministic

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import chain
 from typing import Any
 
+from iclnuim.benchmark.odometry.registry import BASELINES
 from iclnuim.report.charts import COLOURS, pareto_front
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -62,7 +63,7 @@ def look(method: str, methods: Sequence[str]) -> dict[str, Any]:
     colour = COLOURS[k % len(COLOURS)]
     inside = "white" if k >= len(COLOURS) else colour
     style = {"color": colour, "markerfacecolor": inside, "linewidth": 1, "markersize": 4}
-    if method.startswith("baseline:"):
+    if method in BASELINES:
         return {**style, "linestyle": ":", "marker": "s"}
     return {**style, "linestyle": "-", "marker": "o"}
 

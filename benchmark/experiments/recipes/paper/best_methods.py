@@ -49,8 +49,8 @@ def _medians(runs: Mapping[str, list[float]]) -> dict[str, float]:
 
 
 def method_name(key: PaperKey) -> str:
-    """`ICP`; with what is not the default: `ICP, paper, model`."""
-    words = [key.title, *({key.preset} - {"best"}), *({key.reference} - {"default"})]
+    """`icp`; with what is not the default: `icp, paper, model`."""
+    words = [key.odometer, *({key.preset} - {"best"}), *({key.reference} - {"default"})]
     return words[0] if key.external else ", ".join(words)
 
 

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from ...cell import Measured
 from ...table import NOT_MEASURED
 from .figures import Ours, Where, ate_of, surface_of
-from .keys import HEAT_MM, NOISES, paper_titles
+from .keys import HEAT_MM, NOISES, paper_odometers
 from .sources import Sources
 
 #: Viewpoints of figure 1: trajectory, and position as a share of its length.
@@ -130,9 +130,9 @@ def _both(material: Material, sequence: str) -> bool:
 
 
 def _surfaces(number: int, room: str) -> Callable[[Material], Figure]:
-    """5 and 7: surfaces fused along ICP's trajectories."""
+    """5 and 7: surfaces fused along icp's trajectories."""
     cells = [Where(room, kt, "clean", "icp") for kt in ("kt1", "kt2")]
-    title = f"Surfaces of the {_room(room)} along ICP's trajectories kt1 and kt2."
+    title = f"Surfaces of the {_room(room)} along icp's trajectories kt1 and kt2."
     return lambda material: _pictures(material, number, cells, "surface", title)
 
 
@@ -140,7 +140,7 @@ def _heat_maps(number: int, noise: str) -> Callable[[Material], Figure]:
     """6 and 9: surfaces coloured by their error."""
     cells = [Where("living_room", kt, noise, "icp") for kt in shipped.TRAJECTORY_NAMES]
     how = f"Surfaces of the living room by their distance to the model, {noise}"
-    along = "along ICP's trajectories"
+    along = "along icp's trajectories"
     if noise == "clean":
         cells.insert(0, Where("living_room", "kt0", noise, "dvo"))
         along += " except where noted"
@@ -163,7 +163,7 @@ def _pictures(
     for axes, cell in zip(panels.flat, cells, strict=False):
         name = cell.trajectory
         if cell.odometer != "icp":
-            name += f" ({paper_titles()[cell.odometer]})"
+            name += f" ({cell.odometer})"
         axes.set_title(name + _errors(ours.figures(cell)), fontsize=10)
         result = ours.result(cell)
         if result is None or surface_of(result.figures) is None:
@@ -220,7 +220,7 @@ def _of_the_five(material: Material, place: tuple[str, str, str]) -> list[Measur
     for result in material.results:
         key = result.key
         there = (key.room, key.trajectory, key.noise) == place and key.seed == 0
-        ours = key.odometer in paper_titles() and key.preset == material.preset
+        ours = key.odometer in paper_odometers() and key.preset == material.preset
         if there and ours and ate_of(result.figures) is not None:
             found.append(result)
     return found
@@ -236,8 +236,8 @@ def _draw_best(axes: Axes, results: Sequence[Measured]) -> bool:
     truth_m, estimate_m = _paths(best)
     a, b = widest_axes(truth_m)
     key = best.key
-    colour = COLOURS[list(paper_titles()).index(key.odometer) % len(COLOURS)]
-    name = f"{key.title} with a model" if key.reference == "model" else key.title
+    colour = COLOURS[paper_odometers().index(key.odometer) % len(COLOURS)]
+    name = f"{key.odometer} with a model" if key.reference == "model" else key.odometer
     name += f", {1e3 * (ate_of(best.figures) or 0):.2f} mm"
     axes.plot(truth_m[:, a], truth_m[:, b], color=REFERENCE_COLOUR, linewidth=4)
     if not len(estimate_m):

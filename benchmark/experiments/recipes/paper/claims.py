@@ -44,7 +44,7 @@ class Claim:
 
     @property
     def words(self) -> str:
-        """`method: ICP on kt0 345, ICP+RGB-D on kt0 1.14`."""
+        """`method: icp on kt0 345, icp_rgbd on kt0 1.14`."""
         smaller, greater = figures_mm(self.smaller), figures_mm(self.greater)
         return f"{self.kind}: {self.smaller_is} {smaller}, {self.greater_is} {greater}"
 

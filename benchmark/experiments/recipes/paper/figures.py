@@ -21,8 +21,8 @@ ATE_TABLES = {
     ("living_room", "noisy"): "5",
     ("office", "noisy"): "6",
 }
-#: Odometer of the paper -> the title of its authors' own program, which `iclnuim run` calls.
-AUTHORS = {"fovis": "FOVIS (libfovis)", "dvo": "DVO (dvo_core)"}
+#: Odometer of the paper -> its authors' own program, a system of `iclnuim run`.
+AUTHORS = {"fovis": "libfovis", "dvo": "dvo_core"}
 SURFACE_TABLES = {("living_room", "clean"): "2", ("living_room", "noisy"): "7"}
 
 

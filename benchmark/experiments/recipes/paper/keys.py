@@ -56,13 +56,6 @@ class PaperKey:
         return self.reference == EXTERNAL
 
     @property
-    def title(self) -> str:
-        """Name of the odometer in tables."""
-        if self.odometer in ODOMETERS:
-            return ODOMETERS[self.odometer].title
-        return self.odometer
-
-    @property
     def words(self) -> set[str]:
         """The words by which a filter selects it."""
         return {
@@ -104,9 +97,9 @@ def family(name: str) -> list[str]:
     return [key for key, entry in ODOMETERS.items() if entry.in_paper and entry.family == name]
 
 
-def paper_titles() -> dict[str, str]:
-    """The paper's five odometers -> their names, in the paper's order."""
-    return {name: entry.title for name, entry in ODOMETERS.items() if entry.in_paper}
+def paper_odometers() -> list[str]:
+    """The paper's five odometers, in the paper's order."""
+    return [name for name, entry in ODOMETERS.items() if entry.in_paper]
 
 
 def chosen(keys: Iterable[PaperKey], only: str | None) -> list[PaperKey]:
@@ -124,7 +117,7 @@ def chosen(keys: Iterable[PaperKey], only: str | None) -> list[PaperKey]:
         raise InputError(expected, setting="only", found=", ".join(unknown))
     found = [key for key in keys if all(key.words & set(part) for part in parts)]
     if keys and not found:
-        hint = "kt0,kt2/icp for ICP on kt0 and on kt2: a comma means or, a slash means and"
+        hint = "kt0,kt2/icp for icp on kt0 and on kt2: a comma means or, a slash means and"
         expected = "a filter that matches at least one cell"
         raise InputError(expected, setting="only", found=only, hint=hint)
     return found

@@ -30,7 +30,7 @@ from .findings import (
     findings_table,
     verdicts_table,
 )
-from .keys import HEAT_MM, paper_titles
+from .keys import HEAT_MM, paper_odometers
 from .rules import RULES
 from .sources import Sources
 from .speed import speed_figure, speed_table
@@ -231,7 +231,7 @@ def _row(result: Measured) -> dict[str, Any]:
         "sequence": key.sequence,
         "room": key.room,
         "noise": key.noise,
-        "title": key.title,
+        "odometer": key.odometer,
         "row": row,
         "search": " ".join((key.place, *row)).lower(),
         "ate": _mm(ate_of(result.figures)),
@@ -261,12 +261,12 @@ def _more(result: Measured) -> dict[str, str]:
 
 
 def _colours(results: Sequence[Measured]) -> dict[str, str]:
-    """Title -> colour in the charts; the paper's five odometers come first."""
+    """Odometer -> colour in the charts; the paper's five come first."""
     from iclnuim.report.charts import COLOURS
 
-    further = {r.key.title for r in results} - set(paper_titles().values())
-    titles = [*paper_titles().values(), *sorted(further)]
-    return {title: COLOURS[k % len(COLOURS)] for k, title in enumerate(titles)}
+    five = paper_odometers()
+    names = [*five, *sorted({r.key.odometer for r in results} - set(five))]
+    return {name: COLOURS[k % len(COLOURS)] for k, name in enumerate(names)}
 
 
 def _heat_gradient() -> str:

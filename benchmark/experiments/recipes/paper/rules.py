@@ -23,7 +23,7 @@ from .claims import (
     most,
 )
 from .figures import PaperFigures, Printed, Where
-from .keys import LAMBERTIAN, NOISES, family, paper_titles
+from .keys import LAMBERTIAN, NOISES, family, paper_odometers
 from .tables import LIVING, TRAJECTORIES
 
 OFFICE = "office"
@@ -87,22 +87,18 @@ def _surfaces(of: PaperFigures, noise: str, odometer: str, reference: str = "") 
 
 def _five(of: PaperFigures, room: str, noise: str, kt: str) -> dict[str, float]:
     """ATE of the five odometers."""
-    return {name: _ate(of, room, kt, noise, name) for name in paper_titles()}
+    return {name: _ate(of, room, kt, noise, name) for name in paper_odometers()}
 
 
 def _first(of: PaperFigures, room: str, noise: str, pick: Callable) -> str:
     """The odometers with the least (min) or greatest (max) ATE on kt0 to kt3, as text."""
     found = [_five(of, room, noise, kt) for kt in TRAJECTORIES]
-    return ", ".join(_name(pick(errors, key=errors.__getitem__)) for errors in found)
+    return ", ".join(pick(errors, key=errors.__getitem__) for errors in found)
 
 
 def _mean(values: Sequence[float]) -> float:
     """Geometric mean, as errors span orders of magnitude."""
     return math.exp(sum(map(math.log, values)) / len(values))
-
-
-def _name(odometer: str) -> str:
-    return paper_titles()[odometer]
 
 
 # -- claims of rules
@@ -115,7 +111,7 @@ def _best_of_five(of: PaperFigures, room: str, noise: str, kt: str, name: str) -
 
 
 def _below(kt: str, errors: dict[str, float], one: str, other: str, narrow: bool = False) -> Claim:
-    words = (f"{_name(one)} on {kt}", f"{_name(other)} on {kt}")
+    words = (f"{one} on {kt}", f"{other} on {kt}")
     return Claim(METHOD, errors[one], errors[other], *words, narrow=narrow)
 
 
@@ -156,8 +152,8 @@ def _all_but_kt0(clean: Sequence[float], noisy: Sequence[float], what: str) -> l
 
 def _kt2_best_kt0_worst(of: PaperFigures) -> Answer:
     means = _ates(of, LIVING, "clean", "icp", "mean")
-    claims = [*_least(means, 2, "ICP's mean"), *_greatest(means, 0, "ICP's mean")]
-    return every(claims, f"ICP's mean ATE {figures_mm(*means)}")
+    claims = [*_least(means, 2, "icp's mean"), *_greatest(means, 0, "icp's mean")]
+    return every(claims, f"icp's mean ATE {figures_mm(*means)}")
 
 
 def _nearer_but_rougher(of: PaperFigures) -> Answer:
@@ -165,11 +161,11 @@ def _nearer_but_rougher(of: PaperFigures) -> Answer:
     wheres = {name: Where(LIVING, "kt0", "clean", name) for name in ("dvo", "icp")}
     surface = {name: _there(of.surface(where)) for name, where in wheres.items()}
     text = (
-        f"kt0, DVO and ICP: ATE {figures_mm(*ate.values())}, "
+        f"kt0, dvo and icp: ATE {figures_mm(*ate.values())}, "
         f"surface {figures_mm(*surface.values())}"
     )
     nearer = _below("kt0", ate, "dvo", "icp")
-    words = ("the surface of ICP on kt0", "of DVO")
+    words = ("the surface of icp on kt0", "of dvo")
     rougher = Claim(METHOD, surface["icp"], surface["dvo"], *words)
     return every([nearer, rougher], text)
 
@@ -183,10 +179,10 @@ def _the_model_is_the_reason(of: PaperFigures) -> Answer:
     for name in ("icp", "dvo"):
         without = _there(of.surface(Where(LIVING, "kt0", "clean", name, "default")))
         against = _there(of.surface(Where(LIVING, "kt0", "clean", name, "model")))
-        words = (f"the surface of {_name(name)} with the model", "without")
+        words = (f"the surface of {name} with the model", "without")
         claims.append(Claim(METHOD, against, without, *words))
         both = f"{figures_mm(without)} without the model, {figures_mm(against)} with it"
-        texts.append(f"{_name(name)} {both}")
+        texts.append(f"{name} {both}")
     return every(claims, f"kt0's surface: {'; '.join(texts)}")
 
 
@@ -220,7 +216,7 @@ def _clear_pairs(of: PaperFigures, kt: str, noise: str) -> list[bool]:
     surface error: whether the better trajectory has the worse surface.
     """
     errors = []
-    for name in paper_titles():
+    for name in paper_odometers():
         where = Where(LIVING, kt, noise, name)
         ate, surface = of.ate(where), of.surface(where)
         if ate is not None and surface is not None:
@@ -240,10 +236,10 @@ def _the_model_helps_dvo(of: PaperFigures) -> Answer:
     against = _surfaces(of, "clean", "dvo", "model")
     claims = []
     for kt, better, worse in zip(TRAJECTORIES, against, without, strict=True):
-        words = (f"DVO's surface on {kt} with the model", "without")
+        words = (f"dvo's surface on {kt} with the model", "without")
         claims.append(Claim(METHOD, better, worse, *words))
     text = (
-        f"DVO's surfaces {figures_mm(*without)} without the model, {figures_mm(*against)} with it"
+        f"dvo's surfaces {figures_mm(*without)} without the model, {figures_mm(*against)} with it"
     )
     return most(claims, text)
 
@@ -255,7 +251,7 @@ def _dvo_on_kt0_icp_elsewhere(of: PaperFigures) -> Answer:
         claims += _best_of_five(of, LIVING, "clean", kt, "icp")
     text = (
         f"least ATE: {_first(of, LIVING, 'clean', min)}; "
-        f"kt0: DVO {figures_mm(kt0['dvo'])}, ICP {figures_mm(kt0['icp'])}"
+        f"kt0: dvo {figures_mm(kt0['dvo'])}, icp {figures_mm(kt0['icp'])}"
     )
     return every(claims, text)
 
@@ -267,20 +263,20 @@ def _fovis_worst(of: PaperFigures) -> Answer:
         others = [name for name in errors if name != "fovis"]
         claims += [_below(kt, errors, name, "fovis") for name in others]
     fovis = figures_mm(*_ates(of, LIVING, "clean", "fovis"))
-    return every(claims, f"greatest ATE: {_first(of, LIVING, 'clean', max)}; FOVIS {fovis}")
+    return every(claims, f"greatest ATE: {_first(of, LIVING, 'clean', max)}; fovis {fovis}")
 
 
 def _photometric_poor(of: PaperFigures, room: str = LIVING) -> Answer:
     photometric = _mean(_ates_of(of, room, "clean", family("photometric")))
     geometric = _mean(_ates_of(of, room, "clean", family("geometric")))
-    words = ("ICP and ICP+RGB-D", "DVO and RGB-D")
+    words = ("icp and icp_rgbd", "dvo and rgbd")
     text = f"{words[1]} {figures_mm(photometric)}, {words[0]} {figures_mm(geometric)}"
     return every([Claim(METHOD, geometric, photometric, *words)], text)
 
 
 def _icp_slides_on_kt0(of: PaperFigures) -> Answer:
     ate = _ates(of, LIVING, "clean", "icp")
-    answer = every(_greatest(ate, 0, "ICP"), f"ICP's ATE {figures_mm(*ate)}")
+    answer = every(_greatest(ate, 0, "icp"), f"icp's ATE {figures_mm(*ate)}")
     if isinstance(of, Printed):
         return answer
     wheres = [Where(LIVING, kt, "clean", "icp") for kt in TRAJECTORIES]
@@ -294,10 +290,10 @@ def _icp_slides_on_kt0(of: PaperFigures) -> Answer:
 
 def _icp_best_in_the_office(of: PaperFigures) -> Answer:
     ate = _ates(of, OFFICE, "clean", "icp")
-    claims = _greatest(ate, 1, "ICP", _SIGNIFICANTLY)
+    claims = _greatest(ate, 1, "icp", _SIGNIFICANTLY)
     for kt in TRAJECTORIES:
         claims += _best_of_five(of, OFFICE, "clean", kt, "icp")
-    text = f"least ATE: {_first(of, OFFICE, 'clean', min)}; ICP {figures_mm(*ate)}"
+    text = f"least ATE: {_first(of, OFFICE, 'clean', min)}; icp {figures_mm(*ate)}"
     return every(claims, text)
 
 
@@ -313,7 +309,7 @@ def _assumptions(of: PaperFigures) -> Answer:
     except MissingFigure:
         raise MissingFigure(worse.figures) from None
     with_them = _mean(_ates_of(of, OFFICE, "clean", family("photometric")))
-    words = ("DVO and RGB-D without reflections", "with")
+    words = ("dvo and rgbd without reflections", "with")
     claim = Claim(ROOM, without, with_them, *words, times=_EXPLAINED)
     answer = every([claim], f"{worse.figures}; {words[0]} {figures_mm(without)}")
     return Answer(all_hold([worse.holds, answer.holds]), answer.figures, answer.cause)
@@ -322,23 +318,23 @@ def _assumptions(of: PaperFigures) -> Answer:
 def _noise_costs_surface(of: PaperFigures) -> Answer:
     clean = _surfaces(of, "clean", "icp")
     noisy = _surfaces(of, "noisy", "icp")
-    text = f"ICP's surfaces {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy"
-    return every([_grows(sum(clean), sum(noisy), "sum of ICP's surfaces")], text)
+    text = f"icp's surfaces {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy"
+    return every([_grows(sum(clean), sum(noisy), "sum of icp's surfaces")], text)
 
 
 def _icp_best_surfaces(of: PaperFigures) -> Answer:
     clean = _surfaces(of, "clean", "icp")
     noisy = _surfaces(of, "noisy", "icp")
-    text = f"ICP's surfaces {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy"
-    claims = _all_but_kt0(clean, noisy, "ICP's surface")
+    text = f"icp's surfaces {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy"
+    claims = _all_but_kt0(clean, noisy, "icp's surface")
     grown = every(claims, text)
     if isinstance(of, Printed) or grown.holds is False:
         return grown  # the paper prints no noisy surfaces of the other odometers
-    for name in paper_titles():
+    for name in paper_odometers():
         if name != "icp":
             theirs = _surfaces(of, "noisy", name)
             for kt, mine, other in zip(TRAJECTORIES, noisy, theirs, strict=True):
-                words = (f"ICP's surface on {kt}", f"{_name(name)}'s")
+                words = (f"icp's surface on {kt}", f"{name}'s")
                 claims.append(Claim(METHOD, mine, other, *words))
     return every(claims, text)
 
@@ -346,15 +342,15 @@ def _icp_best_surfaces(of: PaperFigures) -> Answer:
 def _noise_costs_icp_but_on_kt0(of: PaperFigures) -> Answer:
     clean = _ates(of, LIVING, "clean", "icp")
     noisy = _ates(of, LIVING, "noisy", "icp")
-    text = f"ICP's ATE {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy"
-    return every(_all_but_kt0(clean, noisy, "ICP"), text)
+    text = f"icp's ATE {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy"
+    return every(_all_but_kt0(clean, noisy, "icp"), text)
 
 
 def _icp_suffers_on_kt3(of: PaperFigures) -> Answer:
     clean = _ate(of, LIVING, "kt3", "clean", "icp")
     noisy = _ate(of, LIVING, "kt3", "noisy", "icp")
-    text = f"ICP's ATE on kt3 {figures_mm(clean)} clean, {figures_mm(noisy)} noisy"
-    return every([_grows(clean, noisy, "ICP on kt3", _SIGNIFICANTLY)], text)
+    text = f"icp's ATE on kt3 {figures_mm(clean)} clean, {figures_mm(noisy)} noisy"
+    return every([_grows(clean, noisy, "icp on kt3", _SIGNIFICANTLY)], text)
 
 
 def _noise_may_help(of: PaperFigures) -> Answer:
@@ -365,10 +361,10 @@ def _noise_may_help(of: PaperFigures) -> Answer:
         for room in (LIVING, OFFICE):
             both = [_ates(of, room, noise, name) for noise in NOISES]
             for kt, clean, noisy in zip(TRAJECTORIES, *both, strict=True):
-                words = f"{_name(name)} on {room.replace('_', ' ')} {kt}"
+                words = f"{name} on {room.replace('_', ' ')} {kt}"
                 claims.append(_falls(clean, noisy, words))
         count = sum(claim.holds is True for claim in claims)
-        texts.append(f"{_name(name)} falls on {count} of {len(claims)} sequences")
+        texts.append(f"{name} falls on {count} of {len(claims)} sequences")
         falls[name] = any_of(claims, "")
     fovis = falls.pop("fovis")
     others = sorted(falls.values(), key=lambda answer: [False, None, True].index(answer.holds))
@@ -384,12 +380,12 @@ def _office_noisy(of: PaperFigures) -> Answer:
     kt3 = _five(of, OFFICE, "noisy", "kt3")
     claims = []
     for kt, without, with_noise in zip(TRAJECTORIES, clean, noisy, strict=True):
-        claims.append(_grows(without, with_noise, f"ICP on {kt}"))
+        claims.append(_grows(without, with_noise, f"icp on {kt}"))
     claims.append(_below("kt1", kt1, "dvo", "icp"))
     claims += _best_of_five(of, OFFICE, "noisy", "kt3", "icp_rgbd")
     text = (
-        f"ICP {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy; "
-        f"kt1: DVO {figures_mm(kt1['dvo'])}; least ATE on kt3: {_name(min(kt3, key=kt3.__getitem__))}"
+        f"icp {figures_mm(*clean)} clean, {figures_mm(*noisy)} noisy; "
+        f"kt1: dvo {figures_mm(kt1['dvo'])}; least ATE on kt3: {min(kt3, key=kt3.__getitem__)}"
     )
     return every(claims, text)
 
@@ -398,7 +394,7 @@ def _photometric_robust(of: PaperFigures) -> Answer:
     growth = []
     texts = []
     image = [*family("photometric"), "fovis"]
-    for names, words in ((image, "DVO, RGB-D and FOVIS"), (["icp"], "ICP")):
+    for names, words in ((image, "dvo, rgbd and fovis"), (["icp"], "icp")):
         both = []
         for noise in NOISES:
             rooms = [_ates_of(of, room, noise, names) for room in (LIVING, OFFICE)]
@@ -408,18 +404,18 @@ def _photometric_robust(of: PaperFigures) -> Answer:
         texts.append(f"{words} {clean} clean, {noisy} noisy, {growth[-1]:.3g} times")
     text = f"mean ATE of {'; of '.join(texts)}"
     claim = Claim(NOISE, growth[0], growth[1], "", "")
-    return Answer(claim.holds, text, f"{NOISE}: {growth[0]:.3g} times, ICP {growth[1]:.3g} times")
+    return Answer(claim.holds, text, f"{NOISE}: {growth[0]:.3g} times, icp {growth[1]:.3g} times")
 
 
 _DECIDES = "on over half of the sequences, and the opposite on none"
 RULES = {
     1: FindingRule(
-        _kt2_best_kt0_worst, "the mean of ICP's ATE is least on kt2 and greatest on kt0"
+        _kt2_best_kt0_worst, "the mean of icp's ATE is least on kt2 and greatest on kt0"
     ),
-    2: FindingRule(_nearer_but_rougher, "DVO's ATE is below ICP's, its mean surface error above"),
+    2: FindingRule(_nearer_but_rougher, "dvo's ATE is below icp's, its mean surface error above"),
     3: FindingRule(
         _the_model_is_the_reason,
-        "for ICP and for DVO, the surface of kt0 is better with the model than without; void "
+        "for icp and for dvo, the surface of kt0 is better with the model than without; void "
         "unless finding 2 is the case",
     ),
     4: FindingRule(
@@ -429,26 +425,26 @@ RULES = {
     ),
     5: FindingRule(
         _the_model_helps_dvo,
-        f"DVO's mean surface error is smaller with the model than without: {_DECIDES}",
+        f"dvo's mean surface error is smaller with the model than without: {_DECIDES}",
     ),
     6: FindingRule(
         _dvo_on_kt0_icp_elsewhere,
-        "DVO's ATE on kt0 is below ICP's, by however little; ICP has the least of the five on kt1 to "
+        "dvo's ATE on kt0 is below icp's, by however little; icp has the least of the five on kt1 to "
         "kt3",
     ),
-    7: FindingRule(_fovis_worst, "FOVIS has the greatest ATE of the five on all four trajectories"),
+    7: FindingRule(_fovis_worst, "fovis has the greatest ATE of the five on all four trajectories"),
     8: FindingRule(
         _photometric_poor,
-        "the geometric mean of the ATE over all four trajectories is greater for DVO and RGB-D than "
-        "for ICP and ICP+RGB-D",
+        "the geometric mean of the ATE over all four trajectories is greater for dvo and rgbd than "
+        "for icp and icp_rgbd",
     ),
     9: FindingRule(
         _icp_slides_on_kt0,
-        "ICP's ATE is greatest on kt0, and so is its share of under-constrained frames",
+        "icp's ATE is greatest on kt0, and so is its share of under-constrained frames",
     ),
     10: FindingRule(
         _icp_best_in_the_office,
-        "ICP has the least ATE of the five on all four trajectories; on kt1 its ATE is at least "
+        "icp has the least ATE of the five on all four trajectories; on kt1 its ATE is at least "
         f"{_SIGNIFICANTLY:g} times that on each of the others",
     ),
     11: FindingRule(
@@ -458,32 +454,32 @@ RULES = {
     ),
     12: FindingRule(
         _noise_costs_surface,
-        "ICP's mean surface error over the four trajectories grows with noise",
+        "icp's mean surface error over the four trajectories grows with noise",
     ),
     13: FindingRule(
         _icp_best_surfaces,
-        "ICP's noisy surface is the best of the five on all four; its error grows on all but kt0, "
+        "icp's noisy surface is the best of the five on all four; its error grows on all but kt0, "
         "where it falls",
     ),
-    14: FindingRule(_noise_costs_icp_but_on_kt0, "ICP's ATE grows on kt1 to kt3 and falls on kt0"),
+    14: FindingRule(_noise_costs_icp_but_on_kt0, "icp's ATE grows on kt1 to kt3 and falls on kt0"),
     15: FindingRule(
         _icp_suffers_on_kt3,
-        f"ICP's ATE on kt3 grows by a factor of at least {_SIGNIFICANTLY:g}",
+        f"icp's ATE on kt3 grows by a factor of at least {_SIGNIFICANTLY:g}",
     ),
     16: FindingRule(
         _noise_may_help,
-        "the ATE of FOVIS falls on some trajectory of the two rooms, and so does that of DVO or of "
-        "RGB-D",
+        "the ATE of fovis falls on some trajectory of the two rooms, and so does that of dvo or of "
+        "rgbd",
     ),
     17: FindingRule(
         _office_noisy,
-        "ICP's ATE grows on all four; DVO's is below ICP's on kt1; ICP+RGB-D's is least of the five "
+        "icp's ATE grows on all four; dvo's is below icp's on kt1; icp_rgbd's is least of the five "
         "on kt3",
     ),
     18: FindingRule(
         _photometric_robust,
-        "the geometric mean of the ATE over both rooms grows with noise by a smaller factor for DVO, "
-        "RGB-D and FOVIS than for ICP; the factor is large for any method that is accurate on clean "
+        "the geometric mean of the ATE over both rooms grows with noise by a smaller factor for dvo, "
+        "rgbd and fovis than for icp; the factor is large for any method that is accurate on clean "
         "frames",
     ),
 }

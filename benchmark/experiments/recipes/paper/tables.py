@@ -30,7 +30,7 @@ from .figures import (
     seeds_of,
     surface_of,
 )
-from .keys import NOISES, PaperKey, paper_titles
+from .keys import NOISES, PaperKey, paper_odometers
 
 _ROMAN = dict(zip("1234567", ["I", "II", "III", "IV", "V", "VI", "VII"], strict=True))
 TRAJECTORIES = shipped.TRAJECTORY_NAMES
@@ -93,7 +93,7 @@ def _beside(system: PaperKey, preset: str) -> bool:
 
 def _is_further(key: PaperKey) -> bool:
     """Whether it is an odometer of ours that the paper does not have, against its own reference."""
-    if key.external or key.odometer in paper_titles():
+    if key.external or key.odometer in paper_odometers():
         return False
     return key.odometer in ODOMETERS and key.reference == reference_of(key.odometer)
 
@@ -166,8 +166,8 @@ def _ate_table(
     printed = Printed()
     rows: list[tuple[str, ...]] = []
     bold: set[tuple[int, int]] = set()
-    for (odometer, name), statistic in product(paper_titles().items(), _STATISTICS):
-        row = [name if statistic == "rmse" else "", _STATISTICS[statistic]]
+    for odometer, statistic in product(paper_odometers(), _STATISTICS):
+        row = [odometer if statistic == "rmse" else "", _STATISTICS[statistic]]
         for kt in TRAJECTORIES:
             where = Where(room, kt, noise, odometer)
             row.append(_mm(view.ate(where, statistic) for view in views))
@@ -193,10 +193,10 @@ def _further_rows(view: Ours, keys: Sequence[PaperKey]) -> list[tuple[str, ...]]
     """The RMSE of odometers and systems that the paper does not have."""
     figures = {result.key: result.figures for result in view.results}
     rows = []
-    for title in sorted({key.title for key in keys}):
-        row = [title, "RMSE"]
+    for name in sorted({key.odometer for key in keys}):
+        row = [name, "RMSE"]
         for kt in TRAJECTORIES:
-            own = [key for key in keys if (key.title, key.trajectory) == (title, kt)]
+            own = [key for key in keys if (key.odometer, key.trajectory) == (name, kt)]
             row += [_mm(ate_of(figures[key]) for key in own), ""]
         rows.append(tuple(row))
     return [row for row in rows if any(row[2:])]
@@ -204,7 +204,7 @@ def _further_rows(view: Ours, keys: Sequence[PaperKey]) -> list[tuple[str, ...]]
 
 def _is_best(view: PaperFigures, where: Where) -> bool:
     """Whether an odometer has the least ATE of those of the five that have one."""
-    found = [view.ate(replace(where, odometer=name)) for name in paper_titles()]
+    found = [view.ate(replace(where, odometer=name)) for name in paper_odometers()]
     known = [value for value in found if value is not None]
     return len(known) > 1 and view.ate(where) == min(known)
 
@@ -224,7 +224,7 @@ def _part_note(results: Sequence[Measured], room: str, noise: str) -> list[str]:
 
 
 def _notes(views: Sequence[Ours], noise: str) -> tuple[str, ...]:
-    model = [title for name, title in paper_titles().items() if reference_of(name) == "model"]
+    model = [name for name in paper_odometers() if reference_of(name) == "model"]
     how = f"{' and '.join(model)} are aligned against a model, as in the paper; the others are not."
     if len(views) > 1 and noise == "noisy":
         how += f" Median of {len(views)} noise seeds, in brackets the minimum and the maximum."
@@ -246,7 +246,7 @@ def _surface_table(views: Sequence[Ours], room: str, noise: str) -> ResultTable:
         cells.insert(0, Where(room, "kt0", noise, "dvo"))
     columns = ["error mm"]
     for where in cells:
-        name = f" ({paper_titles()[where.odometer]})" if where.odometer != "icp" else ""
+        name = f" ({where.odometer})" if where.odometer != "icp" else ""
         columns += [f"{where.trajectory}{name}", *["printed"] * in_paper]
     rows = []
     for statistic, name in list(_STATISTICS.items())[1:]:
@@ -264,7 +264,7 @@ def _surface_table(views: Sequence[Ours], room: str, noise: str) -> ResultTable:
     name = f"table_{number}"
     what = f"of the surfaces of the {room_words(room)} in mm, {noise}"
     note = (
-        "Surfaces of ICP, except where noted, aligned with the model by ICP as in the paper. The "
+        "Surfaces of icp, except where noted, aligned with the model by ICP as in the paper. The "
         "last rows are not in the paper; they align by the first pose."
     )
     notes = [*_part_note(views[0].results, room, noise), note]
@@ -362,7 +362,7 @@ def cell_row(result: Measured) -> tuple[str, ...]:
         else:
             texts.append(str(value) if isinstance(value, int) else f"{factor * value:.3f}")
     reference = f"run {key.run}" if key.external else key.reference
-    name = (key.room, key.trajectory, key.noise, str(key.seed), key.title, key.preset, reference)
+    name = (key.room, key.trajectory, key.noise, str(key.seed), key.odometer, key.preset, reference)
     return (*name, *texts)
 
 

@@ -37,6 +37,8 @@ from ...store import Store
 from ..system.recipe import SystemRuns, system_store
 
 KIND = "stress"
+#: What stands before the name of a system of `iclnuim run` in cells.
+SYSTEM = "run:"
 #: What selects frames, and computes the figures of a cell.
 _FRAMES_CODE: tuple[Entry, ...] = (Plan, Poses, track_all, diagnostics, outcome)
 
@@ -272,14 +274,12 @@ def _frames_code(key: StressKey) -> list[Entry]:
 
 
 def label(system: System) -> str:
-    """Name in cells of a system of `iclnuim run`; the prefix separates it from an odometer of ours,
-    such as dvo.
-    """
+    """Name in cells of a system of `iclnuim run`."""
     return system_name(system.name)
 
 
 def system_name(name: str) -> str:
-    return f"run:{name}"
+    return f"{SYSTEM}{name}"
 
 
 def write_segment(segment: Segment, folder: Path) -> None:

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap, to_hex
 
+from ....odometry.registry import names
 from ....perturbations.plan import CLEAN, SEVERITIES, Plan
+from ....systems.system import title_of
 from ...intervals import share_interval
 from ...outcome import mean, median
 from ...table import Mark, ResultTable, mm, shown
-from .recipe import StressKey
+from .recipe import SYSTEM, StressKey
 
 #: Figures of a cell by its key.
 Figures = Mapping[StressKey, Mapping[str, Any]]
@@ -120,8 +122,13 @@ def _median_with_failures(values: Iterable[float | None]) -> float | None:
 
 
 def method_name(method: str) -> str:
-    """The name of a method in tables and charts."""
-    return method.removeprefix("baseline:")
+    """The name of a method wherever it is shown: of a system of `iclnuim run` its title, with
+    `(run)` if an odometer has the same name.
+    """
+    name = method.removeprefix(SYSTEM)
+    if name == method:
+        return method
+    return f"{name} (run)" if name in names() else title_of(name)
 
 
 #: Rows of the unperturbed frames: title, figure, format, factor.
@@ -181,7 +188,11 @@ class Summary:
         """The content of --json and OUT/stress.json."""
         cells = []
         for (method, perturbation, severity), group in self.groups.items():
-            key = {"method": method, "perturbation": perturbation, "severity": severity}
+            key = {
+                "method": method_name(method),
+                "perturbation": perturbation,
+                "severity": severity,
+            }
             cells.append({**key, **asdict(group)})
         return {"base": self.base, "cells": cells}
 
