@@ -246,7 +246,7 @@ def _draw_best(axes: Axes, results: Sequence[Measured]) -> bool:
     axes.set(xlabel=f"{'xyz'[a]} [m]", ylabel=f"{'xyz'[b]} [m]")
     axes.set_aspect("equal", adjustable="datalim")
     axes.tick_params(labelsize=7)
-    axes.legend(fontsize=7, loc="best")
+    axes.legend(fontsize=6, loc="best", handlelength=1)
     return True
 
 
