@@ -47,7 +47,7 @@ MAY_IMPORT = {
     "sensor": "errors settings geometry",
     "evaluation": "errors settings shown geometry",
     "trajectory_files": f"{CORE} shipped evaluation",
-    "doubt": f"{CORE} trajectory_files evaluation",
+    "doubt": f"{CORE} sensor trajectory_files evaluation",
     "channels": "formats",
     "render_ways": "errors",
     "job": f"{CORE} channels shipped sensor render_ways",

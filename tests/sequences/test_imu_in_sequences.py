@@ -4,19 +4,22 @@ packed; their truth; files that are broken.
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import iclnuim
 import numpy as np
 import pytest
 from iclnuim.errors import InputError
+from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.continuous import RecipeMotion
 from iclnuim.geometry.handheld import Recipe
 from iclnuim.geometry.se3 import SE3
+from iclnuim.postprocess import frames_from
 from iclnuim.sensor.imu import ImuOnCamera, imu_on
 from iclnuim.sensor.imu_noise import imu_noise
 from iclnuim.sequences.frame_source import image_frames, original_frames, run_frames
-from iclnuim.sequences.imu import read_imu_files
+from iclnuim.sequences.imu import SequenceImu, read_imu_files
 from iclnuim.sequences.inspection import inspect_sequence
 from iclnuim.sequences.packing import packed_names
 from iclnuim.sequences.run_folder import open_run
@@ -235,6 +238,31 @@ def test_inspection_tells_the_rate_gaps_and_frames_without_readings(written, tmp
     said = " ".join(inspect_sequence(folder).warnings)
     assert "frames are not between the first and the last reading of the IMU" in said
     assert "1 gaps in the readings of the IMU, the longest 0.055 s" in said
+
+
+def test_inspection_holds_the_readings_against_the_poses(motion, tmp_path):
+    poses = motion[0].trajectory[:40]
+    stream = imu_on(motion[0], RATE_HZ, T_IMU_CAMERA).around(*poses.stamps_s[[0, -1]])
+    images = np.full((24, 32, 3), 0.5, np.float32), np.ones((24, 32), np.float32)
+    frames = frames_from(PinholeCamera.parse("32x24"), poses, lambda number: images)
+    degrees = stream.readings * np.repeat([180 / np.pi, 1.0], 3)
+    for name, readings in (("right", stream.readings), ("degrees", degrees)):
+        imu = SequenceImu(replace(stream, readings=readings))
+        write_sequence(replace(frames, imu=lambda imu=imu: imu), tmp_path / name, workers=1)
+    right, degrees = (inspect_sequence(tmp_path / name) for name in ("right", "degrees"))
+    assert right.figures["imu"]["rates_differ_rad_s"] < 0.001
+    assert not [text for text in right.errors + right.warnings if "IMU" in text]
+    assert [one["kind"] for one in degrees.figures["imu"]["explanations"]] == ["degrees"]
+    assert any("with rates in degrees per second" in text for text in degrees.errors)
+
+
+def test_a_rate_that_a_file_says_and_the_stamps_do_not_is_told(written, tmp_path):
+    folder = tmp_path / "sequence"
+    shutil.copytree(written / "tum", folder)
+    about = folder / "imu.json"
+    about.write_text(about.read_text().replace('"rate_hz": 200', '"rate_hz": 100'))
+    said = " ".join(inspect_sequence(folder).warnings)
+    assert "the readings of the IMU come at 200 Hz, its file says 100 Hz" in said
 
 
 def test_sequences_without_an_imu_have_no_trace_of_one(all_formats):

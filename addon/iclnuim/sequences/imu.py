@@ -29,12 +29,14 @@ _T_IMU_CAMERA = "T_imu_cam0"
 @dataclass(frozen=True, eq=False)
 class SequenceImu:
     """The readings of the IMU of a sequence. motion: that of the camera, if it is known between the
-    poses. about: where the readings are from, in a sentence; "" if unknown.
+    poses. about: where the readings are from, in a sentence; "" if unknown. said_rate_hz: the rate
+    that a file gives besides the stamps.
     """
 
     stream: ImuStream
     motion: ContinuousMotion | None = None
     about: str = ""
+    said_rate_hz: float | None = None
 
     @classmethod
     def of_job(cls, imu: ImuOnCamera, poses: Trajectory) -> "SequenceImu | None":
@@ -116,15 +118,17 @@ def sequence_imu(file: Path, about: dict[str, Any], T_imu_camera: SE3) -> Sequen
     their names in Kalibr's imu.yaml, their rate, and where they are from. Raises InputError.
     """
     stamps_ns, readings = read_imu(file)
-    found = {name: _density(about.get(name)) for name in FIGURES}
+    found = {name: _positive(about.get(name)) for name in FIGURES}
     noise = {name: value for name, value in found.items() if value is not None}
     text = about.get("about", "")
     rate_hz = frame_rate_hz(stamps_ns / 1e9)
     stream = ImuStream(stamps_ns, readings, rate_hz, T_imu_camera, noise=noise)
-    return SequenceImu(stream, about=text if isinstance(text, str) else "")
+    text = text if isinstance(text, str) else ""
+    said_rate_hz = _positive(about.get("rate_hz", about.get("update_rate")))
+    return SequenceImu(stream, about=text, said_rate_hz=said_rate_hz)
 
 
-def _density(value: object) -> float | None:
+def _positive(value: object) -> float | None:
     """The number of JSON or YAML, None if it is none."""
     try:
         number = float(value) if isinstance(value, int | float | str) else -1.0

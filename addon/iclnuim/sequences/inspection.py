@@ -15,6 +15,7 @@ import numpy as np
 
 from ..doubt.carried_depth import carried_residual
 from ..doubt.depth_against_poses import MISMATCH
+from ..doubt.imu_against_poses import imu_agreement
 from ..errors import InputError, StrPath, WorkError
 from ..evaluation.associate import nearest
 from ..formats.depth_units import LARGEST_UNIT
@@ -47,6 +48,8 @@ _SAME_SURFACE_M = 0.3
 #: Of unrelated images the median is half of that.
 _UNRELATED_M = _SAME_SURFACE_M / 3
 _STEP_PX = 6
+#: Rates of IMUs are nominal: their clocks differ by less.
+_RATE_SLACK = 0.05
 
 
 @dataclass(repr=False)
@@ -125,6 +128,7 @@ def inspect_sequence(folder: StoredSequence | StrPath) -> Inspection:
         return result
     truth = loaded.trajectory
     inspect_poses(result, pairs, loaded)
+    _imu_against_poses(result, sequence, truth)
     if camera is not None and depths:
         inspect_distances(result, depths, truth, camera.pinhole)
         inspect_depth_against_poses(result, pairs, camera, truth)
@@ -177,10 +181,29 @@ def _imu(result: Inspection, sequence: StoredSequence) -> None:
             f"{outside.sum()} frames are not between the first and the last reading of the IMU"
         )
     steps_s = np.diff(stamps_s)
+    if imu.said_rate_hz and abs(imu.said_rate_hz / imu.stream.rate_hz - 1) > _RATE_SLACK:
+        said = f"its file says {imu.said_rate_hz:g} Hz"
+        result.warnings.append(f"the readings of the IMU come at {imu.stream.rate_hz:g} Hz, {said}")
     gaps = np.flatnonzero(steps_s > 1.5 * np.median(steps_s)) if len(steps_s) else steps_s
     if gaps.size:
         longest = f"the longest {steps_s.max():.3f} s, the first after {stamps_s[gaps[0]]:.3f} s"
         result.warnings.append(f"{gaps.size} gaps in the readings of the IMU, {longest}")
+
+
+def _imu_against_poses(result: Inspection, sequence: StoredSequence, truth: Trajectory) -> None:
+    """Report whether the readings of an IMU agree with the poses."""
+    figures = result.figures.get("imu")
+    imu = sequence.imu if isinstance(figures, dict) else None
+    if imu is None or not isinstance(figures, dict):
+        return
+    found = imu_agreement(imu.stream, truth)
+    if found.errors is None:
+        return
+    figures["rates_differ_rad_s"], figures["forces_differ_m_s2"] = found.errors
+    if sentence := found.sentence():
+        (result.errors if found.changes else result.warnings).append(sentence)
+    if found.changes:
+        figures["explanations"] = [change.to_dict() for change in found.changes]
 
 
 def inspect_images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
