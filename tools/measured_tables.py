@@ -16,7 +16,10 @@ _BIASED = ("icp", "rgbd", "icp_rgbd")
 _FOUR = f"{_KT2}/clean {_KT2}/noisy out/office/kt1/clean out/office/kt1/noisy"
 #: Curve -> the step to which the table refers: the default, or one at which all methods work.
 _CURVES = {"iterations": 1.0, "levels": 0.0, "pixels": 1.0, "resolution": 640.0}
-_NOISE = f"bench noise {_KT2}/raw --frames :120 --official ../shared/data/iclnuim/or_kt3"
+_NOISE = (
+    "bench noise out/office/kt0/raw --frames 600:640 --workers 2 "
+    "--official ../shared/data/iclnuim/or_kt3"
+)
 _SENSORS = (
     "experiment sensors out/office/kt0/clean --frames :150 --workers 1 --set "
     "methods=icp,rgbd,icp_rgbd,dvo,fovis,opencv-rgbd,opencv-rgbd-icp"

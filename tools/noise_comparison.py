@@ -40,6 +40,9 @@ PAIRS = (
     ("released", "released"),
     ("kinect2012", "paper"),
     ("redwood", "paper"),
+    ("d435", "released"),
+    ("azure_kinect", "released"),
+    ("phone", "released"),
 )
 #: Bin edges of true depth, and of true 8-bit values.
 _DEPTHS_M = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0])

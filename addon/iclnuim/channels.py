@@ -16,6 +16,9 @@ from .formats.images import ARRAY, JPEG
 #: Colour and depth, which every frame has. Depth is planar, in metres; 0 where nothing is hit.
 RGB = "rgb"
 DEPTH = "depth"
+#: How sure a sensor is of each pixel of depth, (h, w) uint8: 0 low, 1 medium, 2 high. It comes from a
+#: noise model, and is no channel of a render.
+CONFIDENCE = "confidence"
 #: Names in a frame's EXR. Where a ray hits nothing, instance is 0 and normal (0, 0, 0). Normals are
 #: in the cv camera's frame.
 INSTANCE = "instance"

@@ -15,6 +15,7 @@ from iclnuim.formats.files import data_lines, read_text
 from iclnuim.formats.image_names import files_in
 from iclnuim.formats.png import read_depth16, read_rgb8
 from iclnuim.geometry.camera import PinholeCamera
+from iclnuim.sensor.boards import BoardRecording
 from iclnuim.sensor.calibration import (
     DepthCalibration,
     RgbCalibration,
@@ -29,13 +30,16 @@ from ..sequence_input import units_from
 
 EXPOSURES = "exposures.txt"
 ALBEDOS = "walls.txt"
+WIDTHS = "boards.txt"
 ABOUT = """
 `iclnuim noise calibrate DIR` instead fits noise models to a real sensor: `paper`, and, if --camera
 or camera.json gives the camera, `d435`, `azure_kinect` and `phone`, of which it says which one
 resembles the sensor. DIR contains exposures.txt (lines `exposure image.png`, two or more images of
 each exposure of a static scene), and depth/*.png of a static flat wall, or wall1/*.png, wall2/*.png
 ... of walls of different slope, distance and brightness; walls.txt (lines `wall1 0.95`) has the
-diffuse reflectance of walls that are not white.
+diffuse reflectance of walls that are not white. board1/*.png ... of a board that faces the camera
+before a wall, tilted by a few degrees, show what happens at edges; boards.txt (lines `board1 0.4`)
+has their widths in metres.
 """
 
 
@@ -47,17 +51,23 @@ def calibrate(args: Namespace, console: Console) -> None:
         rgb = _rgb(folder / EXPOSURES)
         values["rgb"] = asdict(rgb)
         lines += _rgb_lines(rgb)
-    walls = _walls(folder, args)
+    walls = _recorded(folder, ("depth", "wall*"), args)
     if walls:
         camera = _camera(folder, args)
-        fits = [] if camera is None else fit_cameras(_recordings(folder, walls, camera))
+        depth, refused = None, None
         try:
             depth = calibrate_depth(list(walls.values()))
+        except InputError as error:
+            refused = error
+        fits = []
+        if camera is not None:
+            boards = _boards(folder, _recorded(folder, ("board*",), args), camera, console)
+            fits = fit_cameras(_recordings(folder, walls, camera), depth, boards)
+        if depth is not None:
             values["depth"] = asdict(depth)
             lines += _depth_lines(depth)
-        except InputError:
-            if not fits or fits[0].misfit > LIKE:
-                raise
+        elif refused and (not fits or fits[0].misfit > LIKE):
+            raise refused
         if fits:
             values["cameras"] = [asdict(fit) for fit in fits]
             lines += _camera_lines(fits)
@@ -108,18 +118,18 @@ def _rgb(file: Path) -> RgbCalibration:
         return calibrate_rgb(list(images), [np.stack(stack) for stack in images.values()])
 
 
-def _walls(folder: Path, args: Namespace) -> dict[str, np.ndarray]:
-    """Name of a wall -> frames (n, h, w) in metres."""
+def _recorded(folder: Path, names: tuple[str, ...], args: Namespace) -> dict[str, np.ndarray]:
+    """Name of a folder -> frames (n, h, w) in metres, of all folders with such names."""
     own = camera_file(folder)
     units = own.depth_units_per_metre if own and args.units is None else units_from(args)
-    walls = {}
-    for wall in (folder / "depth", *files_in(folder, "wall*")):
-        frames = [read_depth16(path) for path in files_in(wall, "*.png")]
+    found = {}
+    for place in files_in(folder, *names):
+        frames = [read_depth16(path) for path in files_in(place, "*.png")]
         if len({frame.shape for frame in frames}) > 1:
-            raise InputError("depth images of one size", path=wall, found="several")
+            raise InputError("depth images of one size", path=place, found="several")
         if frames:
-            walls[wall.name] = metres_from_depth16(np.stack(frames), units)
-    return walls
+            found[place.name] = metres_from_depth16(np.stack(frames), units)
+    return found
 
 
 def _camera(folder: Path, args: Namespace) -> PinholeCamera | None:
@@ -133,29 +143,57 @@ def _recordings(
     folder: Path, walls: dict[str, np.ndarray], camera: PinholeCamera
 ) -> list[WallRecording]:
     """Raises InputError for images of another size than the camera's, and for wrong reflectances."""
+    _check_size(folder, walls, camera)
     albedos = dict.fromkeys(walls, WHITE_ALBEDO)
     if (folder / ALBEDOS).is_file():
-        albedos |= _albedos(folder / ALBEDOS, walls)
-    size = (camera.height, camera.width)
-    for name, frames in walls.items():
-        if frames.shape[1:] != size:
-            expected = f"images of the camera's size {camera.width}x{camera.height}"
-            raise InputError(expected, path=folder / name, found=frames.shape[:0:-1])
+        expected = "lines `wall1 0.95`: a folder of images, and its reflectance of 0..1"
+        albedos |= _numbers(folder / ALBEDOS, walls, 1.0, expected)
     return [WallRecording(frames, camera, albedos[name]) for name, frames in walls.items()]
 
 
-def _albedos(file: Path, walls: dict[str, np.ndarray]) -> dict[str, float]:
+def _boards(
+    folder: Path, boards: dict[str, np.ndarray], camera: PinholeCamera, console: Console
+) -> list[BoardRecording]:
+    """Those whose edges can be measured; a note says why others cannot. Raises InputError for
+    images of another size than the camera's, and for missing widths.
+    """
+    _check_size(folder, boards, camera)
+    if not boards:
+        return []
+    expected = "lines `board1 0.4` for each board: a folder of images, and its width in metres"
+    widths_m = _numbers(folder / WIDTHS, boards, np.inf, expected)
+    if missing := boards.keys() - widths_m.keys():
+        raise InputError(expected, path=folder / WIDTHS, found=f"none for {min(missing)}")
+    found = []
+    for name, frames in boards.items():
+        try:
+            found.append(BoardRecording(frames, camera, widths_m[name]).checked())
+        except InputError as error:
+            console.note(f"{name} is not used: {error}")
+    return found
+
+
+def _check_size(folder: Path, recorded: dict[str, np.ndarray], camera: PinholeCamera) -> None:
+    for name, frames in recorded.items():
+        if frames.shape[1:] != (camera.height, camera.width):
+            expected = f"images of the camera's size {camera.width}x{camera.height}"
+            raise InputError(expected, path=folder / name, found=frames.shape[:0:-1])
+
+
+def _numbers(
+    file: Path, recorded: dict[str, np.ndarray], most: float, expected: str
+) -> dict[str, float]:
+    """Name of a folder -> a number above 0 and up to `most`."""
     found = {}
     for number, line in data_lines(read_text(file)):
         name, _, text = line.partition(" ")
         try:
-            albedo = float(text)
+            value = float(text)
         except ValueError:
-            albedo = 0.0
-        if name not in walls or not 0 < albedo <= 1:
-            expected = "lines `wall1 0.95`: a folder of images, and its reflectance of 0..1"
+            value = 0.0
+        if name not in recorded or not 0 < value <= most or value == np.inf:
             raise InputError(expected, path=file, line=number, found=line)
-        found[name] = albedo
+        found[name] = value
     return found
 
 
@@ -167,7 +205,7 @@ def _camera_lines(fits: list[CameraFit]) -> list[str]:
         return [*lines, "no model resembles this sensor; nearest:", _option(best)]
     lines.append(_option(best))
     if best.not_determined:
-        lines.append(f"not determined by these walls: {', '.join(best.not_determined)}")
+        lines.append(f"not determined by these recordings: {', '.join(best.not_determined)}")
     return lines
 
 

@@ -172,5 +172,5 @@ def test_a_full_disk_leaves_no_file_and_one_line(tmp_path, rgb, by, writer, file
 
 def test_arrays_of_another_kind_are_refused(tmp_path):
     for bad in (np.zeros((4, 4)), np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4, 3), np.float32)):
-        with pytest.raises(InputError, match="expected .h, w, 3. uint8 or"):
+        with pytest.raises(InputError, match="expected .h, w, 3. or .h, w. of uint8 or uint16"):
             write_png(tmp_path / "f.png", bad)

@@ -530,6 +530,19 @@ def test_calibrate_says_which_camera_a_recording_resembles(tmp_path, capsys):
     assert "depth units per metre, found 0" in capsys.readouterr().err
     assert main([*words, "--camera", "80x60"]) == 2
     assert "expected images of the camera's size 80x60, found (160, 120)" in capsys.readouterr().err
+    (tmp_path / "wall2").rename(tmp_path / "board1")  # a wall is no board before one
+    (tmp_path / "walls.txt").write_text("wall1 0.5\n")
+    assert main([*words, "--camera", camera]) == 2
+    assert "boards.txt" in capsys.readouterr().err
+    for text in ("# board width\n", "board1 wide\n", "wall1 0.4\n"):
+        (tmp_path / "boards.txt").write_text(text)
+        assert main([*words, "--camera", camera]) == 2
+        assert "expected lines `board1 0.4` for each board" in capsys.readouterr().err
+    (tmp_path / "boards.txt").write_text("board1 0.4\n")
+    assert main([*words, "--camera", camera]) == 0
+    heard = capsys.readouterr()
+    assert "board1 is not used: expected a board clearly before a wall" in heard.err
+    assert "not determined by these recordings" in heard.out and "fat_px" in heard.out
     (tmp_path / "walls.txt").write_text("wall3 0.5\n")
     assert main([*words, "--camera", camera]) == 2
     assert "walls.txt:1: expected lines `wall1 0.95`" in capsys.readouterr().err

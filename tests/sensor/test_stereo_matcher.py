@@ -1,4 +1,11 @@
-"""An independent judge of `d435`: OpenCV's semi-global matcher on two views of a projected pattern."""
+"""An independent judge of `d435`: OpenCV's semi-global matcher on two views of a projected pattern,
+which Cycles renders (slow), or which are shifted by the disparity.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -7,71 +14,128 @@ from iclnuim import noisy_depth
 from iclnuim.geometry.camera import PinholeCamera
 
 CAMERA = PinholeCamera(424, 240, 424.0, 424.0, 211.5, 119.5)
-F_B = 424 * 0.05
+BASELINE_M = 0.05
+F_B = CAMERA.fx * BASELINE_M
 DEPTHS_M = (1.0, 1.4, 2.0, 2.8, 4.0)
-#: Noise of a grey value, such that the matcher's error is that of a textured target.
-GREY_SIGMA = 12.0
+#: Disparities of the walls around each depth, a quarter of a pixel apart: a matcher's error changes
+#: within a pixel.
+PARTS_PX = (-0.375, -0.125, 0.125, 0.375)
+#: Mean and noise of a grey value under automatic exposure, such that the matcher's error is that of
+#: a textured target.
+GREY, GREY_SIGMA = 40.0, 12.0
 
 
-def pattern(rng, shape):
+def wall(disparity_px):
+    """Left, right, bottom, top and depth in metres of a rectangle that fills both views."""
+    return -99, 99, -99, 99, F_B / disparity_px
+
+
+#: Columns and rows of a near board before the wall of the last scene.
+BOARD = np.s_[80:160, 200:280]
+BOARD_PX, BEHIND_PX = 24, 8
+
+
+def board():
+    """A pixel's edge is half a pixel from its centre."""
+    z = F_B / BOARD_PX
+    edges = np.array([200 - 212, 280 - 212, -40, 40]) * z / CAMERA.fx
+    return *edges.tolist(), z
+
+
+SCENES = [[wall(F_B / z + part)] for z in DEPTHS_M for part in PARTS_PX]
+SCENES.append([wall(BEHIND_PX), board()])
+
+
+def disparity(scene):
+    """(h, w) in pixels, of the left view."""
+    found = np.full((CAMERA.height, CAMERA.width), F_B / scene[0][-1], np.float32)
+    if len(scene) > 1:
+        found[BOARD] = BOARD_PX
+    return found
+
+
+def dots(rng):
     """Blurred dots, as an imager of finite resolution sees them: (h, w) float32."""
-    dots = (rng.random(shape) < 0.12).astype(np.float32) * 255
-    return cv2.GaussianBlur(dots, (0, 0), 0.8) * 2
+    bright = (rng.random((CAMERA.height, CAMERA.width)) < 0.12).astype(np.float32)
+    return cv2.GaussianBlur(bright, (0, 0), 0.8)
 
 
-def views(depth_z_m, rng):
-    """Left and right image, uint8. The pattern is projected from the left imager's place; a pixel
-    of the right view sees the nearest of the surfaces that land there.
+def shifted():
+    """Left and right view of each scene (scenes, 2, h, w). The pattern is projected from the left
+    imager's place; a pixel of the right view sees the nearest of the surfaces that land there.
     """
-    height, width = depth_z_m.shape
-    left = pattern(rng, depth_z_m.shape)
-    disparity = F_B / depth_z_m
-    right = pattern(rng, depth_z_m.shape)
-    v, u = np.mgrid[0:height, 0:width].astype(np.float32)
-    for surface in sorted(np.unique(disparity)):
-        from_u = u + np.float32(surface)
-        seen = cv2.remap(left, from_u, v, cv2.INTER_CUBIC)
-        own = cv2.remap((disparity == surface).astype(np.float32), from_u, v, cv2.INTER_NEAREST)
-        right = np.where(own > 0, seen, right)
-    noisy = (image + GREY_SIGMA * rng.standard_normal(image.shape) for image in (left, right))
-    return [np.clip(image, 0, 255).astype(np.uint8) for image in noisy]
+    found = []
+    v, u = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width].astype(np.float32)
+    for seed, scene in enumerate(SCENES):
+        rng = np.random.default_rng(seed)
+        left, right, true_px = dots(rng), dots(rng), disparity(scene)
+        for surface in sorted(np.unique(true_px)):
+            from_u = u + np.float32(surface)
+            seen = cv2.remap(left, from_u, v, cv2.INTER_CUBIC)
+            own = (true_px == surface).astype(np.float32)
+            own = cv2.remap(own, from_u, v, cv2.INTER_NEAREST)
+            right = np.where(own > 0, seen, right)
+        found.append([left, right])
+    return np.array(found)
 
 
-def matched(depth_z_m, seed):
-    """Depth (h, w) by the matcher, 0 where it has none."""
-    left, right = views(depth_z_m, np.random.default_rng(seed))
+def rendered(folder):
+    """The same by Cycles, with the projector between the imagers."""
+    pytest.importorskip("bpy", reason="needs the bpy package")
+    camera = CAMERA.width, CAMERA.height, CAMERA.fx
+    asked = {"camera": camera, "baseline_m": BASELINE_M, "scenes": SCENES}
+    script = Path(__file__).with_name("stereo_rig.py")
+    command = [sys.executable, str(script), str(folder / "views.npz"), json.dumps(asked)]
+    subprocess.run(command, check=True, capture_output=True)
+    return np.load(folder / "views.npz")["views"]
+
+
+@pytest.fixture(
+    scope="module", params=["shifted", pytest.param("rendered", marks=pytest.mark.slow)]
+)
+def views(request, tmp_path_factory):
+    if request.param == "shifted":
+        return shifted()
+    return rendered(tmp_path_factory.mktemp("views"))
+
+
+def matched(pair, seed):
+    """Depth (h, w) by the matcher from two views, 0 where it has none."""
+    rng = np.random.default_rng(seed)
+    exposed = pair * (GREY / pair.mean())
+    noisy = (image + GREY_SIGMA * rng.standard_normal(image.shape) for image in exposed)
+    left, right = (np.clip(image, 0, 255).astype(np.uint8) for image in noisy)
     matcher = cv2.StereoSGBM_create(
         minDisparity=0, numDisparities=64, blockSize=9, P1=0, P2=0, disp12MaxDiff=1
     )
-    disparity = matcher.compute(left, right).astype(float) / 16
-    return np.where(disparity > 0, F_B / np.maximum(disparity, 1e-3), 0)
-
-
-def modelled(depth_z_m, seed):
-    return noisy_depth(depth_z_m, "d435", CAMERA, seed, albedo=0.8).astype(float)
-
-
-def errors(sensor, depth_m):
-    """Errors (4, h, w) of disparity on four walls around a depth, whose disparities are a quarter of
-    a pixel apart: a matcher's error changes within a pixel. Away from the left edge; the mean of
-    each wall is subtracted.
-    """
-    found = []
-    for seed, part in enumerate((-0.375, -0.125, 0.125, 0.375)):
-        true_px = F_B / depth_m + part
-        wall = np.full((240, 424), F_B / true_px, np.float32)
-        noisy = sensor(wall, seed)[20:-20, 90:-20]
-        assert (noisy > 0).mean() > 0.99
-        error = F_B / np.where(noisy > 0, noisy, np.nan) - true_px
-        error -= np.nanmean(error)
-        found.append(np.where(np.abs(error) < 1, error, 0))
-    return np.stack(found)
+    found_px = matcher.compute(left, right).astype(float) / 16
+    return np.where(found_px > 0, F_B / np.maximum(found_px, 1e-3), 0)
 
 
 @pytest.fixture(scope="module")
-def error_px():
-    """(the matcher's, the model's) by depth."""
-    return [{z: errors(sensor, z) for z in DEPTHS_M} for sensor in (matched, modelled)]
+def depths(views):
+    """(scenes, h, w) in metres: the matcher's, and the model's."""
+    by_matcher = [matched(pair, seed) for seed, pair in enumerate(views)]
+    true_z_m = np.stack([F_B / disparity(scene) for scene in SCENES])
+    return np.stack(by_matcher), noisy_depth(true_z_m, "d435", CAMERA, albedo=0.8).astype(float)
+
+
+@pytest.fixture(scope="module")
+def error_px(depths):
+    """Errors (4, h, w) of disparity by depth, of the matcher and of the model, away from the left
+    edge; the mean of each wall is subtracted.
+    """
+
+    def of_walls(noisy_m, k):
+        found = []
+        for part, seen in zip(PARTS_PX, noisy_m[4 * k : 4 * k + 4, 20:-20, 90:-20], strict=True):
+            assert (seen > 0).mean() > 0.99
+            error = F_B / np.where(seen > 0, seen, np.nan) - (F_B / DEPTHS_M[k] + part)
+            error -= np.nanmean(error)
+            found.append(np.where(np.abs(error) < 1, error, 0))
+        return np.stack(found)
+
+    return [{z: of_walls(noisy_m, k) for k, z in enumerate(DEPTHS_M)} for noisy_m in depths]
 
 
 def test_sigma_of_both_grows_with_the_square_of_depth_and_differs_by_one_factor(error_px):
@@ -95,10 +159,8 @@ def test_errors_of_both_are_correlated_over_the_same_length(error_px, depth_m):
     assert lengths[1] == pytest.approx(lengths[0], rel=0.3)
 
 
-def test_the_shadow_of_both_is_on_the_left_side():
-    depth = np.full((240, 424), F_B / 8, np.float32)
-    depth[80:160, 200:280] = F_B / 24
-    for sensor in (matched, modelled):
-        missing = sensor(depth, 1)[100:140] == 0
+def test_the_shadow_of_both_is_on_the_left_side_and_as_wide_as_the_baseline_makes_it(depths):
+    for noisy_m in depths:
+        missing = noisy_m[-1, 100:140] == 0
         left, right = missing[:, 170:205].sum(1).mean(), missing[:, 275:310].sum(1).mean()
-        assert left > 6 and right < left / 4
+        assert left == pytest.approx(BOARD_PX - BEHIND_PX, abs=3) and right < 1

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from iclnuim import frames_from
+from iclnuim import PinholeCamera, frames_from, phone_depth
 from iclnuim.errors import InputError
 from iclnuim.formats.exr import write_exr
 from iclnuim.formats.images import read_colour8, read_metres
@@ -297,6 +297,34 @@ def test_a_phones_folder_holds_the_depth_that_the_sensor_gives(tmp_path, name):
         native_m = with_depth_noise(model, true_m, camera, rng, light)
         step = 5.1e-4 if name == "stray-scanner" else 0.0
         assert depth_m.shape == (192, 256) and np.abs(depth_m - native_m).max() <= step
+
+
+@pytest.mark.parametrize("size", ["640x480", "200x150"])
+def test_a_stray_scanner_folder_has_the_confidence_of_each_depth(tmp_path, size):
+    import cv2
+
+    camera = PinholeCamera.parse(size)
+    shape = (camera.height, camera.width)
+    u = np.linspace(0, 1, camera.width)
+    dark_and_far = np.broadcast_to(np.where(u < 0.5, 0.4, 0.02)[:, None], (*shape, 3))
+    depth_m = np.full(shape, 2.0)
+    light = dark_and_far.astype(np.float32)
+    source = frames_from(camera, Trajectory.at_rate(scans.POSES[:2]), lambda i: (light, depth_m))
+    formats = ["stray-scanner", "record3d", "tum"]
+    settings = {n: SequenceSettings(depth=depth_model(n), seed=3) for n in ("phone", "d435")}
+    for noise, of_it in settings.items():
+        write_sequence(source, tmp_path / noise, of_it, formats=formats, workers=1)
+    found = {path.parent.relative_to(tmp_path) for path in tmp_path.rglob("confidence/*")}
+    assert found == {Path("phone/stray-scanner/confidence")}
+    for number in (0, 1):
+        _, confidence, _ = phone_depth(depth_m, camera, 3, number, rgb=light)
+        written = tmp_path / f"phone/stray-scanner/confidence/{number:06}.png"
+        assert (cv2.imread(str(written), cv2.IMREAD_UNCHANGED) == confidence).all()
+        assert set(np.unique(confidence)) == {0, 1, 2}
+    journal = (tmp_path / "phone/frames.jsonl").read_text()
+    written.unlink()  # the last one: a sequence without it is not complete, and is mended
+    write_sequence(source, tmp_path / "phone", settings["phone"], formats=formats, workers=1)
+    assert written.is_file() and (tmp_path / "phone/frames.jsonl").read_text() == journal
 
 
 @pytest.mark.parametrize("name", PHONES)

@@ -26,7 +26,7 @@ def frame():
 def test_sequences_and_arrays_have_the_same_depth_whatever_the_exposure(name):
     depth, light = frame()
     settings = SequenceSettings(depth_model(name), rgb_model("paper", {"exposure": 3.0}), seed=5)
-    _, in_sequence, _ = noisy_metres(light, depth, CAMERA, 8, settings)
+    in_sequence = noisy_metres(light, depth, CAMERA, 8, settings).depth_z_m
     alone = iclnuim.noisy_depth(depth, name, CAMERA, seed=5, frame=8, rgb=light)
     assert in_sequence.tobytes() == alone.tobytes()
     dark, bright = in_sequence[:, 110:150], in_sequence[:, 20:50]

@@ -84,7 +84,7 @@ def read_png(path: StrPath) -> np.ndarray:
 
 
 def write_png(path: StrPath, image: np.ndarray) -> None:
-    """Write (h, w, 3) uint8 or uint16 RGB or (h, w) uint16, atomically. The same pixels
+    """Write RGB (h, w, 3) or grey (h, w), uint8 or uint16, atomically. The same pixels
     compressed by the same library give the same bytes.
 
     Raises InputError for other arrays, WorkError if it cannot be written.
@@ -96,9 +96,9 @@ def write_png(path: StrPath, image: np.ndarray) -> None:
 
 def png_bytes(image: np.ndarray) -> bytes:
     """The file that write_png writes. Raises InputError for other arrays."""
-    kinds = ((3, np.uint8), (3, np.uint16), (2, np.uint16))
+    kinds = ((3, np.uint8), (3, np.uint16), (2, np.uint8), (2, np.uint16))
     if (image.ndim, image.dtype) not in kinds or image.shape[2:] not in ((), (3,)):
-        expected = "(h, w, 3) uint8 or uint16, or (h, w) uint16"
+        expected = "(h, w, 3) or (h, w) of uint8 or uint16"
         raise InputError(expected, found=f"{image.shape} {image.dtype}")
     height, width = image.shape[:2]
     size = struct.pack(">II", width, height)

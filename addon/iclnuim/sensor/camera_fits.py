@@ -1,8 +1,8 @@
-"""Settings of the models of depth cameras that static walls determine, and which model resembles a
-camera most.
+"""Settings of the models of depth cameras that static walls and boards determine, and which model
+resembles a camera most.
 
-This is the inverse of d435, azure_kinect and phone: from walls recorded through a model, its
-settings are estimated again. What walls do not show stays as published.
+This is the inverse of d435, azure_kinect and phone: from walls and boards recorded through a model,
+its settings are estimated again. What they do not show stays as published.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,7 +15,8 @@ from ..errors import InputError
 from ..settings import declared
 from .active_stereo import D435DepthNoise
 from .appearance import WHITE_ALBEDO, SurfaceAppearance
-from .calibration import calibrate_depth
+from .boards import BoardRecording
+from .calibration import DepthCalibration
 from .depth import PaperDepthNoise
 from .models import Noise, depth_model, with_depth_noise
 from .noise_model import DEPTH, NoiseModel, frame_generator
@@ -47,8 +48,8 @@ _NOTHING = np.log(1e-6)
 
 @dataclass(frozen=True)
 class CameraFit:
-    """`settings` of the depth noise `model` that the walls determine; `not_determined`: the names
-    of its others. misfit: RMS difference of the logarithm of sigma, of the correlation of
+    """`settings` of the depth noise `model` that the recordings determine; `not_determined`: the
+    names of its others. misfit: RMS difference of the logarithm of sigma, of the correlation of
     neighbours and of the missing share between the recording and the fitted model; 0 for equal
     ones.
     """
@@ -59,20 +60,27 @@ class CameraFit:
     misfit: float
 
 
-def fit_cameras(walls: Sequence[WallRecording]) -> list[CameraFit]:
-    """Each model fitted to recordings of walls, the one that resembles them most first. Raises
-    InputError for recordings of fewer than two frames or of equal frames.
+def fit_cameras(
+    walls: Sequence[WallRecording],
+    paper: DepthCalibration | None,
+    boards: Sequence[BoardRecording] = (),
+) -> list[CameraFit]:
+    """Each model fitted to recordings, the one that resembles the walls most first. paper: what
+    calibrate_depth says of the same walls, None if it refuses them: for noise that is common to
+    blocks of pixels, which that model has not. Raises InputError for recordings of fewer than two
+    frames or of equal frames, and for boards as `checked`.
     """
     for wall in walls:
         if len(wall.frames) < 2 or (wall.frames == wall.frames[0]).all():
             expected = "two or more depth images of each wall that differ by their noise"
             raise InputError(expected, found=f"{len(wall.frames)}, equal")
     recorded = [_signs(wall) for wall in walls]
+    found = {model: fitted(walls) for model, fitted in _FITTED.items()}
+    found[D435DepthNoise] |= _edges_of_d435([board.checked() for board in boards])
+    if paper is not None:
+        found |= {PaperDepthNoise: _of_paper(paper)}
     fits = []
-    for model, fitted in _FITTED.items():
-        settings = fitted(walls)
-        if settings is None:
-            continue
+    for model, settings in found.items():
         known = declared(model)
         settings = {k: v for k, v in settings.items() if known[k].low <= v <= known[k].high}
         others = tuple(name for name in known if name not in settings)
@@ -81,12 +89,7 @@ def fit_cameras(walls: Sequence[WallRecording]) -> list[CameraFit]:
     return sorted(fits, key=lambda fit: fit.misfit)
 
 
-def _fit_paper(walls: Sequence[WallRecording]) -> dict[str, float] | None:
-    """None for noise that is common to blocks of pixels, which the model has not."""
-    try:
-        found = calibrate_depth([wall.frames for wall in walls])
-    except InputError:
-        return None
+def _of_paper(found: DepthCalibration) -> dict[str, float]:
     of_slopes = {} if found.fixed_sigma_s else {"sigma_s_px": found.sigma_s_px}
     return {"sigma_d": found.sigma_d} | of_slopes
 
@@ -128,6 +131,19 @@ def _fit_d435(walls: Sequence[WallRecording]) -> dict[str, float]:
     return settings | {name: limit for name, limit in limits.items() if limit is not None}
 
 
+def _edges_of_d435(boards: Sequence[BoardRecording]) -> dict[str, float]:
+    """The growth and the raggedness of edges, in pixels of the device."""
+    published = D435DepthNoise()
+    found = [
+        published.focal_px / board.camera.fx * np.array([board.growth_px, board.ragged_px])
+        for board in boards
+    ]
+    if not found:
+        return {}
+    fat_px, ragged_px = np.mean(found, axis=0).tolist()
+    return {"fat_px": fat_px, "ragged_px": ragged_px}
+
+
 def _fit_azure_kinect(walls: Sequence[WallRecording]) -> dict[str, float]:
     """The variance along the ray, base^2 + noise^2 r^(2 power) 0.95 / (albedo cos), by least
     squares for each power; the periodic bias from the means; the range from the amplitude at which
@@ -141,7 +157,6 @@ def _fit_azure_kinect(walls: Sequence[WallRecording]) -> dict[str, float]:
     wiggles = [found for wall in walls if (found := _wiggle_m(wall, published)) is not None]
     if wiggles:
         settings["wiggle_m"] = float(np.mean(wiggles))
-    settings |= _amplitude_limit(walls)
     bright = [0.5 * published.dark_range_m**2 / DARK_ALBEDO * w.reflected for w in walls]
     near = [
         (1 / wall.range_m, wall.share_seen, wall.range_m**2 < most_m2)
@@ -150,7 +165,7 @@ def _fit_azure_kinect(walls: Sequence[WallRecording]) -> dict[str, float]:
     nearest = _crossing(near)
     if nearest is not None:
         settings["near_m"] = 1 / nearest
-    return settings
+    return settings | _amplitude_limit(walls, settings.get("near_m", published.near_m))
 
 
 def _fit_phone(walls: Sequence[WallRecording]) -> dict[str, float]:
@@ -167,8 +182,7 @@ def _fit_phone(walls: Sequence[WallRecording]) -> dict[str, float]:
     return settings
 
 
-_FITTED: dict[type[NoiseModel], Callable[[Sequence[WallRecording]], dict[str, float] | None]] = {
-    PaperDepthNoise: _fit_paper,
+_FITTED: dict[type[NoiseModel], Callable[[Sequence[WallRecording]], dict[str, float]]] = {
     D435DepthNoise: _fit_d435,
     AzureKinectDepthNoise: _fit_azure_kinect,
     PhoneDepthNoise: _fit_phone,
@@ -293,13 +307,13 @@ def _wiggle_m(wall: WallRecording, model: AzureKinectDepthNoise) -> float | None
     return float(np.hypot(*terms[3:]))
 
 
-def _amplitude_limit(walls: Sequence[WallRecording]) -> dict[str, float]:
+def _amplitude_limit(walls: Sequence[WallRecording], near_m: float) -> dict[str, float]:
     """The darkest amplitude and its relative noise: the share of frames in which a pixel is seen is
-    Phi((1 - darkest / amplitude) / noise).
+    Phi((1 - darkest / amplitude) / noise). What is missing because it is near says nothing.
     """
     rows = []
     for wall in walls:
-        weakness = wall.range_m**2 / wall.reflected
+        weakness = np.where(wall.range_m > 1.05 * near_m, wall.range_m**2 / wall.reflected, np.nan)
         rows += [
             (x, NormalDist().inv_cdf(p))
             for x, p in _grouped(weakness, wall.share_seen)

@@ -86,10 +86,25 @@ def with_depth_noise(
     light (h, w, 3) or its appearance, for a model that asks for it. Raises InputError if it is
     missing.
     """
+    return depth_and_confidence(model, depth_z_m, camera, rng, seen)[0]
+
+
+def depth_and_confidence(
+    model: Any,
+    depth_z_m: np.ndarray,
+    camera: PinholeCamera,
+    rng: np.random.Generator,
+    seen: np.ndarray | SurfaceAppearance | None,
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """What with_depth_noise returns, and its confidence (h, w) uint8 (0 low, 1 medium, 2 high), None
+    from a model that gives none.
+    """
     if not getattr(model, "asks_appearance", False):
-        return model.apply(depth_z_m, camera, rng)
+        return model.apply(depth_z_m, camera, rng), None
     appearance = SurfaceAppearance.of_light(seen) if isinstance(seen, np.ndarray) else seen
-    return model.apply(depth_z_m, camera, rng, appearance)
+    if model.gives_confidence:
+        return model.measured(depth_z_m, camera, rng, appearance)
+    return model.apply(depth_z_m, camera, rng, appearance), None
 
 
 def _model(

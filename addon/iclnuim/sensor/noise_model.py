@@ -27,12 +27,14 @@ class NoiseModel(Settings):
     """`name` is the model's name in settings, `summary` one line for lists.
 
     A subclass has a method `apply` and is listed in models.py. asks_appearance: `apply` of a depth
-    noise model takes an SurfaceAppearance besides, and cannot do without.
+    noise model takes an SurfaceAppearance besides, and cannot do without. gives_confidence: it has a
+    method `measured` with the arguments of `apply` that returns depth and its confidence (channels.py).
     """
 
     name: ClassVar[str] = ""
     summary: ClassVar[str] = ""
     asks_appearance: ClassVar[bool] = False
+    gives_confidence: ClassVar[bool] = False
 
     def __init_subclass__(cls, **rest: Any) -> None:
         super().__init_subclass__(**rest)

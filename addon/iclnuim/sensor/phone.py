@@ -33,6 +33,7 @@ class PhoneDepthNoise(NoiseModel):
     name = "phone"
     summary = "LiDAR of a phone, 256 x 192 (asks for colour; most numbers are guesses)"
     asks_appearance = True
+    gives_confidence = True
 
     size: str = parameter(
         "image",
@@ -110,14 +111,25 @@ class PhoneDepthNoise(NoiseModel):
         """(h, w) planar depth in metres, 0 = missing -> float32 of the same size, each pixel that
         of the phone's nearest one, or of the phone's size. Raises InputError without `appearance`.
         """
-        small_m, _ = self.with_confidence(depth_z_m, camera, rng, appearance)
+        return self.measured(depth_z_m, camera, rng, appearance)[0]
+
+    def measured(
+        self,
+        depth_z_m: np.ndarray,
+        camera: PinholeCamera,
+        rng: np.random.Generator,
+        appearance: SurfaceAppearance | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What `apply` returns, and its confidence, uint8, of the same size."""
+        small_m, confidence = self.with_confidence(depth_z_m, camera, rng, appearance)
         if self.size == "native":
-            return small_m
+            return small_m, confidence
         rows, columns = (
             nearest_pixels(here, there)
             for here, there in zip(small_m.shape, depth_z_m.shape, strict=True)
         )
-        return small_m[np.ix_(rows, columns)]
+        place = np.ix_(rows, columns)
+        return small_m[place], confidence[place]
 
     def with_confidence(
         self,

@@ -66,7 +66,7 @@ class FormatLimits:
     have another stamp than its colour image. zero_stamp: whether the programs accept a stamp of 0.
     fixed_units: the depth units per metre that they assume; None: the requested units.
     fixed_camera: the only camera that they support. depth_width: the most columns that depth images
-    have, if less than colour. every_pose: each frame must have a pose. imu: whether the readings of
+    have, if less than colour. confidence: whether a phone's confidence of depth is stored. every_pose: each frame must have a pose. imu: whether the readings of
     an IMU are stored.
     check(contents): raises InputError for other contents that cannot be represented.
     remarks(contents): further sentences for `losses`.
@@ -78,6 +78,7 @@ class FormatLimits:
     fixed_units: float | None = None
     fixed_camera: PinholeCamera | None = None
     depth_width: int | None = None
+    confidence: bool = False
     every_pose: bool = False
     imu: bool = False
     check: Callable[[Contents], object] = lambda contents: None

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..channels import CHANNELS, DEPTH, RGB
+from ..channels import CHANNELS, CONFIDENCE, DEPTH, RGB
 from ..errors import InputError
 from ..formats.depth_units import count_invalid, depth16_from_metres, invalid_after_noise
 from ..formats.exr import write_exr
@@ -22,7 +22,7 @@ from ..formats.images import ARRAY, EXR, JPEG, image_header, write_array, write_
 from ..formats.png import png_bytes
 from ..geometry.camera import PinholeCamera, nearest_pixels
 from ..sensor import noise_model
-from ..sensor.models import with_depth_noise
+from ..sensor.models import depth_and_confidence
 from ..sensor.noise_model import frame_generator
 from .format import SequenceFormat, common_units
 from .frame_pool import keep_freed_memory
@@ -77,7 +77,9 @@ class ImageFile:
             depth_m = np.where(np.isfinite(image) & (image > 0), image, 0)
             write_exr(self.path, {"R": depth_m.astype(np.float32)})
         else:
-            data = png_bytes(CHANNELS[self.kind].encode(image, self.units))
+            if self.kind in CHANNELS:
+                image = CHANNELS[self.kind].encode(image, self.units)
+            data = png_bytes(image)
             atomic_write_bytes(self.path, data)
             return data
         return read_bytes(self.path)
@@ -147,11 +149,14 @@ class SequenceImages:
     def _files_of(self, number: int) -> tuple[ImageFile, ...]:
         frame = self.frame(number)
         found = []
-        for kind in self.kinds:
+        has_confidence = getattr(self.settings.depth, "gives_confidence", False)
+        for kind in (*self.kinds, CONFIDENCE):
             for format in self.formats:
+                if kind == CONFIDENCE and not (has_confidence and format.limits.confidence):
+                    continue
                 path = self.folder_of(format) / format.image(frame, kind)
                 units = format.limits.fixed_units or self.units
-                width = format.limits.depth_width if kind == DEPTH else None
+                width = format.limits.depth_width if kind in (DEPTH, CONFIDENCE) else None
                 if width and width >= self.source.camera.width:
                     width = None
                 found.append(ImageFile.of(kind, path, units, self.units, width))
@@ -194,9 +199,11 @@ class SequenceImages:
         if len(digests) < len(by_content):
             light, depth_z_m = frame.pixels
             camera = self.source.camera
-            found = noisy_metres(light, depth_z_m, camera, number, self.settings)
-            image, noisy_z_m, invalid = found
-            images = {RGB: image, DEPTH: noisy_z_m, **frame.further}
+            noisy = noisy_metres(light, depth_z_m, camera, number, self.settings)
+            invalid = noisy.invalid
+            images = {RGB: noisy.rgb, DEPTH: noisy.depth_z_m, **frame.further}
+            if noisy.confidence is not None:
+                images[CONFIDENCE] = noisy.confidence
             for stored, files in by_content.items():
                 if stored not in digests:
                     digests[stored] = _written(files, ImageFile.write, images[files[0].kind])
@@ -303,8 +310,21 @@ def noisy_images(
     The result depends only on the arguments. Raises InputError if user-provided noise returns
     another shape or type.
     """
-    image, noisy_z_m, invalid = noisy_metres(rgb, depth_z_m, camera, number, settings)
-    return image, depth16_from_metres(noisy_z_m, settings.depth_units_per_metre), invalid
+    noisy = noisy_metres(rgb, depth_z_m, camera, number, settings)
+    depth16 = depth16_from_metres(noisy.depth_z_m, settings.depth_units_per_metre)
+    return noisy.rgb, depth16, noisy.invalid
+
+
+@dataclass(frozen=True, eq=False)
+class NoisyFrame:
+    """Colour (h, w, 3) uint8, depth (h, w) in metres, float, the number of depth pixels that became
+    0, by kind, and the confidence (h, w) uint8 of a model that gives one.
+    """
+
+    rgb: np.ndarray
+    depth_z_m: np.ndarray
+    invalid: dict[str, int]
+    confidence: np.ndarray | None
 
 
 def noisy_metres(
@@ -313,17 +333,17 @@ def noisy_metres(
     camera: PinholeCamera,
     number: int,
     settings: SequenceSettings,
-) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
-    """Like noisy_images, with depth (h, w) in metres, float."""
+) -> NoisyFrame:
+    """Like noisy_images, with depth in metres."""
     units = settings.depth_units_per_metre
     invalid = count_invalid(depth_z_m, units)
     image = settings.rgb.apply(rgb, frame_generator(settings.seed, number, noise_model.RGB))
     rng = frame_generator(settings.seed, number, noise_model.DEPTH)
-    noisy_z_m = with_depth_noise(settings.depth, depth_z_m, camera, rng, rgb)
+    noisy_z_m, confidence = depth_and_confidence(settings.depth, depth_z_m, camera, rng, rgb)
     _check(settings.rgb.name, image, rgb.shape, np.dtype(np.uint8))
     _check(settings.depth.name, noisy_z_m, depth_z_m.shape, np.floating)
     invalid |= invalid_after_noise(depth_z_m, noisy_z_m, units)
-    return image, noisy_z_m, invalid
+    return NoisyFrame(image, noisy_z_m, invalid, confidence)
 
 
 def _check(name: str, array: object, shape: tuple[int, ...], kind: type | np.dtype) -> None:

@@ -286,8 +286,8 @@ _LIMITS = FormatLimits(
 )
 STRAY_SCANNER = SequenceFormat(
     "stray-scanner",
-    "Stray Scanner, a phone's depth: rgb/ (the frames of rgb.mp4), depth/, odometry.csv, "
-    "camera_matrix.csv",
+    "Stray Scanner, a phone's depth: rgb/ (the frames of rgb.mp4), depth/, confidence/, "
+    "odometry.csv, camera_matrix.csv",
     lambda frame, kind: _named(f"{frame.number:06}", kind, ".png"),
     _write_stray,
     Reader(
@@ -296,7 +296,7 @@ STRAY_SCANNER = SequenceFormat(
         _stray_camera,
         truth_at(_ODOMETRY),
     ),
-    replace(_LIMITS, fixed_units=_UNITS),
+    replace(_LIMITS, fixed_units=_UNITS, confidence=True),
 )
 RECORD3D = SequenceFormat(
     "record3d",
