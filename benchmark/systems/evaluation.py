@@ -7,7 +7,7 @@ Only the trajectory is evaluated; how the process ended is reported in a note.
 import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from iclnuim.evaluation.align import AlignmentSettings
 from iclnuim.evaluation.associate import AssociationSettings, associate
 from iclnuim.evaluation.relative_error import RelativeErrorSettings, relative_error
 from iclnuim.evaluation.scale_drift import scale_drift
-from iclnuim.formats.files import atomic_write_text, read_text
+from iclnuim.formats.files import atomic_write_text, is_file, read_text
 from iclnuim.geometry.trajectory import FRAME_RATE_HZ, Trajectory, frames_of_stamps
 from iclnuim.trajectory_files.trajectories import read_trajectory, write_trajectory
 
@@ -41,7 +41,8 @@ _SECOND = RelativeErrorSettings(1.0, "seconds")
 class Evaluation:
     """Result of one trajectory of one run: number of frames with a pose, RMSE in metres (None if it
     cannot be computed), and notes. Of a system without scale: its scale by Sim(3), and the change
-    of the scale along the path, as a share.
+    of the scale along the path, as a share. Of one with an IMU: the seconds from the first frame
+    to its initialisation.
     """
 
     matched: int
@@ -50,6 +51,7 @@ class Evaluation:
     notes: tuple[str, ...]
     scale: float | None = None
     scale_change: float | None = None
+    initialised_s: float | None = None
 
 
 def evaluate_run(
@@ -60,6 +62,10 @@ def evaluate_run(
     """
     result = system.trajectories[name]
     notes = _how(ended)
+    initialised_s = None
+    if system.settings.initialised:
+        initialised_s, imu_notes = _initialised(sequence, system, run)
+        notes += imu_notes
     file = run / "out" / result.file
     try:
         written, read_notes = _read(file, run / "matched", result, cut=ended.how != "exit 0")
@@ -68,13 +74,31 @@ def evaluate_run(
     except InputError as error:
         empty = f"wrote nothing{_last_line(run / 'log.txt')}"
         what = empty if _empty(file) else error.worded().removeprefix(f"{file.parent}/")
-        return Evaluation(0, None, None, (what, *notes))
+        return Evaluation(0, None, None, (what, *notes), initialised_s=initialised_s)
     target = run / "matched" / f"{name}.txt"
     write_trajectory(target, found, "tum")
     trajectory = read_trajectory(target, "tum").trajectory
-    if system.settings.has_scale:
-        return _measured(sequence, trajectory, notes)
-    return _measured_without_scale(sequence, trajectory, notes)
+    measured = _measured if system.settings.has_scale else _measured_without_scale
+    return replace(measured(sequence, trajectory, notes), initialised_s=initialised_s)
+
+
+def _initialised(
+    sequence: StagedSequence, system: System, run: Path
+) -> tuple[float | None, list[str]]:
+    """Seconds from the first frame to the first initialisation of the IMU, None without one, and
+    notes. Lines that are no stamps are those of a run that was killed.
+    """
+    file = run / "out" / (system.settings.initialised or "")
+    stamps_s = []
+    for text in file.read_bytes().split() if is_file(file) else []:
+        with suppress(ValueError):
+            stamps_s.append(float(text))
+    if not stamps_s:
+        return None, ["its IMU was never initialised"]
+    times = len(stamps_s)
+    notes = [f"its IMU was initialised {times} times"] if times > 1 else []
+    first_s = sequence.stamps_s[0] + sequence.offset_s(system.settings.stage)
+    return stamps_s[0] - first_s, notes
 
 
 def _how(ended: Ended) -> list[str]:
@@ -243,6 +267,7 @@ def row(name: str, frames: int, runs: Sequence[tuple[Ended, Evaluation]]) -> dic
         "peak_bytes": _middle([ended.peak_bytes for ended, _ in runs]),
         "scale": _middle([v.scale for _, v in runs]),
         "scale_change": _middle([v.scale_change for _, v in runs]),
+        "initialised_s": _middle([v.initialised_s for _, v in runs]),
         "notes": _joined(runs),
     }
 

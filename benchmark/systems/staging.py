@@ -1,5 +1,5 @@
 """Makes the view of a sequence for a system: links to the images under the names that it requires,
-lists of images, and its settings file.
+lists of images, its settings file, and the readings of an IMU.
 
 Stamps have six digits. If the first stamp would be too close to 0, whole seconds are added, and
 subtracted from the result. The view does not contain the ground truth.
@@ -20,8 +20,10 @@ import numpy as np
 from iclnuim.errors import InputError, WorkError
 from iclnuim.formats.depth_units import depth16_from_metres
 from iclnuim.formats.files import atomic_write, atomic_write_text, make_folder, read_bytes, sha256
+from iclnuim.formats.imu_files import imu_text
 from iclnuim.formats.png import write_png
 from iclnuim.geometry.trajectory import Trajectory, frame_rate_hz, frame_slice
+from iclnuim.sensor.imu import ImuStream
 from iclnuim.sequences.associations import (
     Associations,
     ImageList,
@@ -30,8 +32,9 @@ from iclnuim.sequences.associations import (
 )
 from iclnuim.sequences.camera_files import SequenceCamera
 from iclnuim.sequences.frames import ImagePair
+from iclnuim.sequences.imu import READINGS
 from iclnuim.sequences.recipe import sequence_name
-from iclnuim.sequences.slam_settings import SLAM_SETTINGS
+from iclnuim.sequences.slam_settings import IMU_SETTINGS, SLAM_SETTINGS
 from iclnuim.sequences.stored_sequence import StoredSequence, opened, read_depth_m
 
 from .system import StageSettings
@@ -41,7 +44,8 @@ _PACKED: dict[str, Callable] = {".xz": lzma.open, ".gz": gzip.open}
 
 @dataclass(frozen=True, eq=False)
 class StagedSequence:
-    """Images and camera for a system, and the ground truth for its evaluation.
+    """Images and camera for a system, the ground truth for its evaluation, and the readings of an
+    IMU around the images, if there are any.
 
     Stamps (n,) in seconds are those of the sequence; those of the view are `offset_s` later.
     """
@@ -50,6 +54,7 @@ class StagedSequence:
     pairs: tuple[ImagePair, ...]
     camera: SequenceCamera
     truth: Trajectory | None
+    imu: ImuStream | None = None
 
     @classmethod
     def of(cls, sequence: StoredSequence | Path, frames: str = "::") -> "StagedSequence":
@@ -60,7 +65,10 @@ class StagedSequence:
         stored = opened(sequence)
         pairs = [stored.pairs[k] for k in frame_slice(frames, len(stored.pairs))]
         name = sequence_name(stored.folder)
-        return cls(name, tuple(pairs), stored.camera, stored.truth)
+        imu = None
+        if stored.imu is not None:
+            imu = stored.imu.stream.around(pairs[0].stamp_s, pairs[-1].stamp_s)
+        return cls(name, tuple(pairs), stored.camera, stored.truth, imu)
 
     @property
     def stamps_s(self) -> np.ndarray:
@@ -89,6 +97,23 @@ class StagedSequence:
         links = filter(Path.is_symlink, stage.rglob("*"))
         return all(os.readlink(link) in images for link in links)
 
+    def imu_text(self, settings: StageSettings) -> str:
+        """The readings of the IMU in EuRoC's columns, with the stamps of the view.
+
+        Raises InputError without them, or if there is none between two frames.
+        """
+        hint = (
+            "`iclnuim make --imu bmi055`, or imu.csv of `iclnuim trajectory imu` beside its files"
+        )
+        if self.imu is None:
+            raise InputError("an IMU in the sequence", path=self.name, found="none", hint=hint)
+        between = np.diff(np.searchsorted(self.imu.stamps_s, self.stamps_s, side="right"))
+        if (between == 0).any():
+            where = f"none between {_range_of(self.stamps_s, int(between.argmin()))}"
+            raise InputError("readings of the IMU between all frames", path=self.name, found=where)
+        offset_ns = round(1e9 * self.offset_s(settings))
+        return imu_text(self.imu.stamps_ns + offset_ns, self.imu.readings)
+
     def offset_s(self, settings: StageSettings) -> float:
         """Whole seconds added to the stamps of the view."""
         return float(max(0, math.ceil(settings.first_stamp_s - self.pairs[0].stamp_s)))
@@ -106,13 +131,14 @@ class StagedSequence:
             **{"rate": repr(self.rate_hz), "frames": len(self.pairs), "stage": stage},
             **{name: stage / f"{name}.txt" for name in ("associations", "rgb", "depth")},
             "settings": stage / settings.settings_file,
+            "imu": stage / READINGS,
         }
 
     def write(self, settings: StageSettings, stage: Path) -> None:
         """Write the view.
 
-        Raises InputError if two frames have the same stamp in six digits, or if depth does not fit
-        the requested units.
+        Raises InputError if two frames have the same stamp in six digits, if depth does not fit the
+        requested units, or if readings of the IMU are missing.
         """
         offset_s = self.offset_s(settings)
         stamps = [f"{pair.stamp_s + offset_s:.6f}" for pair in self.pairs]
@@ -141,7 +167,15 @@ class StagedSequence:
             text = SLAM_SETTINGS[settings.settings](
                 self.camera.pinhole, self.rate_hz, self.units(settings)
             )
+            if settings.imu and self.imu is not None and settings.settings in IMU_SETTINGS:
+                text += IMU_SETTINGS[settings.settings](self.imu)
             atomic_write_text(stage / settings.settings_file, text)
+        if settings.imu:
+            atomic_write_text(stage / READINGS, self.imu_text(settings))
+
+
+def _range_of(stamps_s: np.ndarray, first: int) -> str:
+    return f"{stamps_s[first]:.6f} and {stamps_s[first + 1]:.6f} s"
 
 
 def _identified(pair: ImagePair) -> str:

@@ -63,6 +63,9 @@ class StageSettings(Settings):
         choices=lambda: dict.fromkeys(SLAM_SETTINGS, ""),
     )
     settings_file: str = parameter("settings.yaml", "its name in the view")
+    imu: bool = parameter(
+        False, "the readings of the IMU: imu.csv in the view; a sequence without them is refused"
+    )
 
 
 @dataclass(frozen=True)
@@ -104,13 +107,19 @@ class SystemSettings(Settings):
         "whether its trajectories are in metres; those of a monocular system are not, and are "
         "aligned by Sim(3), which their rows say",
     )
+    initialised: str | None = parameter(
+        None,
+        "file in {out} with the stamps, one a line, at which the system initialised its IMU; "
+        "default: none",
+    )
     stage: StageSettings = StageSettings()
 
 
 @dataclass(frozen=True)
 class System:
-    """A system with the values of its options. content: the parsed file. here: the value of {here},
-    the folder of the file.
+    """A system, in one of its modes, with the values of its options. name: SYSTEM or SYSTEM:MODE.
+    content: the parsed file, with what the mode changes. here: the value of {here}, the folder of
+    the file.
     """
 
     name: str
@@ -185,18 +194,18 @@ def user_folder() -> Path:
     )
 
 
-def read_system(name: str, given: Mapping[str, str]) -> System:
+def read_system(name: str, given: Mapping[str, str], mode: str | None = None) -> System:
     """Read a system by the path of its TOML file, or by name from the user's folder or the built-in
-    ones. given: values of its options.
+    ones. given: values of its options. mode: one of its [modes.NAME]; None: none of them.
 
-    Raises InputError for an unknown system, an invalid file, and missing or unknown options.
+    Raises InputError for an unknown system or mode, an invalid file, and missing or unknown options.
     """
     file = _file_of(name)
     short = name if file == _ODOMETRY_FILE else file.stem
-    content = _content(file)
-    rest = dict(content)
-    tables = {key: rest.pop(key, {}) for key in ("trajectories", "options", "environment")}
     try:
+        content = _in_mode(_content(file), mode)
+        rest = dict(content)
+        tables = {key: rest.pop(key, {}) for key in ("trajectories", "options", "environment")}
         for key, table in tables.items():
             if not isinstance(table, dict):
                 raise InputError(f"a table [{key}]", found=table)
@@ -211,7 +220,7 @@ def read_system(name: str, given: Mapping[str, str]) -> System:
         raise error.at(file) from None
     environment = {key: str(value) for key, value in tables["environment"].items()}
     return System(
-        name=short,
+        name=short if mode is None else f"{short}:{mode}",
         settings=settings,
         trajectories=results,
         options=options,
@@ -234,6 +243,24 @@ def title_of(name: str) -> str:
         return _content(_file_of(name)).get("title", name)
     except InputError:
         return name
+
+
+def _in_mode(content: dict[str, Any], mode: str | None) -> dict[str, Any]:
+    """The content of a system's file without its modes, and with what this one changes: a value
+    replaces a value, and a table the same keys of a table. Raises InputError.
+    """
+    rest = dict(content)
+    modes = rest.pop("modes", {})
+    if not isinstance(modes, dict) or not all(isinstance(one, dict) for one in modes.values()):
+        raise InputError("tables [modes.NAME]", found=modes)
+    if mode is None:
+        return rest
+    if mode not in modes:
+        raise InputError(f"a mode ({', '.join(modes) or 'none'})", setting="--mode", found=mode)
+    for key, value in modes[mode].items():
+        is_table = isinstance(value, dict) and isinstance(rest.get(key), dict)
+        rest[key] = {**rest[key], **value} if is_table else value
+    return rest
 
 
 def _content(file: Path) -> dict[str, Any]:

@@ -71,8 +71,10 @@ def configure(parser: ArgumentParser) -> None:
 
 
 def _add_system_options(parser: ArgumentParser) -> None:
-    """Add the options of the system, and where it is."""
+    """Add the mode and the options of the system, and where it is."""
     add = parser.add_argument
+    help = "a mode of the system, such as rgbd-inertial of orbslam3"
+    add("--mode", metavar="MODE", help=help)
     help = "an option of the system; may be given several times"
     add("--set", action="append", default=[], metavar="NAME=VALUE", help=help)
     add(
@@ -92,7 +94,7 @@ def run(args: Namespace, console: Console) -> int:
 
     3 if it gave no pose at all.
     """
-    system = read_system(args.system, _options(args))
+    system = read_system(args.system, _options(args), args.mode)
     file = args.out / "results.json"
     if file.is_file():
         read_results(file)  # an older one is refused before the work
@@ -120,6 +122,8 @@ def _experiments(args: Namespace, system: System, console: Console) -> list[Syst
     for folder in args.folders:
         stored = opened_with_camera(args, folder)
         sequence = StagedSequence.of(stored, args.frames)
+        if system.settings.stage.imu:
+            sequence.imu_text(system.settings.stage)  # refused before the work
         note_sequence(stored, console)
         note_depth_lag(sequence.pairs, [system.name], console)
         experiments.append(SystemRuns(system, sequence, store))

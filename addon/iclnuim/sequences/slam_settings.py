@@ -194,3 +194,6 @@ SLAM_SETTINGS: dict[str, Callable[[PinholeCamera, float, float], str]] = {
     "stella_vslam": stella_vslam,
     "camera_info": camera_info,
 }
+
+#: name -> function of the readings of an IMU that returns the lines for the end of the file
+IMU_SETTINGS: dict[str, Callable[[ImuStream], str]] = {"orb_slam3": orb_slam3_imu}

@@ -157,7 +157,7 @@ class SystemRuns:
         """What decides the result of a run."""
         content = {k: v for k, v in self.system.content.items() if k not in _DESCRIPTIONS}
         camera = self.sequence.camera
-        return {
+        identity = {
             "system": content,
             "options": self.system.chosen_options,
             "program_sha256": sha256(read_bytes(self.system.found_program())),
@@ -165,6 +165,10 @@ class SystemRuns:
             "camera": camera.pinhole.to_dict(),
             "depth_units_per_metre": camera.depth_units_per_metre,
         }
+        stage = self.system.settings.stage
+        if stage.imu:
+            identity["imu_sha256"] = sha256(self.sequence.imu_text(stage).encode())
+        return identity
 
 
 def _both(ended: Ended, evaluation: Evaluation) -> dict[str, Any]:
@@ -214,10 +218,11 @@ _COLUMNS = (
 
 def runs_table(result: dict[str, Any]) -> ResultTable:
     """A row for each trajectory of a system, with medians over its runs, followed by the notes
-    about these runs.
+    about these runs. Systems with an IMU have a column for its initialisation.
     """
     rows = []
     notes = []
+    has_imu = any(r.get("initialised_s") is not None for r in result["runs"])
     for r in result["runs"]:
         killed = any("killed at" in note for note in r["notes"])
         quartiles_m = r["ate_quartiles_m"] or []
@@ -232,7 +237,13 @@ def runs_table(result: dict[str, Any]) -> ResultTable:
                 f"{r['wall_s']:.1f}",
                 f"{r['cpu_s']:.1f}",
                 f"{r['peak_bytes'] / 1e6:.0f}",
+                *[_seconds(r.get("initialised_s"))] * has_imu,
             )
         )
         notes += [f"{r['odometer']}: {note}" for note in r["notes"]]
-    return ResultTable("runs", result["sequence"], _COLUMNS, tuple(rows), notes=tuple(notes))
+    columns = (*_COLUMNS, *["IMU s"] * has_imu)
+    return ResultTable("runs", result["sequence"], columns, tuple(rows), notes=tuple(notes))
+
+
+def _seconds(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
