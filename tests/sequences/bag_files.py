@@ -75,6 +75,24 @@ class Recording:
         )
         self.write(topic, message, more.get("recorded_ns", stamp_ns or 5))
 
+    def imu(self, topic: str, stamp_ns: int, reading: np.ndarray, frame: str = "optical") -> None:
+        """A reading (6,): rotation rate and specific force."""
+        vectors = [
+            self.new("geometry_msgs/msg/Vector3", **dict(zip("xyz", part.tolist(), strict=True)))
+            for part in (reading[:3], reading[3:])
+        ]
+        message = self.new(
+            "sensor_msgs/msg/Imu",
+            header=self.header(stamp_ns, frame),
+            orientation=self.new("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+            orientation_covariance=np.zeros(9),
+            angular_velocity=vectors[0],
+            angular_velocity_covariance=np.zeros(9),
+            linear_acceleration=vectors[1],
+            linear_acceleration_covariance=np.zeros(9),
+        )
+        self.write(topic, message, stamp_ns)
+
     def compressed(
         self, topic: str, stamp_ns: int, data: bytes, format: str, frame: str = "optical"
     ) -> None:

@@ -18,6 +18,8 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.postprocess import frames_from
 from iclnuim.sensor.imu import ImuOnCamera, imu_on
 from iclnuim.sensor.imu_noise import imu_noise
+from iclnuim.sequences.bag_reader import unpacked
+from iclnuim.sequences.bag_writer import BagSettings, write_rosbag
 from iclnuim.sequences.frame_source import image_frames, original_frames, run_frames
 from iclnuim.sequences.imu import SequenceImu, read_imu_files
 from iclnuim.sequences.inspection import inspect_sequence
@@ -28,6 +30,8 @@ from iclnuim.sequences.sequence_options import SequenceOptions, SequenceSettings
 from iclnuim.sequences.shards import pack_shards
 from iclnuim.sequences.stored_sequence import StoredSequence
 from iclnuim.sequences.writer import SequenceWriter, write_sequence
+
+from .bag_files import Recording
 
 RATE_HZ = 200.0
 COUNT = 6
@@ -263,6 +267,84 @@ def test_a_rate_that_a_file_says_and_the_stamps_do_not_is_told(written, tmp_path
     about.write_text(about.read_text().replace('"rate_hz": 200', '"rate_hz": 100'))
     said = " ".join(inspect_sequence(folder).warnings)
     assert "the readings of the IMU come at 200 Hz, its file says 100 Hz" in said
+
+
+@pytest.mark.parametrize(("name", "names"), [("a.bag", "tum"), ("b_ros2", "realsense")])
+def test_bags_have_the_readings_for_rosbags_and_for_us(written, tmp_path, name, names):
+    highlevel = pytest.importorskip("rosbags.highlevel")
+    path = tmp_path / name
+    write_rosbag(written / "tum", path, 1 if name == "a.bag" else 2, BagSettings(bag_names=names))
+    wanted = StoredSequence(written / "tum").imu.stream
+    stamps, rows, frames = [], [], {}
+    with highlevel.AnyReader([path]) as reader:
+        for connection, time_ns, raw in reader.messages():
+            if connection.topic in ("/camera/imu", "/tf_static"):
+                message = reader.deserialize(raw, connection.msgtype)
+                if connection.topic == "/tf_static":
+                    frames[message.transforms[0].child_frame_id] = message.transforms[0]
+                    continue
+                assert connection.msgtype == "sensor_msgs/msg/Imu"
+                stamp = message.header.stamp
+                stamps.append(stamp.sec * 10**9 + stamp.nanosec)
+                assert stamps[-1] == time_ns and message.orientation_covariance[0] == -1
+                vectors = message.angular_velocity, message.linear_acceleration
+                rows.append([getattr(vector, axis) for vector in vectors for axis in "xyz"])
+    assert (np.array(stamps) == wanted.stamps_ns).all()
+    assert (np.array(rows) == wanted.readings).all()
+    place = frames["camera_imu_optical_frame"].transform.translation
+    assert [place.x, place.y, place.z] == pytest.approx(T_IMU_CAMERA.inverse().translation)
+    found = StoredSequence(path).imu.stream
+    assert (found.stamps_ns == wanted.stamps_ns).all()
+    assert (found.readings == wanted.readings).all()
+    assert np.abs(found.T_imu_camera.matrix - T_IMU_CAMERA.matrix).max() < 1e-9
+
+
+def images_and_imu(recording, topics, stamps_ns, readings):
+    """Two pairs of images, and readings in topics of Imu."""
+    for stamp_ns in (10**9, 2 * 10**9):
+        recording.image("/rgb", stamp_ns, np.ones((24, 32, 3), np.uint8), "rgb8")
+        recording.image("/depth", stamp_ns, np.full((24, 32), 1000, np.uint16), "16UC1")
+    for topic, each, rows in zip(topics, stamps_ns, readings, strict=True):
+        for stamp_ns, row in zip(each, rows, strict=True):
+            recording.imu(topic, stamp_ns, row)
+
+
+@pytest.fixture
+def line_of_readings():
+    """Readings (n, 6) that are linear in time."""
+    return lambda stamps_ns: np.outer(np.array(stamps_ns) / 1e9, [1.0, 2, 3, 4, 5, 6])
+
+
+def test_a_gyroscope_and_an_accelerometer_apart_are_one_imu(tmp_path, line_of_readings):
+    """librealsense records both in topics of their own, each with zeros for the other sensor."""
+    pytest.importorskip("rosbags")
+    gyro_ns = list(range(10**9, 2 * 10**9, 5_000_000))
+    accel_ns = list(range(10**9 + 1_000_000, 2 * 10**9, 16_000_000))
+    topics = ["/device_0/Accel_0/imu/data", "/device_0/Gyro_0/imu/data"]
+    stamps = [accel_ns, gyro_ns]
+    rows = [line_of_readings(each) for each in stamps]
+    rows[0][:, :3] = 0
+    rows[1][:, 3:] = 0
+    with Recording(tmp_path / "a.bag") as recording:
+        images_and_imu(recording, topics, stamps, rows)
+    found = StoredSequence(tmp_path / "a.bag").imu.stream
+    assert found.rate_hz == 200 and set(found.stamps_ns.tolist()) < set(gyro_ns)
+    assert found.readings == pytest.approx(line_of_readings(found.stamps_ns), abs=1e-8)
+
+
+def test_what_of_an_imu_in_a_bag_is_not_read_is_said(tmp_path, line_of_readings):
+    pytest.importorskip("rosbags")
+    stamps_ns = list(range(10**9, 2 * 10**9, 10_000_000))
+    rows = line_of_readings(stamps_ns)
+    rows[7, 2] = np.nan
+    with Recording(tmp_path / "two.bag") as recording:
+        images_and_imu(recording, ["/imu/a", "/imu/b"], [stamps_ns] * 2, [rows] * 2)
+    both = StoredSequence(tmp_path / "two.bag")
+    assert both.imu is None
+    warnings = json.loads((unpacked(tmp_path / "two.bag")[0] / "bag.json").read_text())["warnings"]
+    assert "no IMU is read, as several are there: /imu/a, /imu/b" in " ".join(warnings)
+    one = StoredSequence(f"{tmp_path / 'two.bag'}:/imu/b")
+    assert len(one.imu.stream) == len(stamps_ns) - 1
 
 
 def test_sequences_without_an_imu_have_no_trace_of_one(all_formats):

@@ -20,6 +20,7 @@ from .depth_units import check_units
 
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
+IMU = "sensor_msgs/msg/Imu"
 _INFO = "sensor_msgs/msg/CameraInfo"
 #: Kinds of images by encoding, preferred ones first: 16-bit grey is depth where no other topic is.
 _COLOURS = (("rgb8", "bgr8", "rgba8", "bgra8", "8UC3", "8UC4"), ("mono8", "8UC1"))

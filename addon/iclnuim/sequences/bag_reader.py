@@ -47,13 +47,17 @@ from ..trajectory_files.stamps import stamp_text_of_ns
 from ..trajectory_files.trajectories import read_trajectory, write_trajectory
 from ..version import __version__
 from .associations import ImageList, write_image_list
+from .bag_imu import bag_imu
 from .camera_files import CAMERA, DISTORTED, SequenceCamera, camera_file
 from .format import Reader
 from .frames import Row
+from .imu import SequenceImu, read_imu_files, write_imu
 from .layouts import listed, tum
 
 _NOTES = "bag.json"
 _TRUTH = "groundtruth.txt"
+#: What is unpacked: folders of the cache with less are not used.
+_CONTENT = "images, poses, IMU"
 #: Encoding -> type of a value, number of channels, and the channels of R, G and B or of depth.
 _RGB = (0, 1, 2)
 _BGR = (2, 1, 0)
@@ -86,7 +90,7 @@ def unpacked(path: Path, progress: Meter = None) -> tuple[Path, list[str]]:
     """
     file, topics = split_topics(path)
     state = [(one.name, one.stat().st_size, one.stat().st_mtime_ns) for one in _files(file)]
-    identity = repr((__version__, os.path.realpath(file), topics, state))
+    identity = repr((__version__, _CONTENT, os.path.realpath(file), topics, state))
     key = sha256(identity.encode())
     folder = cache_folder() / "bags" / f"{file.name}-{key[:12]}"
     make_folder(folder.parent)
@@ -151,6 +155,7 @@ class _Unpacking:
         self._write_camera()
         for kind, images in self.written.items():
             self._write_list(kind, images)
+        self._write_imu()
         write_json(self.folder / _NOTES, {"notes": self.notes, "warnings": self.warnings})
 
     def _save(self, kind: str, time_ns: int, message: Any) -> None:
@@ -247,6 +252,13 @@ class _Unpacking:
         if self.unreadable:
             self.warnings.append(f"{len(self.unreadable)} images left out: {self.unreadable[0]}")
 
+    def _write_imu(self) -> None:
+        found = bag_imu(self.bag, self.bag.frame(self.topics.depth))
+        self.notes += found.notes
+        self.warnings += found.warnings
+        if found.imu is not None:
+            write_imu(self.folder, found.imu)
+
     def _write_list(self, kind: str, images: dict[int, Path]) -> None:
         stamps = sorted(images)
         texts = tuple(map(stamp_text_of_ns, stamps))
@@ -299,6 +311,10 @@ def _truth(path: Path) -> Path | None:
     """
     folder = unpacked(path)[0]
     return path if read_json(folder / _NOTES).get("refused") else listed.truth(folder)
+
+
+def _imu(path: Path) -> SequenceImu | None:
+    return read_imu_files(unpacked(path)[0])
 
 
 def save_colour(message: Any, place: Path) -> Path:
@@ -373,5 +389,5 @@ def _decompressed(message: Any, scratch: Path, units_per_metre: float) -> np.nda
 
 #: Read only; images of a bag have no names to keep.
 FORMAT = tum.read_only(
-    "rosbag", "ROS bags, which are unpacked", Reader(is_bag, _rows, _camera, _truth)
+    "rosbag", "ROS bags, which are unpacked", Reader(is_bag, _rows, _camera, _truth, imu=_imu)
 )

@@ -2,8 +2,9 @@
 needed).
 
 Topics of bags: colour (rgb8) and depth, a camera_info for each, and with ground truth
-/ground_truth/pose (world <- camera, x right, y down, z forward) and /tf. Stamps are those of each
-image of the sequence, to the nanosecond.
+/ground_truth/pose (world <- camera, x right, y down, z forward) and /tf; with an IMU /camera/imu, and
+in /tf_static where it is. Stamps are those of each image and reading of the sequence, to the
+nanosecond.
 """
 
 import tempfile
@@ -17,7 +18,9 @@ import numpy as np
 from ..errors import InputError, WorkError
 from ..formats.depth_units import depth16_from_metres
 from ..geometry.camera import PinholeCamera
+from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
+from ..sensor.imu import ImuStream
 from ..settings import Settings, setting
 from ..trajectory_files.stamps import nanoseconds_of
 from .frames import ImagePair
@@ -33,6 +36,8 @@ _TOPICS = {
         "camera_color_optical_frame",
     ),
 }
+_IMU = "/camera/imu"
+_IMU_FRAME = "camera_imu_optical_frame"
 _WORLD = "world"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
@@ -121,6 +126,8 @@ def write_rosbag(folder: Path, out: Path, ros: int, settings: BagSettings | None
                     bag.pair(pair, sequence)
                 if truth is not None:
                     bag.truth(truth)
+                if sequence.imu is not None:
+                    bag.imu(sequence.imu.stream)
             (Path(scratch) / out.name).rename(out)
     except OSError as error:
         raise WorkError(f"{out}: cannot write: {error.strerror or error}") from None
@@ -190,20 +197,49 @@ class _BagWriter:
             stamp_ns = nanoseconds_of(stamp_s)
             T = truth.T_world_camera[i]
             header = self._header(stamp_ns, _WORLD)
-            place = dict(zip("xyz", T.translation.tolist(), strict=True))
-            turn = dict(zip("xyzw", T.quat_xyzw.tolist(), strict=True))
-            rotation = self._new("geometry_msgs/msg/Quaternion", **turn)
-            point = self._new("geometry_msgs/msg/Point", **place)
-            move = self._new("geometry_msgs/msg/Vector3", **place)
+            point = self._new("geometry_msgs/msg/Point", **_named("xyz", T.translation))
+            rotation = self._new("geometry_msgs/msg/Quaternion", **_named("xyzw", T.quat_xyzw))
             pose = self._new("geometry_msgs/msg/Pose", position=point, orientation=rotation)
             posed = self._new("geometry_msgs/msg/PoseStamped", header=header, pose=pose)
             self._write("/ground_truth/pose", posed, stamp_ns)
-            named = {"header": header, "child_frame_id": self.frame}
-            transform = self._new(
-                "geometry_msgs/msg/Transform", translation=move, rotation=rotation
+            self._transform("/tf", _WORLD, self.frame, T, stamp_ns)
+
+    def imu(self, imu: ImuStream) -> None:
+        """Write the readings, with the variance of their white noise if it is known, and where the
+        IMU is.
+        """
+        stamps_ns = imu.stamps_ns.tolist()
+        T_camera_imu = imu.T_imu_camera.inverse()
+        self._transform("/tf_static", self.frame, _IMU_FRAME, T_camera_imu, stamps_ns[0])
+        names = ("gyroscope_noise_density", "accelerometer_noise_density")
+        variances = [imu.noise.get(name, 0.0) ** 2 * imu.rate_hz for name in names]
+        no_orientation = np.array([-1.0, *[0.0] * 8])
+        facing = self._new("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+        for stamp_ns, reading in zip(stamps_ns, imu.readings, strict=True):
+            rate, force = (
+                self._new("geometry_msgs/msg/Vector3", **_named("xyz", values))
+                for values in (reading[:3], reading[3:])
             )
-            stamped = self._new("geometry_msgs/msg/TransformStamped", **named, transform=transform)
-            self._write("/tf", self._new(_TRANSFORMS, transforms=[stamped]), stamp_ns)
+            message = self._new(
+                "sensor_msgs/msg/Imu",
+                header=self._header(stamp_ns, _IMU_FRAME),
+                orientation=facing,
+                orientation_covariance=no_orientation,
+                angular_velocity=rate,
+                angular_velocity_covariance=variances[0] * np.eye(3).ravel(),
+                linear_acceleration=force,
+                linear_acceleration_covariance=variances[1] * np.eye(3).ravel(),
+            )
+            self._write(_IMU, message, stamp_ns)
+
+    def _transform(self, topic: str, parent: str, child: str, T: SE3, stamp_ns: int) -> None:
+        """Write the pose T of the frame `child` in `parent`."""
+        move = self._new("geometry_msgs/msg/Vector3", **_named("xyz", T.translation))
+        turn = self._new("geometry_msgs/msg/Quaternion", **_named("xyzw", T.quat_xyzw))
+        named = {"header": self._header(stamp_ns, parent), "child_frame_id": child}
+        transform = self._new("geometry_msgs/msg/Transform", translation=move, rotation=turn)
+        stamped = self._new("geometry_msgs/msg/TransformStamped", **named, transform=transform)
+        self._write(topic, self._new(_TRANSFORMS, transforms=[stamped]), stamp_ns)
 
     def _camera_info(self, stamp_ns: int, c: PinholeCamera) -> Any:
         sides = dict.fromkeys(("x_offset", "y_offset", "height", "width"), 0)
@@ -238,3 +274,7 @@ class _BagWriter:
             self.connections[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
         serialize = self.store.serialize_ros1 if self.ros == 1 else self.store.serialize_cdr
         self.writer.write(self.connections[topic], stamp_ns, serialize(message, kind))
+
+
+def _named(names: str, values: np.ndarray) -> dict[str, float]:
+    return dict(zip(names, values.tolist(), strict=True))

@@ -157,6 +157,24 @@ def _chain(bag: Bag, edges: Sequence[_Edge], frame: str, root: str = "") -> list
     return chain
 
 
+def constant_transform(bag: Bag, frame: str, other: str) -> SE3 | None:
+    """The pose of a frame in another one by the transforms of /tf and /tf_static that do not change;
+    None if they do not lead there. Raises InputError if they are no tree.
+    """
+    if frame == other:
+        return SE3.identity()
+    still = [edge for edge in _edges(bag) if not edge.moves]
+    poses, roots = [], []
+    for each in (other, frame):
+        chain = _chain(bag, still, each)
+        T = SE3.identity()
+        for edge in chain:
+            T = T @ edge.trajectory().T_world_camera[0]
+        poses.append(T)
+        roots.append(chain[0].parent if chain else each)
+    return poses[0].inverse() @ poses[1] if roots[0] == roots[1] else None
+
+
 def _of_tree(bag: Bag) -> NumberTable:
     edges = _edges(bag)
     camera = _camera_frame(bag)

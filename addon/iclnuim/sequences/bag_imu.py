@@ -1,0 +1,93 @@
+"""The IMU in a bag: readings of both sensors in one topic, or of a gyroscope and an accelerometer
+apart, whose readings then are interpolated at the gyroscope's stamps, as RealSense's node does.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..formats.bags import IMU, Bag, stamp_ns
+from ..geometry.se3 import SE3
+from ..geometry.trajectory import frame_rate_hz
+from ..sensor.imu import ImuStream
+from ..trajectory_files.bag_poses import constant_transform
+from .imu import SequenceImu
+
+_SENSORS = ("gyro", "accel")
+
+
+class BagImu(NamedTuple):
+    """The IMU, None without one that can be read; notes and warnings: how it was read."""
+
+    imu: SequenceImu | None
+    notes: list[str]
+    warnings: list[str]
+
+
+def bag_imu(bag: Bag, camera_frame: str) -> BagImu:
+    """The IMU of a bag, and where the camera of this frame is on it. Raises InputError for a damaged
+    bag.
+    """
+    topics = _chosen(bag)
+    if not topics:
+        return BagImu(None, [], [])
+    names = ", ".join(topics)
+    if len(topics) > 2 or (len(topics) == 2 and not _are_apart(topics)):
+        hint = f"{bag.path}:{topics[0]} chooses one"
+        return BagImu(None, [], [f"no IMU is read, as several are there: {names}; {hint}"])
+    parts = [_readings(bag, topic) for topic in sorted(topics, key=_is_accel)]
+    if any(len(stamps_ns) < 2 for stamps_ns, _, _ in parts):
+        return BagImu(None, [], [f"no IMU is read: fewer than two readings in {names}"])
+    stamps_ns, readings, lost = parts[0]
+    if len(parts) == 2:
+        accel_ns, accel, more_lost = parts[1]
+        lost += more_lost
+        inside = (stamps_ns >= accel_ns[0]) & (stamps_ns <= accel_ns[-1])
+        stamps_ns, readings = stamps_ns[inside], readings[inside]
+        since = [(each - accel_ns[0]).astype(float) for each in (stamps_ns, accel_ns)]
+        columns = [np.interp(since[0], since[1], column) for column in accel[:, 3:].T]
+        readings = np.hstack([readings[:, :3], np.stack(columns, -1)])
+    if len(stamps_ns) < 2:
+        return BagImu(None, [], [f"no IMU is read: the stamps of {names} do not overlap"])
+    T_imu_camera = constant_transform(bag, camera_frame, bag.frame(topics[0]))
+    warnings = []
+    if lost:
+        warnings.append(f"{lost} readings of the IMU that are not finite or not later are left out")
+    if T_imu_camera is None:
+        frames = f"no transforms from {bag.frame(topics[0])} to {camera_frame}"
+        warnings.append(f"/tf has {frames}: the IMU is read as in the axes of the camera")
+    T_imu_camera = T_imu_camera or SE3.identity()
+    stream = ImuStream(stamps_ns, readings, frame_rate_hz(stamps_ns / 1e9), T_imu_camera)
+    return BagImu(SequenceImu(stream, about=names), [f"IMU {names}"], warnings)
+
+
+def _chosen(bag: Bag) -> list[str]:
+    topics = bag.topics_of(IMU)
+    return [topic for topic in topics if topic in bag.given] or topics
+
+
+def _is_accel(topic: str) -> bool:
+    return _SENSORS[1] in topic.lower()
+
+
+def _are_apart(topics: list[str]) -> bool:
+    """Whether these are the topics of a gyroscope and of an accelerometer."""
+    found = [[name for name in _SENSORS if name in topic.lower()] for topic in topics]
+    return sorted(found) == [[name] for name in sorted(_SENSORS)]
+
+
+def _readings(bag: Bag, topic: str) -> tuple[np.ndarray, np.ndarray, int]:
+    """Stamps (n,) in nanoseconds and readings (n, 6) of a topic, and the number of those left out."""
+    stamps: list[int] = []
+    rows: list[list[float]] = []
+    lost = 0
+    for _, time_ns, message in bag.messages([topic]):
+        stamp = stamp_ns(message.header, time_ns)
+        vectors = (message.angular_velocity, message.linear_acceleration)
+        row = [getattr(vector, axis) for vector in vectors for axis in "xyz"]
+        if not np.isfinite(row).all() or (stamps and stamp <= stamps[-1]):
+            lost += 1
+            continue
+        stamps.append(stamp)
+        rows.append(row)
+    return np.array(stamps, np.int64), np.array(rows).reshape(-1, 6), lost
