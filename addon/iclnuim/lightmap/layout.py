@@ -327,14 +327,6 @@ class Layout:
         result[self.sides.face, self.sides.side] = mean[self.charts.chart]
         return result
 
-    def summary(self) -> str:
-        """One line for messages."""
-        count = len(self.texels.index)
-        size = self.texels.size
-        share = f"{count / size**2:.0%} of {size} x {size}"
-        charts = f"{len(self.charts.size_m)} charts"
-        return f"{charts}, {count} texels ({share}), {1000 / self.density:.1f} mm"
-
 
 def lay_out(
     surfaces: Surfaces,

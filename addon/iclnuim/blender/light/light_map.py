@@ -164,19 +164,16 @@ def _make(
     seed = chosen["seed"]
     whole = surfaces.joined(found)
     places = viewpoints(depsgraph, whole, _VIEWPOINTS, seed)
-    report(f"light map: {len(found)} objects, {whole.faces} faces, {len(places)} viewpoints")
     shows, translucent, sends = _kinds(found)
     layout = lay_out(whole, np.repeat(sends[:, None], 2, 1), chosen["coarse_size"])
     seen = seen_texels(layout, places, seed)
     wanted, exposure = _seen_sides(layout, seen, shows, translucent)
     coarse = MapPoints(layout, seen > 0, places, chosen["coarse_samples"], seed, translucent)
-    report(f"coarse map: {coarse.layout.summary()}")
     first = coarse.direct()
     layout = lay_out(whole, wanted, chosen["size"], exposure, coarse.contrast(first))
     seen = seen_texels(layout, places, seed + 1)
     fine = MapPoints(layout, seen > 0, places, chosen["samples"], seed + 1, translucent)
     with _bounced(found, coarse, first, "glow" in chosen):
-        report(f"fine map: {fine.layout.summary()}")
         light = fine.map(fine.direct(sky=False) + fine.gathered(sky=True))
     seconds = time.perf_counter() - started
     recipe = {
@@ -189,7 +186,7 @@ def _make(
         "texels_per_metre": round(fine.layout.density, 2),
     }
     store(folder, light, _map_layout(found, fine.layout), scene_key.uv_of(found), recipe)
-    report(f"light map: {seconds:.0f} s, {folder}")
+    report(f"light map: {seconds:.0f} s, texels of {1e3 / fine.layout.density:.0f} mm, {folder}")
 
 
 @contextmanager

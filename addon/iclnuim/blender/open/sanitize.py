@@ -17,8 +17,6 @@ from ..surfaces import array_of
 
 #: Larger coordinates are treated as invalid: float32 cannot represent millimetres there.
 _MAX_COORDINATE = 1e7
-#: A face with less area than this (file units squared) is degenerate: a line or a point.
-_MIN_AREA = 1e-14
 
 
 def sanitize(scene: Scene) -> list[str]:
@@ -45,12 +43,10 @@ def _hide_lost_objects(scene: Scene) -> list[str]:
 
 
 def _repair_meshes() -> list[str]:
-    vertices = meshes = faces = texture = 0
+    vertices = meshes = texture = 0
     for mesh in bpy.data.meshes:
         vertices += _remove_lost_vertices(mesh)
         meshes += bool(mesh.validate(clean_customdata=False))
-        # NaN is also no area
-        faces += int((~(array_of(mesh.polygons, "area") > _MIN_AREA)).sum())
         texture += sum(map(_reset_texture_coordinates, mesh.uv_layers))
     notes = []
     if vertices:
@@ -59,8 +55,6 @@ def _repair_meshes() -> list[str]:
     if meshes:
         problem = f"{meshes} meshes had faces with missing vertices, or duplicate faces"
         notes.append(f"{problem}: these faces are left out")
-    if faces:
-        notes.append(f"{faces} faces have no area: no ray hits them")
     if texture:
         notes.append(f"{texture} texture coordinates are NaN or infinite: set to 0")
     return notes
