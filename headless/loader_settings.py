@@ -96,6 +96,7 @@ def _of_imu(sequence: StoredSequence) -> dict[str, object]:
     rows = [[round(value, 9) + 0.0 for value in row] for row in T.matrix.tolist()]
     found: dict[str, object] = {
         "has_imu": "true" if sequence.imu else "false",
+        "imu_modes": ", 'mono-vi'" if sequence.imu else "",
         "imu_rate": repr(float(stream.rate_hz)),
         "T_imu_camera": ", ".join(repr(value) for row in rows for value in row),
         "T_imu_camera_rows": "".join(f"\n    - {row}" for row in rows),

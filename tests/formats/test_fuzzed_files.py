@@ -385,6 +385,7 @@ SEQUENCES = {
     "tartanair": ("pose_left.txt", "depth_left/000001_left_depth.npy", "camera.json"),
     "rtabmap": ("associations.txt", "camera.json"),
     "euroc": ("mav0/cam0/data.csv", "mav0/cam0/sensor.yaml", "mav0/depth0/sensor.yaml"),
+    "tum-vi": ("mav0/cam0/data.csv", "mav0/mocap0/data.csv", "mav0/depth0/sensor.yaml"),
     "nerf": ("transforms.json",),
     "stray-scanner": ("odometry.csv", "camera_matrix.csv"),
     "record3d": ("metadata.json", "depth/000001.exr"),

@@ -1,5 +1,5 @@
-"""The readings of an IMU as text, in the columns of EuRoC: nanoseconds, rotation rate in rad/s,
-specific force in m/s^2.
+"""The readings of an IMU as text, in the columns of EuRoC and VSLAM-LAB: nanoseconds, rotation rate
+in rad/s, specific force in m/s^2.
 """
 
 from pathlib import Path
@@ -9,21 +9,24 @@ import numpy as np
 from ..errors import InputError
 from .files import data_lines, read_text
 
-HEADER = (
+EUROC = (
     "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
     "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"
+)
+VSLAM_LAB = (
+    "ts (ns),wx (rad s^-1),wy (rad s^-1),wz (rad s^-1),ax (m s^-2),ay (m s^-2),az (m s^-2)\n"
 )
 #: Written digits after the point: what a reading lacks moves nothing by a nanometre in ten seconds,
 #: and the last bits of a processor do not show.
 _DIGITS = 9
 
 
-def imu_text(stamps_ns: np.ndarray, readings: np.ndarray) -> str:
-    """The text of stamps (n,) and readings (n, 6)."""
+def imu_text(stamps_ns: np.ndarray, readings: np.ndarray, header: str = EUROC) -> str:
+    """The text of stamps (n,) and readings (n, 6), below the names of a format's columns."""
     line = f"%d{f',%.{_DIGITS}f' * 6}\n"
     rows = (np.round(readings, _DIGITS) + 0.0).tolist()
     stamped = zip(stamps_ns.tolist(), rows, strict=True)
-    return HEADER + "".join(line % (stamp, *row) for stamp, row in stamped)
+    return header + "".join(line % (stamp, *row) for stamp, row in stamped)
 
 
 def read_imu(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """The contents of the text files of a sequence that is written, in any format."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -89,3 +89,11 @@ def write_truth(path: Path, contents: Contents, format: str) -> None:
         atomic_write_bytes(path, data)
     elif contents.truth is not None:
         write_trajectory(path, contents.truth, format)
+
+
+def write_truth_of_body(path: Path, contents: Contents, format: str) -> None:
+    """Like write_truth; with an IMU, poses of the IMU, in formats whose body it is."""
+    kept = contents.truth_file is not None and contents.truth_file[0] == format
+    if contents.imu is not None and contents.truth is not None and not kept:
+        contents = replace(contents, truth=contents.imu.states_of(contents.truth)[0])
+    write_truth(path, contents, format)

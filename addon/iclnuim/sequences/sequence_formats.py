@@ -20,6 +20,7 @@ from .layouts import (
     scannet,
     tartanair,
     tum,
+    tum_vi,
     vslam_lab,
 )
 
@@ -39,6 +40,7 @@ _ALL = (
     edex.FORMAT,
     phones.STRAY_SCANNER,
     phones.RECORD3D,
+    tum_vi.FORMAT,
 )
 #: Formats that are only read. A folder of one of these may also have what another format has, so
 #: they are tried after the others.

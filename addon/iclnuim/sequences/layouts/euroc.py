@@ -38,6 +38,8 @@ _ROOT = Path("mav0")
 _SENSORS = {RGB: "cam"}
 _TRUTH = Path("mav0/state_groundtruth_estimate0/data.csv")
 _IMU = Path("mav0/imu0")
+#: A folder with this ground truth is one of TUM-VI (tum_vi.py).
+TUM_VI = Path("mav0/mocap0/data.csv")
 #: Stamps of the images, from which ORB-SLAM3 makes their names.
 _TIMES = Path("times.txt")
 #: Columns of the ground truth after the poses.
@@ -64,6 +66,12 @@ KEYS = Keys(
 
 
 def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    write_sensors(folder, contents, format)
+    _write_truth(folder / _TRUTH, contents)
+
+
+def write_sensors(folder: Path, contents: Contents, format: SequenceFormat) -> None:
+    """Write the lists and cameras of both kinds of images, and the readings of an IMU."""
     stems = [Path(path).stem for path in format.images(contents, RGB).paths]
     rows = ["#timestamp [ns],filename\n"]
     rows += [f"{stem},{stem}.png\n" for stem in stems]
@@ -73,7 +81,6 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     atomic_write_text(folder / _TIMES, "".join(f"{stem}\n" for stem in stems))
     if contents.imu is not None:
         _write_imu(folder / _IMU, contents.imu)
-    _write_truth(folder / _TRUTH, contents)
 
 
 def _write_truth(path: Path, contents: Contents) -> None:
@@ -259,7 +266,12 @@ FORMAT = SequenceFormat(
     lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds():019}.png",
     _write,
     Reader(
-        lambda folder: (folder / _ROOT).is_dir(), _rows, _camera, truth_at(_TRUTH), _mount, _imu
+        lambda folder: (folder / _ROOT).is_dir() and not (folder / TUM_VI).is_file(),
+        _rows,
+        _camera,
+        truth_at(_TRUTH),
+        _mount,
+        _imu,
     ),
     FormatLimits("ns", depth_stamps=False, fixed_units=UNITS, imu=True, remarks=_remarks),
     published_image=lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds()}.png",
