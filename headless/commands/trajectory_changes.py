@@ -2,6 +2,7 @@
 adopt, resample.
 """
 
+import json
 import os
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
@@ -11,11 +12,13 @@ from pathlib import Path
 import numpy as np
 from iclnuim.console import Console
 from iclnuim.errors import InputError
+from iclnuim.formats.files import atomic_write_text, is_file, read_text
 from iclnuim.geometry import trajectory as trajectories
 from iclnuim.geometry.scene_axes import parse_unit
 from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory
 from iclnuim.trajectory_files import trajectories as files
+from iclnuim.trajectory_files.paths import EXACT, CameraPath, exact_path
 
 from ..options import Actions, action, trajectory_file
 from .trajectory_options import FILE, add_reading, check_out, loaded
@@ -72,7 +75,10 @@ def _configure_adopt(actions: Actions) -> None:
 
 
 def _configure_resample(actions: Actions) -> None:
-    help = "the same motion at another frame rate, by interpolation on SE(3)"
+    help = (
+        "the same motion at another frame rate: of a file with the recipe of its poses beside it on "
+        "the recipe's path, which is kept; of others by interpolation on SE(3)"
+    )
     example = "iclnuim trajectory resample kt2.txt --rate 120 -o kt2_120hz.txt"
     resample = action(actions, "resample", help, example, partial(_run, _resampled), json=False)
     resample.add_argument("source", type=trajectory_file, metavar="SOURCE", help=FILE)
@@ -168,10 +174,27 @@ def _adopted(args: Namespace, source: files.LoadedTrajectory, console: Console) 
 def _resampled(args: Namespace, read: files.LoadedTrajectory, console: Console) -> Trajectory:
     source = read.trajectory
     resampled = trajectories.resample(source, args.rate)
-    console.note(f"resampled: {len(source)} poses to {len(resampled)} at {args.rate:g} Hz")
+    exact = exact_path(Path(args.source), source)
+    if exact is not None:
+        poses = exact.motion.states(resampled.stamps_s).T_world_body
+        resampled = Trajectory(resampled.stamps_s, poses)
+        if args.out is not None:
+            _keep_recipe(exact, Path(args.out).with_suffix(".json"))
+    how = f", on {EXACT}" if exact else ""
+    console.note(f"resampled: {len(source)} poses to {len(resampled)} at {args.rate:g} Hz{how}")
     _note_gaps(source, "poses in it are interpolated as if the motion were uniform", console)
     args.file_rate = args.rate
     return resampled
+
+
+def _keep_recipe(path: CameraPath, file: Path) -> None:
+    """Write the recipe beside the resampled poses, which are on its path too. Raises InputError for
+    another file there.
+    """
+    text = json.dumps(path.recipe, indent=2) + "\n"
+    if is_file(file) and read_text(file) != text:
+        raise InputError("no other file where the recipe belongs", path=file, found="one")
+    atomic_write_text(file, text)
 
 
 def _note_gaps(trajectory: Trajectory, consequence: str, console: Console) -> None:

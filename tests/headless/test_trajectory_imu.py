@@ -81,6 +81,33 @@ def test_a_resampled_trajectory_is_refused(name, rate_hz):
         iclnuim.imu_of(resampled)
 
 
+@pytest.mark.parametrize("rate_hz", [15, 31, 45, 120])
+def test_what_is_resampled_beside_its_recipe_stays_on_its_path(kt2, capsys, tmp_path, rate_hz):
+    out = tmp_path / "resampled.txt"
+    words = ["trajectory", "resample", str(kt2), "--rate", str(rate_hz), "-o", str(out)]
+    assert main(words) == 0
+    assert "on the path of the recipe that made the poses" in capsys.readouterr().err
+    code, said, _ = run(capsys, out, "-o", tmp_path / "imu.csv", "--json")
+    assert code == 0 and json.loads(said)["exact"]
+    exact, found = (iclnuim.imu_of(file) for file in (kt2, out))
+    shared = np.intersect1d(exact.stamps_ns, found.stamps_ns)
+    rows = [one.readings[np.isin(one.stamps_ns, shared)] for one in (exact, found)]
+    assert len(shared) > 1000 and rows[0] == pytest.approx(rows[1], abs=1e-9)
+    apart = iclnuim.resample(iclnuim.read_trajectory(kt2).trajectory, rate_hz)
+    moved = iclnuim.read_trajectory(out).trajectory.positions_m - apart.positions_m
+    assert (
+        np.linalg.norm(moved, axis=1).max() < 0.002
+    )  # what straight lines between poses leave out
+
+
+def test_a_recipe_is_not_written_over_another_file(kt2, capsys, tmp_path):
+    (tmp_path / "other.json").write_text("{}")
+    words = ["trajectory", "resample", str(kt2), "--rate", "40", "-o", str(tmp_path / "other.txt")]
+    assert main(words) == 2
+    assert "no other file where the recipe belongs" in capsys.readouterr().err
+    assert (tmp_path / "other.json").read_text() == "{}"
+
+
 def test_a_smooth_motion_at_constant_speed_is_not_refused():
     count = 600
     angle = np.linspace(0, 6, count)

@@ -12,13 +12,17 @@ import sys
 import time
 from html.parser import HTMLParser
 
+import iclnuim
 import pytest
+from box_scene import truth  # noqa: F401
 from iclnuim.benchmark.experiments import code_version
 from iclnuim.benchmark.experiments.inputs import Input
 from iclnuim.benchmark.odometry.run import Sequence
 from iclnuim.benchmark.perturbations.plan import read_plan
 from iclnuim.errors import InputError
 from iclnuim.headless.commands.stress import _segment, _systems
+from iclnuim.sequences.imu import SequenceImu, write_imu
+from iclnuim.sequences.stored_sequence import StoredSequence
 from patience import patience
 
 SMALL = ("--frames", ":6", "--starts", "1", "--methods", "opencv", "--workers", "1")
@@ -286,6 +290,27 @@ def test_a_system_is_judged_by_what_it_writes_of_the_perturbed_frames(
         and system["coverage"] == own["coverage"]
     )
     assert not (tmp_path / "out/work").exists() or not any((tmp_path / "out/work").rglob("*.png"))
+
+
+def test_what_is_written_for_systems_elsewhere_has_the_readings_of_the_imu(
+    command_here,
+    folder,
+    truth,  # noqa: F811
+    tmp_path,
+):
+    sequence = tmp_path / "sequence"
+    shutil.copytree(folder, sequence)
+    write_imu(sequence, SequenceImu(iclnuim.imu_of(truth)))
+    words = ("stress", sequence, "-o", tmp_path / "out", "--only", "holes", "--severities", "5")
+    words = (*words, "--frames", ":4", "--starts", "1", "--write", tmp_path / "there")
+    assert command_here(*words)[0] == 0
+    places = list((tmp_path / "there/sequences").rglob("imu.csv"))
+    assert len(places) == 2  # as rendered, and perturbed
+    source = StoredSequence(sequence).imu.stream
+    for place in places:
+        written = StoredSequence(place.parent)
+        kept = source.around(*written.stamps_s[[0, -1]])
+        assert (written.imu.stream.readings == kept.readings).all()
 
 
 def test_a_dry_run_counts_the_cells_that_are_missing_and_measures_none(

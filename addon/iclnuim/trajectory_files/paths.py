@@ -62,15 +62,18 @@ def path_of(trajectory: Trajectory | Poses | StrPath) -> CameraPath:
         return _spline(Trajectory.of(trajectory))
     file = Path(file_or_trajectory(trajectory))
     poses = read_trajectory(file).trajectory
+    try:
+        return exact_path(file, poses) or _spline(poses)
+    except InputError as error:
+        raise error.at(file) from None
+
+
+def exact_path(file: Path, poses: Trajectory) -> CameraPath | None:
+    """The motion of the recipe beside a file, None without one that makes these poses of the file."""
     recipe = file.with_suffix(".json")
     content = read_json(recipe) if recipe != file and is_file(recipe) else {}
     found = _of_recipe(content, poses) if "viewpoints" in content else None
-    if found is not None:
-        return CameraPath(found, EXACT, content)
-    try:
-        return _spline(poses)
-    except InputError as error:
-        raise error.at(file) from None
+    return None if found is None else CameraPath(found, EXACT, content)
 
 
 def _of_recipe(content: dict, poses: Trajectory) -> RecipeMotion | None:

@@ -31,14 +31,15 @@ _MATCH_SHARE = 0.4
 
 
 def write_perturbed(stress: Stress, folder: Path, console: Console) -> int:
-    """Write every perturbed segment as a sequence, as `iclnuim run` would read it, and masks where
-    something is put in; resumes. Returns the number of sequences.
+    """Write every perturbed segment as a sequence, as `iclnuim run` would read it, with the readings
+    of an IMU as they are, and masks where something is put in; resumes. Returns the number of sequences.
     """
     keys = list(stress.segment_keys())
     advance = console.progress(len(keys), "stress", "sequences").advance
     for key in keys:
         target = folder / "sequences" / key.segment_place
-        write_segment(stress.segment(key), target)
+        imu = stress.inputs[key.sequence].sequence.stored.imu
+        write_segment(stress.segment(key), target, imu)
         entry = stress.plan.perturbations.get(key.perturbation)
         if entry is not None and entry.puts_in:
             _write_masks(stress, key, target, folder / "masks" / key.segment_place)

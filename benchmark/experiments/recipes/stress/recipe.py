@@ -21,6 +21,7 @@ from iclnuim.geometry.se3 import SE3
 from iclnuim.geometry.trajectory import Trajectory, sample
 from iclnuim.sensor.transfer import linear_from_srgb8
 from iclnuim.sequences.frame_source import FrameSource
+from iclnuim.sequences.imu import SequenceImu
 from iclnuim.sequences.writer import write_sequence
 from iclnuim.trajectory_files.trajectories import read_trajectory
 
@@ -282,9 +283,11 @@ def system_name(name: str) -> str:
     return f"{SYSTEM}{name}"
 
 
-def write_segment(segment: Segment, folder: Path) -> None:
-    """Write the frames of a segment as the sequence that a system reads, or resume it."""
-    write_sequence(_source(segment), folder)
+def write_segment(segment: Segment, folder: Path, imu: SequenceImu | None = None) -> None:
+    """Write the frames of a segment as the sequence that a system reads, or resume it. imu: the
+    readings of an IMU that moved with its frames.
+    """
+    write_sequence(replace(_source(segment), imu=lambda: imu), folder)
 
 
 def staged_truth(staged: StagedSequence, segment: Segment) -> Trajectory:
