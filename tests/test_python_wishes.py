@@ -53,6 +53,7 @@ WORKS = {
     "a mask": lambda s: len(s[s.stamps_s > 2]) == 29,
     "from the end": lambda s: s[-1].stamp_s == s.stamps_s[-1],
     "comparison": lambda s: iclnuim.compare_sequences(s, s),
+    "a pickled sequence": lambda s: pickle.loads(pickle.dumps(s))[59].points().shape == (160, 3),
     "a pickled frame": lambda s: pickle.loads(pickle.dumps(s[0])).points().shape == (160, 3),
 }  # fmt: skip
 
@@ -67,6 +68,9 @@ def test_what_is_tried_works(sequence, wish):
 SAYS = {
     "a frame beyond": (lambda s: s[1000], IndexError, "60 frames"),
     "a number beyond": (lambda s: s[[0, 60]], IndexError, "60 frames"),
+    "a pose beyond": (lambda s: s.truth[60], IndexError, "60 poses"),
+    "a name of a frame": (lambda s: s["last"], InputError, "a number of a frame"),
+    "iclnuim.export": (lambda s: iclnuim.export, AttributeError, "convert_sequence"),
     "iclnuim.convert": (lambda s: iclnuim.convert, AttributeError, "convert_sequence"),
     "poses of nerf": (lambda s: iclnuim.write_trajectory("a", SHIFTED, "nerf"), InputError, "convert_sequence"),
     "an image of positions": (lambda s: iclnuim.absolute_trajectory_error(s, np.ones((4, 5))), InputError, r"\(4, 5\)"),

@@ -19,9 +19,9 @@ from iclnuim.formats.files import sha256
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from iclnuim.job import RenderJob
-from iclnuim.report.charts import COLOURS
 from iclnuim.sensor.transfer import srgb_from_light
 from iclnuim.sequences.run_folder import load_trajectory
+from iclnuim.shown import COLOURS
 from iclnuim.worker_events import Event, FrameDone, Note, Ready
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

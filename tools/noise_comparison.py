@@ -21,7 +21,6 @@ from iclnuim.errors import InputError
 from iclnuim.formats.exr import read_exr
 from iclnuim.formats.png import write_png
 from iclnuim.geometry.camera import PinholeCamera
-from iclnuim.report.charts import COLOURS
 from iclnuim.sensor.models import DEPTH_MODELS, RGB_MODELS, depth_model, rgb_model, with_depth_noise
 from iclnuim.sensor.noise_model import DEPTH, RGB, frame_generator
 from iclnuim.sensor.transfer import srgb8
@@ -30,6 +29,7 @@ from iclnuim.sequences.frame_pool import keep_freed_memory
 from iclnuim.sequences.frame_source import FrameSource, image_frames, run_frames
 from iclnuim.sequences.sequence_options import SequenceSettings
 from iclnuim.sequences.writer import SequenceWriter
+from iclnuim.shown import COLOURS
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 

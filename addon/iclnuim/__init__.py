@@ -147,6 +147,7 @@ else:
             return globals()[name]
         if name not in _PLACES:
             near = [one for one in __all__ if len(name) > 3 and name.lower() in one.lower()]
+            near += [_WORDS[name]] if name in _WORDS else []
             hint = f"; try {', '.join(near)}" if near else ""
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
         module, attribute = _PLACES[name]
@@ -172,6 +173,12 @@ _OLD = {
         "sequences.sequence_options",
         "make_sequence, which takes them as arguments",
     ),
+}
+#: word that one may look for -> public name
+_WORDS = {
+    "ate": "absolute_trajectory_error",
+    "rpe": "relative_pose_error",
+    "export": "convert_sequence",
 }
 #: public name -> (module, its name there), read from the imports above
 _PLACES: dict[str, tuple[str, str]] = {}

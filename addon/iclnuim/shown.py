@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MM = 1e3
+#: Distinguishable with colour blindness (Okabe and Ito's set, without yellow).
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 #: Ending of a name -> the factor to the unit of tables, and that unit.
 _UNITS = (("_m", MM, "mm"), ("_rad", float(np.degrees(1)), "°"))
 #: Blue, cyan, green, yellow, red: near to far, small to large.

@@ -6,7 +6,7 @@ import numpy as np
 from iclnuim.errors import InputError, WorkError
 from iclnuim.evaluation.absolute_error import absolute_error
 from iclnuim.geometry.trajectory import Trajectory
-from iclnuim.report.charts import COLOURS
+from iclnuim.shown import COLOURS
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 

@@ -9,8 +9,8 @@ from iclnuim.errors import InputError, StrPath
 from iclnuim.evaluation.absolute_error import absolute_error
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
-from iclnuim.report.charts import COLOURS
 from iclnuim.report.recording import TRUTH, Recorder, record
+from iclnuim.shown import COLOURS
 
 from .protocol import OdometryStatus
 from .run import OdometryRun

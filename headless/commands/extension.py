@@ -19,6 +19,8 @@ from ..options import action, subcommands
 _DATE = (2020, 1, 1, 0, 0, 0)
 #: Parts that an extension has no use for.
 _LEFT_OUT = {"checkout.py", "__main__.py"}
+#: Endings of the package's files: code, tables, and what a page of `view` is made of.
+_KINDS = (".py", ".toml", ".csv", ".html", ".css", ".js", ".LICENSE")
 
 
 def configure(parser: ArgumentParser) -> None:
@@ -68,7 +70,7 @@ def contents(package: Path) -> Iterator[tuple[str, Path]]:
     for path in sorted(package.rglob("*")):
         name = path.relative_to(package)
         left_out = {"__pycache__", *_LEFT_OUT} & set(name.parts)
-        if path.is_file() and path.suffix in (".py", ".toml", ".csv") and not left_out:
+        if path.is_file() and path.suffix in _KINDS and not left_out:
             yield str(name), path
     for path in sorted(shipped.folder("blend").glob("*.blend")):
         yield f"blend/{path.name}", path

@@ -83,27 +83,19 @@ def _gathered(args: Namespace) -> ViewContents:
     """What the page shows."""
     kinds = {text: _kind(text) for text in dict.fromkeys(args.what)}
     names = dict(zip(kinds, _short(list(kinds)), strict=True))
-    sequences, notes = [], []
-    truth = None
-    for text in (text for text, kind in kinds.items() if kind == "sequence"):
-        frames = None if args.frames == "::" else args.frames
-        sequence, own_truth, note = gather.read_sequence(
-            text, names[text], frames, args.allow_outside
-        )
-        truth = own_truth if truth is None else truth
-        sequences.append(sequence)
-        notes += [note] if note else []
+    frames = None if args.frames == "::" else args.frames
+    read = [
+        gather.read_sequence(text, names[text], frames, args.allow_outside)
+        for text, kind in kinds.items()
+        if kind == "sequence"
+    ]
     files = [text for text, kind in kinds.items() if kind == "trajectory"]
     named = [(names[text], read_trajectory(_path(text), positions_suffice=True)) for text in files]
     settings = AbsoluteErrorSettings(alignment=settings_from(args, AlignmentSettings()))
-    view = ViewContents(
-        ", ".join(names.values()),
-        sequences,
-        gather.trajectories(named, truth, settings),
-        [_surface(args, text, names[text]) for text, kind in kinds.items() if kind == "surface"],
-        notes,
-    )
-    return gather.upright(view)
+    surfaces = [
+        _surface(args, text, names[text]) for text, kind in kinds.items() if kind == "surface"
+    ]
+    return gather.gathered(", ".join(names.values()), read, named, settings, surfaces)
 
 
 def _kind(text: str) -> str:

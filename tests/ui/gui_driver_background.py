@@ -17,7 +17,7 @@ import bpy
 MODULE = "bl_ext.user_default.iclnuim"
 PREFIXES = ("ICLNUIM", "iclnuim")
 #: Buttons that can do nothing with the defaults in a file that is not saved.
-GREYED = ("remove_scene", "resume", "open_folder", "cancel", "evaluate", "plot")
+GREYED = ("remove_scene", "resume", "open_folder", "view", "cancel", "evaluate", "plot")
 ROOM = """v -2 -2 0\nv 2 -2 0\nv 2 2 0\nv -2 2 0\nv -2 -2 2\nv 2 -2 2\nv 2 2 2\nv -2 2 2
 f 1 2 3 4\nf 8 7 6 5\nf 1 5 6 2\nf 2 6 7 3\nf 3 7 8 4\n"""
 
@@ -195,8 +195,11 @@ def main(archive: str, out: str, estimate: str) -> dict:
     button("resume")
     settings.scene_source = shown
     settings.estimate = estimate
-    for name in ("evaluate", "plot"):
+    for name in ("evaluate", "plot", "view"):
         button(name)
+    page = Path(out, "view.html")
+    if page.is_file():
+        found["page"] = json.loads(page.read_text().split('id="data">')[1].split("</script>")[0])
     found["evaluation"] = state.current().evaluation_lines
     found["no_warning"] = state.current().evaluation_warnings
     settings.estimate = in_millimetres(estimate, out)

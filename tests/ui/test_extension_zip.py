@@ -137,11 +137,23 @@ def test_a_button_that_can_do_nothing_is_greyed_and_its_tooltip_says_why(driven)
         "remove_scene": "try Show the Scene",
         "resume": "saving this file",
         "open_folder": "saving this file",
+        "view": "saving this file",
         "cancel": "nothing is running",
         "evaluate": "Estimate",
         "plot": "try Evaluate first",
     }.items():
         assert reason.lower() in driven["greyed"][name].lower(), name
+
+
+def test_the_page_of_the_output_shows_both_sequences_and_the_estimate(driven):
+    assert driven["messages"]["view"].startswith("the page is ")
+    page = driven["page"]
+    assert [(one["name"], len(one["frames"])) for one in page["sequences"]] == [
+        ("clean", 3),
+        ("noisy", 3),
+    ]
+    truth, estimate = page["trajectories"]
+    assert truth["is_truth"] and ", ATE " in estimate["label"]
 
 
 def test_nothing_is_drawn_or_read_before_the_panel_was_used(driven):

@@ -139,6 +139,8 @@ class Trajectory:
     ) -> "Trajectory | StampedPose":
         """(stamp, pose) of a number; part of the trajectory by slice or increasing indices."""
         if isinstance(index, int | np.integer):
+            if not -len(self) <= index < len(self):
+                raise IndexError(f"no pose {index}: the trajectory has {len(self)} poses")
             return StampedPose(float(self.stamps_s[index]), self.T_world_camera[index])
         return Trajectory(self.stamps_s[index], self.T_world_camera[index])
 

@@ -18,12 +18,10 @@ from ..evaluation.absolute_error import AbsoluteError
 from ..formats.files import atomic_write, check_picture
 from ..geometry.axes import Z_UP_FROM_Y_DOWN
 from ..geometry.se3 import SE3
-from ..shown import MM
+from ..shown import COLOURS, MM
 from ..trajectory_files.trajectories import ANCHORED_WORLD, LoadedTrajectory
 from .trajectory_report import Report, title
 
-#: Distinguishable with colour blindness (Okabe and Ito's set, without yellow).
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 REFERENCE_COLOUR = "0.75"
 ESTIMATE_COLOUR = "tab:blue"
 ROTATION_COLOUR = "tab:orange"

@@ -186,6 +186,10 @@ class RgbdSequence:
             chosen = np.arange(len(self))[index if np.ndim(index) else int(index)]  # type: ignore[arg-type]
         except IndexError:
             raise IndexError(f"no frame {index}: the sequence has {len(self)} frames") from None
+        except (TypeError, ValueError):
+            raise InputError(
+                "a number of a frame, a slice, numbers or a mask", found=index
+            ) from None
         if np.ndim(chosen):
             return replace(self, pairs=tuple(self.pairs[i] for i in chosen))
         pair = self.pairs[chosen]

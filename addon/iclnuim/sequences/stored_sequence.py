@@ -67,6 +67,10 @@ class StoredSequence:
     def __repr__(self) -> str:
         return f"StoredSequence({self.folder})"
 
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle: a format has functions without a name, and is detected again."""
+        return {name: value for name, value in vars(self).items() if name != "format"}
+
     def with_camera(self, camera: SequenceCamera) -> "StoredSequence":
         """The same sequence, read with this camera in place of its own."""
         other = copy.copy(self)

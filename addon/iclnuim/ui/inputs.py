@@ -123,6 +123,16 @@ def existing_output(context: Context) -> Path:
     return folder
 
 
+def folders_to_view(context: Context) -> list[Path]:
+    """The sequences in the output folder, or else its run. Raises InputError if there is neither."""
+    out = existing_output(context)
+    sequences = [out / name for name in ("clean", "noisy") if (out / name).is_dir()]
+    found = sequences or [folder for folder in (out / "raw",) if (folder / "exr").is_dir()]
+    if not found:
+        raise InputError("rendered frames", path=out, found="none", hint="Render")
+    return found
+
+
 def run_to_resume(context: Context) -> Path:
     """The folder of the run in the output folder. Raises InputError if there is none."""
     raw = output_folder(context.scene.iclnuim) / "raw"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import bpy
 from bpy.props import StringProperty
-from bpy.types import Context, Event, Operator
+from bpy.types import Context, Event, Operator, WindowManager
 
 from ..errors import IclnuimError, InputError, WorkError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings
@@ -19,6 +19,8 @@ from ..evaluation.relative_error import RelativeErrorSettings, parse_delta, rela
 from ..geometry.trajectory import frame_slice
 from ..job import RenderJob
 from ..report.trajectory_report import ComparedFile, Report
+from ..report.view import gather
+from ..report.view.page import write_page
 from ..sequences.frame_images import noisy_images
 from ..sequences.frame_source import read_frame
 from ..sequences.pose_lines import tied_to_poses
@@ -94,6 +96,43 @@ def open_folder(self: Operator, context: Context) -> None:
     bpy.ops.wm.path_open(filepath=str(folder))
     # without a file manager, Blender says nothing
     state.current().work.message = f"the output folder is {folder}"
+
+
+@operator("View in a Browser", state.idle, inputs.folders_to_view)
+def view(self: Operator, context: Context) -> None:
+    """Show images, depth and the camera's path of the output in a page, view.html, beside the
+    estimate if one is chosen
+    """
+    settings = context.scene.iclnuim
+    folders = inputs.folders_to_view(context)
+    page = folders[0].parent / "view.html"
+    alignment = AlignmentSettings(**settings.values_of(AlignmentSettings))
+    estimates = []
+    if settings.estimate:
+        estimates.append((Path(settings.estimate).name, read_trajectory(_estimate(context))))
+    read = [gather.read_sequence(folder, folder.name) for folder in folders]
+    error_settings = AbsoluteErrorSettings(alignment=alignment)
+    contents = gather.gathered(page.parent.name, read, estimates, error_settings)
+    manager = context.window_manager
+    notes = write_page(page, contents, progress=functools.partial(_PointerProgress, manager))
+    manager.progress_end()
+    bpy.ops.wm.url_open(url=page.as_uri())
+    work = state.current().work
+    work.message = f"the page is {page}"  # where there is no browser, Blender says nothing
+    work.notes += [*contents.notes, *notes]
+
+
+class _PointerProgress:
+    """Progress beside the mouse pointer."""
+
+    def __init__(self, manager: WindowManager, total: int, label: str) -> None:
+        self._manager = manager
+        self._done = 0
+        manager.progress_begin(0, total)
+
+    def advance(self) -> None:
+        self._done += 1
+        self._manager.progress_update(self._done)
 
 
 def _busy(context: Context) -> None:
@@ -228,6 +267,7 @@ _OPERATORS = (
     render,
     resume,
     open_folder,
+    view,
     cancel,
     preview,
     evaluate,

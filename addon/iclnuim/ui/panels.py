@@ -211,6 +211,7 @@ def output(layout: UILayout, settings: PropertyGroup, context: Context) -> None:
     row = layout.row(align=True)
     row.prop(settings, "out", text="", placeholder=inputs.DEFAULT_OUT[2:])
     row.operator("iclnuim.open_folder", text="", icon="WINDOW")
+    layout.operator("iclnuim.view", icon="URL")
     if not bpy.data.filepath and (not settings.out or settings.out.startswith("//")):
         _text(layout, context, "this file is not saved yet: Render asks for a folder")
     layout.prop(settings, "frames")

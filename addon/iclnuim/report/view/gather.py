@@ -120,6 +120,22 @@ def trajectories(
     return found
 
 
+def gathered(
+    title: str,
+    read: Sequence[tuple[ViewedSequence, Trajectory | None, str]],
+    named: Sequence[tuple[str, LoadedTrajectory]],
+    settings: AbsoluteErrorSettings,
+    surfaces: Sequence[ViewedSurface] = (),
+) -> ViewContents:
+    """One page of what read_sequence() returned, and of estimates, which are aligned with the first
+    truth; z up.
+    """
+    truth = next((truth for _, truth, _ in read if truth is not None), None)
+    paths = trajectories(named, truth, settings)
+    notes = [note for _, _, note in read if note]
+    return upright(ViewContents(title, [one for one, _, _ in read], paths, surfaces, notes))
+
+
 def upright(view: ViewContents) -> ViewContents:
     """The view in a world whose z axis points up: of the world's axes, the one that the cameras'
     upper sides point to most. Without cameras it is z.

@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import tempfile
 from collections.abc import Callable, Iterator
 from html import escape
 from pathlib import Path
@@ -11,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from ...console import Meter, advance_of
-from ...errors import StrPath
+from ...errors import StrPath, WorkError
 from ...formats.files import atomic_write_text
 from ...formats.libraries import first_library
-from ...shown import depth_range, ramp
-from ..charts import COLOURS
+from ...shown import COLOURS, depth_range, ramp
 from .contents import ViewContents, ViewedFrame, ViewedSequence, ViewedSurface, ViewedTrajectory
 from .packing import packed_bytes, packed_floats, packed_whole
 
@@ -37,7 +37,7 @@ def write_page(
 
     Depth is stored in each pixel; where the page would be too large, unless `exact`, in every
     second row and column. progress: as of render_frames(). Raises InputError for an image that
-    cannot be read, WorkError without OpenCV.
+    cannot be read, WorkError without a library that writes WebP.
     """
     packer = _Packer()
     advance = advance_of(progress, sum(len(one.frames) for one in view.sequences), "view")
@@ -174,8 +174,17 @@ class _Packer:
 
 
 def _webp(rgb: np.ndarray) -> str:
-    _, cv2 = first_library("a page with images", "cv2")
-    image = np.ascontiguousarray(rgb[..., ::-1])
-    return base64.b64encode(
-        cv2.imencode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, _QUALITY])[1]
-    ).decode()
+    name, library = first_library("a page with images", "cv2", "OpenImageIO")
+    if name == "cv2":
+        image = np.ascontiguousarray(rgb[..., ::-1])
+        data = library.imencode(".webp", image, [library.IMWRITE_WEBP_QUALITY, _QUALITY])[1]
+        return base64.b64encode(data).decode()
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "colour.webp"
+        spec = library.ImageSpec(rgb.shape[1], rgb.shape[0], 3, library.UINT8)
+        spec.attribute("compression", f"webp:{_QUALITY}")
+        output = library.ImageOutput.create(str(file))
+        if not (output and output.open(str(file), spec) and output.write_image(rgb)):
+            raise WorkError("this OpenImageIO does not write WebP")
+        output.close()
+        return base64.b64encode(file.read_bytes()).decode()

@@ -90,7 +90,7 @@ def accuracy_figure(results: Sequence[Measured]) -> "Figure":
     """A chart of the ATE: a panel for each condition, with the most accurate method on top, a dot for each sequence and a line at the mean. Needs at least one cell
     with an ATE.
     """
-    from iclnuim.report.charts import COLOURS
+    from iclnuim.shown import COLOURS
     from matplotlib.figure import Figure
 
     conditions = errors_by_condition(results)

@@ -262,7 +262,7 @@ def _more(result: Measured) -> dict[str, str]:
 
 def _colours(results: Sequence[Measured]) -> dict[str, str]:
     """Odometer -> colour in the charts; the paper's five come first."""
-    from iclnuim.report.charts import COLOURS
+    from iclnuim.shown import COLOURS
 
     five = paper_odometers()
     names = [*five, *sorted({r.key.odometer for r in results} - set(five))]
