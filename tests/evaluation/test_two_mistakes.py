@@ -80,6 +80,19 @@ def test_two_mistakes_are_corrected():
     assert table["corrected"] >= 0.9 * (len(PAIRS) - table["needless"]) and table["wrong"] == 0
 
 
+@pytest.mark.parametrize("kind", ["scale", "mirror", "inverse"])
+def test_frame_numbers_as_stamps_are_found_whatever_else_is_wrong(kind, walk):
+    rng = np.random.default_rng(5)
+    estimate = noisy(rng, walk)
+    right_m = errors_m(walk, estimate)
+    truth, spoilt = corrupted(kind, rng, walk, estimate)
+    numbered = Trajectory(np.arange(len(spoilt), dtype=float), spoilt.T_world_camera)
+    truth = Trajectory(truth.stamps_s + 1000.0, truth.T_world_camera)
+    found = explain(truth, numbered)
+    assert set(found.kinds) == {"rate", kind}
+    assert (errors_m(found.reference, found.estimate) <= 1.5 * right_m).all()
+
+
 @pytest.mark.slow
 def test_two_hundred_pairs_of_mistakes():
     table = counts(range(10, 20))
@@ -132,9 +145,12 @@ def test_signs_of_lost_track_are_counted(walk):
     far[200] += 1000.0
     (said,) = signs_of_lost_track(true, SE3(estimate.rotation, far))
     assert said.startswith("1 pose is up to 1.73e+03 m off, the first is number 201")
-    other = SE3.exp(np.array([1.0, 2.0, 3.0, 0.4, 1.0, 0.2])) @ estimate
-    (said,) = signs_of_lost_track(true, chosen(late, other, estimate))
+    world = SE3.exp(np.array([1.0, 2.0, 3.0, 0.4, 1.0, 0.2]))
+    (said,) = signs_of_lost_track(true, chosen(late, world @ estimate, estimate))
     assert "after 180 compared poses" in said and "another world" in said
+    half = SE3(estimate.rotation, 0.5 * estimate.translation)
+    (said,) = signs_of_lost_track(true, chosen(late, world @ half, estimate))
+    assert "after 180 compared poses" in said and "with a scale of its own" in said
     (said,) = signs_of_lost_track(true, estimate[np.minimum(np.arange(len(walk)), 200)])
     assert said.startswith("199 of the estimate's 400 compared poses repeat")
     none = chosen(np.arange(len(walk)) % 3 == 0, SE3.identity((len(walk),)), estimate)

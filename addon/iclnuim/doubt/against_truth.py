@@ -99,7 +99,7 @@ def _best(compared: Compared, known: list[Hypothesis]) -> Candidate | None:
         candidates += filter(Candidate.explains, _alone(view, []))
     if winner(candidates) is None and plain is not None and not _is_bad(plain):
         return None
-    others = _timed(compared, compared.other_clocks())
+    others = _timed(compared, compared.other_clocks(with_rates=plain is None))
     for _, view in others:
         candidates += filter(Candidate.explains, _alone(view, []))
     timed += others

@@ -38,10 +38,13 @@ def _is_identity(poses: SE3) -> np.ndarray:
     return (poses.rotation == np.eye(3)).all((1, 2)) & (poses.translation == 0).all(1)
 
 
-def _errors_m(reference: SE3, estimate: SE3, used: np.ndarray) -> np.ndarray:
+def _errors_m(
+    reference: SE3, estimate: SE3, used: np.ndarray | slice, with_scale: bool = False
+) -> np.ndarray:
     """Distances (n,) after the alignment of the used poses (n,)."""
-    T, _ = umeyama(estimate.translation[used], reference.translation[used])
-    return np.linalg.norm(reference.translation - T.apply(estimate.translation), axis=1)
+    x, y = estimate.translation, reference.translation
+    T, scale = umeyama(x[used], y[used], with_scale=with_scale)
+    return np.linalg.norm(y - T.apply(scale * x), axis=1)
 
 
 def _outliers(reference: SE3, estimate: SE3) -> list[str]:
@@ -56,7 +59,7 @@ def _outliers(reference: SE3, estimate: SE3) -> list[str]:
     if not 0 < count <= _FEW * len(used):
         return []
     poses = "1 pose is" if count == 1 else f"{count} poses are"
-    rest_m = float(np.sqrt(np.mean(errors_m[used] ** 2)))
+    rest_m = _rms(errors_m[used])
     first = int(np.flatnonzero(~used)[0])
     return [
         f"{poses} up to {errors_m.max():.3g} m off, the first is number {first + 1} of the compared "
@@ -67,19 +70,25 @@ def _outliers(reference: SE3, estimate: SE3) -> list[str]:
 def _restart(reference: SE3, estimate: SE3) -> list[str]:
     steps_m = np.linalg.norm(np.diff(estimate.translation, axis=0), axis=1)
     jump = int(np.argmax(steps_m)) + 1
-    parts = np.arange(jump), np.arange(jump, len(estimate))
-    if min(map(len, parts)) < _MIN_PART:
+    parts = slice(0, jump), slice(jump, len(estimate))
+    if min(jump, len(estimate) - jump) < _MIN_PART:
         return []
-    whole = np.ones(len(estimate), bool)
-    whole_m = np.sqrt(np.mean(_errors_m(reference, estimate, whole) ** 2))
-    parts_m = [
-        np.sqrt(np.mean(_errors_m(reference[part], estimate[part], whole[part]) ** 2))
-        for part in parts
-    ]
+    every = slice(0, len(estimate))
+    rigid_m, scaled_m = (
+        [_rms(_errors_m(reference[o], estimate[o], slice(None), scale)) for o in (every, *parts)]
+        for scale in (False, True)
+    )
+    own_scale = max(scaled_m[1:]) < _PART_SHARE * max(rigid_m[1:])
+    whole_m, *parts_m = scaled_m if own_scale else rigid_m
     if max(parts_m) > _PART_SHARE * whole_m:
         return []
     return [
         f"the estimate jumps by {steps_m[jump - 1]:.3g} m after {jump} compared poses, and each "
-        f"part fits by itself (to {1e3 * parts_m[0]:.3g} and {1e3 * parts_m[1]:.3g} mm): the system "
-        "may have started again in another world"
+        f"part fits by itself{' with a scale of its own' if own_scale else ''} (to "
+        f"{1e3 * parts_m[0]:.3g} and {1e3 * parts_m[1]:.3g} mm): the system may have started again "
+        "in another world"
     ]
+
+
+def _rms(errors_m: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(errors_m**2)))

@@ -130,26 +130,33 @@ class Compared:
             yield Clock("offset", 1, estimate, offset, curve)
         if offset_only:
             return
-        for free, scaled in best_scales(reference, estimate, curve):
-            if scaled.scale != 1.0:
-                yield Clock("rate", free, estimate, scaled, curve)
+        yield from self._rates(curve)
         if len(reference) == len(estimate) and not self._on_a_line():
             stamped = Trajectory(reference.stamps_s, estimate.T_world_camera)
             yield Clock("rows", 0, stamped, TimeAxis(0.0), curve)
 
-    def other_clocks(self) -> Iterator[Clock]:
+    def other_clocks(self, with_rates: bool) -> Iterator[Clock]:
         """Offsets with which the estimate fits best, whatever its positions and rotations are
-        multiplied by.
+        multiplied by; with_rates: such rates, too. Poses at other times that may be scaled fit
+        wherever the ground truth hardly moves, so rates are for stamps that mean nothing as read.
         """
         step_s = float(np.median(np.diff(self.reference.stamps_s)))
         known = [self.settings.offset_s]
         if (offset := best_offset(self.reference, self.estimate, self.positions)) is not None:
             known.append(offset.offset_s)
-        for curve in (SHAPES,) if self.how.positions_only else (SHAPES, ROTATIONS):
+        curves = (SHAPES,) if self.how.positions_only else (SHAPES, ROTATIONS)
+        for curve in curves:
             axis = best_offset(self.reference, self.estimate, curve)
             if axis and all(abs(axis.offset_s - one) > _SAME_SHARE * step_s for one in known):
                 known.append(axis.offset_s)
                 yield Clock("offset", 1, self.estimate, axis, curve)
+        for curve in (SCALED_POSITIONS, *curves) if with_rates else ():
+            yield from self._rates(curve)
+
+    def _rates(self, curve: Curve) -> Iterator[Clock]:
+        for free, scaled in best_scales(self.reference, self.estimate, curve):
+            if scaled.scale != 1.0:
+                yield Clock("rate", free, self.estimate, scaled, curve)
 
     @property
     def positions(self) -> Curve:
