@@ -27,6 +27,8 @@ _STEP_S = 1 / 31
 #: Intervals that are compared at least, and those of one block: every other block is a half.
 _MIN_INTERVALS = 30
 _BLOCK = 15
+#: Between stamps this far apart hands that tremble turn straight, to 1e-5 rad.
+_DENSE_S = 0.002
 #: What constant biases may be: of sensors that people own.
 _GYRO_BIAS_RAD_S = 0.1
 _ACCEL_BIAS_M_S2 = 0.5
@@ -41,6 +43,34 @@ LIMITS = Limits(
 
 
 @dataclass(frozen=True, eq=False)
+class CameraMotion:
+    """The motion of the camera, and its rotation at dense stamps: quaternions (n, 4), between which
+    straight lines are near enough.
+    """
+
+    spline: SplineMotion
+    stamps_s: np.ndarray
+    quat_xyzw: np.ndarray
+
+    @classmethod
+    def of(cls, poses: Trajectory) -> "CameraMotion":
+        spline = SplineMotion(poses)
+        first_s, last_s = poses.stamps_s[[0, -1]].tolist()
+        stamps_s = np.linspace(first_s, last_s, 2 + int((last_s - first_s) / _DENSE_S))
+        quat_xyzw = spline.states(stamps_s).T_world_body.quat_xyzw
+        turned = np.where((quat_xyzw[1:] * quat_xyzw[:-1]).sum(-1) < 0, -1.0, 1.0)
+        quat_xyzw[1:] *= np.cumprod(turned)[:, None]
+        return cls(spline, stamps_s, quat_xyzw)
+
+    def rotations(self, stamps_s: np.ndarray) -> np.ndarray:
+        """(m, 3, 3) at stamps (m,)."""
+        columns = [np.interp(stamps_s, self.stamps_s, column) for column in self.quat_xyzw.T]
+        quat_xyzw = np.stack(columns, -1)
+        quat_xyzw /= np.linalg.norm(quat_xyzw, axis=1, keepdims=True)
+        return so3.matrix_from_quat_xyzw(quat_xyzw)
+
+
+@dataclass(frozen=True, eq=False)
 class MountedReadings:
     """Readings (n, 6) in rad/s and m/s^2 at stamps (n,), the pose of the camera in the IMU, gravity
     (3,) in the world, and the motion of the camera.
@@ -49,13 +79,13 @@ class MountedReadings:
     stamps_s: np.ndarray
     readings: np.ndarray
     T_imu_camera: SE3
-    motion: SplineMotion
+    motion: CameraMotion
     gravity_m_s2: np.ndarray = field(default_factory=lambda: np.array(GRAVITY_M_S2))
 
     @cached_property
     def R_world_camera(self) -> np.ndarray:
         """(n, 3, 3) at the stamps."""
-        return self.motion.states(self.stamps_s).T_world_body.rotation
+        return self.motion.rotations(self.stamps_s)
 
     @property
     def R_world_imu(self) -> np.ndarray:
@@ -75,7 +105,7 @@ class MountedReadings:
     @property
     def _compared_rates(self) -> ComparedRates:
         rates = self.readings[:, :3]
-        return ComparedRates.of(self.stamps_s, rates, self.T_imu_camera, self.motion)
+        return ComparedRates.of(self.stamps_s, rates, self.T_imu_camera, self.motion.spline)
 
     def with_(self, **changed: Any) -> "MountedReadings":
         """With other values, and the rotations at the stamps if those are the same."""
@@ -125,7 +155,7 @@ class ImuEvidence:
                 kept.append(k)
         if len(kept) <= _MIN_INTERVALS or len(imu) <= _MIN_INTERVALS:
             return None
-        motion = SplineMotion(poses)
+        motion = CameraMotion.of(poses)
         readings = MountedReadings(imu.stamps_s, imu.readings, imu.T_imu_camera, motion)
         return cls(poses[np.array(kept)], readings)
 
@@ -161,7 +191,7 @@ class ImuEvidence:
         """(m, 3) m/s^2 in the world at the used poses: of the poses, and of the readings."""
         arm = self.imu.T_imu_camera.inverse().translation
         positions = self.poses.T_world_camera.apply(arm)
-        force = (self.imu.R_world_imu @ self.imu.readings[:, 3:, None])[..., 0]
+        force = np.einsum("nij,nj->ni", self.imu.R_world_imu, self.imu.readings[:, 3:])
         moved = self._integral(force + self.imu.gravity_m_s2, twice=True)
         both = [self._second_differences(each)[self._used] for each in (positions, moved)]
         return both[0], both[1]

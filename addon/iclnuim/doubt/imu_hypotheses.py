@@ -10,12 +10,13 @@ from .axis_changes import changes_of_axes
 from .change import Change
 from .hypothesis import Words
 from .imu_evidence import ImuEvidence, ImuHypothesis, MountedReadings
+from .imu_time import DRIFT_STEP_S
 from .time_axis import TimeAxis
 
 #: A smaller offset, and a scale nearer to 1, is none.
 _LEAST_OFFSET_S = 0.001
 _LEAST_SCALE = 1e-4
-_SEARCH_ROUNDS = 18
+_SEARCH_ROUNDS = 12
 _STANDARD_G_M_S2 = 9.80665
 _SAME = np.eye(3)
 _AXES = [*changes_of_axes(1), *changes_of_axes(-1)]
@@ -94,7 +95,7 @@ def _refined(given: ImuEvidence, axis: TimeAxis, names: Sequence[str], step_s: f
     """
     length_s = max(float(np.ptp(given.imu.stamps_s)), step_s)
     for name in names:
-        wide = 2 * step_s if name == "offset_s" else 4 * step_s / length_s
+        wide = 2 * step_s if name == "offset_s" else DRIFT_STEP_S / length_s
 
         def cost(value: float, name: str = name, axis: TimeAxis = axis) -> float:
             other = axis._replace(**{name: value})

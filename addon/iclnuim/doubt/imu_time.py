@@ -15,7 +15,7 @@ from .time_axis import TimeAxis
 #: that drifts, and what neighbouring ones are apart at the end: half a period of trembling hands.
 _RATES_HZ = np.array([50.0, 100.0, 120.0, 125.0, 200.0, 250.0, 400.0, 500.0, 1000.0])
 _DRIFT = 0.05
-_DRIFT_STEP_S = 0.04
+DRIFT_STEP_S = 0.04
 #: The part of the readings that has to overlap the poses.
 _OVERLAP = 0.5
 _MOST_SAMPLES = 1 << 14
@@ -23,7 +23,7 @@ _MOST_SAMPLES = 1 << 14
 
 def scales_of(length_s: float) -> list[float]:
     """The scales of stamps that are tried, of a recording of this length."""
-    drift = np.arange(-_DRIFT, _DRIFT, _DRIFT_STEP_S / max(length_s, 1.0))
+    drift = np.arange(-_DRIFT, _DRIFT, DRIFT_STEP_S / max(length_s, 1.0))
     scales = np.concatenate([np.divide.outer(_RATES_HZ, _RATES_HZ).ravel(), 1.0 + drift])
     return [float(scale) for scale in np.unique(scales)]
 

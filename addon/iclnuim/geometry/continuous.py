@@ -133,17 +133,41 @@ class SplineMotion:
         return MotionStates.of_jets(stamps_s, jet[..., :3], jet[..., 3:])
 
 
-def keys_between(motion: ContinuousMotion, trajectory: Trajectory) -> tuple[np.ndarray, SE3]:
+def keys_between(
+    motion: ContinuousMotion, trajectory: Trajectory, beyond: int = 0
+) -> tuple[np.ndarray, SE3]:
     """Frame numbers (m,) and poses (m,) of a trajectory (n,), with as many of its motion between two
-    frames that straight lines through them stay within a micrometre of hand-held motion.
+    frames that straight lines through them stay within a micrometre of hand-held motion. beyond:
+    frames of the motion before the first and after the last pose.
     """
-    frames = np.arange((len(trajectory) - 1) * _KEYS + 1) / _KEYS
-    stamps_s = np.interp(frames, np.arange(len(trajectory)), trajectory.stamps_s)
-    poses = motion.states(stamps_s).T_world_body
+    frames = np.arange(-beyond * _KEYS, (len(trajectory) - 1 + beyond) * _KEYS + 1) / _KEYS
+    poses = motion.states(stamps_at(trajectory, frames)).T_world_body
     rotation, translation = poses.rotation.copy(), poses.translation.copy()
-    rotation[::_KEYS] = trajectory.T_world_camera.rotation
-    translation[::_KEYS] = trajectory.positions_m
+    own = slice(beyond * _KEYS, len(frames) - beyond * _KEYS, _KEYS)
+    rotation[own] = trajectory.T_world_camera.rotation
+    translation[own] = trajectory.positions_m
     return frames, SE3(rotation, translation)
+
+
+def stamps_at(trajectory: Trajectory, frames: np.ndarray) -> np.ndarray:
+    """(m,) seconds at frame numbers (m,) between those of the poses (n,); beyond them, as far apart
+    as the first and the last two.
+    """
+    return _continued(frames, np.arange(len(trajectory)), trajectory.stamps_s)
+
+
+def frames_at(trajectory: Trajectory, stamps_s: np.ndarray) -> np.ndarray:
+    """The inverse of stamps_at."""
+    return _continued(stamps_s, trajectory.stamps_s, np.arange(len(trajectory)))
+
+
+def _continued(x: np.ndarray, known_x: np.ndarray, known_y: np.ndarray) -> np.ndarray:
+    """Interpolated between known points (n,), which go on straight at both ends."""
+    found = np.interp(x, known_x, known_y)
+    for outside, a, b in ((x < known_x[0], 0, 1), (x > known_x[-1], -1, -2)):
+        slope = (known_y[b] - known_y[a]) / (known_x[b] - known_x[a]) if len(known_x) > 1 else 0.0
+        found = np.where(outside, known_y[a] + slope * (x - known_x[a]), found)
+    return found
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...errors import InputError, WorkError
 from ...formats import exr
+from ...geometry.continuous import frames_at
 from ...geometry.trajectory import Trajectory, sample
 from ...job import RenderJob
 from ...sensor.exposure import Band, motion_px, plan
@@ -148,7 +149,8 @@ def shoot(
     """Render (h, w, 3) scene-linear RGB of frame `number` of the open scene through the shutter;
     depth_z_m (h, w) is the depth at its stamp.
 
-    Before the start and after the end of the trajectory the camera does not move.
+    Before the start and after the end of the trajectory the camera does not move, but with an IMU,
+    whose path goes on.
     """
     camera = job.camera
     here = trajectory.T_world_camera[number]
@@ -177,12 +179,14 @@ def shoot(
             "border_max_y": (camera.height - band.top + 0.25) / camera.height,
         }
         with temporarily(bpy.context.scene.render, **border):
-            rgb[band.top : band.bottom] = _mean(number, band, trajectory, raw_file)
+            rgb[band.top : band.bottom] = _mean(number, band, trajectory, raw_file, bool(job.imu))
     return rgb
 
 
-def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np.ndarray:
-    """Mean light of a band's instants.
+def _mean(
+    number: int, band: Band, trajectory: Trajectory, raw_file: Path, goes_on: bool
+) -> np.ndarray:
+    """Mean light of a band's instants. goes_on: whether the camera moves beyond the trajectory.
 
     Each has a different random seed, which is the same whenever the frame is rendered.
     """
@@ -192,7 +196,10 @@ def _mean(number: int, band: Band, trajectory: Trajectory, raw_file: Path) -> np
     stamps_s = trajectory.stamps_s
     for k, offset in enumerate(band.offsets_s):
         # pose i is keyed at frame i of Blender's timeline
-        place = np.interp(stamps_s[number] + offset, stamps_s, np.arange(len(stamps_s)))
+        stamp_s = stamps_s[number] + offset
+        if not goes_on:
+            stamp_s = np.clip(stamp_s, stamps_s[0], stamps_s[-1])
+        place = frames_at(trajectory, np.array([stamp_s]))[0]
         with temporarily(cycles, seed=(seed + 7919 * k) % (1 << 31)):
             raw = render(float(place), raw_file, in_memory=True)
         total = total + read(raw, raw)[0].astype(np.float64)

@@ -1,5 +1,6 @@
 """The scene of a render job in Blender's session: opened, previewed, baked, built for frames."""
 
+import math
 import os
 import tempfile
 import time
@@ -17,7 +18,7 @@ from ...channels import INSTANCE, exr_types
 from ...errors import InputError
 from ...geometry.continuous import keys_between
 from ...geometry.se3 import SE3
-from ...geometry.trajectory import Trajectory
+from ...geometry.trajectory import Trajectory, frame_rate_hz
 from ...job import RenderJob
 from ...native_output import native_output_in
 from .. import compat, surfaces
@@ -139,6 +140,7 @@ class JobScene:
         passes.add(job.further)
         frames, poses = _camera_keys(job, trajectory)
         camera.keyframe(poses, job.camera, frames)
+        bpy.context.scene.frame_end = len(trajectory) - 1
         # including volumes made by Geometry Nodes
         volumes = light_choice.volume_names(bpy.context.scene) or compat.volume_outputs()
         return BuiltScene(bool(volumes), filtered)
@@ -192,11 +194,13 @@ class JobScene:
 
 def _camera_keys(job: RenderJob, trajectory: Trajectory) -> tuple[np.ndarray, SE3]:
     """Frames (n,) and poses (n,) of the camera's keys: those of the trajectory, and for a shutter on
-    the path of an IMU, further ones between.
+    the path of an IMU, further ones between, and beyond both ends as long as a shutter is open.
     """
     if not job.imu or job.exposure.instant:
         return np.arange(len(trajectory)), trajectory.T_world_camera
-    return keys_between(job.imu.motion(trajectory), trajectory)
+    open_s = (job.exposure_s + job.readout_s) / 2
+    beyond = math.ceil(open_s * frame_rate_hz(trajectory.stamps_s))
+    return keys_between(job.imu.motion(trajectory), trajectory, beyond)
 
 
 def _silence(errors: bool = False) -> AbstractContextManager[None]:
