@@ -414,11 +414,11 @@ def read_sequence(folder):
     images = [
         (read_colour8(p.rgb), read_depth_m(p.depth, camera.depth_units_per_metre)) for p in pairs
     ]
-    return pairs, camera, images, StoredSequence(folder).truth
+    return pairs, camera, images, StoredSequence(folder).truth, StoredSequence(folder).imu
 
 
 def check_sequence(found) -> None:
-    pairs, camera, images, truth = found
+    pairs, camera, images, truth, imu = found
     assert len(pairs) > 0 and np.isfinite([p.stamp_s for p in pairs]).all()
     assert np.isfinite(camera.pinhole.K).all() and 1 <= camera.depth_units_per_metre <= 1e6
     assert all(
@@ -426,6 +426,7 @@ def check_sequence(found) -> None:
         for rgb, depth in images
     )
     assert truth is None or np.isfinite(truth.positions_m).all()
+    assert imu is None or np.isfinite(imu.stream.readings).all()
 
 
 @pytest.mark.parametrize("files", [24, pytest.param(2000, marks=pytest.mark.slow)])

@@ -49,7 +49,9 @@ def write(path) -> None:
             bag.image("/c/depth", ns, np.full((6, 8), 2000, np.uint16), "16UC1")
             bag.info("/c/camera_info", ns, CAMERA)
             bag.pose("/odom", "Odometry", ns, POSES[i], "odom", "base")
+            bag.imu("/c/imu", ns, POSES[i, :6], "imu")
             bag.transforms("/tf_static", ns, [("base", "optical", POSES[0])])
+            bag.transforms("/tf_static", ns, [("optical", "imu", POSES[1])])
 
 
 def changed_words(data: bytes, seed: list[int], files: int):
@@ -93,4 +95,4 @@ def test_damaged_bags_are_read_or_refused(tmp_path, monkeypatch, kind, files):
                 shutil.rmtree(tmp_path / "cache", ignore_errors=True)
         place.write_bytes(whole)
     assert refused and (taken or files < 100)
-    read_sequence(path)
+    assert read_sequence(path)[-1] is not None

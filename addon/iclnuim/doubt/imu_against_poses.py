@@ -72,4 +72,6 @@ def _shortened(imu: ImuStream, poses: Trajectory) -> tuple[ImuStream, Trajectory
         first_s = first_read_s = max(first_s, first_read_s)
     kept = (poses.stamps_s >= first_s) & (poses.stamps_s <= first_s + _LONGEST_S)
     last_s = first_read_s + _LONGEST_S
+    if not kept.any():
+        return imu, poses
     return imu.around(first_read_s, last_s), poses[np.flatnonzero(kept)]

@@ -29,6 +29,8 @@ _MIN_INTERVALS = 30
 _BLOCK = 15
 #: Between stamps this far apart hands that tremble turn straight, to 1e-5 rad.
 _DENSE_S = 0.002
+#: No sensor reads more, whatever its unit; squares of larger numbers may overflow.
+_LARGEST = 1e6
 #: What constant biases may be: of sensors that people own.
 _GYRO_BIAS_RAD_S = 0.1
 _ACCEL_BIAS_M_S2 = 0.5
@@ -156,7 +158,8 @@ class ImuEvidence:
         if len(kept) <= _MIN_INTERVALS or len(imu) <= _MIN_INTERVALS:
             return None
         motion = CameraMotion.of(poses)
-        readings = MountedReadings(imu.stamps_s, imu.readings, imu.T_imu_camera, motion)
+        values = imu.readings.clip(-_LARGEST, _LARGEST)
+        readings = MountedReadings(imu.stamps_s, values, imu.T_imu_camera, motion)
         return cls(poses[np.array(kept)], readings)
 
     @property
@@ -205,7 +208,7 @@ class ImuEvidence:
     def _integral(self, values: np.ndarray, twice: bool = False) -> np.ndarray:
         """(k, 3) integral of values (n, 3) between the stamps of the readings, up to each pose."""
         t = self.imu.stamps_s
-        h = np.diff(t)[:, None]
+        h = np.maximum(np.diff(t), 1e-9)[:, None]
         once = np.zeros_like(values)
         once[1:] = np.cumsum(h * (values[1:] + values[:-1]) / 2, axis=0)
         place = np.clip(np.searchsorted(t, self.poses.stamps_s, "right") - 1, 0, len(t) - 2)

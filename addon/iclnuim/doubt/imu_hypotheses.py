@@ -82,7 +82,7 @@ def _offset(given: ImuEvidence) -> Change | None:
 
 def _rate(given: ImuEvidence) -> Change | None:
     step_s = float(np.median(np.diff(given.imu.stamps_s)))
-    names = ("offset_s", "scale", "offset_s", "scale", "offset_s")
+    names = ("offset_s", "scale", "offset_s")
     axis = _refined(given, given.imu.scaled, names, step_s)
     if abs(axis.scale - 1) < _LEAST_SCALE:
         return None

@@ -55,9 +55,12 @@ class ComparedRates(NamedTuple):
         return cls(turned, read, first_s, first_read_s, since_s, step_s)
 
     def best(self, scales: Sequence[float]) -> TimeAxis:
-        """Of scales of the readings' stamps that with the best offset."""
+        """Of scales of the readings' stamps that with the best offset, about their middle: so a
+        small change of one hardly changes the other.
+        """
         _, offset_s, scale = max((*self._offset(scale), scale) for scale in scales)
-        return TimeAxis(offset_s, scale, self.first_read_s)
+        half_s = float(self.since_s[-1]) / 2
+        return TimeAxis(offset_s + half_s * (scale - 1), scale, self.first_read_s + half_s)
 
     def _offset(self, scale: float) -> tuple[float, float]:
         """How much both correlate, -1 to 1, with the best offset of the first stamp, and this."""

@@ -57,7 +57,8 @@ def bag_imu(bag: Bag, camera_frame: str) -> BagImu:
         frames = f"no transforms from {bag.frame(topics[0])} to {camera_frame}"
         warnings.append(f"/tf has {frames}: the IMU is read as in the axes of the camera")
     T_imu_camera = T_imu_camera or SE3.identity()
-    stream = ImuStream(stamps_ns, readings, frame_rate_hz(stamps_ns / 1e9), T_imu_camera)
+    rate_hz = frame_rate_hz((stamps_ns - stamps_ns[0]) / 1e9)
+    stream = ImuStream(stamps_ns, readings, rate_hz, T_imu_camera)
     return BagImu(SequenceImu(stream, about=names), [f"IMU {names}"], warnings)
 
 

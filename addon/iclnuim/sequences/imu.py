@@ -121,7 +121,7 @@ def sequence_imu(file: Path, about: dict[str, Any], T_imu_camera: SE3) -> Sequen
     found = {name: _positive(about.get(name)) for name in FIGURES}
     noise = {name: value for name, value in found.items() if value is not None}
     text = about.get("about", "")
-    rate_hz = frame_rate_hz(stamps_ns / 1e9)
+    rate_hz = frame_rate_hz((stamps_ns - stamps_ns[0]) / 1e9)
     stream = ImuStream(stamps_ns, readings, rate_hz, T_imu_camera, noise=noise)
     text = text if isinstance(text, str) else ""
     said_rate_hz = _positive(about.get("rate_hz", about.get("update_rate")))
