@@ -176,6 +176,21 @@ def test_tum_vi_has_kalibr_s_camera_and_the_poses_of_the_imu(written, motion):
     assert poses.shape == (COUNT, 8)
 
 
+def test_without_sensor_files_tum_vi_is_read_by_kalibr_s(written, motion, tmp_path):
+    folder = tmp_path / "sequence"
+    shutil.copytree(written / "tum-vi", folder)
+    for file in folder.rglob("sensor.yaml"):
+        file.unlink()
+    found, wanted = StoredSequence(folder), StoredSequence(written / "tum-vi")
+    assert found.camera.pinhole == wanted.camera.pinhole
+    assert np.abs(found.truth.positions_m - wanted.truth.positions_m).max() < 1e-6
+    assert np.abs(found.imu.stream.T_imu_camera.matrix - T_IMU_CAMERA.matrix).max() < 1e-8
+    chain = folder / "dso/camchain.yaml"
+    chain.write_text(chain.read_text().replace("radtan", "equidistant"))
+    with pytest.raises(InputError, match="a pinhole camera, found distortion_model equidistant"):
+        assert StoredSequence(folder).camera
+
+
 @pytest.mark.parametrize("format", WITH_IMU)
 def test_the_ground_truth_that_is_read_is_the_camera_s(written, motion, format):
     truth = StoredSequence(written / format).truth

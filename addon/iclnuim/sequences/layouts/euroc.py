@@ -52,7 +52,7 @@ _STATES = (
 UNITS = 1000.0
 _UNITS = "depth_units_per_metre"
 #: Folders of the cameras; the first decides.
-_CAMERAS = ("depth0", "cam0")
+CAMERAS = ("depth0", "cam0")
 #: Keys of EuRoC's sensor.yaml and of those that follow it.
 KEYS = Keys(
     used=names(f"T_BS resolution intrinsics {_UNITS}"),
@@ -180,9 +180,9 @@ def _images(sensor: Path) -> dict[int, Path]:
 
 def _camera(folder: Path, image: Path) -> SequenceCamera:
     """The depth camera, and the colour camera if it is another one."""
-    files = [file for name in _CAMERAS if is_file(file := _sensor_file(folder, name))]
+    files = [file for name in CAMERAS if is_file(file := _sensor_file(folder, name))]
     if not files:
-        file = _sensor_file(folder, _CAMERAS[0])
+        file = _sensor_file(folder, CAMERAS[0])
         raise InputError("the depth camera's file", path=file, found="none")
     cameras = [_camera_in(file) for file in files]
     depth = cameras[0]
@@ -226,15 +226,13 @@ def _T_body(folder: Path, *sensors: str) -> SE3:
 
 def _mount(folder: Path) -> SE3 | None:
     """The pose of the depth camera in the frame that the ground truth follows."""
-    T_truth_camera = _T_body(folder, _TRUTH.parent.name).inverse() @ _T_body(folder, *_CAMERAS)
+    T_truth_camera = _T_body(folder, _TRUTH.parent.name).inverse() @ _T_body(folder, *CAMERAS)
     return mount_of(T_truth_camera)
 
 
 def _apart(folder: Path) -> list[str]:
     """A sentence if the colour camera has another pose than the depth camera."""
-    T_depth_colour = mount_of(
-        _T_body(folder, *_CAMERAS).inverse() @ _T_body(folder, *_CAMERAS[::-1])
-    )
+    T_depth_colour = mount_of(_T_body(folder, *CAMERAS).inverse() @ _T_body(folder, *CAMERAS[::-1]))
     if T_depth_colour is None:
         return []
     distance_mm = 1000 * float(np.linalg.norm(T_depth_colour.translation))
@@ -256,7 +254,7 @@ def _imu(folder: Path) -> SequenceImu | None:
     if not is_file(file):
         return None
     said = read_yaml(about) if is_file(about := _sensor_file(folder, _IMU.name)) else {}
-    T_imu_camera = _T_body(folder, _IMU.name).inverse() @ _T_body(folder, *_CAMERAS)
+    T_imu_camera = _T_body(folder, _IMU.name).inverse() @ _T_body(folder, *CAMERAS)
     return sequence_imu(file, said, T_imu_camera)
 
 
