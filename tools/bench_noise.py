@@ -26,7 +26,7 @@ def configure(actions: Actions) -> None:
     add("--workers", type=int, default=4, metavar="N", help="number of processes; default: 4")
     help = "folder with clean/ and noisy/ of the same frames, such as those of the original dataset"
     add("--official", type=Path, metavar="DIR", help=help)
-    add_plot(noise, "time against similarity")
+    add_plot(noise, "time and similarity of the models")
 
 
 def _noise(args: Namespace, console: Console) -> None:

@@ -247,43 +247,36 @@ def _binned(error: np.ndarray) -> np.ndarray:
 
 
 def figure(pairs: Sequence[PairTime], times_ms: Figures, overlaps: Figures | None) -> Figure:
-    """Left, if `overlaps` is given: time and overlap of each model.
-
-    Right: time of clean and noisy frames relative to their files alone.
+    """Left: time of each model, and its overlap if `overlaps` is given. Right: time of clean and
+    noisy frames relative to their files alone.
     """
-    drawn = Figure(figsize=(5.5, 4.4), layout="constrained")
-    if overlaps:
-        drawn.set_figwidth(11)
-        left, right = drawn.subplots(1, 2, width_ratios=(1.25, 1))
-        _draw_models(left, times_ms, overlaps)
-    else:
-        right = drawn.subplots()
-    names = [f"{p.depth}\n+ {p.rgb}" for p in pairs]
-    right.bar(names, [p.cpu_ratio for p in pairs], color=COLOURS[4], width=0.6)
-    right.axhline(1, color="black", linewidth=0.8)
-    for k, p in enumerate(pairs):
-        right.annotate(f"{p.cpu_ratio:.2f}\n{p.cpu_ms:.0f} ms", (k, 0.5), ha="center", fontsize=9)
-    right.set_ylabel(
+    drawn = Figure(figsize=(11, 4.4), layout="constrained")
+    left, right = drawn.subplots(1, 2)
+    _draw_models(left, times_ms, overlaps)
+    names = [f"{p.depth} + {p.rgb}" for p in pairs]
+    bars = right.barh(names, [p.cpu_ratio for p in pairs], color=COLOURS[4], height=0.6)
+    right.bar_label(bars, [f"{p.cpu_ms:.0f} ms" for p in pairs], padding=3, fontsize=9)
+    right.invert_yaxis()
+    right.axvline(1, color="black", linewidth=0.8)
+    right.set_xlabel(
         "processor time of clean + noisy relative to\nreading the EXR and writing the PNGs alone"
     )
-    right.tick_params(axis="x", labelsize=8)
+    right.set_xlim(0, 1.15 * max(p.cpu_ratio for p in pairs))
     return drawn
 
 
-def _draw_models(axes: Axes, times_ms: Figures, overlaps: Figures) -> None:
-    kinds = (("depth", "depth", COLOURS[0], "o", -12), ("rgb", "RGB", COLOURS[1], "s", 6))
-    for kind, label, colour, marker, below in kinds:
-        points = {name: (times_ms[kind][name], overlaps[kind][name]) for name in times_ms[kind]}
-        axes.plot(*zip(*points.values(), strict=True), marker, color=colour, label=label)
-        for name, point in points.items():
-            axes.annotate(
-                name, point, xytext=(5, below), textcoords="offset points", fontsize=9, color=colour
-            )
-    axes.set(
-        xlabel="ms per frame, 640 x 480, one thread",
-        ylabel="overlap with the noise of the official frames",
-    )
-    axes.set_xlim(0, 1.25 * max(max(t.values()) for t in times_ms.values()))
-    axes.set_ylim(0, 1.08)
-    axes.grid(alpha=0.3)
-    axes.legend(loc="lower right")
+def _draw_models(axes: Axes, times_ms: Figures, overlaps: Figures | None) -> None:
+    for kind, label, colour in (("depth", "depth", COLOURS[0]), ("rgb", "RGB", COLOURS[1])):
+        times = times_ms[kind]
+        names = [f"{label} {name}" for name in times]
+        bars = axes.barh(names, list(times.values()), color=colour, height=0.6)
+        texts = [f"{ms:.1f} ms" for ms in times.values()]
+        if overlaps:
+            texts = [
+                f"{text}, overlap {overlaps[kind][name]:.2f}"
+                for text, name in zip(texts, times, strict=True)
+            ]
+        axes.bar_label(bars, texts, padding=3, fontsize=9)
+    axes.invert_yaxis()
+    axes.set_xlabel("ms per frame, 640 x 480, one thread")
+    axes.set_xlim(0, 1.7 * max(max(t.values()) for t in times_ms.values()))
