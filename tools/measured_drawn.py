@@ -37,6 +37,7 @@ from iclnuim.shipped import TRAJECTORY_NAMES, further_sequences, paper_sequences
 from iclnuim.tools.measured_cells import PublishedCells
 from iclnuim.tools.measured_tables import Rows, words
 from iclnuim.tools.scene_ways_drawn import scene_ways_figure, scene_ways_table
+from iclnuim.tools.sensor_curves import DARK, PUBLISHED, of_model
 from matplotlib.figure import Figure
 
 #: The programs by the authors of a method, and our odometer.
@@ -476,6 +477,19 @@ def scene_checks(cells: PublishedCells) -> Rows:
     return [["what", "measured", "command", "commit"], *rows]
 
 
+def published_sensors(cells: PublishedCells) -> Rows:
+    """Printed figures of devices, and what our models do there."""
+    rows = []
+    for point in PUBLISHED:
+        unit = "%" if point.what == "fill" else "mm"
+        place = f"{point.what} at {point.depth_m:g} m"
+        if point.albedo == DARK:
+            place += ", dark wall"
+        source = f"{point.source}: {point.apart}" if point.apart else point.source
+        rows.append((f"`{point.model}`", place, point.how, f"{of_model(point):.2f} {unit}", source))
+    return words("model | what | printed | ours | source", rows)
+
+
 def _stored(name: str) -> list[dict[str, str]]:
     with (_MEASURED / name).open(newline="") as file:
         return list(csv.DictReader(file))
@@ -518,4 +532,5 @@ DRAWN: dict[str, Drawn] = {
     "learned-orbslam3": learned_orbslam3,
     "learned-light": learned_light,
     "formats-loaders": loaders,
+    "sensors-published": published_sensors,
 }

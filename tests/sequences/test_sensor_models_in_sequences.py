@@ -49,3 +49,16 @@ def test_colour_in_another_unit_is_refused_or_doubted():
         iclnuim.noisy_depth(depth, "d435", CAMERA, rgb=(255 * light).astype(int))
     with pytest.warns(UserWarning, match="scene-linear RGB has 1 = white"):
         iclnuim.noisy_depth(depth, "d435", CAMERA, rgb=255 * np.maximum(light, 0.4))
+
+
+@pytest.mark.parametrize("name", DEPTH_MODELS)
+def test_a_batch_has_the_bytes_of_its_frames_and_a_seed_the_same_noise(name):
+    depth, light = frame()
+    batch, lights = np.stack([depth, 2 * depth]), np.stack([light, light])
+    noisy = iclnuim.noisy_depth(batch, name, CAMERA, seed=3, frame=6, rgb=lights)
+    for k, image in enumerate(batch):
+        alone = iclnuim.noisy_depth(image, name, CAMERA, seed=3, frame=6 + k, rgb=light)
+        assert noisy[k].tobytes() == alone.tobytes()
+    if name != "none":
+        other = iclnuim.noisy_depth(batch, name, CAMERA, seed=4, frame=6, rgb=lights)
+        assert (noisy != other).any((1, 2)).all()

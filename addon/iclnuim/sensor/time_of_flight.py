@@ -77,7 +77,8 @@ class AzureKinectDepthNoise(NoiseModel):
         "frequency of the modulation",
         unit="Hz",
         low=1e6,
-        source="a guess; Bamji and others, ISSCC 2018, print up to 320 MHz for the sensor",
+        source="Bamji and others, ISSCC 2018, as cited in Azure-Kinect-Sensor-SDK 1807: 200 MHz on "
+        "average, 10 to 320 MHz; which the device uses is not printed",
     )
     unambiguous_m: float = parameter(
         15.0,

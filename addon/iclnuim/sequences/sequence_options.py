@@ -81,7 +81,9 @@ class SequenceOptions(Settings):
 
     depth_noise: str = setting(
         "none",
-        "noise model of depth",
+        "noise model of depth: of a RealSense (d435), of time of flight (azure_kinect), of a phone's "
+        "LiDAR (phone); as in the original noisy frames (released) or in papers (paper, kinect2012, "
+        "redwood)",
         choices=lambda: _summaries(DEPTH_MODELS),
         others="MODULE:FUNCTION",
     )
