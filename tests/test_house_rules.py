@@ -80,6 +80,7 @@ RECIPES = {
     "benchmark.experiments.recipes.system": ENGINE,
     "benchmark.experiments.recipes.curve": ENGINE,
     "benchmark.experiments.recipes.stress": f"{ENGINE} benchmark.experiments.recipes.system",
+    "benchmark.experiments.recipes.inertial": f"{ENGINE} benchmark.experiments.recipes.system",
     "benchmark.experiments.recipes.paper": f"{ENGINE} benchmark.experiments.recipes.system",
 }
 BENCHMARK += RECIPES
