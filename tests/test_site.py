@@ -24,6 +24,7 @@ def test_the_site_is_built_strictly_and_has_every_public_name(repository, tmp_pa
     front = (tmp_path / "index.html").read_text()
     assert 'class="slider"' in front and "icon.svg" in front
     assert 'class="chart"' in (tmp_path / "measured/curves.html").read_text()
+    assert 'class="chart"' in (tmp_path / "guide/imu.html").read_text()
     assert 'class="chart"' not in front
 
 

@@ -157,7 +157,7 @@ def marked(picture: Path) -> str:
     """The class of a chart, which pages of dark colours invert; none for photographs."""
     if picture.suffix == ".svg":
         return "{ .chart }"
-    if not any(folder in picture.parts for folder in ("measured", "examples")):
+    if picture.suffix != ".png":
         return ""
     histogram = Image.open(picture).convert("L").histogram()
     return "{ .chart }" if sum(histogram[245:]) > CHART_WHITE * sum(histogram) else ""
