@@ -9,7 +9,7 @@ import numpy as np
 from ..geometry.trajectory import Trajectory
 from ..sensor.imu import ImuStream
 from .change import Change
-from .competition import candidate, winner
+from .competition import Candidate, candidate, winner
 from .imu_evidence import LIMITS, ImuEvidence
 from .imu_hypotheses import CHAINS, WORDS
 
@@ -54,8 +54,14 @@ def imu_agreement(imu: ImuStream, poses: Trajectory) -> ImuAgreement:
     errors = (given.errors[0], given.errors[1])
     if (np.array(errors) <= given.limits.worth).all():
         return ImuAgreement(errors)
-    found = [candidate(given.parts, chain) for chain in CHAINS]
-    best = winner([one for one in found if one is not None])
+    found: list[Candidate] = []
+    best = None
+    for chains in CHAINS:
+        fitted = [candidate(given.parts, chain) for chain in chains]
+        found += [one for one in fitted if one is not None]
+        best = winner(found)
+        if best is not None and (best.fit.found[0] <= given.limits.worth).all():
+            break
     if best is None:
         return ImuAgreement(errors)
     left = given.after(best.changes).errors

@@ -131,15 +131,20 @@ _GYRO_AXES = _axes("gyro_axes", [(B, _SAME) for B in _AXES])
 _ACCEL_AXES = _axes("accel_axes", [(_SAME, B) for B in _AXES])
 _OF_GYRO = (_DEGREES, _GYRO_AXES)
 _OF_ACCEL = (_G, _NO_GRAVITY, _REVERSED, _ACCEL_AXES)
-#: One mistake, or one of each sensor.
-CHAINS: tuple[tuple[ImuHypothesis, ...], ...] = (
-    *((one,) for one in (*_OF_GYRO, *_OF_ACCEL)),
-    (ImuHypothesis("gravity_direction", _gravity_direction),),
-    (_axes("axes", [*((B, B) for B in _AXES), *((-B, B) for B in _AXES[24:])]),),
-    (_fixed("mount_inverse", lambda imu: imu.with_(T_imu_camera=imu.T_imu_camera.inverse())),),
-    (ImuHypothesis("offset", _offset),),
-    (ImuHypothesis("rate", _rate),),
-    *((one, other) for one in _OF_GYRO for other in _OF_ACCEL),
+#: Chains of hypotheses, in the order in which they are tried until one explains all: one mistake
+#: without a number that is fitted, one with, one of each sensor.
+CHAINS: tuple[tuple[tuple[ImuHypothesis, ...], ...], ...] = (
+    (
+        *((one,) for one in (*_OF_GYRO, *_OF_ACCEL)),
+        (_axes("axes", [*((B, B) for B in _AXES), *((-B, B) for B in _AXES[24:])]),),
+        (_fixed("mount_inverse", lambda imu: imu.with_(T_imu_camera=imu.T_imu_camera.inverse())),),
+    ),
+    (
+        (ImuHypothesis("gravity_direction", _gravity_direction),),
+        (ImuHypothesis("offset", _offset),),
+        (ImuHypothesis("rate", _rate),),
+    ),
+    tuple((one, other) for one in _OF_GYRO for other in _OF_ACCEL),
 )
 
 
