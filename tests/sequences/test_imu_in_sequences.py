@@ -387,6 +387,23 @@ def test_what_of_an_imu_in_a_bag_is_not_read_is_said(tmp_path, line_of_readings)
     assert both.imu is None
     warnings = json.loads((unpacked(tmp_path / "two.bag")[0] / "bag.json").read_text())["warnings"]
     assert "no IMU is read, as several are there: /imu/a, /imu/b" in " ".join(warnings)
+    with Recording(tmp_path / "frames.bag") as recording:
+        images_and_imu(recording, [], [], [])
+        for stamp_ns, row in zip(stamps_ns, rows, strict=True):
+            recording.imu("/imu", stamp_ns, row, "imu")
+        still = np.array([0.0, 0, 0, 0, 0, 0, 1])
+        pairs = [("a", "imu", still), ("b", "imu", still)]
+        recording.transforms("/tf_static", stamps_ns[0], pairs)
+    assert len(StoredSequence(tmp_path / "frames.bag").imu.stream) == len(stamps_ns) - 1
+    warnings = json.loads((unpacked(tmp_path / "frames.bag")[0] / "bag.json").read_text())
+    assert "1 readings of the IMU that are not finite" in warnings["warnings"][0]
+    assert "no one path of transforms from imu to optical" in warnings["warnings"][1]
+    rows[:, :3] = 0
+    with Recording(tmp_path / "accel.bag") as recording:  # as in the bags of the TUM benchmark
+        images_and_imu(recording, ["/imu"], [stamps_ns], [rows])
+    assert StoredSequence(tmp_path / "accel.bag").imu is None
+    notes = json.loads((unpacked(tmp_path / "accel.bag")[0] / "bag.json").read_text())["notes"]
+    assert "no IMU is read, as /imu has no rotation rates" in notes
     one = StoredSequence(f"{tmp_path / 'two.bag'}:/imu/b")
     assert len(one.imu.stream) == len(stamps_ns) - 1
 
