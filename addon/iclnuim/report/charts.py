@@ -11,7 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
 from matplotlib.ticker import MaxNLocator, NullFormatter
+from matplotlib.transforms import Bbox
 
 from ..errors import StrPath
 from ..evaluation.absolute_error import AbsoluteError
@@ -25,6 +27,17 @@ from .trajectory_report import Report, title
 REFERENCE_COLOUR = "0.75"
 ESTIMATE_COLOUR = "tab:blue"
 ROTATION_COLOUR = "tab:orange"
+#: Places of a label around its point: alignments, and its distance in points.
+_PLACES = tuple(
+    (aside, above, (x * distance, y * distance))
+    for distance in (4, 12, 20)
+    for aside, above, x, y in (
+        ("left", "bottom", 1, 1),
+        ("left", "top", 1, -1),
+        ("right", "bottom", -1, 1),
+        ("right", "top", -1, -1),
+    )
+)
 #: A line is interrupted where stamps are more than this number of median steps apart, so that
 #: missing frames are visible.
 GAP_STEPS = 5.0
@@ -104,6 +117,28 @@ def pareto_panel(axes: Axes, points: Sequence[tuple[str, float, float, float, fl
             axis.set_major_locator(MaxNLocator(4))
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter(NullFormatter())
+
+
+def spread_labels(figure: Figure) -> None:
+    """Move the labels beside points so that none covers another of its panel, if there is room
+    around its point. Call it last, as it needs the limits of the axes.
+    """
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        taken: list[Bbox] = []
+        for label in (text for text in axes.texts if isinstance(text, Annotation)):
+            taken.append(_placed(label, taken))
+
+
+def _placed(label: Annotation, taken: list[Bbox]) -> Bbox:
+    """The box of a label at the first place that is free; the first place of all if none is."""
+    for place in (*_PLACES, _PLACES[0]):
+        aside, above, label.xyann = place
+        label.set(ha=aside, va=above)
+        box = label.get_window_extent()
+        if not any(box.overlaps(other) for other in taken):
+            break
+    return box
 
 
 def _draw_over_time(axes: list[Axes], loaded: LoadedTrajectory, colour: str, single: bool) -> None:

@@ -7,7 +7,7 @@ from itertools import chain
 from typing import Any
 
 from iclnuim.benchmark.odometry.registry import BASELINES
-from iclnuim.report.charts import COLOURS, pareto_front
+from iclnuim.report.charts import COLOURS, pareto_front, spread_labels
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -48,10 +48,11 @@ class ErrorChart:
         """The figure, with the name of the cost."""
         self.drawing.suptitle(title)
         self.drawing.supxlabel(cost, fontsize="medium")
-        self.drawing.supylabel("ATE RMSE [mm]", fontsize="medium")
+        self.drawing.supylabel("ATE RMSE [mm], \u2193 is better", fontsize="medium")
         self.drawing.legend(
             self.shown.values(), self.shown.keys(), loc="outside right upper", fontsize=8
         )
+        spread_labels(self.drawing)
         return self.drawing
 
 
@@ -86,7 +87,7 @@ def curve_figure(curve: str, results: Mapping[str, Sequence[Point]]) -> Figure:
                 chart.shown[method] = _line(chart.panels[name], own, style)
         good = [p for p in points if not p.failed and p.ate_m is not None]
         chart.front(name, [(p.ms, 1e3 * (p.ate_m or 0.0)) for p in good])
-    return chart.close("median ms per frame", f"{curve}: {CURVES[curve].unit}")
+    return chart.close("median ms per frame, \u2190 is better", f"{curve}: {CURVES[curve].unit}")
 
 
 def _line(axes: Axes, points: Sequence[Point], style: dict[str, Any]) -> Line2D:
@@ -128,6 +129,7 @@ def fusion_figure(results: Mapping[str, Sequence[FusedPoint]]) -> Figure:
         axes.grid(alpha=0.3, which="both")
     panels[0].set_ylabel("mean distance to the true surface [mm]")
     panels[0].legend(fontsize=8)
+    spread_labels(drawing)
     return drawing
 
 
@@ -171,4 +173,6 @@ def odometry_figure(results: Sequence[Comparison]) -> Figure:
             (chart.shown[run["odometer"]],) = axes.plot(ms, ate_mm, **style)
             points.append((ms, ate_mm))
         chart.front(result["sequence"], points)
-    return chart.close("ms per frame: median, line to 95 % (triangles: whole process)")
+    return chart.close(
+        "ms per frame: median, line to 95 % (triangles: whole process), \u2190 is better"
+    )

@@ -67,7 +67,7 @@ def speed_figure(results: Sequence[Measured]) -> "Figure | None":
     """A panel for each condition: ATE with its 95 % interval over the sequences against ms a frame,
     and a line through the methods that none beats in both. None without times.
     """
-    from iclnuim.report.charts import pareto_panel
+    from iclnuim.report.charts import pareto_panel, spread_labels
     from matplotlib.figure import Figure
 
     costs = _costs(results)
@@ -94,4 +94,5 @@ def speed_figure(results: Sequence[Measured]) -> "Figure | None":
     for axes in list(drawing.axes)[len(panels) :]:
         axes.set_visible(False)
     drawing.supxlabel("processor time of a frame on one core [ms], \u2190 is better", fontsize=9)
+    spread_labels(drawing)
     return drawing
