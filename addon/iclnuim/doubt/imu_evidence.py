@@ -101,7 +101,7 @@ class MountedReadings:
 
     @cached_property
     def scaled(self) -> TimeAxis:
-        """The scale of the stamps about the first one, and the offset, with which they are."""
+        """The scale of the stamps about their middle, and the offset, with which they are."""
         return self._compared_rates.best(scales_of(float(np.ptp(self.stamps_s))))
 
     @property
