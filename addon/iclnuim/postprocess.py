@@ -84,22 +84,25 @@ def noisy_depth(
     asks for colour or albedo if there is neither.
     """
     depth_z_m = _floating(depth_z_m, *_METRES)
-    if depth_z_m.ndim not in (2, 3):
-        raise InputError("depth (h, w), or a batch (n, h, w), in metres", found=depth_z_m.shape)
+    if depth_z_m.ndim not in (2, 3) or (depth_z_m.ndim == 3 and depth_z_m.shape[2] == 1):
+        hint = "depth[..., 0]" if depth_z_m.shape[-1:] == (1,) else None
+        expected = "depth (h, w), or a batch (n, h, w), in metres"
+        raise InputError(expected, found=depth_z_m.shape, hint=hint)
     camera = _camera_of(depth_z_m, camera)
     noise = depth_model(model, settings)
-    if depth_z_m.ndim == 2:
-        seen = _appearance(depth_z_m, rgb, albedo, normals)
-        warn(doubt_of_depth(depth_z_m))
-        rng = frame_generator(seed, frame, DEPTH)
-        noisy_z_m = np.asarray(with_depth_noise(noise, depth_z_m, camera, rng, seen))
+
+    def noisy(image: np.ndarray, number: int, **given: Any) -> np.ndarray:
+        seen = SurfaceAppearance.given(image.shape, **given)
+        rng = frame_generator(seed, number, DEPTH)
+        noisy_z_m = np.asarray(with_depth_noise(noise, image, camera, rng, seen))
         return np.where(np.isfinite(noisy_z_m), noisy_z_m, noisy_z_m.dtype.type(0))
-    seen_of = _image_by_image(len(depth_z_m), rgb=rgb, albedo=albedo, normals=normals)
-    noisy = [
-        noisy_depth(image, noise, camera, seed, frame + k, **seen_of(k))
-        for k, image in enumerate(depth_z_m)
-    ]
-    return np.stack(noisy)
+
+    warn(_doubt_of_images(depth_z_m, rgb))
+    given = {"rgb": rgb, "albedo": albedo, "normals": normals}
+    if depth_z_m.ndim == 2:
+        return noisy(depth_z_m, frame, **given)
+    given_of = _image_by_image(len(depth_z_m), **given)
+    return np.stack([noisy(image, frame + k, **given_of(k)) for k, image in enumerate(depth_z_m)])
 
 
 def phone_depth(
@@ -121,21 +124,17 @@ def phone_depth(
         raise InputError("depth (h, w) in metres", found=depth_z_m.shape)
     camera = _camera_of(depth_z_m, camera)
     model = PhoneDepthNoise.from_dict(settings or {})
-    warn(doubt_of_depth(depth_z_m))
-    seen = _appearance(depth_z_m, rgb, albedo)
+    warn(_doubt_of_images(depth_z_m, rgb))
+    seen = SurfaceAppearance.given(depth_z_m.shape, rgb, albedo)
     rng = frame_generator(seed, frame, DEPTH)
     return *model.with_confidence(depth_z_m, camera, rng, seen), model.native_camera(camera)
 
 
-def _appearance(
-    depth_z_m: np.ndarray,
-    rgb: np.ndarray | None,
-    albedo: np.ndarray | float | None,
-    normals: np.ndarray | None = None,
-) -> SurfaceAppearance | None:
-    if rgb is not None and np.asarray(rgb).dtype.kind == "f":
-        warn(doubt_of_rgb(np.asarray(rgb)), depth=3)
-    return SurfaceAppearance.given(depth_z_m.shape, rgb, albedo, normals)
+def _doubt_of_images(depth_z_m: np.ndarray, rgb: np.ndarray | None) -> str:
+    """Sentences on planar depth in metres and scene-linear RGB, if there is one."""
+    is_linear = rgb is not None and np.asarray(rgb).dtype.kind == "f"
+    found = doubt_of_depth(depth_z_m), doubt_of_rgb(np.asarray(rgb)) if is_linear else ""
+    return "; ".join(filter(None, found))
 
 
 def _camera_of(depth_z_m: np.ndarray, camera: CameraOrText | None) -> PinholeCamera:
@@ -227,10 +226,11 @@ def make_sequence(
     names = (formats,) if isinstance(formats, str) else formats
     written = write_sequence(source, Path(out), settings, names, workers, lambda number: advance())
     lost = [f"{pixels} {kind}" for kind, pixels in written.lost_depth.items()]
-    if lost:
-        first = source.load(source.numbers[0])[1] if source.volatile else np.zeros(0)
-        of_first = doubt_of_depth(first)
-        warn("; ".join(filter(None, [f"depth values set to 0: {', '.join(lost)}", of_first])))
+    found = [f"depth values set to 0: {', '.join(lost)}"] if lost else []
+    if source.volatile:
+        rgb, depth_z_m = source.load(source.numbers[len(source.numbers) // 2])
+        found.append(_doubt_of_images(depth_z_m, rgb))
+    warn("; ".join(filter(None, found)))
     return written
 
 
@@ -364,12 +364,13 @@ def _read(given: TrajectoryOrFile) -> LoadedTrajectory:
         return of_sequence or read_trajectory(given, positions_suffice=True)
     if isinstance(given, Trajectory):
         return LoadedTrajectory(given, _AS_GIVEN, np.arange(len(given)), len(given))
-    shape = np.shape(given) if not isinstance(given, SE3) else ()
+    shape = _shape_of(given)
     if len(shape) == 2 and shape[1] == 8:
         table = np.asarray(given, float)
         poses = SE3.from_quat_xyzw(table[:, 4:], table[:, 1:4])
         stamped = Trajectory(table[:, 0], poses)
-        return LoadedTrajectory(stamped, _AS_GIVEN, np.arange(len(table)), len(table))
+        read_as = replace(_AS_GIVEN, format="tum")
+        return LoadedTrajectory(stamped, read_as, np.arange(len(table)), len(table))
     read_as = _AS_GIVEN
     if len(shape) == 2 and shape[1] == 3:
         read_as = replace(_AS_GIVEN, sentence="positions as given", has_rotations=False)
@@ -386,6 +387,26 @@ def _read(given: TrajectoryOrFile) -> LoadedTrajectory:
             "a Trajectory, a file, a sequence, poses (n,) or (n, 4, 4), positions (n, 3), or rows "
             "(n, 8) of a TUM file"
         )
-        raise InputError(expected, found=shape or type(given).__name__)
+        hint = next((text for end, text in _HINTS.items() if shape[-len(end) :] == end), None)
+        raise InputError(expected, found=shape or type(given).__name__, hint=hint)
     rows = np.arange(len(poses))
     return LoadedTrajectory(Trajectory.at_rate(poses), read_as, rows, len(rows), is_counted=True)
+
+
+def _shape_of(given: Any) -> tuple[int, ...]:
+    """The shape of an array or of nested lists; () of anything else."""
+    try:
+        return () if isinstance(given, SE3) else np.shape(given)
+    except ValueError:
+        return ()
+
+
+#: What to try with arrays whose shapes end so.
+_HINTS = {
+    (4, 3): "the transposed matrices",
+    (3, 3): "matrices (n, 4, 4), which have positions, too",
+    (4, 4): "a list of it, for one pose",
+    (12,): "reshape(-1, 3, 4), for rows of KITTI",
+    (16,): "reshape(-1, 4, 4)",
+    (7,): "np.column_stack([stamps_s, rows]), for rows of position and quaternion",
+}

@@ -1,5 +1,6 @@
 """Other placements of a reconstruction that is far from its model: of another unit, mirrored, with
-the inverse transform, turned, moved or scaled. What each of them leaves, and what it says.
+the inverse transform, turned, moved or scaled, and several of these at once. What each of them
+leaves, and what it says.
 """
 
 from collections.abc import Iterator
@@ -8,19 +9,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from iclnuim.doubt.axis_changes import changes_of_axes
 from iclnuim.doubt.change import Change
 from iclnuim.doubt.competition import Candidate
 from iclnuim.doubt.fit import Fit, Limits
 from iclnuim.doubt.hypotheses.scale import is_drift
 from iclnuim.errors import InputError
-from iclnuim.evaluation.align import umeyama
 from iclnuim.geometry import so3
-from iclnuim.geometry.scene_axes import UNITS_M
 from iclnuim.geometry.se3 import SE3
 from iclnuim.raycast.distance import TriangleDistance
 
 from .alignment import icp
+from .other_units import SCALES, OtherUnit, other_unit, unit_of_scale
+from .similarity_search import LEAST_SIZE, Similarity, SimilaritySearch
 
 #: Distances are shares of the size of what is placed: below the first one nothing is to be
 #: explained, below the second one no motion is; explanations leave at most the third, units the
@@ -29,41 +29,48 @@ NEAR = 0.002
 _FAR = 0.01
 _LEFT = 0.01
 _LEFT_OF_UNIT = 0.05
-#: Scales that are tried, in these steps; between them ICP finds the right one, in so many rounds.
-_SCALES = np.geomspace(0.1, 10.0, 41)
-_ROUNDS = 40
-#: What is turned or scaled has at least this share of the model's extent: anything can be shrunk to
-#: a point on the model, and a small part fits in many places.
-_LEAST_SIZE = 0.3
+#: Valid size ratio of a reconstruction in metres to its model: from a part of it ...
+MIN_RATIO = 0.04
+#: ... to all of it with some outliers.
+_MAX_RATIO = 1.6
 #: Fewer points can fit by chance.
 _LEAST_POINTS = 100
-#: A scale within this share of a unit is that unit.
-_KNOWN = 0.01
-#: Rotations about the third axis between those that swap axes; starts of ICP that are kept.
-_BETWEEN_DEG = (0.0, 30.0, 60.0)
-_KEPT = 6
+#: The reflections that flip an axis.
+_FLIPS = [np.diag(np.where(np.arange(3) == axis, -1.0, 1.0)) for axis in range(3)]
+#: A smaller rotation, in degrees, is none that is worth a word.
+_NO_TURN_DEG = 2.0
 _OF_POSES = (
     "set {poses} to the trajectory that was used for fusion, and {truth} to its ground truth, or "
     "{transform} to this motion"
 )
+_OF_HANDEDNESS = "or check the handedness of the poses it was made with"
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedPoints:
-    """Points (n, 3) in the model's world, how they got there in words, and what to try. free: the
-    number of fitted parameters.
+    """Points (n, 3) in the model's world, the changes by which they got there, how in words, and
+    what to try for each of them. unit: the other unit that the changes are for.
     """
 
     model: TriangleDistance
-    kind: str
     points: np.ndarray
-    words: str = ""
-    advice: str = ""
-    free: int = 0
+    changes: tuple[Change, ...] = ()
+    how: tuple[str, ...] = ()
+    advice: tuple[str, ...] = ()
+    unit: OtherUnit | None = None
+
+    @property
+    def kinds(self) -> list[str]:
+        return [change.kind for change in self.changes]
 
     @cached_property
     def mean_m(self) -> float:
         return float(self._distances_m.mean())
+
+    @property
+    def is_mostly_near(self) -> bool:
+        """Whether most points are where they should be."""
+        return bool(np.median(self._distances_m) <= NEAR * diagonal(self.points))
 
     @cached_property
     def _distances_m(self) -> np.ndarray:
@@ -71,12 +78,10 @@ class PlacedPoints:
 
     def candidate(self, given: "PlacedPoints") -> Candidate:
         """It in the competition; the halves of thousands of points share its parameters."""
-        worth = NEAR if self.kind in ("unit", "mirror") else _FAR
-        largest = _LEFT_OF_UNIT if self.kind == "unit" else _LEFT
+        worth = NEAR if {"unit", "mirror"} & set(self.kinds) else _FAR
+        largest = _LEFT_OF_UNIT if self.kinds == ["unit"] else _LEFT
         limits = Limits(*np.array([[1e-9], [worth], [largest], [np.inf]]))
-        return Candidate(
-            (Change(self.kind, free=self.free),), Fit(given._errors, self._errors, limits)
-        )
+        return Candidate(self.changes, Fit(given._errors, self._errors, limits))
 
     @property
     def _errors(self) -> np.ndarray:
@@ -99,115 +104,122 @@ def diagonal(points: np.ndarray) -> float:
     return float(np.linalg.norm(high - low))
 
 
+def other_units(
+    model: TriangleDistance, points: np.ndarray, T: SE3, units_m: tuple[float, float], ratio: float
+) -> list[PlacedPoints]:
+    """The points in other units of them or of the model with which the sizes are valid."""
+    found = []
+    for scale in SCALES:
+        if is_valid(ratio * scale):
+            unit = other_unit(scale, units_m)
+            moved = unit.moved(points, T)
+            change = (Change("unit"),)
+            found.append(PlacedPoints(model, moved, change, (), (unit.advice,), unit))
+    return found
+
+
+def is_valid(ratio: float) -> bool:
+    """Whether a reconstruction may be so many times as large as its model."""
+    return MIN_RATIO < ratio < _MAX_RATIO
+
+
 def moved_placements(
-    model: TriangleDistance, points: np.ndarray, T_model_mesh: SE3
+    model: TriangleDistance, points: np.ndarray, T_model_mesh: SE3, units_m: tuple[float, float]
 ) -> Iterator[PlacedPoints]:
-    """Points (n, 3) mirrored, moved and scaled in other ways than by T_model_mesh."""
+    """Points (n, 3) mirrored, moved, scaled, in other units, and several of these at once, in other
+    ways than by T_model_mesh.
+    """
     moved = T_model_mesh.apply(points)
-    corners = model.vertices[np.unique(model.triangles)]
-    yield _mirrored(model, moved, box(corners))
+    search = SimilaritySearch(model, moved)
+    flip = min(_flips(model), key=search.share)
+    yield _placed(search, search.refined(flip, with_scale=False))
     if len(points) < _LEAST_POINTS:
         return
     if np.abs(T_model_mesh.matrix - np.eye(4)).max() > 1e-9:
         inverse = T_model_mesh.inverse().apply(points)
-        words = "with the inverse of the given motion"
-        yield PlacedPoints(model, "inverse", inverse, words, "try inverting it (T_model_mesh)")
-    if _extent(points) >= _LEAST_SIZE * _extent(corners):
-        plain = _fitted(model, moved, SE3.identity())
-        yield replace(plain, advice="try {align} icp", free=6)
-        for start in _starts(model, moved, corners.mean(0)):
-            yield _fitted(model, moved, start)
-    if (scaled := _scaled(model, moved, corners)) is not None:
-        yield scaled
+        how = ("with the inverse of the given motion",)
+        advice = ("try inverting it (T_model_mesh)",)
+        yield PlacedPoints(model, inverse, (Change("inverse"),), how, advice)
+    if LEAST_SIZE <= search.ratio <= _MAX_RATIO:
+        with suppress(InputError):
+            T = icp(model, moved, SE3.identity())
+            plain = _placed(search, Similarity(T.rotation, T.translation))
+            yield replace(plain, changes=(Change("motion", free=6),), advice=("try {align} icp",))
+        for found in _with_and_without_reflection(search, 1.0):
+            yield _placed(search, found)
+    for found in _with_and_without_reflection(search, None):
+        if is_drift(found.scale):
+            continue
+        unit = unit_of_scale(found.scale, units_m)
+        if unit:
+            found = search.refined(search.resized(found, unit.scale), with_scale=False)
+        yield _placed(search, found, unit)
 
 
-def _mirrored(model: TriangleDistance, moved: np.ndarray, box_m: np.ndarray) -> PlacedPoints:
-    """The best of the reflections about the model's centre or origin, followed by ICP."""
-    flipped = []
-    for axis, middle_m in enumerate(box_m.mean(0)):
-        for about_m in (0.0, middle_m):
-            points = moved.copy()
-            points[:, axis] = 2 * about_m - points[:, axis]
-            flipped.append((_mean_m(model, points), "xyz"[axis], points))
-    flipped.sort(key=lambda one: one[0])
-    found = [(_best_motion(model, points, SE3.identity()), name) for _, name, points in flipped[:2]]
-    points, name = min(
-        ((T.apply(one[2]), name) for (T, name), one in zip(found, flipped, strict=False)),
-        key=lambda one: _mean_m(model, one[0]),
-    )
-    advice = f"flip {name} of its vertices, or check the handedness of the poses it was made with"
-    return PlacedPoints(model, "mirror", points, f"with {name} flipped", advice, 6)
-
-
-def _starts(model: TriangleDistance, moved: np.ndarray, middle_m: np.ndarray) -> list[SE3]:
-    """Motions that turn the points about the origin or about their centre, which they move to the
-    model's (3,): the best of rotations that swap axes, and of those between them.
+def _with_and_without_reflection(
+    search: SimilaritySearch, scale: float | None
+) -> Iterator[Similarity]:
+    """The best similarities of this scale, or of any one. A model that is nearly symmetric has a
+    motion as good as a reflection: it is searched from there, too.
     """
-    some = moved[:: max(1, len(moved) // 300)]
-    between = SE3.exp(np.multiply.outer(np.radians(_BETWEEN_DEG), [0, 0, 0, 0, 0, 1.0])).rotation
-    tried = []
-    for R in changes_of_axes(1):
-        starts = [SE3(turn @ R, middle_m - turn @ R @ moved.mean(0)) for turn in between]
-        for start in (SE3(R, np.zeros(3)), *starts):
-            tried.append((_mean_m(model, start.apply(some)), start))
-    tried.sort(key=lambda one: one[0])
-    return [start for _, start in tried[:_KEPT]]
+    for mirrored in (False, True):
+        if (found := search.best(mirrored, scale)) is not None:
+            yield found
+    if found is not None:
+        others = [found.then(*flip) for flip in _flips(search.model)]
+        yield search.refined(min(others, key=search.share), with_scale=scale is None)
 
 
-def _best_motion(model: TriangleDistance, points: np.ndarray, start: SE3) -> SE3:
-    """The start, or what ICP makes of it, if that is nearer."""
-    found = start
-    with suppress(InputError):
-        found = icp(model, points, start)
-    return min((start, found), key=lambda T: _mean_m(model, T.apply(points)))
+def _flips(model: TriangleDistance) -> list[Similarity]:
+    """The reflections about the model's centre or origin."""
+    middle = box(model.vertices[np.unique(model.triangles)]).mean(axis=0)
+    found = []
+    for matrix in _FLIPS:
+        found.append(Similarity(matrix, np.zeros(3)))
+        found.append(Similarity(matrix, middle - matrix @ middle))
+    return found
 
 
-def _fitted(model: TriangleDistance, moved: np.ndarray, start: SE3) -> PlacedPoints:
-    """The placement of moved points (n, 3) after ICP from a start, whose choice is a parameter,
-    too.
+def _placed(
+    search: SimilaritySearch, found: Similarity, unit: OtherUnit | None = None
+) -> PlacedPoints:
+    """The placement by a similarity: its scale, reflection and motion. The choice of a start is a
+    parameter, too.
     """
-    T = _best_motion(model, moved, start)
-    vector = so3.log(T.rotation)
+    changes, how, advice = [], [], []
+    rotation = found.matrix / found.scale
+    is_scaled = unit is None and not is_drift(found.scale)
+    if unit:
+        changes.append(Change("unit"))
+        advice.append(unit.advice)
+    elif is_scaled:
+        changes.append(Change("scale", free=1))
+        how.append(f"multiplied by {found.scale:.4g}")
+        advice.append(f"try giving it the scale of the model, times {found.scale:.4g}")
+    if found.is_mirrored:
+        angles = [so3.angle(rotation @ flip) for flip in _FLIPS]
+        flip = int(np.argmin(angles))
+        rotation = rotation @ _FLIPS[flip]
+        changes.append(Change("mirror"))
+        how.append(f"with {'xyz'[flip]} flipped")
+        advice.append(f"flip {'xyz'[flip]} of its vertices, {_OF_HANDEDNESS}")
+    turned_deg = float(np.degrees(so3.angle(rotation)))
+    if turned_deg > _NO_TURN_DEG or not (is_scaled or found.is_mirrored):
+        middle = search.points.mean(axis=0)
+        moved = found.apply(middle[None])[0] - found.scale * middle
+        changes.append(Change("motion", free=7))
+        how.append(_motion_words(rotation, moved))
+        advice.append(_OF_POSES)
+    else:  # a motion that is not worth a word is fitted, too
+        changes[-1] = replace(changes[-1], free=changes[-1].free + 7)
+    points = found.apply(search.points)
+    return PlacedPoints(search.model, points, tuple(changes), tuple(how), tuple(advice), unit)
+
+
+def _motion_words(rotation: np.ndarray, moved_m: np.ndarray) -> str:
+    vector = so3.log(rotation)
     angle = np.linalg.norm(vector)
     axis = np.round(vector / max(angle, 1e-12), 2) + 0.0
     about = ", ".join(f"{value:g}" for value in axis)
-    middle = moved.mean(0)
-    distance_m = np.linalg.norm(T.apply(middle) - middle)
     words = f"turned by {np.degrees(angle):.3g} degrees about ({about})"
-    words += f" and its centre moved by {distance_m:.3g} m"
-    return PlacedPoints(model, "motion", T.apply(moved), words, _OF_POSES, 7)
-
-
-def _scaled(model: TriangleDistance, moved: np.ndarray, corners: np.ndarray) -> PlacedPoints | None:
-    """The best similarity, from scales about the origin and about the centres of both."""
-    some = moved[:: max(1, len(moved) // 1000)]
-    about = ((np.zeros(3), np.zeros(3)), (some.mean(0), corners.mean(0)))
-    tried = []
-    for mesh_m, model_m in about:
-        for scale in _SCALES:
-            points = scale * (some - mesh_m) + model_m
-            tried.append((_mean_m(model, points) / scale, scale, points))
-    _, scale, points = min(tried, key=lambda one: one[0])
-    for _ in range(_ROUNDS):
-        near = model.nearest(points)
-        use = near.distance_m <= 3 * np.median(near.distance_m)
-        T, factor = umeyama(points[use], near.point_m[use], with_scale=True)
-        if not 0.5 < factor < 2.0:
-            return None
-        points = T.apply(factor * points)
-        scale *= factor
-    if is_drift(scale) or _extent(points) < _LEAST_SIZE * _extent(corners):
-        return None
-    advice = f"try giving it the scale of the model, times {scale:.4g}"
-    for setting, unit_m in UNITS_M.items():
-        if unit_m != 1 and abs(scale / unit_m - 1) < _KNOWN:
-            advice = f"set {{unit}} to {setting}, and check its world frame"
-    return PlacedPoints(model, "scale", points, f"multiplied by {scale:.4g} and moved", advice, 8)
-
-
-def _extent(points: np.ndarray) -> float:
-    return float(np.linalg.norm(points.std(axis=0)))
-
-
-def _mean_m(model: TriangleDistance, points: np.ndarray) -> float:
-    return float(model.distance(points).mean())
+    return f"{words} and its centre moved by {np.linalg.norm(moved_m):.3g} m"

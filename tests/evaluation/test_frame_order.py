@@ -1,12 +1,8 @@
 """Images of other frames than their names say are found by how well they fit, and only then."""
 
-import warnings
-
-import iclnuim
 import numpy as np
 import pytest
 from iclnuim.doubt.frame_order import other_order
-from iclnuim.doubt.given_arrays import doubt_of_depth, doubt_of_rgb
 from iclnuim.sequences.frames import ImagePair
 
 FRAMES = 60
@@ -50,24 +46,6 @@ def test_right_images_and_those_of_no_frame_have_no_other_order(seed):
     assert order(true, true.tolist(), seed=seed) is None
     anywhere = np.random.default_rng(seed).permutation(FRAMES)
     assert order(anywhere, true.tolist(), noise=0.05, seed=seed) is None
-
-
-@pytest.mark.parametrize(
-    ("median_m", "is_doubtful"), [(0.01, True), (0.05, False), (3.0, False), (2400.0, True)]
-)
-def test_depth_that_is_hardly_in_metres_is_doubted(median_m, is_doubtful):
-    depth_z_m = np.full((4, 4), median_m)
-    assert bool(doubt_of_depth(depth_z_m)) == is_doubtful
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        iclnuim.noisy_depth(depth_z_m, "none")
-    assert bool(said) == is_doubtful
-
-
-@pytest.mark.parametrize(("scale", "is_doubtful"), [(1.0, False), (255.0, True)])
-def test_white_images_are_doubted(scale, is_doubtful):
-    rgb = scale * np.random.default_rng(1).uniform(0.05, 0.9, (8, 8, 3))
-    assert bool(doubt_of_rgb(rgb)) == is_doubtful
 
 
 @pytest.mark.parametrize(

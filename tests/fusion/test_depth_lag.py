@@ -85,3 +85,21 @@ def test_methods_that_read_both_images_get_a_note_of_the_lag(late, capsys, metho
     assert main(["odometry", method, str(late[15]), "--frames", ":3"]) == 0
     noted = f"15 ms beside their colour images (median): {method} use" in capsys.readouterr().err
     assert noted == is_noted
+
+
+@pytest.mark.parametrize("format", ["tum", "euroc", "eth3d", "vslam-lab", "edex"])
+def test_formats_with_two_lists_keep_the_stamps_of_depth(late, tmp_path, capsys, format):
+    out = tmp_path / "out"
+    assert main(["convert", str(late[15]), str(out), "--format", format]) == 0
+    assert "get the stamps of their colour images" not in capsys.readouterr().err
+    found = [open_sequence(folder).pairs for folder in (late[15], out)]
+    assert len(found[0]) == len(found[1]) == FRAMES
+    for one, other in zip(*found, strict=True):
+        assert other.stamp_s == pytest.approx(one.stamp_s, abs=1e-6)
+        assert other.depth_stamp_s - other.stamp_s == pytest.approx(0.015, abs=1e-6)
+
+
+@pytest.mark.parametrize("format", ["scannet", "rtabmap"])
+def test_formats_with_one_stamp_say_by_how_much_depth_is_beside_it(late, tmp_path, capsys, format):
+    assert main(["convert", str(late[15]), str(tmp_path / "out"), "--format", format]) == 0
+    assert "up to 15 ms from their own" in capsys.readouterr().err

@@ -1,6 +1,11 @@
 """Reasons why predicted depth does not fit the truth, from a few frames: another unit, a scale, the
 inverse, the distance along the ray, other frames. Each function returns a sentence, "" for none.
 
+This is another question than that of `doubt/`, where a right explanation leaves next to nothing. A
+network's depth errs by several percent, more than the length of a ray changes depth: no explanation
+halves that error in both halves of the evidence. What tells is a trend that noise of single pixels
+does not have: the sign of a correlation, a slope, a median, in most frames.
+
 x are predicted values, as they are and after the alignment, and y true values in metres of the same
 pixels, (n,) > 0, of one frame.
 """

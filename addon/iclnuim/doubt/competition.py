@@ -149,6 +149,13 @@ def rivals(best: Candidate, candidates: Iterable[Candidate]) -> list[Candidate]:
     ]
 
 
+def in_common(rivals: Sequence[Candidate], candidates: Iterable[Candidate]) -> Candidate | None:
+    """The best explanation by the kinds that all rivals have."""
+    kinds = set.intersection(*(set(one.kinds) for one in rivals))
+    found = [one for one in candidates if set(one.kinds) == kinds and one.explains()]
+    return min(found, key=lambda candidate: candidate.cost, default=None)
+
+
 def _is_better(rival: Candidate, best: Candidate) -> bool:
     """Whether it explains as simply, and leaves half of an error of which half the best one does
     not leave: noise of a fitted parameter costs it more in the halves than in all.

@@ -14,8 +14,8 @@ import numpy as np
 from ..geometry.camera import PinholeCamera
 from ..geometry.se3 import SE3
 from .change import Change
-from .competition import Candidate, candidate, rivals, screened, winner
-from .depth_hypotheses import STILL, hypotheses
+from .competition import Candidate, candidate, in_common, rivals, screened, winner
+from .depth_hypotheses import STILL, WHOLE, hypotheses, shifted
 from .depth_pairs import DepthPairs, LoadDepth
 from .posed_depth import DepthHypothesis, PosedDepth
 
@@ -23,6 +23,8 @@ from .posed_depth import DepthHypothesis, PosedDepth
 MISMATCH = 0.02
 #: Images tell if they agree clearly better than those of a camera that does not move would.
 _CLEARLY = 1.25
+#: A whole number of frames may leave so many times the residual of one beside it.
+_AS_WELL = 1.1
 #: Fewer pairs cannot be divided into halves.
 _MIN_PAIRS = 4
 #: Pairs on which chains of hypotheses are screened, with every so many-th point, and those kept;
@@ -77,6 +79,8 @@ def agreement(load: LoadDepth, T_world_camera: SE3, camera: PinholeCamera) -> Ag
     candidates = _candidates(given, known)
     best = winner(list(candidates))
     others = rivals(best, candidates) if best else [one for one in candidates if one.explains()]
+    if best and others and (part := in_common([best, *others], candidates)):
+        best, others = part, []
     if best is None or still < _CLEARLY * best.fit.found[0, 0]:
         return replace(found, matches=given.residual <= MISMATCH and not others)
     changes = best.changes
@@ -86,7 +90,20 @@ def agreement(load: LoadDepth, T_world_camera: SE3, camera: PinholeCamera) -> Ag
         changes = (_either(best, others[0]),)
     elif "unit" in best.kinds:
         changes = _measured_again(given, best, candidates[best], load, camera)
+    if not others:
+        changes = _with_whole_frames(given, changes)
     return replace(found, told=True, changes=changes, explained=given.after(best.changes).residual)
+
+
+def _with_whole_frames(given: PosedDepth, changes: tuple[Change, ...]) -> tuple[Change, ...]:
+    """The changes with a shift of a number of frames, if that fits as well."""
+    tried = []
+    for one in changes:
+        frames = one.parameters["frames"] if one.kind == "shifted" else 0.5
+        whole = round(frames)
+        tried.append(shifted(whole) if abs(frames - whole) < WHOLE else one)
+    as_well = given.after(tried).residual <= _AS_WELL * given.after(changes).residual
+    return tuple(tried) if as_well else changes
 
 
 def _candidates(
@@ -98,13 +115,9 @@ def _candidates(
     few = given.thinned(_SCREENED_PAIRS, _SCREENED_STEP)
     found = _judged(given, few, [(one,) for one in known])
     best = winner(list(found))
-    if best is None and given.residual <= MISMATCH:
-        return found
     if best is not None and best.fit.found[0, 0] <= given.limits.worth[0]:
         return found
     pairs = [(a, b) for a, b in combinations(known, 2) if a.group != b.group]
-    if best is not None:  # only what may be wrong besides
-        pairs = [pair for pair in pairs if found[best][0] in pair]
     both = _judged(given, few, pairs)
     parts = {one: None for chain in both.values() for one in chain}
     return found | _judged(given, few, [(one,) for one in parts]) | both

@@ -17,8 +17,8 @@ from .posed_depth import DepthHypothesis
 _FACTORS = np.arange(-4, 4.1, 0.2)
 _SHIFTS = (-15, -11, -8, -6, -4, -3, -2, -1, -0.5, 0.5, 1, 2, 3, 4, 6, 8, 11, 15)
 _FOCALS = np.linspace(-0.4, 0.4, 9)
-#: A shift this near a number of frames is that number.
-_WHOLE = 0.1
+#: A shift this near a number of frames may be that number.
+WHOLE = 0.1
 #: Ratios of the resolution of images to that of their camera's file.
 _RESOLUTIONS = (0.25, 0.5, 2 / 3, 1.5, 2.0, 4.0)
 #: Axes x, y, z of the body whose poses a file may have, and the name of the convention.
@@ -53,11 +53,11 @@ STILL = Change("still", lambda T: SE3.identity((len(T),)))
 def hypotheses(camera: PinholeCamera, depth_m: float) -> list[DepthHypothesis]:
     """All hypotheses, in the order in which mistakes are undone; depth_m: the usual depth."""
     found = [_fixed(change) for change in conventions()]
+    frames = np.array(_SHIFTS)[:, None]
+    found.append(DepthHypothesis("shifted", _shifted, frames, np.array([0.05])))
     arm_step = np.full(3, 0.005 * depth_m)
     found.append(DepthHypothesis("arm", with_arm, np.zeros((1, 3)), arm_step))
-    decades, frames = _FACTORS[:, None], np.array(_SHIFTS)[:, None]
-    found.append(DepthHypothesis("unit", _times, decades, np.array([0.005])))
-    found.append(DepthHypothesis("shifted", _shifted, frames, np.array([0.05])))
+    found.append(DepthHypothesis("unit", _times, _FACTORS[:, None], np.array([0.005])))
     found += [_fixed(of_camera(other)) for other in other_cameras(camera)]
 
     def focal(x: np.ndarray) -> Change:
@@ -127,8 +127,7 @@ def _shifted(x: np.ndarray) -> Change:
 
 def shifted(frames: float) -> Change:
     """Poses of so many frames later, between those of the frames; NaN beyond the ends."""
-    whole = round(frames)
-    frames = whole if abs(frames - whole) < _WHOLE else round(frames, 2)
+    frames = round(frames, 3)
 
     def change(T: SE3) -> SE3:
         at = np.arange(len(T)) + frames

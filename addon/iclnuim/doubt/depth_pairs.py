@@ -1,6 +1,6 @@
 """Pairs of depth images in blocks, chosen by the motion between them, and how well they agree with poses."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,8 @@ _MAY_LEAVE = 0.4
 #: Largest residual of a pair, also of images that do not overlap.
 LARGEST = 0.2
 _MIN_POINTS = 60
+#: Differences that are computed at once, so that they need little memory.
+_AT_ONCE = 100_000
 #: Four neighbouring blocks of a larger relative range are of several surfaces.
 _ONE_NEIGHBOURHOOD = 0.1
 
@@ -179,6 +181,16 @@ class DepthPairs:
         """(p, n) relative differences in depth of the points of the pairs; see DepthStack."""
         return self.stack.differences(self.images[:, 0], self.images[:, 1], T_second_first)
 
+    def differences_of_all(self, motions: Sequence[SE3]) -> Iterator[np.ndarray]:
+        """The differences (p, n) with each of the motions (p,) of the pairs."""
+        count = max(1, _AT_ONCE // (len(self) * self.stack.points_m.shape[1]))
+        for start in range(0, len(motions), count):
+            part = motions[start : start + count]
+            R = np.concatenate([one.rotation for one in part])
+            t = np.concatenate([one.translation for one in part])
+            first, second = np.tile(self.images.T, len(part))
+            yield from np.split(self.stack.differences(first, second, SE3(R, t)), len(part))
+
     def residuals(self, T_second_first: SE3) -> np.ndarray:
         """(p,) median relative difference in depth of each pair, moved by (p,) motions; NaN for
         motions that are.
@@ -186,16 +198,16 @@ class DepthPairs:
         return self.medians(self.differences(T_second_first))
 
     def medians(self, differences: np.ndarray) -> np.ndarray:
-        """(p,) median sizes of differences (p, n), at most `LARGEST`; of infinite ones, those beyond
+        """(..., p) median sizes of differences (..., p, n), at most `LARGEST`; of infinite ones, those beyond
         `_MAY_LEAVE` of the points count. NaN if too little was measured.
         """
         points = np.isfinite(self.stack.points_m[..., 2]).sum(axis=1)[self.images[:, 0]]
-        sizes = np.sort(np.abs(differences), axis=1)
-        finite = np.isfinite(sizes).sum(axis=1)
-        counted = np.isinf(sizes).sum(axis=1) - (_MAY_LEAVE * points).astype(int)
+        sizes = np.sort(np.abs(differences), axis=-1)
+        finite = np.isfinite(sizes).sum(axis=-1)
+        counted = np.isinf(sizes).sum(axis=-1) - (_MAY_LEAVE * points).astype(int)
         total = finite + np.maximum(counted, 0)
-        places = np.stack([(total - 1) // 2, total // 2]).clip(0, sizes.shape[1] - 1)
-        middle = np.take_along_axis(sizes, places.T, axis=1).clip(max=LARGEST).mean(axis=1)
+        places = np.stack([(total - 1) // 2, total // 2], -1).clip(0, sizes.shape[-1] - 1)
+        middle = np.take_along_axis(sizes, places, axis=-1).clip(max=LARGEST).mean(axis=-1)
         few = finite < _MIN_POINTS / 2
         return np.where(few, np.where(counted > 0, LARGEST, np.nan), middle)
 

@@ -21,6 +21,7 @@ from .compared_poses import Comparison
 from .fit import WORTH_SHARE
 from .hypotheses import WORDS
 from .hypothesis import Reorder
+from .no_rotations import positions_alone
 
 Settings: TypeAlias = AbsoluteErrorSettings | RelativeErrorSettings
 _SUBJECTS = {"estimate": "the estimate", "reference": "the ground truth"}
@@ -33,15 +34,17 @@ _UNDONE: dict[Callable[[SE3], SE3] | None, Callable[[SE3], SE3]] = {
 
 
 def measured(
-    reference: Trajectory, estimate: Trajectory, settings: Settings
+    reference: Trajectory, estimate: Trajectory, settings: Settings, positions_only: bool = False
 ) -> AbsoluteError | RelativeError:
     """The error that the settings ask for. Raises InputError if it cannot be computed, with the
     stamps that fit as its advice if those do not pair.
     """
     try:
-        return _measure(reference, estimate, settings)
+        return _measure(reference, estimate, settings, positions_only)
     except UnpairedError as error:
-        explained = ExplainedError.of_trajectories(reference, estimate, settings)
+        explained = ExplainedError.of_trajectories(
+            reference, estimate, settings, positions_only=positions_only
+        )
         advice = explained.advice_of_time() if explained else ""
         if not advice:
             raise
@@ -92,7 +95,7 @@ class ExplainedError:
         if explanation is None:
             return None
         try:
-            return cls._measured(reference, estimate, explanation, settings)
+            return cls._measured(reference, estimate, explanation, settings, positions_only)
         except InputError:
             return None
 
@@ -103,6 +106,7 @@ class ExplainedError:
         estimate: Trajectory,
         explanation: Explanation,
         settings: Settings,
+        positions_only: bool,
     ) -> "ExplainedError":
         estimate, mended = thinned(estimate), thinned(explanation.estimate)
         paired = pair_up(explanation.reference, mended, settings.association)
@@ -111,9 +115,9 @@ class ExplainedError:
         if len(associate(reference.stamps_s, as_given[1].stamps_s, settings.association)) < 3:
             as_given = reference, estimate
         explained = explanation.reference, mended[rows]
-        found = _measure(*explained, settings)
+        found = _measure(*explained, settings, positions_only)
         try:
-            given = _measure(*as_given, settings)
+            given = _measure(*as_given, settings, positions_only)
         except InputError:
             return cls(
                 explanation, None, found, (_name(settings), np.inf, found.translation_m.rmse)
@@ -121,8 +125,8 @@ class ExplainedError:
         shown = _name(settings), given.translation_m.rmse, found.translation_m.rmse
         if shown[2] > WORTH_SHARE * shown[1]:
             other = _other(settings, explanation.delta)
-            given_m = _measure(*as_given, other).translation_m.rmse
-            found_m = _measure(*explained, other).translation_m.rmse
+            given_m = _measure(*as_given, other, positions_only).translation_m.rmse
+            found_m = _measure(*explained, other, positions_only).translation_m.rmse
             shown = _name(other), given_m, found_m
         return cls(explanation, given, found, shown)
 
@@ -166,10 +170,13 @@ class ExplainedError:
 
 
 def _measure(
-    reference: Trajectory, estimate: Trajectory, settings: Settings
+    reference: Trajectory, estimate: Trajectory, settings: Settings, positions_only: bool
 ) -> AbsoluteError | RelativeError:
-    measure: Any = absolute_error if isinstance(settings, AbsoluteErrorSettings) else relative_error
-    return measure(reference, estimate, settings)
+    if isinstance(settings, AbsoluteErrorSettings):
+        return absolute_error(reference, estimate, settings)
+    if positions_only:
+        reference, estimate = positions_alone(reference, estimate, settings.association)
+    return relative_error(reference, estimate, settings)
 
 
 def _comparison(settings: Settings, positions_only: bool) -> Comparison:
@@ -177,7 +184,10 @@ def _comparison(settings: Settings, positions_only: bool) -> Comparison:
         with_scale = settings.alignment.method == "sim3"
         return Comparison(with_scale=with_scale, positions_only=positions_only)
     how = Comparison(with_scale=settings.correct_scale, positions_only=positions_only)
-    return replace(how, delta=int(settings.delta)) if settings.unit == "frames" else how
+    # of pairs of less than the usual distance, noise alone would tell
+    return replace(
+        how, delta=max(how.delta, int(settings.delta if settings.unit == "frames" else 0))
+    )
 
 
 def _reorder(loaded: LoadedTrajectory) -> Reorder | None:

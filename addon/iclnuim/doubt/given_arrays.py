@@ -1,5 +1,5 @@
 """Arrays from Python whose values are hardly what they should be: depth in another unit, colours
-that are all white.
+that are all white or black.
 """
 
 import warnings
@@ -14,10 +14,10 @@ _FAR_ABOVE = 4.0
 
 
 def doubt_of_depth(depth_z_m: np.ndarray) -> str:
-    """A sentence on planar depth (h, w) that is hardly in metres; "" if it may be."""
+    """A sentence on planar depth (..., h, w) that is hardly in metres; "" if it may be."""
     measured = depth_z_m[np.isfinite(depth_z_m) & (depth_z_m > 0)]
     if not measured.size:
-        return ""
+        return "no depth is above 0 m: planar z grows forwards, and 0 is missing"
     median_m = float(np.median(measured))
     if _USUAL_M[0] <= median_m <= _USUAL_M[1]:
         return ""
@@ -30,7 +30,12 @@ def doubt_of_depth(depth_z_m: np.ndarray) -> str:
 
 
 def doubt_of_rgb(rgb: np.ndarray) -> str:
-    """A sentence on scene-linear RGB (h, w, 3) that is white; "" if it is not."""
+    """A sentence on scene-linear RGB (h, w, 3) that is white, black or invalid; "" if it is not."""
+    invalid = float((~np.isfinite(rgb)).mean())
+    if invalid > 0:
+        return f"{invalid:.0%} of the RGB values are NaN or infinite, which become black or white"
+    if (rgb <= 0).all():
+        return "no RGB value is above 0: the image is black"
     is_white = float((rgb >= 1).mean()) > _WHITE_SHARE and float(np.max(rgb)) > _FAR_ABOVE
     if not is_white:
         return ""
@@ -41,7 +46,7 @@ def doubt_of_rgb(rgb: np.ndarray) -> str:
     )
 
 
-def warn(sentence: str, depth: int = 2) -> None:
+def warn(sentence: str) -> None:
     """Warn of a sentence at the place that called the caller; nothing for ""."""
     if sentence:
-        warnings.warn(sentence, UserWarning, stacklevel=depth + 1)
+        warnings.warn(sentence, UserWarning, stacklevel=3)

@@ -21,9 +21,12 @@ _NOISE_SHARE = 0.2
 #: of that as read, or something else is wrong, too.
 _NOISE_LEFT = 4
 _LEFT_SHARE = 0.25
-#: Rounds of least squares, how many steps each of them makes at most, and the share of a step below
+#: At least this share of the pairs has poses: of a few of them any shift fits.
+_MIN_SHARE = 0.5
+#: Rounds of least squares, from how many starts the first of them, how many steps each of them makes at most, and the share of a step below
 #: which nothing changes.
 _ROUNDS = 8
+_STARTS = 5
 _FARTHEST = 10.0
 _LAST_STEP = 0.01
 
@@ -85,8 +88,7 @@ class PosedDepth:
     @property
     def residual(self) -> float:
         """The mean over the pairs; infinite without one."""
-        known = np.isfinite(self.residuals)
-        return float(self.residuals[known].mean()) if known.any() else float("inf")
+        return float(mean_residuals(self.residuals))
 
     @property
     def errors(self) -> Sequence[float]:
@@ -122,39 +124,106 @@ class PosedDepth:
 
     def solved(self, chain: Sequence[DepthHypothesis]) -> np.ndarray:
         """The parameters (d,) of all hypotheses that leave the smallest residual."""
-        starts = [np.concatenate(one) for one in product(*(one.starts for one in chain))]
-        best = starts[0]
+        each = [[(x, one.change(x)) for x in one.starts] for one in chain]
+        starts = [tuple(zip(*one, strict=True)) for one in product(*each)]
+        values = [np.concatenate(one) for one, _ in starts]
         if len(starts) > 1:
-            best = min(starts, key=lambda x: self.after(_changes(chain, x)).residual)
-        return self._refined(chain, best)
+            left = self._residuals(self._differences([changes for _, changes in starts]))
+            best = np.argsort(left)[:_STARTS]
+            tried = [values[row] for row in best]
+            r = self._differences([starts[row][1] for row in best])
+            tried += list(self._moved(chain, np.array(tried), r))
+            left = self._residuals(self._differences([_changes(chain, x) for x in tried]))
+            values = [tried[int(left.argmin())]]
+        return self._refined(chain, values[0])
 
     def _refined(self, chain: Sequence[DepthHypothesis], x: np.ndarray) -> np.ndarray:
-        """Parameters (d,) near x with a smaller residual, by least squares of the differences,
-        weighted so that outliers count little.
-        """
+        """Parameters (d,) near x with a smaller residual."""
+        if not len(x):
+            return x
         steps = np.concatenate([one.steps for one in chain])
-        now = self.after(_changes(chain, x))
+        now = self._differences([_changes(chain, x)])
         size = 1.0
-        for _ in range(_ROUNDS if len(x) else 0):
-            r = np.where(np.isfinite(now.differences), now.differences, np.nan)
-            beside = [self.after(_changes(chain, x + move)) for move in np.diag(steps)]
-            J = np.stack([one.differences - r for one in beside], axis=-1)
-            used = np.isfinite(r) & np.isfinite(J).all(axis=-1)
-            if np.count_nonzero(used) <= len(x):
-                break
-            r, J = r[used], J[used]
-            spread = 1.5 * float(np.median(np.abs(r))) + 1e-9
-            weights = 1 / np.sqrt(1 + (r / spread) ** 2)
-            move = np.linalg.lstsq(weights[:, None] * J, -weights * r, rcond=1e-6)[0]
-            move = size * steps * np.clip(move, -_FARTHEST, _FARTHEST)
-            tried = self.after(_changes(chain, x + move))
-            if tried.residual >= now.residual:
+        move = None
+        for _ in range(_ROUNDS):
+            if move is None:
+                move = self._moved(chain, x[None], now)[0] - x
+            there = x + size * move
+            tried = self._differences([_changes(chain, there)])
+            if self._residuals(tried) >= self._residuals(now):
                 size /= 2
                 continue
-            now, x = tried, x + move
-            if (np.abs(move) < _LAST_STEP * steps).all():
+            is_last = (np.abs(there - x) < _LAST_STEP * steps).all()
+            now, x, move = tried, there, None
+            if is_last:
                 break
         return x
+
+    def _moved(
+        self, chain: Sequence[DepthHypothesis], x: np.ndarray, differences: np.ndarray
+    ) -> np.ndarray:
+        """Parameters (m, d) after a step from each of x (m, d) that makes the differences (m, p, n)
+        smaller: least squares, weighted so that outliers count little.
+        """
+        steps = np.concatenate([one.steps for one in chain])
+        beside = [_changes(chain, one + move) for one in x for move in np.diag(steps)]
+        shape = (len(x), len(steps), *differences.shape[1:])
+        every = self._differences(beside).reshape(shape)
+        return np.array(
+            [
+                one + steps * _step(r, others)
+                for one, r, others in zip(x, differences, every, strict=True)
+            ]
+        )
+
+    def _differences(self, every: Sequence[Sequence[Change]]) -> np.ndarray:
+        """(m, p, n) relative differences in depth after each of m sequences of changes."""
+        poses: dict[tuple[Change, ...], SE3] = {(): self.poses}
+
+        def posed(changes: tuple[Change, ...]) -> SE3:
+            if changes not in poses:
+                poses[changes] = changes[-1].apply(posed(changes[:-1]))
+            return poses[changes]
+
+        rows_of: dict[tuple[Change, ...], list[int]] = {}
+        for row, changes in enumerate(every):
+            rows_of.setdefault(tuple(c for c in changes if c.of == "images"), []).append(row)
+        found: dict[int, np.ndarray] = {}
+        for of_images, rows in rows_of.items():
+            pairs = self.after(of_images).pairs
+            moved = [tuple(c for c in every[row] if c.of != "images") for row in rows]
+            motions = [pairs.relative(posed(changes)) for changes in moved]
+            found.update(zip(rows, pairs.differences_of_all(motions), strict=True))
+        return np.array([found[row] for row in range(len(every))])
+
+    def _residuals(self, differences: np.ndarray) -> np.ndarray:
+        """(m,) residuals of differences (m, p, n)."""
+        return mean_residuals(self.pairs.medians(differences))
+
+
+def _step(r: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Steps (d,) of parameters that make differences (p, n) smallest, from those after one step of
+    each (d, p, n).
+    """
+    r = np.where(np.isfinite(r), r, np.nan)
+    J = np.moveaxis(others - r, 0, -1)
+    used = np.isfinite(r) & np.isfinite(J).all(axis=-1)
+    if np.count_nonzero(used) <= len(others):
+        return np.zeros(len(others))
+    r, J = r[used], J[used]
+    spread = 1.5 * float(np.median(np.abs(r))) + 1e-9
+    weights = 1 / np.sqrt(1 + (r / spread) ** 2)
+    move = np.linalg.lstsq(weights[:, None] * J, -weights * r, rcond=1e-6)[0]
+    return np.clip(move, -_FARTHEST, _FARTHEST)
+
+
+def mean_residuals(residuals: np.ndarray) -> np.ndarray:
+    """(...) the means of residuals (..., p) that are known; infinite if those are too few."""
+    known = np.isfinite(residuals)
+    count = known.sum(axis=-1)
+    total = np.where(known, residuals, 0).sum(axis=-1)
+    is_enough = count >= max(1, _MIN_SHARE * residuals.shape[-1])
+    return np.where(is_enough, total / np.maximum(count, 1), np.inf)
 
 
 def _changes(chain: Sequence[DepthHypothesis], x: np.ndarray) -> tuple[Change, ...]:

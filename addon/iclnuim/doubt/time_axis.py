@@ -108,8 +108,13 @@ class Curve:
     def at(self, trajectory: Trajectory, stamps_s: np.ndarray) -> np.ndarray:
         """Values (n, d) at stamps (n,), linearly interpolated."""
         values = self.values(trajectory)
-        columns = [np.interp(stamps_s, trajectory.stamps_s, column) for column in values.T]
-        return np.stack(columns, -1)
+        known_s = trajectory.stamps_s
+        row = np.searchsorted(known_s, stamps_s, side="right").clip(1, len(known_s) - 1) - 1
+        # np.interp would copy all columns of a long trajectory for a few stamps
+        since_s = np.clip(stamps_s, known_s[0], None) - known_s[row]
+        slope = (values[row + 1] - values[row]) / (known_s[row + 1] - known_s[row])[:, None]
+        found = slope * since_s[:, None] + values[row]
+        return np.where((stamps_s >= known_s[-1])[:, None], values[-1], found)
 
     def residual(self, moments: Moments) -> np.ndarray:
         """(...) RMS of y after the best alignment of x: of values (Umeyama, PAMI 1991, equations
@@ -134,7 +139,13 @@ def _positions(trajectory: Trajectory) -> np.ndarray:
     return trajectory.positions_m
 
 
-@lru_cache(maxsize=2)  # a search asks for those of the same two again and again
+@lru_cache(maxsize=2)  # a search asks for it of the same trajectory again and again
+def frame_s(trajectory: Trajectory) -> float:
+    """The usual time from pose to pose."""
+    return float(np.median(np.diff(trajectory.stamps_s)))
+
+
+@lru_cache(maxsize=2)
 def _quaternions(trajectory: Trajectory) -> np.ndarray:
     """(n, 4) unit quaternions that do not jump to their opposite."""
     quat_xyzw = trajectory.T_world_camera.quat_xyzw
@@ -161,7 +172,7 @@ def best_offset(
     """
     if not _is_determined(reference, estimate, curve):
         return None
-    step_s = float(np.median(np.diff(reference.stamps_s)))
+    step_s = frame_s(reference)
     found = _nearly_best(reference, estimate, step_s, curve)
     if found is None:
         return None
@@ -331,8 +342,7 @@ def _nearly_best(
 def _search_step_s(reference: Trajectory, estimate: Trajectory, scale: float = 1.0) -> float:
     """A frame of the reference, or longer if there are too many."""
     longest_s = max(np.ptp(reference.stamps_s), scale * np.ptp(estimate.stamps_s))
-    frame_s = float(np.median(np.diff(reference.stamps_s)))
-    return max(frame_s, float(longest_s) / _MAX_FRAMES)
+    return max(frame_s(reference), float(longest_s) / _MAX_FRAMES)
 
 
 def _spread(rows: np.ndarray, y: np.ndarray, lags: np.ndarray) -> np.ndarray:
@@ -401,7 +411,7 @@ def _least_squares(
     inside = _inside(reference, axis.of(estimate.stamps_s))
     since_s = estimate.stamps_s[inside] - axis.origin_s
     stamps_s = axis.of(estimate.stamps_s[inside])
-    half_s = float(np.median(np.diff(reference.stamps_s))) / 2
+    half_s = frame_s(reference) / 2
     y = POSITIONS.at(reference, stamps_s)
     ahead = POSITIONS.at(reference, stamps_s + half_s)
     speed = (ahead - POSITIONS.at(reference, stamps_s - half_s)) / (2 * half_s)

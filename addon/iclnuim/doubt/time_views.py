@@ -21,6 +21,7 @@ from .time_axis import (
     TimeAxis,
     best_offset,
     best_scales,
+    frame_s,
     moved_onto_stamps,
     refined,
     rounded,
@@ -140,7 +141,7 @@ class Compared:
         multiplied by; with_rates: such rates, too. Poses at other times that may be scaled fit
         wherever the ground truth hardly moves, so rates are for stamps that mean nothing as read.
         """
-        step_s = float(np.median(np.diff(self.reference.stamps_s)))
+        step_s = frame_s(self.reference)
         known = [self.settings.offset_s]
         if (offset := best_offset(self.reference, self.estimate, self.positions)) is not None:
             known.append(offset.offset_s)

@@ -54,13 +54,15 @@ class SE3:
         m = np.asarray(matrix, float)
         if m.shape[-2:] not in ((3, 4), (4, 4)):
             raise InputError("matrices (..., 3, 4) or (..., 4, 4)", found=m.shape)
+        if not np.isfinite(m).all():
+            first = np.argmin(np.isfinite(m.reshape(-1, m.shape[-2] * 4)).all(1))
+            of = f" in pose {first}" if m.ndim > 2 else ""
+            raise InputError("finite numbers", found=f"NaN or infinity{of}")
         if m.shape[-2] == 4 and not np.allclose(m[..., 3, :], (0, 0, 0, 1), atol=1e-6):
             is_turned = np.allclose(m[..., :, 3], (0, 0, 0, 1), atol=1e-6)
             hint = "the transposed matrices" if is_turned else None
             found = m[..., 3, :].reshape(-1, 4)[0]
             raise InputError("a last row of 0 0 0 1", found=found, hint=hint)
-        if not np.isfinite(m).all():
-            raise InputError("finite numbers", found="NaN or infinity")
         return cls(so3.nearest_rotation(m[..., :3, :3]), m[..., :3, 3])
 
     @classmethod

@@ -134,15 +134,21 @@ def exp_coefficients(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
     return a, b, c
 
 
-def _no_rotations(m: np.ndarray, off: float) -> str:
-    """What matrices (..., 3, 3) are that are no rotations."""
-    first = m.reshape(-1, 3, 3)[0]
+def what_no_rotation_is(matrix: np.ndarray) -> str:
+    """What a matrix (3, 3) is that is no rotation."""
+    if not np.isfinite(matrix).all():
+        return "NaN or infinity"
     with np.errstate(over="ignore", invalid="ignore"):
-        scale = float(np.cbrt(abs(np.linalg.det(first))))
-        gram = first.T @ first
+        det = float(np.linalg.det(matrix))
+        scale = float(np.cbrt(abs(det)))
+        gram = matrix.T @ matrix
         is_scaled = np.allclose(gram, scale**2 * np.eye(3), atol=1e-3 * scale**2)
+    reflected = " and reflected" if det < 0 else ""
     if is_scaled and scale > 0 and abs(scale - 1) > 1e-3:
-        return f"rotations multiplied by {scale:.4g}"
+        return f"rotations multiplied by {scale:.4g}{reflected}"
+    if is_scaled and reflected:
+        return "a reflection"
+    off = np.abs(gram - np.eye(3)).max()
     return f"R^T R that differs from the identity by {off:.3g}"
 
 
@@ -159,7 +165,10 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     ):  # numbers as large as that are refused just below
         off = np.abs(np.swapaxes(m, -1, -2) @ m - np.eye(3)).max(initial=0.0) if m.size else 0.0
     if not off <= MATRIX_TOLERANCE:
-        raise InputError("rotation matrices", found=_no_rotations(m, off))
+        every = m.reshape(-1, 3, 3)
+        grams = np.swapaxes(every, -1, -2) @ every
+        invalid = ~(np.abs(grams - np.eye(3)).max((1, 2)) <= MATRIX_TOLERANCE)
+        raise InputError("rotation matrices", found=what_no_rotation_is(every[invalid.argmax()]))
     if m.size and np.linalg.det(m).min() < 0:
         hint = "converting its axes first"
         raise InputError("rotation matrices with determinant +1", found="a reflection", hint=hint)

@@ -89,9 +89,12 @@ class Trajectory:
         if not np.isfinite(stamps).all() or (np.diff(stamps) <= 0).any():
             raise InputError("finite, strictly increasing stamps")
         if (invalid := np.flatnonzero(~self.T_world_camera.is_rigid())).size:
-            raise InputError(
-                "finite positions and rotation matrices", found=f"pose {invalid[0]} without them"
-            )
+            first = self.T_world_camera[invalid[0]]
+            what = "NaN or infinity"
+            if np.isfinite(first.translation).all():
+                what = so3.what_no_rotation_is(first.rotation)
+            found = f"pose {invalid[0]} without them: {what}"
+            raise InputError("finite positions and rotation matrices", found=found)
         stamps.setflags(write=False)
         object.__setattr__(self, "stamps_s", stamps)
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from ..doubt.explained_error import ExplainedError, Settings, measured
 from ..doubt.lost_track import signs_of_lost_track
-from ..doubt.no_rotations import lacks_rotations, positions_alone
+from ..doubt.no_rotations import lacks_rotations
 from ..errors import InputError
 from ..evaluation.absolute_error import AbsoluteError, AbsoluteErrorSettings, ErrorStatistics
 from ..evaluation.align import Alignment
-from ..evaluation.relative_error import RelativeError, RelativeErrorSettings
+from ..evaluation.relative_error import RelativeError
 from ..evaluation.scale_drift import ScaleDrift, scale_drift
 from ..geometry.se3 import SE3
 from ..geometry.trajectory import Trajectory
@@ -134,13 +134,10 @@ class Report:
             estimate.without_rotations_beside(both[0]),
         )
         files = reference.loaded, estimate.loaded
-        if isinstance(settings, RelativeErrorSettings) and not all(
-            file.read_as.has_rotations for file in files
-        ):
-            both = positions_alone(*both, settings.association)
+        positions_only = not all(file.read_as.has_rotations for file in files)
         try:
-            result = measured(*both, settings)
-            if not all(file.read_as.has_rotations for file in files):
+            result = measured(*both, settings, positions_only)
+            if positions_only:
                 unknown = np.full_like(result.rotation_error_rad, np.nan)
                 result = replace(result, rotation_error_rad=unknown)
         except InputError as error:

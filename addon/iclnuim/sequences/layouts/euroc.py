@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...channels import RGB
+from ...channels import DEPTH, RGB
 from ...errors import InputError, within
 from ...formats.depth_units import UNITS_PER_METRE, check_units
 from ...formats.files import atomic_write_text, data_lines, is_file, make_folder, read_text
@@ -31,7 +31,7 @@ from ..camera_files import (
 )
 from ..contents import Contents, write_truth
 from ..format import FormatLimits, Reader, SequenceFormat, truth_at
-from ..frames import Row
+from ..frames import Row, SequenceFrame
 from ..imu import SequenceImu, sequence_imu, velocities_of
 
 _ROOT = Path("mav0")
@@ -73,14 +73,22 @@ def _write(folder: Path, contents: Contents, format: SequenceFormat) -> None:
 def write_sensors(folder: Path, contents: Contents, format: SequenceFormat) -> None:
     """Write the lists and cameras of both kinds of images, and the readings of an IMU."""
     stems = [Path(path).stem for path in format.images(contents, RGB).paths]
-    rows = ["#timestamp [ns],filename\n"]
-    rows += [f"{stem},{stem}.png\n" for stem in stems]
-    for sensor, what in (("cam0", "camera"), ("depth0", "depth camera, 16 bit, 0 = missing")):
+    depth_camera = "depth camera, 16 bit, 0 = missing"
+    for sensor, kind, what in (("cam0", RGB, "camera"), ("depth0", DEPTH, depth_camera)):
+        rows = ["#timestamp [ns],filename\n"]
+        for stem, frame in zip(stems, contents.frames, strict=True):
+            rows.append(f"{_stamp(frame, kind, stem)},{stem}.png\n")
         atomic_write_text(folder / _ROOT / sensor / "data.csv", "".join(rows))
         atomic_write_text(folder / _ROOT / sensor / "sensor.yaml", _sensor(contents, what))
     atomic_write_text(folder / _TIMES, "".join(f"{stem}\n" for stem in stems))
     if contents.imu is not None:
         _write_imu(folder / _IMU, contents.imu)
+
+
+def _stamp(frame: SequenceFrame, kind: str, stem: str) -> str:
+    """The stamp of an image, as it is written in the name of the colour image, its stem."""
+    own = frame.nanoseconds(kind)
+    return stem if own == frame.nanoseconds() else str(own).zfill(len(stem))
 
 
 def _write_truth(path: Path, contents: Contents) -> None:
@@ -155,10 +163,18 @@ depth_units_per_metre: {contents.depth_units_per_metre:g}
 
 
 def _rows(folder: Path) -> list[Row]:
-    """Pairs of images with equal stamps in nanoseconds in both data.csv."""
+    """Pairs of images with equal stamps in nanoseconds in both data.csv, or with equal names if
+    depth has its own stamps.
+    """
     rgb, depth = (_images(folder / _ROOT / sensor) for sensor in ("cam0", "depth0"))
-    texts = {ns: stamp_text_of_ns(ns) for ns in rgb.keys() & depth.keys()}
-    return [Row(ns / 1e9, rgb[ns], depth[ns], (texts[ns], texts[ns])) for ns in sorted(texts)]
+    named = {path.name: ns for ns, path in depth.items() if ns not in rgb}
+    rows = []
+    for ns in sorted(rgb):
+        of_depth = ns if ns in depth else named.get(rgb[ns].name)
+        if of_depth is not None:
+            texts = stamp_text_of_ns(ns), stamp_text_of_ns(of_depth)
+            rows.append(Row(ns / 1e9, rgb[ns], depth[of_depth], texts))
+    return rows
 
 
 def _images(sensor: Path) -> dict[int, Path]:
@@ -271,6 +287,6 @@ FORMAT = SequenceFormat(
         _mount,
         _imu,
     ),
-    FormatLimits("ns", depth_stamps=False, fixed_units=UNITS, imu=True, remarks=_remarks),
+    FormatLimits("ns", fixed_units=UNITS, imu=True, remarks=_remarks),
     published_image=lambda frame, kind: f"{_folder(kind)}/{frame.nanoseconds()}.png",
 )
