@@ -183,7 +183,7 @@ NOISE = np.exp(np.random.default_rng(0).normal(0, 0.02, (48, 64)))
         (lambda d, row: 1.02 * d * NOISE, ""),
         (lambda d, row: d * NOISE**5, ""),
         (lambda d, row: 1.15 * d * NOISE, ""),
-        (lambda d, row: 3 * NOISE, "unknown"),
+        (lambda d, row: 5 * np.median(d) * NOISE, "unknown"),
     ],
 )
 def test_what_a_prediction_seems_to_be_is_named(truth, predicted, change, words):

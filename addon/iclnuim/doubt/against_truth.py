@@ -97,9 +97,11 @@ def _best(compared: Compared, known: list[Hypothesis]) -> Candidate | None:
     timed = _timed(compared, compared.clocks(offset_only))
     for _, view in timed:
         candidates += filter(Candidate.explains, _alone(view, []))
-    if winner(candidates) is None and plain is not None and not _is_bad(plain):
+    is_explained = winner(candidates) is not None
+    if not is_explained and plain is not None and not _is_bad(plain):
         return None
-    others = _timed(compared, compared.other_clocks(with_rates=plain is None))
+    with_rates = plain is None and not is_explained
+    others = _timed(compared, compared.other_clocks(with_rates))
     for _, view in others:
         candidates += filter(Candidate.explains, _alone(view, []))
     timed += others

@@ -160,19 +160,17 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     < 0.
     """
     m = np.asarray(matrix, float)
-    with np.errstate(
-        over="ignore", invalid="ignore"
-    ):  # numbers as large as that are refused just below
-        off = np.abs(np.swapaxes(m, -1, -2) @ m - np.eye(3)).max(initial=0.0) if m.size else 0.0
-    if not off <= MATRIX_TOLERANCE:
-        every = m.reshape(-1, 3, 3)
-        grams = np.swapaxes(every, -1, -2) @ every
-        invalid = ~(np.abs(grams - np.eye(3)).max((1, 2)) <= MATRIX_TOLERANCE)
+    if not m.size:
+        return m
+    every = m.reshape(-1, 3, 3)
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers this large are refused just below
+        off = np.abs(np.swapaxes(every, 1, 2) @ every - np.eye(3)).max((1, 2))
+    if (invalid := ~(off <= MATRIX_TOLERANCE)).any():
         raise InputError("rotation matrices", found=what_no_rotation_is(every[invalid.argmax()]))
-    if m.size and np.linalg.det(m).min() < 0:
+    if np.linalg.det(m).min() < 0:
         hint = "converting its axes first"
         raise InputError("rotation matrices with determinant +1", found="a reflection", hint=hint)
-    if off < 1e-14:
+    if off.max() < 1e-14:
         return m
     u, _, vt = np.linalg.svd(m)
     return u @ vt

@@ -203,7 +203,9 @@ def _imu_against_poses(result: Inspection, sequence: StoredSequence, truth: Traj
     if sentence := found.sentence():
         (result.errors if found.changes else result.warnings).append(sentence)
     if found.changes:
-        figures["explanations"] = [change.to_dict() for change in found.changes]
+        figures["explanations"] = [
+            {"kind": change.kind, "parameters": change.parameters} for change in found.changes
+        ]
 
 
 def inspect_images(result: Inspection, pairs: list[ImagePair]) -> list[PngHeader]:
