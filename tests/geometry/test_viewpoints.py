@@ -108,15 +108,22 @@ def test_the_space_of_a_person_ends_at_the_edges_of_the_floor_and_its_furniture(
 
 
 def test_rows_of_seats_are_passed_along_the_steps_beside_them():
-    steps = [box((0, k, 0), (7, k + 1, 0.15 * (k + 1))) for k in range(5)]
-    seats = [box((1.5, k + 0.4, 0), (6.9, k + 0.8, 0.15 * k + 0.6)) for k in range(5)]
+    """The steps are below every point of the routes, or the edge of a seat, by a cell at most."""
     room = box((0, -1, 0), (7, 5, 4), True)
-    space, caster = space_and_caster(room, *steps, *seats)
+    steps = [box((0, k, 0), (7, k + 1, 0.15 * (k + 1))) for k in range(5)]
+
+    def seats(edge_m):
+        low, high = (1.5 + edge_m, 0.4 + edge_m, 0), (6.9 - edge_m, 0.8 - edge_m, 0.6)
+        return [box(np.add(low, (0, k, 0)), np.add(high, (0, k, 0.15 * k))) for k in range(5)]
+
+    space, caster = space_and_caster(room, *steps, *seats(0.0))
     places, held = viewpoints(space, caster, 8, 0.25, 0)
     assert np.ptp(places[:, 2]) > 0.6
+    _, narrower = space_and_caster(room, *steps, *seats(space.cell_m))
     for a, b in pairwise(places):
         shares = np.linspace(0, 1, 20)[:, None]
         for corner, following in pairwise(held.route(a, b, 0.25)):
             points = corner + shares * (following - corner)
-            below = caster.cast(points, np.broadcast_to([0, 0, -1.0], points.shape)).distance
+            down = np.broadcast_to([0, 0, -1.0], points.shape)
+            below = narrower.cast(points, down).distance
             assert below.min() > 1.0 and below.max() < 1.9
