@@ -113,6 +113,17 @@ def test_a_name_through_a_hidden_folder_counts_as_one_outside(folder, name):
     assert readable(folder, "scene/room.obj", f"mtllib {name}\n") == ["scene/room.obj"]
 
 
+def test_a_folder_that_the_scene_may_not_read_is_not_listed(folder, monkeypatch):
+    listed = []
+    names = os.listdir
+    monkeypatch.setattr(
+        os, "listdir", lambda place: (listed.append(Path(place).name), names(place))[1]
+    )
+    for name in ("sub/none.mtl", ".config/key", ".config/none.mtl", "../secret/none.mtl"):
+        readable(folder, "scene/room.obj", f"mtllib {name}\n")
+    assert set(listed) == {"sub"}
+
+
 def test_a_scene_in_a_hidden_folder_reads_what_lies_beside_it(folder):
     (folder / "scene/.config/own.mtl").write_text("map_Kd key\n")
     found = readable(folder, "scene/.config/room.obj", "mtllib own.mtl\n")

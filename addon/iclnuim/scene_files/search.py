@@ -65,7 +65,11 @@ def readable(scene: Path, reading: SceneReading) -> list[Path]:
     visible in its folder.
     """
     found = [scene]
-    names_beside = functools.cache(_names_in)
+
+    @functools.cache
+    def names_beside(folder: Path) -> list[str]:
+        return _names_in(folder) if allowed(scene, folder, reading) else []
+
     try:
         if not scene.stat().st_size:
             found += visible(scene.parent)
@@ -134,7 +138,8 @@ def walk(path: Path) -> Iterator[tuple[Path, FileReference, list[Path]]]:
 
     @functools.cache
     def links(folder: Path) -> list[Path]:
-        if not resolved(folder).is_relative_to(own):
+        there = resolved(folder)
+        if not there.is_relative_to(own) or is_hidden(there, own):
             return []
         return [p for p in folder.iterdir() if p.is_symlink()]
 
