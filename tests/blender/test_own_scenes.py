@@ -238,6 +238,8 @@ def test_scripts_of_a_blend_never_run(tmp_path):
     box = made.box(bpy, "box", (0, 0, 0), (1, 1, 1))
     driver = box.driver_add("location", 0).driver
     driver.expression = f"len(str(open({str(mark)!r}, 'w')))"
+    sky = bpy.context.scene.world = bpy.data.worlds.new("sky")
+    sky.driver_add("color", 0).driver.expression = driver.expression
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "script.blend"))
     mark.unlink(missing_ok=True)
     notes = opened(tmp_path / "script.blend")
@@ -246,7 +248,7 @@ def test_scripts_of_a_blend_never_run(tmp_path):
     assert not mark.exists()
     assert not bpy.app.handlers.frame_change_post
     assert "scripts in the file (start.py): not run" in notes
-    assert "drivers that need Python (box): not run" in notes
+    assert "drivers that need Python (box, sky): not run" in notes
 
 
 @pytest.mark.parametrize("kind", ["obj", "gltf", "blend"])

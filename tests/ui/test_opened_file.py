@@ -52,6 +52,36 @@ def test_a_removed_scene_leaves_nothing_behind(saved: Path):
     assert {block for block in left if block.id_type not in ("IMAGE", "LIBRARY")} == {used}
 
 
+def test_a_shown_scene_keeps_no_driver_that_needs_python(saved: Path):
+    """Not even in a session that lets scripts run."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    world = bpy.context.scene.world = bpy.data.worlds.new("sky")
+    mesh, lamp = bpy.data.meshes.new("box"), bpy.data.lights.new("lamp", "POINT")
+    for data in (mesh, lamp):
+        bpy.context.scene.collection.objects.link(bpy.data.objects.new(data.name, data))
+    world.driver_add("color", 0).driver.expression = "len(str(print))"
+    lamp.driver_add("energy").driver.expression = "len(str(print))"
+    lamp.driver_add("cutoff_distance").driver.expression = "2 * frame"
+    if world.node_tree is None:
+        world.use_nodes = True
+    sky = world.node_tree.nodes["Background"].inputs["Strength"]
+    sky.driver_add("default_value").driver.expression = "len(str(print))"
+    file = saved.with_name("driven.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    bpy.ops.wm.open_mainfile(filepath=str(saved))
+    settings = bpy.context.scene.iclnuim
+    settings.scene_source, settings.scene_file = "FILE", str(file)
+    assert bpy.ops.iclnuim.load_scene() == {"FINISHED"}
+    shown = [bpy.context.scene.world, bpy.data.lights["lamp"]]
+    owners = [*shown, shown[0].node_tree]
+    drivers = [owner.animation_data.drivers for owner in owners]
+    assert [[curve.data_path for curve in found] for found in drivers] == [
+        [],
+        ["cutoff_distance"],
+        [],
+    ]
+
+
 def test_undo_shows_what_the_views_hid_for_a_scene(saved: Path):
     (area,) = state.areas("VIEW_3D")
     overlay = area.spaces.active.overlay

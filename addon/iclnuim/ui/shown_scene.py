@@ -184,10 +184,11 @@ def _load(context: Context, file: Path, collection: Collection) -> str:
 
 
 def _append(scene: Scene, file: Path, collection: Collection) -> None:
+    before = set(bpy.data.user_map())
     with bpy.data.libraries.load(str(file), link=False) as (there, here):
         here.objects = list(there.objects)
         here.worlds = list(there.worlds)[:1]
-    sanitize.remove_python_drivers(here.objects)
+    sanitize.remove_python_drivers(set(bpy.data.user_map()) - before)
     for thing in here.objects:
         if thing is not None:
             collection.objects.link(thing)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 import bmesh
 import bpy
 import numpy as np
-from bpy.types import ID, FCurve, Material, Mesh, MeshUVLoopLayer, Object, Scene
+from bpy.types import ID, FCurve, Material, Mesh, MeshUVLoopLayer, Scene
 
 from .. import compat
 from ..notes import names_of
@@ -27,7 +27,7 @@ def sanitize(scene: Scene) -> list[str]:
     scripts = [text for text in bpy.data.texts if text.use_module]
     if scripts:
         notes.append(f"scripts in the file ({names_of(scripts)}): not run")
-    if driven := {block for block, _ in _python_drivers(scene.objects)}:
+    if driven := {block for block, _ in _python_drivers(bpy.data.user_map())}:
         notes.append(f"drivers that need Python ({names_of(driven)}): not run")
     return notes
 
@@ -115,34 +115,17 @@ def _colour_material(attribute: str) -> Material:
     return material
 
 
-def remove_python_drivers(things: Iterable[Object | None]) -> int:
-    """Remove drivers that need Python from objects, their data, shape keys and materials, before
-    they are evaluated. Returns their number.
-    """
-    found = list(_python_drivers(things))
-    for block, curve in found:
+def remove_python_drivers(blocks: Iterable[ID]) -> None:
+    """Remove drivers that need Python from datablocks, before they are evaluated."""
+    for block, curve in list(_python_drivers(blocks)):
         block.animation_data.drivers.remove(curve)
-    return len(found)
 
 
-def _python_drivers(
-    things: Iterable[Object | None],
-) -> Iterator[tuple[ID, FCurve]]:
-    blocks: set[ID] = set()
-    for thing in things:
-        if thing is not None:
-            blocks.update(_blocks_of(thing))
+def _python_drivers(blocks: Iterable[ID]) -> Iterator[tuple[ID, FCurve]]:
+    """The drivers that need Python, with the datablocks or node trees that have them."""
     for block in blocks:
-        animation = getattr(block, "animation_data", None)
-        for curve in animation.drivers if animation else ():
-            if curve.driver.type == "SCRIPTED" and not curve.driver.is_simple_expression:
-                yield block, curve
-
-
-def _blocks_of(thing: Object) -> list[ID]:
-    data = thing.data
-    materials = [slot.material for slot in thing.material_slots if slot.material]
-    blocks = [thing, data, getattr(data, "shape_keys", None), getattr(data, "node_tree", None)]
-    blocks += [*materials, *(m.node_tree for m in materials)]
-    blocks += [m.node_group for m in thing.modifiers if m.type == "NODES"]
-    return [block for block in blocks if block is not None]
+        for owner in (block, getattr(block, "node_tree", None)):
+            animation = getattr(owner, "animation_data", None)
+            for curve in animation.drivers if animation else ():
+                if curve.driver.type == "SCRIPTED" and not curve.driver.is_simple_expression:
+                    yield owner, curve
