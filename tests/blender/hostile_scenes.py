@@ -335,6 +335,17 @@ def _inner_usd(inside, secret):
     return write(inside / "inner.usda", layers)
 
 
+def _address(of):
+    """A film that FFmpeg would read by another protocol than that of files; `of` makes the address
+    of the file outside.
+    """
+
+    def film(bpy, box, name):
+        image(bpy, box, of(Path(bpy.path.abspath(name))), "MOVIE")
+
+    return blend(film, "ts")
+
+
 def _playlist(inside, secret):
     head = "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n"
     return write(inside / "film.m3u8", f"{head}{secret}\n#EXT-X-ENDLIST\n")
@@ -379,6 +390,10 @@ WAYS = {
     "blend_sequence": blend(lambda b, x, n: image(b, x, n, "SEQUENCE"), "png", _next_frame),
     "blend_tiles": blend(lambda b, x, n: image(b, x, n, "TILED"), "png", _tile),
     "blend_playlist": blend(lambda b, x, n: image(b, x, n, "MOVIE"), "ts", _playlist),
+    "blend_web": _address(lambda secret: f"http://127.0.0.1:9/{secret.name}"),
+    "blend_udp": _address(lambda secret: "UDP://127.0.0.1:9?timeout=1"),
+    "blend_protocol": _address(lambda secret: f"concat:{secret}"),
+    "blend_subfile": _address(lambda secret: f"subfile,,start,0,end,9,,:{secret}"),
     "blend_library": _linked,
     "blend_through_a_library": _through_a_library,
     "blend_mesh_cache": blend(mesh_cache, "pc2"),

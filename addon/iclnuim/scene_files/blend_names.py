@@ -32,6 +32,10 @@ _PATH = re.compile(
     re.IGNORECASE,
 )
 _POINTED = re.compile(r"\.\*\w*(directory|filepath)$")
+#: Structs whose files FFmpeg may read, and names that it takes for an address: a protocol, which has
+#: more letters than a drive, and what it reads. `file:` is a path.
+_FILMS = {"Image", "MovieClip", "bSound"}
+_ADDRESS = re.compile(r"(?!file:)[a-z0-9+.-]{2,}:|subfile,.*:", re.IGNORECASE | re.DOTALL)
 #: Fields of a struct that show that its file is packed into the .blend.
 _PACKED = {
     "PackedFile": ("*data",), "ImagePackedFile": ("*packedfile",), "Image": ("*packedfile",
@@ -58,7 +62,7 @@ class _PathField(NamedTuple):
 
 def names(file: Path) -> Iterator[tuple[str, str, str]]:
     """(place, what, name); what is "file", "required" (reported if it is missing), "folder", or
-    "computed" if the path is not known in advance.
+    "computed" if it is an address, or a path that is not known in advance.
 
     Raises InputError for a file that is not a valid .blend.
     """
@@ -98,7 +102,7 @@ class _PathSearch:
                     pointed[self.blend.pointer(data, path.offset)] = kind
                 elif data[path.offset]:
                     name = text(data[path.offset : path.offset + path.length])
-                    yield self._place(kind, data), _what(kind, path.label), name
+                    yield self._place(kind, data), _what(kind, path.label, name), name
         blocks = [self.at_address[a] for a in pointed if a in self.at_address]
         for block, data in self.blend.contents(blocks):
             yield self._place(pointed[block.address], b""), "folder", text(data)
@@ -188,7 +192,9 @@ class _PathSearch:
         return f"{words} {text(data[at + 2 : at + name.length])}"
 
 
-def _what(kind: str, label: str) -> str:
+def _what(kind: str, label: str, name: str) -> str:
+    if kind in _FILMS and _ADDRESS.match(name):
+        return "computed"
     if _FOLDER.search(label):
         return "folder"
     return "required" if kind in _REQUIRED else "file"

@@ -38,8 +38,8 @@ class FileReference:
     missing.
 
     kind: the format that the file will be read as, whatever its ending. folder: all files of this
-    folder may be read. blenders: the path has Blender's syntax. computed: the path is not known in
-    advance.
+    folder may be read. blenders: the path has Blender's syntax. computed: it is an address, or a
+    path that is not known in advance.
     """
 
     place: str
