@@ -25,7 +25,8 @@ _ROTATIONS = 500
 _SIZES = (1.25, 1.12, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.33)
 #: ... and the smallest: anything can be shrunk to a point on the model.
 LEAST_SIZE = 0.3
-#: Points that are looked up and tried, starts and the angle between them, points of the result, and rounds of each.
+#: Points that are looked up and tried, starts and the angle between them, points of the result, and
+#: rounds of each.
 _LOOKED_UP = 100
 _TRIED_POINTS = 300
 _STARTS = 16

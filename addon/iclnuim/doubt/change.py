@@ -15,8 +15,8 @@ def unchanged(given: Any) -> Any:
 @dataclass(frozen=True, eq=False)
 class Change:
     """kind: of the hypothesis that it is of. apply: to what is changed (`of`), such as the poses of
-    the estimate or of the reference. parameters: what was fitted, by names with units; free: how many numbers that
-    are. time: other stamps of the estimate.
+    the estimate or of the reference. parameters: what was fitted, by names with units; free: how
+    many numbers that are. time: other stamps of the estimate.
     """
 
     kind: str

@@ -55,9 +55,9 @@ def hypotheses(camera: PinholeCamera, depth_m: float) -> list[DepthHypothesis]:
     found = [_fixed(change) for change in conventions()]
     frames = np.array(_SHIFTS)[:, None]
     found.append(DepthHypothesis("shifted", _shifted, frames, np.array([0.05])))
-    arm_step = np.full(3, 0.005 * depth_m)
-    found.append(DepthHypothesis("arm", with_arm, np.zeros((1, 3)), arm_step))
     found.append(DepthHypothesis("unit", _times, _FACTORS[:, None], np.array([0.005])))
+    arm_step = np.full(3, 0.005 * depth_m)  # of poses in the unit of depth
+    found.append(DepthHypothesis("arm", with_arm, np.zeros((1, 3)), arm_step))
     found += [_fixed(of_camera(other)) for other in other_cameras(camera)]
 
     def focal(x: np.ndarray) -> Change:

@@ -1,4 +1,6 @@
-"""Pairs of depth images in blocks, chosen by the motion between them, and how well they agree with poses."""
+"""Pairs of depth images in blocks, chosen by the motion between them, and how well they agree with
+poses.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -198,8 +200,8 @@ class DepthPairs:
         return self.medians(self.differences(T_second_first))
 
     def medians(self, differences: np.ndarray) -> np.ndarray:
-        """(..., p) median sizes of differences (..., p, n), at most `LARGEST`; of infinite ones, those beyond
-        `_MAY_LEAVE` of the points count. NaN if too little was measured.
+        """(..., p) median sizes of differences (..., p, n), at most `LARGEST`; of infinite ones, those
+        beyond `_MAY_LEAVE` of the points count. NaN if too little was measured.
         """
         points = np.isfinite(self.stack.points_m[..., 2]).sum(axis=1)[self.images[:, 0]]
         sizes = np.sort(np.abs(differences), axis=-1)

@@ -14,17 +14,18 @@ from .change import Change
 from .depth_pairs import DepthPairs
 from .fit import Limits
 
-#: Relative residual that right poses may have: a constant, and a share of the noise of a pixel.
+#: Relative residual that right poses may have: a constant, and a multiple of the noise of a pixel,
+#: divided by the pixels along a side of a block, in which it averages out.
 _EXACT = 1e-4
-_NOISE_SHARE = 0.2
+_NOISE_OF_BLOCK = 1.6
 #: An explanation leaves a residual of at most this multiple of the noise of a pixel, or this share
 #: of that as read, or something else is wrong, too.
 _NOISE_LEFT = 4
 _LEFT_SHARE = 0.25
 #: At least this share of the pairs has poses: of a few of them any shift fits.
 _MIN_SHARE = 0.5
-#: Rounds of least squares, from how many starts the first of them, how many steps each of them makes at most, and the share of a step below
-#: which nothing changes.
+#: Rounds of least squares, from how many starts the first of them, how many steps each of them
+#: makes at most, and the share of a step below which nothing changes.
 _ROUNDS = 8
 _STARTS = 5
 _FARTHEST = 10.0
@@ -51,13 +52,15 @@ class PosedDepth:
     pairs: DepthPairs
     poses: SE3
     limits: Limits
+    #: What was found for a chain: it is asked for once more where the chain is judged.
+    _solved: dict[tuple[DepthHypothesis, ...], np.ndarray] = field(init=False, default_factory=dict)
 
     @classmethod
     def of(cls, pairs: DepthPairs, poses: SE3) -> "PosedDepth":
         """The pairs that the poses let compare."""
-        every = cls(pairs, poses, _limits(0.0, 0.0))
+        every = cls(pairs, poses, _limits(pairs, 0.0))
         known = every[np.isfinite(every.residuals)]
-        return replace(known, limits=_limits(pairs.noise if len(known) else 0.0, known.residual))
+        return replace(known, limits=_limits(pairs, known.residual))
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -124,6 +127,11 @@ class PosedDepth:
 
     def solved(self, chain: Sequence[DepthHypothesis]) -> np.ndarray:
         """The parameters (d,) of all hypotheses that leave the smallest residual."""
+        if (known := self._solved.get(tuple(chain))) is None:
+            known = self._solved[tuple(chain)] = self._search(chain)
+        return known
+
+    def _search(self, chain: Sequence[DepthHypothesis]) -> np.ndarray:
         each = [[(x, one.change(x)) for x in one.starts] for one in chain]
         starts = [tuple(zip(*one, strict=True)) for one in product(*each)]
         values = [np.concatenate(one) for one, _ in starts]
@@ -148,15 +156,13 @@ class PosedDepth:
         for _ in range(_ROUNDS):
             if move is None:
                 move = self._moved(chain, x[None], now)[0] - x
-            there = x + size * move
-            tried = self._differences([_changes(chain, there)])
-            if self._residuals(tried) >= self._residuals(now):
-                size /= 2
-                continue
-            is_last = (np.abs(there - x) < _LAST_STEP * steps).all()
-            now, x, move = tried, there, None
-            if is_last:
+            if (np.abs(size * move) < _LAST_STEP * steps).all():
                 break
+            tried = self._differences([_changes(chain, x + size * move)])
+            if self._residuals(tried) < self._residuals(now):
+                now, x, move = tried, x + size * move, None
+            else:
+                size /= 2
         return x
 
     def _moved(
@@ -235,7 +241,7 @@ def _changes(chain: Sequence[DepthHypothesis], x: np.ndarray) -> tuple[Change, .
     return tuple(found)
 
 
-def _limits(noise: float, residual: float) -> Limits:
-    right = _EXACT + _NOISE_SHARE * noise
-    largest = max(_EXACT + _NOISE_LEFT * noise, _LEFT_SHARE * residual)
+def _limits(pairs: DepthPairs, residual: float) -> Limits:
+    right = _EXACT + _NOISE_OF_BLOCK * pairs.noise / pairs.stack.size_px
+    largest = max(_EXACT + _NOISE_LEFT * pairs.noise, _LEFT_SHARE * residual)
     return Limits(*np.array([[right], [right], [largest], [np.inf]]))

@@ -323,11 +323,12 @@ def _nearly_best(
     count = int(np.rint((reference.stamps_s[-1] - first_s[0]) / step_s)) + 1
     places = np.rint(scale * (estimate.stamps_s - first_s[1]) / step_s)
     rows, first = np.unique(places.astype(int), return_index=True)
-    x = curve.values(estimate)
-    y = curve.values(reference)
-    origin = (x.mean(axis=0), y.mean(axis=0)) if curve.is_centred else (0.0, 0.0)
+    x = curve.values(estimate)[first]
     y = curve.at(reference, first_s[0] + step_s * np.arange(count))
-    lags, moments = _moments_by_lag(rows, x[first] - origin[0], y - origin[1], curve.is_centred)
+    if curve.is_centred:  # near zero, where sums round little
+        x = x - x.mean(axis=0)
+        y = y - y.mean(axis=0)
+    lags, moments = _moments_by_lag(rows, x, y, curve.is_centred)
     if len(lags) == 0:
         return None
     found_m = curve.residual(moments)
