@@ -172,6 +172,18 @@ def test_a_lever_arm_is_measured_and_called_no_unit():
     assert found.changes[0].parameters["arm_m"] == pytest.approx(arm.translation, abs=5e-3)
 
 
+def test_a_lever_arm_under_another_unit_is_measured_in_metres():
+    T = hand_held(40, seed=6)
+    arm = SE3(np.eye(3), np.array([0.0, -0.1, 0.02]))
+    body = T @ arm.inverse()
+    found = agreement(
+        lambda i: depth_z_m(T[i]), SE3(body.rotation, 1000 * body.translation), CAMERA
+    )
+    assert named(found) == "unit arm"
+    assert found.changes[0].parameters["factor"] == pytest.approx(0.001, rel=5e-3)
+    assert found.changes[1].parameters["arm_m"] == pytest.approx(arm.translation, abs=5e-3)
+
+
 @pytest.mark.parametrize("factor", [3.0, 0.01])
 def test_a_unit_and_a_camera_that_are_wrong_at_once_are_both_named(factor):
     """Depth without noise, twelve pixels beside where the camera says."""
