@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from corrupted_sequence import KINDS, corrupted
 from iclnuim.doubt.depth_against_poses import agreement
-from iclnuim.doubt.depth_pairs import depth_residuals
+from iclnuim.doubt.depth_pairs import DepthPairs, depth_residuals
+from iclnuim.doubt.posed_depth import PosedDepth
 from iclnuim.geometry.camera import PinholeCamera
 from iclnuim.geometry.se3 import SE3
 from moving_box import CAMERA, depth_z_m, hand_held, kinect
@@ -208,6 +209,14 @@ def test_what_is_below_the_noise_of_a_pixel_is_explained_if_many_pixels_tell():
     found = agreement(depth_m.__getitem__, SE3(T.rotation, 1.7 * T.translation), camera)
     assert found.residual < 0.5 * 0.674 * 0.02 and named(found) == "unit"
     assert found.changes[0].parameters["factor"] == pytest.approx(1 / 1.7, rel=0.01)
+
+
+@pytest.mark.parametrize("size", ["160x120", "320x240"])
+def test_right_poses_leave_the_noise_of_blocks_of_few_pixels(size):
+    camera = PinholeCamera.parse(size)
+    T = hand_held(12, seed=5)
+    pairs = DepthPairs.of(lambda i: kinect(depth_z_m(T[i], camera), i), T, camera)
+    assert PosedDepth.of(pairs, T).is_right
 
 
 def test_depth_with_holes_everywhere_is_not_a_mismatch():
