@@ -5,7 +5,7 @@ which commands, and the rows that it becomes.
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from statistics import geometric_mean, mean
+from statistics import geometric_mean, mean, median
 from string import Formatter
 from typing import Any
 
@@ -23,6 +23,11 @@ _NOISE = (
 _SENSORS = (
     "experiment sensors out/office/kt0/clean --frames :150 --workers 1 --set "
     "methods=icp,rgbd,icp_rgbd,dvo,fovis,opencv-rgbd,opencv-rgbd-icp"
+)
+#: A sequence of `make --imu bmi055`.
+_INERTIAL = (
+    "run orbslam3 out/office/kt2/clean --frames :600 --runs 2 "
+    "--program slam/bin/python --vocabulary ORBvoc.txt"
 )
 #: Title of the row, kind of sequence, options of `fuse`.
 _SURFACES = (
@@ -257,6 +262,32 @@ def _sensors(found: Sequence[Any]) -> Rows:
     return words(" | ".join(["sensor", "missing", *methods]), rows)
 
 
+def _inertial(found: Sequence[Any]) -> Rows:
+    """A row a sequence: ATE of ORB-SLAM3's runs without and with the IMU, and its initialisation."""
+    header = (
+        "sequence | RGB-D, ATE mm | with the IMU, ATE mm | ratio of medians"
+        " | IMU initialised after | runs"
+    )
+    rows = []
+    for without, with_imu in zip(*(one["results"] for one in found), strict=True):
+        runs = [one["runs"][0]["each"] for one in (without, with_imu)]
+        ates_m = [[r["ate_rmse_m"] for r in each if r["ate_rmse_m"] is not None] for each in runs]
+        ratio = f"{median(ates_m[1]) / median(ates_m[0]):.2f}" if all(ates_m) else "-"
+        times_s = [r["initialised_s"] for r in runs[1] if r["initialised_s"] is not None]
+        initialised = f"{_spread(times_s, '.1f')} s, {len(times_s)} of {len(runs[1])} runs"
+        counts = " and ".join(str(len(each)) for each in runs)
+        ates = [_spread([1e3 * ate_m for ate_m in each], ".3g") for each in ates_m]
+        rows.append((_plain(without["sequence"]), *ates, ratio, initialised, counts))
+    return words(header, rows)
+
+
+def _spread(values: Sequence[float], digits: str) -> str:
+    """The median, with the smallest and the largest."""
+    if not values:
+        return "-"
+    return f"{median(values):{digits}} ({min(values):{digits}} to {max(values):{digits}})"
+
+
 def _plotted(command: str, picture: str) -> str:
     return f"{command} --plot {_PICTURES}/{picture}"
 
@@ -290,6 +321,8 @@ def _command_tables() -> Iterator[CommandTable]:
     yield CommandTable("noise-pairs", noise, _pairs)
     yield CommandTable("noise-models", noise, _models)
     yield CommandTable("sensor-odometry", (_SENSORS,), _sensors)
+    modes = (_INERTIAL, f"{_INERTIAL} --mode rgbd-inertial")
+    yield CommandTable("systems-inertial", modes, _inertial)
     titles = [title for title, _, _ in _SURFACES]
     yield CommandTable("surface-error", tuple(_surface_commands()), _surface(titles))
     for curve, default in _CURVES.items():

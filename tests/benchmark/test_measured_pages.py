@@ -269,6 +269,21 @@ PRINTED = {
         "distance_m": dict.fromkeys(("mean", "median", "std", "min", "max"), 0.0005)
     },
     "odometry ": {"runs": [RUN]},
+    "run orbslam3": {
+        "results": [
+            {
+                "sequence": "office/kt2/clean",
+                "runs": [
+                    {
+                        "each": [
+                            {"ate_rmse_m": ate_m, "initialised_s": initialised_s}
+                            for ate_m, initialised_s in ((0.010, 2.5), (0.012, 2.7), (None, None))
+                        ]
+                    }
+                ],
+            }
+        ]
+    },
 }
 
 
@@ -280,6 +295,21 @@ def test_what_the_commands_print_becomes_rows_of_the_same_length(one):
         found.append(outputs[0])
     rows = one.rows(found)
     assert len(rows) >= 2 and len(set(map(len, rows))) == 1
+
+
+def test_runs_with_an_imu_stand_beside_those_without():
+    without, with_imu = (json.loads(json.dumps(PRINTED["run orbslam3"])) for _ in range(2))
+    for run in without["results"][0]["runs"][0]["each"]:
+        run["ate_rmse_m"] = 0.008
+    _, row = COMMAND_TABLES["systems-inertial"].rows([without, with_imu])
+    assert row == [
+        "office kt2 clean",
+        "8 (8 to 8)",
+        "11 (10 to 12)",
+        "1.38",
+        "2.6 (2.5 to 2.7) s, 2 of 3 runs",
+        "3 and 3",
+    ]
 
 
 def test_a_table_that_is_measured_becomes_a_cell_and_the_page(tmp_path, monkeypatch):
