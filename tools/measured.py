@@ -41,9 +41,9 @@ from iclnuim.benchmark.experiments.recipes.paper.sources import Sources
 from iclnuim.benchmark.experiments.recipes.paper.tables import LIVING
 from iclnuim.benchmark.experiments.recipes.stress import chart as stress_chart
 from iclnuim.benchmark.experiments.recipes.stress.recipe import KIND as STRESS
-from iclnuim.benchmark.experiments.recipes.stress.recipe import StressKey
+from iclnuim.benchmark.experiments.recipes.stress.recipe import StressKey, work_s
 from iclnuim.benchmark.experiments.store import Store, made_by
-from iclnuim.benchmark.perturbations.plan import BASES, CLEAN, SEVERITIES, read_plan
+from iclnuim.benchmark.perturbations.plan import BASES, CLEAN, NOISY, SEVERITIES, read_plan
 from iclnuim.errors import InputError
 from iclnuim.report.charts import save
 from iclnuim.shipped import trajectory_file
@@ -80,9 +80,8 @@ _PAPER_FIGURES = range(5, 10)
 _MARKED = re.compile(r"<!-- measured: (.*) -->\n(.*?)<!-- end of \1 -->\n", re.S)
 #: Noise seeds of the preset `best`, each odometer with the paper's reference.
 _SEEDS = 5
-#: Core-seconds of a frame with ORB-SLAM3, and of a segment of `iclnuim stress` with one method.
+#: Core-seconds of a frame with ORB-SLAM3.
 _ORB_CORE_S = 0.07
-_STRESS_CORE_S = 4.0
 _PER_HOUR = 3600
 #: Runs of a system that is not deterministic.
 _RUNS_EACH = 5
@@ -157,11 +156,16 @@ def _run(recipe: dict[str, Any], command: str) -> Run:
 
 def take(cells: PublishedCells, folder: Path) -> int:
     """Put in the cells of a store; returns their number."""
-    recipe = json.loads((folder / "recipe.json").read_text())
+    recipe = _recipe(folder)
     kind = recipe["kind"]
     results = Store(folder, kind).read_all(_KEYS[kind])
     cells.add(results, kind, _run(recipe, f"iclnuim {kind}"))
     return len(results)
+
+
+def _recipe(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "recipe.json").read_text())
+    return found
 
 
 def pages() -> list[Path]:
@@ -188,7 +192,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     for folder in args.take:
         print(f"{folder}: {take(cells, folder)} cells", file=sys.stderr)
-        draw_paper_figures(folder)
+        if _recipe(folder)["kind"] == BENCHMARK:
+            draw_paper_figures(folder)
     if args.measure is not None:
         chosen = [one for mark, one in COMMAND_TABLES.items() if mark.startswith(args.measure)]
         if not chosen:
@@ -207,7 +212,9 @@ def draw_charts(cells: PublishedCells) -> None:
     """The pictures that are drawn from the cells of experiments."""
     pictures = TOP / PAGES / "pictures"
     save(accuracy_figure(cells.benchmark()), pictures / "accuracy.png")
-    save(stress_chart.figure(stress_summary(cells)), pictures / "stress.png", _STRESS_DPI)
+    for base, name in ((CLEAN, "stress"), (NOISY, "stress_noisy")):
+        drawing = stress_chart.figure(stress_summary(cells, base))
+        save(drawing, pictures / f"{name}.png", _STRESS_DPI)
     save(ways_figure(), pictures / "own_scenes_ways.png")
 
 
@@ -320,6 +327,7 @@ def _missing_stress(cells: PublishedCells) -> Iterator[MissingCells]:
     method: of our odometers on both bases, of the others on clean frames.
     """
     found = list(cells.stress())
+    frames = read_plan().frames
     for base in BASES:
         summary = stress_summary(cells, base)
         names = summary.perturbations if base == CLEAN else tuple(read_plan().perturbations)
@@ -329,7 +337,7 @@ def _missing_stress(cells: PublishedCells) -> Iterator[MissingCells]:
             if count:
                 what = f"--starts 1 --base {base} --methods {method}"
                 command = f"iclnuim stress {' '.join(_SEGMENTS)} {what}"
-                yield MissingCells(command, count, count * _STRESS_CORE_S / _PER_HOUR)
+                yield MissingCells(command, count, work_s(frames, count, count) / _PER_HOUR)
 
 
 @cache

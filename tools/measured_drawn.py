@@ -1,6 +1,7 @@
 """The tables and sentences of docs/measured that are drawn from measured cells."""
 
 import csv
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations, product
@@ -32,7 +33,7 @@ from iclnuim.benchmark.experiments.recipes.paper.tables import preset_tables, qu
 from iclnuim.benchmark.experiments.recipes.stress.recipe import system_name
 from iclnuim.benchmark.experiments.recipes.stress.tables import Summary, method_name
 from iclnuim.benchmark.experiments.table import NOT_MEASURED, ResultTable, mm, shown
-from iclnuim.benchmark.perturbations.plan import CLEAN, NOISY, read_plan
+from iclnuim.benchmark.perturbations.plan import CLEAN, NOISY, SEVERITIES, read_plan
 from iclnuim.shipped import TRAJECTORY_NAMES, further_sequences, paper_sequences
 from iclnuim.tools.measured_cells import PublishedCells
 from iclnuim.tools.measured_tables import Rows, words
@@ -293,8 +294,14 @@ def stress_fails(cells: PublishedCells) -> Rows:
 
 
 def stress_noisy(cells: PublishedCells) -> Rows:
-    """The same of noisy frames."""
-    return _fails(stress_summary(cells, NOISY))
+    """The same of noisy frames, with the severities that were measured."""
+    summary = stress_summary(cells, NOISY)
+    header, *rows = _fails(summary)
+    found = [[header[0], "measured", *header[1:]]]
+    for name, *failing in rows:
+        keys = [key for key in summary.groups if f"`{key[1]}`" == name]
+        found.append([name, _severities(keys), *failing])
+    return found
 
 
 def _fails(summary: Summary) -> Rows:
@@ -307,6 +314,14 @@ def _fails(summary: Summary) -> Rows:
     return [["fails from severity", *map(method_name, shown)], *rows]
 
 
+def _severities(keys: Iterable[tuple[str, str, int]]) -> str:
+    """`1, 3, 5`, or `1 to 5` for all: those of the perturbed groups with these keys."""
+    found = sorted({severity for _, _, severity in keys if severity})
+    if len(found) == SEVERITIES:
+        return f"{found[0]} to {found[-1]}"
+    return ", ".join(map(str, found))
+
+
 def _fails_from(summary: Summary, method: str, perturbation: str) -> str:
     """The severity, a dash if it fails at none; empty without cells."""
     perturbed = summary.row(method, perturbation)[1:]
@@ -317,23 +332,38 @@ def _fails_from(summary: Summary, method: str, perturbation: str) -> str:
 
 
 def stress_totals(cells: PublishedCells) -> Rows:
-    """Means over all perturbed groups of each method; the last column is of unperturbed frames."""
-    summary = stress_summary(cells)
+    """Means over all perturbed groups of each method, clean frames perturbed."""
+    return _totals(stress_summary(cells))
+
+
+def stress_noisy_totals(cells: PublishedCells) -> Rows:
+    """The same of noisy frames, at the severities that were measured with every perturbation."""
+    summary = stress_summary(cells, NOISY)
+    counts = Counter(severity for _, _, severity in summary.groups)
+    whole = max(counts.values(), default=0)
+    kept = {
+        key: some for key, some in summary.groups.items() if counts[key[2]] == whole or not key[2]
+    }
+    return _totals(replace(summary, groups=kept))
+
+
+def _totals(summary: Summary) -> Rows:
+    """A row for each method; the last column is of unperturbed frames."""
     rows = []
     for method in summary.methods:
-        groups = [group for key, group in summary.groups.items() if key[0] == method]
+        groups = {key: group for key, group in summary.groups.items() if key[0] == method}
         clean = summary.row(method, summary.perturbations[0])[0]
-        perturbed = [group for group in groups if group is not clean]
+        perturbed = [group for group in groups.values() if group is not clean]
         shares = (
             mean(group.succeeded for group in perturbed),
             mean(group.false_successes for group in perturbed),
             mean(group.false_alarms for group in perturbed),
         )
         segments = sum(group.segments for group in perturbed)
-        texts = [str(segments), *(f"{share:.1%}" for share in shares)]
+        texts = [_severities(groups), str(segments), *(f"{share:.1%}" for share in shares)]
         rows.append([method_name(method), *texts, _or_not(clean.ate_m if clean else None)])
     header = (
-        "method | segments | succeed | frames: wrong, reported as good"
+        "method | severities | segments | succeed | frames: wrong, reported as good"
         " | frames: right, reported as bad | unperturbed ATE, mm"
     )
     return words(header, rows)
@@ -520,6 +550,7 @@ DRAWN: dict[str, Drawn] = {
     "benchmark-correlation": correlations,
     "stress-fails": stress_fails,
     "stress-noisy": stress_noisy,
+    "stress-noisy-totals": stress_noisy_totals,
     "stress-totals": stress_totals,
     "own_scenes-rooms": rooms,
     "own_scenes-refused": refused_rooms,

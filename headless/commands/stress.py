@@ -27,10 +27,6 @@ if TYPE_CHECKING:
     from iclnuim.benchmark.experiments.recipes.stress.tables import Summary
     from iclnuim.benchmark.perturbations.plan import Plan
 
-#: Core-seconds to perturb a frame, and to track it with one method, in the mean of our odometers.
-#: Five of them on a segment of 120 frames took 15 (office) to 24 core-seconds (both rooms).
-_PERTURB_CORE_S = 0.02
-_TRACK_CORE_S = 0.025
 _SEVERITIES = (1, 2, 3, 4, 5)
 _DEFAULT = (Path("out/living_room/kt2/clean"), Path("out/office/kt1/clean"))
 
@@ -207,10 +203,12 @@ def _report(args: Namespace, console: Console, summary: "Summary", stress: "Stre
 
 
 def _work(stress: "Stress", missing: Sequence["Cell"], workers: int) -> PlannedWork:
-    """The cells that are not measured; the methods of a segment share its perturbed frames."""
+    """The cells that are not measured."""
+    from iclnuim.benchmark.experiments.recipes.stress.recipe import work_s
+
     frames = stress.plan.frames
     segments = len({cell.key.segment for cell in missing})
-    core_s = frames * (segments * _PERTURB_CORE_S + len(missing) * _TRACK_CORE_S)
+    core_s = work_s(frames, segments, len(missing))
     what = (
         f"{len(missing)} of {len(stress.cells())} cells to measure, {stress.base} frames perturbed, "
         f"{segments * frames} of them, {core_s / 3600:.2g} core-hours, {workers} processes"

@@ -5,21 +5,38 @@ and what commands print becomes tables.
 import json
 import re
 import shlex
+from collections import Counter
 from dataclasses import replace
 
 import pytest
 
 pytest.importorskip("numba")
-from iclnuim.benchmark.experiments.recipes.paper.keys import PaperKey, all_keys  # noqa: E402
+from iclnuim.benchmark.experiments.cell import Cell  # noqa: E402
+from iclnuim.benchmark.experiments.outcome import Outcome  # noqa: E402
+from iclnuim.benchmark.experiments.recipes.paper.keys import (  # noqa: E402
+    PaperKey,
+    all_keys,
+    paper_odometers,
+)
 from iclnuim.benchmark.experiments.recipes.paper.recipe import KIND, code_of_trajectory  # noqa: E402
 from iclnuim.benchmark.experiments.recipes.stress.recipe import KIND as STRESS  # noqa: E402
-from iclnuim.benchmark.experiments.recipes.stress.recipe import system_name  # noqa: E402
+from iclnuim.benchmark.experiments.recipes.stress.recipe import (  # noqa: E402
+    StressKey,
+    system_name,
+)
+from iclnuim.benchmark.experiments.store import Store  # noqa: E402
 from iclnuim.benchmark.odometry.registry import BASELINES, ODOMETERS  # noqa: E402
+from iclnuim.benchmark.perturbations.plan import BASES, NOISY  # noqa: E402
 from iclnuim.benchmark.systems.system import built_in  # noqa: E402
 from iclnuim.errors import InputError  # noqa: E402
 from iclnuim.headless import cli  # noqa: E402
 from iclnuim.tools import measured, measured_tables  # noqa: E402
-from iclnuim.tools.measured_cells import PublishedCells, Run, code_hash  # noqa: E402
+from iclnuim.tools.measured_cells import (  # noqa: E402
+    PublishedCell,
+    PublishedCells,
+    Run,
+    code_hash,
+)
 from iclnuim.tools.measured_drawn import DRAWN  # noqa: E402
 from iclnuim.tools.measured_tables import COMMAND_TABLES  # noqa: E402
 from made_up import only, result, written  # noqa: E402
@@ -135,6 +152,22 @@ def test_cells_of_a_benchmark_are_taken_with_their_code_and_input(tmp_path):
     assert first.code == code_hash({"code": "other", "method_code": "c"}) and first.input
     assert first.code != code_hash({"code": "b", "method_code": "d"})
     assert [r.key for r in cells.benchmark()] == sorted(keys, key=lambda key: key.place)
+
+
+def test_cells_of_a_stress_are_taken_with_their_base(tmp_path, monkeypatch):
+    key = StressKey("office/kt1", 80, "holes", 5, "icp", base=NOISY)
+    store = Store(tmp_path / "stress", STRESS)
+    store.open({}, {})
+    store.write(Cell(key, {"input": "a", "method_code": "b"}), Outcome(120, 1.0, 0.01).to_dict())
+    (tmp_path / measured.PAGES).mkdir(parents=True)
+    line = {"run": MEASURED_RUN.name, **vars(MEASURED_RUN)}
+    (tmp_path / measured.CELLS).write_text(json.dumps(line))
+    monkeypatch.setattr(measured, "TOP", tmp_path)
+    monkeypatch.setattr(measured, "draw_charts", lambda cells: None)
+    assert measured.main(["--take", str(tmp_path / "stress")]) == 0
+    cells = PublishedCells.read(tmp_path / measured.CELLS)
+    (cell,) = cells.cells.values()
+    assert list(cells.stress()) == [key] and cell.code and cell.input
 
 
 def test_the_plan_names_what_is_missing_and_cells_of_other_code():
@@ -382,14 +415,50 @@ def test_a_page_has_no_name_for_two_odometers(cells):
     assert len(set(header)) == len(header)
 
 
-def test_cells_of_one_base_stand_in_a_table(cells):
-    """A shipped cell without a base is of clean frames."""
-    assert {key.base for key in cells.stress()} == {"clean"}
-    assert measured.stress_summary(cells, "noisy").methods == []
-    assert len(DRAWN["stress-noisy"](cells)) == 1
-    commands = [one.command for one in measured.missing_cells(cells)]
-    noisy = [command for command in commands if "--base noisy" in command]
-    assert len(noisy) == 5
-    for command in noisy:
+@pytest.mark.parametrize("mark", ["stress-fails", "stress-totals", "learned-orbslam3"])
+def test_tables_of_clean_frames_have_no_noisy_cell(mark, cells):
+    """A shipped cell without a base in its key is of clean frames."""
+    clean = {key: one for key, one in cells.cells.items() if key[0] != STRESS or NOISY not in key}
+    assert len(clean) < len(cells.cells)
+    assert DRAWN[mark](PublishedCells(clean)) == DRAWN[mark](cells)
+
+
+def test_tables_of_noisy_frames_have_no_clean_cell(cells):
+    noisy = {key: one for key, one in cells.cells.items() if key[0] == STRESS and NOISY in key}
+    assert {key.base for key in PublishedCells(noisy).stress()} == {NOISY}
+    for mark in ("stress-noisy", "stress-noisy-totals"):
+        table = DRAWN[mark](PublishedCells(noisy))
+        assert table == DRAWN[mark](cells) and len(table) > 1
+    assert {row[0] for row in table[1:]} == set(paper_odometers())
+
+
+def test_noisy_rows_say_their_severities_and_means_are_of_those_with_every_perturbation():
+    cells = PublishedCells()
+    for name, severity, success in (
+        ("clean", 0, True),
+        ("holes", 5, True),
+        ("noise", 3, False),
+        ("noise", 5, False),
+    ):
+        key = StressKey("office/kt1", 80, name, severity, "icp", base=NOISY)
+        figures = {"frames": 120, "coverage": 1.0, "ate_m": 0.01, "success": success}
+        cells.cells[STRESS, *key.words] = PublishedCell(MEASURED_RUN, figures)
+    rows = DRAWN["stress-noisy"](cells)
+    assert rows[1:] == [["`holes`", "5", "-"], ["`noise`", "3, 5", "3"]]
+    (total,) = DRAWN["stress-noisy-totals"](cells)[1:]
+    assert total[:4] == ["icp", "5", "2", "50.0%"]
+
+
+def test_the_plan_names_the_base_of_missing_segments(cells):
+    def counts(of):
+        return Counter({one.command: one.cells for one in measured.missing_cells(of)})
+
+    some = PublishedCells(dict(cells.cells))
+    for base in BASES:
+        del some.cells[STRESS, *StressKey("office/kt1", 80, "holes", 5, "icp", base=base).words]
+    more = counts(some) - counts(cells)
+    assert sorted(more.values()) == [1, 1]
+    for command in more:
         words = command.removeprefix("iclnuim ").split()
-        assert cli.parsed(words[0], words[1:]).base == "noisy"
+        assert f"--base {cli.parsed(words[0], words[1:]).base} --methods icp" in command
+    assert len({command.split("--base")[1] for command in more}) == 2
