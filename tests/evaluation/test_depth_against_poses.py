@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from corrupted_sequence import KINDS, corrupted
+from iclnuim.doubt import depth_against_poses
 from iclnuim.doubt.depth_against_poses import agreement
 from iclnuim.doubt.depth_pairs import DepthPairs, depth_residuals
 from iclnuim.doubt.posed_depth import PosedDepth
@@ -217,6 +218,21 @@ def test_right_poses_leave_the_noise_of_blocks_of_few_pixels(size):
     T = hand_held(12, seed=5)
     pairs = DepthPairs.of(lambda i: kinect(depth_z_m(T[i], camera), i), T, camera)
     assert PosedDepth.of(pairs, T).is_right
+
+
+def test_two_mistakes_are_not_looked_for_below_the_noise_of_a_pixel(monkeypatch):
+    T = hand_held(12, seed=5)
+    camera = PinholeCamera.parse("640x480")
+    searched = []
+    chains = depth_against_poses.screened
+    monkeypatch.setattr(
+        depth_against_poses,
+        "screened",
+        lambda few, tried: chains(few, searched.append(max(map(len, tried))) or tried),
+    )
+    found = agreement(lambda i: kinect(depth_z_m(T[i], camera), i), T, camera)
+    assert found.matches and not found.changes
+    assert searched == [1]
 
 
 def test_depth_with_holes_everywhere_is_not_a_mismatch():

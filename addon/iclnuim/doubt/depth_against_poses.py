@@ -110,12 +110,14 @@ def _candidates(
     given: PosedDepth, known: Sequence[DepthHypothesis]
 ) -> dict[Candidate, Sequence[DepthHypothesis]]:
     """The best of all explanations with one mistake, and if they leave more than right poses do,
-    of those with two, and the hypotheses of each.
+    of those with two, and the hypotheses of each. Where one explains nothing, two are looked for
+    beyond the noise of a pixel, below which images of a real sensor leave more than ideal ones.
     """
     few = given.thinned(_SCREENED_PAIRS, _SCREENED_STEP)
     found = _judged(given, few, [(one,) for one in known])
     best = winner(list(found))
-    if best is not None and best.fit.found[0, 0] <= given.limits.worth[0]:
+    left = given.residual if best is None else best.fit.found[0, 0]
+    if left <= (given.pairs.noise if best is None else given.limits.worth[0]):
         return found
     pairs = [(a, b) for a, b in combinations(known, 2) if a.group != b.group]
     both = _judged(given, few, pairs)
