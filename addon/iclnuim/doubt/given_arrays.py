@@ -31,9 +31,9 @@ def doubt_of_depth(depth_z_m: np.ndarray) -> str:
 
 def doubt_of_rgb(rgb: np.ndarray) -> str:
     """A sentence on scene-linear RGB (h, w, 3) that is white, black or invalid; "" if it is not."""
-    invalid = float((~np.isfinite(rgb)).mean())
-    if invalid > 0:
-        return f"{invalid:.0%} of the RGB values are NaN or infinite, which become black or white"
+    if invalid := np.count_nonzero(~np.isfinite(rgb)):
+        of = f"{invalid} of {rgb.size} RGB values"
+        return f"{of} are NaN or infinite, which become black or white"
     if (rgb <= 0).all():
         return "no RGB value is above 0: the image is black"
     is_white = float((rgb >= 1).mean()) > _WHITE_SHARE and float(np.max(rgb)) > _FAR_ABOVE
