@@ -116,8 +116,9 @@ def _candidates(
     few = given.thinned(_SCREENED_PAIRS, _SCREENED_STEP)
     found = _judged(given, few, [(one,) for one in known])
     best = winner(list(found))
-    left = given.residual if best is None else best.fit.found[0, 0]
-    if left <= (given.pairs.noise if best is None else given.limits.worth[0]):
+    if best is None and given.residual <= given.pairs.noise:
+        return found
+    if best is not None and best.fit.found[0, 0] <= given.limits.worth[0]:
         return found
     pairs = [(a, b) for a, b in combinations(known, 2) if a.group != b.group]
     both = _judged(given, few, pairs)
