@@ -115,13 +115,29 @@ def test_a_name_through_a_hidden_folder_counts_as_one_outside(folder, name):
 
 def test_a_folder_that_the_scene_may_not_read_is_not_listed(folder, monkeypatch):
     listed = []
-    names = os.listdir
-    monkeypatch.setattr(
-        os, "listdir", lambda place: (listed.append(Path(place).name), names(place))[1]
-    )
-    for name in ("sub/none.mtl", ".config/key", ".config/none.mtl", "../secret/none.mtl"):
+    for name in ("listdir", "scandir"):
+        real = getattr(os, name)
+        monkeypatch.setattr(
+            os, name, lambda place, real=real: (listed.append(Path(place).name), real(place))[1]
+        )
+    names = ("sub/none.mtl", ".config/key", ".config/none.mtl", "../secret/none.mtl")
+    for name in (*names, "../secret/none.<UDIM>.mtl", "../secret/none.##.mtl", "sub/a.<UDIM>.mtl"):
         readable(folder, "scene/room.obj", f"mtllib {name}\n")
-    assert set(listed) == {"sub"}
+    assert set(listed) <= {"scene", "sub"}
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name"),
+    [("a.<UDIM>.png", "a.1012.png"), ("<UVTILE>.png", "u2_v2.png"), ("a.###.png", "a.012.png")],
+)
+def test_tiles_and_frames_outside_are_found_by_their_numbers(folder, pattern, name):
+    """So that they are refused, and read where they are allowed."""
+    (folder / "scene/sub/room.mtl").write_text(f"map_Kd ../../secret/{pattern}\n")
+    scene = folder / "scene/room.obj"
+    (folder / "secret" / name).write_text("x")
+    (folder / "secret" / name.replace("2", "x")).write_text("x")
+    there = {one.name for _, _, found in search.walk(scene) for one in found}
+    assert there == {"room.mtl", name}
 
 
 def test_a_scene_in_a_hidden_folder_reads_what_lies_beside_it(folder):

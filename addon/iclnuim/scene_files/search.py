@@ -32,6 +32,8 @@ _SPELLINGS = (
 _LONGEST = 1023
 #: Placeholders for the number of a tile or frame in a file's name.
 NUMBER = re.compile(r"<UDIM>|<UVTILE>|(?<=[._])#+(?=\.)")
+#: The numbers of frames, and of tiles (1001 to 2000), that are tried in a folder that is not listed.
+_NUMBERS = 10_000
 #: A name with its last number.
 _LAST_NUMBER = re.compile(r"(.*?)(\d*)(\D*)", re.DOTALL)
 
@@ -137,11 +139,13 @@ def walk(path: Path) -> Iterator[tuple[Path, FileReference, list[Path]]]:
     own = resolved(path.parent)
 
     @functools.cache
-    def links(folder: Path) -> list[Path]:
+    def may_list(folder: Path) -> bool:
         there = resolved(folder)
-        if not there.is_relative_to(own) or is_hidden(there, own):
-            return []
-        return [p for p in folder.iterdir() if p.is_symlink()]
+        return there.is_relative_to(own) and not is_hidden(there, own)
+
+    @functools.cache
+    def links(folder: Path) -> list[Path]:
+        return [p for p in folder.iterdir() if p.is_symlink()] if may_list(folder) else []
 
     todo = [(path, "")]
     seen = set()
@@ -154,10 +158,10 @@ def walk(path: Path) -> Iterator[tuple[Path, FileReference, list[Path]]]:
         for named in scene_names.named_in(file, kind):
             there: list[Path] = []
             for target in _targets(file.parent, named):
-                there += _matches(target, named.folder, links)
+                there += _matches(target, named.folder, may_list, links)
             if not there and not named.blenders:
                 for target in _last_resorts(file.parent, named):
-                    there += _matches(target, False, links)
+                    there += _matches(target, False, may_list, links)
             yield file, named, there
             todo += [(target, named.kind) for target in there]
 
@@ -200,18 +204,36 @@ def _spelled(name: str) -> list[str]:
     return [n for n in names if n]
 
 
-def _matches(target: Path, folder: bool, links: Callable[[Path], list[Path]]) -> list[Path]:
+def _matches(
+    target: Path,
+    folder: bool,
+    may_list: Callable[[Path], bool],
+    links: Callable[[Path], list[Path]],
+) -> list[Path]:
     """The existing files of a name: the file (or folder), tiles and frames of a pattern, and
     symbolic links with similar names next to it.
+
+    A folder that is not the scene's is not listed: it is asked for tiles and frames by name.
     """
+    beside = target.parent
     with suppress(OSError, ValueError):
         if NUMBER.search(target.name):
-            return sorted(target.parent.glob(NUMBER.sub("*", glob.escape(target.name))))
+            if may_list(beside):
+                return sorted(beside.glob(NUMBER.sub("*", glob.escape(target.name))))
+            named = (beside / numbered(target.name, number) for number in range(_NUMBERS))
+            return [one for one in named if one.exists()] if beside.is_dir() else []
         if target.exists() and (folder or not target.is_dir()):
             start = re.split(r"\d", target.name)[0]
-            near = [p for p in links(target.parent) if p.suffix == target.suffix]
+            near = [p for p in links(beside) if p.suffix == target.suffix]
             return [target, *(p for p in near if p.name.startswith(start))]
     return []
+
+
+def numbered(pattern: str, number: int) -> str:
+    """The name of a tile, by its number (UDIM) or by its column and row from 1, or of a frame."""
+    column, row = (number - 1001) % 10 + 1, (number - 1001) // 10 + 1
+    words = {"<UDIM>": str(number), "<UVTILE>": f"u{column}_v{row}"}
+    return NUMBER.sub(lambda found: words.get(found[0]) or f"{number:0{len(found[0])}}", pattern)
 
 
 def resolved(target: Path) -> Path:

@@ -10,13 +10,13 @@ from pathlib import Path
 import bpy
 from bpy.types import Image, Node, NodeTree, Scene
 
+from ...scene_files.search import numbered
 from .. import compat
 from ..notes import names_of
 from .picture_memory import DecodedPictures
 
 #: Colour of a surface without its image, where nothing states one: Blender's own default.
 _PLAIN = (0.8, 0.8, 0.8, 1.0)
-_TILE = re.compile("<UDIM>|<UVTILE>")
 
 
 def replace_missing(scene: Scene) -> tuple[list[str], bool]:
@@ -120,11 +120,8 @@ def _file(image: Image) -> Path:
 
 
 def _tile_file(image: Image, number: int) -> Path:
-    """The file of a tile, named by its number (UDIM) or by its column and row from 1."""
-    column, row = (number - 1001) % 10 + 1, (number - 1001) // 10 + 1
-    names = {"<UDIM>": str(number), "<UVTILE>": f"u{column}_v{row}"}
     file = _file(image)
-    return file.with_name(_TILE.sub(lambda found: names[found[0]], file.name))
+    return file.with_name(numbered(file.name, number))
 
 
 def _numbers(image: Image) -> set[int]:
