@@ -26,14 +26,11 @@ MAP_SIZES = (256, 512, 1024, 2048)
 #: take little time.
 FEW_COMPARED = (1, 4, 16)
 COMPARED = (4, 16, 64)
-#: Factors on the squared error for four times the samples that are believed. The fastest decrease is
-#: that of independent samples; that of denoised images was never faster than a half from 4 samples
-#: on (docs/measured/own_scenes.md). With the slowest, more samples are still better.
+#: Factors on the squared error for four times the samples: of independent samples, and of denoised
+#: images, from 4 samples on (0.41 to 0.65 in docs/measured/own_scenes.md). That of the two
+#: differences of a look tells less: a few pixels decide it, and the error left is a multiple of it.
 _INDEPENDENT = 1 / 4
 _DENOISED = 1 / 2
-_SLOWEST = 0.8
-#: The largest correlation of two successive differences that is believed, for the same reason.
-_CORRELATED = 0.8
 #: Squared 8-bit steps: the error of rounding two equal images, below which none is measured.
 _ROUNDING = 1 / 12
 #: PSNR of frames lit by a map with texels of 0.1 m, and its decrease for texels of ten times the
@@ -130,16 +127,15 @@ class Convergence:
         """From 8-bit images with three numbers of samples, each four times the one before.
 
         The differences of later pairs are taken to continue as a geometric series, each correlated
-        with the next as these two are. The error of the second image is their sum. So it is exact for
-        independent samples (ratio 1/4, correlation 0), and for an error that decreases everywhere
-        by the same factor (correlation 1).
+        with the next as these two are. The error of the second image is their sum. So it is exact
+        for independent samples (correlation 0), and for an error that decreases everywhere by the
+        same factor (correlation 1).
         """
         few, some, many = images
         first, second = (max(square(*pair), _ROUNDING) for pair in ((few, some), (some, many)))
-        both = square(few, many)
-        ratio = min(max(second / first, _DENOISED if denoised else _INDEPENDENT), _SLOWEST)
-        correlation = (both - first - second) / (2 * math.sqrt(first * second))
-        shared = min(max(correlation, -_CORRELATED), _CORRELATED) * math.sqrt(ratio)
+        ratio = _DENOISED if denoised else _INDEPENDENT
+        correlation = (square(few, many) - first - second) / (2 * math.sqrt(first * second))
+        shared = correlation * math.sqrt(ratio)
         sum_of_series = second / (1 - ratio) * (1 + shared) / (1 - shared)
         return cls(sum_of_series, ratio, samples[1])
 
