@@ -196,6 +196,24 @@ def test_dvo_beats_icp_by_however_little_and_one_that_is_narrowly_worse_decides_
         assert word(6, cells) == found
 
 
+@pytest.mark.parametrize("number", [13, 14])
+def test_what_chance_does_on_kt0_decides_nothing(number):
+    clean = [r.key for r in level({}) if r.key.noise == "clean"]
+    for on_kt0 in (0.5, 1, 5):
+        grown = {"kt0": on_kt0}
+        cells = [result(key, 0.01, 0.01) for key in clean]
+        for key in clean:
+            error = 0.01 * grown.get(key.trajectory, 2.0) * (1 if key.odometer == "icp" else 3)
+            cells.append(result(replace(key, noise="noisy"), error, error))
+        assert word(number, cells) == HOLDS
+
+
+@pytest.mark.parametrize(("times", "found"), [(2.5, HOLDS), (2, CLOSE), (1.5, FAILS)])
+def test_photometric_methods_are_poor_from_twice_on(times, found):
+    errors = dict.fromkeys(family("photometric"), (times, 1))
+    assert word(8, level(errors)) == found
+
+
 def test_fovis_that_falls_in_the_office_alone_is_seen():
     grown = [replace(r.key, noise="noisy") for r in only(results(), noise="clean")]
     clean = [result(key, 0.01, 0.01) for key in all_keys() if key.noise == "clean"]
@@ -261,7 +279,7 @@ def test_seeds_that_lack_the_cells_of_a_finding_do_not_count_for_it():
 def test_an_error_that_does_not_grow_as_printed_decides_finding_13_without_the_others():
     clean = only(results(0), noise="clean")
     noisy = [replace(r.key, noise="noisy", seed=3) for r in only(clean, odometer="icp")]
-    found = [*clean, *(result(key, 1e3, 1e3) for key in noisy)]
+    found = [*clean, *(result(key, 1e-6, 1e-6) for key in noisy)]
     assert {row[0]: row[5:7] for row in findings_table(found).rows}["13"] == (FAILS, "0 of 1")
 
 

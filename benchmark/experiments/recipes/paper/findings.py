@@ -103,14 +103,15 @@ def verdicts_by_method(results: Sequence[Measured]) -> dict[str, list[Verdict]]:
 
 
 def verdicts_table(results: Sequence[Measured]) -> ResultTable:
-    """One row per finding: the verdict of each method."""
+    """One row per finding: its rule, and the verdict of each method."""
     found = verdicts_by_method(results)
     rows = []
     for k, finding in enumerate(paper()["findings"]):
         words = [_with_seeds(of[k]) for of in found.values()]
         words[0] = words[0].replace(MISSING, "not printed")
-        rows.append((str(finding["number"]), finding["finding"], *words))
-    columns = ("no.", "finding", *found)
+        number = finding["number"]
+        rows.append((str(number), finding["finding"], RULES[number].why, *words))
+    columns = ("no.", "finding", "rule", *found)
     title = "The findings of section VI, by the paper's methods and by ours."
     return ResultTable("verdicts", title, columns, tuple(rows), notes=tuple(headline(results)))
 

@@ -170,7 +170,7 @@ def _ate_table(
         row = [odometer if statistic == "rmse" else "", _STATISTICS[statistic]]
         for kt in TRAJECTORIES:
             where = Where(room, kt, noise, odometer)
-            row.append(_mm(view.ate(where, statistic) for view in views))
+            row.append(_mm(view.ate(where, statistic) for view in _whole(views, where)))
             row.append(_mm([printed.ate(where, statistic)], 1))
             if statistic == "rmse":
                 sides: tuple[PaperFigures, ...] = (views[0], printed)
@@ -187,6 +187,14 @@ def _ate_table(
     return ResultTable(
         f"table_{number}", title, tuple(columns), tuple(rows), frozenset(bold), notes
     )
+
+
+def _whole(views: Sequence[Ours], where: Where) -> Sequence[Ours]:
+    """The seeds that have every statistic of an odometer, so that the rows of a table are of the
+    same runs; all if none does.
+    """
+    whole = [v for v in views if all(v.ate(where, name) is not None for name in _STATISTICS)]
+    return whole or views
 
 
 def _further_rows(view: Ours, keys: Sequence[PaperKey]) -> list[tuple[str, ...]]:
